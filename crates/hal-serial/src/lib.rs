@@ -1,0 +1,1 @@
+//! Skeleton: the serial backend comes with the wire protocol; nothing is exported yet.

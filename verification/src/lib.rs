@@ -1,0 +1,1 @@
+//! Skeleton: the proofs, models and mutants of `retrace-core` come here; nothing is proved yet.
