@@ -1,0 +1,190 @@
+//! `cargo xtask test`: the steps that a change must pass, one after the other, and a table of how each ended.
+//!
+//! Invariant: a step passes only if its own process said so; one that fails does not hide those after it.
+
+use crate::tidy;
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// One step: what it is for, and how it is run.
+pub(crate) struct Step {
+    pub(crate) name: &'static str,
+    pub(crate) purpose: &'static str,
+    run: fn(&Path) -> Outcome,
+}
+
+/// How a step ended.
+struct Outcome {
+    passed: bool,
+    remark: String,
+}
+
+/// Every step, in the order in which it is run: the quick ones first.
+pub(crate) const STEPS: &[Step] = &[
+    Step { name: "fmt", purpose: "the code is formatted", run: |root| cargo(root, &["fmt", "--all", "--check"]) },
+    Step { name: "tidy", purpose: "the project's own rules hold", run: tidy_step },
+    Step { name: "clippy", purpose: "no warning in any target", run: clippy },
+    Step { name: "test", purpose: "unit, integration and end-to-end tests", run: tests },
+    Step { name: "doctest", purpose: "the examples in the documents run", run: doc_tests },
+    Step { name: "rustdoc", purpose: "the documents build without a warning", run: rustdoc },
+];
+
+/// Runs the steps named in `only`, or all of them, and says whether all passed.
+pub(crate) fn run(root: &Path, only: &[&str]) -> bool {
+    let mut rows: Vec<(&str, Outcome, Duration)> = Vec::new();
+    for step in STEPS.iter().filter(|step| only.is_empty() || only.contains(&step.name)) {
+        println!("--- {}: {}", step.name, step.purpose);
+        let started = Instant::now();
+        let outcome = (step.run)(root);
+        rows.push((step.name, outcome, started.elapsed()));
+    }
+    println!("\n{:<8} {:<7} {:>8}", "step", "result", "seconds");
+    for (name, outcome, took) in &rows {
+        let result = if outcome.passed { "passed" } else { "FAILED" };
+        println!("{:<8} {:<7} {:>8.1}  {}", name, result, took.as_secs_f64(), outcome.remark);
+    }
+    rows.iter().all(|(_, outcome, _)| outcome.passed)
+}
+
+fn tidy_step(root: &Path) -> Outcome {
+    Outcome { passed: tidy::run(root), remark: format!("{} checks", tidy::CHECKS.len()) }
+}
+
+fn clippy(root: &Path) -> Outcome {
+    cargo(root, &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"])
+}
+
+fn tests(root: &Path) -> Outcome {
+    let binary = match build_command(root) {
+        Ok(binary) => binary,
+        Err(remark) => return Outcome { passed: false, remark },
+    };
+    let mut command = cargo_command(root, &["test", "--workspace", "--tests", "--no-fail-fast"]);
+    count_tests(command.env("RETRACE_BIN", binary))
+}
+
+fn doc_tests(root: &Path) -> Outcome {
+    count_tests(&mut cargo_command(root, &["test", "--workspace", "--doc", "--no-fail-fast"]))
+}
+
+fn rustdoc(root: &Path) -> Outcome {
+    ended(cargo_command(root, &["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))
+}
+
+/// Builds the `retrace` command in the tests' own profile, and returns where cargo put it.
+fn build_command(root: &Path) -> Result<PathBuf, String> {
+    let arguments = ["build", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"];
+    let output = cargo_command(root, &arguments)
+        .stderr(Stdio::inherit())
+        .output()
+        .map_err(|error| format!("cargo cannot be run: {error}"))?;
+    if !output.status.success() {
+        return Err("the command does not build".to_owned());
+    }
+    let messages = String::from_utf8_lossy(&output.stdout);
+    executable(&messages).ok_or_else(|| "cargo did not say where it put the command".to_owned())
+}
+
+/// The last executable that cargo's JSON messages name.
+fn executable(messages: &str) -> Option<PathBuf> {
+    let quoted = messages.lines().rev().find_map(|line| line.split_once("\"executable\":\"").map(|(_, rest)| rest))?;
+    Some(PathBuf::from(quoted.split('"').next()?.replace("\\\\", "\\")))
+}
+
+fn cargo_command(root: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.args(arguments).current_dir(root);
+    command
+}
+
+fn cargo(root: &Path, arguments: &[&str]) -> Outcome {
+    ended(&mut cargo_command(root, arguments))
+}
+
+fn ended(command: &mut Command) -> Outcome {
+    match command.status() {
+        Ok(status) if status.success() => Outcome { passed: true, remark: String::new() },
+        Ok(status) => Outcome { passed: false, remark: status.to_string() },
+        Err(error) => Outcome { passed: false, remark: format!("cannot be run: {error}") },
+    }
+}
+
+/// Runs a test command, hands its output on line by line, and adds up what its runners report.
+fn count_tests(command: &mut Command) -> Outcome {
+    let mut child = match command.stdout(Stdio::piped()).spawn() {
+        Ok(child) => child,
+        Err(error) => return Outcome { passed: false, remark: format!("cannot be run: {error}") },
+    };
+    let mut total = Count::default();
+    if let Some(output) = child.stdout.take() {
+        for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {
+            let line = String::from_utf8_lossy(&line);
+            println!("{line}");
+            total.add(&line);
+        }
+        // A closed pipe on our own side is no reason to call the tests failed.
+        let _ = std::io::stdout().flush();
+    }
+    let passed = child.wait().is_ok_and(|status| status.success());
+    let Count { passes, failures, ignored } = total;
+    Outcome {
+        passed: passed && failures == 0,
+        remark: format!("{passes} passed, {failures} failed, {ignored} ignored"),
+    }
+}
+
+/// What the closing lines of test runners add up to.
+#[derive(Default, Debug, PartialEq, Eq)]
+struct Count {
+    passes: u64,
+    failures: u64,
+    ignored: u64,
+}
+
+impl Count {
+    fn add(&mut self, line: &str) {
+        let Some(closing) = line.strip_prefix("test result: ") else { return };
+        for part in closing.split([';', '.']) {
+            let mut words = part.split_whitespace();
+            let Some(number) = words.next().and_then(|word| word.parse::<u64>().ok()) else { continue };
+            match words.next() {
+                Some("passed") => self.passes += number,
+                Some("failed") => self.failures += number,
+                Some("ignored") => self.ignored += number,
+                _ => {}
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn closing_lines_add_up() {
+        let mut count = Count::default();
+        count.add("test result: ok. 12 passed; 0 failed; 1 ignored; 0 measured; 3 filtered out; finished in 0.52s");
+        count.add("test tests::x ... ok");
+        count.add("test result: FAILED. 1 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out; finished in 1.00s");
+        assert_eq!(count, Count { passes: 13, failures: 2, ignored: 1 });
+    }
+
+    #[test]
+    fn the_command_is_where_cargo_says() {
+        let messages =
+            "{\"executable\":null}\n{\"executable\":\"x/target/debug/retrace\",\"fresh\":true}\n{\"success\":true}\n";
+        assert_eq!(executable(messages), Some(PathBuf::from("x/target/debug/retrace")));
+        assert_eq!(executable("{\"executable\":null}"), None);
+    }
+
+    #[test]
+    fn a_step_passes_only_if_its_process_does() {
+        assert!(!ended(&mut Command::new("no-such-program-of-ours")).passed);
+        assert!(!count_tests(&mut Command::new("no-such-program-of-ours")).passed);
+        let root = Path::new(".");
+        assert!(cargo(root, &["--version"]).passed && !cargo(root, &["no-such-task"]).passed);
+    }
+}

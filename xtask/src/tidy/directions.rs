@@ -1,0 +1,129 @@
+//! Which crate may use which: the arrows of `ARCHITECTURE.md`, held against every `Cargo.toml`.
+//!
+//! Invariant: a member of the workspace that has no row here is refused, so that the table stays whole.
+
+use super::Finding;
+use crate::tree::Tree;
+
+/// One crate, and the crates of this workspace that it may use; tests obey the same arrows.
+struct Arrows {
+    manifest: &'static str,
+    may_use: &'static [&'static str],
+    /// May it use crates from outside this workspace?
+    outside: bool,
+}
+
+const ARROWS: &[Arrows] = &[
+    Arrows { manifest: "crates/core/Cargo.toml", may_use: &[], outside: false },
+    Arrows { manifest: "crates/gcode/Cargo.toml", may_use: &[], outside: true },
+    Arrows { manifest: "crates/link/Cargo.toml", may_use: &["core"], outside: true },
+    Arrows { manifest: "crates/motion/Cargo.toml", may_use: &["core"], outside: true },
+    Arrows { manifest: "crates/card/Cargo.toml", may_use: &["core", "link"], outside: true },
+    Arrows { manifest: "crates/controller/Cargo.toml", may_use: &["core", "gcode", "link", "motion"], outside: true },
+    Arrows { manifest: "crates/hal-sim/Cargo.toml", may_use: &["card", "controller", "core", "link"], outside: true },
+    Arrows { manifest: "crates/hal-serial/Cargo.toml", may_use: &["controller", "core", "link"], outside: true },
+    Arrows {
+        manifest: "crates/cli/Cargo.toml",
+        may_use: &["controller", "core", "gcode", "hal-serial", "hal-sim", "motion"],
+        outside: true,
+    },
+    Arrows { manifest: "verification/Cargo.toml", may_use: &["card", "core", "link"], outside: true },
+    // The end-to-end tests see the command alone, so that they judge it with nothing of its own.
+    Arrows { manifest: "tests/Cargo.toml", may_use: &[], outside: true },
+    Arrows { manifest: "xtask/Cargo.toml", may_use: &[], outside: true },
+];
+
+const OURS: &str = "retrace-";
+
+pub(super) fn find(tree: &Tree) -> Vec<Finding> {
+    tree.texts()
+        .filter(|(path, _)| path.ends_with("/Cargo.toml"))
+        .flat_map(|(path, text)| match ARROWS.iter().find(|arrows| arrows.manifest == path) {
+            Some(arrows) => offences(arrows, text),
+            None => vec![Finding::of_file(path, "this crate has no row in the table of arrows (xtask, directions.rs)")],
+        })
+        .collect()
+}
+
+fn offences(arrows: &Arrows, text: &str) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for Dependency { line, name, for_tests } in dependencies(text) {
+        match name.strip_prefix(OURS) {
+            Some(ours) if !arrows.may_use.contains(&ours) => {
+                findings.push(Finding::at(arrows.manifest, line, format!("no arrow leads from here to `{name}`")));
+            }
+            None if !arrows.outside && !for_tests => {
+                let message = format!("this crate depends on nothing, but names `{name}`");
+                findings.push(Finding::at(arrows.manifest, line, message));
+            }
+            _ => {}
+        }
+    }
+    findings
+}
+
+struct Dependency {
+    line: usize,
+    name: String,
+    for_tests: bool,
+}
+
+/// The dependencies of a manifest, as far as its tables are written in the usual ways.
+fn dependencies(text: &str) -> Vec<Dependency> {
+    let mut found = Vec::new();
+    // What the table we stand in holds: nothing of ours, a list of dependencies, or one dependency's own keys.
+    let mut list_for_tests: Option<bool> = None;
+    for (index, line) in text.lines().enumerate() {
+        let line = line.split('#').next().unwrap_or_default().trim();
+        if let Some(header) = line.strip_prefix('[') {
+            let header = header.trim_end_matches(']').trim();
+            let (table, name) = match header.split_once("dependencies") {
+                Some((before, after)) => (Some(before), after.strip_prefix('.')),
+                None => (None, None),
+            };
+            let for_tests = table.map(|before| before.ends_with("dev-"));
+            list_for_tests = if name.is_some() { None } else { for_tests };
+            if let (Some(name), Some(for_tests)) = (name, for_tests) {
+                found.push(Dependency { line: index + 1, name: unquoted(name), for_tests });
+            }
+        } else if let (Some(for_tests), Some((key, value))) = (list_for_tests, line.split_once('=')) {
+            let key = unquoted(key.split('.').next().unwrap_or(key));
+            let renamed = value.split_once("package").and_then(|(_, rest)| rest.split('"').nth(1)).map(str::to_owned);
+            found.push(Dependency { line: index + 1, name: renamed.unwrap_or(key), for_tests });
+        }
+    }
+    found
+}
+
+fn unquoted(name: &str) -> String {
+    name.trim().trim_matches('"').to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lines(path: &str, text: &str) -> Vec<usize> {
+        find(&Tree::of(&[(path, text)])).iter().map(|finding| finding.line).collect()
+    }
+
+    #[test]
+    fn an_arrow_that_points_back_is_refused_in_every_spelling() {
+        let text = "[package]\nname = \"x\"\n[dependencies]\nretrace-core.workspace = true\nretrace-motion = { path = \"..\" }\n\
+                    m = { package = \"retrace-motion\" }\n[dependencies.retrace-gcode]\npath = \"..\"\n\
+                    [dev-dependencies]\nretrace-card.workspace = true\n[target.'cfg(unix)'.dependencies]\n\"retrace-cli\" = \"1\"\n";
+        assert_eq!(lines("crates/link/Cargo.toml", text), [5, 6, 7, 10, 12]);
+    }
+
+    #[test]
+    fn core_may_use_others_in_its_tests_only() {
+        let text = "[dependencies]\nserde = \"1\" # why\n[dev-dependencies]\nproptest.workspace = true\n";
+        assert_eq!(lines("crates/core/Cargo.toml", text), [2]);
+        assert_eq!(lines("crates/link/Cargo.toml", text), []);
+    }
+
+    #[test]
+    fn a_crate_without_a_row_is_refused() {
+        assert_eq!(lines("crates/new/Cargo.toml", ""), [0]);
+    }
+}

@@ -1,0 +1,50 @@
+//! Unsafe code stands in the record ring alone, and the compiler is told so in every other crate.
+
+use super::Finding;
+use crate::tree::{Tree, code_only, words};
+
+/// The files that may hold unsafe code.
+const ALLOWED: &[&str] = &["crates/core/src/ring.rs"];
+/// The crate that may not forbid it, because it holds one of them.
+const HOLDER: &str = "crates/core/";
+const KEYWORD: &str = "unsafe";
+const FORBID: &str = "#![forbid(unsafe_code)]";
+
+pub(super) fn find(tree: &Tree) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for (path, text) in tree.rust().filter(|(path, _)| !ALLOWED.contains(path)) {
+        for (index, line) in code_only(text).lines().enumerate() {
+            if words(line, KEYWORD).next().is_some() {
+                findings.push(Finding::at(path, index + 1, "unsafe code is kept to the record ring"));
+            }
+        }
+        let is_root = path.ends_with("src/lib.rs") || path.ends_with("src/main.rs") || path.contains("/src/bin/");
+        if is_root && !path.starts_with(HOLDER) && !text.lines().any(|line| line.trim() == FORBID) {
+            findings.push(Finding::of_file(path, format!("a crate's root carries `{FORBID}`")));
+        }
+    }
+    findings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_keyword_is_refused_outside_the_ring_and_allowed_in_words_and_comments() {
+        let sample = "//! x\n// unsafe\nfn f() { unsafe { g() } }\n#![deny(unsafe_code)]\n";
+        let tree = Tree::of(&[("crates/link/src/a.rs", sample), ("crates/core/src/ring.rs", sample)]);
+        assert_eq!(find(&tree), [Finding::at("crates/link/src/a.rs", 3, "unsafe code is kept to the record ring")]);
+    }
+
+    #[test]
+    fn a_crate_root_that_does_not_forbid_it_is_refused() {
+        let tree = Tree::of(&[
+            ("crates/link/src/lib.rs", "//! x\n"),
+            ("crates/core/src/lib.rs", "//! x\n"),
+            ("crates/card/src/lib.rs", "//! x\n#![forbid(unsafe_code)]\n"),
+        ]);
+        let paths: Vec<_> = find(&tree).into_iter().map(|finding| finding.path).collect();
+        assert_eq!(paths, ["crates/link/src/lib.rs"]);
+    }
+}

@@ -1,0 +1,207 @@
+//! The files of the checkout as the checks of `tidy` see them, and what they ask of Rust text.
+//!
+//! Invariant: a tree holds every text file that git tracks or would track, under its path from the root with `/`.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::Command;
+
+/// Text files by path.
+#[derive(Default)]
+pub(crate) struct Tree {
+    files: BTreeMap<String, Option<String>>,
+}
+
+impl Tree {
+    /// Reads the files that git tracks, and those that are new and not ignored.
+    ///
+    /// # Errors
+    /// Where git cannot be run, or does not know this folder.
+    pub(crate) fn read(root: &Path) -> Result<Self, String> {
+        let listing = Command::new("git")
+            .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])
+            .current_dir(root)
+            .output()
+            .map_err(|error| format!("git cannot be run: {error}"))?;
+        if !listing.status.success() {
+            return Err(format!("git ls-files: {}", String::from_utf8_lossy(&listing.stderr).trim()));
+        }
+        let mut tree = Self::default();
+        for path in String::from_utf8_lossy(&listing.stdout).split('\0').filter(|path| !path.is_empty()) {
+            let Ok(bytes) = std::fs::read(root.join(path)) else { continue };
+            tree.files.insert(path.to_owned(), String::from_utf8(bytes).ok());
+        }
+        Ok(tree)
+    }
+
+    /// A tree of these files, for tests of the checks.
+    #[cfg(test)]
+    pub(crate) fn of(files: &[(&str, &str)]) -> Self {
+        Self { files: files.iter().map(|(path, text)| ((*path).to_owned(), Some((*text).to_owned()))).collect() }
+    }
+
+    /// Every text file: path and text.
+    pub(crate) fn texts(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.files.iter().filter_map(|(path, text)| Some((path.as_str(), text.as_deref()?)))
+    }
+
+    /// Every Rust file: path and text.
+    pub(crate) fn rust(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.texts().filter(|(path, _)| path.ends_with(".rs"))
+    }
+
+    /// The text of one file.
+    pub(crate) fn text(&self, path: &str) -> Option<&str> {
+        self.files.get(path)?.as_deref()
+    }
+
+    /// Is there such a file (of any kind), or a folder that holds one?
+    pub(crate) fn has(&self, path: &str) -> bool {
+        let folder = format!("{path}/");
+        path.is_empty()
+            || self.files.contains_key(path)
+            || self.files.range(folder.clone()..).next().is_some_and(|(name, _)| name.starts_with(&folder))
+    }
+}
+
+/// The lines before the unit tests: up to `#[cfg(test)]` on a module.
+pub(crate) fn lines_before_tests(text: &str) -> usize {
+    let lines: Vec<&str> = text.lines().map(str::trim).collect();
+    let opens_tests = |at: usize| {
+        lines[at] == "#[cfg(test)]"
+            && lines[at + 1..]
+                .iter()
+                .find(|line| !line.starts_with("#["))
+                .is_some_and(|line| line.starts_with("mod ") || line.contains(" mod "))
+    };
+    (0..lines.len()).find(|&at| opens_tests(at)).unwrap_or(lines.len())
+}
+
+/// Does this file hold nothing but tests?
+pub(crate) fn is_test_file(path: &str) -> bool {
+    path.ends_with("/tests.rs") || path.starts_with("tests/tests/") || path.contains("/src/tests/") || {
+        path.starts_with("crates/") && path.contains("/tests/")
+    }
+}
+
+/// Rust text with comments, strings and characters blanked; line breaks and columns stay.
+pub(crate) fn code_only(text: &str) -> String {
+    let bytes = text.as_bytes();
+    let mut code = bytes.to_vec();
+    let mut at = 0;
+    while at < bytes.len() {
+        let end = at + token_length(&bytes[at..], at > 0 && is_word(bytes[at - 1]));
+        if end > at {
+            code[at..end].iter_mut().filter(|byte| **byte != b'\n').for_each(|byte| *byte = b' ');
+            at = end;
+        } else {
+            at += 1;
+        }
+    }
+    String::from_utf8_lossy(&code).into_owned()
+}
+
+/// The length of the comment, string or character that opens `rest`; 0 where none does.
+fn token_length(rest: &[u8], inside_word: bool) -> usize {
+    let up_to = |end: &[u8], from: usize| {
+        (from..rest.len()).find(|&at| rest[at..].starts_with(end)).map_or(rest.len(), |at| at + end.len())
+    };
+    match rest {
+        [b'/', b'/', ..] => rest.iter().position(|&byte| byte == b'\n').unwrap_or(rest.len()),
+        [b'/', b'*', ..] => block_comment_length(rest),
+        [b'"', ..] => quoted_length(rest, b'"'),
+        [b'r', b'"', ..] if !inside_word => up_to(b"\"", 2),
+        [b'r', b'#', ..] if !inside_word => {
+            let hashes = rest[1..].iter().take_while(|&&byte| byte == b'#').count();
+            if rest.get(1 + hashes) != Some(&b'"') {
+                return 0;
+            }
+            let mut end = vec![b'"'];
+            end.resize(1 + hashes, b'#');
+            up_to(&end, 2 + hashes)
+        }
+        // A lifetime is a quote that no quote closes after one character.
+        [b'\'', b'\\', ..] => quoted_length(rest, b'\''),
+        [b'\'', ..] => {
+            let width = std::str::from_utf8(&rest[1..rest.len().min(5)])
+                .or_else(|error| std::str::from_utf8(&rest[1..1 + error.valid_up_to()]))
+                .ok()
+                .and_then(|text| text.chars().next())
+                .map_or(1, char::len_utf8);
+            if rest.get(1 + width) == Some(&b'\'') { width + 2 } else { 0 }
+        }
+        _ => 0,
+    }
+}
+
+fn quoted_length(rest: &[u8], quote: u8) -> usize {
+    let mut at = 1;
+    while at < rest.len() {
+        match rest[at] {
+            b'\\' => at += 2,
+            byte if byte == quote => return at + 1,
+            _ => at += 1,
+        }
+    }
+    rest.len()
+}
+
+fn block_comment_length(rest: &[u8]) -> usize {
+    let (mut depth, mut at) = (0_usize, 0);
+    while at < rest.len() {
+        if rest[at..].starts_with(b"/*") {
+            depth += 1;
+            at += 2;
+        } else if rest[at..].starts_with(b"*/") {
+            depth -= 1;
+            at += 2;
+            if depth == 0 {
+                return at;
+            }
+        } else {
+            at += 1;
+        }
+    }
+    rest.len()
+}
+
+/// May this byte stand inside a Rust word?
+pub(crate) fn is_word(byte: u8) -> bool {
+    byte.is_ascii_alphanumeric() || byte == b'_' || byte >= 0x80
+}
+
+/// The places at which `word` stands alone in `line`, not as a part of a longer word.
+pub(crate) fn words<'a>(line: &'a str, word: &'a str) -> impl Iterator<Item = usize> + 'a {
+    line.match_indices(word).map(|(at, _)| at).filter(move |&at| {
+        let bytes = line.as_bytes();
+        (at == 0 || !is_word(bytes[at - 1])) && bytes.get(at + word.len()).is_none_or(|&byte| !is_word(byte))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn comments_strings_and_characters_are_blanked_and_code_stays() {
+        let text =
+            "a // b\nc /* d /* e */ f */ g \"h\\\"i\" j r#\"k\"l\"# m 'n' '\\'' o<'p> q r\"s\\\" t 'ä' u 'static v\nw";
+        let code: String = code_only(text).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(code, "a c g j m o<'p> q t u 'static v w");
+        assert_eq!(code_only(text).lines().count(), 3);
+        assert_eq!(code_only(text).len(), text.len());
+    }
+
+    #[test]
+    fn unit_tests_are_not_counted_but_a_test_only_import_is_no_test_module() {
+        assert_eq!(lines_before_tests("a\n#[cfg(test)]\nuse b;\nc\n#[cfg(test)]\nmod tests {\n}\n"), 4);
+        assert_eq!(lines_before_tests("a\nb\n"), 2);
+    }
+
+    #[test]
+    fn a_folder_is_there_when_a_file_is_in_it() {
+        let tree = Tree::of(&[("a/b/c.rs", ""), ("a-d", "")]);
+        assert!(tree.has("a/b") && tree.has("a") && tree.has("a-d") && tree.has("a/b/c.rs"));
+        assert!(!tree.has("a/c") && !tree.has("b"));
+    }
+}
