@@ -2,8 +2,17 @@
 //!
 //! `no_std`, allocates nothing, depends on nothing. Pulses are integers, places and rates are fixed point; there is no
 //! floating point in this crate.
-#![no_std]
+#![cfg_attr(not(test), no_std)]
 
+pub mod drive;
+pub mod fine;
+pub mod place;
+pub mod playback;
+pub mod rate;
 pub mod record;
+pub mod ring;
+pub mod size;
+mod sync;
 
+pub use place::{ONE, Place, Travel};
 pub use record::{Flags, RapidCap, Record};

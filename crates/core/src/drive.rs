@@ -1,0 +1,298 @@
+//! The drive: moves the cursor along the records that are held, by the rate law, braking to a place (REV, *Rate law*).
+//!
+//! The end of the road is the only stop place: what is not held cannot be run. Hold, the oldest record, `reached`, an
+//! exclusive marker and a starved buffer are all the same thing, an end at which the cursor comes to rest exactly. A
+//! *planned stop* needs no braking, as the path itself is at rest there: the cursor runs into it at full rate and starts from it
+//! at full rate, and it costs no period.
+//!
+//! Invariant: either the commanded place does not lie beyond the end of the road, or a planned stop lies between the cursor and
+//! that end, and the cursor will not pass the last one before the first half of this sentence holds. So the cursor
+//! never leaves the road.
+
+use crate::rate::{RateLaw, Smoothing};
+use crate::{ONE, Place, RapidCap, Travel};
+
+/// The records held, as the drive sees them: numbers `low … high`, high excluded.
+pub trait Road {
+    /// First record held.
+    fn low(&self) -> u32;
+    /// The place behind the last record held.
+    fn high(&self) -> u32;
+    /// Is the path at rest (a planned stop, or its very start) at the boundary before record `place`? `low ≤ place ≤ high`.
+    fn rests_at(&self, place: u32) -> bool;
+    /// How fast record `place`, `low ≤ place < high`, may be retraced.
+    fn cap(&self, place: u32) -> RapidCap;
+}
+
+/// Where one control period brought the cursor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Step {
+    /// The place after the period.
+    pub to: Place,
+    /// The end of the road, which was no planned stop, kept the rate below its target.
+    pub short: bool,
+}
+
+/// The cursor's motion: a rate law and the direction it works in.
+#[derive(Clone, Debug)]
+pub struct Drive<const M: usize> {
+    law: RateLaw<M>,
+}
+
+impl<const M: usize> Drive<M> {
+    /// At rest. `None` where the smoothing is longer than `M`.
+    #[must_use]
+    pub fn new(smoothing: Smoothing) -> Option<Self> {
+        Some(Self { law: RateLaw::new(smoothing)? })
+    }
+
+    /// Does the cursor stand, with nothing left to run?
+    #[must_use]
+    pub const fn at_rest(&self) -> bool {
+        self.law.at_rest()
+    }
+
+    /// How far the cursor would still run if it were stopped now; signed.
+    #[must_use]
+    pub const fn lead(&self) -> Travel {
+        self.law.lead()
+    }
+
+    /// One control period from `at` (on the road) toward the rate `target`, in records a period, signed, at most 8 either
+    /// way. A change of direction goes through rest.
+    pub fn step(&mut self, at: Place, target: Travel, road: &impl Road) -> Step {
+        let target = target.clamp(-8 * ONE, 8 * ONE);
+        let sign = if self.law.at_rest() { target.signum() } else { self.law.direction() };
+        if sign == 0 {
+            return Step { to: at.moved(self.law.step(0)), short: false };
+        }
+        let way = Way { at, sign, road };
+        let room = way.room();
+        let asked = if target.signum() == sign { target.abs() } else { 0 };
+        let asked = self.within_caps(asked, room, &way);
+        if self.law.at_rest() && at.fraction == 0 && road.rests_at(at.record) {
+            self.launch(asked, room, &way);
+        }
+        let free = room - self.law.lead().abs();
+        let last_rest = if asked > free { way.last_rest() } else { None };
+        let allowed = if last_rest.is_some() { asked } else { asked.min(free.max(0)) };
+        let to = at.moved(self.law.step(sign * allowed));
+        if let Some(rest) = last_rest
+            && sign * to.to(rest) <= 0
+        {
+            self.law.set_steady(0);
+            return Step { to: rest, short: false };
+        }
+        Step { to, short: allowed < asked }
+    }
+
+    /// From a planned stop the rate may jump, as far as the road is long enough to brake on again.
+    fn launch(&mut self, asked: Travel, room: Travel, way: &Way<'_, impl Road>) {
+        let periods = Travel::from(self.law.smoothing().stopping_records()) + 1;
+        let rate = if asked * periods <= room || way.last_rest().is_some() { asked } else { room / periods };
+        self.law.set_steady(way.sign * rate);
+    }
+
+    /// Rapid retrace: the largest rate up to `asked` that no record forbids which may be crossed before that rate has left
+    /// the law's memory. What is not held yet may be as slow as planned.
+    fn within_caps(&self, asked: Travel, room: Travel, way: &Way<'_, impl Road>) -> Travel {
+        if asked <= ONE {
+            return asked;
+        }
+        let memory = Travel::from(self.law.smoothing().periods());
+        let lead = self.law.lead().abs();
+        let held = (room >> 32) as u32 + 1;
+        let mut rate = asked;
+        for k in 0.. {
+            if (Travel::from(k) - 1) << 32 > lead + memory * rate {
+                return rate;
+            }
+            if k >= held {
+                return rate.min(((room - lead) / memory).max(ONE));
+            }
+            let Some(cap) = way.cap(k) else { return rate.min(((room - lead) / memory).max(ONE)) };
+            rate = rate.min(Travel::from(cap.get()) << 28);
+        }
+        rate
+    }
+}
+
+/// The road from the cursor to its end in one direction.
+struct Way<'r, R> {
+    at: Place,
+    sign: Travel,
+    road: &'r R,
+}
+
+impl<R: Road> Way<'_, R> {
+    fn end(&self) -> u32 {
+        if self.sign > 0 { self.road.high() } else { self.road.low() }
+    }
+
+    /// Distance to the end of the road, ≥ 0.
+    fn room(&self) -> Travel {
+        self.sign * self.at.to(Place::start_of(self.end()))
+    }
+
+    /// The planned stop nearest to the end of the road that lies strictly ahead of the cursor.
+    fn last_rest(&self) -> Option<Place> {
+        let mut place = self.end();
+        loop {
+            let here = Place::start_of(place);
+            if self.sign * self.at.to(here) <= 0 {
+                return None;
+            }
+            if self.road.rests_at(place) {
+                return Some(here);
+            }
+            place = place.wrapping_sub(self.sign as u32);
+        }
+    }
+
+    /// Cap of the k-th record ahead, the one under the cursor being the first.
+    fn cap(&self, k: u32) -> Option<RapidCap> {
+        let n =
+            if self.sign > 0 { self.at.record.wrapping_add(k) } else { self.at.boundary_ahead().wrapping_sub(k + 1) };
+        let held = n.wrapping_sub(self.road.low()) < self.road.high().wrapping_sub(self.road.low());
+        held.then(|| self.road.cap(n))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[derive(Debug, Clone)]
+    struct Strip {
+        low: u32,
+        high: u32,
+        rests: Vec<u32>,
+        slow: Vec<u32>,
+    }
+
+    impl Road for Strip {
+        fn low(&self) -> u32 {
+            self.low
+        }
+        fn high(&self) -> u32 {
+            self.high
+        }
+        fn rests_at(&self, place: u32) -> bool {
+            self.rests.contains(&place)
+        }
+        fn cap(&self, place: u32) -> RapidCap {
+            if self.slow.contains(&place) { RapidCap::PLANNED } else { RapidCap::MAX }
+        }
+    }
+
+    fn drive(first: u16, second: u16) -> Drive<32> {
+        Drive::new(Smoothing::new(first, second).expect("valid")).expect("fits")
+    }
+
+    fn strip(low: u32, high: u32, rests: &[u32]) -> Strip {
+        Strip { low, high, rests: rests.to_vec(), slow: Vec::new() }
+    }
+
+    #[test]
+    fn planned_stops_cost_no_period() {
+        let road = strip(0, 100, &[0, 10, 11, 50, 100]);
+        let (mut drive, mut at) = (drive(8, 6), Place::start_of(0));
+        for k in 1..=100 {
+            at = drive.step(at, ONE, &road).to;
+            assert_eq!(at, Place::start_of(k));
+        }
+        assert!(drive.at_rest());
+        for k in (0..100).rev() {
+            at = drive.step(at, -ONE, &road).to;
+            assert_eq!(at, Place::start_of(k));
+        }
+        assert!(drive.at_rest());
+    }
+
+    #[test]
+    fn an_end_that_is_no_planned_stop_is_reached_exactly_and_called_short() {
+        let road = strip(0, 100, &[0]);
+        let (mut drive, mut at, mut short) = (drive(8, 6), Place::start_of(0), false);
+        for _ in 0..200 {
+            let step = drive.step(at, ONE, &road);
+            (at, short) = (step.to, short | step.short);
+        }
+        assert_eq!((at, short, drive.at_rest()), (Place::start_of(100), true, true));
+    }
+
+    #[test]
+    fn rapid_retrace_keeps_every_cap_and_gets_faster_where_it_may() {
+        let mut road = strip(0, 3000, &[0, 3000]);
+        road.slow = (1000..1010).collect();
+        let (mut drive, mut at, mut periods) = (drive(8, 6), Place::start_of(3000), 0);
+        while at != Place::start_of(0) {
+            let to = drive.step(at, -8 * ONE, &road).to;
+            let rate = to.to(at);
+            for n in to.record..at.boundary_ahead() {
+                assert!(rate <= i64::from(road.cap(n).get()) << 28, "record {n} at rate {rate}");
+            }
+            (at, periods) = (to, periods + 1);
+        }
+        assert!(periods < 3000 / 5, "{periods}");
+    }
+
+    /// What a host may do between two periods.
+    #[derive(Debug, Clone)]
+    enum Deed {
+        Extend(u32, bool),
+        ExtendBack(u32, bool),
+        Run(i64, u32),
+    }
+
+    fn deeds() -> impl Strategy<Value = Vec<Deed>> {
+        let rate = prop_oneof![Just(ONE), Just(-ONE), Just(0), Just(ONE / 3), -8 * ONE..8 * ONE];
+        let deed = prop_oneof![
+            (0u32..12, any::<bool>()).prop_map(|(n, r)| Deed::Extend(n, r)),
+            (0u32..12, any::<bool>()).prop_map(|(n, r)| Deed::ExtendBack(n, r)),
+            (rate, 1u32..40).prop_map(|(r, n)| Deed::Run(r, n)),
+        ];
+        prop::collection::vec(deed, 1..80)
+    }
+
+    proptest! {
+        /// Whatever is asked when, and however the road grows: the cursor never leaves the road, never moves against the sign of
+        /// what is asked unless it is braking, and with a target held comes to rest exactly on the end of the road.
+        #[test]
+        fn never_leaves_the_road_and_rests_on_its_end(
+            first in 1u16..16, half in 1u16..8, start in any::<u32>(), deeds in deeds(), forward in any::<bool>(),
+        ) {
+            let second = if first % 2 == 0 { 2 * half } else { 2 * half - 1 };
+            let mut drive = drive(first, second);
+            let mut road = strip(start, start, &[start]);
+            let mut at = Place::start_of(start);
+            let run = |drive: &mut Drive<32>, at: &mut Place, road: &Strip, target: Travel, n: u32| {
+                for _ in 0..n {
+                    let step = drive.step(*at, target, road);
+                    assert!(Place::start_of(road.low).to(step.to) >= 0, "below the road");
+                    assert!(step.to.to(Place::start_of(road.high)) >= 0, "beyond the road");
+                    assert!(at.to(step.to).abs() <= 8 * ONE);
+                    *at = step.to;
+                }
+            };
+            for deed in deeds {
+                match deed {
+                    Deed::Extend(n, rest) => {
+                        road.high = road.high.wrapping_add(n);
+                        if rest && n > 0 { road.rests.push(road.high); }
+                    }
+                    Deed::ExtendBack(n, rest) => {
+                        road.low = road.low.wrapping_sub(n);
+                        if rest && n > 0 { road.rests.push(road.low); }
+                    }
+                    Deed::Run(rate, n) => run(&mut drive, &mut at, &road, rate, n),
+                }
+            }
+            let (target, end) = if forward { (ONE, road.high) } else { (-ONE, road.low) };
+            let length = road.high.wrapping_sub(road.low);
+            run(&mut drive, &mut at, &road, target, 20 * length + 200);
+            prop_assert_eq!(at, Place::start_of(end));
+            prop_assert!(drive.at_rest());
+        }
+    }
+}

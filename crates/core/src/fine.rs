@@ -1,0 +1,77 @@
+//! Fine interpolation: one period's increment becomes evenly spaced pulses (glossary, *coarse / fine interpolation*).
+//!
+//! Invariant: a period of `slots` slots with an increment of p pulses yields exactly |p| pulses, the distances between
+//! neighbours differing by at most one slot, the first one not in slot 0, so that the direction is set up before it.
+
+/// Evenly spaced pulses of one axis in one control period, slot by slot.
+#[derive(Clone, Copy, Debug)]
+pub struct Pulses {
+    due: u32,
+    slots: u32,
+    accumulator: u32,
+}
+
+impl Pulses {
+    /// `pulses` (at most `slots`) in a period of `slots` slots (below 2³¹).
+    #[must_use]
+    pub const fn new(pulses: u16, slots: u32) -> Self {
+        Self { due: pulses as u32, slots, accumulator: slots / 2 }
+    }
+
+    /// Goes one slot on; true where a pulse falls into it.
+    pub const fn slot(&mut self) -> bool {
+        self.accumulator += self.due;
+        if self.accumulator >= self.slots {
+            self.accumulator -= self.slots;
+            true
+        } else {
+            false
+        }
+    }
+}
+
+/// The slot of each pulse, in order: the k-th of p pulses falls into the slot where `k·slots/p` is half passed. It is the
+/// same spacing as [`Pulses`], without walking over the empty slots.
+pub fn pulse_slots(pulses: u16, slots: u32) -> impl Iterator<Item = u32> {
+    let p = u64::from(pulses);
+    let half = u64::from(slots / 2);
+    (1..=p).map(move |k| ((k * u64::from(slots) - half).div_ceil(p) - 1) as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every count of pulses in every period up to 64 slots, and some long periods.
+    #[test]
+    fn exactly_p_pulses_evenly_spaced() {
+        let cases = (1..=64u32).flat_map(|s| (0..=s as u16).map(move |p| (p, s)));
+        for (p, s) in cases.chain([(100, 1000), (999, 1000), (333, 84_000), (32_767, 84_000)]) {
+            let mut fine = Pulses::new(p, s);
+            let (mut last, mut count, mut gaps) = (None, 0u32, (u32::MAX, 0));
+            let mut slots = pulse_slots(p, s);
+            for slot in 0..s {
+                if fine.slot() {
+                    assert_eq!(slots.next(), Some(slot), "{p} in {s}");
+                    count += 1;
+                    if let Some(l) = last {
+                        gaps = (gaps.0.min(slot - l), gaps.1.max(slot - l));
+                    }
+                    last = Some(slot);
+                }
+            }
+            assert_eq!(count, u32::from(p), "{p} pulses in {s} slots");
+            assert_eq!(slots.next(), None);
+            assert!(count < 2 || gaps.1 - gaps.0 <= 1, "{p} in {s}: {gaps:?}");
+        }
+    }
+
+    #[test]
+    fn the_direction_has_time_before_the_first_pulse() {
+        for s in 4..=200u32 {
+            for p in 1..=(s / 2) as u16 {
+                assert!(pulse_slots(p, s).next().unwrap_or(0) >= 1 || u32::from(p) * 2 > s - 1, "{p} in {s}");
+            }
+        }
+    }
+}

@@ -1,0 +1,247 @@
+//! The rate law: how the rate follows its target (REV-12; REV, *Rate law*).
+//!
+//! A *commanded place* runs along the path at the target rate, without any smoothing, and stops where it must. The cursor is its
+//! moving average, taken twice. From this one idea follows everything that is asked of the law:
+//!
+//! - The cursor comes to rest exactly where the commanded place stands, since the mean of equal numbers is that number, and
+//!   never beyond, since a mean never exceeds the largest of what it averages.
+//! - The rate never overshoots its target and reaches it after [`Smoothing::periods`] control periods at the latest.
+//! - The distance still to run is known at all times: it is the [`RateLaw::lead`] of the commanded place over the cursor.
+//! - The two lengths alone bound how fast the rate changes, whatever is asked when: for targets in 0 … 1 the change |r′| at
+//!   a rate r is at most what a plain step from 0 to 1 shows at that rate (the trapezoid of two averages is log-concave), and
+//!   |r″| ≤ 2/(n₁·n₂) a period². They are chosen from the machine's limits, so that `αA·r² + V·|r′| ≤ A` holds at every rate
+//!   on the way (controller, `law`).
+//!
+//! Invariant: all targets in the memory have one sign; the remainder is in 0 … n₁·n₂; with the memory at zero, lead and
+//! remainder are zero.
+
+use crate::Travel;
+
+/// The lengths of the two moving averages, in control periods.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Smoothing {
+    first: u16,
+    second: u16,
+}
+
+impl Smoothing {
+    /// Averages over `first` and `second` periods. `None` where one is zero or above 512, or their sum is odd (a steady
+    /// rate then has a lead of half a unit, which would not be exact).
+    #[must_use]
+    pub const fn new(first: u16, second: u16) -> Option<Self> {
+        let valid = first > 0 && second > 0 && first <= 512 && second <= 512 && (first + second).is_multiple_of(2);
+        if valid { Some(Self { first, second }) } else { None }
+    }
+
+    /// Length of the first average, in periods.
+    #[must_use]
+    pub const fn first(self) -> u16 {
+        self.first
+    }
+
+    /// Length of the second average, in periods.
+    #[must_use]
+    pub const fn second(self) -> u16 {
+        self.second
+    }
+
+    /// Periods after which a new target is reached, and the cursor stands where the commanded place stands.
+    #[must_use]
+    pub const fn periods(self) -> u16 {
+        self.first + self.second - 1
+    }
+
+    /// Lead of the commanded place over the cursor at a steady rate of one, in records: the stopping length.
+    #[must_use]
+    pub const fn stopping_records(self) -> u16 {
+        (self.first + self.second - 2) / 2
+    }
+}
+
+/// A moving sum over the last `length` values.
+#[derive(Clone, Debug)]
+struct MovingSum<const M: usize> {
+    values: [Travel; M],
+    length: u16,
+    at: u16,
+    sum: Travel,
+}
+
+impl<const M: usize> MovingSum<M> {
+    fn new(length: u16) -> Self {
+        Self { values: [0; M], length, at: 0, sum: 0 }
+    }
+
+    #[inline]
+    fn push(&mut self, value: Travel) -> Travel {
+        let oldest = &mut self.values[self.at as usize];
+        self.sum += value - *oldest;
+        *oldest = value;
+        self.at = if self.at + 1 == self.length { 0 } else { self.at + 1 };
+        self.sum
+    }
+
+    fn fill(&mut self, value: Travel) {
+        self.values[..self.length as usize].fill(value);
+        self.sum = value * Travel::from(self.length);
+    }
+}
+
+/// The law's state: the memory of both averages, for lengths up to `M`.
+#[derive(Clone, Debug)]
+pub struct RateLaw<const M: usize> {
+    smoothing: Smoothing,
+    targets: MovingSum<M>,
+    sums: MovingSum<M>,
+    remainder: Travel,
+    lead: Travel,
+}
+
+impl<const M: usize> RateLaw<M> {
+    /// At rest. `None` where the smoothing is longer than the memory.
+    #[must_use]
+    pub fn new(smoothing: Smoothing) -> Option<Self> {
+        if smoothing.first as usize > M || smoothing.second as usize > M {
+            return None;
+        }
+        let (targets, sums) = (MovingSum::new(smoothing.first), MovingSum::new(smoothing.second));
+        Some(Self { smoothing, targets, sums, remainder: 0, lead: 0 })
+    }
+
+    /// The smoothing in force.
+    #[must_use]
+    pub const fn smoothing(&self) -> Smoothing {
+        self.smoothing
+    }
+
+    /// Distance from the cursor to the commanded place, signed: how far the cursor still runs if the target is zero from
+    /// now on.
+    #[must_use]
+    pub const fn lead(&self) -> Travel {
+        self.lead
+    }
+
+    /// Does the cursor stand, with nothing left to run?
+    #[must_use]
+    pub const fn at_rest(&self) -> bool {
+        self.sums.sum == 0
+    }
+
+    /// The way the cursor still runs: 1 forward, −1 backward, 0 at rest.
+    #[must_use]
+    pub const fn direction(&self) -> Travel {
+        self.sums.sum.signum()
+    }
+
+    /// One control period: the commanded place moves by `target` (records a period, at most 8 either way, of the sign of
+    /// what is still to run); the distance that the cursor moves comes back.
+    #[inline]
+    pub fn step(&mut self, target: Travel) -> Travel {
+        let sum = self.targets.push(target);
+        let total = self.sums.push(sum) + self.remainder;
+        let divisor = Travel::from(self.smoothing.first) * Travel::from(self.smoothing.second);
+        let moved = total.div_euclid(divisor);
+        self.remainder = total.rem_euclid(divisor);
+        self.lead += target - moved;
+        moved
+    }
+
+    /// As if the target had been `rate` for ever. Only where the path itself is at rest: the rate jumps.
+    pub fn set_steady(&mut self, rate: Travel) {
+        self.targets.fill(rate);
+        self.sums.fill(self.targets.sum);
+        self.remainder = 0;
+        self.lead = rate * Travel::from(self.smoothing.stopping_records());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ONE;
+    use proptest::prelude::*;
+
+    fn law(first: u16, second: u16) -> RateLaw<32> {
+        RateLaw::new(Smoothing::new(first, second).expect("valid")).expect("fits")
+    }
+
+    /// Lengths whose sum is even.
+    fn lengths() -> impl Strategy<Value = (u16, u16)> {
+        (1u16..=32, 0u16..=15).prop_map(|(a, b)| (a, if a % 2 == 0 { 2 * b + 2 } else { 2 * b + 1 }))
+    }
+
+    #[test]
+    fn lengths_that_are_not_exact_are_refused() {
+        assert_eq!(Smoothing::new(3, 4), None);
+        assert_eq!(Smoothing::new(0, 4), None);
+        assert_eq!(Smoothing::new(514, 4), None);
+        assert!(RateLaw::<8>::new(Smoothing::new(10, 2).expect("valid")).is_none());
+    }
+
+    #[test]
+    fn a_steady_rate_is_steady_and_stops_within_its_lead() {
+        for (a, b) in [(1, 1), (3, 5), (8, 8), (32, 2)] {
+            for rate in [ONE, -ONE, ONE / 3, 7, -7, 8 * ONE] {
+                let mut law = law(a, b);
+                law.set_steady(rate);
+                for _ in 0..100 {
+                    assert_eq!(law.step(rate), rate);
+                    assert_eq!(law.lead(), rate * Travel::from(law.smoothing().stopping_records()));
+                }
+                let (lead, mut run) = (law.lead(), 0);
+                for _ in 0..law.smoothing().periods() {
+                    run += law.step(0);
+                }
+                assert_eq!(run, lead);
+                assert!(law.at_rest() && law.lead() == 0 && law.remainder == 0);
+            }
+        }
+    }
+
+    proptest! {
+        /// Targets of one sign: the rate stays between the least and the greatest in the memory; what was commanded is what
+        /// was run plus the lead; the lead is never of the other sign; at rest everything is zero again.
+        #[test]
+        fn never_overshoots_and_loses_nothing(
+            (a, b) in lengths(), backward in any::<bool>(), steady in 0..ONE,
+            targets in prop::collection::vec(prop_oneof![0..=ONE, Just(0), Just(ONE), Just(8 * ONE)], 1..200),
+        ) {
+            let sign = if backward { -1 } else { 1 };
+            let mut law = law(a, b);
+            law.set_steady(sign * steady);
+            let (mut commanded, mut run) = (law.lead(), 0);
+            let n = law.smoothing().periods() as usize;
+            for k in 0..targets.len() {
+                let moved = law.step(sign * targets[k]);
+                commanded += sign * targets[k];
+                run += moved;
+                prop_assert_eq!(law.lead(), commanded - run);
+                prop_assert!(sign * law.lead() >= 0);
+                let seen = &targets[(k + 1).saturating_sub(n)..=k];
+                let start = if k + 1 < n { Some(steady) } else { None };
+                let low = seen.iter().copied().chain(start).min().expect("not empty");
+                let high = seen.iter().copied().chain(start).max().expect("not empty");
+                prop_assert!((low - 1..=high + 1).contains(&(sign * moved)), "{low} {moved} {high}");
+            }
+            for _ in 0..n { run += law.step(0); }
+            prop_assert_eq!(run, commanded);
+            prop_assert!(law.at_rest() && law.lead() == 0 && law.remainder == 0);
+        }
+
+        /// The rate changes by at most 1/max(n₁, n₂) of a full step a period, and that change by at most 2/(n₁·n₂).
+        #[test]
+        fn the_lengths_bound_the_change_of_the_rate(
+            (a, b) in lengths(), targets in prop::collection::vec(0..=ONE, 1..200),
+        ) {
+            let mut law = law(a, b);
+            let (mut rate, mut change) = (0, 0);
+            for target in targets {
+                let now = law.step(target);
+                let changed = now - rate;
+                prop_assert!(changed.abs() <= ONE / Travel::from(a.max(b)) + 1);
+                prop_assert!((changed - change).abs() <= 2 * ONE / (Travel::from(a) * Travel::from(b)) + 2);
+                (rate, change) = (now, changed);
+            }
+        }
+    }
+}
