@@ -1,1 +1,37 @@
-//! Under construction.
+//! What host and card say to each other, as typed messages (GMC-2), and the trait behind which every card stands.
+//!
+//! The messages are complete; their encoding as frames on a serial line, with checksums, sequence and credit, is not written
+//! yet, so that for now only an in-process card can be spoken to.
+//!
+//! Invariant: the wire carries records in path order, each under its place number, never negated and never scaled. The
+//! rate is a real-time word of its own.
+#![no_std]
+#![forbid(unsafe_code)]
+
+mod message;
+
+pub use message::{Action, Change, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel};
+
+/// What the controller sees of a card, simulated or real.
+pub trait MotionCard<const A: usize> {
+    /// What holds the line or the machine up for good.
+    type Fault: core::fmt::Display;
+
+    /// How many records the card can hold.
+    fn window(&self) -> u32;
+
+    /// Hands one word over.
+    ///
+    /// # Errors
+    /// [`Refusal`] says why the card did not take it; nothing has changed then.
+    fn send(&mut self, word: Word<A>) -> Result<(), Refusal>;
+
+    /// Lets one control period pass and reports it. A card in virtual time computes it, one in wall time waits for it.
+    ///
+    /// # Errors
+    /// A fault is final: the card stands, and no word of this run will move it again.
+    fn period(&mut self) -> Result<&Status<A>, Self::Fault>;
+
+    /// The report of the last period again.
+    fn status(&self) -> &Status<A>;
+}

@@ -1,0 +1,105 @@
+//! The output actions on the records that the card holds (REV-14; GMC, *synchronous*).
+//!
+//! Invariant: actions are kept in the order of their places; an action is executed when the cursor leaves its place forward
+//! and, where actions are replayed, undone when the cursor comes back over it.
+
+use retrace_core::place::before;
+use retrace_core::{Place, Travel};
+use retrace_link::{Action, Refusal};
+
+/// At most `N` actions, in order of their places.
+#[derive(Clone, Debug)]
+pub struct ActionTable<const N: usize> {
+    actions: [Action; N],
+    count: usize,
+}
+
+impl<const N: usize> Default for ActionTable<N> {
+    fn default() -> Self {
+        Self { actions: [Action { place: 0, channel: 0, before: 0, after: 0 }; N], count: 0 }
+    }
+}
+
+impl<const N: usize> ActionTable<N> {
+    /// Takes an action in at its place, behind those of the same place. Where the table is full, one that lies outside the
+    /// window (`low … high`) makes room.
+    pub fn insert(&mut self, action: Action, low: u32, high: u32) -> Result<(), Refusal> {
+        if self.actions[..self.count].contains(&action) {
+            return Ok(());
+        }
+        if self.count == N {
+            self.forget_outside(low, high);
+        }
+        if self.count == N {
+            return Err(Refusal::Full);
+        }
+        let at = self.actions[..self.count].iter().position(|a| before(action.place, a.place)).unwrap_or(self.count);
+        self.actions.copy_within(at..self.count, at + 1);
+        self.actions[at] = action;
+        self.count += 1;
+        Ok(())
+    }
+
+    fn forget_outside(&mut self, low: u32, high: u32) {
+        let mut kept = 0;
+        for k in 0..self.count {
+            let place = self.actions[k].place;
+            if !before(place, low) && !before(high, place) {
+                self.actions[kept] = self.actions[k];
+                kept += 1;
+            }
+        }
+        self.count = kept;
+    }
+
+    /// The actions whose place the cursor leaves forward on its way `from` … `to`, in order.
+    pub fn left_forward(&self, from: Place, to: Place) -> impl Iterator<Item = &Action> {
+        let way = from.to(to);
+        self.actions[..self.count].iter().filter(move |a| within(from.to(Place::start_of(a.place)), way))
+    }
+
+    /// The actions that the cursor comes back over on its way `from` … `to` (`to` lying behind), last first.
+    pub fn undone_backward(&self, from: Place, to: Place) -> impl Iterator<Item = &Action> {
+        let way = to.to(from);
+        self.actions[..self.count].iter().rev().filter(move |a| within(to.to(Place::start_of(a.place)), way))
+    }
+}
+
+/// Is `x` in 0 … `way`, the end excluded?
+fn within(x: Travel, way: Travel) -> bool {
+    (0..way).contains(&x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn action(place: u32, after: i32) -> Action {
+        Action { place, channel: 1, before: 1 - after, after }
+    }
+
+    #[test]
+    fn forward_and_backward_meet_the_same_actions_in_opposite_order() {
+        let mut table = ActionTable::<4>::default();
+        for a in [action(5, 1), action(3, 0), action(5, 0)] {
+            table.insert(a, 0, 10).expect("room");
+        }
+        let all: Vec<Action> = table.left_forward(Place::start_of(3), Place::start_of(6)).copied().collect();
+        assert_eq!(all, [action(3, 0), action(5, 1), action(5, 0)]);
+        let back: Vec<Action> = table.undone_backward(Place::start_of(6), Place::start_of(3)).copied().collect();
+        assert_eq!(back, [action(5, 0), action(5, 1), action(3, 0)]);
+        // a place that is only arrived at is not left yet
+        assert_eq!(table.left_forward(Place::start_of(4), Place::start_of(5)).count(), 0);
+        assert_eq!(table.undone_backward(Place { record: 5, fraction: 1 }, Place::start_of(5)).count(), 2);
+    }
+
+    #[test]
+    fn a_full_table_forgets_what_the_window_has_left() {
+        let mut table = ActionTable::<2>::default();
+        table.insert(action(1, 1), 0, 10).expect("room");
+        table.insert(action(2, 0), 0, 10).expect("room");
+        assert_eq!(table.insert(action(3, 1), 0, 10), Err(Refusal::Full));
+        table.insert(action(3, 1), 2, 10).expect("the first is behind the window");
+        assert_eq!(table.left_forward(Place::start_of(0), Place::start_of(9)).count(), 2);
+    }
+}

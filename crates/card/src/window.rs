@@ -1,0 +1,155 @@
+//! The records that the card holds around its cursor.
+//!
+//! Invariant: `low ≤ cursor ≤ high`, at most `W` records; the host slides the window, one record at a time, at either end. What
+//! has to make room is taken from the far end, and never within a quarter of the window of the cursor, nor where the
+//! cursor is already bound to go.
+
+use retrace_core::drive::Road;
+use retrace_core::place::before;
+use retrace_core::{Flags, Place, RapidCap, Record};
+use retrace_link::Refusal;
+
+/// A window of at most `W` records (a power of two, at least 4).
+#[derive(Clone, Debug)]
+pub struct Window<const A: usize, const W: usize> {
+    records: [Record<A>; W],
+    low: u32,
+    high: u32,
+    low_rests: bool,
+}
+
+impl<const A: usize, const W: usize> Window<A, W> {
+    const CHECKED: () = assert!(W.is_power_of_two() && W >= 4 && W <= 1 << 24);
+
+    /// An empty window at `place`, where the path is at rest.
+    #[must_use]
+    pub fn new(place: u32) -> Self {
+        let () = Self::CHECKED;
+        Self { records: [Record::default(); W], low: place, high: place, low_rests: true }
+    }
+
+    fn index(place: u32) -> usize {
+        place as usize & (W - 1)
+    }
+
+    fn len(&self) -> u32 {
+        self.high.wrapping_sub(self.low)
+    }
+
+    /// The record of that number, if held.
+    #[must_use]
+    pub fn record(&self, place: u32) -> Option<&Record<A>> {
+        (place.wrapping_sub(self.low) < self.len()).then(|| &self.records[Self::index(place)])
+    }
+
+    /// Takes the next record ahead. `cursor` is where the card stands.
+    pub fn push_ahead(&mut self, place: u32, record: Record<A>, cursor: Place) -> Result<(), Refusal> {
+        if place != self.high {
+            return Err(Refusal::OutOfOrder);
+        }
+        if self.len() as usize == W {
+            if (cursor.record.wrapping_sub(self.low) as usize) <= W / 4 {
+                return Err(Refusal::Full);
+            }
+            self.low_rests = self.records[Self::index(self.low)].flags.has(Flags::REST);
+            self.low = self.low.wrapping_add(1);
+        }
+        self.records[Self::index(place)] = record;
+        self.high = self.high.wrapping_add(1);
+        Ok(())
+    }
+
+    /// Takes the next record behind; `rests`: the path is at rest before it. `bound` is the furthest place ahead that the
+    /// cursor stands at or is bound to run to.
+    pub fn push_behind(&mut self, place: u32, record: Record<A>, rests: bool, bound: Place) -> Result<(), Refusal> {
+        if place != self.low.wrapping_sub(1) {
+            return Err(Refusal::OutOfOrder);
+        }
+        if self.len() as usize == W {
+            let ahead = self.high.wrapping_sub(bound.boundary_ahead()) as i32;
+            if ahead <= (W / 4) as i32 {
+                return Err(Refusal::Full);
+            }
+            self.high = self.high.wrapping_sub(1);
+        }
+        self.records[Self::index(place)] = record;
+        self.low = place;
+        self.low_rests = rests;
+        Ok(())
+    }
+
+    /// Forgets the records from `high` on; not those that the cursor stands in or is bound to run to.
+    pub fn trim(&mut self, high: u32, bound: Place) -> Result<(), Refusal> {
+        if before(self.high, high) || before(high, self.low) {
+            return Err(Refusal::OutOfOrder);
+        }
+        if before(high, bound.boundary_ahead()) {
+            return Err(Refusal::InMotion);
+        }
+        self.high = high;
+        Ok(())
+    }
+}
+
+impl<const A: usize, const W: usize> Road for Window<A, W> {
+    fn low(&self) -> u32 {
+        self.low
+    }
+
+    fn high(&self) -> u32 {
+        self.high
+    }
+
+    fn rests_at(&self, place: u32) -> bool {
+        if place == self.low {
+            return self.low_rests;
+        }
+        self.record(place.wrapping_sub(1)).is_some_and(|r| r.flags.has(Flags::REST))
+    }
+
+    fn cap(&self, place: u32) -> RapidCap {
+        self.record(place).map_or(RapidCap::PLANNED, |r| r.cap)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(n: i16) -> Record<1> {
+        Record { increments: [n], ..Record::default() }
+    }
+
+    #[test]
+    fn slides_both_ways_and_keeps_a_quarter_around_the_cursor() {
+        let start = u32::MAX - 3;
+        let mut window = Window::<1, 8>::new(start);
+        let at = |n: u32| Place::start_of(start.wrapping_add(n));
+        for n in 0..8 {
+            window.push_ahead(start.wrapping_add(n), record(n as i16), at(0)).expect("room");
+        }
+        assert_eq!(window.push_ahead(start.wrapping_add(8), record(8), at(2)), Err(Refusal::Full));
+        window.push_ahead(start.wrapping_add(8), record(8), at(3)).expect("the oldest goes");
+        assert_eq!(window.record(start), None);
+        assert_eq!(window.record(start.wrapping_add(8)), Some(&record(8)));
+        assert_eq!(window.push_behind(start, record(0), true, at(7)), Err(Refusal::Full));
+        window.push_behind(start, record(0), true, at(6)).expect("the newest goes");
+        assert_eq!(window.record(start.wrapping_add(8)), None);
+        assert!(window.rests_at(start));
+        assert_eq!(window.push_behind(start, record(0), true, at(0)), Err(Refusal::OutOfOrder));
+        assert_eq!(window.trim(start.wrapping_add(2), at(3)), Err(Refusal::InMotion));
+        window.trim(start.wrapping_add(3), at(3)).expect("behind nothing that is needed");
+        assert_eq!(window.high(), start.wrapping_add(3));
+    }
+
+    #[test]
+    fn a_planned_stop_is_known_even_when_its_record_has_gone() {
+        let mut window = Window::<1, 4>::new(0);
+        let rest = Record { flags: Flags::REST, ..record(1) };
+        for (n, r) in [rest, record(2), record(3), record(4), record(5)].into_iter().enumerate() {
+            window.push_ahead(n as u32, r, Place::start_of(3)).expect("room");
+        }
+        assert_eq!(window.low(), 1);
+        assert!(window.rests_at(1) && !window.rests_at(2));
+    }
+}

@@ -1,0 +1,38 @@
+//! The time that a simulated card runs in.
+//!
+//! Invariant: period n ends n control periods after the start, however late the ones before it were.
+
+use std::time::{Duration, Instant};
+
+/// Virtual time (as fast as it can) or wall time.
+#[derive(Clone, Copy, Debug)]
+pub enum Clock {
+    /// A period takes no time.
+    Virtual,
+    /// Periods are counted on the monotonic clock; a late one is caught up.
+    Wall {
+        /// When period 0 began.
+        start: Instant,
+        /// Length of a control period.
+        period: Duration,
+    },
+}
+
+impl Clock {
+    /// Wall time from now on, `period_us` microseconds a control period.
+    #[must_use]
+    pub fn wall(period_us: u32) -> Self {
+        Self::Wall { start: Instant::now(), period: Duration::from_micros(u64::from(period_us)) }
+    }
+
+    /// Waits for the end of period `number`.
+    pub fn wait(&self, number: u64) {
+        if let Self::Wall { start, period } = self {
+            let nanos = u64::try_from(period.as_nanos()).unwrap_or(u64::MAX).saturating_mul(number);
+            let due = *start + Duration::from_nanos(nanos);
+            if let Some(rest) = due.checked_duration_since(Instant::now()) {
+                std::thread::sleep(rest);
+            }
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! The messages between host and card.
+//!
+//! Invariant: every message has a fixed size; nothing in it is a float.
+
+use retrace_core::{Place, Record, Travel};
+
+/// Output channels of a card and what they carry.
+pub mod channel {
+    /// Channels 0 … 63 are digital outputs, value 0 or 1 (M62–M65 P number).
+    pub const DIGITAL: usize = 64;
+    /// Spindle: 1 clockwise (M3), −1 counterclockwise (M4), 0 stopped (M5).
+    pub const SPINDLE: u8 = 64;
+    /// Spindle speed in thousandths of a revolution a minute (S).
+    pub const SPEED: u8 = 65;
+    /// Mist coolant (M7), 0 or 1.
+    pub const MIST: u8 = 66;
+    /// Flood coolant (M8), 0 or 1.
+    pub const FLOOD: u8 = 67;
+    /// Number of the tool in the spindle (M6).
+    pub const TOOL: u8 = 68;
+    /// How many channels there are.
+    pub const COUNT: usize = 69;
+}
+
+/// The values of all output channels.
+pub type Outputs = [i32; channel::COUNT];
+
+/// One output channel takes a value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Change {
+    /// The channel, below [`channel::COUNT`].
+    pub channel: u8,
+    /// Its new value.
+    pub value: i32,
+}
+
+/// A synchronous switching action: executed in passing at the start of a record (GMC, *Two classes*; REV-14).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Action {
+    /// The record at whose start it is executed.
+    pub place: u32,
+    /// The output channel.
+    pub channel: u8,
+    /// Its value before, which reverse run restores where actions are replayed.
+    pub before: i32,
+    /// Its value after.
+    pub after: i32,
+}
+
+/// Most changes that one instruction can make.
+pub const MAX_CHANGES: usize = 4;
+
+/// An exclusive switching instruction (GMC-3): executed while the motion stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Instruction {
+    /// Its number; instructions are executed, and reported executed, in this order.
+    pub number: u32,
+    /// What it switches, the first `count` of them.
+    pub changes: [Change; MAX_CHANGES],
+    /// How many of `changes` hold.
+    pub count: u8,
+    /// Control periods that it takes: the dwell of G4, the time the spindle needs.
+    pub periods: u32,
+}
+
+impl Instruction {
+    /// The changes that hold.
+    #[must_use]
+    pub fn changes(&self) -> &[Change] {
+        &self.changes[..usize::from(self.count).min(MAX_CHANGES)]
+    }
+}
+
+/// Host to card.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Word<const A: usize> {
+    /// The next record ahead of the window.
+    Ahead {
+        /// Its place number: where the window ends now.
+        place: u32,
+        /// The record.
+        record: Record<A>,
+    },
+    /// The next record behind the window.
+    Behind {
+        /// Its place number: one before where the window begins now.
+        place: u32,
+        /// The record.
+        record: Record<A>,
+        /// Is the path at rest before it?
+        rests: bool,
+    },
+    /// Forget the records from this place on; only what the cursor cannot come to any more.
+    Trim {
+        /// The new end of the window.
+        high: u32,
+    },
+    /// An output action on the window's way. It must be there before its record is.
+    Action(Action),
+    /// The rate the cursor is to run at, in records a period: a real-time word.
+    Rate {
+        /// +1 as recorded, 0 standing, −1 backward; as [`Travel`].
+        target: Travel,
+    },
+    /// Whether retracing replays the output actions it passes (REV-14).
+    Replay {
+        /// Replay them.
+        on: bool,
+    },
+    /// An exclusive instruction.
+    Instruction(Instruction),
+    /// Switch an output by hand, at once.
+    ByHand(Change),
+}
+
+/// Why a card did not take a word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// No room now: again after some periods.
+    Full,
+    /// The place number is not the next one at that end of the window.
+    OutOfOrder,
+    /// The motion does not stand, or the cursor could not stop any more.
+    InMotion,
+    /// Another instruction is still being executed, or the number is not the next.
+    Busy,
+    /// The card has no such channel.
+    NoSuchChannel,
+}
+
+/// Card to host: what the last control period did, and where everything stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Status<const A: usize> {
+    /// Control periods since the card was started; this one's number.
+    pub period: u64,
+    /// Where the cursor stands.
+    pub place: Place,
+    /// The furthest place ever executed, as a record boundary.
+    pub reached: u32,
+    /// First record held.
+    pub low: u32,
+    /// Place behind the last record held.
+    pub high: u32,
+    /// Distance that the cursor moved in the period: the rate that was run.
+    pub rate: Travel,
+    /// Does the cursor stand, with nothing left to run?
+    pub at_rest: bool,
+    /// Was the rate held down by the end of the window, which was no planned stop?
+    pub short: bool,
+    /// Line of the record that the cursor was in.
+    pub line: u32,
+    /// Net pulses of each axis in the period.
+    pub increments: [i32; A],
+    /// Net pulses of each axis since the card was started: counted at the pulse output.
+    pub counts: [i64; A],
+    /// Number of the last exclusive instruction that is complete; 0 for none.
+    pub executed: u32,
+    /// The outputs as they are.
+    pub outputs: Outputs,
+}
