@@ -6,6 +6,7 @@
 
 pub mod drive;
 pub mod fine;
+pub mod mode;
 pub mod place;
 pub mod playback;
 pub mod rate;
@@ -13,6 +14,7 @@ pub mod record;
 pub mod ring;
 pub mod size;
 mod sync;
+pub mod wheel;
 
 pub use place::{ONE, Place, Travel};
 pub use record::{Flags, RapidCap, Record};

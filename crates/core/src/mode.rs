@@ -1,0 +1,310 @@
+//! The modes of operation: normal run, reverse run, forward run, handwheel, and the way back (REV-5 … REV-11).
+//!
+//! One call of [`Operation::demand`] a control period turns the operator's words and the card's report into the rate that is
+//! asked for and the road that is open.
+//!
+//! Invariant: look-ahead is on the road in normal run only. Every other mode first brings the cursor to rest, then has the
+//! road end at `reached`, and only then moves. Normal run is entered again at `reached`, at rest, with the outputs as
+//! the program expects them.
+
+use crate::{ONE, Place, Travel};
+
+/// What the machine is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// Normal run: records are executed for the first time.
+    Run,
+    /// Reverse run: back over recorded motion.
+    Reverse,
+    /// Forward run: forward again over recorded motion, up to `reached`.
+    Forward,
+    /// The handwheel gives speed and direction.
+    Wheel,
+    /// On the way to `reached` by itself (REV-9).
+    Return,
+    /// At `reached`, with outputs that differ from what the program expects there.
+    Settle,
+}
+
+/// A word of the operator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Feed hold: bring the rate to zero, keep the position.
+    Hold,
+    /// Cycle start after a hold.
+    Resume,
+    /// Feed override for normal run and the way back, 0 … 1; more counts as 1.
+    Override(Travel),
+    /// Reverse run at this rate, above 0 and up to 8; above 1 is rapid retrace.
+    Reverse(Travel),
+    /// Forward run at this rate, above 0 and up to 8.
+    Forward(Travel),
+    /// The handwheel takes over.
+    Wheel,
+    /// Leave reverse, forward or handwheel: forward to `reached`, then on.
+    Leave {
+        /// Stop at `reached` and wait for [`Order::Agree`] where outputs differ.
+        ask: bool,
+    },
+    /// The outputs may be brought to what the program expects.
+    Agree,
+}
+
+/// Why an order was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refused {
+    /// Nothing to leave: the machine is in normal run.
+    NotRetracing,
+    /// Nothing to agree to.
+    NothingAsked,
+    /// No hold to resume from.
+    NotHeld,
+    /// A rate that is zero or negative.
+    NoRate,
+}
+
+/// What the card reports, as far as the mode depends on it.
+#[derive(Clone, Copy, Debug)]
+pub struct Facts {
+    /// Where the cursor stands.
+    pub place: Place,
+    /// Is the cursor at rest?
+    pub at_rest: bool,
+    /// Furthest place ever executed, as a record boundary.
+    pub reached: u32,
+    /// The oldest record that can be gone back to.
+    pub oldest: u32,
+    /// Are all outputs as the program expects them at `reached`?
+    pub outputs_agree: bool,
+    /// The rate that the handwheel asks for.
+    pub wheel: Travel,
+}
+
+/// Something that the operator should be told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Notice {
+    /// Reverse run stands at the oldest record (REV-8).
+    Oldest,
+    /// The machine stands at `reached` and the outputs differ: it waits for [`Order::Agree`].
+    OutputsDiffer,
+    /// Normal run goes on from `reached`.
+    GoesOn,
+}
+
+/// What the next control period is to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Demand {
+    /// The rate to run at.
+    pub target: Travel,
+    /// May records beyond `reached` be on the road?
+    pub look_ahead: bool,
+    /// The outputs are to be brought to what the program expects, now.
+    pub restore_outputs: bool,
+    /// News for the operator.
+    pub notice: Option<Notice>,
+}
+
+/// The state of operation.
+#[derive(Clone, Copy, Debug)]
+pub struct Operation {
+    mode: Mode,
+    held: bool,
+    /// Has the cursor come to rest since the mode was entered from normal run?
+    turned: bool,
+    /// What to do at `reached` where outputs differ: restore them without asking.
+    agreed: bool,
+    override_rate: Travel,
+    retrace_rate: Travel,
+    /// Has the operator been told of the end that the cursor stands at?
+    told: bool,
+}
+
+impl Default for Operation {
+    fn default() -> Self {
+        Self {
+            mode: Mode::Run,
+            held: false,
+            turned: true,
+            agreed: false,
+            override_rate: ONE,
+            retrace_rate: ONE,
+            told: false,
+        }
+    }
+}
+
+impl Operation {
+    /// The mode.
+    #[must_use]
+    pub const fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Is a feed hold in force?
+    #[must_use]
+    pub const fn held(&self) -> bool {
+        self.held
+    }
+
+    /// The feed override in force.
+    #[must_use]
+    pub const fn override_rate(&self) -> Travel {
+        self.override_rate
+    }
+
+    /// Takes an operator's order.
+    ///
+    /// # Errors
+    /// [`Refused`] says why it does not apply; nothing has changed then.
+    pub fn order(&mut self, order: Order) -> Result<(), Refused> {
+        match order {
+            Order::Hold => self.held = true,
+            Order::Resume if self.held => self.held = false,
+            Order::Resume => return Err(Refused::NotHeld),
+            Order::Override(rate) => self.override_rate = rate.clamp(0, ONE),
+            Order::Reverse(rate) | Order::Forward(rate) if rate <= 0 => return Err(Refused::NoRate),
+            Order::Reverse(rate) => self.enter(Mode::Reverse, rate),
+            Order::Forward(rate) => self.enter(Mode::Forward, rate),
+            Order::Wheel => self.enter(Mode::Wheel, ONE),
+            Order::Leave { ask } => match self.mode {
+                Mode::Run => return Err(Refused::NotRetracing),
+                _ => {
+                    self.enter(Mode::Return, ONE);
+                    self.agreed = !ask;
+                }
+            },
+            Order::Agree if self.mode == Mode::Settle => self.agreed = true,
+            Order::Agree => return Err(Refused::NothingAsked),
+        }
+        Ok(())
+    }
+
+    fn enter(&mut self, mode: Mode, rate: Travel) {
+        self.turned &= self.mode != Mode::Run;
+        self.mode = mode;
+        self.held = false;
+        self.agreed = false;
+        self.told = false;
+        self.retrace_rate = rate.min(8 * ONE);
+    }
+
+    /// What the next control period is to do.
+    pub fn demand(&mut self, facts: &Facts) -> Demand {
+        let mut demand = Demand { target: 0, look_ahead: false, restore_outputs: false, notice: None };
+        if self.mode != Mode::Run && !self.turned {
+            // The road must not be cut short under a moving cursor: rest first.
+            if !facts.at_rest {
+                demand.look_ahead = true;
+                return demand;
+            }
+            self.turned = true;
+        }
+        let at_reached = facts.at_rest && facts.place == Place::start_of(facts.reached);
+        match self.mode {
+            Mode::Forward | Mode::Return if at_reached => {
+                self.mode = Mode::Settle;
+                self.told = false;
+            }
+            Mode::Reverse if facts.at_rest && facts.place == Place::start_of(facts.oldest) && !self.told => {
+                self.told = true;
+                demand.notice = Some(Notice::Oldest);
+            }
+            _ => {}
+        }
+        if self.mode == Mode::Settle && !self.held {
+            self.settle(facts, &mut demand);
+        }
+        demand.look_ahead = self.mode == Mode::Run;
+        demand.target = match self.mode {
+            _ if self.held => 0,
+            Mode::Run | Mode::Return => self.override_rate,
+            Mode::Reverse => -self.retrace_rate,
+            Mode::Forward => self.retrace_rate,
+            Mode::Wheel => facts.wheel,
+            Mode::Settle => 0,
+        };
+        demand
+    }
+
+    /// At `reached`: on with normal run if the outputs agree or may be restored, else wait.
+    fn settle(&mut self, facts: &Facts, demand: &mut Demand) {
+        if facts.outputs_agree || self.agreed {
+            demand.restore_outputs = !facts.outputs_agree;
+            demand.notice = Some(Notice::GoesOn);
+            self.mode = Mode::Run;
+            self.agreed = false;
+            self.told = false;
+        } else if !self.told {
+            self.told = true;
+            demand.notice = Some(Notice::OutputsDiffer);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn facts(record: u32, reached: u32, at_rest: bool) -> Facts {
+        Facts { place: Place::start_of(record), at_rest, reached, oldest: 10, outputs_agree: true, wheel: 0 }
+    }
+
+    #[test]
+    fn reverse_run_rests_before_the_road_is_cut_and_tells_the_end_once() {
+        let mut operation = Operation::default();
+        operation.order(Order::Reverse(ONE)).expect("a rate");
+        let braking = operation.demand(&facts(100, 100, false));
+        assert_eq!((braking.target, braking.look_ahead), (0, true));
+        let turned = operation.demand(&facts(101, 101, true));
+        assert_eq!((turned.target, turned.look_ahead), (-ONE, false));
+        assert_eq!(operation.demand(&facts(10, 101, true)).notice, Some(Notice::Oldest));
+        assert_eq!(operation.demand(&facts(10, 101, true)).notice, None);
+        operation.order(Order::Forward(ONE / 2)).expect("a rate");
+        // already turned: no need to rest again before the rate changes sign, the drive sees to that
+        assert_eq!(operation.demand(&facts(50, 101, false)).target, ONE / 2);
+    }
+
+    #[test]
+    fn leaving_goes_forward_to_reached_and_on() {
+        let mut operation = Operation::default();
+        assert_eq!(operation.order(Order::Leave { ask: false }), Err(Refused::NotRetracing));
+        operation.order(Order::Reverse(ONE)).expect("a rate");
+        operation.demand(&facts(50, 100, true));
+        operation.order(Order::Leave { ask: false }).expect("retracing");
+        let back = operation.demand(&facts(50, 100, false));
+        assert_eq!((back.target, back.look_ahead, operation.mode()), (ONE, false, Mode::Return));
+        let on = operation.demand(&facts(100, 100, true));
+        assert_eq!((on.target, on.look_ahead, on.notice), (ONE, true, Some(Notice::GoesOn)));
+    }
+
+    #[test]
+    fn different_outputs_stop_at_reached_until_the_operator_agrees() {
+        let mut operation = Operation::default();
+        operation.order(Order::Wheel).expect("always");
+        operation.demand(&facts(50, 100, true));
+        operation.order(Order::Leave { ask: true }).expect("retracing");
+        let differ = Facts { outputs_agree: false, ..facts(100, 100, true) };
+        assert_eq!(operation.order(Order::Agree), Err(Refused::NothingAsked));
+        assert_eq!(operation.demand(&differ).notice, Some(Notice::OutputsDiffer));
+        let waits = operation.demand(&differ);
+        assert_eq!((waits.notice, waits.target, waits.look_ahead), (None, 0, false));
+        operation.order(Order::Agree).expect("asked");
+        let on = operation.demand(&differ);
+        assert_eq!((on.restore_outputs, on.target, on.look_ahead), (true, ONE, true));
+    }
+
+    #[test]
+    fn hold_keeps_every_mode_standing() {
+        let mut operation = Operation::default();
+        assert_eq!(operation.order(Order::Resume), Err(Refused::NotHeld));
+        for order in [Order::Override(ONE), Order::Wheel, Order::Reverse(ONE), Order::Forward(ONE)] {
+            operation.order(order).expect("always");
+            operation.order(Order::Hold).expect("always");
+            let wheel = Facts { wheel: ONE, ..facts(50, 100, true) };
+            assert_eq!(operation.demand(&wheel).target, 0);
+            operation.order(Order::Resume).expect("held");
+            assert_ne!(operation.demand(&wheel).target, 0);
+        }
+        assert_eq!(operation.order(Order::Reverse(0)), Err(Refused::NoRate));
+    }
+}
