@@ -1,0 +1,118 @@
+//! Velocity, acceleration and jerk over time, taken from positions by finite differences.
+//!
+//! Invariant: every curve of one profile begins at the same time and has the same period.
+
+/// One axis' way: its positions at equal times, and its limits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AxisTrack {
+    /// What the axis is called.
+    pub name: String,
+    /// Its position in mm at the end of every period.
+    pub positions_mm: Vec<f64>,
+    /// Its limits in mm/s, mm/s² and mm/s³.
+    pub limits: Derivatives<f64>,
+}
+
+/// Something for each of velocity, acceleration and jerk.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Derivatives<T> {
+    /// Of velocity, in mm/s.
+    pub velocity: T,
+    /// Of acceleration, in mm/s².
+    pub acceleration: T,
+    /// Of jerk, in mm/s³.
+    pub jerk: T,
+}
+
+/// What is drawn over time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Profile {
+    /// What it is called: the program's name.
+    pub title: String,
+    /// The control period in seconds.
+    pub period_s: f64,
+    /// Over how many periods differences are taken: 1 for planned positions; 16 or more for whole pulses, of which a
+    /// single one would read as an enormous jerk.
+    pub stride_periods: usize,
+    /// The axes, all with the same number of positions.
+    pub axes: Vec<AxisTrack>,
+    /// Stretches of time in seconds in which motion was retraced.
+    pub retraced_s: Vec<[f64; 2]>,
+}
+
+/// A curve over time: its first time, and a value every period.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Curve {
+    pub(super) start_s: f64,
+    pub(super) values: Vec<f64>,
+}
+
+impl Profile {
+    /// One axis' derivative of order 1, 2 or 3, each value in the middle of the window that it is taken over.
+    pub(super) fn derivative(&self, axis: &AxisTrack, order: usize) -> Curve {
+        let stride = self.stride_periods.max(1);
+        let window = order * stride;
+        let span = (stride as f64 * self.period_s).powi(order as i32);
+        let p = &axis.positions_mm;
+        let values = (window..p.len()).map(|at| {
+            let back = |strides: usize| p[at - strides * stride];
+            let difference = match order {
+                1 => back(0) - back(1),
+                2 => back(0) - 2.0 * back(1) + back(2),
+                _ => back(0) - 3.0 * back(1) + 3.0 * back(2) - back(3),
+            };
+            difference / span
+        });
+        Curve { start_s: window as f64 / 2.0 * self.period_s, values: values.collect() }
+    }
+
+    /// The speed along the path, in mm/s.
+    pub(super) fn path_speed(&self) -> Curve {
+        let mut speed = Curve { start_s: 0.0, values: Vec::new() };
+        for axis in &self.axes {
+            let Curve { start_s, values } = self.derivative(axis, 1);
+            speed.start_s = start_s;
+            speed.values.resize(speed.values.len().max(values.len()), 0.0);
+            for (sum, value) in speed.values.iter_mut().zip(values) {
+                *sum += value * value;
+            }
+        }
+        speed.values.iter_mut().for_each(|value| *value = value.sqrt());
+        speed
+    }
+
+    /// How long the profile is, in seconds.
+    pub(super) fn duration_s(&self) -> f64 {
+        let periods = self.axes.iter().map(|axis| axis.positions_mm.len()).max().unwrap_or(0);
+        periods.saturating_sub(1) as f64 * self.period_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_derivatives_of_a_cubic_are_exact_and_stand_at_the_right_time() {
+        let at = |t: f64| 2.0 + 3.0 * t + 5.0 * t * t + 7.0 * t * t * t;
+        let positions_mm: Vec<f64> = (0..200).map(|period| at(f64::from(period) * 0.01)).collect();
+        let axis = AxisTrack { name: "X".to_owned(), positions_mm, limits: Derivatives::default() };
+        let profile = Profile {
+            title: String::new(),
+            period_s: 0.01,
+            stride_periods: 4,
+            axes: vec![axis.clone()],
+            retraced_s: Vec::new(),
+        };
+        let acceleration = profile.derivative(&axis, 2);
+        let jerk = profile.derivative(&axis, 3);
+        assert_eq!((acceleration.values.len(), jerk.values.len()), (192, 188));
+        for (index, value) in acceleration.values.iter().enumerate() {
+            let t = acceleration.start_s + index as f64 * 0.01;
+            assert!((value - (10.0 + 42.0 * t)).abs() < 1e-6);
+        }
+        assert!(jerk.values.iter().all(|value| (value - 42.0).abs() < 1e-4));
+        assert!((profile.path_speed().values[0] - 3.0 - 10.0 * 0.02).abs() < 0.02);
+        assert!((profile.duration_s() - 1.99).abs() < 1e-9);
+    }
+}
