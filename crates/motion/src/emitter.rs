@@ -1,0 +1,264 @@
+//! Emission: the committed plan, sampled once a control period, becomes records of whole increments (REV-1).
+//!
+//! Invariant: after every record the sum of all increments is the position times pulses per mm, rounded half away from zero:
+//! it is never further than half a pulse from the plan and nothing accumulates. A stop takes whole periods: its last
+//! record ends exactly at the commanded position, at rest. Nothing is allocated here.
+
+use std::collections::VecDeque;
+
+use retrace_core::{Flags, RapidCap, Record};
+
+use crate::curve::Derivatives;
+use crate::limits::Limits;
+use crate::piece::Piece;
+use crate::profile::{Profile, SIGNS, State};
+
+/// A part of the committed plan.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Item<const A: usize> {
+    /// A profile that begins `offset` mm into piece number `piece` and ends in piece number `last`.
+    Span { piece: u64, last: u64, offset: f64, profile: Profile, duration: f64 },
+    /// Rest at `end`; pieces before number `piece` are done.
+    Stop { piece: u64, end: [f64; A], flags: Flags, tag: u32 },
+}
+
+/// An un-rounded set-point: where the plan is at the end of a record.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SetPoint<const A: usize> {
+    /// Position of each axis, mm.
+    pub position_mm: [f64; A],
+    /// Speed along the path, mm/s.
+    pub velocity_mm_s: f64,
+    /// Acceleration along the path, mm/s².
+    pub acceleration_mm_s2: f64,
+    /// Jerk along the path, mm/s³.
+    pub jerk_mm_s3: f64,
+}
+
+/// Pieces and plan that wait to be emitted.
+#[derive(Debug)]
+pub(crate) struct Emitter<const A: usize> {
+    limits: Limits<A>,
+    items: VecDeque<Item<A>>,
+    pieces: VecDeque<Piece<A>>,
+    /// Number of the piece in front.
+    first_piece: u64,
+    /// Where the front piece starts, in mm from the start of the front span.
+    piece_start: f64,
+    /// Time of the last sample after the start of the front item, s; not above 0 where the item is yet to be entered.
+    time: f64,
+    phase: usize,
+    phase_start: State,
+    phase_time: f64,
+    counts: [i64; A],
+    point: SetPoint<A>,
+    /// What the record in the making has met: bounds of its pieces, largest jerk, rough joints.
+    met: Met<A>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Met<const A: usize> {
+    bounds: Derivatives<A>,
+    jerk: f64,
+    rough: bool,
+}
+
+impl<const A: usize> Met<A> {
+    const NOTHING: Self =
+        Self { bounds: Derivatives { first: [0.0; A], second: [0.0; A], third: [0.0; A] }, jerk: 0.0, rough: false };
+
+    fn piece(&mut self, bounds: &Derivatives<A>) {
+        for i in 0..A {
+            self.bounds.first[i] = self.bounds.first[i].max(bounds.first[i]);
+            self.bounds.second[i] = self.bounds.second[i].max(bounds.second[i]);
+            self.bounds.third[i] = self.bounds.third[i].max(bounds.third[i]);
+        }
+    }
+}
+
+/// Samples that come this much of a period before the end of an item are taken at its end.
+const LATE: f64 = 1e-6;
+
+impl<const A: usize> Emitter<A> {
+    pub(crate) fn new(limits: Limits<A>, start: [f64; A]) -> Self {
+        let rest = SetPoint { position_mm: start, velocity_mm_s: 0.0, acceleration_mm_s2: 0.0, jerk_mm_s3: 0.0 };
+        Self {
+            limits,
+            items: VecDeque::new(),
+            pieces: VecDeque::new(),
+            first_piece: 0,
+            piece_start: 0.0,
+            time: 0.0,
+            phase: 0,
+            phase_start: State::default(),
+            phase_time: 0.0,
+            counts: counts_of(&start, &limits.pulses_per_mm),
+            point: rest,
+            met: Met::NOTHING,
+        }
+    }
+
+    /// Appends a piece of path; gives its number.
+    pub(crate) fn append(&mut self, piece: Piece<A>) -> u64 {
+        self.pieces.push_back(piece);
+        self.first_piece + self.pieces.len() as u64 - 1
+    }
+
+    /// Commits a part of the plan.
+    pub(crate) fn commit(&mut self, item: Item<A>) {
+        self.items.push_back(item);
+        if self.items.len() == 1 {
+            self.enter();
+        }
+    }
+
+    /// The last set-point.
+    pub(crate) fn point(&self) -> &SetPoint<A> {
+        &self.point
+    }
+
+    /// One control period; `None` where the committed plan ends before it.
+    pub(crate) fn next_record(&mut self) -> Option<Record<A>> {
+        let period = self.limits.period_s;
+        loop {
+            match *self.items.front()? {
+                Item::Stop { end, flags, tag, .. } => {
+                    let record = self.arrive(end, flags, tag);
+                    self.time = 0.0;
+                    self.next_item();
+                    return Some(record);
+                }
+                Item::Span { duration, .. } if self.time + period > duration - LATE * period => {
+                    self.pass_phases(f64::MAX);
+                    self.time -= duration;
+                    self.next_item();
+                }
+                Item::Span { profile, last, .. } => {
+                    self.time += period;
+                    return Some(self.sample(&profile, last));
+                }
+            }
+        }
+    }
+
+    fn next_item(&mut self) {
+        self.items.pop_front();
+        self.enter();
+    }
+
+    /// Goes to the start of the item in front.
+    fn enter(&mut self) {
+        let (piece, offset) = match self.items.front() {
+            Some(&Item::Span { piece, offset, profile, .. }) => {
+                (self.phase, self.phase_start, self.phase_time) = (0, profile.start(), 0.0);
+                (piece, offset)
+            }
+            Some(&Item::Stop { piece, .. }) => (piece, 0.0),
+            None => return,
+        };
+        while self.first_piece < piece {
+            self.next_piece();
+        }
+        self.piece_start = -offset;
+    }
+
+    fn next_piece(&mut self) {
+        if let Some(done) = self.pieces.pop_front() {
+            self.met.piece(&done.bounds);
+            self.piece_start += done.length;
+        }
+        self.first_piece += 1;
+        self.met.rough |= self.pieces.front().is_some_and(|piece| piece.rough_entry);
+    }
+
+    /// Goes to the phase of the front span that holds time `t` after its start, and notes every jerk on the way.
+    fn pass_phases(&mut self, t: f64) {
+        let Some(Item::Span { profile, .. }) = self.items.front() else { return };
+        loop {
+            let (jerk, duration) = (SIGNS[self.phase] * profile.jerk, profile.times[self.phase]);
+            if duration > 0.0 {
+                self.met.jerk = self.met.jerk.max(jerk.abs());
+            }
+            if self.phase == 6 || t <= self.phase_time + duration {
+                return;
+            }
+            self.phase_start = self.phase_start.after(jerk, duration);
+            self.phase_time += duration;
+            self.phase += 1;
+        }
+    }
+
+    fn sample(&mut self, profile: &Profile, last: u64) -> Record<A> {
+        self.pass_phases(self.time);
+        let jerk = SIGNS[self.phase] * profile.jerk;
+        let state = self.phase_start.after(jerk, self.time - self.phase_time);
+        while let Some(piece) = self.pieces.front() {
+            if state.s <= self.piece_start + piece.length || self.first_piece >= last {
+                break;
+            }
+            self.next_piece();
+        }
+        let Some(piece) = self.pieces.front() else {
+            return self.arrive(self.point.position_mm, Flags::NONE, 0); // a span has pieces; not reached
+        };
+        let (position_mm, tag) = (piece.curve.at((state.s - self.piece_start).clamp(0.0, piece.length)), piece.tag);
+        self.met.piece(&piece.bounds);
+        let before = self.point;
+        self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3: jerk };
+        self.record(&before, Flags::NONE, tag)
+    }
+
+    /// The last record of a stop.
+    fn arrive(&mut self, end: [f64; A], flags: Flags, tag: u32) -> Record<A> {
+        let before = self.point;
+        self.point = SetPoint { position_mm: end, velocity_mm_s: 0.0, acceleration_mm_s2: 0.0, jerk_mm_s3: 0.0 };
+        self.record(&before, flags, tag)
+    }
+
+    /// The record from the last counts to those of the present point.
+    fn record(&mut self, before: &SetPoint<A>, flags: Flags, line: u32) -> Record<A> {
+        let wanted = counts_of(&self.point.position_mm, &self.limits.pulses_per_mm);
+        let mut increments = [0i16; A];
+        for i in 0..A {
+            let increment = (wanted[i] - self.counts[i]).clamp(i64::from(i16::MIN), i64::from(i16::MAX));
+            self.counts[i] += increment;
+            increments[i] = increment as i16;
+        }
+        let cap = self.cap(before);
+        self.met = Met::NOTHING;
+        Record { increments, line, flags, cap, spare: 0 }
+    }
+
+    /// How much faster than planned the record may be retraced: r·|v|, r²·|a| and r³·|j| stay within every axis' limits.
+    fn cap(&self, before: &SetPoint<A>) -> RapidCap {
+        if self.met.rough {
+            return RapidCap::PLANNED;
+        }
+        let alpha = self.limits.alpha();
+        let larger = |of: fn(&SetPoint<A>) -> f64| of(before).abs().max(of(&self.point).abs());
+        let (v, a, j) = (larger(|p| p.velocity_mm_s), larger(|p| p.acceleration_mm_s2), self.met.jerk);
+        let bounds = &self.met.bounds;
+        let mut rate = 8.0f64;
+        for i in 0..A {
+            let (one, two, three) = (bounds.first[i], bounds.second[i], bounds.third[i]);
+            let (axis_v, axis_a) = (one * v, one * a + two * v * v);
+            let axis_j = one * j + 3.0 * two * v * a + three * v * v * v;
+            let (most_a, most_j) = (alpha * self.limits.acceleration_mm_s2[i], alpha * self.limits.jerk_mm_s3[i]);
+            if rate * axis_v > self.limits.velocity_mm_s[i] {
+                rate = self.limits.velocity_mm_s[i] / axis_v;
+            }
+            if rate * rate * axis_a > most_a {
+                rate = (most_a / axis_a).sqrt();
+            }
+            if rate * rate * rate * axis_j > most_j {
+                rate = (most_j / axis_j).cbrt();
+            }
+        }
+        RapidCap::sixteenths((rate * 15.99).max(16.0) as u8)
+    }
+}
+
+/// Positions in whole pulses, rounded half away from zero.
+pub(crate) fn counts_of<const A: usize>(position_mm: &[f64; A], pulses_per_mm: &[f64; A]) -> [i64; A] {
+    std::array::from_fn(|i| (position_mm[i] * pulses_per_mm[i]).round() as i64)
+}

@@ -1,0 +1,127 @@
+//! What a machine can do, and what a plan may use of it.
+//!
+//! Invariant: limits that passed [`Limits::validate`] are finite and positive, and no axis at its full velocity makes more
+//! pulses in a control period than a record holds.
+
+use crate::error::LimitError;
+
+/// Limits of a machine with `A` axes. An axis unit is a millimetre, or a degree for a rotary axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits<const A: usize> {
+    /// Highest velocity of each axis, axis units/s.
+    pub velocity_mm_s: [f64; A],
+    /// Highest acceleration of each axis, axis units/s².
+    pub acceleration_mm_s2: [f64; A],
+    /// Highest jerk of each axis, axis units/s³.
+    pub jerk_mm_s3: [f64; A],
+    /// Pulses in one axis unit.
+    pub pulses_per_mm: [f64; A],
+    /// Highest speed along the path, mm/s; also the speed of rapid moves.
+    pub path_velocity_mm_s: f64,
+    /// Share of each axis' acceleration and jerk that the plan leaves to the rate law (REV, *Rate law*), 0 … 0.9.
+    pub reserve: f64,
+    /// Control period *T*, s.
+    pub period_s: f64,
+}
+
+impl<const A: usize> Limits<A> {
+    /// The built-in machine, the reference for every published figure.
+    #[must_use]
+    pub const fn built_in() -> Self {
+        Self {
+            velocity_mm_s: [100.0; A],
+            acceleration_mm_s2: [1000.0; A],
+            jerk_mm_s3: [20_000.0; A],
+            pulses_per_mm: [1000.0; A],
+            path_velocity_mm_s: 100.0,
+            reserve: 0.10,
+            period_s: 0.001,
+        }
+    }
+
+    /// The share α of acceleration and jerk that the plan may use.
+    #[must_use]
+    pub fn alpha(&self) -> f64 {
+        1.0 - self.reserve
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// The first number that is out of its range, and of which axis.
+    pub fn validate(&self) -> Result<(), LimitError> {
+        let positive = |x: f64| x.is_finite() && x > 0.0;
+        for axis in 0..A {
+            for (quantity, value) in [
+                ("velocity", self.velocity_mm_s[axis]),
+                ("acceleration", self.acceleration_mm_s2[axis]),
+                ("jerk", self.jerk_mm_s3[axis]),
+                ("pulses per mm", self.pulses_per_mm[axis]),
+            ] {
+                if !positive(value) {
+                    return Err(LimitError::NotPositive { axis, quantity, value });
+                }
+            }
+            let pulses = self.velocity_mm_s[axis] * self.period_s * self.pulses_per_mm[axis];
+            if pulses > f64::from(i16::MAX - 1) {
+                return Err(LimitError::TooManyPulses { axis, pulses });
+            }
+        }
+        if !positive(self.path_velocity_mm_s) {
+            return Err(LimitError::PathVelocity { value: self.path_velocity_mm_s });
+        }
+        if !(0.0..=0.9).contains(&self.reserve) {
+            return Err(LimitError::Reserve { value: self.reserve });
+        }
+        if !positive(self.period_s) || self.period_s > 1.0 {
+            return Err(LimitError::Period { value: self.period_s });
+        }
+        Ok(())
+    }
+
+    /// The limits that the plan itself keeps.
+    pub(crate) fn planned(&self) -> AxisLimits<A> {
+        AxisLimits {
+            v: self.velocity_mm_s,
+            a: self.acceleration_mm_s2.map(|a| a * self.alpha()),
+            j: self.jerk_mm_s3.map(|j| j * self.alpha()),
+            path_v: self.path_velocity_mm_s,
+            period: self.period_s,
+        }
+    }
+}
+
+/// What the plan may use: mm/s, mm/s², mm/s³ per axis, mm/s along the path.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AxisLimits<const A: usize> {
+    pub(crate) v: [f64; A],
+    pub(crate) a: [f64; A],
+    pub(crate) j: [f64; A],
+    pub(crate) path_v: f64,
+    /// Control period in s.
+    pub(crate) period: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_built_in_machine_is_valid_and_every_number_is_looked_at() {
+        let good = Limits::<3>::built_in();
+        assert_eq!(good.validate(), Ok(()));
+        let refused = |change: fn(&mut Limits<3>)| {
+            let mut bad = good;
+            change(&mut bad);
+            bad.validate().unwrap_err().number()
+        };
+        assert_eq!(refused(|l| l.velocity_mm_s[1] = f64::NAN), 4101);
+        assert_eq!(refused(|l| l.acceleration_mm_s2[2] = 0.0), 4101);
+        assert_eq!(refused(|l| l.jerk_mm_s3[0] = -1.0), 4101);
+        assert_eq!(refused(|l| l.pulses_per_mm[0] = f64::INFINITY), 4101);
+        assert_eq!(refused(|l| l.pulses_per_mm[0] = 400_000.0), 4102);
+        assert_eq!(refused(|l| l.path_velocity_mm_s = 0.0), 4103);
+        assert_eq!(refused(|l| l.reserve = 0.95), 4104);
+        assert_eq!(refused(|l| l.period_s = 0.0), 4105);
+    }
+}

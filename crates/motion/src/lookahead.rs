@@ -1,0 +1,360 @@
+//! Look-ahead: a jerk-limited plan over a whole road of blocks, with the acceleration carried across joints (design, idea 7).
+//!
+//! A *gate* is a state (v, a) that the plan passes at a joint; between two gates runs one *span*, the fastest profile between
+//! them, however many blocks it covers. Joints where the envelope touches its cap propose gates. A stack pass connects them
+//! from left to right: a gate that cannot be reached is skipped, one that cannot brake to the next is dropped, and where a
+//! span overshoots a cap that joint becomes a gate. Tuning then drops, raises or tilts single gates.
+//!
+//! Invariant: a span is accepted only after it was computed again from its phases and compared with every cap it passes.
+//! Choosing gates decides how fast a plan is, never whether it is legal. The work has a limit; where it is used up, or the
+//! start state allows no plan, there is none, and the caller runs its previous plan on, which ends at rest.
+
+use crate::envelope::{Block, Envelope, gate_acceleration};
+use crate::profile::{Misfit, PathLimits, Profile, State, fastest};
+
+/// A profile between two joints of a road.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Span {
+    /// Joint at its start.
+    pub(crate) first: usize,
+    /// Joint at its end.
+    pub(crate) last: usize,
+    pub(crate) profile: Profile,
+}
+
+/// There is no plan within the limit of work, or none from this start state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct NoPlan;
+
+/// No limit at all: what an empty stretch of road asks for.
+const UNLIMITED: Stretch = Stretch { tight: PathLimits { v: f64::MAX, a: f64::MAX, j: f64::MAX }, fastest: 0.0 };
+
+/// Limits over several blocks.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    tight: PathLimits,
+    /// The highest speed limit of the blocks.
+    fastest: f64,
+}
+
+impl Stretch {
+    fn with(self, other: Self) -> Self {
+        Self { tight: self.tight.tighter(other.tight), fastest: self.fastest.max(other.fastest) }
+    }
+
+    fn of(blocks: &[Block]) -> Self {
+        blocks.iter().fold(UNLIMITED, |all, b| all.with(Self { tight: b.limits, fastest: b.limits.v }))
+    }
+}
+
+/// A gate and the span that leads to it.
+#[derive(Clone, Copy, Debug)]
+struct Gate {
+    joint: usize,
+    v: f64,
+    a: f64,
+    stretch: Stretch,
+    profile: Profile,
+}
+
+impl Gate {
+    fn state(&self) -> State {
+        State::moving(self.v, self.a)
+    }
+}
+
+/// Spans solved before a plan is given up: a fixed part and one for each block.
+const WORK: (usize, usize) = (1000, 30);
+/// The least time between two proposed gates, in units of A/J; valleys always propose.
+const SPACING: f64 = 0.3;
+/// How often a joint may be made a gate by overshoots, and how deep such insertions may nest.
+const TRIES: (u8, u8) = (60, 40);
+/// Gates that are further apart than this many blocks are not tried without the one between them.
+const DROP_REACH: usize = 256;
+
+/// The planner's look-ahead; it keeps its memory from plan to plan.
+#[derive(Debug, Default)]
+pub(crate) struct LookAhead {
+    envelope: Envelope,
+    gates: Vec<Gate>,
+    tuned: Vec<Gate>,
+    tries: Vec<u8>,
+    work: usize,
+}
+
+impl LookAhead {
+    /// Plans `blocks` from speed `v0` and acceleration `a0` to rest and appends the spans to `out`.
+    ///
+    /// # Errors
+    /// [`NoPlan`]; `out` is unchanged then.
+    pub(crate) fn plan(&mut self, blocks: &[Block], v0: f64, a0: f64, out: &mut Vec<Span>) -> Result<(), NoPlan> {
+        self.envelope.compute(blocks, v0);
+        self.work = WORK.0 + WORK.1 * blocks.len();
+        self.tries.clear();
+        self.tries.resize(blocks.len() + 1, 0);
+        self.gates.clear();
+        self.gates.push(Gate { joint: 0, v: v0, a: a0, stretch: UNLIMITED, profile: Profile::default() });
+        self.connect_all(blocks)?;
+        self.tune(blocks);
+        out.extend(self.gates.windows(2).map(|g| Span { first: g[0].joint, last: g[1].joint, profile: g[1].profile }));
+        Ok(())
+    }
+
+    /// The stack pass over all proposals.
+    fn connect_all(&mut self, blocks: &[Block]) -> Result<(), NoPlan> {
+        let n = blocks.len();
+        let mut since = UNLIMITED;
+        let mut elapsed = 0.0;
+        for k in 1..n {
+            since = since.with(Stretch::of(&blocks[k - 1..k]));
+            elapsed += self.envelope.time[k - 1];
+            let v = &self.envelope.v;
+            let valley = v[k] <= v[k - 1] && v[k] <= v[k + 1] && (v[k] < v[k - 1] || v[k] < v[k + 1]);
+            let spaced = elapsed >= SPACING * blocks[k].limits.a / blocks[k].limits.j;
+            if self.envelope.touches[k] && (valley || spaced) {
+                elapsed = 0.0;
+                self.attach(blocks, k, State::moving(self.envelope.cap[k], self.envelope.a[k]), &mut since, 0)?;
+            }
+        }
+        since = since.with(Stretch::of(&blocks[n - 1..]));
+        if self.attach(blocks, n, State::default(), &mut since, 0)? { Ok(()) } else { Err(NoPlan) }
+    }
+
+    /// Connects joint `k` in state `to` to the gates so far; false where it cannot be reached. `since` holds the limits
+    /// between the last gate and `k`, and afterwards those beyond the last gate.
+    fn attach(
+        &mut self,
+        blocks: &[Block],
+        k: usize,
+        to: State,
+        since: &mut Stretch,
+        depth: u8,
+    ) -> Result<bool, NoPlan> {
+        while let Some(&left) = self.gates.last() {
+            match self.span(blocks, &left, k, to, *since)? {
+                Ok(profile) => match self.overshoot(left.joint, k, &profile) {
+                    None => {
+                        self.gates.push(Gate { joint: k, v: to.v, a: to.a, stretch: *since, profile });
+                        *since = UNLIMITED;
+                        return Ok(true);
+                    }
+                    Some((joint, a)) => {
+                        self.insert(blocks, left.joint, joint, a, depth)?;
+                        let last = self.gates.last().map_or(0, |gate| gate.joint);
+                        *since = Stretch::of(&blocks[last..k]);
+                    }
+                },
+                Err(Misfit::TargetTooHigh) if k < blocks.len() => return Ok(false),
+                // The start is fixed: fly over k, and look at its cap when the span is longer.
+                Err(_) if self.gates.len() == 1 => return if k < blocks.len() { Ok(false) } else { Err(NoPlan) },
+                Err(_) => {
+                    *since = since.with(left.stretch);
+                    self.gates.pop();
+                }
+            }
+        }
+        Err(NoPlan)
+    }
+
+    /// Makes the overshot joint `m` a gate: at its cap with the span's own slope `a`; if that was tried before, ever lower.
+    fn insert(&mut self, blocks: &[Block], left: usize, m: usize, a: f64, depth: u8) -> Result<(), NoPlan> {
+        let mut since = Stretch::of(&blocks[left..m]);
+        loop {
+            let tries = self.tries[m];
+            self.tries[m] = tries.saturating_add(1);
+            if depth > TRIES.1 || tries > TRIES.0 {
+                return Err(NoPlan);
+            }
+            let own = self.envelope.a[m];
+            let (share, a) = match tries {
+                0 => (1.0, a),
+                1 => (1.0, own),
+                2 => (0.99, a),
+                3 => (0.97, own),
+                4 => (0.95, a),
+                more => (0.93f64.powi(i32::from(more) - 4), 0.0),
+            };
+            let v = self.envelope.cap[m] * share;
+            let tight = since.tight.tighter(blocks[m].limits);
+            let most = gate_acceleration(v, PathLimits { a: 0.999 * tight.a, ..tight });
+            if self.attach(blocks, m, State::moving(v, a.clamp(-most, most)), &mut since, depth + 1)? {
+                return Ok(());
+            }
+        }
+    }
+
+    /// The fastest profile from gate `left` to joint `k` in state `to` whose crest keeps the limits of the blocks under it.
+    fn span(
+        &mut self,
+        blocks: &[Block],
+        left: &Gate,
+        k: usize,
+        to: State,
+        stretch: Stretch,
+    ) -> Result<Result<Profile, Misfit>, NoPlan> {
+        let start = self.envelope.s[left.joint];
+        let length = self.envelope.s[k] - start;
+        let mut v = stretch.fastest;
+        for _ in 0..8 {
+            self.work = self.work.checked_sub(1).ok_or(NoPlan)?;
+            let profile = match fastest(left.state(), to, length, PathLimits { v, ..stretch.tight }) {
+                Ok(profile) => profile,
+                Err(misfit) => return Ok(Err(misfit)),
+            };
+            if v <= stretch.tight.v {
+                return Ok(Ok(profile));
+            }
+            let (peak, begin, end) = profile.crest();
+            let mut cap = f64::MAX;
+            for (m, block) in (left.joint..k).zip(&blocks[left.joint..k]) {
+                if self.envelope.s[m + 1] >= start + begin && self.envelope.s[m] <= start + end {
+                    cap = cap.min(block.limits.v);
+                }
+            }
+            if peak <= cap * (1.0 + 1e-9) {
+                return Ok(Ok(profile));
+            }
+            v = cap;
+        }
+        Ok(Err(Misfit::TargetTooHigh))
+    }
+
+    /// The worst overshoot of a touching cap strictly inside a span: the joint and the span's acceleration there.
+    fn overshoot(&self, first: usize, last: usize, profile: &Profile) -> Option<(usize, f64)> {
+        let mut walk = Walk::new(profile);
+        let (mut worst, mut found) = (1.0 + 1e-9, None);
+        for m in first + 1..last {
+            if self.envelope.touches[m] {
+                let State { v, a, .. } = walk.at(self.envelope.s[m] - self.envelope.s[first]);
+                if v > self.envelope.cap[m] * worst {
+                    worst = v / self.envelope.cap[m].max(1e-12);
+                    found = Some((m, a));
+                }
+            }
+        }
+        found
+    }
+
+    /// Tries to drop, tilt or raise each gate; a change is kept only where both spans it touches stay legal and together
+    /// take less time.
+    fn tune(&mut self, blocks: &[Block]) {
+        let mut old = std::mem::take(&mut self.gates);
+        let mut new = std::mem::take(&mut self.tuned);
+        new.clear();
+        new.push(old[0]);
+        for g in 1..old.len() - 1 {
+            let (gate, right) = (old[g], old[g + 1]);
+            let Some(&left) = new.last() else { break };
+            let Ok(change) = self.better(blocks, left, gate, right) else {
+                new.extend_from_slice(&old[g..old.len() - 1]);
+                break;
+            };
+            match change {
+                Change::Keep => new.push(gate),
+                Change::Drop(merged) => old[g + 1] = merged,
+                Change::Move(moved, next) => {
+                    new.push(moved);
+                    old[g + 1] = next;
+                }
+            }
+        }
+        new.extend(old.last().copied());
+        self.gates = new;
+        self.tuned = old;
+    }
+
+    fn better(&mut self, blocks: &[Block], left: Gate, gate: Gate, right: Gate) -> Result<Change, NoPlan> {
+        let both = gate.stretch.with(right.stretch);
+        let s = |joint: usize| self.envelope.s[joint];
+        let mut time = gate.profile.duration() + right.profile.duration();
+        if time * both.tight.v <= (s(right.joint) - s(left.joint)) * (1.0 + 1e-9) {
+            return Ok(Change::Keep); // at the speed limit all the way
+        }
+        if right.joint - left.joint <= DROP_REACH
+            && let Ok(profile) = self.span(blocks, &left, right.joint, right.state(), both)?
+            && profile.duration() < time
+            && self.overshoot(left.joint, right.joint, &profile).is_none()
+        {
+            return Ok(Change::Drop(Gate { stretch: both, profile, ..right }));
+        }
+        let cap = self.envelope.cap[gate.joint];
+        let tilt = 0.3 * both.tight.a;
+        let mut best = Change::Keep;
+        for (v, da) in [(cap, tilt), (cap, -tilt), (cap, 0.0), (0.5 * (gate.v + cap), 0.0)] {
+            if da == 0.0 && (gate.v >= cap || !matches!(best, Change::Keep)) {
+                continue;
+            }
+            let most = gate_acceleration(v, PathLimits { a: 0.9999 * both.tight.a, ..both.tight });
+            let to = State::moving(v, (gate.a + da).clamp(-most, most));
+            let Ok(one) = self.span(blocks, &left, gate.joint, to, gate.stretch)? else { continue };
+            let moved = Gate { v, a: to.a, profile: one, ..gate };
+            let Ok(two) = self.span(blocks, &moved, right.joint, right.state(), right.stretch)? else { continue };
+            let sum = one.duration() + two.duration();
+            if sum < time
+                && self.overshoot(left.joint, gate.joint, &one).is_none()
+                && self.overshoot(gate.joint, right.joint, &two).is_none()
+            {
+                time = sum;
+                best = Change::Move(moved, Gate { profile: two, ..right });
+                if da > 0.0 {
+                    break;
+                }
+            }
+        }
+        Ok(best)
+    }
+}
+
+/// What tuning does with one gate.
+enum Change {
+    Keep,
+    /// The gate goes; the next gate is reached by one span.
+    Drop(Gate),
+    /// The gate and the next gate, with their new spans.
+    Move(Gate, Gate),
+}
+
+/// Walks a profile by place, forward only.
+struct Walk<'a> {
+    profile: &'a Profile,
+    phase: usize,
+    state: State,
+    phase_end: f64,
+}
+
+impl<'a> Walk<'a> {
+    fn new(profile: &'a Profile) -> Self {
+        let mut walk = Self { profile, phase: 0, state: profile.start(), phase_end: 0.0 };
+        walk.phase_end = walk.end_of_phase().s;
+        walk
+    }
+
+    fn jerk(&self) -> f64 {
+        crate::profile::SIGNS[self.phase] * self.profile.jerk
+    }
+
+    fn end_of_phase(&self) -> State {
+        self.state.after(self.jerk(), self.profile.times[self.phase])
+    }
+
+    /// The state at place `s`, which must not fall from call to call.
+    fn at(&mut self, s: f64) -> State {
+        while self.phase < 6 && s > self.phase_end {
+            self.state = self.end_of_phase();
+            self.phase += 1;
+            self.phase_end = self.end_of_phase().s;
+        }
+        let (jerk, longest) = (self.jerk(), self.profile.times[self.phase]);
+        let way = s - self.state.s;
+        let mut t = if self.state.v > 0.0 { (way / self.state.v).min(longest) } else { 0.5 * longest };
+        for _ in 0..12 {
+            let there = self.state.after(jerk, t);
+            let error = there.s - s;
+            if error.abs() < 1e-12 || there.v <= 0.0 {
+                break;
+            }
+            t = (t - error / there.v).clamp(0.0, longest);
+        }
+        self.state.after(jerk, t)
+    }
+}

@@ -1,0 +1,93 @@
+//! Properties of whole plans, judged on what comes out.
+
+mod common;
+
+use common::*;
+use proptest::prelude::*;
+use retrace_motion::{Feed, Limits, PathMode};
+
+fn mode() -> impl Strategy<Value = PathMode> {
+    prop_oneof![Just(PathMode::ExactStop), Just(PathMode::ExactPath)]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn limits_ends_and_paths_are_kept(steps in prop::collection::vec(step(), 1..40), mode in mode()) {
+        let limits = Limits::built_in();
+        let moves = program(&steps, mode);
+        let run = play(limits, &moves, usize::MAX);
+        if let Err(broken) = judge(&limits, &moves, &run, 0.0, 2) {
+            prop_assert!(false, "{}", broken);
+        }
+    }
+
+    #[test]
+    fn records_do_not_depend_on_when_they_are_asked_for(
+        steps in prop::collection::vec(step(), 1..60), mode in mode(), most in 0usize..40,
+    ) {
+        let moves = program(&steps, mode);
+        let limits = Limits::built_in();
+        prop_assert_eq!(play(limits, &moves, usize::MAX), play(limits, &moves, most));
+    }
+}
+
+#[test]
+fn a_line_takes_as_long_as_the_closed_form_says() {
+    let limits = Limits::built_in();
+    let (v, a, j) = (100.0f64, 900.0f64, 18_000.0f64);
+    for length in [0.01, 0.1, 1.0, 4.5, 10.0, 16.0, 20.0, 100.0, 1500.0] {
+        // seven segments; without the constant velocity; without the constant acceleration
+        let seconds = if length >= v * (v / a + a / j) {
+            length / v + v / a + a / j
+        } else if length >= 2.0 * a * a * a / (j * j) {
+            let half = a / (2.0 * j);
+            2.0 * (half + (half * half + length / a).sqrt())
+        } else {
+            4.0 * (length / (2.0 * j)).cbrt()
+        };
+        let m = Move { path: Path::Line([length, 0.0, 0.0]), feed: Feed::Rapid, mode: PathMode::ExactStop, stop: true };
+        let run = play(limits, &[m], 0);
+        assert_eq!(run.records.len(), (seconds / limits.period_s - 1e-6).ceil() as usize, "{length} mm");
+    }
+}
+
+#[test]
+fn a_line_in_many_pieces_takes_as_long_as_in_one() {
+    let limits = Limits::built_in();
+    let line = |n: usize, end: [f64; 3]| {
+        let moves: Vec<Move> = (1..=n)
+            .map(|k| Move {
+                path: Path::Line(end.map(|x| x * k as f64 / n as f64)),
+                feed: Feed::Rapid,
+                mode: PathMode::ExactPath,
+                stop: false,
+            })
+            .collect();
+        play(limits, &moves, usize::MAX).records.len() as f64
+    };
+    for end in [[100.0, 0.0, 0.0], [80.0, 60.0, 0.0], [30.0, -70.0, 64.8]] {
+        let whole = line(1, end);
+        for n in [3, 10, 100, 1000, 10_000] {
+            let cut = line(n, end);
+            assert!(cut <= 1.001 * whole, "{n} pieces to {end:?}: {cut} periods, {whole} in one piece");
+        }
+    }
+}
+
+#[test]
+fn a_plan_beyond_the_limits_is_caught_by_both_judges() {
+    let limits = Limits::built_in();
+    let m = Move { path: Path::Line([40.0, 3.0, 0.0]), feed: Feed::Rapid, mode: PathMode::ExactStop, stop: true };
+    let run = play(limits, &[m], 0);
+    assert_eq!(judge(&limits, &[m], &run, 0.0, 2), Ok(()));
+    let lower: [fn(&mut Limits<3>); 3] =
+        [|l| l.velocity_mm_s[0] *= 0.85, |l| l.acceleration_mm_s2[0] *= 0.85, |l| l.jerk_mm_s3[0] *= 0.85];
+    for lower in lower {
+        let mut tighter = limits;
+        lower(&mut tighter);
+        assert!(judge_points(&tighter, &run.points, [0.0; 3]).is_err());
+        assert!(judge_records(&tighter, &run.records).is_err());
+    }
+}
