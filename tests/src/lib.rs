@@ -1,2 +1,10 @@
-//! End-to-end tests live in `tests/`; this library is what they share.
+//! What the end-to-end tests share: running the `retrace` command, reading what it says, and judging it afresh.
+//!
+//! Invariant: nothing of retrace itself is used here; what is judged is the command's output alone.
 #![forbid(unsafe_code)]
+
+pub mod command;
+pub mod limits;
+pub mod programs;
+pub mod records;
+pub mod run;

@@ -24,7 +24,7 @@ const ARROWS: &[Arrows] = &[
     Arrows { manifest: "crates/hal-serial/Cargo.toml", may_use: &["controller", "core", "link"], outside: true },
     Arrows {
         manifest: "crates/cli/Cargo.toml",
-        may_use: &["controller", "core", "gcode", "hal-serial", "hal-sim", "motion"],
+        may_use: &["controller", "core", "gcode", "hal-serial", "hal-sim", "link", "motion"],
         outside: true,
     },
     Arrows { manifest: "verification/Cargo.toml", may_use: &["card", "core", "link"], outside: true },

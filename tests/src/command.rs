@@ -1,0 +1,152 @@
+//! Runs the `retrace` command and takes down what it said.
+//!
+//! Invariant: a command that hangs is ended and reported; it never hangs the tests.
+
+use std::ffi::OsStr;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::OnceLock;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// How long a command may take.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+/// What a command said.
+#[derive(Clone, Debug)]
+pub struct Said {
+    /// Its exit code; none where a signal ended it.
+    pub code: Option<i32>,
+    /// Its standard output.
+    pub out: String,
+    /// Its standard error.
+    pub err: String,
+}
+
+/// The root of the checkout.
+#[must_use]
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("."))
+}
+
+/// The `retrace` binary: what `RETRACE_BIN` names, or one that cargo builds in the profile of the tests.
+///
+/// # Panics
+/// Where there is no such binary: no test can go on.
+#[must_use]
+pub fn binary() -> &'static Path {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    BINARY.get_or_init(|| match std::env::var_os("RETRACE_BIN") {
+        Some(path) => PathBuf::from(path),
+        None => built().expect("cargo builds the retrace command"),
+    })
+}
+
+fn built() -> Option<PathBuf> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new(cargo);
+    command.args(["build", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"]);
+    if !cfg!(debug_assertions) {
+        command.arg("--release");
+    }
+    let output = command.current_dir(root()).stderr(Stdio::inherit()).output().ok()?;
+    let messages = String::from_utf8(output.stdout).ok()?;
+    messages.lines().rev().find_map(|line| {
+        let message: serde_json::Value = serde_json::from_str(line).ok()?;
+        Some(PathBuf::from(message["executable"].as_str()?))
+    })
+}
+
+/// A folder for one test's files, with a journal of its own; gone when it is dropped.
+#[derive(Debug)]
+pub struct Bench {
+    folder: TempDir,
+}
+
+impl Bench {
+    /// An empty folder.
+    ///
+    /// # Panics
+    /// Where the system gives none.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { folder: TempDir::new().expect("a temporary folder") }
+    }
+
+    /// The path of a file in the folder.
+    #[must_use]
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Writes a file and returns its path.
+    ///
+    /// # Panics
+    /// Where it cannot be written.
+    pub fn file(&self, name: &str, text: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path(name);
+        fs::write(&path, text).expect("a file of the test");
+        path
+    }
+
+    /// Runs `retrace` with these arguments in this folder.
+    ///
+    /// # Panics
+    /// Where it cannot be run, or takes longer than five minutes.
+    #[must_use]
+    pub fn retrace<I>(&self, arguments: I) -> Said
+    where
+        I: IntoIterator<Item: AsRef<OsStr>>,
+    {
+        self.retrace_reading(arguments, b"")
+    }
+
+    /// Runs `retrace` with these arguments in this folder, and `input` for its standard input.
+    ///
+    /// # Panics
+    /// Where it cannot be run, or takes longer than five minutes.
+    #[must_use]
+    pub fn retrace_reading<I>(&self, arguments: I, input: &[u8]) -> Said
+    where
+        I: IntoIterator<Item: AsRef<OsStr>>,
+    {
+        let (input_path, out, err) = (self.file("stdin.txt", input), self.path("stdout.txt"), self.path("stderr.txt"));
+        let mut command = Command::new(binary());
+        command.args(arguments).current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
+        let code = finished(&mut command, &input_path, &out, &err).expect("the retrace command runs");
+        let text = |path: &Path| String::from_utf8_lossy(&fs::read(path).unwrap_or_default()).into_owned();
+        let said = Said { code, out: text(&out), err: text(&err) };
+        assert!(
+            !said.err.contains("panicked at") && !said.err.contains("stack backtrace"),
+            "the command panicked:\n{}",
+            said.err
+        );
+        said
+    }
+}
+
+impl Default for Bench {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Runs a command to its end, between files: a pipe that nobody reads would stop it.
+fn finished(command: &mut Command, input: &Path, out: &Path, err: &Path) -> io::Result<Option<i32>> {
+    let mut child = command.stdin(File::open(input)?).stdout(File::create(out)?).stderr(File::create(err)?).spawn()?;
+    let started = Instant::now();
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(status.code());
+        }
+        if started.elapsed() > PATIENCE {
+            child.kill()?;
+            child.wait()?;
+            return Err(io::Error::other("the command did not end in time"));
+        }
+        sleep(Duration::from_millis(2));
+    }
+}
