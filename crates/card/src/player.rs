@@ -13,14 +13,12 @@ use crate::{ActionTable, Switching, Window};
 
 /// Most output actions that a card holds at a time.
 const ACTIONS: usize = 256;
-/// Longest average of the rate law that a card can hold, in periods.
-const MEMORY: usize = 512;
 
-/// A card's player for `A` axes and a window of `W` records.
+/// A card's player for `A` axes, a window of `W` records, and averages of the rate law up to `M` periods.
 #[derive(Clone, Debug)]
-pub struct Player<const A: usize, const W: usize> {
+pub struct Player<const A: usize, const W: usize, const M: usize> {
     window: Window<A, W>,
-    drive: Drive<MEMORY>,
+    drive: Drive<M>,
     actions: ActionTable<ACTIONS>,
     switching: Switching,
     target: Travel,
@@ -28,7 +26,7 @@ pub struct Player<const A: usize, const W: usize> {
     status: Status<A>,
 }
 
-impl<const A: usize, const W: usize> Player<A, W> {
+impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     /// A card at rest at record `start`, all counts and outputs zero. `None` where the smoothing is longer than a card's memory.
     #[must_use]
     pub fn new(start: u32, smoothing: Smoothing) -> Option<Self> {
@@ -75,6 +73,7 @@ impl<const A: usize, const W: usize> Player<A, W> {
             Word::Ahead { place: n, record } => self.window.push_ahead(n, record, place)?,
             Word::Behind { place: n, record, rests } => self.window.push_behind(n, record, rests, self.bound())?,
             Word::Trim { high } => self.window.trim(high, self.bound())?,
+            Word::Forget { low } => self.window.forget(low, self.bound_behind())?,
             Word::Action(action) if usize::from(action.channel) >= channel::COUNT => {
                 return Err(Refusal::NoSuchChannel);
             }
@@ -96,6 +95,11 @@ impl<const A: usize, const W: usize> Player<A, W> {
     /// The furthest place ahead that the cursor stands at or is bound to run to.
     fn bound(&self) -> Place {
         self.status.place.moved(self.drive.lead().max(0))
+    }
+
+    /// The furthest place behind that the cursor stands at or is bound to run to.
+    fn bound_behind(&self) -> Place {
+        self.status.place.moved(self.drive.lead().min(0))
     }
 
     /// Lets one control period pass. While an instruction is executed the motion stands.
@@ -168,11 +172,11 @@ mod tests {
     use retrace_core::{Flags, ONE, Record};
     use retrace_link::{Action, Instruction};
 
-    fn player() -> Player<1, 64> {
+    fn player() -> Player<1, 64, 32> {
         Player::new(0, Smoothing::new(8, 6).expect("valid")).expect("fits")
     }
 
-    fn fill(player: &mut Player<1, 64>, records: impl IntoIterator<Item = (i16, Flags)>) {
+    fn fill(player: &mut Player<1, 64, 32>, records: impl IntoIterator<Item = (i16, Flags)>) {
         for (increment, flags) in records {
             let place = player.status().high;
             let record = Record { increments: [increment], flags, line: place + 1, ..Record::default() };
@@ -225,7 +229,7 @@ mod tests {
         assert_eq!(player.take(Word::Action(Action { channel: 200, ..action })), Err(Refusal::NoSuchChannel));
         fill(&mut player, (0..4).map(|n| (1, if n == 3 { Flags::REST } else { Flags::NONE })));
         player.take(Word::Rate { target: ONE }).expect("a rate");
-        let outputs = |p: &mut Player<1, 64>| -> Vec<i32> { (0..4).map(|_| p.period().outputs[3]).collect() };
+        let outputs = |p: &mut Player<1, 64, 32>| -> Vec<i32> { (0..4).map(|_| p.period().outputs[3]).collect() };
         assert_eq!(outputs(&mut player), [0, 0, 1, 1]);
         player.take(Word::Rate { target: -ONE }).expect("a rate");
         assert_eq!(outputs(&mut player), [1, 1, 1, 1]);

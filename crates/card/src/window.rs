@@ -89,6 +89,19 @@ impl<const A: usize, const W: usize> Window<A, W> {
         self.high = high;
         Ok(())
     }
+
+    /// Forgets the records before `low`; not those that the cursor stands in or is bound to run back to.
+    pub fn forget(&mut self, low: u32, bound: Place) -> Result<(), Refusal> {
+        if before(low, self.low) || before(self.high, low) {
+            return Err(Refusal::OutOfOrder);
+        }
+        if before(bound.record, low) {
+            return Err(Refusal::InMotion);
+        }
+        self.low_rests = self.rests_at(low);
+        self.low = low;
+        Ok(())
+    }
 }
 
 impl<const A: usize, const W: usize> Road for Window<A, W> {
@@ -140,6 +153,9 @@ mod tests {
         assert_eq!(window.trim(start.wrapping_add(2), at(3)), Err(Refusal::InMotion));
         window.trim(start.wrapping_add(3), at(3)).expect("behind nothing that is needed");
         assert_eq!(window.high(), start.wrapping_add(3));
+        assert_eq!(window.forget(start.wrapping_add(3), at(2)), Err(Refusal::InMotion));
+        window.forget(start.wrapping_add(2), at(2)).expect("nothing that is needed");
+        assert!(window.low() == start.wrapping_add(2) && !window.rests_at(window.low()));
     }
 
     #[test]

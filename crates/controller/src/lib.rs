@@ -1,1 +1,20 @@
-//! Under construction.
+//! From program to card: decoding and planning ahead in one thread, the motion path in another.
+//!
+//! Invariant: nothing of a program reaches the card before it has been checked, and the motion path neither waits for the planner
+//! nor allocates.
+#![forbid(unsafe_code)]
+
+pub mod event;
+pub mod feed;
+pub mod item;
+pub mod judge;
+pub mod law;
+pub mod machine;
+pub mod operator;
+pub mod refusal;
+pub mod report;
+pub mod script;
+pub mod session;
+pub mod supply;
+pub mod switching;
+pub mod tally;

@@ -95,6 +95,11 @@ pub enum Word<const A: usize> {
         /// The new end of the window.
         high: u32,
     },
+    /// Forget the records before this place; only what lies behind the cursor. History ends here.
+    Forget {
+        /// The new beginning of the window.
+        low: u32,
+    },
     /// An output action on the window's way. It must be there before its record is.
     Action(Action),
     /// The rate the cursor is to run at, in records a period: a real-time word.

@@ -1,0 +1,147 @@
+//! What happened, as one stream that the screen, the JSON output and the report share.
+//!
+//! Invariant: every event carries the period and the place at which it happened.
+
+use retrace_core::Place;
+use serde_json::{Value, json};
+
+/// What happened.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Happening {
+    /// The job began.
+    Started,
+    /// The mode of operation changed; its name.
+    Mode(&'static str),
+    /// The operator did something; as it is written in a script.
+    Operator(String),
+    /// An order did not apply; what and why.
+    OrderRefused(String),
+    /// Reverse run stands at the oldest record (REV-8).
+    Oldest,
+    /// Reverse run stands at a place that cannot be passed backward; the code that stands there.
+    OneWay(&'static str),
+    /// The machine stands at `reached`, outputs differ: channel, as it is, as the program expects it.
+    OutputsDiffer(Vec<(u8, i32, i32)>),
+    /// Outputs were brought to what the program expects.
+    OutputsRestored,
+    /// Normal run goes on.
+    GoesOn,
+    /// An exclusive instruction begins.
+    Switching(&'static str),
+    /// An exclusive instruction is complete.
+    Switched(&'static str),
+    /// A synchronous action was executed: channel and new value.
+    SwitchedInPassing(u8, i32),
+    /// A program stop waits for cycle start.
+    ProgramStop(&'static str),
+    /// Single block: stands at the end of a block.
+    SingleBlock,
+    /// A message of the program.
+    Message(String),
+    /// The look-ahead ran dry.
+    Underrun,
+    /// An alarm: number, cause, remedy.
+    Alarm(&'static str, String, String),
+}
+
+/// An event.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Event {
+    /// Control periods since the start.
+    pub period: u64,
+    /// Machine time in seconds.
+    pub time_s: f64,
+    /// Where the cursor stood.
+    pub place: Place,
+    /// Program line that was being executed.
+    pub line: u32,
+    /// What happened.
+    pub happening: Happening,
+}
+
+impl Event {
+    /// The event as one JSON object.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let mut value = match &self.happening {
+            Happening::Started => json!({"event": "started"}),
+            Happening::Mode(mode) => json!({"event": "mode", "mode": mode}),
+            Happening::Operator(deed) => json!({"event": "operator", "deed": deed}),
+            Happening::OrderRefused(why) => json!({"event": "order_refused", "why": why}),
+            Happening::Oldest => json!({"event": "oldest_record"}),
+            Happening::OneWay(code) => json!({"event": "one_way", "code": code}),
+            Happening::OutputsDiffer(list) => {
+                let list: Vec<Value> =
+                    list.iter().map(|(c, is, want)| json!({"channel": c, "is": is, "program": want})).collect();
+                json!({"event": "outputs_differ", "outputs": list})
+            }
+            Happening::OutputsRestored => json!({"event": "outputs_restored"}),
+            Happening::GoesOn => json!({"event": "goes_on"}),
+            Happening::Switching(code) => json!({"event": "switching", "code": code}),
+            Happening::Switched(code) => json!({"event": "switched", "code": code}),
+            Happening::SwitchedInPassing(channel, value) => {
+                json!({"event": "switched_in_passing", "channel": channel, "value": value})
+            }
+            Happening::ProgramStop(code) => json!({"event": "program_stop", "code": code}),
+            Happening::SingleBlock => json!({"event": "single_block"}),
+            Happening::Message(text) => json!({"event": "message", "text": text}),
+            Happening::Underrun => json!({"event": "underrun"}),
+            Happening::Alarm(number, cause, remedy) => {
+                json!({"event": "alarm", "number": number, "cause": cause, "remedy": remedy})
+            }
+        };
+        if let Value::Object(fields) = &mut value {
+            fields.insert("period".into(), self.period.into());
+            fields.insert("time_s".into(), json!(self.time_s));
+            fields.insert("record".into(), self.place.record.into());
+            fields.insert("fraction".into(), self.place.fraction.into());
+            fields.insert("line".into(), self.line.into());
+        }
+        value
+    }
+
+    /// The event as a plain line for a person.
+    #[must_use]
+    pub fn to_line(&self) -> String {
+        let text = match &self.happening {
+            Happening::Started => "started".into(),
+            Happening::Mode(mode) => (*mode).to_string(),
+            Happening::Operator(deed) => format!("operator: {deed}"),
+            Happening::OrderRefused(why) => format!("not done: {why}"),
+            Happening::Oldest => "standing at the oldest record: it goes no further back".into(),
+            Happening::OneWay(code) => format!("standing behind {code}, which cannot be passed backward"),
+            Happening::OutputsDiffer(list) => {
+                let list: Vec<String> = list
+                    .iter()
+                    .map(|(c, is, want)| format!("{} is {is}, program wants {want}", channel_name(*c)))
+                    .collect();
+                format!("outputs differ: {}; waiting for agree", list.join("; "))
+            }
+            Happening::OutputsRestored => "outputs restored".into(),
+            Happening::GoesOn => "normal run goes on".into(),
+            Happening::Switching(code) => format!("{code} begins"),
+            Happening::Switched(code) => format!("{code} done"),
+            Happening::SwitchedInPassing(channel, value) => format!("{} := {value}", channel_name(*channel)),
+            Happening::ProgramStop(code) => format!("program stop {code}: cycle start to go on"),
+            Happening::SingleBlock => "single block: cycle start to go on".into(),
+            Happening::Message(text) => format!("message: {text}"),
+            Happening::Underrun => "the look-ahead ran dry: slowed down on the path".into(),
+            Happening::Alarm(number, cause, remedy) => format!("ALARM {number}: {cause}. {remedy}"),
+        };
+        format!("{:10.3} s  line {:>6}  {text}", self.time_s, self.line)
+    }
+}
+
+/// A name for an output channel.
+#[must_use]
+pub fn channel_name(channel: u8) -> String {
+    use retrace_link::channel as c;
+    match channel {
+        c::SPINDLE => "spindle".into(),
+        c::SPEED => "spindle speed".into(),
+        c::MIST => "mist".into(),
+        c::FLOOD => "flood".into(),
+        c::TOOL => "tool".into(),
+        digital => format!("output {digital}"),
+    }
+}

@@ -1,0 +1,250 @@
+//! The planning side of a job: moves, switching and stops go in, records go into the ring and items to the motion path.
+//!
+//! Invariant: an item's place is the number of the record before which it stands, and it is sent before that record.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::SyncSender;
+use std::thread;
+use std::time::Duration;
+
+use retrace_core::ring::Producer;
+use retrace_core::{Flags, Record};
+use retrace_link::{Action, Change, MAX_CHANGES, Outputs};
+use retrace_motion::{Arc, Feed, MoveError, PathMode, Planner};
+
+use crate::item::{Exclusive, Item, Kind, Summary};
+
+/// The motion path has gone: there is nobody to plan for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cancelled;
+
+/// Why a move was not taken.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Refused {
+    /// The planner cannot run it.
+    Move(MoveError),
+    /// Nobody to plan for.
+    Cancelled,
+}
+
+impl From<Cancelled> for Refused {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
+
+impl From<MoveError> for Refused {
+    fn from(error: MoveError) -> Self {
+        Self::Move(error)
+    }
+}
+
+/// An exclusive instruction as the program gives it; it stands where the motion is now.
+#[derive(Clone, Copy, Debug)]
+pub struct Switch<'c> {
+    /// Its program line.
+    pub line: u32,
+    /// What it is.
+    pub kind: Kind,
+    /// As it is written in the program.
+    pub code: &'static str,
+    /// The outputs it switches, at most [`MAX_CHANGES`].
+    pub changes: &'c [Change],
+    /// Control periods that it takes.
+    pub periods: u32,
+    /// It cannot be passed backward.
+    pub one_way: bool,
+}
+
+/// Plans a program into a ring.
+pub struct Feeder<'r, const A: usize> {
+    planner: Planner<A>,
+    ring: Producer<'r, Record<A>>,
+    items: SyncSender<Item>,
+    cancel: &'r AtomicBool,
+    /// Serial number of the last move given to the planner; its tag.
+    serial: u32,
+    /// Program line of each move that may still come out of the planner, by serial number.
+    lines: VecDeque<(u32, u32)>,
+    /// Actions that wait for the first record of the move with that serial number: serial, channel, value, line.
+    waiting: VecDeque<(u32, Change, u32)>,
+    /// The outputs as the program has set them, actions still waiting included.
+    outputs: Outputs,
+}
+
+impl<'r, const A: usize> Feeder<'r, A> {
+    /// A feeder that plans with `planner` into `ring`; outputs begin as given. `cancel` tells it to give up.
+    #[must_use]
+    pub fn new(
+        planner: Planner<A>,
+        ring: Producer<'r, Record<A>>,
+        items: SyncSender<Item>,
+        outputs: Outputs,
+        cancel: &'r AtomicBool,
+    ) -> Self {
+        let (lines, waiting) = (VecDeque::new(), VecDeque::new());
+        Self { planner, ring, items, cancel, serial: 0, lines, waiting, outputs }
+    }
+
+    /// Where the last move ends, mm.
+    #[must_use]
+    pub fn commanded_mm(&self) -> [f64; A] {
+        self.planner.commanded_mm()
+    }
+
+    /// The outputs as the program has set them.
+    #[must_use]
+    pub fn outputs(&self) -> &Outputs {
+        &self.outputs
+    }
+
+    /// A straight move of program line `line`.
+    ///
+    /// # Errors
+    /// What the planner refuses, with nothing changed.
+    pub fn straight(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        self.planner.line(end_mm, feed, mode, self.serial.wrapping_add(1))?;
+        Ok(self.moved(line)?)
+    }
+
+    /// An arc or helix of program line `line`.
+    ///
+    /// # Errors
+    /// What the planner refuses, with nothing changed.
+    pub fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        self.planner.arc(arc, feed, mode, self.serial.wrapping_add(1))?;
+        Ok(self.moved(line)?)
+    }
+
+    fn moved(&mut self, line: u32) -> Result<(), Cancelled> {
+        self.serial = self.serial.wrapping_add(1);
+        self.lines.push_back((self.serial, line));
+        self.drain()
+    }
+
+    /// A synchronous action: executed in passing, where the next move begins.
+    pub fn action(&mut self, change: Change, line: u32) {
+        self.waiting.push_back((self.serial.wrapping_add(1), change, line));
+    }
+
+    /// An exclusive instruction: the motion comes to rest here, also under G64.
+    ///
+    /// # Errors
+    /// [`Cancelled`]
+    pub fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
+        self.rest()?;
+        let mut changes = [Change::default(); MAX_CHANGES];
+        let count = switch.changes.len().min(MAX_CHANGES);
+        changes[..count].copy_from_slice(&switch.changes[..count]);
+        for change in &changes[..count] {
+            self.outputs[usize::from(change.channel)] = change.value;
+        }
+        let Switch { line, kind, code, periods, one_way, .. } = switch;
+        let place = self.ring.write();
+        let count = count as u8;
+        self.send(Item::Exclusive(Exclusive { place, line, kind, code, changes, count, periods, one_way }))
+    }
+
+    /// A message, shown when the motion comes here.
+    ///
+    /// # Errors
+    /// [`Cancelled`]
+    pub fn message(&mut self, text: String, line: u32) -> Result<(), Cancelled> {
+        let place = self.ring.write();
+        self.send(Item::Message { place, line, text })
+    }
+
+    /// Brings the motion to rest here. Actions that found no motion to go with are executed at the stop.
+    ///
+    /// # Errors
+    /// [`Cancelled`]
+    pub fn rest(&mut self) -> Result<(), Cancelled> {
+        self.planner.stop(Flags::NONE);
+        self.drain()?;
+        self.lines.clear();
+        while let Some((_, change, line)) = self.waiting.pop_front() {
+            let (kind, code, changes) = (Kind::Switch, "M62–M65", [change]);
+            self.exclusive(Switch { line, kind, code, changes: &changes, periods: 0, one_way: false })?;
+        }
+        Ok(())
+    }
+
+    /// The end of the program.
+    ///
+    /// # Errors
+    /// [`Cancelled`]
+    pub fn end(mut self, summary: Summary) -> Result<(), Cancelled> {
+        self.rest()?;
+        self.send(Item::End(summary))
+    }
+
+    /// Takes what the planner has and puts it into the ring.
+    fn drain(&mut self) -> Result<(), Cancelled> {
+        while let Some(record) = self.planner.next_record() {
+            let serial = record.line;
+            self.send_actions(serial)?;
+            let line = self.line_of(serial);
+            self.push(Record { line, ..record })?;
+        }
+        Ok(())
+    }
+
+    /// Program line of the move with that serial number. Moves before it will not come out of the planner again.
+    fn line_of(&mut self, serial: u32) -> u32 {
+        while self.lines.len() > 1 && self.lines.front().is_some_and(|(s, _)| retrace_core::place::before(*s, serial)) {
+            self.lines.pop_front();
+        }
+        self.lines.front().map_or(0, |(_, line)| *line)
+    }
+
+    /// Sends the actions that stand before the move with that serial number, or before one that left no record.
+    fn send_actions(&mut self, serial: u32) -> Result<(), Cancelled> {
+        while let Some((before, change, line)) = self.waiting.front().copied()
+            && !retrace_core::place::before(serial, before)
+        {
+            self.waiting.pop_front();
+            let value = &mut self.outputs[usize::from(change.channel)];
+            let (place, channel) = (self.ring.write(), change.channel);
+            let action = Action { place, channel, before: *value, after: change.value };
+            *value = change.value;
+            self.send(Item::Action(action, line))?;
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, item: Item) -> Result<(), Cancelled> {
+        let mut item = item;
+        self.patiently(|feeder| match feeder.items.try_send(item.clone()) {
+            Ok(()) => Some(Ok(())),
+            Err(std::sync::mpsc::TrySendError::Full(back)) => {
+                item = back;
+                None
+            }
+            Err(std::sync::mpsc::TrySendError::Disconnected(_)) => Some(Err(Cancelled)),
+        })
+    }
+
+    fn push(&mut self, record: Record<A>) -> Result<(), Cancelled> {
+        self.patiently(|feeder| feeder.ring.push(record).is_ok().then_some(Ok(())))
+    }
+
+    /// Tries until it succeeds: first at once, then with longer and longer pauses, and gives up when told to.
+    fn patiently(
+        &mut self,
+        mut attempt: impl FnMut(&mut Self) -> Option<Result<(), Cancelled>>,
+    ) -> Result<(), Cancelled> {
+        for tries in 0u32.. {
+            if let Some(result) = attempt(self) {
+                return result;
+            }
+            match tries {
+                0..50 => std::hint::spin_loop(),
+                50..100 => thread::yield_now(),
+                _ if self.cancel.load(Ordering::Relaxed) => break,
+                _ => thread::sleep(Duration::from_micros(50)),
+            }
+        }
+        Err(Cancelled)
+    }
+}

@@ -1,0 +1,80 @@
+//! What the planning thread hands to the motion path beside records: switching, messages, the end.
+//!
+//! Invariant: an item is sent before the first record at or beyond its place, so that whoever has seen that record has seen the
+//! item (GMC-3: the front marker stands in the stream at its place).
+
+use retrace_link::{Action, Change, MAX_CHANGES};
+
+/// What an exclusive instruction is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// An M, S or T code that switches outputs.
+    Switch,
+    /// A dwell (G4).
+    Dwell,
+    /// A program stop (M0, M60): waits for cycle start.
+    ProgramStop,
+}
+
+/// An exclusive instruction, not yet numbered.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Exclusive {
+    /// The record before which it stands.
+    pub place: u32,
+    /// Its program line.
+    pub line: u32,
+    /// What it is.
+    pub kind: Kind,
+    /// As it is written in the program, for messages: `M3`, `G4` …
+    pub code: &'static str,
+    /// The outputs it switches, the first `count` of them.
+    pub changes: [Change; MAX_CHANGES],
+    /// How many of `changes` hold.
+    pub count: u8,
+    /// Control periods that it takes.
+    pub periods: u32,
+    /// It cannot be passed backward (tool change).
+    pub one_way: bool,
+}
+
+/// How the program came to its end.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Ending {
+    /// M2, M30, or the end of the file.
+    Completed,
+    /// It has an error, found only now (a program that was fed and could not be scanned before): rendered.
+    Refused(String),
+}
+
+/// What the program came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    /// How it ended.
+    pub ending: Ending,
+    /// Blocks executed.
+    pub blocks: u64,
+    /// Canonical functions.
+    pub canonical: u64,
+    /// End position of each of the machine's axes, in mm.
+    pub commanded_mm: Vec<f64>,
+}
+
+/// One item.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Item {
+    /// An exclusive instruction.
+    Exclusive(Exclusive),
+    /// A synchronous action and its program line.
+    Action(Action, u32),
+    /// A message of the program, to be shown when the motion comes to the place.
+    Message {
+        /// The record before which it stands.
+        place: u32,
+        /// Its program line.
+        line: u32,
+        /// The text.
+        text: String,
+    },
+    /// Nothing follows.
+    End(Summary),
+}

@@ -1,0 +1,336 @@
+//! The machine file: axes, limits, period, history, switching; and the machine that is built in.
+//!
+//! Invariant: a [`Machine`] that exists is valid: every number is in its range, the plan keeps its reserve, and the rate law fits
+//! the card.
+
+use std::collections::BTreeMap;
+
+use retrace_core::rate::Smoothing;
+use retrace_motion::Limits;
+use serde::Deserialize;
+
+use crate::law;
+use crate::refusal::{Refusal, nearest};
+use crate::switching::SwitchingTable;
+
+/// Axis letters, in the order of positions.
+pub const AXIS_LETTERS: [char; 9] = ['x', 'y', 'z', 'a', 'b', 'c', 'u', 'v', 'w'];
+
+/// One axis.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Axis {
+    /// Its letter: x, y, z, a, b, c, u, v or w.
+    pub name: char,
+    /// Pulses in a millimetre (degree, on a rotary axis).
+    pub pulses_per_mm: f64,
+    /// Highest velocity in mm/s.
+    pub max_velocity_mm_per_s: f64,
+    /// Highest acceleration in mm/s².
+    pub max_acceleration_mm_per_s2: f64,
+    /// Highest jerk in mm/s³.
+    pub max_jerk_mm_per_s3: f64,
+    /// Soft limits: least and greatest machine position in mm.
+    pub travel_mm: [f64; 2],
+}
+
+impl Axis {
+    /// Index of the axis in a nine-axis position.
+    #[must_use]
+    pub fn index(&self) -> usize {
+        AXIS_LETTERS.iter().position(|&l| l == self.name).unwrap_or(0)
+    }
+}
+
+/// The handwheel.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WheelSettings {
+    /// Counts a second that make rate 1.
+    pub counts_per_s_at_rate_1: f64,
+    /// Length of the mean (REV-12) in ms.
+    pub mean_over_ms: f64,
+}
+
+impl Default for WheelSettings {
+    fn default() -> Self {
+        Self { counts_per_s_at_rate_1: 100.0, mean_over_ms: 100.0 }
+    }
+}
+
+/// What outputs do while retracing (REV-14).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RetraceOutputs {
+    /// The operator switches by hand.
+    #[default]
+    Manual,
+    /// Recorded actions are replayed, in reverse too.
+    Replayed,
+}
+
+/// The file as it is written.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct MachineFile {
+    name: String,
+    control_period_ms: f64,
+    path_velocity_mm_per_s: f64,
+    reserve_percent: f64,
+    blend_tolerance_mm: f64,
+    history_hours: f64,
+    look_ahead_s: f64,
+    homed: bool,
+    retrace_outputs: RetraceOutputs,
+    cutting_outputs: Vec<u8>,
+    axis: Vec<Axis>,
+    wheel: WheelSettings,
+    code: BTreeMap<String, crate::switching::CodeSettings>,
+}
+
+impl Default for MachineFile {
+    fn default() -> Self {
+        let axis = |name| Axis {
+            name,
+            pulses_per_mm: 1000.0,
+            max_velocity_mm_per_s: 100.0,
+            max_acceleration_mm_per_s2: 1000.0,
+            max_jerk_mm_per_s3: 20_000.0,
+            travel_mm: [-2000.0, 2000.0],
+        };
+        Self {
+            name: "built-in".into(),
+            control_period_ms: 1.0,
+            path_velocity_mm_per_s: 100.0,
+            reserve_percent: 10.0,
+            blend_tolerance_mm: 0.05,
+            history_hours: 0.5,
+            look_ahead_s: 0.5,
+            homed: true,
+            retrace_outputs: RetraceOutputs::Manual,
+            cutting_outputs: Vec::new(),
+            axis: vec![axis('x'), axis('y'), axis('z')],
+            wheel: WheelSettings::default(),
+            code: BTreeMap::new(),
+        }
+    }
+}
+
+/// A machine, checked.
+#[derive(Clone, Debug)]
+pub struct Machine {
+    /// Its name.
+    pub name: String,
+    /// Its axes, in the order of [`AXIS_LETTERS`].
+    pub axes: Vec<Axis>,
+    /// Control period *T* in microseconds.
+    pub period_us: u32,
+    /// Highest speed along the path, mm/s.
+    pub path_velocity_mm_s: f64,
+    /// Share of acceleration and jerk that the plan leaves to the rate law.
+    pub reserve: f64,
+    /// Blend tolerance where a program's G64 names none, mm.
+    pub blend_tolerance_mm: f64,
+    /// Records kept for reverse run.
+    pub history_records: u32,
+    /// Records planned beyond `reached` at most.
+    pub look_ahead_records: u32,
+    /// Does the machine know its position at the start?
+    pub homed: bool,
+    /// What outputs do while retracing.
+    pub retrace_outputs: RetraceOutputs,
+    /// Output channels that cut: rapid retrace only while they are off.
+    pub cutting_outputs: Vec<u8>,
+    /// Length of the handwheel's mean in periods.
+    pub wheel_periods: u16,
+    /// Handwheel counts in that time that make rate 1.
+    pub wheel_counts: u16,
+    /// What M, S and T codes switch, how, and for how long.
+    pub switching: SwitchingTable,
+    /// The rate law's averages.
+    pub smoothing: Smoothing,
+}
+
+impl Machine {
+    /// The built-in machine: three axes, 1 000 pulses/mm, 100 mm/s, 1 000 mm/s², 20 000 mm/s³, T = 1 ms.
+    ///
+    /// # Errors
+    /// None in practice; the built-in machine goes through the same checks as every other.
+    pub fn built_in() -> Result<Self, Refusal> {
+        Self::check(MachineFile::default())
+    }
+
+    /// Reads a machine file's text; `name` is what to call the file in messages.
+    ///
+    /// # Errors
+    /// `E2111` for text that is no machine file (syntax, misspelt key, wrong type), with line, column and a suggestion; `E2112`
+    /// for a number out of range.
+    pub fn parse(text: &str, name: &str) -> Result<Self, Refusal> {
+        let file: MachineFile = toml::from_str(text).map_err(|e| misread(&e, name))?;
+        Self::check(file).map_err(|r| Refusal { what: format!("{name}: {}", r.what), ..r })
+    }
+
+    fn check(file: MachineFile) -> Result<Self, Refusal> {
+        within("control_period_ms", file.control_period_ms, 0.1, 20.0)?;
+        within("path_velocity_mm_per_s", file.path_velocity_mm_per_s, 0.001, 100_000.0)?;
+        within("reserve_percent", file.reserve_percent, 1.0, 50.0)?;
+        within("blend_tolerance_mm", file.blend_tolerance_mm, 0.0, 100.0)?;
+        within("history_hours", file.history_hours, 0.0, 24.0)?;
+        within("look_ahead_s", file.look_ahead_s, 0.05, 10.0)?;
+        within("wheel.counts_per_s_at_rate_1", file.wheel.counts_per_s_at_rate_1, 1.0, 100_000.0)?;
+        within("wheel.mean_over_ms", file.wheel.mean_over_ms, file.control_period_ms, 500.0 * file.control_period_ms)?;
+        let axes = checked_axes(file.axis)?;
+        let period_us = (file.control_period_ms * 1000.0).round() as u32;
+        let period_s = f64::from(period_us) * 1e-6;
+        let periods = |seconds: f64| (seconds / period_s).ceil() as u32;
+        let reserve = file.reserve_percent / 100.0;
+        let smoothing = law::smoothing(&axes, reserve, period_s).ok_or_else(|| {
+            Refusal::new(
+                "E2113",
+                "the axes brake too slowly for a control period this short: the rate law does not fit the card's memory",
+                "a longer control_period_ms, a lower max_velocity_mm_per_s or a higher max_acceleration_mm_per_s2",
+            )
+        })?;
+        let look_ahead = periods(file.look_ahead_s).max(2 * u32::from(smoothing.stopping_records()) + 2);
+        let wheel_periods = (file.wheel.mean_over_ms / file.control_period_ms).round() as u16;
+        let wheel_counts = file.wheel.counts_per_s_at_rate_1 * f64::from(wheel_periods) * period_s;
+        let machine = Self {
+            name: file.name,
+            period_us,
+            path_velocity_mm_s: file.path_velocity_mm_per_s,
+            reserve,
+            blend_tolerance_mm: file.blend_tolerance_mm,
+            history_records: periods(file.history_hours * 3600.0),
+            look_ahead_records: look_ahead,
+            homed: file.homed,
+            retrace_outputs: file.retrace_outputs,
+            cutting_outputs: file.cutting_outputs,
+            wheel_periods,
+            wheel_counts: wheel_counts.round().clamp(1.0, 65_535.0) as u16,
+            switching: SwitchingTable::new(&file.code, period_us)?,
+            smoothing,
+            axes,
+        };
+        machine.limits::<9>().validate().map_err(|e| {
+            Refusal::new("E2112", e.to_string(), "change the limits, the pulses per mm or the control period")
+        })?;
+        Ok(machine)
+    }
+
+    /// Control period in seconds.
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        f64::from(self.period_us) * 1e-6
+    }
+
+    /// The limits as the planner takes them; axes that the machine does not have are those of its first axis.
+    #[must_use]
+    pub fn limits<const A: usize>(&self) -> Limits<A> {
+        let each = |value: fn(&Axis) -> f64| {
+            let mut all = [value(&self.axes[0]); A];
+            for (slot, axis) in all.iter_mut().zip(&self.axes) {
+                *slot = value(axis);
+            }
+            all
+        };
+        Limits {
+            velocity_mm_s: each(|a| a.max_velocity_mm_per_s),
+            acceleration_mm_s2: each(|a| a.max_acceleration_mm_per_s2),
+            jerk_mm_s3: each(|a| a.max_jerk_mm_per_s3),
+            pulses_per_mm: each(|a| a.pulses_per_mm),
+            path_velocity_mm_s: self.path_velocity_mm_s,
+            reserve: self.reserve,
+            period_s: self.period_s(),
+        }
+    }
+}
+
+fn checked_axes(mut axes: Vec<Axis>) -> Result<Vec<Axis>, Refusal> {
+    let refuse =
+        |what: String| Refusal::new("E2112", what, "see `retrace machine --help` for a commented machine file");
+    if axes.is_empty() {
+        return Err(refuse("the machine has no [[axis]]".into()));
+    }
+    for axis in &mut axes {
+        axis.name = axis.name.to_ascii_lowercase();
+        let name = axis.name;
+        if !AXIS_LETTERS.contains(&name) {
+            return Err(refuse(format!("axis `{name}`: an axis is x, y, z, a, b, c, u, v or w")));
+        }
+        within(&format!("axis {name}: pulses_per_mm"), axis.pulses_per_mm, 0.001, 1e6)?;
+        within(&format!("axis {name}: max_velocity_mm_per_s"), axis.max_velocity_mm_per_s, 0.001, 1e5)?;
+        within(&format!("axis {name}: max_acceleration_mm_per_s2"), axis.max_acceleration_mm_per_s2, 0.001, 1e7)?;
+        within(&format!("axis {name}: max_jerk_mm_per_s3"), axis.max_jerk_mm_per_s3, 0.001, 1e10)?;
+        let [least, greatest] = axis.travel_mm;
+        within(&format!("axis {name}: travel_mm"), least, -1e6, 1e6)?;
+        within(&format!("axis {name}: travel_mm"), greatest, -1e6, 1e6)?;
+        if least >= greatest {
+            return Err(refuse(format!("axis {name}: travel_mm = [{least}, {greatest}]: the first is the lower end")));
+        }
+    }
+    axes.sort_by_key(Axis::index);
+    if let Some(twice) = axes.windows(2).find(|w| w[0].name == w[1].name) {
+        return Err(refuse(format!("axis {} is there twice", twice[0].name)));
+    }
+    Ok(axes)
+}
+
+pub(crate) fn within(key: &str, value: f64, least: f64, greatest: f64) -> Result<(), Refusal> {
+    if (least..=greatest).contains(&value) {
+        return Ok(());
+    }
+    Err(Refusal::new("E2112", format!("{key} = {value}"), format!("a number from {least} to {greatest}")))
+}
+
+/// Says where a machine file could not be read, and what may have been meant.
+fn misread(error: &toml::de::Error, name: &str) -> Refusal {
+    let remedy = unknown_key(error.message())
+        .unwrap_or_else(|| "correct the line; `retrace machine --help` shows a commented machine file".into());
+    Refusal::new("E2111", format!("{name}: {}", error.to_string().trim_end()), remedy)
+}
+
+/// From serde's "unknown field `x`, expected one of `a`, `b`": the nearest known key.
+fn unknown_key(message: &str) -> Option<String> {
+    let mut quoted = message.strip_prefix("unknown field ")?.split('`').skip(1).step_by(2);
+    let unknown = quoted.next()?;
+    let known: Vec<&str> = quoted.collect();
+    Some(match nearest(unknown, known.iter().copied()) {
+        Some(key) => format!("did you mean `{key}`?"),
+        None => format!("known keys here: {}", known.join(", ")),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_built_in_machine_is_the_published_one() {
+        let machine = Machine::built_in().expect("valid");
+        assert_eq!(machine.axes.len(), 3);
+        assert_eq!((machine.period_us, machine.history_records, machine.look_ahead_records), (1000, 1_800_000, 500));
+        assert_eq!((machine.wheel_periods, machine.wheel_counts), (100, 10));
+        assert_eq!(machine.limits::<4>(), Limits::built_in());
+    }
+
+    #[test]
+    fn a_misspelt_key_is_named_with_its_line_and_a_suggestion() {
+        let text = "name = \"mill\"\n[[axis]]\nname = \"x\"\nmax_velocty_mm_per_s = 3\n";
+        let refusal = Machine::parse(text, "mill.toml").expect_err("misspelt");
+        assert_eq!(refusal.number, "E2111");
+        assert!(refusal.what.contains("line 4") && refusal.what.contains("mill.toml"), "{}", refusal.what);
+        assert_eq!(refusal.remedy, "did you mean `max_velocity_mm_per_s`?");
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused_by_name() {
+        let what = |text: &str| Machine::parse(text, "m.toml").expect_err("out of range").what;
+        assert!(what("control_period_ms = 0").contains("control_period_ms = 0"));
+        assert!(what("history_hours = nan").contains("history_hours"));
+        assert!(what("axis = []").contains("no [[axis]]"));
+        let axis = "[[axis]]\nname = \"x\"\npulses_per_mm = 1e6\nmax_velocity_mm_per_s = 1e3\nmax_acceleration_mm_per_s2 = 1e4\nmax_jerk_mm_per_s3 = 1e6\ntravel_mm = [0, 1]\n";
+        assert!(what(axis).contains("pulses"), "{}", what(axis));
+        assert!(what(&axis.replace("[0, 1]", "[1, 0]")).contains("travel_mm"));
+        assert!(what(&axis.repeat(2).replace("1e6", "1e2")).contains("twice"));
+    }
+}

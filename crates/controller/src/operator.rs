@@ -1,0 +1,230 @@
+//! The scripted operator: what is to be done when, one instruction a line (interface, *The scripted operator*).
+//!
+//! Invariant: a script that was read is in order: instructions wait for each other, each for its own moment.
+
+use retrace_core::{ONE, Travel};
+
+use crate::refusal::{Refusal, nearest};
+
+/// When an instruction is due.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum When {
+    /// At a machine time in seconds.
+    Time(f64),
+    /// When the program line is being executed.
+    Line(u32),
+    /// Seconds after the previous instruction.
+    AfterSeconds(f64),
+    /// Control periods after the previous instruction.
+    AfterPeriods(u64),
+}
+
+/// What the operator does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Deed {
+    /// Feed hold.
+    Hold,
+    /// Cycle start: after a hold, at a program stop, in single block.
+    Resume,
+    /// Reverse run at this rate.
+    Reverse(Travel),
+    /// Forward run at this rate.
+    Forward(Travel),
+    /// Feed override.
+    Override(Travel),
+    /// Turns the handwheel at so many counts a second, for so many seconds.
+    Wheel {
+        /// Counts a second, signed.
+        counts_per_s: f64,
+        /// How long.
+        seconds: f64,
+    },
+    /// Leaves reverse run, forward run or the handwheel.
+    Leave {
+        /// Stop at `reached` where outputs differ, until [`Deed::Agree`].
+        ask: bool,
+    },
+    /// Agrees to the outputs that are to be restored.
+    Agree,
+    /// Switches an output by hand.
+    Output {
+        /// Its number, 0 … 63.
+        number: u8,
+        /// On or off.
+        on: bool,
+    },
+    /// Single block on or off.
+    Single,
+    /// Stops the job.
+    Stop,
+}
+
+/// One line of a script.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instruction {
+    /// Line in the script.
+    pub line: u32,
+    /// When it is due.
+    pub when: When,
+    /// What is to be done.
+    pub deed: Deed,
+}
+
+/// Reads a script; `name` is what to call the file in messages.
+///
+/// # Errors
+/// `E2121` with the line and what was expected there.
+pub fn parse(text: &str, name: &str) -> Result<Vec<Instruction>, Refusal> {
+    let mut script = Vec::new();
+    for (n, line) in text.lines().enumerate() {
+        let line_number = n as u32 + 1;
+        let words: Vec<&str> = line.split('#').next().unwrap_or_default().split_whitespace().collect();
+        if words.is_empty() {
+            continue;
+        }
+        let instruction = instruction(&words).map_err(|(what, remedy)| {
+            Refusal::new("E2121", format!("{name}, line {line_number}: {what}\n  | {}", line.trim()), remedy)
+        })?;
+        script.push(Instruction { line: line_number, ..instruction });
+    }
+    Ok(script)
+}
+
+/// What is wrong, and what would be right.
+type Wrong = (String, String);
+
+fn wrong<T>(what: impl Into<String>, remedy: impl Into<String>) -> Result<T, Wrong> {
+    Err((what.into(), remedy.into()))
+}
+
+fn instruction(words: &[&str]) -> Result<Instruction, Wrong> {
+    let (when, rest) = match words {
+        ["at", "line", line, rest @ ..] => match line.parse() {
+            Ok(line) => (When::Line(line), rest),
+            Err(_) => return wrong(format!("`{line}` is no line number"), "at line 40 …"),
+        },
+        ["at", time, rest @ ..] => (When::Time(seconds(time)?), rest),
+        ["after", count, "periods", rest @ ..] => match count.parse() {
+            Ok(count) => (When::AfterPeriods(count), rest),
+            Err(_) => return wrong(format!("`{count}` is no number of periods"), "after 300 periods …"),
+        },
+        ["after", time, rest @ ..] => (When::AfterSeconds(seconds(time)?), rest),
+        _ => {
+            return wrong(
+                "a line begins with `at` or `after`",
+                "at 1.5s hold · at line 40 hold · after 300 periods hold",
+            );
+        }
+    };
+    Ok(Instruction { line: 0, when, deed: deed(rest)? })
+}
+
+fn deed(words: &[&str]) -> Result<Deed, Wrong> {
+    Ok(match words {
+        ["hold"] => Deed::Hold,
+        ["resume"] | ["cycle", "start"] => Deed::Resume,
+        ["reverse", rate] => Deed::Reverse(percent(rate)?),
+        ["forward", rate] => Deed::Forward(percent(rate)?),
+        ["override", rate] => Deed::Override(percent(rate)?),
+        ["wheel", counts, "for", time] => {
+            let counts_per_s = number(counts)?;
+            if counts_per_s.abs() > 1e6 {
+                return wrong(format!("{counts} counts a second"), "at most 1000000 counts a second");
+            }
+            Deed::Wheel { counts_per_s, seconds: seconds(time)? }
+        }
+        ["leave"] => Deed::Leave { ask: false },
+        ["leave", "ask"] => Deed::Leave { ask: true },
+        ["agree"] => Deed::Agree,
+        ["output", channel, state @ ("on" | "off")] => match channel.parse() {
+            Ok(number @ 0..64) => Deed::Output { number, on: *state == "on" },
+            _ => return wrong(format!("`{channel}` is no output"), "an output is a number from 0 to 63"),
+        },
+        ["single"] => Deed::Single,
+        ["stop"] => Deed::Stop,
+        ["pause" | "online" | "spindle" | "jog", ..] => {
+            return wrong(
+                format!("`{}`: pausing a job to move away and back is not supported yet", words.join(" ")),
+                "use hold and resume, or stop",
+            );
+        }
+        [] => return wrong("nothing to do", "at 1.5s hold"),
+        [first, ..] => {
+            let known = [
+                "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
+                "stop",
+            ];
+            let remedy = match nearest(first, known) {
+                Some(word) if word != *first => format!("did you mean `{word}`?"),
+                Some(_) => "reverse 100% · override 60% · wheel -120 for 2s · leave ask · output 3 on".into(),
+                None => format!("one of {}", known.join(", ")),
+            };
+            return wrong(format!("`{}` is not understood", words.join(" ")), remedy);
+        }
+    })
+}
+
+fn number(word: &str) -> Result<f64, Wrong> {
+    match word.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => wrong(format!("`{word}` is no number"), "a number such as 1.5"),
+    }
+}
+
+fn seconds(word: &str) -> Result<f64, Wrong> {
+    let value = number(word.strip_suffix('s').unwrap_or(word))?;
+    if (0.0..=1e9).contains(&value) { Ok(value) } else { wrong(format!("`{word}` is no time"), "a time such as 1.5s") }
+}
+
+fn percent(word: &str) -> Result<Travel, Wrong> {
+    let Some(digits) = word.strip_suffix('%') else {
+        return wrong(format!("`{word}` is no rate"), "a rate such as 60%");
+    };
+    let value = number(digits)?;
+    if !(0.0..=800.0).contains(&value) {
+        return wrong(format!("a rate of {word}"), "a rate from 0% to 800%");
+    }
+    Ok((value / 100.0 * ONE as f64).round() as Travel)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_every_instruction_of_the_interface() {
+        let text = "at 1.5s   hold\nafter 1s  resume  # cycle start\n\nat 2.0s reverse 100%\nafter 300 periods forward 50%\n\
+            at line 40 override 60%\nafter 1s wheel -120 for 2s\nafter 1s leave\nafter 0s leave ask\nafter 0s agree\n\
+            after 0s output 3 on\nafter 0s single\nat 9s stop\nafter 0s cycle start\n";
+        let script = parse(text, "script").expect("all known");
+        assert_eq!(script.len(), 13);
+        assert_eq!(script[0], Instruction { line: 1, when: When::Time(1.5), deed: Deed::Hold });
+        assert_eq!(script[3], Instruction { line: 5, when: When::AfterPeriods(300), deed: Deed::Forward(ONE / 2) });
+        assert_eq!(script[4].when, When::Line(40));
+        assert_eq!(script[5].deed, Deed::Wheel { counts_per_s: -120.0, seconds: 2.0 });
+        assert_eq!(script[9].deed, Deed::Output { number: 3, on: true });
+    }
+
+    #[test]
+    fn says_where_and_what_was_meant() {
+        let refusal = |text: &str| parse(text, "script").expect_err("wrong");
+        assert_eq!(refusal("at 1s hold\nat 2s revers 100%").remedy, "did you mean `reverse`?");
+        assert!(refusal("at 1s hold\nat 2s revers 100%").what.contains("script, line 2"));
+        for bad in [
+            "hold",
+            "at",
+            "at xs hold",
+            "after 1s reverse 900%",
+            "at 1s reverse",
+            "at 1s output 64 on",
+            "at nan hold",
+            "after -1 periods hold",
+            "at 1s wheel inf for 1s",
+            "at line x hold",
+            "after 1s pause",
+            "at 1s",
+        ] {
+            assert_eq!(refusal(bad).number, "E2121", "{bad}");
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! The report of a run, as `--json` prints it last and the journal keeps it (interface, *run*).
+//!
+//! Invariant: positions come from the card, commanded positions from the program; nothing in the report is estimated.
+
+use serde_json::{Map, Value, json};
+
+use crate::judge::Verdict;
+use crate::machine::Machine;
+use crate::session::Outcome;
+use crate::tally::Tally;
+
+/// Everything that is known at the end of a run.
+#[derive(Debug)]
+pub struct Report<'a, const A: usize> {
+    /// The program's name.
+    pub program: &'a str,
+    /// The machine it ran on.
+    pub machine: &'a Machine,
+    /// How it ended.
+    pub outcome: &'a Outcome,
+    /// Program line that was executed last.
+    pub line: u32,
+    /// Where the time went.
+    pub tally: &'a Tally,
+    /// Blocks of the program that were executed.
+    pub blocks: u64,
+    /// Canonical functions they came to.
+    pub canonical: u64,
+    /// End position of the program on the machine's axes, mm; empty where the program did not come to its end.
+    pub commanded_mm: &'a [f64],
+    /// Pulse counts from the card.
+    pub counts: [i64; A],
+    /// The judge's verdict over what was emitted.
+    pub verdict: &'a Verdict<A>,
+    /// Real time in seconds.
+    pub wall_s: f64,
+    /// Alarms that were raised, as text.
+    pub alarms: &'a [String],
+}
+
+impl Outcome {
+    /// Exit code of the command (interface).
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Completed => 0,
+            Self::Refused(_) => 1,
+            Self::Alarm(..) => 3,
+            Self::Stopped => 4,
+        }
+    }
+
+    /// The outcome's word in the report.
+    #[must_use]
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Completed => "completed",
+            Self::Stopped => "stopped",
+            Self::Refused(_) => "program_error",
+            Self::Alarm(..) => "alarm",
+        }
+    }
+}
+
+impl<const A: usize> Report<'_, A> {
+    /// Seconds that `periods` control periods take.
+    fn seconds(&self, periods: u64) -> f64 {
+        // whole microseconds first, so that 1 500 periods of 1 ms print as 1.5
+        (u128::from(periods) * u128::from(self.machine.period_us)) as f64 / 1e6
+    }
+
+    /// Machine time of program motion, first passage, in seconds.
+    #[must_use]
+    pub fn motion_s(&self) -> f64 {
+        self.seconds(self.tally.motion)
+    }
+
+    /// The report as one JSON object.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let t = self.tally;
+        let position_mm = self.per_axis(|i| json!(self.counts[i] as f64 / self.machine.axes[i].pulses_per_mm));
+        let commanded = self.per_axis(|i| self.commanded_mm.get(i).map_or(Value::Null, |&mm| json!(mm)));
+        json!({
+            "event": "report",
+            "program": self.program,
+            "machine": self.machine.name,
+            "outcome": self.outcome.word(),
+            "exit_code": self.outcome.exit_code(),
+            "line": self.line,
+            "blocks": self.blocks,
+            "canonical": self.canonical,
+            "periods": t.periods,
+            "period_ms": f64::from(self.machine.period_us) / 1000.0,
+            "motion_s": self.motion_s(),
+            "dwell_s": self.seconds(t.dwell),
+            "switch_s": self.seconds(t.switching),
+            "held_s": self.seconds(t.held),
+            "retrace_s": self.seconds(t.retracing),
+            "waiting_s": self.seconds(t.waiting),
+            "wall_s": self.wall_s,
+            "position_counts": self.per_axis(|i| json!(self.counts[i])),
+            "position_mm": position_mm,
+            "commanded_mm": commanded,
+            "pulses_per_mm": self.per_axis(|i| json!(self.machine.axes[i].pulses_per_mm)),
+            "limits": self.limits(),
+            "max_velocity": self.per_axis(|i| json!(self.verdict.extremes[i].velocity_mm_s)),
+            "max_acceleration": self.per_axis(|i| json!(self.verdict.extremes[i].acceleration_mm_s2)),
+            "max_jerk": self.per_axis(|i| json!(self.verdict.extremes[i].jerk_mm_s3)),
+            "limit_violations": self.verdict.violations,
+            "underruns": t.underruns,
+            "reversals": t.reversals,
+            "switch_events": t.switch_events,
+            "peak_rss_mib": peak_rss_mib(),
+            "alarms": self.alarms,
+        })
+    }
+
+    fn limits(&self) -> Value {
+        self.per_axis(|i| {
+            let axis = &self.machine.axes[i];
+            json!({
+                "velocity": axis.max_velocity_mm_per_s,
+                "acceleration": axis.max_acceleration_mm_per_s2,
+                "jerk": axis.max_jerk_mm_per_s3,
+            })
+        })
+    }
+
+    fn per_axis(&self, value: impl Fn(usize) -> Value) -> Value {
+        let axes = self.machine.axes.iter().enumerate();
+        Value::Object(axes.map(|(i, axis)| (axis.name.to_string(), value(i))).collect::<Map<_, _>>())
+    }
+}
+
+/// Largest resident memory of this process so far in MiB, where the system tells (Linux); else null.
+fn peak_rss_mib() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    let kib: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some((kib / 1024.0 * 10.0).round() / 10.0)
+}

@@ -1,0 +1,108 @@
+//! Plays a scripted operator: says each period what is due, and turns his handwheel.
+//!
+//! Invariant: instructions come out in the order of the script, each when its own moment has come; `after` counts from the
+//! end of the instruction before.
+
+use std::collections::VecDeque;
+
+use crate::operator::{Deed, Instruction, When};
+
+/// The operator at work.
+#[derive(Clone, Debug)]
+pub struct ScriptPlayer {
+    script: VecDeque<Instruction>,
+    period_s: f64,
+    /// The period in which the previous instruction ended.
+    since: u64,
+    wheel: Option<Turning>,
+}
+
+/// The handwheel being turned.
+#[derive(Clone, Copy, Debug)]
+struct Turning {
+    counts_per_period: f64,
+    from: u64,
+    counted: i64,
+    until: u64,
+}
+
+impl ScriptPlayer {
+    /// Plays `script` on a machine with a control period of `period_us` microseconds.
+    #[must_use]
+    pub fn new(script: Vec<Instruction>, period_us: u32) -> Self {
+        Self { script: script.into(), period_s: f64::from(period_us) * 1e-6, since: 0, wheel: None }
+    }
+
+    /// Is nothing left to be done?
+    #[must_use]
+    pub fn finished(&self) -> bool {
+        self.script.is_empty() && self.wheel.is_none()
+    }
+
+    /// The next instruction, if it is due now: in period `period`, with program line `line` being executed.
+    pub fn due(&mut self, period: u64, line: u32) -> Option<Instruction> {
+        if self.wheel.is_some() {
+            return None;
+        }
+        let next = self.script.front()?;
+        let due = match next.when {
+            When::Time(seconds) => period >= self.periods(seconds),
+            When::Line(wanted) => line >= wanted,
+            When::AfterSeconds(seconds) => period >= self.since + self.periods(seconds),
+            When::AfterPeriods(periods) => period >= self.since + periods,
+        };
+        if !due {
+            return None;
+        }
+        let next = self.script.pop_front()?;
+        self.since = period;
+        if let Deed::Wheel { counts_per_s, seconds } = next.deed {
+            let until = period + self.periods(seconds);
+            self.wheel =
+                Some(Turning { counts_per_period: counts_per_s * self.period_s, from: period, counted: 0, until });
+        }
+        Some(next)
+    }
+
+    /// Counts that the handwheel turns by in this period.
+    pub fn wheel_counts(&mut self, period: u64) -> i16 {
+        let Some(wheel) = &mut self.wheel else { return 0 };
+        if period >= wheel.until {
+            self.since = period;
+            self.wheel = None;
+            return 0;
+        }
+        // from the beginning each time, so that no count is lost to rounding
+        let turned = wheel.counts_per_period * (period + 1 - wheel.from) as f64;
+        let counts = (turned.round() as i64 - wheel.counted).clamp(i64::from(i16::MIN), i64::from(i16::MAX));
+        wheel.counted += counts;
+        counts as i16
+    }
+
+    fn periods(&self, seconds: f64) -> u64 {
+        (seconds / self.period_s).round() as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::operator::parse;
+
+    #[test]
+    fn instructions_wait_for_each_other_and_the_wheel_for_its_time() {
+        let script = parse("at 0.01s hold\nafter 5 periods resume\nat line 7 wheel -200 for 0.1s\nafter 0s leave", "s")
+            .expect("valid");
+        let mut player = ScriptPlayer::new(script, 1000);
+        let (mut log, mut counts) = (Vec::new(), 0i64);
+        for period in 0..400 {
+            while let Some(i) = player.due(period, if period < 100 { 1 } else { 8 }) {
+                log.push((period, i.line));
+            }
+            counts += i64::from(player.wheel_counts(period));
+        }
+        assert_eq!(log, [(10, 1), (15, 2), (100, 3), (201, 4)]);
+        assert_eq!(counts, -20);
+        assert!(player.finished());
+    }
+}

@@ -1,0 +1,459 @@
+//! The motion path of a job: one turn a control period, from the operator's words to the card's next report.
+//!
+//! Invariant: the order within a turn is always the same: look what is planned, take the operator's words, ask the mode what is
+//! wanted, switch what is due, slide the window, set the rate, let the period pass, book it. Nothing here waits for the planner
+//! but in virtual time, where no time passes by waiting.
+
+use std::thread;
+use std::time::Duration;
+
+use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
+use retrace_core::ring::Consumer;
+use retrace_core::wheel::Wheel;
+use retrace_core::{ONE, Place, Record, Travel};
+use retrace_link::{Change, Instruction, MotionCard, Status, Word, channel};
+
+use crate::event::{Event, Happening};
+use crate::item::{Ending, Item, Kind};
+use crate::machine::{Machine, RetraceOutputs};
+use crate::operator::Deed;
+use crate::script::ScriptPlayer;
+use crate::supply::{News, Road, Supply};
+use crate::tally::{Spent, Tally};
+
+/// Who looks on: records, screen, judge.
+pub trait Observer<const A: usize> {
+    /// A control period has passed.
+    fn period(&mut self, status: &Status<A>, mode: Mode);
+    /// Something happened.
+    fn event(&mut self, event: &Event);
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The program was executed to its end.
+    Completed,
+    /// The operator stopped it, or nobody was there to go on.
+    Stopped,
+    /// The program turned out to have an error while it was fed; rendered.
+    Refused(String),
+    /// An alarm: number, cause, remedy.
+    Alarm(&'static str, String, String),
+}
+
+/// Time and company of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Manner {
+    /// Does time pass while nothing happens? In virtual time the motion path waits for the planner instead.
+    pub wall_time: bool,
+    /// Is an operator there to press cycle start at a program stop? Without one it is passed.
+    pub operator: bool,
+}
+
+/// Standing still for so long (s) in virtual time, with the operator's script at its end, ends the job: nobody will go on.
+const NOBODY_THERE_S: f64 = 10.0;
+
+/// A job being executed on a card.
+pub struct Session<'r, 'o, const A: usize, C: MotionCard<A>> {
+    card: C,
+    supply: Supply<'r, A>,
+    operation: Operation,
+    operator: ScriptPlayer,
+    wheel: Box<Wheel<512>>,
+    manner: Manner,
+    period_s: f64,
+    enough: u32,
+    cutting: Vec<u8>,
+    observer: &'o mut dyn Observer<A>,
+    tally: Tally,
+    /// The kind of the instruction that the card is executing.
+    executing: Option<Kind>,
+    /// Standing at a program stop until cycle start.
+    program_stop: bool,
+    /// Cycle start was given for the program stop in hand.
+    go_on: bool,
+    /// Standing at the end of a block until cycle start.
+    single_stop: bool,
+    single: bool,
+    stopping: bool,
+    road_cut: bool,
+    dry: bool,
+    still_periods: u64,
+    target: Option<Travel>,
+}
+
+impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
+    /// A session on `card`, which stands at the place where the ring begins.
+    pub fn new(
+        card: C,
+        machine: &Machine,
+        ring: Consumer<'r, Record<A>>,
+        items: std::sync::mpsc::Receiver<Item>,
+        operator: ScriptPlayer,
+        manner: Manner,
+        observer: &'o mut dyn Observer<A>,
+    ) -> Self {
+        let status = card.status();
+        let supply = Supply::new(ring, items, status.place.record, status.outputs);
+        Self {
+            tally: Tally::new(status.place.record),
+            supply,
+            card,
+            operation: Operation::default(),
+            operator,
+            wheel: Box::new(Wheel::new(machine.wheel_periods, machine.wheel_counts)),
+            manner,
+            period_s: machine.period_s(),
+            enough: 2 * u32::from(machine.smoothing.stopping_records()) + 2,
+            cutting: machine.cutting_outputs.clone(),
+            observer,
+            executing: None,
+            program_stop: false,
+            go_on: false,
+            single_stop: false,
+            single: false,
+            stopping: false,
+            road_cut: false,
+            dry: false,
+            still_periods: 0,
+            target: None,
+        }
+        .with_outputs(machine.retrace_outputs)
+    }
+
+    fn with_outputs(mut self, outputs: RetraceOutputs) -> Self {
+        // Every card takes this word; it changes nothing but what retracing does.
+        let _ = self.card.send(Word::Replay { on: outputs == RetraceOutputs::Replayed });
+        self
+    }
+
+    /// Runs the job to its end.
+    pub fn run(mut self) -> (Outcome, Tally, C) {
+        self.tell(Happening::Started);
+        let outcome = loop {
+            match self.turn() {
+                Ok(None) => {}
+                Ok(Some(outcome)) => break outcome,
+                Err(cause) => {
+                    let remedy = "the machine stands where the card says; check card and line, then resume".to_string();
+                    self.tell(Happening::Alarm("E3001", cause.clone(), remedy.clone()));
+                    break Outcome::Alarm("E3001", cause, remedy);
+                }
+            }
+        };
+        (outcome, self.tally, self.card)
+    }
+
+    /// One control period. `Err` is a fault of the card.
+    fn turn(&mut self) -> Result<Option<Outcome>, String> {
+        self.supply.look();
+        if !self.manner.wall_time {
+            self.wait_for_planner();
+        }
+        self.take_orders();
+        let demand = self.demand();
+        self.switch_what_is_due()?;
+        self.slide(demand);
+        if let Some(outcome) = self.ended() {
+            return Ok(Some(outcome));
+        }
+        self.set_rate(demand);
+        let status = *self.card.period().map_err(|fault| fault.to_string())?;
+        self.book(&status);
+        Ok(None)
+    }
+
+    /// In virtual time the run must not depend on how fast the planner is.
+    fn wait_for_planner(&mut self) {
+        let mut spins = 0u32;
+        while !self.supply.is_enough(self.card.status(), self.enough) {
+            spins += 1;
+            match spins {
+                0..100 => std::hint::spin_loop(),
+                100..200 => thread::yield_now(),
+                _ => thread::sleep(Duration::from_micros(50)),
+            }
+            self.supply.look();
+        }
+    }
+
+    fn take_orders(&mut self) {
+        let (period, line) = (self.card.status().period, self.card.status().line);
+        while let Some(instruction) = self.operator.due(period, line) {
+            self.tell(Happening::Operator(format!("{:?}", instruction.deed)));
+            let mode = self.operation.mode();
+            if let Err(why) = self.order(instruction.deed) {
+                self.tell(Happening::OrderRefused(why));
+            }
+            if self.operation.mode() != mode {
+                self.tell_mode();
+            }
+        }
+        let counts = self.operator.wheel_counts(period);
+        self.wheel.turn(counts);
+    }
+
+    fn order(&mut self, deed: Deed) -> Result<(), String> {
+        let refused = |r: retrace_core::mode::Refused| {
+            use retrace_core::mode::Refused as R;
+            match r {
+                R::NotRetracing => "there is nothing to leave: the machine is in normal run",
+                R::NothingAsked => "there is nothing to agree to",
+                R::NotHeld => "no feed hold is in force",
+                R::NoRate => "a rate above 0 % is needed",
+            }
+            .to_string()
+        };
+        match deed {
+            Deed::Hold => self.operation.order(Order::Hold),
+            Deed::Resume if self.program_stop => {
+                self.go_on = true;
+                Ok(())
+            }
+            Deed::Resume if self.single_stop => {
+                self.next_block();
+                Ok(())
+            }
+            Deed::Resume => self.operation.order(Order::Resume),
+            Deed::Override(rate) => self.operation.order(Order::Override(rate)),
+            Deed::Reverse(rate) => self.operation.order(Order::Reverse(rate)),
+            Deed::Forward(rate) => self.operation.order(Order::Forward(rate)),
+            Deed::Wheel { .. } if self.operation.mode() == Mode::Wheel => Ok(()),
+            Deed::Wheel { .. } => {
+                self.wheel.reset();
+                self.operation.order(Order::Wheel)
+            }
+            Deed::Leave { ask } => self.operation.order(Order::Leave { ask }),
+            Deed::Agree => self.operation.order(Order::Agree),
+            Deed::Output { number, on } => {
+                let change = Change { channel: number, value: i32::from(on) };
+                return self.card.send(Word::ByHand(change)).map_err(|_| format!("the card has no output {number}"));
+            }
+            Deed::Single => {
+                self.single = !self.single;
+                if self.single {
+                    self.next_block()
+                } else {
+                    self.supply.open_block()
+                }
+                Ok(())
+            }
+            Deed::Stop => {
+                self.stopping = true;
+                self.operation.order(Order::Hold)
+            }
+        }
+        .map_err(refused)
+    }
+
+    fn next_block(&mut self) {
+        self.single_stop = false;
+        if self.single {
+            let after = self.card.status().place.boundary_ahead();
+            self.supply.end_block(&mut self.card, after);
+        } else {
+            self.supply.open_block();
+        }
+    }
+
+    fn facts(&self) -> Facts {
+        let status = self.card.status();
+        Facts {
+            place: status.place,
+            at_rest: status.at_rest,
+            reached: status.reached,
+            oldest: self.supply.oldest(),
+            outputs_agree: status.outputs == *self.supply.expected(),
+            wheel: self.wheel.rate(),
+        }
+    }
+
+    fn demand(&mut self) -> Demand {
+        let (facts, mode) = (self.facts(), self.operation.mode());
+        let demand = self.operation.demand(&facts);
+        match demand.notice {
+            Some(Notice::Oldest) => match self.supply.barrier() {
+                Some(code) => self.tell(Happening::OneWay(code)),
+                None => self.tell(Happening::Oldest),
+            },
+            Some(Notice::OutputsDiffer) => self.tell(Happening::OutputsDiffer(self.differing())),
+            Some(Notice::GoesOn) => self.tell(Happening::GoesOn),
+            None => {}
+        }
+        if demand.restore_outputs {
+            for (channel, _, value) in self.differing() {
+                // The channels come from the card's own report.
+                let _ = self.card.send(Word::ByHand(Change { channel, value }));
+            }
+            self.tell(Happening::OutputsRestored);
+        }
+        if self.operation.mode() != mode {
+            self.tell_mode();
+        }
+        demand
+    }
+
+    /// Channel, value, and value that the program expects, where these differ.
+    fn differing(&self) -> Vec<(u8, i32, i32)> {
+        let (are, want) = (&self.card.status().outputs, self.supply.expected());
+        (0..channel::COUNT).filter(|&c| are[c] != want[c]).map(|c| (c as u8, are[c], want[c])).collect()
+    }
+
+    /// Instructions whose place the motion has come to, one after the other (GMC-5).
+    fn switch_what_is_due(&mut self) -> Result<(), String> {
+        if self.operation.mode() != Mode::Run || self.operation.held() {
+            return Ok(());
+        }
+        while let Some(exclusive) = self.supply.due(self.card.status()) {
+            let (kind, code) = (exclusive.kind, exclusive.code);
+            if kind == Kind::ProgramStop && !self.go_on && self.manner.operator {
+                if !self.program_stop {
+                    self.program_stop = true;
+                    self.tell(Happening::ProgramStop(code));
+                }
+                return Ok(());
+            }
+            let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
+            let instruction = Instruction { number: self.supply.number(), changes, count, periods };
+            self.card
+                .send(Word::Instruction(instruction))
+                .map_err(|refusal| format!("the card did not take {code}: {refusal:?}"))?;
+            (self.program_stop, self.go_on) = (false, false);
+            self.supply.sent();
+            self.executing = Some(kind);
+            self.tally.switch_events += u64::from(kind == Kind::Switch);
+            self.tell(Happening::Switching(code));
+            self.acknowledge();
+        }
+        Ok(())
+    }
+
+    fn acknowledge(&mut self) {
+        if let Some(done) = self.supply.acknowledge(self.card.status().executed) {
+            self.executing = None;
+            self.tell(Happening::Switched(done.code));
+        }
+    }
+
+    /// Slides the window. Entering a mode that retraces, the road is cut at `reached` and at the oldest place first.
+    fn slide(&mut self, demand: Demand) {
+        let road = if demand.look_ahead { Road::LookAhead } else { Road::Reached };
+        if road == Road::Reached && !self.road_cut {
+            let (reached, low) = (self.card.status().reached, self.card.status().low);
+            let oldest = self.supply.oldest();
+            // At rest, so neither can be refused; a window that begins later than the oldest place is left as it is.
+            let _ = self.card.send(Word::Trim { high: reached });
+            if retrace_core::place::before(low, oldest) {
+                let _ = self.card.send(Word::Forget { low: oldest });
+            }
+        }
+        self.road_cut = road == Road::Reached;
+        if demand.target < 0 {
+            self.supply.fill_behind(&mut self.card);
+        } else {
+            self.supply.fill_ahead(&mut self.card, road);
+        }
+    }
+
+    fn set_rate(&mut self, demand: Demand) {
+        let outputs = &self.card.status().outputs;
+        let cutting = self.cutting.iter().any(|&c| outputs.get(usize::from(c)).is_some_and(|&v| v != 0));
+        // Rapid retrace only with the cutting outputs off.
+        let target = if cutting { demand.target.clamp(-ONE, ONE) } else { demand.target };
+        if self.target != Some(target) && self.card.send(Word::Rate { target }).is_ok() {
+            self.target = Some(target);
+        }
+    }
+
+    fn book(&mut self, status: &Status<A>) {
+        let executing = self.executing;
+        self.acknowledge();
+        let mode = self.operation.mode();
+        let held = self.operation.held() || self.program_stop || self.single_stop;
+        self.tally.count(Spent {
+            mode,
+            held,
+            instruction: executing.map(|kind| kind == Kind::Dwell),
+            rate: status.rate,
+            place: status.place,
+        });
+        let mut passed: Vec<(u32, Happening)> = Vec::new();
+        self.supply.follow(status, |news| {
+            passed.push(match news {
+                News::Action(action, line) => (line, Happening::SwitchedInPassing(action.channel, action.after)),
+                News::Message(line, text) => (line, Happening::Message(text.to_string())),
+            });
+        });
+        for (line, happening) in passed {
+            self.tally.switch_events += u64::from(matches!(happening, Happening::SwitchedInPassing(..)));
+            self.tell_at(line, happening);
+        }
+        self.watch_supply(status, mode);
+        self.observer.period(status, mode);
+        self.still_periods = if status.rate == 0 && self.executing.is_none() { self.still_periods + 1 } else { 0 };
+    }
+
+    /// Underruns, and the end of a single block.
+    fn watch_supply(&mut self, status: &Status<A>, mode: Mode) {
+        let at_block_end = self.single && self.supply.block_end() == Some(status.high);
+        let dry = status.short && mode == Mode::Run && !at_block_end;
+        if dry && !self.dry {
+            self.tally.underruns += 1;
+            self.tell(Happening::Underrun);
+        }
+        self.dry = dry;
+        if at_block_end
+            && mode == Mode::Run
+            && !self.single_stop
+            && status.at_rest
+            && status.place == Place::start_of(status.high)
+        {
+            self.single_stop = true;
+            self.tell(Happening::SingleBlock);
+        }
+    }
+
+    /// Has the job come to its end?
+    fn ended(&mut self) -> Option<Outcome> {
+        let status = *self.card.status();
+        if !status.at_rest || self.executing.is_some() {
+            return None;
+        }
+        if self.stopping {
+            return Some(Outcome::Stopped);
+        }
+        let at_end = status.place == Place::start_of(status.reached);
+        if self.operation.mode() == Mode::Run && at_end && self.supply.all_executed(&status) {
+            return Some(match self.supply.summary().map(|s| &s.ending) {
+                Some(Ending::Refused(text)) => Outcome::Refused(text.clone()),
+                _ => Outcome::Completed,
+            });
+        }
+        let nobody = !self.manner.wall_time && self.operator.finished();
+        (nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S).then_some(Outcome::Stopped)
+    }
+
+    fn tell_mode(&mut self) {
+        let name = match self.operation.mode() {
+            Mode::Run => "run",
+            Mode::Reverse => "reverse",
+            Mode::Forward => "forward",
+            Mode::Wheel => "wheel",
+            Mode::Return => "return",
+            Mode::Settle => "settle",
+        };
+        self.tell(Happening::Mode(name));
+    }
+
+    fn tell(&mut self, happening: Happening) {
+        self.tell_at(self.card.status().line, happening);
+    }
+
+    fn tell_at(&mut self, line: u32, happening: Happening) {
+        let status = self.card.status();
+        let time_s = status.period as f64 * self.period_s;
+        let event = Event { period: status.period, time_s, place: status.place, line, happening };
+        self.observer.event(&event);
+    }
+}

@@ -1,0 +1,230 @@
+//! The motion path with a real planner and the simulated card, without any program text.
+
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc;
+
+use retrace_controller::event::{Event, Happening};
+use retrace_controller::feed::{Feeder, Switch};
+use retrace_controller::item::{Ending, Kind, Summary};
+use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
+use retrace_controller::machine::Machine;
+use retrace_controller::operator;
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::{Manner, Observer, Outcome, Session};
+use retrace_controller::tally::Tally;
+use retrace_core::mode::Mode;
+use retrace_core::ring::{Cell, Ring};
+use retrace_core::{Place, Record, size};
+use retrace_hal_sim::{Clock, SimCard};
+use retrace_link::{Change, MotionCard, Status, channel};
+use retrace_motion::{Feed, PathMode, Planner};
+
+/// Everything that was executed.
+struct Log {
+    judge: LimitJudge<3>,
+    positions: std::collections::HashMap<Place, [i64; 3]>,
+    rows: Vec<(Place, [i64; 3], i64)>,
+    events: Vec<Event>,
+}
+
+impl Observer<3> for Log {
+    fn period(&mut self, status: &Status<3>, _mode: Mode) {
+        self.judge.push(&status.increments, status.rate);
+        self.rows.push((status.place, status.counts, status.rate));
+        let first = *self.positions.entry(status.place).or_insert(status.counts);
+        assert_eq!(first, status.counts, "place {:?} has two positions", status.place);
+    }
+    fn event(&mut self, event: &Event) {
+        self.events.push(event.clone());
+    }
+}
+
+struct Run {
+    outcome: Outcome,
+    tally: Tally,
+    status: Status<3>,
+    verdict: Verdict<3>,
+    rows: Vec<(Place, [i64; 3], i64)>,
+    events: Vec<Event>,
+}
+
+impl Run {
+    fn at(&self, happening: &Happening) -> usize {
+        let event = self.events.iter().find(|e| e.happening == *happening);
+        event.unwrap_or_else(|| panic!("no {happening:?} in {:#?}", self.events)).period as usize
+    }
+}
+
+/// Runs a program, given as what it does to a feeder, on a machine whose history lasts `history_s`.
+fn run(script: &str, history_s: f64, program: impl FnOnce(&mut Feeder<'_, 3>) + Send) -> Run {
+    let machine = Machine::parse(&format!("history_hours = {}", history_s / 3600.0), "test").expect("valid");
+    let start = u32::MAX - 2000;
+    let cells = size::ring_cells(machine.history_records, machine.look_ahead_records).expect("fits");
+    let cells: Box<[Cell<Record<3>>]> = (0..cells).map(|_| Cell::default()).collect();
+    let mut ring = Ring::new(cells, machine.history_records, machine.look_ahead_records, start).expect("fits");
+    let (producer, consumer) = ring.split();
+    let (sender, receiver) = mpsc::sync_channel(64);
+    let planner = Planner::new(machine.limits(), [0.0; 3]).expect("valid");
+    let card = SimCard::<3>::new(start, machine.smoothing, Clock::Virtual).expect("fits");
+    let axis = |i: usize| {
+        let a = &machine.axes[i];
+        AxisLimits {
+            pulses_per_mm: a.pulses_per_mm,
+            velocity_mm_s: a.max_velocity_mm_per_s,
+            acceleration_mm_s2: a.max_acceleration_mm_per_s2,
+            jerk_mm_s3: a.max_jerk_mm_per_s3,
+        }
+    };
+    let mut log = Log {
+        judge: LimitJudge::new(&std::array::from_fn(axis), machine.period_s()),
+        positions: Default::default(),
+        rows: Vec::new(),
+        events: Vec::new(),
+    };
+    let operator = ScriptPlayer::new(operator::parse(script, "script").expect("valid"), machine.period_us);
+    let manner = Manner { wall_time: false, operator: true };
+    let outputs = card.status().outputs;
+    let cancel = AtomicBool::new(false);
+    let (outcome, tally, status) = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut feeder = Feeder::new(planner, producer, sender, outputs, &cancel);
+            program(&mut feeder);
+            let commanded_mm = feeder.commanded_mm().to_vec();
+            let summary = Summary { ending: Ending::Completed, blocks: 0, canonical: 0, commanded_mm };
+            // a run that was stopped does not hear of the end
+            let _ = feeder.end(summary);
+        });
+        let session = Session::new(card, &machine, consumer, receiver, operator, manner, &mut log);
+        let (outcome, tally, card) = session.run();
+        cancel.store(true, std::sync::atomic::Ordering::Relaxed);
+        (outcome, tally, *card.status())
+    });
+    Run { outcome, tally, status, verdict: log.judge.finish(), rows: log.rows, events: log.events }
+}
+
+const FEED: Feed = Feed::PerSecond(80.0);
+
+fn zigzag(feeder: &mut Feeder<'_, 3>) {
+    for k in 0..40u32 {
+        let (x, y) = (f64::from(k % 2) * 30.0, f64::from(k) * 1.5);
+        if feeder.straight([x, y, 0.1 * f64::from(k)], FEED, PathMode::ExactPath, k + 1).is_err() {
+            return;
+        }
+    }
+}
+
+fn is_exact(run: &Run) {
+    assert_eq!(run.outcome, Outcome::Completed);
+    assert_eq!(run.status.counts, [30_000, 58_500, 3_900]);
+    assert_eq!(run.verdict.violations, 0, "{:?}", run.verdict.first);
+    assert_eq!(run.tally.underruns, 0);
+}
+
+#[test]
+fn a_plain_run_takes_the_planned_periods_and_ends_exactly() {
+    let run = run("", 60.0, zigzag);
+    is_exact(&run);
+    assert!(run.rows.iter().all(|(_, _, rate)| *rate == retrace_core::ONE));
+    assert_eq!(run.tally.periods, run.tally.motion);
+}
+
+#[test]
+fn holds_overrides_and_retracing_change_nothing_in_the_end() {
+    let script = "at 1s hold\nafter 1s resume\nafter 0.5s override 40%\nafter 1s override 100%\nafter 1s reverse 100%\n\
+        after 1s forward 60%\nafter 500 periods reverse 100%\nafter 4s wheel -120 for 1s\nafter 0.2s wheel 70 for 2s\nafter 0.5s leave\n";
+    let run = run(script, 60.0, zigzag);
+    is_exact(&run);
+    assert!(run.tally.retracing > 5000 && run.tally.held > 500, "{:?}", run.tally);
+    assert!(run.events.iter().any(|e| e.happening == Happening::GoesOn));
+}
+
+#[test]
+fn a_short_history_ends_reverse_run_at_its_oldest_record_and_says_so() {
+    let run = run("at 8s reverse 100%\nafter 6s leave", 2.0, zigzag);
+    is_exact(&run);
+    let oldest = run.at(&Happening::Oldest);
+    let reached = run.rows[..oldest].iter().map(|(p, ..)| Place::start_of(u32::MAX - 2000).to(*p)).max().expect("ran");
+    let stands = Place::start_of(u32::MAX - 2000).to(run.rows[oldest - 1].0);
+    assert_eq!((reached + u32::MAX as i64) >> 32, (stands >> 32) + 2000, "history keeps 2000 records");
+}
+
+#[test]
+fn instructions_stand_between_the_motion_before_and_behind() {
+    let switch = |feeder: &mut Feeder<'_, 3>, value, periods| {
+        let changes = [Change { channel: channel::SPINDLE, value }];
+        let (kind, code) = (Kind::Switch, "M3");
+        feeder.exclusive(Switch { line: 9, kind, code, changes: &changes, periods, one_way: false }).expect("running");
+    };
+    let run = run("at 2s reverse 100%\nafter 1s leave", 60.0, |feeder| {
+        switch(feeder, 1, 100);
+        for k in 0..5 {
+            feeder.straight([f64::from(k + 1) * 10.0, 0.0, 0.0], FEED, PathMode::ExactPath, k + 1).expect("in range");
+            feeder.action(Change { channel: 7, value: (k % 2) as i32 }, k + 1);
+            switch(feeder, k as i32, 50);
+        }
+    });
+    assert_eq!((run.outcome, run.status.counts), (Outcome::Completed, [50_000, 0, 0]));
+    assert_eq!(run.verdict.violations, 0);
+    assert_eq!(run.tally.switching, 100 + 5 * 50);
+    let done: Vec<u64> =
+        run.events.iter().filter(|e| e.happening == Happening::Switched("M3")).map(|e| e.period).collect();
+    for (n, &period) in done.iter().enumerate() {
+        // the counts stand still for the whole instruction, exactly where the line before it ends
+        let (at, before) = (period as usize - 1, period as usize - if n == 0 { 100 } else { 50 });
+        assert_eq!(run.rows[before].1, [10_000 * n as i64, 0, 0]);
+        assert_eq!(run.rows[at].1, run.rows[before].1);
+    }
+    assert_eq!(run.status.outputs[7], 0);
+}
+
+#[test]
+fn a_thousand_full_stops_cost_no_period() {
+    let length = |n: u32| {
+        run("", 60.0, |feeder| {
+            for k in 0..n {
+                let x = f64::from(k % 2) * 0.3;
+                if feeder.straight([x, 0.0, 0.0], FEED, PathMode::ExactStop, k).is_err() {
+                    return;
+                }
+            }
+        })
+        .tally
+        .periods
+    };
+    // from 0 to 0.3 and back, each a rest-to-rest move of its own
+    let one = length(2) - length(1);
+    assert_eq!(length(1001) - length(1), 1000 * one);
+}
+
+#[test]
+fn outputs_that_were_changed_by_hand_are_asked_for_at_reached() {
+    let program = |feeder: &mut Feeder<'_, 3>| {
+        feeder.action(Change { channel: 3, value: 1 }, 1);
+        zigzag(feeder);
+    };
+    let script = "at 2s reverse 100%\nafter 1s output 3 off\nafter 1s leave ask\nafter 4s agree";
+    let run = run(script, 60.0, program);
+    is_exact(&run);
+    let asked = run.at(&Happening::OutputsDiffer(vec![(3, 0, 1)]));
+    let restored = run.at(&Happening::OutputsRestored);
+    assert!(restored > asked + 500);
+    assert!(run.rows[asked..restored].iter().all(|(place, ..)| *place == run.rows[asked].0));
+    assert_eq!(run.status.outputs[3], 1);
+}
+
+#[test]
+fn single_block_stops_at_every_block_and_goes_on_at_cycle_start() {
+    let script = (0..60).fold("at 1s single\n".to_string(), |s, _| s + "after 2s cycle start\n");
+    let run = run(&script, 60.0, zigzag);
+    is_exact(&run);
+    assert!(run.events.iter().filter(|e| e.happening == Happening::SingleBlock).count() > 30);
+}
+
+#[test]
+fn a_stop_rests_on_the_path_and_a_job_that_nobody_resumes_ends() {
+    let stopped = run("at 1s stop", 60.0, zigzag);
+    assert_eq!(stopped.outcome, Outcome::Stopped);
+    assert!(stopped.status.at_rest && stopped.verdict.violations == 0);
+    let left = run("at 1s hold", 60.0, zigzag);
+    assert_eq!(left.outcome, Outcome::Stopped);
+}
