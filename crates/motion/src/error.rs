@@ -42,13 +42,13 @@ pub enum LimitError {
 impl LimitError {
     /// The number under which `docs/errors.md` explains it.
     #[must_use]
-    pub const fn number(&self) -> u16 {
+    pub const fn number(&self) -> &'static str {
         match self {
-            Self::NotPositive { .. } => 4101,
-            Self::TooManyPulses { .. } => 4102,
-            Self::PathVelocity { .. } => 4103,
-            Self::Reserve { .. } => 4104,
-            Self::Period { .. } => 4105,
+            Self::NotPositive { .. } => "E4101",
+            Self::TooManyPulses { .. } => "E4102",
+            Self::PathVelocity { .. } => "E4103",
+            Self::Reserve { .. } => "E4104",
+            Self::Period { .. } => "E4105",
         }
     }
 }
@@ -96,12 +96,12 @@ pub enum MoveError {
 impl MoveError {
     /// The number under which `docs/errors.md` explains it.
     #[must_use]
-    pub const fn number(&self) -> u16 {
+    pub const fn number(&self) -> &'static str {
         match self {
-            Self::NotFinite => 4001,
-            Self::Feed { .. } => 4002,
-            Self::ArcRadius { .. } => 4003,
-            Self::ArcPlane => 4004,
+            Self::NotFinite => "E4001",
+            Self::Feed { .. } => "E4002",
+            Self::ArcRadius { .. } => "E4003",
+            Self::ArcPlane => "E4004",
         }
     }
 }

@@ -115,13 +115,13 @@ mod tests {
             change(&mut bad);
             bad.validate().unwrap_err().number()
         };
-        assert_eq!(refused(|l| l.velocity_mm_s[1] = f64::NAN), 4101);
-        assert_eq!(refused(|l| l.acceleration_mm_s2[2] = 0.0), 4101);
-        assert_eq!(refused(|l| l.jerk_mm_s3[0] = -1.0), 4101);
-        assert_eq!(refused(|l| l.pulses_per_mm[0] = f64::INFINITY), 4101);
-        assert_eq!(refused(|l| l.pulses_per_mm[0] = 400_000.0), 4102);
-        assert_eq!(refused(|l| l.path_velocity_mm_s = 0.0), 4103);
-        assert_eq!(refused(|l| l.reserve = 0.95), 4104);
-        assert_eq!(refused(|l| l.period_s = 0.0), 4105);
+        assert_eq!(refused(|l| l.velocity_mm_s[1] = f64::NAN), "E4101");
+        assert_eq!(refused(|l| l.acceleration_mm_s2[2] = 0.0), "E4101");
+        assert_eq!(refused(|l| l.jerk_mm_s3[0] = -1.0), "E4101");
+        assert_eq!(refused(|l| l.pulses_per_mm[0] = f64::INFINITY), "E4101");
+        assert_eq!(refused(|l| l.pulses_per_mm[0] = 400_000.0), "E4102");
+        assert_eq!(refused(|l| l.path_velocity_mm_s = 0.0), "E4103");
+        assert_eq!(refused(|l| l.reserve = 0.95), "E4104");
+        assert_eq!(refused(|l| l.period_s = 0.0), "E4105");
     }
 }
