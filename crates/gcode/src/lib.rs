@@ -1,1 +1,52 @@
-//! Under construction.
+//! NC programs in RS274/NGC: from text to canonical functions, as LinuxCNC 2.9 reads them.
+//!
+//! Invariant: a line is compiled once into a block; carrying out a block allocates nothing but the text of its comments. Whatever the
+//! input, the answer is canonical functions or numbered diagnostics, never a panic. This crate knows no motion and no port.
+//!
+//! ```
+//! use retrace_gcode::{Program, Setup, CanonText};
+//!
+//! let program = Program::new("G21 G1 X10 F100\nM2\n".as_bytes(), Setup::rs274());
+//! let mut text = CanonText::new(Vec::new());
+//! for step in program {
+//!     text.write(&step)?;
+//! }
+//! let text = String::from_utf8_lossy(&text.into_inner()).into_owned();
+//! assert!(text.contains("    9 N..... STRAIGHT_FEED(10.0000, 0.0000, 0.0000, 0.0000, 0.0000, 0.0000)"));
+//! # Ok::<(), std::io::Error>(())
+//! ```
+//!
+//! The rooms, in the order in which a line passes through them: `lex` (characters and numbers), `expr` (expressions), `parse` (words),
+//! `block` (the compiled line), `interp` (carrying it out: `check`, then `execute`), [`Canon`] (what comes out).
+#![forbid(unsafe_code)]
+
+mod angle;
+mod block;
+mod canon;
+mod canon_text;
+mod codes;
+mod diag;
+mod expr;
+mod groups;
+mod interp;
+mod lex;
+mod modal;
+mod params;
+mod parse;
+mod pose;
+mod program;
+mod remark;
+mod system;
+mod tool;
+
+pub use block::BlockNumber;
+pub use canon::{ArcFeed, Canon, FeedMode, LengthUnit, PathControl, Plane, Step};
+pub use canon_text::CanonText;
+pub use codes::Code;
+pub use diag::{Diagnostic, Severity, Span};
+pub use interp::{BlockRefused, Flow, Interpreter, Setup};
+pub use modal::{ArcCentres, Distance, Motion, Spindle, State};
+pub use params::Parameters;
+pub use pose::{Axis, AxisSet, Pose};
+pub use program::{Program, Progress, Steps, check};
+pub use tool::{Tool, ToolTable};

@@ -1,0 +1,343 @@
+//! A block: one line of a program, compiled.
+//!
+//! Invariant: a block says what its line says and no more; what depends on parameters is kept as operations and calculated when
+//! the block is carried out. Cleared and filled again, a block allocates nothing once its buffers have grown.
+
+use crate::codes::Code;
+use crate::diag::{Outcome, Span, fault};
+use crate::expr::{Environment, Op, evaluate, whole};
+use crate::groups::{GroupG, GroupM, Known, Tenths, group_of_g, group_of_m};
+use crate::params::NameId;
+use crate::remark::Remark;
+use std::fmt;
+
+/// The N word of a line, with its digits as they are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BlockNumber {
+    value: u64,
+    digits: u8,
+}
+
+impl BlockNumber {
+    pub(crate) const fn new(value: u64, digits: u8) -> BlockNumber {
+        BlockNumber { value, digits }
+    }
+
+    /// The number.
+    #[must_use]
+    pub const fn value(self) -> u64 {
+        self.value
+    }
+}
+
+impl fmt::Display for BlockNumber {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{:0width$}", self.value, width = usize::from(self.digits))
+    }
+}
+
+/// First byte and byte after the last; a line is shorter than 256 bytes.
+type Place = (u8, u8);
+
+pub(crate) fn place(span: Span) -> Place {
+    (span.start.min(255) as u8, span.end.min(255) as u8)
+}
+
+fn span(place: Place) -> Span {
+    Span::new(place.0.into(), place.1.into())
+}
+
+/// M codes that one block may hold.
+const MOST_M: u8 = 4;
+
+/// The words of a block with their values.
+#[derive(Clone, Debug)]
+pub(crate) struct Words {
+    present: u32,
+    value: [f64; 26],
+    at: [Place; 26],
+    g_present: u16,
+    g: [Tenths; 16],
+    g_at: [Place; 16],
+    m_present: u16,
+    m: [u8; 16],
+    m_at: [Place; 16],
+    m_count: u8,
+}
+
+impl Default for Words {
+    fn default() -> Words {
+        Words {
+            present: 0,
+            value: [0.0; 26],
+            at: [(0, 0); 26],
+            g_present: 0,
+            g: [0; 16],
+            g_at: [(0, 0); 16],
+            m_present: 0,
+            m: [0; 16],
+            m_at: [(0, 0); 16],
+            m_count: 0,
+        }
+    }
+}
+
+const fn index(letter: u8) -> usize {
+    (letter.wrapping_sub(b'a') % 26) as usize
+}
+
+impl Words {
+    fn clear(&mut self) {
+        (self.present, self.g_present, self.m_present, self.m_count) = (0, 0, 0, 0);
+    }
+
+    /// Whether the word of this lower-case letter is there.
+    #[inline]
+    pub(crate) const fn has(&self, letter: u8) -> bool {
+        self.present & 1 << index(letter) != 0
+    }
+
+    /// The value of the word of this lower-case letter.
+    #[inline]
+    pub(crate) fn get(&self, letter: u8) -> Option<f64> {
+        self.has(letter).then(|| self.value[index(letter)])
+    }
+
+    /// Whether any of these words is there.
+    pub(crate) fn has_any(&self, letters: &[u8]) -> bool {
+        letters.iter().any(|letter| self.has(*letter))
+    }
+
+    /// Where the word of this letter stands.
+    pub(crate) fn span(&self, letter: u8) -> Span {
+        span(self.at[index(letter)])
+    }
+
+    /// The first of these words that is there.
+    pub(crate) fn first_of(&self, letters: &[u8]) -> Option<u8> {
+        letters.iter().copied().find(|letter| self.has(*letter))
+    }
+
+    /// The G code of a group, in tenths.
+    #[inline]
+    pub(crate) fn g(&self, group: GroupG) -> Option<Tenths> {
+        (self.g_present & 1 << group as u8 != 0).then(|| self.g[group as usize])
+    }
+
+    pub(crate) fn g_span(&self, group: GroupG) -> Span {
+        span(self.g_at[group as usize])
+    }
+
+    /// The M code of a group.
+    #[inline]
+    pub(crate) fn m(&self, group: GroupM) -> Option<u8> {
+        (self.m_present & 1 << group as u8 != 0).then(|| self.m[group as usize])
+    }
+
+    /// Whether there is any M code.
+    #[inline]
+    pub(crate) const fn has_m(&self) -> bool {
+        self.m_present != 0
+    }
+
+    pub(crate) fn m_span(&self, group: GroupM) -> Span {
+        span(self.m_at[group as usize])
+    }
+
+    /// Notes that the word of this letter is there.
+    #[inline]
+    pub(crate) fn claim(&mut self, letter: u8, at: Span) -> Outcome<()> {
+        if self.has(letter) {
+            let name = char::from(letter.to_ascii_uppercase());
+            return fault(Code::WordTwice, at, format!("{name} is given twice"));
+        }
+        self.present |= 1 << index(letter);
+        self.at[index(letter)] = place(at);
+        Ok(())
+    }
+
+    /// Sets the value of a claimed word.
+    #[inline]
+    pub(crate) fn fill(&mut self, letter: u8, value: f64, at: Span) -> Outcome<()> {
+        let value = match letter {
+            b'f' | b's' if value < 0.0 => return negative(letter, value, at),
+            b'h' | b't' | b'l' => {
+                let rounded = f64::from(whole(value, at, "the word")?);
+                if rounded < 0.0 {
+                    return negative(letter, value, at);
+                }
+                rounded
+            }
+            _ => value,
+        };
+        self.value[index(letter)] = value;
+        Ok(())
+    }
+
+    /// Adds a G code; G80 gives way to another motion code.
+    pub(crate) fn add_g(&mut self, value: f64, at: Span) -> Outcome<()> {
+        let tenths = (value * 10.0).round();
+        if value < 0.0 {
+            return negative(b'g', value, at);
+        }
+        if (value * 10.0 - tenths).abs() > 0.001 || tenths > 999.0 {
+            return fault(Code::UnknownG, at, format!("there is no G{value}"));
+        }
+        let tenths = tenths as Tenths;
+        let name = name_of_g(tenths);
+        let group = match group_of_g(tenths) {
+            Known::CarriedOut(group) => group,
+            Known::NotYet => return fault(Code::UnsupportedG, at, format!("{name} is not supported yet")),
+            Known::No => return fault(Code::UnknownG, at, format!("there is no {name}")),
+        };
+        match self.g(group) {
+            Some(_) if group == GroupG::Motion && tenths == 800 => return Ok(()),
+            Some(800) | None => {}
+            Some(other) => {
+                let other = name_of_g(other);
+                return fault(Code::TwoGOfGroup, at, format!("{other} and {name} exclude each other"));
+            }
+        }
+        self.g_present |= 1 << group as u8;
+        self.g[group as usize] = tenths;
+        self.g_at[group as usize] = place(at);
+        Ok(())
+    }
+
+    /// Adds an M code.
+    pub(crate) fn add_m(&mut self, value: f64, at: Span) -> Outcome<()> {
+        let code = whole(value, at, "M")?;
+        if code < 0 {
+            return negative(b'm', value, at);
+        }
+        let group = match u8::try_from(code).map_or(Known::No, group_of_m) {
+            Known::CarriedOut(group) => group,
+            Known::NotYet => return fault(Code::UnsupportedM, at, format!("M{code} is not supported yet")),
+            Known::No => return fault(Code::UnknownM, at, format!("there is no M{code}")),
+        };
+        if let Some(other) = self.m(group) {
+            return fault(Code::TwoMOfGroup, at, format!("M{other} and M{code} exclude each other"));
+        }
+        self.m_count += 1;
+        if self.m_count > MOST_M {
+            return fault(Code::TooManyM, at, Code::TooManyM.title());
+        }
+        self.m_present |= 1 << group as u8;
+        self.m[group as usize] = code as u8;
+        self.m_at[group as usize] = place(at);
+        Ok(())
+    }
+}
+
+#[cold]
+fn negative(letter: u8, value: f64, at: Span) -> Outcome<()> {
+    fault(
+        Code::NegativeValue,
+        at,
+        format!("{} must not be negative, but is {value}", char::from(letter.to_ascii_uppercase())),
+    )
+}
+
+/// How a G code is written.
+pub(crate) fn name_of_g(tenths: Tenths) -> String {
+    match tenths % 10 {
+        0 => format!("G{}", tenths / 10),
+        tenth => format!("G{}.{tenth}", tenths / 10),
+    }
+}
+
+/// Where a calculated value goes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Slot {
+    Word(u8),
+    G,
+    M,
+    /// Assignment to the numbered parameter whose number the operations leave below the value.
+    Numbered,
+    Named(NameId),
+}
+
+/// A value that is calculated when the block is carried out.
+#[derive(Clone, Copy, Debug)]
+struct Late {
+    slot: Slot,
+    first_op: u16,
+    end_op: u16,
+    at: Place,
+}
+
+/// An assignment with its value, not done yet.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Assignment {
+    Numbered(usize, f64),
+    Named(NameId, f64),
+}
+
+/// One compiled line.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Block {
+    pub(crate) number: Option<BlockNumber>,
+    pub(crate) words: Words,
+    pub(crate) remark: Option<Remark>,
+    pub(crate) ops: Vec<Op>,
+    late: Vec<Late>,
+}
+
+impl Block {
+    pub(crate) fn clear(&mut self) {
+        self.number = None;
+        self.words.clear();
+        self.remark = None;
+        self.ops.clear();
+        self.late.clear();
+    }
+
+    /// Adds a value that the operations from `first_op` on calculate.
+    pub(crate) fn add_late(&mut self, slot: Slot, first_op: usize, at: Span) {
+        let (first_op, end_op) = (first_op as u16, self.ops.len() as u16);
+        self.late.push(Late { slot, first_op, end_op, at: place(at) });
+    }
+
+    /// Whether its words have all their values.
+    #[inline]
+    pub(crate) fn is_constant(&self) -> bool {
+        self.late.is_empty()
+    }
+
+    /// Calculates what is open, in the order of the line: word values into `words`, assignments into `assignments`.
+    pub(crate) fn calculate(
+        &self,
+        environment: &impl Environment,
+        words: &mut Words,
+        assignments: &mut Vec<Assignment>,
+    ) -> Outcome<()> {
+        words.clone_from(&self.words);
+        assignments.clear();
+        for late in &self.late {
+            let ops = &self.ops[usize::from(late.first_op)..usize::from(late.end_op)];
+            let (below, value) = evaluate(ops, environment)?;
+            let at = span(late.at);
+            match late.slot {
+                Slot::Word(letter) => words.fill(letter, value, at)?,
+                Slot::G => words.add_g(value, at)?,
+                Slot::M => words.add_m(value, at)?,
+                Slot::Numbered => assignments.push(Assignment::Numbered(assignable(below, at)?, value)),
+                Slot::Named(name) => assignments.push(Assignment::Named(name, value)),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The number of a parameter that may be assigned to.
+fn assignable(number: f64, at: Span) -> Outcome<usize> {
+    use crate::params::Parameters;
+    let number = whole(number, at, "#")?;
+    match usize::try_from(number) {
+        Ok(number) if Parameters::is_read_only(number) => {
+            fault(Code::ParameterReadOnly, at, format!("#{number} is read-only"))
+        }
+        Ok(number) if Parameters::has(number) => Ok(number),
+        _ => fault(Code::ParameterRange, at, format!("there is no parameter #{number}")),
+    }
+}

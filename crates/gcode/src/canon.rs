@@ -1,0 +1,188 @@
+//! Canonical functions: the machine-independent steps that a program becomes.
+//!
+//! Invariant: names, order and arguments are those of LinuxCNC's canonical functions. Lengths are in the program's units in force
+//! (the last [`Canon::UseLengthUnits`]), angles in degrees, positions in the program's coordinate system.
+
+use crate::block::BlockNumber;
+use crate::pose::{Axis, Pose};
+use std::sync::Arc;
+
+/// A unit of length.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LengthUnit {
+    /// 25.4 mm.
+    Inch,
+    /// Millimetre.
+    Millimetre,
+}
+
+impl LengthUnit {
+    /// How many millimetres one unit is.
+    #[must_use]
+    pub const fn millimetres(self) -> f64 {
+        match self {
+            LengthUnit::Inch => 25.4,
+            LengthUnit::Millimetre => 1.0,
+        }
+    }
+}
+
+/// A plane of arcs, with its axes in the order in which [`Canon::ArcFeed`] counts them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Plane {
+    /// G17: first X, second Y, normal Z.
+    Xy,
+    /// G18: first Z, second X, normal Y.
+    Zx,
+    /// G19: first Y, second Z, normal X.
+    Yz,
+}
+
+impl Plane {
+    /// First, second and normal axis.
+    #[must_use]
+    pub const fn axes(self) -> [Axis; 3] {
+        match self {
+            Plane::Xy => [Axis::X, Axis::Y, Axis::Z],
+            Plane::Zx => [Axis::Z, Axis::X, Axis::Y],
+            Plane::Yz => [Axis::Y, Axis::Z, Axis::X],
+        }
+    }
+}
+
+/// How the path is followed at the joints of blocks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PathControl {
+    /// G61: exactly along the path, without a needless stop.
+    ExactPath,
+    /// G61.1: a full stop at the end of each block.
+    ExactStop,
+    /// G64: blended; deviation at most the tolerance in program units, 0 when the program names none.
+    Continuous {
+        /// Blend tolerance in program units, at least 0.
+        tolerance: f64,
+    },
+}
+
+/// How the feed rate is meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FeedMode {
+    /// G93: F is the inverse of the minutes that the block takes.
+    InverseTime,
+    /// G94: units a minute.
+    UnitsPerMinute,
+}
+
+/// A circular or helical arc.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ArcFeed {
+    /// The plane in which it turns.
+    pub plane: Plane,
+    /// The end position on all axes.
+    pub end: Pose,
+    /// Centre on the first axis of the plane.
+    pub first_centre: f64,
+    /// Centre on the second axis of the plane.
+    pub second_centre: f64,
+    /// Begun turns: positive counter-clockwise, negative clockwise, seen from the positive end of the normal axis; never 0.
+    pub turns: i32,
+}
+
+/// One canonical function.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs)] // the names are the definition; arguments that need a word have one
+pub enum Canon {
+    /// The interpreter has gone back to its initial state (program opened or closed).
+    OnReset,
+    /// The program ended at its closing percent sign.
+    Finish,
+    UseLengthUnits(LengthUnit),
+    /// Origin of the coordinate system 1 … 9 (G54 … G59.3) that is now in force.
+    SetG5xOffset {
+        system: u8,
+        offset: Pose,
+    },
+    SetG92Offset(Pose),
+    /// Rotation of the coordinate system about Z, degrees.
+    SetXyRotation(f64),
+    SetFeedReference,
+    SetFeedMode(FeedMode),
+    /// Program units a minute.
+    SetFeedRate(f64),
+    StraightTraverse(Pose),
+    StraightFeed(Pose),
+    ArcFeed(ArcFeed),
+    SelectPlane(Plane),
+    SetMotionControlMode(PathControl),
+    /// Tolerance of the merging of nearly straight runs, program units.
+    SetNaivecamTolerance(f64),
+    /// Seconds.
+    Dwell(f64),
+    /// Turns a minute, at least 0.
+    SetSpindleSpeed(f64),
+    StartSpindleClockwise,
+    StartSpindleCounterclockwise,
+    StopSpindleTurning,
+    /// Constant surface speed with this highest number of turns a minute; 0 is constant turns (G97).
+    SetSpindleMode(f64),
+    StartChange,
+    /// Put the selected tool into the spindle; the number of the tool, 0 for none.
+    ChangeTool(u32),
+    SelectTool(u32),
+    /// The tool in the spindle is now called so (M61).
+    ChangeToolNumber(u32),
+    UseToolLengthOffset(Pose),
+    MistOn,
+    MistOff,
+    FloodOn,
+    FloodOff,
+    EnableFeedOverride,
+    DisableFeedOverride,
+    EnableSpeedOverride,
+    DisableSpeedOverride,
+    EnableAdaptiveFeed,
+    DisableAdaptiveFeed,
+    EnableFeedHold,
+    DisableFeedHold,
+    /// Output on, in step with the motion (M62).
+    SetMotionOutputBit(i32),
+    /// Output off, in step with the motion (M63).
+    ClearMotionOutputBit(i32),
+    /// Output on, at once (M64).
+    SetAuxOutputBit(i32),
+    /// Output off, at once (M65).
+    ClearAuxOutputBit(i32),
+    Comment(Arc<str>),
+    /// A comment of the interpreter itself on a change of mode.
+    Note(&'static str),
+    /// For the operator (MSG, DEBUG).
+    Message(Arc<str>),
+    /// For standard output (PRINT).
+    Print(Arc<str>),
+    /// M0.
+    ProgramStop,
+    /// M1.
+    OptionalProgramStop,
+    PalletShuttle,
+    /// M2, M30.
+    ProgramEnd,
+}
+
+impl Canon {
+    /// Whether the run waits here for cycle start: M0, M1, M60.
+    #[must_use]
+    pub const fn waits_for_cycle_start(&self) -> bool {
+        matches!(self, Canon::ProgramStop | Canon::OptionalProgramStop)
+    }
+}
+
+/// One canonical function with the block that it comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// Line of the file, counted from 1; 0 before the first line and after the last.
+    pub line: u32,
+    /// The N word of that line.
+    pub number: Option<BlockNumber>,
+    /// What is to be done.
+    pub canon: Canon,
+}

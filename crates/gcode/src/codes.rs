@@ -1,0 +1,138 @@
+//! The one table of program errors and warnings: number, title, cause and remedy.
+//!
+//! Invariant: a number never changes its meaning; `docs/errors.md` has a row for each.
+
+/// Makes the enumeration and its table from one list.
+macro_rules! codes {
+    ($($name:ident $number:literal $title:literal $cause:literal $remedy:literal;)*) => {
+        /// What a diagnostic is about. Numbers from `E` are errors, from `W` warnings.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        #[allow(missing_docs)] // each has its title in the table below
+        pub enum Code { $($name,)* }
+
+        impl Code {
+            /// Every code, in the order of the table.
+            pub const ALL: &'static [Code] = &[$(Code::$name,)*];
+
+            /// The number that users see, such as `E1101`.
+            #[must_use]
+            pub const fn number(self) -> &'static str {
+                match self { $(Code::$name => $number,)* }
+            }
+
+            /// What is wrong, in general.
+            #[must_use]
+            pub const fn title(self) -> &'static str {
+                match self { $(Code::$name => $title,)* }
+            }
+
+            /// How it comes about.
+            #[must_use]
+            pub const fn cause(self) -> &'static str {
+                match self { $(Code::$name => $cause,)* }
+            }
+
+            /// What to do about it.
+            #[must_use]
+            pub const fn remedy(self) -> &'static str {
+                match self { $(Code::$name => $remedy,)* }
+            }
+        }
+    };
+}
+
+codes! {
+    LineTooLong "E1001" "line too long" "A line has more than 252 bytes." "Split the line; shorten its comment.";
+    NotText "E1002" "not text" "The line is not valid UTF-8, or has a control character: the file may be binary." "Save the program as plain text.";
+    BadCharacter "E1003" "character not understood" "A character begins no word." "Remove it, or put it into a comment.";
+    UnclosedComment "E1004" "comment not closed" "An opening parenthesis has no closing one in its line." "Close the comment in the same line, or begin it with a semicolon.";
+    NestedComment "E1005" "comment inside a comment" "A comment in parentheses holds an opening parenthesis." "Use brackets or nothing inside the comment.";
+    NoProgramEnd "E1006" "program has no end" "The file ends without M2, M30 or a closing percent sign." "End the program with M2 or M30.";
+    EmptyProgram "E1007" "program is empty" "There is no line in it that is not blank." "Check that this is the file you meant.";
+    NoClosingPercent "E1008" "closing percent sign missing" "The program opens with a percent sign and ends without one, and without M2 or M30." "Add a line with a percent sign, or M2, at the end.";
+    BadBlockNumber "E1009" "N word not understood" "N is not followed by digits, has more than 18 of them, or does not stand at the beginning of the block." "Write N and digits at the beginning of the block, or leave the N word out.";
+    TooManyErrors "E1010" "too many errors" "More errors than are shown; checking has stopped." "Repair those shown and check again.";
+    Unreadable "E1011" "program cannot be read on" "The operating system reported an error while reading." "Check the file and the connection that it comes through.";
+
+    NumberMissing "E1101" "number missing" "A word letter, sign, operator or equals sign is not followed by a value." "Write the value, or remove the word.";
+    BadNumber "E1102" "number not understood" "A number has two decimal points or no digits." "Write it as 12, -0.5 or .5; exponents are not known in RS274/NGC.";
+    NumberTooLarge "E1103" "number too large" "A value is beyond what the word can hold." "Check the number.";
+    NotAnInteger "E1104" "whole number needed" "The word takes a whole number only." "Write a whole number.";
+    NegativeValue "E1105" "value must not be negative" "The word takes no negative value." "Write a value of at least 0.";
+
+    UnknownFunction "E1201" "function or operator not known" "A name in an expression is no function and no operator of RS274/NGC." "Known are ABS ACOS ASIN ATAN COS EXISTS EXP FIX FUP LN ROUND SIN SQRT TAN, + - * / ** MOD, EQ NE GT GE LT LE, AND OR XOR.";
+    UnclosedBracket "E1202" "bracket not closed" "An opening bracket has no closing one in its line." "Close the bracket.";
+    BracketMissing "E1203" "opening bracket missing" "A function's argument is not in brackets, or ATAN lacks the slash and its second argument." "Write FUNCTION[x], and ATAN[y]/[x].";
+    DivisionByZero "E1204" "division by zero" "The divisor of / or MOD is zero." "Check the divisor before dividing.";
+    OutOfDomain "E1205" "argument out of range" "The function has no value there, such as the root of a negative number." "Check the argument.";
+    NotFinite "E1206" "result is no finite number" "The result of a calculation is infinite or undefined." "Check the sizes of the values in it.";
+    TooDeep "E1207" "expression too deep" "Brackets or operators are nested deeper than 40." "Use parameters for parts of it.";
+
+    ParameterRange "E1301" "no such parameter" "Numbered parameters go from 1 to 5601." "Use a parameter from 1 to 5000, or a named one.";
+    ParameterUndefined "E1302" "named parameter not defined" "A named parameter is read before a value was given to it." "Assign it first, or ask EXISTS[#<name>].";
+    ParameterReadOnly "E1303" "parameter is read-only" "The parameter tells the state of the machine." "Assign to another one.";
+    EqualsMissing "E1304" "equals sign missing" "A parameter at the beginning of an assignment is not followed by =." "Write #1=2, or put the parameter behind a word letter.";
+    NameNotClosed "E1305" "parameter name not closed" "#< is not followed by a name and >." "Write #<name>.";
+
+    UnknownG "E1401" "no such G code" "RS274/NGC has no G code of this number." "Check the number.";
+    UnsupportedG "E1402" "G code not supported yet" "The G code exists, but this version does not carry it out." "Write the block with the supported codes.";
+    UnknownM "E1403" "no such M code" "RS274/NGC has no M code of this number." "Check the number.";
+    UnsupportedM "E1404" "M code not supported yet" "The M code exists, but this version does not carry it out." "Write the block with the supported codes.";
+    TwoGOfGroup "E1405" "two G codes of one modal group" "A block holds one G code of each modal group at most." "Put them into two blocks, or remove one.";
+    TwoMOfGroup "E1406" "two M codes of one modal group" "A block holds one M code of each modal group at most." "Put them into two blocks, or remove one.";
+    WordTwice "E1407" "word given twice" "A block holds each word letter but G and M once at most." "Remove one.";
+    WordUnused "E1408" "word without a use" "No code in the block uses the word." "Remove the word, or add the code that it belongs to.";
+    AxisMissing "E1409" "machine has no such axis" "The word belongs to an axis that the machine does not have." "Remove the word, or check the axes in the machine file.";
+    UnsupportedWord "E1410" "not supported yet" "This part of RS274/NGC is not carried out by this version." "Write the block without it.";
+    TooManyM "E1411" "too many M codes" "A block holds four M codes at most." "Put them into two blocks.";
+
+    NoMotionMode "E1501" "axis words without a motion" "The block has axis words, but no G code uses them and no motion mode is in force." "Begin with G0, G1, G2 or G3.";
+    AxisWithG80 "E1502" "axis words with G80" "G80 ends the motion mode, so nothing uses the axis words." "Remove the axis words, or G80.";
+    TwoUseAxes "E1503" "two G codes would use the axis words" "The block has a motion and G10, G28, G30, G52 or G92." "Put them into two blocks.";
+    AxesMissing "E1504" "axis words missing" "G52 and G92 need at least one axis word." "Add the axis words.";
+    WordMissing "E1505" "word missing" "A code in the block needs a word that is not there." "Add the word.";
+    G53Motion "E1506" "G53 needs G0 or G1" "G53 stands in a block that is no straight move." "Write G53 G0 or G53 G1.";
+    G53Incremental "E1507" "G53 in incremental mode" "Machine coordinates are absolute." "Use G90 with G53.";
+    ZeroFeed "E1508" "no feed rate" "A feed move is asked for while the feed rate is zero." "Give an F word greater than 0 in this block or before; G94 sets it to zero.";
+    InverseTimeFeed "E1509" "F word missing in inverse time mode" "In G93 every feed move needs its own F word." "Add the F word, or go back to G94.";
+    BadL "E1510" "L word not understood" "G10 takes L2 and L20 here." "Write L2 or L20.";
+    BadP "E1511" "P word out of range" "The P word does not name what the code needs: a coordinate system 0 to 9, or a number of turns of at least 1." "Correct the P word.";
+
+    ArcWordsMissing "E1601" "arc without a centre" "The arc has neither R nor a centre word." "Add R, or the centre words of the plane: I J in G17, K I in G18, J K in G19.";
+    ArcMixed "E1602" "arc with R and centre words" "An arc has either a radius or a centre." "Remove R, or I, J and K.";
+    ArcWrongWord "E1603" "centre word out of the plane" "The centre word does not belong to the selected plane." "Remove it, or select the plane that was meant.";
+    ArcNoEnd "E1604" "arc without an end" "An arc with R needs an end word of its plane." "Add the end words, or use centre words for a full circle.";
+    ArcZeroRadius "E1605" "arc of zero radius" "Start or end lies on the centre." "Check the centre words.";
+    ArcRadiiDiffer "E1606" "radii disagree" "The distances of start and end from the centre differ by more than 0.028 mm (0.0028 inch) and by more than 0.1 %." "Check the end and the centre; give more decimals; check G90.1 and G91.1.";
+    ArcSamePoint "E1607" "arc ends where it starts" "With R, an arc that ends where it starts has no unique centre." "Use centre words for a full circle.";
+    ArcRadiusTooSmall "E1608" "radius too small" "The distance from start to end is more than twice the radius." "Check R and the end.";
+    ArcAbsoluteCentre "E1609" "centre word missing in G90.1" "With absolute centres both centre words of the plane are needed." "Add the centre word, or use G91.1.";
+
+    ToolUnknown "E1701" "tool not in the tool table" "No line of the tool table has this tool number." "Add the tool to the table, or correct the number.";
+    ToolTableLine "E1702" "tool table not understood" "A line of the tool table has no T word, an unknown word or a bad number." "Write lines such as T1 P1 Z0.5 D0.25 ;comment.";
+    ParameterFileLine "E1703" "parameter file not understood" "A line of the parameter file is not a number and a value, or the numbers do not go up." "Write lines such as 5221 0.000000, in rising order.";
+
+    TextAfterEnd "W1001" "text after the program's end" "Lines after M2, M30 or the closing percent sign are not read." "Remove them if they are not meant to be kept.";
+    SpindleWithoutSpeed "W1002" "spindle started without a speed" "M3 or M4 is carried out while the spindle speed is zero." "Give an S word before.";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Code;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn a_number_stands_for_one_code() {
+        let numbers: BTreeSet<_> = Code::ALL.iter().map(|code| code.number()).collect();
+        assert_eq!(numbers.len(), Code::ALL.len());
+    }
+
+    #[test]
+    fn the_document_has_a_row_with_the_same_words_for_each() {
+        let document = include_str!("../../../docs/errors.md");
+        for code in Code::ALL {
+            let row = format!("| {} | {} | {} | {} |", code.number(), code.title(), code.cause(), code.remedy());
+            assert!(document.lines().any(|line| line == row), "docs/errors.md lacks: {row}");
+        }
+    }
+}

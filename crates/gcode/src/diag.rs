@@ -1,0 +1,156 @@
+//! Diagnostics: what is wrong with a program, where, and what to do.
+//!
+//! Invariant: columns count bytes of the line from 1, and a span never leaves its line.
+
+use crate::codes::Code;
+use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+
+/// A stretch of one line, in bytes from its beginning; `end` is the first byte that is no longer in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Span {
+    /// First byte.
+    pub start: u32,
+    /// Byte after the last.
+    pub end: u32,
+}
+
+impl Span {
+    pub(crate) fn new(start: usize, end: usize) -> Span {
+        Span { start: start as u32, end: end.max(start) as u32 }
+    }
+}
+
+/// How bad it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Severity {
+    /// The block is not carried out.
+    Error,
+    /// Legal, and suspicious.
+    Warning,
+}
+
+/// One thing that is wrong with a program.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Diagnostic {
+    /// What it is about; its number stands in `docs/errors.md`.
+    pub code: Code,
+    /// Line of the file, counted from 1.
+    pub line: u32,
+    /// Where in that line.
+    pub span: Span,
+    /// What is wrong here.
+    pub message: String,
+}
+
+impl Diagnostic {
+    /// Error or warning.
+    #[must_use]
+    pub fn severity(&self) -> Severity {
+        if self.code.number().starts_with('W') { Severity::Warning } else { Severity::Error }
+    }
+
+    /// The number that users see, such as `E1101`.
+    #[must_use]
+    pub fn number(&self) -> &'static str {
+        self.code.number()
+    }
+
+    /// Column of the span's first byte, counted from 1.
+    #[must_use]
+    pub fn column(&self) -> u32 {
+        self.span.start + 1
+    }
+
+    /// What to do about it.
+    #[must_use]
+    pub fn help(&self) -> &'static str {
+        self.code.remedy()
+    }
+
+    /// The diagnostic with its source line, a mark under the span, and the help. `source_line` is the line's text without its end.
+    #[must_use]
+    pub fn render(&self, file_name: &str, source_line: &str) -> String {
+        let level = match self.severity() {
+            Severity::Error => Level::ERROR,
+            Severity::Warning => Level::WARNING,
+        };
+        let start = floor_char_boundary(source_line, self.span.start as usize);
+        let end = floor_char_boundary(source_line, self.span.end as usize).max(start);
+        let snippet = Snippet::source(source_line)
+            .path(file_name)
+            .line_start(self.line.max(1) as usize)
+            .annotation(AnnotationKind::Primary.span(start..end));
+        let report = [level
+            .primary_title(self.message.as_str())
+            .id(self.number())
+            .element(snippet)
+            .element(Level::HELP.message(self.help()))];
+        Renderer::plain().render(&report).to_string()
+    }
+}
+
+/// The greatest character boundary of `text` that is at most `at`.
+fn floor_char_boundary(text: &str, at: usize) -> usize {
+    let mut at = at.min(text.len());
+    while !text.is_char_boundary(at) {
+        at -= 1;
+    }
+    at
+}
+
+/// A fault found while a line is read or carried out; the line's number is added where it is recorded.
+#[derive(Debug)]
+pub(crate) struct Fault {
+    pub(crate) code: Code,
+    pub(crate) span: Span,
+    pub(crate) message: String,
+}
+
+impl Fault {
+    #[cold]
+    pub(crate) fn new(code: Code, span: Span, message: impl Into<String>) -> Fault {
+        Fault { code, span, message: message.into() }
+    }
+
+    /// A fault whose general title says it all.
+    #[cold]
+    pub(crate) fn plain(code: Code, span: Span) -> Fault {
+        Fault::new(code, span, code.title())
+    }
+}
+
+/// What reading or carrying out gives.
+pub(crate) type Outcome<T> = Result<T, Box<Fault>>;
+
+#[cold]
+pub(crate) fn fault<T>(code: Code, span: Span, message: impl Into<String>) -> Outcome<T> {
+    Err(Box::new(Fault::new(code, span, message)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rendered_diagnostic_shows_number_place_line_mark_and_help() {
+        let diagnostic = Diagnostic {
+            code: Code::WordTwice,
+            line: 7,
+            span: Span { start: 6, end: 8 },
+            message: "X is given twice".to_owned(),
+        };
+        let shown = diagnostic.render("part.ngc", "G0 X1 X2");
+        for wanted in ["error[E1407]: X is given twice", "part.ngc:7:7", "7 | G0 X1 X2", "^^", "help: Remove one."] {
+            assert!(shown.contains(wanted), "{wanted} is not in\n{shown}");
+        }
+    }
+
+    #[test]
+    fn a_span_beyond_the_line_or_inside_a_character_does_not_panic() {
+        let mut diagnostic =
+            Diagnostic { code: Code::NotText, line: 0, span: Span { start: 1, end: 900 }, message: String::new() };
+        assert!(diagnostic.render("p", "ä").contains("E1002"));
+        diagnostic.span = Span { start: 5, end: 2 };
+        assert!(diagnostic.render("p", "").contains("E1002"));
+    }
+}

@@ -1,0 +1,447 @@
+//! Expressions: compiled once into postfix operations, evaluated on a fixed stack.
+//!
+//! Invariant: the compiler refuses what would need more than [`STACK`] values, so evaluation never overflows and allocates nothing.
+//! Operators of one rank go from left to right; a sign binds to the value behind it before any operator does.
+
+use crate::angle;
+use crate::codes::Code;
+use crate::diag::{Outcome, Span, fault};
+use crate::lex::Cursor;
+use crate::params::{NameId, Names};
+use crate::system::SystemParameter;
+
+/// Values that an expression may hold at once.
+const STACK: usize = 40;
+
+/// Two values nearer than this are equal to EQ, NE, GE and LE.
+const EQUAL: f64 = 1e-6;
+
+/// How far from a whole number a value may be that has to be one.
+const WHOLE: f64 = 1e-4;
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Op {
+    kind: OpKind,
+    /// First byte and byte after the last: a line is shorter than 256 bytes.
+    at: (u8, u8),
+}
+
+impl Op {
+    fn span(self) -> Span {
+        Span::new(self.at.0.into(), self.at.1.into())
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum OpKind {
+    Constant(f64),
+    /// The numbered parameter whose number is on the stack.
+    Numbered,
+    Named(NameId),
+    System(SystemParameter),
+    Exists(NameId),
+    Negate,
+    Function(Function),
+    /// ATAN\[y\]/\[x\].
+    Atan,
+    Binary(Operator),
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Function {
+    Abs,
+    Acos,
+    Asin,
+    Cos,
+    Exp,
+    Fix,
+    Fup,
+    Ln,
+    Round,
+    Sin,
+    Sqrt,
+    Tan,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Operator {
+    And,
+    Or,
+    Xor,
+    Equal,
+    NotEqual,
+    Greater,
+    GreaterOrEqual,
+    Less,
+    LessOrEqual,
+    Add,
+    Subtract,
+    Multiply,
+    Divide,
+    Modulo,
+    Power,
+}
+
+/// Operators by how they are written; a longer one stands before one that it begins with.
+const OPERATORS: [(&[u8], Operator, u8); 15] = [
+    (b"**", Operator::Power, 6),
+    (b"*", Operator::Multiply, 5),
+    (b"/", Operator::Divide, 5),
+    (b"mod", Operator::Modulo, 5),
+    (b"+", Operator::Add, 4),
+    (b"-", Operator::Subtract, 4),
+    (b"eq", Operator::Equal, 3),
+    (b"ne", Operator::NotEqual, 3),
+    (b"gt", Operator::Greater, 3),
+    (b"ge", Operator::GreaterOrEqual, 3),
+    (b"lt", Operator::Less, 3),
+    (b"le", Operator::LessOrEqual, 3),
+    (b"and", Operator::And, 2),
+    (b"or", Operator::Or, 2),
+    (b"xor", Operator::Xor, 2),
+];
+
+const FUNCTIONS: [(&[u8], Function); 12] = [
+    (b"abs", Function::Abs),
+    (b"acos", Function::Acos),
+    (b"asin", Function::Asin),
+    (b"cos", Function::Cos),
+    (b"exp", Function::Exp),
+    (b"fix", Function::Fix),
+    (b"fup", Function::Fup),
+    (b"ln", Function::Ln),
+    (b"round", Function::Round),
+    (b"sin", Function::Sin),
+    (b"sqrt", Function::Sqrt),
+    (b"tan", Function::Tan),
+];
+
+/// A value as the program gives it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Operand {
+    Constant(f64),
+    /// To be calculated from the operations that have been added.
+    Calculated,
+}
+
+/// What a parameter reference names.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Reference {
+    /// Its number is calculated by the operations that have been added.
+    Numbered,
+    Named(NameId),
+    System(SystemParameter),
+}
+
+/// Compiles values of one line, adding operations to a pool.
+pub(crate) struct Compiler<'a, 'b> {
+    pub(crate) cursor: &'b mut Cursor<'a>,
+    pub(crate) ops: &'b mut Vec<Op>,
+    pub(crate) names: &'b mut Names,
+    held: usize,
+}
+
+impl<'a, 'b> Compiler<'a, 'b> {
+    pub(crate) fn new(cursor: &'b mut Cursor<'a>, ops: &'b mut Vec<Op>, names: &'b mut Names) -> Compiler<'a, 'b> {
+        Compiler { cursor, ops, names, held: 0 }
+    }
+
+    /// The value behind a word letter: a plain number needs no operation.
+    #[inline]
+    pub(crate) fn operand(&mut self) -> Outcome<Operand> {
+        match self.cursor.peek() {
+            b'0'..=b'9' | b'.' => Ok(Operand::Constant(self.cursor.number()?)),
+            b'-' => {
+                self.cursor.skip();
+                match self.cursor.peek() {
+                    b'0'..=b'9' | b'.' => Ok(Operand::Constant(-self.cursor.number()?)),
+                    _ => {
+                        let start = self.cursor.at().saturating_sub(1);
+                        self.value()?;
+                        self.push(OpKind::Negate, start)?;
+                        Ok(Operand::Calculated)
+                    }
+                }
+            }
+            _ => {
+                self.value()?;
+                Ok(Operand::Calculated)
+            }
+        }
+    }
+
+    /// One value: number, parameter, function, bracket, with or without signs.
+    pub(crate) fn value(&mut self) -> Outcome<()> {
+        let next = self.cursor.peek();
+        let start = self.cursor.at();
+        match next {
+            b'[' => self.bracket(),
+            b'#' => self.parameter_value(),
+            b'+' => {
+                self.cursor.skip();
+                self.value()
+            }
+            b'-' => {
+                self.cursor.skip();
+                self.value()?;
+                self.push(OpKind::Negate, start)
+            }
+            b'a'..=b'z' => self.function(),
+            b'0'..=b'9' | b'.' => {
+                let number = self.cursor.number()?;
+                self.push(OpKind::Constant(number), start)
+            }
+            _ => fault(Code::NumberMissing, self.cursor.here(), "a value is missing here"),
+        }
+    }
+
+    /// `[expression]`.
+    pub(crate) fn bracket(&mut self) -> Outcome<()> {
+        let open = self.cursor.here();
+        if !self.cursor.eat(b'[') {
+            return fault(Code::BracketMissing, open, "an opening bracket is missing here");
+        }
+        self.binary(0)?;
+        if self.cursor.eat(b']') { Ok(()) } else { self.bad_operator(open) }
+    }
+
+    /// A chain of operators of at least this rank.
+    fn binary(&mut self, rank: u8) -> Outcome<()> {
+        let start = self.cursor.at();
+        self.value()?;
+        loop {
+            let before = self.cursor.clone();
+            let Some((operator, its_rank)) = self.operator() else { return Ok(()) };
+            if its_rank < rank {
+                *self.cursor = before;
+                return Ok(());
+            }
+            self.binary(its_rank + 1)?;
+            self.push(OpKind::Binary(operator), start)?;
+        }
+    }
+
+    fn operator(&mut self) -> Option<(Operator, u8)> {
+        let (_, operator, rank) = OPERATORS.iter().find(|(text, ..)| self.cursor.eat_word(text))?;
+        Some((*operator, *rank))
+    }
+
+    #[cold]
+    fn bad_operator(&mut self, open: Span) -> Outcome<()> {
+        if self.cursor.peek() == 0 {
+            return fault(Code::UnclosedBracket, open, "this bracket is not closed");
+        }
+        fault(Code::UnknownFunction, self.cursor.here(), "no operator begins here")
+    }
+
+    fn function(&mut self) -> Outcome<()> {
+        let start = self.cursor.at();
+        if self.cursor.eat_word(b"atan") {
+            self.bracket()?;
+            if !self.cursor.eat(b'/') {
+                return fault(Code::BracketMissing, self.cursor.here(), "ATAN needs a slash and a second argument");
+            }
+            self.bracket()?;
+            return self.push(OpKind::Atan, start);
+        }
+        if self.cursor.eat_word(b"exists") {
+            return self.exists(start);
+        }
+        let Some((_, function)) = FUNCTIONS.iter().find(|(text, _)| self.cursor.eat_word(text)) else {
+            return fault(Code::UnknownFunction, self.cursor.here(), "no function begins here");
+        };
+        self.bracket()?;
+        self.push(OpKind::Function(*function), start)
+    }
+
+    /// EXISTS\[#<name>\]: whether the parameter has a value; every numbered one has.
+    fn exists(&mut self, start: usize) -> Outcome<()> {
+        let open = self.cursor.here();
+        if !self.cursor.eat(b'[') || self.cursor.peek() != b'#' {
+            return fault(Code::BracketMissing, open, "EXISTS needs a parameter in brackets");
+        }
+        let kept = (self.ops.len(), self.held);
+        let reference = self.reference()?;
+        (self.held, _) = (kept.1, self.ops.truncate(kept.0));
+        if !self.cursor.eat(b']') {
+            return self.bad_operator(open);
+        }
+        match reference {
+            Reference::Named(name) => self.push(OpKind::Exists(name), start),
+            Reference::Numbered | Reference::System(_) => self.push(OpKind::Constant(1.0), start),
+        }
+    }
+
+    fn parameter_value(&mut self) -> Outcome<()> {
+        let start = self.cursor.at();
+        match self.reference()? {
+            Reference::Numbered => self.push(OpKind::Numbered, start),
+            Reference::Named(name) => self.push(OpKind::Named(name), start),
+            Reference::System(parameter) => self.push(OpKind::System(parameter), start),
+        }
+    }
+
+    /// `#` and what it names; a number's value is left to the operations.
+    pub(crate) fn reference(&mut self) -> Outcome<Reference> {
+        let start = self.cursor.at();
+        self.cursor.skip();
+        if !self.cursor.eat(b'<') {
+            self.value()?;
+            return Ok(Reference::Numbered);
+        }
+        let Some(text) = self.cursor.take_to(b'>') else {
+            self.cursor.finish();
+            return fault(Code::NameNotClosed, self.cursor.since(start), Code::NameNotClosed.title());
+        };
+        Ok(self.names.resolve(text))
+    }
+
+    fn push(&mut self, kind: OpKind, start: usize) -> Outcome<()> {
+        let span = self.cursor.since(start);
+        match kind {
+            OpKind::Constant(_) | OpKind::Named(_) | OpKind::System(_) | OpKind::Exists(_) => self.held += 1,
+            OpKind::Atan | OpKind::Binary(_) => self.held = self.held.saturating_sub(1),
+            OpKind::Numbered | OpKind::Negate | OpKind::Function(_) => {}
+        }
+        if self.held > STACK {
+            return fault(Code::TooDeep, span, Code::TooDeep.title());
+        }
+        self.ops.push(Op { kind, at: (span.start.min(255) as u8, span.end.min(255) as u8) });
+        Ok(())
+    }
+}
+
+/// Where the evaluation finds parameters.
+pub(crate) trait Environment {
+    fn numbered(&self, number: usize) -> Option<f64>;
+    fn named(&self, name: NameId) -> Option<f64>;
+    fn name(&self, name: NameId) -> &str;
+    fn system(&self, parameter: SystemParameter) -> f64;
+}
+
+/// Runs the operations; the last value is the result, and the one below it, if there is one, comes first.
+pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> Outcome<(f64, f64)> {
+    let mut stack = [0.0; STACK + 3];
+    let mut top = 1;
+    for op in ops {
+        let value = match op.kind {
+            OpKind::Constant(value) => {
+                top += 1;
+                value
+            }
+            OpKind::Numbered => numbered(stack[top], *op, environment)?,
+            OpKind::Named(name) => {
+                top += 1;
+                match environment.named(name) {
+                    Some(value) => value,
+                    None => {
+                        let name = environment.name(name);
+                        return fault(Code::ParameterUndefined, op.span(), format!("#<{name}> has no value yet"));
+                    }
+                }
+            }
+            OpKind::System(parameter) => {
+                top += 1;
+                environment.system(parameter)
+            }
+            OpKind::Exists(name) => {
+                top += 1;
+                f64::from(u8::from(environment.named(name).is_some()))
+            }
+            OpKind::Negate => -stack[top],
+            OpKind::Function(function) => apply(function, stack[top], *op)?,
+            OpKind::Atan => {
+                top -= 1;
+                angle::to_degrees(stack[top].atan2(stack[top + 1]))
+            }
+            OpKind::Binary(operator) => {
+                top -= 1;
+                combine(operator, stack[top], stack[top + 1], *op)?
+            }
+        };
+        if !value.is_finite() {
+            return fault(Code::NotFinite, op.span(), Code::NotFinite.title());
+        }
+        stack[top] = value;
+    }
+    Ok((stack[top - 1], stack[top]))
+}
+
+fn numbered(number: f64, op: Op, environment: &impl Environment) -> Outcome<f64> {
+    let number = whole(number, op.span(), "#")?;
+    match usize::try_from(number).ok().and_then(|number| environment.numbered(number)) {
+        Some(value) => Ok(value),
+        None => fault(Code::ParameterRange, op.span(), format!("there is no parameter #{number}")),
+    }
+}
+
+/// The whole number that a value has to be, within 0.0001.
+pub(crate) fn whole(value: f64, span: Span, of: &str) -> Outcome<i32> {
+    let rounded = value.round();
+    if (value - rounded).abs() > WHOLE {
+        return fault(Code::NotAnInteger, span, format!("{of} takes a whole number, not {value}"));
+    }
+    if rounded.abs() > f64::from(i32::MAX) {
+        return fault(Code::NumberTooLarge, span, format!("{value} is too large for {of}"));
+    }
+    Ok(rounded as i32)
+}
+
+fn apply(function: Function, x: f64, op: Op) -> Outcome<f64> {
+    let in_domain = match function {
+        Function::Acos | Function::Asin => (-1.0..=1.0).contains(&x),
+        Function::Ln => x > 0.0,
+        Function::Sqrt => x >= 0.0,
+        Function::Round => x.abs() < f64::from(i32::MAX),
+        _ => true,
+    };
+    if !in_domain {
+        return fault(Code::OutOfDomain, op.span(), format!("{function:?} has no value at {x}"));
+    }
+    Ok(match function {
+        Function::Abs => x.abs(),
+        Function::Acos => angle::to_degrees(x.acos()),
+        Function::Asin => angle::to_degrees(x.asin()),
+        Function::Cos => angle::to_radians(x).cos(),
+        Function::Exp => x.exp(),
+        Function::Fix => x.floor(),
+        Function::Fup => x.ceil(),
+        Function::Ln => x.ln(),
+        // Half away from zero, by truncation after adding a half; zero has no sign.
+        Function::Round => (x + 0.5_f64.copysign(x)).trunc() + 0.0,
+        Function::Sin => angle::to_radians(x).sin(),
+        Function::Sqrt => x.sqrt(),
+        Function::Tan => angle::to_radians(x).tan(),
+    })
+}
+
+fn combine(operator: Operator, left: f64, right: f64, op: Op) -> Outcome<f64> {
+    let truth = |condition: bool| f64::from(u8::from(condition));
+    let near = (left - right).abs() < EQUAL;
+    Ok(match operator {
+        Operator::And => truth(left != 0.0 && right != 0.0),
+        Operator::Or => truth(left != 0.0 || right != 0.0),
+        Operator::Xor => truth((left != 0.0) != (right != 0.0)),
+        Operator::Equal => truth(near),
+        Operator::NotEqual => truth(!near),
+        Operator::Greater => truth(left > right),
+        Operator::GreaterOrEqual => truth(near || left >= right),
+        Operator::Less => truth(left < right),
+        Operator::LessOrEqual => truth(near || left <= right),
+        Operator::Add => left + right,
+        Operator::Subtract => left - right,
+        Operator::Multiply => left * right,
+        Operator::Divide | Operator::Modulo if right == 0.0 => {
+            return fault(Code::DivisionByZero, op.span(), Code::DivisionByZero.title());
+        }
+        Operator::Divide => left / right,
+        Operator::Modulo => {
+            let rest = left % right;
+            if rest < 0.0 { rest + right.abs() } else { rest }
+        }
+        Operator::Power if left < 0.0 && right.fract() != 0.0 => {
+            return fault(Code::OutOfDomain, op.span(), format!("{left} has no power of {right}"));
+        }
+        Operator::Power => left.powf(right),
+    })
+}

@@ -1,0 +1,84 @@
+//! Modal groups: which codes there are, and which of them exclude each other in one block.
+//!
+//! Invariant: every G and M code of LinuxCNC's RS274/NGC is known here, and either carried out or refused by its name.
+
+/// Modal groups of G codes, numbered as RS274/NGC does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum GroupG {
+    NonModal = 0,
+    Motion = 1,
+    Plane = 2,
+    Distance = 3,
+    ArcCentres = 4,
+    FeedMode = 5,
+    Units = 6,
+    CutterCompensation = 7,
+    ToolOffset = 8,
+    Retract = 10,
+    CoordinateSystem = 12,
+    PathControl = 13,
+}
+
+/// Modal groups of M codes, numbered as RS274/NGC does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum GroupM {
+    Stop = 4,
+    Output = 5,
+    Tool = 6,
+    Spindle = 7,
+    Coolant = 8,
+    Override = 9,
+}
+
+/// What is known of a code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Known<Group> {
+    CarriedOut(Group),
+    NotYet,
+    No,
+}
+
+/// G codes in tenths: G61.1 is 611.
+pub(crate) type Tenths = u16;
+
+/// Group of a G code.
+pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
+    use GroupG as G;
+    Known::CarriedOut(match tenths {
+        0 | 10 | 20 | 30 | 800 => G::Motion,
+        40 | 100 | 280 | 281 | 300 | 301 | 520 | 530 | 920 | 921 | 922 | 923 => G::NonModal,
+        170 | 180 | 190 => G::Plane,
+        200 | 210 => G::Units,
+        400 => G::CutterCompensation,
+        430 | 431 | 432 | 490 => G::ToolOffset,
+        540 | 550 | 560 | 570 | 580 | 590..=593 => G::CoordinateSystem,
+        610 | 611 | 640 => G::PathControl,
+        900 | 910 => G::Distance,
+        901 | 911 => G::ArcCentres,
+        930 | 940 => G::FeedMode,
+        980 | 990 => G::Retract,
+        50..=53 | 70 | 80 | 171 | 181 | 191 | 330 | 331 | 382..=385 | 410 | 411 | 420 | 421 => return Known::NotYet,
+        700 | 710..=712 | 720..=722 | 730 | 740 | 760 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => {
+            return Known::NotYet;
+        }
+        950 | 960 | 970 => return Known::NotYet,
+        _ => return Known::No,
+    })
+}
+
+/// Group of an M code.
+pub(crate) const fn group_of_m(code: u8) -> Known<GroupM> {
+    use GroupM as M;
+    Known::CarriedOut(match code {
+        0 | 1 | 2 | 30 | 60 => M::Stop,
+        62..=65 => M::Output,
+        6 | 61 => M::Tool,
+        3..=5 => M::Spindle,
+        7..=9 => M::Coolant,
+        48..=53 => M::Override,
+        19 | 66..=68 | 70..=73 | 98 | 99 | 100..=199 => return Known::NotYet,
+        _ => return Known::No,
+    })
+}

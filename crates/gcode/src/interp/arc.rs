@@ -1,0 +1,113 @@
+//! Centres, turns and lengths of arcs.
+//!
+//! Invariant: an arc that passes has a radius, and start and end lie on it within the tolerances of LinuxCNC.
+
+use crate::canon::LengthUnit;
+use crate::codes::Code;
+use crate::diag::{Outcome, Span, fault};
+use crate::modal::ArcCentres;
+use std::f64::consts::{FRAC_PI_2, SQRT_2, TAU};
+
+/// Radii may differ by this share of the greater one, however long they are.
+const RELATIVE_TOLERANCE: f64 = 0.001;
+
+/// A half turn is taken for one when half the chord is nearer to the radius than this share.
+const TINY: f64 = 1e-12;
+
+/// Tolerances of radii in program units.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Radii {
+    /// A smaller radius is none; half a chord may be longer than the radius by this.
+    least: f64,
+    /// Radii may differ by this, however short they are.
+    difference: f64,
+}
+
+impl Radii {
+    /// The tolerances of LinuxCNC 2.9.
+    pub(super) const fn of(units: LengthUnit) -> Radii {
+        match units {
+            LengthUnit::Inch => Radii { least: 0.00005, difference: 0.002 * SQRT_2 },
+            LengthUnit::Millimetre => Radii { least: 0.00127, difference: 0.02 * SQRT_2 },
+        }
+    }
+}
+
+/// What is known of an arc before its centre is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ArcShape {
+    pub(super) start: (f64, f64),
+    pub(super) end: (f64, f64),
+    /// Begun turns, negative clockwise.
+    pub(super) turns: i32,
+    pub(super) radii: Radii,
+    /// Where the arc is told of.
+    pub(super) at: Span,
+}
+
+impl ArcShape {
+    /// The length of the arc about this centre, with its rise along the normal axis.
+    pub(super) fn length(&self, centre: (f64, f64), rise: f64) -> f64 {
+        let radius = (centre.0 - self.start.0).hypot(centre.1 - self.start.1);
+        let mut from = (self.start.1 - centre.1).atan2(self.start.0 - centre.0);
+        let mut to = (self.end.1 - centre.1).atan2(self.end.0 - centre.0);
+        let turn = if self.turns > 0 {
+            if to <= from {
+                to += TAU;
+            }
+            (to - from) + f64::from(self.turns - 1) * TAU
+        } else {
+            if from <= to {
+                from += TAU;
+            }
+            (to - from) + f64::from(self.turns + 1) * TAU
+        };
+        if rise == 0.0 { radius * turn.abs() } else { (radius * turn).hypot(rise) }
+    }
+}
+
+/// The centre that centre words give.
+///
+/// # Errors
+/// E1605 for a radius of zero, E1606 when the radii disagree.
+pub(super) fn from_centre(shape: &ArcShape, words: (f64, f64), meaning: ArcCentres) -> Outcome<(f64, f64)> {
+    let centre = match meaning {
+        ArcCentres::Absolute => words,
+        ArcCentres::Incremental => (shape.start.0 + words.0, shape.start.1 + words.1),
+    };
+    let first = (centre.0 - shape.start.0).hypot(centre.1 - shape.start.1);
+    let last = (centre.0 - shape.end.0).hypot(centre.1 - shape.end.1);
+    if first < shape.radii.least || last < shape.radii.least {
+        return fault(Code::ArcZeroRadius, shape.at, Code::ArcZeroRadius.title());
+    }
+    let difference = (first - last).abs();
+    if difference > shape.radii.difference && difference > RELATIVE_TOLERANCE * first.max(last) {
+        let message = format!("the radius is {first:.4} at the start of the arc and {last:.4} at its end");
+        return fault(Code::ArcRadiiDiffer, shape.at, message);
+    }
+    Ok(centre)
+}
+
+/// The centre that a radius gives; a negative radius means the longer way round.
+///
+/// # Errors
+/// E1607 when the arc ends where it starts, E1608 when the radius is too small.
+pub(super) fn from_radius(shape: &ArcShape, radius: f64) -> Outcome<(f64, f64)> {
+    let ((x, y), (end_x, end_y)) = (shape.start, shape.end);
+    if x == end_x && y == end_y {
+        return fault(Code::ArcSamePoint, shape.at, Code::ArcSamePoint.title());
+    }
+    let size = radius.abs();
+    let (mid_x, mid_y) = ((end_x + x) / 2.0, (end_y + y) / 2.0);
+    let half = (mid_x - end_x).hypot(mid_y - end_y);
+    if half - size > shape.radii.least || size == 0.0 {
+        let message = format!("the radius {size} does not reach over a chord of {:.4}", 2.0 * half);
+        return fault(Code::ArcRadiusTooSmall, shape.at, message);
+    }
+    // The centre lies beside the chord: on its right for a short clockwise arc, and so on.
+    let sine = if half / size > 1.0 - TINY { 1.0 } else { half / size };
+    let chord = (end_y - y).atan2(end_x - x);
+    let to_centre = if (shape.turns < 0) == (radius > 0.0) { chord - FRAC_PI_2 } else { chord + FRAC_PI_2 };
+    let offset = size * sine.asin().cos();
+    Ok((mid_x + offset * to_centre.cos(), mid_y + offset * to_centre.sin()))
+}

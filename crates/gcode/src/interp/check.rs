@@ -1,0 +1,192 @@
+//! Checks of a block as a whole, before anything of it is carried out.
+//!
+//! Invariant: a block that passes has a use for each of its words, and one owner of its axis words.
+
+use crate::block::{Words, name_of_g};
+use crate::codes::Code;
+use crate::diag::{Outcome, Span, fault};
+use crate::expr::whole;
+use crate::groups::{GroupG, GroupM};
+use crate::modal::{Distance, Motion, State};
+
+/// The letters of axis words.
+pub(super) const AXES: &[u8] = b"xyzabcuvw";
+
+/// The motion that the block carries out, with G80 kept apart from none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum MotionToBe {
+    None,
+    Cancel,
+    Move(Motion),
+}
+
+impl MotionToBe {
+    fn is_arc(self) -> bool {
+        matches!(self, MotionToBe::Move(motion) if motion.is_arc())
+    }
+}
+
+const fn motion_of(tenths: u16) -> MotionToBe {
+    match tenths {
+        0 => MotionToBe::Move(Motion::Traverse),
+        10 => MotionToBe::Move(Motion::Feed),
+        20 => MotionToBe::Move(Motion::ArcClockwise),
+        30 => MotionToBe::Move(Motion::ArcCounterclockwise),
+        _ => MotionToBe::Cancel,
+    }
+}
+
+/// Finds what uses the block's axis words: the motion in the block, a code that takes them over, or the motion mode in force.
+pub(super) fn motion_to_be(words: &Words, state: &State) -> Outcome<MotionToBe> {
+    let axis = words.first_of(AXES);
+    let owner = words.g(GroupG::NonModal).filter(|code| matches!(code, 100 | 280 | 300 | 520 | 920));
+    let to_be = match (words.g(GroupG::Motion), owner) {
+        (Some(800), None) => match axis {
+            Some(axis) => return fault(Code::AxisWithG80, words.span(axis), Code::AxisWithG80.title()),
+            None => MotionToBe::Cancel,
+        },
+        (Some(800), Some(_)) => MotionToBe::Cancel,
+        (Some(motion), Some(owner)) => {
+            let at = words.g_span(GroupG::NonModal);
+            let (motion, owner) = (name_of_g(motion), name_of_g(owner));
+            return fault(Code::TwoUseAxes, at, format!("{motion} and {owner} would both use the axis words"));
+        }
+        (Some(motion), None) => motion_of(motion),
+        (None, Some(_)) => MotionToBe::None,
+        (None, None) => modal_motion(words, state, axis)?,
+    };
+    if axis.is_none() && matches!(owner, Some(520 | 920)) {
+        let at = words.g_span(GroupG::NonModal);
+        return fault(Code::AxesMissing, at, Code::AxesMissing.title());
+    }
+    check_non_modal(words, to_be, state)?;
+    Ok(to_be)
+}
+
+/// The motion mode in force, if the block has words for it.
+fn modal_motion(words: &Words, state: &State, axis: Option<u8>) -> Outcome<MotionToBe> {
+    let offset = words.g(GroupG::ToolOffset);
+    match (axis, state.motion) {
+        (Some(_), _) if offset == Some(431) => Ok(MotionToBe::None),
+        (Some(_), _) if offset == Some(432) && !words.has(b'h') => Ok(MotionToBe::None),
+        (Some(_), Some(motion)) => Ok(MotionToBe::Move(motion)),
+        (Some(axis), None) => fault(Code::NoMotionMode, words.span(axis), Code::NoMotionMode.title()),
+        (None, Some(motion)) if motion.is_arc() && words.has_any(b"ijk") => Ok(MotionToBe::Move(motion)),
+        (None, _) => Ok(MotionToBe::None),
+    }
+}
+
+fn check_non_modal(words: &Words, to_be: MotionToBe, state: &State) -> Outcome<()> {
+    let Some(code) = words.g(GroupG::NonModal) else { return Ok(()) };
+    let at = words.g_span(GroupG::NonModal);
+    match code {
+        40 => check_dwell(words, to_be, at),
+        100 => check_g10(words, at),
+        530 => {
+            if !matches!(to_be, MotionToBe::Move(Motion::Traverse | Motion::Feed)) {
+                return fault(Code::G53Motion, at, Code::G53Motion.title());
+            }
+            let incremental = match words.g(GroupG::Distance) {
+                Some(code) => code == 910,
+                None => state.distance == Distance::Incremental,
+            };
+            if incremental { fault(Code::G53Incremental, at, Code::G53Incremental.title()) } else { Ok(()) }
+        }
+        _ => Ok(()),
+    }
+}
+
+fn check_dwell(words: &Words, to_be: MotionToBe, at: Span) -> Outcome<()> {
+    if to_be.is_arc() {
+        return fault(Code::TwoUseAxes, at, "G4 and an arc would both use the P word");
+    }
+    match words.get(b'p') {
+        None => fault(Code::WordMissing, at, "G4 needs a P word: the time in seconds"),
+        Some(seconds) if seconds < 0.0 => {
+            fault(Code::NegativeValue, words.span(b'p'), "a dwell takes no negative time")
+        }
+        Some(_) => Ok(()),
+    }
+}
+
+fn check_g10(words: &Words, at: Span) -> Outcome<()> {
+    match words.get(b'l') {
+        Some(2.0 | 20.0) => {}
+        Some(1.0 | 10.0 | 11.0) => {
+            let message = format!("G10 L{} is not supported yet", words.get(b'l').unwrap_or_default());
+            return fault(Code::UnsupportedG, at, message);
+        }
+        Some(_) => return fault(Code::BadL, words.span(b'l'), Code::BadL.title()),
+        None => return fault(Code::WordMissing, at, "G10 needs an L word"),
+    }
+    let Some(system) = words.get(b'p') else {
+        return fault(Code::WordMissing, at, "G10 needs a P word: the coordinate system");
+    };
+    let system = whole(system, words.span(b'p'), "P")?;
+    if !(0..=9).contains(&system) {
+        return fault(Code::BadP, words.span(b'p'), format!("there is no coordinate system {system}"));
+    }
+    if words.has(b'r') && words.get(b'l') == Some(20.0) {
+        return fault(Code::WordUnused, words.span(b'r'), "G10 L20 takes no R word");
+    }
+    match words.first_of(b"ijkq") {
+        Some(letter) => unused(words, letter, "G10 L2 and L20"),
+        None => Ok(()),
+    }
+}
+
+fn unused(words: &Words, letter: u8, code: &str) -> Outcome<()> {
+    let name = char::from(letter.to_ascii_uppercase());
+    fault(Code::WordUnused, words.span(letter), format!("{code} takes no {name} word"))
+}
+
+/// Refuses a word that no code of the block uses.
+#[inline]
+pub(super) fn words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
+    // Axis words, F, S and T have their uses in any block.
+    match words.first_of(b"dehijklpqr") {
+        None => Ok(()),
+        Some(_) => special_words_have_uses(words, to_be),
+    }
+}
+
+fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
+    let arc = to_be.is_arc();
+    let g10 = words.g(GroupG::NonModal) == Some(100);
+    let dwell = words.g(GroupG::NonModal) == Some(40);
+    let blend = words.g(GroupG::PathControl) == Some(640);
+    let offset = matches!(words.g(GroupG::ToolOffset), Some(430 | 432));
+    let output = words.m(GroupM::Output).is_some();
+    let switch = matches!(words.m(GroupM::Override), Some(50..=53));
+    let number = words.m(GroupM::Tool) == Some(61);
+    let uses: [(&[u8], bool, &str); 6] = [
+        (b"de", false, "cutter compensation or another code that is not supported yet"),
+        (b"h", offset, "G43 or G43.2"),
+        (b"ijk", arc || g10, "G2 or G3"),
+        (b"l", g10, "G10"),
+        (b"p", arc || g10 || dwell || blend || output || switch, "G2, G3, G4, G10, G64, M50 to M53 or M62 to M65"),
+        (b"q", blend || number || g10, "G64 or M61"),
+    ];
+    for (letters, used, users) in uses {
+        if let (false, Some(letter)) = (used, words.first_of(letters)) {
+            let name = char::from(letter.to_ascii_uppercase());
+            return fault(Code::WordUnused, words.span(letter), format!("{name} belongs to {users}"));
+        }
+    }
+    if words.has(b'r') && !arc && !g10 {
+        return fault(Code::WordUnused, words.span(b'r'), "R belongs to G2, G3 or G10 L2");
+    }
+    match words.get(b'p') {
+        Some(turns) if arc => turns_of(turns, words).map(|_| ()),
+        _ => Ok(()),
+    }
+}
+
+/// The number of turns that the P word of an arc gives.
+pub(super) fn turns_of(value: f64, words: &Words) -> Outcome<i32> {
+    let at = words.span(b'p');
+    match whole(value, at, "P")? {
+        turns @ 1.. => Ok(turns),
+        turns => fault(Code::BadP, at, format!("an arc makes at least one turn, not {turns}")),
+    }
+}

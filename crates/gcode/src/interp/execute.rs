@@ -1,0 +1,196 @@
+//! Carrying out a block, in the order that RS274/NGC fixes.
+//!
+//! Invariant: comment, feed mode, F, S, T, M codes, then G codes with the motion last, and the stops after everything. The order
+//! does not depend on how the words stand in the line.
+
+use super::check::MotionToBe;
+use super::{Core, Emit, Flow};
+use crate::block::Words;
+use crate::canon::{Canon, FeedMode};
+use crate::codes::Code;
+use crate::diag::{Outcome, fault};
+use crate::expr::whole;
+use crate::groups::{GroupG, GroupM};
+use crate::modal::Spindle;
+use crate::tool::Tool;
+
+impl Core {
+    /// Carries out a checked block; its comment has gone out already.
+    pub(super) fn execute(&mut self, words: &Words, motion: MotionToBe, emit: &mut Emit<'_>) -> Outcome<Flow> {
+        if let Some(code) = words.g(GroupG::FeedMode) {
+            self.set_feed_mode(code, emit);
+        }
+        if let Some(feed) = words.get(b'f')
+            && self.state.feed_mode == FeedMode::UnitsPerMinute
+        {
+            self.state.feed_rate = feed;
+            emit.call(Canon::SetFeedRate(feed));
+        }
+        if let Some(speed) = words.get(b's') {
+            self.state.spindle_speed = speed;
+            emit.call(Canon::SetSpindleSpeed(speed));
+        }
+        if let Some(number) = words.get(b't') {
+            let tool = self.tool(number, words, b't')?;
+            self.state.selected_tool = tool.number;
+            emit.call(Canon::SelectTool(tool.number));
+        }
+        if words.has_m() {
+            self.m_codes(words, emit)?;
+        }
+        self.g_codes(words, emit)?;
+        match motion {
+            MotionToBe::None => {}
+            MotionToBe::Cancel => {
+                emit.call(Canon::Note("interpreter: motion mode set to none"));
+                self.state.motion = None;
+            }
+            MotionToBe::Move(motion) => self.move_along(motion, words, emit)?,
+        }
+        match words.m(GroupM::Stop) {
+            Some(code) => Ok(self.stop(code, emit)),
+            None => Ok(Flow::Continue),
+        }
+    }
+
+    /// The tool of this number, which a word gives.
+    pub(super) fn tool(&self, number: f64, words: &Words, letter: u8) -> Outcome<Tool> {
+        let at = words.span(letter);
+        let number = whole(number, at, "the word")?;
+        match u32::try_from(number).ok().and_then(|number| self.tools.get(number)) {
+            Some(tool) => Ok(tool),
+            None => fault(Code::ToolUnknown, at, format!("tool {number} is not in the tool table")),
+        }
+    }
+
+    /// Parameter 5401 + `index`: the data of the tool in the spindle.
+    pub(super) fn tool_parameter(&self, index: usize) -> Option<f64> {
+        let tool = self.tools.get(self.state.current_tool)?;
+        Some(match index {
+            0..9 => tool.offset.0[index],
+            9 => tool.diameter,
+            10 => tool.front_angle,
+            11 => tool.back_angle,
+            _ => tool.orientation,
+        })
+    }
+
+    fn m_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        if let Some(code) = words.m(GroupM::Output) {
+            output(code, words, emit)?;
+        }
+        match words.m(GroupM::Tool) {
+            Some(6) => self.change_tool(emit),
+            Some(_) => self.rename_tool(words, emit)?,
+            None => {}
+        }
+        if let Some(code) = words.m(GroupM::Spindle) {
+            self.spindle(code, words, emit);
+        }
+        if let Some(code) = words.m(GroupM::Coolant) {
+            self.coolant(code, emit);
+        }
+        if let Some(code) = words.m(GroupM::Override) {
+            self.overrides(code, words.get(b'p'), emit);
+        }
+        Ok(())
+    }
+
+    fn change_tool(&mut self, emit: &mut Emit<'_>) {
+        emit.call(Canon::StartChange);
+        emit.call(Canon::StopSpindleTurning);
+        self.state.spindle = Spindle::Stopped;
+        self.state.current_tool = self.state.selected_tool;
+        emit.call(Canon::ChangeTool(self.state.current_tool));
+    }
+
+    /// M61: the tool in the spindle is another one than was thought.
+    fn rename_tool(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        let Some(number) = words.get(b'q') else {
+            return fault(Code::WordMissing, words.m_span(GroupM::Tool), "M61 needs a Q word: the tool number");
+        };
+        let tool = self.tool(number, words, b'q')?;
+        self.state.current_tool = tool.number;
+        emit.call(Canon::ChangeToolNumber(tool.number));
+        Ok(())
+    }
+
+    fn spindle(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) {
+        self.state.spindle = match code {
+            3 => Spindle::Clockwise,
+            4 => Spindle::Counterclockwise,
+            _ => Spindle::Stopped,
+        };
+        emit.call(match self.state.spindle {
+            Spindle::Clockwise => Canon::StartSpindleClockwise,
+            Spindle::Counterclockwise => Canon::StartSpindleCounterclockwise,
+            Spindle::Stopped => Canon::StopSpindleTurning,
+        });
+        if self.state.spindle != Spindle::Stopped && self.state.spindle_speed == 0.0 {
+            emit.warning = Some((Code::SpindleWithoutSpeed, words.m_span(GroupM::Spindle)));
+        }
+    }
+
+    fn coolant(&mut self, code: u8, emit: &mut Emit<'_>) {
+        match code {
+            7 => {
+                self.state.mist = true;
+                emit.call(Canon::MistOn);
+            }
+            8 => {
+                self.state.flood = true;
+                emit.call(Canon::FloodOn);
+            }
+            _ => {
+                (self.state.mist, self.state.flood) = (false, false);
+                emit.call(Canon::MistOff);
+                emit.call(Canon::FloodOff);
+            }
+        }
+    }
+
+    /// M48 … M53; of M50 to M53, P0 switches off and any other P or none switches on.
+    fn overrides(&mut self, code: u8, p: Option<f64>, emit: &mut Emit<'_>) {
+        let on = match code {
+            48 => true,
+            49 => false,
+            _ => p != Some(0.0),
+        };
+        let state = &mut self.state;
+        if matches!(code, 48..=50) {
+            state.feed_override = on;
+            emit.call(if on { Canon::EnableFeedOverride } else { Canon::DisableFeedOverride });
+        }
+        if matches!(code, 48 | 49 | 51) {
+            state.speed_override = on;
+            emit.call(if on { Canon::EnableSpeedOverride } else { Canon::DisableSpeedOverride });
+        }
+        if code == 52 {
+            state.adaptive_feed = on;
+            emit.call(if on { Canon::EnableAdaptiveFeed } else { Canon::DisableAdaptiveFeed });
+        }
+        if code == 53 {
+            state.feed_hold = on;
+            emit.call(if on { Canon::EnableFeedHold } else { Canon::DisableFeedHold });
+        }
+    }
+}
+
+/// M62 … M65: the output that P names.
+fn output(code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    let at = words.m_span(GroupM::Output);
+    let Some(bit) = words.get(b'p') else {
+        return fault(Code::WordMissing, at, format!("M{code} needs a P word: the output"));
+    };
+    let bit = whole(bit, words.span(b'p'), "P")?;
+    if bit < 0 {
+        return fault(Code::NegativeValue, words.span(b'p'), format!("there is no output {bit}"));
+    }
+    emit.call(match code {
+        62 => Canon::SetMotionOutputBit(bit),
+        63 => Canon::ClearMotionOutputBit(bit),
+        64 => Canon::SetAuxOutputBit(bit),
+        _ => Canon::ClearAuxOutputBit(bit),
+    });
+    Ok(())
+}

@@ -1,0 +1,368 @@
+//! The interpreter: lines in, canonical functions out.
+//!
+//! Invariant: a line is read, checked as a whole and only then carried out, in the order that RS274/NGC fixes. A faulty block leaves
+//! a diagnostic, and the next line is taken up from the state that holds then.
+
+mod arc;
+mod check;
+mod execute;
+mod modes;
+mod motion;
+mod offsets;
+mod stop;
+
+use crate::block::{Assignment, Block, BlockNumber, Words};
+use crate::canon::{Canon, LengthUnit, Step};
+use crate::codes::Code;
+use crate::diag::{Diagnostic, Fault, Outcome, Span};
+use crate::expr::Environment;
+use crate::modal::State;
+use crate::params::{COORDINATE_SYSTEM, G92_ACTIVE, G92_OFFSET, NameId, Names, Parameters, SHOW_DEBUG, system_origin};
+use crate::parse::{has_delete_mark, parse};
+use crate::pose::{Axis, AxisSet, Pose};
+use crate::system::SystemParameter;
+use crate::tool::ToolTable;
+
+/// Errors after which nothing more is checked.
+const MOST_ERRORS: usize = 100;
+
+/// What an interpreter is made for.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// The unit of the tool table, the parameters and [`Setup::position`].
+    pub machine_units: LengthUnit,
+    /// The unit in force before the program says G20 or G21.
+    pub program_units: LengthUnit,
+    /// The axes that a program may move.
+    pub axes: AxisSet,
+    /// The tools.
+    pub tools: ToolTable,
+    /// What earlier programs have left.
+    pub parameters: Parameters,
+    /// Whether lines that begin with a slash are left out.
+    pub block_delete: bool,
+    /// Where the machine stands, in machine coordinates and machine units.
+    pub position: Pose,
+}
+
+impl Default for Setup {
+    /// A metric machine with X, Y and Z at its zero.
+    fn default() -> Setup {
+        Setup {
+            machine_units: LengthUnit::Millimetre,
+            program_units: LengthUnit::Millimetre,
+            axes: AxisSet::XYZ,
+            tools: ToolTable::samples(LengthUnit::Millimetre),
+            parameters: Parameters::default(),
+            block_delete: false,
+            position: Pose::ZERO,
+        }
+    }
+}
+
+impl Setup {
+    /// LinuxCNC's `rs274` without an INI file: an inch machine with six axes, a program that starts in millimetres.
+    #[must_use]
+    pub fn rs274() -> Setup {
+        Setup {
+            machine_units: LengthUnit::Inch,
+            axes: AxisSet::XYZABC,
+            tools: ToolTable::samples(LengthUnit::Inch),
+            ..Setup::default()
+        }
+    }
+}
+
+/// Whether a program goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Flow {
+    /// The next line is next.
+    Continue,
+    /// M2 or M30 was carried out.
+    ProgramEnd,
+}
+
+/// A block was refused; the diagnostic says why.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BlockRefused;
+
+/// State and data that blocks work on.
+#[derive(Clone, Debug)]
+struct Core {
+    machine_units: LengthUnit,
+    state: State,
+    parameters: Parameters,
+    tools: ToolTable,
+}
+
+/// Takes the canonical functions of one block.
+struct Emit<'a> {
+    line: u32,
+    number: Option<BlockNumber>,
+    steps: &'a mut Vec<Step>,
+    /// What is legal and suspicious in this block.
+    warning: Option<(Code, Span)>,
+}
+
+impl Emit<'_> {
+    #[inline]
+    fn call(&mut self, canon: Canon) {
+        self.steps.push(Step { line: self.line, number: self.number, canon });
+    }
+}
+
+/// Reads and carries out a program line by line. It holds no text, so a program may be of any length.
+#[derive(Clone, Debug)]
+pub struct Interpreter {
+    core: Core,
+    axes: AxisSet,
+    block_delete: bool,
+    names: Names,
+    block: Block,
+    words: Words,
+    assignments: Vec<Assignment>,
+    line: u32,
+    diagnostics: Vec<Diagnostic>,
+}
+
+impl Interpreter {
+    /// An interpreter before its first line.
+    #[must_use]
+    pub fn new(setup: Setup) -> Interpreter {
+        let mut core = Core {
+            machine_units: setup.machine_units,
+            state: State::initial(setup.program_units),
+            parameters: setup.parameters,
+            tools: setup.tools,
+        };
+        core.take_up_parameters(&setup.position);
+        Interpreter {
+            core,
+            axes: setup.axes,
+            block_delete: setup.block_delete,
+            names: Names::default(),
+            block: Block::default(),
+            words: Words::default(),
+            assignments: Vec::new(),
+            line: 0,
+            diagnostics: Vec::new(),
+        }
+    }
+
+    /// Adds the canonical functions that come before those of any program: units and offsets in force.
+    pub fn begin(&mut self, steps: &mut Vec<Step>) {
+        let state = &self.core.state;
+        let mut emit = Emit { line: 0, number: None, steps, warning: None };
+        emit.call(Canon::UseLengthUnits(state.units));
+        emit.call(Canon::SetG5xOffset { system: state.coordinate_system, offset: state.origin });
+        emit.call(Canon::SetG92Offset(state.g92_offset));
+        emit.call(Canon::SetXyRotation(state.rotation_degrees));
+        emit.call(Canon::SetFeedReference);
+    }
+
+    /// Takes the next line of the program, without its end, and adds the canonical functions that it asks for to `steps`.
+    ///
+    /// # Errors
+    /// The block was refused; what it had asked for before the fault was found stays in `steps`.
+    pub fn line(&mut self, text: &[u8], steps: &mut Vec<Step>) -> Result<Flow, BlockRefused> {
+        self.line = self.line.saturating_add(1);
+        if self.block_delete && has_delete_mark(text) {
+            return Ok(Flow::Continue);
+        }
+        match self.block(text, steps) {
+            Ok(flow) => Ok(flow),
+            Err(fault) => {
+                self.report(*fault);
+                Err(BlockRefused)
+            }
+        }
+    }
+
+    /// Counts a line that is not for the interpreter: a blank one, or one with a percent sign.
+    pub fn skip_line(&mut self) {
+        self.line = self.line.saturating_add(1);
+    }
+
+    fn block(&mut self, text: &[u8], steps: &mut Vec<Step>) -> Outcome<Flow> {
+        parse(text, self.axes, &mut self.names, &mut self.block)?;
+        let environment = BlockEnvironment { core: &self.core, names: &self.names, line: self.line };
+        let words = if self.block.is_constant() {
+            &self.block.words
+        } else {
+            self.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
+            for assignment in &self.assignments {
+                match *assignment {
+                    Assignment::Numbered(number, value) => self.core.parameters.set(number, value),
+                    Assignment::Named(name, value) => self.core.parameters.set_named(name, value),
+                }
+            }
+            &self.words
+        };
+        let mut emit = Emit { line: self.line, number: self.block.number, steps, warning: None };
+        let motion = check::motion_to_be(words, &self.core.state)?;
+        check::words_have_uses(words, motion)?;
+        if let Some(remark) = &self.block.remark {
+            let environment = BlockEnvironment { core: &self.core, names: &self.names, line: self.line };
+            let show_debug = self.core.parameters.get(SHOW_DEBUG) > 0.0;
+            if let Some(canon) = remark.canon(&environment, show_debug) {
+                emit.call(canon);
+            }
+        }
+        let flow = self.core.execute(words, motion, &mut emit);
+        if let Some((code, at)) = emit.warning {
+            self.report(Fault::plain(code, at));
+        }
+        flow
+    }
+
+    /// The modal state between two blocks: with the parameters, all that the next block builds on.
+    #[must_use]
+    pub fn state(&self) -> &State {
+        &self.core.state
+    }
+
+    /// Puts a modal state in force, such as that of a breakpoint.
+    pub fn set_state(&mut self, state: State) {
+        self.core.state = state;
+    }
+
+    /// All parameters.
+    #[must_use]
+    pub fn parameters(&self) -> &Parameters {
+        &self.core.parameters
+    }
+
+    /// The line last taken, counted from 1.
+    #[must_use]
+    pub fn line_number(&self) -> u32 {
+        self.line
+    }
+
+    /// What has been found wrong so far.
+    #[must_use]
+    pub fn diagnostics(&self) -> &[Diagnostic] {
+        &self.diagnostics
+    }
+
+    /// What has been found wrong since the last call.
+    pub fn take_diagnostics(&mut self) -> Vec<Diagnostic> {
+        std::mem::take(&mut self.diagnostics)
+    }
+
+    /// Whether so much is wrong that checking stops.
+    #[must_use]
+    pub fn has_too_many_errors(&self) -> bool {
+        self.diagnostics.len() >= MOST_ERRORS
+    }
+
+    /// Notes something about the line last taken.
+    pub(crate) fn report(&mut self, fault: Fault) {
+        match self.diagnostics.len() {
+            ..MOST_ERRORS => {
+                let Fault { code, span, message } = fault;
+                self.diagnostics.push(Diagnostic { code, line: self.line, span, message });
+            }
+            MOST_ERRORS => {
+                let Fault { code, span, message } = Fault::plain(Code::TooManyErrors, Span::default());
+                self.diagnostics.push(Diagnostic { code, line: self.line, span, message });
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Core {
+    /// Offsets in force from the parameters, and the position that the machine then has in the program's coordinates.
+    fn take_up_parameters(&mut self, position: &Pose) {
+        let system = self.parameters.get(COORDINATE_SYSTEM);
+        self.state.coordinate_system = if (1.0..=9.0).contains(&system) { system as u8 } else { 1 };
+        let first = system_origin(self.state.coordinate_system);
+        self.state.origin = self.pose_parameter(first);
+        self.state.rotation_degrees = self.parameters.get(first + 9);
+        if self.parameters.get(G92_ACTIVE) != 0.0 {
+            self.state.g92_offset = self.pose_parameter(G92_OFFSET);
+        }
+        let position = self.lengths_to_program(position);
+        self.state.position = self.relative(&position);
+    }
+
+    /// Nine parameters from `first` on, from machine to program units.
+    fn pose_parameter(&self, first: usize) -> Pose {
+        let mut pose = Pose::ZERO;
+        for axis in Axis::ALL {
+            pose[axis] = self.parameters.get(first + axis as usize);
+        }
+        self.lengths_to_program(&pose)
+    }
+
+    /// Sets nine parameters from `first` on, from program to machine units.
+    fn set_pose_parameter(&mut self, first: usize, pose: &Pose) {
+        for axis in Axis::ALL {
+            self.parameters.set(first + axis as usize, self.to_machine_unit(axis, pose[axis]));
+        }
+    }
+
+    /// Machine units a millimetre. An inch is taken with LinuxCNC's digits, so that results agree with its interpreter's to the last.
+    fn machine_units_per_mm(&self) -> f64 {
+        match self.machine_units {
+            LengthUnit::Inch => 0.039_370_078_740_16,
+            LengthUnit::Millimetre => 1.0,
+        }
+    }
+
+    fn to_machine_unit(&self, axis: Axis, value: f64) -> f64 {
+        match self.state.units {
+            _ if axis.is_rotary() => value,
+            LengthUnit::Inch => value * 25.4 * self.machine_units_per_mm(),
+            LengthUnit::Millimetre => value * self.machine_units_per_mm(),
+        }
+    }
+
+    fn to_program_unit(&self, axis: Axis, value: f64) -> f64 {
+        match self.state.units {
+            _ if axis.is_rotary() => value,
+            LengthUnit::Inch => value / self.machine_units_per_mm() / 25.4,
+            LengthUnit::Millimetre => value / self.machine_units_per_mm(),
+        }
+    }
+
+    fn lengths_to_program(&self, pose: &Pose) -> Pose {
+        let mut program = Pose::ZERO;
+        for axis in Axis::ALL {
+            program[axis] = self.to_program_unit(axis, pose[axis]);
+        }
+        program
+    }
+}
+
+/// What the expressions of a block may ask for.
+struct BlockEnvironment<'a> {
+    core: &'a Core,
+    names: &'a Names,
+    line: u32,
+}
+
+impl Environment for BlockEnvironment<'_> {
+    fn numbered(&self, number: usize) -> Option<f64> {
+        let state = &self.core.state;
+        match number {
+            5400 => Some(state.current_tool.into()),
+            5401..=5413 => self.core.tool_parameter(number - 5401),
+            5420..=5428 => Some(state.position.0[number - 5420]),
+            _ if Parameters::has(number) => Some(self.core.parameters.get(number)),
+            _ => None,
+        }
+    }
+
+    fn named(&self, name: NameId) -> Option<f64> {
+        self.core.parameters.named(name)
+    }
+
+    fn name(&self, name: NameId) -> &str {
+        self.names.text(name)
+    }
+
+    fn system(&self, parameter: SystemParameter) -> f64 {
+        parameter.value(&self.core.state, self.line)
+    }
+}

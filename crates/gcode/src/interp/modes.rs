@@ -1,0 +1,200 @@
+//! G codes that set a mode.
+//!
+//! Invariant: they come in a fixed order (dwell, plane, units, tool offset, coordinate system, path control, distance, retract),
+//! and before any that uses coordinates.
+
+use super::{Core, Emit};
+use crate::block::Words;
+use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
+use crate::codes::Code;
+use crate::diag::{Outcome, fault};
+use crate::groups::GroupG;
+use crate::modal::{ArcCentres, Distance};
+use crate::params::{COORDINATE_SYSTEM, system_origin};
+use crate::pose::{Axis, Pose};
+
+impl Core {
+    /// G93, G94.
+    pub(super) fn set_feed_mode(&mut self, code: u16, emit: &mut Emit<'_>) {
+        if code == 930 {
+            emit.call(Canon::Note("interpreter: feed mode set to inverse time"));
+            self.state.feed_mode = FeedMode::InverseTime;
+            emit.call(Canon::SetFeedMode(FeedMode::InverseTime));
+        } else {
+            emit.call(Canon::Note("interpreter: feed mode set to units per minute"));
+            self.state.feed_mode = FeedMode::UnitsPerMinute;
+            emit.call(Canon::SetFeedMode(FeedMode::UnitsPerMinute));
+            self.state.feed_rate = 0.0;
+            emit.call(Canon::SetFeedRate(0.0));
+        }
+    }
+
+    /// All G codes but the motions.
+    pub(super) fn g_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        if words.g(GroupG::NonModal) == Some(40) {
+            emit.call(Canon::Dwell(words.get(b'p').unwrap_or_default()));
+        }
+        if let Some(code) = words.g(GroupG::Plane) {
+            self.state.plane = match code {
+                170 => Plane::Xy,
+                180 => Plane::Zx,
+                _ => Plane::Yz,
+            };
+            emit.call(Canon::SelectPlane(self.state.plane));
+        }
+        if let Some(code) = words.g(GroupG::Units) {
+            self.set_units(if code == 200 { LengthUnit::Inch } else { LengthUnit::Millimetre }, emit);
+        }
+        if words.g(GroupG::CutterCompensation).is_some() {
+            emit.call(Canon::Note("interpreter: cutter radius compensation off"));
+        }
+        if let Some(code) = words.g(GroupG::ToolOffset) {
+            self.set_tool_offset(code, words, emit)?;
+        }
+        if let Some(code) = words.g(GroupG::CoordinateSystem) {
+            self.select_coordinate_system(code, emit);
+        }
+        if let Some(code) = words.g(GroupG::PathControl) {
+            self.set_path_control(code, words, emit);
+        }
+        self.set_distances(words, emit);
+        match words.g(GroupG::NonModal) {
+            Some(code) => self.non_modal(code, words, emit),
+            None => Ok(()),
+        }
+    }
+
+    /// G20, G21: all lengths of the state are converted.
+    fn set_units(&mut self, units: LengthUnit, emit: &mut Emit<'_>) {
+        emit.call(Canon::UseLengthUnits(units));
+        let state = &mut self.state;
+        if units == state.units {
+            return;
+        }
+        // One multiplication by this factor, as the peer has it: an inverse factor would round otherwise.
+        let factor = if units == LengthUnit::Inch { 1.0 / 25.4 } else { 25.4 };
+        state.units = units;
+        state.position = state.position.scaled_lengths(factor);
+        state.origin = state.origin.scaled_lengths(factor);
+        state.g92_offset = state.g92_offset.scaled_lengths(factor);
+        state.tool_offset = state.tool_offset.scaled_lengths(factor);
+        state.feed_rate *= factor;
+        state.naivecam_tolerance *= factor;
+        if let PathControl::Continuous { tolerance } = &mut state.path_control {
+            *tolerance *= factor;
+        }
+    }
+
+    /// G43, G43.1, G43.2, G49. The machine stays where it is, so the position changes by what the offset does.
+    fn set_tool_offset(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        let old = self.state.tool_offset;
+        let new = match code {
+            430 => {
+                let number = words.get(b'h').unwrap_or(self.state.current_tool.into());
+                self.lengths_to_program(&self.tool(number, words, b'h')?.offset)
+            }
+            431 => given_axes(words, &old, |_, given| given),
+            432 => self.added_offset(words, &old)?,
+            _ => Pose::ZERO,
+        };
+        emit.call(Canon::UseToolLengthOffset(new));
+        let change = old.minus(&new);
+        let (x, y) = crate::angle::rotate(change[Axis::X], change[Axis::Y], -self.state.rotation_degrees);
+        let mut turned = change;
+        (turned[Axis::X], turned[Axis::Y]) = (x, y);
+        self.state.position = self.state.position.plus(&turned);
+        self.state.tool_offset = new;
+        Ok(())
+    }
+
+    /// G43.2: the offset of a tool, or given lengths, on top of the offset in force.
+    fn added_offset(&self, words: &Words, old: &Pose) -> Outcome<Pose> {
+        let at = words.g_span(GroupG::ToolOffset);
+        match (words.get(b'h'), words.first_of(super::check::AXES)) {
+            (Some(_), Some(_)) => fault(Code::TwoUseAxes, at, "G43.2 takes an H word or axis words, not both"),
+            (Some(number), None) => Ok(old.plus(&self.lengths_to_program(&self.tool(number, words, b'h')?.offset))),
+            (None, Some(_)) => Ok(given_axes(words, old, |old, given| old + given)),
+            (None, None) => fault(Code::WordMissing, at, "G43.2 needs an H word or axis words"),
+        }
+    }
+
+    /// G54 … G59.3.
+    fn select_coordinate_system(&mut self, code: u16, emit: &mut Emit<'_>) {
+        let system = match code {
+            591..=593 => code - 584,
+            _ => code / 10 - 53,
+        } as u8;
+        if system == self.state.coordinate_system {
+            emit.call(Canon::Note("interpreter: continuing to use same coordinate system"));
+            return;
+        }
+        self.state.position = self.position_in_system(system);
+        self.state.coordinate_system = system;
+        self.parameters.set(COORDINATE_SYSTEM, system.into());
+        let first = system_origin(system);
+        self.state.origin = self.pose_parameter(first);
+        self.state.rotation_degrees = self.parameters.get(first + 9);
+        emit.call(Canon::SetG5xOffset { system, offset: self.state.origin });
+        emit.call(Canon::SetG92Offset(self.state.g92_offset));
+        emit.call(Canon::SetXyRotation(self.state.rotation_degrees));
+    }
+
+    /// G61, G61.1, G64. A tolerance below 0 counts as none, and Q defaults to P.
+    fn set_path_control(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) {
+        let given = |letter| words.get(letter).filter(|tolerance| *tolerance >= 0.0);
+        let tolerance = given(b'p').unwrap_or_default();
+        self.state.path_control = match code {
+            610 => PathControl::ExactPath,
+            611 => PathControl::ExactStop,
+            _ => PathControl::Continuous { tolerance },
+        };
+        emit.call(Canon::SetMotionControlMode(self.state.path_control));
+        if code == 640 {
+            self.state.naivecam_tolerance = given(b'q').unwrap_or(tolerance);
+            emit.call(Canon::SetNaivecamTolerance(self.state.naivecam_tolerance));
+        }
+    }
+
+    /// G90, G91, G90.1, G91.1, G98, G99.
+    fn set_distances(&mut self, words: &Words, emit: &mut Emit<'_>) {
+        let state = &mut self.state;
+        if let Some(code) = words.g(GroupG::Distance) {
+            let (distance, note) = match code {
+                900 => (Distance::Absolute, "interpreter: distance mode changed to absolute"),
+                _ => (Distance::Incremental, "interpreter: distance mode changed to incremental"),
+            };
+            if distance != state.distance {
+                emit.call(Canon::Note(note));
+                state.distance = distance;
+            }
+        }
+        if let Some(code) = words.g(GroupG::ArcCentres) {
+            let (centres, note) = match code {
+                901 => (ArcCentres::Absolute, "interpreter: IJK distance mode changed to absolute"),
+                _ => (ArcCentres::Incremental, "interpreter: IJK distance mode changed to incremental"),
+            };
+            if centres != state.arc_centres {
+                emit.call(Canon::Note(note));
+                state.arc_centres = centres;
+            }
+        }
+        if let Some(code) = words.g(GroupG::Retract) {
+            state.retract_to_r = code == 990;
+            emit.call(Canon::Note(match code {
+                990 => "interpreter: retract mode set to r_plane",
+                _ => "interpreter: retract mode set to old_z",
+            }));
+        }
+    }
+}
+
+/// A pose with the axes that the block gives changed.
+pub(super) fn given_axes(words: &Words, old: &Pose, change: impl Fn(f64, f64) -> f64) -> Pose {
+    let mut new = *old;
+    for axis in Axis::ALL {
+        if let Some(given) = words.get(axis.letter().to_ascii_lowercase()) {
+            new[axis] = change(old[axis], given);
+        }
+    }
+    new
+}

@@ -1,0 +1,193 @@
+//! Straight moves and arcs.
+//!
+//! Invariant: what is emitted is an end in program coordinates, and the position follows it.
+
+use super::arc::{ArcShape, Radii, from_centre, from_radius};
+use super::check::turns_of;
+use super::{Core, Emit};
+use crate::angle::rotate;
+use crate::block::Words;
+use crate::canon::{ArcFeed, Canon, FeedMode};
+use crate::codes::Code;
+use crate::diag::{Outcome, Span, fault};
+use crate::groups::GroupG;
+use crate::modal::{ArcCentres, Distance, Motion};
+use crate::pose::{Axis, Pose};
+
+/// The least feed rate that inverse time gives, units a minute: a block without a way still has one.
+const LEAST_INVERSE_TIME_RATE: f64 = 0.1;
+
+/// A way shorter than this on the linear axes counts as none.
+const TINY_WAY: f64 = 1e-7;
+
+impl Core {
+    /// Carries out the block's motion.
+    #[inline]
+    pub(super) fn move_along(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        match motion {
+            Motion::Traverse => {
+                self.state.motion = Some(motion);
+                let end = self.end_of(words);
+                emit.call(Canon::StraightTraverse(end));
+                self.state.position = end;
+                Ok(())
+            }
+            Motion::Feed => {
+                self.check_feed(words)?;
+                self.state.motion = Some(motion);
+                let end = self.end_of(words);
+                if self.state.feed_mode == FeedMode::InverseTime {
+                    let length = straight_length(&self.state.position, &end);
+                    self.set_inverse_time_rate(length, words, emit);
+                }
+                emit.call(Canon::StraightFeed(end));
+                self.state.position = end;
+                Ok(())
+            }
+            Motion::ArcClockwise | Motion::ArcCounterclockwise => self.arc(motion, words, emit),
+        }
+    }
+
+    fn check_feed(&self, words: &Words) -> Outcome<()> {
+        let at = || match words.first_of(b"xyzabcuvwijkr") {
+            _ if words.g(GroupG::Motion).is_some() => words.g_span(GroupG::Motion),
+            Some(letter) => words.span(letter),
+            None => Span::default(),
+        };
+        match self.state.feed_mode {
+            FeedMode::UnitsPerMinute if self.state.feed_rate == 0.0 => {
+                fault(Code::ZeroFeed, at(), "a feed move needs a feed rate, and none is set")
+            }
+            FeedMode::InverseTime if !words.has(b'f') => {
+                fault(Code::InverseTimeFeed, at(), Code::InverseTimeFeed.title())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn set_inverse_time_rate(&mut self, length: f64, words: &Words, emit: &mut Emit<'_>) {
+        let rate = (length * words.get(b'f').unwrap_or_default()).max(LEAST_INVERSE_TIME_RATE);
+        self.state.feed_rate = rate;
+        emit.call(Canon::SetFeedRate(rate));
+    }
+
+    /// The end that the axis words give; an axis without a word stays where it is.
+    #[inline]
+    pub(super) fn end_of(&self, words: &Words) -> Pose {
+        let state = &self.state;
+        if words.g(GroupG::NonModal) == Some(530) {
+            return self.end_in_machine_coordinates(words);
+        }
+        let mut end = state.position;
+        let incremental = state.distance == Distance::Incremental;
+        for (axis, letter) in end.0.iter_mut().zip(*b"xyzabcuvw") {
+            if let Some(given) = words.get(letter) {
+                *axis = if incremental { *axis + given } else { given };
+            }
+        }
+        end
+    }
+
+    /// G53: the axis words are machine coordinates.
+    fn end_in_machine_coordinates(&self, words: &Words) -> Pose {
+        let state = &self.state;
+        let mut end = state.position;
+        let mut x = state.position[Axis::X] + state.g92_offset[Axis::X];
+        let mut y = state.position[Axis::Y] + state.g92_offset[Axis::Y];
+        (x, y) = rotate(x, y, state.rotation_degrees);
+        if let Some(given) = words.get(b'x') {
+            x = given - state.origin[Axis::X] - state.tool_offset[Axis::X];
+        }
+        if let Some(given) = words.get(b'y') {
+            y = given - state.origin[Axis::Y] - state.tool_offset[Axis::Y];
+        }
+        (x, y) = rotate(x, y, -state.rotation_degrees);
+        end[Axis::X] = x - state.g92_offset[Axis::X];
+        end[Axis::Y] = y - state.g92_offset[Axis::Y];
+        for axis in &Axis::ALL[2..] {
+            if let Some(given) = words.get(axis.letter().to_ascii_lowercase()) {
+                let tool = if axis.is_rotary() { 0.0 } else { state.tool_offset[*axis] };
+                end[*axis] = given - state.origin[*axis] - state.g92_offset[*axis] - tool;
+            }
+        }
+        end
+    }
+
+    fn arc(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        let at = words.first_of(b"rijkxyz").map_or_else(|| words.g_span(GroupG::Motion), |letter| words.span(letter));
+        let has_centre = words.has_any(b"ijk");
+        if words.has(b'r') && has_centre {
+            return fault(Code::ArcMixed, at, Code::ArcMixed.title());
+        }
+        if !words.has(b'r') && !has_centre {
+            return fault(Code::ArcWordsMissing, at, Code::ArcWordsMissing.title());
+        }
+        self.check_feed(words)?;
+        let centre = self.centre_words(words, at)?;
+        let [first, second, normal] = self.state.plane.axes();
+        let letter = |axis: Axis| axis.letter().to_ascii_lowercase();
+        if centre.is_none() && !words.has(letter(first)) && !words.has(letter(second)) {
+            return fault(Code::ArcNoEnd, at, Code::ArcNoEnd.title());
+        }
+        self.state.motion = Some(motion);
+        let (start, end) = (self.state.position, self.end_of(words));
+        let turns = match words.get(b'p') {
+            Some(turns) => turns_of(turns, words)?,
+            None => 1,
+        };
+        let shape = ArcShape {
+            start: (start[first], start[second]),
+            end: (end[first], end[second]),
+            turns: if motion == Motion::ArcClockwise { -turns } else { turns },
+            radii: Radii::of(self.state.units),
+            at,
+        };
+        let (first_centre, second_centre) = match (centre, words.get(b'r')) {
+            (None, Some(radius)) => from_radius(&shape, radius)?,
+            (offset, _) => from_centre(&shape, offset.unwrap_or_default(), self.state.arc_centres)?,
+        };
+        if self.state.feed_mode == FeedMode::InverseTime {
+            let length = shape.length((first_centre, second_centre), end[normal] - start[normal]);
+            self.set_inverse_time_rate(length, words, emit);
+        }
+        let plane = self.state.plane;
+        emit.call(Canon::ArcFeed(ArcFeed { plane, end, first_centre, second_centre, turns: shape.turns }));
+        self.state.position = end;
+        Ok(())
+    }
+
+    /// The centre words of the plane, in the order of its axes; none for an arc with R.
+    fn centre_words(&self, words: &Words, at: Span) -> Outcome<Option<(f64, f64)>> {
+        if words.has(b'r') {
+            return Ok(None);
+        }
+        let [first, second, normal] = self.state.plane.axes().map(|axis| b"ijk"[axis as usize]);
+        let name = |letter: u8| char::from(letter.to_ascii_uppercase());
+        if words.has(normal) {
+            let message = format!("{} does not belong to the selected plane", name(normal));
+            return fault(Code::ArcWrongWord, words.span(normal), message);
+        }
+        if self.state.arc_centres == ArcCentres::Absolute {
+            for letter in [first, second] {
+                if !words.has(letter) {
+                    let message = format!("{} is missing: with G90.1 both centre words are needed", name(letter));
+                    return fault(Code::ArcAbsoluteCentre, at, message);
+                }
+            }
+        }
+        Ok(Some((words.get(first).unwrap_or_default(), words.get(second).unwrap_or_default())))
+    }
+}
+
+/// The way between two points as inverse time counts it: along X Y Z; if they stay, along U V W; if those do too, the turn of A B C.
+fn straight_length(start: &Pose, end: &Pose) -> f64 {
+    let way = |axes: [Axis; 3]| {
+        let [p, q, r] = axes.map(|axis| end[axis] - start[axis]);
+        let moved = p.abs() > TINY_WAY || q.abs() > TINY_WAY || r.abs() > TINY_WAY;
+        (moved, (p * p + q * q + r * r).sqrt())
+    };
+    match (way([Axis::X, Axis::Y, Axis::Z]), way([Axis::U, Axis::V, Axis::W])) {
+        ((true, length), _) | (_, (true, length)) => length,
+        _ => way([Axis::A, Axis::B, Axis::C]).1,
+    }
+}

@@ -1,0 +1,66 @@
+//! Stops and the end of a program: M0, M1, M2, M30, M60.
+//!
+//! Invariant: after the end the modes are those of a new program but for the units, the path control and the offsets of G92.
+
+use super::{Core, Emit, Flow};
+use crate::canon::{Canon, FeedMode, Plane};
+use crate::modal::{Distance, Motion, Spindle};
+use crate::params::{COORDINATE_SYSTEM, system_origin};
+
+impl Core {
+    pub(super) fn stop(&mut self, code: u8, emit: &mut Emit<'_>) -> Flow {
+        match code {
+            0 => emit.call(Canon::ProgramStop),
+            1 => emit.call(Canon::OptionalProgramStop),
+            60 => {
+                emit.call(Canon::PalletShuttle);
+                emit.call(Canon::ProgramStop);
+            }
+            _ => {
+                self.end_program(code == 30, emit);
+                return Flow::ProgramEnd;
+            }
+        }
+        Flow::Continue
+    }
+
+    fn end_program(&mut self, shuttle: bool, emit: &mut Emit<'_>) {
+        self.state.position = self.position_in_system(1);
+        let first = system_origin(1);
+        let (origin, rotation) = (self.pose_parameter(first), self.parameters.get(first + 9));
+        self.parameters.set(COORDINATE_SYSTEM, 1.0);
+        let state = &mut self.state;
+        (state.coordinate_system, state.origin, state.rotation_degrees) = (1, origin, rotation);
+        emit.call(Canon::SetG5xOffset { system: 1, offset: origin });
+        emit.call(Canon::SetXyRotation(rotation));
+        if state.plane != Plane::Xy {
+            state.plane = Plane::Xy;
+            emit.call(Canon::SelectPlane(Plane::Xy));
+        }
+        state.distance = Distance::Absolute;
+        state.feed_mode = FeedMode::UnitsPerMinute;
+        state.feed_rate = 0.0;
+        emit.call(Canon::SetFeedMode(FeedMode::UnitsPerMinute));
+        emit.call(Canon::SetFeedRate(0.0));
+        if !std::mem::replace(&mut state.feed_override, true) {
+            emit.call(Canon::EnableFeedOverride);
+        }
+        if !std::mem::replace(&mut state.speed_override, true) {
+            emit.call(Canon::EnableSpeedOverride);
+        }
+        state.spindle = Spindle::Stopped;
+        emit.call(Canon::StopSpindleTurning);
+        emit.call(Canon::SetSpindleMode(0.0));
+        state.motion = Some(Motion::Feed);
+        if std::mem::take(&mut state.mist) {
+            emit.call(Canon::MistOff);
+        }
+        if std::mem::take(&mut state.flood) {
+            emit.call(Canon::FloodOff);
+        }
+        if shuttle {
+            emit.call(Canon::PalletShuttle);
+        }
+        emit.call(Canon::ProgramEnd);
+    }
+}

@@ -1,0 +1,214 @@
+//! Reading characters and numbers of one line.
+//!
+//! Invariant: blanks between any two characters mean nothing, as RS274/NGC has it; the cursor never leaves the line.
+
+use crate::codes::Code;
+use crate::diag::{Fault, Outcome, Span, fault};
+
+/// A place in one line.
+#[derive(Clone)]
+pub(crate) struct Cursor<'a> {
+    text: &'a [u8],
+    at: usize,
+}
+
+/// Powers of ten that are exact as `f64`.
+const POWERS_OF_TEN: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20,
+    1e21, 1e22,
+];
+
+/// Integers up to here are exact as `f64`.
+const EXACT: u64 = 1 << 53;
+
+const fn is_blank(byte: u8) -> bool {
+    matches!(byte, b' ' | b'\t' | b'\r')
+}
+
+impl<'a> Cursor<'a> {
+    pub(crate) fn new(text: &'a [u8]) -> Cursor<'a> {
+        Cursor { text, at: 0 }
+    }
+
+    /// The next character that is not blank, in lower case, without taking it; 0 at the end.
+    #[inline]
+    pub(crate) fn peek(&mut self) -> u8 {
+        match self.text.get(self.at) {
+            Some(&byte) if !is_blank(byte) => byte.to_ascii_lowercase(),
+            Some(_) => self.peek_behind_blanks(),
+            None => 0,
+        }
+    }
+
+    #[inline(never)]
+    fn peek_behind_blanks(&mut self) -> u8 {
+        let rest = self.text.get(self.at..).unwrap_or_default();
+        let blanks = rest.iter().position(|byte| !is_blank(*byte)).unwrap_or(rest.len());
+        self.at += blanks;
+        rest.get(blanks).map_or(0, u8::to_ascii_lowercase)
+    }
+
+    /// Takes the character that [`Cursor::peek`] has shown.
+    #[inline]
+    pub(crate) fn skip(&mut self) {
+        self.at += 1;
+    }
+
+    /// Takes the next character if it is this one.
+    #[inline]
+    pub(crate) fn eat(&mut self, wanted: u8) -> bool {
+        if self.peek() == wanted {
+            self.at += 1;
+            true
+        } else {
+            false
+        }
+    }
+
+    /// Takes these characters, or nothing.
+    pub(crate) fn eat_word(&mut self, wanted: &[u8]) -> bool {
+        let start = self.at;
+        let found = wanted.iter().all(|&letter| self.eat(letter));
+        if !found {
+            self.at = start;
+        }
+        found
+    }
+
+    /// Where the next character stands.
+    #[inline]
+    pub(crate) fn at(&self) -> usize {
+        self.at
+    }
+
+    /// From `start` to here.
+    #[inline]
+    pub(crate) fn since(&self, start: usize) -> Span {
+        Span::new(start, self.at)
+    }
+
+    /// The next character alone.
+    pub(crate) fn here(&mut self) -> Span {
+        self.peek();
+        Span::new(self.at, (self.at + 1).min(self.text.len()))
+    }
+
+    /// Takes everything up to and with `closing`; `None` when it is not there.
+    pub(crate) fn take_to(&mut self, closing: u8) -> Option<&'a [u8]> {
+        let rest = self.text.get(self.at..).unwrap_or_default();
+        let length = rest.iter().position(|&byte| byte == closing)?;
+        self.at += length + 1;
+        Some(&rest[..length])
+    }
+
+    /// Goes to the end of the line.
+    pub(crate) fn finish(&mut self) {
+        self.at = self.text.len();
+    }
+
+    /// Takes digits; how many there were, and their value, which stops growing at 2⁶⁴ − 1.
+    pub(crate) fn digits(&mut self) -> (u32, u64) {
+        let (mut count, mut value) = (0, 0_u64);
+        while let digit @ b'0'..=b'9' = self.peek() {
+            value = value.saturating_mul(10).saturating_add(u64::from(digit - b'0'));
+            count += 1;
+            self.skip();
+        }
+        (count, value)
+    }
+
+    /// Takes a number without a sign: digits with at most one decimal point among them.
+    #[inline]
+    pub(crate) fn number(&mut self) -> Outcome<f64> {
+        self.peek();
+        let start = self.at;
+        let (mut mantissa, mut digits, mut decimals, mut point) = (0_u64, 0_u32, 0_usize, false);
+        let mut end = start;
+        while let Some(&byte) = self.text.get(self.at) {
+            match byte {
+                b'0'..=b'9' => {
+                    mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(byte - b'0'));
+                    digits += u32::from(mantissa != 0);
+                    decimals += usize::from(point);
+                    end = self.at + 1;
+                }
+                b'.' if !point => {
+                    point = true;
+                    end = self.at + 1;
+                }
+                b'.' => return fault(Code::BadNumber, Span::new(start, self.at + 1), "a number has one decimal point"),
+                blank if is_blank(blank) => {}
+                _ => break,
+            }
+            self.at += 1;
+        }
+        self.at = end;
+        if digits <= 18 && mantissa <= EXACT && decimals < POWERS_OF_TEN.len() && end > start {
+            if end - start == 1 && point {
+                return fault(Code::BadNumber, Span::new(start, end), "a decimal point alone is no number");
+            }
+            return Ok(mantissa as f64 / POWERS_OF_TEN[decimals]);
+        }
+        self.long_number(start, end)
+    }
+
+    /// A number that needs more than one division of exact values, or none at all.
+    #[cold]
+    fn long_number(&self, start: usize, end: usize) -> Outcome<f64> {
+        let span = Span::new(start, end.max((start + 1).min(self.text.len())));
+        let digits: String =
+            self.text[start..end].iter().filter(|byte| !is_blank(**byte)).map(|byte| char::from(*byte)).collect();
+        if digits.is_empty() {
+            return fault(Code::NumberMissing, span, "a number is missing here");
+        }
+        match digits.parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(value),
+            Ok(_) => Err(Box::new(Fault::plain(Code::NumberTooLarge, span))),
+            Err(_) => Err(Box::new(Fault::plain(Code::BadNumber, span))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn number(text: &str) -> Result<f64, Code> {
+        Cursor::new(text.as_bytes()).number().map_err(|fault| fault.code)
+    }
+
+    proptest! {
+        /// What is read is the `f64` nearest to the decimal number, whatever its length.
+        #[test]
+        fn a_number_is_read_exactly(text in "[0-9]{1,24}(\\.[0-9]{0,30})?") {
+            prop_assert_eq!(number(&text), Ok(text.parse::<f64>().expect("a decimal number")));
+        }
+
+        #[test]
+        fn blanks_in_a_number_change_nothing(whole in "[0-9]{1,6}", decimals in "[0-9]{1,6}", blank in "[ \t]{0,2}") {
+            let plain = format!("{whole}.{decimals}");
+            let spaced = format!("{whole}{blank}.{blank}{decimals}");
+            prop_assert_eq!(number(&spaced), number(&plain));
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_is_refused() {
+        assert_eq!(number("1.5.5"), Err(Code::BadNumber));
+        assert_eq!(number("."), Err(Code::BadNumber));
+        assert_eq!(number(" . "), Err(Code::BadNumber));
+        assert_eq!(number(""), Err(Code::NumberMissing));
+        assert_eq!(number("x"), Err(Code::NumberMissing));
+        assert_eq!(number(&"9".repeat(1000)), Err(Code::NumberTooLarge));
+        assert_eq!(number(&format!("0.{}", "9".repeat(1000))), Ok(1.0));
+    }
+
+    #[test]
+    fn the_cursor_stops_right_after_the_last_digit() {
+        let mut cursor = Cursor::new(b"12 . 5  Y");
+        assert_eq!(cursor.number().ok(), Some(12.5));
+        assert_eq!(cursor.at(), 6);
+        assert_eq!(cursor.peek(), b'y');
+    }
+}

@@ -1,0 +1,180 @@
+//! The modal state: everything that a block takes over from the blocks before it.
+//!
+//! Invariant: all lengths are in the program's units in force; [`State`] and the parameters together decide what a block does.
+
+use crate::angle::rotate;
+use crate::canon::{FeedMode, LengthUnit, PathControl, Plane};
+use crate::pose::{Axis, Pose};
+
+/// The motion modes that are carried out; none is G80.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// G0.
+    Traverse,
+    /// G1.
+    Feed,
+    /// G2.
+    ArcClockwise,
+    /// G3.
+    ArcCounterclockwise,
+}
+
+impl Motion {
+    /// How it is written.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Motion::Traverse => "G0",
+            Motion::Feed => "G1",
+            Motion::ArcClockwise => "G2",
+            Motion::ArcCounterclockwise => "G3",
+        }
+    }
+
+    /// G2 or G3.
+    #[must_use]
+    pub const fn is_arc(self) -> bool {
+        matches!(self, Motion::ArcClockwise | Motion::ArcCounterclockwise)
+    }
+}
+
+/// What axis words mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Distance {
+    /// G90: the end.
+    Absolute,
+    /// G91: from the current position.
+    Incremental,
+}
+
+/// What the centre words of an arc mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArcCentres {
+    /// G90.1: the centre.
+    Absolute,
+    /// G91.1: from the start.
+    Incremental,
+}
+
+/// What the spindle was told to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Spindle {
+    /// M5.
+    Stopped,
+    /// M3.
+    Clockwise,
+    /// M4.
+    Counterclockwise,
+}
+
+/// The whole modal state between two blocks.
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    /// The motion mode; none after G80.
+    pub motion: Option<Motion>,
+    /// The plane of arcs.
+    pub plane: Plane,
+    /// The program's length unit.
+    pub units: LengthUnit,
+    /// What axis words mean.
+    pub distance: Distance,
+    /// What centre words mean.
+    pub arc_centres: ArcCentres,
+    /// What F words mean.
+    pub feed_mode: FeedMode,
+    /// Units a minute; 0 is none.
+    pub feed_rate: f64,
+    /// The coordinate system in force, 1 … 9 for G54 … G59.3.
+    pub coordinate_system: u8,
+    /// Its origin in machine coordinates.
+    pub origin: Pose,
+    /// Its rotation about Z, degrees counter-clockwise.
+    pub rotation_degrees: f64,
+    /// The offset of G52 and G92.
+    pub g92_offset: Pose,
+    /// The tool length offset in force.
+    pub tool_offset: Pose,
+    /// The position in program coordinates.
+    pub position: Pose,
+    /// How joints are run through.
+    pub path_control: PathControl,
+    /// Tolerance of the merging of nearly straight runs.
+    pub naivecam_tolerance: f64,
+    /// G99; else G98.
+    pub retract_to_r: bool,
+    /// What the spindle was told to do.
+    pub spindle: Spindle,
+    /// Turns a minute.
+    pub spindle_speed: f64,
+    /// M7.
+    pub mist: bool,
+    /// M8.
+    pub flood: bool,
+    /// Whether the operator's feed override acts.
+    pub feed_override: bool,
+    /// Whether the operator's spindle speed override acts.
+    pub speed_override: bool,
+    /// M52.
+    pub adaptive_feed: bool,
+    /// M53.
+    pub feed_hold: bool,
+    /// The tool of the last T word; 0 is none.
+    pub selected_tool: u32,
+    /// The tool in the spindle; 0 is none.
+    pub current_tool: u32,
+}
+
+impl State {
+    /// What holds before the first block, at the machine's zero.
+    #[must_use]
+    pub fn initial(units: LengthUnit) -> State {
+        State {
+            motion: None,
+            plane: Plane::Xy,
+            units,
+            distance: Distance::Absolute,
+            arc_centres: ArcCentres::Incremental,
+            feed_mode: FeedMode::UnitsPerMinute,
+            feed_rate: 0.0,
+            coordinate_system: 1,
+            origin: Pose::ZERO,
+            rotation_degrees: 0.0,
+            g92_offset: Pose::ZERO,
+            tool_offset: Pose::ZERO,
+            position: Pose::ZERO,
+            path_control: PathControl::Continuous { tolerance: 0.0 },
+            naivecam_tolerance: 0.0,
+            retract_to_r: true,
+            spindle: Spindle::Stopped,
+            spindle_speed: 0.0,
+            mist: false,
+            flood: false,
+            feed_override: true,
+            speed_override: true,
+            adaptive_feed: false,
+            feed_hold: true,
+            selected_tool: 0,
+            current_tool: 0,
+        }
+    }
+
+    /// Whether lengths are in millimetres.
+    #[must_use]
+    pub fn is_metric(&self) -> bool {
+        self.units == LengthUnit::Millimetre
+    }
+
+    /// The position of the machine (its controlled point with the tool offset taken off) in machine coordinates and program units.
+    #[must_use]
+    pub fn machine_position(&self) -> Pose {
+        self.to_machine(&self.position)
+    }
+
+    /// A point of the program in machine coordinates, both in program units.
+    #[must_use]
+    pub fn to_machine(&self, point: &Pose) -> Pose {
+        let mut machine = point.plus(&self.g92_offset);
+        (machine[Axis::X], machine[Axis::Y]) = rotate(machine[Axis::X], machine[Axis::Y], self.rotation_degrees);
+        machine.plus(&self.origin).plus(&self.tool_offset)
+    }
+}

@@ -1,0 +1,206 @@
+//! Numbered and named parameters, and the parameter file.
+//!
+//! Invariant: numbered parameters 1 … 5601 always have a value; a named one has a value from its first assignment on.
+
+use crate::codes::Code;
+use crate::diag::{Diagnostic, Span};
+use crate::expr::Reference;
+use crate::system::SystemParameter;
+use std::collections::HashMap;
+use std::fmt::Write as _;
+
+/// The highest numbered parameter.
+const LAST: usize = 5601;
+
+/// First parameter of the position that G28 goes to; machine units and degrees, X Y Z A B C U V W.
+pub(crate) const G28_HOME: usize = 5161;
+/// First parameter of the position that G30 goes to.
+pub(crate) const G30_HOME: usize = 5181;
+/// 1 while an offset of G52 or G92 is in force.
+pub(crate) const G92_ACTIVE: usize = 5210;
+/// First parameter of the offset of G52 and G92.
+pub(crate) const G92_OFFSET: usize = 5211;
+/// Number of the coordinate system in force, 1 … 9.
+pub(crate) const COORDINATE_SYSTEM: usize = 5220;
+/// Comments with DEBUG are shown while this is above 0.
+pub(crate) const SHOW_DEBUG: usize = 5599;
+
+/// First parameter of a coordinate system's origin; its rotation stands 9 further on.
+pub(crate) const fn system_origin(system: u8) -> usize {
+    5201 + 20 * system as usize
+}
+
+/// Parameters that a parameter file keeps, each range with both ends.
+const KEPT: [(usize, usize); 6] = [(31, 5000), (5161, 5169), (5181, 5189), (5210, 5219), (5220, 5230), (5241, 5390)];
+
+/// The number of a parameter's name in [`Names`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct NameId(u32);
+
+/// Every parameter name that a program has used, in lower case and without blanks.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Names {
+    numbers: HashMap<Box<str>, NameId>,
+    texts: Vec<Box<str>>,
+}
+
+impl Names {
+    /// What `#<text>` names.
+    pub(crate) fn resolve(&mut self, text: &[u8]) -> Reference {
+        let name: String = String::from_utf8_lossy(text)
+            .chars()
+            .filter(|letter| !letter.is_whitespace())
+            .map(|letter| letter.to_ascii_lowercase())
+            .collect();
+        if let Some(parameter) = SystemParameter::of_name(&name) {
+            return Reference::System(parameter);
+        }
+        if let Some(id) = self.numbers.get(name.as_str()) {
+            return Reference::Named(*id);
+        }
+        let id = NameId(self.texts.len() as u32);
+        self.texts.push(name.clone().into());
+        self.numbers.insert(name.into(), id);
+        Reference::Named(id)
+    }
+
+    pub(crate) fn text(&self, id: NameId) -> &str {
+        self.texts.get(id.0 as usize).map_or("", |text| text)
+    }
+}
+
+/// The values of all parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameters {
+    numbered: Box<[f64]>,
+    named: Vec<Option<f64>>,
+}
+
+impl Default for Parameters {
+    fn default() -> Parameters {
+        let mut numbered = vec![0.0; LAST + 1].into_boxed_slice();
+        numbered[COORDINATE_SYSTEM] = 1.0;
+        numbered[SHOW_DEBUG] = 1.0;
+        Parameters { numbered, named: Vec::new() }
+    }
+}
+
+impl Parameters {
+    /// Numbered parameter 1 … 5601; 0 beyond.
+    #[must_use]
+    pub fn get(&self, number: usize) -> f64 {
+        if number == 0 { 0.0 } else { self.numbered.get(number).copied().unwrap_or(0.0) }
+    }
+
+    /// Sets numbered parameter 1 … 5601; beyond, nothing happens.
+    pub fn set(&mut self, number: usize, value: f64) {
+        if let Some(place) = self.numbered.get_mut(number) {
+            *place = value;
+        }
+    }
+
+    /// Whether a numbered parameter is there.
+    pub(crate) fn has(number: usize) -> bool {
+        (1..=LAST).contains(&number)
+    }
+
+    /// Whether a program may not assign to it: the tool's data and the position.
+    pub(crate) const fn is_read_only(number: usize) -> bool {
+        matches!(number, 5400..=5413 | 5420..=5428)
+    }
+
+    pub(crate) fn named(&self, name: NameId) -> Option<f64> {
+        self.named.get(name.0 as usize).copied().flatten()
+    }
+
+    pub(crate) fn set_named(&mut self, name: NameId, value: f64) {
+        let index = name.0 as usize;
+        if index >= self.named.len() {
+            self.named.resize(index + 1, None);
+        }
+        self.named[index] = Some(value);
+    }
+
+    /// Reads a parameter file: lines of a number and a value, in rising order, `#` and `;` begin a comment.
+    ///
+    /// # Errors
+    /// E1703 for each line that is not such a line.
+    pub fn read(text: &str) -> Result<Parameters, Vec<Diagnostic>> {
+        let mut parameters = Parameters::default();
+        let mut diagnostics = Vec::new();
+        let mut last = 0;
+        for (index, line) in text.lines().enumerate() {
+            let content = line.split(['#', ';']).next().unwrap_or_default();
+            let words: Vec<&str> = content.split_whitespace().collect();
+            let pair = match words[..] {
+                [] => continue,
+                [number, value] => number.parse::<usize>().ok().zip(value.parse::<f64>().ok()),
+                _ => None,
+            };
+            match pair {
+                Some((number, value)) if Parameters::has(number) && number > last && value.is_finite() => {
+                    last = number;
+                    parameters.set(number, value);
+                }
+                _ => diagnostics.push(Diagnostic {
+                    code: Code::ParameterFileLine,
+                    line: index as u32 + 1,
+                    span: Span::new(0, line.len()),
+                    message: Code::ParameterFileLine.title().to_owned(),
+                }),
+            }
+        }
+        if diagnostics.is_empty() { Ok(parameters) } else { Err(diagnostics) }
+    }
+
+    /// The text of a parameter file: what outlives a program, with as many digits as give the same values back.
+    #[must_use]
+    pub fn write(&self) -> String {
+        let mut text = String::new();
+        for (first, last) in KEPT {
+            for number in first..=last {
+                let value = self.get(number);
+                if value != 0.0 || number >= G28_HOME {
+                    // Writing to a string cannot fail.
+                    let _ = writeln!(text, "{number}\t{}", Exact(value));
+                }
+            }
+        }
+        text
+    }
+}
+
+/// Prints at least six decimals, and more where they are needed to give the value back.
+struct Exact(f64);
+
+impl std::fmt::Display for Exact {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let short = format!("{:.6}", self.0);
+        if short.parse() == Ok(self.0) { formatter.write_str(&short) } else { write!(formatter, "{}", self.0) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_parameter_file_gives_the_same_values_back(values in prop::collection::vec((31_usize..5000, -1e6..1e6_f64), 0..20)) {
+            let mut parameters = Parameters::default();
+            for (number, value) in values {
+                parameters.set(number, value);
+            }
+            let again = Parameters::read(&parameters.write()).expect("its own text");
+            prop_assert_eq!(again, parameters);
+        }
+    }
+
+    #[test]
+    fn each_line_that_is_none_is_named() {
+        let found =
+            Parameters::read("5161 1\n5161 2\nx\n5170 1 2\n6000 1\n# c\n5181 inf\n").expect_err("five bad lines");
+        assert_eq!(found.iter().map(|diagnostic| diagnostic.line).collect::<Vec<_>>(), [2, 3, 4, 5, 7]);
+    }
+}

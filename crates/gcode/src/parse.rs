@@ -1,0 +1,189 @@
+//! From the text of one line to its block.
+//!
+//! Invariant: every character of the line is understood, or the line is refused with the place of the first that is not.
+
+use crate::block::{Block, BlockNumber, Slot};
+use crate::codes::Code;
+use crate::diag::{Outcome, Span, fault};
+use crate::expr::{Compiler, Operand, Reference};
+use crate::lex::Cursor;
+use crate::params::Names;
+use crate::pose::{Axis, AxisSet};
+use crate::remark::Remark;
+
+/// Longest line in bytes, without its end, as in LinuxCNC.
+pub(crate) const LONGEST_LINE: usize = 252;
+
+/// Compiles a line into `block`, which is cleared first.
+pub(crate) fn parse(text: &[u8], axes: AxisSet, names: &mut Names, block: &mut Block) -> Outcome<()> {
+    block.clear();
+    check_text(text)?;
+    let mut cursor = Cursor::new(text);
+    cursor.eat(b'/');
+    block_number(&mut cursor, block)?;
+    loop {
+        let letter = cursor.peek();
+        let start = cursor.at();
+        match letter {
+            0 => return Ok(()),
+            b'a'..=b'z' => word(letter, &mut cursor, axes, names, block)?,
+            b'#' => assignment(&mut cursor, names, block)?,
+            b'(' => comment(&mut cursor, names, block)?,
+            b';' => return Ok(()),
+            b'@' | b'^' | b'$' => {
+                let what = if letter == b'$' { "choosing a spindle with $" } else { "polar coordinates" };
+                let at = Span::new(start, start + 1);
+                return fault(Code::UnsupportedWord, at, format!("{what} is not supported yet"));
+            }
+            _ => return bad_character(&mut cursor, start),
+        }
+    }
+}
+
+/// Whether a line is deleted when block delete is on: its first character is a slash.
+pub(crate) fn has_delete_mark(text: &[u8]) -> bool {
+    Cursor::new(text).peek() == b'/'
+}
+
+#[inline]
+fn check_text(text: &[u8]) -> Outcome<()> {
+    if text.len() > LONGEST_LINE {
+        let message = format!("the line has more than {LONGEST_LINE} bytes");
+        return fault(Code::LineTooLong, Span::new(LONGEST_LINE, LONGEST_LINE + 1), message);
+    }
+    let plain = text.iter().all(|byte| (b' '..0x7f).contains(byte));
+    if plain { Ok(()) } else { check_unusual(text) }
+}
+
+#[cold]
+fn check_unusual(text: &[u8]) -> Outcome<()> {
+    if let Err(error) = std::str::from_utf8(text) {
+        let at = error.valid_up_to();
+        return fault(Code::NotText, Span::new(at, at + 1), format!("byte {:#04x} is not valid UTF-8 here", text[at]));
+    }
+    match text.iter().position(|byte| byte.is_ascii_control() && !matches!(byte, b'\t' | b'\r')) {
+        Some(at) => fault(Code::NotText, Span::new(at, at + 1), format!("control character {:#04x}", text[at])),
+        None => Ok(()),
+    }
+}
+
+#[cold]
+fn bad_character(cursor: &mut Cursor<'_>, start: usize) -> Outcome<()> {
+    let at = cursor.here();
+    let what = match cursor.peek() {
+        b'/' => "a slash deletes a block only at its beginning",
+        b'%' => "a percent sign stands alone in its line, at the beginning and the end of a program",
+        b'=' => "an equals sign belongs behind a parameter at the beginning of an assignment",
+        b')' => "no comment is open here",
+        _ => Code::BadCharacter.title(),
+    };
+    fault(Code::BadCharacter, Span::new(start, at.end as usize), what)
+}
+
+/// The N word, which stands at the beginning; a fraction is allowed and means nothing.
+fn block_number(cursor: &mut Cursor<'_>, block: &mut Block) -> Outcome<()> {
+    if !cursor.eat(b'n') {
+        return Ok(());
+    }
+    let start = cursor.at() - 1;
+    let (digits, value) = cursor.digits();
+    if digits == 0 || digits > 18 {
+        let at = cursor.since(start);
+        return fault(Code::BadBlockNumber, at, "N is followed by 1 to 18 digits");
+    }
+    if cursor.eat(b'.') {
+        cursor.digits();
+    }
+    block.number = Some(BlockNumber::new(value, digits as u8));
+    Ok(())
+}
+
+fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, block: &mut Block) -> Outcome<()> {
+    let start = cursor.at();
+    cursor.skip();
+    match letter {
+        b'n' => {
+            return fault(Code::BadBlockNumber, cursor.since(start), "N stands once, at the beginning of the block");
+        }
+        b'o' => return fault(Code::UnsupportedWord, cursor.since(start), "O words are not supported yet"),
+        _ => {}
+    }
+    let first_op = block.ops.len();
+    let operand = match Compiler::new(cursor, &mut block.ops, names).operand() {
+        Ok(operand) => operand,
+        Err(found) => return Err(named(found, letter, start)),
+    };
+    let at = cursor.since(start);
+    if let Some(axis) = Axis::of_letter(letter)
+        && !axes.has(axis)
+    {
+        let name = char::from(axis.letter());
+        return fault(Code::AxisMissing, at, format!("the machine has no axis {name}"));
+    }
+    let slot = match letter {
+        b'g' => Slot::G,
+        b'm' => Slot::M,
+        _ => {
+            block.words.claim(letter, at)?;
+            Slot::Word(letter)
+        }
+    };
+    match (operand, slot) {
+        (Operand::Constant(value), Slot::G) => block.words.add_g(value, at),
+        (Operand::Constant(value), Slot::M) => block.words.add_m(value, at),
+        (Operand::Constant(value), _) => block.words.fill(letter, value, at),
+        (Operand::Calculated, slot) => {
+            block.add_late(slot, first_op, at);
+            Ok(())
+        }
+    }
+}
+
+/// A missing number is told with the word letter that it belongs to.
+#[cold]
+fn named(mut found: Box<crate::diag::Fault>, letter: u8, start: usize) -> Box<crate::diag::Fault> {
+    if found.code == Code::NumberMissing && found.span.start as usize <= start + 1 {
+        found.message = format!("{} is not followed by a value", char::from(letter.to_ascii_uppercase()));
+        found.span.start = start as u32;
+    }
+    found
+}
+
+/// `#number=value` or `#<name>=value`.
+fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<()> {
+    let start = cursor.at();
+    let first_op = block.ops.len();
+    let mut compiler = Compiler::new(cursor, &mut block.ops, names);
+    let reference = compiler.reference()?;
+    if !compiler.cursor.eat(b'=') {
+        return fault(Code::EqualsMissing, compiler.cursor.here(), "an equals sign is missing here");
+    }
+    let slot = match reference {
+        Reference::Numbered => Slot::Numbered,
+        Reference::Named(name) => Slot::Named(name),
+        Reference::System(_) => {
+            let at = compiler.cursor.since(start);
+            return fault(Code::ParameterReadOnly, at, "a predefined parameter is read-only");
+        }
+    };
+    compiler.value()?;
+    let at = cursor.since(start);
+    block.add_late(slot, first_op, at);
+    Ok(())
+}
+
+/// `(comment)`; of several in one block the last is passed on.
+fn comment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<()> {
+    let start = cursor.at();
+    cursor.skip();
+    let Some(text) = cursor.take_to(b')') else {
+        cursor.finish();
+        return fault(Code::UnclosedComment, cursor.since(start), Code::UnclosedComment.title());
+    };
+    if let Some(inner) = text.iter().position(|byte| *byte == b'(') {
+        let at = Span::new(start + 1 + inner, start + 2 + inner);
+        return fault(Code::NestedComment, at, Code::NestedComment.title());
+    }
+    block.remark = Remark::of(text, cursor.since(start), names)?;
+    Ok(())
+}

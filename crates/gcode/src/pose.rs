@@ -1,0 +1,143 @@
+//! A position: one coordinate for each of the nine axes.
+//!
+//! Invariant: the order is X Y Z A B C U V W everywhere. X Y Z U V W are lengths, A B C are degrees; the length unit is said where a
+//! [`Pose`] stands.
+
+use std::ops::{Index, IndexMut};
+
+/// One of the nine axes of RS274/NGC.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Axis {
+    /// Linear, first of the plane of G17.
+    X,
+    /// Linear, second of the plane of G17.
+    Y,
+    /// Linear.
+    Z,
+    /// Turns about X, degrees.
+    A,
+    /// Turns about Y, degrees.
+    B,
+    /// Turns about Z, degrees.
+    C,
+    /// Linear, beside X.
+    U,
+    /// Linear, beside Y.
+    V,
+    /// Linear, beside Z.
+    W,
+}
+
+impl Axis {
+    /// All nine, in order.
+    pub const ALL: [Axis; 9] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C, Axis::U, Axis::V, Axis::W];
+
+    /// Whether the axis turns: its coordinate is in degrees and knows no length unit.
+    #[must_use]
+    pub const fn is_rotary(self) -> bool {
+        matches!(self, Axis::A | Axis::B | Axis::C)
+    }
+
+    /// The word letter, upper case.
+    #[must_use]
+    pub const fn letter(self) -> u8 {
+        b"XYZABCUVW"[self as usize]
+    }
+
+    /// The axis of a word letter, of either case.
+    #[must_use]
+    pub const fn of_letter(letter: u8) -> Option<Axis> {
+        let mut index = 0;
+        while index < 9 {
+            if Axis::ALL[index].letter() == letter.to_ascii_uppercase() {
+                return Some(Axis::ALL[index]);
+            }
+            index += 1;
+        }
+        None
+    }
+}
+
+/// The axes that a machine has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AxisSet(u16);
+
+impl AxisSet {
+    /// X, Y and Z.
+    pub const XYZ: AxisSet = AxisSet(0b111);
+    /// X, Y, Z, A, B and C.
+    pub const XYZABC: AxisSet = AxisSet(0b11_1111);
+    /// All nine.
+    pub const ALL: AxisSet = AxisSet(0b1_1111_1111);
+
+    /// The set of these axes.
+    #[must_use]
+    pub fn of(axes: &[Axis]) -> AxisSet {
+        AxisSet(axes.iter().fold(0, |bits, axis| bits | 1 << *axis as u16))
+    }
+
+    /// Whether the axis is in it.
+    #[must_use]
+    pub const fn has(self, axis: Axis) -> bool {
+        self.0 & 1 << axis as u16 != 0
+    }
+}
+
+/// Nine coordinates. The unit of the linear ones is said where the pose stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pose(pub [f64; 9]);
+
+impl Pose {
+    /// Zero on every axis.
+    pub const ZERO: Pose = Pose([0.0; 9]);
+
+    /// X, Y and Z given, the rest zero.
+    #[must_use]
+    pub const fn xyz(x: f64, y: f64, z: f64) -> Pose {
+        Pose([x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    }
+
+    /// The linear coordinates times `factor`; the rotary ones stay.
+    #[must_use]
+    pub fn scaled_lengths(mut self, factor: f64) -> Pose {
+        for axis in Axis::ALL {
+            if !axis.is_rotary() {
+                self[axis] *= factor;
+            }
+        }
+        self
+    }
+
+    /// Coordinate by coordinate: `self + other`.
+    #[must_use]
+    pub fn plus(mut self, other: &Pose) -> Pose {
+        for axis in Axis::ALL {
+            self[axis] += other[axis];
+        }
+        self
+    }
+
+    /// Coordinate by coordinate: `self - other`.
+    #[must_use]
+    pub fn minus(mut self, other: &Pose) -> Pose {
+        for axis in Axis::ALL {
+            self[axis] -= other[axis];
+        }
+        self
+    }
+}
+
+impl Index<Axis> for Pose {
+    type Output = f64;
+
+    fn index(&self, axis: Axis) -> &f64 {
+        &self.0[axis as usize]
+    }
+}
+
+impl IndexMut<Axis> for Pose {
+    fn index_mut(&mut self, axis: Axis) -> &mut f64 {
+        &mut self.0[axis as usize]
+    }
+}

@@ -1,0 +1,152 @@
+//! Predefined named parameters: what a program may ask about the state of the machine.
+//!
+//! Invariant: they can be read only, and their values are those of LinuxCNC 2.9.
+
+use crate::canon::{FeedMode, Plane};
+use crate::modal::{ArcCentres, Distance, Motion, Spindle, State};
+use crate::pose::Axis;
+
+/// A predefined named parameter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum SystemParameter {
+    Position(Axis),
+    /// In machine coordinates and program units.
+    MachinePosition(Axis),
+    Fixed(f64),
+    Line,
+    MotionMode,
+    Plane,
+    Metric,
+    Imperial,
+    Absolute,
+    Incremental,
+    InverseTime,
+    UnitsPerMinute,
+    CoordinateSystem,
+    ToolOffset,
+    RetractToR,
+    RetractToOldZ,
+    ArcCentresAbsolute,
+    SpindleOn,
+    SpindleClockwise,
+    Mist,
+    Flood,
+    SpeedOverride,
+    FeedOverride,
+    AdaptiveFeed,
+    FeedHold,
+    Feed,
+    SpindleSpeed,
+    CurrentTool,
+    SelectedTool,
+}
+
+impl SystemParameter {
+    /// The predefined parameter of this name, in lower case.
+    pub(crate) fn of_name(name: &str) -> Option<SystemParameter> {
+        use SystemParameter as P;
+        let name = name.strip_prefix('_')?;
+        if let Some(axis) = name.strip_prefix("abs_").and_then(axis_of).filter(|axis| (*axis as u8) < 6) {
+            return Some(P::MachinePosition(axis));
+        }
+        if let Some(axis) = axis_of(name) {
+            return Some(P::Position(axis));
+        }
+        Some(match name {
+            "line" => P::Line,
+            "motion_mode" => P::MotionMode,
+            "plane" => P::Plane,
+            "metric" => P::Metric,
+            "imperial" => P::Imperial,
+            "absolute" => P::Absolute,
+            "incremental" => P::Incremental,
+            "inverse_time" => P::InverseTime,
+            "units_per_minute" => P::UnitsPerMinute,
+            "coord_system" => P::CoordinateSystem,
+            "tool_offset" => P::ToolOffset,
+            "retract_r_plane" => P::RetractToR,
+            "retract_old_z" => P::RetractToOldZ,
+            "ijk_absolute_mode" => P::ArcCentresAbsolute,
+            "spindle_on" => P::SpindleOn,
+            "spindle_cw" => P::SpindleClockwise,
+            "mist" => P::Mist,
+            "flood" => P::Flood,
+            "speed_override" => P::SpeedOverride,
+            "feed_override" => P::FeedOverride,
+            "adaptive_feed" => P::AdaptiveFeed,
+            "feed_hold" => P::FeedHold,
+            "feed" => P::Feed,
+            "rpm" => P::SpindleSpeed,
+            "current_tool" => P::CurrentTool,
+            "selected_tool" => P::SelectedTool,
+            "ccomp" => P::Fixed(400.0),
+            "spindle_rpm_mode" | "lathe_radius_mode" => P::Fixed(1.0),
+            "units_per_rev"
+            | "spindle_css_mode"
+            | "lathe_diameter_mode"
+            | "task"
+            | "call_level"
+            | "remap_level"
+            | "value"
+            | "value_returned" => P::Fixed(0.0),
+            _ => return None,
+        })
+    }
+
+    /// Its value in this state; `line` counts from 1.
+    pub(crate) fn value(self, state: &State, line: u32) -> f64 {
+        use SystemParameter as P;
+        let truth = |condition: bool| f64::from(u8::from(condition));
+        match self {
+            P::Position(axis) => state.position[axis],
+            P::MachinePosition(axis) => state.machine_position()[axis],
+            P::Fixed(value) => value,
+            P::Line => line.into(),
+            P::MotionMode => match state.motion {
+                Some(Motion::Traverse) => 0.0,
+                Some(Motion::Feed) => 10.0,
+                Some(Motion::ArcClockwise) => 20.0,
+                Some(Motion::ArcCounterclockwise) => 30.0,
+                None => 800.0,
+            },
+            P::Plane => match state.plane {
+                Plane::Xy => 170.0,
+                Plane::Zx => 180.0,
+                Plane::Yz => 190.0,
+            },
+            P::Metric => truth(state.is_metric()),
+            P::Imperial => truth(!state.is_metric()),
+            P::Absolute => truth(state.distance == Distance::Absolute),
+            P::Incremental => truth(state.distance == Distance::Incremental),
+            P::InverseTime => truth(state.feed_mode == FeedMode::InverseTime),
+            P::UnitsPerMinute => truth(state.feed_mode == FeedMode::UnitsPerMinute),
+            P::CoordinateSystem => match state.coordinate_system {
+                system @ 0..=6 => 530.0 + 10.0 * f64::from(system),
+                system => 584.0 + f64::from(system),
+            },
+            P::ToolOffset => truth(state.tool_offset.0.iter().any(|length| *length != 0.0)),
+            P::RetractToR => truth(state.retract_to_r),
+            P::RetractToOldZ => truth(!state.retract_to_r),
+            P::ArcCentresAbsolute => truth(state.arc_centres == ArcCentres::Absolute),
+            P::SpindleOn => truth(state.spindle != Spindle::Stopped),
+            P::SpindleClockwise => truth(state.spindle == Spindle::Clockwise),
+            P::Mist => truth(state.mist),
+            P::Flood => truth(state.flood),
+            P::SpeedOverride => truth(state.speed_override),
+            P::FeedOverride => truth(state.feed_override),
+            P::AdaptiveFeed => truth(state.adaptive_feed),
+            P::FeedHold => truth(state.feed_hold),
+            P::Feed => state.feed_rate,
+            P::SpindleSpeed => state.spindle_speed,
+            P::CurrentTool => state.current_tool.into(),
+            P::SelectedTool => state.selected_tool.into(),
+        }
+    }
+}
+
+fn axis_of(name: &str) -> Option<Axis> {
+    match name.as_bytes() {
+        [letter] => Axis::of_letter(*letter),
+        _ => None,
+    }
+}

@@ -1,0 +1,147 @@
+//! The tool table and its file.
+//!
+//! Invariant: each tool number stands once; lengths are in machine units.
+
+use crate::canon::LengthUnit;
+use crate::codes::Code;
+use crate::diag::{Diagnostic, Span};
+use crate::pose::{Axis, Pose};
+
+/// One tool.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tool {
+    /// Its number, as T and H words give it.
+    pub number: u32,
+    /// Where it stands in the changer.
+    pub pocket: u32,
+    /// Its offset, machine units and degrees.
+    pub offset: Pose,
+    /// Its diameter, machine units.
+    pub diameter: f64,
+    /// Front angle of a lathe tool, degrees.
+    pub front_angle: f64,
+    /// Back angle of a lathe tool, degrees.
+    pub back_angle: f64,
+    /// Orientation of a lathe tool, 0 … 9.
+    pub orientation: f64,
+}
+
+/// Every tool that the machine knows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ToolTable {
+    tools: Vec<Tool>,
+}
+
+impl ToolTable {
+    /// The three tools that LinuxCNC's `rs274` knows without a tool table: 1, 2 and 3, of 0.511, 0.1 and 1.273 inches' length.
+    /// They are taken for a machine of these units, so that a program with G43 reads the same with and without a table there.
+    #[must_use]
+    pub fn samples(machine_units: LengthUnit) -> ToolTable {
+        let inch = LengthUnit::Inch.millimetres() / machine_units.millimetres();
+        let tool = |number: u32, length: f64, diameter: f64| Tool {
+            number,
+            pocket: number,
+            offset: Pose::xyz(0.0, 0.0, length * inch),
+            diameter: diameter * inch,
+            ..Tool::default()
+        };
+        ToolTable { tools: vec![tool(1, 0.511, 0.125), tool(2, 0.1, 0.0625), tool(3, 1.273, 0.201)] }
+    }
+
+    /// The tool of this number. Number 0 is no tool, and always there.
+    #[must_use]
+    pub fn get(&self, number: u32) -> Option<Tool> {
+        if number == 0 {
+            return Some(Tool::default());
+        }
+        self.tools.iter().find(|tool| tool.number == number).copied()
+    }
+
+    /// Adds a tool; one of the same number is replaced.
+    pub fn insert(&mut self, tool: Tool) {
+        self.tools.retain(|old| old.number != tool.number);
+        self.tools.push(tool);
+    }
+
+    /// Reads a tool table in LinuxCNC's format: lines such as `T1 P1 Z0.511 D0.125 ;comment`.
+    ///
+    /// # Errors
+    /// E1702 for each line that is not such a line.
+    pub fn read(text: &str) -> Result<ToolTable, Vec<Diagnostic>> {
+        let mut table = ToolTable::default();
+        let mut diagnostics = Vec::new();
+        for (index, line) in text.lines().enumerate() {
+            let content = line.split(';').next().unwrap_or_default();
+            if content.trim().is_empty() {
+                continue;
+            }
+            match tool_of_line(content) {
+                Ok(tool) => table.insert(tool),
+                Err((word, message)) => {
+                    let start = line.find(word).unwrap_or(0);
+                    diagnostics.push(Diagnostic {
+                        code: Code::ToolTableLine,
+                        line: index as u32 + 1,
+                        span: Span::new(start, start + word.len()),
+                        message,
+                    });
+                }
+            }
+        }
+        if diagnostics.is_empty() { Ok(table) } else { Err(diagnostics) }
+    }
+}
+
+/// The tool that a line tells of, or the word that is wrong and why.
+fn tool_of_line(line: &str) -> Result<Tool, (&str, String)> {
+    let mut tool = Tool::default();
+    let mut named = false;
+    for word in line.split_whitespace() {
+        let (letter, text) = word.split_at(word.chars().next().map_or(0, char::len_utf8));
+        let bad = |what: &str| (word, format!("{word}: {what}"));
+        let value: f64 =
+            text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| bad("not a number"))?;
+        let whole = || text.parse::<u32>().map_err(|_| bad("not a whole number of at least 0"));
+        match letter.to_ascii_uppercase().as_str() {
+            "T" => {
+                tool.number = whole()?;
+                named = true;
+            }
+            "P" => tool.pocket = whole()?,
+            "D" => tool.diameter = value,
+            "I" => tool.front_angle = value,
+            "J" => tool.back_angle = value,
+            "Q" => tool.orientation = value,
+            axis => match axis.bytes().next().and_then(Axis::of_letter) {
+                Some(axis) => tool.offset[axis] = value,
+                None => return Err(bad("unknown word")),
+            },
+        }
+    }
+    if named { Ok(tool) } else { Err((line.trim(), "a tool needs a T word".to_owned())) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_is_read_by_words_in_any_order() {
+        let table =
+            ToolTable::read("T1 P1 Z0.511 D0.125 ;1/8 end mill\n\n  D3 T20 P2 X-1 Q9 ; lathe\n").expect("a table");
+        let tool = table.get(20).expect("tool 20");
+        assert_eq!(
+            (tool.pocket, tool.diameter, tool.offset, tool.orientation),
+            (2, 3.0, Pose::xyz(-1.0, 0.0, 0.0), 9.0)
+        );
+        assert_eq!(table.get(1).map(|tool| tool.offset[Axis::Z]), Some(0.511));
+        assert_eq!((table.get(0), table.get(2)), (Some(Tool::default()), None));
+    }
+
+    #[test]
+    fn each_bad_line_is_named_with_its_word() {
+        let found = ToolTable::read("T1 Zx\nP1\nT2\nT3 #5\nT-1\nT4 Z1e999\nTé\n").expect_err("six bad lines");
+        let places: Vec<_> = found.iter().map(|diagnostic| (diagnostic.line, diagnostic.column())).collect();
+        assert_eq!(places, [(1, 4), (2, 1), (4, 4), (5, 1), (6, 4), (7, 1)]);
+    }
+}
