@@ -18,23 +18,24 @@ pub struct Arc<const A: usize> {
     pub end_mm: [f64; A],
 }
 
-/// Position along a move as a function of s.
+/// Coefficients of a cubic in s for every axis, constant first.
+pub(crate) type Cubic<const A: usize> = [[f64; A]; 4];
+
+/// Position along a move as a function of s: a cubic, and for an arc a turning radius besides.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Curve<const A: usize> {
-    Line {
-        start: [f64; A],
-        direction: [f64; A],
-    },
-    /// `base + rate·s`, and in the plane `radius` in the direction `angle + turn·s` besides.
-    Arc {
-        base: [f64; A],
-        rate: [f64; A],
-        plane: [usize; 2],
-        radius: f64,
-        angle: f64,
-        /// Radians per mm.
-        turn: f64,
-    },
+pub(crate) struct Curve<const A: usize> {
+    cubic: Cubic<A>,
+    circle: Option<Circle>,
+}
+
+/// `radius` in the direction `angle + turn·s` in a plane.
+#[derive(Clone, Copy, Debug)]
+struct Circle {
+    plane: [usize; 2],
+    radius: f64,
+    angle: f64,
+    /// Radians per mm.
+    turn: f64,
 }
 
 /// First, second and third derivative of the position by s, per axis.
@@ -60,7 +61,8 @@ impl<const A: usize> Curve<A> {
     pub(crate) fn line(start: [f64; A], end: [f64; A]) -> (Self, f64) {
         let way: [f64; A] = std::array::from_fn(|i| end[i] - start[i]);
         let length = length_of(way);
-        (Self::Line { start, direction: way.map(|x| x / length.max(f64::MIN_POSITIVE)) }, length)
+        let rate = way.map(|x| x / length.max(f64::MIN_POSITIVE));
+        (Self { cubic: [start, rate, [0.0; A], [0.0; A]], circle: None }, length)
     }
 
     /// An arc and its length in mm. Where the end lies a little off the circle, the path drifts there evenly.
@@ -99,67 +101,83 @@ impl<const A: usize> Curve<A> {
         way[q] = arc.end_mm[q] - (arc.centre_mm[1] + start_mm * sin);
         let mut base = start;
         (base[p], base[q]) = (arc.centre_mm[0], arc.centre_mm[1]);
-        let curve = Self::Arc {
-            base,
-            rate: way.map(|x| x / length),
-            plane: arc.plane,
-            radius: start_mm,
-            angle,
-            turn: sweep / length,
-        };
+        let circle = Circle { plane: arc.plane, radius: start_mm, angle, turn: sweep / length };
+        let curve = Self { cubic: [base, way.map(|x| x / length), [0.0; A], [0.0; A]], circle: Some(circle) };
         Ok((curve, length))
+    }
+
+    /// The same curve from `s` on, with `correction` added to it.
+    pub(crate) fn corrected(&self, s: f64, correction: &Cubic<A>) -> Self {
+        let [a, b, c, d] = &self.cubic;
+        let [value, first, second, third] = correction;
+        let cubic = [
+            std::array::from_fn(|i| value[i] + a[i] + s * (b[i] + s * (c[i] + s * d[i]))),
+            std::array::from_fn(|i| first[i] + b[i] + s * (2.0 * c[i] + 3.0 * s * d[i])),
+            std::array::from_fn(|i| second[i] + c[i] + 3.0 * s * d[i]),
+            std::array::from_fn(|i| third[i] + d[i]),
+        ];
+        Self { cubic, circle: self.circle.map(|circle| Circle { angle: circle.angle + circle.turn * s, ..circle }) }
     }
 
     /// The position at s.
     #[inline]
     pub(crate) fn at(&self, s: f64) -> [f64; A] {
-        match self {
-            Self::Line { start, direction } => std::array::from_fn(|i| start[i] + direction[i] * s),
-            Self::Arc { base, rate, plane, radius, angle, turn } => {
-                let mut at: [f64; A] = std::array::from_fn(|i| base[i] + rate[i] * s);
-                let (sin, cos) = (angle + turn * s).sin_cos();
-                at[plane[0]] += radius * cos;
-                at[plane[1]] += radius * sin;
-                at
-            }
+        let [a, b, c, d] = &self.cubic;
+        let mut at: [f64; A] = std::array::from_fn(|i| a[i] + s * (b[i] + s * (c[i] + s * d[i])));
+        if let Some(Circle { plane: [p, q], radius, angle, turn }) = self.circle {
+            let (sin, cos) = (angle + turn * s).sin_cos();
+            at[p] += radius * cos;
+            at[q] += radius * sin;
         }
+        at
     }
 
     /// The derivatives at s.
     pub(crate) fn derivatives(&self, s: f64) -> Derivatives<A> {
-        let mut d = Derivatives { first: [0.0; A], second: [0.0; A], third: [0.0; A] };
-        match self {
-            Self::Line { direction, .. } => d.first = *direction,
-            Self::Arc { rate, plane, radius, angle, turn, .. } => {
-                let ([p, q], (sin, cos)) = (*plane, (angle + turn * s).sin_cos());
-                let (one, two, three) = (radius * turn, radius * turn * turn, radius * turn * turn * turn);
-                d.first = *rate;
-                d.first[p] -= one * sin;
-                d.first[q] += one * cos;
-                (d.second[p], d.second[q]) = (-two * cos, -two * sin);
-                (d.third[p], d.third[q]) = (three * sin, -three * cos);
-            }
+        let [_, b, c, d] = &self.cubic;
+        let mut all = Derivatives {
+            first: std::array::from_fn(|i| b[i] + s * (2.0 * c[i] + 3.0 * s * d[i])),
+            second: std::array::from_fn(|i| 2.0 * c[i] + 6.0 * s * d[i]),
+            third: std::array::from_fn(|i| 6.0 * d[i]),
+        };
+        if let Some(Circle { plane: [p, q], radius, angle, turn }) = self.circle {
+            let (sin, cos) = (angle + turn * s).sin_cos();
+            let (one, two, three) = (radius * turn, radius * turn * turn, radius * turn * turn * turn);
+            all.first[p] -= one * sin;
+            all.first[q] += one * cos;
+            all.second[p] -= two * cos;
+            all.second[q] -= two * sin;
+            all.third[p] += three * sin;
+            all.third[q] -= three * cos;
         }
-        d
+        all
     }
 
-    /// Bounds on the absolute derivatives over the whole curve.
-    pub(crate) fn bounds(&self) -> Derivatives<A> {
-        let mut d = self.derivatives(0.0);
-        if let Self::Arc { rate, plane, radius, turn, .. } = self {
-            let (radius, turn) = (radius.abs(), turn.abs());
-            for &i in plane {
-                d.first[i] = rate[i].abs() + radius * turn;
-                d.second[i] = radius * turn * turn;
-                d.third[i] = radius * turn * turn * turn;
+    /// Bounds on the absolute derivatives over 0 … `length`.
+    pub(crate) fn bounds(&self, length: f64) -> Derivatives<A> {
+        let [_, b, c, d] = &self.cubic;
+        let mut all = Derivatives { first: [0.0; A], second: [0.0; A], third: [0.0; A] };
+        for i in 0..A {
+            let first = |s: f64| (b[i] + s * (2.0 * c[i] + 3.0 * s * d[i])).abs();
+            let turning = if d[i] == 0.0 { 0.0 } else { (-c[i] / (3.0 * d[i])).clamp(0.0, length) };
+            all.first[i] = first(0.0).max(first(length)).max(first(turning));
+            all.second[i] = (2.0 * c[i]).abs().max((2.0 * c[i] + 6.0 * length * d[i]).abs());
+            all.third[i] = (6.0 * d[i]).abs();
+        }
+        if let Some(Circle { plane, radius, turn, .. }) = self.circle {
+            let turn = turn.abs();
+            for i in plane {
+                all.first[i] += radius * turn;
+                all.second[i] += radius * turn * turn;
+                all.third[i] += radius * turn * turn * turn;
             }
         }
-        Derivatives { first: d.first.map(f64::abs), second: d.second, third: d.third }
+        all
     }
 
-    /// In an arc the tangential and the centripetal part of a derivative are never both at their bound in one axis.
+    /// In a pure arc the tangential and the centripetal part of a derivative are never both at their bound in one axis.
     pub(crate) fn is_arc(&self) -> bool {
-        matches!(self, Self::Arc { .. })
+        self.circle.is_some() && self.cubic[2] == [0.0; A] && self.cubic[3] == [0.0; A]
     }
 }
 
@@ -192,18 +210,18 @@ mod tests {
     fn an_arc_that_is_none_is_refused_by_number() {
         let number = |arc: Arc<3>| Curve::arc([10.0, 0.0, 0.0], &arc).map(|_| ()).unwrap_err().number();
         let arc = Arc { plane: [0, 1], centre_mm: [0.0, 0.0], rotation: 1, end_mm: [0.0, 10.5, 0.0] };
-        assert_eq!(number(arc), 4003);
-        assert_eq!(number(Arc { centre_mm: [10.0, 0.0], ..arc }), 4003);
-        assert_eq!(number(Arc { plane: [1, 1], ..arc }), 4004);
-        assert_eq!(number(Arc { plane: [1, 3], ..arc }), 4004);
-        assert_eq!(number(Arc { rotation: 0, ..arc }), 4004);
+        assert_eq!(number(arc), "E4003");
+        assert_eq!(number(Arc { centre_mm: [10.0, 0.0], ..arc }), "E4003");
+        assert_eq!(number(Arc { plane: [1, 1], ..arc }), "E4004");
+        assert_eq!(number(Arc { plane: [1, 3], ..arc }), "E4004");
+        assert_eq!(number(Arc { rotation: 0, ..arc }), "E4004");
     }
 
     #[test]
     fn derivatives_are_those_of_the_position_and_keep_the_bounds() {
         let arc = Arc { plane: [2, 0], centre_mm: [1.0, 2.0], rotation: -2, end_mm: [2.0, 7.0, 4.0, 90.0] };
         let (curve, length) = Curve::arc([5.0, 1.0, 1.0, 0.0], &arc).expect("valid");
-        let (h, bounds) = (1e-3, curve.bounds());
+        let (h, bounds) = (1e-3, curve.bounds(length));
         for k in 1..100 {
             let s = length * f64::from(k) / 100.0;
             let (d, p) = (curve.derivatives(s), [-2.0, -1.0, 1.0, 2.0].map(|x| curve.at(s + x * h)));

@@ -24,15 +24,19 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod blend;
+mod corner;
 mod curve;
 mod emitter;
 mod envelope;
 mod error;
+mod joining;
 mod limits;
 mod lookahead;
 mod piece;
 mod planner;
 mod profile;
+mod run;
 mod stepwise;
 
 pub use curve::Arc;

@@ -1,8 +1,7 @@
-//! A piece of path, what speed the axes allow along it, and how fast the joint between two pieces may be passed.
+//! A piece of path, and what speed the axes allow along it.
 //!
 //! Invariant: motion along a piece within its path limits keeps every axis within its planned velocity, acceleration and
-//! jerk; the jumps of velocity and acceleration in a joint that is passed at its cap take no more of the jerk, as it is seen
-//! over one control period, than the share that the pieces on both sides leave.
+//! jerk, less the share of the jerk that is left to the joints at its ends.
 
 use crate::curve::{Curve, Derivatives};
 use crate::limits::AxisLimits;
@@ -26,12 +25,6 @@ pub(crate) struct Piece<const A: usize> {
 
 /// Shares of acceleration and jerk, least first, that tangential motion gets on a curve; the rest is for the curvature.
 const TANGENTIAL: [f64; 5] = [0.35, 0.5, 0.65, 0.8, 0.9];
-/// Share of the jerk that joints may take: the first that lets a joint pass at full speed, else the last.
-const JOINT_SHARES: [f64; 4] = [0.0, 0.001, 0.02, 0.25];
-/// A joint that takes no more than this share of the jerk is smooth.
-const SMOOTH: f64 = 5e-8;
-/// Joints that could only be passed at less than this speed, in mm/s, are stops.
-const SLOWEST: f64 = 0.2;
 
 /// How a joint may be passed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,11 +38,13 @@ pub(crate) struct Joint {
 impl Joint {
     /// A full stop.
     pub(crate) const STOP: Self = Self { v: 0.0, share: 0.0 };
+    /// No jump at all.
+    pub(crate) const SMOOTH: Self = Self { v: f64::MAX, share: 0.0 };
 }
 
 impl<const A: usize> Piece<A> {
     pub(crate) fn new(curve: Curve<A>, length: f64, feed: f64, tag: u32) -> Self {
-        Self { curve, length, feed, tag, bounds: curve.bounds(), rough_entry: false }
+        Self { curve, length, feed, tag, bounds: curve.bounds(length), rough_entry: false }
     }
 
     /// Path limits along the piece when `share` of the jerk is left to its joints.
@@ -98,37 +93,6 @@ impl<const A: usize> Piece<A> {
             limits.v = limits.v.min(speed_within(d.third[i], 3.0 * d.second[i] * limits.a, j_left));
         }
         limits
-    }
-
-    /// How the joint from this piece to `next` may be passed.
-    pub(crate) fn joint(&self, next: &Self, axes: &AxisLimits<A>) -> Joint {
-        let (end, start) = (self.curve.derivatives(self.length), next.curve.derivatives(0.0));
-        let shortest = self.length.min(next.length);
-        // Share of the jerk that the jumps take at speed v. Within three periods there may be several joints.
-        let taken = |v: f64| {
-            let crowd = 2.0 * (1.0 + 3.0 * v * axes.period / shortest);
-            (0..A).fold(0.0f64, |most, i| {
-                let dv = v * (start.first[i] - end.first[i]).abs();
-                let da = v * v * (start.second[i] - end.second[i]).abs();
-                most.max(crowd * (dv / axes.period + 0.75 * da) / (axes.period * axes.j[i]))
-            })
-        };
-        let full = self.feed.min(next.feed).min(axes.path_v);
-        let needed = taken(full);
-        if needed <= SMOOTH {
-            return Joint { v: full, share: 0.0 };
-        }
-        let last = JOINT_SHARES[JOINT_SHARES.len() - 1];
-        let share = JOINT_SHARES.into_iter().find(|&share| needed <= share).unwrap_or(last);
-        if needed <= share {
-            return Joint { v: full, share };
-        }
-        let (mut low, mut high) = (0.0, full);
-        for _ in 0..40 {
-            let middle = 0.5 * (low + high);
-            if taken(middle) <= share { low = middle } else { high = middle }
-        }
-        if low < SLOWEST { Joint::STOP } else { Joint { v: low, share } }
     }
 }
 

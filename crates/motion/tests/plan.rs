@@ -7,7 +7,12 @@ use proptest::prelude::*;
 use retrace_motion::{Feed, Limits, PathMode};
 
 fn mode() -> impl Strategy<Value = PathMode> {
-    prop_oneof![Just(PathMode::ExactStop), Just(PathMode::ExactPath)]
+    prop_oneof![
+        Just(PathMode::ExactStop),
+        Just(PathMode::ExactPath),
+        Just(PathMode::Blend { tolerance_mm: 0.05 }),
+        (0.002..0.3f64).prop_map(|tolerance_mm| PathMode::Blend { tolerance_mm }),
+    ]
 }
 
 proptest! {
@@ -18,7 +23,8 @@ proptest! {
         let limits = Limits::built_in();
         let moves = program(&steps, mode);
         let run = play(limits, &moves, usize::MAX);
-        if let Err(broken) = judge(&limits, &moves, &run, 0.0, 2) {
+        let tolerance = if let PathMode::Blend { tolerance_mm } = mode { tolerance_mm } else { 0.0 };
+        if let Err(broken) = judge(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
         }
     }

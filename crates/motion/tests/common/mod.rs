@@ -166,8 +166,8 @@ pub fn chain(start: [f64; 3], path: &Path) -> Vec<[f64; 3]> {
     }
 }
 
-/// Largest distance of a set-point from the moves around the one it belongs to.
-pub fn farthest(moves: &[Move], run: &Run, reach: usize) -> f64 {
+/// A set-point that is further than `tolerance` from every move around the one it belongs to, and its distance.
+pub fn astray(moves: &[Move], run: &Run, reach: usize, tolerance: f64) -> Option<(usize, f64)> {
     let mut start = [0.0; 3];
     let chains: Vec<Vec<[f64; 3]>> = moves
         .iter()
@@ -177,12 +177,24 @@ pub fn farthest(moves: &[Move], run: &Run, reach: usize) -> f64 {
             points
         })
         .collect();
-    let distance = |(record, point): (&Record<3>, &[f64; 3])| {
+    let away = |(record, point): (&Record<3>, &[f64; 3])| {
         let tag = (record.line as usize).max(1) - 1;
-        let near = tag.saturating_sub(reach)..(tag + reach + 1).min(chains.len());
-        chains[near].iter().flat_map(|c| c.windows(2)).map(|w| to_segment(*point, w[0], w[1])).fold(f64::MAX, f64::min)
+        let mut nearest = f64::MAX;
+        // Its own move first; mostly that is enough.
+        for k in 0..=reach {
+            for at in [tag.checked_sub(k), Some(tag + k)].into_iter().flatten().filter(|at| *at < chains.len()) {
+                for w in chains[at].windows(2) {
+                    nearest = nearest.min(to_segment(*point, w[0], w[1]));
+                    if nearest <= tolerance {
+                        return nearest;
+                    }
+                }
+            }
+        }
+        nearest
     };
-    run.records.iter().zip(&run.points).map(distance).fold(0.0, f64::max)
+    let mut all = run.records.iter().zip(&run.points).map(away).enumerate();
+    all.find(|(_, distance)| *distance > tolerance)
 }
 
 /// Everything at once: both judges, the exact end, half a pulse, the path within the tolerance.
@@ -204,8 +216,10 @@ pub fn judge(limits: &Limits<3>, moves: &[Move], run: &Run, tolerance: f64, reac
     if counts != wanted {
         return Err(format!("ends at {counts:?}, commanded {wanted:?}"));
     }
-    let away = farthest(moves, run, reach);
-    if away > tolerance + 2e-5 { Err(format!("{away} mm off the path")) } else { Ok(()) }
+    match astray(moves, run, reach, tolerance + 2e-5) {
+        Some((n, distance)) => Err(format!("period {n} is {distance} mm off the path")),
+        None => Ok(()),
+    }
 }
 
 /// One move of a random program, relative to where it starts and to the direction before it.

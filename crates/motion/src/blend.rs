@@ -1,0 +1,343 @@
+//! Blending: the programmed moves of one run become pieces whose direction and curvature are continuous, within the
+//! tolerance (G64 P; SMO-2 … SMO-7 in our form).
+//!
+//! Each joint gets a [`Corner`], as wide as tolerance, machine and road allow; sparse corners are rounded one by one, and in
+//! dense chains of short lines the corrections overlap and smooth the whole chain.
+//!
+//! Invariant: the sum of all corrections never exceeds the tolerance of the move it lies on, no correction reaches into a
+//! move that is to be exact or beyond a stop, and what is handed on never changes. Only the order and length of moves decide
+//! what is handed on when.
+
+use std::collections::VecDeque;
+
+use crate::corner::{Corner, Event, G_MOST, Sum};
+use crate::curve::Curve;
+use crate::piece::{Joint, Piece};
+
+/// A programmed move.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Segment<const A: usize> {
+    pub(crate) curve: Curve<A>,
+    /// Length in mm, above 0.
+    pub(crate) length: f64,
+    /// mm/s.
+    pub(crate) feed: f64,
+    pub(crate) tag: u32,
+    /// How far the path may be from it, mm; 0 where it is exact.
+    pub(crate) tolerance: f64,
+}
+
+/// How a segment is entered from the one before.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Entry<const A: usize> {
+    /// With the jumps that there are, no faster than the joint allows.
+    Rough(Joint),
+    /// Smoothed: the jumps of the first and second derivative.
+    Smooth { turn: [f64; A], bend: [f64; A] },
+}
+
+/// A corner and the road that its correction may use.
+#[derive(Clone, Copy, Debug)]
+struct Candidate<const A: usize> {
+    corner: Corner<A>,
+    tolerance: f64,
+    /// The correction must stay between these places.
+    low: f64,
+    high: f64,
+}
+
+/// Segments that are not handed on yet. All places are counted from the start of the first of them.
+#[derive(Debug)]
+pub(crate) struct Blender<const A: usize> {
+    segments: VecDeque<(Segment<A>, f64, Option<Joint>)>,
+    total: f64,
+    /// The total at which some is handed on.
+    enough: f64,
+    /// In order of place; the first `decided` have their width.
+    corners: Vec<Candidate<A>>,
+    decided: usize,
+    /// The end of the last exact segment, or the start of the run.
+    barrier: f64,
+    /// The widest correction, mm: wider ones gain no speed.
+    reach: f64,
+    moments: Vec<[[f64; 3]; 4]>,
+    events: Vec<Event<A>>,
+    /// Stretches where the tolerance is exceeded, and by which factor.
+    excess: Vec<(f64, f64, f64)>,
+}
+
+/// Segments after which some are handed on even if they are short.
+const MOST_SEGMENTS: usize = 4096;
+/// Road, in widest corrections, after which segments are handed on again.
+const STEP: f64 = 8.0;
+/// Rounds of narrowing before corrections are kept apart from each other, which always does.
+const ROUNDS: usize = 24;
+
+impl<const A: usize> Blender<A> {
+    /// Corrections up to `reach` mm to each side.
+    pub(crate) fn new(reach: f64) -> Self {
+        Self {
+            segments: VecDeque::new(),
+            total: 0.0,
+            enough: STEP * reach,
+            corners: Vec::new(),
+            decided: 0,
+            barrier: 0.0,
+            reach,
+            moments: Vec::new(),
+            events: Vec::new(),
+            excess: Vec::new(),
+        }
+    }
+
+    /// The segment that was pushed last.
+    pub(crate) fn last(&self) -> Option<&Segment<A>> {
+        self.segments.back().map(|(segment, ..)| segment)
+    }
+
+    pub(crate) fn push(&mut self, segment: Segment<A>, entry: Entry<A>) {
+        let s = self.total;
+        let mut joint = None;
+        match entry {
+            Entry::Rough(rough) => {
+                joint = Some(rough);
+                self.close(s);
+            }
+            Entry::Smooth { turn, bend } => {
+                let tolerance = segment.tolerance.min(self.last().map_or(0.0, |last| last.tolerance));
+                if turn != [0.0; A] || bend != [0.0; A] {
+                    let corner = Corner { s, turn, bend, h: 0.0 };
+                    self.corners.push(Candidate { corner, tolerance, low: self.barrier, high: f64::MAX });
+                }
+            }
+        }
+        self.total += segment.length;
+        self.segments.push_back((segment, s, joint));
+    }
+
+    /// No correction may reach over place `s`.
+    fn close(&mut self, s: f64) {
+        self.barrier = s;
+        for candidate in self.corners.iter_mut().rev().take_while(|c| c.high == f64::MAX) {
+            candidate.high = s;
+        }
+    }
+
+    /// Is there enough to hand some of it on?
+    pub(crate) fn is_ready(&self) -> bool {
+        self.total > self.enough || self.segments.len() >= MOST_SEGMENTS
+    }
+
+    /// Hands pieces on, each with the joint at its start: all of them where the run has `ended`, else those that later moves
+    /// cannot change.
+    pub(crate) fn hand_on(&mut self, ended: bool, out: &mut Vec<(Piece<A>, Joint)>) {
+        if ended {
+            self.close(self.total);
+        }
+        let end = if ended {
+            self.corners.len()
+        } else {
+            let far = self.corners.partition_point(|c| c.corner.s <= self.total - 2.0 * self.reach);
+            let many = if self.segments.len() >= MOST_SEGMENTS { self.corners.len() / 2 } else { 0 };
+            far.max(many).max(self.decided)
+        };
+        self.widen(end);
+        self.keep_tolerance(end);
+        self.decided = end;
+        let done = if ended {
+            self.segments.len()
+        } else {
+            // A corner that is yet to come may reach this far back.
+            let open = self.corners.get(end).map_or(self.total, |c| c.corner.s);
+            let safe = open - self.reach.min(0.5 * open);
+            self.segments.partition_point(|(_, s, _)| *s <= safe).saturating_sub(1)
+        };
+        self.cut(done, out);
+        self.enough = self.total + STEP * self.reach;
+    }
+
+    /// Gives the corners up to `end` their first width: the largest at which a chain of corrections of that width around it
+    /// keeps the tolerance.
+    fn widen(&mut self, end: usize) {
+        self.sum_moments();
+        for k in self.decided..end {
+            let Candidate { corner, tolerance, low, high } = self.corners[k];
+            let room = (corner.s - low.max(0.0)).min(high.min(self.total) - corner.s).min(self.reach);
+            let size = linear(&corner.turn);
+            let mut h = room.min(tolerance / (G_MOST * size).max(1e-12));
+            for _ in 0..12 {
+                let off = self.deviation(corner.s, h);
+                if off <= tolerance {
+                    break;
+                }
+                h *= (0.98 * (tolerance / off).sqrt()).max(0.3);
+            }
+            self.corners[k].corner.h = h;
+        }
+    }
+
+    /// Sums of Δ·sⁿ, n = 0 … 3, over the corners before each.
+    fn sum_moments(&mut self) {
+        self.moments.clear();
+        let mut sums = [[0.0; 3]; 4];
+        self.moments.push(sums);
+        for Candidate { corner, .. } in &self.corners {
+            let mut power = 1.0;
+            for sum in &mut sums {
+                for (sum, turn) in sum.iter_mut().zip(&corner.turn) {
+                    *sum += turn * power;
+                }
+                power *= corner.s;
+            }
+            self.moments.push(sums);
+        }
+    }
+
+    /// How far corrections of the same half width `h` would move the path at place `s`.
+    fn deviation(&self, s: f64, h: f64) -> f64 {
+        let index = |at: f64| self.corners.partition_point(|c| c.corner.s < at);
+        let (from, middle, to) = (index(s - h), index(s), index(s + h));
+        let mut off = [0.0; 3];
+        // Σ Δ·(1 − |x|)³·h/6 with 1 − |x| = ±(place − edge)/h.
+        for (first, last, edge, sign) in [(from, middle, s - h, 1.0), (middle, to, s + h, -1.0)] {
+            let (a, b) = (&self.moments[first], &self.moments[last]);
+            for i in 0..3 {
+                let m = |n: usize| b[n][i] - a[n][i];
+                let cubes = m(3) - edge * (3.0 * m(2) - edge * (3.0 * m(1) - edge * m(0)));
+                off[i] += sign * cubes / (6.0 * h * h);
+            }
+        }
+        linear(&off)
+    }
+
+    /// Narrows the corrections of the undecided corners up to `end` until their sum, with those decided before, keeps the
+    /// tolerance everywhere.
+    fn keep_tolerance(&mut self, end: usize) {
+        for _ in 0..ROUNDS {
+            self.measure(end);
+            if self.excess.is_empty() {
+                return;
+            }
+            let excess = &self.excess;
+            for Candidate { corner, .. } in &mut self.corners[self.decided..end] {
+                let first = excess.partition_point(|&(_, to, _)| to <= corner.s - corner.h);
+                let worst = excess[first..]
+                    .iter()
+                    .take_while(|(from, ..)| *from < corner.s + corner.h)
+                    .fold(1.0f64, |worst, &(_, _, factor)| worst.max(factor));
+                corner.h *= if worst > 1.0 { (0.98 / worst.sqrt()).max(0.3) } else { 1.0 };
+            }
+        }
+        self.set_apart(end);
+        self.measure(end);
+        if !self.excess.is_empty() {
+            // What was decided before keeps the tolerance by itself; next to nothing is added to it.
+            for Candidate { corner, tolerance, .. } in &mut self.corners[self.decided..end] {
+                corner.h = corner.h.min(1e-4 * *tolerance);
+            }
+            self.measure(end);
+        }
+    }
+
+    /// Makes the corrections so narrow that no two of the undecided ones overlap.
+    fn set_apart(&mut self, end: usize) {
+        for k in self.decided..end {
+            let s = self.corners[k].corner.s;
+            let before = if k > 0 { s - self.corners[k - 1].corner.s } else { f64::MAX };
+            let after = self.corners.get(k + 1).map_or(f64::MAX, |next| next.corner.s - s);
+            let Candidate { corner, .. } = &mut self.corners[k];
+            corner.h = corner.h.min(0.25 * before.min(after));
+        }
+    }
+
+    /// Collects the events of the corners up to `end`, and where their sum exceeds the tolerance.
+    fn measure(&mut self, end: usize) {
+        self.events.clear();
+        self.events.extend(self.corners[..end].iter().flat_map(|c| c.corner.events()).filter(|event| event.s > 0.0));
+        self.events.sort_by(|a, b| a.s.total_cmp(&b.s));
+        self.excess.clear();
+        let mut sum = Sum::of(self.corners[..end].iter().map(|c| &c.corner), 0.0);
+        let mut at = 0;
+        for event in &self.events {
+            while at + 1 < self.segments.len() && self.segments[at + 1].1 <= sum.s {
+                at += 1;
+            }
+            let mut tolerance = self.segments[at].0.tolerance;
+            let mut next = at + 1;
+            while next < self.segments.len() && self.segments[next].1 < event.s {
+                tolerance = tolerance.min(self.segments[next].0.tolerance);
+                next += 1;
+            }
+            let most = sum.most(event.s - sum.s);
+            if most > tolerance + 1e-9 {
+                self.excess.push((sum.s, event.s, most / tolerance.max(1e-9)));
+            }
+            sum.advance(event.s);
+            sum.jump(event);
+        }
+    }
+
+    /// Hands the first `done` segments on, cut where the correction changes its form.
+    fn cut(&mut self, done: usize, out: &mut Vec<(Piece<A>, Joint)>) {
+        if done == 0 {
+            return;
+        }
+        let mut sum = Sum::of(self.corners[..self.decided].iter().map(|c| &c.corner), 0.0);
+        let mut events = self.events.iter().peekable();
+        for (segment, start, joint) in self.segments.range(..done) {
+            let end = start + segment.length;
+            let mut entry = joint.unwrap_or(Joint::SMOOTH);
+            loop {
+                // All that jumps here, within rounding.
+                while let Some(event) = events.next_if(|event| event.s <= sum.s + SLIVER) {
+                    sum.jump(event);
+                }
+                let next = events.peek().map_or(end, |event| event.s.min(end));
+                let next = if next > end - SLIVER { end } else { next };
+                let curve = segment.curve.corrected(sum.s - start, &sum.cubic());
+                out.push((Piece::new(curve, next - sum.s, segment.feed, segment.tag), entry));
+                entry = Joint::SMOOTH;
+                sum.advance(next);
+                if next == end {
+                    break;
+                }
+            }
+        }
+        self.forget(done, sum.s);
+    }
+
+    /// The first `done` segments, which end at place `s`, are handed on.
+    fn forget(&mut self, done: usize, s: f64) {
+        self.segments.drain(..done);
+        for (_, start, _) in &mut self.segments {
+            *start -= s;
+        }
+        self.total -= s;
+        self.barrier -= s;
+        let (mut index, decided) = (0, self.decided);
+        self.corners.retain(|c| {
+            index += 1;
+            let open = index > decided;
+            let kept = open || c.corner.s + c.corner.h > s;
+            self.decided -= usize::from(!kept);
+            kept
+        });
+        for Candidate { corner, low, high, .. } in &mut self.corners {
+            corner.s -= s;
+            *low -= s;
+            *high -= s;
+        }
+        if self.segments.is_empty() {
+            (self.total, self.barrier, self.decided) = (0.0, 0.0, 0);
+            self.corners.clear();
+        }
+    }
+}
+
+/// Pieces shorter than this, in mm, are not made.
+const SLIVER: f64 = 1e-9;
+
+/// Size of a vector in the linear axes.
+pub(crate) fn linear(vector: &[f64]) -> f64 {
+    vector.iter().take(3).map(|x| x * x).sum::<f64>().sqrt()
+}

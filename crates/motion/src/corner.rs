@@ -1,0 +1,159 @@
+//! The correction that rounds one joint of the path (SMO, glide): its shape, and the sum of many of them.
+//!
+//! Where the direction jumps by Δ at place c, the path is moved by `Δ·h·g((s − c)/h)`: g is even, lives on −1 … 1, its second
+//! derivative is a hat and its first jumps by −1 at 0, so that direction and curvature become continuous and the third
+//! derivative bounded. Where the curvature jumps by Δ, it is moved by `Δ·h²·q((s − c)/h)`: q is odd, and its second derivative
+//! is piecewise linear with a jump of −1 at 0. Both return to 0 with zero slope, so corrections of any width may overlap:
+//! they simply add up, and in a chain of short lines they add up to a smooth curve.
+//!
+//! Invariant: the path is never further from the programmed one, at equal s, than the sum of the corrections.
+
+use crate::curve::Cubic;
+
+/// The correction at one joint.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Corner<const A: usize> {
+    /// Place of the joint, mm.
+    pub(crate) s: f64,
+    /// Jump of the first derivative there.
+    pub(crate) turn: [f64; A],
+    /// Jump of the second derivative there, 1/mm.
+    pub(crate) bend: [f64; A],
+    /// Half width of the correction, mm.
+    pub(crate) h: f64,
+}
+
+/// At place `s` the correction's first, second and third derivative jump.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Event<const A: usize> {
+    pub(crate) s: f64,
+    jumps: [[f64; A]; 3],
+}
+
+/// The largest value of g.
+pub(crate) const G_MOST: f64 = 1.0 / 6.0;
+
+impl<const A: usize> Corner<A> {
+    /// Where the derivatives jump, in order of place.
+    pub(crate) fn events(&self) -> impl Iterator<Item = Event<A>> {
+        let Self { s, turn, bend, h } = *self;
+        let bent = bend != [0.0; A];
+        let third = |of: [f64; A], factor: f64| of.map(|x| x * factor);
+        let none = [0.0; A];
+        let outer: [f64; A] = std::array::from_fn(|i| turn[i] / (h * h) - bend[i] / (6.0 * h));
+        let last: [f64; A] = std::array::from_fn(|i| turn[i] / (h * h) + bend[i] / (6.0 * h));
+        let events = [
+            Event { s: s - h, jumps: [none, none, outer] },
+            Event { s: s - 0.5 * h, jumps: [none, none, third(bend, 4.0 / (3.0 * h))] },
+            Event { s, jumps: [third(turn, -1.0), third(bend, -1.0), third(turn, -2.0 / (h * h))] },
+            Event { s: s + 0.5 * h, jumps: [none, none, third(bend, -4.0 / (3.0 * h))] },
+            Event { s: s + h, jumps: [none, none, last] },
+        ];
+        events.into_iter().enumerate().filter(move |(k, _)| bent || k % 2 == 0).map(|(_, event)| event)
+    }
+}
+
+/// The sum of corrections at one place: value and three derivatives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sum<const A: usize> {
+    pub(crate) s: f64,
+    all: [[f64; A]; 4],
+}
+
+impl<const A: usize> Sum<A> {
+    /// The sum of `corners` at place `s`, after any jump there.
+    pub(crate) fn of<'a>(corners: impl Iterator<Item = &'a Corner<A>>, s: f64) -> Self {
+        let mut sum = Self { s, all: [[0.0; A]; 4] };
+        for corner in corners.filter(|c| c.s - c.h <= s && s < c.s + c.h) {
+            let mut one = Self { s: corner.s - corner.h, all: [[0.0; A]; 4] };
+            for event in corner.events().take_while(|event| event.s <= s) {
+                one.advance(event.s);
+                one.jump(&event);
+            }
+            one.advance(s);
+            for (all, one) in sum.all.iter_mut().flatten().zip(one.all.iter().flatten()) {
+                *all += one;
+            }
+        }
+        sum
+    }
+
+    /// Goes on to place `s`, where the next jump may be.
+    #[inline]
+    pub(crate) fn advance(&mut self, s: f64) {
+        let t = s - self.s;
+        let [value, first, second, third] = &mut self.all;
+        for i in 0..A {
+            let (a, b, c, d) = (value[i], first[i], second[i], third[i]);
+            value[i] = a + t * (b + t * (0.5 * c + t * d / 6.0));
+            first[i] = b + t * (c + 0.5 * t * d);
+            second[i] = c + t * d;
+        }
+        self.s = s;
+    }
+
+    /// Takes a jump that lies here, or so near that no piece is to be cut between: then it is still taken at its place.
+    #[inline]
+    pub(crate) fn jump(&mut self, event: &Event<A>) {
+        let s = self.s;
+        self.advance(event.s);
+        for (all, jump) in self.all[1..].iter_mut().flatten().zip(event.jumps.iter().flatten()) {
+            *all += jump;
+        }
+        self.advance(s);
+    }
+
+    /// As a cubic from here on.
+    pub(crate) fn cubic(&self) -> Cubic<A> {
+        let [value, first, second, third] = self.all;
+        [value, first, second.map(|x| 0.5 * x), third.map(|x| x / 6.0)]
+    }
+
+    /// A bound on the size of the correction in the linear axes over the next `length`: that of the control points.
+    pub(crate) fn most(&self, length: f64) -> f64 {
+        let [a, b, c, d] = self.cubic();
+        let l = length;
+        (0..4)
+            .map(|k| {
+                let point = |i: usize| match k {
+                    0 => a[i],
+                    1 => a[i] + b[i] * l / 3.0,
+                    2 => a[i] + l * (2.0 * b[i] + l * c[i]) / 3.0,
+                    _ => a[i] + l * (b[i] + l * (c[i] + l * d[i])),
+                };
+                (0..A.min(3)).map(|i| point(i) * point(i)).sum::<f64>()
+            })
+            .fold(0.0, f64::max)
+            .sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Both shapes start and end at nothing, jump at the joint by what the path lacks, and stay as small as promised.
+    #[test]
+    fn a_correction_cancels_the_jumps_and_vanishes_outside() {
+        let corner = Corner { s: 5.0, turn: [0.3, -0.2], bend: [0.05, 0.1], h: 0.7 };
+        let mut sum = Sum { s: 4.0, all: [[0.0; 2]; 4] };
+        let mut largest = 0.0f64;
+        for event in corner.events() {
+            largest = largest.max(sum.most(event.s - sum.s));
+            sum.advance(event.s);
+            sum.jump(&event);
+            let direct = Sum::of([corner].iter(), event.s + 1e-9);
+            let mut there = sum;
+            there.advance(event.s + 1e-9);
+            for (a, b) in direct.all.iter().flatten().zip(there.all.iter().flatten()) {
+                assert!((a - b).abs() < 1e-9);
+            }
+        }
+        assert!(sum.all.iter().flatten().all(|x| x.abs() < 1e-12), "{sum:?}");
+        let size = 0.3f64.hypot(0.2);
+        assert!(
+            largest <= size * 0.7 * G_MOST + 0.016 * 0.7 * 0.7 * 0.05f64.hypot(0.1)
+                && largest >= 0.99 * size * 0.7 * G_MOST
+        );
+    }
+}

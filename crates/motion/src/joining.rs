@@ -1,0 +1,98 @@
+//! How two moves are joined: by a full stop, roughly, or smoothed.
+//!
+//! Invariant: the jumps of velocity and acceleration in a joint that is passed at its cap take no more of the jerk, as it is
+//! seen over one control period, than the share that the pieces on both sides leave.
+
+use crate::blend::{Entry, Segment, linear};
+use crate::corner::G_MOST;
+use crate::limits::AxisLimits;
+use crate::piece::Joint;
+
+/// Share of the jerk that joints may take: the first that lets a joint pass at full speed, else the last.
+const JOINT_SHARES: [f64; 4] = [0.0, 0.001, 0.02, 0.25];
+/// A joint that takes no more than this share of the jerk is smooth.
+const SMOOTH: f64 = 5e-8;
+/// Joints that could only be passed at less than this speed, in mm/s, are stops.
+const SLOWEST: f64 = 0.2;
+/// Turns sharper than this (length of the difference of the unit directions) always stop: the path nearly reverses.
+const SHARPEST: f64 = 1.9;
+
+/// How to go from `last` into `next`; `None` for a full stop.
+pub(crate) fn join<const A: usize>(last: &Segment<A>, next: &Segment<A>, axes: &AxisLimits<A>) -> Option<Entry<A>> {
+    let (end, start) = (last.curve.derivatives(last.length), next.curve.derivatives(0.0));
+    let turn: [f64; A] = std::array::from_fn(|i| start.first[i] - end.first[i]);
+    let bend: [f64; A] = std::array::from_fn(|i| start.second[i] - end.second[i]);
+    let tolerance = last.tolerance.min(next.tolerance);
+    if tolerance > 0.0 {
+        let passes = linear(&turn) < SHARPEST && blend_pays(last, next, linear(&turn), tolerance, axes);
+        passes.then_some(Entry::Smooth { turn, bend })
+    } else {
+        let joint = rough(last, next, &turn, &bend, axes);
+        (joint != Joint::STOP).then_some(Entry::Rough(joint))
+    }
+}
+
+/// Cap and share of a joint that stays as it is.
+fn rough<const A: usize>(
+    last: &Segment<A>,
+    next: &Segment<A>,
+    turn: &[f64; A],
+    bend: &[f64; A],
+    axes: &AxisLimits<A>,
+) -> Joint {
+    let shortest = last.length.min(next.length);
+    // Share of the jerk that the jumps take at speed v. Within three periods there may be several joints.
+    let taken = |v: f64| {
+        let crowd = 2.0 * (1.0 + 3.0 * v * axes.period / shortest);
+        (0..A).fold(0.0f64, |most, i| {
+            let (dv, da) = (v * turn[i].abs(), v * v * bend[i].abs());
+            most.max(crowd * (dv / axes.period + 0.75 * da) / (axes.period * axes.j[i]))
+        })
+    };
+    let full = last.feed.min(next.feed).min(axes.path_v);
+    let needed = taken(full);
+    if needed <= SMOOTH {
+        return Joint { v: full, share: 0.0 };
+    }
+    let most = JOINT_SHARES[JOINT_SHARES.len() - 1];
+    let share = JOINT_SHARES.into_iter().find(|&share| needed <= share).unwrap_or(most);
+    if needed <= share {
+        return Joint { v: full, share };
+    }
+    let (mut low, mut high) = (0.0, full);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if taken(middle) <= share { low = middle } else { high = middle }
+    }
+    if low < SLOWEST { Joint::STOP } else { Joint { v: low, share } }
+}
+
+/// Is rounding a corner with a turn of `size` faster than stopping in it? In a chain of short moves it always is.
+fn blend_pays<const A: usize>(
+    last: &Segment<A>,
+    next: &Segment<A>,
+    size: f64,
+    tolerance: f64,
+    axes: &AxisLimits<A>,
+) -> bool {
+    let least = |of: [f64; A]| of.into_iter().fold(f64::MAX, f64::min);
+    let (a, j) = (least(axes.a), least(axes.j));
+    let h = tolerance / (G_MOST * size).max(1e-12);
+    let leg = last.length.min(next.length);
+    if leg < 2.0 * h {
+        return true;
+    }
+    let through = (0.5 * j * h * h / size).cbrt().min((0.6 * a * h / size).sqrt());
+    let full = last.feed.min(next.feed).min(axes.path_v).min((a * leg).sqrt());
+    if through >= full {
+        return true;
+    }
+    // Time and way of braking from full speed to v at zero acceleration.
+    let brake = |v: f64| {
+        let dv = full - v;
+        let time = if dv * j >= a * a { dv / a + a / j } else { 2.0 * (dv / j).sqrt() };
+        (time, 0.5 * (full + v) * time)
+    };
+    let ((stop, stop_way), (blend, blend_way)) = (brake(0.0), brake(through));
+    blend + h / through + (stop_way - blend_way - h) / full < stop
+}

@@ -1,0 +1,198 @@
+//! A run: the road since the last stop, as far as its plan is not committed.
+//!
+//! Invariant: the plan over the first `planned` blocks ends at rest; what is committed of it can always be followed by the
+//! rest of it. Only the number and length of the pieces decide when a part is committed.
+
+use crate::emitter::{Emitter, Item};
+use crate::envelope::Block;
+use crate::limits::AxisLimits;
+use crate::lookahead::{LookAhead, Span};
+use crate::piece::{Joint, Piece};
+use crate::profile::Profile;
+use crate::stepwise;
+
+/// The road since the last stop, as far as it is not committed.
+#[derive(Debug)]
+pub(crate) struct Run<const A: usize> {
+    axes: AxisLimits<A>,
+    /// The last piece and the joint at its start, kept back until the joint at its end is known.
+    tail: Option<(Piece<A>, Joint)>,
+    blocks: Vec<Block>,
+    /// Number of the first piece of each block.
+    numbers: Vec<u64>,
+    /// Number of the piece after the last block.
+    next_piece: u64,
+    /// Sum of the blocks' lengths, mm.
+    length: f64,
+    /// How much of the first block's pieces is committed, mm.
+    offset: f64,
+    /// Speed and acceleration at the start.
+    v: f64,
+    a: f64,
+    /// The plan over the first `planned` blocks; it ends at rest.
+    plan: Vec<Span>,
+    planned: usize,
+    look_ahead: LookAhead,
+    /// Spans of the next plan, kept for their memory.
+    fresh: Vec<Span>,
+    /// Road in mm that is kept back when a part of the plan is committed.
+    keep: f64,
+}
+
+/// Blocks after which a run is planned and partly committed even if they are short.
+const MOST_BLOCKS: usize = 8192;
+/// Smooth pieces are planned together up to this length, mm: what is shorter is passed in less than a few periods.
+const GROUP: f64 = 0.02;
+
+impl<const A: usize> Run<A> {
+    pub(crate) fn new(axes: AxisLimits<A>) -> Self {
+        let (v, a, j) = (axes.path_v, least(axes.a), least(axes.j));
+        let stopping = 0.5 * v * (v / a + a / j);
+        Self {
+            axes,
+            tail: None,
+            blocks: Vec::new(),
+            numbers: Vec::new(),
+            next_piece: 0,
+            length: 0.0,
+            offset: 0.0,
+            v: 0.0,
+            a: 0.0,
+            plan: Vec::new(),
+            planned: 0,
+            look_ahead: LookAhead::default(),
+            fresh: Vec::new(),
+            keep: 3.0 * stopping,
+        }
+    }
+
+    /// Appends a piece that is entered through `entry`.
+    pub(crate) fn push(&mut self, piece: Piece<A>, entry: Joint, emitter: &mut Emitter<A>) {
+        self.push_tail(entry, emitter);
+        self.tail = Some((piece, entry));
+        if self.length > 2.0 * self.keep || self.blocks.len() >= MOST_BLOCKS {
+            self.replan();
+            self.commit_part(emitter);
+        }
+    }
+
+    /// Plans and commits everything, to rest; gives the number of the next piece.
+    pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
+        self.push_tail(Joint::STOP, emitter);
+        self.replan();
+        self.commit_all(emitter);
+        self.next_piece
+    }
+
+    /// The joint at the end of the last piece is known: the piece joins the road.
+    fn push_tail(&mut self, exit: Joint, emitter: &mut Emitter<A>) {
+        let Some((piece, entry)) = self.tail.take() else { return };
+        let limits = piece.limits(&self.axes, entry.share.max(exit.share));
+        let number = emitter.append(piece);
+        self.next_piece = number + 1;
+        self.length += piece.length;
+        let unplanned = self.blocks.len() > self.planned;
+        if let Some(block) = self.blocks.last_mut()
+            && unplanned
+            && entry == Joint::SMOOTH
+            && block.length + piece.length <= GROUP
+        {
+            block.length += piece.length;
+            block.limits = block.limits.tighter(limits);
+            block.exit_v = exit.v;
+        } else {
+            self.blocks.push(Block { length: piece.length, limits, exit_v: exit.v });
+            self.numbers.push(number);
+        }
+    }
+
+    /// Plans all blocks to rest. Where that fails from the present state, the plan there is stays, and what lies beyond its
+    /// end is planned from rest.
+    fn replan(&mut self) {
+        self.fresh.clear();
+        if self.blocks.is_empty() {
+            return;
+        }
+        if self.look_ahead.plan(&self.blocks, self.v, self.a, &mut self.fresh).is_ok() {
+            std::mem::swap(&mut self.plan, &mut self.fresh);
+        } else if self.planned < self.blocks.len() {
+            let rest = &self.blocks[self.planned..];
+            if self.look_ahead.plan(rest, 0.0, 0.0, &mut self.fresh).is_err() {
+                stepwise::plan(rest, &mut self.fresh);
+            }
+            let beyond = self.planned;
+            self.plan.extend(self.fresh.iter().map(|span| Span {
+                first: span.first + beyond,
+                last: span.last + beyond,
+                profile: span.profile,
+            }));
+        }
+        self.planned = self.blocks.len();
+    }
+
+    /// Commits the whole plan, which ends at rest.
+    fn commit_all(&mut self, emitter: &mut Emitter<A>) {
+        for span in &self.plan {
+            emitter.commit(self.item(span, span.profile, span.last - 1));
+        }
+        self.plan.clear();
+        self.blocks.clear();
+        self.numbers.clear();
+        (self.planned, self.v, self.a, self.length, self.offset) = (0, 0.0, 0.0, 0.0, 0.0);
+    }
+
+    /// Places of all joints, mm from the start.
+    fn joints(&self) -> Vec<f64> {
+        let mut sum = 0.0;
+        let ends = self.blocks.iter().map(|block| {
+            sum += block.length;
+            sum
+        });
+        std::iter::once(0.0).chain(ends).collect()
+    }
+
+    /// The committed form of `profile`, which starts where `span` starts and ends in block `last`.
+    fn item(&self, span: &Span, profile: Profile, last: usize) -> Item<A> {
+        let offset = if span.first == 0 { self.offset } else { 0.0 };
+        let piece = self.numbers[span.first];
+        let last = self.numbers.get(last + 1).map_or(self.next_piece, |number| *number) - 1;
+        Item::Span { piece, last, offset, profile, duration: profile.duration() }
+    }
+
+    /// Commits the plan up to a place inside the block that lies `keep` before the end, or in the middle of the blocks where
+    /// they are shorter than that.
+    fn commit_part(&mut self, emitter: &mut Emitter<A>) {
+        let s = self.joints();
+        let target = if self.length > 2.0 * self.keep { self.length - self.keep } else { s[self.blocks.len() / 2] };
+        let block = s.partition_point(|&s| s <= target).clamp(1, self.blocks.len()) - 1;
+        // Away from the joints, so that no block is left with no length.
+        let (from, to) = (s[block], s[block + 1]);
+        let target = target.clamp(0.75 * from + 0.25 * to, 0.25 * from + 0.75 * to);
+        let cut = self.plan.partition_point(|span| s[span.last] <= target);
+        let Some(&crossing) = self.plan.get(cut) else { return };
+        for span in &self.plan[..cut] {
+            emitter.commit(self.item(span, span.profile, span.last - 1));
+        }
+        let (before, after) = crossing.profile.cut(crossing.profile.time_at(target - s[crossing.first]));
+        emitter.commit(self.item(&crossing, before, block));
+        self.plan.drain(..cut);
+        self.plan[0].profile = after;
+        for span in &mut self.plan {
+            span.first = span.first.saturating_sub(block);
+            span.last -= block;
+        }
+        self.blocks.drain(..block);
+        let left = to - target;
+        self.offset = if block == 0 { self.offset } else { 0.0 } + (self.blocks[0].length - left);
+        self.blocks[0].length = left;
+        self.numbers.drain(..block);
+        self.planned -= block;
+        self.length -= target;
+        (self.v, self.a) = (after.v0, after.a0);
+    }
+}
+
+/// The least of all axes' limits.
+pub(crate) fn least<const A: usize>(of: [f64; A]) -> f64 {
+    of.into_iter().fold(f64::MAX, f64::min)
+}
