@@ -48,22 +48,25 @@ pub(super) struct Curve {
 }
 
 impl Profile {
-    /// One axis' derivative of order 1, 2 or 3, each value in the middle of the window that it is taken over.
+    /// One axis' derivative of order 1, 2 or 3, each value in the middle of the window that it is taken over; before the
+    /// first position and after the last the axis stands still.
     pub(super) fn derivative(&self, axis: &AxisTrack, order: usize) -> Curve {
         let stride = self.stride_periods.max(1);
         let window = order * stride;
+        let half = window / 2;
         let span = (stride as f64 * self.period_s).powi(order as i32);
-        let p = &axis.positions_mm;
-        let values = (window..p.len()).map(|at| {
-            let back = |strides: usize| p[at - strides * stride];
+        let positions = &axis.positions_mm;
+        let last = positions.len().saturating_sub(1);
+        let values = (half..positions.len() + half).map(|end| {
+            let p = |back: usize| positions[end.saturating_sub(back * stride).min(last)];
             let difference = match order {
-                1 => back(0) - back(1),
-                2 => back(0) - 2.0 * back(1) + back(2),
-                _ => back(0) - 3.0 * back(1) + 3.0 * back(2) - back(3),
+                1 => p(0) - p(1),
+                2 => p(0) - 2.0 * p(1) + p(2),
+                _ => p(0) - 3.0 * p(1) + 3.0 * p(2) - p(3),
             };
             difference / span
         });
-        Curve { start_s: window as f64 / 2.0 * self.period_s, values: values.collect() }
+        Curve { start_s: (half as f64 - window as f64 / 2.0) * self.period_s, values: values.collect() }
     }
 
     /// The speed along the path, in mm/s.
@@ -106,13 +109,18 @@ mod tests {
         };
         let acceleration = profile.derivative(&axis, 2);
         let jerk = profile.derivative(&axis, 3);
-        assert_eq!((acceleration.values.len(), jerk.values.len()), (192, 188));
-        for (index, value) in acceleration.values.iter().enumerate() {
+        assert_eq!((acceleration.values.len(), jerk.values.len()), (200, 200));
+        // Where the window does not reach into the standstill before and after.
+        for (index, value) in acceleration.values.iter().enumerate().take(196).skip(4) {
             let t = acceleration.start_s + index as f64 * 0.01;
             assert!((value - (10.0 + 42.0 * t)).abs() < 1e-6);
         }
-        assert!(jerk.values.iter().all(|value| (value - 42.0).abs() < 1e-4));
-        assert!((profile.path_speed().values[0] - 3.0 - 10.0 * 0.02).abs() < 0.02);
+        assert!(jerk.values[6..194].iter().all(|value| (value - 42.0).abs() < 1e-4));
+        assert!((profile.path_speed().values[2] - 3.0 - 10.0 * 0.02).abs() < 0.02);
+        let odd = Profile { stride_periods: 1, ..profile.clone() };
+        let velocity = odd.derivative(&axis, 1);
+        let at_first = velocity.start_s + 0.01;
+        assert!((velocity.values[1] - (3.0 + 10.0 * at_first + 21.0 * at_first * at_first)).abs() < 1e-3);
         assert!((profile.duration_s() - 1.99).abs() < 1e-9);
     }
 }
