@@ -16,8 +16,8 @@ use crate::profile::{Profile, SIGNS, State};
 /// A part of the committed plan.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Item<const A: usize> {
-    /// A profile that begins `offset` mm into piece number `piece` and ends in piece number `last`.
-    Span { piece: u64, last: u64, offset: f64, profile: Profile, duration: f64 },
+    /// A profile over `length` mm from where the item before it ends; it ends in piece number `last`.
+    Span { profile: Profile, duration: f64, length: f64, last: u64 },
     /// Rest at `end`; pieces before number `piece` are done.
     Stop { piece: u64, end: [f64; A], flags: Flags, tag: u32 },
 }
@@ -128,9 +128,10 @@ impl<const A: usize> Emitter<A> {
                     self.next_item();
                     return Some(record);
                 }
-                Item::Span { duration, .. } if self.time + period > duration - LATE * period => {
+                Item::Span { duration, length, .. } if self.time + period > duration - LATE * period => {
                     self.pass_phases(f64::MAX);
                     self.time -= duration;
+                    self.piece_start -= length;
                     self.next_item();
                 }
                 Item::Span { profile, last, .. } => {
@@ -148,18 +149,18 @@ impl<const A: usize> Emitter<A> {
 
     /// Goes to the start of the item in front.
     fn enter(&mut self) {
-        let (piece, offset) = match self.items.front() {
-            Some(&Item::Span { piece, offset, profile, .. }) => {
+        match self.items.front() {
+            Some(Item::Span { profile, .. }) => {
                 (self.phase, self.phase_start, self.phase_time) = (0, profile.start(), 0.0);
-                (piece, offset)
             }
-            Some(&Item::Stop { piece, .. }) => (piece, 0.0),
-            None => return,
-        };
-        while self.first_piece < piece {
-            self.next_piece();
+            Some(&Item::Stop { piece, .. }) => {
+                while self.first_piece < piece {
+                    self.next_piece();
+                }
+                self.piece_start = 0.0;
+            }
+            None => {}
         }
-        self.piece_start = -offset;
     }
 
     fn next_piece(&mut self) {

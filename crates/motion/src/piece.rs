@@ -23,8 +23,22 @@ pub(crate) struct Piece<const A: usize> {
     pub(crate) rough_entry: bool,
 }
 
-/// Shares of acceleration and jerk, least first, that tangential motion gets on a curve; the rest is for the curvature.
-const TANGENTIAL: [f64; 5] = [0.35, 0.5, 0.65, 0.8, 0.9];
+/// Shares of acceleration and jerk, least first, that tangential motion may get on a curve; the rest is for the curvature.
+const TANGENTIAL: [(f64, f64); 9] = [
+    (0.05, 0.25),
+    (0.08, 0.25),
+    (0.12, 0.25),
+    (0.18, 0.25),
+    (0.25, 0.3),
+    (0.35, 0.35),
+    (0.5, 0.5),
+    (0.7, 0.7),
+    (0.9, 0.9),
+];
+/// Tangential motion gets the largest share that leaves this part of the speed that the least one gives: the first for short
+/// pieces, among which the speed changes much, the second for pieces of more than [`LONG`] seconds. Found by trial.
+const SPEED_KEPT: (f64, f64) = (0.8, 0.95);
+const LONG: f64 = 0.25;
 
 /// How a joint may be passed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,46 +68,67 @@ impl<const A: usize> Piece<A> {
             want = want.min(axes.v[i] / self.bounds.first[i].max(1e-12));
         }
         if self.bounds.second.iter().all(|&d| d == 0.0) {
-            return self.with_tangential(axes, share, 1.0, want);
+            return self.with_tangential(axes, share, (1.0, 1.0), want);
         }
-        let mut best = PathLimits { v: 0.0, a: 0.0, j: 0.0 };
-        for tangential in TANGENTIAL {
-            let limits = self.with_tangential(axes, share, tangential, want);
-            if best.v == 0.0 || limits.v >= 0.98 * want {
-                best = limits;
-            }
-        }
-        best
+        let most = self.with_tangential(axes, share, TANGENTIAL[0], want).v;
+        let kept = if self.length > LONG * most { SPEED_KEPT.1 } else { SPEED_KEPT.0 };
+        let enough = TANGENTIAL.iter().rev().find(|&&t| self.allows(axes, share, t, kept * most));
+        self.with_tangential(axes, share, *enough.unwrap_or(&TANGENTIAL[0]), want)
     }
 
-    /// Path limits where tangential motion gets the share `tangential` of each axis' acceleration and jerk.
-    fn with_tangential(&self, axes: &AxisLimits<A>, share: f64, tangential: f64, want: f64) -> PathLimits {
-        let mut limits = PathLimits { v: want, a: f64::MAX, j: f64::MAX };
-        let d = &self.bounds;
-        // Each axis leaves the joint's share; an acceleration seen over one period may be off by what the jerk does in it.
-        let a_of = |i: usize| axes.a[i] - share * axes.j[i] * axes.period;
-        let j_of = |i: usize| (1.0 - share) * axes.j[i];
+    /// Path acceleration and jerk where tangential motion gets these shares of each axis' limits.
+    fn tangential(&self, axes: &AxisLimits<A>, share: f64, (a_share, j_share): (f64, f64)) -> (f64, f64) {
+        let (mut a, mut j) = (f64::MAX, f64::MAX);
         for i in 0..A {
-            let first = d.first[i].max(1e-12);
-            limits.a = limits.a.min(tangential * a_of(i) / first);
-            limits.j = limits.j.min(tangential * j_of(i) / first);
+            let first = self.bounds.first[i].max(1e-12);
+            a = a.min(a_share * a_left(axes, share, i) / first);
+            j = j.min(j_share * j_left(axes, share, i) / first);
         }
-        for i in 0..A {
-            if d.second[i] == 0.0 {
-                continue;
-            }
-            let a_along = d.first[i] * limits.a;
-            let a_left = if self.curve.is_arc() {
-                (a_of(i) * a_of(i) - a_along * a_along).max(0.0).sqrt()
-            } else {
-                (a_of(i) - a_along).max(0.0)
-            };
-            limits.v = limits.v.min((a_left / d.second[i]).sqrt());
-            let j_left = (j_of(i) - d.first[i] * limits.j).max(0.0);
-            limits.v = limits.v.min(speed_within(d.third[i], 3.0 * d.second[i] * limits.a, j_left));
-        }
-        limits
+        (a, j)
     }
+
+    /// What tangential motion (a, j) leaves of the acceleration and jerk of axis `i`.
+    fn left(&self, axes: &AxisLimits<A>, share: f64, (a, j): (f64, f64), i: usize) -> (f64, f64) {
+        let (a_all, j_all, first) = (a_left(axes, share, i), j_left(axes, share, i), self.bounds.first[i]);
+        let along = first * a;
+        let across = if self.curve.is_arc() { (a_all * a_all - along * along).max(0.0).sqrt() } else { a_all - along };
+        (across.max(0.0), (j_all - first * j).max(0.0))
+    }
+
+    /// Does speed `v` keep the limits where tangential motion gets these shares?
+    fn allows(&self, axes: &AxisLimits<A>, share: f64, shares: (f64, f64), v: f64) -> bool {
+        let along = self.tangential(axes, share, shares);
+        (0..A).all(|i| {
+            let (second, third) = (self.bounds.second[i], self.bounds.third[i]);
+            let (a, j) = self.left(axes, share, along, i);
+            v * v * second <= a && v * (v * v * third + 3.0 * second * along.0) <= j
+        })
+    }
+
+    /// Path limits where tangential motion gets these shares of each axis' acceleration and jerk.
+    fn with_tangential(&self, axes: &AxisLimits<A>, share: f64, shares: (f64, f64), want: f64) -> PathLimits {
+        let (a, j) = self.tangential(axes, share, shares);
+        let mut v = want;
+        for i in 0..A {
+            let (second, third) = (self.bounds.second[i], self.bounds.third[i]);
+            if second > 0.0 || third > 0.0 {
+                let (a_across, j_across) = self.left(axes, share, (a, j), i);
+                v = v.min((a_across / second).sqrt()).min(speed_within(third, 3.0 * second * a, j_across));
+            }
+        }
+        PathLimits { v, a, j }
+    }
+}
+
+/// Acceleration of axis `i` that is left to a piece whose joints get `share` of the jerk: seen over one period, a joint may
+/// add what that jerk does in it.
+fn a_left<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
+    axes.a[i] - share * axes.j[i] * axes.period
+}
+
+/// Jerk of axis `i` that is left to a piece whose joints get `share` of it.
+fn j_left<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
+    (1.0 - share) * axes.j[i]
 }
 
 /// The largest v with `cubic·v³ + linear·v ≤ most`, or a little less; all are at least 0.
@@ -137,6 +172,6 @@ mod tests {
         let arc = crate::Arc { plane: [0, 1], centre_mm: [0.0, 1.0], rotation: 1, end_mm: [0.0, 0.0, 0.0] };
         let (curve, length) = Curve::arc([0.0; 3], &arc).expect("valid");
         let limits = Piece::new(curve, length, 1e9, 1).limits(&axes, 0.0);
-        assert!(limits.v < 30.0 && limits.v > 5.0 && limits.a > 0.3 * 900.0, "{limits:?}");
+        assert!(limits.v < 30.0 && limits.v > 20.0 && limits.a >= 0.05 * 900.0, "{limits:?}");
     }
 }

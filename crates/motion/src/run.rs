@@ -24,8 +24,6 @@ pub(crate) struct Run<const A: usize> {
     next_piece: u64,
     /// Sum of the blocks' lengths, mm.
     length: f64,
-    /// How much of the first block's pieces is committed, mm.
-    offset: f64,
     /// Speed and acceleration at the start.
     v: f64,
     a: f64,
@@ -55,7 +53,6 @@ impl<const A: usize> Run<A> {
             numbers: Vec::new(),
             next_piece: 0,
             length: 0.0,
-            offset: 0.0,
             v: 0.0,
             a: 0.0,
             plan: Vec::new(),
@@ -106,39 +103,56 @@ impl<const A: usize> Run<A> {
         }
     }
 
-    /// Plans all blocks to rest. Where that fails from the present state, the plan there is stays, and what lies beyond its
-    /// end is planned from rest.
+    /// Plans all blocks to rest. Where that fails from the present state, the plan there is stays up to one of its next gates,
+    /// and what lies beyond is planned from there; its last gate is at rest, and from rest there always is a plan.
     fn replan(&mut self) {
-        self.fresh.clear();
-        if self.blocks.is_empty() {
+        if self.planned == self.blocks.len() {
             return;
         }
-        if self.look_ahead.plan(&self.blocks, self.v, self.a, &mut self.fresh).is_ok() {
-            std::mem::swap(&mut self.plan, &mut self.fresh);
-        } else if self.planned < self.blocks.len() {
-            let rest = &self.blocks[self.planned..];
-            if self.look_ahead.plan(rest, 0.0, 0.0, &mut self.fresh).is_err() {
-                stepwise::plan(rest, &mut self.fresh);
+        if self.plan_from(0, self.v, self.a) {
+            self.plan.clear();
+            self.plan.append(&mut self.fresh);
+        } else {
+            let mut gate = 1;
+            while gate < self.plan.len() {
+                let Span { first, profile, .. } = self.plan[gate];
+                if self.plan_from(first, profile.v0, profile.a0) {
+                    break;
+                }
+                gate *= 2;
             }
-            let beyond = self.planned;
-            self.plan.extend(self.fresh.iter().map(|span| Span {
+            if gate >= self.plan.len() {
+                gate = self.plan.len();
+                if !self.plan_from(self.planned, 0.0, 0.0) {
+                    stepwise::plan(&self.blocks[self.planned..], &mut self.fresh);
+                }
+            }
+            let beyond = self.plan.get(gate).map_or(self.planned, |span| span.first);
+            self.plan.truncate(gate);
+            self.plan.extend(self.fresh.drain(..).map(|span| Span {
                 first: span.first + beyond,
                 last: span.last + beyond,
-                profile: span.profile,
+                ..span
             }));
         }
         self.planned = self.blocks.len();
     }
 
+    /// Plans the blocks from number `first` on into `fresh`; false where there is no plan from that state.
+    fn plan_from(&mut self, first: usize, v: f64, a: f64) -> bool {
+        self.look_ahead.plan(&self.blocks[first..], v, a, &mut self.fresh).is_ok()
+    }
+
     /// Commits the whole plan, which ends at rest.
     fn commit_all(&mut self, emitter: &mut Emitter<A>) {
+        let s = self.joints();
         for span in &self.plan {
-            emitter.commit(self.item(span, span.profile, span.last - 1));
+            emitter.commit(self.item(span.profile, s[span.last] - s[span.first], span.last - 1));
         }
         self.plan.clear();
         self.blocks.clear();
         self.numbers.clear();
-        (self.planned, self.v, self.a, self.length, self.offset) = (0, 0.0, 0.0, 0.0, 0.0);
+        (self.planned, self.v, self.a, self.length) = (0, 0.0, 0.0, 0.0);
     }
 
     /// Places of all joints, mm from the start.
@@ -151,12 +165,10 @@ impl<const A: usize> Run<A> {
         std::iter::once(0.0).chain(ends).collect()
     }
 
-    /// The committed form of `profile`, which starts where `span` starts and ends in block `last`.
-    fn item(&self, span: &Span, profile: Profile, last: usize) -> Item<A> {
-        let offset = if span.first == 0 { self.offset } else { 0.0 };
-        let piece = self.numbers[span.first];
+    /// The committed form of `profile` over `length` mm, which ends in block `last`.
+    fn item(&self, profile: Profile, length: f64, last: usize) -> Item<A> {
         let last = self.numbers.get(last + 1).map_or(self.next_piece, |number| *number) - 1;
-        Item::Span { piece, last, offset, profile, duration: profile.duration() }
+        Item::Span { profile, duration: profile.duration(), length, last }
     }
 
     /// Commits the plan up to a place inside the block that lies `keep` before the end, or in the middle of the blocks where
@@ -171,10 +183,11 @@ impl<const A: usize> Run<A> {
         let cut = self.plan.partition_point(|span| s[span.last] <= target);
         let Some(&crossing) = self.plan.get(cut) else { return };
         for span in &self.plan[..cut] {
-            emitter.commit(self.item(span, span.profile, span.last - 1));
+            emitter.commit(self.item(span.profile, s[span.last] - s[span.first], span.last - 1));
         }
-        let (before, after) = crossing.profile.cut(crossing.profile.time_at(target - s[crossing.first]));
-        emitter.commit(self.item(&crossing, before, block));
+        let length = target - s[crossing.first];
+        let (before, after) = crossing.profile.cut(crossing.profile.time_at(length));
+        emitter.commit(self.item(before, length, block));
         self.plan.drain(..cut);
         self.plan[0].profile = after;
         for span in &mut self.plan {
@@ -182,9 +195,7 @@ impl<const A: usize> Run<A> {
             span.last -= block;
         }
         self.blocks.drain(..block);
-        let left = to - target;
-        self.offset = if block == 0 { self.offset } else { 0.0 } + (self.blocks[0].length - left);
-        self.blocks[0].length = left;
+        self.blocks[0].length = to - target;
         self.numbers.drain(..block);
         self.planned -= block;
         self.length -= target;

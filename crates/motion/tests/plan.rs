@@ -39,6 +39,60 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    /// Long chains of short lines, some nearly straight, some rough: re-planned and cut many times.
+    #[test]
+    fn dense_chains_keep_everything_too(
+        seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64, most in 0usize..9,
+    ) {
+        let mut state = u64::from(seed) << 1 | 1;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f64 / (1u64 << 24) as f64
+        };
+        let (mut at, mut heading) = ([0.0f64; 3], 0.0f64);
+        let moves: Vec<Move> = (0..4000)
+            .map(|k| {
+                heading += 10f64.powf(wander) * (random() - 0.5) + if k % 400 == 399 { 2.0 } else { 0.003 };
+                let length = 10f64.powf(size) * (0.1 + 2.0 * random());
+                at = [at[0] + length * heading.cos(), at[1] + length * heading.sin(), at[2] + 0.1 * length * (random() - 0.5)];
+                let feed = Feed::PerSecond(if k / 700 % 2 == 0 { 100.0 } else { 20.0 });
+                Move { path: Path::Line(at), feed, mode: PathMode::Blend { tolerance_mm }, stop: false }
+            })
+            .collect();
+        let limits = Limits::built_in();
+        let run = play(limits, &moves, most);
+        if let Err(broken) = judge(&limits, &moves, &run, tolerance_mm, 4000) {
+            prop_assert!(false, "{}", broken);
+        }
+        prop_assert_eq!(play(limits, &moves, usize::MAX), run);
+    }
+
+    /// Exact and blended moves in turn: the exact ones are exact.
+    #[test]
+    fn exact_moves_stay_exact_among_blended_ones(steps in prop::collection::vec(step(), 2..60)) {
+        let limits = Limits::built_in();
+        let mut moves = program(&steps, PathMode::Blend { tolerance_mm: 0.05 });
+        for k in (0..moves.len()).filter(|k| k % 7 > 3) {
+            moves[k].mode = if k % 7 == 6 { PathMode::ExactStop } else { PathMode::ExactPath };
+        }
+        let run = play(limits, &moves, usize::MAX);
+        if let Err(broken) = judge(&limits, &moves, &run, 0.05, 60) {
+            prop_assert!(false, "{}", broken);
+        }
+        let (records, points) = run
+            .records
+            .iter()
+            .zip(&run.points)
+            .filter(|(record, _)| record.line > 0 && moves[record.line as usize - 1].mode != PathMode::Blend { tolerance_mm: 0.05 })
+            .unzip();
+        let wrong = astray(&moves, &Run { records, points }, 60, 2e-5);
+        prop_assert!(wrong.is_none(), "{:?}", wrong);
+    }
+}
+
 #[test]
 fn a_line_takes_as_long_as_the_closed_form_says() {
     let limits = Limits::built_in();
