@@ -1,2 +1,42 @@
 //! The `retrace` command.
-fn main() {}
+//!
+//! Invariant: the exit code is one of the interface's five; bad input is answered with what is wrong, where, and what to do.
+#![forbid(unsafe_code)]
+// A binary has no outside; `pub` says what a room offers to the others.
+#![allow(unreachable_pub)]
+
+mod args;
+mod canon;
+mod check;
+mod console;
+mod draw;
+mod files;
+mod plot;
+mod program;
+mod run;
+mod size;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use crate::args::{Cli, Command};
+use crate::program::Failure;
+
+fn main() -> ExitCode {
+    let done = match Cli::parse().command {
+        Command::Run(args) => run::run(&args),
+        Command::Check(args) => check::run(&args).map(|()| 0),
+        Command::Canon(args) => canon::run(&args).map(|()| 0),
+        Command::Plot(args) => draw::run(&args).map(|()| 0),
+        Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),
+    };
+    match done {
+        Ok(code) => ExitCode::from(code),
+        Err(Failure::Program) => ExitCode::from(1),
+        Err(Failure::Refused(refusal)) => {
+            eprintln!("{refusal}");
+            ExitCode::from(2)
+        }
+    }
+}

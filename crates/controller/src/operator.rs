@@ -2,6 +2,8 @@
 //!
 //! Invariant: a script that was read is in order: instructions wait for each other, each for its own moment.
 
+use std::fmt;
+
 use retrace_core::{ONE, Travel};
 
 use crate::refusal::{Refusal, nearest};
@@ -57,6 +59,26 @@ pub enum Deed {
     Single,
     /// Stops the job.
     Stop,
+}
+
+impl fmt::Display for Deed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = |rate: &Travel| *rate as f64 / ONE as f64 * 100.0;
+        match self {
+            Self::Hold => write!(f, "hold"),
+            Self::Resume => write!(f, "resume"),
+            Self::Reverse(rate) => write!(f, "reverse {:.0}%", percent(rate)),
+            Self::Forward(rate) => write!(f, "forward {:.0}%", percent(rate)),
+            Self::Override(rate) => write!(f, "override {:.0}%", percent(rate)),
+            Self::Wheel { counts_per_s, seconds } => write!(f, "wheel {counts_per_s} for {seconds}s"),
+            Self::Leave { ask: false } => write!(f, "leave"),
+            Self::Leave { ask: true } => write!(f, "leave ask"),
+            Self::Agree => write!(f, "agree"),
+            Self::Output { number, on } => write!(f, "output {number} {}", if *on { "on" } else { "off" }),
+            Self::Single => write!(f, "single"),
+            Self::Stop => write!(f, "stop"),
+        }
+    }
 }
 
 /// One line of a script.

@@ -55,8 +55,7 @@ impl Outcome {
     pub fn word(&self) -> &'static str {
         match self {
             Self::Completed => "completed",
-            Self::Stopped => "stopped",
-            Self::Refused(_) => "program_error",
+            Self::Stopped | Self::Refused(_) => "stopped",
             Self::Alarm(..) => "alarm",
         }
     }

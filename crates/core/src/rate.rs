@@ -25,11 +25,15 @@ pub struct Smoothing {
 }
 
 impl Smoothing {
-    /// Averages over `first` and `second` periods. `None` where one is zero or above 512, or their sum is odd (a steady
+    /// The longest average there is, in periods: sums of rates up to 8 then fit 64 bits.
+    pub const LONGEST: u16 = 4096;
+
+    /// Averages over `first` and `second` periods. `None` where one is zero or above [`Smoothing::LONGEST`], or their sum is odd (a steady
     /// rate then has a lead of half a unit, which would not be exact).
     #[must_use]
     pub const fn new(first: u16, second: u16) -> Option<Self> {
-        let valid = first > 0 && second > 0 && first <= 512 && second <= 512 && (first + second).is_multiple_of(2);
+        let lengths = 1 <= first && first <= Self::LONGEST && 1 <= second && second <= Self::LONGEST;
+        let valid = lengths && (first + second).is_multiple_of(2);
         if valid { Some(Self { first, second }) } else { None }
     }
 
@@ -174,7 +178,7 @@ mod tests {
     fn lengths_that_are_not_exact_are_refused() {
         assert_eq!(Smoothing::new(3, 4), None);
         assert_eq!(Smoothing::new(0, 4), None);
-        assert_eq!(Smoothing::new(514, 4), None);
+        assert_eq!(Smoothing::new(4098, 4), None);
         assert!(RateLaw::<8>::new(Smoothing::new(10, 2).expect("valid")).is_none());
     }
 

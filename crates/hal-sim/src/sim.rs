@@ -13,10 +13,13 @@ use crate::{Clock, PulseCounters};
 /// Records that the simulated card holds.
 pub const WINDOW: usize = 4096;
 
+/// Longest average of its rate law, in periods.
+const MEMORY: usize = Smoothing::LONGEST as usize;
+
 /// A simulated card for `A` axes.
 #[derive(Debug)]
 pub struct SimCard<const A: usize> {
-    player: Box<Player<A, WINDOW>>,
+    player: Box<Player<A, WINDOW, MEMORY>>,
     clock: Clock,
     counters: PulseCounters<A>,
     status: Status<A>,

@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn limits_are_drawn_and_every_curve_stays_in_its_panel() -> Result<(), super::super::SizeError> {
+    fn limits_are_drawn_and_every_curve_stays_in_its_panel() -> Result<(), super::super::picture::SizeError> {
         let positions_mm = (0..3000).map(|period| 2.0 * (f64::from(period) * 0.015).sin()).collect();
         let limits = Derivatives { velocity: 100.0, acceleration: 1000.0, jerk: 20_000.0 };
         let axes = vec![AxisTrack { name: "X".to_owned(), positions_mm, limits }];
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_profile_is_a_sheet_without_curves() -> Result<(), super::super::SizeError> {
+    fn an_empty_profile_is_a_sheet_without_curves() -> Result<(), super::super::picture::SizeError> {
         let profile = Profile {
             title: String::new(),
             period_s: 0.001,

@@ -18,8 +18,7 @@ mod view;
 
 pub use draw_path::draw_path;
 pub use draw_profile::draw_profile;
-pub use picture::{Picture, Size, SizeError};
-pub use png::PngError;
+pub use picture::{Picture, Size};
 pub use profile::{AxisTrack, Derivatives, Profile};
 pub use tool_path::{Stroke, StrokeKind, ToolPath};
 pub use view::View;

@@ -139,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_small_drawing_is_written_word_for_word() -> Result<(), super::super::SizeError> {
+    fn a_small_drawing_is_written_word_for_word() -> Result<(), super::super::picture::SizeError> {
         let mut picture = Picture::new(Size::pixels(480, 320)?, "a < b");
         picture.lines(vec![vec![[1.0, 2.5], [3.004, -4.0], [5.0, 6.126]], vec![[0.0, 0.0], [1.0, 0.0]]], style::RAPID);
         picture.area(&[[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]], style::RETRACED_BAND);

@@ -4,19 +4,21 @@
 //! wanted, switch what is due, slide the window, set the rate, let the period pass, book it. Nothing here waits for the planner
 //! but in virtual time, where no time passes by waiting.
 
+mod orders;
+mod switching;
+
 use std::thread;
 use std::time::Duration;
 
-use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
+use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation};
 use retrace_core::ring::Consumer;
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, Record, Travel};
-use retrace_link::{Change, Instruction, MotionCard, Status, Word, channel};
+use retrace_link::{Change, MotionCard, Status, Word, channel};
 
 use crate::event::{Event, Happening};
 use crate::item::{Ending, Item, Kind};
 use crate::machine::{Machine, RetraceOutputs};
-use crate::operator::Deed;
 use crate::script::ScriptPlayer;
 use crate::supply::{News, Road, Supply};
 use crate::tally::{Spent, Tally};
@@ -147,13 +149,12 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
 
     /// One control period. `Err` is a fault of the card.
     fn turn(&mut self) -> Result<Option<Outcome>, String> {
-        self.supply.look();
-        if !self.manner.wall_time {
-            self.wait_for_planner();
-        }
+        self.look();
         self.take_orders();
         let demand = self.demand();
-        self.switch_what_is_due()?;
+        while self.switch_what_is_due()? {
+            self.look();
+        }
         self.slide(demand);
         if let Some(outcome) = self.ended() {
             return Ok(Some(outcome));
@@ -164,10 +165,11 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         Ok(None)
     }
 
-    /// In virtual time the run must not depend on how fast the planner is.
-    fn wait_for_planner(&mut self) {
+    /// Looks what is planned by now. In virtual time the run must not depend on how fast the planner is: it waits until enough is.
+    fn look(&mut self) {
+        self.supply.look();
         let mut spins = 0u32;
-        while !self.supply.is_enough(self.card.status(), self.enough) {
+        while !self.manner.wall_time && !self.supply.is_enough(self.card.status(), self.enough) {
             spins += 1;
             match spins {
                 0..100 => std::hint::spin_loop(),
@@ -175,85 +177,6 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
                 _ => thread::sleep(Duration::from_micros(50)),
             }
             self.supply.look();
-        }
-    }
-
-    fn take_orders(&mut self) {
-        let (period, line) = (self.card.status().period, self.card.status().line);
-        while let Some(instruction) = self.operator.due(period, line) {
-            self.tell(Happening::Operator(format!("{:?}", instruction.deed)));
-            let mode = self.operation.mode();
-            if let Err(why) = self.order(instruction.deed) {
-                self.tell(Happening::OrderRefused(why));
-            }
-            if self.operation.mode() != mode {
-                self.tell_mode();
-            }
-        }
-        let counts = self.operator.wheel_counts(period);
-        self.wheel.turn(counts);
-    }
-
-    fn order(&mut self, deed: Deed) -> Result<(), String> {
-        let refused = |r: retrace_core::mode::Refused| {
-            use retrace_core::mode::Refused as R;
-            match r {
-                R::NotRetracing => "there is nothing to leave: the machine is in normal run",
-                R::NothingAsked => "there is nothing to agree to",
-                R::NotHeld => "no feed hold is in force",
-                R::NoRate => "a rate above 0 % is needed",
-            }
-            .to_string()
-        };
-        match deed {
-            Deed::Hold => self.operation.order(Order::Hold),
-            Deed::Resume if self.program_stop => {
-                self.go_on = true;
-                Ok(())
-            }
-            Deed::Resume if self.single_stop => {
-                self.next_block();
-                Ok(())
-            }
-            Deed::Resume => self.operation.order(Order::Resume),
-            Deed::Override(rate) => self.operation.order(Order::Override(rate)),
-            Deed::Reverse(rate) => self.operation.order(Order::Reverse(rate)),
-            Deed::Forward(rate) => self.operation.order(Order::Forward(rate)),
-            Deed::Wheel { .. } if self.operation.mode() == Mode::Wheel => Ok(()),
-            Deed::Wheel { .. } => {
-                self.wheel.reset();
-                self.operation.order(Order::Wheel)
-            }
-            Deed::Leave { ask } => self.operation.order(Order::Leave { ask }),
-            Deed::Agree => self.operation.order(Order::Agree),
-            Deed::Output { number, on } => {
-                let change = Change { channel: number, value: i32::from(on) };
-                return self.card.send(Word::ByHand(change)).map_err(|_| format!("the card has no output {number}"));
-            }
-            Deed::Single => {
-                self.single = !self.single;
-                if self.single {
-                    self.next_block()
-                } else {
-                    self.supply.open_block()
-                }
-                Ok(())
-            }
-            Deed::Stop => {
-                self.stopping = true;
-                self.operation.order(Order::Hold)
-            }
-        }
-        .map_err(refused)
-    }
-
-    fn next_block(&mut self) {
-        self.single_stop = false;
-        if self.single {
-            let after = self.card.status().place.boundary_ahead();
-            self.supply.end_block(&mut self.card, after);
-        } else {
-            self.supply.open_block();
         }
     }
 
@@ -298,42 +221,6 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
     fn differing(&self) -> Vec<(u8, i32, i32)> {
         let (are, want) = (&self.card.status().outputs, self.supply.expected());
         (0..channel::COUNT).filter(|&c| are[c] != want[c]).map(|c| (c as u8, are[c], want[c])).collect()
-    }
-
-    /// Instructions whose place the motion has come to, one after the other (GMC-5).
-    fn switch_what_is_due(&mut self) -> Result<(), String> {
-        if self.operation.mode() != Mode::Run || self.operation.held() {
-            return Ok(());
-        }
-        while let Some(exclusive) = self.supply.due(self.card.status()) {
-            let (kind, code) = (exclusive.kind, exclusive.code);
-            if kind == Kind::ProgramStop && !self.go_on && self.manner.operator {
-                if !self.program_stop {
-                    self.program_stop = true;
-                    self.tell(Happening::ProgramStop(code));
-                }
-                return Ok(());
-            }
-            let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
-            let instruction = Instruction { number: self.supply.number(), changes, count, periods };
-            self.card
-                .send(Word::Instruction(instruction))
-                .map_err(|refusal| format!("the card did not take {code}: {refusal:?}"))?;
-            (self.program_stop, self.go_on) = (false, false);
-            self.supply.sent();
-            self.executing = Some(kind);
-            self.tally.switch_events += u64::from(kind == Kind::Switch);
-            self.tell(Happening::Switching(code));
-            self.acknowledge();
-        }
-        Ok(())
-    }
-
-    fn acknowledge(&mut self) {
-        if let Some(done) = self.supply.acknowledge(self.card.status().executed) {
-            self.executing = None;
-            self.tell(Happening::Switched(done.code));
-        }
     }
 
     /// Slides the window. Entering a mode that retraces, the road is cut at `reached` and at the oldest place first.

@@ -1,0 +1,162 @@
+//! The command line (interface): what is fixed there keeps its meaning here.
+//!
+//! Invariant: everything the command can do is described by `--help`, with an example.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+/// retrace: machines NC programs, and runs backward along the very path it took.
+#[derive(Debug, Parser)]
+#[command(name = "retrace", version, about, arg_required_else_help = true)]
+#[command(
+    after_help = "Example:\n  retrace run examples/01-first-cut.ngc\n\nExit codes: 0 completed · 1 the program has errors · \
+    2 wrong usage or machine file · 3 alarm or card fault · 4 stopped by the operator"
+)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Machine a program: on the simulated card unless --card says otherwise.
+    #[command(
+        after_help = "Example:\n  retrace run examples/02-back-up.ngc --operator examples/02-back-up.op --records out.csv --json"
+    )]
+    Run(Run),
+    /// Decode only: every diagnostic, with line and column; nothing moves.
+    #[command(after_help = "Example:\n  retrace check examples/01-first-cut.ngc")]
+    Check(Check),
+    /// Print the canonical functions, one a line, as LinuxCNC's `rs274 -g` does.
+    #[command(after_help = "Example:\n  retrace canon examples/01-first-cut.ngc")]
+    Canon(Canon),
+    /// Draw the tool path, or velocity, acceleration and jerk over time, as SVG or PNG.
+    #[command(after_help = "Examples:\n  retrace plot examples/01-first-cut.ngc -o path.svg\n  \
+        retrace plot examples/02-back-up.ngc --operator examples/02-back-up.op -o retraced.png\n  \
+        retrace plot examples/01-first-cut.ngc --profile -o profile.svg")]
+    Plot(Plot),
+    /// Ring size for so many axes, hours, milliseconds and bytes (REV-4), and what the machine file gives.
+    #[command(after_help = "Example:\n  retrace size --axes 3 --hours 0.5 --period-ms 2.5 --bytes 2")]
+    Size(Size),
+}
+
+/// What a program is read with, for every command that reads one.
+#[derive(Debug, Args)]
+pub struct Reading {
+    /// NC program; `-` is standard input.
+    pub program: PathBuf,
+    /// Leave out blocks that begin with `/`.
+    #[arg(long)]
+    pub block_delete: bool,
+    /// Tool table.
+    #[arg(long, value_name = "FILE")]
+    pub tools: Option<PathBuf>,
+    /// Parameter file (read only).
+    #[arg(long, value_name = "FILE")]
+    pub params: Option<PathBuf>,
+}
+
+/// `retrace run`
+#[derive(Debug, Args)]
+pub struct Run {
+    #[command(flatten)]
+    pub reading: Reading,
+    /// `sim`, the simulated card in this process; or a serial port, PATH[@BAUD].
+    #[arg(long, default_value = "sim", value_name = "CARD")]
+    pub card: String,
+    /// Machine file; a three-axis machine is built in.
+    #[arg(long, value_name = "FILE.toml")]
+    pub machine: Option<PathBuf>,
+    /// Play in wall time; without it the simulated card runs as fast as it can.
+    #[arg(long)]
+    pub realtime: bool,
+    /// Full-screen operation (not built yet).
+    #[arg(long, conflicts_with = "no_tui")]
+    pub tui: bool,
+    /// No full-screen operation.
+    #[arg(long)]
+    pub no_tui: bool,
+    /// Scripted operator.
+    #[arg(long, value_name = "FILE")]
+    pub operator: Option<PathBuf>,
+    /// What the card executed, one row a control period.
+    #[arg(long, value_name = "FILE.csv")]
+    pub records: Option<PathBuf>,
+    /// One JSON object a line on standard output, the report last.
+    #[arg(long)]
+    pub json: bool,
+    /// Begin at this program line, with the modal state that holds there.
+    #[arg(long, value_name = "N")]
+    pub start_line: Option<u32>,
+    /// Folder for jobs and reports.
+    #[arg(long, value_name = "DIR")]
+    pub journal: Option<PathBuf>,
+}
+
+/// `retrace check`
+#[derive(Debug, Args)]
+pub struct Check {
+    #[command(flatten)]
+    pub reading: Reading,
+    /// Machine file, for the soft limits; a three-axis machine is built in.
+    #[arg(long, value_name = "FILE.toml")]
+    pub machine: Option<PathBuf>,
+}
+
+/// `retrace canon`
+#[derive(Debug, Args)]
+pub struct Canon {
+    #[command(flatten)]
+    pub reading: Reading,
+    /// Machine configuration: its [RS274NGC] part is used.
+    #[arg(long, value_name = "FILE.ini")]
+    pub ini: Option<PathBuf>,
+}
+
+/// `retrace plot`
+#[derive(Debug, Args)]
+pub struct Plot {
+    #[command(flatten)]
+    pub reading: Reading,
+    /// Picture to write: `.svg` or `.png`.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Machine file; a three-axis machine is built in.
+    #[arg(long, value_name = "FILE.toml")]
+    pub machine: Option<PathBuf>,
+    /// Scripted operator: the stretches that were retraced are marked.
+    #[arg(long, value_name = "FILE")]
+    pub operator: Option<PathBuf>,
+    /// Velocity, acceleration and jerk over time in place of the path.
+    #[arg(long)]
+    pub profile: bool,
+    /// Direction of view: xy, xz, yz or iso; by default the plane the program works in.
+    #[arg(long, value_name = "VIEW")]
+    pub view: Option<String>,
+    /// Width and height in pixels.
+    #[arg(long, value_name = "WxH", default_value = "1200x900")]
+    pub size: String,
+}
+
+/// `retrace size`
+#[derive(Debug, Args)]
+pub struct Size {
+    /// Axes (a).
+    #[arg(long, default_value_t = 3)]
+    pub axes: u32,
+    /// Hours of reverse run wanted (h).
+    #[arg(long, default_value_t = 0.5)]
+    pub hours: f64,
+    /// Control period in ms (T).
+    #[arg(long, default_value_t = 1.0)]
+    pub period_ms: f64,
+    /// Bytes for one axis' pulses and direction (n).
+    #[arg(long, default_value_t = 2)]
+    pub bytes: u32,
+    /// Machine file whose history is to be reckoned; a three-axis machine is built in.
+    #[arg(long, value_name = "FILE.toml")]
+    pub machine: Option<PathBuf>,
+}

@@ -1,0 +1,54 @@
+//! `retrace canon`: the canonical functions of a program, one a line, as LinuxCNC's `rs274 -g` prints them.
+//!
+//! Invariant: what is printed depends on the program and the files named alone.
+
+use std::io::{BufWriter, Write};
+
+use retrace_controller::refusal::Refusal;
+use retrace_gcode::{CanonText, Setup, Severity};
+
+use crate::args;
+use crate::console::unwritable;
+use crate::program::{Failure, Program};
+
+/// Runs the command.
+///
+/// # Errors
+/// What is wrong with the program or the files.
+pub fn run(args: &args::Canon) -> Result<(), Failure> {
+    if args.ini.is_some() {
+        return Err(Refusal::new("E2142", "--ini is not supported yet", "leave it out").into());
+    }
+    let program = Program::with_setup(&args.reading, Setup::rs274())?;
+    let mut steps = Vec::new();
+    let mut source = program.source();
+    let mut out = CanonText::new(BufWriter::with_capacity(1 << 16, std::io::stdout().lock()));
+    let mut is_refused = false;
+    loop {
+        steps.clear();
+        let progress = source.advance(&mut steps);
+        for step in &steps {
+            match out.write(step) {
+                Ok(()) => {}
+                // whoever read the list has seen enough
+                Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => return Ok(()),
+                Err(error) => return Err(unwritable("standard output", &error).into()),
+            }
+        }
+        let text = source.line_text().into_owned();
+        for diagnostic in source.interpreter_mut().take_diagnostics() {
+            is_refused |= diagnostic.severity() == Severity::Error;
+            eprintln!("{}", diagnostic.render(program.name(), &text));
+        }
+        if is_refused || progress == retrace_gcode::Progress::End {
+            break;
+        }
+    }
+    let flushed = out.into_inner().flush();
+    if let Err(error) = flushed
+        && error.kind() != std::io::ErrorKind::BrokenPipe
+    {
+        return Err(unwritable("standard output", &error).into());
+    }
+    if is_refused { Err(Failure::Program) } else { Ok(()) }
+}

@@ -1,0 +1,204 @@
+//! What a run shows: JSON lines, plain lines, or a progress bar; and what it writes: the records that the card executed.
+//!
+//! Invariant: every record is judged and, where asked for, written, whatever is shown.
+
+use std::fs::File;
+use std::io::{BufWriter, IsTerminal, Write};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use retrace_controller::event::{Event, Happening};
+use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
+use retrace_controller::machine::Machine;
+use retrace_controller::refusal::Refusal;
+use retrace_controller::session::Observer;
+use retrace_core::ONE;
+use retrace_core::mode::Mode;
+use retrace_link::Status;
+
+/// How a run is shown.
+pub enum Show {
+    /// One JSON object a line on standard output.
+    Json,
+    /// Plain lines on standard output.
+    Plain,
+    /// A progress bar on a terminal, events above it.
+    Bar(ProgressBar),
+}
+
+impl Show {
+    /// JSON where asked for; else a bar on a terminal, plain lines otherwise. `lines`: length of the program, if known.
+    pub fn choose(json: bool, lines: Option<u64>) -> Self {
+        if json {
+            return Self::Json;
+        }
+        if !std::io::stderr().is_terminal() {
+            return Self::Plain;
+        }
+        let bar = lines.map_or_else(ProgressBar::no_length, ProgressBar::new);
+        let template = "{bar:24} block {pos}/{len}  {elapsed_precise} < {eta_precise}  {msg}";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        Self::Bar(bar)
+    }
+}
+
+/// Observes a run for the command.
+pub struct Console<'m, const A: usize> {
+    show: Show,
+    machine: &'m Machine,
+    judge: LimitJudge<A>,
+    records: Option<(BufWriter<File>, Option<std::io::Error>)>,
+    alarms: Vec<String>,
+    line: u32,
+    shown: Instant,
+}
+
+impl<'m, const A: usize> Console<'m, A> {
+    /// A console; `records` names the file for the records.
+    ///
+    /// # Errors
+    /// `E2105` where that file cannot be made.
+    pub fn new(show: Show, machine: &'m Machine, records: Option<&Path>) -> Result<Self, Refusal> {
+        let axis = |i: usize| {
+            let axis = &machine.axes[i.min(machine.axes.len() - 1)];
+            AxisLimits {
+                pulses_per_mm: axis.pulses_per_mm,
+                velocity_mm_s: axis.max_velocity_mm_per_s,
+                acceleration_mm_s2: axis.max_acceleration_mm_per_s2,
+                jerk_mm_s3: axis.max_jerk_mm_per_s3,
+            }
+        };
+        let records = match records {
+            None => None,
+            Some(path) => Some((create(path, machine)?, None)),
+        };
+        let judge = LimitJudge::new(&std::array::from_fn(axis), machine.period_s());
+        Ok(Self { show, machine, judge, records, alarms: Vec::new(), line: 0, shown: Instant::now() })
+    }
+
+    /// Ends the console: the judge's verdict, the alarms, the last line executed.
+    ///
+    /// # Errors
+    /// `E2105` where the records could not be written whole.
+    pub fn finish(self) -> Result<(Verdict<A>, Vec<String>, u32), Refusal> {
+        if let Some((mut file, error)) = self.records {
+            let flushed = file.flush();
+            if let Some(error) = error.or(flushed.err()) {
+                return Err(unwritable("the records", &error));
+            }
+        }
+        if let Show::Bar(bar) = &self.show {
+            bar.finish_and_clear();
+        }
+        Ok((self.judge.finish(), self.alarms, self.line))
+    }
+
+    fn write_record(&mut self, status: &Status<A>) {
+        let Some((file, error)) = &mut self.records else { return };
+        if error.is_none() {
+            *error = record_row(file, status, self.machine.axes.len()).err();
+        }
+    }
+
+    fn progress(&mut self, status: &Status<A>, mode: Mode) {
+        // The clock is looked at now and then only; a period takes some tens of nanoseconds.
+        let Show::Bar(bar) = &self.show else { return };
+        if !status.period.is_multiple_of(64) || self.shown.elapsed() < Duration::from_millis(50) {
+            return;
+        }
+        self.shown = Instant::now();
+        let mut position = String::new();
+        for (axis, count) in self.machine.axes.iter().zip(&status.counts) {
+            let name = axis.name.to_ascii_uppercase();
+            position += &format!("{name}{:.3} ", *count as f64 / axis.pulses_per_mm);
+        }
+        let step: f64 = self
+            .machine
+            .axes
+            .iter()
+            .zip(&status.increments)
+            .map(|(a, &i)| (f64::from(i) / a.pulses_per_mm).powi(2))
+            .sum();
+        let feed = step.sqrt() / self.machine.period_s() * 60.0;
+        let rate = status.rate as f64 / ONE as f64 * 100.0;
+        bar.set_position(u64::from(status.line));
+        bar.set_message(format!("{position} F{feed:.0} mm/min  {rate:.0} % {mode:?}"));
+    }
+}
+
+impl<const A: usize> Observer<A> for Console<'_, A> {
+    fn period(&mut self, status: &Status<A>, mode: Mode) {
+        self.judge.push(&status.increments, status.rate);
+        self.line = status.line;
+        self.write_record(status);
+        self.progress(status, mode);
+    }
+
+    fn event(&mut self, event: &Event) {
+        if let Happening::Alarm(number, cause, _) = &event.happening {
+            self.alarms.push(format!("{number}: {cause}"));
+        }
+        match &self.show {
+            Show::Json => println!("{}", event.to_json()),
+            Show::Plain => println!("{}", event.to_line()),
+            Show::Bar(bar) => bar.println(event.to_line()),
+        }
+    }
+}
+
+/// `E2105`: a file could not be written.
+pub fn unwritable(what: &str, error: &std::io::Error) -> Refusal {
+    Refusal::new(
+        "E2105",
+        format!("{what} cannot be written: {error}"),
+        "check the folder, its permissions and the disk's space",
+    )
+}
+
+fn create(path: &Path, machine: &Machine) -> Result<BufWriter<File>, Refusal> {
+    let named = |error| unwritable(&path.display().to_string(), &error);
+    let mut file = BufWriter::with_capacity(1 << 18, File::create(path).map_err(named)?);
+    let axes: Vec<String> = machine.axes.iter().map(|a| a.name.to_string()).collect();
+    writeln!(file, "period,line,rate,record,fraction,{}", axes.join(",")).map_err(named)?;
+    Ok(file)
+}
+
+/// `period,line,rate,record,fraction,<axis>…`: the rate with nine decimals and never −0, the fraction in 2⁻³².
+fn record_row<const A: usize>(out: &mut impl Write, status: &Status<A>, axes: usize) -> std::io::Result<()> {
+    let rate = Rate(status.rate);
+    write!(out, "{},{},{rate},{},{}", status.period, status.line, status.place.record, status.place.fraction)?;
+    for increment in &status.increments[..axes] {
+        write!(out, ",{increment}")?;
+    }
+    out.write_all(b"\n")
+}
+
+/// A rate with nine decimals, rounded half away from zero; never −0.
+struct Rate(i64);
+
+impl std::fmt::Display for Rate {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        const NANO: u128 = 1_000_000_000;
+        let billionths = (u128::from(self.0.unsigned_abs()) * NANO + (1 << 31)) >> 32;
+        let sign = if self.0 < 0 && billionths > 0 { "-" } else { "" };
+        write!(f, "{sign}{}.{:09}", billionths / NANO, billionths % NANO)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_have_nine_decimals_and_no_negative_zero() {
+        let text = |rate: i64| Rate(rate).to_string();
+        assert_eq!(text(ONE), "1.000000000");
+        assert_eq!(text(-ONE / 2), "-0.500000000");
+        assert_eq!(text(-1), "0.000000000");
+        assert_eq!(text(8 * ONE - 1), "8.000000000");
+        assert_eq!(text(ONE / 3), "0.333333333");
+    }
+}

@@ -1,0 +1,250 @@
+//! `retrace plot`: the tool path, or velocity, acceleration and jerk over time, as SVG or PNG.
+//!
+//! Invariant: the path is the program's own, with the stretches that the card really retraced; the profile is taken from what the card
+//! emitted.
+
+use std::f64::consts::TAU;
+use std::path::Path;
+
+use retrace_controller::event::Event;
+use retrace_controller::feed::{Cancelled, Refused, Switch};
+use retrace_controller::job::{self, Begin};
+use retrace_controller::machine::Machine;
+use retrace_controller::refusal::Refusal;
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::{Manner, Observer};
+use retrace_controller::sink::Sink;
+use retrace_core::mode::Mode;
+use retrace_hal_sim::{Clock, SimCard};
+use retrace_link::{Change, Status};
+use retrace_motion::{Arc, Feed, PathMode};
+
+use crate::args;
+use crate::console::unwritable;
+use crate::plot::{
+    AxisTrack, Derivatives, Picture, Profile, Size, Stroke, StrokeKind, ToolPath, View, draw_path, draw_profile,
+};
+use crate::program::{Failure, Program};
+
+/// Positions are whole pulses: differences are taken over so many periods.
+const STRIDE: usize = 16;
+
+/// Runs the command.
+///
+/// # Errors
+/// What is wrong with the program, the files or the picture.
+pub fn run(args: &args::Plot) -> Result<(), Failure> {
+    let machine = crate::files::machine(args.machine.as_deref())?;
+    let script = crate::files::script(args.operator.as_deref())?;
+    let size = size(&args.size)?;
+    let ending = args.output.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    if !matches!(ending.as_deref(), Some("svg" | "png")) {
+        return Err(cannot_draw(format!("{} is neither .svg nor .png", args.output.display()), "-o path.svg").into());
+    }
+    let view = args.view.as_deref().map(view).transpose()?;
+    let program = Program::open(&args.reading, &machine)?;
+    program.check(&machine)?;
+    let mut trace = Trace::new(&machine, args.profile);
+    if args.profile || !script.is_empty() {
+        let card = SimCard::new(0, machine.smoothing, Clock::Virtual).ok_or_else(|| cannot_draw("the card", ""))?;
+        let operator = ScriptPlayer::new(script, machine.period_us);
+        let manner = Manner { wall_time: false, operator: args.operator.is_some() };
+        job::run::<9, _>(&machine, program.decoder(), Begin::First, card, operator, manner, &mut trace)
+            .map_err(|why| cannot_draw(why, "a shorter history_hours in the machine file"))?;
+    }
+    let picture = if args.profile {
+        draw_profile(&trace.profile(program.name()), size)
+    } else {
+        let mut path = ToolPath { title: program.name().into(), strokes: trace.retraced };
+        path.strokes.extend(programmed(&machine, &program));
+        let view = view.unwrap_or_else(|| View::fitting(&path));
+        draw_path(&path, view, size)
+    };
+    write(&picture, &args.output)?;
+    println!("{} written", args.output.display());
+    Ok(())
+}
+
+fn write(picture: &Picture, output: &Path) -> Result<(), Refusal> {
+    let is_png = output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+    let bytes = if is_png {
+        picture.to_png().map_err(|error| cannot_draw(error.to_string(), "a smaller --size"))?
+    } else {
+        picture.to_svg().into_bytes()
+    };
+    std::fs::write(output, bytes).map_err(|error| unwritable(&output.display().to_string(), &error))
+}
+
+fn cannot_draw(what: impl Into<String>, remedy: &str) -> Refusal {
+    Refusal::new("E2143", what, remedy)
+}
+
+fn size(text: &str) -> Result<Size, Refusal> {
+    let (width, height) = text
+        .split_once('x')
+        .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)))
+        .ok_or_else(|| cannot_draw(format!("--size {text} is no size"), "--size 1200x900"))?;
+    Size::pixels(width, height).map_err(|error| cannot_draw(error.to_string(), "--size 1200x900"))
+}
+
+fn view(name: &str) -> Result<View, Refusal> {
+    match name {
+        "xy" => Ok(View::Xy),
+        "xz" => Ok(View::Xz),
+        "yz" => Ok(View::Yz),
+        "iso" => Ok(View::Iso),
+        _ => Err(cannot_draw(format!("--view {name} is no view"), "xy, xz, yz or iso")),
+    }
+}
+
+/// The strokes of the program itself.
+fn programmed(machine: &Machine, program: &Program) -> Vec<Stroke> {
+    let mut drawing = Drawing { place: Place::of(machine), at: [0.0; 9], strokes: Vec::new() };
+    job::feed_all(machine, &mut program.decoder(), &mut drawing);
+    drawing.strokes
+}
+
+/// Which of the machine's axes are X, Y and Z of a drawing.
+#[derive(Clone, Copy)]
+struct Place([Option<usize>; 3]);
+
+impl Place {
+    fn of(machine: &Machine) -> Self {
+        Self(['x', 'y', 'z'].map(|name| machine.axes.iter().position(|a| a.name == name)))
+    }
+
+    fn point(self, axes: &[f64; 9]) -> [f64; 3] {
+        self.0.map(|axis| axis.map_or(0.0, |i| axes[i]))
+    }
+}
+
+/// Collects the moves of a program as strokes.
+struct Drawing {
+    place: Place,
+    at: [f64; 9],
+    strokes: Vec<Stroke>,
+}
+
+impl Drawing {
+    fn go(&mut self, to: [f64; 9], kind: StrokeKind) {
+        let (from, point) = (self.place.point(&self.at), self.place.point(&to));
+        match self.strokes.last_mut() {
+            Some(stroke) if stroke.kind == kind => stroke.points.push(point),
+            _ => self.strokes.push(Stroke { kind, points: vec![from, point] }),
+        }
+        self.at = to;
+    }
+}
+
+impl Sink<9> for Drawing {
+    fn straight(&mut self, end_mm: [f64; 9], feed: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+        self.go(end_mm, if feed == Feed::Rapid { StrokeKind::Rapid } else { StrokeKind::Feed });
+        Ok(())
+    }
+
+    fn arc(&mut self, arc: &Arc<9>, _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+        let ([p, q], [cp, cq], start) = (arc.plane, arc.centre_mm, self.at);
+        let from = (start[q] - cq).atan2(start[p] - cp);
+        let to = (arc.end_mm[q] - cq).atan2(arc.end_mm[p] - cp);
+        let sign = f64::from(arc.rotation.signum());
+        let mut swept = (sign * (to - from)).rem_euclid(TAU);
+        if swept < 1e-9 {
+            swept = TAU;
+        }
+        swept += TAU * f64::from(arc.rotation.unsigned_abs().saturating_sub(1));
+        let radius = (start[p] - cp).hypot(start[q] - cq);
+        // enough chords that none is seen
+        let chords = (swept / 0.05).ceil().clamp(2.0, 100_000.0);
+        for k in 1..=chords as u32 {
+            let share = f64::from(k) / chords;
+            let angle = from + sign * swept * share;
+            let mut point: [f64; 9] = std::array::from_fn(|i| start[i] + (arc.end_mm[i] - start[i]) * share);
+            point[p] = cp + radius * angle.cos();
+            point[q] = cq + radius * angle.sin();
+            self.go(point, StrokeKind::Feed);
+        }
+        self.go(arc.end_mm, StrokeKind::Feed);
+        Ok(())
+    }
+
+    fn action(&mut self, _: Change, _: u32) {}
+
+    fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
+        Ok(())
+    }
+
+    fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
+        Ok(())
+    }
+}
+
+/// What the card did: its positions over time, and where it retraced.
+struct Trace<'m> {
+    machine: &'m Machine,
+    place: Place,
+    keep: bool,
+    /// Positions in mm, axis by axis, at the end of every period.
+    positions: Vec<Vec<f64>>,
+    retraced: Vec<Stroke>,
+    retraced_s: Vec<[f64; 2]>,
+    is_retracing: bool,
+}
+
+impl<'m> Trace<'m> {
+    fn new(machine: &'m Machine, keep: bool) -> Self {
+        let positions = vec![vec![0.0]; machine.axes.len()];
+        let place = Place::of(machine);
+        Self { machine, place, keep, positions, retraced: Vec::new(), retraced_s: Vec::new(), is_retracing: false }
+    }
+
+    fn profile(&self, title: &str) -> Profile {
+        let axes = self.machine.axes.iter().zip(&self.positions).map(|(axis, positions)| AxisTrack {
+            name: axis.name.to_ascii_uppercase().to_string(),
+            positions_mm: positions.clone(),
+            limits: Derivatives {
+                velocity: axis.max_velocity_mm_per_s,
+                acceleration: axis.max_acceleration_mm_per_s2,
+                jerk: axis.max_jerk_mm_per_s3,
+            },
+        });
+        Profile {
+            title: title.into(),
+            period_s: self.machine.period_s(),
+            stride_periods: STRIDE,
+            axes: axes.collect(),
+            retraced_s: self.retraced_s.clone(),
+        }
+    }
+}
+
+impl Observer<9> for Trace<'_> {
+    fn period(&mut self, status: &Status<9>, mode: Mode) {
+        let mut mm = [0.0; 9];
+        for ((slot, axis), &count) in mm.iter_mut().zip(&self.machine.axes).zip(&status.counts) {
+            *slot = count as f64 / axis.pulses_per_mm;
+        }
+        if self.keep {
+            for (positions, &x) in self.positions.iter_mut().zip(&mm) {
+                positions.push(x);
+            }
+        }
+        let is_retracing = mode != Mode::Run;
+        let (point, now) = (self.place.point(&mm), status.period as f64 * self.machine.period_s());
+        match (is_retracing, self.is_retracing) {
+            (true, false) => {
+                self.retraced.push(Stroke { kind: StrokeKind::Retraced, points: vec![point] });
+                self.retraced_s.push([now, now]);
+            }
+            (true, true) => {
+                if let (Some(stroke), Some(time)) = (self.retraced.last_mut(), self.retraced_s.last_mut()) {
+                    stroke.points.push(point);
+                    time[1] = now;
+                }
+            }
+            (false, _) => {}
+        }
+        self.is_retracing = is_retracing;
+    }
+
+    fn event(&mut self, _: &Event) {}
+}

@@ -1,0 +1,72 @@
+//! Reading the files that the command line names.
+//!
+//! Invariant: a file that cannot be read is refused with its name, the reason and what to do; nothing has moved then.
+
+use std::io::ErrorKind;
+use std::path::Path;
+
+use retrace_controller::machine::Machine;
+use retrace_controller::operator::{self, Instruction};
+use retrace_controller::refusal::Refusal;
+
+/// Reads a file whole; `what` says what it is meant to be.
+///
+/// # Errors
+/// `E2101` … `E2104`: absent, a folder, not allowed, not readable.
+pub fn bytes(path: &Path, what: &str) -> Result<Vec<u8>, Refusal> {
+    if path.is_dir() {
+        return Err(Refusal::new(
+            "E2102",
+            format!("{} is a folder, not a {what}", path.display()),
+            "name a file in it",
+        ));
+    }
+    std::fs::read(path).map_err(|error| {
+        let shown = path.display();
+        match error.kind() {
+            ErrorKind::NotFound => {
+                Refusal::new("E2101", format!("there is no {what} {shown}"), "check the name and the folder you are in")
+            }
+            ErrorKind::PermissionDenied => {
+                Refusal::new("E2103", format!("the {what} {shown} may not be read"), "check its permissions")
+            }
+            _ => Refusal::new(
+                "E2104",
+                format!("the {what} {shown} cannot be read: {error}"),
+                "check the file and its disk",
+            ),
+        }
+    })
+}
+
+/// Reads a text file whole.
+///
+/// # Errors
+/// As [`bytes`]; `E2104` for what is no text.
+pub fn text(path: &Path, what: &str) -> Result<String, Refusal> {
+    String::from_utf8(bytes(path, what)?).map_err(|_| {
+        Refusal::new("E2104", format!("the {what} {} is no text (UTF-8)", path.display()), "give the right file")
+    })
+}
+
+/// The machine of a machine file, or the one that is built in.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn machine(path: Option<&Path>) -> Result<Machine, Refusal> {
+    match path {
+        None => Machine::built_in(),
+        Some(path) => Machine::parse(&text(path, "machine file")?, &path.display().to_string()),
+    }
+}
+
+/// An operator's script; an empty one where none is named.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn script(path: Option<&Path>) -> Result<Vec<Instruction>, Refusal> {
+    match path {
+        None => Ok(Vec::new()),
+        Some(path) => operator::parse(&text(path, "operator's script")?, &path.display().to_string()),
+    }
+}

@@ -1,0 +1,245 @@
+//! A program that the command line names: read, checked, and given to whoever runs it.
+//!
+//! Invariant: a file is read once, so that what was checked is what is run. Standard input cannot be read twice: it is checked
+//! block by block as it runs.
+
+use std::io::{BufRead, BufReader, Cursor};
+use std::path::Path;
+use std::sync::Arc;
+
+use retrace_controller::job::{self, Decode, Decoded, Finding};
+use retrace_controller::machine::Machine;
+use retrace_controller::refusal::Refusal;
+use retrace_controller::scan::Scan;
+use retrace_gcode::{
+    Axis, AxisSet, Canon, Diagnostic, Parameters, Pose, Progress, Setup, Severity, Step, Tool, ToolTable,
+};
+
+use crate::args::Reading;
+use crate::files;
+
+/// Why a command fails.
+#[derive(Debug)]
+pub enum Failure {
+    /// Wrong usage, machine file or script: exit code 2.
+    Refused(Refusal),
+    /// The program has errors; they have been shown: exit code 1.
+    Program,
+}
+
+impl From<Refusal> for Failure {
+    fn from(refusal: Refusal) -> Self {
+        Self::Refused(refusal)
+    }
+}
+
+/// A program, and what it is read with.
+#[derive(Debug)]
+pub struct Program {
+    name: String,
+    /// The text; none for standard input.
+    text: Option<Arc<[u8]>>,
+    setup: Setup,
+    has_tool_table: bool,
+}
+
+/// A program on its way through the interpreter.
+pub type Source = retrace_gcode::Program<Box<dyn BufRead + Send>>;
+
+/// The program's text, shared.
+#[derive(Clone, Debug)]
+struct Shared(Arc<[u8]>);
+
+impl AsRef<[u8]> for Shared {
+    fn as_ref(&self) -> &[u8] {
+        &self.0
+    }
+}
+
+impl Program {
+    /// Opens what the command line names, for a machine in millimetres.
+    ///
+    /// # Errors
+    /// A file that cannot be read or understood.
+    pub fn open(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
+        let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
+        let setup = Setup { axes: AxisSet::of(&axes), tools: tools_without_length(), ..Setup::default() };
+        Self::with_setup(reading, setup)
+    }
+
+    /// Opens what the command line names, for an interpreter set up as given; tool table and parameters come from the
+    /// command line where it names them.
+    ///
+    /// # Errors
+    /// A file that cannot be read or understood.
+    pub fn with_setup(reading: &Reading, mut setup: Setup) -> Result<Self, Refusal> {
+        let is_stdin = reading.program.as_os_str() == "-";
+        let name = if is_stdin { "standard input".into() } else { reading.program.display().to_string() };
+        let text = if is_stdin { None } else { Some(files::bytes(&reading.program, "program")?.into()) };
+        if let Some(path) = &reading.tools {
+            setup.tools = table(path, "tool table", ToolTable::read)?;
+        }
+        if let Some(path) = &reading.params {
+            setup.parameters = table(path, "parameter file", Parameters::read)?;
+        }
+        setup.block_delete = reading.block_delete;
+        Ok(Self { name, text, setup, has_tool_table: reading.tools.is_some() })
+    }
+
+    /// Its name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Number of its lines, if it is a file.
+    #[must_use]
+    pub fn lines(&self) -> Option<u64> {
+        self.text.as_ref().map(|text| text.split(|&b| b == b'\n').count() as u64)
+    }
+
+    /// The program from its beginning.
+    #[must_use]
+    pub fn decoder(&self) -> Decoder {
+        Decoder { name: self.name.clone(), program: self.source(), length_offset: false, is_told: false }
+    }
+
+    /// The program from its beginning, for whoever wants its canonical functions as they are.
+    #[must_use]
+    pub fn source(&self) -> Source {
+        let input: Box<dyn BufRead + Send> = match &self.text {
+            Some(text) => Box::new(Cursor::new(Shared(Arc::clone(text)))),
+            None => Box::new(BufReader::with_capacity(1 << 16, std::io::stdin())),
+        };
+        retrace_gcode::Program::new(input, self.setup.clone())
+    }
+
+    /// Looks at the whole program and shows what is wrong with it, on standard error. What it came to, if it may be run; none
+    /// for standard input, which is looked at as it runs.
+    ///
+    /// # Errors
+    /// [`Failure::Program`] where it has errors.
+    pub fn check<'m>(&self, machine: &'m Machine) -> Result<Option<Checked<'m>>, Failure> {
+        if self.text.is_none() {
+            return Ok(None);
+        }
+        let mut decoder = self.decoder();
+        let (blocks, findings, scan) = job::scan::<9>(machine, &mut decoder);
+        let mut diagnostics = decoder.program.interpreter().diagnostics().to_vec();
+        diagnostics.extend(self.after_the_end(&diagnostics));
+        let mut is_refused = false;
+        let mut shown: Vec<(u32, String)> = Vec::new();
+        for diagnostic in &diagnostics {
+            is_refused |= diagnostic.severity() == Severity::Error;
+            shown.push((diagnostic.line, diagnostic.render(&self.name, &self.line(diagnostic.line))));
+        }
+        for finding in &findings {
+            is_refused = true;
+            shown.push((finding.line, self.render(finding)));
+        }
+        shown.sort_by_key(|(line, _)| *line);
+        for (_, text) in &shown {
+            eprintln!("{text}");
+        }
+        if is_refused {
+            return Err(Failure::Program);
+        }
+        if decoder.length_offset && !self.has_tool_table {
+            eprintln!("note: no tool table was given (--tools): every tool has length 0");
+        }
+        Ok(Some(Checked { blocks, scan }))
+    }
+
+    /// What only a look behind the program's end shows.
+    fn after_the_end(&self, known: &[Diagnostic]) -> Vec<Diagnostic> {
+        let Some(text) = &self.text else { return Vec::new() };
+        let all = retrace_gcode::check(Cursor::new(Shared(Arc::clone(text))), self.setup.clone());
+        all.into_iter().filter(|d| !known.contains(d)).collect()
+    }
+
+    fn line(&self, number: u32) -> String {
+        let Some(text) = &self.text else { return String::new() };
+        let line = text.split(|&b| b == b'\n').nth(number.saturating_sub(1) as usize).unwrap_or_default();
+        String::from_utf8_lossy(line).trim_end_matches('\r').to_string()
+    }
+
+    /// A finding with its source line, in the form of the diagnostics.
+    fn render(&self, finding: &Finding) -> String {
+        let Finding { line, number, what, remedy } = finding;
+        let gutter = " ".repeat(line.to_string().len());
+        let source = self.line(*line);
+        format!(
+            "error[{number}]: {what}\n{gutter}--> {}:{line}\n{gutter} |\n{line} | {source}\n{gutter} |\n{gutter} = help: {remedy}",
+            self.name
+        )
+    }
+}
+
+/// What a program came to that may be run.
+#[derive(Debug)]
+pub struct Checked<'m> {
+    /// Blocks.
+    pub blocks: u64,
+    /// Moves and extents.
+    pub scan: Scan<'m, 9>,
+}
+
+/// A program being decoded.
+pub struct Decoder {
+    name: String,
+    program: Source,
+    /// A tool length offset was called for.
+    length_offset: bool,
+    /// The program is at its end, and why it is there has been told.
+    is_told: bool,
+}
+
+impl Decode for Decoder {
+    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+        let first = steps.len();
+        let progress = self.program.advance(steps);
+        self.length_offset |= steps[first..].iter().any(|s| matches!(s.canon, Canon::UseToolLengthOffset(_)));
+        let refused = || {
+            let diagnostics = self.program.interpreter().diagnostics().iter();
+            let mut errors = diagnostics.filter(|d| d.severity() == Severity::Error);
+            errors.next_back().map(|d| d.render(&self.name, &self.program.line_text()))
+        };
+        match progress {
+            Progress::Line => Decoded::Block,
+            Progress::Refused => Decoded::Refused(refused().unwrap_or_default()),
+            Progress::End if self.is_told => Decoded::End,
+            Progress::End => {
+                let why = refused();
+                self.is_told = true;
+                why.map_or(Decoded::End, Decoded::Refused)
+            }
+        }
+    }
+}
+
+/// Reads a table; its first fault is the refusal's text.
+fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>>) -> Result<T, Refusal> {
+    let text = files::text(path, what)?;
+    read(&text).map_err(|faults| {
+        let lines: Vec<&str> = text.lines().collect();
+        let shown: Vec<String> = faults
+            .iter()
+            .take(5)
+            .map(|f| f.render(&path.display().to_string(), lines.get(f.line.saturating_sub(1) as usize).unwrap_or(&"")))
+            .collect();
+        Refusal::new(
+            "E2106",
+            format!("the {what} {} cannot be understood\n{}", path.display(), shown.join("\n")),
+            "correct it",
+        )
+    })
+}
+
+/// Without a tool table every tool is known, and has no length.
+fn tools_without_length() -> ToolTable {
+    let mut tools = ToolTable::default();
+    for number in 1..=999 {
+        tools.insert(Tool { number, offset: Pose::ZERO, ..Tool::default() });
+    }
+    tools
+}

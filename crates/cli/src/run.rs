@@ -1,0 +1,149 @@
+//! `retrace run`: machines a program.
+//!
+//! Invariant: nothing moves before machine file, script and program have been read and checked.
+
+use std::io::Write;
+use std::path::Path;
+use std::time::Instant;
+
+use retrace_controller::job::{self, Begin, JobEnd};
+use retrace_controller::machine::Machine;
+use retrace_controller::operator::Instruction;
+use retrace_controller::refusal::Refusal;
+use retrace_controller::report::Report;
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::{Manner, Outcome};
+use retrace_hal_sim::{Clock, SimCard};
+use retrace_link::MotionCard;
+use serde_json::Value;
+
+use crate::args;
+use crate::console::{Console, Show, unwritable};
+use crate::files;
+use crate::program::{Failure, Program};
+
+/// Runs the command; its exit code.
+///
+/// # Errors
+/// What keeps the job from beginning.
+pub fn run(args: &args::Run) -> Result<u8, Failure> {
+    refuse_what_is_not_there(args)?;
+    let machine = files::machine(args.machine.as_deref())?;
+    let script = files::script(args.operator.as_deref())?;
+    let program = Program::open(&args.reading, &machine)?;
+    program.check(&machine)?;
+    let job = Job { args, machine: &machine, script, program: &program };
+    match machine.axes.len() {
+        0..=4 => job.run::<4>(),
+        5..=6 => job.run::<6>(),
+        _ => job.run::<9>(),
+    }
+}
+
+fn refuse_what_is_not_there(args: &args::Run) -> Result<(), Refusal> {
+    if args.card != "sim" {
+        let what = format!("--card {}: this version runs the simulated card only", args.card);
+        return Err(Refusal::new("E2141", what, "--card sim"));
+    }
+    if args.tui {
+        return Err(Refusal::new("E2142", "--tui: full-screen operation is not built yet", "leave it out"));
+    }
+    Ok(())
+}
+
+/// A job, ready to run.
+struct Job<'a> {
+    args: &'a args::Run,
+    machine: &'a Machine,
+    script: Vec<Instruction>,
+    program: &'a Program,
+}
+
+impl Job<'_> {
+    fn run<const A: usize>(self) -> Result<u8, Failure> {
+        let Self { args, machine, script, program } = self;
+        let show = Show::choose(args.json, program.lines());
+        let mut console = Console::<A>::new(show, machine, args.records.as_deref())?;
+        let clock = if args.realtime { Clock::wall(machine.period_us) } else { Clock::Virtual };
+        let card = SimCard::<A>::new(0, machine.smoothing, clock).ok_or_else(|| {
+            Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md")
+        })?;
+        let manner = Manner { wall_time: args.realtime, operator: args.operator.is_some() };
+        let begin = args.start_line.map_or(Begin::First, Begin::Line);
+        let operator = ScriptPlayer::new(script, machine.period_us);
+        let started = Instant::now();
+        let end = job::run(machine, program.decoder(), begin, card, operator, manner, &mut console)
+            .map_err(|why| Refusal::new("E2112", why, "a shorter history_hours in the machine file"))?;
+        let wall_s = started.elapsed().as_secs_f64();
+        let (verdict, alarms, line) = console.finish()?;
+        let JobEnd { outcome, tally, summary, card } = end;
+        let report = Report {
+            program: program.name(),
+            machine,
+            outcome: &outcome,
+            line,
+            tally: &tally,
+            blocks: summary.as_ref().map_or(0, |s| s.blocks),
+            canonical: summary.as_ref().map_or(0, |s| s.canonical),
+            commanded_mm: summary.as_ref().map_or(&[], |s| &s.commanded_mm),
+            counts: card.status().counts,
+            verdict: &verdict,
+            wall_s,
+            alarms: &alarms,
+        };
+        if let Outcome::Refused(text) = &outcome {
+            eprintln!("{text}");
+        }
+        tell(&report, args.json);
+        if let Some(folder) = &args.journal {
+            keep(&report.to_json(), folder)?;
+        }
+        Ok(outcome.exit_code())
+    }
+}
+
+/// The report, for a script or for a person.
+fn tell<const A: usize>(report: &Report<'_, A>, json: bool) {
+    if json {
+        println!("{}", report.to_json());
+        return;
+    }
+    let value = report.to_json();
+    let seconds = |key: &str| value[key].as_f64().unwrap_or(0.0);
+    println!("{}: {}", report.program, report.outcome.word());
+    println!(
+        "  motion {:.3} s · dwell {:.3} s · switching {:.3} s · held {:.3} s · retracing {:.3} s · {} periods in {:.2} s of real time",
+        seconds("motion_s"),
+        seconds("dwell_s"),
+        seconds("switch_s"),
+        seconds("held_s"),
+        seconds("retrace_s"),
+        report.tally.periods,
+        report.wall_s
+    );
+    let each = |f: fn(&Value) -> String, key: &str| -> String {
+        let axes = report.machine.axes.iter().map(|a| {
+            let name = a.name.to_string();
+            format!("{} {}", name.to_ascii_uppercase(), f(&value[key][&name]))
+        });
+        axes.collect::<Vec<_>>().join("  ")
+    };
+    println!(
+        "  position {}  ({})",
+        each(|v| format!("{:.3}", v.as_f64().unwrap_or(0.0)), "position_mm"),
+        each(Value::to_string, "position_counts")
+    );
+    println!(
+        "  limit violations {} · underruns {} · reversals {}",
+        report.verdict.violations, report.tally.underruns, report.tally.reversals
+    );
+}
+
+/// Keeps the report in the journal's folder.
+fn keep(report: &Value, folder: &Path) -> Result<(), Refusal> {
+    let named = |error| unwritable(&folder.display().to_string(), &error);
+    std::fs::create_dir_all(folder).map_err(named)?;
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_millis());
+    let mut file = std::fs::File::create(folder.join(format!("report-{now}.json"))).map_err(named)?;
+    writeln!(file, "{report:#}").map_err(named)
+}

@@ -1,0 +1,166 @@
+//! The scan before the run: every move is looked at before the first one is made (PRE-5, *Beyond the source*).
+//!
+//! Invariant: a program that the scan passes moves no axis beyond its soft limits.
+
+use retrace_link::Change;
+use retrace_motion::{Arc, Feed, PathMode};
+
+use crate::feed::{Cancelled, Refused, Switch};
+use crate::job::Finding;
+use crate::machine::{Axis, Machine};
+use crate::sink::Sink;
+
+/// A move that would leave the soft limits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BeyondLimit {
+    /// Letter of the axis.
+    pub axis: char,
+    /// How far it would go, mm.
+    pub position_mm: f64,
+    /// The limit it would pass, mm.
+    pub limit_mm: f64,
+    /// Program line.
+    pub line: u32,
+}
+
+impl BeyondLimit {
+    /// As a finding.
+    #[must_use]
+    pub fn finding(&self) -> Finding {
+        let Self { axis, position_mm, limit_mm, line } = self;
+        let axis = axis.to_ascii_uppercase();
+        Finding {
+            line: *line,
+            number: "E4304",
+            what: format!("axis {axis} would go to {position_mm:.3} mm, beyond its soft limit at {limit_mm:.3} mm"),
+            remedy: "move the work offset, correct the program, or widen `travel_mm` in the machine file".into(),
+        }
+    }
+}
+
+/// Looks at every move of a program.
+#[derive(Debug)]
+pub struct Scan<'m, const A: usize> {
+    machine: &'m Machine,
+    at: [f64; A],
+    /// Least and greatest coordinate of each axis so far, mm.
+    pub extents_mm: Option<[[f64; 2]; A]>,
+    /// Moves beyond the soft limits, the first of each line.
+    pub beyond: Vec<BeyondLimit>,
+    /// Moves.
+    pub moves: u64,
+}
+
+/// So much beyond a soft limit is rounding, mm.
+const SLACK_MM: f64 = 1e-6;
+/// Enough of them to say that there are more.
+const MOST: usize = 100;
+
+impl<'m, const A: usize> Scan<'m, A> {
+    /// A scan that begins at the machine's zero.
+    #[must_use]
+    pub fn new(machine: &'m Machine) -> Self {
+        Self { machine, at: [0.0; A], extents_mm: None, beyond: Vec::new(), moves: 0 }
+    }
+
+    fn visit(&mut self, point: &[f64; A], line: u32) {
+        let extents = self.extents_mm.get_or_insert_with(|| point.map(|x| [x, x]));
+        for (range, &x) in extents.iter_mut().zip(point) {
+            *range = [range[0].min(x), range[1].max(x)];
+        }
+        for (axis, &x) in self.machine.axes.iter().zip(point) {
+            let Some(limit_mm) = passed_limit(axis, x) else { continue };
+            if self.beyond.len() < MOST && self.beyond.last().is_none_or(|b| b.line != line) {
+                self.beyond.push(BeyondLimit { axis: axis.name, position_mm: x, limit_mm, line });
+            }
+        }
+    }
+}
+
+fn passed_limit(axis: &Axis, x: f64) -> Option<f64> {
+    let [least, greatest] = axis.travel_mm;
+    if x < least - SLACK_MM {
+        Some(least)
+    } else if x > greatest + SLACK_MM {
+        Some(greatest)
+    } else {
+        None
+    }
+}
+
+impl<const A: usize> Sink<A> for Scan<'_, A> {
+    fn straight(&mut self, end_mm: [f64; A], _: Feed, _: PathMode, line: u32) -> Result<(), Refused> {
+        self.moves += 1;
+        self.at = end_mm;
+        self.visit(&end_mm, line);
+        Ok(())
+    }
+
+    fn arc(&mut self, arc: &Arc<A>, _: Feed, _: PathMode, line: u32) -> Result<(), Refused> {
+        self.moves += 1;
+        for point in extremes(&self.at, arc) {
+            self.visit(&point, line);
+        }
+        self.at = arc.end_mm;
+        self.visit(&arc.end_mm, line);
+        Ok(())
+    }
+
+    fn action(&mut self, _: Change, _: u32) {}
+
+    fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
+        Ok(())
+    }
+
+    fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
+        Ok(())
+    }
+}
+
+/// The points of an arc where an axis of its plane turns round: the quarter points that it passes.
+fn extremes<const A: usize>(start: &[f64; A], arc: &Arc<A>) -> Vec<[f64; A]> {
+    use std::f64::consts::{FRAC_PI_2, TAU};
+    let ([p, q], [cp, cq]) = (arc.plane, arc.centre_mm);
+    let angle = |point: &[f64; A]| (point[q] - cq).atan2(point[p] - cp);
+    let radius = (start[p] - cp).hypot(start[q] - cq);
+    let sign = f64::from(arc.rotation.signum());
+    let from = angle(start);
+    let mut swept = (sign * (angle(&arc.end_mm) - from)).rem_euclid(TAU);
+    if swept < 1e-9 {
+        swept = TAU;
+    }
+    if arc.rotation.unsigned_abs() > 1 {
+        swept = TAU;
+    }
+    let mut points = Vec::new();
+    for quarter in 0..4 {
+        let towards = f64::from(quarter) * FRAC_PI_2;
+        if (sign * (towards - from)).rem_euclid(TAU) <= swept {
+            let mut point = arc.end_mm;
+            point[p] = cp + radius * towards.cos();
+            point[q] = cq + radius * towards.sin();
+            points.push(point);
+        }
+    }
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_arc_is_looked_at_where_it_goes_furthest() {
+        let machine = Machine::parse("[[axis]]\nname = \"x\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-5, 12]\n[[axis]]\nname = \"y\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-12, 12]\n", "m").expect("valid");
+        let mut scan = Scan::<2>::new(&machine);
+        let mode = PathMode::ExactPath;
+        scan.straight([10.0, 0.0], Feed::Rapid, mode, 1).expect("looks only");
+        let half = |rotation| Arc { plane: [0, 1], centre_mm: [0.0, 0.0], rotation, end_mm: [0.0, 10.0] };
+        scan.arc(&half(1), Feed::PerSecond(1.0), mode, 2).expect("looks only");
+        assert_eq!(scan.beyond, []);
+        scan.straight([10.0, 0.0], Feed::Rapid, mode, 3).expect("looks only");
+        scan.arc(&half(-1), Feed::PerSecond(1.0), mode, 4).expect("looks only");
+        assert_eq!(scan.beyond, [BeyondLimit { axis: 'x', position_mm: -10.0, limit_mm: -5.0, line: 4 }]);
+        assert_eq!(scan.extents_mm, Some([[-10.0, 10.0], [-10.0, 10.0]]));
+    }
+}

@@ -1,0 +1,91 @@
+//! The operator's words, as the session takes them.
+//!
+//! Invariant: an order that does not apply changes nothing and is answered with the reason.
+
+use retrace_core::mode::{Mode, Order, Refused};
+use retrace_link::{Change, MotionCard, Word};
+
+use super::Session;
+use crate::event::Happening;
+use crate::operator::Deed;
+
+impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
+    pub(super) fn take_orders(&mut self) {
+        let (period, line) = (self.card.status().period, self.card.status().line);
+        while let Some(instruction) = self.operator.due(period, line) {
+            self.tell(Happening::Operator(instruction.deed.to_string()));
+            let mode = self.operation.mode();
+            if let Err(why) = self.order(instruction.deed) {
+                self.tell(Happening::OrderRefused(why));
+            }
+            if self.operation.mode() != mode {
+                self.tell_mode();
+            }
+        }
+        let counts = self.operator.wheel_counts(period);
+        self.wheel.turn(counts);
+    }
+
+    fn order(&mut self, deed: Deed) -> Result<(), String> {
+        match deed {
+            Deed::Hold => self.operation.order(Order::Hold),
+            Deed::Resume if self.program_stop => {
+                self.go_on = true;
+                Ok(())
+            }
+            Deed::Resume if self.single_stop => {
+                self.next_block();
+                Ok(())
+            }
+            Deed::Resume => self.operation.order(Order::Resume),
+            Deed::Override(rate) => self.operation.order(Order::Override(rate)),
+            Deed::Reverse(rate) => self.operation.order(Order::Reverse(rate)),
+            Deed::Forward(rate) => self.operation.order(Order::Forward(rate)),
+            Deed::Wheel { .. } if self.operation.mode() == Mode::Wheel => Ok(()),
+            Deed::Wheel { .. } => {
+                self.wheel.reset();
+                self.operation.order(Order::Wheel)
+            }
+            Deed::Leave { ask } => self.operation.order(Order::Leave { ask }),
+            Deed::Agree => self.operation.order(Order::Agree),
+            Deed::Output { number, on } => {
+                let change = Change { channel: number, value: i32::from(on) };
+                return self.card.send(Word::ByHand(change)).map_err(|_| format!("the card has no output {number}"));
+            }
+            Deed::Single => {
+                self.single = !self.single;
+                if self.single {
+                    self.next_block()
+                } else {
+                    self.supply.open_block()
+                }
+                Ok(())
+            }
+            Deed::Stop => {
+                self.stopping = true;
+                self.operation.order(Order::Hold)
+            }
+        }
+        .map_err(reason)
+    }
+
+    fn next_block(&mut self) {
+        self.single_stop = false;
+        if self.single {
+            let after = self.card.status().place.boundary_ahead();
+            self.supply.end_block(&mut self.card, after);
+        } else {
+            self.supply.open_block();
+        }
+    }
+}
+
+fn reason(refused: Refused) -> String {
+    match refused {
+        Refused::NotRetracing => "there is nothing to leave: the machine is in normal run",
+        Refused::NothingAsked => "there is nothing to agree to",
+        Refused::NotHeld => "no feed hold is in force",
+        Refused::NoRate => "a rate above 0 % is needed",
+    }
+    .into()
+}

@@ -1,0 +1,49 @@
+//! Exclusive instructions, one after the other, where the motion has come to their place (GMC-4 … GMC-6).
+//!
+//! Invariant: an instruction goes to the card in normal run only, with the cursor at rest on its marker; the next one when the
+//! card has reported it complete.
+
+use retrace_core::mode::Mode;
+use retrace_link::{Instruction, MotionCard, Word};
+
+use super::Session;
+use crate::event::Happening;
+use crate::item::Kind;
+
+impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
+    /// The instruction whose place the motion has come to, if there is one and it may be executed now (GMC-5). False where there is
+    /// nothing to do.
+    pub(super) fn switch_what_is_due(&mut self) -> Result<bool, String> {
+        if self.operation.mode() != Mode::Run || self.operation.held() {
+            return Ok(false);
+        }
+        let Some(exclusive) = self.supply.due(self.card.status()) else { return Ok(false) };
+        let (kind, code) = (exclusive.kind, exclusive.code);
+        if kind == Kind::ProgramStop && !self.go_on && self.manner.operator {
+            if !self.program_stop {
+                self.program_stop = true;
+                self.tell(Happening::ProgramStop(code));
+            }
+            return Ok(false);
+        }
+        let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
+        let instruction = Instruction { number: self.supply.number(), changes, count, periods };
+        self.card
+            .send(Word::Instruction(instruction))
+            .map_err(|refusal| format!("the card did not take {code}: {refusal:?}"))?;
+        (self.program_stop, self.go_on) = (false, false);
+        self.supply.sent();
+        self.executing = Some(kind);
+        self.tally.switch_events += u64::from(kind == Kind::Switch);
+        self.tell(Happening::Switching(code));
+        self.acknowledge();
+        Ok(true)
+    }
+
+    pub(super) fn acknowledge(&mut self) {
+        if let Some(done) = self.supply.acknowledge(self.card.status().executed) {
+            self.executing = None;
+            self.tell(Happening::Switched(done.code));
+        }
+    }
+}

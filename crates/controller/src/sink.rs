@@ -1,0 +1,60 @@
+//! Where a program's moves and switching go: to the planner, or to the scan before the run.
+//!
+//! Invariant: both sinks are given the same calls for the same program, so that what was scanned is what is run.
+
+use retrace_link::Change;
+use retrace_motion::{Arc, Feed, PathMode};
+
+use crate::feed::{Cancelled, Feeder, Refused, Switch};
+
+/// Takes a program's moves and switching, in machine coordinates and mm.
+pub trait Sink<const A: usize> {
+    /// A straight move.
+    ///
+    /// # Errors
+    /// What cannot be run, with nothing changed.
+    fn straight(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused>;
+
+    /// An arc or helix that begins where the last move ended.
+    ///
+    /// # Errors
+    /// What cannot be run, with nothing changed.
+    fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused>;
+
+    /// A synchronous action, executed where the next move begins.
+    fn action(&mut self, change: Change, line: u32);
+
+    /// An exclusive instruction, executed here at rest.
+    ///
+    /// # Errors
+    /// [`Cancelled`]
+    fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled>;
+
+    /// A message for the operator.
+    ///
+    /// # Errors
+    /// [`Cancelled`]
+    fn message(&mut self, text: String, line: u32) -> Result<(), Cancelled>;
+}
+
+impl<const A: usize> Sink<A> for Feeder<'_, A> {
+    fn straight(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        Feeder::straight(self, end_mm, feed, mode, line)
+    }
+
+    fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        Feeder::arc(self, arc, feed, mode, line)
+    }
+
+    fn action(&mut self, change: Change, line: u32) {
+        Feeder::action(self, change, line);
+    }
+
+    fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
+        Feeder::exclusive(self, switch)
+    }
+
+    fn message(&mut self, text: String, line: u32) -> Result<(), Cancelled> {
+        Feeder::message(self, text, line)
+    }
+}

@@ -1,0 +1,86 @@
+//! Beginning in the middle of a program, at a line (`--start-line`).
+//!
+//! Invariant: what the skipped blocks switched holds before the first move, and that move begins where the skipped ones ended:
+//! the tool comes there from above, the work axes first unless it has to rise.
+
+use retrace_link::{Change, Outputs, channel};
+use retrace_motion::{Arc, Feed, PathMode};
+
+use crate::feed::{Cancelled, Feeder, Refused, Switch};
+use crate::item::Kind;
+use crate::sink::Sink;
+
+/// Takes what is skipped: switching is remembered, motion is not made.
+#[derive(Debug)]
+pub struct Skipped {
+    outputs: Outputs,
+}
+
+impl Skipped {
+    /// Nothing skipped yet; the outputs are as given.
+    #[must_use]
+    pub fn new(outputs: Outputs) -> Self {
+        Self { outputs }
+    }
+
+    /// Brings a machine at rest to the state behind what was skipped: outputs first, then to `target_mm`, where the skipped
+    /// motion ended. `tool_axis` is the index of the axis that goes up and down, if there is one.
+    ///
+    /// # Errors
+    /// What the planner refuses.
+    pub fn restore<const A: usize>(
+        &self,
+        feeder: &mut Feeder<'_, A>,
+        target_mm: [f64; A],
+        tool_axis: Option<usize>,
+        line: u32,
+    ) -> Result<(), Refused> {
+        let first = [channel::TOOL, channel::SPEED, channel::SPINDLE, channel::MIST, channel::FLOOD];
+        for channel in first.into_iter().chain(0..channel::DIGITAL as u8) {
+            let value = self.outputs[usize::from(channel)];
+            if value != feeder.outputs()[usize::from(channel)] {
+                let (kind, code, changes) = (Kind::Switch, "start", [Change { channel, value }]);
+                feeder.exclusive(Switch { line, kind, code, changes: &changes, periods: 0, one_way: false })?;
+            }
+        }
+        let at = feeder.commanded_mm();
+        let mut corner = target_mm;
+        if let Some(tool) = tool_axis {
+            if target_mm[tool] > at[tool] {
+                corner = at;
+                corner[tool] = target_mm[tool];
+            } else {
+                corner[tool] = at[tool];
+            }
+        }
+        for end in [corner, target_mm] {
+            feeder.straight(end, Feed::Rapid, PathMode::ExactStop, line)?;
+        }
+        Ok(feeder.rest()?)
+    }
+}
+
+impl<const A: usize> Sink<A> for Skipped {
+    fn straight(&mut self, _: [f64; A], _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+        Ok(())
+    }
+
+    fn arc(&mut self, _: &Arc<A>, _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+        Ok(())
+    }
+
+    fn action(&mut self, change: Change, _: u32) {
+        self.outputs[usize::from(change.channel)] = change.value;
+    }
+
+    fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
+        for change in switch.changes {
+            self.outputs[usize::from(change.channel)] = change.value;
+        }
+        Ok(())
+    }
+
+    fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
+        Ok(())
+    }
+}

@@ -1,0 +1,377 @@
+//! From canonical functions to moves of the machine's axes, in mm and machine coordinates.
+//!
+//! Invariant: units, offsets and rotation are applied here and nowhere else; a move of an axis that the machine does not have is
+//! refused, and what no rule here knows is refused by name.
+
+use retrace_gcode::{Axis, Canon, FeedMode, LengthUnit, PathControl, Plane, Pose};
+use retrace_link::{Change, channel};
+use retrace_motion::{Arc, Feed, MoveError, PathMode};
+
+use crate::feed::{Refused, Switch};
+use crate::item::Kind;
+use crate::job::Finding;
+use crate::machine::Machine;
+use crate::sink::Sink;
+use crate::switching::Class;
+
+/// Why a canonical function cannot be run on this machine.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Untrackable {
+    /// E4301: an axis is moved that the machine does not have.
+    NoSuchAxis(char),
+    /// E4302: a canonical function that is not supported yet.
+    NotSupported(&'static str),
+    /// E4303: an output that the card does not have.
+    NoSuchOutput(i32),
+    /// The planner's refusal.
+    Move(MoveError),
+    /// The job was given up.
+    Cancelled,
+}
+
+impl Untrackable {
+    /// Number, what is wrong, what to do.
+    fn parts(&self) -> (&'static str, String, &'static str) {
+        match self {
+            Self::NoSuchAxis(axis) => (
+                "E4301",
+                format!("axis {axis} is moved, and the machine has no such axis"),
+                "add the axis to the machine file, or take its words out of the program",
+            ),
+            Self::NotSupported(what) => ("E4302", format!("{what} is not supported yet"), "take it out of the program"),
+            Self::NoSuchOutput(n) => ("E4303", format!("there is no output {n}"), "an output is a number from 0 to 63"),
+            Self::Move(error) => (error.number(), error.to_string(), "correct the move"),
+            Self::Cancelled => ("", String::new(), ""),
+        }
+    }
+
+    /// Number, what is wrong and what to do, in one line.
+    #[must_use]
+    pub fn explain(&self) -> String {
+        let (number, what, remedy) = self.parts();
+        format!("error[{number}]: {what}; {remedy}")
+    }
+
+    /// As a finding of program line `line`.
+    #[must_use]
+    pub fn finding(&self, line: u32) -> Finding {
+        let (number, what, remedy) = self.parts();
+        Finding { line, number, what, remedy: remedy.into() }
+    }
+}
+
+impl From<Refused> for Untrackable {
+    fn from(refused: Refused) -> Self {
+        match refused {
+            Refused::Move(error) => Self::Move(error),
+            Refused::Cancelled => Self::Cancelled,
+        }
+    }
+}
+
+impl From<crate::feed::Cancelled> for Untrackable {
+    fn from(_: crate::feed::Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
+
+/// The state between canonical functions.
+#[derive(Clone, Debug)]
+pub struct Track<'m> {
+    machine: &'m Machine,
+    /// The machine's axes, as axes of a position.
+    axes: Vec<Axis>,
+    unit: LengthUnit,
+    /// Offsets in mm.
+    g5x: Pose,
+    g92: Pose,
+    tool: Pose,
+    /// Rotation about Z, as sine and cosine.
+    rotation: (f64, f64),
+    rotation_deg: f64,
+    feed_mode: FeedMode,
+    /// Program units a minute, or the inverse of minutes.
+    feed: f64,
+    path: PathControl,
+    /// The last position in mm, machine coordinates.
+    at: Pose,
+    selected_tool: u32,
+}
+
+impl<'m> Track<'m> {
+    /// At the machine's zero, with the state in which every program begins.
+    #[must_use]
+    pub fn new(machine: &'m Machine) -> Self {
+        Self {
+            machine,
+            axes: machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect(),
+            unit: LengthUnit::Millimetre,
+            g5x: Pose::ZERO,
+            g92: Pose::ZERO,
+            tool: Pose::ZERO,
+            rotation: (0.0, 1.0),
+            rotation_deg: 0.0,
+            feed_mode: FeedMode::UnitsPerMinute,
+            feed: 0.0,
+            path: PathControl::Continuous { tolerance: 0.0 },
+            at: Pose::ZERO,
+            selected_tool: 0,
+        }
+    }
+
+    /// Runs one canonical function of program line `line` into `sink`.
+    ///
+    /// # Errors
+    /// Why it cannot be run; nothing has been given to the sink then.
+    pub fn run<const A: usize>(
+        &mut self,
+        canon: &Canon,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        match canon {
+            Canon::StraightTraverse(end) => self.straight(end, Feed::Rapid, line, sink),
+            Canon::StraightFeed(end) => self.straight(end, self.feed(), line, sink),
+            Canon::ArcFeed(arc) => self.arc(arc, line, sink),
+            Canon::UseLengthUnits(unit) => self.state(|t| t.unit = *unit),
+            Canon::SetG5xOffset { offset, .. } => self.state(|t| t.g5x = t.in_mm(offset)),
+            Canon::SetG92Offset(offset) => self.state(|t| t.g92 = t.in_mm(offset)),
+            Canon::UseToolLengthOffset(offset) => self.state(|t| t.tool = t.in_mm(offset)),
+            Canon::SetXyRotation(degrees) => self.state(|t| {
+                t.rotation_deg = *degrees;
+                t.rotation = degrees.to_radians().sin_cos();
+            }),
+            Canon::SetFeedMode(mode) => self.state(|t| t.feed_mode = *mode),
+            Canon::SetFeedRate(feed) => self.state(|t| t.feed = *feed),
+            Canon::SetMotionControlMode(path) => self.state(|t| t.path = *path),
+            Canon::Message(text) | Canon::Print(text) => Ok(sink.message(text.to_string(), line)?),
+            _ => self.switching(canon, line, sink),
+        }
+    }
+
+    /// Where the last move ended: the coordinates of the machine's own axes, mm.
+    #[must_use]
+    pub fn position<const A: usize>(&self) -> [f64; A] {
+        let mut own = [0.0; A];
+        for (slot, &axis) in own.iter_mut().zip(&self.axes) {
+            *slot = self.at[axis];
+        }
+        own
+    }
+
+    fn state(&mut self, change: impl FnOnce(&mut Self)) -> Result<(), Untrackable> {
+        change(self);
+        Ok(())
+    }
+
+    fn in_mm(&self, pose: &Pose) -> Pose {
+        pose.scaled_lengths(self.unit.millimetres())
+    }
+
+    /// Machine position in mm of a position in program coordinates and units.
+    fn machine_position(&self, program: &Pose) -> Pose {
+        let mut at = self.in_mm(program).plus(&self.g92);
+        if self.rotation_deg != 0.0 {
+            let ((sin, cos), x, y) = (self.rotation, at[Axis::X], at[Axis::Y]);
+            at[Axis::X] = x * cos - y * sin;
+            at[Axis::Y] = x * sin + y * cos;
+        }
+        at.plus(&self.g5x).plus(&self.tool)
+    }
+
+    /// The coordinates of the machine's own axes.
+    fn of_machine<const A: usize>(&self, position: &Pose) -> Result<[f64; A], Untrackable> {
+        for axis in Axis::ALL {
+            if !self.axes.contains(&axis) && (position[axis] - self.at[axis]).abs() > 1e-9 {
+                return Err(Untrackable::NoSuchAxis(char::from(axis.letter())));
+            }
+        }
+        let mut own = [0.0; A];
+        for (slot, &axis) in own.iter_mut().zip(&self.axes) {
+            *slot = position[axis];
+        }
+        Ok(own)
+    }
+
+    fn feed(&self) -> Feed {
+        match self.feed_mode {
+            FeedMode::InverseTime => Feed::Duration(60.0 / self.feed),
+            FeedMode::UnitsPerMinute => Feed::PerSecond(self.feed * self.unit.millimetres() / 60.0),
+        }
+    }
+
+    fn path_mode(&self) -> PathMode {
+        match self.path {
+            PathControl::ExactStop => PathMode::ExactStop,
+            PathControl::ExactPath => PathMode::ExactPath,
+            PathControl::Continuous { tolerance } if tolerance > 0.0 => {
+                PathMode::Blend { tolerance_mm: tolerance * self.unit.millimetres() }
+            }
+            PathControl::Continuous { .. } => PathMode::Blend { tolerance_mm: self.machine.blend_tolerance_mm },
+        }
+    }
+
+    fn straight<const A: usize>(
+        &mut self,
+        end: &Pose,
+        feed: Feed,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        let position = self.machine_position(end);
+        let own = self.of_machine(&position)?;
+        sink.straight(own, feed, self.path_mode(), line)?;
+        self.at = position;
+        Ok(())
+    }
+
+    fn arc<const A: usize>(
+        &mut self,
+        arc: &retrace_gcode::ArcFeed,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        let [first, second, _] = arc.plane.axes();
+        let index = |axis: Axis| self.axes.iter().position(|&a| a == axis);
+        let (Some(p), Some(q)) = (index(first), index(second)) else {
+            let missing = if index(first).is_none() { first } else { second };
+            return Err(Untrackable::NoSuchAxis(char::from(missing.letter())));
+        };
+        if self.rotation_deg != 0.0 && arc.plane != Plane::Xy {
+            return Err(Untrackable::NotSupported("an arc in G18 or G19 in a rotated coordinate system"));
+        }
+        let mut centre = arc.end;
+        centre[first] = arc.first_centre;
+        centre[second] = arc.second_centre;
+        let (position, centre) = (self.machine_position(&arc.end), self.machine_position(&centre));
+        let own = Arc {
+            plane: [p, q],
+            centre_mm: [centre[first], centre[second]],
+            rotation: arc.turns,
+            end_mm: self.of_machine(&position)?,
+        };
+        sink.arc(&own, self.feed(), self.path_mode(), line)?;
+        self.at = position;
+        Ok(())
+    }
+
+    fn switching<const A: usize>(
+        &mut self,
+        canon: &Canon,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        match canon {
+            Canon::StartSpindleClockwise => self.switch("M3", channel::SPINDLE, 1, line, sink),
+            Canon::StartSpindleCounterclockwise => self.switch("M4", channel::SPINDLE, -1, line, sink),
+            Canon::StopSpindleTurning => self.switch("M5", channel::SPINDLE, 0, line, sink),
+            Canon::MistOn => self.switch("M7", channel::MIST, 1, line, sink),
+            Canon::FloodOn => self.switch("M8", channel::FLOOD, 1, line, sink),
+            Canon::MistOff => self.switch("M9", channel::MIST, 0, line, sink),
+            Canon::FloodOff => self.switch("M9", channel::FLOOD, 0, line, sink),
+            Canon::SetSpindleSpeed(rpm) => {
+                let thousandths = (rpm * 1000.0).clamp(0.0, f64::from(i32::MAX)).round() as i32;
+                self.switch("S", channel::SPEED, thousandths, line, sink)
+            }
+            Canon::SelectTool(tool) => {
+                self.selected_tool = *tool;
+                self.exclusive(Kind::Switch, "T", &[], self.machine.switching.of("T").1, line, sink)
+            }
+            Canon::ChangeTool(tool) => {
+                let change = Change { channel: channel::TOOL, value: *tool as i32 };
+                self.exclusive(Kind::Switch, "M6", &[change], self.machine.switching.of("M6").1, line, sink)
+            }
+            Canon::SetMotionOutputBit(n) => {
+                sink.action(digital(*n, 1)?, line);
+                Ok(())
+            }
+            Canon::ClearMotionOutputBit(n) => {
+                sink.action(digital(*n, 0)?, line);
+                Ok(())
+            }
+            Canon::SetAuxOutputBit(n) => self.exclusive(Kind::Switch, "M64", &[digital(*n, 1)?], 0, line, sink),
+            Canon::ClearAuxOutputBit(n) => self.exclusive(Kind::Switch, "M65", &[digital(*n, 0)?], 0, line, sink),
+            Canon::Dwell(seconds) => {
+                let periods = (seconds / self.machine.period_s()).ceil().clamp(0.0, f64::from(u32::MAX)) as u32;
+                self.exclusive(Kind::Dwell, "G4", &[], periods, line, sink)
+            }
+            Canon::ProgramStop => self.exclusive(Kind::ProgramStop, "M0", &[], 0, line, sink),
+            // the switch for optional stops is off; no pallet to move
+            Canon::OptionalProgramStop | Canon::PalletShuttle => Ok(()),
+            Canon::SetSpindleMode(css) if *css > 0.0 => Err(Untrackable::NotSupported("constant surface speed (G96)")),
+            // nothing of these moves or switches anything on this machine
+            Canon::OnReset
+            | Canon::Finish
+            | Canon::SelectPlane(_)
+            | Canon::SetFeedReference
+            | Canon::SetNaivecamTolerance(_)
+            | Canon::SetSpindleMode(_)
+            | Canon::StartChange
+            | Canon::ChangeToolNumber(_)
+            | Canon::EnableFeedOverride
+            | Canon::DisableFeedOverride
+            | Canon::EnableSpeedOverride
+            | Canon::DisableSpeedOverride
+            | Canon::EnableAdaptiveFeed
+            | Canon::DisableAdaptiveFeed
+            | Canon::EnableFeedHold
+            | Canon::DisableFeedHold
+            | Canon::Comment(_)
+            | Canon::Note(_)
+            | Canon::ProgramEnd => Ok(()),
+            // `run` has these; a new canonical function is one that the compiler asks for here
+            Canon::StraightTraverse(_)
+            | Canon::StraightFeed(_)
+            | Canon::ArcFeed(_)
+            | Canon::UseLengthUnits(_)
+            | Canon::SetG5xOffset { .. }
+            | Canon::SetG92Offset(_)
+            | Canon::UseToolLengthOffset(_)
+            | Canon::SetXyRotation(_)
+            | Canon::SetFeedMode(_)
+            | Canon::SetFeedRate(_)
+            | Canon::SetMotionControlMode(_)
+            | Canon::Message(_)
+            | Canon::Print(_) => Ok(()),
+        }
+    }
+
+    /// Switches one output, in passing or at rest, as the machine file has it for `code`.
+    fn switch<const A: usize>(
+        &self,
+        code: &'static str,
+        channel: u8,
+        value: i32,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        let change = Change { channel, value };
+        match self.machine.switching.of(code) {
+            (Class::Synchronous, _) => {
+                sink.action(change, line);
+                Ok(())
+            }
+            (Class::Exclusive, periods) => self.exclusive(Kind::Switch, code, &[change], periods, line, sink),
+        }
+    }
+
+    fn exclusive<const A: usize>(
+        &self,
+        kind: Kind,
+        code: &'static str,
+        changes: &[Change],
+        periods: u32,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        let one_way = code == "M6";
+        Ok(sink.exclusive(Switch { line, kind, code, changes, periods, one_way })?)
+    }
+}
+
+fn digital(number: i32, value: i32) -> Result<Change, Untrackable> {
+    match u8::try_from(number) {
+        Ok(n) if usize::from(n) < channel::DIGITAL => Ok(Change { channel: n, value }),
+        _ => Err(Untrackable::NoSuchOutput(number)),
+    }
+}
