@@ -1,32 +1,171 @@
-//! Degrees and radians with π to more than double precision.
+//! Degrees and radians with the precision of 80-bit arithmetic, in which the peer interpreter calculates them.
 //!
-//! Invariant: a result is the nearest `f64` but for rare ties, as with the 80-bit arithmetic of the peer interpreter.
+//! Invariant: an angle in radians is a sum of two `f64`, rounded to 64 bits of mantissa. Sine and cosine of whole right angles come
+//! out as the peer has them, to the sign of what is left of zero.
 
-/// What π lacks beyond its `f64`.
-const PI_LOW: f64 = 1.224_646_799_147_353_2e-16;
+use std::f64::consts::PI;
 
-/// Radians of an angle in degrees.
-pub(crate) fn to_radians(degrees: f64) -> f64 {
-    let high = degrees * std::f64::consts::PI;
-    let low = degrees.mul_add(std::f64::consts::PI, -high) + degrees * PI_LOW;
-    let quotient = (high + low) / 180.0;
-    let rest = (-quotient).mul_add(180.0, high) + low;
-    quotient + rest / 180.0
+/// What π, rounded to 64 bits, has beyond its `f64`.
+const PI_LOW: f64 = 1.225_148_454_908_62e-16;
+
+/// The units in the last place of an 80-bit number in one of an `f64`: 2¹¹.
+const FINER: f64 = 2048.0;
+
+/// A value of 64 bits of mantissa as a sum.
+#[derive(Clone, Copy)]
+struct Extended {
+    high: f64,
+    low: f64,
+}
+
+impl Extended {
+    /// The sum of a value and a much smaller one, rounded.
+    fn sum(high: f64, low: f64) -> Extended {
+        let sum = high + low;
+        let rest = low - (sum - high);
+        let place = (f64::from_bits(sum.to_bits() + 1) - sum).abs() / FINER;
+        let low = if place > 0.0 { (rest / place).round_ties_even() * place } else { rest };
+        Extended { high: sum, low }
+    }
+
+    /// The sum of a value and a much smaller one, with all of it that two `f64` hold.
+    fn of(high: f64, low: f64) -> Extended {
+        let sum = high + low;
+        Extended { high: sum, low: low - (sum - high) }
+    }
+
+    fn negative(self) -> Extended {
+        Extended { high: -self.high, low: -self.low }
+    }
+
+    fn times_pi(factor: f64) -> Extended {
+        let high = factor * PI;
+        Extended::sum(high, factor.mul_add(PI, -high) + factor * PI_LOW)
+    }
+
+    fn over(self, divisor: f64) -> Extended {
+        let quotient = self.high / divisor;
+        let rest = (-quotient).mul_add(divisor, self.high) + self.low;
+        Extended::sum(quotient, rest / divisor)
+    }
+}
+
+fn radians(degrees: f64) -> Extended {
+    Extended::times_pi(degrees).over(180.0)
+}
+
+/// Half a right angle and the rest of it: π/2 as three parts, of which a small multiple of the first two is exact.
+const QUARTER: [f64; 3] = [1.570_796_326_734_125_6, 6.077_100_506_303_966e-11, 2.022_266_248_795_950_6e-21];
+
+/// Angles up to this many quarter turns are reduced exactly.
+const MOST_QUARTERS: f64 = 1e6;
+
+/// The quarter turn that an angle is nearest to, and how far it is from there: at most π/4.
+fn reduced(angle: Extended) -> (i64, Extended) {
+    let quarters = (angle.high / QUARTER[0]).round();
+    let near = (angle.high - quarters * QUARTER[0]) - quarters * QUARTER[1];
+    let lost = ((angle.high - quarters * QUARTER[0]) - near) - quarters * QUARTER[1];
+    let low = angle.low + lost - quarters * QUARTER[2];
+    (quarters as i64, Extended::of(near, low))
+}
+
+/// Taylor coefficients of the sine from the third power on.
+const SINE: [f64; 9] = [
+    -1.0 / 6.0,
+    1.0 / 120.0,
+    -1.0 / 5_040.0,
+    1.0 / 362_880.0,
+    -1.0 / 39_916_800.0,
+    1.0 / 6_227_020_800.0,
+    -1.0 / 1_307_674_368_000.0,
+    1.0 / 355_687_428_096_000.0,
+    -1.0 / 121_645_100_408_832_000.0,
+];
+
+/// Taylor coefficients of the cosine from the fourth power on.
+const COSINE: [f64; 8] = [
+    1.0 / 24.0,
+    -1.0 / 720.0,
+    1.0 / 40_320.0,
+    -1.0 / 3_628_800.0,
+    1.0 / 479_001_600.0,
+    -1.0 / 87_178_291_200.0,
+    1.0 / 20_922_789_888_000.0,
+    -1.0 / 6_402_373_705_728_000.0,
+];
+
+fn series(coefficients: &[f64], z: f64) -> f64 {
+    coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * z + coefficient)
+}
+
+/// Sine within an eighth of a turn of zero: the angle, and a small correction to it.
+fn small_sine(Extended { high: x, low }: Extended) -> Extended {
+    let z = x * x;
+    Extended::of(x, x * z * series(&SINE, z) + low * (1.0 - z / 2.0))
+}
+
+/// Cosine within an eighth of a turn of zero: one less half the square, and a small correction to it.
+fn small_cosine(Extended { high: x, low }: Extended) -> Extended {
+    let z = x * x;
+    let z_low = x.mul_add(x, -z);
+    let most = 1.0 - z / 2.0;
+    let lost = (1.0 - most) - z / 2.0;
+    Extended::of(most, lost - z_low / 2.0 - x * low + z * z * series(&COSINE, z))
+}
+
+/// Sine and cosine of an angle in degrees.
+fn sine_and_cosine(degrees: f64) -> (Extended, Extended) {
+    let angle = radians(degrees);
+    if angle.high.abs() > MOST_QUARTERS {
+        return (Extended::of(angle.high.sin(), 0.0), Extended::of(angle.high.cos(), 0.0));
+    }
+    let (quarter, rest) = reduced(angle);
+    let (sine, cosine) = (small_sine(rest), small_cosine(rest));
+    match quarter.rem_euclid(4) {
+        0 => (sine, cosine),
+        1 => (cosine, sine.negative()),
+        2 => (sine.negative(), cosine.negative()),
+        _ => (cosine.negative(), sine),
+    }
+}
+
+/// The sine of an angle in degrees.
+pub(crate) fn sine(degrees: f64) -> f64 {
+    if degrees == 0.0 { degrees } else { sine_and_cosine(degrees).0.high }
+}
+
+/// The cosine of an angle in degrees.
+pub(crate) fn cosine(degrees: f64) -> f64 {
+    sine_and_cosine(degrees).1.high
+}
+
+/// The tangent of an angle in degrees.
+pub(crate) fn tangent(degrees: f64) -> f64 {
+    if degrees == 0.0 {
+        return degrees;
+    }
+    let (sine, cosine) = sine_and_cosine(degrees);
+    let quotient = sine.high / cosine.high;
+    let rest = (-quotient).mul_add(cosine.high, sine.high) + sine.low - quotient * cosine.low;
+    quotient + rest / cosine.high
 }
 
 /// Degrees of an angle in radians.
 pub(crate) fn to_degrees(radians: f64) -> f64 {
-    let high = radians * 180.0;
-    let low = radians.mul_add(180.0, -high);
-    let quotient = high / std::f64::consts::PI;
-    let rest = (-quotient).mul_add(std::f64::consts::PI, high) + (low - quotient * PI_LOW);
-    quotient + rest / std::f64::consts::PI
+    if radians == 0.0 {
+        return radians;
+    }
+    // The product is an `f64` in the peer too; only the division is finer.
+    let product = radians * 180.0;
+    let quotient = product / PI;
+    let rest = (-quotient).mul_add(PI, product) - quotient * PI_LOW;
+    quotient + rest / PI
 }
 
 /// Turns a point about the origin by an angle in degrees, counter-clockwise.
 pub(crate) fn rotate(x: f64, y: f64, degrees: f64) -> (f64, f64) {
     // One factor in plain `f64` here, as the peer has it.
-    let radians = degrees * (std::f64::consts::PI / 180.0);
+    let radians = degrees * (PI / 180.0);
     let (sine, cosine) = (radians.sin(), radians.cos());
     (x * cosine - y * sine, x * sine + y * cosine)
 }
@@ -34,13 +173,32 @@ pub(crate) fn rotate(x: f64, y: f64, degrees: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
-    fn quarter_turns_are_exact_in_degrees() {
+    fn whole_angles_are_exact() {
         assert_eq!(to_degrees(1.0_f64.atan2(1.0)), 45.0);
         assert_eq!(to_degrees(1.0_f64.atan2(0.0)), 90.0);
-        assert_eq!(to_radians(180.0), std::f64::consts::PI);
-        assert_eq!(to_radians(30.0).sin(), 0.5);
+        assert_eq!((sine(30.0), sine(150.0), cosine(60.0), cosine(-240.0)), (0.5, 0.5, 0.5, -0.5));
+        assert_eq!((sine(90.0), cosine(180.0), tangent(45.0), tangent(-225.0)), (1.0, -1.0, 1.0, -1.0));
+    }
+
+    /// What 80-bit arithmetic leaves of a zero: −2.5·10⁻²⁰ at 90°, printed by the peer as a tangent of −39867976298117103616.
+    #[test]
+    fn the_rest_of_zero_is_that_of_80_bits() {
+        assert!((tangent(90.0) / -39_867_976_298_117_103_616.0 - 1.0).abs() < 1e-9, "{}", tangent(90.0));
+        assert!(cosine(-90.0) < 0.0);
+        assert!(sine(-0.0).is_sign_negative() && tangent(-0.0).is_sign_negative());
+    }
+
+    proptest! {
+        #[test]
+        fn sine_and_cosine_are_those_of_the_standard_library(degrees in -1e5..1e5_f64) {
+            let plain = degrees.to_radians();
+            let margin = 1e-15 + plain.abs() * f64::EPSILON;
+            prop_assert!((sine(degrees) - plain.sin()).abs() <= margin);
+            prop_assert!((cosine(degrees) - plain.cos()).abs() <= margin);
+        }
     }
 
     #[test]

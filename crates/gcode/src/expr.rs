@@ -399,19 +399,21 @@ fn apply(function: Function, x: f64, op: Op) -> Outcome<f64> {
         return fault(Code::OutOfDomain, op.span(), format!("{function:?} has no value at {x}"));
     }
     Ok(match function {
-        Function::Abs => x.abs(),
+        // A negative zero stays one, as in the peer.
+        Function::Abs if x < 0.0 => -x,
+        Function::Abs => x,
         Function::Acos => angle::to_degrees(x.acos()),
         Function::Asin => angle::to_degrees(x.asin()),
-        Function::Cos => angle::to_radians(x).cos(),
+        Function::Cos => angle::cosine(x),
         Function::Exp => x.exp(),
         Function::Fix => x.floor(),
         Function::Fup => x.ceil(),
         Function::Ln => x.ln(),
         // Half away from zero, by truncation after adding a half; zero has no sign.
         Function::Round => (x + 0.5_f64.copysign(x)).trunc() + 0.0,
-        Function::Sin => angle::to_radians(x).sin(),
+        Function::Sin => angle::sine(x),
         Function::Sqrt => x.sqrt(),
-        Function::Tan => angle::to_radians(x).tan(),
+        Function::Tan => angle::tangent(x),
     })
 }
 
