@@ -64,7 +64,7 @@ pub struct Reading {
 pub struct Run {
     #[command(flatten)]
     pub reading: Reading,
-    /// `sim`, the simulated card in this process; or a serial port, PATH[@BAUD].
+    /// `sim`, the simulated card in this process; or a serial port, as in `/dev/ttyUSB0@230400`.
     #[arg(long, default_value = "sim", value_name = "CARD")]
     pub card: String,
     /// Machine file; a three-axis machine is built in.
@@ -111,7 +111,7 @@ pub struct Check {
 pub struct Canon {
     #[command(flatten)]
     pub reading: Reading,
-    /// Machine configuration: its [RS274NGC] part is used.
+    /// Machine configuration: its `RS274NGC` part is used.
     #[arg(long, value_name = "FILE.ini")]
     pub ini: Option<PathBuf>,
 }

@@ -222,34 +222,78 @@ mod tests {
     }
 
     #[test]
-    fn rapid_retrace_keeps_every_cap_and_gets_faster_where_it_may() {
-        let mut road = strip(0, 3000, &[0, 3000]);
-        road.slow = (1000..1010).collect();
-        let (mut drive, mut at, mut periods) = (drive(8, 6), Place::start_of(3000), 0);
-        while at != Place::start_of(0) {
-            let to = drive.step(at, -8 * ONE, &road).to;
-            let rate = to.to(at);
-            for n in to.record..at.boundary_ahead() {
-                assert!(rate <= i64::from(road.cap(n).get()) << 28, "record {n} at rate {rate}");
-            }
-            (at, periods) = (to, periods + 1);
+    fn from_a_planned_stop_the_rate_jumps_as_far_as_the_road_allows() {
+        let first = |high: u32, rests: &[u32], target: Travel| {
+            let mut drive = drive(8, 6);
+            let step = drive.step(Place::start_of(0), target, &strip(0, high, rests));
+            assert_eq!(drive.at_rest(), step.to == Place::start_of(0));
+            (Place::start_of(0).to(step.to), step.short)
+        };
+        // the lead at rate one is six records, and the commanded place goes on by one
+        assert_eq!(first(100, &[0], ONE), (ONE, false));
+        assert_eq!(first(7, &[0], ONE), (ONE, false));
+        assert_eq!(first(5, &[0], ONE), (5 * ONE / 7, true));
+        assert_eq!(first(5, &[0, 5], ONE), (ONE, false));
+        assert_eq!(first(100, &[0], ONE / 3), (ONE / 3, false));
+        assert_eq!(first(0, &[0], ONE), (0, true));
+        // anywhere else it follows the law
+        let law = first(100, &[], ONE).0;
+        assert_eq!(law, ONE / 48);
+    }
+
+    #[test]
+    fn standing_behind_a_planned_stop_but_not_on_it_the_rate_follows_the_law() {
+        let road = strip(0, 100, &[0]);
+        let mut drive = drive(8, 6);
+        let mut at = drive.step(Place::start_of(0), ONE / 9, &road).to;
+        while !drive.at_rest() {
+            at = drive.step(at, 0, &road).to;
         }
-        assert!(periods < 3000 / 5, "{periods}");
+        assert!(at.record == 0 && at.fraction != 0);
+        let to = drive.step(at, ONE, &road).to;
+        assert_eq!(at.to(to), ONE / 48);
+    }
+
+    #[test]
+    fn rapid_retrace_keeps_every_cap_and_gets_faster_where_it_may() {
+        for sign in [1, -1] {
+            let mut road = strip(0, 3000, &[0, 3000]);
+            road.slow = (1000..1010).collect();
+            let (from, end) = if sign > 0 { (0, 3000) } else { (3000, 0) };
+            let (mut drive, mut at, mut periods) = (drive(8, 6), Place::start_of(from), 0);
+            while at != Place::start_of(end) {
+                let to = drive.step(at, sign * 20 * ONE, &road).to;
+                within_caps(at, to, &road);
+                (at, periods) = (to, periods + 1);
+            }
+            assert!((3000 / 8..3000 / 5).contains(&periods), "{periods}");
+        }
+    }
+
+    /// No record that the cursor passes is passed faster than its cap.
+    fn within_caps(at: Place, to: Place, road: &Strip) {
+        let rate = at.to(to).abs();
+        let (low, high) = if at.to(to) > 0 { (at, to) } else { (to, at) };
+        let mut n = low.record;
+        while n != high.boundary_ahead() {
+            assert!(rate <= i64::from(road.cap(n).get()) << 28 || rate <= ONE, "record {n} at rate {rate}");
+            n = n.wrapping_add(1);
+        }
     }
 
     /// What a host may do between two periods.
     #[derive(Debug, Clone)]
     enum Deed {
-        Extend(u32, bool),
-        ExtendBack(u32, bool),
+        Extend(u32, bool, bool),
+        ExtendBack(u32, bool, bool),
         Run(i64, u32),
     }
 
     fn deeds() -> impl Strategy<Value = Vec<Deed>> {
         let rate = prop_oneof![Just(ONE), Just(-ONE), Just(0), Just(ONE / 3), -8 * ONE..8 * ONE];
         let deed = prop_oneof![
-            (0u32..12, any::<bool>()).prop_map(|(n, r)| Deed::Extend(n, r)),
-            (0u32..12, any::<bool>()).prop_map(|(n, r)| Deed::ExtendBack(n, r)),
+            (0u32..40, any::<bool>(), any::<bool>()).prop_map(|(n, r, slow)| Deed::Extend(n, r, slow)),
+            (0u32..40, any::<bool>(), any::<bool>()).prop_map(|(n, r, slow)| Deed::ExtendBack(n, r, slow)),
             (rate, 1u32..40).prop_map(|(r, n)| Deed::Run(r, n)),
         ];
         prop::collection::vec(deed, 1..80)
@@ -257,7 +301,8 @@ mod tests {
 
     proptest! {
         /// Whatever is asked when, and however the road grows: the cursor never leaves the road, never moves against the sign of
-        /// what is asked unless it is braking, and with a target held comes to rest exactly on the end of the road.
+        /// what is asked unless it is braking, passes no record faster than its cap, and with a target held comes to rest exactly on
+        /// the end of the road.
         #[test]
         fn never_leaves_the_road_and_rests_on_its_end(
             first in 1u16..16, half in 1u16..8, start in any::<u32>(), deeds in deeds(), forward in any::<bool>(),
@@ -272,17 +317,20 @@ mod tests {
                     assert!(Place::start_of(road.low).to(step.to) >= 0, "below the road");
                     assert!(step.to.to(Place::start_of(road.high)) >= 0, "beyond the road");
                     assert!(at.to(step.to).abs() <= 8 * ONE);
+                    within_caps(*at, step.to, road);
                     *at = step.to;
                 }
             };
             for deed in deeds {
                 match deed {
-                    Deed::Extend(n, rest) => {
+                    Deed::Extend(n, rest, slow) => {
+                        if slow && n > 0 { road.slow.push(road.high); }
                         road.high = road.high.wrapping_add(n);
                         if rest && n > 0 { road.rests.push(road.high); }
                     }
-                    Deed::ExtendBack(n, rest) => {
+                    Deed::ExtendBack(n, rest, slow) => {
                         road.low = road.low.wrapping_sub(n);
+                        if slow && n > 0 { road.slow.push(road.low); }
                         if rest && n > 0 { road.rests.push(road.low); }
                     }
                     Deed::Run(rate, n) => run(&mut drive, &mut at, &road, rate, n),

@@ -77,6 +77,18 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    #[test]
+    fn only_the_instruction_that_was_sent_is_acknowledged() {
+        let mut gates = Gates::default();
+        assert!(gates.take(7, 3) && !gates.take(8, 4));
+        assert_eq!(gates.acknowledge(7), None);
+        gates.sent();
+        assert_eq!(gates.acknowledge(6), None);
+        assert!(!gates.b_open(3) && gates.b_open(2) && !gates.a_open());
+        assert_eq!(gates.acknowledge(7), Some(7));
+        assert!(gates.b_open(3) && gates.a_open());
+    }
+
     proptest! {
         /// A card that plays records, stands, executes and reports late: in its own time line no record stands on the wrong side
         /// of an instruction, and the run comes to its end.

@@ -301,8 +301,9 @@ mod tests {
             operation.order(order).expect("always");
             operation.order(Order::Hold).expect("always");
             let wheel = Facts { wheel: ONE, ..facts(50, 100, true) };
-            assert_eq!(operation.demand(&wheel).target, 0);
+            assert_eq!((operation.demand(&wheel).target, operation.held()), (0, true));
             operation.order(Order::Resume).expect("held");
+            assert!(!operation.held());
             assert_ne!(operation.demand(&wheel).target, 0);
         }
         assert_eq!(operation.order(Order::Reverse(0)), Err(Refused::NoRate));

@@ -1,1 +1,2 @@
 //! Skeleton: the serial backend comes with the wire protocol; nothing is exported yet.
+#![forbid(unsafe_code)]
