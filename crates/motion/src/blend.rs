@@ -282,7 +282,8 @@ impl<const A: usize> Blender<A> {
         if done == 0 {
             return;
         }
-        let mut sum = Sum::of(self.corners[..self.decided].iter().map(|c| &c.corner), 0.0);
+        let mut sum = self.sum_at(0.0);
+        let (mut anchor, mut largest) = (0.0, sum.size());
         let mut events = self.events.iter().peekable();
         for (segment, start, joint) in self.segments.range(..done) {
             let end = start + segment.length;
@@ -291,9 +292,16 @@ impl<const A: usize> Blender<A> {
                 // All that jumps here, within rounding.
                 while let Some(event) = events.next_if(|event| event.s <= sum.s + SLIVER) {
                     sum.jump(event);
+                    largest = larger(largest, sum.size());
                 }
                 let next = events.peek().map_or(end, |event| event.s.min(end));
                 let next = if next > end - SLIVER { end } else { next };
+                if rounding(largest, next - anchor) > ROUNDING {
+                    let s = sum.s;
+                    sum = self.sum_at(s + SLIVER);
+                    sum.advance(s);
+                    (anchor, largest) = (s, sum.size());
+                }
                 let curve = segment.curve.corrected(sum.s - start, &sum.cubic());
                 out.push((Piece::new(curve, next - sum.s, segment.feed, segment.tag), entry));
                 entry = Joint::SMOOTH;
@@ -304,6 +312,14 @@ impl<const A: usize> Blender<A> {
             }
         }
         self.forget(done, sum.s);
+    }
+
+    /// The sum of the decided corrections at place `s`, from each of them anew.
+    fn sum_at(&self, s: f64) -> Sum<A> {
+        let decided = &self.corners[..self.decided];
+        let from = decided.partition_point(|c| c.corner.s < s - self.reach);
+        let near = decided[from..].iter().take_while(|c| c.corner.s <= s + self.reach);
+        Sum::of(near.map(|c| &c.corner), s)
     }
 
     /// The first `done` segments, which end at place `s`, are handed on.
@@ -336,6 +352,18 @@ impl<const A: usize> Blender<A> {
 
 /// Pieces shorter than this, in mm, are not made.
 const SLIVER: f64 = 1e-9;
+
+/// Rounding in mm that a running sum of corrections may gather before it is summed up anew.
+const ROUNDING: f64 = 2e-15;
+
+/// What rounding of the given second and third derivatives grows to over `length`.
+fn rounding((second, third): (f64, f64), length: f64) -> f64 {
+    f64::EPSILON * length * length * (0.5 * second + length * third / 6.0)
+}
+
+fn larger(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
+    (a.0.max(b.0), a.1.max(b.1))
+}
 
 /// Size of a vector in the linear axes.
 pub(crate) fn linear(vector: &[f64]) -> f64 {

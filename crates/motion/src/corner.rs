@@ -103,6 +103,12 @@ impl<const A: usize> Sum<A> {
         self.advance(s);
     }
 
+    /// The largest second and third derivative of all axes here.
+    pub(crate) fn size(&self) -> (f64, f64) {
+        let largest = |of: &[f64; A]| of.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        (largest(&self.all[2]), largest(&self.all[3]))
+    }
+
     /// As a cubic from here on.
     pub(crate) fn cubic(&self) -> Cubic<A> {
         let [value, first, second, third] = self.all;

@@ -51,6 +51,8 @@ pub(crate) struct Emitter<const A: usize> {
     phase_start: State,
     phase_time: f64,
     counts: [i64; A],
+    /// What the plan may ask of each axis: velocity, acceleration, jerk.
+    most: Derivatives<A>,
     point: SetPoint<A>,
     /// What the record in the making has met: bounds of its pieces, largest jerk, rough joints.
     met: Met<A>,
@@ -81,6 +83,7 @@ const LATE: f64 = 1e-6;
 
 impl<const A: usize> Emitter<A> {
     pub(crate) fn new(limits: Limits<A>, start: [f64; A]) -> Self {
+        let planned = limits.planned();
         let rest = SetPoint { position_mm: start, velocity_mm_s: 0.0, acceleration_mm_s2: 0.0, jerk_mm_s3: 0.0 };
         Self {
             limits,
@@ -93,6 +96,7 @@ impl<const A: usize> Emitter<A> {
             phase_start: State::default(),
             phase_time: 0.0,
             counts: counts_of(&start, &limits.pulses_per_mm),
+            most: Derivatives { first: planned.v, second: planned.a, third: planned.j },
             point: rest,
             met: Met::NOTHING,
         }
@@ -235,31 +239,57 @@ impl<const A: usize> Emitter<A> {
         if self.met.rough {
             return RapidCap::PLANNED;
         }
-        let alpha = self.limits.alpha();
         let larger = |of: fn(&SetPoint<A>) -> f64| of(before).abs().max(of(&self.point).abs());
         let (v, a, j) = (larger(|p| p.velocity_mm_s), larger(|p| p.acceleration_mm_s2), self.met.jerk);
         let bounds = &self.met.bounds;
-        let mut rate = 8.0f64;
+        let Derivatives { first: most_v, second: most_a, third: most_j } = &self.most;
+        // How often the axis limits hold what the axes do: velocity, acceleration and jerk.
+        let mut spare = [512.0f64; 3];
         for i in 0..A {
             let (one, two, three) = (bounds.first[i], bounds.second[i], bounds.third[i]);
-            let (axis_v, axis_a) = (one * v, one * a + two * v * v);
+            let axis_a = one * a + two * v * v;
             let axis_j = one * j + 3.0 * two * v * a + three * v * v * v;
-            let (most_a, most_j) = (alpha * self.limits.acceleration_mm_s2[i], alpha * self.limits.jerk_mm_s3[i]);
-            if rate * axis_v > self.limits.velocity_mm_s[i] {
-                rate = self.limits.velocity_mm_s[i] / axis_v;
-            }
-            if rate * rate * axis_a > most_a {
-                rate = (most_a / axis_a).sqrt();
-            }
-            if rate * rate * rate * axis_j > most_j {
-                rate = (most_j / axis_j).cbrt();
-            }
+            let times = |most: f64, used: f64| if used * 512.0 > most { most / used } else { 512.0 };
+            spare = [
+                spare[0].min(times(most_v[i], one * v)),
+                spare[1].min(times(most_a[i], axis_a)),
+                spare[2].min(times(most_j[i], axis_j)),
+            ];
         }
-        RapidCap::sixteenths((rate * 15.99).max(16.0) as u8)
+        let least = RapidCap::PLANNED.get() + 1;
+        let rate = f64::from(least) / f64::from(RapidCap::PLANNED.get());
+        if spare[0] < rate || spare[1] < rate * rate || spare[2] < rate * rate * rate {
+            return RapidCap::PLANNED;
+        }
+        let rate = spare[0].min(spare[1].sqrt()).min(spare[2].cbrt()).min(8.0);
+        RapidCap::sixteenths((rate * 16.0 * (1.0 - 1e-9)) as u8)
     }
 }
 
 /// Positions in whole pulses, rounded half away from zero.
 pub(crate) fn counts_of<const A: usize>(position_mm: &[f64; A], pulses_per_mm: &[f64; A]) -> [i64; A] {
-    std::array::from_fn(|i| (position_mm[i] * pulses_per_mm[i]).round() as i64)
+    std::array::from_fn(|i| {
+        let pulses = position_mm[i] * pulses_per_mm[i];
+        let whole = pulses as i64;
+        // Exact, as the rest of a truncation is; and quicker than a call of `round`.
+        let rest = pulses - whole as f64;
+        whole + i64::from(rest >= 0.5) - i64::from(rest <= -0.5)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn counts_are_rounded_half_away_from_zero(x in -1e7..1e7f64, halves in -100_000i64..100_000) {
+            prop_assert_eq!(counts_of(&[x], &[1000.0])[0], (x * 1000.0).round() as i64);
+            let half = halves as f64 + 0.5;
+            for x in [half, half.next_up(), half.next_down()] {
+                prop_assert_eq!(counts_of(&[x], &[1.0])[0], x.round() as i64);
+            }
+        }
+    }
 }

@@ -41,12 +41,15 @@ fn rough<const A: usize>(
     axes: &AxisLimits<A>,
 ) -> Joint {
     let shortest = last.length.min(next.length);
-    // Share of the jerk that the jumps take at speed v. Within three periods there may be several joints.
+    // Share of the jerk, or of the acceleration, that the jumps take at speed v, seen over a period. Within three periods there
+    // may be several joints.
     let taken = |v: f64| {
         let crowd = 2.0 * (1.0 + 3.0 * v * axes.period / shortest);
         (0..A).fold(0.0f64, |most, i| {
             let (dv, da) = (v * turn[i].abs(), v * v * bend[i].abs());
-            most.max(crowd * (dv / axes.period + 0.75 * da) / (axes.period * axes.j[i]))
+            let of_jerk = (dv / axes.period + 0.75 * da) / (axes.period * axes.j[i]);
+            let of_acceleration = dv / (axes.period * axes.a[i]);
+            most.max(crowd * of_jerk.max(of_acceleration))
         })
     };
     let full = last.feed.min(next.feed).min(axes.path_v);

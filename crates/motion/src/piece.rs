@@ -120,10 +120,10 @@ impl<const A: usize> Piece<A> {
     }
 }
 
-/// Acceleration of axis `i` that is left to a piece whose joints get `share` of the jerk: seen over one period, a joint may
-/// add what that jerk does in it.
+/// Acceleration of axis `i` that is left to a piece whose joints get `share` of acceleration and jerk: seen over one period, a
+/// joint adds no more than that share, nor more than the share of the jerk does in the period.
 fn a_left<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
-    axes.a[i] - share * axes.j[i] * axes.period
+    axes.a[i] - share * axes.a[i].min(axes.j[i] * axes.period)
 }
 
 /// Jerk of axis `i` that is left to a piece whose joints get `share` of it.

@@ -40,7 +40,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
+    #![proptest_config(ProptestConfig::with_cases(300))]
 
     /// Long chains of short lines, some nearly straight, some rough: re-planned and cut many times.
     #[test]
@@ -68,6 +68,33 @@ proptest! {
             prop_assert!(false, "{}", broken);
         }
         prop_assert_eq!(play(limits, &moves, usize::MAX), run);
+    }
+
+    /// Other machines: slow and fast, axes unlike each other, long and short periods, coarse and fine pulses.
+    #[test]
+    fn any_machine_keeps_its_limits(
+        steps in prop::collection::vec(step(), 1..30), mode in mode(),
+        v in [0.5..2.5f64, 0.5..2.5f64, 0.5..2.5f64], a in [1.0..4.0f64, 1.0..4.0f64, 1.0..4.0f64],
+        j in [2.0..6.0f64, 2.0..6.0f64, 2.0..6.0f64], ppm in 1.0..3.3f64, path in 0.7..3.0f64, period_s in 2e-4..4e-3f64,
+        reserve in 0.0..0.5f64,
+    ) {
+        let power = |x: [f64; 3]| x.map(|x| 10f64.powf(x));
+        let limits = Limits {
+            velocity_mm_s: power(v),
+            acceleration_mm_s2: power(a),
+            jerk_mm_s3: power(j),
+            pulses_per_mm: power([ppm, ppm, ppm - 0.3]),
+            path_velocity_mm_s: 10f64.powf(path),
+            reserve,
+            period_s,
+        };
+        prop_assume!(limits.validate().is_ok());
+        let moves = program(&steps, mode);
+        let run = play(limits, &moves, usize::MAX);
+        let tolerance = if let PathMode::Blend { tolerance_mm } = mode { tolerance_mm } else { 0.0 };
+        if let Err(broken) = judge(&limits, &moves, &run, tolerance, 40) {
+            prop_assert!(false, "{}", broken);
+        }
     }
 
     /// Exact and blended moves in turn: the exact ones are exact.

@@ -225,14 +225,14 @@ pub fn judge(limits: &Limits<3>, moves: &[Move], run: &Run, tolerance: f64, reac
 /// One move of a random program, relative to where it starts and to the direction before it.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
-    kind: u8,
+    pub kind: u8,
     /// Logarithm of the length in mm.
-    size: f64,
-    turn: f64,
-    bend: f64,
-    rise: f64,
-    feed: f64,
-    stop: bool,
+    pub size: f64,
+    pub turn: f64,
+    pub bend: f64,
+    pub rise: f64,
+    pub feed: f64,
+    pub stop: bool,
 }
 
 pub fn step() -> impl Strategy<Value = Step> {
