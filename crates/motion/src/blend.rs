@@ -170,7 +170,7 @@ impl<const A: usize> Blender<A> {
                 if off <= tolerance {
                     break;
                 }
-                h *= (0.98 * (tolerance / off).sqrt()).max(0.3);
+                h *= (0.95 * (tolerance / off).sqrt()).max(0.3);
             }
             self.corners[k].corner.h = h;
         }
@@ -225,7 +225,7 @@ impl<const A: usize> Blender<A> {
                     .iter()
                     .take_while(|(from, ..)| *from < corner.s + corner.h)
                     .fold(1.0f64, |worst, &(_, _, factor)| worst.max(factor));
-                corner.h *= if worst > 1.0 { (0.98 / worst.sqrt()).max(0.3) } else { 1.0 };
+                corner.h *= if worst > 1.0 { (0.95 / worst.sqrt()).max(0.3) } else { 1.0 };
             }
         }
         self.set_apart(end);
