@@ -4,6 +4,7 @@
 //! the block is carried out. Cleared and filled again, a block allocates nothing once its buffers have grown.
 
 use crate::codes::Code;
+use crate::control::Control;
 use crate::diag::{Outcome, Span, fault};
 use crate::expr::{Environment, Op, evaluate, whole};
 use crate::groups::{GroupG, GroupM, Known, Tenths, group_of_g, group_of_m};
@@ -108,9 +109,9 @@ impl Words {
         letters.iter().any(|letter| self.has(*letter))
     }
 
-    /// Where the word of this letter stands.
+    /// Where the word of this letter stands; the beginning of the line when it does not.
     pub(crate) fn span(&self, letter: u8) -> Span {
-        span(self.at[index(letter)])
+        if self.has(letter) { span(self.at[index(letter)]) } else { Span::default() }
     }
 
     /// The first of these words that is there.
@@ -124,8 +125,9 @@ impl Words {
         (self.g_present & 1 << group as u8 != 0).then(|| self.g[group as usize])
     }
 
+    /// Where the G code of a group stands; the beginning of the line when there is none.
     pub(crate) fn g_span(&self, group: GroupG) -> Span {
-        span(self.g_at[group as usize])
+        self.g(group).map_or_else(Span::default, |_| span(self.g_at[group as usize]))
     }
 
     /// The M code of a group.
@@ -140,8 +142,9 @@ impl Words {
         self.m_present != 0
     }
 
+    /// Where the M code of a group stands; the beginning of the line when there is none.
     pub(crate) fn m_span(&self, group: GroupM) -> Span {
-        span(self.m_at[group as usize])
+        self.m(group).map_or_else(Span::default, |_| span(self.m_at[group as usize]))
     }
 
     /// Notes that the word of this letter is there.
@@ -255,6 +258,8 @@ pub(crate) enum Slot {
     /// Assignment to the numbered parameter whose number the operations leave below the value.
     Numbered,
     Named(NameId),
+    /// Value in brackets of an O word.
+    Argument,
 }
 
 /// A value that is calculated when the block is carried out.
@@ -271,6 +276,8 @@ struct Late {
 pub(crate) enum Assignment {
     Numbered(usize, f64),
     Named(NameId, f64),
+    /// The value of the next argument of an O word.
+    Argument(f64),
 }
 
 /// One compiled line.
@@ -279,6 +286,7 @@ pub(crate) struct Block {
     pub(crate) number: Option<BlockNumber>,
     pub(crate) words: Words,
     pub(crate) remark: Option<Remark>,
+    pub(crate) control: Option<Control>,
     pub(crate) ops: Vec<Op>,
     late: Vec<Late>,
 }
@@ -288,6 +296,7 @@ impl Block {
         self.number = None;
         self.words.clear();
         self.remark = None;
+        self.control = None;
         self.ops.clear();
         self.late.clear();
     }
@@ -323,6 +332,7 @@ impl Block {
                 Slot::M => words.add_m(value, at)?,
                 Slot::Numbered => assignments.push(Assignment::Numbered(assignable(below, at)?, value)),
                 Slot::Named(name) => assignments.push(Assignment::Named(name, value)),
+                Slot::Argument => assignments.push(Assignment::Argument(value)),
             }
         }
         Ok(())

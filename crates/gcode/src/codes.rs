@@ -112,6 +112,13 @@ codes! {
     ToolTableLine "E1702" "tool table not understood" "A line of the tool table has no T word, an unknown word or a bad number." "Write lines such as T1 P1 Z0.5 D0.25 ;comment.";
     ParameterFileLine "E1703" "parameter file not understood" "A line of the parameter file is not a number and a value, or the numbers do not go up." "Write lines such as 5221 0.000000, in rising order.";
 
+    BadControl "E1801" "O word not understood" "The line does not have the form of an O word: label, keyword, values in brackets." "Write lines such as O100 if [#1 GT 0]; by number or by name.";
+    ControlWithoutEnd "E1802" "end of a block of O words missing" "The program ends before the endsub, endif, endwhile, endrepeat or while that belongs to the label." "Add the end, with the same label.";
+    ControlWithoutBegin "E1803" "beginning of a block of O words missing" "An end, else, break, continue or return stands where nothing of its label is open." "Check the label, and the nesting.";
+    NoSuchSub "E1804" "no such subprogram" "The program has no sub of this label; subprograms in other files are not supported yet." "Check the label; put the subprogram into the program.";
+    TooManyCalls "E1805" "calls too deep" "Subprograms call each other more than 10 deep." "Look for a subprogram that calls itself without end.";
+    EndlessProgram "E1806" "program does not come to an end" "After 10 million lines the program was still running; checking has stopped." "Look for a loop without end.";
+
     TextAfterEnd "W1001" "text after the program's end" "Lines after M2, M30 or the closing percent sign are not read." "Remove them if they are not meant to be kept.";
     SpindleWithoutSpeed "W1002" "spindle started without a speed" "M3 or M4 is carried out while the spindle speed is zero." "Give an S word before.";
 }

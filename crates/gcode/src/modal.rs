@@ -122,6 +122,10 @@ pub struct State {
     pub selected_tool: u32,
     /// The tool in the spindle; 0 is none.
     pub current_tool: u32,
+    /// What the last subprogram has returned.
+    pub returned_value: Option<f64>,
+    /// How many calls of subprograms are open.
+    pub call_level: u32,
 }
 
 impl State {
@@ -155,6 +159,8 @@ impl State {
             feed_hold: true,
             selected_tool: 0,
             current_tool: 0,
+            returned_value: None,
+            call_level: 0,
         }
     }
 

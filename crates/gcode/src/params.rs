@@ -33,9 +33,16 @@ pub(crate) const fn system_origin(system: u8) -> usize {
 /// Parameters that a parameter file keeps, each range with both ends.
 const KEPT: [(usize, usize); 6] = [(31, 5000), (5161, 5169), (5181, 5189), (5210, 5219), (5220, 5230), (5241, 5390)];
 
+/// Numbered parameters that belong to a call: its arguments, and what a subprogram keeps for itself.
+const LOCAL: std::ops::RangeInclusive<usize> = 1..=30;
+
 /// The number of a parameter's name in [`Names`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct NameId(u32);
+pub(crate) struct NameId {
+    index: u32,
+    /// Its name begins with an underscore: it is the same in all subprograms.
+    is_global: bool,
+}
 
 /// Every parameter name that a program has used, in lower case and without blanks.
 #[derive(Clone, Debug, Default)]
@@ -58,14 +65,14 @@ impl Names {
         if let Some(id) = self.numbers.get(name.as_str()) {
             return Reference::Named(*id);
         }
-        let id = NameId(self.texts.len() as u32);
+        let id = NameId { index: self.texts.len() as u32, is_global: name.starts_with('_') };
         self.texts.push(name.clone().into());
         self.numbers.insert(name.into(), id);
         Reference::Named(id)
     }
 
     pub(crate) fn text(&self, id: NameId) -> &str {
-        self.texts.get(id.0 as usize).map_or("", |text| text)
+        self.texts.get(id.index as usize).map_or("", |text| text)
     }
 }
 
@@ -73,7 +80,15 @@ impl Names {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameters {
     numbered: Box<[f64]>,
-    named: Vec<Option<f64>>,
+    global: Vec<Option<f64>>,
+    local: Vec<Option<f64>>,
+}
+
+/// The parameters of a caller, put away during a call.
+#[derive(Clone, Debug)]
+pub(crate) struct Frame {
+    numbered: [f64; 30],
+    local: Vec<Option<f64>>,
 }
 
 impl Default for Parameters {
@@ -81,7 +96,7 @@ impl Default for Parameters {
         let mut numbered = vec![0.0; LAST + 1].into_boxed_slice();
         numbered[COORDINATE_SYSTEM] = 1.0;
         numbered[SHOW_DEBUG] = 1.0;
-        Parameters { numbered, named: Vec::new() }
+        Parameters { numbered, global: Vec::new(), local: Vec::new() }
     }
 }
 
@@ -110,15 +125,33 @@ impl Parameters {
     }
 
     pub(crate) fn named(&self, name: NameId) -> Option<f64> {
-        self.named.get(name.0 as usize).copied().flatten()
+        let values = if name.is_global { &self.global } else { &self.local };
+        values.get(name.index as usize).copied().flatten()
     }
 
     pub(crate) fn set_named(&mut self, name: NameId, value: f64) {
-        let index = name.0 as usize;
-        if index >= self.named.len() {
-            self.named.resize(index + 1, None);
+        let values = if name.is_global { &mut self.global } else { &mut self.local };
+        let index = name.index as usize;
+        if index >= values.len() {
+            values.resize(index + 1, None);
         }
-        self.named[index] = Some(value);
+        values[index] = Some(value);
+    }
+
+    /// Puts the caller's own parameters away and gives the called subprogram its arguments; what is not given is 0.
+    pub(crate) fn enter(&mut self, arguments: &[f64]) -> Frame {
+        let mut numbered = [0.0; 30];
+        numbered.copy_from_slice(&self.numbered[LOCAL]);
+        for (index, number) in LOCAL.enumerate() {
+            self.numbered[number] = arguments.get(index).copied().unwrap_or(0.0);
+        }
+        Frame { numbered, local: std::mem::take(&mut self.local) }
+    }
+
+    /// Puts the caller's own parameters back.
+    pub(crate) fn leave(&mut self, frame: Frame) {
+        self.numbered[LOCAL].copy_from_slice(&frame.numbered);
+        self.local = frame.local;
     }
 
     /// Reads a parameter file: lines of a number and a value, in rising order, `#` and `;` begin a comment.

@@ -4,6 +4,7 @@
 
 use crate::block::{Block, BlockNumber, Slot};
 use crate::codes::Code;
+use crate::control;
 use crate::diag::{Outcome, Span, fault};
 use crate::expr::{Compiler, Operand, Reference};
 use crate::lex::Cursor;
@@ -21,6 +22,9 @@ pub(crate) fn parse(text: &[u8], axes: AxisSet, names: &mut Names, block: &mut B
     let mut cursor = Cursor::new(text);
     cursor.eat(b'/');
     block_number(&mut cursor, block)?;
+    if cursor.eat(b'o') {
+        return control::parse(&mut cursor, names, block);
+    }
     loop {
         let letter = cursor.peek();
         let start = cursor.at();
@@ -105,7 +109,7 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
         b'n' => {
             return fault(Code::BadBlockNumber, cursor.since(start), "N stands once, at the beginning of the block");
         }
-        b'o' => return fault(Code::UnsupportedWord, cursor.since(start), "O words are not supported yet"),
+        b'o' => return fault(Code::BadControl, cursor.since(start), "an O word stands at the beginning of its line"),
         _ => {}
     }
     let first_op = block.ops.len();

@@ -1,14 +1,18 @@
 //! A whole program: lines from any reader, percent signs, and its end.
 //!
-//! Invariant: memory does not grow with the program; no more than one line is held, and a line that is too long is not held whole.
+//! Invariant: memory does not grow with the program until it jumps: lines are kept from the first O word on.
 
 use crate::canon::{Canon, Step};
 use crate::codes::Code;
 use crate::diag::{Diagnostic, Fault, Span};
-use crate::interp::{Flow, Interpreter, Setup};
-use crate::parse::LONGEST_LINE;
+use crate::flow::Nesting;
+use crate::interp::{Flow, Interpreter, Setup, Taken};
+use crate::lines::Lines;
 use std::borrow::Cow;
-use std::io::{BufRead, Read as _};
+use std::io::BufRead;
+
+/// Lines after which checking a program with jumps stops.
+const MOST_CHECKED_LINES: u32 = 10_000_000;
 
 /// What became of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,12 +35,12 @@ enum Phase {
 /// A program on its way through the interpreter.
 #[derive(Debug)]
 pub struct Program<R> {
-    input: R,
+    lines: Lines<R>,
     interpreter: Interpreter,
+    nesting: Nesting,
     phase: Phase,
     /// It opened with a percent sign, so it may close with one.
     percent: bool,
-    text: Vec<u8>,
     /// A line that was read to see how the program begins, and is still to be carried out.
     is_held: bool,
 }
@@ -44,8 +48,14 @@ pub struct Program<R> {
 impl<R: BufRead> Program<R> {
     /// A program before its first line.
     pub fn new(input: R, setup: Setup) -> Program<R> {
-        let interpreter = Interpreter::new(setup);
-        Program { input, interpreter, phase: Phase::Opening, percent: false, text: Vec::new(), is_held: false }
+        Program {
+            lines: Lines::new(input),
+            interpreter: Interpreter::new(setup),
+            nesting: Nesting::default(),
+            phase: Phase::Opening,
+            percent: false,
+            is_held: false,
+        }
     }
 
     /// Takes the next line and adds its canonical functions to `steps`; the first call adds those that come before any program, the
@@ -66,24 +76,31 @@ impl<R: BufRead> Program<R> {
         }
         if !std::mem::take(&mut self.is_held) && !self.read_line() {
             let code = if self.percent { Code::NoClosingPercent } else { Code::NoProgramEnd };
-            self.interpreter.report(Fault::plain(code, Span::default()));
+            self.report(Fault::plain(code, Span::default()));
             return self.close(steps);
         }
-        if self.percent && is_percent(&self.text) {
-            self.interpreter.skip_line();
+        if self.percent && is_percent(self.lines.text()) {
             emit(steps, Canon::Finish);
             return self.close(steps);
         }
-        match self.interpreter.line(&self.text, steps) {
-            Ok(Flow::Continue) => Progress::Line,
-            Ok(Flow::ProgramEnd) => {
+        let progress = self.interpreter.take(self.lines.number(), self.lines.text(), steps);
+        let outcome = match progress {
+            Ok(Taken::Done(Flow::Continue)) => return Progress::Line,
+            Ok(Taken::Done(Flow::ProgramEnd)) => {
                 if self.percent && !self.find_closing_percent() {
                     emit(steps, Canon::Note("interpreter: percent sign missing from end of file"));
                 }
-                self.close(steps)
+                return self.close(steps);
             }
-            Err(_) if self.interpreter.has_too_many_errors() => self.close(steps),
-            Err(_) => Progress::Refused,
+            Ok(Taken::Control(control)) => self.nesting.carry_out(&control, &mut self.lines, &mut self.interpreter),
+            Err(fault) => Err(fault),
+        };
+        match outcome {
+            Ok(()) => Progress::Line,
+            Err(fault) => {
+                self.interpreter.report(*fault);
+                if self.interpreter.has_too_many_errors() { self.close(steps) } else { Progress::Refused }
+            }
         }
     }
 
@@ -100,7 +117,7 @@ impl<R: BufRead> Program<R> {
     /// The line last taken.
     #[must_use]
     pub fn line_text(&self) -> Cow<'_, str> {
-        String::from_utf8_lossy(&self.text)
+        String::from_utf8_lossy(self.lines.text())
     }
 
     /// The interpreter, to ask for its state and its diagnostics.
@@ -118,59 +135,45 @@ impl<R: BufRead> Program<R> {
     fn open(&mut self) -> bool {
         loop {
             if !self.read_line() {
-                self.interpreter.report(Fault::plain(Code::EmptyProgram, Span::default()));
+                self.report(Fault::plain(Code::EmptyProgram, Span::default()));
                 return false;
             }
-            if is_percent(&self.text) {
+            if is_percent(self.lines.text()) {
                 self.percent = true;
-                self.interpreter.skip_line();
                 return true;
             }
-            if self.text.iter().any(|byte| !byte.is_ascii_whitespace()) {
+            if self.lines.text().iter().any(|byte| !byte.is_ascii_whitespace()) {
                 self.is_held = true;
                 return true;
             }
-            self.interpreter.skip_line();
         }
     }
 
     fn find_closing_percent(&mut self) -> bool {
         while self.read_line() {
-            if is_percent(&self.text) {
+            if is_percent(self.lines.text()) {
                 return true;
             }
         }
         false
     }
 
-    /// Reads a line without its end; false at the end of the program. Of a line that is too long only so much is kept as shows that.
+    /// Takes the next line; false at the end of the program.
     fn read_line(&mut self) -> bool {
-        match self.try_read_line() {
+        match self.lines.advance() {
             Ok(found) => found,
             Err(error) => {
                 let message = format!("{}: {error}", Code::Unreadable.title());
-                self.interpreter.report(Fault::new(Code::Unreadable, Span::default(), message));
+                self.report(Fault::new(Code::Unreadable, Span::default(), message));
                 false
             }
         }
     }
 
-    fn try_read_line(&mut self) -> std::io::Result<bool> {
-        self.text.clear();
-        // One byte more than the longest line shows that it is too long; two are its end.
-        let most = LONGEST_LINE as u64 + 3;
-        if self.input.by_ref().take(most).read_until(b'\n', &mut self.text)? == 0 {
-            return Ok(false);
-        }
-        if self.text.last() == Some(&b'\n') {
-            self.text.pop();
-            if self.text.last() == Some(&b'\r') {
-                self.text.pop();
-            }
-        } else if self.text.len() as u64 == most {
-            self.input.skip_until(b'\n')?;
-        }
-        Ok(true)
+    /// Notes something about the line last taken.
+    fn report(&mut self, fault: Fault) {
+        self.interpreter.set_line(self.lines.number());
+        self.interpreter.report(fault);
     }
 }
 
@@ -228,23 +231,29 @@ impl<R: BufRead> Iterator for Steps<R> {
 pub fn check(input: impl BufRead, setup: Setup) -> Vec<Diagnostic> {
     let mut program = Program::new(input, setup);
     let mut steps = Vec::new();
+    let mut lines = 0_u32;
     while program.advance(&mut steps) != Progress::End {
         steps.clear();
+        lines += 1;
+        if lines == MOST_CHECKED_LINES && program.nesting.has_jumped() {
+            program.report(Fault::plain(Code::EndlessProgram, Span::default()));
+            return program.interpreter.take_diagnostics();
+        }
     }
     warn_of_text_after_end(&mut program);
     program.interpreter.take_diagnostics()
 }
 
 fn warn_of_text_after_end<R: BufRead>(program: &mut Program<R>) {
-    if program.interpreter.has_too_many_errors() {
+    // Subprograms may well stand after the end of the program that calls them.
+    if program.interpreter.has_too_many_errors() || program.nesting.has_jumped() {
         return;
     }
     while program.read_line() {
-        program.interpreter.skip_line();
-        let text = program.text.trim_ascii();
-        if !text.is_empty() && text != b"%" {
-            let at = Span::new(0, program.text.len());
-            program.interpreter.report(Fault::plain(Code::TextAfterEnd, at));
+        let text = program.lines.text();
+        if !text.trim_ascii().is_empty() && !is_percent(text) {
+            let at = Span::new(0, text.len());
+            program.report(Fault::plain(Code::TextAfterEnd, at));
             return;
         }
     }

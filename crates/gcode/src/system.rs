@@ -39,6 +39,9 @@ pub(crate) enum SystemParameter {
     SpindleSpeed,
     CurrentTool,
     SelectedTool,
+    ReturnedValue,
+    HasReturnedValue,
+    CallLevel,
 }
 
 impl SystemParameter {
@@ -79,16 +82,12 @@ impl SystemParameter {
             "rpm" => P::SpindleSpeed,
             "current_tool" => P::CurrentTool,
             "selected_tool" => P::SelectedTool,
+            "value" => P::ReturnedValue,
+            "value_returned" => P::HasReturnedValue,
+            "call_level" => P::CallLevel,
             "ccomp" => P::Fixed(400.0),
             "spindle_rpm_mode" | "lathe_radius_mode" => P::Fixed(1.0),
-            "units_per_rev"
-            | "spindle_css_mode"
-            | "lathe_diameter_mode"
-            | "task"
-            | "call_level"
-            | "remap_level"
-            | "value"
-            | "value_returned" => P::Fixed(0.0),
+            "units_per_rev" | "spindle_css_mode" | "lathe_diameter_mode" | "task" | "remap_level" => P::Fixed(0.0),
             _ => return None,
         })
     }
@@ -140,6 +139,9 @@ impl SystemParameter {
             P::SpindleSpeed => state.spindle_speed,
             P::CurrentTool => state.current_tool.into(),
             P::SelectedTool => state.selected_tool.into(),
+            P::ReturnedValue => state.returned_value.unwrap_or(0.0),
+            P::HasReturnedValue => truth(state.returned_value.is_some()),
+            P::CallLevel => state.call_level.into(),
         }
     }
 }

@@ -4,10 +4,12 @@
 //! RETRACE_DIFFERENTIAL_FIRST as its first seed.
 
 mod common;
+mod writer;
 
-use common::{Writer, canon_text};
+use common::canon_text;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use writer::Writer;
 
 /// What `rs274 -g` prints for a program, and whether it refused it; `None` where it is not installed.
 fn rs274(folder: &Path, program: &str) -> Option<(String, bool)> {

@@ -14,10 +14,13 @@ mod stop;
 use crate::block::{Assignment, Block, BlockNumber, Words};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::codes::Code;
+use crate::control::Control;
 use crate::diag::{Diagnostic, Fault, Outcome, Span};
 use crate::expr::Environment;
 use crate::modal::State;
-use crate::params::{COORDINATE_SYSTEM, G92_ACTIVE, G92_OFFSET, NameId, Names, Parameters, SHOW_DEBUG, system_origin};
+use crate::params::{
+    COORDINATE_SYSTEM, Frame, G92_ACTIVE, G92_OFFSET, NameId, Names, Parameters, SHOW_DEBUG, system_origin,
+};
 use crate::parse::{has_delete_mark, parse};
 use crate::pose::{Axis, AxisSet, Pose};
 use crate::system::SystemParameter;
@@ -80,6 +83,15 @@ pub enum Flow {
     Continue,
     /// M2 or M30 was carried out.
     ProgramEnd,
+}
+
+/// What became of a line that was taken.
+#[derive(Debug)]
+pub(crate) enum Taken {
+    /// Its block was carried out.
+    Done(Flow),
+    /// It has an O word, whose values are not evaluated yet.
+    Control(Control),
 }
 
 /// A block was refused; the diagnostic says why.
@@ -165,12 +177,12 @@ impl Interpreter {
     /// # Errors
     /// The block was refused; what it had asked for before the fault was found stays in `steps`.
     pub fn line(&mut self, text: &[u8], steps: &mut Vec<Step>) -> Result<Flow, BlockRefused> {
-        self.line = self.line.saturating_add(1);
-        if self.block_delete && has_delete_mark(text) {
-            return Ok(Flow::Continue);
-        }
-        match self.block(text, steps) {
-            Ok(flow) => Ok(flow),
+        match self.take(self.line.saturating_add(1), text, steps) {
+            Ok(Taken::Done(flow)) => Ok(flow),
+            Ok(Taken::Control(control)) => {
+                self.report(Fault::new(Code::BadControl, control.at, "an O word needs the whole program"));
+                Err(BlockRefused)
+            }
             Err(fault) => {
                 self.report(*fault);
                 Err(BlockRefused)
@@ -178,13 +190,59 @@ impl Interpreter {
         }
     }
 
-    /// Counts a line that is not for the interpreter: a blank one, or one with a percent sign.
-    pub fn skip_line(&mut self) {
-        self.line = self.line.saturating_add(1);
+    /// Tells which line is being looked at.
+    pub(crate) fn set_line(&mut self, line: u32) {
+        self.line = line;
     }
 
-    fn block(&mut self, text: &[u8], steps: &mut Vec<Step>) -> Outcome<Flow> {
+    /// Takes a line; one with an O word is only compiled.
+    pub(crate) fn take(&mut self, line: u32, text: &[u8], steps: &mut Vec<Step>) -> Outcome<Taken> {
+        self.line = line;
+        if self.block_delete && has_delete_mark(text) {
+            return Ok(Taken::Done(Flow::Continue));
+        }
         parse(text, self.axes, &mut self.names, &mut self.block)?;
+        match self.block.control.take() {
+            Some(control) => Ok(Taken::Control(control)),
+            None => self.carry_out(steps).map(Taken::Done),
+        }
+    }
+
+    /// The first value in brackets of the O word that was taken last, after evaluation of all of them; 0 without any.
+    pub(crate) fn control_value(&mut self) -> Outcome<f64> {
+        let environment = BlockEnvironment { core: &self.core, names: &self.names, line: self.line };
+        self.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
+        Ok(self.arguments().next().unwrap_or(0.0))
+    }
+
+    /// Whether the O word has a value in brackets; to be asked after its evaluation.
+    pub(crate) fn has_control_value(&self) -> bool {
+        self.arguments().next().is_some()
+    }
+
+    fn arguments(&self) -> impl Iterator<Item = f64> {
+        self.assignments.iter().filter_map(|assignment| match assignment {
+            Assignment::Argument(value) => Some(*value),
+            _ => None,
+        })
+    }
+
+    /// Begins a subprogram with the values of the O word that was evaluated last.
+    pub(crate) fn enter_sub(&mut self) -> Frame {
+        let arguments: Vec<f64> = self.arguments().collect();
+        self.core.state.call_level += 1;
+        self.core.parameters.enter(&arguments)
+    }
+
+    /// Ends a subprogram.
+    pub(crate) fn leave_sub(&mut self, frame: Frame, value: Option<f64>) {
+        self.core.state.call_level = self.core.state.call_level.saturating_sub(1);
+        self.core.state.returned_value = value;
+        self.core.parameters.leave(frame);
+    }
+
+    /// Carries out the compiled block.
+    fn carry_out(&mut self, steps: &mut Vec<Step>) -> Outcome<Flow> {
         let environment = BlockEnvironment { core: &self.core, names: &self.names, line: self.line };
         let words = if self.block.is_constant() {
             &self.block.words
@@ -194,6 +252,7 @@ impl Interpreter {
                 match *assignment {
                     Assignment::Numbered(number, value) => self.core.parameters.set(number, value),
                     Assignment::Named(name, value) => self.core.parameters.set_named(name, value),
+                    Assignment::Argument(_) => {}
                 }
             }
             &self.words

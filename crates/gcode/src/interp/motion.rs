@@ -114,7 +114,8 @@ impl Core {
     }
 
     fn arc(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
-        let at = words.first_of(b"rijkxyz").map_or_else(|| words.g_span(GroupG::Motion), |letter| words.span(letter));
+        let at =
+            words.first_of(b"rijkxyzabcuvw").map_or_else(|| words.g_span(GroupG::Motion), |letter| words.span(letter));
         let has_centre = words.has_any(b"ijk");
         if words.has(b'r') && has_centre {
             return fault(Code::ArcMixed, at, Code::ArcMixed.title());

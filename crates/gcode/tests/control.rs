@@ -1,0 +1,106 @@
+//! O words: which lines of a program are carried out, and in what order.
+
+mod common;
+
+use common::canon_text;
+use retrace_gcode::{Setup, check};
+
+/// The X coordinates of the moves of a program, in order.
+fn moves(program: &str) -> Vec<String> {
+    let (text, failed) = canon_text(&format!("{program}\nM2\n"));
+    assert!(!failed, "{text}");
+    let mark = "STRAIGHT_TRAVERSE(";
+    text.lines()
+        .filter_map(|line| line.split_once(mark))
+        .map(|(_, arguments)| arguments.split('.').next().unwrap_or_default().to_owned())
+        .collect()
+}
+
+/// The numbers of the errors of a program.
+fn errors(program: &str) -> Vec<&'static str> {
+    check(program.as_bytes(), Setup::default()).iter().map(|found| found.number()).collect()
+}
+
+#[test]
+fn a_subprogram_may_stand_before_or_behind_its_call_and_behind_the_end() {
+    assert_eq!(moves("O1 sub\nG0 X#1\nO1 endsub\nO1 call [3]\nO1 call [#31]"), ["3", "0"]);
+    assert_eq!(moves("O<Late One> call [4]\nG0 X5\nM2\nO<lateone> sub\nG0 X#1\nO<LATEONE> endsub"), ["4", "5"]);
+}
+
+#[test]
+fn a_call_has_its_own_parameters_and_gives_the_callers_back() {
+    let sub = "O1 sub\n#1=[#1+#2]\n#<own>=9\n#31=#1\nO1 return [#1]\nG0 X99\nO1 endsub\n";
+    assert_eq!(
+        moves(&format!("{sub}#1=2\n#<own>=1\nO1 call [5] [6]\nG0 X#31\nG0 X#1\nG0 X#<own>\nG0 X#<_value>")),
+        ["11", "2", "1", "11"]
+    );
+}
+
+#[test]
+fn one_branch_of_an_if_is_taken() {
+    let branches =
+        "O1 if [#1 EQ 1]\nG0 X1\nO1 elseif [#1 EQ 2]\nG0 X2\nO1 elseif [1/[#1-3]]\nG0 X3\nO1 else\nG0 X4\nO1 endif\n";
+    for (value, taken) in [(1, "1"), (2, "2"), (5, "3")] {
+        assert_eq!(moves(&format!("#1={value}\n{branches}G0 X9")), [taken, "9"]);
+    }
+    assert_eq!(moves("O1 if [0]\nG0 X1\nO2 if [1]\nO2 else\nO2 endif\nO1 else\nG0 X4\nO1 endif"), ["4"]);
+}
+
+#[test]
+fn loops_run_as_often_as_they_say() {
+    assert_eq!(moves("O1 while [#1 LT 3]\n#1=[#1+1]\nG0 X#1\nO1 endwhile"), ["1", "2", "3"]);
+    assert_eq!(moves("O1 do\n#1=[#1+1]\nG0 X#1\nO1 while [#1 LT 3]"), ["1", "2", "3"]);
+    assert_eq!(moves("#1=7\nO1 do\nG0 X#1\nO1 while [0]"), ["7"]);
+    assert_eq!(
+        moves("O1 repeat [2]\nO2 repeat [2]\n#1=[#1+1]\nG0 X#1\nO2 endrepeat\nO1 endrepeat"),
+        ["1", "2", "3", "4"]
+    );
+    assert_eq!(moves("O1 repeat [0]\nG0 X1\nO1 endrepeat\nO2 while [0]\nG0 X2\nO2 endwhile"), [""; 0]);
+}
+
+#[test]
+fn break_and_continue_leave_a_round() {
+    for (begin, end) in
+        [("O1 while [#1 LT 5]", "O1 endwhile"), ("O1 do", "O1 while [#1 LT 5]"), ("O1 repeat [5]", "O1 endrepeat")]
+    {
+        let skip = "O2 if [#1 EQ 2]\nO1 continue\nO2 elseif [#1 EQ 4]\nO1 break\nO2 endif";
+        assert_eq!(moves(&format!("{begin}\n#1=[#1+1]\n{skip}\nG0 X#1\n{end}\nG0 X9")), ["1", "3", "9"], "{begin}");
+    }
+}
+
+#[test]
+fn a_return_out_of_a_loop_closes_it() {
+    let program =
+        "O1 sub\nO2 while [1]\nO3 if [1]\nO1 return\nO3 endif\nO2 endwhile\nO1 endsub\nO1 call\nO1 call\nG0 X3";
+    assert_eq!(moves(program), ["3"]);
+}
+
+#[test]
+fn what_does_not_fit_is_refused_by_number_and_the_program_goes_on() {
+    for (line, number) in [
+        ("O1 endwhile", "E1803"),
+        ("O1 break", "E1803"),
+        ("O1 return", "E1803"),
+        ("O1 endsub", "E1803"),
+        ("O1 call", "E1804"),
+        ("O1 while [0]", "E1802"),
+        ("O1 if [0]", "E1802"),
+        ("O1 if", "E1801"),
+        ("O1 if 1", "E1801"),
+        ("O1 jump", "E1801"),
+        ("O1 call X1", "E1801"),
+        ("O#1 call", "E1801"),
+        ("O<open call", "E1305"),
+        ("G0 X1 O1 call", "E1801"),
+        ("O1 if [1/0]", "E1204"),
+    ] {
+        assert_eq!(errors(&format!("{line}\nG0 X1 X2\nM2\n")), [number, "E1407"], "{line}");
+    }
+}
+
+#[test]
+fn recursion_and_loops_without_end_are_found() {
+    let recursion = "O1 sub\nO1 call\nO1 endsub\nO1 call\nM2\n";
+    assert!(errors(recursion).contains(&"E1805"));
+    assert_eq!(errors("O1 while [1]\nO1 endwhile\nM2\n"), ["E1806"]);
+}
