@@ -206,7 +206,9 @@ fn percent(word: &str) -> Result<Travel, Wrong> {
     if !(0.0..=800.0).contains(&value) {
         return wrong(format!("a rate of {word}"), "a rate from 0% to 800%");
     }
-    Ok((value / 100.0 * ONE as f64).round() as Travel)
+    // in steps of a hundredth of a percent, so that 100 % is exactly one and nothing else reads like it
+    let steps = (value * 100.0).round() as Travel;
+    Ok((steps * ONE + 5_000) / 10_000)
 }
 
 #[cfg(test)]

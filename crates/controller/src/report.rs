@@ -107,11 +107,26 @@ impl<const A: usize> Report<'_, A> {
             "max_acceleration": self.per_axis(|i| json!(self.verdict.extremes[i].acceleration_mm_s2)),
             "max_jerk": self.per_axis(|i| json!(self.verdict.extremes[i].jerk_mm_s3)),
             "limit_violations": self.verdict.violations,
+            "first_violation": self.first_violation(),
             "underruns": t.underruns,
             "reversals": t.reversals,
             "switch_events": t.switch_events,
             "peak_rss_mib": peak_rss_mib(),
             "alarms": self.alarms,
+        })
+    }
+
+    /// Where the first limit was broken: the period that closed the window, axis, order of the difference, stride, pulses.
+    fn first_violation(&self) -> Value {
+        self.verdict.first.map_or(Value::Null, |offence| {
+            json!({
+                "period": offence.period,
+                "axis": self.machine.axes.get(offence.axis).map(|a| a.name.to_string()),
+                "order": offence.order,
+                "stride": offence.stride,
+                "pulses": offence.pulses,
+                "allowed_pulses": offence.allowed_pulses,
+            })
         })
     }
 
