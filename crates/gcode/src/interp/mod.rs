@@ -316,16 +316,14 @@ impl Interpreter {
 
     /// Notes something about the line last taken.
     pub(crate) fn report(&mut self, fault: Fault) {
-        match self.diagnostics.len() {
-            ..MOST_ERRORS => {
-                let Fault { code, span, message } = fault;
-                self.diagnostics.push(Diagnostic { code, line: self.line, span, message });
-            }
-            MOST_ERRORS => {
-                let Fault { code, span, message } = Fault::plain(Code::TooManyErrors, Span::default());
-                self.diagnostics.push(Diagnostic { code, line: self.line, span, message });
-            }
-            _ => {}
+        if self.has_too_many_errors() {
+            return;
+        }
+        let Fault { code, span, message } = fault;
+        self.diagnostics.push(Diagnostic { code, line: self.line, span, message });
+        if self.has_too_many_errors() {
+            let Fault { code, span, message } = Fault::plain(Code::TooManyErrors, Span::default());
+            self.diagnostics.push(Diagnostic { code, line: self.line, span, message });
         }
     }
 }
