@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// How long a command may take.
-const PATIENCE: Duration = Duration::from_secs(300);
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// What a command said.
 #[derive(Clone, Debug)]
@@ -95,7 +95,7 @@ impl Bench {
     /// Runs `retrace` with these arguments in this folder.
     ///
     /// # Panics
-    /// Where it cannot be run, or takes longer than five minutes.
+    /// Where it cannot be run, or takes longer than a minute.
     #[must_use]
     pub fn retrace<I>(&self, arguments: I) -> Said
     where
@@ -107,7 +107,7 @@ impl Bench {
     /// Runs `retrace` with these arguments in this folder, and `input` for its standard input.
     ///
     /// # Panics
-    /// Where it cannot be run, or takes longer than five minutes.
+    /// Where it cannot be run, or takes longer than a minute.
     #[must_use]
     pub fn retrace_reading<I>(&self, arguments: I, input: &[u8]) -> Said
     where

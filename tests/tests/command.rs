@@ -1,0 +1,120 @@
+//! The other commands: help, check, canon, size and plot.
+
+use retrace_tests::command::{Bench, root};
+use retrace_tests::programs::examples;
+
+#[test]
+fn every_command_has_help_with_an_example() {
+    let bench = Bench::new();
+    for command in ["", "run", "check", "canon", "plot", "size"] {
+        let arguments: Vec<&str> = [command, "--help"].into_iter().filter(|word| !word.is_empty()).collect();
+        let said = bench.retrace(&arguments);
+        assert_eq!(said.code, Some(0), "{command}: {}", said.err);
+        assert!(
+            said.out.contains("Example") && said.out.contains(&format!("retrace {command}")),
+            "{command}: {}",
+            said.out
+        );
+    }
+}
+
+#[test]
+fn the_examples_that_help_names_are_there() {
+    let bench = Bench::new();
+    for command in ["run", "check", "canon", "plot"] {
+        let said = bench.retrace([command, "--help"]);
+        let named = said.out.split_whitespace().filter(|word| word.starts_with("examples/"));
+        for path in named.clone() {
+            assert!(root().join(path).is_file(), "{command}: {path}");
+        }
+        assert!(named.count() > 0, "{command}: {}", said.out);
+    }
+}
+
+#[test]
+fn every_example_checks_without_a_word_on_standard_error() {
+    let bench = Bench::new();
+    for program in examples() {
+        let said = bench.retrace(["check".as_ref(), program.as_os_str()]);
+        assert_eq!((said.code, said.err.as_str()), (Some(0), ""), "{}", program.display());
+    }
+}
+
+#[test]
+fn canon_prints_canonical_functions_one_a_line() {
+    let bench = Bench::new();
+    bench.file("a.ngc", "G21 G90\nN20 G0 X25.4\nG1 Y50.8 F2540\nG20 G0 Z1\nM2\n");
+    let said = bench.retrace(["canon", "a.ngc"]);
+    assert_eq!(said.code, Some(0), "{}", said.err);
+    for call in [
+        "USE_LENGTH_UNITS(CANON_UNITS_MM)",
+        "STRAIGHT_TRAVERSE(25.4000, 0.0000, 0.0000, 0.0000, 0.0000, 0.0000)",
+        "SET_FEED_RATE(2540.0000)",
+        "STRAIGHT_FEED(25.4000, 50.8000, 0.0000, 0.0000, 0.0000, 0.0000)",
+        "USE_LENGTH_UNITS(CANON_UNITS_INCHES)",
+        "STRAIGHT_TRAVERSE(1.0000, 2.0000, 1.0000, 0.0000, 0.0000, 0.0000)",
+        "PROGRAM_END()",
+    ] {
+        assert!(said.out.lines().any(|line| line.ends_with(&format!(" {call}"))), "{call}: {}", said.out);
+    }
+    for (index, line) in said.out.lines().enumerate() {
+        let number = line.get(..5).and_then(|field| field.trim().parse::<usize>().ok());
+        assert_eq!(number, Some(index + 1), "{line}");
+    }
+    bench.file("wrong.ngc", "G21\nG77\nM2\n");
+    assert_eq!(bench.retrace(["canon", "wrong.ngc"]).code, Some(1));
+}
+
+#[test]
+fn canon_equals_rs274_where_that_is_installed() {
+    let bench = Bench::new();
+    for program in examples() {
+        let output =
+            std::process::Command::new("rs274").arg("-g").arg(&program).stdin(std::process::Stdio::null()).output();
+        let Ok(output) = output else {
+            println!("not run: rs274 is not installed");
+            return;
+        };
+        let said = bench.retrace(["canon".as_ref(), program.as_os_str()]);
+        assert_eq!(said.out, String::from_utf8_lossy(&output.stdout), "{}", program.display());
+    }
+}
+
+#[test]
+fn size_gives_the_requirements_own_example() {
+    let said = Bench::new().retrace(["size", "--axes", "3", "--hours", "0.5", "--period-ms", "2.5", "--bytes", "2"]);
+    assert_eq!(said.code, Some(0), "{}", said.err);
+    // REV-4.
+    let digits: String =
+        said.out.lines().next().unwrap_or_default().chars().filter(|letter| !letter.is_whitespace()).collect();
+    assert!(digits.contains("4320000"), "{}", said.out);
+}
+
+#[test]
+fn plots_are_drawn_in_both_formats_and_of_both_kinds() {
+    let bench = Bench::new();
+    let program = root().join("examples/02-back-up.ngc");
+    let operator = root().join("examples/02-back-up.op");
+    let program = program.to_string_lossy();
+    let draw = |name: &str, more: &[&str]| {
+        let mut arguments = vec!["plot", &program, "-o", name];
+        arguments.extend(more);
+        let said = bench.retrace(arguments);
+        assert_eq!(said.code, Some(0), "{name}: {}", said.err);
+        std::fs::read(bench.path(name)).expect("the drawing")
+    };
+    let plain = String::from_utf8(draw("path.svg", &[])).expect("text");
+    assert!(
+        plain.starts_with("<svg") && plain.trim_end().ends_with("</svg>") && !plain.contains("aria-label=\"retraced")
+    );
+    assert_eq!(plain.as_bytes(), draw("again.svg", &[]), "the same drawing is the same file");
+    let retraced = String::from_utf8(draw("retraced.svg", &["--operator", &operator.to_string_lossy()])).expect("text");
+    assert!(retraced.contains("aria-label=\"retraced"), "the retraced stretch is marked");
+    assert!(draw("path.png", &["--view", "iso"]).starts_with(b"\x89PNG\r\n\x1a\n"));
+    let profile = String::from_utf8(draw("profile.svg", &["--profile"])).expect("text");
+    assert!(profile.contains("jerk") && profile.contains("axis limit"));
+    for wrong in ["path.bmp", "absent/path.svg"] {
+        let said = bench.retrace(["plot", &program, "-o", wrong]);
+        assert_eq!(said.code, Some(2), "{wrong}: {}", said.err);
+    }
+}

@@ -1,0 +1,76 @@
+//! Every program comes to its end exactly, within the limits, and as often as it is run.
+
+use retrace_tests::command::Bench;
+use retrace_tests::programs::examples;
+use retrace_tests::run::Run;
+use std::path::PathBuf;
+
+#[test]
+fn every_example_ends_exactly_and_within_the_limits() {
+    let examples = examples();
+    assert!(examples.len() >= 7, "{examples:?}");
+    for program in examples {
+        let bench = Bench::new();
+        let run = Run::of(&bench, &program, &[]);
+        run.assert_exact_and_legal();
+        assert_eq!(run.number("underruns"), 0.0, "{}", program.display());
+        assert!(run.number("motion_s") > 0.0 && run.number("retrace_s") == 0.0, "{}", program.display());
+    }
+}
+
+#[test]
+fn a_program_runs_the_same_every_time_and_from_standard_input() -> std::io::Result<()> {
+    for program in examples() {
+        let text = std::fs::read(&program)?;
+        let records = |run: Run| run.records;
+        let first = records(Run::of(&Bench::new(), &program, &[]));
+        assert_eq!(first, records(Run::of(&Bench::new(), &program, &[])), "{}", program.display());
+        assert_eq!(first, records(Run::of_input(&Bench::new(), &text, &[])), "{}", program.display());
+    }
+    Ok(())
+}
+
+#[test]
+fn every_place_of_a_forward_run_is_visited_once_and_in_order() {
+    let bench = Bench::new();
+    let run = Run::of(&bench, &examples()[0], &[]);
+    let places: Vec<_> = run.records.rows.iter().map(|row| (row.record, row.fraction)).collect();
+    assert!(places.is_sorted());
+    assert!(run.records.rows.iter().all(|row| row.fraction == 0), "undisturbed, a period is a record");
+}
+
+/// Programs of others, which are not ours to hand on: `RETRACE_PROGRAMS` names a folder of them.
+#[test]
+fn programs_of_others_end_exactly_and_within_the_limits() -> std::io::Result<()> {
+    let Some(folder) = std::env::var_os("RETRACE_PROGRAMS") else {
+        println!("not run: RETRACE_PROGRAMS names no folder of programs");
+        return Ok(());
+    };
+    let mut programs: Vec<PathBuf> = std::fs::read_dir(folder)?.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    programs.retain(|path| path.extension().is_some_and(|ending| ending == "ngc"));
+    programs.sort();
+    assert!(!programs.is_empty());
+    for program in programs {
+        let bench = Bench::new();
+        let said = bench.retrace(["check".as_ref(), program.as_os_str()]);
+        if said.code == Some(1) {
+            // Refused by name before anything moves, which is owed where words are not understood yet.
+            assert!(said.err.contains("error[E1"), "{}: {}", program.display(), said.err);
+            println!("{:<28} refused: {}", name(&program), said.err.lines().next().unwrap_or_default());
+            continue;
+        }
+        let run = Run::of(&bench, &program, &[]);
+        run.assert_exact_and_legal();
+        println!(
+            "{:<28} {:>9.3} s of motion in {:>7.3} s",
+            name(&program),
+            run.number("motion_s"),
+            run.number("wall_s")
+        );
+    }
+    Ok(())
+}
+
+fn name(program: &std::path::Path) -> String {
+    program.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
