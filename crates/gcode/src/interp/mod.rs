@@ -15,7 +15,7 @@ use crate::block::{Assignment, Block, BlockNumber, Words};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::codes::Code;
 use crate::control::Control;
-use crate::diag::{Diagnostic, Fault, Outcome, Span};
+use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span};
 use crate::expr::Environment;
 use crate::modal::State;
 use crate::params::{
@@ -26,7 +26,7 @@ use crate::pose::{Axis, AxisSet, Pose};
 use crate::system::SystemParameter;
 use crate::tool::ToolTable;
 
-/// Errors after which nothing more is checked.
+/// Errors after which nothing more is checked; of warnings, no more are kept.
 const MOST_ERRORS: usize = 100;
 
 /// What an interpreter is made for.
@@ -135,6 +135,8 @@ pub struct Interpreter {
     assignments: Vec<Assignment>,
     line: u32,
     diagnostics: Vec<Diagnostic>,
+    errors: usize,
+    warnings: usize,
 }
 
 impl Interpreter {
@@ -158,6 +160,8 @@ impl Interpreter {
             assignments: Vec::new(),
             line: 0,
             diagnostics: Vec::new(),
+            errors: 0,
+            warnings: 0,
         }
     }
 
@@ -311,17 +315,21 @@ impl Interpreter {
     /// Whether so much is wrong that checking stops.
     #[must_use]
     pub fn has_too_many_errors(&self) -> bool {
-        self.diagnostics.len() >= MOST_ERRORS
+        self.errors >= MOST_ERRORS
     }
 
     /// Notes something about the line last taken.
     pub(crate) fn report(&mut self, fault: Fault) {
-        if self.has_too_many_errors() {
+        let Fault { code, span, message } = fault;
+        let diagnostic = Diagnostic { code, line: self.line, span, message };
+        let is_error = diagnostic.severity() == Severity::Error;
+        let count = if is_error { &mut self.errors } else { &mut self.warnings };
+        if *count >= MOST_ERRORS {
             return;
         }
-        let Fault { code, span, message } = fault;
-        self.diagnostics.push(Diagnostic { code, line: self.line, span, message });
-        if self.has_too_many_errors() {
+        *count += 1;
+        self.diagnostics.push(diagnostic);
+        if is_error && self.has_too_many_errors() {
             let Fault { code, span, message } = Fault::plain(Code::TooManyErrors, Span::default());
             self.diagnostics.push(Diagnostic { code, line: self.line, span, message });
         }
