@@ -3,7 +3,7 @@
 //! Invariant: units, offsets and rotation are applied here and nowhere else; a move of an axis that the machine does not have is
 //! refused, and what no rule here knows is refused by name.
 
-use retrace_gcode::{Axis, Canon, FeedMode, LengthUnit, PathControl, Plane, Pose};
+use retrace_gcode::{Axis, Canon, LengthUnit, PathControl, Plane, Pose};
 use retrace_link::{Change, channel};
 use retrace_motion::{Arc, Feed, MoveError, PathMode};
 
@@ -89,10 +89,9 @@ pub struct Track<'m> {
     /// Rotation about Z, as sine and cosine.
     rotation: (f64, f64),
     rotation_deg: f64,
-    feed_mode: FeedMode,
-    /// Program units a minute, or the inverse of minutes.
-    feed: f64,
-    path: PathControl,
+    /// In mm a minute, from the units in force when it was set; under G93 the interpreter reckons it block by block.
+    feed_mm_min: f64,
+    path: PathMode,
     /// The last position in mm, machine coordinates.
     at: Pose,
     selected_tool: u32,
@@ -111,9 +110,8 @@ impl<'m> Track<'m> {
             tool: Pose::ZERO,
             rotation: (0.0, 1.0),
             rotation_deg: 0.0,
-            feed_mode: FeedMode::UnitsPerMinute,
-            feed: 0.0,
-            path: PathControl::Continuous { tolerance: 0.0 },
+            feed_mm_min: 0.0,
+            path: PathMode::Blend { tolerance_mm: machine.blend_tolerance_mm },
             at: Pose::ZERO,
             selected_tool: 0,
         }
@@ -141,9 +139,8 @@ impl<'m> Track<'m> {
                 t.rotation_deg = *degrees;
                 t.rotation = degrees.to_radians().sin_cos();
             }),
-            Canon::SetFeedMode(mode) => self.state(|t| t.feed_mode = *mode),
-            Canon::SetFeedRate(feed) => self.state(|t| t.feed = *feed),
-            Canon::SetMotionControlMode(path) => self.state(|t| t.path = *path),
+            Canon::SetFeedRate(feed) => self.state(|t| t.feed_mm_min = *feed * t.unit.millimetres()),
+            Canon::SetMotionControlMode(path) => self.state(|t| t.path = t.path_mode(*path)),
             Canon::Message(text) | Canon::Print(text) => Ok(sink.message(text.to_string(), line)?),
             _ => self.switching(canon, line, sink),
         }
@@ -194,14 +191,11 @@ impl<'m> Track<'m> {
     }
 
     fn feed(&self) -> Feed {
-        match self.feed_mode {
-            FeedMode::InverseTime => Feed::Duration(60.0 / self.feed),
-            FeedMode::UnitsPerMinute => Feed::PerSecond(self.feed * self.unit.millimetres() / 60.0),
-        }
+        Feed::PerSecond(self.feed_mm_min / 60.0)
     }
 
-    fn path_mode(&self) -> PathMode {
-        match self.path {
+    fn path_mode(&self, path: PathControl) -> PathMode {
+        match path {
             PathControl::ExactStop => PathMode::ExactStop,
             PathControl::ExactPath => PathMode::ExactPath,
             PathControl::Continuous { tolerance } if tolerance > 0.0 => {
@@ -220,7 +214,7 @@ impl<'m> Track<'m> {
     ) -> Result<(), Untrackable> {
         let position = self.machine_position(end);
         let own = self.of_machine(&position)?;
-        sink.straight(own, feed, self.path_mode(), line)?;
+        sink.straight(own, feed, self.path, line)?;
         self.at = position;
         Ok(())
     }
@@ -250,7 +244,7 @@ impl<'m> Track<'m> {
             rotation: arc.turns,
             end_mm: self.of_machine(&position)?,
         };
-        sink.arc(&own, self.feed(), self.path_mode(), line)?;
+        sink.arc(&own, self.feed(), self.path, line)?;
         self.at = position;
         Ok(())
     }
@@ -302,6 +296,7 @@ impl<'m> Track<'m> {
             // nothing of these moves or switches anything on this machine
             Canon::OnReset
             | Canon::Finish
+            | Canon::SetFeedMode(_)
             | Canon::SelectPlane(_)
             | Canon::SetFeedReference
             | Canon::SetNaivecamTolerance(_)
@@ -328,7 +323,6 @@ impl<'m> Track<'m> {
             | Canon::SetG92Offset(_)
             | Canon::UseToolLengthOffset(_)
             | Canon::SetXyRotation(_)
-            | Canon::SetFeedMode(_)
             | Canon::SetFeedRate(_)
             | Canon::SetMotionControlMode(_)
             | Canon::Message(_)

@@ -1,0 +1,134 @@
+//! From program text to moves in machine coordinates: units, offsets, rotation, feeds, switching.
+
+use retrace_controller::feed::{Cancelled, Refused, Switch};
+use retrace_controller::job::{Decode, Decoded, Finding, feed_all};
+use retrace_controller::machine::Machine;
+use retrace_controller::sink::Sink;
+use retrace_gcode::{Axis, AxisSet, Program, Progress, Setup, Step};
+use retrace_link::Change;
+use retrace_motion::{Arc, Feed, PathMode};
+
+#[derive(Debug, Default)]
+struct Moves {
+    moves: Vec<([f64; 3], Feed, PathMode)>,
+    arcs: Vec<Arc<3>>,
+    switched: Vec<(String, Vec<(u8, i32)>, u32)>,
+    actions: Vec<(u8, i32)>,
+}
+
+impl Sink<3> for Moves {
+    fn straight(&mut self, end_mm: [f64; 3], feed: Feed, mode: PathMode, _: u32) -> Result<(), Refused> {
+        self.moves.push((end_mm, feed, mode));
+        Ok(())
+    }
+    fn arc(&mut self, arc: &Arc<3>, _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+        self.arcs.push(*arc);
+        Ok(())
+    }
+    fn action(&mut self, change: Change, _: u32) {
+        self.actions.push((change.channel, change.value));
+    }
+    fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
+        let changes = switch.changes.iter().map(|c| (c.channel, c.value)).collect();
+        self.switched.push((switch.code.into(), changes, switch.periods));
+        Ok(())
+    }
+    fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
+        Ok(())
+    }
+}
+
+struct Text(Program<std::io::Cursor<Vec<u8>>>);
+
+impl Decode for Text {
+    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+        match self.0.advance(steps) {
+            Progress::End => Decoded::End,
+            Progress::Line => Decoded::Block,
+            Progress::Refused => Decoded::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
+        }
+    }
+}
+
+fn run_on(machine: &Machine, text: &str) -> (Moves, Vec<Finding>) {
+    let axes = AxisSet::of(&Axis::ALL);
+    let program = Program::new(std::io::Cursor::new(text.as_bytes().to_vec()), Setup { axes, ..Setup::default() });
+    let mut moves = Moves::default();
+    let (_, findings) = feed_all(machine, &mut Text(program), &mut moves);
+    (moves, findings)
+}
+
+fn run(text: &str) -> Moves {
+    let (moves, findings) = run_on(&Machine::built_in().expect("valid"), text);
+    assert_eq!(findings, []);
+    moves
+}
+
+fn near(a: [f64; 3], b: [f64; 3]) -> bool {
+    a.iter().zip(b).all(|(x, y)| (x - y).abs() < 1e-9)
+}
+
+#[test]
+fn inches_and_millimetres_come_out_in_millimetres() {
+    let moves = run("G20 G1 X1 Y-2 F60\nG21 X1\nG0 Z3\nM2\n").moves;
+    assert!(near(moves[0].0, [25.4, -50.8, 0.0]) && moves[0].1 == Feed::PerSecond(25.4));
+    assert!(near(moves[1].0, [1.0, -50.8, 0.0]) && moves[1].1 == Feed::PerSecond(25.4));
+    assert_eq!(moves[2].1, Feed::Rapid);
+}
+
+#[test]
+fn inverse_time_gives_the_speed_that_the_block_needs() {
+    // 10 mm in half a minute, then in a second
+    let moves = run("G21 G93\nG1 X10 F2\nX20 F60\nM2\n").moves;
+    assert_eq!(moves[0].1, Feed::PerSecond(20.0 / 60.0));
+    assert_eq!(moves[1].1, Feed::PerSecond(10.0));
+}
+
+#[test]
+fn work_offsets_g92_and_rotation_are_applied_in_their_order() {
+    let text = "G21 G10 L2 P1 X10 Y20 Z30 R90\nG0 X1 Y0 Z0\nG92 X0\nG0 X1 Y0\nG53 G0 X0 Y0 Z0\nM2\n";
+    let moves = run(text).moves;
+    assert!(near(moves[0].0, [10.0, 21.0, 30.0]), "{moves:?}");
+    assert!(near(moves[1].0, [10.0, 22.0, 30.0]), "{moves:?}");
+    assert!(near(moves[2].0, [0.0, 0.0, 0.0]), "{moves:?}");
+}
+
+#[test]
+fn arcs_keep_their_centre_plane_and_sense() {
+    let arcs = run("G20 G0 X1\nG3 X0 Y1 I-1 F10\nG18 G2 X1 Z1 I1 K0\nM2\n").arcs;
+    assert_eq!((arcs[0].plane, arcs[0].rotation), ([0, 1], 1));
+    assert!((arcs[0].centre_mm[0]).abs() < 1e-9 && (arcs[0].end_mm[1] - 25.4).abs() < 1e-9);
+    // G18 counts Z first, X second
+    assert_eq!((arcs[1].plane, arcs[1].rotation), ([2, 0], -1));
+    assert!((arcs[1].centre_mm[1] - 25.4).abs() < 1e-9 && arcs[1].centre_mm[0].abs() < 1e-9);
+}
+
+#[test]
+fn path_modes_and_the_machine_s_own_tolerance() {
+    let modes: Vec<PathMode> =
+        run("G21 F100 G1 X1\nG64 P0.2 X2\nG64 X3\nG61 X4\nG61.1 X5\nM2\n").moves.iter().map(|m| m.2).collect();
+    let blend = |tolerance_mm| PathMode::Blend { tolerance_mm };
+    assert_eq!(modes, [blend(0.05), blend(0.2), blend(0.05), PathMode::ExactPath, PathMode::ExactStop]);
+}
+
+#[test]
+fn what_switches_is_exclusive_unless_the_machine_file_has_it_in_passing() {
+    let machine =
+        Machine::parse("[code.M3]\nduration_ms = 500\n[code.M8]\nclass = \"synchronous\"\n", "m").expect("valid");
+    let (moves, findings) = run_on(&machine, "S1000 M3\nM8\nG4 P0.25\nM62 P5\nM0\nM9\nM2\n");
+    assert_eq!(findings, []);
+    let codes: Vec<&str> = moves.switched.iter().map(|(code, ..)| code.as_str()).collect();
+    assert_eq!(codes[..4], ["S", "M3", "G4", "M0"]);
+    assert_eq!(moves.switched[0].1, [(65, 1_000_000)]);
+    assert_eq!(moves.switched[1], ("M3".into(), vec![(64, 1)], 500));
+    assert_eq!(moves.switched[2].2, 250);
+    assert_eq!(moves.actions, [(67, 1), (5, 1)]);
+}
+
+#[test]
+fn an_axis_that_is_not_there_and_an_output_that_is_not_there_are_named() {
+    let (moves, findings) = run_on(&Machine::built_in().expect("valid"), "G21 G0 X1 A5\nM64 P64\nG0 X2 A0\nM2\n");
+    let numbers: Vec<(u32, &str)> = findings.iter().map(|f| (f.line, f.number)).collect();
+    assert_eq!(numbers, [(1, "E4301"), (2, "E4303")]);
+    assert_eq!(moves.moves.len(), 1);
+}
