@@ -8,11 +8,14 @@ use retrace_gcode::{Axis, AxisSet, Program, Progress, Setup, Step};
 use retrace_link::Change;
 use retrace_motion::{Arc, Feed, PathMode};
 
+/// Code, channels with their values, periods.
+type Switched = (String, Vec<(u8, i32)>, u32);
+
 #[derive(Debug, Default)]
 struct Moves {
     moves: Vec<([f64; 3], Feed, PathMode)>,
     arcs: Vec<Arc<3>>,
-    switched: Vec<(String, Vec<(u8, i32)>, u32)>,
+    switched: Vec<Switched>,
     actions: Vec<(u8, i32)>,
 }
 
@@ -71,8 +74,10 @@ fn near(a: [f64; 3], b: [f64; 3]) -> bool {
 #[test]
 fn inches_and_millimetres_come_out_in_millimetres() {
     let moves = run("G20 G1 X1 Y-2 F60\nG21 X1\nG0 Z3\nM2\n").moves;
-    assert!(near(moves[0].0, [25.4, -50.8, 0.0]) && moves[0].1 == Feed::PerSecond(25.4));
-    assert!(near(moves[1].0, [1.0, -50.8, 0.0]) && moves[1].1 == Feed::PerSecond(25.4));
+    let an_inch_a_second = |feed| matches!(feed, Feed::PerSecond(v) if (v - 25.4).abs() < 1e-9);
+    assert!(near(moves[0].0, [25.4, -50.8, 0.0]) && an_inch_a_second(moves[0].1));
+    // the feed was set in inches and stays what it was
+    assert!(near(moves[1].0, [1.0, -50.8, 0.0]) && an_inch_a_second(moves[1].1));
     assert_eq!(moves[2].1, Feed::Rapid);
 }
 
