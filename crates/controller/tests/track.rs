@@ -73,9 +73,9 @@ fn near(a: [f64; 3], b: [f64; 3]) -> bool {
 
 #[test]
 fn inches_and_millimetres_come_out_in_millimetres() {
-    let moves = run("G20 G1 X1 Y-2 F60\nG21 X1\nG0 Z3\nM2\n").moves;
+    let moves = run("G20\nG1 X1 Y-2 F60\nG21 X1\nG0 Z3\nM2\n").moves;
     let an_inch_a_second = |feed| matches!(feed, Feed::PerSecond(v) if (v - 25.4).abs() < 1e-9);
-    assert!(near(moves[0].0, [25.4, -50.8, 0.0]) && an_inch_a_second(moves[0].1));
+    assert!(near(moves[0].0, [25.4, -50.8, 0.0]) && an_inch_a_second(moves[0].1), "{moves:?}");
     // the feed was set in inches and stays what it was
     assert!(near(moves[1].0, [1.0, -50.8, 0.0]) && an_inch_a_second(moves[1].1));
     assert_eq!(moves[2].1, Feed::Rapid);
