@@ -22,8 +22,13 @@ fn backing_up_changes_nothing_of_where_the_job_ends() {
     let run = backed_up();
     run.assert_exact_and_legal();
     assert_eq!(run.counts(), plain.counts());
-    assert_eq!(run.number("motion_s"), plain.number("motion_s"), "the first passage over the path takes as long");
-    assert!(run.number("held_s") >= 1.0 && run.number("retrace_s") > 8.0, "{}", run.report);
+    // The first passage takes as long, but for the ramps: twice it is stopped on new ground and started again, and each of
+    // these four costs half of the 341 periods that the rate takes to change.
+    let ramps_s = run.number("motion_s") - plain.number("motion_s");
+    assert!((0.0..=4.0 * 0.171).contains(&ramps_s), "{ramps_s}");
+    // Of the second from hold to resume, 341 periods go by in braking.
+    let held_s = run.number("held_s");
+    assert!((0.65..=0.67).contains(&held_s) && run.number("retrace_s") > 8.0, "{}", run.report);
     assert!(run.number("reversals") >= 5.0, "{}", run.report);
     assert_eq!(run.of_kind("oldest_record").count(), 1, "the end of the history is reached and told once");
     let rows = &run.records.rows;

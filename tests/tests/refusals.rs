@@ -60,8 +60,6 @@ fn errors_of_a_program_with_line_and_column() {
         ("unclosed comment", "G21\nG0 X1 (where does it end\nM2\n", 2),
         ("unclosed bracket", "G21\nG0 X[1 + 2\nM2\n", 2),
         ("division by zero", "G21\nG0 X[1 / 0]\nM2\n", 2),
-        ("beyond the soft limits", "G21 G90\nG0 X10\nG0 X2001\nM2\n", 3),
-        ("arc beyond the soft limits", "G21 G90 G17\nF1000\nG0 X1990 Y0\nG3 X1990 Y0 I15 J0\nM2\n", 4),
     ];
     for (what, text, line) in programs {
         let bench = Bench::new();
@@ -71,6 +69,23 @@ fn errors_of_a_program_with_line_and_column() {
         assert_refused(&bench, &said, 1, &["wrong.ngc", &format!("wrong.ngc:{line}:")]);
         let checked = bench.retrace(["check", "wrong.ngc"]);
         assert_eq!(checked.code, Some(1), "{what}: {}", checked.err);
+    }
+}
+
+#[test]
+fn a_move_beyond_the_soft_limits_with_its_line() {
+    let programs = [
+        ("G21 G90\nG0 X10\nG0 X2001\nM2\n", 3, "2001"),
+        ("G21 G90 G17\nF1000\nG0 X1990 Y0\nG3 X1990 Y0 I15 J0\nM2\n", 4, "2020"),
+        ("G21 G91\nG1 Z-1999 F5000\nZ-1\nZ-1\nM2\n", 4, "-2001"),
+    ];
+    for (text, line, position) in programs {
+        let bench = Bench::new();
+        bench.file("wrong.ngc", text);
+        let words = ["soft limit", position, &format!("wrong.ngc:{line}")];
+        assert_refused(&bench, &run(&bench, "wrong.ngc", &[]), 1, &words);
+        let checked = bench.retrace(["check", "wrong.ngc"]);
+        assert_eq!(checked.code, Some(1), "{}", checked.err);
     }
 }
 
