@@ -283,6 +283,30 @@ mod tests {
         }
     }
 
+    /// The window slides as the cursor goes: what comes into it last may be slow, and is not known before.
+    #[test]
+    fn rapid_retrace_is_only_as_fast_as_the_window_is_long() {
+        for sign in [1, -1] {
+            for ahead in [20, 40, 60, 90] {
+                let mut road = strip(10_000, 10_000, &[10_000]);
+                road.slow = (8_500..8_520).chain(11_500..11_520).collect();
+                let (mut drive, mut at, mut fastest) = (drive(8, 6), Place::start_of(10_000), 0);
+                for _ in 0..2200 {
+                    road.high = road.high.max(at.record + ahead).min(12_000);
+                    road.low = road.low.min(at.record - ahead).max(8_000);
+                    let to = drive.step(at, sign * 8 * ONE, &road).to;
+                    within_caps(at, to, &road);
+                    fastest = fastest.max(at.to(to).abs());
+                    at = to;
+                }
+                assert_eq!(at.record, if sign > 0 { 12_000 } else { 8_000 });
+                // what is asked now works for thirteen periods; a steady rate has a lead of six besides
+                let (most, least) = (Travel::from(ahead) * ONE / 13, Travel::from(ahead) * ONE / 19);
+                assert!(fastest <= most.max(ONE) && fastest >= least.max(ONE) - ONE / 2, "{ahead}: {fastest}");
+            }
+        }
+    }
+
     /// No record that the cursor passes is passed faster than its cap.
     fn within_caps(at: Place, to: Place, road: &Strip) {
         let rate = at.to(to).abs();
