@@ -92,6 +92,19 @@ impl Envelope {
         (self.v[k] + a * t).min(self.v[k + 1] + a * (self.time[k] - t)).min(v)
     }
 
+    /// Is the envelope at joint `k`, which is none of the ends, no higher than in the blocks on both sides, and lower than in
+    /// one of them? It may rise and fall again within a block.
+    pub(crate) fn is_valley(&self, blocks: &[Block], k: usize) -> bool {
+        let here = self.v[k];
+        let beside = |block: usize, joint: usize| {
+            let PathLimits { v, a, .. } = blocks[block].limits;
+            let peak_squared = 0.5 * (self.v[block].powi(2) + self.v[block + 1].powi(2)) + a * blocks[block].length;
+            (self.v[joint] >= here, peak_squared.sqrt().min(v) > here * (1.0 + 1e-9))
+        };
+        let ((level_before, higher_before), (level_after, higher_after)) = (beside(k - 1, k - 1), beside(k, k + 1));
+        (level_before || higher_before) && (level_after || higher_after) && (higher_before || higher_after)
+    }
+
     /// Where the envelope touches a cap: its own slope if a motion of limited jerk can follow it, else its mean slope over a
     /// wider window. That is 0 in a sharp valley and −A in the middle of a long braking.
     fn propose(&mut self, blocks: &[Block]) {

@@ -17,6 +17,9 @@ const SLOWEST: f64 = 0.2;
 /// Turns sharper than this (length of the difference of the unit directions) always stop: the path nearly reverses.
 const SHARPEST: f64 = 1.9;
 
+/// Speed through a rounded corner, as a share of what curvature alone would allow.
+const PASSED: f64 = 0.75;
+
 /// How to go from `last` into `next`; `None` for a full stop.
 pub(crate) fn join<const A: usize>(last: &Segment<A>, next: &Segment<A>, axes: &AxisLimits<A>) -> Option<Entry<A>> {
     let (end, start) = (last.curve.derivatives(last.length), next.curve.derivatives(0.0));
@@ -85,7 +88,8 @@ fn blend_pays<const A: usize>(
     if leg < 2.0 * h {
         return true;
     }
-    let through = (0.5 * j * h * h / size).cbrt().min((0.6 * a * h / size).sqrt());
+    // As planned: tangential motion has its share, and the speed is kept under the cap of the narrowest part.
+    let through = PASSED * (0.5 * j * h * h / size).cbrt().min((0.6 * a * h / size).sqrt());
     let full = last.feed.min(next.feed).min(axes.path_v).min((a * leg).sqrt());
     if through >= full {
         return true;

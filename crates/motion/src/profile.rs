@@ -284,3 +284,59 @@ fn without_crest(from: State, to: State, length: f64, limits: PathLimits) -> Opt
     }
     Some(times)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const LIMITS: PathLimits = PathLimits { v: 100.0, a: 900.0, j: 18_000.0 };
+
+    /// A speed and an acceleration that can be left and reached without running backward.
+    fn state() -> impl Strategy<Value = State> {
+        (0.0..1.0f64, -1.0..1.0f64).prop_map(|(v, a)| {
+            let (v, a) = (100.0 * v * v, 890.0 * a);
+            let most = (1.9 * LIMITS.j * v.min(LIMITS.v - v)).sqrt();
+            State::moving(v, a.clamp(-most, most))
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        #[test]
+        fn a_profile_keeps_its_limits_and_lands(from in state(), to in state(), size in -4.0..3.0f64) {
+            let length = 10f64.powf(size);
+            let forward = fastest(from, to, length, LIMITS);
+            if let Ok(profile) = forward {
+                prop_assert!(profile.lands(length, to.v, to.a));
+                let duration = profile.duration();
+                for k in 0..=200 {
+                    let State { v, a, .. } = profile.at(duration * f64::from(k) / 200.0);
+                    prop_assert!((-1e-9..=LIMITS.v * (1.0 + 1e-9)).contains(&v) && a.abs() <= LIMITS.a * (1.0 + 1e-9));
+                }
+                // Run backward it takes as long.
+                let back = fastest(State::moving(to.v, -to.a), State::moving(from.v, -from.a), length, LIMITS);
+                if let Ok(back) = back {
+                    prop_assert!((back.duration() - duration).abs() <= 1e-7 * (1.0 + duration));
+                }
+            }
+        }
+
+        /// More road never makes an impossible profile of an easy one: with room to stop and go, there always is one.
+        #[test]
+        fn with_enough_road_there_is_a_profile(from in state(), to in state(), more in 0.0..100.0f64) {
+            prop_assert!(fastest(from, to, 30.0 + more, LIMITS).is_ok());
+        }
+
+        #[test]
+        fn a_cut_profile_goes_on_where_it_was(from in state(), to in state(), share in 0.0..1.0f64) {
+            let Ok(whole) = fastest(from, to, 40.0, LIMITS) else { return Ok(()) };
+            let (before, after) = whole.cut(share * whole.duration());
+            let (middle, end) = (before.at(before.duration()), after.at(after.duration()));
+            prop_assert!((middle.v - after.v0).abs() < 1e-9 && (middle.a - after.a0).abs() < 1e-8);
+            prop_assert!((middle.s + end.s - 40.0).abs() < 1e-9);
+            prop_assert!((whole.time_at(middle.s) - before.duration()).abs() < 1e-6 || middle.v < 1e-3);
+        }
+    }
+}

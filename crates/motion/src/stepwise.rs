@@ -63,3 +63,27 @@ fn reach(v: f64, block: &Block) -> f64 {
     }
     v + low * (1.0 - 1e-6)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lookahead::tests::{check, road};
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(500))]
+
+        #[test]
+        fn there_always_is_a_legal_plan_from_rest(blocks in road()) {
+            let mut spans = Vec::new();
+            plan(&blocks, &mut spans);
+            prop_assert_eq!(check(&blocks, &spans, State::default()), Ok(()));
+            let crawling: Vec<Span> = blocks
+                .iter()
+                .enumerate()
+                .map(|(k, b)| Span { first: k, last: k + 1, profile: rest_to_rest(b) })
+                .collect();
+            prop_assert_eq!(check(&blocks, &crawling, State::default()), Ok(()));
+        }
+    }
+}

@@ -16,7 +16,7 @@ fn mode() -> impl Strategy<Value = PathMode> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
     fn limits_ends_and_paths_are_kept(steps in prop::collection::vec(step(), 1..40), mode in mode()) {
@@ -40,7 +40,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(ProptestConfig::with_cases(40))]
 
     /// Long chains of short lines, some nearly straight, some rough: re-planned and cut many times.
     #[test]
@@ -176,5 +176,30 @@ fn a_plan_beyond_the_limits_is_caught_by_both_judges() {
         lower(&mut tighter);
         assert!(judge_points(&tighter, &run.points, [0.0; 3]).is_err());
         assert!(judge_records(&tighter, &run.records).is_err());
+    }
+}
+
+#[test]
+fn a_blended_corner_is_never_slower_than_a_stop() {
+    let limits = Limits::built_in();
+    for degrees in [1.0f64, 5.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 135.0, 170.0, 180.0] {
+        for leg in [2.0, 20.0] {
+            for feed in [5.0, 30.0, 100.0] {
+                let (sin, cos) = degrees.to_radians().sin_cos();
+                let corner = |mode| {
+                    let line = |end| Move { path: Path::Line(end), feed: Feed::PerSecond(feed), mode, stop: false };
+                    let moves = [line([leg, 0.0, 0.0]), line([leg + leg * cos, leg * sin, 0.0])];
+                    play(limits, &moves, usize::MAX).records.len()
+                };
+                let stop = corner(PathMode::ExactStop);
+                for tolerance_mm in [0.005, 0.01, 0.05] {
+                    let blend = corner(PathMode::Blend { tolerance_mm });
+                    assert!(
+                        blend <= stop,
+                        "{degrees}° {leg} mm at {feed} mm/s within {tolerance_mm}: {blend} periods, {stop} stopping"
+                    );
+                }
+            }
+        }
     }
 }
