@@ -60,7 +60,7 @@ pub(crate) struct Blender<const A: usize> {
     barrier: f64,
     /// The widest correction, mm: wider ones gain no speed.
     reach: f64,
-    moments: Vec<[[f64; 3]; 4]>,
+    moments: Vec<[[f64; A]; 4]>,
     events: Vec<Event<A>>,
     /// Stretches where the tolerance is exceeded, and by which factor.
     excess: Vec<(f64, f64, f64)>,
@@ -149,8 +149,9 @@ impl<const A: usize> Blender<A> {
         } else {
             // A corner that is yet to come may reach this far back.
             let open = self.corners.get(end).map_or(self.total, |c| c.corner.s);
-            let safe = open - self.reach.min(0.5 * open);
-            self.segments.partition_point(|(_, s, _)| *s <= safe).saturating_sub(1)
+            let before = |place: f64| self.segments.partition_point(|(_, s, _)| *s <= place);
+            let many = if self.segments.len() >= MOST_SEGMENTS { before(open) / 2 } else { 0 };
+            before(open - self.reach).saturating_sub(1).max(many)
         };
         self.cut(done, out);
         self.enough = self.total + STEP * self.reach;
@@ -163,8 +164,8 @@ impl<const A: usize> Blender<A> {
         for k in self.decided..end {
             let Candidate { corner, tolerance, low, high } = self.corners[k];
             let room = (corner.s - low.max(0.0)).min(high.min(self.total) - corner.s).min(self.reach);
-            let size = linear(&corner.turn);
-            let mut h = room.min(tolerance / (G_MOST * size).max(1e-12));
+            let turn = size(&corner.turn);
+            let mut h = room.min(tolerance / (G_MOST * turn).max(1e-12));
             for _ in 0..12 {
                 let off = self.deviation(corner.s, h);
                 if off <= tolerance {
@@ -179,7 +180,7 @@ impl<const A: usize> Blender<A> {
     /// Sums of Δ·sⁿ, n = 0 … 3, over the corners before each.
     fn sum_moments(&mut self) {
         self.moments.clear();
-        let mut sums = [[0.0; 3]; 4];
+        let mut sums = [[0.0; A]; 4];
         self.moments.push(sums);
         for Candidate { corner, .. } in &self.corners {
             let mut power = 1.0;
@@ -197,17 +198,17 @@ impl<const A: usize> Blender<A> {
     fn deviation(&self, s: f64, h: f64) -> f64 {
         let index = |at: f64| self.corners.partition_point(|c| c.corner.s < at);
         let (from, middle, to) = (index(s - h), index(s), index(s + h));
-        let mut off = [0.0; 3];
+        let mut off = [0.0; A];
         // Σ Δ·(1 − |x|)³·h/6 with 1 − |x| = ±(place − edge)/h.
         for (first, last, edge, sign) in [(from, middle, s - h, 1.0), (middle, to, s + h, -1.0)] {
             let (a, b) = (&self.moments[first], &self.moments[last]);
-            for i in 0..3 {
+            for i in 0..A {
                 let m = |n: usize| b[n][i] - a[n][i];
                 let cubes = m(3) - edge * (3.0 * m(2) - edge * (3.0 * m(1) - edge * m(0)));
                 off[i] += sign * cubes / (6.0 * h * h);
             }
         }
-        linear(&off)
+        size(&off)
     }
 
     /// Narrows the corrections of the undecided corners up to `end` until their sum, with those decided before, keeps the
@@ -365,7 +366,7 @@ fn larger(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
     (a.0.max(b.0), a.1.max(b.1))
 }
 
-/// Size of a vector in the linear axes.
-pub(crate) fn linear(vector: &[f64]) -> f64 {
-    vector.iter().take(3).map(|x| x * x).sum::<f64>().sqrt()
+/// Size of a vector over all axes. A rotary axis counts like a linear one, so that a tolerance bounds its deviation too.
+pub(crate) fn size(vector: &[f64]) -> f64 {
+    vector.iter().map(|x| x * x).sum::<f64>().sqrt()
 }

@@ -115,7 +115,7 @@ impl<const A: usize> Sum<A> {
         [value, first, second.map(|x| 0.5 * x), third.map(|x| x / 6.0)]
     }
 
-    /// A bound on the size of the correction in the linear axes over the next `length`: that of the control points.
+    /// A bound on the size of the correction over all axes and over the next `length`: that of the control points.
     pub(crate) fn most(&self, length: f64) -> f64 {
         let [a, b, c, d] = self.cubic();
         let l = length;
@@ -127,7 +127,7 @@ impl<const A: usize> Sum<A> {
                     2 => a[i] + l * (2.0 * b[i] + l * c[i]) / 3.0,
                     _ => a[i] + l * (b[i] + l * (c[i] + l * d[i])),
                 };
-                (0..A.min(3)).map(|i| point(i) * point(i)).sum::<f64>()
+                (0..A).map(|i| point(i) * point(i)).sum::<f64>()
             })
             .fold(0.0, f64::max)
             .sqrt()

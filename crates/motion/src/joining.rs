@@ -3,7 +3,7 @@
 //! Invariant: the jumps of velocity and acceleration in a joint that is passed at its cap take no more of the jerk, as it is
 //! seen over one control period, than the share that the pieces on both sides leave.
 
-use crate::blend::{Entry, Segment, linear};
+use crate::blend::{Entry, Segment, size};
 use crate::corner::G_MOST;
 use crate::limits::AxisLimits;
 use crate::piece::Joint;
@@ -27,7 +27,7 @@ pub(crate) fn join<const A: usize>(last: &Segment<A>, next: &Segment<A>, axes: &
     let bend: [f64; A] = std::array::from_fn(|i| start.second[i] - end.second[i]);
     let tolerance = last.tolerance.min(next.tolerance);
     if tolerance > 0.0 {
-        let passes = linear(&turn) < SHARPEST && blend_pays(last, next, linear(&turn), tolerance, axes);
+        let passes = size(&turn) < SHARPEST && blend_pays(last, next, size(&turn), tolerance, axes);
         passes.then_some(Entry::Smooth { turn, bend })
     } else {
         let joint = rough(last, next, &turn, &bend, axes);

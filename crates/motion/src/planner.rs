@@ -5,7 +5,7 @@
 
 use retrace_core::{Flags, Record};
 
-use crate::blend::{Blender, Entry, Segment, linear};
+use crate::blend::{Blender, Entry, Segment, size};
 use crate::curve::{Arc, Curve};
 use crate::emitter::{Emitter, Item, SetPoint, counts_of};
 use crate::error::{LimitError, MoveError};
@@ -168,7 +168,7 @@ impl<const A: usize> Planner<A> {
     /// How far the path may be cut, with room for the rounding to whole pulses; 0 where that leaves nothing worth it.
     fn tolerance(&self, mode: PathMode) -> f64 {
         let PathMode::Blend { tolerance_mm } = mode else { return 0.0 };
-        let rounding = 0.5 * linear(&self.pulses_per_mm.map(f64::recip));
+        let rounding = 0.5 * size(&self.pulses_per_mm.map(f64::recip));
         let left = tolerance_mm - rounding;
         if left > 0.1 * tolerance_mm { left } else { 0.0 }
     }

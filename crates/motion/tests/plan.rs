@@ -4,7 +4,8 @@ mod common;
 
 use common::*;
 use proptest::prelude::*;
-use retrace_motion::{Feed, Limits, PathMode};
+use retrace_core::Flags;
+use retrace_motion::{Feed, Limits, PathMode, Planner};
 
 fn mode() -> impl Strategy<Value = PathMode> {
     prop_oneof![
@@ -202,4 +203,30 @@ fn a_blended_corner_is_never_slower_than_a_stop() {
             }
         }
     }
+}
+
+/// A rotary axis that turns back is not cut short by more than the tolerance, and tiny pieces behind a long one take no time.
+#[test]
+fn rotary_reversals_are_kept_and_tiny_pieces_are_cheap() {
+    let mode = PathMode::Blend { tolerance_mm: 0.05 };
+    let mut planner = Planner::<4>::new(Limits::built_in(), [0.0; 4]).expect("valid limits");
+    for (tag, end) in [[0.0, 0.0, 0.0, 30.0], [0.0, 0.0, 0.0, 10.0], [5.0, 0.0, 0.0, 20.0]].into_iter().enumerate() {
+        planner.line(end, Feed::PerSecond(20.0), mode, tag as u32 + 1).expect("a valid line");
+    }
+    planner.stop(Flags::NONE);
+    let mut farthest = 0.0f64;
+    while planner.next_record().is_some() {
+        farthest = farthest.max(planner.set_point().position_mm[3]);
+    }
+    assert!(farthest > 29.95 && planner.set_point().position_mm == [5.0, 0.0, 0.0, 20.0]);
+
+    planner.line([1500.0, 0.0, 0.0, 20.0], Feed::Rapid, mode, 9).expect("a valid line");
+    for k in 0..40_000 {
+        let x = 1500.0 + f64::from(k % 3) * 1e-5;
+        planner.line([x, f64::from(k) * 1e-4, 0.0, 20.0], Feed::Rapid, mode, 10).expect("a valid line");
+        while planner.next_record().is_some() {}
+    }
+    planner.stop(Flags::NONE);
+    while planner.next_record().is_some() {}
+    assert_eq!(planner.set_point().position_mm, planner.commanded_mm());
 }
