@@ -78,6 +78,8 @@ impl<const A: usize> Met<A> {
     }
 }
 
+/// A limit that holds what an axis does more often than this, 8³ and some, bounds no cap.
+const PLENTY: f64 = 520.0;
 /// Samples that come this much of a period before the end of an item are taken at its end.
 const LATE: f64 = 1e-6;
 
@@ -244,12 +246,12 @@ impl<const A: usize> Emitter<A> {
         let bounds = &self.met.bounds;
         let Derivatives { first: most_v, second: most_a, third: most_j } = &self.most;
         // How often the axis limits hold what the axes do: velocity, acceleration and jerk.
-        let mut spare = [512.0f64; 3];
+        let mut spare = [PLENTY; 3];
         for i in 0..A {
             let (one, two, three) = (bounds.first[i], bounds.second[i], bounds.third[i]);
             let axis_a = one * a + two * v * v;
             let axis_j = one * j + 3.0 * two * v * a + three * v * v * v;
-            let times = |most: f64, used: f64| if used * 512.0 > most { most / used } else { 512.0 };
+            let times = |most: f64, used: f64| if used * PLENTY > most { most / used } else { PLENTY };
             spare = [
                 spare[0].min(times(most_v[i], one * v)),
                 spare[1].min(times(most_a[i], axis_a)),
@@ -261,8 +263,9 @@ impl<const A: usize> Emitter<A> {
         if spare[0] < rate || spare[1] < rate * rate || spare[2] < rate * rate * rate {
             return RapidCap::PLANNED;
         }
-        let rate = spare[0].min(spare[1].sqrt()).min(spare[2].cbrt()).min(8.0);
-        RapidCap::sixteenths((rate * 16.0 * (1.0 - 1e-9)) as u8)
+        // A little less, for the rounding of the roots.
+        let rate = (1.0 - 1e-9) * spare[0].min(spare[1].sqrt()).min(spare[2].cbrt());
+        RapidCap::sixteenths((rate * 16.0).min(128.0) as u8)
     }
 }
 

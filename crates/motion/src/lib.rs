@@ -1,9 +1,15 @@
 //! Motion planning: geometry and feed become one record of whole increments a control period.
 //!
-//! Lines, arcs and helices go into a [`Planner`], with their feed and path mode; records come out. In between lie exact
-//! geometry (`curve`), the limits of every axis along it (`piece`), a jerk-limited plan over runs of blocks with the
-//! acceleration carried across joints (`envelope`, `lookahead`, `profile`), and emission (`emitter`). The crate knows no text
-//! and no port.
+//! Lines, arcs and helices go into a [`Planner`], with their feed and path mode; records come out. On the way lie
+//!
+//! - exact geometry (`curve`) and how two moves are joined (`joining`): by a stop, as they are, or blended;
+//! - blending (`blend`, `corner`): what is handed on has continuous direction and curvature, within the tolerance;
+//! - what every axis allows along a piece of path (`piece`), and the road of one run between two stops (`run`);
+//! - the jerk-limited plan over many blocks with the acceleration carried across joints (`envelope`, `lookahead`, `profile`),
+//!   with a plainer one where there is none (`stepwise`);
+//! - emission (`emitter`), one record a control period.
+//!
+//! The crate knows no text and no port.
 //!
 //! Invariant: every axis keeps its velocity, and the plan's share α of its acceleration and jerk, everywhere; the sum of the
 //! increments is never further than half a pulse from the plan; the end is exact.

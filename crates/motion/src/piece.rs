@@ -113,7 +113,10 @@ impl<const A: usize> Piece<A> {
             let (second, third) = (self.bounds.second[i], self.bounds.third[i]);
             if second > 0.0 || third > 0.0 {
                 let (a_across, j_across) = self.left(axes, share, (a, j), i);
-                v = v.min((a_across / second).sqrt()).min(speed_within(third, 3.0 * second * a, j_across));
+                if second * v * v > a_across {
+                    v = (a_across / second).sqrt();
+                }
+                v = speed_within(v, third, 3.0 * second * a, j_across);
             }
         }
         PathLimits { v, a, j }
@@ -131,20 +134,20 @@ fn j_left<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
     (1.0 - share) * axes.j[i]
 }
 
-/// The largest v with `cubic·v³ + linear·v ≤ most`, or a little less; all are at least 0.
-fn speed_within(cubic: f64, linear: f64, most: f64) -> f64 {
-    let alone = |x: f64| if x > 0.0 { x } else { f64::MAX };
-    let mut v = alone((most / cubic).cbrt()).min(alone(most / linear));
-    if v.is_nan() || v >= f64::MAX {
-        return if most > 0.0 { f64::MAX } else { 0.0 };
+/// The largest v up to `wanted` with `cubic·v³ + linear·v ≤ most`, or a little less; all are at least 0.
+fn speed_within(wanted: f64, cubic: f64, linear: f64, most: f64) -> f64 {
+    let used = |v: f64| v * (cubic * v * v + linear);
+    if used(wanted) <= most {
+        return wanted;
     }
+    // Each term alone bounds it from above; NaN, where a term and `most` are 0, is no bound.
+    let mut v = wanted.min((most / cubic).cbrt()).min(most / linear);
     for _ in 0..3 {
-        let excess = cubic * v * v * v + linear * v - most;
-        v -= excess / (3.0 * cubic * v * v + linear);
+        v -= (used(v) - most) / (3.0 * cubic * v * v + linear).max(f64::MIN_POSITIVE);
     }
     // Newton came from above; the chord from 0 ends below the root, because the function is convex.
-    let above = cubic * v * v * v + linear * v;
-    if above > most { v * most / above } else { v }
+    let above = used(v);
+    if above > most { v * most / above } else { v.max(0.0) }
 }
 
 #[cfg(test)]
@@ -157,7 +160,8 @@ mod tests {
         #[test]
         fn the_speed_within_a_cubic_is_its_root_from_below(c in 0.0..1e6f64, l in 0.0..1e6f64, m in 1e-3..1e6f64) {
             prop_assume!(c + l > 1e-3);
-            let v = speed_within(c, l, m);
+            prop_assert_eq!(speed_within(1e-9, c, l, m.max(1.0)), 1e-9);
+            let v = speed_within(1e12, c, l, m);
             prop_assert!(c * v * v * v + l * v <= m * (1.0 + 1e-12));
             prop_assert!(c * v * v * v + l * v >= 0.9 * m);
         }

@@ -83,7 +83,8 @@ impl<const A: usize> Run<A> {
 
     /// The joint at the end of the last piece is known: the piece joins the road.
     fn push_tail(&mut self, exit: Joint, emitter: &mut Emitter<A>) {
-        let Some((piece, entry)) = self.tail.take() else { return };
+        let Some((mut piece, entry)) = self.tail.take() else { return };
+        piece.rough_entry = entry.share > 0.0;
         let limits = piece.limits(&self.axes, entry.share.max(exit.share));
         let number = emitter.append(piece);
         self.next_piece = number + 1;

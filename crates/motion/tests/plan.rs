@@ -4,7 +4,7 @@ mod common;
 
 use common::*;
 use proptest::prelude::*;
-use retrace_core::Flags;
+use retrace_core::{Flags, RapidCap, Record};
 use retrace_motion::{Feed, Limits, PathMode, Planner};
 
 fn mode() -> impl Strategy<Value = PathMode> {
@@ -27,6 +27,25 @@ proptest! {
         let tolerance = if let PathMode::Blend { tolerance_mm } = mode { tolerance_mm } else { 0.0 };
         if let Err(broken) = judge(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
+        }
+    }
+
+    /// Played faster by its cap, every record keeps velocity, acceleration and jerk, seen over the records of a window.
+    #[test]
+    fn rapid_retrace_caps_leave_the_limits_whole(steps in prop::collection::vec(step(), 1..20), mode in mode()) {
+        let limits = Limits::built_in();
+        let run = play(limits, &program(&steps, mode), usize::MAX);
+        let cap = |records: &[Record<3>]| records.iter().map(|r| f64::from(r.cap.get()) / 16.0).fold(8.0, f64::min);
+        for n in 3..run.points.len() {
+            for i in 0..3 {
+                let [p, q, r, s] = std::array::from_fn(|k| run.points[n - 3 + k][i]);
+                let noise = 1e-13 * (1.0 + p.abs());
+                let (one, two, three) = (s - r, s - 2.0 * r + q, s - 3.0 * r + 3.0 * q - p);
+                let (a, b, c) = (cap(&run.records[n..=n]), cap(&run.records[n - 1..=n]), cap(&run.records[n - 2..=n]));
+                prop_assert!(a * one.abs() <= 0.1 * (1.0 + 1e-7) + noise * a);
+                prop_assert!(b * b * two.abs() <= 0.9e-3 * (1.0 + 1e-7) + noise * b * b);
+                prop_assert!(c.powi(3) * three.abs() <= 18e-6 * (1.0 + 1e-7) + noise * c.powi(3));
+            }
         }
     }
 
@@ -229,4 +248,14 @@ fn rotary_reversals_are_kept_and_tiny_pieces_are_cheap() {
     planner.stop(Flags::NONE);
     while planner.next_record().is_some() {}
     assert_eq!(planner.set_point().position_mm, planner.commanded_mm());
+}
+
+#[test]
+fn a_slow_cut_may_be_retraced_fast() {
+    let limits = Limits::built_in();
+    let m =
+        Move { path: Path::Line([40.0, 0.0, 0.0]), feed: Feed::PerSecond(5.0), mode: PathMode::ExactStop, stop: true };
+    let run = play(limits, &[m], 0);
+    let fast = run.records.iter().filter(|record| record.cap == RapidCap::MAX).count();
+    assert!(fast > run.records.len() - 100, "{fast} of {}", run.records.len());
 }
