@@ -41,6 +41,30 @@ pub enum Command {
     /// Ring size for so many axes, hours, milliseconds and bytes (REV-4), and what the machine file gives.
     #[command(after_help = "Example:\n  retrace size --axes 3 --hours 0.5 --period-ms 2.5 --bytes 2")]
     Size(Size),
+    /// Write a commented machine file, check one.
+    #[command(
+        subcommand,
+        after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine check examples/02-back-up.toml"
+    )]
+    Machine(Machine),
+}
+
+/// `retrace machine`
+#[derive(Debug, Subcommand)]
+pub enum Machine {
+    /// Write a machine file with every key and its meaning.
+    #[command(after_help = "Example:\n  retrace machine new -o mill.toml")]
+    New {
+        /// File to write; standard output where none is named. A file that is there is left alone.
+        #[arg(short, long, value_name = "FILE.toml")]
+        output: Option<PathBuf>,
+    },
+    /// Check a machine file and say what it comes to.
+    #[command(after_help = "Example:\n  retrace machine check examples/02-back-up.toml")]
+    Check {
+        /// The machine file.
+        file: PathBuf,
+    },
 }
 
 /// What a program is read with, for every command that reads one.

@@ -13,8 +13,8 @@ use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::session::Observer;
-use retrace_core::ONE;
-use retrace_core::mode::Mode;
+use retrace_core::mode::Operation;
+use retrace_core::{ONE, Travel};
 use retrace_link::Status;
 
 /// How a run is shown.
@@ -103,7 +103,7 @@ impl<'m, const A: usize> Console<'m, A> {
         }
     }
 
-    fn progress(&mut self, status: &Status<A>, mode: Mode) {
+    fn progress(&mut self, status: &Status<A>, operation: &Operation) {
         // The clock is looked at now and then only; a period takes some tens of nanoseconds.
         let Show::Bar(bar) = &self.show else { return };
         if !status.period.is_multiple_of(64) || self.shown.elapsed() < Duration::from_millis(50) {
@@ -123,18 +123,20 @@ impl<'m, const A: usize> Console<'m, A> {
             .map(|(a, &i)| (f64::from(i) / a.pulses_per_mm).powi(2))
             .sum();
         let feed = step.sqrt() / self.machine.period_s() * 60.0;
-        let rate = status.rate as f64 / ONE as f64 * 100.0;
+        let percent = |rate: Travel| rate as f64 / ONE as f64 * 100.0;
+        let (rate, over) = (percent(status.rate), percent(operation.override_rate()));
+        let state = if operation.held() { "hold".into() } else { format!("{:?}", operation.mode()).to_lowercase() };
         bar.set_position(u64::from(status.line));
-        bar.set_message(format!("{position} F{feed:.0} mm/min  {rate:.0} % {mode:?}"));
+        bar.set_message(format!("{position} F{feed:.0} mm/min  rate {rate:.0} %  override {over:.0} %  {state}"));
     }
 }
 
 impl<const A: usize> Observer<A> for Console<'_, A> {
-    fn period(&mut self, status: &Status<A>, mode: Mode) {
+    fn period(&mut self, status: &Status<A>, operation: &Operation) {
         self.judge.push(&status.increments, status.rate);
         self.line = status.line;
         self.write_record(status);
-        self.progress(status, mode);
+        self.progress(status, operation);
     }
 
     fn event(&mut self, event: &Event) {

@@ -14,7 +14,7 @@ use retrace_controller::refusal::Refusal;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Observer};
 use retrace_controller::sink::Sink;
-use retrace_core::mode::Mode;
+use retrace_core::mode::{Mode, Operation};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{Change, Status};
 use retrace_motion::{Arc, Feed, PathMode};
@@ -218,7 +218,7 @@ impl<'m> Trace<'m> {
 }
 
 impl Observer<9> for Trace<'_> {
-    fn period(&mut self, status: &Status<9>, mode: Mode) {
+    fn period(&mut self, status: &Status<9>, operation: &Operation) {
         let mut mm = [0.0; 9];
         for ((slot, axis), &count) in mm.iter_mut().zip(&self.machine.axes).zip(&status.counts) {
             *slot = count as f64 / axis.pulses_per_mm;
@@ -228,7 +228,7 @@ impl Observer<9> for Trace<'_> {
                 positions.push(x);
             }
         }
-        let is_retracing = mode != Mode::Run;
+        let is_retracing = operation.mode() != Mode::Run;
         let (point, now) = (self.place.point(&mm), status.period as f64 * self.machine.period_s());
         match (is_retracing, self.is_retracing) {
             (true, false) => {

@@ -11,6 +11,7 @@ mod check;
 mod console;
 mod draw;
 mod files;
+mod machine;
 mod plot;
 mod program;
 mod run;
@@ -29,6 +30,7 @@ fn main() -> ExitCode {
         Command::Check(args) => check::run(&args).map(|()| 0),
         Command::Canon(args) => canon::run(&args).map(|()| 0),
         Command::Plot(args) => draw::run(&args).map(|()| 0),
+        Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),
     };
     match done {

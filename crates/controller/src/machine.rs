@@ -246,8 +246,7 @@ impl Machine {
 }
 
 fn checked_axes(mut axes: Vec<Axis>) -> Result<Vec<Axis>, Refusal> {
-    let refuse =
-        |what: String| Refusal::new("E2112", what, "see `retrace machine --help` for a commented machine file");
+    let refuse = |what: String| Refusal::new("E2112", what, "see `retrace machine new` for a commented machine file");
     if axes.is_empty() {
         return Err(refuse("the machine has no [[axis]]".into()));
     }
@@ -285,7 +284,7 @@ pub(crate) fn within(key: &str, value: f64, least: f64, greatest: f64) -> Result
 /// Says where a machine file could not be read, and what may have been meant.
 fn misread(error: &toml::de::Error, name: &str) -> Refusal {
     let remedy = unknown_key(error.message())
-        .unwrap_or_else(|| "correct the line; `retrace machine --help` shows a commented machine file".into());
+        .unwrap_or_else(|| "correct the line; `retrace machine new` shows a commented machine file".into());
     Refusal::new("E2111", format!("{name}: {}", error.to_string().trim_end()), remedy)
 }
 

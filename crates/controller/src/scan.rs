@@ -1,6 +1,7 @@
 //! The scan before the run: every move is looked at before the first one is made (PRE-5, *Beyond the source*).
 //!
-//! Invariant: a program that the scan passes moves no axis beyond its soft limits.
+//! Invariant: a program that the scan passes is programmed within the soft limits of every axis; blends may leave the programmed
+//! path by their tolerance.
 
 use retrace_link::Change;
 use retrace_motion::{Arc, Feed, PathMode};

@@ -12,7 +12,7 @@ use retrace_controller::operator;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Observer, Outcome, Session};
 use retrace_controller::tally::Tally;
-use retrace_core::mode::Mode;
+use retrace_core::mode::Operation;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::{Place, Record, size};
 use retrace_hal_sim::{Clock, SimCard};
@@ -28,7 +28,7 @@ struct Log {
 }
 
 impl Observer<3> for Log {
-    fn period(&mut self, status: &Status<3>, _mode: Mode) {
+    fn period(&mut self, status: &Status<3>, _: &Operation) {
         self.judge.push(&status.increments, status.rate);
         self.rows.push((status.place, status.counts, status.rate));
         let first = *self.positions.entry(status.place).or_insert(status.counts);

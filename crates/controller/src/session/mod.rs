@@ -26,7 +26,7 @@ use crate::tally::{Spent, Tally};
 /// Who looks on: records, screen, judge.
 pub trait Observer<const A: usize> {
     /// A control period has passed.
-    fn period(&mut self, status: &Status<A>, mode: Mode);
+    fn period(&mut self, status: &Status<A>, operation: &Operation);
     /// Something happened.
     fn event(&mut self, event: &Event);
 }
@@ -277,7 +277,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             self.tell_at(line, happening);
         }
         self.watch_supply(status, mode);
-        self.observer.period(status, mode);
+        self.observer.period(status, &self.operation);
         self.still_periods = if status.rate == 0 && self.executing.is_none() { self.still_periods + 1 } else { 0 };
     }
 
