@@ -13,8 +13,8 @@ use crate::system::SystemParameter;
 /// Values that an expression may hold at once.
 const STACK: usize = 40;
 
-/// Two values nearer than this are equal to EQ, NE, GE and LE.
-const EQUAL: f64 = 1e-6;
+/// Two values nearer than this are equal to EQ, NE, GE and LE, as in LinuxCNC.
+pub(crate) const EQUAL: f64 = 1e-4;
 
 /// How far from a whole number a value may be that has to be one.
 const WHOLE: f64 = 1e-4;
@@ -446,4 +446,71 @@ fn combine(operator: Operator, left: f64, right: f64, op: Op) -> Outcome<f64> {
         }
         Operator::Power => left.powf(right),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Nothing;
+
+    impl Environment for Nothing {
+        fn numbered(&self, number: usize) -> Option<f64> {
+            Some(number as f64 * 10.0)
+        }
+
+        fn named(&self, _: NameId) -> Option<f64> {
+            None
+        }
+
+        fn name(&self, _: NameId) -> &str {
+            "gone"
+        }
+
+        fn system(&self, _: SystemParameter) -> f64 {
+            0.0
+        }
+    }
+
+    fn value(text: &str) -> Result<f64, Code> {
+        let (mut ops, mut names) = (Vec::new(), Names::default());
+        let mut cursor = Cursor::new(text.as_bytes());
+        let result = Compiler::new(&mut cursor, &mut ops, &mut names).value();
+        let result = result.and_then(|()| evaluate(&ops, &Nothing));
+        result.map(|(_, value)| value).map_err(|fault| fault.code)
+    }
+
+    #[test]
+    fn operators_bind_by_rank_and_from_left_to_right() {
+        for (text, wanted) in [
+            ("[2**3**2]", 64.0),
+            ("[-2**2]", 4.0),
+            ("[2+3*4-1]", 13.0),
+            ("[10-4-3]", 3.0),
+            ("[1 OR 0 AND 0]", 0.0),
+            ("[1 LT 2 AND 3 GT 4]", 0.0),
+            ("[1 + 2 EQ 3]", 1.0),
+            ("[- 7 MOD 3]", 2.0),
+            ("[10 MOD -3]", 1.0),
+            ("-SIN[30]", -0.5),
+            ("ATAN[1]/[-1]", 135.0),
+            ("ROUND[-2.5]", -3.0),
+            ("FIX[-2.5]", -3.0),
+            ("FUP[-2.5]", -2.0),
+            ("#[#2]", 200.0),
+            ("EXISTS[#<gone>]", 0.0),
+            ("EXISTS[#5]", 1.0),
+        ] {
+            assert_eq!(value(text), Ok(wanted), "{text}");
+        }
+    }
+
+    #[test]
+    fn values_nearer_than_a_ten_thousandth_are_equal() {
+        assert_eq!([value("[1 EQ 1.00009]"), value("[1 EQ 1.00011]")], [Ok(1.0), Ok(0.0)]);
+        assert_eq!(
+            [value("[1 LE .99991]"), value("[1 LT 1.00001]"), value("[1 NE 1.00009]")],
+            [Ok(1.0), Ok(1.0), Ok(0.0)]
+        );
+    }
 }

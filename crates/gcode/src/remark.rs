@@ -5,7 +5,7 @@
 use crate::canon::Canon;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
-use crate::expr::{Environment, Reference};
+use crate::expr::{EQUAL, Environment, Reference};
 use crate::params::Names;
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -113,8 +113,8 @@ fn expand(pieces: &[Piece], environment: &impl Environment) -> Arc<str> {
         };
         let from = text.len();
         if let Some(value) = value {
-            // Writing to a string cannot fail; a value that rounds to zero shows no sign.
-            let _ = write!(text, "{:.6}", if value.abs() < 1e-6 { 0.0 } else { value });
+            // Writing to a string cannot fail; a value that is equal to zero shows as zero.
+            let _ = write!(text, "{:.6}", if value.abs() < EQUAL { 0.0 } else { value });
         }
         // The field is 29 characters wide; a parameter without a value shows as crosses.
         if text.len() == from || text.len() - from >= 30 {

@@ -45,6 +45,8 @@ pub(crate) struct Writer {
     /// M49 or M51 P0 came last.
     speed_override_off: bool,
     names: Vec<String>,
+    /// The O label used last; the peer takes each once only.
+    label: u32,
 }
 
 impl Writer {
@@ -55,6 +57,7 @@ impl Writer {
             has_tool_offset: false,
             speed_override_off: false,
             names: Vec::new(),
+            label: 0,
         };
         let percent = writer.random.one_in(5);
         if percent {
@@ -105,7 +108,7 @@ impl Writer {
     }
 
     fn block(&mut self) {
-        match self.random.below(34) {
+        match self.random.below(36) {
             0..=9 => self.straight(),
             10..=13 => self.arc(),
             14..=16 => self.assignment(),
@@ -122,11 +125,68 @@ impl Writer {
             30 => self.dwell(),
             31 => self.path_control(),
             32 => self.anything(),
+            33 | 34 => self.control(5),
             _ => {
                 let words = vec![self.axis_words(2).join(""), format!("F{}", self.random.below(99) + 1)];
                 self.line(words);
             }
         }
+    }
+
+    /// A branch, a loop or a subprogram, with blocks inside that may be such themselves. Of the five kinds the last, a subprogram,
+    /// stands only outside of the others: the peer refuses to pass its definition twice.
+    fn control(&mut self, kinds: u64) {
+        self.label += 1;
+        let label = format!("{}{}", self.random.pick(&["O", "o ", "N7 o"]), self.label);
+        let own = 40 + self.label;
+        let condition = format!("[{}]", self.expression(2));
+        let kind = self.random.below(kinds);
+        let count = self.random.below(4);
+        // What a branch that is not taken assigns would be missing later.
+        let names = self.names.len();
+        match kind {
+            0 => self.lines.push(format!("{label} if {condition}")),
+            1 => self.lines.push(format!("{label} repeat [{count}]")),
+            2 => self.lines.push(format!("#{} = 0\n{label} while [#{} lt {count}]", own, own)),
+            3 => self.lines.push(format!("#{} = 0\n{label} do", own)),
+            _ => self.lines.push(format!("{label} sub")),
+        }
+        if kind == 4 {
+            self.names.clear();
+        }
+        let counter = format!("#{} = [#{} + 1]", own, own);
+        for _ in 0..self.random.below(3) + 1 {
+            if self.random.one_in(2) {
+                self.straight()
+            } else {
+                self.assignment()
+            }
+            self.names.truncate(names);
+            if kind == 4 {
+                self.names.clear();
+            }
+        }
+        if matches!(kind, 0..=3) && self.label < 20 && self.random.one_in(3) {
+            self.control(4);
+        }
+        match kind {
+            0 if self.random.one_in(2) => {
+                self.lines.push(format!("{label} else"));
+                self.straight();
+                self.lines.push(format!("{label} endif"));
+            }
+            0 => self.lines.push(format!("{label} endif")),
+            1 => self.lines.push(format!("{label} endrepeat")),
+            2 => self.lines.push(format!("{counter}\n{label} endwhile")),
+            3 => self.lines.push(format!("{counter}\n{label} while [#{} LT {count}]", own)),
+            _ => {
+                let value = self.expression(1);
+                self.lines.push(format!("{label} endsub [{value}]"));
+                let arguments = format!("[{}] [{}]", self.expression(1), self.decimal());
+                self.lines.push(format!("{label} call {arguments} (called)\n(debug,#<_value>)"));
+            }
+        }
+        self.names.truncate(names);
     }
 
     fn decimal(&mut self) -> String {
