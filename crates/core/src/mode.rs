@@ -278,6 +278,17 @@ mod tests {
     }
 
     #[test]
+    fn forward_run_ends_at_reached_and_at_rest_and_nowhere_else() {
+        let mut operation = Operation::default();
+        operation.order(Order::Forward(8 * ONE)).expect("a rate");
+        assert_eq!(operation.demand(&facts(50, 100, true)).target, 8 * ONE);
+        assert_eq!(operation.demand(&facts(100, 100, false)).target, 8 * ONE);
+        assert_eq!(operation.mode(), Mode::Forward);
+        assert_eq!(operation.demand(&facts(100, 100, true)).notice, Some(Notice::GoesOn));
+        assert_eq!(operation.mode(), Mode::Run);
+    }
+
+    #[test]
     fn different_outputs_stop_at_reached_until_the_operator_agrees() {
         let mut operation = Operation::default();
         operation.order(Order::Wheel).expect("always");

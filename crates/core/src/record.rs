@@ -14,10 +14,6 @@ impl Flags {
     pub const REST: Self = Self(1);
     /// An exclusive instruction (GMC-3) stands behind this record. Always together with [`Flags::REST`].
     pub const MARKER: Self = Self(2);
-    /// The instruction behind this record cannot be passed backward (tool change, probing, homing …).
-    pub const ONE_WAY: Self = Self(4);
-    /// Output actions are attached to the START of this record (REV-14).
-    pub const ACTION: Self = Self(8);
 
     /// Both sets of flags.
     #[must_use]
@@ -40,7 +36,7 @@ impl Flags {
     /// From the bits on the wire; unknown bits are dropped.
     #[must_use]
     pub const fn from_bits(bits: u8) -> Self {
-        Self(bits & 15)
+        Self(bits & 3)
     }
 }
 
