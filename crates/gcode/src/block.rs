@@ -6,7 +6,8 @@
 use crate::codes::Code;
 use crate::control::Control;
 use crate::diag::{Outcome, Span, fault};
-use crate::expr::{Environment, Op, evaluate, whole};
+use crate::eval::{Environment, evaluate, whole};
+use crate::expr::Op;
 use crate::groups::{GroupG, GroupM, Known, Tenths, group_of_g, group_of_m};
 use crate::params::NameId;
 use crate::remark::Remark;

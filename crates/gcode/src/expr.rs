@@ -1,9 +1,8 @@
-//! Expressions: compiled once into postfix operations, evaluated on a fixed stack.
+//! Expressions, compiled once into postfix operations.
 //!
-//! Invariant: the compiler refuses what would need more than [`STACK`] values, so evaluation never overflows and allocates nothing.
-//! Operators of one rank go from left to right; a sign binds to the value behind it before any operator does.
+//! Invariant: what would need more than [`STACK`] values at once is refused. Operators of one rank go from left to right; a sign
+//! binds to the value behind it before any operator does.
 
-use crate::angle;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
 use crate::lex::Cursor;
@@ -11,29 +10,23 @@ use crate::params::{NameId, Names};
 use crate::system::SystemParameter;
 
 /// Values that an expression may hold at once.
-const STACK: usize = 40;
-
-/// Two values nearer than this are equal to EQ, NE, GE and LE, as in LinuxCNC.
-pub(crate) const EQUAL: f64 = 1e-4;
-
-/// How far from a whole number a value may be that has to be one.
-const WHOLE: f64 = 1e-4;
+pub(crate) const STACK: usize = 40;
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Op {
-    kind: OpKind,
+    pub(crate) kind: OpKind,
     /// First byte and byte after the last: a line is shorter than 256 bytes.
     at: (u8, u8),
 }
 
 impl Op {
-    fn span(self) -> Span {
+    pub(crate) fn span(self) -> Span {
         Span::new(self.at.0.into(), self.at.1.into())
     }
 }
 
 #[derive(Clone, Copy, Debug)]
-enum OpKind {
+pub(crate) enum OpKind {
     Constant(f64),
     /// The numbered parameter whose number is on the stack.
     Numbered,
@@ -48,7 +41,7 @@ enum OpKind {
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Function {
+pub(crate) enum Function {
     Abs,
     Acos,
     Asin,
@@ -64,7 +57,7 @@ enum Function {
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Operator {
+pub(crate) enum Operator {
     And,
     Or,
     Xor,
@@ -311,146 +304,10 @@ impl<'a, 'b> Compiler<'a, 'b> {
     }
 }
 
-/// Where the evaluation finds parameters.
-pub(crate) trait Environment {
-    fn numbered(&self, number: usize) -> Option<f64>;
-    fn named(&self, name: NameId) -> Option<f64>;
-    fn name(&self, name: NameId) -> &str;
-    fn system(&self, parameter: SystemParameter) -> f64;
-}
-
-/// Runs the operations; the last value is the result, and the one below it, if there is one, comes first.
-pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> Outcome<(f64, f64)> {
-    let mut stack = [0.0; STACK + 3];
-    let mut top = 1;
-    for op in ops {
-        let value = match op.kind {
-            OpKind::Constant(value) => {
-                top += 1;
-                value
-            }
-            OpKind::Numbered => numbered(stack[top], *op, environment)?,
-            OpKind::Named(name) => {
-                top += 1;
-                match environment.named(name) {
-                    Some(value) => value,
-                    None => {
-                        let name = environment.name(name);
-                        return fault(Code::ParameterUndefined, op.span(), format!("#<{name}> has no value yet"));
-                    }
-                }
-            }
-            OpKind::System(parameter) => {
-                top += 1;
-                environment.system(parameter)
-            }
-            OpKind::Exists(name) => {
-                top += 1;
-                f64::from(u8::from(environment.named(name).is_some()))
-            }
-            OpKind::Negate => -stack[top],
-            OpKind::Function(function) => apply(function, stack[top], *op)?,
-            OpKind::Atan => {
-                top -= 1;
-                angle::to_degrees(stack[top].atan2(stack[top + 1]))
-            }
-            OpKind::Binary(operator) => {
-                top -= 1;
-                combine(operator, stack[top], stack[top + 1], *op)?
-            }
-        };
-        if !value.is_finite() {
-            return fault(Code::NotFinite, op.span(), Code::NotFinite.title());
-        }
-        stack[top] = value;
-    }
-    Ok((stack[top - 1], stack[top]))
-}
-
-fn numbered(number: f64, op: Op, environment: &impl Environment) -> Outcome<f64> {
-    let number = whole(number, op.span(), "#")?;
-    match usize::try_from(number).ok().and_then(|number| environment.numbered(number)) {
-        Some(value) => Ok(value),
-        None => fault(Code::ParameterRange, op.span(), format!("there is no parameter #{number}")),
-    }
-}
-
-/// The whole number that a value has to be, within 0.0001.
-pub(crate) fn whole(value: f64, span: Span, of: &str) -> Outcome<i32> {
-    let rounded = value.round();
-    if (value - rounded).abs() > WHOLE {
-        return fault(Code::NotAnInteger, span, format!("{of} takes a whole number, not {value}"));
-    }
-    if rounded.abs() > f64::from(i32::MAX) {
-        return fault(Code::NumberTooLarge, span, format!("{value} is too large for {of}"));
-    }
-    Ok(rounded as i32)
-}
-
-fn apply(function: Function, x: f64, op: Op) -> Outcome<f64> {
-    let in_domain = match function {
-        Function::Acos | Function::Asin => (-1.0..=1.0).contains(&x),
-        Function::Ln => x > 0.0,
-        Function::Sqrt => x >= 0.0,
-        Function::Round => x.abs() < f64::from(i32::MAX),
-        _ => true,
-    };
-    if !in_domain {
-        return fault(Code::OutOfDomain, op.span(), format!("{function:?} has no value at {x}"));
-    }
-    Ok(match function {
-        // A negative zero stays one, as in the peer.
-        Function::Abs if x < 0.0 => -x,
-        Function::Abs => x,
-        Function::Acos => angle::to_degrees(x.acos()),
-        Function::Asin => angle::to_degrees(x.asin()),
-        Function::Cos => angle::cosine(x),
-        Function::Exp => x.exp(),
-        Function::Fix => x.floor(),
-        Function::Fup => x.ceil(),
-        Function::Ln => x.ln(),
-        // Half away from zero, by truncation after adding a half; zero has no sign.
-        Function::Round => (x + 0.5_f64.copysign(x)).trunc() + 0.0,
-        Function::Sin => angle::sine(x),
-        Function::Sqrt => x.sqrt(),
-        Function::Tan => angle::tangent(x),
-    })
-}
-
-fn combine(operator: Operator, left: f64, right: f64, op: Op) -> Outcome<f64> {
-    let truth = |condition: bool| f64::from(u8::from(condition));
-    let near = (left - right).abs() < EQUAL;
-    Ok(match operator {
-        Operator::And => truth(left != 0.0 && right != 0.0),
-        Operator::Or => truth(left != 0.0 || right != 0.0),
-        Operator::Xor => truth((left != 0.0) != (right != 0.0)),
-        Operator::Equal => truth(near),
-        Operator::NotEqual => truth(!near),
-        Operator::Greater => truth(left > right),
-        Operator::GreaterOrEqual => truth(near || left >= right),
-        Operator::Less => truth(left < right),
-        Operator::LessOrEqual => truth(near || left <= right),
-        Operator::Add => left + right,
-        Operator::Subtract => left - right,
-        Operator::Multiply => left * right,
-        Operator::Divide | Operator::Modulo if right == 0.0 => {
-            return fault(Code::DivisionByZero, op.span(), Code::DivisionByZero.title());
-        }
-        Operator::Divide => left / right,
-        Operator::Modulo => {
-            let rest = left % right;
-            if rest < 0.0 { rest + right.abs() } else { rest }
-        }
-        Operator::Power if left < 0.0 && right.fract() != 0.0 => {
-            return fault(Code::OutOfDomain, op.span(), format!("{left} has no power of {right}"));
-        }
-        Operator::Power => left.powf(right),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::eval::{Environment, evaluate};
 
     struct Nothing;
 

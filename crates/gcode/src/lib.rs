@@ -27,6 +27,7 @@ mod canon_text;
 mod codes;
 mod control;
 mod diag;
+mod eval;
 mod expr;
 mod flow;
 mod groups;

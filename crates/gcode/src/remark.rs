@@ -5,7 +5,8 @@
 use crate::canon::Canon;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
-use crate::expr::{EQUAL, Environment, Reference};
+use crate::eval::{EQUAL, Environment};
+use crate::expr::Reference;
 use crate::params::Names;
 use std::fmt::Write as _;
 use std::sync::Arc;

@@ -5,7 +5,7 @@
 use crate::block::{Words, name_of_g};
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
-use crate::expr::whole;
+use crate::eval::whole;
 use crate::groups::{GroupG, GroupM};
 use crate::modal::{Distance, Motion, State};
 

@@ -9,7 +9,7 @@ use crate::block::Words;
 use crate::canon::{Canon, FeedMode};
 use crate::codes::Code;
 use crate::diag::{Outcome, fault};
-use crate::expr::whole;
+use crate::eval::whole;
 use crate::groups::{GroupG, GroupM};
 use crate::modal::Spindle;
 use crate::tool::Tool;

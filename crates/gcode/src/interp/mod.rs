@@ -5,25 +5,23 @@
 
 mod arc;
 mod check;
+mod core;
 mod execute;
 mod modes;
 mod motion;
 mod offsets;
 mod stop;
 
-use crate::block::{Assignment, Block, BlockNumber, Words};
+use self::core::{BlockEnvironment, Core, Emit};
+use crate::block::{Assignment, Block, Words};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::codes::Code;
 use crate::control::Control;
 use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span};
-use crate::expr::Environment;
 use crate::modal::State;
-use crate::params::{
-    COORDINATE_SYSTEM, Frame, G92_ACTIVE, G92_OFFSET, NameId, Names, Parameters, SHOW_DEBUG, system_origin,
-};
+use crate::params::{Frame, Names, Parameters, SHOW_DEBUG};
 use crate::parse::{has_delete_mark, parse};
-use crate::pose::{Axis, AxisSet, Pose};
-use crate::system::SystemParameter;
+use crate::pose::{AxisSet, Pose};
 use crate::tool::ToolTable;
 
 /// Errors after which nothing more is checked; of warnings, no more are kept.
@@ -97,31 +95,6 @@ pub(crate) enum Taken {
 /// A block was refused; the diagnostic says why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BlockRefused;
-
-/// State and data that blocks work on.
-#[derive(Clone, Debug)]
-struct Core {
-    machine_units: LengthUnit,
-    state: State,
-    parameters: Parameters,
-    tools: ToolTable,
-}
-
-/// Takes the canonical functions of one block.
-struct Emit<'a> {
-    line: u32,
-    number: Option<BlockNumber>,
-    steps: &'a mut Vec<Step>,
-    /// What is legal and suspicious in this block.
-    warning: Option<(Code, Span)>,
-}
-
-impl Emit<'_> {
-    #[inline]
-    fn call(&mut self, canon: Canon) {
-        self.steps.push(Step { line: self.line, number: self.number, canon });
-    }
-}
 
 /// Reads and carries out a program line by line. It holds no text, so a program may be of any length.
 #[derive(Clone, Debug)]
@@ -333,101 +306,5 @@ impl Interpreter {
             let Fault { code, span, message } = Fault::plain(Code::TooManyErrors, Span::default());
             self.diagnostics.push(Diagnostic { code, line: self.line, span, message });
         }
-    }
-}
-
-impl Core {
-    /// Offsets in force from the parameters, and the position that the machine then has in the program's coordinates.
-    fn take_up_parameters(&mut self, position: &Pose) {
-        let system = self.parameters.get(COORDINATE_SYSTEM);
-        self.state.coordinate_system = if (1.0..=9.0).contains(&system) { system as u8 } else { 1 };
-        let first = system_origin(self.state.coordinate_system);
-        self.state.origin = self.pose_parameter(first);
-        self.state.rotation_degrees = self.parameters.get(first + 9);
-        if self.parameters.get(G92_ACTIVE) != 0.0 {
-            self.state.g92_offset = self.pose_parameter(G92_OFFSET);
-        }
-        let position = self.lengths_to_program(position);
-        self.state.position = self.relative(&position);
-    }
-
-    /// Nine parameters from `first` on, from machine to program units.
-    fn pose_parameter(&self, first: usize) -> Pose {
-        let mut pose = Pose::ZERO;
-        for axis in Axis::ALL {
-            pose[axis] = self.parameters.get(first + axis as usize);
-        }
-        self.lengths_to_program(&pose)
-    }
-
-    /// Sets nine parameters from `first` on, from program to machine units.
-    fn set_pose_parameter(&mut self, first: usize, pose: &Pose) {
-        for axis in Axis::ALL {
-            self.parameters.set(first + axis as usize, self.to_machine_unit(axis, pose[axis]));
-        }
-    }
-
-    /// Machine units a millimetre. An inch is taken with LinuxCNC's digits, so that results agree with its interpreter's to the last.
-    fn machine_units_per_mm(&self) -> f64 {
-        match self.machine_units {
-            LengthUnit::Inch => 0.039_370_078_740_16,
-            LengthUnit::Millimetre => 1.0,
-        }
-    }
-
-    fn to_machine_unit(&self, axis: Axis, value: f64) -> f64 {
-        match self.state.units {
-            _ if axis.is_rotary() => value,
-            LengthUnit::Inch => value * 25.4 * self.machine_units_per_mm(),
-            LengthUnit::Millimetre => value * self.machine_units_per_mm(),
-        }
-    }
-
-    fn to_program_unit(&self, axis: Axis, value: f64) -> f64 {
-        match self.state.units {
-            _ if axis.is_rotary() => value,
-            LengthUnit::Inch => value / self.machine_units_per_mm() / 25.4,
-            LengthUnit::Millimetre => value / self.machine_units_per_mm(),
-        }
-    }
-
-    fn lengths_to_program(&self, pose: &Pose) -> Pose {
-        let mut program = Pose::ZERO;
-        for axis in Axis::ALL {
-            program[axis] = self.to_program_unit(axis, pose[axis]);
-        }
-        program
-    }
-}
-
-/// What the expressions of a block may ask for.
-struct BlockEnvironment<'a> {
-    core: &'a Core,
-    names: &'a Names,
-    line: u32,
-}
-
-impl Environment for BlockEnvironment<'_> {
-    fn numbered(&self, number: usize) -> Option<f64> {
-        let state = &self.core.state;
-        match number {
-            5400 => Some(state.current_tool.into()),
-            5401..=5413 => self.core.tool_parameter(number - 5401),
-            5420..=5428 => Some(state.position.0[number - 5420]),
-            _ if Parameters::has(number) => Some(self.core.parameters.get(number)),
-            _ => None,
-        }
-    }
-
-    fn named(&self, name: NameId) -> Option<f64> {
-        self.core.parameters.named(name)
-    }
-
-    fn name(&self, name: NameId) -> &str {
-        self.names.text(name)
-    }
-
-    fn system(&self, parameter: SystemParameter) -> f64 {
-        parameter.value(&self.core.state, self.line)
     }
 }

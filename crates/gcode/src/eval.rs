@@ -1,0 +1,153 @@
+//! Evaluation of compiled expressions on a fixed stack.
+//!
+//! Invariant: it allocates nothing, and every result is a finite number or a fault: the compiler bounds the depth.
+
+use crate::angle;
+use crate::codes::Code;
+use crate::diag::{Outcome, Span, fault};
+use crate::expr::{Function, Op, OpKind, Operator, STACK};
+use crate::params::NameId;
+use crate::system::SystemParameter;
+
+/// Two values nearer than this are equal to EQ, NE, GE and LE, as in LinuxCNC.
+pub(crate) const EQUAL: f64 = 1e-4;
+
+/// How far from a whole number a value may be that has to be one.
+const WHOLE: f64 = 1e-4;
+
+/// Where the evaluation finds parameters.
+pub(crate) trait Environment {
+    fn numbered(&self, number: usize) -> Option<f64>;
+    fn named(&self, name: NameId) -> Option<f64>;
+    fn name(&self, name: NameId) -> &str;
+    fn system(&self, parameter: SystemParameter) -> f64;
+}
+
+/// Runs the operations; the last value is the result, and the one below it, if there is one, comes first.
+pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> Outcome<(f64, f64)> {
+    let mut stack = [0.0; STACK + 3];
+    let mut top = 1;
+    for op in ops {
+        let value = match op.kind {
+            OpKind::Constant(value) => {
+                top += 1;
+                value
+            }
+            OpKind::Numbered => numbered(stack[top], *op, environment)?,
+            OpKind::Named(name) => {
+                top += 1;
+                match environment.named(name) {
+                    Some(value) => value,
+                    None => {
+                        let name = environment.name(name);
+                        return fault(Code::ParameterUndefined, op.span(), format!("#<{name}> has no value yet"));
+                    }
+                }
+            }
+            OpKind::System(parameter) => {
+                top += 1;
+                environment.system(parameter)
+            }
+            OpKind::Exists(name) => {
+                top += 1;
+                f64::from(u8::from(environment.named(name).is_some()))
+            }
+            OpKind::Negate => -stack[top],
+            OpKind::Function(function) => apply(function, stack[top], *op)?,
+            OpKind::Atan => {
+                top -= 1;
+                angle::to_degrees(stack[top].atan2(stack[top + 1]))
+            }
+            OpKind::Binary(operator) => {
+                top -= 1;
+                combine(operator, stack[top], stack[top + 1], *op)?
+            }
+        };
+        if !value.is_finite() {
+            return fault(Code::NotFinite, op.span(), Code::NotFinite.title());
+        }
+        stack[top] = value;
+    }
+    Ok((stack[top - 1], stack[top]))
+}
+
+fn numbered(number: f64, op: Op, environment: &impl Environment) -> Outcome<f64> {
+    let number = whole(number, op.span(), "#")?;
+    match usize::try_from(number).ok().and_then(|number| environment.numbered(number)) {
+        Some(value) => Ok(value),
+        None => fault(Code::ParameterRange, op.span(), format!("there is no parameter #{number}")),
+    }
+}
+
+/// The whole number that a value has to be, within 0.0001.
+pub(crate) fn whole(value: f64, span: Span, of: &str) -> Outcome<i32> {
+    let rounded = value.round();
+    if (value - rounded).abs() > WHOLE {
+        return fault(Code::NotAnInteger, span, format!("{of} takes a whole number, not {value}"));
+    }
+    if rounded.abs() > f64::from(i32::MAX) {
+        return fault(Code::NumberTooLarge, span, format!("{value} is too large for {of}"));
+    }
+    Ok(rounded as i32)
+}
+
+fn apply(function: Function, x: f64, op: Op) -> Outcome<f64> {
+    let in_domain = match function {
+        Function::Acos | Function::Asin => (-1.0..=1.0).contains(&x),
+        Function::Ln => x > 0.0,
+        Function::Sqrt => x >= 0.0,
+        Function::Round => x.abs() < f64::from(i32::MAX),
+        _ => true,
+    };
+    if !in_domain {
+        return fault(Code::OutOfDomain, op.span(), format!("{function:?} has no value at {x}"));
+    }
+    Ok(match function {
+        // A negative zero stays one, as in the peer.
+        Function::Abs if x < 0.0 => -x,
+        Function::Abs => x,
+        Function::Acos => angle::to_degrees(x.acos()),
+        Function::Asin => angle::to_degrees(x.asin()),
+        Function::Cos => angle::cosine(x),
+        Function::Exp => x.exp(),
+        Function::Fix => x.floor(),
+        Function::Fup => x.ceil(),
+        Function::Ln => x.ln(),
+        // Half away from zero, by truncation after adding a half; zero has no sign.
+        Function::Round => (x + 0.5_f64.copysign(x)).trunc() + 0.0,
+        Function::Sin => angle::sine(x),
+        Function::Sqrt => x.sqrt(),
+        Function::Tan => angle::tangent(x),
+    })
+}
+
+fn combine(operator: Operator, left: f64, right: f64, op: Op) -> Outcome<f64> {
+    let truth = |condition: bool| f64::from(u8::from(condition));
+    let near = (left - right).abs() < EQUAL;
+    Ok(match operator {
+        Operator::And => truth(left != 0.0 && right != 0.0),
+        Operator::Or => truth(left != 0.0 || right != 0.0),
+        Operator::Xor => truth((left != 0.0) != (right != 0.0)),
+        Operator::Equal => truth(near),
+        Operator::NotEqual => truth(!near),
+        Operator::Greater => truth(left > right),
+        Operator::GreaterOrEqual => truth(near || left >= right),
+        Operator::Less => truth(left < right),
+        Operator::LessOrEqual => truth(near || left <= right),
+        Operator::Add => left + right,
+        Operator::Subtract => left - right,
+        Operator::Multiply => left * right,
+        Operator::Divide | Operator::Modulo if right == 0.0 => {
+            return fault(Code::DivisionByZero, op.span(), Code::DivisionByZero.title());
+        }
+        Operator::Divide => left / right,
+        Operator::Modulo => {
+            let rest = left % right;
+            if rest < 0.0 { rest + right.abs() } else { rest }
+        }
+        Operator::Power if left < 0.0 && right.fract() != 0.0 => {
+            return fault(Code::OutOfDomain, op.span(), format!("{left} has no power of {right}"));
+        }
+        Operator::Power => left.powf(right),
+    })
+}

@@ -1,0 +1,135 @@
+//! What blocks work on: the modal state, parameters and tools, and the conversion between machine and program units.
+//!
+//! Invariant: parameters and the tool table are in machine units, the state in program units; here is where they meet.
+
+use crate::block::BlockNumber;
+use crate::canon::{Canon, LengthUnit, Step};
+use crate::codes::Code;
+use crate::diag::Span;
+use crate::eval::Environment;
+use crate::modal::State;
+use crate::params::{COORDINATE_SYSTEM, G92_ACTIVE, G92_OFFSET, NameId, Names, Parameters, system_origin};
+use crate::pose::{Axis, Pose};
+use crate::system::SystemParameter;
+use crate::tool::ToolTable;
+
+/// State and data that blocks work on.
+#[derive(Clone, Debug)]
+pub(super) struct Core {
+    pub(super) machine_units: LengthUnit,
+    pub(super) state: State,
+    pub(super) parameters: Parameters,
+    pub(super) tools: ToolTable,
+}
+
+/// Takes the canonical functions of one block.
+pub(super) struct Emit<'a> {
+    pub(super) line: u32,
+    pub(super) number: Option<BlockNumber>,
+    pub(super) steps: &'a mut Vec<Step>,
+    /// What is legal and suspicious in this block.
+    pub(super) warning: Option<(Code, Span)>,
+}
+
+impl Emit<'_> {
+    #[inline]
+    pub(super) fn call(&mut self, canon: Canon) {
+        self.steps.push(Step { line: self.line, number: self.number, canon });
+    }
+}
+
+impl Core {
+    /// Offsets in force from the parameters, and the position that the machine then has in the program's coordinates.
+    pub(super) fn take_up_parameters(&mut self, position: &Pose) {
+        let system = self.parameters.get(COORDINATE_SYSTEM);
+        self.state.coordinate_system = if (1.0..=9.0).contains(&system) { system as u8 } else { 1 };
+        let first = system_origin(self.state.coordinate_system);
+        self.state.origin = self.pose_parameter(first);
+        self.state.rotation_degrees = self.parameters.get(first + 9);
+        if self.parameters.get(G92_ACTIVE) != 0.0 {
+            self.state.g92_offset = self.pose_parameter(G92_OFFSET);
+        }
+        let position = self.lengths_to_program(position);
+        self.state.position = self.relative(&position);
+    }
+
+    /// Nine parameters from `first` on, from machine to program units.
+    pub(super) fn pose_parameter(&self, first: usize) -> Pose {
+        let mut pose = Pose::ZERO;
+        for axis in Axis::ALL {
+            pose[axis] = self.parameters.get(first + axis as usize);
+        }
+        self.lengths_to_program(&pose)
+    }
+
+    /// Sets nine parameters from `first` on, from program to machine units.
+    pub(super) fn set_pose_parameter(&mut self, first: usize, pose: &Pose) {
+        for axis in Axis::ALL {
+            self.parameters.set(first + axis as usize, self.to_machine_unit(axis, pose[axis]));
+        }
+    }
+
+    /// Machine units a millimetre. An inch is taken with LinuxCNC's digits, so that results agree with its interpreter's to the last.
+    pub(super) fn machine_units_per_mm(&self) -> f64 {
+        match self.machine_units {
+            LengthUnit::Inch => 0.039_370_078_740_16,
+            LengthUnit::Millimetre => 1.0,
+        }
+    }
+
+    pub(super) fn to_machine_unit(&self, axis: Axis, value: f64) -> f64 {
+        match self.state.units {
+            _ if axis.is_rotary() => value,
+            LengthUnit::Inch => value * 25.4 * self.machine_units_per_mm(),
+            LengthUnit::Millimetre => value * self.machine_units_per_mm(),
+        }
+    }
+
+    pub(super) fn to_program_unit(&self, axis: Axis, value: f64) -> f64 {
+        match self.state.units {
+            _ if axis.is_rotary() => value,
+            LengthUnit::Inch => value / self.machine_units_per_mm() / 25.4,
+            LengthUnit::Millimetre => value / self.machine_units_per_mm(),
+        }
+    }
+
+    pub(super) fn lengths_to_program(&self, pose: &Pose) -> Pose {
+        let mut program = Pose::ZERO;
+        for axis in Axis::ALL {
+            program[axis] = self.to_program_unit(axis, pose[axis]);
+        }
+        program
+    }
+}
+
+/// What the expressions of a block may ask for.
+pub(super) struct BlockEnvironment<'a> {
+    pub(super) core: &'a Core,
+    pub(super) names: &'a Names,
+    pub(super) line: u32,
+}
+
+impl Environment for BlockEnvironment<'_> {
+    fn numbered(&self, number: usize) -> Option<f64> {
+        let state = &self.core.state;
+        match number {
+            5400 => Some(state.current_tool.into()),
+            5401..=5413 => self.core.tool_parameter(number - 5401),
+            5420..=5428 => Some(state.position.0[number - 5420]),
+            _ if Parameters::has(number) => Some(self.core.parameters.get(number)),
+            _ => None,
+        }
+    }
+
+    fn named(&self, name: NameId) -> Option<f64> {
+        self.core.parameters.named(name)
+    }
+
+    fn name(&self, name: NameId) -> &str {
+        self.names.text(name)
+    }
+
+    fn system(&self, parameter: SystemParameter) -> f64 {
+        parameter.value(&self.core.state, self.line)
+    }
+}
