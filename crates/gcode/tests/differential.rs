@@ -15,7 +15,15 @@ use writer::Writer;
 fn rs274(folder: &Path, program: &str) -> Option<(String, bool)> {
     let file = folder.join("program.ngc");
     std::fs::write(&file, program).expect("a program file");
-    let output = Command::new("rs274").arg("-g").arg(&file).current_dir(folder).stdin(Stdio::null()).output().ok()?;
+    // It keeps its tool data in the home folder, where another one running would find them.
+    let output = Command::new("rs274")
+        .arg("-g")
+        .arg(&file)
+        .env("HOME", folder)
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .output()
+        .ok()?;
     Some((String::from_utf8_lossy(&output.stdout).into_owned(), !output.status.success()))
 }
 
