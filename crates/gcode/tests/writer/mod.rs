@@ -78,6 +78,8 @@ impl Writer {
             2..=4 => writer.lines.push("M30".to_owned()),
             _ => writer.lines.push("M2".to_owned()),
         }
+        // A line that is too long is refused by the peer even where it is passed over.
+        writer.lines.retain(|line| line.lines().all(|line| line.len() <= 250));
         writer.lines.join("\n") + "\n"
     }
 
