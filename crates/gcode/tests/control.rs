@@ -70,9 +70,8 @@ fn break_and_continue_leave_a_round() {
 
 #[test]
 fn a_return_out_of_a_loop_closes_it() {
-    let program =
-        "O1 sub\nO2 while [1]\nO3 if [1]\nO1 return\nO3 endif\nO2 endwhile\nO1 endsub\nO1 call\nO1 call\nG0 X3";
-    assert_eq!(moves(program), ["3"]);
+    let program = "O1 sub\nO2 while [1]\nO3 if [1]\nO1 return\nO3 endif\nO2 endwhile\nO1 endsub\n";
+    assert_eq!(moves(&format!("{program}O5 repeat [2]\nO1 call\nG0 X3\nO5 endrepeat")), ["3", "3"]);
 }
 
 #[test]

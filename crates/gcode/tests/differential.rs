@@ -1,6 +1,6 @@
 //! Random programs, call by call against LinuxCNC's `rs274 -g`.
 //!
-//! The number of programs is 200, or what RETRACE_DIFFERENTIAL says; a run of many takes the environment variable
+//! The number of programs is 120, or what RETRACE_DIFFERENTIAL says; a run of many takes the environment variable
 //! RETRACE_DIFFERENTIAL_FIRST as its first seed.
 
 mod common;
@@ -42,7 +42,7 @@ fn random_programs_give_the_canonical_functions_of_rs274() {
     std::fs::create_dir_all(&folder).expect("a temporary folder");
     let first = number("RETRACE_DIFFERENTIAL_FIRST", 0);
     let (mut differing, mut refused) = (0, 0);
-    let count = number("RETRACE_DIFFERENTIAL", 200);
+    let count = number("RETRACE_DIFFERENTIAL", 120);
     for seed in first..first + count {
         let program = Writer::program(seed);
         let Some((theirs, they_refuse)) = rs274(&folder, &program) else {
