@@ -34,7 +34,7 @@ pub enum PathMode {
     ExactPath,
     /// Corners may be cut by up to the tolerance (G64 P).
     Blend {
-        /// Largest distance from the programmed path, mm.
+        /// Largest distance from the programmed path, mm; the rounding to whole pulses is within it.
         tolerance_mm: f64,
     },
 }
@@ -67,7 +67,7 @@ impl<const A: usize> Planner<A> {
     pub fn new(limits: Limits<A>, start_mm: [f64; A]) -> Result<Self, LimitError> {
         limits.validate()?;
         let axes = limits.planned();
-        // At this width even a right-angled turn leaves half the jerk at full speed.
+        // A turn of 1/8 rad rounded this widely takes half the jerk at full speed; sharper ones are slower in any case.
         let reach = 0.5 * (axes.path_v.powi(3) / least(axes.j)).sqrt();
         Ok(Self {
             axes,
@@ -127,7 +127,11 @@ impl<const A: usize> Planner<A> {
         }
     }
 
-    /// The next control period's record; `None` where more input, or a stop, is needed first.
+    /// The next control period's record; `None` where more input, or a stop, is needed first. Where records are taken out until
+    /// `None` before the next move goes in, memory stays bounded however long the program is.
+    ///
+    /// Every full stop, also that in a corner which is not smooth, takes whole periods and its last record carries
+    /// [`Flags::REST`].
     pub fn next_record(&mut self) -> Option<Record<A>> {
         self.emitter.next_record()
     }
