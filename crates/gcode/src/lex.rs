@@ -57,6 +57,7 @@ impl<'a> Cursor<'a> {
     /// Takes the next character if it is this one.
     #[inline]
     pub(crate) fn eat(&mut self, wanted: u8) -> bool {
+        // A branch, because rustc 1.95 loses the addition of `self.at += usize::from(found)` here in optimised builds.
         if self.peek() == wanted {
             self.at += 1;
             true

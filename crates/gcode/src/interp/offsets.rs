@@ -87,13 +87,15 @@ impl Core {
             return;
         }
         let state = &mut self.state;
-        let mut point = state.position;
+        // The offset of G92 turns with the system. The peer forgets that, and then errs about where the machine stands.
+        let turning = if rotation == state.rotation_degrees { Pose::ZERO } else { state.g92_offset };
+        let mut point = state.position.plus(&turning);
         (point[Axis::X], point[Axis::Y]) = rotate(point[Axis::X], point[Axis::Y], state.rotation_degrees);
         point = point.plus(&state.origin).minus(&origin);
         state.origin = origin;
         emit.call(Canon::SetG5xOffset { system, offset: origin });
         (point[Axis::X], point[Axis::Y]) = rotate(point[Axis::X], point[Axis::Y], -rotation);
-        state.position = point;
+        state.position = point.minus(&turning);
         state.rotation_degrees = rotation;
         emit.call(Canon::SetXyRotation(rotation));
     }

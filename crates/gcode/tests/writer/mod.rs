@@ -32,6 +32,7 @@ impl Random {
 ///
 /// Left out are the places where `rs274` itself is at fault, as its own manual has it:
 /// - it does not convert a tool offset in force, nor the feed that #<_feed> tells, when the units change;
+/// - it does not turn the offset of G92 when G10 L2 R turns the coordinate system in force;
 /// - after M6 it takes the position from a model of the machine that knows neither tool offsets nor rotation;
 /// - T0 M6 and M61 leave the old tool in its model of the spindle;
 /// - M2 and M30 do not switch the spindle speed override on again;
@@ -42,6 +43,7 @@ pub(crate) struct Writer {
     random: Random,
     lines: Vec<String>,
     has_tool_offset: bool,
+    has_g92: bool,
     /// M49 or M51 P0 came last.
     speed_override_off: bool,
     names: Vec<String>,
@@ -55,6 +57,7 @@ impl Writer {
             random: Random::new(seed),
             lines: Vec::new(),
             has_tool_offset: false,
+            has_g92: false,
             speed_override_off: false,
             names: Vec::new(),
             label: 0,
@@ -363,6 +366,7 @@ impl Writer {
     fn offset(&mut self) {
         let words = self.axis_words(3).join(" ");
         let code = self.random.pick(&["G92", "G52", "G92.1", "G92.2", "G92.3", "G80 G92"]);
+        self.has_g92 = !matches!(code, "G92.1" | "G92.2");
         if code.contains('.') { self.line(vec![code.to_owned()]) } else { self.line(vec![code.to_owned(), words]) }
     }
 
@@ -376,7 +380,7 @@ impl Writer {
                 let system = self.random.below(10);
                 let l = self.random.pick(&["2", "20"]);
                 let mut words = self.axis_words(4);
-                if l == "2" && self.random.one_in(4) {
+                if l == "2" && !self.has_g92 && self.random.one_in(4) {
                     words.push(format!("R{}", self.random.below(90)));
                 }
                 self.line(vec!["G10".to_owned(), format!("L{l}"), format!("P{system}"), words.join(" ")]);
