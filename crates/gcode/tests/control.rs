@@ -103,3 +103,12 @@ fn recursion_and_loops_without_end_are_found() {
     assert!(errors(recursion).contains(&"E1805"));
     assert_eq!(errors("O1 while [1]\nO1 endwhile\nM2\n"), ["E1806"]);
 }
+
+#[test]
+fn comments_show_the_values_of_parameters() {
+    let program = "#1=-0.00009 #2=12.5 #<Some Name>=-3\n(debug,a#1 b#2 #<somename>#<none> # c)\n(PRINT,#2)\n#5599=0\n(debug,x)\nM2\n";
+    let (text, failed) = canon_text(program);
+    assert!(!failed);
+    assert!(text.contains("MESSAGE(\"a0.000000 b12.500000 -3.000000###### # c\")\n12.500000\n"), "{text}");
+    assert!(!text.contains("\"x\""), "{text}");
+}

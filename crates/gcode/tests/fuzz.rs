@@ -110,6 +110,9 @@ fn found(text: &[u8]) -> Vec<(&'static str, u32, u32)> {
 fn known_killers_of_controllers() {
     let long_comment = format!("({})\nM2\n", "x".repeat(100_000));
     assert_eq!(found(long_comment.as_bytes()), [("E1001", 1, 253)]);
+    for (length, wanted) in [(252, vec![]), (253, vec![("E1001", 1, 253)])] {
+        assert_eq!(found(format!("({})\nM2\n", "x".repeat(length - 2)).as_bytes()), wanted, "{length}");
+    }
     let long_number = format!("G0 X{}\nM2\n", "9".repeat(1000));
     assert_eq!(found(long_number.as_bytes()), [("E1001", 1, 253)]);
     let long_number = format!("G0 X{}\nG0 X1{}\nM2\n", "9".repeat(240), "0".repeat(246));

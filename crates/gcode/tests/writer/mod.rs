@@ -474,8 +474,8 @@ impl Writer {
         }
         let codes = [
             "G0", "G1", "G2", "X1", "Y2", "X3", "I1", "J1", "R2", "P1", "L2", "G4", "G53", "G92", "G28", "G80", "H1",
-            "Q1", "M3", "M5", "S-1", "F0", "T1", "T9", "G94", "G10", "G54", "D1", "K1", "#1", "[1", "1", "G91", "M2",
-            "(a", "=", "G99.9",
+            "Q1", "M3", "M5", "S-1", "F0", "T1", "T9", "G94", "G10", "G54", "D1", "K1", "#1", "[1", "G91", "M2", "(a",
+            "=", "G99.9",
         ];
         let words = (0..self.random.below(4) + 1).map(|_| self.random.pick(&codes).to_owned()).collect();
         self.line(words);
