@@ -33,7 +33,8 @@ pub fn draw_path(path: &ToolPath, view: View, size: Size) -> Picture {
         return picture;
     };
     let sheet = Sheet::fitting(path, view, &extents, size);
-    let millimetres = |axis: usize| format!("{} … {}", short(extents.low[axis], 3), short(extents.high[axis], 3));
+    let told = path.program_extents().unwrap_or(extents);
+    let millimetres = |axis: usize| format!("{} … {}", short(told.low[axis], 3), short(told.high[axis], 3));
     let summary = format!("X {}   Y {}   Z {} mm", millimetres(0), millimetres(1), millimetres(2));
     draw_heading(&mut picture, &path.title, view.name(), &summary);
     match view.axes() {

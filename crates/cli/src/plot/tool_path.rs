@@ -64,6 +64,12 @@ impl ToolPath {
         Extents::of(self.strokes.iter().flat_map(|stroke| &stroke.points))
     }
 
+    /// The extents of the program itself, without what was retraced: that is the machine's path, blends and all.
+    pub(super) fn program_extents(&self) -> Option<Extents> {
+        let own = self.strokes.iter().filter(|stroke| stroke.kind != StrokeKind::Retraced);
+        Extents::of(own.flat_map(|stroke| &stroke.points))
+    }
+
     /// The extents of what was machined.
     pub(super) fn feed_extents(&self) -> Option<Extents> {
         Extents::of(self.of_kind(StrokeKind::Feed).flat_map(|stroke| &stroke.points))
@@ -112,6 +118,7 @@ mod tests {
             ],
         };
         assert_eq!(path.extents(), Some(Extents { low: [-9.0, 0.0, 0.0], high: [4.0, 6.0, 5.0] }));
+        assert_eq!(path.program_extents(), Some(Extents { low: [1.0, 2.0, 3.0], high: [4.0, 6.0, 5.0] }));
         assert_eq!(path.feed_extents(), Some(Extents { low: [1.0, 2.0, 5.0], high: [4.0, 6.0, 5.0] }));
         assert!((path.length_mm(StrokeKind::Rapid) - 2.0).abs() < 1e-12);
         assert!((path.length_mm(StrokeKind::Feed) - 5.0).abs() < 1e-12);
