@@ -21,12 +21,12 @@ pub fn run(args: &args::Check) -> Result<(), Failure> {
         );
         return Err(refusal.into());
     };
-    println!("{}: no errors, {} blocks, {} moves", program.name(), checked.blocks, checked.scan.moves);
+    say!("{}: no errors, {} blocks, {} moves", program.name(), checked.blocks, checked.scan.moves);
     if let Some(extents) = checked.scan.extents_mm {
         for (axis, [least, greatest]) in machine.axes.iter().zip(extents) {
             let [low, high] = axis.travel_mm;
             let name = axis.name.to_ascii_uppercase();
-            println!("  {name} {least:.3} … {greatest:.3} mm, within the soft limits {low} … {high} mm");
+            say!("  {name} {least:.3} … {greatest:.3} mm, within the soft limits {low} … {high} mm");
         }
     }
     Ok(())

@@ -144,8 +144,8 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
             self.alarms.push(format!("{number}: {cause}"));
         }
         match &self.show {
-            Show::Json => println!("{}", event.to_json()),
-            Show::Plain => println!("{}", event.to_line()),
+            Show::Json => crate::out::line(event.to_json()),
+            Show::Plain => crate::out::line(event.to_line()),
             Show::Bar(bar) => bar.println(event.to_line()),
         }
     }

@@ -61,7 +61,7 @@ pub fn run(args: &args::Plot) -> Result<(), Failure> {
         draw_path(&path, view, size)
     };
     write(&picture, &args.output)?;
-    println!("{} written", args.output.display());
+    say!("{} written", args.output.display());
     Ok(())
 }
 

@@ -18,15 +18,15 @@ const COMMENTED: &str = include_str!("machine.toml");
 /// What is wrong with the file.
 pub fn run(args: &args::Machine) -> Result<(), Refusal> {
     match args {
-        args::Machine::New { output: None } => print!("{COMMENTED}"),
+        args::Machine::New { output: None } => crate::out::line(COMMENTED.trim_end()),
         args::Machine::New { output: Some(path) } => {
             let named = |error| unwritable(&path.display().to_string(), &error);
             // never over a file that somebody has made his own
             let mut file = std::fs::File::options().write(true).create_new(true).open(path).map_err(named)?;
             std::io::Write::write_all(&mut file, COMMENTED.as_bytes()).map_err(named)?;
-            println!("{} written", path.display());
+            say!("{} written", path.display());
         }
-        args::Machine::Check { file } => println!("{}", described(&files::machine(Some(file))?)),
+        args::Machine::Check { file } => crate::out::line(described(&files::machine(Some(file))?)),
     }
     Ok(())
 }

@@ -5,6 +5,9 @@
 // A binary has no outside; `pub` says what a room offers to the others.
 #![allow(unreachable_pub)]
 
+#[macro_use]
+mod out;
+
 mod args;
 mod canon;
 mod check;

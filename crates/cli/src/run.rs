@@ -32,6 +32,12 @@ pub fn run(args: &args::Run) -> Result<u8, Failure> {
     let script = files::script(args.operator.as_deref())?;
     let program = Program::open(&args.reading, &machine)?;
     program.check(&machine)?;
+    if let (Some(line), Some(lines)) = (args.start_line, program.lines())
+        && u64::from(line) > lines
+    {
+        let what = format!("--start-line {line}: {} has {lines} lines", program.name());
+        return Err(Refusal::new("E2151", what, "a line of the program").into());
+    }
     let job = Job { args, machine: &machine, script, program: &program };
     match machine.axes.len() {
         0..=4 => job.run::<4>(),
@@ -105,13 +111,13 @@ impl Job<'_> {
 /// The report, for a script or for a person.
 fn tell<const A: usize>(report: &Report<'_, A>, json: bool) {
     if json {
-        println!("{}", report.to_json());
+        crate::out::line(report.to_json());
         return;
     }
     let value = report.to_json();
     let seconds = |key: &str| value[key].as_f64().unwrap_or(0.0);
-    println!("{}: {}", report.program, report.outcome.word());
-    println!(
+    say!("{}: {}", report.program, report.outcome.word());
+    say!(
         "  motion {:.3} s · dwell {:.3} s · switching {:.3} s · held {:.3} s · retracing {:.3} s · {} periods in {:.2} s of real time",
         seconds("motion_s"),
         seconds("dwell_s"),
@@ -128,14 +134,16 @@ fn tell<const A: usize>(report: &Report<'_, A>, json: bool) {
         });
         axes.collect::<Vec<_>>().join("  ")
     };
-    println!(
+    say!(
         "  position {}  ({})",
         each(|v| format!("{:.3}", v.as_f64().unwrap_or(0.0)), "position_mm"),
         each(Value::to_string, "position_counts")
     );
-    println!(
+    say!(
         "  limit violations {} · underruns {} · reversals {}",
-        report.verdict.violations, report.tally.underruns, report.tally.reversals
+        report.verdict.violations,
+        report.tally.underruns,
+        report.tally.reversals
     );
 }
 

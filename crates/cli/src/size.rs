@@ -22,7 +22,7 @@ pub fn run(args: &args::Size) -> Result<(), Refusal> {
     let bytes = size::history_bytes(args.bytes, args.axes, history_ms, period_us).ok_or_else(|| {
         Refusal::new("E2131", "a ring of this size is beyond any memory", "fewer hours or a longer period")
     })?;
-    println!(
+    say!(
         "L = n·a·(h·3600·1000)/T = {}·{}·({}·3600·1000)/{} = {} bytes ({:.2} MiB)",
         args.bytes,
         args.axes,
@@ -32,7 +32,7 @@ pub fn run(args: &args::Size) -> Result<(), Refusal> {
         bytes as f64 / 1_048_576.0
     );
     let machine = crate::files::machine(args.machine.as_deref())?;
-    println!("{}", of_machine(&machine));
+    crate::out::line(of_machine(&machine));
     Ok(())
 }
 

@@ -95,13 +95,23 @@ pub fn run<const A: usize, C: MotionCard<A>>(
     let feeder = Feeder::new(planner, producer, sender, card.status().outputs, &cancel);
     Ok(thread::scope(|scope| {
         let planning = scope.spawn(move || plan(machine, &mut program, begin, feeder));
+        let interest = Interest(&cancel);
         let session = Session::new(card, machine, consumer, receiver, operator, manner, observer);
         let (outcome, tally, card) = session.run();
-        cancel.store(true, Ordering::Relaxed);
+        drop(interest);
         // A panic over there is a defect, never an input; it is passed on.
         let summary = planning.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         JobEnd { outcome, tally, summary, card }
     }))
+}
+
+/// The motion path's interest in what is planned; it ends with the session, however that ends.
+struct Interest<'c>(&'c AtomicBool);
+
+impl Drop for Interest<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
 }
 
 /// The planning thread: decodes block by block until the program, or the interest in it, ends.

@@ -39,7 +39,7 @@ impl Skipped {
         for channel in first.into_iter().chain(0..channel::DIGITAL as u8) {
             let value = self.outputs[usize::from(channel)];
             if value != feeder.outputs()[usize::from(channel)] {
-                let (kind, code, changes) = (Kind::Switch, "start", [Change { channel, value }]);
+                let (kind, code, changes) = (Kind::Switch, code_of(channel, value), [Change { channel, value }]);
                 feeder.exclusive(Switch { line, kind, code, changes: &changes, periods: 0, one_way: false })?;
             }
         }
@@ -57,6 +57,22 @@ impl Skipped {
             feeder.straight(end, Feed::Rapid, PathMode::ExactStop, line)?;
         }
         Ok(feeder.rest()?)
+    }
+}
+
+/// The code that brings a channel to a value.
+fn code_of(channel: u8, value: i32) -> &'static str {
+    match (channel, value) {
+        (channel::TOOL, _) => "M6",
+        (channel::SPEED, _) => "S",
+        (channel::SPINDLE, 1) => "M3",
+        (channel::SPINDLE, -1) => "M4",
+        (channel::SPINDLE, _) => "M5",
+        (channel::MIST, 1) => "M7",
+        (channel::FLOOD, 1) => "M8",
+        (channel::MIST | channel::FLOOD, _) => "M9",
+        (_, 0) => "M65",
+        _ => "M64",
     }
 }
 

@@ -18,11 +18,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
             return Ok(false);
         }
         let Some(exclusive) = self.supply.due(self.card.status()) else { return Ok(false) };
-        let (kind, code) = (exclusive.kind, exclusive.code);
+        let (kind, code, line) = (exclusive.kind, exclusive.code, exclusive.line);
         if kind == Kind::ProgramStop && !self.go_on && self.manner.operator {
             if !self.program_stop {
                 self.program_stop = true;
-                self.tell(Happening::ProgramStop(code));
+                self.tell_at(line, Happening::ProgramStop(code));
             }
             return Ok(false);
         }
@@ -35,7 +35,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
         self.supply.sent();
         self.executing = Some(kind);
         self.tally.switch_events += u64::from(kind == Kind::Switch);
-        self.tell(Happening::Switching(code));
+        self.tell_at(line, Happening::Switching(code));
         self.acknowledge();
         Ok(true)
     }
@@ -43,7 +43,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
     pub(super) fn acknowledge(&mut self) {
         if let Some(done) = self.supply.acknowledge(self.card.status().executed) {
             self.executing = None;
-            self.tell(Happening::Switched(done.code));
+            self.tell_at(done.line, Happening::Switched(done.code));
         }
     }
 }
