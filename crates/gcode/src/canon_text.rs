@@ -11,12 +11,14 @@ use std::io::{self, Write};
 pub struct CanonText<W> {
     out: W,
     lines: u64,
+    /// The line being made.
+    text: Vec<u8>,
 }
 
 impl<W: Write> CanonText<W> {
     /// A writer that counts from 1.
     pub fn new(out: W) -> CanonText<W> {
-        CanonText { out, lines: 0 }
+        CanonText { out, lines: 0, text: Vec::new() }
     }
 
     /// Writes one step.
@@ -28,57 +30,62 @@ impl<W: Write> CanonText<W> {
             return writeln!(self.out, "{text}");
         }
         self.lines += 1;
-        write!(self.out, "{:5} ", self.lines)?;
+        let text = &mut self.text;
+        text.clear();
+        write!(text, "{:5} ", self.lines)?;
         match step.number {
-            Some(number) => write!(self.out, "{:<7}", format!("N{number}"))?,
-            None => self.out.write_all(b"N..... ")?,
+            Some(number) => write!(text, "{:<7}", format!("N{number}"))?,
+            None => text.extend_from_slice(b"N..... "),
         }
-        self.call(&step.canon)?;
-        self.out.write_all(b"\n")
+        call(text, &step.canon)?;
+        text.push(b'\n');
+        self.out.write_all(text)
     }
 
     /// The writer back.
     pub fn into_inner(self) -> W {
         self.out
     }
+}
 
-    fn call(&mut self, canon: &Canon) -> io::Result<()> {
-        let out = &mut self.out;
-        match canon {
-            Canon::UseLengthUnits(LengthUnit::Inch) => write!(out, "USE_LENGTH_UNITS(CANON_UNITS_INCHES)"),
-            Canon::UseLengthUnits(LengthUnit::Millimetre) => write!(out, "USE_LENGTH_UNITS(CANON_UNITS_MM)"),
-            Canon::SetG5xOffset { system, offset } => {
-                write!(out, "SET_G5X_OFFSET({system}, ")?;
-                six(out, offset)
-            }
-            Canon::SetG92Offset(offset) => pose(out, "SET_G92_OFFSET", offset),
-            Canon::SetXyRotation(degrees) => write!(out, "SET_XY_ROTATION({degrees:.4})"),
-            Canon::SetFeedMode(FeedMode::InverseTime | FeedMode::UnitsPerMinute) => write!(out, "SET_FEED_MODE(0, 0)"),
-            Canon::SetFeedRate(rate) => write!(out, "SET_FEED_RATE({rate:.4})"),
-            Canon::StraightTraverse(end) => pose(out, "STRAIGHT_TRAVERSE", end),
-            Canon::StraightFeed(end) => pose(out, "STRAIGHT_FEED", end),
-            Canon::ArcFeed(feed) => arc(out, feed),
-            Canon::SelectPlane(Plane::Xy) => write!(out, "SELECT_PLANE(CANON_PLANE_XY)"),
-            Canon::SelectPlane(Plane::Zx) => write!(out, "SELECT_PLANE(CANON_PLANE_XZ)"),
-            Canon::SelectPlane(Plane::Yz) => write!(out, "SELECT_PLANE(CANON_PLANE_YZ)"),
-            Canon::SetMotionControlMode(mode) => path_control(out, *mode),
-            Canon::SetNaivecamTolerance(tolerance) => write!(out, "SET_NAIVECAM_TOLERANCE({tolerance:.4})"),
-            Canon::Dwell(seconds) => write!(out, "DWELL({seconds:.4})"),
-            Canon::SetSpindleSpeed(rpm) => write!(out, "SET_SPINDLE_SPEED(0, {rpm:.4})"),
-            Canon::SetSpindleMode(limit) => write!(out, "SET_SPINDLE_MODE(0 {limit:.4})"),
-            Canon::ChangeTool(tool) => write!(out, "CHANGE_TOOL({tool})"),
-            Canon::SelectTool(tool) => write!(out, "SELECT_TOOL({tool})"),
-            Canon::ChangeToolNumber(tool) => write!(out, "CHANGE_TOOL_NUMBER({tool})"),
-            Canon::UseToolLengthOffset(offset) => tool_offset(out, offset),
-            Canon::SetMotionOutputBit(bit) => write!(out, "SET_MOTION_OUTPUT_BIT({bit})"),
-            Canon::ClearMotionOutputBit(bit) => write!(out, "CLEAR_MOTION_OUTPUT_BIT({bit})"),
-            Canon::SetAuxOutputBit(bit) => write!(out, "SET_AUX_OUTPUT_BIT({bit})"),
-            Canon::ClearAuxOutputBit(bit) => write!(out, "CLEAR_AUX_OUTPUT_BIT({bit})"),
-            Canon::Comment(text) => write!(out, "COMMENT(\"{text}\")"),
-            Canon::Note(text) => write!(out, "COMMENT(\"{text}\")"),
-            Canon::Message(text) => write!(out, "MESSAGE(\"{text}\")"),
-            plain => out.write_all(plain_name(plain).as_bytes()),
+fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
+    match canon {
+        Canon::UseLengthUnits(LengthUnit::Inch) => write!(out, "USE_LENGTH_UNITS(CANON_UNITS_INCHES)"),
+        Canon::UseLengthUnits(LengthUnit::Millimetre) => write!(out, "USE_LENGTH_UNITS(CANON_UNITS_MM)"),
+        Canon::SetG5xOffset { system, offset } => {
+            write!(out, "SET_G5X_OFFSET({system}, ")?;
+            six(out, offset)
         }
+        Canon::SetG92Offset(offset) => pose(out, "SET_G92_OFFSET", offset),
+        Canon::SetXyRotation(degrees) => write!(out, "SET_XY_ROTATION({degrees:.4})"),
+        Canon::SetFeedMode(FeedMode::InverseTime | FeedMode::UnitsPerMinute) => write!(out, "SET_FEED_MODE(0, 0)"),
+        Canon::SetFeedRate(rate) => {
+            out.extend_from_slice(b"SET_FEED_RATE(");
+            list(out, &[*rate])
+        }
+        Canon::StraightTraverse(end) => pose(out, "STRAIGHT_TRAVERSE", end),
+        Canon::StraightFeed(end) => pose(out, "STRAIGHT_FEED", end),
+        Canon::ArcFeed(feed) => arc(out, feed),
+        Canon::SelectPlane(Plane::Xy) => write!(out, "SELECT_PLANE(CANON_PLANE_XY)"),
+        Canon::SelectPlane(Plane::Zx) => write!(out, "SELECT_PLANE(CANON_PLANE_XZ)"),
+        Canon::SelectPlane(Plane::Yz) => write!(out, "SELECT_PLANE(CANON_PLANE_YZ)"),
+        Canon::SetMotionControlMode(mode) => path_control(out, *mode),
+        Canon::SetNaivecamTolerance(tolerance) => write!(out, "SET_NAIVECAM_TOLERANCE({tolerance:.4})"),
+        Canon::Dwell(seconds) => write!(out, "DWELL({seconds:.4})"),
+        Canon::SetSpindleSpeed(rpm) => write!(out, "SET_SPINDLE_SPEED(0, {rpm:.4})"),
+        Canon::SetSpindleMode(limit) => write!(out, "SET_SPINDLE_MODE(0 {limit:.4})"),
+        Canon::ChangeTool(tool) => write!(out, "CHANGE_TOOL({tool})"),
+        Canon::SelectTool(tool) => write!(out, "SELECT_TOOL({tool})"),
+        Canon::ChangeToolNumber(tool) => write!(out, "CHANGE_TOOL_NUMBER({tool})"),
+        Canon::UseToolLengthOffset(offset) => tool_offset(out, offset),
+        Canon::SetMotionOutputBit(bit) => write!(out, "SET_MOTION_OUTPUT_BIT({bit})"),
+        Canon::ClearMotionOutputBit(bit) => write!(out, "CLEAR_MOTION_OUTPUT_BIT({bit})"),
+        Canon::SetAuxOutputBit(bit) => write!(out, "SET_AUX_OUTPUT_BIT({bit})"),
+        Canon::ClearAuxOutputBit(bit) => write!(out, "CLEAR_AUX_OUTPUT_BIT({bit})"),
+        Canon::Comment(text) => write!(out, "COMMENT(\"{text}\")"),
+        Canon::Note(text) => write!(out, "COMMENT(\"{text}\")"),
+        Canon::Message(text) => write!(out, "MESSAGE(\"{text}\")"),
+        plain => out.write_all(plain_name(plain).as_bytes()),
     }
 }
 
@@ -112,34 +119,63 @@ const fn plain_name(canon: &Canon) -> &'static str {
     }
 }
 
-fn six(out: &mut impl Write, pose: &Pose) -> io::Result<()> {
-    let [x, y, z, a, b, c, ..] = pose.0;
-    write!(out, "{x:.4}, {y:.4}, {z:.4}, {a:.4}, {b:.4}, {c:.4})")
+/// Numbers with commas between them and a parenthesis behind.
+fn list(out: &mut Vec<u8>, numbers: &[f64]) -> io::Result<()> {
+    for (index, value) in numbers.iter().enumerate() {
+        out.extend_from_slice(if index == 0 { b"" } else { b", " });
+        number(out, *value)?;
+    }
+    out.push(b')');
+    Ok(())
 }
 
-fn pose(out: &mut impl Write, name: &str, pose: &Pose) -> io::Result<()> {
-    write!(out, "{name}(")?;
+/// A number with four decimals, rounded as `printf` does: from the exact value, a tie to even.
+fn number(out: &mut Vec<u8>, value: f64) -> io::Result<()> {
+    let scaled = value.abs() * 10_000.0;
+    let whole = scaled.floor();
+    // The product is off by less than 10⁻⁶ where it is below 10⁹, so what is farther from a tie rounds as the exact value does.
+    if scaled >= 1e9 || (scaled - whole - 0.5).abs() < 1e-6 || scaled.is_nan() {
+        return write!(out, "{value:.4}");
+    }
+    let rounded = scaled.round() as u64;
+    if value.is_sign_negative() {
+        out.push(b'-');
+    }
+    let mut digits = *b"0000000000";
+    let mut rest = rounded;
+    for digit in digits.iter_mut().rev() {
+        *digit += (rest % 10) as u8;
+        rest /= 10;
+    }
+    let leading = digits[..5].iter().take_while(|digit| **digit == b'0').count();
+    out.extend_from_slice(&digits[leading..6]);
+    out.push(b'.');
+    out.extend_from_slice(&digits[6..]);
+    Ok(())
+}
+
+fn six(out: &mut Vec<u8>, pose: &Pose) -> io::Result<()> {
+    list(out, &pose.0[..6])
+}
+
+fn pose(out: &mut Vec<u8>, name: &str, pose: &Pose) -> io::Result<()> {
+    out.extend_from_slice(name.as_bytes());
+    out.push(b'(');
     six(out, pose)
 }
 
-fn arc(out: &mut impl Write, feed: &ArcFeed) -> io::Result<()> {
+fn arc(out: &mut Vec<u8>, feed: &ArcFeed) -> io::Result<()> {
     let [first, second, normal] = feed.plane.axes();
-    write!(
-        out,
-        "ARC_FEED({:.4}, {:.4}, {:.4}, {:.4}, {}, {:.4}, {:.4}, {:.4}, {:.4})",
-        feed.end[first],
-        feed.end[second],
-        feed.first_centre,
-        feed.second_centre,
-        feed.turns,
-        feed.end[normal],
-        feed.end[Axis::A],
-        feed.end[Axis::B],
-        feed.end[Axis::C]
-    )
+    out.extend_from_slice(b"ARC_FEED(");
+    for value in [feed.end[first], feed.end[second], feed.first_centre, feed.second_centre] {
+        number(out, value)?;
+        out.extend_from_slice(b", ");
+    }
+    write!(out, "{}, ", feed.turns)?;
+    list(out, &[feed.end[normal], feed.end[Axis::A], feed.end[Axis::B], feed.end[Axis::C]])
 }
 
-fn path_control(out: &mut impl Write, mode: PathControl) -> io::Result<()> {
+fn path_control(out: &mut Vec<u8>, mode: PathControl) -> io::Result<()> {
     match mode {
         PathControl::ExactPath => write!(out, "SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)"),
         PathControl::ExactStop => write!(out, "SET_MOTION_CONTROL_MODE(CANON_EXACT_STOP)"),
@@ -149,7 +185,37 @@ fn path_control(out: &mut impl Write, mode: PathControl) -> io::Result<()> {
     }
 }
 
-fn tool_offset(out: &mut impl Write, offset: &Pose) -> io::Result<()> {
+fn tool_offset(out: &mut Vec<u8>, offset: &Pose) -> io::Result<()> {
     let [x, y, z, a, b, c, u, v, w] = offset.0;
     write!(out, "USE_TOOL_LENGTH_OFFSET({x:.4} {y:.4} {z:.4}, {a:.4} {b:.4} {c:.4}, {u:.4} {v:.4} {w:.4})")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn text(value: f64) -> String {
+        let mut out = Vec::new();
+        number(&mut out, value).expect("memory");
+        String::from_utf8(out).expect("digits")
+    }
+
+    proptest! {
+        #[test]
+        fn a_number_is_rounded_from_its_exact_value(value in any::<f64>(), scale in -1_000_000_000..1_000_000_000_i64) {
+            // Ties and their neighbours, and any value at all.
+            let tie = scale as f64 / 20_000.0;
+            for value in [value, tie, tie.next_up(), tie.next_down(), scale as f64 / 32.0, scale as f64 * 1e-9] {
+                prop_assert_eq!(text(value), format!("{value:.4}"));
+            }
+        }
+    }
+
+    #[test]
+    fn signs_of_zero_and_ends_of_the_fast_way() {
+        for value in [0.0, -0.0, -0.00004, 0.00005, 99_999.999_95, 99_999.999_9, 100_000.0, 1e300, f64::NAN] {
+            assert_eq!(text(value), format!("{value:.4}"));
+        }
+    }
 }

@@ -111,3 +111,49 @@ pub(super) fn from_radius(shape: &ArcShape, radius: f64) -> Outcome<(f64, f64)> 
     let offset = size * sine.asin().cos();
     Ok((mid_x + offset * to_centre.cos(), mid_y + offset * to_centre.sin()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn centre(radius: f64, difference: f64, units: LengthUnit) -> Result<(f64, f64), Code> {
+        let end = (2.0 * radius + difference, 0.0);
+        let shape = ArcShape { start: (0.0, 0.0), end, turns: 1, radii: Radii::of(units), at: Span::default() };
+        from_centre(&shape, (radius, 0.0), ArcCentres::Incremental).map_err(|fault| fault.code)
+    }
+
+    /// Short arcs may err by a length, long ones by a share: measured at the peer.
+    #[test]
+    fn radii_differ_by_a_length_or_a_share_at_most() {
+        let (mm, inch) = (LengthUnit::Millimetre, LengthUnit::Inch);
+        for (radius, most, units) in
+            [(1.0, 0.028_284, mm), (100.0, 0.100_1, mm), (1.0, 0.002_828_4, inch), (100.0, 0.100_1, inch)]
+        {
+            assert!(centre(radius, most, units).is_ok(), "{radius} {units:?}");
+            assert_eq!(centre(radius, most * 1.001, units), Err(Code::ArcRadiiDiffer), "{radius} {units:?}");
+        }
+        assert_eq!(centre(0.001, 0.0, mm), Err(Code::ArcZeroRadius));
+    }
+
+    #[test]
+    fn a_negative_radius_goes_the_longer_way_and_a_half_turn_has_one_centre() {
+        let shape = ArcShape {
+            start: (0.0, 0.0),
+            end: (2.0, 0.0),
+            turns: -1,
+            radii: Radii::of(LengthUnit::Millimetre),
+            at: Span::default(),
+        };
+        let near = |centre: Outcome<(f64, f64)>, wanted: (f64, f64)| {
+            let centre = centre.expect("an arc");
+            (centre.0 - wanted.0).hypot(centre.1 - wanted.1) < 1e-12
+        };
+        let height = 3.0_f64.sqrt();
+        assert!(near(from_radius(&shape, 2.0), (1.0, -height)));
+        assert!(near(from_radius(&shape, -2.0), (1.0, height)));
+        assert!(near(from_radius(&shape, 1.0), (1.0, 0.0)) && near(from_radius(&shape, 0.999_5), (1.0, 0.0)));
+        assert_eq!(from_radius(&shape, 0.99).map_err(|fault| fault.code), Err(Code::ArcRadiusTooSmall));
+        let third = ArcShape { turns: 1, end: (1.0, 1.0), ..shape };
+        assert!((third.length((1.0, 0.0), 0.0) - 1.5 * std::f64::consts::PI).abs() < 1e-12);
+    }
+}
