@@ -63,7 +63,13 @@ fn written(blocks: &[Block]) -> String {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, max_shrink_iters: 60, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 24,
+        max_shrink_iters: 60,
+        // Nothing is written into the tree.
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
     #[test]
     fn any_program_ends_exactly_and_within_the_limits(blocks in prop::collection::vec(blocks(), 1..30)) {
         let bench = Bench::new();

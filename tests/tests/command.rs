@@ -1,6 +1,6 @@
 //! The other commands: help, check, canon, size and plot.
 
-use retrace_tests::command::{Bench, root};
+use retrace_tests::command::{Bench, read_one_line_of, root};
 use retrace_tests::programs::examples;
 
 #[test]
@@ -116,5 +116,16 @@ fn plots_are_drawn_in_both_formats_and_of_both_kinds() {
     for wrong in ["path.bmp", "absent/path.svg"] {
         let said = bench.retrace(["plot", &program, "-o", wrong]);
         assert_eq!(said.code, Some(2), "{wrong}: {}", said.err);
+    }
+}
+
+#[test]
+fn a_reader_that_goes_away_stops_nothing_and_is_no_panic() {
+    let program = root().join("examples/03-arcs.ngc");
+    let program = program.to_string_lossy();
+    for arguments in [&["run", &program, "--json"][..], &["run", &program], &["canon", &program]] {
+        let said = read_one_line_of(arguments);
+        assert_eq!((said.code, said.err.as_str()), (Some(0), ""), "{arguments:?}");
+        assert!(!said.out.is_empty());
     }
 }

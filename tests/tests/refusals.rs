@@ -124,6 +124,14 @@ fn an_operator_who_is_not_understood() {
 }
 
 #[test]
+fn a_start_line_that_the_program_does_not_have() {
+    let bench = Bench::new();
+    let program = root().join("examples/01-first-cut.ngc");
+    let said = run(&bench, &program.to_string_lossy(), &["--start-line", "600"]);
+    assert_refused(&bench, &said, 2, &["600"]);
+}
+
+#[test]
 fn wrong_usage() {
     for arguments in
         [&["run"][..], &["fly"], &["run", "--sideways", "x.ngc"], &["plot", "x.ngc"], &["size", "--axes", "x"], &[]]
