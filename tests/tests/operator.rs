@@ -4,7 +4,6 @@ use proptest::prelude::*;
 use retrace_tests::command::{Bench, root};
 use retrace_tests::records::RATE_ONE;
 use retrace_tests::run::Run;
-use std::fmt::Write;
 
 fn example(name: &str) -> std::path::PathBuf {
     root().join("examples").join(name)
@@ -117,6 +116,7 @@ fn deeds() -> impl Strategy<Value = String> {
         3 => Just("leave".to_owned()),
         1 => Just("agree".to_owned()),
         1 => Just("output 1 on".to_owned()),
+        1 => Just("single".to_owned()),
     ];
     (when, deed).prop_map(|(when, deed)| format!("{when} {deed}"))
 }
@@ -144,15 +144,22 @@ M2
 ";
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, max_shrink_iters: 40, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 24,
+        max_shrink_iters: 40,
+        // Nothing is written into the tree.
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
     #[test]
     fn whatever_the_operator_does_the_job_ends_exactly(deeds in prop::collection::vec(deeds(), 1..14)) {
         let bench = Bench::new();
         let program = bench.file("mixed.ngc", MIXED);
         let machine = bench.file("machine.toml", "history_hours = 0.0005\n");
         let mut script = deeds.join("\n");
-        // However he left it, he lets it go on in the end.
-        let _ = write!(script, "\nafter 3s leave\nafter 3s resume\nafter 0s override 100%\nafter 30s leave\nafter 3s resume\n");
+        // However he left it, he lets it go on in the end: out of every mode, and block by block if need be.
+        script.push_str("\nafter 3s leave\nafter 3s resume\nafter 0s override 100%\nafter 30s leave\n");
+        script.push_str(&"after 8s resume\n".repeat(20));
         let script = bench.file("script.op", script);
         let more = ["--operator", &script.to_string_lossy(), "--machine", &machine.to_string_lossy()];
         let run = Run::of(&bench, &program, &more);

@@ -95,7 +95,7 @@ impl Program {
     /// Number of its lines, if it is a file.
     #[must_use]
     pub fn lines(&self) -> Option<u64> {
-        self.text.as_ref().map(|text| text.split(|&b| b == b'\n').count() as u64)
+        self.text.as_ref().map(|text| text.split_inclusive(|&b| b == b'\n').count() as u64)
     }
 
     /// The program from its beginning.
@@ -165,14 +165,32 @@ impl Program {
 
     /// A finding with its source line, in the form of the diagnostics.
     fn render(&self, finding: &Finding) -> String {
-        let Finding { line, number, what, remedy } = finding;
+        let Finding { line, word, number, what, remedy } = finding;
         let gutter = " ".repeat(line.to_string().len());
         let source = self.line(*line);
+        let column = word.and_then(|letter| column_of(&source, letter)).unwrap_or(1);
+        let mark = " ".repeat(column - 1);
         format!(
-            "error[{number}]: {what}\n{gutter}--> {}:{line}\n{gutter} |\n{line} | {source}\n{gutter} |\n{gutter} = help: {remedy}",
+            "error[{number}]: {what}\n{gutter}--> {}:{line}:{column}\n{gutter} |\n{line} | {source}\n{gutter} | {mark}^\n{gutter} |\n\
+             {gutter} = help: {remedy}",
             self.name
         )
     }
+}
+
+/// Column, from 1, of the first word with that letter outside of comments.
+fn column_of(line: &str, letter: char) -> Option<usize> {
+    let mut is_comment = false;
+    for (at, c) in line.chars().enumerate() {
+        match c {
+            '(' => is_comment = true,
+            ')' => is_comment = false,
+            ';' if !is_comment => return None,
+            _ if !is_comment && c.eq_ignore_ascii_case(&letter) => return Some(at + 1),
+            _ => {}
+        }
+    }
+    None
 }
 
 /// What a program came to that may be run.
@@ -242,4 +260,16 @@ fn tools_without_length() -> ToolTable {
         tools.insert(Tool { number, offset: Pose::ZERO, ..Tool::default() });
     }
     tools
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_word_is_found_outside_of_comments() {
+        assert_eq!(column_of("N10 (x) G0 X5", 'X'), Some(12));
+        assert_eq!(column_of("g1 x5", 'X'), Some(4));
+        assert_eq!(column_of("G1 ; X5", 'X'), None);
+    }
 }

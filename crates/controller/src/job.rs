@@ -177,6 +177,8 @@ fn give<const A: usize>(
 pub struct Finding {
     /// Program line.
     pub line: u32,
+    /// The word that it is about, where there is one: its letter.
+    pub word: Option<char>,
     /// Number in `docs/errors.md`.
     pub number: &'static str,
     /// What is wrong.

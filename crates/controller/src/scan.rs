@@ -32,6 +32,7 @@ impl BeyondLimit {
         let axis = axis.to_ascii_uppercase();
         Finding {
             line: *line,
+            word: Some(axis),
             number: "E4304",
             what: format!("axis {axis} would go to {position_mm:.3} mm, beyond its soft limit at {limit_mm:.3} mm"),
             remedy: "move the work offset, correct the program, or widen `travel_mm` in the machine file".into(),

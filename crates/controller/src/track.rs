@@ -56,7 +56,11 @@ impl Untrackable {
     #[must_use]
     pub fn finding(&self, line: u32) -> Finding {
         let (number, what, remedy) = self.parts();
-        Finding { line, number, what, remedy: remedy.into() }
+        let word = match self {
+            Self::NoSuchAxis(axis) => Some(*axis),
+            _ => None,
+        };
+        Finding { line, word, number, what, remedy: remedy.into() }
     }
 }
 

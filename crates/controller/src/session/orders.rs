@@ -72,7 +72,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
     fn next_block(&mut self) {
         self.single_stop = false;
         if self.single {
-            let after = self.card.status().place.boundary_ahead();
+            // beyond what was executed already: retracing is not cut into blocks
+            let after = self.card.status().reached;
             self.supply.end_block(&mut self.card, after);
         } else {
             self.supply.open_block();
