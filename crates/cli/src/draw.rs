@@ -3,7 +3,6 @@
 //! Invariant: the path is the program's own, with the stretches that the card really retraced; the profile is taken from what the card
 //! emitted.
 
-use std::f64::consts::TAU;
 use std::path::Path;
 
 use retrace_controller::event::Event;
@@ -144,20 +143,13 @@ impl Sink<9> for Drawing {
 
     fn arc(&mut self, arc: &Arc<9>, _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
         let ([p, q], [cp, cq], start) = (arc.plane, arc.centre_mm, self.at);
-        let from = (start[q] - cq).atan2(start[p] - cp);
-        let to = (arc.end_mm[q] - cq).atan2(arc.end_mm[p] - cp);
-        let sign = f64::from(arc.rotation.signum());
-        let mut swept = (sign * (to - from)).rem_euclid(TAU);
-        if swept < 1e-9 {
-            swept = TAU;
-        }
-        swept += TAU * f64::from(arc.rotation.unsigned_abs().saturating_sub(1));
         let radius = (start[p] - cp).hypot(start[q] - cq);
+        let (from, sweep) = arc.sweep(&start);
         // enough chords that none is seen
-        let chords = (swept / 0.05).ceil().clamp(2.0, 100_000.0);
+        let chords = (sweep.abs() / 0.05).ceil().clamp(2.0, 100_000.0);
         for k in 1..=chords as u32 {
             let share = f64::from(k) / chords;
-            let angle = from + sign * swept * share;
+            let angle = from + sweep * share;
             let mut point: [f64; 9] = std::array::from_fn(|i| start[i] + (arc.end_mm[i] - start[i]) * share);
             point[p] = cp + radius * angle.cos();
             point[q] = cq + radius * angle.sin();

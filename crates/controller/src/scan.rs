@@ -123,21 +123,12 @@ impl<const A: usize> Sink<A> for Scan<'_, A> {
 fn extremes<const A: usize>(start: &[f64; A], arc: &Arc<A>) -> Vec<[f64; A]> {
     use std::f64::consts::{FRAC_PI_2, TAU};
     let ([p, q], [cp, cq]) = (arc.plane, arc.centre_mm);
-    let angle = |point: &[f64; A]| (point[q] - cq).atan2(point[p] - cp);
     let radius = (start[p] - cp).hypot(start[q] - cq);
-    let sign = f64::from(arc.rotation.signum());
-    let from = angle(start);
-    let mut swept = (sign * (angle(&arc.end_mm) - from)).rem_euclid(TAU);
-    if swept < 1e-9 {
-        swept = TAU;
-    }
-    if arc.rotation.unsigned_abs() > 1 {
-        swept = TAU;
-    }
+    let (from, sweep) = arc.sweep(start);
     let mut points = Vec::new();
     for quarter in 0..4 {
         let towards = f64::from(quarter) * FRAC_PI_2;
-        if (sign * (towards - from)).rem_euclid(TAU) <= swept {
+        if (sweep.signum() * (towards - from)).rem_euclid(TAU) <= sweep.abs() {
             let mut point = arc.end_mm;
             point[p] = cp + radius * towards.cos();
             point[q] = cq + radius * towards.sin();

@@ -18,6 +18,30 @@ pub struct Arc<const A: usize> {
     pub end_mm: [f64; A],
 }
 
+impl<const A: usize> Arc<A> {
+    /// Direction from the centre to `start_mm`, and the angle that the arc turns through from there, in radians, positive
+    /// counterclockwise. From the direction alone a full circle and no motion look alike; it is a full circle.
+    ///
+    /// The axes of the plane must be axes of the machine.
+    #[must_use]
+    pub fn sweep(&self, start_mm: &[f64; A]) -> (f64, f64) {
+        let direction = |point: &[f64; A]| {
+            let [p, q] = self.plane;
+            (point[q] - self.centre_mm[1]).atan2(point[p] - self.centre_mm[0])
+        };
+        let full = std::f64::consts::TAU;
+        let (from, sign) = (direction(start_mm), f64::from(self.rotation.signum()));
+        let mut sweep = sign * (direction(&self.end_mm) - from);
+        if sweep <= 1e-9 {
+            sweep += full;
+        }
+        if sweep <= 1e-9 {
+            sweep += full;
+        }
+        (from, sign * (sweep + full * f64::from(self.rotation.unsigned_abs().saturating_sub(1))))
+    }
+}
+
 /// Coefficients of a cubic in s for every axis, constant first.
 pub(crate) type Cubic<const A: usize> = [[f64; A]; 4];
 
@@ -81,17 +105,7 @@ impl<const A: usize> Curve<A> {
         if start_mm < 1e-6 || off > RADIUS_SLACK.0.max(RADIUS_SLACK.1 * start_mm).min(0.5 * start_mm) {
             return Err(MoveError::ArcRadius { start_mm, end_mm });
         }
-        let angle = from[1].atan2(from[0]);
-        let mut sweep = to[1].atan2(to[0]) - angle;
-        let full = std::f64::consts::TAU;
-        // From the direction alone a full circle and no motion look alike; it is a full circle.
-        if arc.rotation > 0 {
-            sweep += if sweep <= 1e-9 { full } else { 0.0 } + full * f64::from(arc.rotation - 1);
-            sweep += if sweep <= 1e-9 { full } else { 0.0 };
-        } else {
-            sweep -= if sweep >= -1e-9 { full } else { 0.0 } + full * f64::from(-1 - arc.rotation);
-            sweep -= if sweep >= -1e-9 { full } else { 0.0 };
-        }
+        let (angle, sweep) = arc.sweep(&start);
         let mut way: [f64; A] = std::array::from_fn(|i| arc.end_mm[i] - start[i]);
         (way[p], way[q]) = (start_mm * sweep, 0.0);
         let length = length_of(way);

@@ -66,6 +66,8 @@ pub struct Session<'r, 'o, const A: usize, C: MotionCard<A>> {
     manner: Manner,
     period_s: f64,
     enough: u32,
+    /// Periods to stand and wait for records in wall time.
+    patience: u64,
     cutting: Vec<u8>,
     observer: &'o mut dyn Observer<A>,
     tally: Tally,
@@ -108,6 +110,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             manner,
             period_s: machine.period_s(),
             enough: 2 * u32::from(machine.smoothing.stopping_records()) + 2,
+            patience: u64::from(machine.look_ahead_records),
             cutting: machine.cutting_outputs.clone(),
             observer,
             executing: None,
@@ -248,9 +251,19 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         let cutting = self.cutting.iter().any(|&c| outputs.get(usize::from(c)).is_some_and(|&v| v != 0));
         // Rapid retrace only with the cutting outputs off.
         let target = if cutting { demand.target.clamp(-ONE, ONE) } else { demand.target };
+        let target = if self.waits_for_records() { 0 } else { target };
         if self.target != Some(target) && self.card.send(Word::Rate { target }).is_ok() {
             self.target = Some(target);
         }
+    }
+
+    /// In wall time motion begins when enough is planned to go on at full rate, or when nothing more has come for as long as the
+    /// look-ahead lasts.
+    fn waits_for_records(&mut self) -> bool {
+        let status = self.card.status();
+        let stands = self.manner.wall_time && status.at_rest && self.operation.mode() == Mode::Run;
+        let waits = stands && self.still_periods < self.patience && !self.supply.is_enough(status, self.enough);
+        waits && status.place == Place::start_of(status.reached)
     }
 
     fn book(&mut self, status: &Status<A>) {
