@@ -2,6 +2,7 @@
 //!
 //! Invariant: an order that does not apply changes nothing and is answered with the reason.
 
+use retrace_core::ONE;
 use retrace_core::mode::{Mode, Order, Refused};
 use retrace_link::{Change, MotionCard, Word};
 
@@ -38,7 +39,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
                 Ok(())
             }
             Deed::Resume => self.operation.order(Order::Resume),
-            Deed::Override(rate) => self.operation.order(Order::Override(rate)),
+            Deed::Override(rate) => {
+                self.operation.order(Order::Override(rate)).map_err(reason)?;
+                // the records are planned for 100 %
+                let is_more = rate > ONE;
+                return if is_more { Err("100 % is in force: more is not supported yet".into()) } else { Ok(()) };
+            }
             Deed::Reverse(rate) => self.operation.order(Order::Reverse(rate)),
             Deed::Forward(rate) => self.operation.order(Order::Forward(rate)),
             Deed::Wheel { .. } if self.operation.mode() == Mode::Wheel => Ok(()),
