@@ -23,6 +23,9 @@ pub enum Road {
     Reached,
 }
 
+/// So many instructions are held at a time.
+const MOST_EXCLUSIVES: usize = 64;
+
 /// The consumer's side of planning: ring, items, and what of them the card has.
 #[derive(Debug)]
 pub struct Supply<'r, const A: usize> {
@@ -69,9 +72,12 @@ impl<'r, const A: usize> Supply<'r, A> {
     }
 
     /// Looks up what has been planned by now. `write` before the items: an item is sent before the records behind it.
+    ///
+    /// Where many instructions wait, the items behind them are left where they are: they belong to places that the first one
+    /// keeps shut.
     pub fn look(&mut self) {
         self.ring.write();
-        loop {
+        while self.exclusives.len() < MOST_EXCLUSIVES {
             match self.items.try_recv() {
                 Ok(Item::Exclusive(exclusive)) => self.exclusives.push_back(exclusive),
                 Ok(Item::Action(action, line)) => self.actions.push_back((action, line)),
