@@ -29,6 +29,12 @@ pub struct Said {
     pub err: String,
 }
 
+/// How many cases a random test tries: `usual`, unless a campaign asks for more (`RETRACE_CASES`).
+#[must_use]
+pub fn cases(usual: u32) -> u32 {
+    std::env::var("RETRACE_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
+}
+
 /// The root of the checkout.
 #[must_use]
 pub fn root() -> &'static Path {

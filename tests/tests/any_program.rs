@@ -64,7 +64,7 @@ fn written(blocks: &[Block]) -> String {
 
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: 24,
+        cases: retrace_tests::command::cases(24),
         max_shrink_iters: 60,
         // Nothing is written into the tree.
         failure_persistence: None,

@@ -145,7 +145,7 @@ M2
 
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: 24,
+        cases: retrace_tests::command::cases(24),
         max_shrink_iters: 40,
         // Nothing is written into the tree.
         failure_persistence: None,

@@ -3,6 +3,7 @@
 //! Invariant: a task that cannot be done says so and fails; no step reports a success that it has not seen.
 #![forbid(unsafe_code)]
 
+mod campaign;
 mod suite;
 mod tidy;
 mod tree;
@@ -24,9 +25,13 @@ Tasks:
            --only STEP     run this step only; may be given more than once
   tidy   the project's own rules, which no other tool knows
            --list          name the checks and leave
+  campaign NAME   a random end-to-end test with its own seed and more cases; results go into docs/campaigns.md
+           --full          the full size
+           --seed N        the seed, 1 without it
+           --list          name the campaigns and leave
   help   this text
 
-Tasks that come with a later issue: verify, bench, campaign, firmware.
+Tasks that come with a later issue: verify, bench, firmware.
 
 Exit codes: 0 all passed, 1 something failed, 2 wrong usage.
 
@@ -43,7 +48,8 @@ fn main() -> ExitCode {
         }
         Some((&"test", options)) => test(options),
         Some((&"tidy", options)) => tidy(options),
-        Some((&task @ ("verify" | "bench" | "campaign" | "firmware"), _)) => {
+        Some((&"campaign", options)) => campaign(options),
+        Some((&task @ ("verify" | "bench" | "firmware"), _)) => {
             refuse(&format!("`{task}` comes with a later issue; nothing was done"))
         }
         Some((&unknown, _)) => refuse(&format!("there is no task `{unknown}`; see `cargo xtask help`")),
@@ -91,6 +97,34 @@ fn tidy(options: &[&str]) -> ExitCode {
         }
         [other, ..] => refuse(&format!("`tidy` knows no `{other}`; see `cargo xtask help`")),
     }
+}
+
+fn campaign(options: &[&str]) -> ExitCode {
+    let Some((&name, mut rest)) = options.split_first() else {
+        return refuse("a campaign needs its name; see `cargo xtask campaign --list`");
+    };
+    if name == "--list" {
+        for campaign in campaign::CAMPAIGNS {
+            println!("{:<10} {}", campaign.name, campaign.purpose);
+        }
+        return ExitCode::SUCCESS;
+    }
+    let Some(campaign) = campaign::CAMPAIGNS.iter().find(|campaign| campaign.name == name) else {
+        return refuse(&format!("there is no campaign `{name}`; see `cargo xtask campaign --list`"));
+    };
+    let (mut full, mut seed) = (false, 1);
+    loop {
+        match rest {
+            [] => break,
+            ["--full", more @ ..] => (full, rest) = (true, more),
+            ["--seed", number, more @ ..] => match number.parse() {
+                Ok(number) => (seed, rest) = (number, more),
+                Err(_) => return refuse(&format!("`{number}` is no seed: a whole number")),
+            },
+            [other, ..] => return refuse(&format!("`campaign` knows no `{other}`; see `cargo xtask help`")),
+        }
+    }
+    with_root(|root| campaign::run(&root, campaign, full, seed))
 }
 
 /// Runs a task at the workspace's root and turns its verdict into an exit code.
