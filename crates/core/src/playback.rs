@@ -58,6 +58,19 @@ mod tests {
         assert_eq!(part(i16::MAX, u32::MAX), 32767);
     }
 
+    #[test]
+    fn a_stretch_emits_its_whole_records_and_the_parts_at_its_ends() {
+        let records: Vec<Record<2>> =
+            [[10, -4], [7, 7], [-30, 3]].map(|increments| Record { increments, ..Record::default() }).into();
+        let at = |record, share: u32| Place { record, fraction: share << 30 };
+        let emitted = |from, to| emission(from, to, |n| records.get(n as usize));
+        assert_eq!(emitted(at(0, 0), at(3, 0)), Some([-13, 6]));
+        assert_eq!(emitted(at(0, 2), at(2, 1)), Some([5 + 7 - 8, -2 + 7 + 1]));
+        assert_eq!(emitted(at(2, 1), at(0, 2)), Some([-4, -6]));
+        assert_eq!(emitted(at(1, 1), at(1, 3)), Some([5 - 2, 5 - 2]));
+        assert_eq!(emitted(at(2, 0), at(3, 1)), None);
+    }
+
     proptest! {
         /// A walk of any steps over any records: the sums telescope, and equal places have equal positions.
         #[test]
