@@ -1,7 +1,8 @@
 //! From program to card: decoding and planning ahead in one thread, the motion path in another.
 //!
-//! Invariant: nothing of a program reaches the card before it has been checked, and the motion path neither waits for the planner
-//! nor allocates.
+//! Invariant: a program that is a file is checked whole before anything of it reaches the card, one that is fed block by block as it
+//! comes. In wall time the motion path never waits for the planner, and it allocates only where something happens (an
+//! instruction, an action, an event), not in a plain period.
 #![forbid(unsafe_code)]
 
 pub mod event;
