@@ -10,6 +10,7 @@ pub mod gate;
 pub mod mode;
 pub mod place;
 pub mod playback;
+pub mod positions;
 pub mod rate;
 pub mod record;
 pub mod ring;

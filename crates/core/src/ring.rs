@@ -1,6 +1,6 @@
 //! The record ring between planning and motion: history | cursor | look-ahead (REV-2 … REV-7, design idea 2).
 //!
-//! Four positions, `head ≤ read ≤ reached ≤ write`, all wrapping u32 place numbers: `head` is the oldest record kept, `read`
+//! Four positions (`positions`), `head ≤ read ≤ reached ≤ write`, all wrapping u32 place numbers: `head` is the oldest record kept, `read`
 //! the cursor, `reached` the furthest place ever executed (the source's W), `write` the end of what is planned. Two words are
 //! shared between the threads and both only grow: `write`, and `floor`, which is always `reached − keep`. `read` and
 //! `reached` are the consumer's own.
@@ -14,15 +14,23 @@
 
 use core::ops::Deref;
 
-use crate::place::before;
-use crate::sync::{AtomicU32, Ordering, UnsafeCell};
+use crate::positions::{Planned, Played};
+use crate::sync::{AtomicU32, Line, Ordering, UnsafeCell};
 
 /// One cell of a ring's storage.
 #[derive(Debug, Default)]
 pub struct Cell<R>(UnsafeCell<R>);
 
+impl<R> Cell<R> {
+    /// A cell with that content.
+    #[must_use]
+    pub fn new(content: R) -> Self {
+        Self(UnsafeCell::new(content))
+    }
+}
+
 // SAFETY: the content is private to this module, which reaches it only through the one `Producer` and the one `Consumer` of a
-// ring, and these never touch the same cell at a time (module invariant; model: verification, loom).
+// ring, and these never touch the same cell at a time (module invariant; rows `ring-apart` and `ring-threads` of the ledger).
 unsafe impl<R: Send> Sync for Cell<R> {}
 
 /// Storage and shared positions of a ring; [`Ring::split`] gives its two ends.
@@ -31,9 +39,9 @@ pub struct Ring<S> {
     cells: S,
     keep: u32,
     look_ahead: u32,
-    start: u32,
-    floor: AtomicU32,
-    write: AtomicU32,
+    kept: u32,
+    floor: Line<AtomicU32>,
+    write: Line<AtomicU32>,
 }
 
 /// Why a ring cannot be made.
@@ -43,12 +51,31 @@ pub enum RingError {
     NotAPowerOfTwo,
     /// `keep + look_ahead` is more than there are cells, or `look_ahead` is zero.
     TooSmall,
+    /// The places do not lie in order, or are more than the ring promises to hold.
+    NoSuchStretch,
+}
+
+/// The records that a ring holds: history `head … reached`, look-ahead `reached … write`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stretch {
+    /// Oldest record.
+    pub head: u32,
+    /// The furthest place ever executed.
+    pub reached: u32,
+    /// The place behind the newest record.
+    pub write: u32,
 }
 
 impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
     /// A ring over `cells` (a power of two of them, at most 2³⁰) that keeps `keep` records behind `reached` and lets at most
     /// `look_ahead` records be planned beyond it. Its first record will have the place number `start`.
     pub fn new(cells: S, keep: u32, look_ahead: u32, start: u32) -> Result<Self, RingError> {
+        Self::holding(cells, keep, look_ahead, Stretch { head: start, reached: start, write: start })
+    }
+
+    /// A ring over cells that hold records already: record `place` in cell `place` modulo their number. The cursor stands at
+    /// `reached`.
+    pub fn holding(cells: S, keep: u32, look_ahead: u32, stretch: Stretch) -> Result<Self, RingError> {
         let n = cells.len();
         if !n.is_power_of_two() || n > 1 << 30 {
             return Err(RingError::NotAPowerOfTwo);
@@ -56,21 +83,26 @@ impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
         if look_ahead == 0 || keep as u64 + look_ahead as u64 > n as u64 {
             return Err(RingError::TooSmall);
         }
-        let floor = AtomicU32::new(start.wrapping_sub(keep));
-        Ok(Self { cells, keep, look_ahead, start, floor, write: AtomicU32::new(start) })
+        let Stretch { head, reached, write } = stretch;
+        if Played::at(head, reached, reached, write, keep).is_none() || write.wrapping_sub(reached) > look_ahead {
+            return Err(RingError::NoSuchStretch);
+        }
+        let floor = Line(AtomicU32::new(reached.wrapping_sub(keep)));
+        let kept = reached.wrapping_sub(head);
+        Ok(Self { cells, keep, look_ahead, kept, floor, write: Line(AtomicU32::new(write)) })
     }
 
-    /// The two ends; one pair at a time.
+    /// The two ends; one pair at a time. A second pair begins without history.
     pub fn split(&mut self) -> (Producer<'_, R>, Consumer<'_, R>) {
-        let write = self.write.load(Ordering::Relaxed);
-        let floor = self.floor.load(Ordering::Relaxed);
+        let write = self.write.0.load(Ordering::Relaxed);
+        let floor = self.floor.0.load(Ordering::Relaxed);
         let reached = floor.wrapping_add(self.keep);
-        let head = if before(floor, self.start) { self.start } else { floor };
-        let shared = Shared { cells: &self.cells, floor: &self.floor, write: &self.write };
-        (
-            Producer { shared, room: self.keep + self.look_ahead, floor, write },
-            Consumer { shared, keep: self.keep, head, read: reached, reached, write },
-        )
+        let kept = core::mem::take(&mut self.kept);
+        let shared = Shared { cells: &self.cells, floor: &self.floor.0, write: &self.write.0 };
+        let planned = Planned::at(write, floor, self.keep + self.look_ahead);
+        let played = Played::at(reached.wrapping_sub(kept), reached, reached, write, self.keep);
+        let Some(played) = played else { unreachable!("a ring's own positions are in order") };
+        (Producer { shared, planned }, Consumer { shared, played })
     }
 }
 
@@ -100,34 +132,32 @@ impl<R> Shared<'_, R> {
 #[derive(Debug)]
 pub struct Producer<'a, R> {
     shared: Shared<'a, R>,
-    room: u32,
-    /// As last seen; the shared word only grows, so an old value is on the safe side.
-    floor: u32,
-    write: u32,
+    planned: Planned,
 }
 
 impl<R: Copy> Producer<'_, R> {
     /// Appends a record; gives it back where the look-ahead is full.
     #[inline]
     pub fn push(&mut self, record: R) -> Result<(), R> {
-        if self.write.wrapping_sub(self.floor) >= self.room {
-            self.floor = self.shared.floor.load(Ordering::Acquire);
-            if self.write.wrapping_sub(self.floor) >= self.room {
+        if self.planned.full() {
+            self.planned.see(self.shared.floor.load(Ordering::Acquire));
+            if self.planned.full() {
                 return Err(record);
             }
         }
+        let cell = self.shared.cell(self.planned.write());
         // SAFETY: `write − floor < keep + look_ahead ≤ cells`, so this cell is none of `floor … write`, the only ones that
         // the consumer may read before the store below; the Acquire above orders its last reads of it before this write.
-        self.shared.cell(self.write).with_mut(|p| unsafe { *p = record });
-        self.write = self.write.wrapping_add(1);
-        self.shared.write.store(self.write, Ordering::Release);
+        cell.with_mut(|p| unsafe { *p = record });
+        self.planned.advance();
+        self.shared.write.store(self.planned.write(), Ordering::Release);
         Ok(())
     }
 
     /// The place number that the next record will have.
     #[must_use]
     pub fn write(&self) -> u32 {
-        self.write
+        self.planned.write()
     }
 }
 
@@ -135,94 +165,83 @@ impl<R: Copy> Producer<'_, R> {
 #[derive(Debug)]
 pub struct Consumer<'a, R> {
     shared: Shared<'a, R>,
-    keep: u32,
-    head: u32,
-    read: u32,
-    reached: u32,
-    /// As last seen; the shared word only grows.
-    write: u32,
+    played: Played,
 }
 
 impl<R: Copy> Consumer<'_, R> {
     /// Oldest record kept.
     #[must_use]
     pub fn head(&self) -> u32 {
-        self.head
+        self.played.head()
     }
 
     /// The cursor: the record that would be read next going forward.
     #[must_use]
     pub fn read(&self) -> u32 {
-        self.read
+        self.played.read()
     }
 
     /// The furthest place ever executed; the source's W.
     #[must_use]
     pub fn reached(&self) -> u32 {
-        self.reached
+        self.played.reached()
     }
 
     /// The end of what is planned, looked up anew.
     #[inline]
     pub fn write(&mut self) -> u32 {
-        self.write = self.shared.write.load(Ordering::Acquire);
-        self.write
+        self.played.see(self.shared.write.load(Ordering::Acquire));
+        self.played.write()
     }
 
     /// The record at `place`, if it lies in `head … write` as last seen by [`Consumer::write`] or [`Consumer::forward`].
     #[inline]
     #[must_use]
     pub fn record(&self, place: u32) -> Option<R> {
-        if place.wrapping_sub(self.head) >= self.write.wrapping_sub(self.head) {
-            return None;
-        }
-        // SAFETY: `head ≤ place < write`: written before the Release store that `write` was loaded from (Acquire), and not
-        // written again before `floor` has passed it, which only `settle` does, through `&mut self`.
-        Some(self.shared.cell(place).with(|p| unsafe { *p }))
+        self.played.holds(place).then(|| self.content(place))
+    }
+
+    /// What the cell of `place` holds; `place` is held, or was until the last move of the cursor, which has not been published.
+    #[inline]
+    fn content(&self, place: u32) -> R {
+        // SAFETY: `floor ≤ place < write`: written before the Release store that `write` was loaded from (Acquire), and not
+        // written again before the shared floor has passed it, which only `publish` does, through `&mut self`.
+        self.shared.cell(place).with(|p| unsafe { *p })
     }
 
     /// Reads the record under the cursor and moves it forward (REV-5, REV-7); `None` at `write`.
     #[inline]
     pub fn forward(&mut self) -> Option<R> {
-        if self.read == self.write {
+        if self.played.read() == self.played.write() {
             self.write();
         }
-        let record = self.record(self.read)?;
-        self.settle(self.read.wrapping_add(1));
+        let floor = self.played.floor();
+        let place = self.played.forward()?;
+        let record = self.content(place);
+        self.publish(floor);
         Some(record)
     }
 
     /// Moves the cursor back and reads the record it passes (REV-6); `None` at `head`.
     #[inline]
     pub fn backward(&mut self) -> Option<R> {
-        if self.read == self.head {
-            return None;
-        }
-        let record = self.record(self.read.wrapping_sub(1))?;
-        self.read = self.read.wrapping_sub(1);
-        Some(record)
+        self.played.backward().map(|place| self.content(place))
     }
 
     /// Puts the cursor on `place`, as the card reports it; false, and nothing changed, where that is not in `head … write`.
     #[inline]
     pub fn follow(&mut self, place: u32) -> bool {
-        let held = place.wrapping_sub(self.head) <= self.write.wrapping_sub(self.head);
-        if held {
-            self.settle(place);
-        }
-        held
+        let floor = self.played.floor();
+        let followed = self.played.follow(place);
+        self.publish(floor);
+        followed
     }
 
-    /// The cursor stands at `read`, within `head … write`: `reached` follows it forward, and `floor` and `head` follow `reached`.
+    /// Lets the planner know, if the floor is no longer at `before`.
     #[inline]
-    fn settle(&mut self, read: u32) {
-        self.read = read;
-        if before(self.reached, read) {
-            self.reached = read;
-            let floor = read.wrapping_sub(self.keep);
-            if before(self.head, floor) {
-                self.head = floor;
-            }
+    fn publish(&mut self, before: u32) {
+        let floor = self.played.floor();
+        if floor != before {
             self.shared.floor.store(floor, Ordering::Release);
         }
     }
@@ -244,6 +263,23 @@ mod tests {
         assert_eq!(Ring::new(cells(0), 0, 1, 0).err(), Some(RingError::NotAPowerOfTwo));
         assert_eq!(Ring::new(cells(4), 4, 1, 0).err(), Some(RingError::TooSmall));
         assert_eq!(Ring::new(cells(4), 1, 0, 0).err(), Some(RingError::TooSmall));
+        let holding = |head, reached, write| Ring::holding(cells(4), 2, 2, Stretch { head, reached, write }).err();
+        assert_eq!(holding(u32::MAX, 1, 3), None);
+        for (head, reached, write) in [(1, 0, 2), (0, 3, 4), (0, 2, 5), (0, 2, 1)] {
+            assert_eq!(holding(head, reached, write), Some(RingError::NoSuchStretch));
+        }
+    }
+
+    #[test]
+    fn a_second_pair_of_ends_goes_on_without_history() {
+        let held: Box<[Cell<u32>]> = (0..4).map(|n| Cell::new(n)).collect();
+        let mut ring = Ring::holding(held, 2, 2, Stretch { head: u32::MAX, reached: 1, write: 2 }).expect("valid");
+        let (mut producer, mut consumer) = ring.split();
+        producer.push(7).expect("room");
+        assert_eq!((consumer.backward(), consumer.backward(), consumer.backward()), (Some(0), Some(3), None));
+        assert!(consumer.follow(2));
+        let (_, mut consumer) = ring.split();
+        assert_eq!((consumer.backward(), consumer.forward(), consumer.forward()), (None, Some(7), None));
     }
 
     #[test]

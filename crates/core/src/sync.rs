@@ -10,6 +10,11 @@ pub(crate) struct UnsafeCell<T>(core::cell::UnsafeCell<T>);
 
 impl<T> UnsafeCell<T> {
     #[inline]
+    pub(crate) fn new(content: T) -> Self {
+        Self(core::cell::UnsafeCell::new(content))
+    }
+
+    #[inline]
     pub(crate) fn with<U>(&self, f: impl FnOnce(*const T) -> U) -> U {
         f(self.0.get())
     }
@@ -19,3 +24,8 @@ impl<T> UnsafeCell<T> {
         f(self.0.get())
     }
 }
+
+/// A value in a cache line of its own, so that the other side's stores do not slow down ours.
+#[repr(align(128))]
+#[derive(Debug)]
+pub(crate) struct Line<T>(pub(crate) T);
