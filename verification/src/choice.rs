@@ -1,0 +1,123 @@
+//! Where a property's arbitrary values come from: the one thing in which the engines differ.
+//!
+//! Invariant: a property is a function of its choices alone, so that the numbers of a counterexample replay it anywhere.
+
+/// A source of arbitrary values. In a proof every method stands for *all* its values at once; natively they are enumerated, drawn at
+/// random, or replayed.
+pub trait Choice {
+    /// Any 32-bit word. Natively: values around 0, 2³¹ and the wrap, or random ones.
+    fn word(&mut self) -> u32;
+
+    /// Any number in 0 … `n` − 1; `n` is at least 1. Natively: every one of them.
+    fn below(&mut self, n: u32) -> u32;
+
+    /// Any number in 0 … `most`. Natively: the ends and what lies around them, or random ones.
+    fn upto(&mut self, most: u32) -> u32;
+
+    /// Any number in `low` … `high`, both included. Natively: the ends, what lies around 0, 2³¹ and 2³², or random ones.
+    fn between(&mut self, low: i64, high: i64) -> i64;
+
+    /// Goes on only where `holds`; the property is not asked about the rest.
+    fn assume(&mut self, holds: bool) -> Option<()>;
+
+    /// Any increment. Natively: around 0 and both ends.
+    fn increment(&mut self) -> i16 {
+        self.between(i16::MIN as i64, i16::MAX as i64) as i16
+    }
+
+    /// Either.
+    fn flag(&mut self) -> bool {
+        self.below(2) == 1
+    }
+}
+
+/// What a property is: choices in, `None` where an assumption does not hold, a panic where the property does not.
+pub type Property<C> = fn(&mut C) -> Option<()>;
+
+#[cfg(kani)]
+pub use on_kani::Kani;
+
+#[cfg(kani)]
+mod on_kani {
+    /// Every value at once, in Kani.
+    #[derive(Debug)]
+    pub struct Kani;
+
+    impl super::Choice for Kani {
+        fn word(&mut self) -> u32 {
+            kani::any()
+        }
+        fn below(&mut self, n: u32) -> u32 {
+            let value: u32 = kani::any();
+            kani::assume(value < n);
+            value
+        }
+        fn upto(&mut self, most: u32) -> u32 {
+            let value: u32 = kani::any();
+            kani::assume(value <= most);
+            value
+        }
+        fn between(&mut self, low: i64, high: i64) -> i64 {
+            let value: i64 = kani::any();
+            kani::assume(low <= value && value <= high);
+            value
+        }
+        fn assume(&mut self, holds: bool) -> Option<()> {
+            kani::assume(holds);
+            Some(())
+        }
+    }
+}
+
+#[cfg(verify_wasm)]
+pub use on_cbmc::Cbmc;
+
+#[cfg(verify_wasm)]
+mod on_cbmc {
+    mod import {
+        #[link(wasm_import_module = "v")]
+        unsafe extern "C" {
+            pub(super) safe fn nd() -> u32;
+            pub(super) safe fn assume(holds: u32);
+            pub(super) safe fn fail(line: u32) -> !;
+        }
+    }
+
+    #[panic_handler]
+    fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
+        import::fail(info.location().map_or(0, |place| place.line()))
+    }
+
+    /// Every value at once, in CBMC: the functions that the harness in C defines.
+    #[derive(Debug)]
+    pub struct Cbmc;
+
+    impl super::Choice for Cbmc {
+        fn word(&mut self) -> u32 {
+            import::nd()
+        }
+        fn below(&mut self, n: u32) -> u32 {
+            let value = import::nd();
+            import::assume(u32::from(value < n));
+            value
+        }
+        fn upto(&mut self, most: u32) -> u32 {
+            let value = import::nd();
+            import::assume(u32::from(value <= most));
+            value
+        }
+        fn between(&mut self, low: i64, high: i64) -> i64 {
+            // values that fit 32 bits take one word, so that the formula stays small
+            let value = match (i32::try_from(low), i32::try_from(high)) {
+                (Ok(_), Ok(_)) => i64::from(import::nd() as i32),
+                _ => (i64::from(import::nd() as i32) << 32) | i64::from(import::nd()),
+            };
+            import::assume(u32::from(low <= value && value <= high));
+            value
+        }
+        fn assume(&mut self, holds: bool) -> Option<()> {
+            import::assume(u32::from(holds));
+            Some(())
+        }
+    }
+}

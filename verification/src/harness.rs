@@ -1,0 +1,37 @@
+//! One list of harnesses, every engine: Kani proofs, exports for CBMC over wasm32, and entries for the native engine.
+//!
+//! Invariant: a harness stands once in the code; the engines' lists are made from that one.
+
+/// Makes harnesses of properties: `name, unwind N => property;`. A second group, behind `without kani:`, is left out of the
+/// Kani list: what divides 64-bit numbers, which Kani's bit-level solver does not end on in useful time.
+macro_rules! harnesses {
+    ($($name:ident, unwind $unwind:literal => $body:expr;)* $(without kani: $($other:ident, unwind $other_unwind:literal => $other_body:expr;)*)?) => {
+        #[cfg(kani)]
+        mod on_kani {
+            use super::*;
+            $(#[kani::proof] #[kani::unwind($unwind)] fn $name() {
+                let property: crate::choice::Property<crate::choice::Kani> = $body;
+                property(&mut crate::choice::Kani);
+            })*
+        }
+        #[cfg(verify_wasm)]
+        mod on_cbmc {
+            use super::*;
+            $(#[unsafe(export_name = concat!("h_", stringify!($name), "__u", stringify!($unwind)))] extern "C" fn $name() {
+                let property: crate::choice::Property<crate::choice::Cbmc> = $body;
+                property(&mut crate::choice::Cbmc);
+            })*
+            $($(#[unsafe(export_name = concat!("h_", stringify!($other), "__u", stringify!($other_unwind)))] extern "C" fn $other() {
+                let property: crate::choice::Property<crate::choice::Cbmc> = $other_body;
+                property(&mut crate::choice::Cbmc);
+            })*)?
+        }
+        /// The harnesses of this module, for the native engine and the ledger.
+        #[cfg(not(any(kani, verify_wasm)))]
+        pub const HARNESSES: &[crate::native::Harness] = &[
+            $(crate::native::Harness { name: stringify!($name), unwind: $unwind, kani: true, enumerate: $body, draw: $body, replay: $body },)*
+            $($(crate::native::Harness { name: stringify!($other), unwind: $other_unwind, kani: false, enumerate: $other_body, draw: $other_body, replay: $other_body },)*)?
+        ];
+    };
+}
+pub(crate) use harnesses;

@@ -1,0 +1,123 @@
+//! The rows of the proof ledger: each property in a sentence, with what checks it and which mutants must fail.
+//!
+//! Invariant: every harness, search and model belongs to exactly one row, and every row has a mutant that its checks kill.
+
+use crate::native::Harness;
+
+/// One property.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// Short name, by which commands call it.
+    pub name: &'static str,
+    /// The property in one sentence.
+    pub says: &'static str,
+    /// The requirements it answers.
+    pub requirement: &'static str,
+    /// How far the engines look.
+    pub bound: &'static str,
+    /// What is taken for granted.
+    pub assumes: &'static str,
+    /// Why that bound is enough.
+    pub suffices: &'static str,
+    /// Harnesses, by name: proved by Kani and CBMC, enumerated natively.
+    pub harnesses: &'static [&'static str],
+    /// Searches over all reachable states, and long random runs, on this machine.
+    pub searches: &'static [Search],
+    /// Models of threads: loom's and shuttle's tests, by package and name.
+    pub models: &'static [Model],
+    /// Changes to the code that a check of this row must notice.
+    pub mutants: &'static [Mutant],
+}
+
+/// A search or a long random run.
+#[derive(Clone, Copy, Debug)]
+pub struct Search {
+    /// Its name.
+    pub name: &'static str,
+    /// Runs it and tells in a few words what was seen; panics where the property does not hold.
+    pub run: fn(Size) -> String,
+}
+
+/// How much is to be looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// All of it, or what a test run has time for.
+    pub full: bool,
+    /// The seed of what is drawn.
+    pub seed: u64,
+}
+
+/// A test of the thread models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Model {
+    /// `loom` or `shuttle`.
+    pub engine: &'static str,
+    /// The test's name.
+    pub test: &'static str,
+}
+
+/// A change to the code: `find`, which stands exactly once in `file`, becomes `put`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mutant {
+    /// What is wrong in it, in a few words.
+    pub name: &'static str,
+    /// The file, from the workspace's root.
+    pub file: &'static str,
+    /// The text that stands there.
+    pub find: &'static str,
+    /// The text put in its place.
+    pub put: &'static str,
+    /// The harness, search or model test that must notice.
+    pub killer: &'static str,
+}
+
+/// Every row.
+#[must_use]
+pub fn rows() -> Vec<Row> {
+    MODULES.iter().flat_map(|(rows, _)| rows.iter().copied()).collect()
+}
+
+/// Every harness.
+#[must_use]
+pub fn harnesses() -> Vec<Harness> {
+    MODULES.iter().flat_map(|(_, harnesses)| harnesses.iter().copied()).collect()
+}
+
+type Module = (&'static [Row], &'static [Harness]);
+
+/// The property modules.
+const MODULES: &[Module] = &[(crate::ring::ROWS, crate::ring::HARNESSES)];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn every_check_belongs_to_one_row_and_every_row_has_a_mutant() {
+        let mut names = BTreeSet::new();
+        let (mut claimed, mut mutants) = (BTreeSet::new(), BTreeSet::new());
+        for row in rows() {
+            assert!(names.insert(row.name), "two rows {}", row.name);
+            assert!(!row.mutants.is_empty(), "{} has no mutant", row.name);
+            let mut checks: Vec<&str> = row.harnesses.to_vec();
+            checks.extend(row.searches.iter().map(|search| search.name));
+            checks.extend(row.models.iter().map(|model| model.test));
+            for mutant in row.mutants {
+                assert!(checks.contains(&mutant.killer), "{}: no check {}", row.name, mutant.killer);
+                assert!(mutants.insert(mutant.name), "two mutants {}", mutant.name);
+            }
+            for check in checks {
+                assert!(claimed.insert(check), "{check} in two rows");
+            }
+        }
+        for harness in harnesses() {
+            assert!(claimed.contains(harness.name), "{} is in no row", harness.name);
+        }
+        for row in rows() {
+            for name in row.harnesses {
+                assert!(harnesses().iter().any(|harness| harness.name == *name), "no harness {name}");
+            }
+        }
+    }
+}

@@ -1,0 +1,342 @@
+//! The native engine: a harness run over every choice where they can be counted, over drawn ones where they cannot, or over the
+//! numbers of a counterexample.
+//!
+//! Invariant: the same seed draws the same numbers; a failure names the numbers that replay it.
+
+use crate::choice::{Choice, Property};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// One harness.
+#[derive(Clone, Copy, Debug)]
+pub struct Harness {
+    /// Its name, the same in every engine.
+    pub name: &'static str,
+    /// How often a loop may turn in a proof.
+    pub unwind: u32,
+    /// Is it in Kani's list?
+    pub kani: bool,
+    /// The property over enumerated choices.
+    pub enumerate: Property<Enumerate>,
+    /// The property over drawn choices.
+    pub draw: Property<Draw>,
+    /// The property over given numbers.
+    pub replay: Property<Replay>,
+}
+
+/// What a native run saw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Seen {
+    /// Runs within the assumptions.
+    pub runs: u64,
+    /// Was every choice taken that the enumeration offers?
+    pub complete: bool,
+}
+
+/// Why a native run is no pass.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Failure {
+    /// The property does not hold for these numbers.
+    Refuted(Vec<u32>),
+    /// No run was within the assumptions.
+    Vacuous,
+}
+
+impl Harness {
+    /// Every choice, up to `most` runs; where that is not enough, as many drawn ones.
+    ///
+    /// # Errors
+    /// [`Failure`], with the numbers that replay it.
+    pub fn check(&self, most: u64, seed: u64) -> Result<Seen, Failure> {
+        let (mut choices, mut seen) = (Enumerate::default(), Seen { runs: 0, complete: false });
+        for _ in 0..most {
+            match run(self.enumerate, &mut choices) {
+                Ok(kept) => seen.runs += u64::from(kept),
+                Err(()) => return Err(Failure::Refuted(choices.trace())),
+            }
+            if !choices.next() {
+                seen.complete = true;
+                break;
+            }
+        }
+        if !seen.complete {
+            let mut draw = Draw::new(seed);
+            for _ in 0..most {
+                draw.trace.clear();
+                match run(self.draw, &mut draw) {
+                    Ok(kept) => seen.runs += u64::from(kept),
+                    Err(()) => return Err(Failure::Refuted(draw.trace)),
+                }
+            }
+        }
+        if seen.runs == 0 { Err(Failure::Vacuous) } else { Ok(seen) }
+    }
+
+    /// The property over the numbers of a counterexample; panics where it does not hold.
+    pub fn replay(&self, numbers: Vec<u32>) -> Option<()> {
+        (self.replay)(&mut Replay { numbers: numbers.into_iter() })
+    }
+}
+
+fn run<C>(property: Property<C>, choices: &mut C) -> Result<bool, ()> {
+    catch_unwind(AssertUnwindSafe(|| property(choices).is_some())).map_err(|_| ())
+}
+
+/// Words worth trying: around 0, 2³¹ and the wrap.
+const WORDS: [u32; 8] = [0, 1, 2, 0x7FFF_FFFF, 0x8000_0000, 0xFFFF_FFFD, 0xFFFF_FFFE, 0xFFFF_FFFF];
+
+/// Numbers worth trying beside the ends.
+const NUMBERS: [i64; 11] =
+    [0, 1, -1, 1 << 31, -(1 << 31), (1 << 31) - 1, 1 << 32, -(1 << 32), 0x5555_5555, (1 << 32) - 1, 3 << 30];
+
+fn worth_trying(low: i64, high: i64) -> impl Iterator<Item = i64> {
+    let ends = if low == high { vec![low] } else { vec![low, high] };
+    let inner = NUMBERS.into_iter().filter(move |n| low < *n && *n < high);
+    ends.into_iter().chain(inner)
+}
+
+fn words_of(value: i64, low: i64, high: i64) -> Vec<u32> {
+    match (i32::try_from(low), i32::try_from(high)) {
+        (Ok(_), Ok(_)) => vec![value as u32],
+        _ => vec![(value >> 32) as u32, value as u32],
+    }
+}
+
+/// Every choice, one after the other, the last one first.
+#[derive(Clone, Debug, Default)]
+pub struct Enumerate {
+    /// Of each choice: which of how many, and the words that replay it.
+    taken: Vec<(u32, u32, Vec<u32>)>,
+    at: usize,
+}
+
+impl Enumerate {
+    fn next(&mut self) -> bool {
+        self.at = 0;
+        while let Some((which, of, _)) = self.taken.last_mut() {
+            *which += 1;
+            if which < of {
+                return true;
+            }
+            self.taken.pop();
+        }
+        false
+    }
+
+    fn choose(&mut self, of: u32) -> usize {
+        if self.at == self.taken.len() {
+            self.taken.push((0, of, Vec::new()));
+        }
+        let (which, offered, _) = self.taken[self.at];
+        assert_eq!(offered, of, "the property is not a function of its choices");
+        self.at += 1;
+        which as usize
+    }
+
+    fn note(&mut self, words: Vec<u32>) {
+        self.taken[self.at - 1].2 = words;
+    }
+
+    fn trace(&self) -> Vec<u32> {
+        self.taken[..self.at].iter().flat_map(|(_, _, words)| words.clone()).collect()
+    }
+}
+
+impl Choice for Enumerate {
+    fn word(&mut self) -> u32 {
+        let value = WORDS[self.choose(WORDS.len() as u32)];
+        self.note(vec![value]);
+        value
+    }
+
+    fn below(&mut self, n: u32) -> u32 {
+        let value = self.choose(n) as u32;
+        self.note(vec![value]);
+        value
+    }
+
+    fn upto(&mut self, most: u32) -> u32 {
+        let mut offered: Vec<u32> =
+            [0, 1, 2, most / 2, most.wrapping_sub(1), most].into_iter().filter(|n| *n <= most).collect();
+        offered.sort_unstable();
+        offered.dedup();
+        let value = offered[self.choose(offered.len() as u32)];
+        self.note(vec![value]);
+        value
+    }
+
+    fn between(&mut self, low: i64, high: i64) -> i64 {
+        let offered: Vec<i64> =
+            if high - low < 16 { (low..=high).collect() } else { worth_trying(low, high).collect() };
+        let value = offered[self.choose(offered.len() as u32)];
+        self.note(words_of(value, low, high));
+        value
+    }
+
+    fn assume(&mut self, holds: bool) -> Option<()> {
+        holds.then_some(())
+    }
+}
+
+/// Drawn choices: half of them worth trying, half of them anything.
+#[derive(Clone, Debug)]
+pub struct Draw {
+    state: u64,
+    trace: Vec<u32>,
+}
+
+impl Draw {
+    fn new(seed: u64) -> Self {
+        Self { state: seed ^ 0x9E37_79B9_7F4A_7C15, trace: Vec::new() }
+    }
+
+    /// SplitMix64 (Steele, Lea, Flood 2014).
+    fn number(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+}
+
+impl Choice for Draw {
+    fn word(&mut self) -> u32 {
+        let number = self.number();
+        let value = match number & 3 {
+            0 => WORDS[(number >> 32) as usize % WORDS.len()],
+            1 => (number >> 32) as u32 & 15,
+            _ => (number >> 32) as u32,
+        };
+        self.trace.push(value);
+        value
+    }
+
+    fn below(&mut self, n: u32) -> u32 {
+        let value = (self.number() >> 32) as u32 % n;
+        self.trace.push(value);
+        value
+    }
+
+    fn upto(&mut self, most: u32) -> u32 {
+        let number = self.number();
+        let any = (number >> 32) as u32;
+        let value = match number & 7 {
+            0 => 0,
+            1 => most,
+            2 => any & 7,
+            3 => most.wrapping_sub(any & 7),
+            4 => any & ((1 << (number >> 8 & 31)) - 1),
+            _ => any,
+        };
+        let value = if value <= most { value } else { ((u64::from(any) * u64::from(most)) >> 32) as u32 };
+        self.trace.push(value);
+        value
+    }
+
+    fn between(&mut self, low: i64, high: i64) -> i64 {
+        let number = self.number();
+        let value = if number & 1 == 0 {
+            let offered = worth_trying(low, high).count();
+            worth_trying(low, high).nth(number as usize / 2 % offered).unwrap_or(low)
+        } else {
+            low + (i128::from(number >> 1) % (i128::from(high) - i128::from(low) + 1)) as i64
+        };
+        self.trace.extend(words_of(value, low, high));
+        value
+    }
+
+    fn assume(&mut self, holds: bool) -> Option<()> {
+        holds.then_some(())
+    }
+}
+
+/// The numbers of a counterexample, in the order in which the property takes them; zeros behind them.
+#[derive(Clone, Debug)]
+pub struct Replay {
+    numbers: std::vec::IntoIter<u32>,
+}
+
+impl Choice for Replay {
+    fn word(&mut self) -> u32 {
+        self.numbers.next().unwrap_or(0)
+    }
+
+    fn below(&mut self, n: u32) -> u32 {
+        let value = self.word();
+        assert!(value < n, "the numbers are outside of what the property asks about");
+        value
+    }
+
+    fn upto(&mut self, most: u32) -> u32 {
+        let value = self.word();
+        assert!(value <= most, "the numbers are outside of what the property asks about");
+        value
+    }
+
+    fn between(&mut self, low: i64, high: i64) -> i64 {
+        let value = match words_of(0, low, high).len() {
+            1 => i64::from(self.word() as i32),
+            _ => (i64::from(self.word() as i32) << 32) | i64::from(self.word()),
+        };
+        assert!((low..=high).contains(&value), "the numbers are outside of what the property asks about");
+        value
+    }
+
+    fn assume(&mut self, holds: bool) -> Option<()> {
+        holds.then_some(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn product_is_small<C: Choice>(c: &mut C) -> Option<()> {
+        let (a, b) = (c.below(7), c.between(-3, 4));
+        c.assume(a > 1)?;
+        assert!(i64::from(a) * b < 24);
+        Some(())
+    }
+
+    fn sum_is_no_secret<C: Choice>(c: &mut C) -> Option<()> {
+        let (a, b) = (c.word(), c.between(0, 1 << 40));
+        assert!(i64::from(a) + b != 0x1_0000_0000);
+        Some(())
+    }
+
+    fn nothing<C: Choice>(c: &mut C) -> Option<()> {
+        let a = c.below(9);
+        c.assume(a > 9)
+    }
+
+    #[test]
+    fn a_property_that_does_not_hold_is_refuted_by_numbers_that_replay_it() {
+        for harness in [
+            Harness {
+                name: "a",
+                unwind: 1,
+                kani: false,
+                enumerate: product_is_small,
+                draw: product_is_small,
+                replay: product_is_small,
+            },
+            Harness {
+                name: "b",
+                unwind: 1,
+                kani: false,
+                enumerate: sum_is_no_secret,
+                draw: sum_is_no_secret,
+                replay: sum_is_no_secret,
+            },
+        ] {
+            let Err(Failure::Refuted(numbers)) = harness.check(10_000, 1) else { panic!("not refuted") };
+            assert!(catch_unwind(|| harness.replay(numbers)).is_err());
+        }
+    }
+
+    #[test]
+    fn a_property_that_asks_about_nothing_is_vacuous() {
+        let harness = Harness { name: "c", unwind: 1, kani: false, enumerate: nothing, draw: nothing, replay: nothing };
+        assert_eq!(harness.check(100, 1), Err(Failure::Vacuous));
+    }
+}

@@ -1,0 +1,325 @@
+//! The record ring: its positions from any valid state, what either side may touch, and what is read.
+//!
+//! Invariant: nothing here starts from an empty ring only; a state is any that satisfies the invariant, so that one step proves
+//! every sequence.
+
+use crate::choice::Choice;
+use crate::harness::harnesses;
+#[cfg(not(any(kani, verify_wasm)))]
+use crate::ledger::{Mutant, Row};
+use retrace_core::positions::{Planned, Played};
+use retrace_core::ring::{Cell, Ring, Stretch};
+
+/// Both sides and the two shared words.
+#[derive(Clone, Copy, Debug)]
+struct System {
+    planned: Planned,
+    played: Played,
+    floor: u32,
+    write: u32,
+    keep: u32,
+    look_ahead: u32,
+}
+
+impl System {
+    /// Any state that satisfies the invariant: any history, cursor and look-ahead, any place number, and each side knowing the
+    /// other's word as it was at any time before.
+    fn any(c: &mut impl Choice) -> Option<Self> {
+        let keep = c.upto((1 << 30) - 1);
+        let look_ahead = 1 + c.upto((1 << 30) - 1 - keep);
+        let (head, kept, ahead) = (c.word(), c.upto(keep), c.upto(look_ahead));
+        let (back, seen) = (c.upto(kept), c.upto(ahead));
+        let reached = head.wrapping_add(kept);
+        let (floor, write) = (reached.wrapping_sub(keep), reached.wrapping_add(ahead));
+        let room = keep + look_ahead;
+        let lag = c.upto(room - (keep + ahead));
+        let planned = Planned::at(write, floor.wrapping_sub(lag), room);
+        let played = Played::at(head, reached.wrapping_sub(back), reached, reached.wrapping_add(seen), keep)?;
+        Some(Self { planned, played, floor, write, keep, look_ahead })
+    }
+
+    fn holds(&self) -> bool {
+        let Self { planned, played, floor, write, keep, look_ahead } = *self;
+        let (kept, seen) =
+            (played.reached().wrapping_sub(played.head()), played.write().wrapping_sub(played.reached()));
+        let ahead = write.wrapping_sub(played.reached());
+        let back = played.reached().wrapping_sub(played.read());
+        back <= kept
+            && kept <= keep
+            && seen <= ahead
+            && ahead <= look_ahead
+            && floor == played.floor()
+            && floor == played.reached().wrapping_sub(keep)
+            && planned.write() == write
+    }
+
+    /// What [`retrace_core::ring::Producer::push`] does, without the cell.
+    fn push(&mut self) -> Option<u32> {
+        if self.planned.full() {
+            self.planned.see(self.floor);
+            if self.planned.full() {
+                return None;
+            }
+        }
+        let place = self.planned.write();
+        self.planned.advance();
+        self.write = self.planned.write();
+        Some(place)
+    }
+}
+
+/// Storing keeps the order of the positions, and is refused exactly where the look-ahead is full.
+fn push_keeps_order(c: &mut impl Choice) -> Option<()> {
+    let before = System::any(c)?;
+    let mut after = before;
+    let ahead = before.write.wrapping_sub(before.played.reached());
+    match after.push() {
+        None => assert!(ahead == before.look_ahead && after.write == before.write),
+        Some(place) => {
+            assert!(ahead < before.look_ahead && place == before.write && after.write == place.wrapping_add(1))
+        }
+    }
+    assert!(after.holds() && after.played == before.played && after.floor == before.floor);
+    Some(())
+}
+
+/// What every move of the cursor must keep: `reached` and the floor only grow, and with the cursor only; `head` follows `reached`
+/// at the distance `keep`, never `read`, and never lies before the floor.
+fn moved_in_order(before: &System, after: &Played) {
+    let (was, kept) = (before.played.reached(), before.played.reached().wrapping_sub(before.played.head()));
+    let gone_on = after.reached().wrapping_sub(was);
+    assert!(gone_on <= before.write.wrapping_sub(was));
+    assert!(gone_on == 0 || after.reached() == after.read());
+    let still_kept = after.reached().wrapping_sub(after.head());
+    // both numbers are at most 2³⁰
+    assert!(still_kept == if kept + gone_on < before.keep { kept + gone_on } else { before.keep });
+    assert!(System { played: *after, floor: after.floor(), ..*before }.holds());
+}
+
+/// Forward goes over the record under the cursor, and ends exactly at what is planned.
+fn forward_keeps_order(c: &mut impl Choice) -> Option<()> {
+    let system = System::any(c)?;
+    let (before, mut after) = (system.played, system.played);
+    match after.forward() {
+        None => assert!(before.read() == before.write() && after == before),
+        Some(place) => {
+            assert!(before.read() != before.write() && before.holds(place));
+            assert!(place == before.read() && after.read() == place.wrapping_add(1));
+        }
+    }
+    moved_in_order(&system, &after);
+    Some(())
+}
+
+/// Reverse goes back over one record, and ends exactly at the oldest that is kept; nothing is let go.
+fn backward_keeps_order(c: &mut impl Choice) -> Option<()> {
+    let system = System::any(c)?;
+    let (before, mut after) = (system.played, system.played);
+    match after.backward() {
+        None => assert!(before.read() == before.head() && after == before),
+        Some(place) => {
+            assert!(before.read() != before.head() && before.holds(place));
+            assert!(place == before.read().wrapping_sub(1) && after.read() == place);
+        }
+    }
+    assert!(after.head() == before.head() && after.reached() == before.reached());
+    moved_in_order(&system, &after);
+    Some(())
+}
+
+/// The cursor follows the card to any place that is held, and to no other.
+fn follow_keeps_order(c: &mut impl Choice) -> Option<()> {
+    let system = System::any(c)?;
+    let (before, mut after) = (system.played, system.played);
+    let place = before.head().wrapping_add(c.word());
+    let held = place.wrapping_sub(before.head()) <= before.write().wrapping_sub(before.head());
+    assert!(after.follow(place) == held);
+    assert!(if held { after.read() == place } else { after == before });
+    moved_in_order(&system, &after);
+    Some(())
+}
+
+/// Looking up what is planned moves nothing.
+fn look_keeps_order(c: &mut impl Choice) -> Option<()> {
+    let system = System::any(c)?;
+    let mut after = system.played;
+    after.see(system.write);
+    assert!(after.read() == system.played.read() && after.head() == system.played.head());
+    moved_in_order(&system, &after);
+    Some(())
+}
+
+/// The cell that the planner writes is none that the motion path may read, in a ring of any size that is large enough.
+fn sides_are_apart(c: &mut impl Choice) -> Option<()> {
+    let mut system = System::any(c)?;
+    let cells = 1u32 << c.below(31);
+    c.assume(system.keep + system.look_ahead <= cells)?;
+    let (head, readable) = (system.played.head(), system.write.wrapping_sub(system.played.head()));
+    c.assume(readable > 0)?;
+    let place = head.wrapping_add(c.upto(readable - 1));
+    if let Some(written) = system.push() {
+        assert!(written & (cells - 1) != place & (cells - 1));
+    }
+    Some(())
+}
+
+/// The real ring from any state of `N` cells, any operations: what is read is what was pushed, and it ends where it must.
+fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl Choice) -> Option<()> {
+    let (keep, look_ahead) = (c.below(N as u32), 1 + c.below(N as u32));
+    c.assume(keep + look_ahead <= N as u32)?;
+    let (mut head, kept, mut ahead) = (c.word(), c.below(N as u32), c.below(N as u32 + 1));
+    c.assume(kept <= keep && ahead <= look_ahead)?;
+    let mut reached = head.wrapping_add(kept);
+    let write = reached.wrapping_add(ahead);
+    // The record of a place is its number; a cell that holds none has any content.
+    let cells: [Cell<u32>; N] = core::array::from_fn(|n| {
+        let place = head.wrapping_add((n as u32).wrapping_sub(head) & (N as u32 - 1));
+        Cell::new(if place.wrapping_sub(head) < write.wrapping_sub(head) { place } else { !place })
+    });
+    let Ok(mut ring) = Ring::holding(&cells[..], keep, look_ahead, Stretch { head, reached, write }) else {
+        return None;
+    };
+    let (mut producer, mut consumer) = ring.split();
+    let mut read = reached;
+    let mut k = 0;
+    while k < OPERATIONS {
+        match c.below(3) {
+            0 => {
+                let full = ahead == look_ahead;
+                assert!(producer.push(producer.write()).is_err() == full);
+                ahead += u32::from(!full);
+            }
+            1 => {
+                let end = read == reached.wrapping_add(ahead);
+                let record = consumer.forward();
+                assert!(if end { record.is_none() } else { record == Some(read) });
+                if !end {
+                    read = read.wrapping_add(1);
+                    if read == reached.wrapping_add(1) {
+                        (reached, ahead) = (read, ahead - 1);
+                        if reached.wrapping_sub(head) > keep {
+                            head = head.wrapping_add(1);
+                        }
+                    }
+                }
+            }
+            _ => {
+                let end = read == head;
+                let record = consumer.backward();
+                if !end {
+                    read = read.wrapping_sub(1);
+                }
+                assert!(if end { record.is_none() } else { record == Some(read) });
+            }
+        }
+        assert!(consumer.head() == head && consumer.read() == read && consumer.reached() == reached);
+        assert!(producer.write() == reached.wrapping_add(ahead));
+        k += 1;
+    }
+    Some(())
+}
+
+harnesses! {
+    ring_push, unwind 1 => |c| push_keeps_order(c);
+    ring_forward, unwind 1 => |c| forward_keeps_order(c);
+    ring_backward, unwind 1 => |c| backward_keeps_order(c);
+    ring_follow, unwind 1 => |c| follow_keeps_order(c);
+    ring_look, unwind 1 => |c| look_keeps_order(c);
+    ring_apart, unwind 1 => |c| sides_are_apart(c);
+    ring_content_4, unwind 5 => |c| reads_what_was_pushed::<4, 3>(c);
+    ring_content_8, unwind 9 => |c| reads_what_was_pushed::<8, 2>(c);
+}
+
+#[cfg(not(any(kani, verify_wasm)))]
+const POSITIONS: &str = "crates/core/src/positions.rs";
+
+/// The rows of this module.
+#[cfg(not(any(kani, verify_wasm)))]
+pub const ROWS: &[Row] = &[
+    Row {
+        name: "ring-positions",
+        says: "Every operation keeps head ≤ read ≤ reached ≤ write; reverse ends after exactly the retained records, forward exactly at what is planned, storing exactly where the look-ahead is full; reached and floor only grow",
+        requirement: "REV-2, REV-3, REV-6, REV-7; Beyond the source, *The ring, completed*",
+        bound: "none: any capacity up to 2³⁰, any keep and look-ahead, any place numbers over the wrap of u32, each side's knowledge of the other arbitrarily old",
+        assumes: "the state satisfies the invariant, which `new` and `holding` establish",
+        suffices: "one step from every valid state is an induction over sequences of any length",
+        harnesses: &["ring_push", "ring_forward", "ring_backward", "ring_follow", "ring_look"],
+        searches: &[],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "the look-ahead holds one record too many",
+                file: POSITIONS,
+                find: "self.write.wrapping_sub(self.floor) >= self.room",
+                put: "self.write.wrapping_sub(self.floor) > self.room",
+                killer: "ring_push",
+            },
+            Mutant {
+                name: "head follows one record late",
+                file: POSITIONS,
+                find: "if passed > self.keep {",
+                put: "if passed > self.keep + 1 {",
+                killer: "ring_forward",
+            },
+            Mutant {
+                name: "reverse run ends one record early",
+                file: POSITIONS,
+                find: "if self.read == self.head {",
+                put: "if self.read.wrapping_sub(self.head) <= 1 {",
+                killer: "ring_backward",
+            },
+            Mutant {
+                name: "positions compared without the wrap",
+                file: POSITIONS,
+                find: "if passed > self.reached.wrapping_sub(self.head) {",
+                put: "if read > self.reached {",
+                killer: "ring_follow",
+            },
+        ],
+    },
+    Row {
+        name: "ring-apart",
+        says: "The cell that the planner writes is none that the motion path may read, now or later, before it lets it go",
+        requirement: "REV, Beyond the source, *Threads*",
+        bound: "none: any power of two of cells up to 2³⁰, any valid state",
+        assumes: "keep + look-ahead ≤ cells, which `holding` checks",
+        suffices: "one step from every valid state; what the threads make of it in time is row ring-threads",
+        harnesses: &["ring_apart"],
+        searches: &[],
+        models: &[],
+        mutants: &[Mutant {
+            name: "the room counts from the cursor's share alone",
+            file: POSITIONS,
+            find: "self.write.wrapping_sub(self.floor) >= self.room\n",
+            put: "self.write.wrapping_sub(self.floor) > self.room + 1\n",
+            killer: "ring_apart",
+        }],
+    },
+    Row {
+        name: "ring-content",
+        says: "What is read forward or backward is what was pushed under that place number; the empty and the full ring stop where they must",
+        requirement: "REV-3, REV-6, REV-7",
+        bound: "the real ring of 4 cells, 3 operations, and of 8 cells, 2 operations, from any stretch held, any place number",
+        assumes: "cell contents as pushes would have left them; what holds no record has any content",
+        suffices: "the positions are proved without bound (ring-positions); a cell's index is the place modulo a power of two",
+        harnesses: &["ring_content_4", "ring_content_8"],
+        searches: &[],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "a cell too far",
+                file: "crates/core/src/ring.rs",
+                find: "&self.cells[place as usize & (self.cells.len() - 1)].0",
+                put: "&self.cells[place as usize & (self.cells.len() / 2 - 1)].0",
+                killer: "ring_content_4",
+            },
+            Mutant {
+                name: "history is not kept when a ring takes over records",
+                file: "crates/core/src/ring.rs",
+                find: "let kept = reached.wrapping_sub(head);",
+                put: "let kept = write.wrapping_sub(reached).min(keep);",
+                killer: "ring_content_8",
+            },
+        ],
+    },
+];
