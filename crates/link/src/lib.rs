@@ -8,6 +8,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod crc;
+pub mod frame;
 mod message;
 
 pub use message::{Action, Change, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel};
