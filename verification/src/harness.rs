@@ -6,8 +6,9 @@
 /// Kani list: what divides 64-bit numbers, which Kani's bit-level solver does not end on in useful time.
 macro_rules! harnesses {
     ($($name:ident, unwind $unwind:literal => $body:expr;)* $(without kani: $($other:ident, unwind $other_unwind:literal => $other_body:expr;)*)?) => {
+        /// The proofs of this module, in Kani.
         #[cfg(kani)]
-        mod on_kani {
+        pub mod on_kani {
             use super::*;
             $(#[kani::proof] #[kani::unwind($unwind)] fn $name() {
                 let property: crate::choice::Property<crate::choice::Kani> = $body;
@@ -29,8 +30,8 @@ macro_rules! harnesses {
         /// The harnesses of this module, for the native engine and the ledger.
         #[cfg(not(any(kani, verify_wasm)))]
         pub const HARNESSES: &[crate::native::Harness] = &[
-            $(crate::native::Harness { name: stringify!($name), unwind: $unwind, kani: true, enumerate: $body, draw: $body, replay: $body },)*
-            $($(crate::native::Harness { name: stringify!($other), unwind: $other_unwind, kani: false, enumerate: $other_body, draw: $other_body, replay: $other_body },)*)?
+            $(crate::native::Harness { name: stringify!($name), module: module_path!(), unwind: $unwind, kani: true, enumerate: $body, draw: $body, replay: $body },)*
+            $($(crate::native::Harness { name: stringify!($other), module: module_path!(), unwind: $other_unwind, kani: false, enumerate: $other_body, draw: $other_body, replay: $other_body },)*)?
         ];
     };
 }

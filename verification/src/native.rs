@@ -11,6 +11,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 pub struct Harness {
     /// Its name, the same in every engine.
     pub name: &'static str,
+    /// The module it stands in.
+    pub module: &'static str,
     /// How often a loop may turn in a proof.
     pub unwind: u32,
     /// Is it in Kani's list?
@@ -314,6 +316,7 @@ mod tests {
         for harness in [
             Harness {
                 name: "a",
+                module: "",
                 unwind: 1,
                 kani: false,
                 enumerate: product_is_small,
@@ -322,6 +325,7 @@ mod tests {
             },
             Harness {
                 name: "b",
+                module: "",
                 unwind: 1,
                 kani: false,
                 enumerate: sum_is_no_secret,
@@ -336,7 +340,15 @@ mod tests {
 
     #[test]
     fn a_property_that_asks_about_nothing_is_vacuous() {
-        let harness = Harness { name: "c", unwind: 1, kani: false, enumerate: nothing, draw: nothing, replay: nothing };
+        let harness = Harness {
+            name: "c",
+            module: "",
+            unwind: 1,
+            kani: false,
+            enumerate: nothing,
+            draw: nothing,
+            replay: nothing,
+        };
         assert_eq!(harness.check(100, 1), Err(Failure::Vacuous));
     }
 }
