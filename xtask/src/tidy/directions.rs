@@ -37,6 +37,8 @@ const ARROWS: &[Arrows] = &[
     Arrows { in_tests: &["hal-sim"], ..arrows("crates/controller/Cargo.toml", &["core", "gcode", "link", "motion"]) },
     arrows("crates/cli/Cargo.toml", &["controller", "core", "gcode", "hal-serial", "hal-sim", "link", "motion"]),
     arrows("verification/Cargo.toml", &["card", "core", "link"]),
+    arrows("verification/loom/Cargo.toml", &["core"]),
+    arrows("verification/shuttle/Cargo.toml", &["core"]),
     // The end-to-end tests see the command alone, so that they judge it with nothing of its own.
     arrows("tests/Cargo.toml", &[]),
     arrows("xtask/Cargo.toml", &[]),

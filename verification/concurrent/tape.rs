@@ -1,0 +1,150 @@
+//! Models of the ring between two threads: one pushes, the other walks forth and back over what is kept (REV-2 … REV-7).
+//!
+//! Compiled in the loom and the shuttle crate over each one's own `sync`. Record number k, from 0, holds k, so whoever reads
+//! anything else has read a cell of which the other side was not done.
+//!
+//! Invariant: a tape is run inside one execution of an engine and ends with everything pushed and everything read.
+
+use std::fmt;
+
+use crate::ring::{Cell, Consumer, Producer, Ring};
+use crate::sync::thread;
+
+/// The shape of a model.
+#[derive(Clone, Copy, Debug)]
+pub struct Tape {
+    /// Records kept behind the furthest place.
+    pub keep: u32,
+    /// Records planned beyond it; with `keep` a power of two, the number of cells.
+    pub look_ahead: u32,
+    /// Place number of the first record.
+    pub start: u32,
+    /// Records in all.
+    pub records: u32,
+    /// After so many records the consumer goes back as far as history allows, and forward again.
+    pub turn: u32,
+}
+
+/// What became of one execution: how often each side found nothing to do.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Outcome {
+    /// Pushes refused because the look-ahead was full.
+    pub refused: u32,
+    /// Times that the consumer stood at the end of what was planned.
+    pub starved: u32,
+}
+
+impl Outcome {
+    /// With `most` for as many times and more.
+    #[must_use]
+    pub fn capped(self, most: u32) -> Self {
+        Self { refused: self.refused.min(most), starved: self.starved.min(most) }
+    }
+}
+
+impl fmt::Debug for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "refused {} starved {}", self.refused, self.starved)
+    }
+}
+
+impl Tape {
+    /// Runs the two threads with a consumer that moves by [`Consumer::forward`] and [`Consumer::backward`].
+    ///
+    /// # Panics
+    /// Where anything is read that was not pushed, or history is not what is promised.
+    #[must_use]
+    pub fn walk(self) -> Outcome {
+        self.run(|consumer| self.walk_through(consumer))
+    }
+
+    /// Runs the two threads with a consumer that looks at records by place and follows the card's cursor, as the controller
+    /// does.
+    ///
+    /// # Panics
+    /// Where anything is read that was not pushed, or history is not what is promised.
+    #[must_use]
+    pub fn follow(self) -> Outcome {
+        self.run(|consumer| self.follow_through(consumer))
+    }
+
+    fn run(self, consume: impl FnOnce(&mut Consumer<'static, u32>) -> u32) -> Outcome {
+        let cells: Box<[Cell<u32>]> = (0..self.keep + self.look_ahead).map(|_| Cell::new(u32::MAX)).collect();
+        let ring = Ring::new(cells, self.keep, self.look_ahead, self.start).expect("the shape is valid");
+        // The ends borrow the ring and a thread borrows for ever, so each execution gives a few hundred bytes away.
+        let (mut producer, mut consumer) = Box::leak(Box::new(ring)).split();
+        let planner = thread::spawn(move || push_all(&mut producer, self.records));
+        let starved = consume(&mut consumer);
+        let refused = planner.join().expect("the planner does not panic");
+        Outcome { refused, starved }
+    }
+
+    fn walk_through(self, consumer: &mut Consumer<'_, u32>) -> u32 {
+        let (mut next, mut starved) = (0, 0);
+        while next < self.records {
+            let Some(record) = consumer.forward() else {
+                starved += 1;
+                thread::yield_now();
+                continue;
+            };
+            assert_eq!(record, next);
+            next += 1;
+            if next % self.turn == 0 || next == self.records {
+                let kept = next.min(self.keep);
+                for back in 0..kept {
+                    assert_eq!(consumer.backward(), Some(next - 1 - back));
+                }
+                assert_eq!(consumer.backward(), None, "history is what is kept and no more");
+                for again in next - kept..next {
+                    assert_eq!(consumer.forward(), Some(again));
+                }
+            }
+        }
+        starved
+    }
+
+    fn follow_through(self, consumer: &mut Consumer<'_, u32>) -> u32 {
+        let (mut reached, mut starved) = (0, 0);
+        while reached < self.records {
+            let planned = consumer.write().wrapping_sub(self.start);
+            if planned == reached {
+                starved += 1;
+                thread::yield_now();
+                continue;
+            }
+            // every record ahead is sent, and all but the last of them executed before the card is heard of again
+            self.check(consumer, reached, planned);
+            reached = (planned - 1).max(reached + 1);
+            assert!(consumer.follow(self.start.wrapping_add(reached)));
+            let oldest = reached - reached.min(self.keep);
+            self.check(consumer, oldest, planned);
+            if oldest > 0 {
+                assert_eq!(consumer.record(self.start.wrapping_add(oldest - 1)), None, "what is let go is gone");
+            }
+            if reached % self.turn == 0 {
+                assert!(consumer.follow(self.start.wrapping_add(oldest)));
+                self.check(consumer, oldest, planned);
+                assert!(consumer.follow(self.start.wrapping_add(reached)));
+            }
+        }
+        starved
+    }
+
+    /// Every record of `from … to`, counted from the first, is what was pushed there.
+    fn check(self, consumer: &Consumer<'_, u32>, from: u32, to: u32) {
+        for number in from..to {
+            assert_eq!(consumer.record(self.start.wrapping_add(number)), Some(number));
+        }
+    }
+}
+
+fn push_all(producer: &mut Producer<'_, u32>, records: u32) -> u32 {
+    let mut refused = 0;
+    for number in 0..records {
+        while producer.push(number).is_err() {
+            refused += 1;
+            thread::yield_now();
+        }
+    }
+    refused
+}

@@ -1,0 +1,51 @@
+//! The two threads of GMC-7 under loom: order holds in the card's own time line, nobody sleeps for ever, and the coordinator is
+//! woken only when K holds, whatever the order of the threads and however late the card reports.
+
+use retrace_loom::coordination::Job;
+use retrace_loom::explore::{explore, is_full};
+
+/// Explores a job from just before the wrap of place numbers with two preemptions, or three in the full exploration, and holds
+/// what was seen, pairs of `due_at_once` and `woken`, against what is known.
+fn check(records: u32, markers: &[u32], lag: usize, known: &[(u32, u32)]) {
+    let job = Job { start: u32::MAX, records, markers: markers.to_vec(), lag };
+    let name = format!("coordination {records} records, markers before {markers:?}, lag {lag}");
+    let bound = if is_full() { 3 } else { 2 };
+    let report = explore(&name, Some(bound), move || job.clone().run());
+    let seen: Vec<_> = report.outcomes.iter().map(|seen| (seen.due_at_once, seen.woken)).collect();
+    if is_full() {
+        assert!(known.iter().all(|outcome| seen.contains(outcome)), "{name}: an outcome is missing: {seen:?}");
+    } else {
+        assert_eq!(seen, known, "{name}: not the outcomes that are known");
+    }
+}
+
+#[test]
+fn one_instruction_before_any_motion() {
+    check(2, &[0], 0, &[(1, 1), (1, 2)]);
+}
+
+#[test]
+fn one_instruction_between_two_records() {
+    check(2, &[1], 1, &[(0, 1), (0, 2), (1, 1), (1, 2)]);
+}
+
+#[test]
+fn one_instruction_behind_all_motion() {
+    check(2, &[2], 1, &[(0, 1), (0, 2), (1, 1), (1, 2)]);
+}
+
+#[test]
+fn two_instructions_at_one_place() {
+    check(1, &[1, 1], 1, &[(1, 2), (1, 3), (1, 4), (2, 2), (2, 3), (2, 4)]);
+}
+
+#[test]
+fn two_instructions_and_two_records() {
+    check(2, &[0, 1], 1, &[(1, 2), (1, 3), (1, 4), (2, 2), (2, 3), (2, 4)]);
+}
+
+#[test]
+fn two_instructions_and_three_records() {
+    let known = [(0, 2), (0, 3), (0, 4), (1, 2), (1, 3), (1, 4), (2, 3), (2, 4)];
+    check(3, &[1, 3], 2, &known);
+}
