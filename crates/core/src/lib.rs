@@ -7,6 +7,7 @@
 pub mod drive;
 pub mod fine;
 pub mod gate;
+pub mod interruption;
 pub mod mode;
 pub mod place;
 pub mod playback;

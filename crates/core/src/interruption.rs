@@ -1,0 +1,436 @@
+//! In what order an interrupted on-line program may go on (DNC-1 … DNC-8).
+//!
+//! A program fed while it is machined is paused, the operator frees the tool, stops the spindle, does what is needed, and undoes
+//! it all step by step; only then the axes go back to the breakpoint, and only there the program is read again. Whoever commands
+//! the machine says each [`Word`] here first and does what the answer says.
+//!
+//! | step | pause | stop spindle | start spindle | jog | on line | cycle start | arrived |
+//! |---|---|---|---|---|---|---|---|
+//! | reading | → paused, latch | – | – | – | – | – | – |
+//! | paused: the spindle turns still | – | → spindle stopped | – | yes | – | – | – |
+//! | spindle stopped | – | – | → spindle as it was | yes | – | – | – |
+//! | spindle as it was | – | → spindle stopped | – | yes | → on line | – | – |
+//! | on line again | → paused | → spindle stopped | – | – | – | → approaching | – |
+//! | approaching | → paused | – | – | – | – | – | → reading |
+//!
+//! A dash is a refusal. Where the spindle stood at the breakpoint, *pause* leads to *spindle as it was* at once, and the spindle is
+//! neither started nor stopped until the program goes on. The direction, the program and the place of arrival must be those latched.
+//! A word that undoes a step leads back to that step, and what comes after it is said again. A pause on the way back to the
+//! breakpoint stops the axes and keeps the breakpoint. The spindle is not stopped under moving axes: pause first.
+//!
+//! Invariant: the program is read while none of the three flags is set, and from a pause to reading there is one order of words
+//! alone: spindle stopped, spindle started (both where it turned), on line, cycle start, arrived. A refusal changes nothing.
+
+/// A direction of the spindle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Direction {
+    /// Clockwise, M3.
+    Clockwise,
+    /// Counterclockwise, M4.
+    Counterclockwise,
+}
+
+/// A spindle that turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Turning {
+    /// Which way.
+    pub direction: Direction,
+    /// How fast, in thousandths of a revolution a minute.
+    pub speed: u32,
+}
+
+/// What is kept of the breakpoint (DNC-2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Latch<const A: usize> {
+    /// Which program was interrupted: the same number for the same content only.
+    pub program: u64,
+    /// Machine counts of each axis, in pulses.
+    pub counts: [i64; A],
+    /// The spindle; `None` where it stood.
+    pub spindle: Option<Turning>,
+}
+
+/// Something that the operator or the machine says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Word<const A: usize> {
+    /// *Pause*, with what is to be latched. On the way back to a breakpoint that one stays, and this is not looked at (DNC-1).
+    Pause(Latch<A>),
+    /// The spindle is to stop (DNC-3).
+    StopSpindle,
+    /// The spindle is to turn, by hand (DNC-4).
+    StartSpindle(Direction),
+    /// An axis is to be moved by hand (DNC-3).
+    Jog,
+    /// Back to on-line mode (DNC-5).
+    Online,
+    /// *Cycle start*, with the program that would be read (DNC-6).
+    CycleStart {
+        /// As in [`Latch::program`].
+        program: u64,
+    },
+    /// The axes have come to rest at these machine counts, in pulses (DNC-7).
+    Arrived([i64; A]),
+}
+
+/// What a word that is taken leads to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Effect<const A: usize> {
+    /// The axes stop, on-line mode is left.
+    Halt,
+    /// The spindle stops, on-line mode is left.
+    StopSpindle,
+    /// The spindle turns as it did.
+    StartSpindle(Turning),
+    /// The axis moves.
+    Jog,
+    /// On-line mode is entered; nothing is read yet.
+    Online,
+    /// Every axis goes to these machine counts, in pulses.
+    Approach([i64; A]),
+    /// The program is read on from the breakpoint (DNC-8).
+    GoOn,
+}
+
+/// Why a word is not taken: the first thing in the order that is missing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Refused {
+    /// The program is not interrupted.
+    NotPaused,
+    /// The program is interrupted already.
+    AlreadyPaused,
+    /// The spindle turns; it is stopped first.
+    SpindleTurns,
+    /// The spindle stands; it is started first, or cannot be stopped.
+    SpindleStands,
+    /// The spindle stood at the breakpoint; the program goes on with it standing.
+    SpindleStood,
+    /// The spindle turned in the other direction.
+    SpindleDirection,
+    /// On-line mode is not restored.
+    NotOnline,
+    /// On-line mode is restored; no axis is moved by hand in it.
+    AlreadyOnline,
+    /// Another program is in the place of the interrupted one.
+    OtherProgram,
+    /// The axes are not on the way to the breakpoint: *cycle start* comes first.
+    NotApproaching,
+    /// The axes are on the way to the breakpoint; only *pause* stops them.
+    Approaching,
+    /// The axes are not at the breakpoint; this is the first of them that is not.
+    NotThere {
+        /// Its index, from 0.
+        axis: usize,
+    },
+}
+
+/// How far the order has been followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Step {
+    /// The spindle turns still.
+    Paused,
+    /// The spindle has been stopped.
+    SpindleStopped,
+    /// The spindle turns as it did, or stands as it did.
+    SpindleAsItWas,
+    /// On-line mode is restored.
+    OnlineAgain,
+    /// The axes are on their way to the breakpoint.
+    Approaching,
+}
+
+/// An on-line program: read, or interrupted at a breakpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Interruption<const A: usize> {
+    breakpoint: Option<(Latch<A>, Step)>,
+}
+
+impl<const A: usize> Default for Interruption<A> {
+    fn default() -> Self {
+        Self::reading()
+    }
+}
+
+impl<const A: usize> Interruption<A> {
+    /// A program that is being read.
+    #[must_use]
+    pub const fn reading() -> Self {
+        Self { breakpoint: None }
+    }
+
+    /// May the program be read, and motion begin from it?
+    #[must_use]
+    pub const fn may_read(&self) -> bool {
+        self.breakpoint.is_none()
+    }
+
+    /// May an axis be moved by hand?
+    #[must_use]
+    pub const fn may_jog(&self) -> bool {
+        self.mode_changed()
+    }
+
+    /// The *DNC-paused flag*: from *pause* until the axes are back (DNC-1, DNC-7).
+    #[must_use]
+    pub const fn paused(&self) -> bool {
+        self.breakpoint.is_some()
+    }
+
+    /// The *mode-changed flag*: from *pause* until on-line mode is restored (DNC-2, DNC-5).
+    #[must_use]
+    pub const fn mode_changed(&self) -> bool {
+        matches!(self.breakpoint, Some((_, Step::Paused | Step::SpindleStopped | Step::SpindleAsItWas)))
+    }
+
+    /// Is reading the program *inhibited*? From *cycle start* until the axes are back (DNC-6, DNC-7).
+    #[must_use]
+    pub const fn inhibited(&self) -> bool {
+        matches!(self.breakpoint, Some((_, Step::Approaching)))
+    }
+
+    /// What is kept of the breakpoint, while there is one.
+    #[must_use]
+    pub const fn latch(&self) -> Option<&Latch<A>> {
+        match &self.breakpoint {
+            Some((latch, _)) => Some(latch),
+            None => None,
+        }
+    }
+
+    /// Takes a word, and says what is to be done.
+    ///
+    /// # Errors
+    /// [`Refused`] says why it may not be; nothing has changed then.
+    pub const fn say(&mut self, word: Word<A>) -> Result<Effect<A>, Refused> {
+        let (latch, next) = match (&self.breakpoint, word) {
+            (None, Word::Pause(latch)) => (latch, Ok((Self::halted(&latch), Effect::Halt))),
+            (None, _) => return Err(Refused::NotPaused),
+            (Some((latch, step)), word) => (*latch, Self::follow(latch, *step, word)),
+        };
+        match next {
+            Ok((step, effect)) => {
+                self.breakpoint = if matches!(effect, Effect::GoOn) { None } else { Some((latch, step)) };
+                Ok(effect)
+            }
+            Err(reason) => Err(reason),
+        }
+    }
+
+    /// The step that a pause leads to.
+    const fn halted(latch: &Latch<A>) -> Step {
+        if latch.spindle.is_some() { Step::Paused } else { Step::SpindleAsItWas }
+    }
+
+    /// The step that a word leads to, at a breakpoint.
+    const fn follow(latch: &Latch<A>, step: Step, word: Word<A>) -> Result<(Step, Effect<A>), Refused> {
+        match (step, word) {
+            (Step::OnlineAgain | Step::Approaching, Word::Pause(_)) => Ok((Self::halted(latch), Effect::Halt)),
+            (_, Word::Pause(_)) => Err(Refused::AlreadyPaused),
+            (Step::Approaching, Word::Arrived(counts)) => match first_apart(&latch.counts, &counts) {
+                None => Ok((step, Effect::GoOn)),
+                Some(axis) => Err(Refused::NotThere { axis }),
+            },
+            (_, Word::Arrived(_)) => Err(Refused::NotApproaching),
+            (Step::Approaching, _) => Err(Refused::Approaching),
+            (_, Word::StopSpindle | Word::StartSpindle(_)) => Self::spindle(latch, step, word),
+            (Step::OnlineAgain, Word::Jog | Word::Online) => Err(Refused::AlreadyOnline),
+            (_, Word::Jog) => Ok((step, Effect::Jog)),
+            (Step::Paused, _) => Err(Refused::SpindleTurns),
+            (Step::SpindleStopped, _) => Err(Refused::SpindleStands),
+            (Step::SpindleAsItWas, Word::Online) => Ok((Step::OnlineAgain, Effect::Online)),
+            (Step::SpindleAsItWas, Word::CycleStart { .. }) => Err(Refused::NotOnline),
+            (Step::OnlineAgain, Word::CycleStart { program }) if program != latch.program => Err(Refused::OtherProgram),
+            (Step::OnlineAgain, Word::CycleStart { .. }) => Ok((Step::Approaching, Effect::Approach(latch.counts))),
+        }
+    }
+
+    /// The step that a word for the spindle leads to, while the axes are not on their way.
+    const fn spindle(latch: &Latch<A>, step: Step, word: Word<A>) -> Result<(Step, Effect<A>), Refused> {
+        match (latch.spindle, step, word) {
+            (None, _, Word::StartSpindle(_)) => Err(Refused::SpindleStood),
+            (None, ..) | (_, Step::SpindleStopped, Word::StopSpindle) => Err(Refused::SpindleStands),
+            (_, _, Word::StopSpindle) => Ok((Step::SpindleStopped, Effect::StopSpindle)),
+            (Some(turning), Step::SpindleStopped, Word::StartSpindle(direction)) => {
+                if direction as u8 == turning.direction as u8 {
+                    Ok((Step::SpindleAsItWas, Effect::StartSpindle(turning)))
+                } else {
+                    Err(Refused::SpindleDirection)
+                }
+            }
+            _ => Err(Refused::SpindleTurns),
+        }
+    }
+}
+
+/// The first axis whose counts differ.
+const fn first_apart<const A: usize>(wanted: &[i64; A], counts: &[i64; A]) -> Option<usize> {
+    let mut axis = 0;
+    while axis < A {
+        if wanted[axis] != counts[axis] {
+            return Some(axis);
+        }
+        axis += 1;
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::{BTreeSet, HashSet, VecDeque};
+
+    const TURNING: Turning = Turning { direction: Direction::Clockwise, speed: 12_000_000 };
+    const LATCH: Latch<2> = Latch { program: 7, counts: [5, -3], spindle: Some(TURNING) };
+
+    fn after(words: &[Word<2>]) -> Interruption<2> {
+        let mut interruption = Interruption::reading();
+        for word in words {
+            interruption.say(*word).expect("a word in its order");
+        }
+        interruption
+    }
+
+    #[test]
+    fn the_order_of_the_requirements_leads_back_to_reading() {
+        let mut interruption = Interruption::reading();
+        let steps: [(Word<2>, Effect<2>, [bool; 4]); 7] = [
+            (Word::Pause(LATCH), Effect::Halt, [true, true, false, true]),
+            (Word::Jog, Effect::Jog, [true, true, false, true]),
+            (Word::StopSpindle, Effect::StopSpindle, [true, true, false, true]),
+            (Word::StartSpindle(Direction::Clockwise), Effect::StartSpindle(TURNING), [true, true, false, true]),
+            (Word::Online, Effect::Online, [true, false, false, false]),
+            (Word::CycleStart { program: 7 }, Effect::Approach([5, -3]), [true, false, true, false]),
+            (Word::Arrived([5, -3]), Effect::GoOn, [false, false, false, false]),
+        ];
+        for (word, effect, flags) in steps {
+            assert_eq!(interruption.say(word), Ok(effect));
+            let i = &interruption;
+            assert_eq!([i.paused(), i.mode_changed(), i.inhibited(), i.may_jog()], flags, "{word:?}");
+            assert_eq!((i.may_read(), i.latch()), (!flags[0], flags[0].then_some(&LATCH)));
+        }
+        assert_eq!(interruption, Interruption::default());
+    }
+
+    #[test]
+    fn a_wrong_order_is_refused_with_the_first_thing_that_is_missing() {
+        let start = Word::StartSpindle(Direction::Clockwise);
+        let cycle = Word::CycleStart { program: 7 };
+        let order = [Word::Pause(LATCH), Word::StopSpindle, start, Word::Online, cycle];
+        let refused = |steps: usize, word| after(&order[..steps]).say(word).err();
+        assert_eq!(refused(0, Word::Online), Some(Refused::NotPaused));
+        assert_eq!(refused(1, Word::Pause(LATCH)), Some(Refused::AlreadyPaused));
+        assert_eq!(refused(1, Word::Online), Some(Refused::SpindleTurns));
+        assert_eq!(refused(1, start), Some(Refused::SpindleTurns));
+        assert_eq!(refused(2, cycle), Some(Refused::SpindleStands));
+        assert_eq!(refused(2, Word::StopSpindle), Some(Refused::SpindleStands));
+        assert_eq!(refused(2, Word::StartSpindle(Direction::Counterclockwise)), Some(Refused::SpindleDirection));
+        assert_eq!(refused(3, cycle), Some(Refused::NotOnline));
+        assert_eq!(refused(4, Word::Jog), Some(Refused::AlreadyOnline));
+        assert_eq!(refused(4, Word::CycleStart { program: 8 }), Some(Refused::OtherProgram));
+        assert_eq!(refused(4, Word::Arrived(LATCH.counts)), Some(Refused::NotApproaching));
+        assert_eq!(refused(5, Word::StopSpindle), Some(Refused::Approaching));
+        assert_eq!(refused(5, Word::Arrived([5, -4])), Some(Refused::NotThere { axis: 1 }));
+    }
+
+    #[test]
+    fn a_spindle_that_stood_is_neither_started_nor_stopped() {
+        let mut interruption = after(&[Word::Pause(Latch { spindle: None, ..LATCH })]);
+        assert_eq!(interruption.say(Word::StartSpindle(Direction::Clockwise)), Err(Refused::SpindleStood));
+        assert_eq!(interruption.say(Word::StopSpindle), Err(Refused::SpindleStands));
+        assert_eq!(interruption.say(Word::Online), Ok(Effect::Online));
+    }
+
+    #[test]
+    fn a_pause_on_the_way_back_keeps_the_breakpoint() {
+        let start = Word::StartSpindle(Direction::Clockwise);
+        let (online, cycle) = (Word::Online, Word::CycleStart { program: 7 });
+        let mut interruption = after(&[Word::Pause(LATCH), Word::StopSpindle, start, online, cycle]);
+        let elsewhere = Latch { program: 9, counts: [0, 0], spindle: None };
+        assert_eq!(interruption.say(Word::Pause(elsewhere)), Ok(Effect::Halt));
+        assert_eq!(interruption, after(&[Word::Pause(LATCH)]));
+    }
+
+    /// What has been said in the order since the last pause.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    struct Said(usize);
+
+    impl Said {
+        /// With a word that was taken. The order stands here once more, as numbers: a word is the next one, undoes a step, or is no
+        /// part of the order.
+        fn with(self, word: Word<2>, stood: bool) -> Self {
+            let number = match word {
+                Word::Pause(_) => return Self(if stood { 2 } else { 0 }),
+                Word::Jog => return self,
+                Word::StopSpindle => return Self(1),
+                Word::StartSpindle(_) => 2,
+                Word::Online => 3,
+                Word::CycleStart { .. } => 4,
+                Word::Arrived(_) => 5,
+            };
+            assert_eq!(self.0 + 1, number, "{word:?} out of order");
+            Self(number)
+        }
+    }
+
+    /// Every word over two values of everything.
+    fn words() -> Vec<Word<2>> {
+        let directions = [Direction::Clockwise, Direction::Counterclockwise];
+        let spindles = directions.iter().flat_map(|direction| {
+            [Some(Turning { direction: *direction, speed: 1 }), Some(Turning { direction: *direction, speed: 2 })]
+        });
+        let spindles: Vec<_> = spindles.chain([None]).collect();
+        let counts = [[0, 0], [0, 1], [1, 0], [i64::MIN, i64::MAX]];
+        let mut words = vec![Word::StopSpindle, Word::Jog, Word::Online];
+        words.extend(directions.map(Word::StartSpindle));
+        words.extend(counts.map(Word::Arrived));
+        for program in [1, u64::MAX] {
+            words.push(Word::CycleStart { program });
+            for counts in counts {
+                words.extend(spindles.iter().map(|spindle| Word::Pause(Latch { program, counts, spindle: *spindle })));
+            }
+        }
+        words
+    }
+
+    fn check(before: &Interruption<2>, word: Word<2>) -> Option<Interruption<2>> {
+        let mut interruption = *before;
+        let Ok(effect) = interruption.say(word) else {
+            assert_eq!(interruption, *before, "{word:?} was refused");
+            return None;
+        };
+        let flags = [interruption.paused(), interruption.mode_changed(), interruption.inhibited()];
+        assert_eq!(interruption.may_read(), flags == [false; 3]);
+        assert!(!interruption.may_jog() || interruption.mode_changed());
+        assert!(word != Word::Jog || before.may_jog());
+        match (word, before.latch()) {
+            (Word::Pause(latch), None) => assert_eq!(interruption.latch(), Some(&latch)),
+            (Word::Arrived(counts), Some(latch)) => assert!(effect == Effect::GoOn && counts == latch.counts),
+            (_, latch) => assert_eq!(interruption.latch(), latch),
+        }
+        assert_eq!(interruption.may_read(), effect == Effect::GoOn);
+        Some(interruption)
+    }
+
+    #[test]
+    fn no_reachable_state_and_no_word_breaks_the_order() {
+        let words = words();
+        let begin = (Interruption::<2>::reading(), Said(5));
+        let (mut seen, mut open) = (HashSet::from([begin]), VecDeque::from([begin]));
+        let (mut taken, mut longest) = (0, BTreeSet::new());
+        while let Some((before, said)) = open.pop_front() {
+            for word in &words {
+                let Some(after) = check(&before, *word) else { continue };
+                let latch = after.latch().or(before.latch()).expect("before or after a breakpoint");
+                let state = (after, said.with(*word, latch.spindle.is_none()));
+                assert_eq!(after.may_read(), state.1 == Said(5));
+                taken += 1;
+                longest.insert(state.1.0);
+                if seen.insert(state) {
+                    open.push_back(state);
+                }
+            }
+        }
+        // 32 latches that turn have five states each, 8 that stand have three; and reading
+        assert_eq!((seen.len(), longest.len()), (32 * 5 + 8 * 3 + 1, 6));
+        assert!(taken > seen.len());
+    }
+}
