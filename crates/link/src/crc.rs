@@ -17,29 +17,17 @@ const GENERATOR: u32 = 0x82F6_3B78;
 /// The register before the first byte. Not zero, so that leading zero bytes count.
 pub const START: u32 = u32::MAX;
 
-/// What four bits, leaving the register, add to the rest of it.
-const TABLE: [u32; 16] = {
-    let mut table = [0; 16];
-    let mut bits = 0;
-    while bits < 16 {
-        let mut register = bits as u32;
-        let mut shifts = 0;
-        while shifts < 4 {
-            register = register >> 1 ^ if register & 1 == 1 { GENERATOR } else { 0 };
-            shifts += 1;
-        }
-        table[bits] = register;
-        bits += 1;
-    }
-    table
-};
-
-/// The register after one byte more.
+/// The register after one byte more: bit by bit, three instructions each and no table, which keeps proofs small. A full line of
+/// 1 Mbit/s costs a 168 MHz card 2 % of its time.
 #[must_use]
 pub const fn update(register: u32, byte: u8) -> u32 {
-    let register = register ^ byte as u32;
-    let register = register >> 4 ^ TABLE[(register & 0xF) as usize];
-    register >> 4 ^ TABLE[(register & 0xF) as usize]
+    let mut register = register ^ byte as u32;
+    let mut bits = 0;
+    while bits < 8 {
+        register = register >> 1 ^ if register & 1 == 1 { GENERATOR } else { 0 };
+        bits += 1;
+    }
+    register
 }
 
 /// The check value of the bytes that led to this register: its complement, so that trailing zero bytes count.
@@ -56,7 +44,7 @@ mod tests {
         finish(bytes.iter().fold(START, |register, &byte| update(register, byte)))
     }
 
-    /// The division itself, a bit at a time, as RFC 3720 describes it: highest power first, no table, nothing in reverse.
+    /// The division itself, a bit at a time, as RFC 3720 describes it: highest power first, nothing in reverse.
     fn divided(bytes: &[u8]) -> u32 {
         let bits = bytes.iter().flat_map(|&byte| (0..8).map(move |bit| u64::from(byte >> bit & 1)));
         let (mut remainder, mut taken) = (0u64, 0);
@@ -80,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_divides() {
+    fn every_byte_divides() {
         let mut bytes = [0u8; 64];
         for round in 0..1000u32 {
             for (at, byte) in bytes.iter_mut().enumerate() {

@@ -59,35 +59,23 @@ pub fn encode<'w, const W: usize>(payload: &[u8], wire: &'w mut [u8; W]) -> Opti
         return None;
     }
     wire[0] = count as u8 + 1;
-    let (mut code_at, mut code) = (1, 1u8);
-    let mut at = 2;
-    while at < W && at < count + 2 {
-        let byte = payload[at - 2];
-        wire[at] = byte;
-        if byte == 0 {
-            wire[code_at] = code;
-            (code_at, code) = (at, 0);
-        }
-        code += 1;
-        at += 1;
+    // From the end, so that each code byte, the distance to the next one, is known where it stands.
+    let (mut at, mut distance) = (count, 1);
+    while at > 0 {
+        at -= 1;
+        (wire[at + 2], distance) = if payload[at] == 0 { (distance, 1) } else { (payload[at], distance + 1) };
     }
-    wire[code_at] = code;
+    wire[1] = distance;
 
-    let mut register = crc::START;
-    let mut checked = 0;
-    while checked < W && checked < count + 2 {
-        register = crc::update(register, wire[checked]);
-        checked += 1;
-    }
-    let mut rest = crc::finish(register);
-    let end = count + 2 + CHECK as usize;
-    while at < W && at < end {
-        wire[at] = check_byte(rest);
+    let (covered, behind) = wire.split_at_mut(count + 2);
+    let mut rest = crc::finish(covered.iter().fold(crc::START, |register, &byte| crc::update(register, byte)));
+    let (check, zero) = behind.split_at_mut(CHECK as usize);
+    for byte in check {
+        *byte = check_byte(rest);
         rest >>= 7;
-        at += 1;
     }
-    wire[end] = 0;
-    Some(&wire[..=end])
+    zero[0] = 0;
+    Some(&wire[..count + OVERHEAD])
 }
 
 /// The byte of the check that carries the lowest seven bits of what is left of it.
