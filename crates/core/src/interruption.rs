@@ -13,8 +13,8 @@
 //! | on line again | → paused | → spindle stopped | – | – | – | → approaching | – |
 //! | approaching | → paused | – | – | – | – | – | → reading |
 //!
-//! A dash is a refusal. Where the spindle stood at the breakpoint, *pause* leads to *spindle as it was* at once, and the spindle is
-//! neither started nor stopped until the program goes on. The direction, the program and the place of arrival must be those latched.
+//! A dash is a refusal. Where the spindle stood at the breakpoint, *pause* leads to *spindle as it was* at once, and both words for
+//! the spindle are refused until the program goes on. The direction, the program and the place of arrival must be those latched.
 //! A word that undoes a step leads back to that step, and what comes after it is said again. A pause on the way back to the
 //! breakpoint stops the axes and keeps the breakpoint. The spindle is not stopped under moving axes: pause first.
 //!
@@ -378,7 +378,7 @@ mod tests {
             [Some(Turning { direction: *direction, speed: 1 }), Some(Turning { direction: *direction, speed: 2 })]
         });
         let spindles: Vec<_> = spindles.chain([None]).collect();
-        let counts = [[0, 0], [0, 1], [1, 0], [i64::MIN, i64::MAX]];
+        let counts = [[0, 0], [0, 1], [1, 0], [1 << 32, 0]];
         let mut words = vec![Word::StopSpindle, Word::Jog, Word::Online];
         words.extend(directions.map(Word::StartSpindle));
         words.extend(counts.map(Word::Arrived));

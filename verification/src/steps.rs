@@ -1,0 +1,379 @@
+//! The interrupted on-line program as the source has it, flag by flag (DNC-1 … DNC-8), and that the core's steps answer every word
+//! like it.
+//!
+//! Invariant: [`LiteralSteps`] is written from the requirements alone and shares no decision with the core.
+
+use crate::choice::Choice;
+use crate::harness::harnesses;
+#[cfg(not(any(kani, verify_wasm)))]
+use crate::ledger::{Mutant, Row, Search};
+use retrace_core::interruption::{Direction, Effect, Interruption, Latch, Turning, Word};
+
+/// Flags, mode and spindle, each as the requirements name it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct LiteralSteps<const A: usize> {
+    on_line: bool,
+    dnc_paused: bool,
+    mode_changed: bool,
+    inhibit: bool,
+    /// Has the spindle stopped since the pause? Where it stood at the breakpoint there is nothing to stop.
+    has_stopped: bool,
+    turns: Option<Direction>,
+    latched: Option<Latch<A>>,
+}
+
+impl<const A: usize> LiteralSteps<A> {
+    /// Machining on line.
+    #[must_use]
+    pub fn on_line() -> Self {
+        Self {
+            on_line: true,
+            dnc_paused: false,
+            mode_changed: false,
+            inhibit: false,
+            has_stopped: false,
+            turns: None,
+            latched: None,
+        }
+    }
+
+    /// DNC-8: execution goes on.
+    #[must_use]
+    pub fn executes(&self) -> bool {
+        self.on_line && !self.dnc_paused && !self.mode_changed && !self.inhibit
+    }
+
+    /// Does the spindle do what it did at the breakpoint, after a stop?
+    fn spindle_is_back(&self) -> bool {
+        match self.latched.map(|latch| latch.spindle) {
+            Some(Some(turning)) => self.has_stopped && self.turns == Some(turning.direction),
+            Some(None) => self.turns.is_none(),
+            None => false,
+        }
+    }
+
+    /// Takes a word where the requirements let it through.
+    pub fn say(&mut self, word: Word<A>) -> bool {
+        let by_hand = self.dnc_paused && !self.inhibit;
+        match (word, self.latched) {
+            // DNC-1, DNC-2; the breakpoint of an unfinished return stays the one that it is
+            (Word::Pause(latch), latched) if self.on_line => {
+                let breakpoint = latched.unwrap_or(latch);
+                (self.on_line, self.dnc_paused, self.mode_changed, self.inhibit) = (false, true, true, false);
+                (self.latched, self.turns) = (Some(breakpoint), breakpoint.spindle.map(|turning| turning.direction));
+                self.has_stopped = false;
+            }
+            // DNC-3
+            (Word::StopSpindle, _) if by_hand && self.turns.is_some() => {
+                (self.turns, self.has_stopped) = (None, true);
+                (self.on_line, self.mode_changed) = (false, true);
+            }
+            (Word::Jog, _) if self.mode_changed => {}
+            // DNC-4
+            (Word::StartSpindle(direction), Some(Latch { spindle: Some(turning), .. }))
+                if by_hand && self.turns.is_none() && direction == turning.direction =>
+            {
+                self.turns = Some(direction);
+            }
+            // DNC-5
+            (Word::Online, _) if self.mode_changed && self.spindle_is_back() => {
+                (self.on_line, self.mode_changed) = (true, false);
+            }
+            // DNC-6
+            (Word::CycleStart { program }, Some(latch))
+                if by_hand && self.on_line && self.spindle_is_back() && program == latch.program =>
+            {
+                self.inhibit = true;
+            }
+            // DNC-7
+            (Word::Arrived(counts), Some(latch)) if self.inhibit && counts == latch.counts => {
+                (self.inhibit, self.dnc_paused, self.latched) = (false, false, None);
+                (self.turns, self.has_stopped) = (None, false);
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    /// How far the order has been followed: 0 on line, then a number for each of DNC-1, -3, -4, -5, -6.
+    fn step(&self) -> u32 {
+        if !self.dnc_paused {
+            0
+        } else if self.inhibit {
+            5
+        } else if !self.mode_changed {
+            4
+        } else if self.spindle_is_back() {
+            3
+        } else if self.turns.is_none() {
+            2
+        } else {
+            1
+        }
+    }
+}
+
+/// The words of the order, up to step `step`, said to both machines.
+fn both_at<const A: usize>(step: u32, latch: &Latch<A>) -> (Interruption<A>, LiteralSteps<A>) {
+    let (mut real, mut literal) = (Interruption::reading(), LiteralSteps::on_line());
+    let mut n = 1;
+    while n <= step {
+        let word = match (n, latch.spindle) {
+            (1, _) => Some(Word::Pause(*latch)),
+            (2, Some(_)) => Some(Word::StopSpindle),
+            (3, Some(turning)) => Some(Word::StartSpindle(turning.direction)),
+            (4, _) => Some(Word::Online),
+            (5, _) => Some(Word::CycleStart { program: latch.program }),
+            _ => None,
+        };
+        if let Some(word) = word {
+            assert!(real.say(word).is_ok() && literal.say(word));
+        }
+        n += 1;
+    }
+    (real, literal)
+}
+
+fn alike<const A: usize>(real: &Interruption<A>, literal: &LiteralSteps<A>) {
+    assert!(real.may_read() == literal.executes());
+    assert!(real.paused() == literal.dnc_paused && real.mode_changed() == literal.mode_changed);
+    assert!(real.inhibited() == literal.inhibit && real.may_jog() == literal.mode_changed);
+    assert!(real.latch().copied() == literal.latched);
+}
+
+/// What a taken word has done is what the requirement says, with what was latched.
+fn does_what_is_said<const A: usize>(effect: Effect<A>, word: Word<A>, latch: &Latch<A>) {
+    let right = match (word, effect) {
+        (Word::StartSpindle(direction), Effect::StartSpindle(turning)) => {
+            latch.spindle == Some(turning) && turning.direction == direction
+        }
+        (Word::CycleStart { .. }, Effect::Approach(counts)) => counts == latch.counts,
+        (Word::Pause(_), Effect::Halt)
+        | (Word::StopSpindle, Effect::StopSpindle)
+        | (Word::Jog, Effect::Jog)
+        | (Word::Online, Effect::Online)
+        | (Word::Arrived(_), Effect::GoOn) => true,
+        _ => false,
+    };
+    assert!(right);
+}
+
+/// A word said to both: the same answer, the same flags, and where it is refused nothing has changed. Then both are in one of the
+/// states that the words of the order lead to, so that this holds again of the next word.
+fn said_to_both<const A: usize>(real: &mut Interruption<A>, literal: &mut LiteralSteps<A>, word: Word<A>) -> bool {
+    let before = (*real, *literal);
+    let answer = real.say(word);
+    let taken = literal.say(word);
+    assert!(answer.is_ok() == taken);
+    assert!(taken || (*real, *literal) == before);
+    alike(real, literal);
+    if let (Ok(effect), Some(latch)) = (answer, literal.latched.or(before.1.latched)) {
+        does_what_is_said(effect, word, &latch);
+    }
+    taken
+}
+
+fn any_latch<const A: usize>(c: &mut impl Choice) -> Latch<A> {
+    let spindle = match any_direction(c) {
+        direction if c.flag() => Some(Turning { direction, speed: c.word() }),
+        _ => None,
+    };
+    Latch { program: any_long(c), counts: core::array::from_fn(|_| any_long(c) as i64), spindle }
+}
+
+fn any_long(c: &mut impl Choice) -> u64 {
+    u64::from(c.word()) << 32 | u64::from(c.word())
+}
+
+fn any_direction(c: &mut impl Choice) -> Direction {
+    if c.flag() { Direction::Clockwise } else { Direction::Counterclockwise }
+}
+
+/// Any word; natively half of the numbers are those latched.
+fn any_word<const A: usize>(c: &mut impl Choice, latch: &Latch<A>) -> Word<A> {
+    match c.below(7) {
+        0 => Word::Pause(any_latch(c)),
+        1 => Word::StopSpindle,
+        2 => Word::StartSpindle(any_direction(c)),
+        3 => Word::Jog,
+        4 => Word::Online,
+        5 => Word::CycleStart { program: if c.flag() { latch.program } else { any_long(c) } },
+        _ => Word::Arrived(latch.counts.map(|latched| if c.flag() { latched } else { any_long(c) as i64 })),
+    }
+}
+
+/// Any state and any word.
+fn order_is_kept<const A: usize>(c: &mut impl Choice) -> Option<()> {
+    let step = c.below(6);
+    let latch = any_latch::<A>(c);
+    let (mut real, mut literal) = both_at(step, &latch);
+    let word = any_word(c, &latch);
+    said_to_both(&mut real, &mut literal, word);
+    let latch = literal.latched.unwrap_or(latch);
+    assert!((real, literal) == both_at(literal.step(), &latch));
+    Some(())
+}
+
+/// Motion from the program begins again by *arrived* alone, at exactly the latched counts; and before it, since the last pause,
+/// every word of the order has been said, each after the one before it.
+fn one_way_back<const A: usize>(c: &mut impl Choice) -> Option<()> {
+    let step = c.below(6);
+    let latch = any_latch::<A>(c);
+    let (real, literal) = both_at(step, &latch);
+    let word = any_word(c, &latch);
+    let mut after = real;
+    c.assume(after.say(word).is_ok())?;
+    let mut expected = literal;
+    expected.say(word);
+    let (from, to) = (literal.step(), expected.step());
+    let next = match word {
+        Word::Jog => to == from,
+        Word::Pause(_) => to == 1 || to == 3 && expected.latched.is_some_and(|latch| latch.spindle.is_none()),
+        Word::StopSpindle => to == 2,
+        Word::StartSpindle(_) => (from, to) == (2, 3),
+        Word::Online => (from, to) == (3, 4),
+        Word::CycleStart { program } => (from, to) == (4, 5) && program == latch.program,
+        Word::Arrived(counts) => (from, to) == (5, 0) && counts == latch.counts,
+    };
+    assert!(next);
+    assert!(
+        after.may_read() == (to == 0) && (real.may_read() || !after.may_read() || matches!(word, Word::Arrived(_)))
+    );
+    Some(())
+}
+
+harnesses! {
+    steps_order, unwind 6 => |c| order_is_kept::<4>(c);
+    steps_way_back, unwind 6 => |c| one_way_back::<4>(c);
+}
+
+/// Breadth first over every state that both machines can reach together, over a few values of everything.
+#[cfg(not(any(kani, verify_wasm)))]
+mod search {
+    use super::{LiteralSteps, said_to_both};
+    use crate::ledger::Size;
+    use retrace_core::interruption::{Direction, Interruption, Latch, Turning, Word};
+    use std::collections::{HashSet, VecDeque};
+
+    fn words() -> Vec<Word<2>> {
+        let directions = [Direction::Clockwise, Direction::Counterclockwise];
+        let turning = |speed: u32| directions.map(|direction| Some(Turning { direction, speed }));
+        let spindles = [turning(1), turning(u32::MAX), [None; 2]].concat();
+        let counts = [[0, 0], [0, 1], [1, 0], [1 << 32, 0], [i64::MIN, i64::MAX]];
+        let mut words = vec![Word::StopSpindle, Word::Jog, Word::Online];
+        words.extend(directions.map(Word::StartSpindle));
+        words.extend(counts.map(Word::Arrived));
+        for program in [0, 1, 1 << 32] {
+            words.push(Word::CycleStart { program });
+            for (counts, spindle) in counts.iter().flat_map(|c| spindles.iter().map(move |s| (*c, *s))) {
+                words.push(Word::Pause(Latch { program, counts, spindle }));
+            }
+        }
+        words
+    }
+
+    pub(super) fn breadth_first(_: Size) -> String {
+        let (words, first) = (words(), (Interruption::reading(), LiteralSteps::on_line()));
+        let (mut seen, mut queue, mut taken) = (HashSet::from([first]), VecDeque::from([first]), 0u64);
+        while let Some(before) = queue.pop_front() {
+            for word in &words {
+                let (mut real, mut literal) = before;
+                taken += u64::from(said_to_both(&mut real, &mut literal, *word));
+                if seen.insert((real, literal)) {
+                    queue.push_back((real, literal));
+                }
+            }
+        }
+        format!("all {} reachable states, {} words in each, {taken} of them taken", seen.len(), words.len())
+    }
+}
+
+#[cfg(not(any(kani, verify_wasm)))]
+const FILE: &str = "crates/core/src/interruption.rs";
+
+/// The rows of this module.
+#[cfg(not(any(kani, verify_wasm)))]
+pub const ROWS: &[Row] = &[
+    Row {
+        name: "dnc-order",
+        says: "The core answers every word as the flags of the requirements do: the same words are taken, the three flags, the latch and reading are the same after each, what is commanded is what was latched; a refused word changes nothing",
+        requirement: "DNC-1 … DNC-8; Beyond the source, *A wrong order of steps*",
+        bound: "none in the states, words and numbers: any program number, any counts of 4 axes, any speed; the search: 2 axes, a few values, every sequence of words",
+        assumes: "the machine does what it is told, and says *arrived* with the counts at which its axes rest",
+        suffices: "every state is one that the words of the order lead to, and every word leads to such a state again: an induction over sequences of any length",
+        harnesses: &["steps_order"],
+        searches: &[Search { name: "steps-search", run: search::breadth_first }],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "the spindle starts in either direction",
+                file: FILE,
+                find: "if direction as u8 == turning.direction as u8 {",
+                put: "if direction as u8 <= turning.direction as u8 {",
+                killer: "steps_order",
+            },
+            Mutant {
+                name: "a second pause moves the breakpoint",
+                file: FILE,
+                find: "(Some((latch, step)), word) => (*latch,",
+                put: "(Some((_, step)), Word::Pause(latch)) => (latch, Self::follow(&latch, *step, word)),\n            (Some((latch, step)), word) => (*latch,",
+                killer: "steps_order",
+            },
+            Mutant {
+                name: "a refused word changes the step",
+                file: FILE,
+                find: "            Err(reason) => Err(reason),",
+                put: "            Err(reason) => {\n                self.breakpoint = Some((latch, Step::SpindleStopped));\n                Err(reason)\n            }",
+                killer: "steps-search",
+            },
+            Mutant {
+                name: "the counts are compared in 32 bits",
+                file: FILE,
+                find: "if wanted[axis] != counts[axis] {",
+                put: "if wanted[axis] as i32 != counts[axis] as i32 {",
+                killer: "steps-search",
+            },
+        ],
+    },
+    Row {
+        name: "dnc-way-back",
+        says: "The program is read again by *arrived* alone, at exactly the latched counts, and since the last pause the spindle was stopped and started (where it turned), on-line mode restored and the cycle started with the same program, in this order",
+        requirement: "DNC-3 … DNC-8",
+        bound: "none, as dnc-order",
+        assumes: "as dnc-order",
+        suffices: "each word taken leads to the next step, to itself, or back, from every state; so the words since the last pause are the whole order wherever reading begins",
+        harnesses: &["steps_way_back"],
+        searches: &[],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "cycle start before on-line mode is restored",
+                file: FILE,
+                find: "(Step::SpindleAsItWas, Word::CycleStart { .. }) => Err(Refused::NotOnline)",
+                put: "(Step::SpindleAsItWas, Word::CycleStart { .. }) => Ok((Step::Approaching, Effect::Approach(latch.counts)))",
+                killer: "steps_way_back",
+            },
+            Mutant {
+                name: "another program may take the place of the first",
+                file: FILE,
+                find: "if program != latch.program =>",
+                put: "if program < latch.program =>",
+                killer: "steps_way_back",
+            },
+            Mutant {
+                name: "the last axis need not have arrived",
+                file: FILE,
+                find: "while axis < A {",
+                put: "while axis + 1 < A {",
+                killer: "steps_way_back",
+            },
+            Mutant {
+                name: "a standing spindle is no hindrance",
+                file: FILE,
+                find: "(Step::SpindleStopped, _) => Err(Refused::SpindleStands)",
+                put: "(Step::SpindleStopped, _) => Ok((Step::OnlineAgain, Effect::Online))",
+                killer: "steps_way_back",
+            },
+        ],
+    },
+];
