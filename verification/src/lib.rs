@@ -10,5 +10,7 @@ mod harness;
 #[cfg(not(any(kani, verify_wasm)))]
 pub mod ledger;
 #[cfg(not(any(kani, verify_wasm)))]
+pub mod literal_gates;
+#[cfg(not(any(kani, verify_wasm)))]
 pub mod native;
 pub mod ring;

@@ -11,9 +11,11 @@ fn schedules(quick: usize) -> usize {
 
 #[test]
 fn forty_records_and_six_instructions_stay_in_order_under_every_lag() {
-    for lag in [0, 1, 3, 7] {
-        let job = Job { start: u32::MAX - 20, records: 40, markers: vec![0, 3, 3, 17, 30, 40], lag };
-        let report = explore(&format!("coordination lag {lag}"), schedules(1_000), move || job.clone().run());
+    for (lag, disturbed) in [(0, 0), (1, 0), (3, 0), (7, 0), (1, 9)] {
+        let job = Job { start: u32::MAX - 20, records: 40, markers: vec![0, 3, 3, 17, 30, 40], lag, disturbed };
+        let report = explore(&format!("coordination lag {lag} disturbed {disturbed}"), schedules(1_000), move || {
+            job.clone().run()
+        });
         assert!(report.outcomes.len() >= 10, "{} outcomes only", report.outcomes.len());
     }
 }
