@@ -7,6 +7,7 @@ mod campaign;
 mod suite;
 mod tidy;
 mod tree;
+mod verify;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -29,9 +30,17 @@ Tasks:
            --full          the full size
            --seed N        the seed, 1 without it
            --list          name the campaigns and leave
+  verify   every property of verification/ by every engine that is here; docs/verification.md says what that shows
+           --quick         what a test run has time for; without it the ledger verification/LEDGER.md is written
+           --engine NAME   this engine only; may be given more than once or as a list: native, stub, loom, shuttle, cbmc, kani,
+                           mutants, cbmc-mutants
+           --require NAMES engines whose absence is a failure: kani,cbmc
+           --row NAME      this row only; may be given more than once
+           --list          name the rows and their checks and leave
+           --replay HARNESS=1,2,3   run a harness over the numbers of a counterexample
   help   this text
 
-Tasks that come with a later issue: verify, bench, firmware.
+Tasks that come with a later issue: bench, firmware.
 
 Exit codes: 0 all passed, 1 something failed, 2 wrong usage.
 
@@ -49,7 +58,8 @@ fn main() -> ExitCode {
         Some((&"test", options)) => test(options),
         Some((&"tidy", options)) => tidy(options),
         Some((&"campaign", options)) => campaign(options),
-        Some((&task @ ("verify" | "bench" | "firmware"), _)) => {
+        Some((&"verify", options)) => verify(options),
+        Some((&task @ ("bench" | "firmware"), _)) => {
             refuse(&format!("`{task}` comes with a later issue; nothing was done"))
         }
         Some((&unknown, _)) => refuse(&format!("there is no task `{unknown}`; see `cargo xtask help`")),
@@ -125,6 +135,26 @@ fn campaign(options: &[&str]) -> ExitCode {
         }
     }
     with_root(|root| campaign::run(&root, campaign, full, seed))
+}
+
+fn verify(options: &[&str]) -> ExitCode {
+    if matches!(options, ["--help" | "-h", ..]) {
+        print!("{HELP}");
+        return ExitCode::SUCCESS;
+    }
+    let options = match verify::Options::read(options) {
+        Ok(options) => options,
+        Err(reason) => return refuse(&reason),
+    };
+    let mut refused = None;
+    let code = with_root(|root| match verify::run(&root, &options) {
+        Ok(summary) => summary.passed,
+        Err(reason) => {
+            refused = Some(reason);
+            false
+        }
+    });
+    refused.map_or(code, |reason| refuse(&reason))
 }
 
 /// Runs a task at the workspace's root and turns its verdict into an exit code.

@@ -2,7 +2,7 @@
 //!
 //! Invariant: a step passes only if its own process said so; one that fails does not hide those after it.
 
-use crate::tidy;
+use crate::{tidy, verify};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -27,6 +27,11 @@ pub(crate) const STEPS: &[Step] = &[
     Step { name: "tidy", purpose: "the project's own rules hold", run: tidy_step },
     Step { name: "clippy", purpose: "no warning in any target", run: clippy },
     Step { name: "test", purpose: "unit, integration and end-to-end tests", run: tests },
+    Step {
+        name: "verify",
+        purpose: "the properties of verification/ hold, as far as a quick run goes",
+        run: verify_step,
+    },
     Step { name: "doctest", purpose: "the examples in the documents run", run: doc_tests },
     Step { name: "rustdoc", purpose: "the documents build without a warning", run: rustdoc },
 ];
@@ -62,7 +67,16 @@ fn tests(root: &Path) -> Outcome {
         Err(remark) => return Outcome { passed: false, remark },
     };
     let mut command = cargo_command(root, &["test", "--workspace", "--tests", "--no-fail-fast"]);
+    // the thread models are run and counted by the step `verify`
+    command.args(["--exclude", "retrace-loom", "--exclude", "retrace-shuttle"]);
     count_tests(command.env("RETRACE_BIN", binary))
+}
+
+fn verify_step(root: &Path) -> Outcome {
+    match verify::run(root, &verify::Options::quick()) {
+        Ok(verify::Summary { passed, remark }) => Outcome { passed, remark },
+        Err(remark) => Outcome { passed: false, remark },
+    }
 }
 
 fn doc_tests(root: &Path) -> Outcome {

@@ -18,18 +18,10 @@ impl Tree {
     /// # Errors
     /// Where git cannot be run, or does not know this folder.
     pub(crate) fn read(root: &Path) -> Result<Self, String> {
-        let listing = Command::new("git")
-            .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])
-            .current_dir(root)
-            .output()
-            .map_err(|error| format!("git cannot be run: {error}"))?;
-        if !listing.status.success() {
-            return Err(format!("git ls-files: {}", String::from_utf8_lossy(&listing.stderr).trim()));
-        }
         let mut tree = Self::default();
-        for path in String::from_utf8_lossy(&listing.stdout).split('\0').filter(|path| !path.is_empty()) {
-            let Ok(bytes) = std::fs::read(root.join(path)) else { continue };
-            tree.files.insert(path.to_owned(), String::from_utf8(bytes).ok());
+        for path in listed(root)? {
+            let Ok(bytes) = std::fs::read(root.join(&path)) else { continue };
+            tree.files.insert(path, String::from_utf8(bytes).ok());
         }
         Ok(tree)
     }
@@ -62,6 +54,55 @@ impl Tree {
             || self.files.contains_key(path)
             || self.files.range(folder.clone()..).next().is_some_and(|(name, _)| name.starts_with(&folder))
     }
+}
+
+/// The paths of what git tracks, and of what is new and not ignored.
+fn listed(root: &Path) -> Result<Vec<String>, String> {
+    let listing = Command::new("git")
+        .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])
+        .current_dir(root)
+        .output()
+        .map_err(|error| format!("git cannot be run: {error}"))?;
+    if !listing.status.success() {
+        return Err(format!("git ls-files: {}", String::from_utf8_lossy(&listing.stderr).trim()));
+    }
+    let paths = String::from_utf8_lossy(&listing.stdout);
+    Ok(paths.split('\0').filter(|path| !path.is_empty()).map(str::to_owned).collect())
+}
+
+/// Makes `copy` hold the same files as the checkout. What is the same already is not written, so that builds in the copy go on
+/// from where they were.
+///
+/// # Errors
+/// Where git or the file system refuses.
+pub(crate) fn mirror(root: &Path, copy: &Path) -> Result<(), String> {
+    let paths = listed(root)?;
+    remove_others(copy, "", &paths)?;
+    for path in &paths {
+        let Ok(bytes) = std::fs::read(root.join(path)) else { continue };
+        let place = copy.join(path);
+        if std::fs::read(&place).is_ok_and(|there| there == bytes) {
+            continue;
+        }
+        let made = place.parent().map_or(Ok(()), std::fs::create_dir_all).and_then(|()| std::fs::write(&place, bytes));
+        made.map_err(|error| format!("{}: {error}", place.display()))?;
+    }
+    Ok(())
+}
+
+/// Removes the files under `folder` that are not listed.
+fn remove_others(copy: &Path, folder: &str, listed: &[String]) -> Result<(), String> {
+    let Ok(entries) = std::fs::read_dir(copy.join(folder)) else { return Ok(()) };
+    for entry in entries.filter_map(Result::ok) {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let path = if folder.is_empty() { name } else { format!("{folder}/{name}") };
+        if entry.path().is_dir() {
+            remove_others(copy, &path, listed)?;
+        } else if !listed.contains(&path) && path != "Cargo.lock" {
+            std::fs::remove_file(entry.path()).map_err(|error| format!("{path}: {error}"))?;
+        }
+    }
+    Ok(())
 }
 
 /// The lines before the unit tests: up to `#[cfg(test)]` on a module.
@@ -196,6 +237,20 @@ mod tests {
     fn unit_tests_are_not_counted_but_a_test_only_import_is_no_test_module() {
         assert_eq!(lines_before_tests("a\n#[cfg(test)]\nuse b;\nc\n#[cfg(test)]\nmod tests {\n}\n"), 4);
         assert_eq!(lines_before_tests("a\nb\n"), 2);
+    }
+
+    #[test]
+    fn a_mirror_holds_the_same_files_and_no_others() {
+        let here = std::env::current_dir().unwrap();
+        let root = here.parent().unwrap();
+        let copy = std::env::temp_dir().join(format!("retrace-xtask-mirror-{}", std::process::id()));
+        std::fs::create_dir_all(copy.join("xtask")).unwrap();
+        std::fs::write(copy.join("xtask/left-over.rs"), "x").unwrap();
+        mirror(root, &copy).unwrap();
+        let read = |root: &Path| std::fs::read_to_string(root.join("xtask/src/main.rs")).unwrap();
+        assert_eq!(read(root), read(&copy));
+        assert!(!copy.join("xtask/left-over.rs").exists());
+        std::fs::remove_dir_all(&copy).unwrap();
     }
 
     #[test]

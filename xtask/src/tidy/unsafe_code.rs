@@ -5,16 +5,23 @@ use crate::tree::{Tree, code_only, words};
 
 /// The files that may hold unsafe code.
 const ALLOWED: &[&str] = &["crates/core/src/ring.rs"];
+/// The files that may hold the keyword in declarations: the imports and exports of a wasm module, compiled for a proof alone.
+const DECLARE: &[&str] = &["verification/src/choice.rs", "verification/src/harness.rs"];
 /// The crates that may not forbid it, because they compile one of them.
 const HOLDERS: &[&str] = &["crates/core/", "verification/loom/", "verification/shuttle/"];
 const KEYWORD: &str = "unsafe";
 const FORBID: &str = "#![forbid(unsafe_code)]";
+/// The same for the crate with those declarations.
+const FORBID_NATIVELY: &str = "#![cfg_attr(not(verify_wasm), forbid(unsafe_code))]";
+const DECLARER: &str = "verification/src/lib.rs";
 
 pub(super) fn find(tree: &Tree) -> Vec<Finding> {
     let mut findings = Vec::new();
     for (path, text) in tree.rust().filter(|(path, _)| !ALLOWED.contains(path)) {
         for (index, line) in code_only(text).lines().enumerate() {
-            if words(line, KEYWORD).next().is_some() {
+            let declares =
+                DECLARE.contains(&path) && (line.contains("unsafe extern") || line.contains("#[unsafe(export_name"));
+            if words(line, KEYWORD).next().is_some() && !declares {
                 findings.push(Finding::at(path, index + 1, "unsafe code is kept to the record ring"));
             }
         }
@@ -23,7 +30,7 @@ pub(super) fn find(tree: &Tree) -> Vec<Finding> {
             && !HOLDERS.iter().any(|holder| path.starts_with(holder))
             && !text.lines().any(|line| line.trim() == FORBID)
         {
-            findings.push(Finding::of_file(path, format!("a crate's root carries `{FORBID}`")));
+            findings.push(Finding::of_file(path, format!("a crate's root carries `{forbid}`")));
         }
     }
     findings
@@ -38,6 +45,17 @@ mod tests {
         let sample = "//! x\n// unsafe\nfn f() { unsafe { g() } }\n#![deny(unsafe_code)]\n";
         let tree = Tree::of(&[("crates/link/src/a.rs", sample), ("crates/core/src/ring.rs", sample)]);
         assert_eq!(find(&tree), [Finding::at("crates/link/src/a.rs", 3, "unsafe code is kept to the record ring")]);
+    }
+
+    #[test]
+    fn declarations_for_a_proof_are_no_unsafe_code_and_a_block_beside_them_is() {
+        let sample = "unsafe extern \"C\" {}\n$(#[unsafe(export_name = 1)] fn f() {})*\nunsafe { g() }\n";
+        let tree = Tree::of(&[("verification/src/harness.rs", sample), ("verification/src/ring.rs", sample)]);
+        let lines: Vec<_> = find(&tree).iter().map(|finding| finding.line).collect();
+        assert_eq!(lines, [3, 1, 2, 3]);
+        let tree =
+            Tree::of(&[("verification/src/lib.rs", FORBID_NATIVELY), ("crates/link/src/lib.rs", FORBID_NATIVELY)]);
+        assert_eq!(find(&tree).len(), 1);
     }
 
     #[test]

@@ -1,0 +1,281 @@
+//! The CBMC lane: core, link and the harnesses as wasm32, wasm2c's C of it, and CBMC over each harness.
+//!
+//! Invariant: a harness is called proved only where CBMC verified it in this run *and* found the end of it reachable.
+
+use super::Job;
+use super::outcome::{Engine, Outcome, Verdict};
+use super::process::{self, Ended};
+use super::tools::CbmcTools;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+/// What a proof of this lane says, and what it does not.
+pub(crate) const MEANING: &str = "No panic, overflow or failed assertion in the LLVM-optimised wasm32 code, where usize has 32 bits, for every \
+     value the harness asks about. rustc, LLVM, wasm2c and verification/cbmc/environment.c are trusted; undefined behaviour is not \
+     looked for.";
+
+/// What one harness may take, in a full run and in a quick one.
+const LIMITS: [Duration; 2] = [Duration::from_secs(600), Duration::from_secs(60)];
+/// Stack of the wasm module in bytes. The cost of a proof follows the size of the modelled memory.
+const STACK: &str = "link-arg=-zstack-size=1024";
+/// wasm2c copies bytes for every load and store; as a typed access the formula is much smaller. Alignment does not matter to CBMC.
+const TYPED: [(&str, &str); 2] = [
+    ("wasm_rt_memcpy(&result, &mem->data[addr], sizeof(t1));", "result = *(t1 *)(mem->data + addr);"),
+    ("wasm_rt_memcpy(&mem->data[addr], &wrapped, sizeof(t1));", "*(t1 *)(mem->data + addr) = wrapped;"),
+];
+
+/// The harnesses as C.
+pub(super) struct Module {
+    folder: PathBuf,
+    /// Bytes of linear memory to model.
+    memory: u64,
+    /// Exports: `h_<harness>__u<unwind>`.
+    exports: Vec<String>,
+}
+
+/// Proves every harness of the rows that `wanted` lets through, two at a time.
+pub(super) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> bool) {
+    let module = match build(job.root, tools, &job.folder.join("cbmc")) {
+        Ok(module) => module,
+        Err(reason) => return job.log.broken(Engine::Cbmc, reason),
+    };
+    let harnesses: Vec<&super::rows::Harness> =
+        job.rows.iter().flat_map(|row| &row.harnesses).filter(|harness| wanted(&harness.name)).collect();
+    let limit = LIMITS[usize::from(job.quick)];
+    process::each(&harnesses, process::workers(), |harness| {
+        let started = Instant::now();
+        let proof = prove(tools, &module, &harness.name, harness.unwind, limit);
+        let (verdict, words) = match proof {
+            Proof::Proved => (Verdict::Proved, "proved".to_owned()),
+            Proof::Refuted(what) => {
+                (Verdict::Failed, format!("REFUTED: {what}; {}", replay_line(job, tools, &module, harness, limit)))
+            }
+            Proof::TimeUp if job.quick => (Verdict::Open, format!("TIME: not ended after {} s", limit.as_secs())),
+            Proof::TimeUp => (Verdict::Failed, format!("TIME: not ended after {} s", limit.as_secs())),
+            Proof::Unwound => {
+                (Verdict::Failed, format!("UNWIND: the bound {} is too small; nothing is refuted", harness.unwind))
+            }
+            Proof::Vacuous => (Verdict::Failed, "VACUOUS: no run reaches the end of the harness".to_owned()),
+            Proof::Error(reason) => (Verdict::Failed, format!("ERROR: {reason}")),
+        };
+        let (check, seconds) = (harness.name.clone(), started.elapsed().as_secs_f64());
+        job.log.tell(Outcome { engine: Engine::Cbmc, check, verdict, words, seconds });
+    });
+}
+
+/// Compiles a checkout, or a copy of one, to C.
+///
+/// # Errors
+/// Where a tool fails, or makes something else than is expected.
+pub(super) fn build(root: &Path, tools: &CbmcTools, folder: &Path) -> Result<Module, String> {
+    if folder.is_dir() {
+        fs::remove_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    }
+    fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    let linker = format!("linker={}", tools.linker.display());
+    let rustc = |step: &str, source: &str, kind: &str, more: &[&str]| {
+        let mut command = Command::new(&tools.rustc);
+        command.current_dir(root).args(["--edition", "2024", "--target", "wasm32-unknown-unknown"]);
+        command.args(["--cfg", "verify_wasm", "--cap-lints", "allow", "--crate-type", kind, "--crate-name", step]);
+        for option in ["opt-level=3", "panic=abort", "overflow-checks=on", "debug-assertions=on", "codegen-units=1"] {
+            command.args(["-C", option]);
+        }
+        if let Some(core) = &tools.wasm_core {
+            command.arg("-L").arg(core);
+        }
+        command.arg("-L").arg(folder).arg("--out-dir").arg(folder).args(more).arg(source);
+        process::done(&mut command, Duration::from_secs(600), &folder.join(step))
+    };
+    rustc("retrace_core", "crates/core/src/lib.rs", "rlib", &[])?;
+    rustc("retrace_link", "crates/link/src/lib.rs", "rlib", &["--extern", "retrace_core"])?;
+    let last = ["--extern", "retrace_core", "--extern", "retrace_link", "-C", "lto=fat", "-C", &linker];
+    let flavour = ["-C", "linker-flavor=wasm-ld", "-C", STACK];
+    rustc("h", "verification/src/lib.rs", "cdylib", &[&last[..], &flavour[..]].concat())?;
+    let mut wasm2c = Command::new(&tools.wasm2c);
+    wasm2c.current_dir(folder).args(["-n", "h", "h.wasm", "-o", "h.c"]);
+    process::done(&mut wasm2c, Duration::from_secs(120), &folder.join("wasm2c"))?;
+    let environment = "verification/cbmc/environment.c";
+    fs::copy(root.join(environment), folder.join("environment.c"))
+        .map_err(|error| format!("{environment}: {error}"))?;
+    prepare(folder)
+}
+
+/// Types the memory accesses, and reads off what the C says of itself.
+fn prepare(folder: &Path) -> Result<Module, String> {
+    let read = |name: &str| fs::read_to_string(folder.join(name)).map_err(|error| format!("{name}: {error}"));
+    let (mut code, header) = (read("h.c")?, read("h.h")?);
+    for (copied, typed) in TYPED {
+        if !code.contains(copied) {
+            return Err(format!("wasm2c's C is not as expected (known: wabt 1.0.32): no `{copied}`"));
+        }
+        code = code.replace(copied, typed);
+    }
+    let memory = heap_base(&code).ok_or("wasm2c's C names no __heap_base")?.next_multiple_of(16);
+    fs::write(folder.join("h.c"), code).map_err(|error| format!("h.c: {error}"))?;
+    let exports = exports(&header);
+    if exports.is_empty() {
+        return Err("wasm2c's C exports no harness (known: wabt 1.0.32)".to_owned());
+    }
+    Ok(Module { folder: folder.to_owned(), memory, exports })
+}
+
+fn heap_base(code: &str) -> Option<u64> {
+    let (_, value) = code.split_once("w2c___heap_base = ")?;
+    value.split('u').next()?.parse().ok()
+}
+
+fn exports(header: &str) -> Vec<String> {
+    let named = header.lines().filter_map(|line| line.strip_prefix("void Z_hZ_")?.split('(').next());
+    named.filter(|name| name.starts_with("h_") && name.contains("__u")).map(str::to_owned).collect()
+}
+
+/// How a proof ended.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Proof {
+    Proved,
+    /// An assertion fails, in its own words.
+    Refuted(String),
+    /// A loop turns more often than the bound allows; no other assertion fails.
+    Unwound,
+    TimeUp,
+    Vacuous,
+    Error(String),
+}
+
+/// One harness.
+pub(super) fn prove(tools: &CbmcTools, module: &Module, harness: &str, unwind: u64, limit: Duration) -> Proof {
+    let export = format!("h_{harness}__u{unwind}");
+    if !module.exports.contains(&export) {
+        return Proof::Error(format!("the wasm module exports no {export}"));
+    }
+    let proof = cbmc(tools, module, &export, unwind, &["--slice-formula"], "proof", limit);
+    match proof.map(|ended| read_proof(&ended)) {
+        Ok(Proof::Proved) => {}
+        Ok(other) => return other,
+        Err(reason) => return Proof::Error(reason),
+    }
+    let only_end = ["--slice-formula", "-DREACHABLE", "--property", "main.assertion.2"];
+    match cbmc(tools, module, &export, unwind, &only_end, "reachable", limit) {
+        Ok(ended) if ended.status.is_none() => Proof::TimeUp,
+        Ok(ended) if ended.output.contains("the end of the harness is reachable: FAILURE") => Proof::Proved,
+        Ok(ended) if ended.passed() => Proof::Vacuous,
+        Ok(ended) => Proof::Error(format!("is the end reachable? {}", ended.last_words())),
+        Err(reason) => Proof::Error(reason),
+    }
+}
+
+fn read_proof(ended: &Ended) -> Proof {
+    if ended.status.is_none() {
+        return Proof::TimeUp;
+    }
+    let failing: Vec<&str> = ended.output.lines().filter(|line| line.ends_with(": FAILURE")).collect();
+    let is_unwinding = |line: &&&str| line.contains("unwinding assertion");
+    if ended.passed() && ended.output.contains("VERIFICATION SUCCESSFUL") && failing.is_empty() {
+        return Proof::Proved;
+    }
+    if !ended.output.contains("VERIFICATION FAILED") || failing.is_empty() {
+        return Proof::Error(ended.last_words());
+    }
+    match failing.iter().find(|line| !is_unwinding(line)) {
+        Some(line) if line.contains("modelled memory") => Proof::Error("the modelled memory is too small".into()),
+        Some(line) => Proof::Refuted(assertion_of(line)),
+        None => Proof::Unwound,
+    }
+}
+
+/// What an assertion is called: `[name.1] line 24 the property holds: FAILURE`.
+fn assertion_of(line: &str) -> String {
+    let text = line.trim_end_matches(": FAILURE");
+    let words = text.split_once("] line ").and_then(|(_, rest)| rest.split_once(' '));
+    words.map_or(text, |(_, words)| words).to_owned()
+}
+
+fn cbmc(
+    tools: &CbmcTools,
+    module: &Module,
+    export: &str,
+    unwind: u64,
+    more: &[&str],
+    log: &str,
+    limit: Duration,
+) -> Result<Ended, String> {
+    let mut command = Command::new(&tools.cbmc);
+    command.current_dir(&module.folder).args(["environment.c", "-I"]).arg(&tools.include);
+    command.args([format!("-DHARNESS={export}"), format!("-DMEMORY={}", module.memory)]);
+    // a loop whose condition is asked once more than it turns
+    command.args(["--unwind", &(unwind + 1).to_string(), "--unwinding-assertions", "--object-bits", "14"]);
+    if tools.cbmc_major >= 6 {
+        command.arg("--no-standard-checks");
+    }
+    process::run(command.args(more), limit, &module.folder.join(format!("{export}-{log}")))
+}
+
+/// The command that replays a counterexample natively, and whether it does.
+fn replay_line(
+    job: &Job<'_>,
+    tools: &CbmcTools,
+    module: &Module,
+    harness: &super::rows::Harness,
+    limit: Duration,
+) -> String {
+    let super::rows::Harness { name, unwind, .. } = harness;
+    let export = format!("h_{name}__u{unwind}");
+    let options = ["--trace", "--stop-on-fail"];
+    let numbers = match cbmc(tools, module, &export, *unwind, &options, "trace", limit) {
+        Ok(ended) => numbers(&ended.output),
+        Err(reason) => return reason,
+    };
+    let numbers = numbers.join(",");
+    let mut replay = Command::new(&job.runner);
+    let again =
+        process::run(replay.args(["replay", name, &numbers]), limit, &module.folder.join(format!("{export}-replay")));
+    let agrees = match again {
+        Ok(ended) if ended.exited_with(1) => "natively it fails too",
+        Ok(_) => "natively it does NOT fail: 32-bit usize, or the lane itself",
+        Err(_) => "it was not replayed",
+    };
+    format!("cargo xtask verify --replay {name}={numbers} ({agrees})")
+}
+
+/// What the harness was given in a trace, in order.
+fn numbers(trace: &str) -> Vec<String> {
+    let given = trace.lines().filter_map(|line| line.trim().strip_prefix("return_value_nondet_uint32="));
+    given.map(|rest| rest.chars().take_while(char::is_ascii_digit).collect()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ended(code: i32, output: &str) -> Ended {
+        use std::os::unix::process::ExitStatusExt;
+        let status = Some(std::process::ExitStatus::from_raw(code << 8));
+        Ended { status, output: output.into(), errors: String::new(), seconds: 0.0 }
+    }
+
+    #[test]
+    fn only_a_verified_harness_is_proved() {
+        let good = "[main.assertion.1] line 56 the modelled memory covers: SUCCESS\nVERIFICATION SUCCESSFUL\n";
+        assert_eq!(read_proof(&ended(0, good)), Proof::Proved);
+        assert!(matches!(read_proof(&ended(6, good)), Proof::Error(_)));
+        assert!(matches!(read_proof(&ended(0, "")), Proof::Error(_)));
+        assert_eq!(read_proof(&Ended { status: None, ..ended(0, good) }), Proof::TimeUp);
+        let unwound = "[Z_x.unwind.0] line 9 unwinding assertion loop 0: FAILURE\n";
+        let failed = "[Z_vZ_fail.assertion.1] line 24 the property holds: FAILURE\n";
+        let end = "VERIFICATION FAILED\n";
+        assert_eq!(read_proof(&ended(10, &[unwound, end].concat())), Proof::Unwound);
+        let refuted = read_proof(&ended(10, &[unwound, failed, end].concat()));
+        assert_eq!(refuted, Proof::Refuted("the property holds".into()));
+    }
+
+    #[test]
+    fn what_the_c_says_of_itself_is_read() {
+        assert_eq!(heap_base("x\n  instance->w2c___heap_base = 1849u;\n"), Some(1849));
+        let header = "void Z_hZ_h_ring_push__u1(Z_h_instance_t *);\nvoid Z_hZ_other(Z_h_instance_t *);\n";
+        assert_eq!(exports(header), ["h_ring_push__u1"]);
+        let trace = "  return_value_nondet_uint32=4294967295u (11111111)\n  x=1\n  return_value_nondet_uint32=0u (0)\n";
+        assert_eq!(numbers(trace), ["4294967295", "0"]);
+    }
+}

@@ -1,0 +1,174 @@
+//! `cargo xtask verify`: every property of `verification/` by every engine that is here, and the ledger of what that showed.
+//!
+//! Invariant: nothing is called proved that CBMC or Kani did not prove in this run; an engine that is missing is named first and last.
+
+mod cbmc;
+mod kani;
+mod ledger;
+mod mutants;
+mod native;
+mod options;
+mod outcome;
+mod page;
+mod process;
+mod rows;
+mod stub;
+mod table;
+mod threads;
+mod tools;
+
+pub(crate) use options::Options;
+
+use outcome::{Engine, Log, Verdict};
+use rows::Row;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// What the engines work with.
+struct Job<'a> {
+    root: &'a Path,
+    /// Where everything made on the way is kept.
+    folder: PathBuf,
+    /// The native runner.
+    runner: PathBuf,
+    /// The rows asked for.
+    rows: Vec<Row>,
+    quick: bool,
+    /// Are these some of the rows only?
+    is_slice: bool,
+    log: Log,
+}
+
+/// An engine that does not run.
+struct NotRun {
+    engine: Engine,
+    why: String,
+    /// How to get it; empty where it is here and was left out.
+    how: &'static str,
+}
+
+/// What a run came to.
+pub(crate) struct Summary {
+    pub(crate) passed: bool,
+    pub(crate) remark: String,
+}
+
+/// Runs what the options ask for.
+///
+/// # Errors
+/// Where a word of the options names nothing.
+pub(crate) fn run(root: &Path, options: &Options) -> Result<Summary, String> {
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), PathBuf::from);
+    let folder = root.join(target).join("verify");
+    let broken = |reason: String| {
+        println!("verify: ERROR: {reason}");
+        Ok(Summary { passed: false, remark: "the native runner does not work".to_owned() })
+    };
+    let runner = match native::build(root, None, &folder.join("build")) {
+        Ok(runner) => runner,
+        Err(reason) => return broken(reason),
+    };
+    if let Some((name, numbers)) = &options.replay {
+        return replay(&runner, name, numbers);
+    }
+    let mut list = std::process::Command::new(&runner);
+    let listed = process::done(list.arg("list"), Duration::from_secs(60), &folder.join("list"));
+    let all = match listed.and_then(|lines| Row::list(&lines)) {
+        Ok(rows) => rows,
+        Err(reason) => return broken(reason),
+    };
+    if let Some(name) = options.rows.iter().find(|name| all.iter().all(|row| row.name != **name)) {
+        return Err(format!("there is no row `{name}`; see `cargo xtask verify --list`"));
+    }
+    if options.list {
+        table::list(&all);
+        return Ok(Summary { passed: true, remark: String::new() });
+    }
+    let is_slice = !options.rows.is_empty();
+    let rows = all.iter().filter(|row| !is_slice || options.rows.contains(&row.name)).cloned().collect();
+    let job = Job { root, folder, runner, rows, quick: options.quick, is_slice, log: Log::default() };
+    Ok(run_engines(&job, &all, options))
+}
+
+fn replay(runner: &Path, name: &str, numbers: &str) -> Result<Summary, String> {
+    let status = std::process::Command::new(runner).args(["replay", name, numbers]).status();
+    match status.map(|status| status.code()) {
+        Ok(Some(2)) => Err("the replay was not understood".to_owned()),
+        Ok(code) => Ok(Summary { passed: code == Some(0), remark: String::new() }),
+        Err(error) => Err(format!("the runner cannot be run: {error}")),
+    }
+}
+
+fn run_engines(job: &Job<'_>, all: &[Row], options: &Options) -> Summary {
+    let started = Instant::now();
+    let cbmc = tools::cbmc();
+    let kani = tools::kani();
+    let absent = absent(job.root, options, &cbmc, kani.as_deref());
+    table::not_run(&absent);
+    let runs = |engine| options.wants(engine) && absent.iter().all(|absent| absent.engine != engine);
+    if runs(Engine::Native) {
+        native::run(job);
+    }
+    if runs(Engine::Stub) {
+        stub::run(job, all);
+    }
+    for engine in [Engine::Loom, Engine::Shuttle] {
+        if runs(engine) {
+            threads::run(job, engine);
+        }
+    }
+    if let (true, Ok(tools)) = (runs(Engine::Cbmc), &cbmc) {
+        let cheap = if job.quick && !job.is_slice { ledger::cheap(job.root) } else { None };
+        cbmc::run(job, tools, |name| cheap.as_ref().is_none_or(|cheap| cheap.contains(name)));
+    }
+    if runs(Engine::Kani) {
+        kani::run(job);
+    }
+    if runs(Engine::Mutants) {
+        mutants::run(job);
+    }
+    if let (true, Ok(tools)) = (runs(Engine::CbmcMutants), &cbmc) {
+        mutants::run_cbmc(job, tools);
+    }
+    let mut versions = vec![("rustc".to_owned(), tools::rustc_version())];
+    versions.extend(cbmc.iter().flat_map(|tools| tools.versions.clone()));
+    versions.extend(kani.map(|version| ("kani".to_owned(), version)));
+    let outcomes = job.log.outcomes();
+    let required = options.require.iter().filter(|engine| absent.iter().any(|absent| absent.engine == **engine));
+    let lacks: Vec<&str> = required.map(|engine| engine.name()).collect();
+    let book = ledger::of_run(job, &outcomes, &absent, &versions, started.elapsed().as_secs_f64());
+    let agrees = ledger::keep(job, all, &book, options.is_full());
+    table::result(&job.rows, &outcomes, &absent);
+    if !lacks.is_empty() {
+        println!("verify: FAILED: required and NOT RUN: {}", lacks.join(", "));
+    }
+    let failed = outcomes.iter().filter(|outcome| outcome.verdict == Verdict::Failed).count();
+    let proved = outcomes.iter().filter(|outcome| outcome.verdict == Verdict::Proved).count();
+    let remark = format!(
+        "{} rows, {} checks, {proved} proved in this run, {failed} failed",
+        job.rows.len(),
+        outcomes.iter().filter(|outcome| !outcome.check.is_empty()).count()
+    );
+    println!("verify: {remark}, {:.0} s", started.elapsed().as_secs_f64());
+    Summary { passed: failed == 0 && lacks.is_empty() && agrees, remark }
+}
+
+/// The engines that are asked for and not here, and those that are here and not asked for.
+fn absent(root: &Path, options: &Options, cbmc: &Result<tools::CbmcTools, String>, kani: Option<&str>) -> Vec<NotRun> {
+    Engine::ALL
+        .into_iter()
+        .filter_map(|engine| {
+            let (why, how) = match (engine, cbmc) {
+                (Engine::Cbmc | Engine::CbmcMutants, Err(missing)) => (format!("missing: {missing}"), tools::GET_CBMC),
+                (Engine::Kani, _) if kani.is_none() => ("it is not set up here".to_owned(), tools::GET_KANI),
+                (Engine::Loom | Engine::Shuttle, _) if !threads::is_there(root, engine) => {
+                    ("there are no models for it in this checkout".to_owned(), "see docs/verification.md, Engines")
+                }
+                _ if !options.wants(engine) && options.engines.is_empty() => ("left out by --quick".to_owned(), ""),
+                _ if !options.wants(engine) => ("left out by --engine".to_owned(), ""),
+                _ => return None,
+            };
+            Some(NotRun { engine, why, how })
+        })
+        .collect()
+}

@@ -1,0 +1,277 @@
+//! The mutants: one change at a time in a copy of the checkout, and the one check that must notice it.
+//!
+//! Invariant: a mutant counts as killed only where its check ran and failed; one that does not apply or does not compile is an error.
+
+use super::Job;
+use super::cbmc::{self, Proof};
+use super::outcome::{Engine, Outcome, Verdict};
+use super::process::{self, Ended};
+use super::rows::Mutant;
+use super::tools::CbmcTools;
+use super::{native, threads};
+use crate::tree;
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+/// What a check may take on a mutant, which may go on for ever.
+const LIMIT: Duration = Duration::from_secs(60);
+/// The same for a thread model, and for CBMC.
+const LONG_LIMIT: Duration = Duration::from_secs(300);
+
+/// A mutant, and which engine its killer belongs to.
+struct Trial<'a> {
+    mutant: &'a Mutant,
+    killer: Killer,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Killer {
+    Native,
+    Model(Engine),
+}
+
+/// A copy of the checkout with build folders of its own.
+struct Copy {
+    root: PathBuf,
+    target: PathBuf,
+    folder: PathBuf,
+}
+
+/// Runs the mutants of the rows against their killers; a quick run takes the first of each row.
+pub(super) fn run(job: &Job<'_>) {
+    let trials = trials(job);
+    let (models, natives) = trials.into_iter().partition::<VecDeque<_>, _>(|trial| trial.killer != Killer::Native);
+    let (models, natives) = (Mutex::new(models), Mutex::new(natives));
+    let take = |queue: &Mutex<VecDeque<_>>| queue.lock().ok().and_then(|mut queue| queue.pop_front());
+    // one copy builds the thread models, so that the other need not build what they depend on
+    let copies: Vec<usize> = (0..process::workers()).collect();
+    process::each(&copies, copies.len(), |number| {
+        let next = || if *number == 0 { take(&models).or_else(|| take(&natives)) } else { take(&natives) };
+        let mut copy = None;
+        while let Some(trial) = next() {
+            let copy = match &copy {
+                Some(copy) => copy,
+                None => match Copy::make(job, *number) {
+                    Ok(made) => copy.insert(made),
+                    Err(reason) => return job.log.broken(Engine::Mutants, reason),
+                },
+            };
+            let seen = |check: &str| {
+                job.log.outcomes().iter().any(|outcome| outcome.check == check && outcome.verdict == Verdict::Passed)
+            };
+            let killer = &trial.mutant.killer;
+            tell(job, Engine::Mutants, trial.mutant, || {
+                // a check that fails anyway kills nothing
+                if !seen(killer) {
+                    copy.passes(job, &trial)?;
+                }
+                copy.with(trial.mutant, || copy.check(job, &trial))
+            });
+        }
+    });
+}
+
+/// Runs the mutants whose killer is a harness under CBMC, which must refute that harness.
+pub(super) fn run_cbmc(job: &Job<'_>, tools: &CbmcTools) {
+    let harnesses = job.rows.iter().flat_map(|row| &row.harnesses);
+    let unwinds: Vec<(&str, u64)> = harnesses.map(|harness| (harness.name.as_str(), harness.unwind)).collect();
+    let mutants = job.rows.iter().flat_map(|row| &row.mutants);
+    let wanted = mutants.filter(|mutant| unwinds.iter().any(|(name, _)| *name == mutant.killer));
+    let queue = Mutex::new(wanted.collect::<VecDeque<_>>());
+    let copies: Vec<usize> = (0..process::workers()).collect();
+    process::each(&copies, copies.len(), |number| {
+        let copy = match Copy::make(job, *number) {
+            Ok(copy) => copy,
+            Err(reason) => return job.log.broken(Engine::CbmcMutants, reason),
+        };
+        while let Some(mutant) = queue.lock().ok().and_then(|mut queue| queue.pop_front()) {
+            let unwind = unwinds.iter().find(|(name, _)| *name == mutant.killer).map_or(0, |(_, unwind)| *unwind);
+            tell(job, Engine::CbmcMutants, mutant, || {
+                copy.with(mutant, || {
+                    let module = cbmc::build(&copy.root, tools, &copy.folder.join("cbmc"))?;
+                    Ok(of_proof(mutant, cbmc::prove(tools, &module, &mutant.killer, unwind, LONG_LIMIT)))
+                })
+            });
+        }
+    });
+}
+
+fn of_proof(mutant: &Mutant, proof: Proof) -> (Verdict, String) {
+    match proof {
+        Proof::Refuted(what) => (Verdict::Passed, format!("killed: CBMC refutes {} ({what})", mutant.killer)),
+        Proof::Vacuous => (Verdict::Passed, format!("killed: {} asks about nothing any more", mutant.killer)),
+        Proof::Unwound => (Verdict::Open, "open: a loop turns beyond the bound; nothing is refuted".to_owned()),
+        Proof::TimeUp => (Verdict::Open, format!("open: not ended after {} s", LONG_LIMIT.as_secs())),
+        Proof::Proved => (Verdict::Failed, format!("SURVIVED: CBMC proves {} all the same", mutant.killer)),
+        Proof::Error(reason) => (Verdict::Failed, format!("ERROR: {reason}")),
+    }
+}
+
+fn trials<'a>(job: &'a Job<'_>) -> Vec<Trial<'a>> {
+    let few = job.quick && !job.is_slice;
+    let mut trials = Vec::new();
+    for row in &job.rows {
+        for mutant in row.mutants.iter().take(if few { 1 } else { usize::MAX }) {
+            let model = row.models.iter().find(|model| model.test == mutant.killer);
+            let killer = match model.and_then(|model| Engine::named(&model.engine)) {
+                Some(engine) => Killer::Model(engine),
+                None => Killer::Native,
+            };
+            trials.push(Trial { mutant, killer });
+        }
+        // those that are not tried must apply all the same
+        for mutant in row.mutants.iter().filter(|_| few).skip(1) {
+            if let Err(reason) = mutated(&job.root.join(&mutant.file), mutant) {
+                job.log.broken(Engine::Mutants, reason);
+            }
+        }
+    }
+    trials
+}
+
+fn tell(job: &Job<'_>, engine: Engine, mutant: &Mutant, trial: impl FnOnce() -> Result<(Verdict, String), String>) {
+    let started = Instant::now();
+    let (verdict, words) = trial().unwrap_or_else(|reason| (Verdict::Failed, format!("ERROR: {reason}")));
+    let (check, seconds) = (mutant.name.clone(), started.elapsed().as_secs_f64());
+    job.log.tell(Outcome { engine, check, verdict, words, seconds });
+}
+
+/// The file's text as it is, and with the mutant in it.
+fn mutated(path: &Path, mutant: &Mutant) -> Result<[String; 2], String> {
+    let Mutant { name, file, find, put, .. } = mutant;
+    let text = std::fs::read_to_string(path).map_err(|error| format!("{file}: {error}"))?;
+    match text.matches(find.as_str()).count() {
+        1 => {
+            let with = text.replacen(find, put, 1);
+            Ok([text, with])
+        }
+        many => Err(format!("mutant `{name}` does not apply: its text stands {many} times in {file}, not once")),
+    }
+}
+
+impl Copy {
+    fn make(job: &Job<'_>, number: usize) -> Result<Self, String> {
+        let folder = job.folder.with_file_name("mutants").join(number.to_string());
+        let copy = Self { root: folder.join("tree"), target: folder.join("target"), folder };
+        tree::mirror(job.root, &copy.root)?;
+        Ok(copy)
+    }
+
+    /// Does something while a mutant is in the copy.
+    fn with<T>(&self, mutant: &Mutant, work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+        let path = self.root.join(&mutant.file);
+        let [without, with] = mutated(&path, mutant)?;
+        let write = |text: &str| std::fs::write(&path, text).map_err(|error| format!("{}: {error}", mutant.file));
+        write(&with)?;
+        let done = work();
+        write(&without)?;
+        done
+    }
+
+    /// The check on the copy as it is must pass.
+    fn passes(&self, job: &Job<'_>, trial: &Trial<'_>) -> Result<(), String> {
+        match self.check(job, trial)? {
+            (Verdict::Failed, _) => Ok(()),
+            (_, words) => Err(format!("its check fails without the mutant too: {words}")),
+        }
+    }
+
+    /// Runs the killer on what is in the copy: `Passed` where the killer fails, `Failed` where it passes.
+    fn check(&self, job: &Job<'_>, trial: &Trial<'_>) -> Result<(Verdict, String), String> {
+        let killer = &trial.mutant.killer;
+        let (ended, said) = match trial.killer {
+            Killer::Native => {
+                let runner = native::build(&self.root, Some(&self.target), &self.folder.join("build"))?;
+                let ended =
+                    process::run(&mut native::ask(&runner, &[killer], job.quick), LIMIT, &self.folder.join("check"))?;
+                let answer = native::answers(&ended.output).into_iter().find(|answer| answer.check == *killer);
+                let said = answer.map(|answer| (answer.verdict == Verdict::Failed, answer.words));
+                (ended, said)
+            }
+            Killer::Model(engine) => {
+                let ended = self.model(engine, killer)?;
+                let said = threads::first_result(&ended.output, engine);
+                (ended, said)
+            }
+        };
+        judge(killer, &ended, said)
+    }
+
+    /// Builds an engine's models, and runs one of them.
+    fn model(&self, engine: Engine, test: &str) -> Result<Ended, String> {
+        let package = threads::package(engine).1;
+        let build = ["test", "--package", &package, "--tests", "--no-run", "--jobs", "1", "--message-format"];
+        let mut command = process::cargo(&self.root, &build);
+        command.arg("json-render-diagnostics").env("CARGO_TARGET_DIR", &self.target);
+        let messages = process::done(&mut command, Duration::from_secs(1800), &self.folder.join("build"))?;
+        for runner in process::executables(&messages) {
+            let names = process::done(Command::new(&runner).arg("--list"), LIMIT, &self.folder.join("list"))?;
+            let ending = format!("::{test}");
+            let mut tests = names.lines().filter_map(|line| line.strip_suffix(": test"));
+            if let Some(name) = tests.find(|name| *name == test || name.ends_with(&ending)) {
+                let mut command = Command::new(&runner);
+                command.args(["--exact", name, "--show-output"]);
+                return process::run(&mut command, LONG_LIMIT, &self.folder.join("check"));
+            }
+        }
+        Err(format!("there is no test `{test}` in {package}"))
+    }
+}
+
+/// Was the mutant noticed? `said` is whether the check failed, and in which words.
+fn judge(killer: &str, ended: &Ended, said: Option<(bool, String)>) -> Result<(Verdict, String), String> {
+    // the numbers that replay it are of no use to whoever has not the mutant
+    let short = |words: &str| {
+        let reason = words.split("; cargo xtask").next().unwrap_or_default();
+        reason.split_whitespace().collect::<Vec<_>>().join(" ").chars().take(160).collect::<String>()
+    };
+    match (ended.status, said) {
+        (None, _) => Ok((Verdict::Passed, format!("killed by {killer}: no end after {:.0} s", ended.seconds))),
+        (Some(_), Some((true, words))) => Ok((Verdict::Passed, format!("killed by {killer}: {}", short(&words)))),
+        (Some(_), Some((false, words))) => Ok((Verdict::Failed, format!("SURVIVED: {killer} {}", short(&words)))),
+        // a panic in a panic, or a stack that is full, ends the whole runner
+        (Some(status), None) if status.code().is_none() => {
+            Ok((Verdict::Passed, format!("killed by {killer}: it crashes ({status})")))
+        }
+        (Some(_), None) => Err(format!("{killer} gave no answer: {}", ended.last_words())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::ExitStatus;
+
+    fn mutant(find: &str) -> Mutant {
+        let text = str::to_owned;
+        Mutant { name: text("m"), file: text("f"), find: text(find), put: text("c"), killer: text("k") }
+    }
+
+    #[test]
+    fn a_mutant_applies_where_its_text_stands_once() {
+        let path = std::env::temp_dir().join(format!("retrace-xtask-mutant-{}", std::process::id()));
+        std::fs::write(&path, "a b b").unwrap();
+        assert_eq!(mutated(&path, &mutant("a")), Ok(["a b b".to_owned(), "c b b".to_owned()]));
+        assert!(mutated(&path, &mutant("b")).is_err() && mutated(&path, &mutant("x")).is_err());
+        std::fs::remove_file(&path).unwrap();
+        assert!(mutated(&path, &mutant("a")).is_err());
+    }
+
+    #[test]
+    fn only_a_check_that_failed_kills() {
+        let ended = |status| Ended { status, output: String::new(), errors: String::new(), seconds: 60.0 };
+        let exit = |code: i32| ended(Some(ExitStatus::from_raw(code << 8)));
+        let verdict = |ended: &Ended, said: Option<bool>| {
+            judge("k", ended, said.map(|failed| (failed, "w".to_owned()))).map(|(verdict, _)| verdict)
+        };
+        assert_eq!(verdict(&exit(1), Some(true)), Ok(Verdict::Passed));
+        assert_eq!(verdict(&exit(0), Some(false)), Ok(Verdict::Failed));
+        assert_eq!(verdict(&ended(None), None), Ok(Verdict::Passed));
+        assert_eq!(verdict(&ended(Some(ExitStatus::from_raw(6))), None), Ok(Verdict::Passed));
+        assert!(verdict(&exit(2), None).is_err() && verdict(&exit(101), None).is_err());
+    }
+}

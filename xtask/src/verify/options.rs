@@ -1,0 +1,102 @@
+//! The command line of `cargo xtask verify`.
+//!
+//! Invariant: a word that is not understood is refused; none is passed over.
+
+use super::outcome::Engine;
+
+/// What is to be done.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Options {
+    /// What a test run has time for.
+    pub(crate) quick: bool,
+    /// These engines only; empty: all.
+    pub(crate) engines: Vec<Engine>,
+    /// Engines whose absence is a failure.
+    pub(crate) require: Vec<Engine>,
+    /// These rows only; empty: all.
+    pub(crate) rows: Vec<String>,
+    /// Name the rows and their checks, and leave.
+    pub(crate) list: bool,
+    /// A harness and the numbers to replay.
+    pub(crate) replay: Option<(String, String)>,
+}
+
+impl Options {
+    /// What a test run has time for.
+    pub(crate) fn quick() -> Self {
+        Self { quick: true, ..Self::default() }
+    }
+
+    /// Reads the words after `verify`.
+    ///
+    /// # Errors
+    /// With what is wrong.
+    pub(crate) fn read(words: &[&str]) -> Result<Self, String> {
+        let mut options = Self::default();
+        let mut words = words.iter();
+        while let Some(&word) = words.next() {
+            let mut value = || words.next().copied().ok_or_else(|| format!("{word} needs a value"));
+            match word {
+                "--quick" => options.quick = true,
+                "--list" => options.list = true,
+                "--engine" => options.engines.extend(engines(value()?)?),
+                "--require" => options.require.extend(engines(value()?)?),
+                "--row" => options.rows.push(value()?.to_owned()),
+                "--replay" => {
+                    let (name, numbers) = value()?.split_once('=').ok_or("--replay needs HARNESS=1,2,3")?;
+                    options.replay = Some((name.to_owned(), numbers.to_owned()));
+                }
+                other => return Err(format!("`verify` knows no `{other}`; see `cargo xtask help`")),
+            }
+        }
+        Ok(options)
+    }
+
+    /// Is this engine asked for?
+    pub(crate) fn wants(&self, engine: Engine) -> bool {
+        self.engines.contains(&engine)
+            || self.require.contains(&engine)
+            || self.engines.is_empty() && self.usual(engine)
+    }
+
+    /// The engines of a run that names none.
+    fn usual(&self, engine: Engine) -> bool {
+        !self.quick || !matches!(engine, Engine::Kani | Engine::CbmcMutants)
+    }
+
+    /// Does this run cover everything, so that it may write the committed ledger?
+    pub(crate) fn is_full(&self) -> bool {
+        !self.quick && self.engines.is_empty() && self.rows.is_empty()
+    }
+}
+
+fn engines(names: &str) -> Result<Vec<Engine>, String> {
+    let known = || Engine::ALL.map(Engine::name).join(", ");
+    let find = |name| Engine::named(name).ok_or_else(|| format!("there is no engine `{name}`; there are {}", known()));
+    names.split(',').map(find).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn engines_may_be_listed_or_repeated() {
+        let options =
+            Options::read(&["--engine", "native", "--engine", "cbmc", "--require", "kani,cbmc", "--row", "a"]).unwrap();
+        assert_eq!(options.engines, [Engine::Native, Engine::Cbmc]);
+        assert_eq!(options.require, [Engine::Kani, Engine::Cbmc]);
+        assert!(options.wants(Engine::Kani) && options.wants(Engine::Native) && !options.wants(Engine::Loom));
+        assert!(!options.is_full() && Options::default().is_full() && !Options::quick().is_full());
+        assert!(!Options::quick().wants(Engine::Kani) && Options::default().wants(Engine::Kani));
+        let replay = Options::read(&["--replay", "h=1,2"]).unwrap().replay;
+        assert_eq!(replay, Some(("h".into(), "1,2".into())));
+    }
+
+    #[test]
+    fn what_is_not_understood_is_refused() {
+        for words in [&["--engine"][..], &["--engine", "z3"], &["--replay", "h"], &["quick"], &["--row"]] {
+            assert!(Options::read(words).is_err(), "{words:?}");
+        }
+    }
+}

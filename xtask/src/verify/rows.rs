@@ -1,0 +1,126 @@
+//! The rows of the ledger as the native runner lists them.
+//!
+//! Invariant: what is known of a row comes from the code of `verification/`; nothing here knows a property by name.
+
+use serde_json::Value;
+
+/// One property.
+#[derive(Clone, Debug)]
+pub(crate) struct Row {
+    pub(crate) name: String,
+    pub(crate) harnesses: Vec<Harness>,
+    pub(crate) searches: Vec<String>,
+    pub(crate) models: Vec<Model>,
+    pub(crate) mutants: Vec<Mutant>,
+    /// Every field as the runner told it.
+    pub(crate) fields: Value,
+}
+
+/// One harness.
+#[derive(Clone, Debug)]
+pub(crate) struct Harness {
+    pub(crate) name: String,
+    /// Its path up to the harness: `retrace_verification::ring`.
+    pub(crate) module: String,
+    pub(crate) unwind: u64,
+    pub(crate) kani: bool,
+}
+
+/// A test of the thread models.
+#[derive(Clone, Debug)]
+pub(crate) struct Model {
+    pub(crate) engine: String,
+    pub(crate) test: String,
+}
+
+/// A change to the code that a check must notice.
+#[derive(Clone, Debug)]
+pub(crate) struct Mutant {
+    pub(crate) name: String,
+    pub(crate) file: String,
+    pub(crate) find: String,
+    pub(crate) put: String,
+    pub(crate) killer: String,
+}
+
+impl Row {
+    /// Every row of the runner's list.
+    ///
+    /// # Errors
+    /// Where a line is not what a row must be.
+    pub(crate) fn list(lines: &str) -> Result<Vec<Self>, String> {
+        lines
+            .lines()
+            .map(|line| {
+                let fields: Value =
+                    serde_json::from_str(line).map_err(|error| format!("the runner's list: {error}"))?;
+                Self::of(fields).ok_or_else(|| format!("the runner's list: not a row: {line}"))
+            })
+            .collect()
+    }
+
+    fn of(fields: Value) -> Option<Self> {
+        let text = |value: &Value, key: &str| Some(value.get(key)?.as_str()?.to_owned());
+        let list = |key: &str| fields.get(key)?.as_array().cloned();
+        let harness = |value: &Value| {
+            let (unwind, kani) = (value.get("unwind")?.as_u64()?, value.get("kani")?.as_bool()?);
+            Some(Harness { name: text(value, "name")?, module: text(value, "module")?, unwind, kani })
+        };
+        let model = |value: &Value| Some(Model { engine: text(value, "engine")?, test: text(value, "test")? });
+        let mutant = |value: &Value| {
+            Some(Mutant {
+                name: text(value, "name")?,
+                file: text(value, "file")?,
+                find: text(value, "find")?,
+                put: text(value, "put")?,
+                killer: text(value, "killer")?,
+            })
+        };
+        Some(Self {
+            name: text(&fields, "name")?,
+            harnesses: list("harnesses")?.iter().map(harness).collect::<Option<_>>()?,
+            searches: list("searches")?.iter().map(|name| name.as_str().map(str::to_owned)).collect::<Option<_>>()?,
+            models: list("models")?.iter().map(model).collect::<Option<_>>()?,
+            mutants: list("mutants")?.iter().map(mutant).collect::<Option<_>>()?,
+            fields,
+        })
+    }
+
+    /// Harnesses and searches: what the native runner checks.
+    pub(crate) fn native_checks(&self) -> impl Iterator<Item = &str> {
+        self.harnesses.iter().map(|harness| harness.name.as_str()).chain(self.searches.iter().map(String::as_str))
+    }
+
+    /// Where a check or mutant stands in the row.
+    pub(crate) fn place(&self, check: &str) -> Option<usize> {
+        let models = self.models.iter().map(|model| model.test.as_str());
+        let mutants = self.mutants.iter().map(|mutant| mutant.name.as_str());
+        self.native_checks().chain(models).chain(mutants).position(|name| name == check)
+    }
+
+    /// Does this check or mutant belong to the row?
+    pub(crate) fn owns(&self, check: &str) -> bool {
+        self.place(check).is_some()
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A row for tests of other modules.
+    pub(crate) fn sample() -> Row {
+        let line = r#"{"name":"a-row","says":"It holds","requirement":"REV-2","bound":"none","assumes":"nothing","suffices":"induction",
+            "harnesses":[{"name":"h","module":"retrace_verification::ring","unwind":3,"kani":true}],"searches":["s"],
+            "models":[{"engine":"loom","test":"m"}],"mutants":[{"name":"x","file":"f","find":"1","put":"2","killer":"h"}]}"#;
+        Row::list(&line.replace('\n', " ")).unwrap().remove(0)
+    }
+
+    #[test]
+    fn a_row_is_read_whole_or_not_at_all() {
+        let row = sample();
+        assert!(row.owns("h") && row.owns("s") && row.owns("m") && row.owns("x") && !row.owns("y"));
+        assert_eq!(row.native_checks().collect::<Vec<_>>(), ["h", "s"]);
+        assert!(Row::list("{\"name\":\"a\"}").is_err() && Row::list("x").is_err());
+    }
+}

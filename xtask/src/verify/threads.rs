@@ -1,0 +1,141 @@
+//! The thread models under loom and shuttle: the tests of `retrace-loom` and `retrace-shuttle`.
+//!
+//! Invariant: a model that did not say how many executions it saw, or saw no more than one, has failed.
+
+use super::Job;
+use super::outcome::{Engine, Outcome, Verdict};
+use super::process;
+use std::path::Path;
+use std::time::Duration;
+
+const LIMIT: Duration = Duration::from_secs(3600);
+
+/// The folder and the package of an engine's models.
+pub(super) fn package(engine: Engine) -> (String, String) {
+    (format!("verification/{}", engine.name()), format!("retrace-{}", engine.name()))
+}
+
+/// Are there models for this engine?
+pub(super) fn is_there(root: &Path, engine: Engine) -> bool {
+    root.join(package(engine).0).join("Cargo.toml").is_file()
+}
+
+/// Runs the models of one engine.
+pub(super) fn run(job: &Job<'_>, engine: Engine) {
+    let models = job.rows.iter().flat_map(|row| &row.models).filter(|model| model.engine == engine.name());
+    let tests: Vec<&str> = models.map(|model| model.test.as_str()).collect();
+    if tests.is_empty() && job.is_slice {
+        return;
+    }
+    let package = package(engine).1;
+    let mut command = process::cargo(job.root, &["test", "--package", &package, "--tests", "--no-fail-fast", "--"]);
+    command.arg("--show-output");
+    if job.is_slice {
+        command.arg("--exact").args(&tests);
+    }
+    if !job.quick {
+        command.env("RETRACE_FULL", "1");
+    }
+    let ended = match process::run(&mut command, LIMIT, &job.folder.join(engine.name())) {
+        Ok(ended) => ended,
+        Err(reason) => return job.log.broken(engine, reason),
+    };
+    let lines = ended.output.lines();
+    // whoever counts tests counts these too
+    lines.filter(|line| line.starts_with("test result: ")).for_each(|line| println!("{line}"));
+    let seen = results(&ended.output, engine);
+    for test in &tests {
+        let found = seen.iter().find(|outcome| outcome.check == *test || outcome.check.ends_with(&format!("::{test}")));
+        job.log.tell(match found {
+            Some(outcome) => Outcome { check: (*test).to_owned(), ..outcome.clone() },
+            None => {
+                let words = format!("ERROR: there is no such test in {package}; {}", ended.last_words());
+                Outcome { engine, check: (*test).to_owned(), verdict: Verdict::Failed, words, seconds: 0.0 }
+            }
+        });
+    }
+    if !ended.passed() && seen.iter().all(|outcome| outcome.verdict != Verdict::Failed) {
+        job.log.broken(engine, ended.last_words());
+    }
+    for other in seen.iter().filter(|outcome| outcome.verdict == Verdict::Failed) {
+        if !tests.iter().any(|test| other.check == *test || other.check.ends_with(&format!("::{test}"))) {
+            job.log.broken(engine, format!("{} of {package}, which is in no row: {}", other.check, other.words));
+        }
+    }
+}
+
+/// What the test runner's output says of each test that reports executions, and of each that failed.
+fn results(output: &str, engine: Engine) -> Vec<Outcome> {
+    let mut found = Vec::new();
+    for line in output.lines() {
+        let Some((name, result)) = line.strip_prefix("test ").and_then(|rest| rest.rsplit_once(" ... ")) else {
+            continue;
+        };
+        let said = section(output, name);
+        let mark = format!("{} ", engine.name().to_uppercase());
+        let reports: Vec<&str> = said.iter().filter_map(|line| line.strip_prefix(&mark)).collect();
+        let (verdict, words) = match result.trim() {
+            "ok" if reports.iter().all(|report| executions(report) > 1) && !reports.is_empty() => {
+                (Verdict::Passed, format!("passed ({})", reports.join("; ")))
+            }
+            "ok" => (Verdict::Failed, "FAILED: it did not say that it saw more than one execution".to_owned()),
+            "ignored" => continue,
+            _ => {
+                let why = said.iter().find(|line| !line.trim().is_empty() && !line.starts_with("thread '"));
+                (Verdict::Failed, format!("FAILED: {}", why.unwrap_or(&"")))
+            }
+        };
+        let seconds = reports.iter().filter_map(|report| seconds(report)).sum();
+        found.push(Outcome { engine, check: name.to_owned(), verdict, words, seconds });
+    }
+    found
+}
+
+/// Of a run of one test: did it fail, and what it said.
+pub(super) fn first_result(output: &str, engine: Engine) -> Option<(bool, String)> {
+    let outcome = results(output, engine).into_iter().next()?;
+    Some((outcome.verdict == Verdict::Failed, outcome.words))
+}
+
+/// What a test printed.
+fn section<'a>(output: &'a str, test: &str) -> Vec<&'a str> {
+    let head = format!("---- {test} stdout ----");
+    let body = output.lines().skip_while(|line| *line != head).skip(1);
+    body.take_while(|line| !line.starts_with("---- ") && *line != "successes:" && *line != "failures:").collect()
+}
+
+/// The number before `executions` or `schedules`.
+fn executions(report: &str) -> u64 {
+    let words: Vec<&str> = report.split([' ', ',']).filter(|word| !word.is_empty()).collect();
+    let unit = words.iter().position(|word| matches!(*word, "executions" | "schedules"));
+    unit.and_then(|at| words.get(at.checked_sub(1)?)?.replace('_', "").parse().ok()).unwrap_or(0)
+}
+
+/// The number before ` s`.
+fn seconds(report: &str) -> Option<f64> {
+    let parts = report.split(", ").filter_map(|part| part.trim().strip_suffix(" s"));
+    parts.filter_map(|number| number.parse().ok()).last()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SAMPLE: &str = "running 4 tests\ntest ring::short ... ok\ntest ring::long ... ok\ntest c ... FAILED\ntest d ... ok\n\n\
+        successes:\n\n---- ring::short stdout ----\nLOOM short: 2141 executions, outcomes {0, 1}, 0.25 s, preemption bound 3\n\n\
+        ---- ring::long stdout ----\nLOOM long: 1 executions, outcomes {0}, 0.1 s, preemption bound 3\n\n\nsuccesses:\n    ring::short\n\n\
+        failures:\n\n---- c stdout ----\nthread 'c' panicked at x.rs:1:\ndeadlock\n\nfailures:\n    c\n\n\
+        test result: FAILED. 3 passed; 1 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.1s\n";
+
+    #[test]
+    fn a_model_passes_only_where_it_saw_more_than_one_execution() {
+        let told = results(SAMPLE, Engine::Loom);
+        assert_eq!(told.len(), 4);
+        assert_eq!(told[0].verdict, Verdict::Passed);
+        assert_eq!(told[0].words, "passed (short: 2141 executions, outcomes {0, 1}, 0.25 s, preemption bound 3)");
+        assert_eq!(told[0].seconds, 0.25);
+        assert_eq!(told[1].verdict, Verdict::Failed);
+        assert_eq!((told[2].verdict, told[2].words.as_str()), (Verdict::Failed, "FAILED: deadlock"));
+        assert_eq!(told[3].verdict, Verdict::Failed);
+    }
+}
