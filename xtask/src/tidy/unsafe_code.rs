@@ -26,9 +26,10 @@ pub(super) fn find(tree: &Tree) -> Vec<Finding> {
             }
         }
         let is_root = path.ends_with("src/lib.rs") || path.ends_with("src/main.rs") || path.contains("/src/bin/");
+        let forbid = if path == DECLARER { FORBID_NATIVELY } else { FORBID };
         if is_root
             && !HOLDERS.iter().any(|holder| path.starts_with(holder))
-            && !text.lines().any(|line| line.trim() == FORBID)
+            && !text.lines().any(|line| line.trim() == forbid)
         {
             findings.push(Finding::of_file(path, format!("a crate's root carries `{forbid}`")));
         }
