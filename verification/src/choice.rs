@@ -80,7 +80,15 @@ mod on_cbmc {
             pub(super) safe fn nd() -> u32;
             pub(super) safe fn assume(holds: u32);
             pub(super) safe fn fail(line: u32) -> !;
+            pub(super) safe fn multiply_high(a: u64, b: u64) -> u64;
         }
+    }
+
+    /// What the compiler calls to see whether a product of 64 bits overflows; both are sign-extended from 64 bits.
+    #[unsafe(no_mangle)]
+    extern "C" fn __multi3(a: u128, b: u128) -> u128 {
+        let (a, b) = (a as u64, b as u64);
+        u128::from(import::multiply_high(a, b)) << 64 | u128::from(a.wrapping_mul(b))
     }
 
     #[panic_handler]

@@ -2,10 +2,10 @@
 //!
 //! Invariant: a harness stands once in the code; the engines' lists are made from that one.
 
-/// Makes harnesses of properties: `name, unwind N => property;`. A second group, behind `without kani:`, is left out of the
+/// Makes harnesses of properties: `name, unwind N => property;`. A second group, behind `[without kani]`, is left out of the
 /// Kani list: what divides 64-bit numbers, which Kani's bit-level solver does not end on in useful time.
 macro_rules! harnesses {
-    ($($name:ident, unwind $unwind:literal => $body:expr;)* $(without kani: $($other:ident, unwind $other_unwind:literal => $other_body:expr;)*)?) => {
+    ($($name:ident, unwind $unwind:literal => $body:expr;)* $([without kani] $($other:ident, unwind $other_unwind:literal => $other_body:expr;)*)?) => {
         /// The proofs of this module, in Kani.
         #[cfg(kani)]
         pub mod on_kani {

@@ -86,7 +86,17 @@ pub fn harnesses() -> Vec<Harness> {
 type Module = (&'static [Row], &'static [Harness]);
 
 /// The property modules.
-const MODULES: &[Module] = &[(crate::ring::ROWS, crate::ring::HARNESSES)];
+const MODULES: &[Module] = &[
+    (crate::ring::ROWS, crate::ring::HARNESSES),
+    (crate::literal_ring::ROWS, crate::literal_ring::HARNESSES),
+    (crate::playback::ROWS, crate::playback::HARNESSES),
+    (crate::rate::ROWS, crate::rate::HARNESSES),
+    (crate::drive::ROWS, crate::drive::HARNESSES),
+    (crate::modes::ROWS, crate::modes::HARNESSES),
+    (crate::gates::ROWS, crate::gates::HARNESSES),
+    (crate::fine::ROWS, crate::fine::HARNESSES),
+    (crate::steps::ROWS, crate::steps::HARNESSES),
+];
 
 #[cfg(test)]
 mod tests {

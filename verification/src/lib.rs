@@ -6,11 +6,19 @@
 #![cfg_attr(not(verify_wasm), forbid(unsafe_code))]
 
 pub mod choice;
+pub mod drive;
+pub mod fine;
+pub mod gates;
 mod harness;
 #[cfg(not(any(kani, verify_wasm)))]
 pub mod ledger;
 #[cfg(not(any(kani, verify_wasm)))]
 pub mod literal_gates;
+pub mod literal_ring;
+pub mod modes;
 #[cfg(not(any(kani, verify_wasm)))]
 pub mod native;
+pub mod playback;
+pub mod rate;
 pub mod ring;
+pub mod steps;

@@ -30,7 +30,7 @@ pub struct Harness {
 pub struct Seen {
     /// Runs within the assumptions.
     pub runs: u64,
-    /// Was every choice taken that the enumeration offers?
+    /// Was every value of every choice taken? If not, some were only tried around their ends and drawn.
     pub complete: bool,
 }
 
@@ -56,7 +56,7 @@ impl Harness {
                 Err(()) => return Err(Failure::Refuted(choices.trace())),
             }
             if !choices.next() {
-                seen.complete = true;
+                seen.complete = !choices.abridged;
                 break;
             }
         }
@@ -109,6 +109,8 @@ pub struct Enumerate {
     /// Of each choice: which of how many, and the words that replay it.
     taken: Vec<(u32, u32, Vec<u32>)>,
     at: usize,
+    /// Of some choice only the values worth trying were offered.
+    abridged: bool,
 }
 
 impl Enumerate {
@@ -145,6 +147,7 @@ impl Enumerate {
 
 impl Choice for Enumerate {
     fn word(&mut self) -> u32 {
+        self.abridged = true;
         let value = WORDS[self.choose(WORDS.len() as u32)];
         self.note(vec![value]);
         value
@@ -161,12 +164,14 @@ impl Choice for Enumerate {
             [0, 1, 2, most / 2, most.wrapping_sub(1), most].into_iter().filter(|n| *n <= most).collect();
         offered.sort_unstable();
         offered.dedup();
+        self.abridged |= offered.len() as u64 <= u64::from(most);
         let value = offered[self.choose(offered.len() as u32)];
         self.note(vec![value]);
         value
     }
 
     fn between(&mut self, low: i64, high: i64) -> i64 {
+        self.abridged |= high - low >= 16;
         let offered: Vec<i64> =
             if high - low < 16 { (low..=high).collect() } else { worth_trying(low, high).collect() };
         let value = offered[self.choose(offered.len() as u32)];
@@ -187,7 +192,9 @@ pub struct Draw {
 }
 
 impl Draw {
-    fn new(seed: u64) -> Self {
+    /// Draws from that seed.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
         Self { state: seed ^ 0x9E37_79B9_7F4A_7C15, trace: Vec::new() }
     }
 

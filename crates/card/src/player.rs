@@ -110,7 +110,8 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         let step = self.drive.step(from, target, &self.window);
         // The drive never leaves the window, so the records are there; were one missing, the card would stand still.
         let (to, increments) = match emission(from, step.to, |n| self.window.record(n)) {
-            Some(increments) => (step.to, increments),
+            // at most eight records a period, so they fit 32 bits by far
+            Some(increments) => (step.to, increments.map(|pulses| pulses as i32)),
             None => (from, [0; A]),
         };
         self.switch_in_passing(from, to);

@@ -46,6 +46,12 @@ impl<const M: usize> Drive<M> {
         Some(Self { law: RateLaw::new(smoothing)? })
     }
 
+    /// In motion already, as far as `law` is.
+    #[must_use]
+    pub const fn with_law(law: RateLaw<M>) -> Self {
+        Self { law }
+    }
+
     /// Does the cursor stand, with nothing left to run?
     #[must_use]
     pub const fn at_rest(&self) -> bool {

@@ -10,7 +10,7 @@
 use crate::{ONE, Place, Travel};
 
 /// What the machine is doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Mode {
     /// Normal run: records are executed for the first time.
     Run,
@@ -105,7 +105,7 @@ pub struct Demand {
 }
 
 /// The state of operation.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Operation {
     mode: Mode,
     held: bool,
@@ -205,6 +205,8 @@ impl Operation {
                 self.mode = Mode::Settle;
                 self.told = false;
             }
+            // whatever brought the cursor off it, normal run begins at `reached` only
+            Mode::Settle if !at_reached => self.mode = Mode::Return,
             Mode::Reverse if facts.at_rest && facts.place == Place::start_of(facts.oldest) && !self.told => {
                 self.told = true;
                 demand.notice = Some(Notice::Oldest);

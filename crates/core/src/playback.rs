@@ -14,19 +14,19 @@ pub const fn part(increment: i16, fraction: u32) -> i32 {
     if increment < 0 { -rounded } else { rounded }
 }
 
-/// Net pulses of each axis between two places, `record` giving the record of a number. `None` where a record on the way
+/// Net pulses of each axis between two places, `record` giving the record of a number. No history is so long that they overflow. `None` where a record on the way
 /// is missing; a place at fraction 0 does not need the record under it.
 pub fn emission<'a, const A: usize>(
     from: Place,
     to: Place,
     mut record: impl FnMut(u32) -> Option<&'a Record<A>>,
-) -> Option<[i32; A]> {
-    let mut sum = [0i32; A];
-    let mut within = |place: Place, sign: i32, sum: &mut [i32; A]| -> Option<()> {
+) -> Option<[i64; A]> {
+    let mut sum = [0; A];
+    let mut within = |place: Place, sign: i64, sum: &mut [i64; A]| -> Option<()> {
         if place.fraction != 0 {
             let under = record(place.record)?;
             for (s, &i) in sum.iter_mut().zip(&under.increments) {
-                *s += sign * part(i, place.fraction);
+                *s += sign * i64::from(part(i, place.fraction));
             }
         }
         Some(())
@@ -38,7 +38,7 @@ pub fn emission<'a, const A: usize>(
     for k in 0..crossed.unsigned_abs() {
         let whole = record(first.wrapping_add(k))?;
         for (s, &i) in sum.iter_mut().zip(&whole.increments) {
-            *s += sign * i32::from(i);
+            *s += sign * i64::from(i);
         }
     }
     Some(sum)
@@ -83,7 +83,7 @@ mod tests {
                 increments.iter().map(|&increments| Record { increments, ..Record::default() }).collect();
             let get = |n: u32| records.get(n.wrapping_sub(base) as usize);
             let (start, low, high) = (Place::start_of(base.wrapping_add(20)), Place::start_of(base), Place::start_of(base.wrapping_add(40)));
-            let (mut at, mut sum) = (start, [0i32; 2]);
+            let (mut at, mut sum) = (start, [0i64; 2]);
             for step in steps {
                 let step = step.clamp(at.to(low), at.to(high));
                 let to = at.moved(step);

@@ -87,6 +87,13 @@ impl Played {
         self.reached
     }
 
+    /// Does the cursor stand at `reached`? There forward run ends, whatever has been planned since (REV-7, REV-9).
+    #[inline]
+    #[must_use]
+    pub const fn at_reached(&self) -> bool {
+        self.read == self.reached
+    }
+
     /// The end of what is planned, as last seen.
     #[must_use]
     pub const fn write(&self) -> u32 {

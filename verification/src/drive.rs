@@ -1,0 +1,268 @@
+//! The drive: the cursor on the road, and playback's second difference (REV, *Rate law* and *Braking to a place*).
+//!
+//! Invariant: a state is any that the drive's own invariant allows: the commanded place is on the road, or a planned stop lies
+//! between the cursor and its end.
+
+use crate::choice::Choice;
+use crate::harness::harnesses;
+#[cfg(not(any(kani, verify_wasm)))]
+use crate::ledger::{Mutant, Row};
+use retrace_core::drive::{Drive, Road};
+use retrace_core::playback::emission;
+use retrace_core::rate::{RateLaw, Smoothing};
+use retrace_core::{ONE, Place, RapidCap, Record, Travel};
+
+/// Most boundaries of a modelled road.
+const BOUNDARIES: u32 = 6;
+
+/// A short road: bit n of `rests` says that the path is at rest at the n-th boundary.
+#[derive(Clone, Copy, Debug)]
+struct Short {
+    low: u32,
+    records: u32,
+    rests: u32,
+}
+
+impl Road for Short {
+    fn low(&self) -> u32 {
+        self.low
+    }
+    fn high(&self) -> u32 {
+        self.low.wrapping_add(self.records)
+    }
+    fn rests_at(&self, place: u32) -> bool {
+        let n = place.wrapping_sub(self.low);
+        n < BOUNDARIES && self.rests >> n & 1 == 1
+    }
+    fn cap(&self, _: u32) -> RapidCap {
+        RapidCap::PLANNED
+    }
+}
+
+/// Where the drive may be: a road, a place on it, the way it runs, and the law's state.
+struct Scene {
+    drive: Drive<4>,
+    road: Short,
+    at: Place,
+    sign: Travel,
+}
+
+impl Scene {
+    /// Any state with averages of `first` and `second` periods that the invariant allows, on a road of up to `records`.
+    fn any<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16, records: u32) -> Option<Self> {
+        let sign = if c.flag() { 1 } else { -1 };
+        let mut law = RateLaw::new(Smoothing::new(first, second)?)?;
+        let mut k = 0;
+        while k < PERIODS {
+            law.step(sign * c.between(0, ONE));
+            k += 1;
+        }
+        let road = Short { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
+        let (record, fraction) = (c.below(records + 1), c.upto(u32::MAX));
+        c.assume(record < road.records || record == road.records && fraction == 0)?;
+        let at = Place { record: road.low.wrapping_add(record), fraction };
+        let scene = Self { drive: Drive::with_law(law), road, at, sign };
+        c.assume(scene.legal(records))?;
+        Some(scene)
+    }
+
+    /// The drive's invariant, written anew: distances in plain numbers from the road's beginning.
+    fn legal(&self, records: u32) -> bool {
+        let at = Place::start_of(self.road.low).to(self.at);
+        let end = Travel::from(self.road.records) << 32;
+        let commanded = at + self.drive.lead();
+        let mut stop_ahead = false;
+        let mut n = 0;
+        while n <= records {
+            let stop = Travel::from(n) << 32;
+            let ahead = if self.sign > 0 { at < stop && stop <= end } else { stop < at };
+            stop_ahead |= ahead && n <= self.road.records && self.road.rests >> n & 1 == 1;
+            n += 1;
+        }
+        0 <= at && at <= end && (0 <= commanded && commanded <= end || stop_ahead)
+    }
+}
+
+/// One period from any state toward any rate: the cursor stays on the road, the invariant holds again, and the rate is neither
+/// against the way it runs nor beyond what was asked or remembered.
+fn stays_on_the_road<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16, records: u32) -> Option<()> {
+    let mut scene = Scene::any::<PERIODS>(c, first, second, records)?;
+    let standing = scene.drive.at_rest();
+    let target = c.between(-ONE, ONE);
+    let step = scene.drive.step(scene.at, target, &scene.road);
+    let rate = scene.at.to(step.to);
+    if standing && !scene.drive.at_rest() || rate != 0 {
+        // from rest the way is the target's
+        let way = if standing { target.signum() } else { scene.sign };
+        assert!(rate * way >= 0);
+        scene.sign = way;
+    }
+    assert!(-ONE - 1 <= rate && rate <= ONE + 1);
+    scene.at = step.to;
+    assert!(scene.legal(records));
+    Some(())
+}
+
+/// With a target held, the cursor comes to rest exactly on the end of the road and never beyond.
+fn rests_on_the_end<const PERIODS: usize>(
+    c: &mut impl Choice,
+    first: u16,
+    second: u16,
+    records: u32,
+    periods: u32,
+) -> Option<()> {
+    let mut scene = Scene::any::<PERIODS>(c, first, second, records)?;
+    let mut k = 0;
+    while k < periods {
+        scene.at = scene.drive.step(scene.at, scene.sign * ONE, &scene.road).to;
+        k += 1;
+    }
+    let end = if scene.sign > 0 { scene.road.high() } else { scene.road.low };
+    assert!(scene.at == Place::start_of(end) && scene.drive.at_rest() && scene.drive.lead() == 0);
+    Some(())
+}
+
+/// A planned stop costs no period: whoever comes to it at rate one, with the next one within the road, is there a period later for
+/// every record, and goes on from it at rate one.
+fn planned_stops_are_free(c: &mut impl Choice, records: u32) -> Option<()> {
+    let forward = c.flag();
+    let road = Short { low: c.word(), records, rests: c.below(1 << records) << 1 & !(1 << records) | 1 | 1 << records };
+    let mut drive = Drive::<4>::new(Smoothing::new(2, 2)?)?;
+    let (mut at, sign) = if forward { (road.low(), 1) } else { (road.high(), -1) };
+    let mut k = 0;
+    while k < records {
+        let next = at.wrapping_add(sign as u32);
+        let step = drive.step(Place::start_of(at), sign * ONE, &road);
+        assert!(step.to == Place::start_of(next) && !step.short);
+        at = next;
+        k += 1;
+    }
+    assert!(drive.at_rest());
+    Some(())
+}
+
+/// The second difference of what is emitted: with |q| ≤ V and |Δq| ≤ a for the records crossed, two neighbouring periods of rates r₁
+/// and r₂ differ by at most V·|r₂ − r₁| + a·min(r₁, r₂), and 2 pulses for the rounding of three positions.
+fn acceleration_is_bounded<const V: i64, const STEP: i64>(c: &mut impl Choice) -> Option<()> {
+    let mut records = [Record::<1>::default(); 3];
+    let (mut last, mut n) = (c.between(-V, V), 0);
+    while n < 3 {
+        records[n].increments[0] = last as i16;
+        last += c.between(-STEP, STEP);
+        c.assume(-V <= last && last <= V)?;
+        n += 1;
+    }
+    let (first, r1, r2) = (c.upto(u32::MAX), c.between(0, ONE), c.between(0, ONE));
+    let a = Place { record: 0, fraction: first };
+    let (b, d) = (a.moved(r1), a.moved(r1 + r2));
+    let pulses = |from, to| emission(from, to, |n| records.get(n as usize)).map(|[sum]| sum);
+    let (Some(before), Some(after)) = (pulses(a, b), pulses(b, d)) else { panic!("a record is missing") };
+    let change = if r1 < r2 { r2 - r1 } else { r1 - r2 };
+    let least = if r1 < r2 { r1 } else { r2 };
+    assert!(((after - before).abs() - 2) * ONE <= V * change + STEP * least);
+    Some(())
+}
+
+harnesses! {
+    drive_acceleration, unwind 4 => |c| acceleration_is_bounded::<7, 2>(c);
+    [without kani]
+    drive_road_1_1, unwind 7 => |c| stays_on_the_road::<1>(c, 1, 1, 2);
+    drive_road_2_2, unwind 7 => |c| stays_on_the_road::<3>(c, 2, 2, 2);
+    drive_rests_1_1, unwind 7 => |c| rests_on_the_end::<1>(c, 1, 1, 2, 4);
+    drive_rests_2_2, unwind 8 => |c| rests_on_the_end::<3>(c, 2, 2, 1, 6);
+    drive_stops, unwind 7 => |c| planned_stops_are_free(c, 4);
+}
+
+#[cfg(not(any(kani, verify_wasm)))]
+const DRIVE: &str = "crates/core/src/drive.rs";
+
+/// The rows of this module.
+#[cfg(not(any(kani, verify_wasm)))]
+pub const ROWS: &[Row] = &[
+    Row {
+        name: "drive-road",
+        says: "Whatever is asked when, the cursor never leaves the road, never runs against its way, and with a target held comes to rest exactly on the road's end, fraction 0",
+        requirement: "REV, Beyond the source, *Braking to a place*",
+        bound: "one period from any state on roads of up to 2 records with any planned stops, averages of 1+1 and 2+2 periods, any target in −1 … 1; to rest within 6 periods on roads of 1 and 2 records",
+        assumes: "the drive's invariant, which a drive at rest satisfies; the road may grow, and shrinks only behind the commanded place (the card's window refuses anything else)",
+        suffices: "one step from every state is an induction; the drive looks at the road only through its end, its last planned stop and the place it is at",
+        harnesses: &["drive_road_1_1", "drive_road_2_2", "drive_rests_1_1", "drive_rests_2_2"],
+        searches: &[],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "the commanded place may run over the end",
+                file: DRIVE,
+                find: "asked.min(free.max(0))",
+                put: "asked.min(free.max(1))",
+                killer: "drive_road_1_1",
+            },
+            Mutant {
+                name: "a planned stop is passed at rate",
+                file: DRIVE,
+                find: "&& sign * to.to(rest) <= 0",
+                put: "&& sign * to.to(rest) < 0",
+                killer: "drive_road_2_2",
+            },
+            Mutant {
+                name: "the stop behind the cursor counts",
+                file: DRIVE,
+                find: "if self.sign * self.at.to(here) <= 0 {",
+                put: "if self.sign * self.at.to(here) < 0 {",
+                killer: "drive_road_1_1",
+            },
+            Mutant {
+                name: "the cursor stops a last bit early",
+                file: DRIVE,
+                find: "let free = room - self.law.lead().abs();",
+                put: "let free = room - self.law.lead().abs() - 1;",
+                killer: "drive_rests_2_2",
+            },
+        ],
+    },
+    Row {
+        name: "drive-stops",
+        says: "A planned stop costs no period: the cursor runs into it at rate one and goes on from it at rate one, either way",
+        requirement: "REV, Beyond the source, *Braking to a place*",
+        bound: "4 records with any planned stops between, both ways",
+        assumes: "the road ends in a planned stop",
+        suffices: "from each planned stop on the drive is in the same state as at the start",
+        harnesses: &["drive_stops"],
+        searches: &[],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "every stop is braked to",
+                file: DRIVE,
+                find: "let last_rest = if asked > free { way.last_rest() } else { None };",
+                put: "let last_rest = if asked > free && way.sign == 0 { way.last_rest() } else { None };",
+                killer: "drive_stops",
+            },
+            Mutant {
+                name: "every start follows the law",
+                file: DRIVE,
+                find: "self.law.set_steady(way.sign * rate);",
+                put: "self.law.set_steady(way.sign * rate * 0);",
+                killer: "drive_stops",
+            },
+        ],
+    },
+    Row {
+        name: "drive-acceleration",
+        says: "For every record sequence within V pulses a period and steps of a, neighbouring periods at rates r₁, r₂ differ by at most V·|r₂ − r₁| + a·min(r₁, r₂) pulses, and 2 for rounding",
+        requirement: "REV, Beyond the source, *Rate law* (velocity and acceleration hold always)",
+        bound: "any three records with V = 7 and a = 2, any place on them, any two rates in 0 … 1",
+        assumes: "the planner keeps its share: |q| ≤ V and |Δq| ≤ αA on every axis (checked on every run by the judge)",
+        suffices: "two periods of |rate| ≤ 1 touch at most three records, and V and a only scale; with row rate-change and the controller's choice of lengths it follows that A holds, but for the rounding that the interface allows",
+        harnesses: &["drive_acceleration"],
+        searches: &[],
+        models: &[],
+        mutants: &[Mutant {
+            name: "a record split at the wrong fraction",
+            file: "crates/core/src/playback.rs",
+            find: "unsigned_abs() * fraction as u64;",
+            put: "unsigned_abs() * (fraction | 1 << 31) as u64;",
+            killer: "drive_acceleration",
+        }],
+    },
+];

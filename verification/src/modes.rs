@@ -1,0 +1,131 @@
+//! The modes of operation: when look-ahead is on the road, and how normal run is left and entered again (REV-8 … REV-11).
+//!
+//! Invariant: whatever orders came before, what holds for a demand holds for the next.
+
+use crate::choice::Choice;
+use crate::harness::harnesses;
+#[cfg(not(any(kani, verify_wasm)))]
+use crate::ledger::{Mutant, Row, Search, Size};
+use retrace_core::mode::{Facts, Mode, Notice, Operation, Order};
+use retrace_core::{ONE, Place};
+
+fn any_order(c: &mut impl Choice) -> Order {
+    match c.below(8) {
+        0 => Order::Hold,
+        1 => Order::Resume,
+        2 => Order::Override(c.between(-ONE, 9 * ONE)),
+        3 => Order::Reverse(c.between(-1, 9 * ONE)),
+        4 => Order::Forward(c.between(-1, 9 * ONE)),
+        5 => Order::Wheel,
+        6 => Order::Leave { ask: c.flag() },
+        _ => Order::Agree,
+    }
+}
+
+fn any_facts(c: &mut impl Choice) -> Facts {
+    let reached = c.word();
+    let place = if c.flag() { Place::start_of(reached) } else { Place { record: c.word(), fraction: c.word() } };
+    let wheel = c.between(-ONE, ONE);
+    Facts { place, at_rest: c.flag(), reached, oldest: c.word(), outputs_agree: c.flag(), wheel }
+}
+
+/// `ORDERS` times an order or none, and a demand: each demand is as the modes allow.
+fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> {
+    let mut operation = Operation::default();
+    // has the cursor been at rest since normal run was left?
+    let (mut turned, mut k) = (true, 0);
+    while k < ORDERS {
+        let (was, order, facts) = (operation.mode(), any_order(c), any_facts(c));
+        let before = operation;
+        if operation.order(order).is_err() {
+            assert!(operation == before);
+        }
+        if was == Mode::Run && operation.mode() != Mode::Run {
+            turned = false;
+        }
+        let mode = operation.mode();
+        let demand = operation.demand(&facts);
+        turned |= facts.at_rest;
+        // look-ahead is on the road in normal run, and while the cursor still runs out of it
+        assert!(demand.look_ahead == (operation.mode() == Mode::Run || !turned));
+        // nothing but braking before the cursor has been at rest
+        assert!(turned || demand.target == 0 && demand.notice.is_none());
+        // normal run is entered at `reached`, at rest, with outputs that agree or are restored by word
+        if mode != Mode::Run && operation.mode() == Mode::Run {
+            assert!(facts.at_rest && facts.place == Place::start_of(facts.reached));
+            assert!(demand.notice == Some(Notice::GoesOn) && demand.restore_outputs != facts.outputs_agree);
+        } else {
+            assert!(!demand.restore_outputs && demand.notice != Some(Notice::GoesOn));
+        }
+        // a hold stands in every mode; backward only where reverse or the wheel asks for it
+        assert!(!operation.held() || demand.target == 0);
+        let backward = matches!(operation.mode(), Mode::Reverse | Mode::Wheel);
+        assert!(demand.target >= 0 || backward);
+        assert!(-8 * ONE <= demand.target && demand.target <= 8 * ONE);
+        assert!(operation.mode() != Mode::Run || 0 <= demand.target && demand.target <= ONE);
+        k += 1;
+    }
+    Some(())
+}
+
+harnesses! {
+    modes_3, unwind 4 => |c| demands_are_in_order::<3>(c);
+}
+
+/// Long runs of drawn orders.
+#[cfg(not(any(kani, verify_wasm)))]
+fn long_runs(size: Size) -> String {
+    let mut draw = crate::native::Draw::new(size.seed);
+    let runs = if size.full { 200_000 } else { 20_000 };
+    for _ in 0..runs {
+        demands_are_in_order::<60>(&mut draw);
+    }
+    format!("{runs} runs of 60 drawn orders and reports")
+}
+
+#[cfg(not(any(kani, verify_wasm)))]
+const MODE: &str = "crates/core/src/mode.rs";
+
+/// The rows of this module.
+#[cfg(not(any(kani, verify_wasm)))]
+pub const ROWS: &[Row] = &[Row {
+    name: "modes",
+    says: "Look-ahead is on the road in normal run only; normal run is left through rest and entered again only at reached, at rest, with outputs that agree or are restored by word; a hold stands in every mode; a refused order changes nothing",
+    requirement: "REV-8, REV-9, REV-10, REV-11, REV-13",
+    bound: "any three orders and reports from the beginning; long drawn runs",
+    assumes: "nothing of the card's reports",
+    suffices: "three orders bring about every combination of mode, hold, turned, agreed and told; what is left is two rates, which are passed on",
+    harnesses: &["modes_3"],
+    searches: &[Search { name: "modes-long", run: long_runs }],
+    models: &[],
+    mutants: &[
+        Mutant {
+            name: "the road is cut under a moving cursor",
+            file: MODE,
+            find: "if !facts.at_rest {",
+            put: "if !facts.at_rest && facts.wheel == 0 {",
+            killer: "modes_3",
+        },
+        Mutant {
+            name: "normal run goes on anywhere at rest",
+            file: MODE,
+            find: "let at_reached = facts.at_rest && facts.place == Place::start_of(facts.reached);",
+            put: "let at_reached = facts.at_rest;",
+            killer: "modes_3",
+        },
+        Mutant {
+            name: "outputs are restored without asking",
+            file: MODE,
+            find: "if facts.outputs_agree || self.agreed {",
+            put: "if facts.outputs_agree || self.agreed || self.told {",
+            killer: "modes-long",
+        },
+        Mutant {
+            name: "a hold does not stand under the wheel",
+            file: MODE,
+            find: "_ if self.held => 0,",
+            put: "_ if self.held && self.mode != Mode::Wheel => 0,",
+            killer: "modes_3",
+        },
+    ],
+}];

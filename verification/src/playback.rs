@@ -1,0 +1,238 @@
+//! Playback: the position is a function of the place (design, idea 1; REV, *Exactness*).
+//!
+//! Invariant: records and places are arbitrary; a walk is any three places, for more follow by induction.
+
+use crate::choice::Choice;
+use crate::harness::harnesses;
+#[cfg(not(any(kani, verify_wasm)))]
+use crate::ledger::{Mutant, Row, Search};
+use retrace_core::playback::{emission, part};
+use retrace_core::{ONE, Place, Record, Travel};
+
+/// A stretch of `N` records of one axis under any place numbers.
+struct Stretch<const N: usize> {
+    first: u32,
+    records: [Record<1>; N],
+}
+
+impl<const N: usize> Stretch<N> {
+    fn any(c: &mut impl Choice) -> Self {
+        let first = c.word();
+        let records = core::array::from_fn(|_| Record { increments: [c.increment()], ..Record::default() });
+        Self { first, records }
+    }
+
+    /// Any place on it, its end included.
+    fn place(&self, c: &mut impl Choice) -> Place {
+        let (record, fraction) = (c.below(N as u32), c.upto(u32::MAX));
+        let end = c.flag();
+        Place::start_of(self.first).moved(if end {
+            (N as Travel) << 32
+        } else {
+            Travel::from(record) << 32 | Travel::from(fraction)
+        })
+    }
+
+    fn emission(&self, from: Place, to: Place) -> Option<i64> {
+        let records = &self.records;
+        emission(from, to, |n| records.get(n.wrapping_sub(self.first) as usize)).map(|[sum]| sum)
+    }
+}
+
+/// A place moved there and back is the same place; distances add up.
+fn places_add_up(c: &mut impl Choice) -> Option<()> {
+    let from = Place { record: c.word(), fraction: c.word() };
+    let most = (1i64 << 62) - 1;
+    let (a, b) = (c.between(-most, most), c.between(-most, most));
+    c.assume(-most <= a + b && a + b <= most)?;
+    let to = from.moved(a);
+    assert!(from.to(to) == a && to.moved(-a) == from);
+    assert!(to.moved(b) == from.moved(a + b));
+    Some(())
+}
+
+/// At most one record boundary lies in a step of |rate| ≤ 1, and at most ⌈cap⌉ in one of |rate| ≤ cap.
+fn crosses_few_boundaries(c: &mut impl Choice) -> Option<()> {
+    let from = Place { record: c.word(), fraction: c.word() };
+    let cap = 1 + c.below(8);
+    let step = c.between(-8 * ONE, 8 * ONE);
+    c.assume(step.abs() <= Travel::from(cap) << 32)?;
+    let to = from.moved(step);
+    let ahead = to.boundary_ahead().wrapping_sub(from.boundary_ahead()) as i32;
+    assert!(ahead.unsigned_abs() <= cap);
+    assert!((to.record.wrapping_sub(from.record) as i32).unsigned_abs() <= cap);
+    Some(())
+}
+
+/// Whoever goes from a to b and on to c has emitted what the way from a to c emits, and nothing on the way back.
+fn sums_telescope<const N: usize>(c: &mut impl Choice) -> Option<()> {
+    let stretch = Stretch::<N>::any(c);
+    let (a, b, d) = (stretch.place(c), stretch.place(c), stretch.place(c));
+    let (Some(first), Some(second), Some(whole)) =
+        (stretch.emission(a, b), stretch.emission(b, d), stretch.emission(a, d))
+    else {
+        panic!("a record of the stretch is missing")
+    };
+    assert!(first + second == whole);
+    assert!(a != d || whole == 0);
+    Some(())
+}
+
+/// The way over whole records emits these records.
+fn whole_records_are_whole<const N: usize>(c: &mut impl Choice) -> Option<()> {
+    let stretch = Stretch::<N>::any(c);
+    let (from, records) = (c.below(N as u32), c.below(N as u32 + 1));
+    c.assume(from + records <= N as u32)?;
+    let place = |n: u32| Place::start_of(stretch.first.wrapping_add(n));
+    let (mut sum, mut n) = (0, 0);
+    while n < N {
+        if from as usize <= n && n < (from + records) as usize {
+            sum += i64::from(stretch.records[n].increments[0]);
+        }
+        n += 1;
+    }
+    assert!(stretch.emission(place(from), place(from + records)) == Some(sum));
+    assert!(stretch.emission(place(from + records), place(from)) == Some(-sum));
+    Some(())
+}
+
+/// The part of a record is rounded half away from zero, lies between nothing and all of it, and grows with the fraction.
+fn parts_are_rounded(c: &mut impl Choice) -> Option<()> {
+    let (increment, fraction) = (c.increment(), c.word());
+    let (part, whole) = (i64::from(part(increment, fraction)), i64::from(increment));
+    let exact = whole * i64::from(fraction);
+    // twice the distance from the exact value, against one pulse
+    let off = 2 * ((part << 32) - exact);
+    assert!(off.abs() <= ONE && (off.abs() != ONE || (off > 0) == (exact > 0)));
+    assert!(part.abs() <= whole.abs() && part * whole >= 0);
+    Some(())
+}
+
+/// The parts of a record never run backward: a larger fraction has at least as many pulses.
+fn parts_are_in_order(c: &mut impl Choice) -> Option<()> {
+    let (increment, more) = (c.increment(), c.word());
+    let less = c.upto(more);
+    let (less, more) = (part(increment, less), part(increment, more));
+    assert!(if increment < 0 { more <= less } else { less <= more });
+    Some(())
+}
+
+harnesses! {
+    place_sums, unwind 1 => |c| places_add_up(c);
+    place_boundaries, unwind 1 => |c| crosses_few_boundaries(c);
+    playback_telescopes, unwind 4 => |c| sums_telescope::<2>(c);
+    playback_whole, unwind 5 => |c| whole_records_are_whole::<3>(c);
+    playback_parts, unwind 1 => |c| parts_are_rounded(c);
+    playback_order, unwind 1 => |c| parts_are_in_order(c);
+}
+
+/// Long walks: any rates over the longest history there is, against sums kept in 128 bits.
+#[cfg(not(any(kani, verify_wasm)))]
+fn longest_history(size: crate::ledger::Size) -> String {
+    let extreme: [Record<1>; 2] = [i16::MIN, i16::MAX].map(|n| Record { increments: [n], ..Record::default() });
+    let records = if size.full { 1 << 30 } else { 1 << 24 };
+    for (which, record) in extreme.iter().enumerate() {
+        let (from, to) = (Place::start_of(u32::MAX - 7), Place::start_of(u32::MAX - 7).moved(records << 32));
+        let want = i128::from(record.increments[0]) * i128::from(records);
+        let forward = emission(from, to, |_| Some(record)).expect("every record is there")[0];
+        let backward = emission(to, from, |_| Some(&extreme[which])).expect("every record is there")[0];
+        assert_eq!((i128::from(forward), i128::from(backward)), (want, -want));
+    }
+    format!("{records} records of ±32 767, forward and back")
+}
+
+#[cfg(not(any(kani, verify_wasm)))]
+const PLAYBACK: &str = "crates/core/src/playback.rs";
+
+/// The rows of this module.
+#[cfg(not(any(kani, verify_wasm)))]
+pub const ROWS: &[Row] = &[
+    Row {
+        name: "playback-places",
+        says: "Places moved there and back are the same, distances add up over the wrap, and a period passes at most one record boundary at |rate| ≤ 1 and at most ⌈cap⌉ in rapid retrace",
+        requirement: "REV, Beyond the source, *Exactness* and *Rapid retrace*",
+        bound: "none: any place, any distance below 2³⁰ records",
+        assumes: "places on one path lie less than 2³¹ records apart (a ring has at most 2³⁰ cells)",
+        suffices: "nothing is bounded",
+        harnesses: &["place_sums", "place_boundaries"],
+        searches: &[],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "the carry of the fraction is lost",
+                file: "crates/core/src/place.rs",
+                find: "self.record.wrapping_add((sum >> 32) as u32)",
+                put: "self.record.wrapping_add((travel >> 32) as u32)",
+                killer: "place_sums",
+            },
+            Mutant {
+                name: "a boundary counts as ahead of itself",
+                file: "crates/core/src/place.rs",
+                find: "if self.fraction == 0 { self.record }",
+                put: "if self.fraction <= 1 { self.record }",
+                killer: "place_boundaries",
+            },
+        ],
+    },
+    Row {
+        name: "playback-sums",
+        says: "A period emits P(x′) − P(x): the sums of any walk telescope, whoever returns to a place has emitted zero, and the sum over a record is the record",
+        requirement: "REV, Beyond the source, *Exactness*",
+        bound: "any three places on 2 records, whole records on 3, any i16 increments, any fractions, any place numbers",
+        assumes: "the records between the places are there; where one is missing nothing is emitted (row drive-road)",
+        suffices: "a walk of more places is a sum of such triples; emission treats the records between two places one by one and the axes each by itself",
+        harnesses: &["playback_telescopes", "playback_whole"],
+        searches: &[],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "the part at the beginning is not taken off",
+                file: PLAYBACK,
+                find: "within(from, -1, &mut sum)?;",
+                put: "within(from, if from.record == to.record { -1 } else { 0 }, &mut sum)?;",
+                killer: "playback_telescopes",
+            },
+            Mutant {
+                name: "a record is left out on the way back",
+                file: PLAYBACK,
+                find: "} else { (to.record, -1) };",
+                put: "} else { (to.record.wrapping_add(1), -1) };",
+                killer: "playback_whole",
+            },
+        ],
+    },
+    Row {
+        name: "playback-parts",
+        says: "The part of a record is rounded half away from zero, never more than the record, and grows with the fraction; nothing overflows for any increments over any history",
+        requirement: "REV, Beyond the source, *Exactness*",
+        bound: "none for a part: any i16 increment, any fraction; the longest history is run",
+        assumes: "a history has at most 2³⁰ records",
+        suffices: "2³⁰ records of 2¹⁵ pulses are 2⁴⁵, and the sums have 64 bits",
+        harnesses: &["playback_parts", "playback_order"],
+        searches: &[Search { name: "playback-longest", run: longest_history }],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "halves are cut off",
+                file: PLAYBACK,
+                find: "((product + (1 << 31)) >> 32) as i32",
+                put: "(product >> 32) as i32",
+                killer: "playback_parts",
+            },
+            Mutant {
+                name: "the least increment loses its sign",
+                file: PLAYBACK,
+                find: "(increment as i64).unsigned_abs()",
+                put: "(increment as i64 & 0x7FFF).unsigned_abs()",
+                killer: "playback_order",
+            },
+            Mutant {
+                name: "sums of 32 bits",
+                file: PLAYBACK,
+                find: "*s += sign * i64::from(i);",
+                put: "*s = (*s as i32).wrapping_add((sign * i64::from(i)) as i32) as i64;",
+                killer: "playback-longest",
+            },
+        ],
+    },
+];

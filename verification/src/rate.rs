@@ -1,0 +1,306 @@
+//! The rate law and the wheel: rest exactly on the commanded place, no overshoot, and what bounds the change of the rate.
+//!
+//! Invariant: every state of the law that targets of one sign can bring about is reached by running it from rest over as many targets as
+//! it remembers, for its remainder is determined by what it remembers.
+
+use crate::choice::Choice;
+use crate::harness::harnesses;
+#[cfg(not(any(kani, verify_wasm)))]
+use crate::ledger::{Mutant, Row, Search, Size};
+use retrace_core::rate::{RateLaw, Smoothing};
+use retrace_core::wheel::Wheel;
+use retrace_core::{ONE, Travel};
+
+/// The longest memory that is modelled.
+const MEMORY: usize = 8;
+
+/// A law of these lengths in any state, and the targets that brought it there, the newest last: `PERIODS` = N₁ + N₂ − 1 of them.
+fn any_law<const PERIODS: usize>(
+    c: &mut impl Choice,
+    first: u16,
+    second: u16,
+    most: Travel,
+) -> Option<(RateLaw<4>, [Travel; PERIODS])> {
+    let mut law = RateLaw::new(Smoothing::new(first, second)?)?;
+    let mut targets = [0; PERIODS];
+    let mut k = 0;
+    while k < PERIODS {
+        targets[k] = c.between(0, most);
+        law.step(targets[k]);
+        k += 1;
+    }
+    Some((law, targets))
+}
+
+/// One period from any state: nothing commanded is lost, the lead never turns its sign, and the rate lies between the least and the
+/// greatest target that is remembered.
+fn follows<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16) -> Option<()> {
+    let (mut law, targets) = any_law::<PERIODS>(c, first, second, 8 * ONE)?;
+    let (lead, target) = (law.lead(), c.between(0, 8 * ONE));
+    let moved = law.step(target);
+    assert!(law.lead() == lead + target - moved && law.lead() >= 0);
+    let (mut low, mut high, mut k) = (target, target, 1);
+    while k < PERIODS {
+        low = if targets[k] < low { targets[k] } else { low };
+        high = if targets[k] > high { targets[k] } else { high };
+        k += 1;
+    }
+    assert!(low <= moved + 1 && moved <= high + 1);
+    Some(())
+}
+
+/// From any state, with nothing more commanded, the cursor rests after as many periods as the law remembers, exactly where the
+/// commanded place stands.
+fn comes_to_rest<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16) -> Option<()> {
+    let (mut law, _) = any_law::<PERIODS>(c, first, second, 8 * ONE)?;
+    let (lead, mut run, mut k) = (law.lead(), 0, 0);
+    while k < PERIODS {
+        let moved = law.step(0);
+        assert!(moved >= 0);
+        run += moved;
+        k += 1;
+    }
+    assert!(run == lead && law.lead() == 0 && law.at_rest() && law.step(0) == 0);
+    Some(())
+}
+
+/// A target that is held is reached after as many periods as the law remembers, and is then the rate.
+fn reaches_its_target<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16) -> Option<()> {
+    let (mut law, _) = any_law::<PERIODS>(c, first, second, 8 * ONE)?;
+    let (target, mut k) = (c.between(0, 8 * ONE), 0);
+    while k < PERIODS {
+        law.step(target);
+        k += 1;
+    }
+    let rate = law.step(target);
+    assert!(target - 1 <= rate && rate <= target);
+    Some(())
+}
+
+/// Weights of the twice moving average, in units of 1/(N₁·N₂), the newest target first.
+const fn weights(first: usize, second: usize) -> [Travel; 2 * MEMORY] {
+    let mut weights = [0; 2 * MEMORY];
+    let mut i = 0;
+    while i < first {
+        let mut j = 0;
+        while j < second {
+            weights[i + j] += 1;
+            j += 1;
+        }
+        i += 1;
+    }
+    weights
+}
+
+/// Rate and change of the rate that a plain step from 0 to 1 shows in its `k`-th period, in units of 1/(2·N₁·N₂): the rate in the
+/// middle of the two periods, the change doubled.
+const fn plain_step(weights: &[Travel; 2 * MEMORY], k: usize) -> (Travel, Travel) {
+    let (mut sum, mut n) = (0, 0);
+    while n < k {
+        sum += weights[n];
+        n += 1;
+    }
+    (2 * sum + weights[k], 2 * weights[k])
+}
+
+/// For targets in 0 … 1 the change |r′| at a rate r is at most what a plain step shows at that rate: under every line through two
+/// neighbouring points of the plain step.
+fn change_is_bounded<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16) -> Option<()> {
+    let (mut law, _) = any_law::<PERIODS>(c, first, second, ONE)?;
+    // the period before is one more step, so that both rates come from whole memories
+    let before = law.step(c.between(0, ONE));
+    let after = law.step(c.between(0, ONE));
+    let weights = weights(first as usize, second as usize);
+    let unit = Travel::from(first) * Travel::from(second);
+    let mut k = 0;
+    while k + 1 < PERIODS {
+        let ((r0, d0), (r1, d1)) = (plain_step(&weights, k), plain_step(&weights, k + 1));
+        // (|r′| − d0)·(r1 − r0) ≤ (r − r0)·(d1 − d0), with everything in units of 1/(2·unit); two last bits for the rounding
+        let (rate, change) = (unit * (before + after), 2 * unit * (after - before).abs());
+        let slack = 8 * unit * (r1 - r0 + (d1 - d0).abs());
+        assert!((change - d0 * ONE) * (r1 - r0) <= (rate - r0 * ONE) * (d1 - d0) + slack);
+        k += 1;
+    }
+    Some(())
+}
+
+/// The wheel's mean is at rest when the wheel has been, and never beyond one.
+fn wheel_comes_to_rest(c: &mut impl Choice) -> Option<()> {
+    let mut wheel = Wheel::<4>::new(4, 8);
+    let mut k = 0;
+    while k < 6 {
+        wheel.turn(c.increment());
+        let rate = wheel.rate();
+        assert!(-ONE <= rate && rate <= ONE);
+        k += 1;
+    }
+    k = 0;
+    while k < 4 {
+        wheel.turn(0);
+        k += 1;
+    }
+    assert!(wheel.rate() == 0);
+    Some(())
+}
+
+harnesses! {
+    [without kani]
+    law_follows_2_2, unwind 5 => |c| follows::<3>(c, 2, 2);
+    law_follows_4_2, unwind 7 => |c| follows::<5>(c, 4, 2);
+    law_rests_1_1, unwind 4 => |c| comes_to_rest::<1>(c, 1, 1);
+    law_rests_2_2, unwind 5 => |c| comes_to_rest::<3>(c, 2, 2);
+    law_rests_1_3, unwind 5 => |c| comes_to_rest::<3>(c, 1, 3);
+    law_rests_4_2, unwind 7 => |c| comes_to_rest::<5>(c, 4, 2);
+    law_reaches_2_2, unwind 5 => |c| reaches_its_target::<3>(c, 2, 2);
+    law_change_2_2, unwind 5 => |c| change_is_bounded::<3>(c, 2, 2);
+    law_change_4_2, unwind 9 => |c| change_is_bounded::<5>(c, 4, 2);
+    wheel_rests, unwind 7 => |c| wheel_comes_to_rest(c);
+}
+
+/// The bound on the change, for every pair of lengths up to eight and every memory of targets 0 and 1: a linear inequality over
+/// targets in 0 … 1 holds everywhere if it holds at the corners.
+#[cfg(not(any(kani, verify_wasm)))]
+fn change_at_every_corner(_: Size) -> String {
+    let mut corners = 0u64;
+    for first in 1..=MEMORY {
+        for second in (1..=MEMORY).filter(|second| (first + second).is_multiple_of(2)) {
+            let (weights, periods) = (weights(first, second), first + second - 1);
+            let steps: Vec<_> = (0..periods).map(|k| plain_step(&weights, k)).collect();
+            for memory in 0u32..1 << (periods + 1) {
+                let at = |shift: usize| {
+                    (0..periods).filter(|n| memory >> (n + shift) & 1 == 1).map(|n| weights[n]).sum::<Travel>()
+                };
+                let (after, before) = (at(0), at(1));
+                let (rate, change) = (after + before, 2 * (after - before).abs());
+                for pair in steps.windows(2) {
+                    let ((r0, d0), (r1, d1)) = (pair[0], pair[1]);
+                    assert!((change - d0) * (r1 - r0) <= (rate - r0) * (d1 - d0), "{first} {second} {memory:b}");
+                }
+                corners += 1;
+            }
+        }
+    }
+    format!("all {corners} corners of lengths 1 to {MEMORY}")
+}
+
+/// Long averages: any targets, whatever is asked when, then rest on the commanded place.
+#[cfg(not(any(kani, verify_wasm)))]
+fn long_averages(size: Size) -> String {
+    use crate::native::Draw;
+    let mut draw = Draw::new(size.seed);
+    let runs = if size.full { 400 } else { 20 };
+    for _ in 0..runs {
+        let first = 1 + draw.upto(Smoothing::LONGEST.into()).min(4095) as u16;
+        let second = (1 + draw.upto(Smoothing::LONGEST.into()).min(4095) as u16) & !1 | first & 1;
+        let Some(smoothing) = Smoothing::new(first, second.max(2 - first % 2)) else { continue };
+        let mut law = Box::new(RateLaw::<4096>::new(smoothing).expect("fits"));
+        let (mut commanded, mut run) = (0i128, 0i128);
+        for _ in 0..draw.upto(60) {
+            let target = draw.between(0, 8 * ONE);
+            for _ in 0..=draw.upto(2 * u32::from(smoothing.periods())) {
+                commanded += i128::from(target);
+                let moved = law.step(target);
+                run += i128::from(moved);
+                assert!((0..=8 * ONE).contains(&moved) && i128::from(law.lead()) == commanded - run);
+            }
+        }
+        for _ in 0..smoothing.periods() {
+            run += i128::from(law.step(0));
+        }
+        assert!(run == commanded && law.at_rest() && law.lead() == 0);
+    }
+    format!("{runs} drawn runs with averages of up to {} periods", Smoothing::LONGEST)
+}
+
+#[cfg(not(any(kani, verify_wasm)))]
+const RATE: &str = "crates/core/src/rate.rs";
+
+/// The rows of this module.
+#[cfg(not(any(kani, verify_wasm)))]
+pub const ROWS: &[Row] = &[
+    Row {
+        name: "rate-rest",
+        says: "The cursor comes to rest exactly where the commanded place stands and never beyond, nothing commanded is lost; the rate never overshoots its targets and reaches one that is held",
+        requirement: "REV-12; REV, Beyond the source, *Rate law*",
+        bound: "averages of 1+1, 1+3, 2+2 and 4+2 periods from any state, any targets up to rate 8; drawn runs up to 4 096 periods",
+        assumes: "the targets in the memory have one sign (row drive-road: a change of direction goes through rest)",
+        suffices: "every reachable state is covered, as the remainder is determined by the memory; the code depends on the lengths only by wrapping at them and by their product",
+        harnesses: &[
+            "law_follows_2_2",
+            "law_follows_4_2",
+            "law_rests_1_1",
+            "law_rests_2_2",
+            "law_rests_1_3",
+            "law_rests_4_2",
+            "law_reaches_2_2",
+        ],
+        searches: &[Search { name: "law-long", run: long_averages }],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "the remainder is forgotten",
+                file: RATE,
+                find: "self.sums.push(sum) + self.remainder;",
+                put: "self.sums.push(sum);",
+                killer: "law_rests_1_3",
+            },
+            Mutant {
+                name: "the second average is one period too long",
+                file: RATE,
+                find: "Travel::from(self.smoothing.first) * Travel::from(self.smoothing.second);",
+                put: "Travel::from(self.smoothing.first) * Travel::from(self.smoothing.second + 1);",
+                killer: "law_reaches_2_2",
+            },
+            Mutant {
+                name: "the oldest value stays in the sum",
+                file: RATE,
+                find: "self.sum += value - *oldest;",
+                put: "self.sum += value - *oldest / 2;",
+                killer: "law_follows_2_2",
+            },
+            Mutant {
+                name: "memory wraps one late",
+                file: RATE,
+                find: "if self.at + 1 == self.length { 0 }",
+                put: "if self.at == self.length { 0 }",
+                killer: "law-long",
+            },
+        ],
+    },
+    Row {
+        name: "rate-change",
+        says: "Whatever is asked when, the rate changes at a rate r by at most what a plain step from 0 to 1 shows at that rate",
+        requirement: "REV, Beyond the source, *Rate law*",
+        bound: "averages of 2+2 and 4+2 periods, any targets in 0 … 1, in fixed point; all lengths up to 8 in exact numbers",
+        assumes: "targets in 0 … 1: rapid retrace has caps of its own",
+        suffices: "the weights of two averages rise, stay and fall for all lengths alike; the controller takes its lengths from the same plain step, on which αA·r² + V·|r′| ≤ A is largest at the points (it is convex between them)",
+        harnesses: &["law_change_2_2", "law_change_4_2"],
+        searches: &[Search { name: "law-corners", run: change_at_every_corner }],
+        models: &[],
+        mutants: &[Mutant {
+            name: "the first average does nothing",
+            file: RATE,
+            find: "let sum = self.targets.push(target);",
+            put: "let sum = self.targets.push(target).min(0) + target * Travel::from(self.smoothing.first);",
+            killer: "law_change_2_2",
+        }],
+    },
+    Row {
+        name: "wheel-rest",
+        says: "The handwheel's rate is within ±1 and zero when the wheel has been at rest for as long as its mean is",
+        requirement: "REV-11, REV-12",
+        bound: "a mean of 4 periods, any counts",
+        assumes: "the wheel's counts in a period fit 16 bits",
+        suffices: "the code depends on the length only by wrapping at it",
+        harnesses: &["wheel_rests"],
+        searches: &[],
+        models: &[],
+        mutants: &[Mutant {
+            name: "the wheel's rate is not held at one",
+            file: "crates/core/src/wheel.rs",
+            find: "let sum = self.sum.clamp(-self.counts_at_one, self.counts_at_one);",
+            put: "let sum = self.sum;",
+            killer: "wheel_rests",
+        }],
+    },
+];
