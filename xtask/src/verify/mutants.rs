@@ -192,28 +192,29 @@ impl Copy {
                 (ended, said)
             }
             Killer::Model(engine) => {
-                let ended = self.model(engine, killer)?;
-                let said = threads::first_result(&ended.output, engine);
+                let ended = self.model(job, engine, killer)?;
+                let said = threads::one_result(&ended.output, engine);
                 (ended, said)
             }
         };
         judge(killer, &ended, said)
     }
 
-    /// Builds an engine's models, and runs one of them.
-    fn model(&self, engine: Engine, test: &str) -> Result<Ended, String> {
+    /// Builds an engine's models, and runs those that a name means. What they depend on is shared with the checkout's own build.
+    fn model(&self, job: &Job<'_>, engine: Engine, test: &str) -> Result<Ended, String> {
         let package = threads::package(engine).1;
         let build = ["test", "--package", &package, "--tests", "--no-run", "--jobs", "1", "--message-format"];
         let mut command = process::cargo(&self.root, &build);
-        command.arg("json-render-diagnostics").env("CARGO_TARGET_DIR", &self.target);
+        let shared = job.folder.parent().unwrap_or(&job.folder);
+        command.arg("json-render-diagnostics").env("CARGO_TARGET_DIR", shared);
         let messages = process::done(&mut command, Duration::from_secs(1800), &self.folder.join("build"))?;
         for runner in process::executables(&messages) {
-            let names = process::done(Command::new(&runner).arg("--list"), LIMIT, &self.folder.join("list"))?;
-            let ending = format!("::{test}");
-            let mut tests = names.lines().filter_map(|line| line.strip_suffix(": test"));
-            if let Some(name) = tests.find(|name| *name == test || name.ends_with(&ending)) {
+            let listed = process::done(Command::new(&runner).arg("--list"), LIMIT, &self.folder.join("list"))?;
+            let names = listed.lines().filter_map(|line| line.strip_suffix(": test"));
+            let meant: Vec<&str> = names.filter(|name| threads::is_meant(name, test)).collect();
+            if !meant.is_empty() {
                 let mut command = Command::new(&runner);
-                command.args(["--exact", name, "--show-output"]);
+                command.args(["--exact", "--show-output"]).args(meant);
                 return process::run(&mut command, LONG_LIMIT, &self.folder.join("check"));
             }
         }

@@ -88,6 +88,14 @@ pub(crate) struct Outcome {
     pub(crate) seconds: f64,
 }
 
+/// One line of a terminal, about. A failure is shown whole at the end, everything in the ledger.
+fn shortened(words: &str) -> String {
+    const ENOUGH: usize = 160;
+    let line = words.lines().next().unwrap_or_default();
+    let is_whole = line.len() == words.len() && line.chars().count() <= ENOUGH;
+    if is_whole { line.to_owned() } else { line.chars().take(ENOUGH).collect::<String>() + " …" }
+}
+
 /// What has been seen so far; told as it comes.
 #[derive(Default)]
 pub(crate) struct Log(Mutex<Vec<Outcome>>);
@@ -96,7 +104,7 @@ impl Log {
     /// Prints an outcome and keeps it.
     pub(crate) fn tell(&self, outcome: Outcome) {
         let Outcome { engine, check, words, seconds, .. } = &outcome;
-        println!("{:<12} {check:<28} {words}  ({seconds:.1} s)", engine.name());
+        println!("{:<12} {check:<28} {}  ({seconds:.1} s)", engine.name(), shortened(words));
         if let Ok(mut outcomes) = self.0.lock() {
             outcomes.push(outcome);
         }

@@ -31,7 +31,8 @@ pub(super) fn run(job: &Job<'_>, engine: Engine) {
     let mut command = process::cargo(job.root, &["test", "--package", &package, "--tests", "--no-fail-fast", "--"]);
     command.arg("--show-output");
     if job.is_slice {
-        command.arg("--exact").args(&tests);
+        // a part of a path is enough here; what else it lets through is left out below
+        command.args(&tests);
     }
     if !job.quick {
         command.env("RETRACE_FULL", "1");
@@ -45,23 +46,36 @@ pub(super) fn run(job: &Job<'_>, engine: Engine) {
     lines.filter(|line| line.starts_with("test result: ")).for_each(|line| println!("{line}"));
     let seen = results(&ended.output, engine);
     for test in &tests {
-        let found = seen.iter().find(|outcome| outcome.check == *test || outcome.check.ends_with(&format!("::{test}")));
-        job.log.tell(match found {
-            Some(outcome) => Outcome { check: (*test).to_owned(), ..outcome.clone() },
-            None => {
-                let words = format!("ERROR: there is no such test in {package}; {}", ended.last_words());
-                Outcome { engine, check: (*test).to_owned(), verdict: Verdict::Failed, words, seconds: 0.0 }
-            }
-        });
+        let found: Vec<&Outcome> = seen.iter().filter(|outcome| is_meant(&outcome.check, test)).collect();
+        job.log.tell(together(engine, test, &found).unwrap_or_else(|| {
+            let words = format!("ERROR: there is no such test in {package}; {}", ended.last_words());
+            Outcome { engine, check: (*test).to_owned(), verdict: Verdict::Failed, words, seconds: 0.0 }
+        }));
+    }
+    let in_no_row = |outcome: &&Outcome| !job.is_slice && !tests.iter().any(|test| is_meant(&outcome.check, test));
+    for other in seen.iter().filter(in_no_row) {
+        job.log.broken(engine, format!("{} of {package} is in no row: {}", other.check, other.words));
     }
     if !ended.passed() && seen.iter().all(|outcome| outcome.verdict != Verdict::Failed) {
         job.log.broken(engine, ended.last_words());
     }
-    for other in seen.iter().filter(|outcome| outcome.verdict == Verdict::Failed) {
-        if !tests.iter().any(|test| other.check == *test || other.check.ends_with(&format!("::{test}"))) {
-            job.log.broken(engine, format!("{} of {package}, which is in no row: {}", other.check, other.words));
-        }
-    }
+}
+
+/// A row names a test by its path, by the end of it, or by the module that it and others stand in.
+pub(super) fn is_meant(path: &str, test: &str) -> bool {
+    path == test || path.ends_with(&format!("::{test}")) || path.starts_with(&format!("{test}::"))
+}
+
+/// The tests that one name means, as one.
+fn together(engine: Engine, test: &str, found: &[&Outcome]) -> Option<Outcome> {
+    let worst = found.iter().find(|outcome| outcome.verdict == Verdict::Failed).or(found.first())?;
+    let words = match (worst.verdict, found) {
+        (Verdict::Failed, [_, _, ..]) => format!("{} ({})", worst.words, worst.check),
+        (Verdict::Failed, _) => worst.words.clone(),
+        _ => found.iter().map(|outcome| outcome.words.as_str()).collect::<Vec<_>>().join("; "),
+    };
+    let seconds = found.iter().fold(0.0, |sum, outcome| sum + outcome.seconds);
+    Some(Outcome { engine, check: test.to_owned(), verdict: worst.verdict, words, seconds })
 }
 
 /// What the test runner's output says of each test that reports executions, and of each that failed.
@@ -76,6 +90,7 @@ fn results(output: &str, engine: Engine) -> Vec<Outcome> {
         let reports: Vec<&str> = said.iter().filter_map(|line| line.strip_prefix(&mark)).collect();
         let (verdict, words) = match result.trim() {
             "ok" if reports.iter().all(|report| executions(report) > 1) && !reports.is_empty() => {
+                let reports: Vec<String> = reports.iter().map(|report| without_seconds(report)).collect();
                 (Verdict::Passed, format!("passed ({})", reports.join("; ")))
             }
             "ok" => (Verdict::Failed, "FAILED: it did not say that it saw more than one execution".to_owned()),
@@ -91,10 +106,11 @@ fn results(output: &str, engine: Engine) -> Vec<Outcome> {
     found
 }
 
-/// Of a run of one test: did it fail, and what it said.
-pub(super) fn first_result(output: &str, engine: Engine) -> Option<(bool, String)> {
-    let outcome = results(output, engine).into_iter().next()?;
-    Some((outcome.verdict == Verdict::Failed, outcome.words))
+/// Of a run of some tests: did one fail, and what it said.
+pub(super) fn one_result(output: &str, engine: Engine) -> Option<(bool, String)> {
+    let seen = results(output, engine);
+    let outcome = seen.iter().find(|outcome| outcome.verdict == Verdict::Failed).or(seen.first())?;
+    Some((outcome.verdict == Verdict::Failed, outcome.words.clone()))
 }
 
 /// What a test printed.
@@ -117,6 +133,10 @@ fn seconds(report: &str) -> Option<f64> {
     parts.filter_map(|number| number.parse().ok()).last()
 }
 
+fn without_seconds(report: &str) -> String {
+    report.split(", ").filter(|part| seconds(part).is_none()).collect::<Vec<_>>().join(", ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -132,10 +152,25 @@ mod tests {
         let told = results(SAMPLE, Engine::Loom);
         assert_eq!(told.len(), 4);
         assert_eq!(told[0].verdict, Verdict::Passed);
-        assert_eq!(told[0].words, "passed (short: 2141 executions, outcomes {0, 1}, 0.25 s, preemption bound 3)");
+        assert_eq!(told[0].words, "passed (short: 2141 executions, outcomes {0, 1}, preemption bound 3)");
         assert_eq!(told[0].seconds, 0.25);
         assert_eq!(told[1].verdict, Verdict::Failed);
         assert_eq!((told[2].verdict, told[2].words.as_str()), (Verdict::Failed, "FAILED: deadlock"));
         assert_eq!(told[3].verdict, Verdict::Failed);
+        assert_eq!(one_result(SAMPLE, Engine::Loom).map(|(failed, _)| failed), Some(true));
+    }
+
+    #[test]
+    fn a_name_may_mean_several_tests_and_the_worst_counts() {
+        let told = results(SAMPLE, Engine::Loom);
+        let meant: Vec<&Outcome> = told.iter().filter(|outcome| is_meant(&outcome.check, "ring")).collect();
+        assert_eq!(meant.len(), 2);
+        let ring = together(Engine::Loom, "ring", &meant).unwrap();
+        assert!(ring.verdict == Verdict::Failed && ring.words.ends_with("(ring::long)"));
+        let short = together(Engine::Loom, "short", &meant[..1]).unwrap();
+        assert!(
+            short.verdict == Verdict::Passed && is_meant("ring::short", "short") && !is_meant("ring::short", "ort")
+        );
+        assert_eq!(together(Engine::Loom, "x", &[]), None);
     }
 }
