@@ -38,17 +38,14 @@ fn ring(keep: u32, look_ahead: u32) -> Ring<Box<[Cell<Record<4>>]>> {
 
 /// `records` of them from a thread that calls `push` to this one, which calls `pop`; the time from first to last.
 #[inline(always)]
-fn pass(
-    records: u64,
-    mut push: impl FnMut(Record<4>) -> bool + Send,
-    mut pop: impl FnMut() -> Option<Record<4>>,
-) -> Duration {
+fn pass(records: u64, push: impl FnMut(Record<4>) -> bool + Send, pop: impl FnMut() -> Option<Record<4>>) -> Duration {
     let samples = made_beforehand();
     // 1: the other thread is there; 2: go
     let stage = &AtomicU32::new(0);
-    std::thread::scope(|scope| {
-        // its end of the ring moves to the thread's own stack
+    std::thread::scope(move |scope| {
         scope.spawn(move || {
+            // each end of the ring is a local of its own thread, which the compiler keeps in registers
+            let mut push = push;
             stage.store(1, Ordering::Release);
             while stage.load(Ordering::Acquire) != 2 {
                 spin_loop();
@@ -59,6 +56,7 @@ fn pass(
                 }
             }
         });
+        let mut pop = pop;
         while stage.load(Ordering::Acquire) != 1 {
             spin_loop();
         }
