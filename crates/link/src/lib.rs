@@ -1,7 +1,7 @@
 //! What host and card say to each other, as typed messages (GMC-2), and the trait behind which every card stands.
 //!
-//! The messages are complete; their encoding as frames on a serial line, with checksums, sequence and credit, is not written
-//! yet, so that for now only an in-process card can be spoken to.
+//! The messages are complete, and so are the frames that carry bytes over a serial line ([`frame`]); the messages as bytes, with
+//! sequence and credit, are not written yet, so that for now only an in-process card can be spoken to.
 //!
 //! Invariant: the wire carries records in path order, each under its place number, never negated and never scaled. The
 //! rate is a real-time word of its own.

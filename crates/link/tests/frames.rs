@@ -205,7 +205,7 @@ fn no_error_of_four_or_five_bits_drawn_at_random_is_accepted() {
     }
 }
 
-/// Every burst of up to 12 bits, and many of up to 32. All of those are weighed below, without the decoder.
+/// Every burst of up to 12 bits, and many of up to 32; `frames_distance` in `verification` weighs all of them.
 #[test]
 fn no_burst_is_accepted() {
     let mut random = Random(5);
@@ -221,53 +221,6 @@ fn no_burst_is_accepted() {
             for _ in 0..500 {
                 refused(&mut wire, &within(first, random.below(1 << 32) as u32 | 1));
             }
-        }
-    }
-}
-
-/// What one flipped bit does to the comparison of check and bytes, for each bit of the longest frame in the order of the
-/// line. An error is accepted if what its bits do cancels out; by linearity that does not depend on the frame.
-fn syndromes() -> Vec<u32> {
-    let crc = |bytes: &[u8]| bytes.iter().fold(crc::START, |register, &byte| crc::update(register, byte));
-    let mut bytes = [0u8; LONGEST + 2];
-    let none = crc(&bytes);
-    let mut found = Vec::new();
-    for bit in 0..bytes.len() * 8 {
-        flip(&mut bytes, bit);
-        found.push(crc(&bytes) ^ none);
-        flip(&mut bytes, bit);
-    }
-    found.extend((0..32).map(|bit| 1u32 << bit));
-    found
-}
-
-/// Koopman's figure, reckoned anew: no error of up to 5 bits in the longest frame of the format cancels out.
-#[test]
-fn the_distance_of_the_code_is_six_at_the_longest_frame() {
-    let syndromes = syndromes();
-    // An odd number of odd counts of ones, added without carry, is an odd count: not zero.
-    assert!(syndromes.iter().all(|syndrome| syndrome.count_ones() % 2 == 1));
-    // No two pairs do the same, nor does a pair do nothing: errors of two and four bits.
-    let mut pairs = vec![0];
-    for (at, first) in syndromes.iter().enumerate() {
-        pairs.extend(syndromes[at + 1..].iter().map(|second| first ^ second));
-    }
-    pairs.sort_unstable();
-    assert!(pairs.windows(2).all(|two| two[0] != two[1]));
-}
-
-/// What 32 bits in a row do is linearly independent wherever they lie, so no choice among them cancels out.
-#[test]
-fn no_burst_of_up_to_32_bits_cancels_out() {
-    for window in syndromes().windows(32) {
-        let mut by_top = [0u32; 32];
-        for &syndrome in window {
-            let mut rest = syndrome;
-            while rest != 0 && by_top[rest.ilog2() as usize] != 0 {
-                rest ^= by_top[rest.ilog2() as usize];
-            }
-            assert_ne!(rest, 0, "it is the sum of its neighbours");
-            by_top[rest.ilog2() as usize] = rest;
         }
     }
 }
