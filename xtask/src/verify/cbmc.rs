@@ -18,27 +18,33 @@ pub(crate) const MEANING: &str = "No panic, overflow or failed assertion in the 
 
 /// What one harness may take, in a full run and in a quick one.
 const LIMITS: [Duration; 2] = [Duration::from_secs(600), Duration::from_secs(60)];
-/// Stack of the wasm module in bytes. The cost of a proof follows the size of the modelled memory.
-const STACK: &str = "link-arg=-zstack-size=1024";
+/// Stack of the wasm module in bytes. It lies first in memory, so that one that is too small is an access out of bounds, not a wrong
+/// answer. The cost of a proof follows the size of the modelled memory.
+const STACK: &str = "stack-size=1024";
 /// wasm2c copies bytes for every load and store; as a typed access the formula is much smaller. Alignment does not matter to CBMC.
 const TYPED: [(&str, &str); 2] = [
     ("wasm_rt_memcpy(&result, &mem->data[addr], sizeof(t1));", "result = *(t1 *)(mem->data + addr);"),
     ("wasm_rt_memcpy(&mem->data[addr], &wrapped, sizeof(t1));", "*(t1 *)(mem->data + addr) = wrapped;"),
 ];
 
-/// The harnesses as C.
-pub(super) struct Module {
+/// The harnesses, compiled.
+pub(super) struct Harnesses {
+    folder: PathBuf,
+}
+
+/// One harness as C.
+struct Module {
     folder: PathBuf,
     /// Bytes of linear memory to model.
     memory: u64,
-    /// Exports: `h_<harness>__u<unwind>`.
-    exports: Vec<String>,
+    export: String,
+    unwind: u64,
 }
 
 /// Proves every harness of the rows that `wanted` lets through, two at a time.
 pub(super) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> bool) {
-    let module = match build(job.root, tools, &job.folder.join("cbmc")) {
-        Ok(module) => module,
+    let compiled = match build(job.root, tools, &job.folder.join("cbmc")) {
+        Ok(compiled) => compiled,
         Err(reason) => return job.log.broken(Engine::Cbmc, reason),
     };
     let harnesses: Vec<&super::rows::Harness> =
@@ -46,11 +52,11 @@ pub(super) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> boo
     let limit = LIMITS[usize::from(job.quick)];
     process::each(&harnesses, process::workers(), |harness| {
         let started = Instant::now();
-        let proof = prove(tools, &module, &harness.name, harness.unwind, limit);
+        let proof = prove(tools, &compiled, &harness.name, harness.unwind, limit);
         let (verdict, words) = match proof {
             Proof::Proved => (Verdict::Proved, "proved".to_owned()),
             Proof::Refuted(what) => {
-                (Verdict::Failed, format!("REFUTED: {what}; {}", replay_line(job, tools, &module, harness, limit)))
+                (Verdict::Failed, format!("REFUTED: {what}; {}", replay_line(job, tools, &compiled, harness, limit)))
             }
             Proof::TimeUp if job.quick => (Verdict::Open, format!("TIME: not ended after {} s", limit.as_secs())),
             Proof::TimeUp => (Verdict::Failed, format!("TIME: not ended after {} s", limit.as_secs())),
@@ -65,16 +71,15 @@ pub(super) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> boo
     });
 }
 
-/// Compiles a checkout, or a copy of one, to C.
+/// Compiles a checkout, or a copy of one, for wasm32.
 ///
 /// # Errors
-/// Where a tool fails, or makes something else than is expected.
-pub(super) fn build(root: &Path, tools: &CbmcTools, folder: &Path) -> Result<Module, String> {
+/// Where the compiler does not succeed.
+pub(super) fn build(root: &Path, tools: &CbmcTools, folder: &Path) -> Result<Harnesses, String> {
     if folder.is_dir() {
         fs::remove_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     }
     fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-    let linker = format!("linker={}", tools.linker.display());
     let rustc = |step: &str, source: &str, kind: &str, more: &[&str]| {
         let mut command = Command::new(&tools.rustc);
         command.current_dir(root).args(["--edition", "2024", "--target", "wasm32-unknown-unknown"]);
@@ -90,22 +95,30 @@ pub(super) fn build(root: &Path, tools: &CbmcTools, folder: &Path) -> Result<Mod
     };
     rustc("retrace_core", "crates/core/src/lib.rs", "rlib", &[])?;
     rustc("retrace_link", "crates/link/src/lib.rs", "rlib", &["--extern", "retrace_core"])?;
-    let last = ["--extern", "retrace_core", "--extern", "retrace_link", "-C", "lto=fat", "-C", &linker];
-    let flavour = ["-C", "linker-flavor=wasm-ld", "-C", STACK];
-    rustc("h", "verification/src/lib.rs", "cdylib", &[&last[..], &flavour[..]].concat())?;
-    let mut wasm2c = Command::new(&tools.wasm2c);
-    wasm2c.current_dir(folder).args(["-n", "h", "h.wasm", "-o", "h.c"]);
-    process::done(&mut wasm2c, Duration::from_secs(120), &folder.join("wasm2c"))?;
+    let last = ["--extern", "retrace_core", "--extern", "retrace_link", "-C", "lto=fat"];
+    rustc("harnesses", "verification/src/lib.rs", "staticlib", &last)?;
     let environment = "verification/cbmc/environment.c";
     fs::copy(root.join(environment), folder.join("environment.c"))
         .map_err(|error| format!("{environment}: {error}"))?;
-    prepare(folder)
+    Ok(Harnesses { folder: folder.to_owned() })
 }
 
-/// Types the memory accesses, and reads off what the C says of itself.
-fn prepare(folder: &Path) -> Result<Module, String> {
-    let read = |name: &str| fs::read_to_string(folder.join(name)).map_err(|error| format!("{name}: {error}"));
-    let (mut code, header) = (read("h.c")?, read("h.h")?);
+/// One harness as C. It is linked alone, so that the modelled memory holds nothing of the others.
+fn module(tools: &CbmcTools, compiled: &Harnesses, harness: &str, unwind: u64) -> Result<Module, String> {
+    let export = format!("h_{harness}__u{unwind}");
+    let folder = compiled.folder.join(harness);
+    fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    let mut link = Command::new(&tools.linker);
+    link.current_dir(&folder).args(["-flavor", "wasm", "--no-entry", "--gc-sections", "--stack-first", "-z", STACK]);
+    link.args(["--export=__heap_base", &format!("--export={export}"), "../libharnesses.a", "-o", "h.wasm"]);
+    process::done(&mut link, Duration::from_secs(120), &folder.join("link"))?;
+    let mut wasm2c = Command::new(&tools.wasm2c);
+    wasm2c.current_dir(&folder).args(["-n", "h", "h.wasm", "-o", "h.c"]);
+    process::done(&mut wasm2c, Duration::from_secs(120), &folder.join("wasm2c"))?;
+    let mut code = fs::read_to_string(folder.join("h.c")).map_err(|error| format!("h.c: {error}"))?;
+    if !code.contains(&format!("Z_hZ_{export}")) {
+        return Err("wasm2c's C does not export the harness as expected (known: wabt 1.0.32)".to_owned());
+    }
     for (copied, typed) in TYPED {
         if !code.contains(copied) {
             return Err(format!("wasm2c's C is not as expected (known: wabt 1.0.32): no `{copied}`"));
@@ -114,21 +127,13 @@ fn prepare(folder: &Path) -> Result<Module, String> {
     }
     let memory = heap_base(&code).ok_or("wasm2c's C names no __heap_base")?.next_multiple_of(16);
     fs::write(folder.join("h.c"), code).map_err(|error| format!("h.c: {error}"))?;
-    let exports = exports(&header);
-    if exports.is_empty() {
-        return Err("wasm2c's C exports no harness (known: wabt 1.0.32)".to_owned());
-    }
-    Ok(Module { folder: folder.to_owned(), memory, exports })
+    fs::copy(compiled.folder.join("environment.c"), folder.join("environment.c")).map_err(|error| error.to_string())?;
+    Ok(Module { folder, memory, export, unwind })
 }
 
 fn heap_base(code: &str) -> Option<u64> {
     let (_, value) = code.split_once("w2c___heap_base = ")?;
     value.split('u').next()?.parse().ok()
-}
-
-fn exports(header: &str) -> Vec<String> {
-    let named = header.lines().filter_map(|line| line.strip_prefix("void Z_hZ_")?.split('(').next());
-    named.filter(|name| name.starts_with("h_") && name.contains("__u")).map(str::to_owned).collect()
 }
 
 /// How a proof ended.
@@ -145,19 +150,18 @@ pub(super) enum Proof {
 }
 
 /// One harness.
-pub(super) fn prove(tools: &CbmcTools, module: &Module, harness: &str, unwind: u64, limit: Duration) -> Proof {
-    let export = format!("h_{harness}__u{unwind}");
-    if !module.exports.contains(&export) {
-        return Proof::Error(format!("the wasm module exports no {export}"));
-    }
-    let proof = cbmc(tools, module, &export, unwind, &["--slice-formula"], "proof", limit);
-    match proof.map(|ended| read_proof(&ended)) {
+pub(super) fn prove(tools: &CbmcTools, compiled: &Harnesses, harness: &str, unwind: u64, limit: Duration) -> Proof {
+    let module = match module(tools, compiled, harness, unwind) {
+        Ok(module) => module,
+        Err(reason) => return Proof::Error(reason),
+    };
+    match cbmc(tools, &module, &["--slice-formula"], "proof", limit).map(|ended| read_proof(&ended)) {
         Ok(Proof::Proved) => {}
         Ok(other) => return other,
         Err(reason) => return Proof::Error(reason),
     }
     let only_end = ["--slice-formula", "-DREACHABLE", "--property", "main.assertion.2"];
-    match cbmc(tools, module, &export, unwind, &only_end, "reachable", limit) {
+    match cbmc(tools, &module, &only_end, "reachable", limit) {
         Ok(ended) if ended.status.is_none() => Proof::TimeUp,
         Ok(ended) if ended.output.contains("the end of the harness is reachable: FAILURE") => Proof::Proved,
         Ok(ended) if ended.passed() => Proof::Vacuous,
@@ -192,46 +196,37 @@ fn assertion_of(line: &str) -> String {
     words.map_or(text, |(_, words)| words).to_owned()
 }
 
-fn cbmc(
-    tools: &CbmcTools,
-    module: &Module,
-    export: &str,
-    unwind: u64,
-    more: &[&str],
-    log: &str,
-    limit: Duration,
-) -> Result<Ended, String> {
+fn cbmc(tools: &CbmcTools, module: &Module, more: &[&str], log: &str, limit: Duration) -> Result<Ended, String> {
     let mut command = Command::new(&tools.cbmc);
     command.current_dir(&module.folder).args(["environment.c", "-I"]).arg(&tools.include);
-    command.args([format!("-DHARNESS={export}"), format!("-DMEMORY={}", module.memory)]);
-    // a loop whose condition is asked once more than it turns
-    command.args(["--unwind", &(unwind + 1).to_string(), "--unwinding-assertions", "--object-bits", "14"]);
+    command.args([format!("-DHARNESS={}", module.export), format!("-DMEMORY={}", module.memory)]);
+    // a loop's condition is asked once more than it turns
+    command.args(["--unwind", &(module.unwind + 1).to_string(), "--unwinding-assertions", "--object-bits", "14"]);
     if tools.cbmc_major >= 6 {
         command.arg("--no-standard-checks");
     }
-    process::run(command.args(more), limit, &module.folder.join(format!("{export}-{log}")))
+    process::run(command.args(more), limit, &module.folder.join(log))
 }
 
 /// The command that replays a counterexample natively, and whether it does.
 fn replay_line(
     job: &Job<'_>,
     tools: &CbmcTools,
-    module: &Module,
+    compiled: &Harnesses,
     harness: &super::rows::Harness,
     limit: Duration,
 ) -> String {
     let super::rows::Harness { name, unwind, .. } = harness;
-    let export = format!("h_{name}__u{unwind}");
-    let options = ["--trace", "--stop-on-fail"];
-    let numbers = match cbmc(tools, module, &export, *unwind, &options, "trace", limit) {
-        Ok(ended) => numbers(&ended.output),
+    let traced = module(tools, compiled, name, *unwind).and_then(|module| {
+        let ended = cbmc(tools, &module, &["--trace", "--stop-on-fail"], "trace", limit)?;
+        Ok((numbers(&ended.output).join(","), module.folder.join("replay")))
+    });
+    let (numbers, log) = match traced {
+        Ok(traced) => traced,
         Err(reason) => return reason,
     };
-    let numbers = numbers.join(",");
     let mut replay = Command::new(&job.runner);
-    let again =
-        process::run(replay.args(["replay", name, &numbers]), limit, &module.folder.join(format!("{export}-replay")));
-    let agrees = match again {
+    let agrees = match process::run(replay.args(["replay", name, &numbers]), limit, &log) {
         Ok(ended) if ended.exited_with(1) => "natively it fails too",
         Ok(_) => "natively it does NOT fail: 32-bit usize, or the lane itself",
         Err(_) => "it was not replayed",
@@ -273,8 +268,6 @@ mod tests {
     #[test]
     fn what_the_c_says_of_itself_is_read() {
         assert_eq!(heap_base("x\n  instance->w2c___heap_base = 1849u;\n"), Some(1849));
-        let header = "void Z_hZ_h_ring_push__u1(Z_h_instance_t *);\nvoid Z_hZ_other(Z_h_instance_t *);\n";
-        assert_eq!(exports(header), ["h_ring_push__u1"]);
         let trace = "  return_value_nondet_uint32=4294967295u (11111111)\n  x=1\n  return_value_nondet_uint32=0u (0)\n";
         assert_eq!(numbers(trace), ["4294967295", "0"]);
     }

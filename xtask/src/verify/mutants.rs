@@ -91,8 +91,8 @@ pub(super) fn run_cbmc(job: &Job<'_>, tools: &CbmcTools) {
             let unwind = unwinds.iter().find(|(name, _)| *name == mutant.killer).map_or(0, |(_, unwind)| *unwind);
             tell(job, Engine::CbmcMutants, mutant, || {
                 copy.with(mutant, || {
-                    let module = cbmc::build(&copy.root, tools, &copy.folder.join("cbmc"))?;
-                    Ok(of_proof(mutant, cbmc::prove(tools, &module, &mutant.killer, unwind, LONG_LIMIT)))
+                    let compiled = cbmc::build(&copy.root, tools, &copy.folder.join("cbmc"))?;
+                    Ok(of_proof(mutant, cbmc::prove(tools, &compiled, &mutant.killer, unwind, LONG_LIMIT)))
                 })
             });
         }
