@@ -71,6 +71,8 @@ mod on_kani {
 
 #[cfg(verify_wasm)]
 pub use on_cbmc::Cbmc;
+#[cfg(verify_wasm)]
+pub(crate) use on_cbmc::fail;
 
 #[cfg(verify_wasm)]
 mod on_cbmc {
@@ -82,6 +84,11 @@ mod on_cbmc {
             pub(super) safe fn fail(line: u32) -> !;
             pub(super) safe fn multiply_high(a: u64, b: u64) -> u64;
         }
+    }
+
+    /// The claim in that line does not hold.
+    pub(crate) fn fail(line: u32) -> ! {
+        import::fail(line)
     }
 
     /// What the compiler calls to see whether a product of 64 bits overflows; both are sign-extended from 64 bits.

@@ -4,7 +4,7 @@
 //! between the cursor and its end.
 
 use crate::choice::Choice;
-use crate::harness::harnesses;
+use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row};
 use retrace_core::drive::{Drive, Road};
@@ -40,21 +40,22 @@ impl Road for Short {
 }
 
 /// Where the drive may be: a road, a place on it, the way it runs, and the law's state.
-struct Scene {
-    drive: Drive<4>,
+struct Scene<const M: usize> {
+    drive: Drive<M>,
     road: Short,
     at: Place,
     sign: Travel,
 }
 
-impl Scene {
-    /// Any state with averages of `first` and `second` periods that the invariant allows, on a road of up to `records`.
-    fn any<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16, records: u32) -> Option<Self> {
+impl<const M: usize> Scene<M> {
+    /// Any state with two averages of `M` periods that the invariant allows, on a road of up to `records`.
+    fn any<const PERIODS: usize>(c: &mut impl Choice, records: u32) -> Option<Self> {
         let sign = if c.flag() { 1 } else { -1 };
-        let mut law = RateLaw::new(Smoothing::new(first, second)?)?;
+        let mut law = RateLaw::new(Smoothing::new(M as u16, M as u16)?)?;
         let mut k = 0;
         while k < PERIODS {
-            law.step(sign * c.between(0, ONE));
+            let target = c.between(0, ONE);
+            law.step(if sign < 0 { -target } else { target });
             k += 1;
         }
         let road = Short { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
@@ -85,8 +86,8 @@ impl Scene {
 
 /// One period from any state toward any rate: the cursor stays on the road, the invariant holds again, and the rate is neither
 /// against the way it runs nor beyond what was asked or remembered.
-fn stays_on_the_road<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16, records: u32) -> Option<()> {
-    let mut scene = Scene::any::<PERIODS>(c, first, second, records)?;
+fn stays_on_the_road<const M: usize, const PERIODS: usize>(c: &mut impl Choice, records: u32) -> Option<()> {
+    let mut scene = Scene::<M>::any::<PERIODS>(c, records)?;
     let standing = scene.drive.at_rest();
     let target = c.between(-ONE, ONE);
     let step = scene.drive.step(scene.at, target, &scene.road);
@@ -94,31 +95,29 @@ fn stays_on_the_road<const PERIODS: usize>(c: &mut impl Choice, first: u16, seco
     if standing && !scene.drive.at_rest() || rate != 0 {
         // from rest the way is the target's
         let way = if standing { target.signum() } else { scene.sign };
-        assert!(rate * way >= 0);
+        holds!(if way < 0 { rate <= 0 } else { rate >= 0 });
         scene.sign = way;
     }
-    assert!(-ONE - 1 <= rate && rate <= ONE + 1);
+    holds!(-ONE - 1 <= rate && rate <= ONE + 1);
     scene.at = step.to;
-    assert!(scene.legal(records));
+    holds!(scene.legal(records));
     Some(())
 }
 
 /// With a target held, the cursor comes to rest exactly on the end of the road and never beyond.
-fn rests_on_the_end<const PERIODS: usize>(
+fn rests_on_the_end<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
-    first: u16,
-    second: u16,
     records: u32,
     periods: u32,
 ) -> Option<()> {
-    let mut scene = Scene::any::<PERIODS>(c, first, second, records)?;
+    let mut scene = Scene::<M>::any::<PERIODS>(c, records)?;
     let mut k = 0;
     while k < periods {
-        scene.at = scene.drive.step(scene.at, scene.sign * ONE, &scene.road).to;
+        scene.at = scene.drive.step(scene.at, if scene.sign < 0 { -ONE } else { ONE }, &scene.road).to;
         k += 1;
     }
     let end = if scene.sign > 0 { scene.road.high() } else { scene.road.low };
-    assert!(scene.at == Place::start_of(end) && scene.drive.at_rest() && scene.drive.lead() == 0);
+    holds!(scene.at == Place::start_of(end) && scene.drive.at_rest() && scene.drive.lead() == 0);
     Some(())
 }
 
@@ -127,17 +126,17 @@ fn rests_on_the_end<const PERIODS: usize>(
 fn planned_stops_are_free(c: &mut impl Choice, records: u32) -> Option<()> {
     let forward = c.flag();
     let road = Short { low: c.word(), records, rests: c.below(1 << records) << 1 & !(1 << records) | 1 | 1 << records };
-    let mut drive = Drive::<4>::new(Smoothing::new(2, 2)?)?;
+    let mut drive = Drive::<2>::new(Smoothing::new(2, 2)?)?;
     let (mut at, sign) = if forward { (road.low(), 1) } else { (road.high(), -1) };
     let mut k = 0;
     while k < records {
         let next = at.wrapping_add(sign as u32);
-        let step = drive.step(Place::start_of(at), sign * ONE, &road);
-        assert!(step.to == Place::start_of(next) && !step.short);
+        let step = drive.step(Place::start_of(at), if forward { ONE } else { -ONE }, &road);
+        holds!(step.to == Place::start_of(next) && !step.short);
         at = next;
         k += 1;
     }
-    assert!(drive.at_rest());
+    holds!(drive.at_rest());
     Some(())
 }
 
@@ -159,17 +158,17 @@ fn acceleration_is_bounded<const V: i64, const STEP: i64>(c: &mut impl Choice) -
     let (Some(before), Some(after)) = (pulses(a, b), pulses(b, d)) else { panic!("a record is missing") };
     let change = if r1 < r2 { r2 - r1 } else { r1 - r2 };
     let least = if r1 < r2 { r1 } else { r2 };
-    assert!(((after - before).abs() - 2) * ONE <= V * change + STEP * least);
+    holds!(((after - before).abs() - 2) * ONE <= V * change + STEP * least);
     Some(())
 }
 
 harnesses! {
     drive_acceleration, unwind 4 => |c| acceleration_is_bounded::<7, 2>(c);
     [without kani]
-    drive_road_1_1, unwind 7 => |c| stays_on_the_road::<1>(c, 1, 1, 2);
-    drive_road_2_2, unwind 7 => |c| stays_on_the_road::<3>(c, 2, 2, 2);
-    drive_rests_1_1, unwind 7 => |c| rests_on_the_end::<1>(c, 1, 1, 2, 4);
-    drive_rests_2_2, unwind 8 => |c| rests_on_the_end::<3>(c, 2, 2, 1, 6);
+    drive_road_1_1, unwind 7 => |c| stays_on_the_road::<1, 1>(c, 2);
+    drive_road_2_2, unwind 7 => |c| stays_on_the_road::<2, 3>(c, 2);
+    drive_rests_1_1, unwind 7 => |c| rests_on_the_end::<1, 1>(c, 2, 4);
+    drive_rests_2_2, unwind 8 => |c| rests_on_the_end::<2, 3>(c, 1, 6);
     drive_stops, unwind 7 => |c| planned_stops_are_free(c, 4);
 }
 
@@ -200,15 +199,15 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "a planned stop is passed at rate",
                 file: DRIVE,
-                find: "&& sign * to.to(rest) <= 0",
-                put: "&& sign * to.to(rest) < 0",
+                find: "&& along(sign, to.to(rest)) <= 0",
+                put: "&& along(sign, to.to(rest)) < 0",
                 killer: "drive_road_2_2",
             },
             Mutant {
                 name: "the stop behind the cursor counts",
                 file: DRIVE,
-                find: "if self.sign * self.at.to(here) <= 0 {",
-                put: "if self.sign * self.at.to(here) < 0 {",
+                find: "if along(self.sign, self.at.to(here)) <= 0 {",
+                put: "if along(self.sign, self.at.to(here)) < 0 {",
                 killer: "drive_road_1_1",
             },
             Mutant {
@@ -241,8 +240,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "every start follows the law",
                 file: DRIVE,
-                find: "self.law.set_steady(way.sign * rate);",
-                put: "self.law.set_steady(way.sign * rate * 0);",
+                find: "self.law.set_steady(along(way.sign, rate));",
+                put: "self.law.set_steady(along(way.sign, rate) * 0);",
                 killer: "drive_stops",
             },
         ],

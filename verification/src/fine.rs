@@ -3,7 +3,7 @@
 //! Invariant: the accumulator of [`Pulses`] is compared with positions that are reckoned here by multiplication.
 
 use crate::choice::Choice;
-use crate::harness::harnesses;
+use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::fine::Pulses;
@@ -24,13 +24,13 @@ fn evenly_spaced<const MOST: u32>(c: &mut impl Choice) -> Option<()> {
                 least = if gap < least { gap } else { least };
                 most = if gap > most { gap } else { most };
             } else {
-                assert!(slot > 0 || 2 * pulses >= slots);
+                holds!(slot > 0 || 2 * pulses >= slots);
             }
             (count, last) = (count + 1, slot);
         }
         slot += 1;
     }
-    assert!(count == pulses && (count < 2 || most - least <= 1));
+    holds!(count == pulses && (count < 2 || most - least <= 1));
     Some(())
 }
 
@@ -40,14 +40,14 @@ fn sizes_do_not_wrap(c: &mut impl Choice) -> Option<()> {
     let history = u64::from(c.word()) << 32 | u64::from(c.word());
     let bytes = history_bytes(axis, axes, history, period);
     match history_records(history, period) {
-        None => assert!(history > u64::MAX / 1000 && bytes.is_none()),
+        None => holds!(history > u64::MAX / 1000 && bytes.is_none()),
         Some(records) => {
             let product = records.checked_mul(u64::from(axis));
-            assert!(bytes == product.and_then(|product| product.checked_mul(u64::from(axes))));
+            holds!(bytes == product.and_then(|product| product.checked_mul(u64::from(axes))));
         }
     }
-    assert!(history_bytes(axis, axes, history, 0).is_none());
-    assert!(history_bytes(2, 3, 1_800_000, 2_500) == Some(4_320_000));
+    holds!(history_bytes(axis, axes, history, 0).is_none());
+    holds!(history_bytes(2, 3, 1_800_000, 2_500) == Some(4_320_000));
     Some(())
 }
 
@@ -56,9 +56,9 @@ fn cells_are_enough(c: &mut impl Choice) -> Option<()> {
     let (keep, look_ahead) = (c.word(), c.word());
     let asked = u64::from(keep) + u64::from(look_ahead);
     match ring_cells(keep, look_ahead) {
-        None => assert!(asked == 0 || asked > 1 << 30),
+        None => holds!(asked == 0 || asked > 1 << 30),
         Some(cells) => {
-            assert!(cells & (cells - 1) == 0 && u64::from(cells) >= asked && u64::from(cells / 2) < asked);
+            holds!(cells & (cells - 1) == 0 && u64::from(cells) >= asked && u64::from(cells / 2) < asked);
         }
     }
     Some(())

@@ -3,7 +3,7 @@
 //! Invariant: every state of [`Gates`] is reached by taking an instruction in hand and sending it or not.
 
 use crate::choice::Choice;
-use crate::harness::harnesses;
+use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row};
 use retrace_core::Place;
@@ -19,7 +19,7 @@ fn any_gates(c: &mut impl Choice) -> (Gates, InHand) {
         return (gates, None);
     }
     let (number, place, sent) = (c.word(), c.word(), c.flag());
-    assert!(gates.take(number, place));
+    holds!(gates.take(number, place));
     if sent {
         gates.sent();
     }
@@ -31,15 +31,15 @@ fn gates_say(gates: &Gates, in_hand: InHand, record: u32, cursor: Place, at_rest
     let (b, c) = (gates.b_open(record), gates.c_open(cursor, at_rest));
     match in_hand {
         // nothing in hand: motion is free, nothing can be sent
-        None => assert!(gates.a_open() && b && !c),
+        None => holds!(gates.a_open() && b && !c),
         Some((_, marker, sent)) => {
-            assert!(!gates.a_open());
+            holds!(!gates.a_open());
             // no record behind the marker, every record before it
-            assert!(b == before(record, marker));
+            holds!(b == before(record, marker));
             // the instruction once, and only with the cursor at rest on the marker
-            assert!(c == (!sent && at_rest && cursor == Place::start_of(marker)));
+            holds!(c == (!sent && at_rest && cursor == Place::start_of(marker)));
             // what C lets through, B holds the motion behind
-            assert!(!c || !gates.b_open(cursor.record));
+            holds!(!c || !gates.b_open(cursor.record));
         }
     }
 }
@@ -53,7 +53,7 @@ fn gates_keep_order(c: &mut impl Choice) -> Option<()> {
     match c.below(3) {
         0 => {
             let (number, place) = (c.word(), c.word());
-            assert!(gates.take(number, place) == in_hand.is_none());
+            holds!(gates.take(number, place) == in_hand.is_none());
             in_hand = in_hand.or(Some((number, place, false)));
         }
         1 => {
@@ -63,7 +63,7 @@ fn gates_keep_order(c: &mut impl Choice) -> Option<()> {
         _ => {
             let executed = c.word();
             let done = matches!(in_hand, Some((number, _, true)) if number == executed);
-            assert!(gates.acknowledge(executed) == if done { Some(executed) } else { None });
+            holds!(gates.acknowledge(executed) == if done { Some(executed) } else { None });
             in_hand = if done { None } else { in_hand };
         }
     }

@@ -35,4 +35,19 @@ macro_rules! harnesses {
         ];
     };
 }
-pub(crate) use harnesses;
+/// What a property claims. A panic where it does not hold; under CBMC a call that carries the line alone, for every message is memory
+/// that the proof has to model.
+macro_rules! holds {
+    ($claim:expr) => {
+        if !$claim {
+            #[cfg(verify_wasm)]
+            crate::choice::fail(line!());
+            #[cfg(kani)]
+            panic!("does not hold");
+            #[cfg(not(any(kani, verify_wasm)))]
+            panic!("{}", concat!("does not hold: ", stringify!($claim)));
+        }
+    };
+}
+
+pub(crate) use {harnesses, holds};

@@ -95,6 +95,7 @@ const MODULES: &[Module] = &[
     (crate::modes::ROWS, crate::modes::HARNESSES),
     (crate::gates::ROWS, crate::gates::HARNESSES),
     (crate::fine::ROWS, crate::fine::HARNESSES),
+    (crate::frames::ROWS, crate::frames::HARNESSES),
     (crate::steps::ROWS, crate::steps::HARNESSES),
 ];
 

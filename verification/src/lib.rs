@@ -8,6 +8,7 @@
 pub mod choice;
 pub mod drive;
 pub mod fine;
+pub mod frames;
 pub mod gates;
 mod harness;
 #[cfg(not(any(kani, verify_wasm)))]

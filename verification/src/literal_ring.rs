@@ -4,7 +4,7 @@
 //! Invariant: [`LiteralRing`] is written from the requirements alone and shares no code with the core.
 
 use crate::choice::Choice;
-use crate::harness::harnesses;
+use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
 use retrace_core::positions::Played;
@@ -145,7 +145,7 @@ fn any_pair(c: &mut impl Choice, size: u32) -> Option<(LiteralRing, Played)> {
         literal.cells[cell] = if n <= kept { reached.wrapping_sub(n) } else { reached };
         cell += 1;
     }
-    assert!(literal.mirrors(&played));
+    holds!(literal.mirrors(&played));
     Some((literal, played))
 }
 
@@ -165,17 +165,17 @@ fn ask(literal: &mut LiteralRing, played: &mut Played, question: Question) -> Op
         Question::Store if !played.at_reached() || played.reached() == played.write() => return None,
         Question::Store => {
             let place = played.forward();
-            assert!(place.is_some());
+            holds!(place.is_some());
             literal.store(place.unwrap_or(0));
         }
         // The source leaves the empty ring undefined; ours stops at once.
-        Question::Reverse if empty => assert!(played.backward().is_none()),
-        Question::Forward if empty => assert!(played.at_reached()),
-        Question::Reverse => assert!(literal.reverse() == played.backward()),
-        Question::Forward if played.at_reached() => assert!(literal.forward().is_none()),
-        Question::Forward => assert!(literal.forward() == played.forward()),
+        Question::Reverse if empty => holds!(played.backward().is_none()),
+        Question::Forward if empty => holds!(played.at_reached()),
+        Question::Reverse => holds!(literal.reverse() == played.backward()),
+        Question::Forward if played.at_reached() => holds!(literal.forward().is_none()),
+        Question::Forward => holds!(literal.forward() == played.forward()),
     }
-    assert!(literal.mirrors(played));
+    holds!(literal.mirrors(played));
     Some(())
 }
 

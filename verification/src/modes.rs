@@ -3,7 +3,7 @@
 //! Invariant: whatever orders came before, what holds for a demand holds for the next.
 
 use crate::choice::Choice;
-use crate::harness::harnesses;
+use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::mode::{Facts, Mode, Notice, Operation, Order};
@@ -38,7 +38,7 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         let (was, order, facts) = (operation.mode(), any_order(c), any_facts(c));
         let before = operation;
         if operation.order(order).is_err() {
-            assert!(operation == before);
+            holds!(operation == before);
         }
         if was == Mode::Run && operation.mode() != Mode::Run {
             turned = false;
@@ -47,22 +47,22 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         let demand = operation.demand(&facts);
         turned |= facts.at_rest;
         // look-ahead is on the road in normal run, and while the cursor still runs out of it
-        assert!(demand.look_ahead == (operation.mode() == Mode::Run || !turned));
+        holds!(demand.look_ahead == (operation.mode() == Mode::Run || !turned));
         // nothing but braking before the cursor has been at rest
-        assert!(turned || demand.target == 0 && demand.notice.is_none());
+        holds!(turned || demand.target == 0 && demand.notice.is_none());
         // normal run is entered at `reached`, at rest, with outputs that agree or are restored by word
         if mode != Mode::Run && operation.mode() == Mode::Run {
-            assert!(facts.at_rest && facts.place == Place::start_of(facts.reached));
-            assert!(demand.notice == Some(Notice::GoesOn) && demand.restore_outputs != facts.outputs_agree);
+            holds!(facts.at_rest && facts.place == Place::start_of(facts.reached));
+            holds!(demand.notice == Some(Notice::GoesOn) && demand.restore_outputs != facts.outputs_agree);
         } else {
-            assert!(!demand.restore_outputs && demand.notice != Some(Notice::GoesOn));
+            holds!(!demand.restore_outputs && demand.notice != Some(Notice::GoesOn));
         }
         // a hold stands in every mode; backward only where reverse or the wheel asks for it
-        assert!(!operation.held() || demand.target == 0);
+        holds!(!operation.held() || demand.target == 0);
         let backward = matches!(operation.mode(), Mode::Reverse | Mode::Wheel);
-        assert!(demand.target >= 0 || backward);
-        assert!(-8 * ONE <= demand.target && demand.target <= 8 * ONE);
-        assert!(operation.mode() != Mode::Run || 0 <= demand.target && demand.target <= ONE);
+        holds!(demand.target >= 0 || backward);
+        holds!(-8 * ONE <= demand.target && demand.target <= 8 * ONE);
+        holds!(operation.mode() != Mode::Run || 0 <= demand.target && demand.target <= ONE);
         k += 1;
     }
     Some(())

@@ -3,7 +3,7 @@
 //! Invariant: records and places are arbitrary; a walk is any three places, for more follow by induction.
 
 use crate::choice::Choice;
-use crate::harness::harnesses;
+use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
 use retrace_core::playback::{emission, part};
@@ -46,8 +46,8 @@ fn places_add_up(c: &mut impl Choice) -> Option<()> {
     let (a, b) = (c.between(-most, most), c.between(-most, most));
     c.assume(-most <= a + b && a + b <= most)?;
     let to = from.moved(a);
-    assert!(from.to(to) == a && to.moved(-a) == from);
-    assert!(to.moved(b) == from.moved(a + b));
+    holds!(from.to(to) == a && to.moved(-a) == from);
+    holds!(to.moved(b) == from.moved(a + b));
     Some(())
 }
 
@@ -59,8 +59,8 @@ fn crosses_few_boundaries(c: &mut impl Choice) -> Option<()> {
     c.assume(step.abs() <= Travel::from(cap) << 32)?;
     let to = from.moved(step);
     let ahead = to.boundary_ahead().wrapping_sub(from.boundary_ahead()) as i32;
-    assert!(ahead.unsigned_abs() <= cap);
-    assert!((to.record.wrapping_sub(from.record) as i32).unsigned_abs() <= cap);
+    holds!(ahead.unsigned_abs() <= cap);
+    holds!((to.record.wrapping_sub(from.record) as i32).unsigned_abs() <= cap);
     Some(())
 }
 
@@ -73,8 +73,8 @@ fn sums_telescope<const N: usize>(c: &mut impl Choice) -> Option<()> {
     else {
         panic!("a record of the stretch is missing")
     };
-    assert!(first + second == whole);
-    assert!(a != d || whole == 0);
+    holds!(first + second == whole);
+    holds!(a != d || whole == 0);
     Some(())
 }
 
@@ -91,8 +91,8 @@ fn whole_records_are_whole<const N: usize>(c: &mut impl Choice) -> Option<()> {
         }
         n += 1;
     }
-    assert!(stretch.emission(place(from), place(from + records)) == Some(sum));
-    assert!(stretch.emission(place(from + records), place(from)) == Some(-sum));
+    holds!(stretch.emission(place(from), place(from + records)) == Some(sum));
+    holds!(stretch.emission(place(from + records), place(from)) == Some(-sum));
     Some(())
 }
 
@@ -103,8 +103,8 @@ fn parts_are_rounded(c: &mut impl Choice) -> Option<()> {
     let exact = whole * i64::from(fraction);
     // twice the distance from the exact value, against one pulse
     let off = 2 * ((part << 32) - exact);
-    assert!(off.abs() <= ONE && (off.abs() != ONE || (off > 0) == (exact > 0)));
-    assert!(part.abs() <= whole.abs() && part * whole >= 0);
+    holds!(off.abs() <= ONE && (off.abs() != ONE || (off > 0) == (exact > 0)));
+    holds!(part.abs() <= whole.abs() && part * whole >= 0);
     Some(())
 }
 
@@ -113,7 +113,7 @@ fn parts_are_in_order(c: &mut impl Choice) -> Option<()> {
     let (increment, more) = (c.increment(), c.word());
     let less = c.upto(more);
     let (less, more) = (part(increment, less), part(increment, more));
-    assert!(if increment < 0 { more <= less } else { less <= more });
+    holds!(if increment < 0 { more <= less } else { less <= more });
     Some(())
 }
 

@@ -4,7 +4,7 @@
 //! it remembers, for its remainder is determined by what it remembers.
 
 use crate::choice::Choice;
-use crate::harness::harnesses;
+use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::rate::{RateLaw, Smoothing};
@@ -38,14 +38,14 @@ fn follows<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16) -
     let (mut law, targets) = any_law::<PERIODS>(c, first, second, 8 * ONE)?;
     let (lead, target) = (law.lead(), c.between(0, 8 * ONE));
     let moved = law.step(target);
-    assert!(law.lead() == lead + target - moved && law.lead() >= 0);
+    holds!(law.lead() == lead + target - moved && law.lead() >= 0);
     let (mut low, mut high, mut k) = (target, target, 1);
     while k < PERIODS {
         low = if targets[k] < low { targets[k] } else { low };
         high = if targets[k] > high { targets[k] } else { high };
         k += 1;
     }
-    assert!(low <= moved + 1 && moved <= high + 1);
+    holds!(low <= moved + 1 && moved <= high + 1);
     Some(())
 }
 
@@ -56,11 +56,11 @@ fn comes_to_rest<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: 
     let (lead, mut run, mut k) = (law.lead(), 0, 0);
     while k < PERIODS {
         let moved = law.step(0);
-        assert!(moved >= 0);
+        holds!(moved >= 0);
         run += moved;
         k += 1;
     }
-    assert!(run == lead && law.lead() == 0 && law.at_rest() && law.step(0) == 0);
+    holds!(run == lead && law.lead() == 0 && law.at_rest() && law.step(0) == 0);
     Some(())
 }
 
@@ -73,7 +73,7 @@ fn reaches_its_target<const PERIODS: usize>(c: &mut impl Choice, first: u16, sec
         k += 1;
     }
     let rate = law.step(target);
-    assert!(target - 1 <= rate && rate <= target);
+    holds!(target - 1 <= rate && rate <= target);
     Some(())
 }
 
@@ -118,7 +118,7 @@ fn change_is_bounded<const PERIODS: usize>(c: &mut impl Choice, first: u16, seco
         // (|r′| − d0)·(r1 − r0) ≤ (r − r0)·(d1 − d0), with everything in units of 1/(2·unit); two last bits for the rounding
         let (rate, change) = (unit * (before + after), 2 * unit * (after - before).abs());
         let slack = 8 * unit * (r1 - r0 + (d1 - d0).abs());
-        assert!((change - d0 * ONE) * (r1 - r0) <= (rate - r0 * ONE) * (d1 - d0) + slack);
+        holds!((change - d0 * ONE) * (r1 - r0) <= (rate - r0 * ONE) * (d1 - d0) + slack);
         k += 1;
     }
     Some(())
@@ -131,7 +131,7 @@ fn wheel_comes_to_rest(c: &mut impl Choice) -> Option<()> {
     while k < 6 {
         wheel.turn(c.increment());
         let rate = wheel.rate();
-        assert!(-ONE <= rate && rate <= ONE);
+        holds!(-ONE <= rate && rate <= ONE);
         k += 1;
     }
     k = 0;
@@ -139,7 +139,7 @@ fn wheel_comes_to_rest(c: &mut impl Choice) -> Option<()> {
         wheel.turn(0);
         k += 1;
     }
-    assert!(wheel.rate() == 0);
+    holds!(wheel.rate() == 0);
     Some(())
 }
 

@@ -4,7 +4,7 @@
 //! every sequence.
 
 use crate::choice::Choice;
-use crate::harness::harnesses;
+use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row};
 use retrace_core::positions::{Planned, Played};
@@ -74,12 +74,12 @@ fn push_keeps_order(c: &mut impl Choice) -> Option<()> {
     let mut after = before;
     let ahead = before.write.wrapping_sub(before.played.reached());
     match after.push() {
-        None => assert!(ahead == before.look_ahead && after.write == before.write),
+        None => holds!(ahead == before.look_ahead && after.write == before.write),
         Some(place) => {
-            assert!(ahead < before.look_ahead && place == before.write && after.write == place.wrapping_add(1))
+            holds!(ahead < before.look_ahead && place == before.write && after.write == place.wrapping_add(1))
         }
     }
-    assert!(after.holds() && after.played == before.played && after.floor == before.floor);
+    holds!(after.holds() && after.played == before.played && after.floor == before.floor);
     Some(())
 }
 
@@ -88,12 +88,12 @@ fn push_keeps_order(c: &mut impl Choice) -> Option<()> {
 fn moved_in_order(before: &System, after: &Played) {
     let (was, kept) = (before.played.reached(), before.played.reached().wrapping_sub(before.played.head()));
     let gone_on = after.reached().wrapping_sub(was);
-    assert!(gone_on <= before.write.wrapping_sub(was));
-    assert!(gone_on == 0 || after.reached() == after.read());
+    holds!(gone_on <= before.write.wrapping_sub(was));
+    holds!(gone_on == 0 || after.reached() == after.read());
     let still_kept = after.reached().wrapping_sub(after.head());
     // both numbers are at most 2³⁰
-    assert!(still_kept == if kept + gone_on < before.keep { kept + gone_on } else { before.keep });
-    assert!(System { played: *after, floor: after.floor(), ..*before }.holds());
+    holds!(still_kept == if kept + gone_on < before.keep { kept + gone_on } else { before.keep });
+    holds!(System { played: *after, floor: after.floor(), ..*before }.holds());
 }
 
 /// Forward goes over the record under the cursor, and ends exactly at what is planned.
@@ -101,10 +101,10 @@ fn forward_keeps_order(c: &mut impl Choice) -> Option<()> {
     let system = System::any(c)?;
     let (before, mut after) = (system.played, system.played);
     match after.forward() {
-        None => assert!(before.read() == before.write() && after == before),
+        None => holds!(before.read() == before.write() && after == before),
         Some(place) => {
-            assert!(before.read() != before.write() && before.holds(place));
-            assert!(place == before.read() && after.read() == place.wrapping_add(1));
+            holds!(before.read() != before.write() && before.holds(place));
+            holds!(place == before.read() && after.read() == place.wrapping_add(1));
         }
     }
     moved_in_order(&system, &after);
@@ -116,13 +116,13 @@ fn backward_keeps_order(c: &mut impl Choice) -> Option<()> {
     let system = System::any(c)?;
     let (before, mut after) = (system.played, system.played);
     match after.backward() {
-        None => assert!(before.read() == before.head() && after == before),
+        None => holds!(before.read() == before.head() && after == before),
         Some(place) => {
-            assert!(before.read() != before.head() && before.holds(place));
-            assert!(place == before.read().wrapping_sub(1) && after.read() == place);
+            holds!(before.read() != before.head() && before.holds(place));
+            holds!(place == before.read().wrapping_sub(1) && after.read() == place);
         }
     }
-    assert!(after.head() == before.head() && after.reached() == before.reached());
+    holds!(after.head() == before.head() && after.reached() == before.reached());
     moved_in_order(&system, &after);
     Some(())
 }
@@ -133,8 +133,8 @@ fn follow_keeps_order(c: &mut impl Choice) -> Option<()> {
     let (before, mut after) = (system.played, system.played);
     let place = before.head().wrapping_add(c.word());
     let held = place.wrapping_sub(before.head()) <= before.write().wrapping_sub(before.head());
-    assert!(after.follow(place) == held);
-    assert!(if held { after.read() == place } else { after == before });
+    holds!(after.follow(place) == held);
+    holds!(if held { after.read() == place } else { after == before });
     moved_in_order(&system, &after);
     Some(())
 }
@@ -144,7 +144,7 @@ fn look_keeps_order(c: &mut impl Choice) -> Option<()> {
     let system = System::any(c)?;
     let mut after = system.played;
     after.see(system.write);
-    assert!(after.read() == system.played.read() && after.head() == system.played.head());
+    holds!(after.read() == system.played.read() && after.head() == system.played.head());
     moved_in_order(&system, &after);
     Some(())
 }
@@ -158,7 +158,7 @@ fn sides_are_apart(c: &mut impl Choice) -> Option<()> {
     c.assume(readable > 0)?;
     let place = head.wrapping_add(c.upto(readable - 1));
     if let Some(written) = system.push() {
-        assert!(written & (cells - 1) != place & (cells - 1));
+        holds!(written & (cells - 1) != place & (cells - 1));
     }
     Some(())
 }
@@ -186,13 +186,13 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
         match c.below(3) {
             0 => {
                 let full = ahead == look_ahead;
-                assert!(producer.push(producer.write()).is_err() == full);
+                holds!(producer.push(producer.write()).is_err() == full);
                 ahead += u32::from(!full);
             }
             1 => {
                 let end = read == reached.wrapping_add(ahead);
                 let record = consumer.forward();
-                assert!(if end { record.is_none() } else { record == Some(read) });
+                holds!(if end { record.is_none() } else { record == Some(read) });
                 if !end {
                     read = read.wrapping_add(1);
                     if read == reached.wrapping_add(1) {
@@ -209,11 +209,11 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
                 if !end {
                     read = read.wrapping_sub(1);
                 }
-                assert!(if end { record.is_none() } else { record == Some(read) });
+                holds!(if end { record.is_none() } else { record == Some(read) });
             }
         }
-        assert!(consumer.head() == head && consumer.read() == read && consumer.reached() == reached);
-        assert!(producer.write() == reached.wrapping_add(ahead));
+        holds!(consumer.head() == head && consumer.read() == read && consumer.reached() == reached);
+        holds!(producer.write() == reached.wrapping_add(ahead));
         k += 1;
     }
     Some(())

@@ -4,7 +4,7 @@
 //! Invariant: [`LiteralSteps`] is written from the requirements alone and shares no decision with the core.
 
 use crate::choice::Choice;
-use crate::harness::harnesses;
+use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
 use retrace_core::interruption::{Direction, Effect, Interruption, Latch, Turning, Word};
@@ -127,7 +127,7 @@ fn both_at<const A: usize>(step: u32, latch: &Latch<A>) -> (Interruption<A>, Lit
             _ => None,
         };
         if let Some(word) = word {
-            assert!(real.say(word).is_ok() && literal.say(word));
+            holds!(real.say(word).is_ok() && literal.say(word));
         }
         n += 1;
     }
@@ -135,10 +135,10 @@ fn both_at<const A: usize>(step: u32, latch: &Latch<A>) -> (Interruption<A>, Lit
 }
 
 fn alike<const A: usize>(real: &Interruption<A>, literal: &LiteralSteps<A>) {
-    assert!(real.may_read() == literal.executes());
-    assert!(real.paused() == literal.dnc_paused && real.mode_changed() == literal.mode_changed);
-    assert!(real.inhibited() == literal.inhibit && real.may_jog() == literal.mode_changed);
-    assert!(real.latch().copied() == literal.latched);
+    holds!(real.may_read() == literal.executes());
+    holds!(real.paused() == literal.dnc_paused && real.mode_changed() == literal.mode_changed);
+    holds!(real.inhibited() == literal.inhibit && real.may_jog() == literal.mode_changed);
+    holds!(real.latch().copied() == literal.latched);
 }
 
 /// What a taken word has done is what the requirement says, with what was latched.
@@ -155,7 +155,7 @@ fn does_what_is_said<const A: usize>(effect: Effect<A>, word: Word<A>, latch: &L
         | (Word::Arrived(_), Effect::GoOn) => true,
         _ => false,
     };
-    assert!(right);
+    holds!(right);
 }
 
 /// A word said to both: the same answer, the same flags, and where it is refused nothing has changed. Then both are in one of the
@@ -164,8 +164,8 @@ fn said_to_both<const A: usize>(real: &mut Interruption<A>, literal: &mut Litera
     let before = (*real, *literal);
     let answer = real.say(word);
     let taken = literal.say(word);
-    assert!(answer.is_ok() == taken);
-    assert!(taken || (*real, *literal) == before);
+    holds!(answer.is_ok() == taken);
+    holds!(taken || (*real, *literal) == before);
     alike(real, literal);
     if let (Ok(effect), Some(latch)) = (answer, literal.latched.or(before.1.latched)) {
         does_what_is_said(effect, word, &latch);
@@ -210,7 +210,7 @@ fn order_is_kept<const A: usize>(c: &mut impl Choice) -> Option<()> {
     let word = any_word(c, &latch);
     said_to_both(&mut real, &mut literal, word);
     let latch = literal.latched.unwrap_or(latch);
-    assert!((real, literal) == both_at(literal.step(), &latch));
+    holds!((real, literal) == both_at(literal.step(), &latch));
     Some(())
 }
 
@@ -235,10 +235,8 @@ fn one_way_back<const A: usize>(c: &mut impl Choice) -> Option<()> {
         Word::CycleStart { program } => (from, to) == (4, 5) && program == latch.program,
         Word::Arrived(counts) => (from, to) == (5, 0) && counts == latch.counts,
     };
-    assert!(next);
-    assert!(
-        after.may_read() == (to == 0) && (real.may_read() || !after.may_read() || matches!(word, Word::Arrived(_)))
-    );
+    holds!(next);
+    holds!(after.may_read() == (to == 0) && (real.may_read() || !after.may_read() || matches!(word, Word::Arrived(_))));
     Some(())
 }
 

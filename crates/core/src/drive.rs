@@ -82,9 +82,9 @@ impl<const M: usize> Drive<M> {
         let free = room - self.law.lead().abs();
         let last_rest = if asked > free { way.last_rest() } else { None };
         let allowed = if last_rest.is_some() { asked } else { asked.min(free.max(0)) };
-        let to = at.moved(self.law.step(sign * allowed));
+        let to = at.moved(self.law.step(along(sign, allowed)));
         if let Some(rest) = last_rest
-            && sign * to.to(rest) <= 0
+            && along(sign, to.to(rest)) <= 0
         {
             self.law.set_steady(0);
             return Step { to: rest, short: false };
@@ -96,7 +96,7 @@ impl<const M: usize> Drive<M> {
     fn launch(&mut self, asked: Travel, room: Travel, way: &Way<'_, impl Road>) {
         let periods = Travel::from(self.law.smoothing().stopping_records()) + 1;
         let rate = if asked * periods <= room || way.last_rest().is_some() { asked } else { room / periods };
-        self.law.set_steady(way.sign * rate);
+        self.law.set_steady(along(way.sign, rate));
     }
 
     /// At rate one the commanded place goes from record boundary to record boundary, and so, in the end, does the cursor: motion at
@@ -135,6 +135,11 @@ impl<const M: usize> Drive<M> {
     }
 }
 
+/// A distance along the way that is run: forward as it is, backward with its sign turned.
+const fn along(sign: Travel, distance: Travel) -> Travel {
+    if sign < 0 { -distance } else { distance }
+}
+
 /// The road from the cursor to its end in one direction.
 struct Way<'r, R> {
     at: Place,
@@ -149,7 +154,7 @@ impl<R: Road> Way<'_, R> {
 
     /// Distance to the end of the road, ≥ 0.
     fn room(&self) -> Travel {
-        self.sign * self.at.to(Place::start_of(self.end()))
+        along(self.sign, self.at.to(Place::start_of(self.end())))
     }
 
     /// The planned stop nearest to the end of the road that lies strictly ahead of the cursor.
@@ -157,7 +162,7 @@ impl<R: Road> Way<'_, R> {
         let mut place = self.end();
         loop {
             let here = Place::start_of(place);
-            if self.sign * self.at.to(here) <= 0 {
+            if along(self.sign, self.at.to(here)) <= 0 {
                 return None;
             }
             if self.road.rests_at(place) {

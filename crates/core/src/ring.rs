@@ -272,7 +272,7 @@ mod tests {
 
     #[test]
     fn a_second_pair_of_ends_goes_on_without_history() {
-        let held: Box<[Cell<u32>]> = (0..4).map(|n| Cell::new(n)).collect();
+        let held: Box<[Cell<u32>]> = (0..4).map(Cell::new).collect();
         let mut ring = Ring::holding(held, 2, 2, Stretch { head: u32::MAX, reached: 1, write: 2 }).expect("valid");
         let (mut producer, mut consumer) = ring.split();
         producer.push(7).expect("room");
