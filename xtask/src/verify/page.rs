@@ -28,7 +28,7 @@ fn head(page: &mut String, book: &Value) {
     let _ = writeln!(page, "# The proof ledger\n");
     let _ = writeln!(
         page,
-        "Written by `cargo xtask verify` at commit {}, {}{quick}, in {} s. How to read it: docs/verification.md.\n",
+        "Written by `cargo xtask verify` at commit {}, {}{quick}, in {} s. How to read it: [docs/verification.md](../docs/verification.md).\n",
         text(&book["commit"]),
         text(&book["date"]),
         book["seconds"]
