@@ -94,6 +94,7 @@ const MODULES: &[Module] = &[
     (crate::drive::ROWS, crate::drive::HARNESSES),
     (crate::modes::ROWS, crate::modes::HARNESSES),
     (crate::gates::ROWS, crate::gates::HARNESSES),
+    (crate::threads::ROWS, crate::threads::HARNESSES),
     (crate::fine::ROWS, crate::fine::HARNESSES),
     (crate::frames::ROWS, crate::frames::HARNESSES),
     (crate::steps::ROWS, crate::steps::HARNESSES),

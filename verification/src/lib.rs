@@ -23,3 +23,5 @@ pub mod playback;
 pub mod rate;
 pub mod ring;
 pub mod steps;
+#[cfg(not(any(kani, verify_wasm)))]
+pub mod threads;
