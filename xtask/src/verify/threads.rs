@@ -95,10 +95,7 @@ fn results(output: &str, engine: Engine) -> Vec<Outcome> {
             }
             "ok" => (Verdict::Failed, "FAILED: it did not say that it saw more than one execution".to_owned()),
             "ignored" => continue,
-            _ => {
-                let why = said.iter().find(|line| !line.trim().is_empty() && !line.starts_with("thread '"));
-                (Verdict::Failed, format!("FAILED: {}", why.unwrap_or(&"")))
-            }
+            _ => (Verdict::Failed, format!("FAILED: {}", why(&said))),
         };
         let seconds = reports.iter().filter_map(|report| seconds(report)).sum();
         found.push(Outcome { engine, check: name.to_owned(), verdict, words, seconds });
@@ -111,6 +108,13 @@ pub(super) fn one_result(output: &str, engine: Engine) -> Option<(bool, String)>
     let seen = results(output, engine);
     let outcome = seen.iter().find(|outcome| outcome.verdict == Verdict::Failed).or(seen.first())?;
     Some((outcome.verdict == Verdict::Failed, outcome.words.clone()))
+}
+
+/// The panic's words: the line behind the one that says where.
+fn why<'a>(said: &[&'a str]) -> &'a str {
+    let panicked = said.iter().position(|line| line.contains(" panicked at "));
+    let words = said.iter().skip(panicked.map_or(0, |at| at + 1)).find(|line| !line.trim().is_empty());
+    words.copied().unwrap_or_default()
 }
 
 /// What a test printed.
@@ -144,7 +148,7 @@ mod tests {
     const SAMPLE: &str = "running 4 tests\ntest ring::short ... ok\ntest ring::long ... ok\ntest c ... FAILED\ntest d ... ok\n\n\
         successes:\n\n---- ring::short stdout ----\nLOOM short: 2141 executions, outcomes {0, 1}, 0.25 s, preemption bound 3\n\n\
         ---- ring::long stdout ----\nLOOM long: 1 executions, outcomes {0}, 0.1 s, preemption bound 3\n\n\nsuccesses:\n    ring::short\n\n\
-        failures:\n\n---- c stdout ----\nthread 'c' panicked at x.rs:1:\ndeadlock\n\nfailures:\n    c\n\n\
+        failures:\n\n---- c stdout ----\nWARNING: x\n\nthread 'c' panicked at x.rs:1:\ndeadlock\n\nfailures:\n    c\n\n\
         test result: FAILED. 3 passed; 1 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.1s\n";
 
     #[test]
