@@ -55,9 +55,10 @@ pub(super) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> boo
         let proof = prove(tools, &compiled, &harness.name, harness.unwind, limit);
         let (verdict, words) = match proof {
             Proof::Proved => (Verdict::Proved, "proved".to_owned()),
-            Proof::Refuted(what) => {
-                (Verdict::Failed, format!("REFUTED: {what}; {}", replay_line(job, tools, &compiled, harness, limit)))
-            }
+            Proof::Refuted(what) => (
+                Verdict::Failed,
+                format!("REFUTED: \"{what}\" fails; {}", replay_line(job, tools, &compiled, harness, limit)),
+            ),
             Proof::TimeUp if job.quick => (Verdict::Open, format!("TIME: not ended after {} s", limit.as_secs())),
             Proof::TimeUp => (Verdict::Failed, format!("TIME: not ended after {} s", limit.as_secs())),
             Proof::Unwound => {

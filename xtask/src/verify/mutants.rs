@@ -101,7 +101,7 @@ pub(super) fn run_cbmc(job: &Job<'_>, tools: &CbmcTools) {
 
 fn of_proof(mutant: &Mutant, proof: Proof) -> (Verdict, String) {
     match proof {
-        Proof::Refuted(what) => (Verdict::Passed, format!("killed: CBMC refutes {} ({what})", mutant.killer)),
+        Proof::Refuted(what) => (Verdict::Passed, format!("killed: CBMC refutes {} (\"{what}\" fails)", mutant.killer)),
         Proof::Vacuous => (Verdict::Passed, format!("killed: {} asks about nothing any more", mutant.killer)),
         Proof::Unwound => (Verdict::Open, "open: a loop turns beyond the bound; nothing is refuted".to_owned()),
         Proof::TimeUp => (Verdict::Open, format!("open: not ended after {} s", LONG_LIMIT.as_secs())),
