@@ -19,8 +19,10 @@ pub(super) fn find(tree: &Tree) -> Vec<Finding> {
     let mut findings = Vec::new();
     for (path, text) in tree.rust().filter(|(path, _)| !ALLOWED.contains(path)) {
         for (index, line) in code_only(text).lines().enumerate() {
-            let declares =
-                DECLARE.contains(&path) && (line.contains("unsafe extern") || line.contains("#[unsafe(export_name"));
+            let declares = DECLARE.contains(&path)
+                && (line.contains("unsafe extern")
+                    || line.contains("#[unsafe(export_name")
+                    || line.contains("#[unsafe(no_mangle)]"));
             if words(line, KEYWORD).next().is_some() && !declares {
                 findings.push(Finding::at(path, index + 1, "unsafe code is kept to the record ring"));
             }
