@@ -31,6 +31,12 @@ pub trait Choice {
     }
 }
 
+/// All bits that a number up to `most` may have.
+#[cfg(not(kani))]
+pub(crate) const fn bits_of(most: u64) -> u64 {
+    if most == 0 { 0 } else { u64::MAX >> most.leading_zeros() }
+}
+
 /// What a property is: choices in, `None` where an assumption does not hold, a panic where the property does not.
 pub type Property<C> = fn(&mut C) -> Option<()>;
 
@@ -112,23 +118,20 @@ mod on_cbmc {
             import::nd()
         }
         fn below(&mut self, n: u32) -> u32 {
-            let value = import::nd();
-            import::assume(u32::from(value < n));
-            value
+            self.upto(n - 1)
         }
         fn upto(&mut self, most: u32) -> u32 {
-            let value = import::nd();
+            // bits that cannot be set are not there at all: the formula is the smaller for it
+            let value = import::nd() & super::bits_of(most as u64) as u32;
             import::assume(u32::from(value <= most));
             value
         }
         fn between(&mut self, low: i64, high: i64) -> i64 {
-            // values that fit 32 bits take one word, so that the formula stays small
-            let value = match (i32::try_from(low), i32::try_from(high)) {
-                (Ok(_), Ok(_)) => i64::from(import::nd() as i32),
-                _ => (i64::from(import::nd() as i32) << 32) | i64::from(import::nd()),
-            };
-            import::assume(u32::from(low <= value && value <= high));
-            value
+            let range = high.wrapping_sub(low) as u64;
+            let word = if range >> 32 == 0 { 0 } else { u64::from(import::nd()) << 32 };
+            let offset = (word | u64::from(import::nd())) & super::bits_of(range);
+            import::assume(u32::from(offset <= range));
+            low.wrapping_add(offset as i64)
         }
         fn assume(&mut self, holds: bool) -> Option<()> {
             import::assume(u32::from(holds));

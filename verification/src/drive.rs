@@ -40,26 +40,28 @@ impl Road for Short {
 }
 
 /// Where the drive may be: a road, a place on it, the way it runs, and the law's state.
-struct Scene<const M: usize> {
+///
+/// Rates and places are multiples of `GRAIN`: the last bit, or a sixteenth of a record.
+struct Scene<const M: usize, const GRAIN: u32> {
     drive: Drive<M>,
     road: Short,
     at: Place,
     sign: Travel,
 }
 
-impl<const M: usize> Scene<M> {
+impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
     /// Any state with two averages of `M` periods that the invariant allows, on a road of up to `records`.
     fn any<const PERIODS: usize>(c: &mut impl Choice, records: u32) -> Option<Self> {
         let sign = if c.flag() { 1 } else { -1 };
         let mut law = RateLaw::new(Smoothing::new(M as u16, M as u16)?)?;
         let mut k = 0;
         while k < PERIODS {
-            let target = c.between(0, ONE);
+            let target = c.between(0, ONE >> GRAIN) << GRAIN;
             law.step(if sign < 0 { -target } else { target });
             k += 1;
         }
         let road = Short { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
-        let (record, fraction) = (c.below(records + 1), c.upto(u32::MAX));
+        let (record, fraction) = (c.below(records + 1), c.upto(u32::MAX >> GRAIN) << GRAIN);
         c.assume(record < road.records || record == road.records && fraction == 0)?;
         let at = Place { record: road.low.wrapping_add(record), fraction };
         let scene = Self { drive: Drive::with_law(law), road, at, sign };
@@ -86,10 +88,13 @@ impl<const M: usize> Scene<M> {
 
 /// One period from any state toward any rate: the cursor stays on the road, the invariant holds again, and the rate is neither
 /// against the way it runs nor beyond what was asked or remembered.
-fn stays_on_the_road<const M: usize, const PERIODS: usize>(c: &mut impl Choice, records: u32) -> Option<()> {
-    let mut scene = Scene::<M>::any::<PERIODS>(c, records)?;
+fn stays_on_the_road<const M: usize, const PERIODS: usize, const GRAIN: u32>(
+    c: &mut impl Choice,
+    records: u32,
+) -> Option<()> {
+    let mut scene = Scene::<M, GRAIN>::any::<PERIODS>(c, records)?;
     let standing = scene.drive.at_rest();
-    let target = c.between(-ONE, ONE);
+    let target = c.between(-ONE >> GRAIN, ONE >> GRAIN) << GRAIN;
     let step = scene.drive.step(scene.at, target, &scene.road);
     let rate = scene.at.to(step.to);
     if standing && !scene.drive.at_rest() || rate != 0 {
@@ -105,12 +110,12 @@ fn stays_on_the_road<const M: usize, const PERIODS: usize>(c: &mut impl Choice, 
 }
 
 /// With a target held, the cursor comes to rest exactly on the end of the road and never beyond.
-fn rests_on_the_end<const M: usize, const PERIODS: usize>(
+fn rests_on_the_end<const M: usize, const PERIODS: usize, const GRAIN: u32>(
     c: &mut impl Choice,
     records: u32,
     periods: u32,
 ) -> Option<()> {
-    let mut scene = Scene::<M>::any::<PERIODS>(c, records)?;
+    let mut scene = Scene::<M, GRAIN>::any::<PERIODS>(c, records)?;
     let mut k = 0;
     while k < periods {
         scene.at = scene.drive.step(scene.at, if scene.sign < 0 { -ONE } else { ONE }, &scene.road).to;
@@ -121,17 +126,32 @@ fn rests_on_the_end<const M: usize, const PERIODS: usize>(
     Some(())
 }
 
-/// A planned stop costs no period: whoever comes to it at rate one, with the next one within the road, is there a period later for
-/// every record, and goes on from it at rate one.
-fn planned_stops_are_free(c: &mut impl Choice, records: u32) -> Option<()> {
-    let forward = c.flag();
-    let road = Short { low: c.word(), records, rests: c.below(1 << records) << 1 & !(1 << records) | 1 | 1 << records };
+/// With a target held the commanded place goes on in every period until it stands on the end of the road, or the cursor has come to a
+/// planned stop further on; the cursor rests where the commanded place stands (row rate-rest).
+fn presses_on<const M: usize, const PERIODS: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
+    let mut scene = Scene::<M, GRAIN>::any::<PERIODS>(c, records)?;
+    let before = scene.at.moved(scene.drive.lead());
+    let to = scene.drive.step(scene.at, if scene.sign < 0 { -ONE } else { ONE }, &scene.road).to;
+    let after = to.moved(scene.drive.lead());
+    let end = Place::start_of(if scene.sign > 0 { scene.road.high() } else { scene.road.low });
+    let (moved, gone_on) =
+        if scene.sign < 0 { (-scene.at.to(to), -before.to(after)) } else { (scene.at.to(to), before.to(after)) };
+    let on_a_stop = moved > 0 && scene.drive.at_rest() && to.fraction == 0 && scene.road.rests_at(to.record);
+    holds!(after == end || gone_on > 0 || on_a_stop);
+    Some(())
+}
+
+/// A planned stop costs no period: whoever stands on one and asks for rate one, with the next one `records` further and any others
+/// between, is a record further after every period, and stands there again.
+fn planned_stops_are_free<const SIGN: Travel>(c: &mut impl Choice, records: u32) -> Option<()> {
+    let low = c.word();
+    let road = Short { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
     let mut drive = Drive::<2>::new(Smoothing::new(2, 2)?)?;
-    let (mut at, sign) = if forward { (road.low(), 1) } else { (road.high(), -1) };
+    let mut at = if SIGN > 0 { road.low() } else { road.high() };
     let mut k = 0;
     while k < records {
-        let next = at.wrapping_add(sign as u32);
-        let step = drive.step(Place::start_of(at), if forward { ONE } else { -ONE }, &road);
+        let next = at.wrapping_add(SIGN as u32);
+        let step = drive.step(Place::start_of(at), SIGN * ONE, &road);
         holds!(step.to == Place::start_of(next) && !step.short);
         at = next;
         k += 1;
@@ -165,11 +185,12 @@ fn acceleration_is_bounded<const V: i64, const STEP: i64>(c: &mut impl Choice) -
 harnesses! {
     drive_acceleration, unwind 4 => |c| acceleration_is_bounded::<7, 2>(c);
     [without kani]
-    drive_road_1_1, unwind 7 => |c| stays_on_the_road::<1, 1>(c, 2);
-    drive_road_2_2, unwind 7 => |c| stays_on_the_road::<2, 3>(c, 2);
-    drive_rests_1_1, unwind 7 => |c| rests_on_the_end::<1, 1>(c, 2, 4);
-    drive_rests_2_2, unwind 8 => |c| rests_on_the_end::<2, 3>(c, 1, 6);
-    drive_stops, unwind 7 => |c| planned_stops_are_free(c, 4);
+    drive_road_1_1, unwind 7 => |c| stays_on_the_road::<1, 1, 0>(c, 2);
+    drive_road_2_2, unwind 7 => |c| stays_on_the_road::<2, 3, 28>(c, 2);
+    drive_rests_1_1, unwind 7 => |c| rests_on_the_end::<1, 1, 28>(c, 2, 3);
+    drive_presses_2_2, unwind 7 => |c| presses_on::<2, 3, 28>(c, 2);
+    drive_stops_forward, unwind 7 => |c| planned_stops_are_free::<1>(c, 2);
+    drive_stops_backward, unwind 7 => |c| planned_stops_are_free::<-1>(c, 2);
 }
 
 #[cfg(not(any(kani, verify_wasm)))]
@@ -182,13 +203,20 @@ pub const ROWS: &[Row] = &[
         name: "drive-road",
         says: "Whatever is asked when, the cursor never leaves the road, never runs against its way, and with a target held comes to rest exactly on the road's end, fraction 0",
         requirement: "REV, Beyond the source, *Braking to a place*",
-        bound: "one period from any state on roads of up to 2 records with any planned stops, averages of 1+1 and 2+2 periods, any target in −1 … 1; to rest within 6 periods on roads of 1 and 2 records",
+        bound: "one period from any state on roads of up to 2 records with any planned stops, any target in −1 … 1: averages of 1+1 periods to the last bit, 2+2 in sixteenths of a record; to rest within 3 periods (1+1), the commanded place going on in every period (2+2), in sixteenths",
         assumes: "the drive's invariant, which a drive at rest satisfies; the road may grow, and shrinks only behind the commanded place (the card's window refuses anything else)",
         suffices: "one step from every state is an induction; the drive looks at the road only through its end, its last planned stop and the place it is at",
-        harnesses: &["drive_road_1_1", "drive_road_2_2", "drive_rests_1_1", "drive_rests_2_2"],
+        harnesses: &["drive_road_1_1", "drive_road_2_2", "drive_rests_1_1", "drive_presses_2_2"],
         searches: &[],
         models: &[],
         mutants: &[
+            Mutant {
+                name: "the commanded place waits at a boundary",
+                file: DRIVE,
+                find: "(ONE, passed) if way.sign > 0 => ONE - Travel::from(passed),",
+                put: "(ONE, passed) if way.sign > 0 => (ONE >> 1) - Travel::from(passed >> 1 << 1).min(ONE >> 1),",
+                killer: "drive_presses_2_2",
+            },
             Mutant {
                 name: "the commanded place may run over the end",
                 file: DRIVE,
@@ -215,7 +243,7 @@ pub const ROWS: &[Row] = &[
                 file: DRIVE,
                 find: "let free = room - self.law.lead().abs();",
                 put: "let free = room - self.law.lead().abs() - 1;",
-                killer: "drive_rests_2_2",
+                killer: "drive_rests_1_1",
             },
         ],
     },
@@ -223,10 +251,10 @@ pub const ROWS: &[Row] = &[
         name: "drive-stops",
         says: "A planned stop costs no period: the cursor runs into it at rate one and goes on from it at rate one, either way",
         requirement: "REV, Beyond the source, *Braking to a place*",
-        bound: "4 records with any planned stops between, both ways",
+        bound: "2 records with a planned stop between or none, both ways",
         assumes: "the road ends in a planned stop",
         suffices: "from each planned stop on the drive is in the same state as at the start",
-        harnesses: &["drive_stops"],
+        harnesses: &["drive_stops_forward", "drive_stops_backward"],
         searches: &[],
         models: &[],
         mutants: &[
@@ -235,14 +263,14 @@ pub const ROWS: &[Row] = &[
                 file: DRIVE,
                 find: "let last_rest = if asked > free { way.last_rest() } else { None };",
                 put: "let last_rest = if asked > free && way.sign == 0 { way.last_rest() } else { None };",
-                killer: "drive_stops",
+                killer: "drive_stops_forward",
             },
             Mutant {
                 name: "every start follows the law",
                 file: DRIVE,
                 find: "self.law.set_steady(along(way.sign, rate));",
                 put: "self.law.set_steady(along(way.sign, rate) * 0);",
-                killer: "drive_stops",
+                killer: "drive_stops_forward",
             },
         ],
     },

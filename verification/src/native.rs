@@ -3,7 +3,7 @@
 //!
 //! Invariant: the same seed draws the same numbers; a failure names the numbers that replay it.
 
-use crate::choice::{Choice, Property};
+use crate::choice::{Choice, Property, bits_of};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// One harness.
@@ -96,11 +96,10 @@ fn worth_trying(low: i64, high: i64) -> impl Iterator<Item = i64> {
     ends.into_iter().chain(inner)
 }
 
+/// The words that make a number of `low` … `high`: its distance from `low`, the upper half first where there is one.
 fn words_of(value: i64, low: i64, high: i64) -> Vec<u32> {
-    match (i32::try_from(low), i32::try_from(high)) {
-        (Ok(_), Ok(_)) => vec![value as u32],
-        _ => vec![(value >> 32) as u32, value as u32],
-    }
+    let (offset, range) = (value.wrapping_sub(low) as u64, high.wrapping_sub(low) as u64);
+    if range >> 32 == 0 { vec![offset as u32] } else { vec![(offset >> 32) as u32, offset as u32] }
 }
 
 /// Every choice, one after the other, the last one first.
@@ -271,24 +270,21 @@ impl Choice for Replay {
     }
 
     fn below(&mut self, n: u32) -> u32 {
-        let value = self.word();
-        assert!(value < n, "the numbers are outside of what the property asks about");
-        value
+        self.upto(n - 1)
     }
 
     fn upto(&mut self, most: u32) -> u32 {
-        let value = self.word();
+        let value = self.word() & bits_of(u64::from(most)) as u32;
         assert!(value <= most, "the numbers are outside of what the property asks about");
         value
     }
 
     fn between(&mut self, low: i64, high: i64) -> i64 {
-        let value = match words_of(0, low, high).len() {
-            1 => i64::from(self.word() as i32),
-            _ => (i64::from(self.word() as i32) << 32) | i64::from(self.word()),
-        };
-        assert!((low..=high).contains(&value), "the numbers are outside of what the property asks about");
-        value
+        let range = high.wrapping_sub(low) as u64;
+        let upper = if range >> 32 == 0 { 0 } else { u64::from(self.word()) << 32 };
+        let offset = (upper | u64::from(self.word())) & bits_of(range);
+        assert!(offset <= range, "the numbers are outside of what the property asks about");
+        low.wrapping_add(offset as i64)
     }
 
     fn assume(&mut self, holds: bool) -> Option<()> {

@@ -9,22 +9,24 @@ use crate::ledger::{Mutant, Row, Search};
 use retrace_core::playback::{emission, part};
 use retrace_core::{ONE, Place, Record, Travel};
 
-/// A stretch of `N` records of one axis under any place numbers.
+/// A stretch of `N` records of one axis, from place 0 or over the wrap.
 struct Stretch<const N: usize> {
     first: u32,
     records: [Record<1>; N],
 }
 
 impl<const N: usize> Stretch<N> {
-    fn any(c: &mut impl Choice) -> Self {
-        let first = c.word();
-        let records = core::array::from_fn(|_| Record { increments: [c.increment()], ..Record::default() });
+    /// Any records of up to `most` pulses either way.
+    fn any(c: &mut impl Choice, most: i64) -> Self {
+        let first = if c.flag() { 0 } else { u32::MAX };
+        let records =
+            core::array::from_fn(|_| Record { increments: [c.between(-most, most) as i16], ..Record::default() });
         Self { first, records }
     }
 
-    /// Any place on it, its end included.
+    /// Any sixteenth of it, its end included.
     fn place(&self, c: &mut impl Choice) -> Place {
-        let (record, fraction) = (c.below(N as u32), c.upto(u32::MAX));
+        let (record, fraction) = (c.below(N as u32), c.below(16) << 28);
         let end = c.flag();
         Place::start_of(self.first).moved(if end {
             (N as Travel) << 32
@@ -66,7 +68,7 @@ fn crosses_few_boundaries(c: &mut impl Choice) -> Option<()> {
 
 /// Whoever goes from a to b and on to c has emitted what the way from a to c emits, and nothing on the way back.
 fn sums_telescope<const N: usize>(c: &mut impl Choice) -> Option<()> {
-    let stretch = Stretch::<N>::any(c);
+    let stretch = Stretch::<N>::any(c, 3);
     let (a, b, d) = (stretch.place(c), stretch.place(c), stretch.place(c));
     let (Some(first), Some(second), Some(whole)) =
         (stretch.emission(a, b), stretch.emission(b, d), stretch.emission(a, d))
@@ -80,7 +82,7 @@ fn sums_telescope<const N: usize>(c: &mut impl Choice) -> Option<()> {
 
 /// The way over whole records emits these records.
 fn whole_records_are_whole<const N: usize>(c: &mut impl Choice) -> Option<()> {
-    let stretch = Stretch::<N>::any(c);
+    let stretch = Stretch::<N>::any(c, i64::from(i16::MAX));
     let (from, records) = (c.below(N as u32), c.below(N as u32 + 1));
     c.assume(from + records <= N as u32)?;
     let place = |n: u32| Place::start_of(stretch.first.wrapping_add(n));
@@ -96,21 +98,27 @@ fn whole_records_are_whole<const N: usize>(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// The part of a record is rounded half away from zero, lies between nothing and all of it, and grows with the fraction.
-fn parts_are_rounded(c: &mut impl Choice) -> Option<()> {
-    let (increment, fraction) = (c.increment(), c.word());
+/// The part of a record is its exact value rounded half away from zero, with the sign of the record.
+fn part_is_rounded(increment: i16, fraction: u32) -> Option<()> {
+    let part = i64::from(part(increment, fraction));
+    holds!(if increment < 0 { part <= 0 } else { part >= 0 });
+    // in units of 2⁻³² pulses; the exact value lies in [part − ½, part + ½)
+    let (rounded, exact) = ((part.unsigned_abs()) << 32, u64::from(increment.unsigned_abs()) * u64::from(fraction));
+    holds!(rounded <= exact + (1 << 31) && exact < rounded + (1 << 31));
+    Some(())
+}
+
+/// The part of a record is never more than the record.
+fn part_is_within(c: &mut impl Choice, most: i64) -> Option<()> {
+    let (increment, fraction) = (c.between(-most, most) as i16, c.word());
     let (part, whole) = (i64::from(part(increment, fraction)), i64::from(increment));
-    let exact = whole * i64::from(fraction);
-    // twice the distance from the exact value, against one pulse
-    let off = 2 * ((part << 32) - exact);
-    holds!(off.abs() <= ONE && (off.abs() != ONE || (off > 0) == (exact > 0)));
-    holds!(part.abs() <= whole.abs() && part * whole >= 0);
+    holds!(if whole < 0 { whole <= part } else { part <= whole });
     Some(())
 }
 
 /// The parts of a record never run backward: a larger fraction has at least as many pulses.
-fn parts_are_in_order(c: &mut impl Choice) -> Option<()> {
-    let (increment, more) = (c.increment(), c.word());
+fn parts_are_in_order(c: &mut impl Choice, most: i64) -> Option<()> {
+    let (increment, more) = (c.between(-most, most) as i16, c.word());
     let less = c.upto(more);
     let (less, more) = (part(increment, less), part(increment, more));
     holds!(if increment < 0 { more <= less } else { less <= more });
@@ -122,8 +130,29 @@ harnesses! {
     place_boundaries, unwind 1 => |c| crosses_few_boundaries(c);
     playback_telescopes, unwind 4 => |c| sums_telescope::<2>(c);
     playback_whole, unwind 5 => |c| whole_records_are_whole::<3>(c);
-    playback_parts, unwind 1 => |c| parts_are_rounded(c);
-    playback_order, unwind 1 => |c| parts_are_in_order(c);
+    playback_part, unwind 1 => |c| part_is_rounded(c.between(-63, 63) as i16, c.word());
+    playback_within, unwind 1 => |c| part_is_within(c, 7);
+    playback_order, unwind 1 => |c| parts_are_in_order(c, 7);
+}
+
+/// Every increment at fractions around every half of a pulse, in exact numbers.
+#[cfg(not(any(kani, verify_wasm)))]
+fn every_increment(size: crate::ledger::Size) -> String {
+    let mut draw = crate::native::Draw::new(size.seed);
+    let rounds = if size.full { 400 } else { 20 };
+    for increment in i16::MIN..=i16::MAX {
+        for _ in 0..rounds {
+            let fraction = draw.word();
+            let least = u64::from(increment.unsigned_abs()).max(1);
+            // the fraction just below and at a place where the rounding turns
+            let turn = ((u64::from(fraction) % least * 2 + 1) << 31).div_ceil(least) as u32;
+            for fraction in [fraction, turn, turn.wrapping_sub(1)] {
+                assert!(part_is_rounded(increment, fraction).is_some());
+                assert!(i32::from(increment).abs() >= part(increment, fraction).abs());
+            }
+        }
+    }
+    format!("every i16 increment at {} fractions each, around the turns of the rounding too", 3 * rounds)
 }
 
 /// Long walks: any rates over the longest history there is, against sums kept in 128 bits.
@@ -178,9 +207,9 @@ pub const ROWS: &[Row] = &[
         name: "playback-sums",
         says: "A period emits P(x′) − P(x): the sums of any walk telescope, whoever returns to a place has emitted zero, and the sum over a record is the record",
         requirement: "REV, Beyond the source, *Exactness*",
-        bound: "any three places on 2 records, whole records on 3, any i16 increments, any fractions, any place numbers",
+        bound: "any three places on 2 records of up to 3 pulses, in sixteenths; any i16 increments for whole records, on 3; from place 0 and over the wrap",
         assumes: "the records between the places are there; where one is missing nothing is emitted (row drive-road)",
-        suffices: "a walk of more places is a sum of such triples; emission treats the records between two places one by one and the axes each by itself",
+        suffices: "a walk of more places is a sum of such triples; emission adds parts and records, whatever their size, one by one and each axis by itself",
         harnesses: &["playback_telescopes", "playback_whole"],
         searches: &[],
         models: &[],
@@ -205,26 +234,36 @@ pub const ROWS: &[Row] = &[
         name: "playback-parts",
         says: "The part of a record is rounded half away from zero, never more than the record, and grows with the fraction; nothing overflows for any increments over any history",
         requirement: "REV, Beyond the source, *Exactness*",
-        bound: "none for a part: any i16 increment, any fraction; the longest history is run",
+        bound: "rounding up to 63 pulses at any fraction; order, and no more than the record, up to 7 pulses at any fraction; natively every increment around the turns of its rounding; the longest history is run",
         assumes: "a history has at most 2³⁰ records",
-        suffices: "2³⁰ records of 2¹⁵ pulses are 2⁴⁵, and the sums have 64 bits",
-        harnesses: &["playback_parts", "playback_order"],
-        searches: &[Search { name: "playback-longest", run: longest_history }],
+        suffices: "a part is one product, one sum and one shift, in 64 bits, where 2¹⁵·2³² + 2³¹ fits; 2³⁰ records of 2¹⁵ pulses are 2⁴⁵",
+        harnesses: &["playback_part", "playback_within", "playback_order"],
+        searches: &[
+            Search { name: "playback-every", run: every_increment },
+            Search { name: "playback-longest", run: longest_history },
+        ],
         models: &[],
         mutants: &[
+            Mutant {
+                name: "the part grows and falls",
+                file: PLAYBACK,
+                find: "let rounded = ((product + (1 << 31)) >> 32) as i32;",
+                put: "let rounded = (((product + (1 << 31)) >> 32) ^ ((product >> 33) & 1)) as i32;",
+                killer: "playback_order",
+            },
             Mutant {
                 name: "halves are cut off",
                 file: PLAYBACK,
                 find: "((product + (1 << 31)) >> 32) as i32",
                 put: "(product >> 32) as i32",
-                killer: "playback_parts",
+                killer: "playback_part",
             },
             Mutant {
-                name: "the least increment loses its sign",
+                name: "large increments are cut off",
                 file: PLAYBACK,
                 find: "(increment as i64).unsigned_abs()",
-                put: "(increment as i64 & 0x7FFF).unsigned_abs()",
-                killer: "playback_order",
+                put: "(increment as i64 & 0x1F).unsigned_abs()",
+                killer: "playback_part",
             },
             Mutant {
                 name: "sums of 32 bits",

@@ -14,66 +14,100 @@ use retrace_core::{ONE, Travel};
 /// The longest memory that is modelled.
 const MEMORY: usize = 8;
 
-/// A law of these lengths in any state, and the targets that brought it there, the newest last: `PERIODS` = N₁ + N₂ − 1 of them.
-fn any_law<const PERIODS: usize>(
+/// A law of these lengths in any state, and the targets that brought it there, the newest first: `PERIODS` = N₁ + N₂ − 1 of them.
+fn any_law<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
     first: u16,
     second: u16,
-    most: Travel,
-) -> Option<(RateLaw<4>, [Travel; PERIODS])> {
+    top: Travel,
+) -> Option<(RateLaw<M>, [Travel; PERIODS])> {
     let mut law = RateLaw::new(Smoothing::new(first, second)?)?;
     let mut targets = [0; PERIODS];
-    let mut k = 0;
-    while k < PERIODS {
-        targets[k] = c.between(0, most);
+    let mut k = PERIODS;
+    while k > 0 {
+        k -= 1;
+        targets[k] = c.between(0, top);
         law.step(targets[k]);
-        k += 1;
     }
     Some((law, targets))
 }
 
-/// One period from any state: nothing commanded is lost, the lead never turns its sign, and the rate lies between the least and the
-/// greatest target that is remembered.
-fn follows<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16) -> Option<()> {
-    let (mut law, targets) = any_law::<PERIODS>(c, first, second, 8 * ONE)?;
-    let (lead, target) = (law.lead(), c.between(0, 8 * ONE));
-    let moved = law.step(target);
-    holds!(law.lead() == lead + target - moved && law.lead() >= 0);
-    let (mut low, mut high, mut k) = (target, target, 1);
+/// What the cursor has still to run for the targets that are remembered, the newest first, in units of 1/(N₁·N₂): each of them as far
+/// as its weights have not been run yet.
+fn pending<const PERIODS: usize>(targets: &[Travel; PERIODS], weights: &[Travel; 2 * MEMORY]) -> Travel {
+    let (mut sum, mut k) = (0, 0);
     while k < PERIODS {
-        low = if targets[k] < low { targets[k] } else { low };
-        high = if targets[k] > high { targets[k] } else { high };
+        let (mut share, mut n) = (0, k + 1);
+        while n < PERIODS {
+            share += weights[n];
+            n += 1;
+        }
+        sum += share * targets[k];
         k += 1;
     }
+    sum
+}
+
+/// The lead is what is pending, rounded up to the last bit: so it is zero exactly where nothing is remembered, and the cursor rests
+/// where the commanded place stands. Of any state, and again after any period.
+fn lead_is_what_is_pending<const M: usize, const PERIODS: usize>(
+    c: &mut impl Choice,
+    first: u16,
+    second: u16,
+    top: Travel,
+) -> Option<()> {
+    let (mut law, mut targets) = any_law::<M, PERIODS>(c, first, second, top)?;
+    let (weights, unit) = (weights(first as usize, second as usize), Travel::from(first) * Travel::from(second));
+    let over = unit * law.lead() - pending(&targets, &weights);
+    holds!(0 <= over && over < unit);
+    let (lead, target) = (law.lead(), c.between(0, top));
+    let moved = law.step(target);
+    holds!(law.lead() == lead + target - moved && moved >= 0);
+    let mut k = PERIODS - 1;
+    while k > 0 {
+        targets[k] = targets[k - 1];
+        k -= 1;
+    }
+    targets[0] = target;
+    let over = unit * law.lead() - pending(&targets, &weights);
+    holds!(0 <= over && over < unit);
+    Some(())
+}
+
+/// The rate lies between the least and the greatest target that is remembered, but for the last bit; where they are all one, it is that.
+fn never_overshoots<const M: usize, const PERIODS: usize>(
+    c: &mut impl Choice,
+    first: u16,
+    second: u16,
+    top: Travel,
+) -> Option<()> {
+    let (mut law, targets) = any_law::<M, PERIODS>(c, first, second, top)?;
+    let (low, high, target) = (c.between(0, top), c.between(0, top), c.between(0, top));
+    let (mut within, mut k) = (low <= target && target <= high, 0);
+    while k + 1 < PERIODS {
+        within &= low <= targets[k] && targets[k] <= high;
+        k += 1;
+    }
+    c.assume(within)?;
+    let moved = law.step(target);
     holds!(low <= moved + 1 && moved <= high + 1);
     Some(())
 }
 
-/// From any state, with nothing more commanded, the cursor rests after as many periods as the law remembers, exactly where the
-/// commanded place stands.
-fn comes_to_rest<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16) -> Option<()> {
-    let (mut law, _) = any_law::<PERIODS>(c, first, second, 8 * ONE)?;
+/// With nothing more commanded, the cursor rests after as many periods as the law remembers, the whole lead run.
+fn comes_to_rest<const M: usize, const PERIODS: usize>(
+    c: &mut impl Choice,
+    first: u16,
+    second: u16,
+    top: Travel,
+) -> Option<()> {
+    let (mut law, _) = any_law::<M, PERIODS>(c, first, second, top)?;
     let (lead, mut run, mut k) = (law.lead(), 0, 0);
     while k < PERIODS {
-        let moved = law.step(0);
-        holds!(moved >= 0);
-        run += moved;
+        run += law.step(0);
         k += 1;
     }
     holds!(run == lead && law.lead() == 0 && law.at_rest() && law.step(0) == 0);
-    Some(())
-}
-
-/// A target that is held is reached after as many periods as the law remembers, and is then the rate.
-fn reaches_its_target<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16) -> Option<()> {
-    let (mut law, _) = any_law::<PERIODS>(c, first, second, 8 * ONE)?;
-    let (target, mut k) = (c.between(0, 8 * ONE), 0);
-    while k < PERIODS {
-        law.step(target);
-        k += 1;
-    }
-    let rate = law.step(target);
-    holds!(target - 1 <= rate && rate <= target);
     Some(())
 }
 
@@ -105,11 +139,16 @@ const fn plain_step(weights: &[Travel; 2 * MEMORY], k: usize) -> (Travel, Travel
 
 /// For targets in 0 … 1 the change |r′| at a rate r is at most what a plain step shows at that rate: under every line through two
 /// neighbouring points of the plain step.
-fn change_is_bounded<const PERIODS: usize>(c: &mut impl Choice, first: u16, second: u16) -> Option<()> {
-    let (mut law, _) = any_law::<PERIODS>(c, first, second, ONE)?;
+fn change_is_bounded<const M: usize, const PERIODS: usize>(
+    c: &mut impl Choice,
+    first: u16,
+    second: u16,
+    top: Travel,
+) -> Option<()> {
+    let (mut law, _) = any_law::<M, PERIODS>(c, first, second, top)?;
     // the period before is one more step, so that both rates come from whole memories
-    let before = law.step(c.between(0, ONE));
-    let after = law.step(c.between(0, ONE));
+    let before = law.step(c.between(0, top));
+    let after = law.step(c.between(0, top));
     let weights = weights(first as usize, second as usize);
     let unit = Travel::from(first) * Travel::from(second);
     let mut k = 0;
@@ -118,43 +157,50 @@ fn change_is_bounded<const PERIODS: usize>(c: &mut impl Choice, first: u16, seco
         // (|r′| − d0)·(r1 − r0) ≤ (r − r0)·(d1 − d0), with everything in units of 1/(2·unit); two last bits for the rounding
         let (rate, change) = (unit * (before + after), 2 * unit * (after - before).abs());
         let slack = 8 * unit * (r1 - r0 + (d1 - d0).abs());
-        holds!((change - d0 * ONE) * (r1 - r0) <= (rate - r0 * ONE) * (d1 - d0) + slack);
+        holds!((change - d0 * top) * (r1 - r0) <= (rate - r0 * top) * (d1 - d0) + slack);
         k += 1;
     }
     Some(())
 }
 
-/// The wheel's mean is at rest when the wheel has been, and never beyond one.
-fn wheel_comes_to_rest(c: &mut impl Choice) -> Option<()> {
-    let mut wheel = Wheel::<4>::new(4, 8);
-    let mut k = 0;
-    while k < 6 {
-        wheel.turn(c.increment());
-        let rate = wheel.rate();
-        holds!(-ONE <= rate && rate <= ONE);
+/// The wheel's rate is the mean of the last periods, held within ±1: at rest when the wheel has been.
+fn wheel_follows(c: &mut impl Choice) -> Option<()> {
+    let (mut wheel, mut turns, mut k) = (Wheel::<4>::new(4, 8), [0; 5], 0);
+    while k < 5 {
+        turns[k] = c.increment();
+        wheel.turn(turns[k]);
         k += 1;
     }
-    k = 0;
-    while k < 4 {
-        wheel.turn(0);
-        k += 1;
-    }
-    holds!(wheel.rate() == 0);
+    let sum = i64::from(turns[1]) + i64::from(turns[2]) + i64::from(turns[3]) + i64::from(turns[4]);
+    let held = if sum > 8 {
+        8
+    } else if sum < -8 {
+        -8
+    } else {
+        sum
+    };
+    holds!(wheel.rate() == held << 29);
     Some(())
 }
+
+/// Targets of so many last bits, where the proof is about sums being compared: the law is linear, and its rounding is in the last bit.
+const LAST_BITS: Travel = 15;
+
+/// The highest rate there is.
+const TOP: Travel = 8 * ONE;
 
 harnesses! {
     [without kani]
-    law_follows_2_2, unwind 5 => |c| follows::<3>(c, 2, 2);
-    law_follows_4_2, unwind 7 => |c| follows::<5>(c, 4, 2);
-    law_rests_1_1, unwind 4 => |c| comes_to_rest::<1>(c, 1, 1);
-    law_rests_2_2, unwind 5 => |c| comes_to_rest::<3>(c, 2, 2);
-    law_rests_1_3, unwind 5 => |c| comes_to_rest::<3>(c, 1, 3);
-    law_rests_4_2, unwind 7 => |c| comes_to_rest::<5>(c, 4, 2);
-    law_reaches_2_2, unwind 5 => |c| reaches_its_target::<3>(c, 2, 2);
-    law_change_2_2, unwind 5 => |c| change_is_bounded::<3>(c, 2, 2);
-    law_change_4_2, unwind 9 => |c| change_is_bounded::<5>(c, 4, 2);
-    wheel_rests, unwind 7 => |c| wheel_comes_to_rest(c);
+    law_pending_1_1, unwind 4 => |c| lead_is_what_is_pending::<1, 1>(c, 1, 1, TOP);
+    law_pending_2_2, unwind 5 => |c| lead_is_what_is_pending::<2, 3>(c, 2, 2, LAST_BITS);
+    law_pending_1_3, unwind 5 => |c| lead_is_what_is_pending::<3, 3>(c, 1, 3, LAST_BITS);
+    law_pending_4_2, unwind 9 => |c| lead_is_what_is_pending::<4, 5>(c, 4, 2, 3);
+    law_within_2_2, unwind 5 => |c| never_overshoots::<2, 3>(c, 2, 2, LAST_BITS);
+    law_within_4_2, unwind 9 => |c| never_overshoots::<4, 5>(c, 4, 2, LAST_BITS);
+    law_rests_2_2, unwind 5 => |c| comes_to_rest::<2, 3>(c, 2, 2, LAST_BITS);
+    law_change_2_2, unwind 5 => |c| change_is_bounded::<2, 3>(c, 2, 2, LAST_BITS);
+    law_change_4_2, unwind 9 => |c| change_is_bounded::<4, 5>(c, 4, 2, LAST_BITS);
+    wheel_mean, unwind 7 => |c| wheel_follows(c);
 }
 
 /// The bound on the change, for every pair of lengths up to eight and every memory of targets 0 and 1: a linear inequality over
@@ -222,17 +268,17 @@ pub const ROWS: &[Row] = &[
         name: "rate-rest",
         says: "The cursor comes to rest exactly where the commanded place stands and never beyond, nothing commanded is lost; the rate never overshoots its targets and reaches one that is held",
         requirement: "REV-12; REV, Beyond the source, *Rate law*",
-        bound: "averages of 1+1, 1+3, 2+2 and 4+2 periods from any state, any targets up to rate 8; drawn runs up to 4 096 periods",
+        bound: "averages of 1+1 (any targets up to rate 8), 1+3, 2+2 and 4+2 periods (targets of up to 15 last bits, where the rounding is) from any state; drawn runs up to 4 096 periods and rate 8",
         assumes: "the targets in the memory have one sign (row drive-road: a change of direction goes through rest)",
-        suffices: "every reachable state is covered, as the remainder is determined by the memory; the code depends on the lengths only by wrapping at them and by their product",
+        suffices: "every reachable state is covered, as the remainder is determined by the memory; sums of targets are linear and have no size at which they change, up to the 2⁵⁹ that 64 bits hold; the code depends on the lengths only by wrapping at them and by their product",
         harnesses: &[
-            "law_follows_2_2",
-            "law_follows_4_2",
-            "law_rests_1_1",
+            "law_pending_1_1",
+            "law_pending_2_2",
+            "law_pending_1_3",
+            "law_pending_4_2",
+            "law_within_2_2",
+            "law_within_4_2",
             "law_rests_2_2",
-            "law_rests_1_3",
-            "law_rests_4_2",
-            "law_reaches_2_2",
         ],
         searches: &[Search { name: "law-long", run: long_averages }],
         models: &[],
@@ -242,21 +288,21 @@ pub const ROWS: &[Row] = &[
                 file: RATE,
                 find: "self.sums.push(sum) + self.remainder;",
                 put: "self.sums.push(sum);",
-                killer: "law_rests_1_3",
+                killer: "law_pending_1_3",
             },
             Mutant {
                 name: "the second average is one period too long",
                 file: RATE,
                 find: "Travel::from(self.smoothing.first) * Travel::from(self.smoothing.second);",
                 put: "Travel::from(self.smoothing.first) * Travel::from(self.smoothing.second + 1);",
-                killer: "law_reaches_2_2",
+                killer: "law_pending_2_2",
             },
             Mutant {
                 name: "the oldest value stays in the sum",
                 file: RATE,
                 find: "self.sum += value - *oldest;",
                 put: "self.sum += value - *oldest / 2;",
-                killer: "law_follows_2_2",
+                killer: "law_within_2_2",
             },
             Mutant {
                 name: "memory wraps one late",
@@ -271,7 +317,7 @@ pub const ROWS: &[Row] = &[
         name: "rate-change",
         says: "Whatever is asked when, the rate changes at a rate r by at most what a plain step from 0 to 1 shows at that rate",
         requirement: "REV, Beyond the source, *Rate law*",
-        bound: "averages of 2+2 and 4+2 periods, any targets in 0 … 1, in fixed point; all lengths up to 8 in exact numbers",
+        bound: "averages of 2+2 and 4+2 periods in fixed point, a full rate being 15 last bits; all lengths up to 8 in exact numbers",
         assumes: "targets in 0 … 1: rapid retrace has caps of its own",
         suffices: "the weights of two averages rise, stay and fall for all lengths alike; the controller takes its lengths from the same plain step, on which αA·r² + V·|r′| ≤ A is largest at the points (it is convex between them)",
         harnesses: &["law_change_2_2", "law_change_4_2"],
@@ -292,7 +338,7 @@ pub const ROWS: &[Row] = &[
         bound: "a mean of 4 periods, any counts",
         assumes: "the wheel's counts in a period fit 16 bits",
         suffices: "the code depends on the length only by wrapping at it",
-        harnesses: &["wheel_rests"],
+        harnesses: &["wheel_mean"],
         searches: &[],
         models: &[],
         mutants: &[Mutant {
@@ -300,7 +346,7 @@ pub const ROWS: &[Row] = &[
             file: "crates/core/src/wheel.rs",
             find: "let sum = self.sum.clamp(-self.counts_at_one, self.counts_at_one);",
             put: "let sum = self.sum;",
-            killer: "wheel_rests",
+            killer: "wheel_mean",
         }],
     },
 ];
