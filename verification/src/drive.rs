@@ -236,7 +236,7 @@ pub const ROWS: &[Row] = &[
                 file: DRIVE,
                 find: "if along(self.sign, self.at.to(here)) <= 0 {",
                 put: "if along(self.sign, self.at.to(here)) < 0 {",
-                killer: "drive_road_1_1",
+                killer: "drive_presses_2_2",
             },
             Mutant {
                 name: "the cursor stops a last bit early",

@@ -33,12 +33,16 @@ fn any_facts(c: &mut impl Choice) -> Facts {
 fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> {
     let mut operation = Operation::default();
     // has the cursor been at rest since normal run was left?
-    let (mut turned, mut k) = (true, 0);
+    // and may outputs be restored without asking again?
+    let (mut turned, mut agreed, mut k) = (true, false, 0);
     while k < ORDERS {
         let (was, order, facts) = (operation.mode(), any_order(c), any_facts(c));
         let before = operation;
-        if operation.order(order).is_err() {
-            holds!(operation == before);
+        match (operation.order(order), order) {
+            (Err(_), _) => holds!(operation == before),
+            (Ok(()), Order::Leave { ask: false } | Order::Agree) => agreed = true,
+            (Ok(()), Order::Leave { .. } | Order::Reverse(_) | Order::Forward(_) | Order::Wheel) => agreed = false,
+            (Ok(()), _) => {}
         }
         if was == Mode::Run && operation.mode() != Mode::Run {
             turned = false;
@@ -57,6 +61,8 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         } else {
             holds!(!demand.restore_outputs && demand.notice != Some(Notice::GoesOn));
         }
+        holds!(!demand.restore_outputs || agreed);
+        agreed &= operation.mode() != Mode::Run;
         // a hold stands in every mode; backward only where reverse or the wheel asks for it
         holds!(!operation.held() || demand.target == 0);
         let backward = matches!(operation.mode(), Mode::Reverse | Mode::Wheel);

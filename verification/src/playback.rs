@@ -195,10 +195,10 @@ pub const ROWS: &[Row] = &[
                 killer: "place_sums",
             },
             Mutant {
-                name: "a boundary counts as ahead of itself",
+                name: "the boundary ahead is one too far",
                 file: "crates/core/src/place.rs",
-                find: "if self.fraction == 0 { self.record }",
-                put: "if self.fraction <= 1 { self.record }",
+                find: "if self.fraction == 0 { self.record } else { self.record.wrapping_add(1) }",
+                put: "if self.fraction == 0 { self.record } else { self.record.wrapping_add(2) }",
                 killer: "place_boundaries",
             },
         ],

@@ -107,8 +107,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "a cell is let go before it is read",
                 file: RING,
-                find: "let record = self.content(place);\n        self.publish(floor);",
-                put: "self.publish(floor);\n        let record = self.content(place);",
+                find: "let record = Some(self.content(place));\n        self.publish(floor);",
+                put: "self.publish(floor);\n        let record = Some(self.content(place));",
                 killer: "two_cells_keep_0",
             },
             Mutant {

@@ -127,7 +127,11 @@ impl Played {
             return None;
         }
         let place = self.read;
-        self.settle(place.wrapping_add(1));
+        self.read = place.wrapping_add(1);
+        // one record at a time: only from `reached` does the cursor get beyond it
+        if place == self.reached {
+            self.reach(self.read);
+        }
         Some(place)
     }
 
@@ -151,16 +155,23 @@ impl Played {
         within
     }
 
-    /// The cursor stands at `read`, within `head … write`: `reached` follows it forward, and `head` follows the floor.
+    /// The cursor stands at `read`, within `head … write`: `reached` follows it forward.
     #[inline]
     const fn settle(&mut self, read: u32) {
         self.read = read;
         let passed = read.wrapping_sub(self.head);
         if passed > self.reached.wrapping_sub(self.head) {
-            self.reached = read;
-            if passed > self.keep {
-                self.head = self.floor();
-            }
+            self.reach(read);
+        }
+    }
+
+    /// `reached` goes on to `place`, and `head` follows the floor.
+    #[inline]
+    const fn reach(&mut self, place: u32) {
+        self.reached = place;
+        let passed = place.wrapping_sub(self.head);
+        if passed > self.keep {
+            self.head = self.floor();
         }
     }
 }

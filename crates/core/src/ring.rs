@@ -217,9 +217,10 @@ impl<R: Copy> Consumer<'_, R> {
         }
         let floor = self.played.floor();
         let place = self.played.forward()?;
-        let record = self.content(place);
+        // wrapped up before the store, which nothing is moved across: so it is copied once
+        let record = Some(self.content(place));
         self.publish(floor);
-        Some(record)
+        record
     }
 
     /// Moves the cursor back and reads the record it passes (REV-6); `None` at `head`.

@@ -164,6 +164,9 @@ fn absent(root: &Path, options: &Options, cbmc: &Result<tools::CbmcTools, String
                 (Engine::Loom | Engine::Shuttle, _) if !threads::is_there(root, engine) => {
                     ("there are no models for it in this checkout".to_owned(), "see docs/verification.md, Engines")
                 }
+                (Engine::CbmcMutants, _) if !options.wants(engine) => {
+                    ("runs by name only: --engine cbmc-mutants".to_owned(), "")
+                }
                 _ if !options.wants(engine) && options.engines.is_empty() => ("left out by --quick".to_owned(), ""),
                 _ if !options.wants(engine) => ("left out by --engine".to_owned(), ""),
                 _ => return None,
