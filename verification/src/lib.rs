@@ -3,6 +3,8 @@
 //! `choice` is that source, `harness` makes each engine's list, `native` enumerates and draws, `ledger` holds the rows. The other
 //! modules are the properties, each beside the literal machine or model that it compares with.
 #![cfg_attr(any(kani, verify_wasm), no_std)]
+// a claim is written out as comparisons: a call to `contains` or `clamp` is one more thing that a proof has to follow
+#![allow(clippy::manual_range_contains, clippy::manual_clamp)]
 #![cfg_attr(not(verify_wasm), forbid(unsafe_code))]
 
 pub mod choice;
