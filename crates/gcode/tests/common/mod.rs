@@ -1,10 +1,13 @@
 //! What the interpreter makes of a program, as text.
 
-use retrace_gcode::{CanonText, Program, Progress, Setup, Severity};
+use retrace_gcode::{CanonText, Prescan, Program, Progress, Setup, Severity};
+use std::sync::Arc;
 
 /// The canonical text of a program, up to its first error, and whether it had one.
 pub(crate) fn canon_text(program: &str) -> (String, bool) {
-    let mut program = Program::new(program.as_bytes(), Setup::rs274());
+    let text: Arc<[u8]> = program.as_bytes().into();
+    let prescan = Prescan::of("program.ngc", Arc::clone(&text), &Setup::rs274());
+    let mut program = Program::prescanned(&text[..], Arc::new(prescan), Setup::rs274());
     let mut text = CanonText::new(Vec::new());
     let mut steps = Vec::new();
     loop {
