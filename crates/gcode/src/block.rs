@@ -180,25 +180,27 @@ impl Words {
 
     /// Adds a G code; G80 gives way to another motion code.
     pub(crate) fn add_g(&mut self, value: f64, at: Span) -> Outcome<()> {
-        let tenths = (value * 10.0).round();
         if value < 0.0 {
             return negative(b'g', value, at);
         }
-        if (value * 10.0 - tenths).abs() > 0.001 || tenths > 999.0 {
+        // Rounded by hand: a call of the library would cost more than all the rest.
+        let tenths = (value * 10.0 + 0.5) as Tenths;
+        if (value * 10.0 - f64::from(tenths)).abs() > 0.001 || tenths > 999 {
             return fault(Code::UnknownG, at, format!("there is no G{value}"));
         }
-        let tenths = tenths as Tenths;
-        let name = name_of_g(tenths);
         let group = match group_of_g(tenths) {
             Known::CarriedOut(group) => group,
-            Known::NotYet => return fault(Code::UnsupportedG, at, format!("{name} is not supported yet")),
-            Known::No => return fault(Code::UnknownG, at, format!("there is no {name}")),
+            Known::NotYet => {
+                let message = format!("{} is not supported yet", name_of_g(tenths));
+                return fault(Code::UnsupportedG, at, message);
+            }
+            Known::No => return fault(Code::UnknownG, at, format!("there is no {}", name_of_g(tenths))),
         };
         match self.g(group) {
             Some(_) if group == GroupG::Motion && tenths == 800 => return Ok(()),
             Some(800) | None => {}
             Some(other) => {
-                let other = name_of_g(other);
+                let (other, name) = (name_of_g(other), name_of_g(tenths));
                 return fault(Code::TwoGOfGroup, at, format!("{other} and {name} exclude each other"));
             }
         }

@@ -11,7 +11,7 @@
 //! for step in program {
 //!     text.write(&step)?;
 //! }
-//! let text = String::from_utf8_lossy(&text.into_inner()).into_owned();
+//! let text = String::from_utf8_lossy(&text.into_inner()?).into_owned();
 //! assert!(text.contains("    9 N..... STRAIGHT_FEED(10.0000, 0.0000, 0.0000, 0.0000, 0.0000, 0.0000)"));
 //! # Ok::<(), std::io::Error>(())
 //! ```
@@ -55,6 +55,7 @@ pub use canon_text::CanonText;
 pub use codes::Code;
 pub use diag::{Diagnostic, Severity, Span};
 pub use interp::{BlockRefused, Flow, Interpreter, Setup};
+pub use lines::Text;
 pub use modal::{ArcCentres, Distance, Motion, Spindle, State};
 pub use params::Parameters;
 pub use pose::{Axis, AxisSet, Pose};

@@ -5,9 +5,8 @@ use std::sync::Arc;
 
 /// The canonical text of a program, up to its first error, and whether it had one.
 pub(crate) fn canon_text(program: &str) -> (String, bool) {
-    let text: Arc<[u8]> = program.as_bytes().into();
-    let prescan = Prescan::of("program.ngc", Arc::clone(&text), &Setup::rs274());
-    let mut program = Program::prescanned(&text[..], Arc::new(prescan), Setup::rs274());
+    let prescan = Prescan::of("program.ngc", program.into(), &Setup::rs274());
+    let mut program = Program::<&[u8]>::prescanned(Arc::new(prescan), Setup::rs274());
     let mut text = CanonText::new(Vec::new());
     let mut steps = Vec::new();
     loop {
@@ -23,5 +22,5 @@ pub(crate) fn canon_text(program: &str) -> (String, bool) {
         }
     }
     let failed = program.interpreter().diagnostics().iter().any(|found| found.severity() == Severity::Error);
-    (String::from_utf8(text.into_inner()).expect("text"), failed)
+    (String::from_utf8(text.into_inner().expect("memory")).expect("text"), failed)
 }
