@@ -66,7 +66,8 @@ const fn text(written: u32, title: &'static str, remedy: &'static str) -> AlarmT
     AlarmText { written, number: written, title, remedy }
 }
 
-/// Every alarm that the shipped cycles and stock removal raise; numbers apart from 61815 are from memory of the control.
+/// Every alarm that the shipped cycles and stock removal raise. Numbers apart from 61815 are from memory of the
+/// control; 61890 and 62801 … 62805 are ours.
 pub(crate) const ALARMS: &[AlarmText] = &[
     text(10930, "interpolation not allowed in the contour", "Write the contour with G0, G1, G2 and G3 only."),
     text(10931, "contour faulty", "Leave G41 and G42 out of the contour, and split arcs of more than 180 degrees."),
@@ -74,10 +75,18 @@ pub(crate) const ALARMS: &[AlarmText] = &[
     text(10934, "contour has too many elements", "Split the contour into several."),
     text(15800, "contour does not begin with a motion code", "Write G0, G1, G2 or G3 into the first block with axes."),
     text(61000, "no tool offset active", "Select a tool and its offset before the call."),
-    text(61001, "thread pitch wrong", "Give a size (MPIT) or a pitch (PIT) within its range; if both, they must agree."),
+    text(
+        61001,
+        "thread pitch wrong",
+        "Give a size (MPIT) or a pitch (PIT) within its range; if both, they must agree.",
+    ),
     text(61002, "machining type wrong", "Give a value that the parameter knows."),
     text(61003, "no feed", "Program F above zero before the call, or give the feed parameter."),
-    text(61101, "reference plane wrong", "Put the retraction plane and the depth on opposite sides of the reference plane."),
+    text(
+        61101,
+        "reference plane wrong",
+        "Put the retraction plane and the depth on opposite sides of the reference plane.",
+    ),
     text(61102, "no spindle direction", "Give 3, 4 or 5."),
     text(61103, "number of holes is zero", "Give at least one hole."),
     text(61107, "first depth wrong", "Put the first depth between the reference plane and the final depth."),
@@ -88,11 +97,17 @@ pub(crate) const ALARMS: &[AlarmText] = &[
     text(61610, "no infeed depth", "Give an infeed depth above zero."),
     text(61808, "depth missing", "Give the depth (DP) or the depth from the reference plane (DPR)."),
     text(61815, "cutter compensation active", "Program G40 before the call."),
+    text(61890, "no spindle speed", "Program S before the call, or give the speed or the dwell otherwise."),
     text(62100, "no modal cycle active", "Program MCALL with a drilling cycle before it."),
     text(62801, "sign ignored", "Enter the value without sign."),
     text(62802, "depth given twice", "Give the depth either absolute or from the reference plane."),
-    text(62803, "taken as full retraction", "Nothing needs to be done: a tap is always drawn out whole between strokes."),
+    text(
+        62803,
+        "taken as full retraction",
+        "Nothing needs to be done: a tap is always drawn out whole between strokes.",
+    ),
     text(62804, "parameter without effect", "Leave the parameter out."),
+    text(62805, "value limited", "Give a value within the range."),
 ];
 
 /// What is known of an alarm, by the number that a cycle writes.

@@ -4,6 +4,7 @@
 
 use crate::code::Unit;
 use std::fmt;
+use std::path::{Path, PathBuf};
 
 /// A cycle of a [`crate::Library`]; it is valid for that library only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -90,6 +91,8 @@ pub struct Cycle {
     pub(crate) callees: Vec<CycleId>,
     pub(crate) kind: Kind,
     pub(crate) origin: Origin,
+    pub(crate) path: PathBuf,
+    pub(crate) was_fresh: bool,
 }
 
 impl Cycle {
@@ -115,6 +118,18 @@ impl Cycle {
     #[must_use]
     pub const fn origin(&self) -> Origin {
         self.origin
+    }
+
+    /// Its source: a path, or its name for a shipped one.
+    #[must_use]
+    pub fn source(&self) -> &Path {
+        &self.path
+    }
+
+    /// Was its compiled form taken from the folder, and not compiled now?
+    #[must_use]
+    pub const fn was_fresh(&self) -> bool {
+        self.was_fresh
     }
 
     /// `SAVE`: the modal state of the caller is restored at the end.

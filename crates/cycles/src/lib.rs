@@ -9,11 +9,14 @@
 mod alarm;
 mod code;
 mod codes;
+mod compile;
 mod cycle;
 mod diag;
 mod host;
 mod library;
 mod machine;
+mod shipped;
+mod stored;
 
 pub use alarm::{Alarm, AlarmText, Halt, alarm_text};
 pub use codes::Code;
@@ -22,3 +25,4 @@ pub use diag::{Diagnostic, Severity};
 pub use host::{Block, Host, Message, Query, StockCall, StockFault, StockFeed, StockMove, Stopped, Word};
 pub use library::{Finding, Folders, Library};
 pub use machine::{Argument, Limits, Machine};
+pub use shipped::shipped_source;

@@ -1,24 +1,24 @@
 //! The cycles that can be called: the shipped ones and those of the user's folder, compiled and joined.
 //!
-//! Invariant: every call within a cycle leads to a cycle of the same library that takes its arguments.
+//! Invariant: every call within a cycle leads to a cycle of the same library that takes its arguments. A cycle with an error is
+//! not in it, and neither is one that calls it; nor does a shipped cycle stand in for a user's that has errors.
 
-use crate::cycle::{Cycle, CycleId};
+mod folders;
+mod join;
+
+use crate::cycle::{Cycle, CycleId, Origin};
 use crate::diag::Diagnostic;
+use crate::shipped;
+use crate::stored;
+use folders::Source;
 use std::path::{Path, PathBuf};
 
-/// The two folders (PRE-1): sources, and compiled forms. Either may be absent.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Folders<'a> {
-    /// Sources, files `*.SPF`.
-    pub sources: Option<&'a Path>,
-    /// Compiled forms; made where it is missing.
-    pub compiled: Option<&'a Path>,
-}
+pub use folders::Folders;
 
 /// Something wrong with a source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// The source, by its path, or by its name for a shipped one.
+    /// The source: its path, or the name of a shipped one.
     pub source: PathBuf,
     /// What is wrong.
     pub diagnostic: Diagnostic,
@@ -29,6 +29,7 @@ pub struct Finding {
 pub struct Library {
     cycles: Vec<Cycle>,
     findings: Vec<Finding>,
+    identity: u128,
 }
 
 impl Library {
@@ -41,20 +42,38 @@ impl Library {
     /// The shipped cycles and those of a folder; what is fresh among the compiled forms is taken, the rest compiled and kept.
     /// Cycles with errors are left out; [`Library::findings`] tells them.
     #[must_use]
-    pub fn open(_folders: Folders<'_>) -> Self {
-        Self::default()
+    pub fn open(folders: Folders<'_>) -> Self {
+        let mut findings = Vec::new();
+        let mut sources = folders.users(&mut findings);
+        let shipped = shipped::SOURCES.iter();
+        sources
+            .extend(shipped.map(|(name, text)| Source::new(Path::new(name), Origin::Shipped, text.as_bytes().into())));
+        Self::of(sources, folders, findings)
     }
 
-    /// A library of these cycles, names and sources, in place of the shipped ones; for tests.
+    /// A library of these cycles alone, names of files and sources, as if they were a user's; for tests and tools.
     #[must_use]
-    pub fn of_sources(_sources: &[(&str, &str)]) -> Self {
-        Self::default()
+    pub fn of_sources(sources: &[(&str, &str)]) -> Self {
+        let sources =
+            sources.iter().map(|(name, text)| Source::new(Path::new(name), Origin::User, text.as_bytes().into()));
+        Self::of(sources.collect(), Folders::default(), Vec::new())
     }
 
-    /// The cycle of this name, in capitals or not.
+    fn of(sources: Vec<Source>, folders: Folders<'_>, mut findings: Vec<Finding>) -> Self {
+        let mut forms = folders::forms(sources, folders, &mut findings);
+        // By name, so that a name is found by halving and the numbers do not depend on the order of a folder.
+        forms.sort_by(|a, b| a.unit.name.cmp(&b.unit.name));
+        let keys: Vec<u8> = forms.iter().flat_map(|form| form.key.to_le_bytes()).collect();
+        let cycles = join::join(forms, &mut findings);
+        findings.sort_by(|a, b| (&a.source, a.diagnostic.line).cmp(&(&b.source, b.diagnostic.line)));
+        Self { cycles, findings, identity: stored::hash(&[&keys]) }
+    }
+
+    /// The cycle of this name, in capitals or not. Does not allocate.
     #[must_use]
     pub fn find(&self, name: &str) -> Option<CycleId> {
-        let at = self.cycles.iter().position(|cycle| cycle.name().eq_ignore_ascii_case(name))?;
+        let wanted = || name.bytes().map(|byte| byte.to_ascii_uppercase());
+        let at = self.cycles.binary_search_by(|cycle| cycle.name().bytes().cmp(wanted())).ok()?;
         Some(CycleId(at as u16))
     }
 
@@ -69,9 +88,15 @@ impl Library {
         self.cycles.iter().enumerate().map(|(index, cycle)| (CycleId(index as u16), cycle))
     }
 
-    /// What is wrong with the sources.
+    /// What is wrong with the sources, and what is suspicious.
     #[must_use]
     pub fn findings(&self) -> &[Finding] {
         &self.findings
+    }
+
+    /// A number that changes with any cycle: the key for what is derived from a program and these cycles.
+    #[must_use]
+    pub const fn identity(&self) -> u128 {
+        self.identity
     }
 }

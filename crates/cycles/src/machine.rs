@@ -6,6 +6,8 @@
 mod block;
 mod calculate;
 
+pub(crate) use block::is_known_m;
+
 use crate::alarm::{Alarm, Halt, alarm_text};
 use crate::code::{Op, Passed, System, converted};
 use crate::codes::Code;

@@ -47,7 +47,7 @@ impl Run<'_> {
             Op::CodeG(tenths) => self.machine.block.add_g(tenths),
             Op::CodeM => {
                 let code = self.number().round();
-                if !KNOWN_M.contains(&(code as i64)) {
+                if !is_known_m(code) {
                     return trap(Code::CodeUnknown, format!("M{code} is not known in a cycle"));
                 }
                 self.machine.block.add_m(code as u16);
@@ -66,7 +66,10 @@ impl Run<'_> {
                 let turns = self.number();
                 let speed = self.host.ask(Query::SpindleSpeed).abs();
                 if speed <= 0.0 {
-                    return trap(Code::NoSpeed, format!("{}: no speed for a dwell of {turns} revolutions", cycle.name()));
+                    return trap(
+                        Code::NoSpeed,
+                        format!("{}: no speed for a dwell of {turns} revolutions", cycle.name()),
+                    );
                 }
                 self.machine.block.add_word(b'P', turns * 60.0 / speed);
             }
@@ -115,4 +118,9 @@ impl Run<'_> {
 }
 
 /// M codes that a cycle may give; the end of a program is not its business.
-pub(crate) const KNOWN_M: &[i64] = &[0, 1, 3, 4, 5, 6, 7, 8, 9, 19];
+const KNOWN_M: &[i64] = &[0, 1, 3, 4, 5, 6, 7, 8, 9, 19];
+
+/// May a cycle give this M code?
+pub(crate) fn is_known_m(code: f64) -> bool {
+    code.fract() == 0.0 && KNOWN_M.contains(&(code as i64))
+}
