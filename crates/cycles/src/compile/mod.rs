@@ -48,13 +48,15 @@ pub(crate) fn compile(source: &[u8], file_name: &str) -> Compiled {
             compiler.line = index as u32 + 1;
             compiler.line_of_bytes(line.strip_suffix(b"\r").unwrap_or(line));
             if compiler.errors >= MOST_ERRORS {
-                compiler.report(Code::TooManyErrors, Span::default(), "more errors are not shown".to_owned());
                 break;
             }
         }
         compiler.finish();
     }
     compiler.diagnostics.sort_by_key(|diagnostic| (diagnostic.line, diagnostic.start));
+    if compiler.errors >= MOST_ERRORS {
+        compiler.report(Code::TooManyErrors, Span::default(), "more errors are not shown".to_owned());
+    }
     let is_whole = !compiler.diagnostics.iter().any(|d| d.severity() == crate::diag::Severity::Error);
     Compiled { unit: is_whole.then_some(compiler.unit), diagnostics: compiler.diagnostics }
 }
