@@ -73,6 +73,7 @@ impl Program {
             setup.parameters = table(path, "parameter file", Parameters::read)?;
         }
         setup.block_delete = reading.block_delete;
+        setup.cycles = Some(Arc::new(retrace_gcode::cycles::Library::shipped()));
         setup.files = Some(Arc::new(subs::Folders::of(&reading.program, &reading.subs)));
         let prescan = if is_stdin {
             None

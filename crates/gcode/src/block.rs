@@ -3,6 +3,7 @@
 //! Invariant: a block says what its line says and no more; what depends on parameters is kept as operations and calculated when
 //! the block is carried out. Cleared and filled again, a block allocates nothing once its buffers have grown.
 
+use crate::call::CycleCall;
 use crate::codes::Code;
 use crate::control::Control;
 use crate::diag::{Outcome, Span, fault};
@@ -89,7 +90,7 @@ const fn index(letter: u8) -> usize {
 }
 
 impl Words {
-    fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         (self.present, self.g_present, self.m_present, self.m_count) = (0, 0, 0, 0);
     }
 
@@ -345,6 +346,8 @@ pub(crate) struct Block {
     pub(crate) words: Words,
     pub(crate) remark: Option<Remark>,
     pub(crate) control: Option<Control>,
+    /// The cycle that the line calls.
+    pub(crate) cycle: Option<CycleCall>,
     pub(crate) ops: Vec<Op>,
     pub(crate) late: Vec<Late>,
 }
@@ -355,6 +358,7 @@ impl Block {
         self.words.clear();
         self.remark = None;
         self.control = None;
+        self.cycle = None;
         self.ops.clear();
         self.late.clear();
     }

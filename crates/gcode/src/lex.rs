@@ -54,6 +54,12 @@ impl<'a> Cursor<'a> {
         self.at += 1;
     }
 
+    /// The character behind the next one, if blanks are not counted; to be asked after [`Cursor::peek`].
+    #[inline]
+    pub(crate) fn peek_next(&self) -> Option<u8> {
+        self.text.get(self.at + 1..)?.iter().copied().find(|byte| !is_blank(*byte))
+    }
+
     /// Takes the next character if it is this one.
     #[inline]
     pub(crate) fn eat(&mut self, wanted: u8) -> bool {

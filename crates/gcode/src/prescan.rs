@@ -110,7 +110,7 @@ impl Prescan {
             codes: Vec::new(),
             regions: Vec::new(),
             subs: Subs::default(),
-            reader: LineReader::new(setup.axes, setup.block_delete),
+            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone()),
             diagnostics: Vec::new(),
         };
         prescan.add_file(name.to_owned(), text);
@@ -243,7 +243,7 @@ pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> Fault {
 
 /// Lines of O numbers that M98 calls, with the line of the M99 that follows.
 fn called_starts(text: &[u8]) -> Vec<(u32, u32)> {
-    let mut reader = LineReader::new(crate::pose::AxisSet::ALL, false);
+    let mut reader = LineReader::new(crate::pose::AxisSet::ALL, false, None);
     let (mut starts, mut called, mut ranges) = (Vec::new(), Vec::new(), Vec::new());
     let mut open: Vec<(u32, u64)> = Vec::new();
     for (index, line) in Split::new(text).enumerate() {

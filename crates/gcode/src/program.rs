@@ -122,6 +122,10 @@ impl<R: BufRead> Program<R> {
                 interp::Flow::Continue => Ok(Progress::Line),
                 interp::Flow::ProgramEnd => Ok(self.end_of_program(steps)),
             },
+            Stepped::Cycle(call) => {
+                self.interpreter.call_cycle(&call, &interp::NoContours, steps)?;
+                Ok(Progress::Line)
+            }
             Stepped::Jumped => Ok(Progress::Line),
             Stepped::Faulty => Ok(Progress::Refused),
             Stepped::Idle => self.own_line(steps),

@@ -6,13 +6,16 @@
 mod arc;
 mod check;
 mod core;
+mod cycle;
 mod execute;
 mod modes;
 mod motion;
 mod offsets;
 mod stop;
 
-use self::core::{BlockEnvironment, Core, Emit};
+pub(crate) use self::core::Core;
+use self::core::{BlockEnvironment, Emit};
+pub(crate) use self::cycle::{Contours, NoContours};
 use crate::block::{Assignment, Words};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::code::Code as CompiledLines;
@@ -25,6 +28,7 @@ use crate::parse::LineReader;
 use crate::pose::{AxisSet, Pose};
 use crate::prescan::SubFiles;
 use crate::tool::ToolTable;
+use retrace_cycles::Library;
 use std::sync::Arc;
 
 /// Errors after which nothing more is checked; of warnings, no more are kept.
@@ -43,6 +47,8 @@ pub struct Setup {
     pub tools: ToolTable,
     /// What earlier programs have left.
     pub parameters: Parameters,
+    /// The cycles that a program may call.
+    pub cycles: Option<Arc<Library>>,
     /// Where subprograms in files of their own are found.
     pub files: Option<Arc<dyn SubFiles>>,
     /// Whether lines that begin with a slash are left out.
@@ -60,6 +66,7 @@ impl Default for Setup {
             axes: AxisSet::XYZ,
             tools: ToolTable::samples(LengthUnit::Millimetre),
             parameters: Parameters::default(),
+            cycles: None,
             files: None,
             block_delete: false,
             position: Pose::ZERO,
@@ -107,6 +114,8 @@ pub struct BlockRefused;
 pub struct Interpreter {
     core: Core,
     reader: LineReader,
+    /// Cycles, once the program has called one.
+    cycles: Option<Box<cycle::Cycles>>,
     words: Words,
     assignments: Vec<Assignment>,
     file: u16,
@@ -129,7 +138,8 @@ impl Interpreter {
         core.take_up_parameters(&setup.position);
         Interpreter {
             core,
-            reader: LineReader::new(setup.axes, setup.block_delete),
+            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles),
+            cycles: None,
             words: Words::default(),
             assignments: Vec::new(),
             file: 0,
@@ -255,7 +265,7 @@ impl Interpreter {
             }
             &self.words
         };
-        let mut emit = Emit { line: self.line, number: self.reader.block.number, steps, warning: None };
+        let mut emit = Emit { line: self.line, number: self.reader.block.number, steps: &mut *steps, warning: None };
         let motion = check::motion_to_be(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
         if let Some(remark) = &self.reader.block.remark {
@@ -265,9 +275,13 @@ impl Interpreter {
                 emit.call(canon);
             }
         }
+        let moves = matches!(motion, check::MotionToBe::Move(_)) && words.has_any(b"xyz");
         let flow = self.core.execute(words, motion, &mut emit);
         if let Some((code, at)) = emit.warning {
             self.report(Fault::plain(code, at));
+        }
+        if moves && self.has_modal() && flow.is_ok() {
+            self.modal_cycle(steps)?;
         }
         flow
     }
