@@ -59,6 +59,7 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::SetG92Offset(offset) => pose(out, "SET_G92_OFFSET", offset),
         Canon::SetXyRotation(degrees) => write!(out, "SET_XY_ROTATION({degrees:.4})"),
         Canon::SetFeedMode(FeedMode::InverseTime | FeedMode::UnitsPerMinute) => write!(out, "SET_FEED_MODE(0, 0)"),
+        Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => write!(out, "SET_FEED_MODE(0, 1)"),
         Canon::SetFeedRate(rate) => {
             out.extend_from_slice(b"SET_FEED_RATE(");
             list(out, &[*rate])
@@ -74,6 +75,13 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::Dwell(seconds) => write!(out, "DWELL({seconds:.4})"),
         Canon::SetSpindleSpeed(rpm) => write!(out, "SET_SPINDLE_SPEED(0, {rpm:.4})"),
         Canon::SetSpindleMode(limit) => write!(out, "SET_SPINDLE_MODE(0 {limit:.4})"),
+        Canon::OrientSpindle { degrees, mode } => write!(out, "ORIENT_SPINDLE(0, {degrees:.4}, {mode})"),
+        Canon::WaitSpindleOrientComplete(seconds) => write!(out, "SPINDLE.0.WAIT_ORIENT_COMPLETE({seconds:.4})"),
+        Canon::StartSpeedFeedSynch { pitch } => write!(out, "START_SPEED_FEED_SYNC({pitch:.6},0)"),
+        Canon::RigidTap(end) => {
+            out.extend_from_slice(b"RIGID_TAP(");
+            list(out, end)
+        }
         Canon::ChangeTool(tool) => write!(out, "CHANGE_TOOL({tool})"),
         Canon::SelectTool(tool) => write!(out, "SELECT_TOOL({tool})"),
         Canon::ChangeToolNumber(tool) => write!(out, "CHANGE_TOOL_NUMBER({tool})"),
@@ -98,6 +106,7 @@ const fn plain_name(canon: &Canon) -> &'static str {
         Canon::StartSpindleClockwise => "START_SPINDLE_CLOCKWISE(0)",
         Canon::StartSpindleCounterclockwise => "START_SPINDLE_COUNTERCLOCKWISE(0)",
         Canon::StopSpindleTurning => "STOP_SPINDLE_TURNING(0)",
+        Canon::StopSpeedFeedSynch => "STOP_SPEED_FEED_SYNCH()",
         Canon::StartChange => "START_CHANGE()",
         Canon::MistOn => "MIST_ON()",
         Canon::MistOff => "MIST_OFF()",

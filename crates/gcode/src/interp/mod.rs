@@ -4,13 +4,16 @@
 //! a diagnostic, and the next line is taken up from the state that holds then.
 
 mod arc;
+mod canned;
 mod check;
 mod core;
 mod execute;
 mod modes;
 mod motion;
 mod offsets;
+mod spindle;
 mod stop;
+mod thread;
 
 use self::core::{BlockEnvironment, Core, Emit};
 use crate::block::{Assignment, Block, Words};
