@@ -171,8 +171,8 @@ impl Core {
             Distance::Absolute => ((word(first).unwrap_or(here.0), word(second).unwrap_or(here.1)), (0.0, 0.0)),
             Distance::Incremental => (here, (word(first).unwrap_or(0.0), word(second).unwrap_or(0.0))),
         };
-        let lowest = if state.retract_to_r { levels.clearance } else { levels.retract };
-        let mut travel = state.position[normal].max(lowest);
+        let level = state.position[normal];
+        let mut travel = if level > levels.clearance { level } else { levels.retract };
         let mut hole = Hole { emit, at: state.position, axes, levels };
         for _ in 0..repeats {
             place = (place.0 + step.0, place.1 + step.1);

@@ -22,14 +22,15 @@ struct Thread {
     pitch: f64,
     /// The drive line: X at the beginning.
     drive_line: f64,
-    /// X of the crests.
-    peak: f64,
+    /// From the drive line to the crests.
+    crests: f64,
     /// +1 where the tool cuts towards greater X, as in a bore; else −1.
     inward: f64,
+    /// Depths below the crests.
     first_depth: f64,
     full_depth: f64,
     degression: f64,
-    /// Way along Z for a unit of depth, from the angle of infeed.
+    /// Way back along Z for a unit of depth, from the angle of infeed.
     slope: f64,
     spring_passes: u32,
     /// Length of the tapers along Z, and where they are.
@@ -52,14 +53,14 @@ impl Core {
         let thread = Thread::of(words, &start, &end)?;
         let mut at = start;
         let mut pass = 1_u32;
-        let mut depth = thread.first_depth;
-        while depth < thread.full_depth {
+        let mut depth = thread.crests + thread.first_depth;
+        while depth < thread.bottom() {
             thread.pass(depth, &mut at, self.state.feed_override, emit);
             pass += 1;
-            depth = thread.first_depth * f64::from(pass).powf(1.0 / thread.degression);
+            depth = thread.crests + thread.first_depth * f64::from(pass).powf(1.0 / thread.degression);
         }
         for _ in 0..=thread.spring_passes {
-            thread.pass(thread.full_depth, &mut at, self.state.feed_override, emit);
+            thread.pass(thread.bottom(), &mut at, self.state.feed_override, emit);
         }
         emit.call(Canon::StraightTraverse(end));
         self.state.position = end;
@@ -94,38 +95,45 @@ impl Thread {
             return wrong(b'j', "G76 would need more than 10 000 passes");
         }
         let taper = word(b'e');
+        let along = if end[Axis::Z] > start[Axis::Z] { 1.0 } else { -1.0 };
         let ends = if taper > 0.0 { word(b'l') as u32 } else { 0 };
         Ok(Thread {
             pitch: word(b'p'),
             drive_line: start[Axis::X],
-            peak: start[Axis::X] + offset,
+            crests: offset.abs(),
             inward: if offset > 0.0 { 1.0 } else { -1.0 },
             first_depth,
             full_depth,
             degression,
-            slope: word(b'q').to_radians().tan(),
+            slope: -along * word(b'q').to_radians().tan(),
             spring_passes: word(b'h') as u32,
             taper,
             tapered_entry: ends & 1 != 0,
             tapered_exit: ends & 2 != 0,
-            along: if end[Axis::Z] > start[Axis::Z] { 1.0 } else { -1.0 },
+            along,
             from: start[Axis::Z],
             to: end[Axis::Z],
         })
     }
 
-    /// One pass at this depth below the crests.
+    /// The full depth below the drive line.
+    fn bottom(&self) -> f64 {
+        self.crests + self.full_depth
+    }
+
+    /// One pass at this depth below the drive line.
     fn pass(&self, depth: f64, at: &mut Pose, feed_override: bool, emit: &mut Emit<'_>) {
         let mut go = |fast: bool, x: f64, z: f64, emit: &mut Emit<'_>| {
             (at[Axis::X], at[Axis::Z]) = (x, z);
             emit.call(if fast { Canon::StraightTraverse(*at) } else { Canon::StraightFeed(*at) });
         };
-        let rest = self.full_depth - depth;
-        let cut = self.peak + self.inward * depth;
-        let clear = self.drive_line - self.inward * rest;
-        let from = self.from + self.along * depth * self.slope;
-        let to = self.to - self.along * rest * self.slope;
+        // The order of these sums is the peer's, to the last digit.
+        let cut = self.drive_line + self.inward * depth;
+        let clear = cut - self.inward * self.bottom();
         let flank = cut - self.inward * self.full_depth;
+        let back = (depth - self.crests) * self.slope;
+        let from = self.from - back;
+        let to = self.to + self.full_depth * self.slope - back;
         let taper_pitch = self.pitch * self.full_depth.hypot(self.taper) / self.taper;
         go(true, clear, from, emit);
         if self.tapered_entry {

@@ -45,7 +45,7 @@ impl Writer {
     fn drilling(&mut self) {
         let (code, takes) = CYCLES[self.random.below(CYCLES.len() as u64) as usize];
         if self.tolerance_is_stale() {
-            self.plain(&["G61", "G64", "G64 P.2"]);
+            self.plain(&["G64", "G64 P.2"]);
         }
         if matches!(code, "G74" | "G84") {
             self.plain(&["G17", "G17", "G17 G98"]);
@@ -72,13 +72,13 @@ impl Writer {
         self.end_of_part();
     }
 
-    /// Whether the units were changed after the last G61 or G64.
+    /// Whether the units were changed after the last G64.
     fn tolerance_is_stale(&self) -> bool {
         let last = |codes: &[&str]| {
             let has = |line: &String| codes.iter().any(|code| line.to_lowercase().contains(code));
             self.lines.iter().rposition(has)
         };
-        last(&["g20", "g21"]) > last(&["g61", "g64"])
+        last(&["g20", "g21"]) > last(&["g64"])
     }
 
     /// The axis across the plane of the lines written so far; what stands in a comment or an expression is no code.
