@@ -32,7 +32,7 @@ impl<W: Write> CanonText<W> {
         self.lines += 1;
         let text = &mut self.text;
         text.clear();
-        write!(text, "{:5} ", self.lines)?;
+        counter(text, self.lines);
         match step.number {
             Some(number) => write!(text, "{:<7}", format!("N{number}"))?,
             None => text.extend_from_slice(b"N..... "),
@@ -71,8 +71,14 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::SelectPlane(Plane::Zx) => write!(out, "SELECT_PLANE(CANON_PLANE_XZ)"),
         Canon::SelectPlane(Plane::Yz) => write!(out, "SELECT_PLANE(CANON_PLANE_YZ)"),
         Canon::SetMotionControlMode(mode) => path_control(out, *mode),
-        Canon::SetNaivecamTolerance(tolerance) => write!(out, "SET_NAIVECAM_TOLERANCE({tolerance:.4})"),
-        Canon::Dwell(seconds) => write!(out, "DWELL({seconds:.4})"),
+        Canon::SetNaivecamTolerance(tolerance) => {
+            out.extend_from_slice(b"SET_NAIVECAM_TOLERANCE(");
+            list(out, &[*tolerance])
+        }
+        Canon::Dwell(seconds) => {
+            out.extend_from_slice(b"DWELL(");
+            list(out, &[*seconds])
+        }
         Canon::SetSpindleSpeed(rpm) => write!(out, "SET_SPINDLE_SPEED(0, {rpm:.4})"),
         Canon::SetSpindleMode(limit) => write!(out, "SET_SPINDLE_MODE(0 {limit:.4})"),
         Canon::OrientSpindle { degrees, mode } => write!(out, "ORIENT_SPINDLE(0, {degrees:.4}, {mode})"),
@@ -95,6 +101,18 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::Message(text) => write!(out, "MESSAGE(\"{text}\")"),
         plain => out.write_all(plain_name(plain).as_bytes()),
     }
+}
+
+/// The counter of lines: at least five places, and a blank.
+fn counter(out: &mut Vec<u8>, mut value: u64) {
+    let mut digits = [b' '; 21];
+    let mut first = digits.len() - 1;
+    while value > 0 {
+        first -= 1;
+        digits[first] = b'0' + (value % 10) as u8;
+        value /= 10;
+    }
+    out.extend_from_slice(&digits[first.min(digits.len() - 6)..]);
 }
 
 /// The functions without an argument of their own.
@@ -186,7 +204,15 @@ fn arc(out: &mut Vec<u8>, feed: &ArcFeed) -> io::Result<()> {
 
 fn path_control(out: &mut Vec<u8>, mode: PathControl) -> io::Result<()> {
     match mode {
-        PathControl::ExactPath => write!(out, "SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)"),
+        PathControl::ExactPath => {
+            out.extend_from_slice(b"SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)");
+            Ok(())
+        }
+        // The tolerance of most programs, which every drilling cycle comes back to.
+        PathControl::Continuous { tolerance } if tolerance.to_bits() == 0 => {
+            out.extend_from_slice(b"SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, 0.000000)");
+            Ok(())
+        }
         PathControl::ExactStop => write!(out, "SET_MOTION_CONTROL_MODE(CANON_EXACT_STOP)"),
         PathControl::Continuous { tolerance } => {
             write!(out, "SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, {tolerance:.6})")
@@ -218,6 +244,15 @@ mod tests {
             for value in [value, tie, tie.next_up(), tie.next_down(), scale as f64 / 32.0, scale as f64 * 1e-9] {
                 prop_assert_eq!(text(value), format!("{value:.4}"));
             }
+        }
+    }
+
+    #[test]
+    fn the_counter_has_five_places_or_as_many_as_it_needs() {
+        for value in [1, 9, 10, 99_999, 100_000, 12_345_678, u64::MAX] {
+            let mut out = Vec::new();
+            counter(&mut out, value);
+            assert_eq!(String::from_utf8(out).expect("digits"), format!("{value:5} "));
         }
     }
 

@@ -37,7 +37,7 @@ impl Writer {
     }
 
     fn end_of_part(&mut self) {
-        let end = self.random.pick(&["G80", "G80", "G0 X1", "G1 Y2", "G80 G0 Z7"]);
+        let end = self.random.pick(&["G80", "G0 X1", "G1 Y2", "G0 Z7", "G80 G0 Z7", "G0 X2 Y1"]);
         self.line(end.split(' ').map(str::to_owned).collect());
     }
 
@@ -160,7 +160,7 @@ impl Writer {
 
     fn feed_per_turn(&mut self) {
         let feed = self.positive();
-        let speed = self.random.pick(&["S100", "S50 M3", "S7", ""]).to_owned();
+        let speed = self.random.pick(&["S100", "S50 M3", "S7", "S20 M4", "S.5", "S1", "M3 S1", "S0"]).to_owned();
         self.line(vec!["G95".to_owned(), format!("F{feed}"), speed]);
         match self.random.below(3) {
             0 => self.drilling(),
@@ -172,6 +172,9 @@ impl Writer {
     }
 
     fn spindle_mode(&mut self) {
+        if self.random.one_in(20) {
+            return self.plain(&["M19 R400", "G96 D3", "M19 R2 P3", "M3 $1", "M19 R2 Q0"]);
+        }
         self.plain(&[
             "G96 S100",
             "G96 D1500 S80.5",
@@ -183,14 +186,12 @@ impl Writer {
             "M19 R12.5 P1",
             "M19 R360 Q2.5 P2",
             "M19 R0 P0 Q1",
-            "M19 R400",
             "M3 $0",
             "M4 S20 $0",
             "M5 $-1",
             "S70 $0",
             "G96 S20 $0",
             "M19 R1 $0",
-            "G96 D3",
         ]);
         if self.random.one_in(4) {
             self.straight();
