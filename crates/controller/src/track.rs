@@ -3,7 +3,7 @@
 //! Invariant: units, offsets and rotation are applied here and nowhere else; a move of an axis that the machine does not have is
 //! refused, and what no rule here knows is refused by name.
 
-use retrace_gcode::{Axis, Canon, LengthUnit, PathControl, Plane, Pose};
+use retrace_gcode::{Axis, Canon, FeedMode, LengthUnit, PathControl, Plane, Pose};
 use retrace_link::{Change, channel};
 use retrace_motion::{Arc, Feed, MoveError, PathMode};
 
@@ -297,6 +297,13 @@ impl<'m> Track<'m> {
             // the switch for optional stops is off; no pallet to move
             Canon::OptionalProgramStop | Canon::PalletShuttle => Ok(()),
             Canon::SetSpindleMode(css) if *css > 0.0 => Err(Untrackable::NotSupported("constant surface speed (G96)")),
+            // these wait for a spindle whose turning the card can follow
+            Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => Err(Untrackable::NotSupported("feed per turn (G95)")),
+            Canon::StartSpeedFeedSynch { .. } => Err(Untrackable::NotSupported("thread cutting (G33, G76)")),
+            Canon::RigidTap(_) => Err(Untrackable::NotSupported("rigid tapping (G33.1)")),
+            Canon::OrientSpindle { .. } | Canon::WaitSpindleOrientComplete(_) => {
+                Err(Untrackable::NotSupported("orienting the spindle (M19, G87)"))
+            }
             // nothing of these moves or switches anything on this machine
             Canon::OnReset
             | Canon::Finish
@@ -305,6 +312,7 @@ impl<'m> Track<'m> {
             | Canon::SetFeedReference
             | Canon::SetNaivecamTolerance(_)
             | Canon::SetSpindleMode(_)
+            | Canon::StopSpeedFeedSynch
             | Canon::StartChange
             | Canon::ChangeToolNumber(_)
             | Canon::EnableFeedOverride

@@ -85,7 +85,11 @@ impl Default for Words {
     }
 }
 
+/// The place of a letter; `$` takes that of N, which is never kept as a word.
 const fn index(letter: u8) -> usize {
+    if letter == b'$' {
+        return (b'n' - b'a') as usize;
+    }
     (letter.wrapping_sub(b'a') % 26) as usize
 }
 

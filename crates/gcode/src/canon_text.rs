@@ -133,6 +133,7 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::SetG92Offset(offset) => pose(out, "SET_G92_OFFSET", offset),
         Canon::SetXyRotation(degrees) => write!(out, "SET_XY_ROTATION({degrees:.4})"),
         Canon::SetFeedMode(FeedMode::InverseTime | FeedMode::UnitsPerMinute) => write!(out, "SET_FEED_MODE(0, 0)"),
+        Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => write!(out, "SET_FEED_MODE(0, 1)"),
         Canon::SetFeedRate(rate) => {
             out.extend_from_slice(b"SET_FEED_RATE(");
             list(out, &[*rate])
@@ -144,10 +145,23 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::SelectPlane(Plane::Zx) => write!(out, "SELECT_PLANE(CANON_PLANE_XZ)"),
         Canon::SelectPlane(Plane::Yz) => write!(out, "SELECT_PLANE(CANON_PLANE_YZ)"),
         Canon::SetMotionControlMode(mode) => path_control(out, *mode),
-        Canon::SetNaivecamTolerance(tolerance) => write!(out, "SET_NAIVECAM_TOLERANCE({tolerance:.4})"),
-        Canon::Dwell(seconds) => write!(out, "DWELL({seconds:.4})"),
+        Canon::SetNaivecamTolerance(tolerance) => {
+            out.extend_from_slice(b"SET_NAIVECAM_TOLERANCE(");
+            list(out, &[*tolerance])
+        }
+        Canon::Dwell(seconds) => {
+            out.extend_from_slice(b"DWELL(");
+            list(out, &[*seconds])
+        }
         Canon::SetSpindleSpeed(rpm) => write!(out, "SET_SPINDLE_SPEED(0, {rpm:.4})"),
         Canon::SetSpindleMode(limit) => write!(out, "SET_SPINDLE_MODE(0 {limit:.4})"),
+        Canon::OrientSpindle { degrees, mode } => write!(out, "ORIENT_SPINDLE(0, {degrees:.4}, {mode})"),
+        Canon::WaitSpindleOrientComplete(seconds) => write!(out, "SPINDLE.0.WAIT_ORIENT_COMPLETE({seconds:.4})"),
+        Canon::StartSpeedFeedSynch { pitch } => write!(out, "START_SPEED_FEED_SYNC({pitch:.6},0)"),
+        Canon::RigidTap(end) => {
+            out.extend_from_slice(b"RIGID_TAP(");
+            list(out, end)
+        }
         Canon::ChangeTool(tool) => write!(out, "CHANGE_TOOL({tool})"),
         Canon::SelectTool(tool) => write!(out, "SELECT_TOOL({tool})"),
         Canon::ChangeToolNumber(tool) => write!(out, "CHANGE_TOOL_NUMBER({tool})"),
@@ -172,6 +186,7 @@ const fn plain_name(canon: &Canon) -> &'static str {
         Canon::StartSpindleClockwise => "START_SPINDLE_CLOCKWISE(0)",
         Canon::StartSpindleCounterclockwise => "START_SPINDLE_COUNTERCLOCKWISE(0)",
         Canon::StopSpindleTurning => "STOP_SPINDLE_TURNING(0)",
+        Canon::StopSpeedFeedSynch => "STOP_SPEED_FEED_SYNCH()",
         Canon::StartChange => "START_CHANGE()",
         Canon::MistOn => "MIST_ON()",
         Canon::MistOff => "MIST_OFF()",
@@ -265,7 +280,15 @@ fn arc(out: &mut Vec<u8>, feed: &ArcFeed) -> io::Result<()> {
 
 fn path_control(out: &mut Vec<u8>, mode: PathControl) -> io::Result<()> {
     match mode {
-        PathControl::ExactPath => write!(out, "SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)"),
+        PathControl::ExactPath => {
+            out.extend_from_slice(b"SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)");
+            Ok(())
+        }
+        // The tolerance of most programs, which every drilling cycle comes back to.
+        PathControl::Continuous { tolerance } if tolerance.to_bits() == 0 => {
+            out.extend_from_slice(b"SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, 0.000000)");
+            Ok(())
+        }
         PathControl::ExactStop => write!(out, "SET_MOTION_CONTROL_MODE(CANON_EXACT_STOP)"),
         PathControl::Continuous { tolerance } => {
             write!(out, "SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, {tolerance:.6})")
@@ -297,6 +320,15 @@ mod tests {
             for value in [value, tie, tie.next_up(), tie.next_down(), scale as f64 / 32.0, scale as f64 * 1e-9] {
                 prop_assert_eq!(text(value), format!("{value:.4}"));
             }
+        }
+    }
+
+    #[test]
+    fn the_counter_has_five_places_or_as_many_as_it_needs() {
+        for value in [1, 9, 10, 99_999, 100_000, 12_345_678, u64::MAX] {
+            let mut out = Vec::new();
+            counter(&mut out, value);
+            assert_eq!(String::from_utf8(out).expect("digits"), format!("{value:5} "));
         }
     }
 

@@ -89,7 +89,7 @@ codes! {
     NoMotionMode "E1501" "axis words without a motion" "The block has axis words, but no G code uses them and no motion mode is in force." "Begin with G0, G1, G2 or G3.";
     AxisWithG80 "E1502" "axis words with G80" "G80 ends the motion mode, so nothing uses the axis words." "Remove the axis words, or G80.";
     TwoUseAxes "E1503" "two G codes would use the axis words" "The block has a motion and G10, G28, G30, G52 or G92." "Put them into two blocks.";
-    AxesMissing "E1504" "axis words missing" "G52 and G92 need at least one axis word." "Add the axis words.";
+    AxesMissing "E1504" "axis words missing" "The code uses axis words and has none." "Add the axis words.";
     WordMissing "E1505" "word missing" "A code in the block needs a word that is not there." "Add the word.";
     G53Motion "E1506" "G53 needs G0 or G1" "G53 stands in a block that is no straight move." "Write G53 G0 or G53 G1.";
     G53Incremental "E1507" "G53 in incremental mode" "Machine coordinates are absolute." "Use G90 with G53.";
@@ -107,6 +107,18 @@ codes! {
     ArcSamePoint "E1607" "arc ends where it starts" "With R, an arc that ends where it starts has no unique centre." "Use centre words for a full circle.";
     ArcRadiusTooSmall "E1608" "radius too small" "The distance from start to end is more than twice the radius." "Check R and the end.";
     ArcAbsoluteCentre "E1609" "centre word missing in G90.1" "With absolute centres both centre words of the plane are needed." "Add the centre word, or use G91.1.";
+    CycleAxis "E1621" "axis that a cycle does not move" "A drilling cycle, G33.1 or G76 has a word of an axis beside X, Y and Z." "Move that axis in a block before.";
+    CycleRepeats "E1622" "number of repeats not possible" "L of a drilling cycle is 0, or a block asks for more than 10 000 holes and pecks." "Write an L word of at least 1; check L, Q and the depth.";
+    CycleLevels "E1623" "clearance below the bottom" "The clearance R of a drilling cycle lies below the bottom of the hole." "Check R and the depth; with G91, R counts from the initial level and the depth from R.";
+    CyclePeck "E1624" "depth of a peck not above zero" "Q of G73 or G83 is not greater than 0." "Write the depth of one peck as a positive Q word.";
+    CycleInverseTime "E1625" "drilling cycle in inverse time mode" "G93 gives one time for a block, and a cycle makes many moves." "Use G94 or G95.";
+    SpindleNotTurning "E1626" "spindle does not turn" "The motion keeps step with the spindle or stops it and starts it again, and the spindle stands." "Start it before, with S and M3 or M4.";
+    SpindleTurnsWrongly "E1627" "spindle turns the wrong way" "G84 cuts a right-hand thread and needs M3, G74 a left-hand one and needs M4." "Start the spindle the other way, or use the other cycle.";
+    ZeroSpindleSpeed "E1628" "no spindle speed in feed per turn" "Under G95 a feed move is asked for while the spindle speed is zero." "Give an S word greater than 0 before.";
+    BadOrientation "E1629" "orientation of the spindle not possible" "M19 takes R from 0 to 360 degrees, P 0, 1 or 2, and Q greater than 0." "Correct the word.";
+    NoSuchSpindle "E1630" "no such spindle" "$ names a spindle that the machine does not have." "Write $0, or leave it out.";
+    ZeroPitch "E1631" "no pitch" "K of G33 or G33.1, the way in one turn of the spindle, is 0." "Write the pitch as K.";
+    BadThread "E1632" "thread not possible" "The words of G76 contradict each other; the message says which." "Correct the word: P and J above 0, I not 0, J less than K, Q below 90 degrees, L from 0 to 3.";
 
     ToolUnknown "E1701" "tool not in the tool table" "No line of the tool table has this tool number." "Add the tool to the table, or correct the number.";
     ToolTableLine "E1702" "tool table not understood" "A line of the tool table has no T word, an unknown word or a bad number." "Write lines such as T1 P1 Z0.5 D0.25 ;comment.";

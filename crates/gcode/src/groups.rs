@@ -18,6 +18,7 @@ pub(crate) enum GroupG {
     Retract = 10,
     CoordinateSystem = 12,
     PathControl = 13,
+    SpindleMode = 14,
 }
 
 /// Modal groups of M codes, numbered as RS274/NGC does.
@@ -48,6 +49,7 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
     use GroupG as G;
     Known::CarriedOut(match tenths {
         0 | 10 | 20 | 30 | 800 => G::Motion,
+        330 | 331 | 760 | 730 | 740 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => G::Motion,
         40 | 100 | 280 | 281 | 300 | 301 | 520 | 530 | 920 | 921 | 922 | 923 => G::NonModal,
         170 | 180 | 190 => G::Plane,
         200 | 210 => G::Units,
@@ -57,13 +59,11 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
         610 | 611 | 640 => G::PathControl,
         900 | 910 => G::Distance,
         901 | 911 => G::ArcCentres,
-        930 | 940 => G::FeedMode,
+        930 | 940 | 950 => G::FeedMode,
+        960 | 970 => G::SpindleMode,
         980 | 990 => G::Retract,
-        50..=53 | 70 | 80 | 171 | 181 | 191 | 330 | 331 | 382..=385 | 410 | 411 | 420 | 421 => return Known::NotYet,
-        700 | 710..=712 | 720..=722 | 730 | 740 | 760 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => {
-            return Known::NotYet;
-        }
-        950 | 960 | 970 => return Known::NotYet,
+        50..=53 | 70 | 80 | 171 | 181 | 191 | 382..=385 | 410 | 411 | 420 | 421 => return Known::NotYet,
+        700 | 710..=712 | 720..=722 => return Known::NotYet,
         _ => return Known::No,
     })
 }
@@ -75,10 +75,10 @@ pub(crate) const fn group_of_m(code: u8) -> Known<GroupM> {
         0 | 1 | 2 | 30 | 60 => M::Stop,
         62..=65 => M::Output,
         6 | 61 => M::Tool,
-        3..=5 => M::Spindle,
+        3..=5 | 19 => M::Spindle,
         7..=9 => M::Coolant,
         48..=53 => M::Override,
-        19 | 66..=68 | 70..=73 | 98 | 99 | 100..=199 => return Known::NotYet,
+        66..=68 | 70..=73 | 98 | 99 | 100..=199 => return Known::NotYet,
         _ => return Known::No,
     })
 }

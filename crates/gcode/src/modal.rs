@@ -4,6 +4,7 @@
 
 use crate::angle::rotate;
 use crate::canon::{FeedMode, LengthUnit, PathControl, Plane};
+use crate::cycle::{Cycle, Series};
 use crate::pose::{Axis, Pose};
 
 /// The motion modes that are carried out; none is G80.
@@ -17,6 +18,14 @@ pub enum Motion {
     ArcClockwise,
     /// G3.
     ArcCounterclockwise,
+    /// G33: in step with the spindle.
+    SpindleFeed,
+    /// G33.1.
+    RigidTap,
+    /// G76.
+    ThreadingCycle,
+    /// G73, G74, G81 … G89.
+    Cycle(Cycle),
 }
 
 impl Motion {
@@ -28,6 +37,10 @@ impl Motion {
             Motion::Feed => "G1",
             Motion::ArcClockwise => "G2",
             Motion::ArcCounterclockwise => "G3",
+            Motion::SpindleFeed => "G33",
+            Motion::RigidTap => "G33.1",
+            Motion::ThreadingCycle => "G76",
+            Motion::Cycle(cycle) => cycle.name(),
         }
     }
 
@@ -102,10 +115,14 @@ pub struct State {
     pub naivecam_tolerance: f64,
     /// G99; else G98.
     pub retract_to_r: bool,
+    /// The series of drilling cycles; none after another motion.
+    pub series: Option<Series>,
     /// What the spindle was told to do.
     pub spindle: Spindle,
-    /// Turns a minute.
+    /// Turns a minute, or with constant surface speed metres or feet a minute.
     pub spindle_speed: f64,
+    /// G96.
+    pub constant_surface_speed: bool,
     /// M7.
     pub mist: bool,
     /// M8.
@@ -149,8 +166,10 @@ impl State {
             path_control: PathControl::Continuous { tolerance: 0.0 },
             naivecam_tolerance: 0.0,
             retract_to_r: true,
+            series: None,
             spindle: Spindle::Stopped,
             spindle_speed: 0.0,
+            constant_surface_speed: false,
             mist: false,
             flood: false,
             feed_override: true,

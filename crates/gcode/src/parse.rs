@@ -76,14 +76,13 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
         let start = cursor.at();
         match letter {
             0 => return Ok(()),
-            b'a'..=b'z' => word(letter, &mut cursor, axes, names, block)?,
+            b'a'..=b'z' | b'$' => word(letter, &mut cursor, axes, names, block)?,
             b'#' => assignment(&mut cursor, names, block)?,
             b'(' => comment(&mut cursor, names, block)?,
             b';' => return Ok(()),
-            b'@' | b'^' | b'$' => {
-                let what = if letter == b'$' { "choosing a spindle with $" } else { "polar coordinates" };
+            b'@' | b'^' => {
                 let at = Span::new(start, start + 1);
-                return fault(Code::UnsupportedWord, at, format!("{what} is not supported yet"));
+                return fault(Code::UnsupportedWord, at, "polar coordinates are not supported yet");
             }
             _ => return bad_character(&mut cursor, start),
         }

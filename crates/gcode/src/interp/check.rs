@@ -2,8 +2,11 @@
 //!
 //! Invariant: a block that passes has a use for each of its words, and one owner of its axis words.
 
+use super::spindle::check_spindle_words;
+use super::thread::check_thread;
 use crate::block::{Words, name_of_g};
 use crate::codes::Code;
+use crate::cycle::Cycle;
 use crate::diag::{Outcome, Span, fault};
 use crate::eval::whole;
 use crate::groups::{GroupG, GroupM};
@@ -24,6 +27,20 @@ impl MotionToBe {
     fn is_arc(self) -> bool {
         matches!(self, MotionToBe::Move(motion) if motion.is_arc())
     }
+
+    /// The drilling cycle that the block carries out.
+    fn cycle(self) -> Option<Cycle> {
+        match self {
+            MotionToBe::Move(Motion::Cycle(cycle)) => Some(cycle),
+            _ => None,
+        }
+    }
+
+    /// The motions that are none without axis words.
+    fn needs_axes(self) -> bool {
+        let MotionToBe::Move(motion) = self else { return false };
+        matches!(motion, Motion::Cycle(_) | Motion::SpindleFeed | Motion::RigidTap | Motion::ThreadingCycle)
+    }
 }
 
 const fn motion_of(tenths: u16) -> MotionToBe {
@@ -32,7 +49,13 @@ const fn motion_of(tenths: u16) -> MotionToBe {
         10 => MotionToBe::Move(Motion::Feed),
         20 => MotionToBe::Move(Motion::ArcClockwise),
         30 => MotionToBe::Move(Motion::ArcCounterclockwise),
-        _ => MotionToBe::Cancel,
+        330 => MotionToBe::Move(Motion::SpindleFeed),
+        331 => MotionToBe::Move(Motion::RigidTap),
+        760 => MotionToBe::Move(Motion::ThreadingCycle),
+        _ => match Cycle::of_g(tenths) {
+            Some(cycle) => MotionToBe::Move(Motion::Cycle(cycle)),
+            None => MotionToBe::Cancel,
+        },
     }
 }
 
@@ -51,7 +74,14 @@ pub(super) fn motion_to_be(words: &Words, state: &State) -> Outcome<MotionToBe> 
             let (motion, owner) = (name_of_g(motion), name_of_g(owner));
             return fault(Code::TwoUseAxes, at, format!("{motion} and {owner} would both use the axis words"));
         }
-        (Some(motion), None) => motion_of(motion),
+        (Some(motion), None) => {
+            let to_be = motion_of(motion);
+            if axis.is_none() && to_be.needs_axes() {
+                let name = name_of_g(motion);
+                return fault(Code::AxesMissing, words.g_span(GroupG::Motion), format!("{name} needs axis words"));
+            }
+            to_be
+        }
         (None, Some(_)) => MotionToBe::None,
         (None, None) => modal_motion(words, state, axis)?,
     };
@@ -144,10 +174,18 @@ fn unused(words: &Words, letter: u8, code: &str) -> Outcome<()> {
 #[inline]
 pub(super) fn words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     // Axis words, F, S and T have their uses in any block.
-    match words.first_of(b"dehijklpqr") {
-        None => Ok(()),
-        Some(_) => special_words_have_uses(words, to_be),
+    match words.first_of(b"dehijklpqr$") {
+        None => {}
+        Some(_) => special_words_have_uses(words, to_be)?,
     }
+    if let (Some(cycle), Some(letter)) = (to_be.cycle(), words.first_of(b"abcuvw")) {
+        let name = cycle.name();
+        return fault(Code::CycleAxis, words.span(letter), format!("{name} moves X, Y and Z only"));
+    }
+    if to_be == MotionToBe::Move(Motion::ThreadingCycle) {
+        check_thread(words)?;
+    }
+    check_spindle_words(words, to_be)
 }
 
 fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
@@ -159,13 +197,29 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let output = words.m(GroupM::Output).is_some();
     let switch = matches!(words.m(GroupM::Override), Some(50..=53));
     let number = words.m(GroupM::Tool) == Some(61);
-    let uses: [(&[u8], bool, &str); 6] = [
-        (b"de", false, "cutter compensation or another code that is not supported yet"),
-        (b"h", offset, "G43 or G43.2"),
-        (b"ijk", arc || g10, "G2 or G3"),
-        (b"l", g10, "G10"),
-        (b"p", arc || g10 || dwell || blend || output || switch, "G2, G3, G4, G10, G64, M50 to M53 or M62 to M65"),
-        (b"q", blend || number || g10, "G64 or M61"),
+    let cycle = to_be.cycle();
+    let thread = to_be == MotionToBe::Move(Motion::ThreadingCycle);
+    let tap = to_be == MotionToBe::Move(Motion::RigidTap);
+    let synchronised = tap || to_be == MotionToBe::Move(Motion::SpindleFeed);
+    let surface_speed = words.g(GroupG::SpindleMode) == Some(960);
+    let orient = words.m(GroupM::Spindle) == Some(19);
+    let offsets = cycle == Some(Cycle::BackBoring) || thread;
+    let pause = cycle.is_some_and(Cycle::takes_dwell) || thread || orient;
+    let peck = cycle.is_some_and(Cycle::has_pecks) || thread || orient;
+    let uses: [(&[u8], bool, &str); 9] = [
+        (b"d", surface_speed, "G96, or cutter compensation, which is not supported yet"),
+        (b"e", thread, "G76, or another code that is not supported yet"),
+        (b"h", offset || thread, "G43, G43.2 or G76"),
+        (b"i", arc || g10 || offsets || tap, "G2, G3, G33.1, G76 or G87"),
+        (b"j", arc || g10 || offsets, "G2, G3, G76 or G87"),
+        (b"k", arc || g10 || offsets || synchronised, "G2, G3, G33, G33.1, G76 or G87"),
+        (b"l", g10 || cycle.is_some() || thread, "G10, G76 or a drilling cycle"),
+        (
+            b"p",
+            arc || g10 || dwell || blend || output || switch || pause,
+            "G2, G3, G4, G10, G64, G76, G82, a cycle with a dwell, M19, M50 to M53 or M62 to M65",
+        ),
+        (b"q", blend || number || g10 || peck, "G64, G73, G76, G83, M19 or M61"),
     ];
     for (letters, used, users) in uses {
         if let (false, Some(letter)) = (used, words.first_of(letters)) {
@@ -173,8 +227,9 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
             return fault(Code::WordUnused, words.span(letter), format!("{name} belongs to {users}"));
         }
     }
-    if words.has(b'r') && !arc && !g10 {
-        return fault(Code::WordUnused, words.span(b'r'), "R belongs to G2, G3 or G10 L2");
+    if words.has(b'r') && !(arc || g10 || cycle.is_some() || thread || orient) {
+        let message = "R belongs to G2, G3, G10 L2, G76, M19 or a drilling cycle";
+        return fault(Code::WordUnused, words.span(b'r'), message);
     }
     match words.get(b'p') {
         Some(turns) if arc => turns_of(turns, words).map(|_| ()),

@@ -322,13 +322,15 @@ impl Host for Caller<'_> {
             Query::FeedMode => match state.feed_mode {
                 FeedMode::InverseTime => 93.0,
                 FeedMode::UnitsPerMinute => 94.0,
+                FeedMode::UnitsPerRevolution => 95.0,
             },
             Query::SpindleMode => 97.0,
             Query::Motion => match state.motion {
-                Some(Motion::Traverse) | None => 0.0,
                 Some(Motion::Feed) => 1.0,
                 Some(Motion::ArcClockwise) => 2.0,
                 Some(Motion::ArcCounterclockwise) => 3.0,
+                Some(Motion::SpindleFeed) => 33.0,
+                _ => 0.0,
             },
             Query::Diameter => 0.0,
             Query::Inch => truth(state.units == LengthUnit::Inch),

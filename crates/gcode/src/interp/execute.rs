@@ -21,10 +21,13 @@ impl Core {
             self.set_feed_mode(code, emit);
         }
         if let Some(feed) = words.get(b'f')
-            && self.state.feed_mode == FeedMode::UnitsPerMinute
+            && self.state.feed_mode != FeedMode::InverseTime
         {
             self.state.feed_rate = feed;
             emit.call(Canon::SetFeedRate(feed));
+        }
+        if let Some(code) = words.g(GroupG::SpindleMode) {
+            self.set_spindle_mode(code, words, emit);
         }
         if let Some(speed) = words.get(b's') {
             self.state.spindle_speed = speed;
@@ -43,7 +46,7 @@ impl Core {
             MotionToBe::None => {}
             MotionToBe::Cancel => {
                 emit.call(Canon::Note("interpreter: motion mode set to none"));
-                self.state.motion = None;
+                (self.state.motion, self.state.series) = (None, None);
             }
             MotionToBe::Move(motion) => self.move_along(motion, words, emit)?,
         }
@@ -84,8 +87,10 @@ impl Core {
             Some(_) => self.rename_tool(words, emit)?,
             None => {}
         }
-        if let Some(code) = words.m(GroupM::Spindle) {
-            self.spindle(code, words, emit);
+        match words.m(GroupM::Spindle) {
+            Some(19) => self.orient_spindle(words, emit)?,
+            Some(code) => self.spindle(code, words, emit),
+            None => {}
         }
         if let Some(code) = words.m(GroupM::Coolant) {
             self.coolant(code, emit);

@@ -4,6 +4,7 @@
 //! a diagnostic, and the next line is taken up from the state that holds then.
 
 mod arc;
+mod canned;
 mod check;
 mod core;
 mod cycle;
@@ -11,7 +12,9 @@ mod execute;
 mod modes;
 mod motion;
 mod offsets;
+mod spindle;
 mod stop;
+mod thread;
 
 pub(crate) use self::core::Core;
 use self::core::{BlockEnvironment, Emit};

@@ -14,16 +14,20 @@ use crate::params::{COORDINATE_SYSTEM, system_origin};
 use crate::pose::{Axis, Pose};
 
 impl Core {
-    /// G93, G94.
+    /// G93, G94, G95.
     pub(super) fn set_feed_mode(&mut self, code: u16, emit: &mut Emit<'_>) {
         if code == 930 {
             emit.call(Canon::Note("interpreter: feed mode set to inverse time"));
             self.state.feed_mode = FeedMode::InverseTime;
             emit.call(Canon::SetFeedMode(FeedMode::InverseTime));
         } else {
-            emit.call(Canon::Note("interpreter: feed mode set to units per minute"));
-            self.state.feed_mode = FeedMode::UnitsPerMinute;
-            emit.call(Canon::SetFeedMode(FeedMode::UnitsPerMinute));
+            let (mode, note) = match code {
+                940 => (FeedMode::UnitsPerMinute, "interpreter: feed mode set to units per minute"),
+                _ => (FeedMode::UnitsPerRevolution, "interpreter: feed mode set to units per revolution"),
+            };
+            emit.call(Canon::Note(note));
+            self.state.feed_mode = mode;
+            emit.call(Canon::SetFeedMode(mode));
             self.state.feed_rate = 0.0;
             emit.call(Canon::SetFeedRate(0.0));
         }
@@ -80,6 +84,9 @@ impl Core {
         state.tool_offset = state.tool_offset.scaled_lengths(factor);
         state.feed_rate *= factor;
         state.naivecam_tolerance *= factor;
+        if let Some(series) = &mut state.series {
+            series.scale_lengths(factor);
+        }
         if let PathControl::Continuous { tolerance } = &mut state.path_control {
             *tolerance *= factor;
         }

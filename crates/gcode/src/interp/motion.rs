@@ -26,7 +26,7 @@ impl Core {
     pub(super) fn move_along(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
         match motion {
             Motion::Traverse => {
-                self.state.motion = Some(motion);
+                (self.state.motion, self.state.series) = (Some(motion), None);
                 let end = self.end_of(words);
                 emit.call(Canon::StraightTraverse(end));
                 self.state.position = end;
@@ -34,7 +34,7 @@ impl Core {
             }
             Motion::Feed => {
                 self.check_feed(words)?;
-                self.state.motion = Some(motion);
+                (self.state.motion, self.state.series) = (Some(motion), None);
                 let end = self.end_of(words);
                 if self.state.feed_mode == FeedMode::InverseTime {
                     let length = straight_length(&self.state.position, &end);
@@ -44,7 +44,19 @@ impl Core {
                 self.state.position = end;
                 Ok(())
             }
-            Motion::ArcClockwise | Motion::ArcCounterclockwise => self.arc(motion, words, emit),
+            Motion::ArcClockwise | Motion::ArcCounterclockwise => {
+                self.state.series = None;
+                self.arc(motion, words, emit)
+            }
+            Motion::Cycle(cycle) => self.canned_cycle(cycle, words, emit),
+            Motion::SpindleFeed | Motion::RigidTap => {
+                self.state.series = None;
+                self.synchronised_move(motion, words, emit)
+            }
+            Motion::ThreadingCycle => {
+                self.state.series = None;
+                self.threading_cycle(words, emit)
+            }
         }
     }
 
@@ -55,8 +67,11 @@ impl Core {
             None => Span::default(),
         };
         match self.state.feed_mode {
-            FeedMode::UnitsPerMinute if self.state.feed_rate == 0.0 => {
+            FeedMode::UnitsPerMinute | FeedMode::UnitsPerRevolution if self.state.feed_rate == 0.0 => {
                 fault(Code::ZeroFeed, at(), "a feed move needs a feed rate, and none is set")
+            }
+            FeedMode::UnitsPerRevolution if self.state.spindle_speed == 0.0 => {
+                fault(Code::ZeroSpindleSpeed, at(), Code::ZeroSpindleSpeed.title())
             }
             FeedMode::InverseTime if !words.has(b'f') => {
                 fault(Code::InverseTimeFeed, at(), Code::InverseTimeFeed.title())
