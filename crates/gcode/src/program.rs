@@ -80,6 +80,7 @@ impl<R: BufRead> Program<R> {
             return self.close(steps);
         }
         if self.percent && is_percent(self.lines.text()) {
+            self.interpreter.release(steps);
             emit(steps, Canon::Finish);
             return self.close(steps);
         }

@@ -157,13 +157,15 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let blend = words.g(GroupG::PathControl) == Some(640);
     let offset = matches!(words.g(GroupG::ToolOffset), Some(430 | 432));
     let output = words.m(GroupM::Output).is_some();
+    let compensation = words.g(GroupG::CutterCompensation).is_some_and(|code| code != 400);
     let switch = matches!(words.m(GroupM::Override), Some(50..=53));
     let number = words.m(GroupM::Tool) == Some(61);
-    let uses: [(&[u8], bool, &str); 6] = [
-        (b"de", false, "cutter compensation or another code that is not supported yet"),
+    let uses: [(&[u8], bool, &str); 7] = [
+        (b"d", compensation, "G41, G41.1, G42 or G42.1"),
+        (b"e", false, "a code that is not supported yet"),
         (b"h", offset, "G43 or G43.2"),
         (b"ijk", arc || g10, "G2 or G3"),
-        (b"l", g10, "G10"),
+        (b"l", g10 || compensation, "G10, G41.1 or G42.1"),
         (b"p", arc || g10 || dwell || blend || output || switch, "G2, G3, G4, G10, G64, M50 to M53 or M62 to M65"),
         (b"q", blend || number || g10, "G64 or M61"),
     ];

@@ -6,13 +6,18 @@
 mod arc;
 mod check;
 mod core;
+mod cutter;
 mod execute;
+mod joint;
 mod modes;
 mod motion;
 mod offsets;
+mod queue;
+mod refusals;
 mod stop;
 
 use self::core::{BlockEnvironment, Core, Emit};
+pub(crate) use self::queue::{Point, Queue, UNSHIFTED};
 use crate::block::{Assignment, Block, Words};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::codes::Code;
@@ -141,7 +146,8 @@ impl Interpreter {
     /// Adds the canonical functions that come before those of any program: units and offsets in force.
     pub fn begin(&mut self, steps: &mut Vec<Step>) {
         let state = &self.core.state;
-        let mut emit = Emit { line: 0, number: None, steps, warning: None };
+        let mut waiting = Queue::default();
+        let mut emit = Emit { line: 0, number: None, steps, waiting: &mut waiting, warning: None };
         emit.call(Canon::UseLengthUnits(state.units));
         emit.call(Canon::SetG5xOffset { system: state.coordinate_system, offset: state.origin });
         emit.call(Canon::SetG92Offset(state.g92_offset));
@@ -234,9 +240,12 @@ impl Interpreter {
             }
             &self.words
         };
-        let mut emit = Emit { line: self.line, number: self.block.number, steps, warning: None };
         let motion = check::motion_to_be(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
+        // Taken out for the block: what the block asks for goes either into it or out.
+        let mut waiting = std::mem::take(&mut self.core.state.waiting);
+        let (line, number) = (self.line, self.block.number);
+        let mut emit = Emit { line, number, steps, waiting: &mut waiting, warning: None };
         if let Some(remark) = &self.block.remark {
             let environment = BlockEnvironment { core: &self.core, names: &self.names, line: self.line };
             let show_debug = self.core.parameters.get(SHOW_DEBUG) > 0.0;
@@ -245,10 +254,17 @@ impl Interpreter {
             }
         }
         let flow = self.core.execute(words, motion, &mut emit);
-        if let Some((code, at)) = emit.warning {
+        let warning = emit.warning;
+        self.core.state.waiting = waiting;
+        if let Some((code, at)) = warning {
             self.report(Fault::plain(code, at));
         }
         flow
+    }
+
+    /// Lets out what still waits for the next corner of a compensated path: the program has ended without M2 or M30.
+    pub(crate) fn release(&mut self, steps: &mut Vec<Step>) {
+        self.core.state.waiting.release(steps, None);
     }
 
     /// The modal state between two blocks: with the parameters, all that the next block builds on.

@@ -4,7 +4,12 @@ use retrace_gcode::{CanonText, Program, Progress, Setup, Severity};
 
 /// The canonical text of a program, up to its first error, and whether it had one.
 pub(crate) fn canon_text(program: &str) -> (String, bool) {
-    let mut program = Program::new(program.as_bytes(), Setup::rs274());
+    canon_text_with(program, Setup::rs274())
+}
+
+/// The same with another setup.
+pub(crate) fn canon_text_with(program: &str, setup: Setup) -> (String, bool) {
+    let mut program = Program::new(program.as_bytes(), setup);
     let mut text = CanonText::new(Vec::new());
     let mut steps = Vec::new();
     loop {
