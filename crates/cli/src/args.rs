@@ -27,8 +27,10 @@ pub enum Command {
         after_help = "Example:\n  retrace run examples/02-back-up.ngc --operator examples/02-back-up.op --records out.csv --json"
     )]
     Run(Run),
-    /// Decode only: every diagnostic, with line and column; nothing moves.
-    #[command(after_help = "Example:\n  retrace check examples/01-first-cut.ngc")]
+    /// Decode and pre-scan only: every diagnostic, with line and column; nothing moves.
+    #[command(
+        after_help = "Examples:\n  retrace check examples/01-first-cut.ngc\n  retrace check examples/01-first-cut.ngc --table"
+    )]
     Check(Check),
     /// Print the canonical functions, one a line, as LinuxCNC's `rs274 -g` does.
     #[command(after_help = "Example:\n  retrace canon examples/01-first-cut.ngc")]
@@ -75,6 +77,9 @@ pub struct Reading {
     /// Leave out blocks that begin with `/`.
     #[arg(long)]
     pub block_delete: bool,
+    /// Folder to look for subprograms in, besides the program's own; may be given more than once.
+    #[arg(long, value_name = "DIR")]
+    pub subs: Vec<PathBuf>,
     /// Tool table.
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,
@@ -125,6 +130,9 @@ pub struct Run {
 pub struct Check {
     #[command(flatten)]
     pub reading: Reading,
+    /// Print the branch table: every jump of the program and its files, numbered, with its target.
+    #[arg(long)]
+    pub table: bool,
     /// Machine file, for the soft limits; a three-axis machine is built in.
     #[arg(long, value_name = "FILE.toml")]
     pub machine: Option<PathBuf>,

@@ -35,10 +35,12 @@ pub fn run(args: &args::Canon) -> Result<(), Failure> {
                 Err(error) => return Err(unwritable("standard output", &error).into()),
             }
         }
-        let text = source.line_text().into_owned();
-        for diagnostic in source.interpreter_mut().take_diagnostics() {
-            is_refused |= diagnostic.severity() == Severity::Error;
-            eprintln!("{}", diagnostic.render(program.name(), &text));
+        if !source.interpreter().diagnostics().is_empty() {
+            for diagnostic in source.interpreter_mut().take_diagnostics() {
+                is_refused |= diagnostic.severity() == Severity::Error;
+                let name = program.prescan().map_or(program.name(), |prescan| prescan.file_name(diagnostic.file));
+                eprintln!("{}", diagnostic.render(name, &source.text_of(&diagnostic)));
+            }
         }
         if is_refused || progress == retrace_gcode::Progress::End {
             break;

@@ -19,6 +19,7 @@ mod plot;
 mod program;
 mod run;
 mod size;
+mod subs;
 
 use std::process::ExitCode;
 

@@ -12,11 +12,12 @@ use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_gcode::{
-    Axis, AxisSet, Canon, Diagnostic, Parameters, Pose, Progress, Setup, Severity, Step, Tool, ToolTable,
+    Axis, AxisSet, Canon, Diagnostic, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
 };
 
 use crate::args::Reading;
 use crate::files;
+use crate::subs;
 
 /// Why a command fails.
 #[derive(Debug)]
@@ -37,8 +38,8 @@ impl From<Refusal> for Failure {
 #[derive(Debug)]
 pub struct Program {
     name: String,
-    /// The text; none for standard input.
-    text: Option<Arc<[u8]>>,
+    /// The text and what the pre-scan has found in it; none for standard input.
+    text: Option<(Arc<[u8]>, Arc<Prescan>)>,
     setup: Setup,
     has_tool_table: bool,
 }
@@ -75,7 +76,6 @@ impl Program {
     pub fn with_setup(reading: &Reading, mut setup: Setup) -> Result<Self, Refusal> {
         let is_stdin = reading.program.as_os_str() == "-";
         let name = if is_stdin { "standard input".into() } else { reading.program.display().to_string() };
-        let text = if is_stdin { None } else { Some(files::bytes(&reading.program, "program")?.into()) };
         if let Some(path) = &reading.tools {
             setup.tools = table(path, "tool table", ToolTable::read)?;
         }
@@ -83,6 +83,14 @@ impl Program {
             setup.parameters = table(path, "parameter file", Parameters::read)?;
         }
         setup.block_delete = reading.block_delete;
+        setup.files = Some(Arc::new(subs::Folders::of(&reading.program, &reading.subs)));
+        let text = if is_stdin {
+            None
+        } else {
+            let text: Arc<[u8]> = files::bytes(&reading.program, "program")?.into();
+            let prescan = Prescan::of(&name, Arc::clone(&text), &setup);
+            Some((text, Arc::new(prescan)))
+        };
         Ok(Self { name, text, setup, has_tool_table: reading.tools.is_some() })
     }
 
@@ -95,7 +103,7 @@ impl Program {
     /// Number of its lines, if it is a file.
     #[must_use]
     pub fn lines(&self) -> Option<u64> {
-        self.text.as_ref().map(|text| text.split_inclusive(|&b| b == b'\n').count() as u64)
+        self.text.as_ref().map(|(text, _)| text.split_inclusive(|&b| b == b'\n').count() as u64)
     }
 
     /// The program from its beginning.
@@ -107,11 +115,16 @@ impl Program {
     /// The program from its beginning, for whoever wants its canonical functions as they are.
     #[must_use]
     pub fn source(&self) -> Source {
-        let input: Box<dyn BufRead + Send> = match &self.text {
-            Some(text) => Box::new(Cursor::new(Shared(Arc::clone(text)))),
-            None => Box::new(BufReader::with_capacity(1 << 16, std::io::stdin())),
-        };
-        retrace_gcode::Program::new(input, self.setup.clone())
+        match &self.text {
+            Some((text, prescan)) => {
+                let input = Box::new(Cursor::new(Shared(Arc::clone(text))));
+                Source::prescanned(input, Arc::clone(prescan), self.setup.clone())
+            }
+            None => {
+                let input = Box::new(BufReader::with_capacity(1 << 16, std::io::stdin()));
+                Source::new(input, self.setup.clone())
+            }
+        }
     }
 
     /// Looks at the whole program and shows what is wrong with it, on standard error. What it came to, if it may be run; none
@@ -125,19 +138,19 @@ impl Program {
         }
         let mut decoder = self.decoder();
         let (blocks, findings, scan) = job::scan::<9>(machine, &mut decoder);
-        let mut diagnostics = decoder.program.interpreter().diagnostics().to_vec();
-        diagnostics.extend(self.after_the_end(&diagnostics));
+        decoder.program.look_behind_the_end();
+        let diagnostics = decoder.program.interpreter().diagnostics();
         let mut is_refused = false;
-        let mut shown: Vec<(u32, String)> = Vec::new();
-        for diagnostic in &diagnostics {
+        let mut shown: Vec<((u16, u32), String)> = Vec::new();
+        for diagnostic in diagnostics {
             is_refused |= diagnostic.severity() == Severity::Error;
-            shown.push((diagnostic.line, diagnostic.render(&self.name, &self.line(diagnostic.line))));
+            shown.push(((diagnostic.file, diagnostic.line), self.show(diagnostic)));
         }
         for finding in &findings {
             is_refused = true;
-            shown.push((finding.line, self.render(finding)));
+            shown.push(((0, finding.line), self.render(finding)));
         }
-        shown.sort_by_key(|(line, _)| *line);
+        shown.sort_by_key(|(place, _)| *place);
         for (_, text) in &shown {
             eprintln!("{text}");
         }
@@ -150,17 +163,26 @@ impl Program {
         Ok(Some(Checked { blocks, scan }))
     }
 
-    /// What only a look behind the program's end shows.
-    fn after_the_end(&self, known: &[Diagnostic]) -> Vec<Diagnostic> {
-        let Some(text) = &self.text else { return Vec::new() };
-        let all = retrace_gcode::check(Cursor::new(Shared(Arc::clone(text))), self.setup.clone());
-        all.into_iter().filter(|d| !known.contains(d)).collect()
+    /// A diagnostic with its source line.
+    fn show(&self, diagnostic: &Diagnostic) -> String {
+        let (name, line) = match &self.text {
+            Some((_, prescan)) => {
+                (prescan.file_name(diagnostic.file), prescan.line_text(diagnostic.file, diagnostic.line))
+            }
+            None => (self.name.as_str(), &[][..]),
+        };
+        diagnostic.render(name, &String::from_utf8_lossy(line))
+    }
+
+    /// What the pre-scan has found; none for standard input.
+    #[must_use]
+    pub fn prescan(&self) -> Option<&Prescan> {
+        self.text.as_ref().map(|(_, prescan)| &**prescan)
     }
 
     fn line(&self, number: u32) -> String {
-        let Some(text) = &self.text else { return String::new() };
-        let line = text.split(|&b| b == b'\n').nth(number.saturating_sub(1) as usize).unwrap_or_default();
-        String::from_utf8_lossy(line).trim_end_matches('\r').to_string()
+        let text = self.prescan().map_or(&[][..], |prescan| prescan.line_text(0, number));
+        String::from_utf8_lossy(text).into_owned()
     }
 
     /// A finding with its source line, in the form of the diagnostics.
@@ -220,7 +242,7 @@ impl Decode for Decoder {
         let refused = || {
             let diagnostics = self.program.interpreter().diagnostics().iter();
             let mut errors = diagnostics.filter(|d| d.severity() == Severity::Error);
-            errors.next_back().map(|d| d.render(&self.name, &self.program.line_text()))
+            errors.next_back().map(|d| d.render(&self.name, &self.program.text_of(d)))
         };
         match progress {
             Progress::Line => Decoded::Block,

@@ -39,7 +39,7 @@ impl fmt::Display for BlockNumber {
 }
 
 /// First byte and byte after the last; a line is shorter than 256 bytes.
-type Place = (u8, u8);
+pub(crate) type Place = (u8, u8);
 
 pub(crate) fn place(span: Span) -> Place {
     (span.start.min(255) as u8, span.end.min(255) as u8)
@@ -250,6 +250,61 @@ pub(crate) fn name_of_g(tenths: Tenths) -> String {
     }
 }
 
+/// One word of a block, packed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Item {
+    /// Number of the letter, its value, its place.
+    Word(u8, f64, Place),
+    /// Number of the group, the code, its place.
+    G(u8, Tenths, Place),
+    M(u8, u8, Place),
+}
+
+impl Words {
+    /// Adds the words to a list.
+    pub(crate) fn pack(&self, items: &mut Vec<Item>) {
+        let bits = |mask: u32| (0..26_u8).filter(move |bit| mask & 1 << bit != 0);
+        items.extend(bits(self.g_present.into()).map(|group| {
+            let index = usize::from(group);
+            Item::G(group, self.g[index], self.g_at[index])
+        }));
+        items.extend(bits(self.m_present.into()).map(|group| {
+            let index = usize::from(group);
+            Item::M(group, self.m[index], self.m_at[index])
+        }));
+        items.extend(bits(self.present).map(|letter| {
+            let index = usize::from(letter);
+            Item::Word(letter, self.value[index], self.at[index])
+        }));
+    }
+
+    /// Takes packed words, in place of what there was.
+    #[inline]
+    pub(crate) fn unpack(&mut self, items: &[Item]) {
+        self.clear();
+        for item in items {
+            match *item {
+                Item::Word(letter, value, at) => {
+                    let index = usize::from(letter % 26);
+                    self.present |= 1 << index;
+                    (self.value[index], self.at[index]) = (value, at);
+                }
+                Item::G(group, code, at) => {
+                    let index = usize::from(group % 16);
+                    self.g_present |= 1 << index;
+                    (self.g[index], self.g_at[index]) = (code, at);
+                }
+                Item::M(group, code, at) => {
+                    let index = usize::from(group % 16);
+                    self.m_present |= 1 << index;
+                    self.m_count += 1;
+                    (self.m[index], self.m_at[index]) = (code, at);
+                }
+            }
+        }
+    }
+}
+
 /// Where a calculated value goes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Slot {
@@ -265,7 +320,7 @@ pub(crate) enum Slot {
 
 /// A value that is calculated when the block is carried out.
 #[derive(Clone, Copy, Debug)]
-struct Late {
+pub(crate) struct Late {
     slot: Slot,
     first_op: u16,
     end_op: u16,
@@ -289,7 +344,7 @@ pub(crate) struct Block {
     pub(crate) remark: Option<Remark>,
     pub(crate) control: Option<Control>,
     pub(crate) ops: Vec<Op>,
-    late: Vec<Late>,
+    pub(crate) late: Vec<Late>,
 }
 
 impl Block {
@@ -305,6 +360,12 @@ impl Block {
     /// Adds a value that the operations from `first_op` on calculate.
     pub(crate) fn add_late(&mut self, slot: Slot, first_op: usize, at: Span) {
         let (first_op, end_op) = (first_op as u16, self.ops.len() as u16);
+        self.late.push(Late { slot, first_op, end_op, at: place(at) });
+    }
+
+    /// Adds a value that these operations calculate.
+    pub(crate) fn add_late_range(&mut self, slot: Slot, first_op: usize, end_op: usize, at: Span) {
+        let (first_op, end_op) = (first_op as u16, end_op as u16);
         self.late.push(Late { slot, first_op, end_op, at: place(at) });
     }
 

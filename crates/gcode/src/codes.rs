@@ -126,9 +126,17 @@ codes! {
     BadControl "E1801" "O word not understood" "The line does not have the form of an O word: label, keyword, values in brackets." "Write lines such as O100 if [#1 GT 0]; by number or by name.";
     ControlWithoutEnd "E1802" "end of a block of O words missing" "The program ends before the endsub, endif, endwhile, endrepeat or while that belongs to the label." "Add the end, with the same label.";
     ControlWithoutBegin "E1803" "beginning of a block of O words missing" "An end, else, break, continue or return stands where nothing of its label is open." "Check the label, and the nesting.";
-    NoSuchSub "E1804" "no such subprogram" "The program has no sub of this label; subprograms in other files are not supported yet." "Check the label; put the subprogram into the program.";
+    NoSuchSub "E1804" "no such subprogram" "Neither the program nor a file in its folder or in a folder given with --subs has a subprogram of this label." "Check the label; put the subprogram into the program, or into a file of its name (O<part> in part.ngc).";
     TooManyCalls "E1805" "calls too deep" "Subprograms call each other more than 10 deep." "Look for a subprogram that calls itself without end.";
     EndlessProgram "E1806" "program does not come to an end" "After 10 million lines the program was still running; checking has stopped." "Look for a loop without end.";
+
+    LabelTwice "E1807" "label used twice" "An O label names two blocks of one routine." "Give each if, while, do and repeat of a routine a label of its own.";
+    SubInSub "E1808" "subprogram inside a subprogram" "A sub begins before the endsub of another one." "Move it out, or add the missing endsub.";
+    SubTwice "E1809" "subprogram defined twice" "Two subprograms of the program have one label." "Rename one of them.";
+    WrongCall "E1810" "wrong kind of call" "A subprogram of sub and endsub is called with M98, or one of an O number and M99 with call." "Call sub … endsub with O… call, and O… … M99 with M98 P….";
+    NotYetThere "E1811" "jump to what has not arrived" "A program from standard input calls a subprogram that has not been read yet, or that cannot be kept." "Put the subprograms before their calls, or run the program from a file.";
+    TooMuchToKeep "E1812" "too much to keep" "The subprograms and loops of a program from standard input exceed 16 MiB." "Run the program from a file.";
+    SubFile "E1813" "subprogram file cannot be used" "The file of a subprogram cannot be read, or holds no subprogram of its name." "Check the file: O<part> is looked for in part.ngc, which holds O<part> sub … O<part> endsub.";
 
     TextAfterEnd "W1001" "text after the program's end" "Lines after M2, M30 or the closing percent sign are not read." "Remove them if they are not meant to be kept.";
     SpindleWithoutSpeed "W1002" "spindle started without a speed" "M3 or M4 is carried out while the spindle speed is zero." "Give an S word before.";

@@ -21,9 +21,12 @@
 #![forbid(unsafe_code)]
 
 mod angle;
+mod arriving;
 mod block;
+mod branch;
 mod canon;
 mod canon_text;
+mod code;
 mod codes;
 mod compensation;
 mod control;
@@ -36,15 +39,18 @@ mod interp;
 mod lex;
 mod lines;
 mod modal;
+mod nest;
 mod params;
 mod parse;
 mod pose;
+mod prescan;
 mod program;
 mod remark;
 mod system;
 mod tool;
 
 pub use block::BlockNumber;
+pub use branch::Branch;
 pub use canon::{ArcFeed, Canon, FeedMode, LengthUnit, PathControl, Plane, Step};
 pub use canon_text::CanonText;
 pub use codes::Code;
@@ -54,5 +60,6 @@ pub use interp::{BlockRefused, Flow, Interpreter, Setup};
 pub use modal::{ArcCentres, Distance, Motion, Spindle, State};
 pub use params::Parameters;
 pub use pose::{Axis, AxisSet, Pose};
+pub use prescan::{Prescan, SubFile, SubFiles};
 pub use program::{Program, Progress, Steps, check};
 pub use tool::{Tool, ToolTable};

@@ -177,6 +177,7 @@ impl Parameters {
                 }
                 _ => diagnostics.push(Diagnostic {
                     code: Code::ParameterFileLine,
+                    file: 0,
                     line: index as u32 + 1,
                     span: Span::new(0, line.len()),
                     message: Code::ParameterFileLine.title().to_owned(),

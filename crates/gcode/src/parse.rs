@@ -15,8 +15,38 @@ use crate::remark::Remark;
 /// Longest line in bytes, without its end, as in LinuxCNC.
 pub(crate) const LONGEST_LINE: usize = 252;
 
+/// Compiles lines one after the other.
+#[derive(Clone, Debug)]
+pub(crate) struct LineReader {
+    pub(crate) axes: AxisSet,
+    pub(crate) block_delete: bool,
+    pub(crate) names: Names,
+    /// The line compiled last.
+    pub(crate) block: Block,
+}
+
+impl LineReader {
+    pub(crate) fn new(axes: AxisSet, block_delete: bool) -> LineReader {
+        LineReader { axes, block_delete, names: Names::default(), block: Block::default() }
+    }
+
+    /// Compiles a line; false when it is deleted.
+    ///
+    /// # Errors
+    /// What is wrong with it; the block is then not to be used.
+    #[inline]
+    pub(crate) fn read(&mut self, text: &[u8]) -> Outcome<bool> {
+        if self.block_delete && has_delete_mark(text) {
+            self.block.clear();
+            return Ok(false);
+        }
+        parse(text, self.axes, &mut self.names, &mut self.block)?;
+        Ok(true)
+    }
+}
+
 /// Compiles a line into `block`, which is cleared first.
-pub(crate) fn parse(text: &[u8], axes: AxisSet, names: &mut Names, block: &mut Block) -> Outcome<()> {
+fn parse(text: &[u8], axes: AxisSet, names: &mut Names, block: &mut Block) -> Outcome<()> {
     block.clear();
     check_text(text)?;
     let mut cursor = Cursor::new(text);
@@ -24,6 +54,11 @@ pub(crate) fn parse(text: &[u8], axes: AxisSet, names: &mut Names, block: &mut B
     block_number(&mut cursor, block)?;
     if cursor.eat(b'o') {
         return control::parse(&mut cursor, names, block);
+    }
+    if cursor.peek() == b'm'
+        && let Some(keyword) = control::fanuc(&mut cursor)
+    {
+        return control::parse_fanuc(keyword, &mut cursor, names, block);
     }
     loop {
         let letter = cursor.peek();
@@ -45,7 +80,7 @@ pub(crate) fn parse(text: &[u8], axes: AxisSet, names: &mut Names, block: &mut B
 }
 
 /// Whether a line is deleted when block delete is on: its first character is a slash.
-pub(crate) fn has_delete_mark(text: &[u8]) -> bool {
+fn has_delete_mark(text: &[u8]) -> bool {
     Cursor::new(text).peek() == b'/'
 }
 

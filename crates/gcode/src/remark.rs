@@ -17,9 +17,9 @@ pub(crate) enum Remark {
     Comment(Arc<str>),
     Message(Arc<str>),
     /// Shown to the operator, while parameter 5599 is above 0.
-    Debug(Vec<Piece>),
+    Debug(Arc<[Piece]>),
     /// Goes to standard output.
-    Print(Vec<Piece>),
+    Print(Arc<[Piece]>),
 }
 
 /// A part of a comment that shows parameters.
@@ -45,10 +45,10 @@ impl Remark {
             return Ok(Some(Remark::Message(rest.into())));
         }
         if let Some(rest) = after(text, "debug,") {
-            return Ok(Some(Remark::Debug(pieces(rest, at, names)?)));
+            return Ok(Some(Remark::Debug(pieces(rest, at, names)?.into())));
         }
         if let Some(rest) = after(text, "print,") {
-            return Ok(Some(Remark::Print(pieces(rest, at, names)?)));
+            return Ok(Some(Remark::Print(pieces(rest, at, names)?.into())));
         }
         if let Some(word) = REFUSED.iter().find(|word| after(text, word).is_some()) {
             let word = word.trim_end_matches(',').to_uppercase();

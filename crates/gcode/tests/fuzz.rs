@@ -130,7 +130,7 @@ fn known_killers_of_controllers() {
     assert_eq!(found(deep.as_bytes()), [("E1207", 1, 126)]);
     let many = found(&b"X\n".repeat(1000));
     assert_eq!((many.len(), many.last()), (101, Some(&("E1010", 100, 1))));
-    let warned = check(&[b"M3\n".repeat(1000), b"X\nM2\n".to_vec()].concat()[..], Setup::default());
+    let warned = check([b"M3\n".repeat(1000), b"X\nM2\n".to_vec()].concat(), Setup::default());
     assert_eq!((warned.len(), warned.last().map(|found| found.line)), (101, Some(1001)));
 }
 

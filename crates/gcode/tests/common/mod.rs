@@ -1,6 +1,7 @@
 //! What the interpreter makes of a program, as text.
 
-use retrace_gcode::{CanonText, Program, Progress, Setup, Severity};
+use retrace_gcode::{CanonText, Prescan, Program, Progress, Setup, Severity};
+use std::sync::Arc;
 
 /// The canonical text of a program, up to its first error, and whether it had one.
 pub(crate) fn canon_text(program: &str) -> (String, bool) {
@@ -9,7 +10,9 @@ pub(crate) fn canon_text(program: &str) -> (String, bool) {
 
 /// The same with another setup.
 pub(crate) fn canon_text_with(program: &str, setup: Setup) -> (String, bool) {
-    let mut program = Program::new(program.as_bytes(), setup);
+    let text: Arc<[u8]> = program.as_bytes().into();
+    let prescan = Prescan::of("program.ngc", Arc::clone(&text), &setup);
+    let mut program = Program::prescanned(&text[..], Arc::new(prescan), setup);
     let mut text = CanonText::new(Vec::new());
     let mut steps = Vec::new();
     loop {
