@@ -243,6 +243,17 @@ mod tests {
     }
 
     #[test]
+    fn right_angles_are_added_with_more_than_64_bits() {
+        assert_eq!(plus_quarters(0.0, 2, 0.0), PI);
+        // The nearest `f64` to pi lacks this of pi.
+        assert_eq!(plus_quarters(-PI, 2, 0.0), PI_LOW);
+        assert_eq!(plus_quarters(1.0, 2, -1.0), PI);
+        assert_eq!(sine_of_quarters(PI, -2), -PI_LOW);
+        assert_eq!(sweep((1.0, 0.0), (0.0, 1.0), (0.0, 0.0), 1), FRAC_PI_2);
+        assert_eq!(sweep((1.0, 0.0), (0.0, 1.0), (0.0, 0.0), -2), -3.5 * PI);
+    }
+
+    #[test]
     fn no_rotation_changes_nothing() {
         assert_eq!(rotate(1.25, -7.5, 0.0), (1.25, -7.5));
     }

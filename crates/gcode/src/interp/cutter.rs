@@ -35,12 +35,13 @@ impl Core {
     pub(super) fn set_compensation(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
         let at = words.g_span(GroupG::CutterCompensation);
         if code == 400 {
-            self.finish_path(at, emit)?;
+            let finished = self.finish_path(at, emit);
             if let Some(programmed) = self.state.compensation.and_then(|compensation| compensation.programmed) {
                 self.state.position = programmed;
                 self.state.has_left_compensation = true;
             }
             self.state.compensation = None;
+            finished?;
             emit.call(Canon::Note("interpreter: cutter radius compensation off"));
             return Ok(());
         }
@@ -145,6 +146,9 @@ impl Core {
     }
 
     /// A straight move beside the programmed path, which ends at `end`.
+    ///
+    /// # Errors
+    /// The move, or the one before, is too short for the tool. The move after this one then leads to the path again.
     pub(super) fn straight_beside(
         &mut self,
         motion: Motion,
@@ -152,6 +156,14 @@ impl Core {
         words: &Words,
         emit: &mut Emit<'_>,
     ) -> Outcome<()> {
+        let done = self.straight_on(motion, end, words, emit);
+        if done.is_err() {
+            self.lose_path(end, emit);
+        }
+        done
+    }
+
+    fn straight_on(&mut self, motion: Motion, end: Pose, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
         let Some((cutter, programmed)) = self.cutter() else { return Ok(()) };
         let at = move_span(words);
         let (here, to) = (self.in_plane(&self.state.position), self.in_plane(&end));
@@ -187,6 +199,9 @@ impl Core {
     }
 
     /// An arc beside the programmed path, which is this one.
+    ///
+    /// # Errors
+    /// The arc, or the move before, is too short or too small for the tool. The move after this one then leads to the path again.
     pub(super) fn arc_beside(
         &mut self,
         shape: &ArcShape,
@@ -194,6 +209,14 @@ impl Core {
         end: Pose,
         emit: &mut Emit<'_>,
     ) -> Outcome<()> {
+        let done = self.arc_on(shape, centre, end, emit);
+        if done.is_err() {
+            self.lose_path(end, emit);
+        }
+        done
+    }
+
+    fn arc_on(&mut self, shape: &ArcShape, centre: Point, end: Pose, emit: &mut Emit<'_>) -> Outcome<()> {
         let Some((cutter, programmed)) = self.cutter() else { return Ok(()) };
         let (at, turns) = (shape.at, shape.turns);
         let arc = Programmed { centre, end: shape.end, turns };
@@ -259,6 +282,15 @@ impl Core {
         emit.waiting.release(emit.steps, emit.number);
         emit.waiting.set_start(start);
         Ok(())
+    }
+
+    /// After a fault: takes the programmed end for reached, so that the faults of the moves after it are their own.
+    fn lose_path(&mut self, end: Pose, emit: &mut Emit<'_>) {
+        emit.waiting.clear();
+        self.state.position = end;
+        if let Some(compensation) = &mut self.state.compensation {
+            compensation.programmed = None;
+        }
     }
 
     /// Takes the end of a move over into the state.

@@ -277,3 +277,131 @@ fn arc_to_arc(cutter: Cutter, prior: &PriorArc, arc: &Programmed, radius: f64, a
     let forward = cutter.is_inside(prior.turns) == (arc.turns > 0);
     Ok(polar(prior.centre, prior.radius, if forward { to_centre + back } else { to_centre - back }))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const ORIGIN: Point = (0.0, 0.0);
+
+    fn side() -> impl Strategy<Value = Side> {
+        prop_oneof![Just(Side::Left), Just(Side::Right)]
+    }
+
+    /// How far a point is from the line through the origin in a direction; positive on the side of the tool.
+    fn beside_line(cutter: Cutter, direction: f64, point: Point) -> f64 {
+        let left = direction.cos() * point.1 - direction.sin() * point.0;
+        if cutter.side == Side::Left { left } else { -left }
+    }
+
+    /// From a point of the path in this direction to the tool's centre.
+    fn tool(cutter: Cutter, direction: f64) -> Point {
+        let quarter = std::f64::consts::FRAC_PI_2;
+        cutter.beside(ORIGIN, if cutter.side == Side::Left { direction + quarter } else { direction - quarter })
+    }
+
+    /// The centre of an arc that leaves the origin, or comes to it, in a direction, and the radius of the tool's path beside it.
+    fn arc(cutter: Cutter, direction: f64, radius: f64, turns: i32) -> (Point, f64) {
+        let quarter = std::f64::consts::FRAC_PI_2 * f64::from(turns);
+        let inside = cutter.is_inside(turns);
+        (
+            polar(ORIGIN, radius, direction + quarter),
+            if inside { radius - cutter.radius } else { radius + cutter.radius },
+        )
+    }
+
+    proptest! {
+        #[test]
+        fn two_lines_meet_at_the_radius_from_both(side in side(), radius in 0.1..5.0_f64, from in -3.0..3.0_f64, turn in -3.0..3.0_f64) {
+            let cutter = Cutter { side, radius };
+            let corner = Corner { programmed: ORIGIN, centre: tool(cutter, from), arc: None };
+            let to = polar(ORIGIN, 50.0, from + turn);
+            let (end, joint) = to_line(cutter, &corner, to, Span::default()).expect("a corner");
+            prop_assert!((beside_line(cutter, from + turn, end) - radius).abs() < 1e-9);
+            let is_inner = (turn > 0.0) == (side == Side::Left);
+            match joint {
+                Joint::Smooth => prop_assert!(turn.abs() < 0.050_001),
+                Joint::Convex(point) => {
+                    prop_assert!(!is_inner && distance(point, tool(cutter, from + turn)) < 1e-9);
+                }
+                Joint::Concave(point) => {
+                    prop_assert!(is_inner);
+                    prop_assert!((beside_line(cutter, from, point) - radius).abs() < 1e-9);
+                    prop_assert!((beside_line(cutter, from + turn, point) - radius).abs() < 1e-9);
+                }
+            }
+        }
+
+        #[test]
+        fn a_line_and_an_arc_meet_on_both_of_the_tools_paths(
+            side in side(), radius in 0.1..5.0_f64, from in -3.0..3.0_f64, turn in -2.9..2.9_f64, size in 5.1..40.0_f64,
+            turns in prop_oneof![Just(1), Just(-1)], sweep in 0.5..5.0_f64,
+        ) {
+            let cutter = Cutter { side, radius };
+            let (centre, path) = arc(cutter, from + turn, size, turns);
+            let end = polar(centre, size, direction(centre, ORIGIN) + sweep * f64::from(turns));
+            let next = Programmed { centre, end, turns };
+            let corner = Corner { programmed: ORIGIN, centre: tool(cutter, from), arc: None };
+            if let Ok((to_centre, joint)) = to_arc(cutter, &corner, &next, Span::default()) {
+                prop_assert!((distance(to_centre, centre) - path).abs() < 1e-9 && (distance(to_centre, end) - radius).abs() < 1e-9);
+                match joint {
+                    Joint::Smooth => prop_assert!(turn.abs() < 0.050_001),
+                    Joint::Convex(point) => prop_assert!(distance(point, tool(cutter, from + turn)) < 1e-9),
+                    Joint::Concave(point) => {
+                        prop_assert!((beside_line(cutter, from, point) - radius).abs() < 1e-9);
+                        prop_assert!((distance(point, centre) - path).abs() < 1e-9);
+                    }
+                }
+            }
+            // The same arc the other way round, before a line.
+            let (centre, path) = arc(cutter, from, size, turns);
+            let prior = PriorArc { centre, radius: path, turns };
+            let corner = Corner { programmed: ORIGIN, centre: tool(cutter, from), arc: Some(prior) };
+            if let Ok((_, Joint::Concave(point))) = to_line(cutter, &corner, polar(ORIGIN, 9.0, from + turn), Span::default()) {
+                prop_assert!((distance(point, centre) - path).abs() < 1e-9);
+                prop_assert!((beside_line(cutter, from + turn, point) - radius).abs() < 1e-8);
+            }
+            // And before another arc.
+            let (other, other_path) = arc(cutter, from + turn, 2.0 * size, -turns);
+            let next = Programmed { centre: other, end: polar(other, 2.0 * size, from), turns: -turns };
+            if let Ok((_, Joint::Concave(point))) = to_arc(cutter, &corner, &next, Span::default()) {
+                prop_assert!((distance(point, centre) - path).abs() < 1e-9);
+                prop_assert!((distance(point, other) - other_path).abs() < 1e-7);
+            }
+        }
+
+        #[test]
+        fn the_entry_arc_begins_where_the_tool_is_and_ends_beside_the_path(
+            side in side(), radius in 0.1..5.0_f64, size in 5.1..40.0_f64, turns in prop_oneof![Just(1), Just(-1)], sweep in 1.0..5.0_f64,
+        ) {
+            let cutter = Cutter { side, radius };
+            let (centre, _) = arc(cutter, 0.3, size, turns);
+            let end = polar(centre, size, direction(centre, ORIGIN) + sweep * f64::from(turns));
+            if let Ok((to, new_centre)) = entry_arc(cutter, ORIGIN, &Programmed { centre, end, turns }, Span::default()) {
+                let size = distance(new_centre, to);
+                prop_assert!((distance(to, end) - radius).abs() < 1e-9 && (distance(new_centre, ORIGIN) - size).abs() < 1e-9 * (1.0 + size));
+            }
+        }
+    }
+
+    #[test]
+    fn what_the_tool_does_not_fit_into_is_refused() {
+        let cutter = Cutter { side: Side::Left, radius: 1.0 };
+        let at = Span::default();
+        let code = |outcome: Outcome<(Point, Joint)>| outcome.map_err(|fault| fault.code).err();
+        assert_eq!(
+            entry_line(cutter, ORIGIN, (1.0, 0.0), at).map_err(|fault| fault.code).err(),
+            Some(Code::CompensationEntry)
+        );
+        assert!(entry_line(cutter, ORIGIN, (1.001, 0.0), at).is_ok());
+        // Through the centre of an arc that is not twice as great as the tool.
+        let prior = PriorArc { centre: (0.0, -1.5), radius: 0.5, turns: 1 };
+        let corner = Corner { programmed: ORIGIN, centre: (0.0, -1.0), arc: Some(prior) };
+        assert_eq!(code(to_line(cutter, &corner, (0.0, -9.0), at)), Some(Code::CompensationCorner));
+        let next = Programmed { centre: (0.0, -1.5), end: (1.0, -1.5), turns: -1 };
+        assert_eq!(code(to_arc(cutter, &corner, &next, at)), Some(Code::CompensationCorner));
+        let next = Programmed { centre: (0.0, -1.0), end: (1.0, -1.0), turns: 1 };
+        assert_eq!(code(to_arc(cutter, &corner, &next, at)), Some(Code::CompensationArc));
+    }
+}

@@ -68,8 +68,8 @@ impl Default for Queue {
 impl Queue {
     /// Empties it and sets it up for a plane and a tool.
     pub(crate) fn begin(&mut self, plane: Plane, shift: Point, units: LengthUnit) {
-        self.waiting.clear();
-        (self.plane, self.start, self.shift) = (plane, None, shift);
+        self.clear();
+        (self.plane, self.shift) = (plane, shift);
         self.more_sweep = MORE_SWEEP * (LengthUnit::Inch.millimetres() / units.millimetres());
     }
 
@@ -130,13 +130,16 @@ impl Queue {
     /// Moves the end of the last move in the plane, and of those along other axes after it, to `end`, and lets everything out.
     ///
     /// # Errors
-    /// E1658 when a move would run against its direction.
+    /// E1658 when a move would run against its direction; nothing waits then.
     pub(crate) fn end_at(&mut self, end: Point, at: Span, steps: &mut Vec<Step>, number: Number) -> Outcome<()> {
         if self.is_empty() {
             return Ok(());
         }
         for index in 0..self.waiting.len() {
-            self.move_end(index, end, at)?;
+            if let Err(fault) = self.move_end(index, end, at) {
+                self.clear();
+                return Err(fault);
+            }
         }
         self.release(steps, number);
         self.start = Some(end);
@@ -178,6 +181,12 @@ impl Queue {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Drops everything.
+    pub(crate) fn clear(&mut self) {
+        self.waiting.clear();
+        self.start = None;
     }
 
     /// Lets everything out as it is.
@@ -231,5 +240,53 @@ fn shift_canon(canon: &mut Canon, plane: Plane, shift: Point) {
             arc.second_centre += shift.1;
         }
         _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn feed(x: f64, y: f64) -> Canon {
+        Canon::StraightFeed(Pose::xyz(x, y, 0.0))
+    }
+
+    #[test]
+    fn the_end_is_moved_for_all_that_stands_over_it_and_the_order_stays() {
+        let mut queue = Queue::default();
+        let mut steps = Vec::new();
+        queue.begin(Plane::Xy, (1.0, -0.0), LengthUnit::Inch);
+        queue.set_start((0.0, 0.0));
+        queue.push(1, feed(10.0, 0.0), Course::Straight((1.0, 0.0)));
+        queue.push(2, Canon::FloodOn, Course::Other);
+        queue.push(3, Canon::StraightFeed(Pose::xyz(10.0, 0.0, 5.0)), Course::Straight((0.0, 0.0)));
+        queue.end_at((8.0, 0.0), Span::default(), &mut steps, None).expect("a forward move");
+        let canons: Vec<_> = steps.drain(..).map(|step| (step.line, step.canon)).collect();
+        // The controlled point of the tool is beside the centre of its tip.
+        let risen = Canon::StraightFeed(Pose::xyz(9.0, 0.0, 5.0));
+        assert_eq!(canons, [(1, feed(9.0, 0.0)), (2, Canon::FloodOn), (3, risen)]);
+        queue.push(4, feed(8.0, 1.0), Course::Straight((0.0, 1.0)));
+        let gouged = queue.end_at((8.0, -0.1), Span::default(), &mut steps, None);
+        assert_eq!(gouged.map_err(|fault| fault.code), Err(Code::CompensationGouge));
+        assert!(queue.is_empty() && steps.is_empty());
+    }
+
+    #[test]
+    fn a_queue_that_has_grown_allocates_no_more() {
+        let mut queue = Queue::default();
+        let mut steps = Vec::new();
+        let mut room = 0;
+        for round in 0..50 {
+            for line in 0..20 {
+                queue.push(line, feed(f64::from(line), 0.0), Course::Straight((1.0, 0.0)));
+                queue.push(line, Canon::SetFeedRate(1.0), Course::Other);
+            }
+            queue.release(&mut steps, None);
+            // What a block does with the queue of the state.
+            let taken = std::mem::take(&mut queue);
+            queue = taken;
+            assert!(round == 0 || queue.waiting.capacity() == room);
+            room = queue.waiting.capacity();
+        }
     }
 }
