@@ -136,6 +136,7 @@ fn each_block_that_cannot_be_is_refused_by_its_number() {
         ("G40\nG2 X30 R10", "E1655"),
         ("G3 X21 Y1 R1", "E1659"),
         ("Y.5\nX0", "E1658"),
+        ("Y.5\nX40", "E1658"),
         ("Y.5\nG40", "E1658"),
         ("Y.5\nM0", "E1658"),
         ("M0\nY20", "E1660"),

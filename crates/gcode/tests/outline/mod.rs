@@ -36,6 +36,8 @@ pub(crate) struct Outline {
     left: bool,
     radius: f64,
     is_lathe: bool,
+    /// The first move under compensation has come.
+    is_on_path: bool,
     /// Nothing waits but the last move.
     only_move_waits: bool,
 }
@@ -55,6 +57,7 @@ impl Outline {
             left: true,
             radius: 1.0,
             is_lathe: false,
+            is_on_path: false,
             only_move_waits: false,
         };
         outline.lines.push("F200".to_owned());
@@ -80,7 +83,9 @@ impl Outline {
         self.cutter(plane == "G18");
         self.heading = self.direction();
         let first_is_arc = !self.is_lathe && self.random.one_in(4);
+        self.is_on_path = false;
         self.between();
+        self.is_on_path = true;
         if first_is_arc {
             self.arc(0.0)
         } else {
@@ -165,7 +170,7 @@ impl Outline {
     }
 
     fn length(&mut self) -> f64 {
-        let most = if self.random.one_in(40) { 3 } else { 30 };
+        let most = if self.random.one_in(20) { 3 } else { 30 };
         let whole = (self.random.below(most) + most / 5 + 1) as f64;
         if self.is_even { whole } else { whole + self.random.below(1000) as f64 / 1000.0 }
     }
@@ -191,7 +196,8 @@ impl Outline {
     /// A move to the next corner, with other blocks before it.
     fn piece(&mut self) {
         let turn = match self.is_even {
-            true => (self.random.below(7) as f64 - 3.0) * PI / 4.0,
+            // Back the same way too, as at the top of an h or the middle of an m.
+            true => (self.random.below(9) as f64 - 4.0) * PI / 4.0,
             false => self.random.below(5000) as f64 / 1000.0 - 2.5,
         };
         self.between();
@@ -282,7 +288,8 @@ impl Outline {
                     self.only_move_waits = false;
                 }
                 4 | 5 => self.lines.push(self.random.pick(&passes).to_owned()),
-                6 if !self.inverse_time => {
+                // Before the first move in the plane this would be one that is too short.
+                6 if !self.inverse_time && (self.is_on_path || self.random.one_in(50)) => {
                     let depth = self.random.below(5);
                     let code = self.random.pick(&["G0", "G1"]);
                     let word = self.random.pick(&[self.letters[2], "A", "B"]);
