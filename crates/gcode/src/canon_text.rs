@@ -327,7 +327,7 @@ mod tests {
     fn the_counter_has_five_places_or_as_many_as_it_needs() {
         for value in [1, 9, 10, 99_999, 100_000, 12_345_678, u64::MAX] {
             let mut out = Vec::new();
-            counter(&mut out, value);
+            padded(&mut out, value);
             assert_eq!(String::from_utf8(out).expect("digits"), format!("{value:5} "));
         }
     }

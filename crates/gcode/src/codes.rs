@@ -120,6 +120,17 @@ codes! {
     ZeroPitch "E1631" "no pitch" "K of G33 or G33.1, the way in one turn of the spindle, is 0." "Write the pitch as K.";
     BadThread "E1632" "thread not possible" "The words of G76 contradict each other; the message says which." "Correct the word: P and J above 0, I not 0, J less than K, Q below 90 degrees, L from 0 to 3.";
 
+    CompensationPlane "E1651" "cutter compensation in G19" "G41 and G42 work in the planes of G17 and G18 only." "Select G17 or G18 before.";
+    CompensationTwice "E1652" "cutter compensation is on already" "G41 or G42 is given while one of them is in force." "Switch it off with G40 before.";
+    CompensationLathe "E1653" "lathe tool outside of G18" "The tool has an orientation, from the tool table or an L word, and the plane is not G18." "Select G18 before, or use a tool without an orientation.";
+    CompensationEntry "E1654" "entry move too short" "The first move under cutter compensation is not longer than the tool's radius." "Begin farther away from the path, or check the tool's diameter.";
+    CompensationExit "E1655" "arc right after G40" "The first move after cutter compensation has to be straight, as it leads away from the path." "Put a G0 or G1 before the arc.";
+    CompensationRefuses "E1656" "not possible under cutter compensation" "The block would change what a compensated move that still waits for its end builds on." "Put it before G41 or G42, or after G40.";
+    CompensationCorner "E1657" "tool does not fit into the corner" "The compensated paths of two moves do not meet, so the tool cannot reach this concave corner." "Use a smaller tool, or round the corner with a greater radius.";
+    CompensationGouge "E1658" "tool would cut into the path" "Between two concave corners the move is too short for the tool, which would cut into its neighbours." "Use a smaller tool, or leave the short move out.";
+    CompensationArc "E1659" "arc too small for the tool" "The tool runs on the inside of an arc whose radius is not greater than its own." "Use a smaller tool, or a greater radius.";
+    CompensationLate "E1660" "concave corner after a stop" "The move before the corner has run to its end before M0, M1 or M60, and would have to end earlier." "Put the stop into another block of the path, or switch compensation off around it.";
+
     ToolUnknown "E1701" "tool not in the tool table" "No line of the tool table has this tool number." "Add the tool to the table, or correct the number.";
     ToolTableLine "E1702" "tool table not understood" "A line of the tool table has no T word, an unknown word or a bad number." "Write lines such as T1 P1 Z0.5 D0.25 ;comment.";
     ParameterFileLine "E1703" "parameter file not understood" "A line of the parameter file is not a number and a value, or the numbers do not go up." "Write lines such as 5221 0.000000, in rising order.";

@@ -53,7 +53,7 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
         40 | 100 | 280 | 281 | 300 | 301 | 520 | 530 | 920 | 921 | 922 | 923 => G::NonModal,
         170 | 180 | 190 => G::Plane,
         200 | 210 => G::Units,
-        400 => G::CutterCompensation,
+        400 | 410 | 411 | 420 | 421 => G::CutterCompensation,
         430 | 431 | 432 | 490 => G::ToolOffset,
         540 | 550 | 560 | 570 | 580 | 590..=593 => G::CoordinateSystem,
         610 | 611 | 640 => G::PathControl,
@@ -62,7 +62,7 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
         930 | 940 | 950 => G::FeedMode,
         960 | 970 => G::SpindleMode,
         980 | 990 => G::Retract,
-        50..=53 | 70 | 80 | 171 | 181 | 191 | 382..=385 | 410 | 411 | 420 | 421 => return Known::NotYet,
+        50..=53 | 70 | 80 | 171 | 181 | 191 | 382..=385 => return Known::NotYet,
         700 | 710..=712 | 720..=722 => return Known::NotYet,
         _ => return Known::No,
     })

@@ -4,7 +4,9 @@
 
 use crate::angle::rotate;
 use crate::canon::{FeedMode, LengthUnit, PathControl, Plane};
+use crate::compensation::Compensation;
 use crate::cycle::{Cycle, Series};
+use crate::interp::Queue;
 use crate::pose::{Axis, Pose};
 
 /// The motion modes that are carried out; none is G80.
@@ -107,8 +109,14 @@ pub struct State {
     pub g92_offset: Pose,
     /// The tool length offset in force.
     pub tool_offset: Pose,
-    /// The position in program coordinates.
+    /// The position in program coordinates; under cutter compensation that of the tool, not of the programmed path.
     pub position: Pose,
+    /// Cutter radius compensation; none after G40.
+    pub compensation: Option<Compensation>,
+    /// G40 has ended a compensated path, and no straight move has come since.
+    pub has_left_compensation: bool,
+    /// Moves that the next corner of a compensated path may still change, and what came after them.
+    pub(crate) waiting: Queue,
     /// How joints are run through.
     pub path_control: PathControl,
     /// Tolerance of the merging of nearly straight runs.
@@ -163,6 +171,9 @@ impl State {
             g92_offset: Pose::ZERO,
             tool_offset: Pose::ZERO,
             position: Pose::ZERO,
+            compensation: None,
+            has_left_compensation: false,
+            waiting: Queue::default(),
             path_control: PathControl::Continuous { tolerance: 0.0 },
             naivecam_tolerance: 0.0,
             retract_to_r: true,
@@ -187,6 +198,16 @@ impl State {
     #[must_use]
     pub fn is_metric(&self) -> bool {
         self.units == LengthUnit::Millimetre
+    }
+
+    /// Where the programmed path stands: the position, but for cutter compensation.
+    #[must_use]
+    #[inline]
+    pub fn path_position(&self) -> &Pose {
+        match &self.compensation {
+            Some(Compensation { programmed: Some(programmed), .. }) => programmed,
+            _ => &self.position,
+        }
     }
 
     /// The position of the machine (its controlled point with the tool offset taken off) in machine coordinates and program units.

@@ -129,7 +129,7 @@ impl<R: BufRead> Program<R> {
             Stepped::Jumped => Ok(Progress::Line),
             Stepped::Faulty => Ok(Progress::Refused),
             Stepped::Idle => self.own_line(steps),
-            Stepped::ProgramEnd => Ok(self.end_by_m99(steps)),
+            Stepped::ProgramEnd => self.end_by_m99(steps),
         }
     }
 
@@ -144,6 +144,7 @@ impl<R: BufRead> Program<R> {
             return Ok(Progress::Line);
         }
         if self.percent && is_percent(self.lines.text()) {
+            self.interpreter.release(steps);
             emit(steps, Canon::Finish);
             return Ok(self.close(steps));
         }
@@ -182,7 +183,7 @@ impl<R: BufRead> Program<R> {
     fn control(&mut self, control: Control, steps: &mut Vec<Step>) -> Outcome<Progress> {
         match control.keyword {
             Keyword::Start => return Ok(Progress::Line),
-            Keyword::M99 => return Ok(self.end_by_m99(steps)),
+            Keyword::M99 => return self.end_by_m99(steps),
             // The pre-scan has found no end, or no subprogram, and told so.
             _ if self.prescan.is_some() && (control.keyword.opens() || control.keyword == Keyword::Call) => {
                 return Ok(Progress::Refused);
@@ -204,9 +205,9 @@ impl<R: BufRead> Program<R> {
     }
 
     /// M99 in the program itself ends it, as M2 does.
-    fn end_by_m99(&mut self, steps: &mut Vec<Step>) -> Progress {
-        self.interpreter.end_program(steps);
-        self.end_of_program(steps)
+    fn end_by_m99(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
+        self.interpreter.end_program(steps)?;
+        Ok(self.end_of_program(steps))
     }
 
     /// Ends the program here and adds the canonical functions that come after any program.

@@ -3,6 +3,7 @@
 //! Invariant: they can be read only, and their values are those of LinuxCNC 2.9.
 
 use crate::canon::{FeedMode, Plane};
+use crate::compensation::Side;
 use crate::modal::{ArcCentres, Distance, Motion, Spindle, State};
 use crate::pose::Axis;
 
@@ -45,6 +46,7 @@ pub(crate) enum SystemParameter {
     ReturnedValue,
     HasReturnedValue,
     CallLevel,
+    Compensation,
 }
 
 impl SystemParameter {
@@ -91,7 +93,7 @@ impl SystemParameter {
             "units_per_rev" => P::UnitsPerRevolution,
             "spindle_rpm_mode" => P::ConstantTurns,
             "spindle_css_mode" => P::ConstantSurfaceSpeed,
-            "ccomp" => P::Fixed(400.0),
+            "ccomp" => P::Compensation,
             "lathe_radius_mode" => P::Fixed(1.0),
             "lathe_diameter_mode" | "task" | "remap_level" => P::Fixed(0.0),
             _ => return None,
@@ -155,6 +157,11 @@ impl SystemParameter {
             P::ReturnedValue => state.returned_value.unwrap_or(0.0),
             P::HasReturnedValue => truth(state.returned_value.is_some()),
             P::CallLevel => state.call_level.into(),
+            P::Compensation => match state.compensation.map(|compensation| compensation.side) {
+                None => 400.0,
+                Some(Side::Left) => 410.0,
+                Some(Side::Right) => 420.0,
+            },
         }
     }
 }

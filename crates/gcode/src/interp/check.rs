@@ -195,6 +195,7 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let blend = words.g(GroupG::PathControl) == Some(640);
     let offset = matches!(words.g(GroupG::ToolOffset), Some(430 | 432));
     let output = words.m(GroupM::Output).is_some();
+    let compensation = words.g(GroupG::CutterCompensation).is_some_and(|code| code != 400);
     let switch = matches!(words.m(GroupM::Override), Some(50..=53));
     let number = words.m(GroupM::Tool) == Some(61);
     let cycle = to_be.cycle();
@@ -207,13 +208,13 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let pause = cycle.is_some_and(Cycle::takes_dwell) || thread || orient;
     let peck = cycle.is_some_and(Cycle::has_pecks) || thread || orient;
     let uses: [(&[u8], bool, &str); 9] = [
-        (b"d", surface_speed, "G96, or cutter compensation, which is not supported yet"),
+        (b"d", surface_speed || compensation, "G96, G41, G41.1, G42 or G42.1"),
         (b"e", thread, "G76, or another code that is not supported yet"),
         (b"h", offset || thread, "G43, G43.2 or G76"),
         (b"i", arc || g10 || offsets || tap, "G2, G3, G33.1, G76 or G87"),
         (b"j", arc || g10 || offsets, "G2, G3, G76 or G87"),
         (b"k", arc || g10 || offsets || synchronised, "G2, G3, G33, G33.1, G76 or G87"),
-        (b"l", g10 || cycle.is_some() || thread, "G10, G76 or a drilling cycle"),
+        (b"l", g10 || cycle.is_some() || thread || compensation, "G10, G41.1, G42.1, G76 or a drilling cycle"),
         (
             b"p",
             arc || g10 || dwell || blend || output || switch || pause,

@@ -9,6 +9,7 @@ use crate::block::Words;
 use crate::call::{CycleCall, Given};
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane, Step};
 use crate::codes::Code;
+use crate::compensation::Side;
 use crate::diag::{Fault, Outcome, Span, fault};
 use crate::modal::{Distance, Motion, Spindle, State};
 use crate::pose::Axis;
@@ -195,6 +196,7 @@ impl super::Interpreter {
         saved.clear();
         let level = self.core.state.call_level;
         let modal = modal.as_ref().filter(|modal| modal.level == level);
+        let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let mut caller = Caller {
             core: &mut self.core,
             library: &library,
@@ -203,13 +205,15 @@ impl super::Interpreter {
             saved,
             words,
             path: None,
-            emit: Emit { line: self.line, number: None, steps, warning: None },
+            emit: Emit { line: self.line, number: None, steps, waiting: &mut waiting, warning: None },
             at: call.at,
             fault: None,
             warnings: Vec::new(),
         };
         let outcome = caller.run(machine, call, values);
-        for message in std::mem::take(&mut caller.warnings) {
+        let warnings = std::mem::take(&mut caller.warnings);
+        self.core.state.waiting = waiting;
+        for message in warnings {
             self.report(Fault::new(Code::CycleWarning, call.at, message));
         }
         outcome
@@ -314,7 +318,11 @@ impl Host for Caller<'_> {
                 Plane::Zx => 18.0,
                 Plane::Yz => 19.0,
             },
-            Query::Compensation => 40.0,
+            Query::Compensation => match state.compensation.map(|compensation| compensation.side) {
+                None => 40.0,
+                Some(Side::Left) => 41.0,
+                Some(Side::Right) => 42.0,
+            },
             Query::Distance => match state.distance {
                 Distance::Absolute => 90.0,
                 Distance::Incremental => 91.0,

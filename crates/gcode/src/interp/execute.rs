@@ -4,7 +4,7 @@
 //! does not depend on how the words stand in the line.
 
 use super::check::MotionToBe;
-use super::{Core, Emit, Flow};
+use super::{Core, Emit, Flow, refusals};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode};
 use crate::codes::Code;
@@ -38,6 +38,9 @@ impl Core {
             self.state.selected_tool = tool.number;
             emit.call(Canon::SelectTool(tool.number));
         }
+        if self.state.compensation.is_some() {
+            refusals::switches(words, &self.state)?;
+        }
         if words.has_m() {
             self.m_codes(words, emit)?;
         }
@@ -51,7 +54,7 @@ impl Core {
             MotionToBe::Move(motion) => self.move_along(motion, words, emit)?,
         }
         match words.m(GroupM::Stop) {
-            Some(code) => Ok(self.stop(code, emit)),
+            Some(code) => self.stop(code, words.m_span(GroupM::Stop), emit),
             None => Ok(Flow::Continue),
         }
     }

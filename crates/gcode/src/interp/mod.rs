@@ -7,11 +7,15 @@ mod arc;
 mod canned;
 mod check;
 mod core;
+mod cutter;
 mod cycle;
 mod execute;
+mod joint;
 mod modes;
 mod motion;
 mod offsets;
+mod queue;
+mod refusals;
 mod spindle;
 mod stop;
 mod thread;
@@ -19,6 +23,7 @@ mod thread;
 pub(crate) use self::core::Core;
 use self::core::{BlockEnvironment, Emit};
 pub(crate) use self::cycle::{Contours, NoContours};
+pub(crate) use self::queue::{Point, Queue, UNSHIFTED};
 use crate::block::{Assignment, Words};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::code::Code as CompiledLines;
@@ -156,7 +161,8 @@ impl Interpreter {
     /// Adds the canonical functions that come before those of any program: units and offsets in force.
     pub fn begin(&mut self, steps: &mut Vec<Step>) {
         let state = &self.core.state;
-        let mut emit = Emit { line: 0, number: None, steps, warning: None };
+        let mut waiting = Queue::default();
+        let mut emit = Emit { line: 0, number: None, steps, waiting: &mut waiting, warning: None };
         emit.call(Canon::UseLengthUnits(state.units));
         emit.call(Canon::SetG5xOffset { system: state.coordinate_system, offset: state.origin });
         emit.call(Canon::SetG92Offset(state.g92_offset));
@@ -268,9 +274,12 @@ impl Interpreter {
             }
             &self.words
         };
-        let mut emit = Emit { line: self.line, number: self.reader.block.number, steps: &mut *steps, warning: None };
         let motion = check::motion_to_be(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
+        // Taken out for the block: what the block asks for goes either into it or out.
+        let mut waiting = std::mem::take(&mut self.core.state.waiting);
+        let (line, number) = (self.line, self.reader.block.number);
+        let mut emit = Emit { line, number, steps: &mut *steps, waiting: &mut waiting, warning: None };
         if let Some(remark) = &self.reader.block.remark {
             let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
             let show_debug = self.core.parameters.get(SHOW_DEBUG) > 0.0;
@@ -280,7 +289,9 @@ impl Interpreter {
         }
         let moves = matches!(motion, check::MotionToBe::Move(_)) && words.has_any(b"xyz");
         let flow = self.core.execute(words, motion, &mut emit);
-        if let Some((code, at)) = emit.warning {
+        let warning = emit.warning;
+        self.core.state.waiting = waiting;
+        if let Some((code, at)) = warning {
             self.report(Fault::plain(code, at));
         }
         if moves && self.has_modal() && flow.is_ok() {
@@ -289,10 +300,21 @@ impl Interpreter {
         flow
     }
 
+    /// Lets out what still waits for the next corner of a compensated path: the program has ended without M2 or M30.
+    pub(crate) fn release(&mut self, steps: &mut Vec<Step>) {
+        self.core.state.waiting.release(steps, None);
+    }
+
     /// Ends the program, as M2 does.
-    pub(crate) fn end_program(&mut self, steps: &mut Vec<Step>) {
-        let mut emit = Emit { line: self.line, number: None, steps, warning: None };
-        self.core.stop(2, &mut emit);
+    ///
+    /// # Errors
+    /// What still waits for the next corner of a compensated path cannot go out as it stands.
+    pub(crate) fn end_program(&mut self, steps: &mut Vec<Step>) -> Outcome<Flow> {
+        let mut waiting = std::mem::take(&mut self.core.state.waiting);
+        let mut emit = Emit { line: self.line, number: None, steps, waiting: &mut waiting, warning: None };
+        let ended = self.core.stop(2, Span::default(), &mut emit);
+        self.core.state.waiting = waiting;
+        ended
     }
 
     /// The modal state between two blocks: with the parameters, all that the next block builds on.

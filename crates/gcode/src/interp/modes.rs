@@ -3,7 +3,7 @@
 //! Invariant: they come in a fixed order (dwell, plane, units, tool offset, coordinate system, path control, distance, retract),
 //! and before any that uses coordinates.
 
-use super::{Core, Emit};
+use super::{Core, Emit, refusals};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
 use crate::codes::Code;
@@ -49,8 +49,11 @@ impl Core {
         if let Some(code) = words.g(GroupG::Units) {
             self.set_units(if code == 200 { LengthUnit::Inch } else { LengthUnit::Millimetre }, emit);
         }
-        if words.g(GroupG::CutterCompensation).is_some() {
-            emit.call(Canon::Note("interpreter: cutter radius compensation off"));
+        if let Some(code) = words.g(GroupG::CutterCompensation) {
+            self.set_compensation(code, words, emit)?;
+        }
+        if self.state.compensation.is_some() {
+            refusals::settings(words, &self.state)?;
         }
         if let Some(code) = words.g(GroupG::ToolOffset) {
             self.set_tool_offset(code, words, emit)?;
@@ -82,6 +85,10 @@ impl Core {
         state.origin = state.origin.scaled_lengths(factor);
         state.g92_offset = state.g92_offset.scaled_lengths(factor);
         state.tool_offset = state.tool_offset.scaled_lengths(factor);
+        if let Some(compensation) = &mut state.compensation {
+            compensation.scale(factor);
+            emit.waiting.scale(factor);
+        }
         state.feed_rate *= factor;
         state.naivecam_tolerance *= factor;
         if let Some(series) = &mut state.series {

@@ -5,8 +5,13 @@ use std::sync::Arc;
 
 /// The canonical text of a program, up to its first error, and whether it had one.
 pub(crate) fn canon_text(program: &str) -> (String, bool) {
-    let prescan = Prescan::of("program.ngc", program.into(), &Setup::rs274());
-    let mut program = Program::<&[u8]>::prescanned(Arc::new(prescan), Setup::rs274());
+    canon_text_with(program, Setup::rs274())
+}
+
+/// The same with another setup.
+pub(crate) fn canon_text_with(program: &str, setup: Setup) -> (String, bool) {
+    let prescan = Prescan::of("program.ngc", program.into(), &setup);
+    let mut program = Program::<&[u8]>::prescanned(Arc::new(prescan), setup);
     let mut text = CanonText::new(Vec::new());
     let mut steps = Vec::new();
     loop {
