@@ -2,7 +2,7 @@
 //!
 //! Invariant: they can be read only, and their values are those of LinuxCNC 2.9.
 
-use crate::canon::{FeedMode, Plane};
+use crate::canon::{FeedMode, Plane, Probing};
 use crate::modal::{ArcCentres, Distance, Motion, Spindle, State};
 use crate::pose::Axis;
 
@@ -42,6 +42,8 @@ pub(crate) enum SystemParameter {
     ReturnedValue,
     HasReturnedValue,
     CallLevel,
+    LatheDiameter,
+    LatheRadius,
 }
 
 impl SystemParameter {
@@ -86,8 +88,12 @@ impl SystemParameter {
             "value_returned" => P::HasReturnedValue,
             "call_level" => P::CallLevel,
             "ccomp" => P::Fixed(400.0),
-            "spindle_rpm_mode" | "lathe_radius_mode" => P::Fixed(1.0),
-            "units_per_rev" | "spindle_css_mode" | "lathe_diameter_mode" | "task" | "remap_level" => P::Fixed(0.0),
+            "lathe_diameter_mode" => P::LatheDiameter,
+            "lathe_radius_mode" => P::LatheRadius,
+            "vmajor" => P::Fixed(2.9),
+            "vminor" => P::Fixed(0.0),
+            "spindle_rpm_mode" => P::Fixed(1.0),
+            "units_per_rev" | "spindle_css_mode" | "task" | "remap_level" => P::Fixed(0.0),
             _ => return None,
         })
     }
@@ -106,12 +112,17 @@ impl SystemParameter {
                 Some(Motion::Feed) => 10.0,
                 Some(Motion::ArcClockwise) => 20.0,
                 Some(Motion::ArcCounterclockwise) => 30.0,
-                None => 800.0,
+                Some(Motion::ControlPoint) => 52.0,
+                Some(Motion::Probe(Probing { away, must_answer })) => 382.0 + 2.0 * truth(away) + truth(!must_answer),
+                Some(Motion::CubicSpline | Motion::QuadraticSpline | Motion::EndOfPoints) | None => 800.0,
             },
             P::Plane => match state.plane {
                 Plane::Xy => 170.0,
                 Plane::Zx => 180.0,
                 Plane::Yz => 190.0,
+                Plane::Uv => 171.0,
+                Plane::Wu => 181.0,
+                Plane::Vw => 191.0,
             },
             P::Metric => truth(state.is_metric()),
             P::Imperial => truth(!state.is_metric()),
@@ -142,6 +153,8 @@ impl SystemParameter {
             P::ReturnedValue => state.returned_value.unwrap_or(0.0),
             P::HasReturnedValue => truth(state.returned_value.is_some()),
             P::CallLevel => state.call_level.into(),
+            P::LatheDiameter => truth(state.lathe_diameter),
+            P::LatheRadius => truth(!state.lathe_diameter),
         }
     }
 }

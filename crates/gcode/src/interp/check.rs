@@ -3,14 +3,15 @@
 //! Invariant: a block that passes has a use for each of its words, and one owner of its axis words.
 
 use crate::block::{Words, name_of_g};
+use crate::canon::Probing;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
 use crate::eval::whole;
 use crate::groups::{GroupG, GroupM};
 use crate::modal::{Distance, Motion, State};
 
-/// The letters of axis words.
-pub(super) const AXES: &[u8] = b"xyzabcuvw";
+/// The letters of axis words, with those of polar coordinates.
+pub(super) const AXES: &[u8] = b"xyzabcuvw@^";
 
 /// The motion that the block carries out, with G80 kept apart from none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,6 +33,13 @@ const fn motion_of(tenths: u16) -> MotionToBe {
         10 => MotionToBe::Move(Motion::Feed),
         20 => MotionToBe::Move(Motion::ArcClockwise),
         30 => MotionToBe::Move(Motion::ArcCounterclockwise),
+        50 => MotionToBe::Move(Motion::CubicSpline),
+        51 => MotionToBe::Move(Motion::QuadraticSpline),
+        52 => MotionToBe::Move(Motion::ControlPoint),
+        53 => MotionToBe::Move(Motion::EndOfPoints),
+        382..=385 => {
+            MotionToBe::Move(Motion::Probe(Probing { away: tenths >= 384, must_answer: tenths.is_multiple_of(2) }))
+        }
         _ => MotionToBe::Cancel,
     }
 }
@@ -51,6 +59,10 @@ pub(super) fn motion_to_be(words: &Words, state: &State) -> Outcome<MotionToBe> 
             let (motion, owner) = (name_of_g(motion), name_of_g(owner));
             return fault(Code::TwoUseAxes, at, format!("{motion} and {owner} would both use the axis words"));
         }
+        (Some(50 | 51 | 382..=385), None) if axis.is_none() => {
+            let at = words.g_span(GroupG::Motion);
+            return fault(Code::AxesMissing, at, "this motion needs at least one axis word");
+        }
         (Some(motion), None) => motion_of(motion),
         (None, Some(_)) => MotionToBe::None,
         (None, None) => modal_motion(words, state, axis)?,
@@ -59,6 +71,7 @@ pub(super) fn motion_to_be(words: &Words, state: &State) -> Outcome<MotionToBe> 
         let at = words.g_span(GroupG::NonModal);
         return fault(Code::AxesMissing, at, Code::AxesMissing.title());
     }
+    super::polar::check(words, to_be, state)?;
     check_non_modal(words, to_be, state)?;
     Ok(to_be)
 }
@@ -112,10 +125,8 @@ fn check_dwell(words: &Words, to_be: MotionToBe, at: Span) -> Outcome<()> {
 fn check_g10(words: &Words, at: Span) -> Outcome<()> {
     match words.get(b'l') {
         Some(2.0 | 20.0) => {}
-        Some(1.0 | 10.0 | 11.0) => {
-            let message = format!("G10 L{} is not supported yet", words.get(b'l').unwrap_or_default());
-            return fault(Code::UnsupportedG, at, message);
-        }
+        Some(0.0) => return Ok(()),
+        Some(1.0 | 10.0 | 11.0) => return super::tool_data::check(words, at),
         Some(_) => return fault(Code::BadL, words.span(b'l'), Code::BadL.title()),
         None => return fault(Code::WordMissing, at, "G10 needs an L word"),
     }
@@ -144,11 +155,14 @@ fn unused(words: &Words, letter: u8, code: &str) -> Outcome<()> {
 #[inline]
 pub(super) fn words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     // Axis words, F, S and T have their uses in any block.
-    match words.first_of(b"dehijklpqr") {
+    match words.first_of(b"dehijklpqr$") {
         None => Ok(()),
         Some(_) => special_words_have_uses(words, to_be),
     }
 }
+
+/// G5 and G5.1.
+const SPLINES: [MotionToBe; 2] = [MotionToBe::Move(Motion::CubicSpline), MotionToBe::Move(Motion::QuadraticSpline)];
 
 fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let arc = to_be.is_arc();
@@ -156,16 +170,29 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let dwell = words.g(GroupG::NonModal) == Some(40);
     let blend = words.g(GroupG::PathControl) == Some(640);
     let offset = matches!(words.g(GroupG::ToolOffset), Some(430 | 432));
-    let output = words.m(GroupM::Output).is_some();
+    let output = matches!(words.m(GroupM::Output), Some(62..=66));
+    let port = matches!(words.m(GroupM::Output), Some(66..=68));
+    let input = words.m(GroupM::Output) == Some(66);
+    let user = words.m(GroupM::User).is_some();
+    let (cubic, quadratic) = (to_be == SPLINES[0], to_be == SPLINES[1]);
+    let point = to_be == MotionToBe::Move(Motion::ControlPoint);
+    let spindle = words.has(b's') || matches!(words.m(GroupM::Spindle), Some(3..=5));
     let switch = matches!(words.m(GroupM::Override), Some(50..=53));
     let number = words.m(GroupM::Tool) == Some(61);
-    let uses: [(&[u8], bool, &str); 6] = [
-        (b"de", false, "cutter compensation or another code that is not supported yet"),
+    let uses: [(&[u8], bool, &str); 9] = [
+        (b"d", false, "cutter compensation or another code that is not supported yet"),
         (b"h", offset, "G43 or G43.2"),
-        (b"ijk", arc || g10, "G2 or G3"),
-        (b"l", g10, "G10"),
-        (b"p", arc || g10 || dwell || blend || output || switch, "G2, G3, G4, G10, G64, M50 to M53 or M62 to M65"),
-        (b"q", blend || number || g10, "G64 or M61"),
+        (b"e", port, "M66 to M68"),
+        (b"ij", arc || g10 || cubic || quadratic, "G2, G3, G5, G5.1 or G10"),
+        (b"k", arc || g10, "G2 or G3"),
+        (b"l", g10 || input || point, "G10, G5.2 or M66"),
+        (
+            b"p",
+            arc || g10 || dwell || blend || output || switch || cubic || point || user,
+            "G2, G3, G4, G5, G5.2, G10, G64, M50 to M53, M62 to M66 or M100 to M199",
+        ),
+        (b"q", blend || number || g10 || cubic || port || user, "G5, G10, G64, M61, M66 to M68 or M100 to M199"),
+        (b"$", spindle, "S, M3, M4 or M5"),
     ];
     for (letters, used, users) in uses {
         if let (false, Some(letter)) = (used, words.first_of(letters)) {
@@ -175,6 +202,9 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     }
     if words.has(b'r') && !arc && !g10 {
         return fault(Code::WordUnused, words.span(b'r'), "R belongs to G2, G3 or G10 L2");
+    }
+    if let Some(number) = words.get(b'$').filter(|number| !matches!(*number, 0.0 | -1.0)) {
+        return fault(Code::NoSuchSpindle, words.span(b'$'), format!("there is no spindle {number}"));
     }
     match words.get(b'p') {
         Some(turns) if arc => turns_of(turns, words).map(|_| ()),

@@ -5,12 +5,21 @@
 
 mod arc;
 mod check;
+mod context;
 mod core;
 mod execute;
 mod modes;
 mod motion;
 mod offsets;
+mod polar;
+mod ports;
+mod probe;
+mod spline;
 mod stop;
+mod tool_data;
+
+pub(crate) use self::context::Context;
+pub use self::ports::UserCodes;
 
 use self::core::{BlockEnvironment, Core, Emit};
 use crate::block::{Assignment, Block, Words};
@@ -44,6 +53,8 @@ pub struct Setup {
     pub block_delete: bool,
     /// Where the machine stands, in machine coordinates and machine units.
     pub position: Pose,
+    /// The user codes that are declared, of M100 … M199.
+    pub user_codes: UserCodes,
 }
 
 impl Default for Setup {
@@ -57,6 +68,7 @@ impl Default for Setup {
             parameters: Parameters::default(),
             block_delete: false,
             position: Pose::ZERO,
+            user_codes: UserCodes::default(),
         }
     }
 }
@@ -121,6 +133,7 @@ impl Interpreter {
             state: State::initial(setup.program_units),
             parameters: setup.parameters,
             tools: setup.tools,
+            user_codes: setup.user_codes,
         };
         core.take_up_parameters(&setup.position);
         Interpreter {
@@ -208,7 +221,16 @@ impl Interpreter {
     pub(crate) fn enter_sub(&mut self) -> Frame {
         let arguments: Vec<f64> = self.arguments().collect();
         self.core.state.call_level += 1;
+        self.core.forget_context();
         self.core.parameters.enter(&arguments)
+    }
+
+    /// Takes up again what M73 has put away; to be asked before the subprogram ends.
+    // The caller that ends subprograms does not ask yet.
+    #[allow(dead_code)]
+    pub(crate) fn take_up_on_return(&mut self, steps: &mut Vec<Step>) -> Outcome<()> {
+        let mut emit = Emit { line: self.line, number: None, steps, warning: None };
+        self.core.take_up_on_return(&mut emit)
     }
 
     /// Ends a subprogram.
@@ -221,9 +243,8 @@ impl Interpreter {
     /// Carries out the compiled block.
     fn carry_out(&mut self, steps: &mut Vec<Step>) -> Outcome<Flow> {
         let environment = BlockEnvironment { core: &self.core, names: &self.names, line: self.line };
-        let words = if self.block.is_constant() {
-            &self.block.words
-        } else {
+        let is_constant = self.block.is_constant();
+        if !is_constant {
             self.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
             for assignment in &self.assignments {
                 match *assignment {
@@ -232,15 +253,23 @@ impl Interpreter {
                     Assignment::Argument(_) => {}
                 }
             }
-            &self.words
-        };
+        }
+        let given = if is_constant { &self.block.words } else { &self.words };
+        let is_diameter = given.has(b'x') && self.core.takes_diameters(given);
+        if is_diameter {
+            if is_constant {
+                self.words.clone_from(&self.block.words);
+            }
+            self.words.halve_x();
+        }
+        let words = if is_constant && !is_diameter { &self.block.words } else { &self.words };
         let mut emit = Emit { line: self.line, number: self.block.number, steps, warning: None };
         let motion = check::motion_to_be(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
         if let Some(remark) = &self.block.remark {
             let environment = BlockEnvironment { core: &self.core, names: &self.names, line: self.line };
             let show_debug = self.core.parameters.get(SHOW_DEBUG) > 0.0;
-            if let Some(canon) = remark.canon(&environment, show_debug) {
+            if let Some(canon) = remark.canon(&environment, show_debug)? {
                 emit.call(canon);
             }
         }
@@ -260,6 +289,12 @@ impl Interpreter {
     /// Puts a modal state in force, such as that of a breakpoint.
     pub fn set_state(&mut self, state: State) {
         self.core.state = state;
+    }
+
+    /// The tools, with what G10 has changed.
+    #[must_use]
+    pub fn tools(&self) -> &ToolTable {
+        &self.core.tools
     }
 
     /// All parameters.
