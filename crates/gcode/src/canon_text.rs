@@ -4,6 +4,7 @@
 
 use crate::canon::{ArcFeed, Canon, FeedMode, LengthUnit, PathControl, Plane, Step};
 use crate::pose::{Axis, Pose};
+use crate::tool::Tool;
 use std::io::{self, Write};
 
 /// Bytes that are gathered before they are written.
@@ -29,6 +30,10 @@ impl<W: Write> CanonText<W> {
     /// # Errors
     /// Those of the writer.
     pub fn write(&mut self, step: &Step) -> io::Result<()> {
+        if let Canon::Wait(_) | Canon::UserCode { .. } = &step.canon {
+            // The peer waits for nothing and knows no user codes: it prints nothing.
+            return Ok(());
+        }
         let text = &mut self.text;
         if let Canon::Print(message) = &step.canon {
             writeln!(text, "{message}")?;
@@ -141,9 +146,12 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::StraightTraverse(end) => pose(out, "STRAIGHT_TRAVERSE", end),
         Canon::StraightFeed(end) => pose(out, "STRAIGHT_FEED", end),
         Canon::ArcFeed(feed) => arc(out, feed),
+        Canon::NurbsFeed(spline) => write!(out, "NURBS_FEED({}, ...)", spline.points.len()),
+        Canon::StraightProbe(end, _) => pose(out, "STRAIGHT_PROBE", end),
         Canon::SelectPlane(Plane::Xy) => write!(out, "SELECT_PLANE(CANON_PLANE_XY)"),
         Canon::SelectPlane(Plane::Zx) => write!(out, "SELECT_PLANE(CANON_PLANE_XZ)"),
         Canon::SelectPlane(Plane::Yz) => write!(out, "SELECT_PLANE(CANON_PLANE_YZ)"),
+        Canon::SelectPlane(_) => write!(out, "SELECT_PLANE(CANON_PLANE_UNKNOWN)"),
         Canon::SetMotionControlMode(mode) => path_control(out, *mode),
         Canon::SetNaivecamTolerance(tolerance) => {
             out.extend_from_slice(b"SET_NAIVECAM_TOLERANCE(");
@@ -170,6 +178,12 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::ClearMotionOutputBit(bit) => write!(out, "CLEAR_MOTION_OUTPUT_BIT({bit})"),
         Canon::SetAuxOutputBit(bit) => write!(out, "SET_AUX_OUTPUT_BIT({bit})"),
         Canon::ClearAuxOutputBit(bit) => write!(out, "CLEAR_AUX_OUTPUT_BIT({bit})"),
+        Canon::SetToolTableEntry { index, tool } => tool_entry(out, *index, tool),
+        Canon::SetMotionOutputValue { output, value } => write!(out, "SET_MOTION_OUTPUT_VALUE({output},{value:.6})"),
+        Canon::SetAuxOutputValue { output, value } => write!(out, "SET_AUX_OUTPUT_VALUE({output},{value:.6})"),
+        Canon::LogOpen { file, append: false } => write!(out, "LOGOPEN(\"{file}\")"),
+        Canon::LogOpen { file, append: true } => write!(out, "LOGAPPEND(\"{file}\")"),
+        Canon::Log(text) => write!(out, "LOG(\"{text}\")"),
         Canon::Comment(text) => write!(out, "COMMENT(\"{text}\")"),
         Canon::Note(text) => write!(out, "COMMENT(\"{text}\")"),
         Canon::Message(text) => write!(out, "MESSAGE(\"{text}\")"),
@@ -188,6 +202,10 @@ const fn plain_name(canon: &Canon) -> &'static str {
         Canon::StopSpindleTurning => "STOP_SPINDLE_TURNING(0)",
         Canon::StopSpeedFeedSynch => "STOP_SPEED_FEED_SYNCH()",
         Canon::StartChange => "START_CHANGE()",
+        Canon::TurnProbeOn => "TURN_PROBE_ON()",
+        Canon::TurnProbeOff => "TURN_PROBE_OFF()",
+        Canon::ReloadToolData => "RELOAD_TOOLDATA()",
+        Canon::LogClose => "LOGCLOSE()",
         Canon::MistOn => "MIST_ON()",
         Canon::MistOff => "MIST_OFF()",
         Canon::FloodOn => "FLOOD_ON()",
@@ -299,6 +317,14 @@ fn path_control(out: &mut Vec<u8>, mode: PathControl) -> io::Result<()> {
 fn tool_offset(out: &mut Vec<u8>, offset: &Pose) -> io::Result<()> {
     let [x, y, z, a, b, c, u, v, w] = offset.0;
     write!(out, "USE_TOOL_LENGTH_OFFSET({x:.4} {y:.4} {z:.4}, {a:.4} {b:.4} {c:.4}, {u:.4} {v:.4} {w:.4})")
+}
+
+fn tool_entry(out: &mut Vec<u8>, index: u32, tool: &Tool) -> io::Result<()> {
+    write!(out, "SET_TOOL_TABLE_ENTRY({index}, {},", tool.number)?;
+    for length in tool.offset.0 {
+        write!(out, " {length:.4}")?;
+    }
+    write!(out, ", {:.4}, {:.4}, {:.0})", tool.front_angle, tool.back_angle, tool.orientation)
 }
 
 #[cfg(test)]

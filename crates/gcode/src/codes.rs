@@ -134,6 +134,23 @@ codes! {
     ToolUnknown "E1701" "tool not in the tool table" "No line of the tool table has this tool number." "Add the tool to the table, or correct the number.";
     ToolTableLine "E1702" "tool table not understood" "A line of the tool table has no T word, an unknown word or a bad number." "Write lines such as T1 P1 Z0.5 D0.25 ;comment.";
     ParameterFileLine "E1703" "parameter file not understood" "A line of the parameter file is not a number and a value, or the numbers do not go up." "Write lines such as 5221 0.000000, in rising order.";
+    PolarWithoutMotion "E1711" "polar coordinates out of place" "@ and ^ stand in a block without a motion, with G53, outside of G17, or at the origin without an angle or in G91." "Use them with a motion in G17; at the origin use G90 and give the angle too.";
+    PolarMixed "E1712" "polar coordinates with X or Y" "@ and ^ stand for X and Y, and the block has X or Y as well." "Write the end either way.";
+    SplinePlane "E1713" "spline out of its plane" "G5 and G5.1 lie in the plane of X and Y, and another one is selected." "Select G17 first.";
+    SplineAxis "E1714" "axis word with a spline" "G5 and G5.1 move X and Y only." "Move the other axis in a block of its own.";
+    SplineWords "E1715" "spline words missing or wrong" "G5 takes I and J, or neither, and P and Q; G5.1 takes I and J; a point of G5.2 takes X, Y and a weight P above 0." "Add the words that are missing.";
+    SplineNotBegun "E1716" "G5.3 without G5.2" "G5.3 ends a spline, and none has been begun." "Give its points with G5.2 right before.";
+    SplineTooShort "E1717" "too few control points" "A spline needs at least as many points as its order, its start counted with them." "Give more points, or a lower order with L.";
+    ProbeNowhere "E1719" "probing without a way" "The probing move ends where it begins." "Give an end that is farther away.";
+    BadToolOrientation "E1720" "tool orientation out of range" "The orientation of a lathe tool is a number from 0 to 9." "Correct the Q word.";
+    ToolLoaded "E1721" "tool in the spindle" "G10 L0 reads the tool table again, which needs an empty spindle." "Write T0 M6 before.";
+    InputChoice "E1722" "input not understood" "M66 asks one input, digital with P or analog with E, and an analog one at once." "Keep one of P and E; with E write L0.";
+    WaitTimeout "E1723" "waiting without a limit" "M66 with L1 to L4 needs a Q word above 0: the seconds to wait at most." "Add the Q word.";
+    UserCodeUndeclared "E1724" "user code not declared" "M100 to M199 do what the machine declares, and this one is not declared." "Declare it, or remove it.";
+    NothingSaved "E1725" "no modal state is saved here" "M72 takes up what M70 or M73 has put away in the same subprogram, and nothing is there." "Write M70 before; M71 forgets it again.";
+    ArcPlane "E1727" "arc in a plane of U, V and W" "No arc lies in the planes of G17.1, G18.1 and G19.1." "Select G17, G18 or G19.";
+    Aborted "E1728" "program aborted" "A comment with ABORT was carried out." "See its text.";
+    PythonComment "E1729" "Python in a comment" "Comments with PY, PYRUN and PYRELOAD run Python in LinuxCNC, and nothing here." "Remove the comment.";
 
     BadControl "E1801" "O word not understood" "The line does not have the form of an O word: label, keyword, values in brackets." "Write lines such as O100 if [#1 GT 0]; by number or by name.";
     ControlWithoutEnd "E1802" "end of a block of O words missing" "The program ends before the endsub, endif, endwhile, endrepeat or while that belongs to the label." "Add the end, with the same label.";

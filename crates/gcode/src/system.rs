@@ -2,7 +2,7 @@
 //!
 //! Invariant: they can be read only, and their values are those of LinuxCNC 2.9.
 
-use crate::canon::{FeedMode, Plane};
+use crate::canon::{FeedMode, Plane, Probing};
 use crate::compensation::Side;
 use crate::modal::{ArcCentres, Distance, Motion, Spindle, State};
 use crate::pose::Axis;
@@ -47,6 +47,8 @@ pub(crate) enum SystemParameter {
     HasReturnedValue,
     CallLevel,
     Compensation,
+    LatheDiameter,
+    LatheRadius,
 }
 
 impl SystemParameter {
@@ -94,8 +96,11 @@ impl SystemParameter {
             "spindle_rpm_mode" => P::ConstantTurns,
             "spindle_css_mode" => P::ConstantSurfaceSpeed,
             "ccomp" => P::Compensation,
-            "lathe_radius_mode" => P::Fixed(1.0),
-            "lathe_diameter_mode" | "task" | "remap_level" => P::Fixed(0.0),
+            "lathe_diameter_mode" => P::LatheDiameter,
+            "lathe_radius_mode" => P::LatheRadius,
+            "vmajor" => P::Fixed(2.9),
+            "vminor" => P::Fixed(0.0),
+            "task" | "remap_level" => P::Fixed(0.0),
             _ => return None,
         })
     }
@@ -118,12 +123,17 @@ impl SystemParameter {
                 Some(Motion::RigidTap) => 331.0,
                 Some(Motion::ThreadingCycle) => 760.0,
                 Some(Motion::Cycle(cycle)) => cycle.tenths().into(),
-                None => 800.0,
+                Some(Motion::ControlPoint) => 52.0,
+                Some(Motion::Probe(Probing { away, must_answer })) => 382.0 + 2.0 * truth(away) + truth(!must_answer),
+                Some(Motion::CubicSpline | Motion::QuadraticSpline | Motion::EndOfPoints) | None => 800.0,
             },
             P::Plane => match state.plane {
                 Plane::Xy => 170.0,
                 Plane::Zx => 180.0,
                 Plane::Yz => 190.0,
+                Plane::Uv => 171.0,
+                Plane::Wu => 181.0,
+                Plane::Vw => 191.0,
             },
             P::Metric => truth(state.is_metric()),
             P::Imperial => truth(!state.is_metric()),
@@ -162,6 +172,8 @@ impl SystemParameter {
                 Some(Side::Left) => 410.0,
                 Some(Side::Right) => 420.0,
             },
+            P::LatheDiameter => truth(state.lathe_diameter),
+            P::LatheRadius => truth(!state.lathe_diameter),
         }
     }
 }

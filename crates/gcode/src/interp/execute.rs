@@ -83,7 +83,7 @@ impl Core {
 
     fn m_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
         if let Some(code) = words.m(GroupM::Output) {
-            output(code, words, emit)?;
+            self.port(code, words, emit)?;
         }
         match words.m(GroupM::Tool) {
             Some(6) => self.change_tool(emit),
@@ -92,6 +92,7 @@ impl Core {
         }
         match words.m(GroupM::Spindle) {
             Some(19) => self.orient_spindle(words, emit)?,
+            Some(code @ 70..=73) => self.context(code, words, emit)?,
             Some(code) => self.spindle(code, words, emit),
             None => {}
         }
@@ -100,6 +101,9 @@ impl Core {
         }
         if let Some(code) = words.m(GroupM::Override) {
             self.overrides(code, words.get(b'p'), emit);
+        }
+        if let Some(code) = words.m(GroupM::User) {
+            self.user_code(code, words, emit)?;
         }
         Ok(())
     }
@@ -182,23 +186,4 @@ impl Core {
             emit.call(if on { Canon::EnableFeedHold } else { Canon::DisableFeedHold });
         }
     }
-}
-
-/// M62 … M65: the output that P names.
-fn output(code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
-    let at = words.m_span(GroupM::Output);
-    let Some(bit) = words.get(b'p') else {
-        return fault(Code::WordMissing, at, format!("M{code} needs a P word: the output"));
-    };
-    let bit = whole(bit, words.span(b'p'), "P")?;
-    if bit < 0 {
-        return fault(Code::NegativeValue, words.span(b'p'), format!("there is no output {bit}"));
-    }
-    emit.call(match code {
-        62 => Canon::SetMotionOutputBit(bit),
-        63 => Canon::ClearMotionOutputBit(bit),
-        64 => Canon::SetAuxOutputBit(bit),
-        _ => Canon::ClearAuxOutputBit(bit),
-    });
-    Ok(())
 }

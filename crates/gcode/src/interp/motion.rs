@@ -7,7 +7,7 @@ use super::check::turns_of;
 use super::{Core, Emit};
 use crate::angle::rotate;
 use crate::block::Words;
-use crate::canon::{ArcFeed, Canon, FeedMode};
+use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
 use crate::groups::GroupG;
@@ -24,6 +24,7 @@ impl Core {
     /// Carries out the block's motion.
     #[inline]
     pub(super) fn move_along(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        self.check_polar_words(words)?;
         match motion {
             Motion::Traverse => {
                 (self.state.motion, self.state.series) = (Some(motion), None);
@@ -53,6 +54,10 @@ impl Core {
                 self.state.series = None;
                 self.threading_cycle(words, emit)
             }
+            Motion::CubicSpline | Motion::QuadraticSpline => self.spline(motion, words, emit),
+            Motion::ControlPoint => self.control_point(words),
+            Motion::EndOfPoints => self.end_of_points(words, emit),
+            Motion::Probe(probing) => self.probe(probing, words, emit),
         }
     }
 
@@ -107,6 +112,9 @@ impl Core {
                 *axis = if incremental { *axis + given } else { given };
             }
         }
+        if words.has_any(b"@^") {
+            self.polar_end(words, &mut end);
+        }
         end
     }
 
@@ -149,10 +157,14 @@ impl Core {
             return fault(Code::ArcWordsMissing, at, Code::ArcWordsMissing.title());
         }
         self.check_feed(words)?;
+        if !self.state.plane.has_arcs() {
+            return fault(Code::ArcPlane, at, Code::ArcPlane.title());
+        }
         let centre = self.centre_words(words, at)?;
         let [first, second, normal] = self.state.plane.axes();
         let letter = |axis: Axis| axis.letter().to_ascii_lowercase();
-        if centre.is_none() && !words.has(letter(first)) && !words.has(letter(second)) {
+        let is_polar = self.state.plane == Plane::Xy && words.has_any(b"@^");
+        if centre.is_none() && !words.has(letter(first)) && !words.has(letter(second)) && !is_polar {
             return fault(Code::ArcNoEnd, at, Code::ArcNoEnd.title());
         }
         self.state.motion = Some(motion);

@@ -50,7 +50,7 @@ impl Core {
             return fault(Code::CycleAxis, words.span(letter), "G76 moves X, Y and Z only");
         }
         let (start, end) = (self.state.position, self.end_of(words));
-        let thread = Thread::of(words, &start, &end)?;
+        let thread = Thread::of(words, &start, &end, self.state.lathe_diameter)?;
         let mut at = start;
         let mut pass = 1_u32;
         let mut depth = thread.crests + thread.first_depth;
@@ -70,9 +70,11 @@ impl Core {
 }
 
 impl Thread {
-    fn of(words: &Words, start: &Pose, end: &Pose) -> Outcome<Thread> {
+    fn of(words: &Words, start: &Pose, end: &Pose, is_diameter: bool) -> Outcome<Thread> {
         let word = |letter| words.get(letter).unwrap_or_default();
-        let (offset, first_depth, full_depth) = (word(b'i'), word(b'j'), word(b'k'));
+        // G7: what lies across the axis is given as a diameter.
+        let scale = if is_diameter { 0.5 } else { 1.0 };
+        let [offset, first_depth, full_depth] = [b'i', b'j', b'k'].map(|letter| word(letter) * scale);
         let wrong = |letter: u8, message: &str| fault(Code::BadThread, words.span(letter), message);
         if word(b'p') <= 0.0 {
             return wrong(b'p', "the pitch P of G76 must be greater than 0");

@@ -1,6 +1,7 @@
 //! Random valid programs.
 
 mod cycles;
+mod more;
 
 /// A small generator of random numbers, the same on every machine.
 pub(crate) struct Random(u64);
@@ -47,10 +48,19 @@ impl Random {
 /// - G76 switches the feed override on again where M49 or M50 P0 had switched it off;
 /// - G33, G33.1 and G76 take a pitch of 0 and G76 one below, and G33.1 takes words of A, B and C and does nothing with them;
 /// - it prints the digits of an N word only as far as no blank comes between.
+/// - it prints the digits of an N word only as far as no blank comes between;
+/// - M72 brings F back with one decimal and S with none, forgets F when it ends G93, sets the offset of the tool in the spindle whatever
+///   offset was in force, and does not switch off again what of mist, flood and overrides had been off;
+/// - it leaves out the rest of a block that has M72;
+/// - G5.3 ends where the last point was given, though the units have changed since;
+/// - before the first M6 it takes the tool of the table's first line for the one in the spindle when G10 L1 changes it;
+/// - it takes L5 of M66, and an M67 without a value.
 pub(crate) struct Writer {
     random: Random,
     lines: Vec<String>,
     has_tool_offset: bool,
+    /// There was an M6.
+    has_tool: bool,
     has_g92: bool,
     /// M49 or M51 P0 came last.
     speed_override_off: bool,
@@ -65,6 +75,7 @@ impl Writer {
             random: Random::new(seed),
             lines: Vec::new(),
             has_tool_offset: false,
+            has_tool: false,
             has_g92: false,
             speed_override_off: false,
             names: Vec::new(),
@@ -124,7 +135,7 @@ impl Writer {
         if self.random.one_in(7) {
             return self.machining();
         }
-        match self.random.below(36) {
+        match self.random.below(46) {
             0..=9 => self.straight(),
             10..=13 => self.arc(),
             14..=16 => self.assignment(),
@@ -142,6 +153,7 @@ impl Writer {
             31 => self.path_control(),
             32 => self.anything(),
             33 | 34 => self.control(5),
+            36.. => self.more(),
             _ => {
                 let words = vec![self.axis_words(2).join(""), format!("F{}", self.random.below(99) + 1)];
                 self.line(words);
@@ -413,6 +425,7 @@ impl Writer {
     }
 
     fn tool_change(&mut self) {
+        self.has_tool = true;
         let tool = self.random.below(3) + 1;
         self.line(vec!["G90 G0 X1 Y2.5 Z3 A4 B5 C6".to_owned()]);
         self.line(vec![format!("T{tool}"), "M6".to_owned()]);
