@@ -123,7 +123,10 @@ fn statements() -> impl Strategy<Value = String> {
 
 const SMALL: Limits = Limits { steps: 5_000, blocks: 500, depth: 6 };
 
-fn run_all(library: &Library, number: f64) -> Vec<(Result<(), Halt>, Vec<String>, Vec<String>)> {
+/// How a run ended, its blocks and its messages.
+type Ran = (Result<(), Halt>, Vec<String>, Vec<String>);
+
+fn run_all(library: &Library, number: f64) -> Vec<Ran> {
     let arguments = [Argument::Number(number), Argument::Text("t")];
     let runs = library.iter().map(|(id, cycle)| {
         let mut host = Recorder::default();
