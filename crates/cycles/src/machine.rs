@@ -5,16 +5,17 @@
 
 mod block;
 mod calculate;
+mod state;
+mod tell;
 
 pub(crate) use block::is_known_m;
 
-use crate::alarm::{Alarm, Halt, alarm_text};
-use crate::code::{Op, Passed, System, converted};
+use crate::alarm::{Alarm, Halt};
+use crate::code::{Op, Passed, converted};
 use crate::codes::Code;
 use crate::cycle::{Cycle, CycleId, Type};
-use crate::host::{Block, Host, Message, Query, StockCall, StockFeed};
+use crate::host::{Block, Host};
 use crate::library::Library;
-use std::fmt::Write;
 
 /// What a call gives for a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -391,107 +392,5 @@ impl<'r> Run<'r> {
         self.machine.stack.truncate(first);
         self.enter(callee, id, base, programmed);
         Ok(())
-    }
-
-    /// An instruction that builds or shows a message.
-    fn tell(&mut self, op: Op, cycle: CycleId, line: u32) -> Step {
-        match op {
-            Op::Clear => self.machine.message.clear(),
-            Op::Join => match self.take() {
-                // Six decimals are enough for a person; writing to a string does not fail.
-                Value::Number(number) => {
-                    let rounded = (number * 1e6).round() / 1e6;
-                    let shown = if rounded.is_finite() { rounded } else { number };
-                    let _ = write!(self.machine.message, "{shown}");
-                }
-                text => {
-                    let text = self.text(text);
-                    self.machine.message.push_str(text);
-                }
-            },
-            Op::Show => self.host.message(&Message { warning: None, text: &self.machine.message, cycle, line }),
-            _ => {
-                let written = self.number().clamp(0.0, f64::from(u32::MAX)) as u32;
-                let number = alarm_text(written).map_or(written, |text| text.number);
-                if !(62_000..63_000).contains(&written) {
-                    let text = self.machine.message.clone();
-                    return Err(Box::new(Trap::Alarm(Code::CycleAlarm, Some(number), text)));
-                }
-                let message = Message { warning: Some(number), text: &self.machine.message, cycle, line };
-                self.host.message(&message);
-            }
-        }
-        Ok(())
-    }
-
-    /// The built-in of CYCLE95: has the path determined.
-    fn stock_path(&mut self) -> Step {
-        let mut numbers = [0.0; 7];
-        for number in numbers.iter_mut().rev() {
-            *number = self.number();
-        }
-        let contour = self.take();
-        let [mid, fal_z, fal_x, fal, vari, dam, vrt] = numbers;
-        let contour = self.text(contour);
-        let call = StockCall { contour, mid, fal_z, fal_x, fal, vari: vari as i32, dam, vrt };
-        match self.host.stock(&call) {
-            Ok(moves) => self.push(f64::from(moves)),
-            Err(fault) => {
-                let number = alarm_text(fault.alarm).map_or(fault.alarm, |text| text.number);
-                return Err(Box::new(Trap::Alarm(Code::CycleAlarm, Some(number), fault.text)));
-            }
-        }
-        Ok(())
-    }
-
-    /// A column of a move of the path.
-    fn stock_read(&mut self) -> Step {
-        let (column, index) = (self.number(), self.number());
-        let found = if (0.0..4e9).contains(&index) { self.host.stock_move(index as u32) } else { None };
-        let Some(found) = found else {
-            return trap(Code::IndexRange, format!("the path has no move {index}"));
-        };
-        let value = match column as i64 {
-            0 => f64::from(found.motion),
-            1 => found.end[0],
-            2 => found.end[1],
-            3 => found.centre[0],
-            4 => found.centre[1],
-            5 => f64::from(match found.feed {
-                StockFeed::Rapid => 0_u8,
-                StockFeed::Rough => 1,
-                StockFeed::Plunge => 2,
-                StockFeed::Finish => 3,
-            }),
-            6 => f64::from(found.compensation),
-            7 => f64::from(found.dwell),
-            _ => return trap(Code::IndexRange, format!("a move of the path has no column {column}")),
-        };
-        self.push(value);
-        Ok(())
-    }
-
-    /// The value of a system variable.
-    fn system(&self, system: System) -> f64 {
-        let ask = |what| self.host.ask(what);
-        match system {
-            System::Feed => ask(Query::Feed),
-            System::Speed => ask(Query::SpindleSpeed),
-            System::SpindleDirection => ask(Query::SpindleDirection),
-            System::Offset => ask(Query::OffsetNumber),
-            System::ToolRadius | System::Radius => ask(Query::ToolRadius),
-            System::ModalCycle => ask(Query::ModalCycle),
-            System::EdgePosition => ask(Query::EdgePosition),
-            System::ClearanceAngle => ask(Query::ClearanceAngle),
-            // Groups are numbered from 1 in the order of their codes, as on the control.
-            System::MotionGroup => ask(Query::Motion) + 1.0,
-            System::PlaneGroup => ask(Query::Plane) - 16.0,
-            System::CompensationGroup => ask(Query::Compensation) - 39.0,
-            System::UnitsGroup => 2.0 - ask(Query::Inch),
-            System::DistanceGroup => ask(Query::Distance) - 89.0,
-            System::FeedGroup if ask(Query::SpindleMode) == 96.0 => 4.0,
-            System::FeedGroup => ask(Query::FeedMode) - 92.0,
-            System::DiameterGroup => 1.0 + ask(Query::Diameter),
-        }
     }
 }

@@ -36,7 +36,10 @@ const ARROWS: &[Arrows] = &[
     arrows("crates/hal-serial/Cargo.toml", &["core", "link"]),
     // The controller knows no backend; its tests run on the simulated card.
     Arrows { in_tests: &["hal-sim"], ..arrows("crates/controller/Cargo.toml", &["core", "gcode", "link", "motion"]) },
-    arrows("crates/cli/Cargo.toml", &["controller", "core", "cycles", "gcode", "hal-serial", "hal-sim", "link", "motion"]),
+    arrows(
+        "crates/cli/Cargo.toml",
+        &["controller", "core", "cycles", "gcode", "hal-serial", "hal-sim", "link", "motion"],
+    ),
     arrows("verification/Cargo.toml", &["card", "core", "link"]),
     arrows("verification/loom/Cargo.toml", &["core"]),
     arrows("verification/shuttle/Cargo.toml", &["core"]),

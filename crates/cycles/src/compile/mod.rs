@@ -9,6 +9,7 @@ mod flow;
 mod head;
 mod lex;
 mod names;
+mod system;
 
 use crate::code::{Op, Unit};
 use crate::codes::Code;
