@@ -13,7 +13,7 @@ pub(crate) use block::is_known_m;
 use crate::alarm::{Alarm, Halt};
 use crate::code::{Op, Passed, converted};
 use crate::codes::Code;
-use crate::cycle::{Cycle, CycleId, Type};
+use crate::cycle::{Cycle, CycleId, Given, Type};
 use crate::host::{Block, Host};
 use crate::library::Library;
 
@@ -168,8 +168,12 @@ impl<'r> Run<'r> {
             return trap(Code::CycleUnknown, "the cycle is not in this library");
         };
         let parameters = cycle.parameters();
-        if self.arguments.len() > parameters.len() {
-            let text = format!("{} takes {} arguments, not {}", cycle.name(), parameters.len(), self.arguments.len());
+        let given = self.arguments.iter().map(|argument| match argument {
+            Argument::Missing => Given::Nothing,
+            Argument::Number(_) => Given::Number,
+            Argument::Text(_) => Given::Text,
+        });
+        if let Some(text) = cycle.misfit(given) {
             return trap(Code::BadArgument, text);
         }
         let mut programmed = 0;
@@ -185,7 +189,7 @@ impl<'r> Run<'r> {
                     Value::Number(converted(parameter.of, number))
                 }
                 _ => {
-                    let text = format!("{}: {} needs {}", cycle.name(), parameter.name, parameter.of);
+                    let text = format!("{}: {} is too long or no finite number", cycle.name(), parameter.name);
                     return trap(Code::BadArgument, text);
                 }
             };
@@ -392,5 +396,65 @@ impl<'r> Run<'r> {
         self.machine.stack.truncate(first);
         self.enter(callee, id, base, programmed);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::code::{Input, Operand};
+    use crate::cycle::{Kind, Origin, Parameter};
+    use crate::host::Stopped;
+    use proptest::prelude::*;
+    use std::path::PathBuf;
+
+    /// Answers every question with 1, and lets everything pass.
+    struct Anyone;
+
+    impl Host for Anyone {
+        fn ask(&self, _: crate::host::Query) -> f64 {
+            1.0
+        }
+
+        fn block(&mut self, _: &Block) -> Result<(), Stopped> {
+            Ok(())
+        }
+
+        fn message(&mut self, _: &crate::host::Message<'_>) {}
+    }
+
+    /// Bytes, read as instructions as far as they are any.
+    fn instructions(bytes: &[u8]) -> Vec<Op> {
+        let mut input = Input(bytes);
+        std::iter::from_fn(|| {
+            while !input.0.is_empty() {
+                if let Some(op) = Op::take(&mut input) {
+                    return Some(op);
+                }
+            }
+            None
+        })
+        .collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 3000, failure_persistence: None, ..ProptestConfig::default() })]
+
+        /// Code that no compiler has made does no harm: it ends, and does not panic.
+        #[test]
+        fn any_code_is_safe_to_run(
+            bytes in prop::collection::vec(prop_oneof![3 => 0..36_u8, 1 => any::<u8>()], 0..400),
+            slots in 0..20_u16,
+        ) {
+            let ops = instructions(&bytes);
+            let name = "ANY".to_owned();
+            let parameters = vec![Parameter { name: "P".to_owned(), of: Type::Real, default: 1.0 }];
+            let call = crate::code::CallSite { name: name.clone(), line: 1, start: 0, end: 0, arguments: vec![Passed::Number] };
+            let unit = crate::code::Unit { name, parameters, slots, lines: vec![1; ops.len()], ops, calls: vec![call], ..Default::default() };
+            let (path, kind, origin) = (PathBuf::new(), Kind::Parameters, Origin::User);
+            let cycle = Cycle { unit, callees: vec![CycleId(0)], kind, origin, path, was_fresh: false };
+            let limits = Limits { steps: 2000, blocks: 200, depth: 5 };
+            let _ = Machine::new(limits).run(&Library::of_cycles(vec![cycle]), CycleId(0), &[Argument::Number(2.0)], &mut Anyone);
+        }
     }
 }
