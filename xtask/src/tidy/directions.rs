@@ -27,6 +27,7 @@ impl Arrows {
 
 const ARROWS: &[Arrows] = &[
     Arrows { outside: false, ..arrows("crates/core/Cargo.toml", &[]) },
+    Arrows { outside: false, ..arrows("crates/cycles/Cargo.toml", &[]) },
     arrows("crates/gcode/Cargo.toml", &[]),
     arrows("crates/link/Cargo.toml", &["core"]),
     arrows("crates/motion/Cargo.toml", &["core"]),
