@@ -3,11 +3,27 @@
 //! Invariant: `plan` is a pure function of the job. Every check runs before the first move exists; whatever finite numbers come in,
 //! the answer is a path of at most [`MOST_MOVES`] finite moves or a [`Fault`], and numbers that are not finite are refused.
 //!
-//! The rooms, in the order in which a job passes through them: `contour` (reading and checks, with `corner` for chamfers and roundings),
-//! `frame` (normalised coordinates), `rough` (allowances, with `envelope` and `nose`), `sections` (profile, relief cuts, levels),
-//! `roughing` and `relief` (the cuts), `finish` (the last pass), `pen` (what writes the moves down).
+//! The rooms, in the order in which a `job` passes through them: `contour` (reading and checks, with `corner` for chamfers and roundings),
+//! `shape` (normalised coordinates, with `frame`), `rough` (allowances, with `envelope` and `nose`), `sections` (profile, relief cuts,
+//! levels), `roughing` and `relief` (the cuts), `finish` (the last pass), `pen` (what writes the moves down).
 
+mod contour;
+mod corner;
+mod curve;
+mod envelope;
 mod fault;
+mod finish;
+mod frame;
+mod job;
+mod nose;
+mod pen;
+mod piece;
+mod relief;
+mod rough;
+mod roughing;
+mod sections;
+mod segment;
+mod shape;
 
 pub use fault::Fault;
 
@@ -235,5 +251,5 @@ pub struct Path {
 /// # Errors
 /// A [`Fault`] with the control's alarm number; nothing has moved then.
 pub fn plan(job: &Job) -> Result<Path, Fault> {
-    Err(Fault::MachiningType(job.vari))
+    job::carry_out(job)
 }
