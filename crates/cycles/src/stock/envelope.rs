@@ -18,7 +18,7 @@ pub(super) fn upper(pieces: &[Piece]) -> Vec<Piece> {
         let Some(piece) = highest else { continue };
         let from = Point::new(pair[0], piece.height(pair[0]));
         let to = Point::new(pair[1], piece.height(pair[1]));
-        join(&mut chain, Piece { from, to, ..*piece });
+        join(&mut chain, Piece { from, to, ..*piece }.settled());
     }
     chain
 }

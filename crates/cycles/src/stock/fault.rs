@@ -28,6 +28,8 @@ pub enum Fault {
     Gap(u32),
     /// The contour goes back in the cut direction at this line.
     Overhang(u32),
+    /// The element of this line runs back over the one before it.
+    DoublesBack(u32),
     /// Start and end of the contour have the same place along the cut axis.
     NoExtent,
     /// The chamfer or rounding of this line does not fit its elements.
@@ -66,6 +68,7 @@ impl Fault {
             | Self::ChangeInside(_)
             | Self::Gap(_)
             | Self::Overhang(_)
+            | Self::DoublesBack(_)
             | Self::NoExtent
             | Self::Corner(_)
             | Self::Centre(_)
@@ -97,6 +100,7 @@ impl Fault {
             | Self::ChangeInside(line)
             | Self::Gap(line)
             | Self::Overhang(line)
+            | Self::DoublesBack(line)
             | Self::Corner(line)
             | Self::Centre(line)
             | Self::Interpolation(line)
@@ -121,6 +125,7 @@ impl fmt::Display for Fault {
             Self::ChangeInside(_) => "tool, offset, plane and frame must not change inside the contour",
             Self::Gap(_) => "the element does not begin where the one before it ends",
             Self::Overhang(_) => "the contour turns back along the cut axis; an overhang cannot be cut",
+            Self::DoublesBack(_) => "the element runs back over the one before it",
             Self::NoExtent => "the contour begins and ends at the same place along the cut axis",
             Self::Corner(_) => "the chamfer or rounding does not fit its elements",
             Self::Centre(_) => "the centre of the arc is not at the same distance of both its ends",

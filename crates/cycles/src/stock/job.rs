@@ -84,9 +84,9 @@ pub(super) fn carry_out(job: &Job) -> Result<Path, Fault> {
     }
     let segments = read(&job.contour)?;
     let shape = normalise(&segments, lie)?;
-    check_clearance(shape.contour(), job.clearance_angle)?;
+    check_clearance(&shape.contour, job.clearance_angle)?;
     if finishes && sizes.nose > 0.0 {
-        nose::check(shape.contour(), sizes.nose)?;
+        nose::check(&shape.contour, sizes.nose)?;
     }
     if let Some(position) = job.position {
         check_number("the position", position.u)?;

@@ -22,12 +22,17 @@ pub(super) fn offset(pieces: &[Piece], radius: f64, tip: Point) -> Vec<Piece> {
     chain.extend_from_slice(pieces);
     chain.push(Piece::straight(last.to, last.to.minus(reach), last.line));
     let centres = envelope::upper(&round(&chain, radius));
+    // The ends of the air and of the land behind are none of the part: the path stops short of going around them.
+    let (start, end) = (first.from.u + radius, last.to.u - 2.0 * radius);
     let move_by = tip.times(radius);
-    let start = first.from.u;
     let mut path: Vec<Piece> = Vec::with_capacity(centres.len());
-    for piece in centres.iter().map(|piece| piece.shifted(move_by)).filter(|piece| piece.to.u < start - TINY) {
-        let from = if piece.from.u > start { Point::new(start, piece.height(start)) } else { piece.from };
-        path.push(piece.after(from));
+    for centre in centres.iter().filter(|centre| centre.from.u > end + TINY && centre.to.u <= start + TINY) {
+        let from = if centre.from.u > start { Point::new(start, centre.height(start)) } else { centre.from };
+        let to = if centre.to.u < end { Point::new(end, centre.height(end)) } else { centre.to };
+        let piece = centre.after(from).until(to);
+        if !piece.is_nothing() {
+            path.push(piece.shifted(move_by).settled());
+        }
     }
     path
 }
@@ -60,8 +65,12 @@ fn round(pieces: &[Piece], radius: f64) -> Vec<Piece> {
     for (number, piece) in pieces.iter().enumerate() {
         grown.extend(outwards(piece, radius));
         let corner = match number.checked_sub(1).map(|before| &pieces[before]) {
-            // A right turn, as travel is towards -u with the free side on the right, is a hollow: no corner to go around.
-            Some(before) => before.heading(before.to).cross(piece.heading(piece.from)) > TINY,
+            // The free side is on the right: a left turn is a corner to go around, and so is the edge of a blade, up and down again.
+            Some(before) => {
+                let (arrive, leave) = (before.heading(before.to), piece.heading(piece.from));
+                let turn = arrive.cross(leave);
+                turn > TINY || (turn > -TINY && arrive.dot(leave) < 0.0 && before.rises())
+            }
             None => true,
         };
         if corner {

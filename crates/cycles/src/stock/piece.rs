@@ -1,6 +1,7 @@
 //! A piece of a chain in normalised coordinates: cutting runs towards -u, the free side is +v.
 //!
-//! Invariant: along a piece u never grows, and v either never falls or never rises; an arc lies within one quadrant of its circle.
+//! Invariant: along a piece u never grows, and v either never falls or never rises; an arc lies within one quadrant of its circle, and is
+//! neither flat nor upright.
 
 use super::Point;
 use super::curve::Curve;
@@ -37,6 +38,12 @@ pub(super) struct Piece {
 impl Piece {
     pub(super) fn straight(from: Point, to: Point, line: u32) -> Self {
         Self { from, to, bend: Bend::Straight, line }
+    }
+
+    /// The same piece, straight where it is so short that its bend is lost in the last digit.
+    pub(super) fn settled(self) -> Self {
+        let bend = if self.is_flat() || self.is_upright() { Bend::Straight } else { self.bend };
+        Self { bend, ..self }
     }
 
     pub(super) fn rises(&self) -> bool {

@@ -5,7 +5,7 @@
 
 use super::Point;
 use super::envelope;
-use super::piece::Piece;
+use super::piece::{Piece, TINY};
 
 /// Finishing allowances in normalised coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,5 +55,15 @@ pub(super) fn raise(pieces: &[Piece], allowance: Allowance) -> Vec<Piece> {
         raised.push(Piece::straight(land(side), land(-cut), line));
     }
     // Where two walls come nearer to each other than both allowances, the valley between them closes up.
-    if joined { raised } else { envelope::upper(&raised) }
+    if joined {
+        return raised;
+    }
+    let mut chain = envelope::upper(&raised);
+    if let Some((start, first)) = raised.first().zip(chain.first().copied()) {
+        // An envelope does not know the front wall below its first point.
+        if first.from.v > start.from.v + TINY {
+            chain.insert(0, Piece::straight(start.from, first.from, start.line));
+        }
+    }
+    chain
 }

@@ -6,7 +6,7 @@
 use super::piece::{Piece, TINY};
 use super::{Fault, Point};
 
-/// A relief cut, a hump or a rest less deep than this is left: it is below any machine's resolution.
+/// A relief cut, a hump or a rest less deep than this, or a relief cut less wide, is left: it is below any machine's resolution.
 pub(super) const SHALLOW: f64 = 1e-6;
 
 /// The largest number of levels of one section.
@@ -64,7 +64,7 @@ impl Sections {
     fn bridge(&mut self, rim: Point, close: Point, relief: Vec<Piece>, line: u32) {
         let bottom = relief.iter().map(|piece| piece.to.v).fold(rim.v, f64::min);
         self.keep(Piece::straight(rim, Point::new(close.u, rim.v), line));
-        if rim.v - bottom > SHALLOW {
+        if rim.v - bottom > SHALLOW && rim.u - close.u > SHALLOW {
             self.reliefs.push(relief);
         }
     }

@@ -1,6 +1,7 @@
 //! The contour in normalised coordinates: machining direction, arcs split at the axis extremes, overhangs refused, the closing wall.
 //!
-//! Invariant: the pieces are joined exactly, u never grows along them, and the chain ends at its largest v.
+//! Invariant: the pieces are joined exactly, u never grows along them, no wall runs back over another, and what is roughed ends at its
+//! largest v.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -23,19 +24,15 @@ const SAME: f64 = 1e-6;
 #[derive(Clone, Debug)]
 pub(super) struct Shape {
     pub frame: Frame,
+    /// The contour itself, joined exactly.
+    pub contour: Vec<Piece>,
+    /// What is roughed: the contour up to a wall that closes it at its largest v.
     pub pieces: Vec<Piece>,
     /// Is it machined against the programmed direction?
     pub reversed: bool,
-    /// How many of the pieces are the contour's own; a closing wall may follow.
-    own: usize,
 }
 
 impl Shape {
-    /// The contour without the closing wall.
-    pub(super) fn contour(&self) -> &[Piece] {
-        &self.pieces[..self.own]
-    }
-
     fn ends(&self) -> (Point, Point) {
         let first = self.pieces.first().map_or(Point::default(), |piece| piece.from);
         (first, self.pieces.last().map_or(first, |piece| piece.to))
@@ -84,9 +81,8 @@ pub(super) fn normalise(segments: &[Segment], lie: Lie) -> Result<Shape, Fault> 
     } else {
         segments.iter().try_for_each(|segment| chain.take(segment, frame))?;
     }
-    let own = chain.pieces.len();
-    chain.close();
-    Ok(Shape { frame, pieces: chain.pieces, reversed, own })
+    let pieces = close(&chain.pieces);
+    Ok(Shape { frame, contour: chain.pieces, pieces, reversed })
 }
 
 struct Chain {
@@ -125,22 +121,31 @@ impl Chain {
         let bend = if steep { Bend::Straight } else { bend };
         let level = bend == Bend::Straight && (to.v - from.v).abs() <= TINY;
         let to = Point::new(if steep { from.u } else { to.u }, if level { from.v } else { to.v });
-        let piece = Piece { from, to, bend, line };
+        let piece = Piece { from, to, bend, line }.settled();
         if !piece.is_nothing() {
+            let over = |last: &Piece| last.is_upright() && piece.is_upright() && last.rises() != piece.rises();
+            if self.pieces.last().is_some_and(over) {
+                return Err(Fault::DoublesBack(line));
+            }
             self.pieces.push(piece);
             self.at = to;
         }
         if self.pieces.len() > MOST_ELEMENTS { Err(Fault::TooManyElements) } else { Ok(()) }
     }
+}
 
-    /// Where the contour ends below its largest v, a wall leads up to it; the part before the wall is then a relief cut.
-    fn close(&mut self) {
-        let top = self.pieces.iter().map(|piece| piece.from.v.max(piece.to.v)).fold(self.at.v, f64::max);
-        if top > self.at.v + TINY {
-            let line = self.pieces.last().map_or(0, |piece| piece.line);
-            self.pieces.push(Piece::straight(self.at, Point::new(self.at.u, top), line));
-        }
+/// Where the contour ends below its largest v, a wall leads up to it; the part before the wall is then a relief cut.
+fn close(contour: &[Piece]) -> Vec<Piece> {
+    let mut pieces = contour.to_vec();
+    let top = pieces.iter().map(|piece| piece.from.v.max(piece.to.v)).fold(f64::NEG_INFINITY, f64::max);
+    // Between a wall down at the very end and the closing wall there is no room to cut.
+    while pieces.len() > 1 && pieces.last().is_some_and(|piece| piece.is_upright() && piece.falls()) {
+        pieces.pop();
     }
+    if let Some(&Piece { to, line, .. }) = pieces.last().filter(|last| last.to.v < top - TINY) {
+        pieces.push(Piece::straight(to, Point::new(to.u, top), line));
+    }
+    pieces
 }
 
 /// The extremes of its axes that an arc of at most half a turn passes, in order.

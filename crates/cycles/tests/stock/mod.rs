@@ -3,6 +3,8 @@
 //! Invariant: X is a diameter in both, as in G18 with DIAMON; nothing here knows how the cycle finds its path.
 #![allow(dead_code, reason = "each test uses its own part")]
 
+pub(crate) mod part;
+
 use retrace_cycles::stock::{
     Axes, Compensation, Corner, Element, Feed, Job, Kind, LIFT_OFF, Move, MoveKind, Path, Point, Tip, plan,
 };
