@@ -119,6 +119,9 @@ fn rough(job: &Job, shape: &Shape, sizes: Sizes, warnings: &mut Vec<Warning>) ->
     let mut chain = raise(&shape.pieces, sizes.allowance);
     if job.rough_compensated && sizes.nose > 0.0 {
         chain = nose::offset(&chain, sizes.nose, shape.frame.into(Point::new(job.tip.u, job.tip.v)));
+        if let Err(Fault::NoseTooLarge(line)) = nose::check(&shape.contour, sizes.nose) {
+            warnings.push(Warning::NoseLeavesStock(line));
+        }
     }
     let Sections { profile, reliefs } = divide(&chain);
     let lost = divide(&shape.pieces).reliefs.len().saturating_sub(reliefs.len());

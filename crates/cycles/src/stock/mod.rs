@@ -233,6 +233,8 @@ pub enum Warning {
     SignDropped(&'static str),
     /// So many relief cuts close up under allowances and nose, and are left to finishing.
     ReliefLeftToFinishing(usize),
+    /// The nose does not reach all of the contour at this line, so roughing leaves more there.
+    NoseLeavesStock(u32),
 }
 
 /// What `plan` answers.
