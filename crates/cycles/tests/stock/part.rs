@@ -152,7 +152,8 @@ impl Part {
 
     /// The rough contour next to a place, on its lower and on its higher side.
     pub(crate) fn rough_around(&self, u: f64) -> (f64, f64) {
-        let sides = [self.rough_from(u, false), self.rough_from(u, true)];
+        // The path may stand a millionth of a micrometre beside the foot of an upright flank.
+        let sides = [-1e-9, 0.0, 1e-9].map(|by| self.rough_from(u + by, false).min(self.rough_from(u + by, true)));
         let beside = [-1e-6, 0.0, 1e-6].map(|by| self.rough(u + by));
         let all = sides.iter().chain(&beside);
         all.fold((f64::INFINITY, f64::NEG_INFINITY), |all, one| (all.0.min(*one), all.1.max(*one)))
