@@ -16,6 +16,7 @@ mod host;
 mod library;
 mod machine;
 mod shipped;
+pub mod stock;
 mod stored;
 
 pub use alarm::{Alarm, AlarmText, Halt, alarm_text};

@@ -64,7 +64,7 @@ pub(crate) fn table(codes: &[Arc<Code>], subs: &Subs) -> Vec<Branch> {
                     }
                 }
                 Leads::Cycle(call) => {
-                    let name = code.cycles.get(call as usize).map(|call| call.name.to_string());
+                    let name = code.cycles.get(call as usize).map(|(_, call)| call.name.to_string());
                     (name, Target::Cycle)
                 }
             };

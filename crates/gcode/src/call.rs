@@ -66,6 +66,15 @@ pub(crate) fn label(cursor: &mut Cursor<'_>) -> Option<Box<str>> {
     None
 }
 
+/// The label of a line, in lower case.
+pub(crate) fn label_of(line: &[u8]) -> Option<Box<str>> {
+    let mut cursor = Cursor::new(line);
+    if cursor.eat(b'n') {
+        cursor.digits();
+    }
+    if may_begin(&mut cursor) { label(&mut cursor) } else { None }
+}
+
 /// Compiles a call, if this line is one; false and nothing taken if not.
 pub(crate) fn parse(
     cursor: &mut Cursor<'_>,

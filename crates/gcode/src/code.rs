@@ -103,7 +103,8 @@ pub(crate) struct Code {
     /// The file that it stands in, 0 for the program itself.
     pub(crate) file: u16,
     pub(crate) calls: Vec<CallSite>,
-    pub(crate) cycles: Vec<CycleCall>,
+    /// Calls of cycles, with their lines.
+    pub(crate) cycles: Vec<(u32, CycleCall)>,
     lines: Vec<Line>,
     text: Vec<u8>,
     items: Vec<Item>,
@@ -170,6 +171,7 @@ impl Code {
         self.late.truncate(late as usize);
         let last = self.lines.last().map_or(0, |last| last.line);
         self.calls.retain(|call| call.line <= last);
+        self.cycles.retain(|(line, _)| *line <= last);
     }
 
     /// The number of a line in its file.

@@ -182,11 +182,11 @@ impl Flow {
             }
             Jump::Return => return self.leave(interpreter, steps),
             Jump::Cycle { call } => match level.code.cycles.get(call as usize) {
-                Some(call) => return Ok(Stepped::Cycle(call.clone())),
+                Some((_, call)) => return Ok(Stepped::Cycle(call.clone())),
                 None => {}
             },
             Jump::ModalCall { call } => {
-                if let Some(call) = level.code.cycles.get(call as usize) {
+                if let Some((_, call)) = level.code.cycles.get(call as usize) {
                     interpreter.begin_modal(call)?;
                 }
             }
@@ -275,6 +275,16 @@ impl Flow {
             taken_up?;
         }
         Ok(Stepped::Jumped)
+    }
+
+    /// A subprogram by itself, without a caller.
+    pub(crate) fn alone(&self, id: SubId) -> Option<Flow> {
+        let sub = self.subs.get(id)?;
+        let code = Arc::clone(self.codes.get(sub.code as usize)?);
+        let (next, end) = (sub.entry, code.len());
+        let mut flow = Flow { codes: self.codes.clone(), subs: self.subs.clone(), ..Flow::default() };
+        flow.levels.push(Level { code, next, end, repeats: 0, call: None });
+        Some(flow)
     }
 
     /// That a call has no subprogram yet: a program that arrives knows only what has arrived.

@@ -31,6 +31,7 @@ mod canon_text;
 mod code;
 mod codes;
 mod compensation;
+mod contour;
 mod control;
 mod cycle;
 mod diag;

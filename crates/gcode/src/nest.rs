@@ -69,7 +69,7 @@ impl Nest {
         code.push(line, text, block, Jump::Faulty);
         if let Some(cycle) = &block.cycle {
             let call = code.cycles.len() as u32;
-            code.cycles.push(cycle.clone());
+            code.cycles.push((line, cycle.clone()));
             let is_modal = control.keyword == Keyword::ModalCall;
             code.set_jump(at, if is_modal { Jump::ModalCall { call } } else { Jump::Cycle { call } });
             return;

@@ -4,14 +4,17 @@
 //! jump whose target can be known has it; what cannot be carried out is told. Running looks nothing up by name.
 
 use crate::branch::Branch;
+use crate::call::Given;
 use crate::code::{Code, SubId};
 use crate::codes::Code as Number;
+use crate::contour::{Paths, label};
 use crate::control::{Control, Keyword, Label, may_be};
 use crate::diag::{Diagnostic, Fault, Span};
 use crate::interp::Setup;
 use crate::lines::{Split, Text};
 use crate::nest::Nest;
 use crate::parse::LineReader;
+use retrace_cycles::{Cycle, Kind};
 use std::collections::HashMap;
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -98,6 +101,10 @@ pub struct Prescan {
     pub(crate) regions: Vec<Region>,
     pub(crate) subs: Subs,
     pub(crate) reader: LineReader,
+    /// First and last line of the stretches between labels that cycles read.
+    contours: Vec<(u32, u32)>,
+    /// Paths of cycles of the third kind.
+    pub(crate) paths: Paths,
     diagnostics: Vec<Diagnostic>,
 }
 
@@ -111,6 +118,8 @@ impl Prescan {
             regions: Vec::new(),
             subs: Subs::default(),
             reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone()),
+            contours: Vec::new(),
+            paths: Paths::default(),
             diagnostics: Vec::new(),
         };
         prescan.add_file(name.to_owned(), text);
@@ -140,6 +149,20 @@ impl Prescan {
     pub fn line_text(&self, file: u16, line: u32) -> &[u8] {
         let text = self.files.get(usize::from(file)).map_or(&[][..], |file| &file.text);
         Split::new(text).nth(line.saturating_sub(1) as usize).unwrap_or_default()
+    }
+
+    /// Whether a line of the program is read as a contour.
+    pub(crate) fn is_contour(&self, line: u32) -> bool {
+        self.contours.iter().any(|(first, last)| (*first..=*last).contains(&line))
+    }
+
+    /// The lines between two labels of the program, and the number of the first of them.
+    pub(crate) fn between(&self, start: &str, end: &str) -> Option<(u32, &[u8])> {
+        let text = self.files.first().map(|file| &*file.text)?;
+        let (from, line) = labelled(text, 0, start)?;
+        let behind = from + text.get(from..)?.iter().position(|byte| *byte == b'\n')? + 1;
+        let (to, _) = labelled(text, behind, end)?;
+        Some((line + 1, text.get(behind..to)?))
     }
 
     /// How many lines the program has.
@@ -191,6 +214,38 @@ impl Prescan {
         if let Some(code) = self.codes.get_mut(usize::from(file)) {
             Arc::make_mut(code).calls = calls;
         }
+        self.find_contours(file, files);
+    }
+
+    /// Looks for the contour of each call of a cycle that takes one.
+    fn find_contours(&mut self, file: u16, files: Option<&dyn SubFiles>) {
+        let (Some(code), Some(cycles)) = (self.codes.get(usize::from(file)).cloned(), self.reader.cycles.clone())
+        else {
+            return;
+        };
+        for (line, call) in &code.cycles {
+            let Some(Kind::Contour(index)) = cycles.get(call.id).map(Cycle::kind) else { continue };
+            let Some(Given::Text(name)) = call.arguments.get(index) else { continue };
+            let is_there = match name.split_once(':') {
+                Some((start, end)) => {
+                    let stretch = self.between(start, end);
+                    let lines = stretch.map(|(line, text)| (line - 1, line + Split::new(text).count() as u32));
+                    self.contours.extend(lines);
+                    lines.is_some()
+                }
+                None => {
+                    let label = label(name);
+                    if self.subs.find(file, &label).is_none() && cycles.find(name).is_none() {
+                        self.find_file(&label, files, file, *line, call.at);
+                    }
+                    self.subs.find(file, &label).is_some() || cycles.find(name).is_some()
+                }
+            };
+            if !is_there && !name.is_empty() {
+                let message = format!("{} is given the contour {name}, and there is none", call.name);
+                self.report(file, *line, Fault::new(Number::NoContour, call.at, message));
+            }
+        }
     }
 
     /// Reads the file of a subprogram's name, if there is one.
@@ -239,6 +294,21 @@ pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> Fault {
         false => format!("{label} ends with M99: it is called with M98"),
     };
     Fault::new(Number::WrongCall, at, message)
+}
+
+/// Where the line with a label begins, looked for from `from` on, and its number.
+fn labelled(text: &[u8], from: usize, wanted: &str) -> Option<(usize, u32)> {
+    let wanted = wanted.trim().to_lowercase();
+    let mut at = from;
+    let mut number = Split::new(text.get(..from)?).count() as u32;
+    for line in text.get(from..)?.split_inclusive(|byte| *byte == b'\n') {
+        number += 1;
+        if crate::call::label_of(line).is_some_and(|label| *label == *wanted) {
+            return Some((at, number));
+        }
+        at += line.len();
+    }
+    None
 }
 
 /// Lines of O numbers that M98 calls, with the line of the M99 that follows.

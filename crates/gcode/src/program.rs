@@ -4,14 +4,17 @@
 //! by the pre-scan, or as they arrive.
 
 use crate::arriving::Arriving;
+use crate::call::CycleCall;
 use crate::canon::{Canon, Step};
 use crate::codes::Code;
+use crate::contour::ContourReader;
 use crate::control::{Control, Keyword};
 use crate::diag::{Diagnostic, Fault, Outcome, Span};
 use crate::flow::{Flow, Stepped};
 use crate::interp::{self, Interpreter, Setup, Taken};
 use crate::lines::{Lines, Text};
 use crate::prescan::Prescan;
+use retrace_cycles::Kind;
 use std::borrow::Cow;
 use std::io::BufRead;
 use std::sync::Arc;
@@ -123,7 +126,7 @@ impl<R: BufRead> Program<R> {
                 interp::Flow::ProgramEnd => Ok(self.end_of_program(steps)),
             },
             Stepped::Cycle(call) => {
-                self.interpreter.call_cycle(&call, &interp::NoContours, steps)?;
+                self.cycle(&call, steps)?;
                 Ok(Progress::Line)
             }
             Stepped::Jumped => Ok(Progress::Line),
@@ -131,6 +134,18 @@ impl<R: BufRead> Program<R> {
             Stepped::Idle => self.own_line(steps),
             Stepped::ProgramEnd => self.end_by_m99(steps),
         }
+    }
+
+    /// Runs a cycle; one of the third kind reads its contour from the program.
+    fn cycle(&mut self, call: &CycleCall, steps: &mut Vec<Step>) -> Outcome<()> {
+        let reader = &self.interpreter.reader_mut();
+        let cycle = reader.cycles.as_deref().and_then(|cycles| cycles.get(call.id));
+        if !cycle.is_some_and(|cycle| matches!(cycle.kind(), Kind::Contour(_))) {
+            return self.interpreter.call_cycle(call, &interp::NoContours, steps);
+        }
+        let reader = (*reader).clone();
+        let contours = ContourReader { flow: &self.flow, prescan: self.prescan.as_deref(), reader };
+        self.interpreter.call_cycle(call, &contours, steps)
     }
 
     /// Carries out the next line that is in no stretch.
@@ -226,7 +241,8 @@ impl<R: BufRead> Program<R> {
             return;
         }
         while self.read_line() {
-            if self.enter_region() {
+            let is_contour = |prescan: &Arc<Prescan>| prescan.is_contour(self.lines.number());
+            if self.prescan.as_ref().is_some_and(is_contour) || self.enter_region() {
                 continue;
             }
             let text = self.lines.text();

@@ -19,9 +19,9 @@ use crate::tool::ToolTable;
 #[derive(Clone, Debug)]
 pub(crate) struct Core {
     pub(super) machine_units: LengthUnit,
-    pub(super) state: State,
+    pub(crate) state: State,
     pub(super) parameters: Parameters,
-    pub(super) tools: ToolTable,
+    pub(crate) tools: ToolTable,
     pub(super) user_codes: UserCodes,
 }
 
@@ -93,7 +93,7 @@ impl Core {
         }
     }
 
-    pub(super) fn to_program_unit(&self, axis: Axis, value: f64) -> f64 {
+    pub(crate) fn to_program_unit(&self, axis: Axis, value: f64) -> f64 {
         match self.state.units {
             _ if axis.is_rotary() => value,
             LengthUnit::Inch => value / self.machine_units_per_mm() / 25.4,

@@ -105,20 +105,27 @@ impl Saved {
     }
 }
 
+/// A path along a contour.
+#[derive(Clone, Debug)]
+pub(crate) struct Planned {
+    pub(crate) moves: Arc<[StockMove]>,
+    pub(crate) warnings: Arc<[String]>,
+}
+
 /// Where contours come from.
 pub(crate) trait Contours {
     /// The path of CYCLE95 along a contour.
     ///
     /// # Errors
     /// The control's alarm.
-    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<Arc<[StockMove]>, StockFault>;
+    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<Planned, StockFault>;
 }
 
 /// No contours: a modal cycle has none.
 pub(crate) struct NoContours;
 
 impl Contours for NoContours {
-    fn stock(&self, _: &Core, _: &StockCall<'_>) -> Result<Arc<[StockMove]>, StockFault> {
+    fn stock(&self, _: &Core, _: &StockCall<'_>) -> Result<Planned, StockFault> {
         Err(StockFault { alarm: 61606, text: "a modal cycle cannot read a contour".to_owned() })
     }
 }
@@ -388,7 +395,8 @@ impl Host for Caller<'_> {
     }
 
     fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockFault> {
-        let path = self.contours.stock(self.core, call)?;
+        let Planned { moves: path, warnings } = self.contours.stock(self.core, call)?;
+        self.warnings.extend(warnings.iter().cloned());
         let moves = path.len() as u32;
         self.path = Some(path);
         Ok(moves)

@@ -31,7 +31,7 @@ pub use self::ports::UserCodes;
 
 pub(crate) use self::core::Core;
 use self::core::{BlockEnvironment, Emit};
-pub(crate) use self::cycle::{Contours, NoContours};
+pub(crate) use self::cycle::{Contours, NoContours, Planned};
 pub(crate) use self::queue::{Point, Queue, UNSHIFTED};
 use crate::block::{Assignment, Words};
 use crate::canon::{Canon, LengthUnit, Step};
@@ -169,6 +169,17 @@ impl Interpreter {
             errors: 0,
             warnings: 0,
         }
+    }
+
+    /// An interpreter that goes on from a state, to find out what a contour would do.
+    pub(crate) fn scratch(core: Core, reader: LineReader) -> Interpreter {
+        let setup = Setup::default();
+        Interpreter { core, reader, ..Interpreter::new(setup) }
+    }
+
+    /// The words of the block carried out last.
+    pub(crate) fn last_words(&self) -> &Words {
+        if self.reader.block.is_constant() { &self.reader.block.words } else { &self.words }
     }
 
     /// Adds the canonical functions that come before those of any program: units and offsets in force.

@@ -1,0 +1,69 @@
+//! Chamfers and roundings between two segments of a contour.
+//!
+//! Invariant: both segments are only made shorter, and what is put between them begins and ends on them; what does not fit is a fault.
+
+use super::curve::{Curve, meet};
+use super::segment::{Arc, Segment};
+use super::{Corner, Fault, Point};
+
+/// Headings that differ by a sine below this go on straight: there is no corner to break.
+const STRAIGHT: f64 = 1e-6;
+
+/// Break the corner where `before` ends and `after` begins; what comes between them is the answer.
+pub(super) fn break_corner(
+    before: &mut Segment,
+    after: &mut Segment,
+    corner: Corner,
+) -> Result<Option<Segment>, Fault> {
+    let at = before.end;
+    let (arrive, leave) = (before.heading(at), after.heading(at));
+    let turn = arrive.cross(leave);
+    if corner == Corner::None || (turn.abs() < STRAIGHT && arrive.dot(leave) > 0.0) {
+        return Ok(None);
+    }
+    let misfit = Fault::Corner(before.line);
+    if turn.abs() < STRAIGHT {
+        return Err(misfit);
+    }
+    let (from, to, arc) = match corner {
+        Corner::None => return Ok(None),
+        Corner::Rounding(radius) => rounding(before, after, radius.abs(), turn > 0.0).ok_or(misfit)?,
+        Corner::ChamferLeg(leg) => chamfer(before, after, leg.abs()).ok_or(misfit)?,
+        Corner::ChamferLength(length) => {
+            // An isosceles triangle over the chamfer: half its base and a leg enclose half the turn.
+            let half_turn = turn.atan2(arrive.dot(leave)).abs() / 2.0;
+            chamfer(before, after, length.abs() / (2.0 * half_turn.cos())).ok_or(misfit)?
+        }
+    };
+    if !before.holds(from) || !after.holds(to) {
+        return Err(misfit);
+    }
+    before.end = from;
+    after.start = to;
+    Ok(Some(Segment { start: from, end: to, arc, line: before.line }))
+}
+
+type Between = (Point, Point, Option<Arc>);
+
+/// The arc of this radius that touches both segments on the inner side of the corner.
+fn rounding(before: &Segment, after: &Segment, radius: f64, left: bool) -> Option<Between> {
+    let aside = if left { radius } else { -radius };
+    let at = before.end;
+    meet(before.beside(aside)?, after.beside(aside)?)
+        .into_iter()
+        .flatten()
+        .map(|centre| (before.nearest(centre), after.nearest(centre), centre))
+        .filter(|(from, to, _)| before.holds(*from) && after.holds(*to))
+        .min_by(|a, b| a.2.distance(at).total_cmp(&b.2.distance(at)))
+        .map(|(from, to, centre)| (from, to, Some(Arc { centre, counterclockwise: left })))
+}
+
+/// The line between the points that lie at this distance of the corner on both segments (on an arc, measured as a chord).
+fn chamfer(before: &Segment, after: &Segment, leg: f64) -> Option<Between> {
+    let at = before.end;
+    let around = Curve::Circle { centre: at, radius: leg };
+    let on = |segment: &Segment| {
+        meet(segment.beside(0.0)?, around).into_iter().flatten().find(|point| segment.holds(*point))
+    };
+    Some((on(before)?, on(after)?, None))
+}

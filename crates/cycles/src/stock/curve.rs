@@ -1,0 +1,103 @@
+//! Plane curves without ends, and where two of them meet.
+//!
+//! Invariant: the answer holds at most two points; parallel lines, concentric circles and curves that miss each other have none.
+
+use super::Point;
+
+impl Point {
+    pub(super) fn plus(self, other: Self) -> Self {
+        Self::new(self.u + other.u, self.v + other.v)
+    }
+
+    pub(super) fn minus(self, other: Self) -> Self {
+        Self::new(self.u - other.u, self.v - other.v)
+    }
+
+    pub(super) fn times(self, factor: f64) -> Self {
+        Self::new(self.u * factor, self.v * factor)
+    }
+
+    pub(super) fn dot(self, other: Self) -> f64 {
+        self.u * other.u + self.v * other.v
+    }
+
+    /// Positive where `other` points to the left of this direction.
+    pub(super) fn cross(self, other: Self) -> f64 {
+        self.u * other.v - self.v * other.u
+    }
+
+    pub(super) fn length(self) -> f64 {
+        self.u.hypot(self.v)
+    }
+
+    /// A quarter turn to the left.
+    pub(super) fn left(self) -> Self {
+        Self::new(-self.v, self.u)
+    }
+
+    /// The same direction with length one; the zero vector stays what it is.
+    pub(super) fn unit(self) -> Self {
+        let length = self.length();
+        if length > 0.0 { self.times(1.0 / length) } else { self }
+    }
+
+    pub(super) fn distance(self, other: Self) -> f64 {
+        self.minus(other).length()
+    }
+}
+
+/// A straight line or a circle, both without ends.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Curve {
+    Line { through: Point, along: Point },
+    Circle { centre: Point, radius: f64 },
+}
+
+/// None, one or two points.
+pub(super) type Meetings = [Option<Point>; 2];
+
+/// Where two curves meet.
+pub(super) fn meet(a: Curve, b: Curve) -> Meetings {
+    match (a, b) {
+        (Curve::Line { through: p, along: d }, Curve::Line { through: q, along: e }) => lines(p, d.unit(), q, e.unit()),
+        (Curve::Line { through, along }, Curve::Circle { centre, radius })
+        | (Curve::Circle { centre, radius }, Curve::Line { through, along }) => {
+            line_and_circle(through, along.unit(), centre, radius)
+        }
+        (Curve::Circle { centre: c, radius: r }, Curve::Circle { centre: d, radius: s }) => circles(c, r, d, s),
+    }
+}
+
+fn lines(p: Point, d: Point, q: Point, e: Point) -> Meetings {
+    let sine = d.cross(e);
+    if sine.abs() < 1e-12 {
+        return [None, None];
+    }
+    [Some(p.plus(d.times(q.minus(p).cross(e) / sine))), None]
+}
+
+fn line_and_circle(p: Point, d: Point, centre: Point, radius: f64) -> Meetings {
+    let foot = p.plus(d.times(centre.minus(p).dot(d)));
+    around(foot, d, radius, foot.distance(centre))
+}
+
+fn circles(c: Point, r: f64, d: Point, s: f64) -> Meetings {
+    let apart = c.distance(d);
+    if apart < 1e-12 {
+        return [None, None];
+    }
+    let towards = d.minus(c).unit();
+    // The chord both circles share stands at this distance of the first centre.
+    let along = (apart + (r - s) * (r + s) / apart) / 2.0;
+    around(c.plus(towards.times(along)), towards.left(), r, along)
+}
+
+/// The two points at the ends of a chord whose middle lies `away` from the centre of a circle; one that just misses touches.
+fn around(middle: Point, along: Point, radius: f64, away: f64) -> Meetings {
+    let square = (radius - away) * (radius + away);
+    if square < -1e-12 * (1.0 + radius * radius) {
+        return [None, None];
+    }
+    let half = square.max(0.0).sqrt();
+    [Some(middle.plus(along.times(half))), Some(middle.minus(along.times(half)))]
+}

@@ -1,0 +1,73 @@
+//! The upper envelope of pieces: at each place along the cut axis the highest of them, and walls where it jumps.
+//!
+//! Invariant: the envelope is joined exactly, and no piece given lies above it by more than [`TINY`] times its slope.
+
+use super::Point;
+use super::curve::meet;
+use super::piece::{Piece, TINY};
+
+/// The upper envelope of pieces that cover a stretch of the cut axis without a gap.
+pub(super) fn upper(pieces: &[Piece]) -> Vec<Piece> {
+    let mut chain: Vec<Piece> = Vec::new();
+    let places = places(pieces);
+    for pair in places.windows(2) {
+        let middle = f64::midpoint(pair[0], pair[1]);
+        let over = pieces.iter().filter(|piece| piece.from.u >= pair[0] - TINY && piece.to.u <= pair[1] + TINY);
+        let highest =
+            over.filter(|piece| !piece.is_upright()).max_by(|a, b| a.height(middle).total_cmp(&b.height(middle)));
+        let Some(piece) = highest else { continue };
+        let from = Point::new(pair[0], piece.height(pair[0]));
+        let to = Point::new(pair[1], piece.height(pair[1]));
+        join(&mut chain, Piece { from, to, ..*piece }.settled());
+    }
+    chain
+}
+
+/// Every place where the highest piece may change, in cut direction.
+fn places(pieces: &[Piece]) -> Vec<f64> {
+    let mut places: Vec<f64> = pieces.iter().flat_map(|piece| [piece.from.u, piece.to.u]).collect();
+    for (number, a) in pieces.iter().enumerate() {
+        for b in &pieces[number + 1..] {
+            let (high, low) = (a.from.u.min(b.from.u), a.to.u.max(b.to.u));
+            if high - low > TINY {
+                let met = meet(a.curve(), b.curve()).into_iter().flatten().map(|point| point.u);
+                places.extend(met.filter(|u| (low..=high).contains(u)));
+            }
+        }
+    }
+    places.sort_by(|a, b| b.total_cmp(a));
+    places.dedup_by(|later, kept| *kept - *later <= TINY);
+    places
+}
+
+/// Add a piece behind the chain: as a longer last piece, joined, or behind a wall.
+fn join(chain: &mut Vec<Piece>, mut piece: Piece) {
+    let Some(last) = chain.last_mut() else {
+        chain.push(piece);
+        return;
+    };
+    let step = piece.from.v - last.to.v;
+    if step.abs() <= TINY {
+        let same = last.bend == piece.bend && last.line == piece.line;
+        let flats = last.is_flat() && piece.is_flat();
+        let arcs = same && !matches!(piece.bend, super::piece::Bend::Straight);
+        let both_rise = last.rises() == piece.rises() && last.falls() == piece.falls();
+        let straight = last.heading(last.to).cross(piece.heading(piece.from)).abs() <= TINY;
+        if flats || (both_rise && (arcs || (same && straight))) {
+            last.to = Point::new(piece.to.u, if flats { last.to.v } else { piece.to.v });
+            return;
+        }
+        piece.from = last.to;
+        if !piece.is_nothing() {
+            if piece.bend == super::piece::Bend::Straight && (piece.to.v - piece.from.v).abs() <= TINY {
+                piece.to.v = piece.from.v;
+            }
+            chain.push(piece);
+        }
+        return;
+    }
+    let from = last.to;
+    piece.from.u = from.u;
+    chain.push(Piece::straight(from, piece.from, piece.line));
+    chain.push(piece);
+}

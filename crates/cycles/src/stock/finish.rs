@@ -1,0 +1,51 @@
+//! The last pass: the programmed contour in one go, with compensation for the nose, relief cuts included.
+//!
+//! Invariant: the elements come as programmed (or all of them reversed), at their own places, without allowance.
+
+use super::frame::Frame;
+use super::pen::Pen;
+use super::segment::Segment;
+use super::{Compensation, Fault, Feed, Point};
+
+/// Along the contour and back to the start point. The pen stands at the start point before and after.
+pub(super) fn finish(pen: &mut Pen, segments: &[Segment], frame: Frame, with_the_cut: bool) -> Result<(), Fault> {
+    let start = pen.at();
+    let Some((first, last)) = segments.first().zip(segments.last()) else { return Ok(()) };
+    pen.compensate(side(frame, with_the_cut));
+    pen.rapid(frame.into(first.start))?;
+    for segment in segments {
+        let to = frame.into(segment.end);
+        match segment.arc {
+            None => pen.line(to, Feed::Finish)?,
+            Some(arc) => {
+                pen.arc(to, frame.into(arc.centre), arc.counterclockwise != frame.mirrors(), Feed::Finish)?;
+            }
+        }
+    }
+    pen.compensate(Compensation::Off);
+    let end = frame.into(last.end);
+    if end.v < highest(segments, frame) - super::piece::TINY {
+        pen.rapid_infeed_axis(start.v)?;
+        pen.rapid_cut_axis(start.u)
+    } else {
+        pen.rapid(start)
+    }
+}
+
+/// Material left of the travel: the tool is on the right, G42. Travelling with the cut in normalised coordinates, the part is on the left.
+fn side(frame: Frame, with_the_cut: bool) -> Compensation {
+    if with_the_cut != frame.mirrors() { Compensation::Right } else { Compensation::Left }
+}
+
+/// The largest v of the contour; arcs reach beyond their ends.
+fn highest(segments: &[Segment], frame: Frame) -> f64 {
+    let tops = segments.iter().map(|segment| {
+        let ends = frame.into(segment.start).v.max(frame.into(segment.end).v);
+        let Some(arc) = segment.arc else { return ends };
+        let radius = segment.start.distance(arc.centre);
+        let top = frame.out(frame.into(arc.centre).plus(Point::new(0.0, radius)));
+        let passed = arc.sweep(segment.start, top) <= arc.sweep(segment.start, segment.end);
+        if passed { ends.max(frame.into(top).v) } else { ends }
+    });
+    tops.fold(f64::NEG_INFINITY, f64::max)
+}

@@ -1,0 +1,146 @@
+//! Roughing of relief cuts: plunge along the falling flank, cut to the rising one, climb it to the level before, level by level.
+//!
+//! Invariant: rapid moves inside a relief cut stay within what its levels have cleared; what lies behind an inner hump becomes a pocket of
+//! its own, whose top is the last level cut over the hump.
+
+use super::pen::Pen;
+use super::piece::{Piece, TINY};
+use super::sections::{SHALLOW, levels};
+use super::{Fault, Feed, Point};
+
+/// What all relief cuts of a job share.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cutting {
+    /// The cycle's start point.
+    pub start: Point,
+    /// Largest infeed depth.
+    pub mid: f64,
+    /// Lift-off.
+    pub lift: f64,
+}
+
+/// A hollow to be cleared: a chain from its rim at the height of its top, down, and up again to that height.
+struct Pocket {
+    top: f64,
+    chain: Vec<Piece>,
+}
+
+/// Cut the relief cuts; the pen stands at the start point before and after.
+pub(super) fn rough(pen: &mut Pen, reliefs: &[Vec<Piece>], cutting: Cutting) -> Result<(), Fault> {
+    for relief in reliefs {
+        let Some(top) = relief.first().map(|piece| piece.from.v) else { continue };
+        // The last one put here is the nearest along the cut direction.
+        let mut waiting = vec![Pocket { top, chain: relief.clone() }];
+        while let Some(pocket) = waiting.pop() {
+            clear(pen, pocket, cutting, &mut waiting)?;
+        }
+    }
+    pen.rapid_cut_axis(cutting.start.u)
+}
+
+fn clear(pen: &mut Pen, pocket: Pocket, cutting: Cutting, waiting: &mut Vec<Pocket>) -> Result<(), Fault> {
+    let Pocket { top, chain } = pocket;
+    let mut chain = without_land(chain, top);
+    let bottom = first_bottom(&chain, top);
+    let levels = levels(top, bottom, cutting.mid)?;
+    if levels.is_empty() {
+        return Ok(());
+    }
+    let lift = cutting.lift;
+    let (mut before, mut length) = (top, f64::INFINITY);
+    for (number, &level) in levels.iter().enumerate() {
+        let Some(Split { descent, floor, climb }) = split(&chain, level) else { break };
+        let flank = descent.first().map_or(pen.at(), |piece| piece.from);
+        if number == 0 {
+            pen.rapid_cut_axis(flank.u)?;
+            pen.rapid_infeed_axis(top + lift)?;
+        } else {
+            // Clear of the falling flank, where the level before has made room.
+            let clear = lift.min(length / 2.0);
+            pen.rapid_cut_axis(flank.u - clear)?;
+            pen.rapid_infeed_axis(before + clear)?;
+        }
+        pen.line(Point::new(flank.u, before), Feed::Plunge)?;
+        pen.follow(&descent, Feed::Plunge)?;
+        let (begin, end) = (pen.at().u, climb.first().map_or(pen.at().u, |piece| piece.from.u));
+        length = begin - end;
+        pen.cut(end)?;
+        let (climb, hump) = up_to_hump(climb);
+        pen.follow(&climb, Feed::Rough)?;
+        if let Some(behind) = hump {
+            waiting.push(behind_hump(behind, before));
+        }
+        pen.rapid(pen.at().plus(Point::new(lift.min(length / 2.0), lift)))?;
+        chain = floor;
+        before = level;
+    }
+    pen.rapid_infeed_axis(cutting.start.v)
+}
+
+/// The chain without what lies at the height of the top before it falls.
+fn without_land(chain: Vec<Piece>, top: f64) -> Vec<Piece> {
+    let land = chain.iter().take_while(|piece| piece.to.v >= top - TINY).count();
+    chain.into_iter().skip(land).collect()
+}
+
+/// The lowest point before the chain first rises again.
+fn first_bottom(chain: &[Piece], top: f64) -> f64 {
+    let mut low = top;
+    for piece in chain {
+        if piece.to.v > low + SHALLOW {
+            break;
+        }
+        low = low.min(piece.to.v);
+    }
+    low
+}
+
+/// A chain divided at a level: down to it, below it, and from where it first rises above it.
+struct Split {
+    descent: Vec<Piece>,
+    floor: Vec<Piece>,
+    climb: Vec<Piece>,
+}
+
+fn split(chain: &[Piece], level: f64) -> Option<Split> {
+    let down = chain.iter().position(|piece| piece.to.v <= level + TINY)?;
+    let up = down + chain[down..].iter().position(|piece| piece.to.v > level + TINY)?;
+    let (falling, rising) = (&chain[down], &chain[up]);
+    let reach = falling.at_height(level.clamp(falling.to.v, falling.from.v.max(falling.to.v)));
+    let leave = if rising.from.v >= level { rising.from } else { rising.at_height(level) };
+    let mut descent = chain[..down].to_vec();
+    descent.push(falling.until(reach));
+    let mut floor = vec![falling.after(reach)];
+    floor.extend_from_slice(&chain[down + 1..up]);
+    floor.push(rising.until(leave));
+    floor.retain(|piece| !piece.is_nothing());
+    let mut climb = vec![rising.after(leave)];
+    climb.extend_from_slice(&chain[up + 1..]);
+    Some(Split { descent, floor, climb })
+}
+
+/// A climb up to where it first falls again, and what lies behind that hump.
+fn up_to_hump(climb: Vec<Piece>) -> (Vec<Piece>, Option<Vec<Piece>>) {
+    let (mut high, mut peak) = (f64::NEG_INFINITY, 0);
+    for (number, piece) in climb.iter().enumerate() {
+        if piece.to.v < high - SHALLOW {
+            let behind = climb[peak..].to_vec();
+            return (climb[..peak].to_vec(), Some(behind));
+        }
+        if piece.to.v > high + TINY {
+            (high, peak) = (piece.to.v, number + 1);
+        }
+    }
+    (climb, None)
+}
+
+/// The pocket behind a hump, whose top is the last level cut over it: at the hump's peak it begins with an upright flank.
+fn behind_hump(behind: Vec<Piece>, top: f64) -> Pocket {
+    let mut chain = Vec::with_capacity(behind.len() + 1);
+    if let Some(first) = behind.first() {
+        let flank = Piece::straight(Point::new(first.from.u, top), first.from, first.line);
+        chain.extend([flank].into_iter().filter(|flank| !flank.is_nothing()));
+    }
+    chain.extend(behind);
+    Pocket { top, chain }
+}

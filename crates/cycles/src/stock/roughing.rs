@@ -1,0 +1,38 @@
+//! Roughing without relief cuts: level by level along the cut axis, then along the rough contour to the level before.
+//!
+//! Invariant: rapid moves run only in front of the blank or above what the levels before have cleared.
+
+use super::pen::Pen;
+use super::piece::{Piece, TINY};
+use super::{Fault, Feed, Point};
+
+/// Cut the section of a profile; the pen stands at the start point before and after.
+pub(super) fn rough(pen: &mut Pen, profile: &[Piece], levels: &[f64], top: f64, lift: f64) -> Result<(), Fault> {
+    let start = pen.at();
+    let mut before = top;
+    for &level in levels {
+        pen.rapid_infeed_axis(level)?;
+        let climb = climb(profile, level, before);
+        let Some(first) = climb.first() else { break };
+        pen.cut(first.from.u)?;
+        pen.follow(&climb, Feed::Rough)?;
+        pen.rapid(pen.at().plus(Point::new(lift, lift)))?;
+        pen.rapid_cut_axis(start.u)?;
+        before = level;
+    }
+    pen.rapid_infeed_axis(start.v)
+}
+
+/// The part of a profile that rises from one height to another, from the last point at the lower to the first at the upper one.
+fn climb(profile: &[Piece], from: f64, to: f64) -> Vec<Piece> {
+    let mut climb = Vec::new();
+    for piece in profile.iter().skip_while(|piece| piece.to.v <= from + TINY) {
+        let piece = if climb.is_empty() && piece.from.v < from { piece.after(piece.at_height(from)) } else { *piece };
+        if piece.to.v >= to - TINY {
+            climb.push(piece.until(piece.at_height(to.min(piece.to.v))));
+            break;
+        }
+        climb.push(piece);
+    }
+    climb
+}

@@ -1,0 +1,87 @@
+//! Sections: the profile without relief cuts, the relief cuts under it, and the levels each is cut in.
+//!
+//! Invariant: the profile never falls; each relief cut is a chain that begins and ends at its rim and lies nowhere above it; levels divide
+//! a depth equally, by no more than the infeed depth, and the last one is the bottom itself.
+
+use super::piece::{Piece, TINY};
+use super::{Fault, Point};
+
+/// A relief cut, a hump or a rest less deep than this, or a relief cut less wide, is left: it is below any machine's resolution.
+pub(super) const SHALLOW: f64 = 1e-6;
+
+/// The largest number of levels of one section.
+const MOST_LEVELS: f64 = 10_000.0;
+
+/// Profile and relief cuts of a rough contour.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Sections {
+    /// Running maximum along the cut direction; relief cuts are bridged parallel to the cut axis.
+    pub profile: Vec<Piece>,
+    /// The relief cuts in cut direction.
+    pub reliefs: Vec<Vec<Piece>>,
+}
+
+/// Divide a chain into its sections.
+pub(super) fn divide(chain: &[Piece]) -> Sections {
+    let mut sections = Sections::default();
+    let mut open: Option<(Point, Vec<Piece>)> = None;
+    for piece in chain {
+        match &mut open {
+            None if piece.to.v < piece.from.v - TINY => open = Some((piece.from, vec![*piece])),
+            None => sections.keep(*piece),
+            Some((rim, relief)) if piece.to.v < rim.v - TINY => relief.push(*piece),
+            Some((rim, relief)) => {
+                let close = piece.at_height(rim.v.min(piece.to.v));
+                relief.push(piece.until(close));
+                sections.bridge(*rim, close, std::mem::take(relief), piece.line);
+                sections.keep(piece.after(Point::new(close.u, rim.v.min(piece.to.v))));
+                open = None;
+            }
+        }
+    }
+    if let Some((rim, mut relief)) = open {
+        // Not reached by a shape, which ends at its largest v; whatever comes, the relief cut has two sides.
+        let end = relief.last().map_or(rim, |piece| piece.to);
+        let close = Point::new(end.u, rim.v);
+        relief.push(Piece::straight(end, close, 0));
+        sections.bridge(rim, close, relief, 0);
+    }
+    sections
+}
+
+impl Sections {
+    fn keep(&mut self, piece: Piece) {
+        if piece.is_nothing() {
+            return;
+        }
+        match self.profile.last_mut() {
+            // Land and bridge are one cut.
+            Some(last) if last.is_flat() && piece.is_flat() => last.to.u = piece.to.u,
+            _ => self.profile.push(piece),
+        }
+    }
+
+    fn bridge(&mut self, rim: Point, close: Point, relief: Vec<Piece>, line: u32) {
+        let bottom = relief.iter().map(|piece| piece.to.v).fold(rim.v, f64::min);
+        self.keep(Piece::straight(rim, Point::new(close.u, rim.v), line));
+        if rim.v - bottom > SHALLOW && rim.u - close.u > SHALLOW {
+            self.reliefs.push(relief);
+        }
+    }
+}
+
+/// The levels of a section, from below its top to its bottom: equal steps of at most the infeed depth.
+pub(super) fn levels(top: f64, bottom: f64, mid: f64) -> Result<Vec<f64>, Fault> {
+    let depth = top - bottom;
+    if depth <= SHALLOW {
+        return Ok(Vec::new());
+    }
+    // A depth that is a whole number of infeeds but for the last digit needs no further level.
+    let count = (depth / mid - 1e-9).ceil().max(1.0);
+    if count > MOST_LEVELS {
+        return Err(Fault::InfeedDepth);
+    }
+    let step = depth / count;
+    let count = count as u32;
+    Ok((1..=count).map(|level| if level == count { bottom } else { top - step * f64::from(level) }).collect())
+}

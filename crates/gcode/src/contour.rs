@@ -1,0 +1,312 @@
+//! Contours of cycles of the third kind (PRE-4, PRE-8): a subprogram, or a stretch between two labels, read as lines and arcs.
+//!
+//! Invariant: a contour is carried out in a copy of the interpreter, so nothing of it moves or switches anything; what it may not
+//! hold is refused with the control's alarm (cycles, section 7.3). A path that has been determined once is kept with the pre-scan.
+
+use crate::call::CycleCall;
+use crate::canon::{ArcFeed, Canon, Plane, Step};
+use crate::control::{Label, plain_name};
+use crate::diag::Span;
+use crate::flow::{Flow, Stepped};
+use crate::interp::{Contours, Core, Interpreter, Planned, Taken};
+use crate::parse::LineReader;
+use crate::pose::{Axis, Pose};
+use crate::prescan::Prescan;
+use retrace_cycles::stock::{Corner, Element, Fault, Job, Kind, MoveKind, Point, Tip, Warning, plan};
+use retrace_cycles::{StockCall, StockFault, StockFeed, StockMove};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Lines that a contour may have.
+const MOST_LINES: u32 = 10_000;
+/// Paths that are kept.
+const MOST_PATHS: usize = 64;
+
+/// Paths that have been determined, by their jobs.
+#[derive(Debug, Default)]
+pub(crate) struct Paths(Mutex<Vec<(Job, Planned)>>);
+
+impl Clone for Paths {
+    /// They are determined anew.
+    fn clone(&self) -> Paths {
+        Paths::default()
+    }
+}
+
+impl Paths {
+    /// The path of a job, determined now unless it has been before.
+    fn of(&self, job: Job) -> Result<Planned, StockFault> {
+        // A thread that has panicked while it held the list has left it whole.
+        let mut paths = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, path)) = paths.iter().find(|(known, _)| *known == job) {
+            return Ok(path.clone());
+        }
+        let path = planned(&job)?;
+        if paths.len() < MOST_PATHS {
+            paths.push((job, path.clone()));
+        }
+        Ok(path)
+    }
+}
+
+/// What reads contours for a cycle of a program.
+pub(crate) struct ContourReader<'a> {
+    pub(crate) flow: &'a Flow,
+    pub(crate) prescan: Option<&'a Prescan>,
+    pub(crate) reader: LineReader,
+}
+
+impl Contours for ContourReader<'_> {
+    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<Planned, StockFault> {
+        let mut contour = Contour::new(core.state.plane);
+        self.read(core, call.contour, &mut contour)?;
+        let tool = core.tools.get(core.state.current_tool).unwrap_or_default();
+        let job = Job {
+            contour: contour.elements,
+            vari: call.vari,
+            mid: call.mid,
+            fal_z: call.fal_z,
+            fal_x: call.fal_x,
+            fal: call.fal,
+            dam: call.dam,
+            vrt: call.vrt,
+            nose_radius: core.to_program_unit(Axis::X, tool.diameter) / 2.0,
+            tip: Tip::of_orientation(tool.orientation as i32),
+            clearance_angle: tool.back_angle,
+            rough_compensated: true,
+            position: Some(point(&core.state.position, core.state.plane)),
+        };
+        match self.prescan {
+            Some(prescan) => prescan.paths.of(job),
+            None => planned(&job),
+        }
+    }
+}
+
+impl ContourReader<'_> {
+    fn read(&self, core: &Core, name: &str, contour: &mut Contour) -> Result<(), StockFault> {
+        let mut scratch = Interpreter::scratch(core.clone(), self.reader.clone());
+        if let Some((start, end)) = name.split_once(':') {
+            let lines = self.prescan.and_then(|prescan| prescan.between(start, end));
+            let lines = lines.ok_or_else(|| no_contour(name))?;
+            return between(lines.0, lines.1, &mut scratch, contour);
+        }
+        if let Some(sub) = self.flow.subs.find(0, &label(name)) {
+            return self.subprogram(self.flow.alone(sub), &mut scratch, contour);
+        }
+        let cycles = self.reader.cycles.as_deref();
+        match cycles.and_then(|cycles| cycles.find(name)) {
+            Some(id) => {
+                let call = CycleCall { id, name: name.into(), arguments: Arc::new([]), at: Span::default() };
+                let mut steps = Vec::new();
+                scratch
+                    .call_cycle(&call, &crate::interp::NoContours, &mut steps)
+                    .map_err(|fault| wrong(&fault.message))?;
+                contour.take(&steps, &scratch, false)
+            }
+            None => Err(no_contour(name)),
+        }
+    }
+
+    fn subprogram(
+        &self,
+        flow: Option<Flow>,
+        scratch: &mut Interpreter,
+        contour: &mut Contour,
+    ) -> Result<(), StockFault> {
+        let Some(mut flow) = flow else { return Ok(()) };
+        let mut steps = Vec::new();
+        for _ in 0..MOST_LINES {
+            steps.clear();
+            match flow.step(scratch, &mut steps).map_err(|fault| wrong(&fault.message))? {
+                Stepped::Block => {
+                    scratch.carry_out(&mut steps).map_err(|fault| wrong(&fault.message))?;
+                    contour.take(&steps, scratch, true)?;
+                }
+                Stepped::Jumped => {}
+                Stepped::Faulty => return Err(wrong("a block of it is refused")),
+                Stepped::Cycle(_) => return Err(refused(&Fault::Interpolation(scratch.line_number()))),
+                Stepped::Idle | Stepped::ProgramEnd => return Ok(()),
+            }
+        }
+        Err(wrong("it does not come to an end"))
+    }
+}
+
+/// The lines of a text, the first of which has this number.
+fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Contour) -> Result<(), StockFault> {
+    let mut steps = Vec::new();
+    for (index, line) in crate::lines::Split::new(text).enumerate() {
+        steps.clear();
+        let number = first.saturating_add(index as u32);
+        match scratch.take(number, line, &mut steps).map_err(|fault| wrong(&fault.message))? {
+            Taken::Done(_) => contour.take(&steps, scratch, true)?,
+            Taken::Control(_) => return Err(refused(&Fault::ChangeInside(number))),
+        }
+    }
+    Ok(())
+}
+
+/// The label of a subprogram of this name.
+pub(crate) fn label(name: &str) -> Label {
+    match name.parse() {
+        Ok(number) => Label::Number(number),
+        Err(_) => Label::Name(plain_name(name.as_bytes())),
+    }
+}
+
+fn no_contour(name: &str) -> StockFault {
+    StockFault { alarm: 61605, text: format!("there is no contour {name}") }
+}
+
+fn wrong(message: &str) -> StockFault {
+    StockFault { alarm: 61606, text: format!("contour: {message}") }
+}
+
+fn refused(fault: &Fault) -> StockFault {
+    let text = match fault.line() {
+        Some(line) => format!("contour, line {line}: {fault}"),
+        None => fault.to_string(),
+    };
+    StockFault { alarm: fault.number(), text }
+}
+
+/// A contour while it is read.
+struct Contour {
+    plane: Plane,
+    /// Where it stands; none before its first point.
+    at: Option<Point>,
+    elements: Vec<Element>,
+}
+
+impl Contour {
+    fn new(plane: Plane) -> Contour {
+        Contour { plane, at: None, elements: Vec::new() }
+    }
+
+    /// Takes what a block asks for; of a block of the program the first is checked for its words.
+    fn take(&mut self, steps: &[Step], scratch: &Interpreter, is_block: bool) -> Result<(), StockFault> {
+        let line = scratch.line_number();
+        if scratch.state().compensation.is_some() {
+            return Err(refused(&Fault::CompensationInside(line)));
+        }
+        for step in steps {
+            match &step.canon {
+                Canon::StraightTraverse(end) | Canon::StraightFeed(end) => {
+                    if self.at.is_none() && is_block {
+                        self.check_first(scratch, line)?;
+                    }
+                    let is_rapid = matches!(step.canon, Canon::StraightTraverse(_));
+                    let kind = if is_rapid { Kind::Rapid } else { Kind::Line };
+                    self.add(kind, point(end, self.plane), Point::default(), line);
+                }
+                Canon::ArcFeed(arc) => self.arc(arc, line)?,
+                Canon::SelectPlane(_)
+                | Canon::SelectTool(_)
+                | Canon::ChangeTool(_)
+                | Canon::UseToolLengthOffset(_)
+                | Canon::UseLengthUnits(_)
+                | Canon::SetG5xOffset { .. }
+                | Canon::SetG92Offset(_)
+                | Canon::SetXyRotation(_) => return Err(refused(&Fault::ChangeInside(line))),
+                Canon::StartSpeedFeedSynch { .. }
+                | Canon::RigidTap(_)
+                | Canon::NurbsFeed(_)
+                | Canon::StraightProbe(..) => return Err(refused(&Fault::Interpolation(line))),
+                // M, S and F are read over.
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn check_first(&self, scratch: &Interpreter, line: u32) -> Result<(), StockFault> {
+        let words = scratch.last_words();
+        if words.g(crate::groups::GroupG::Motion).is_none() {
+            return Err(refused(&Fault::MissingMotion(line)));
+        }
+        let [first, second, _] = self.plane.axes().map(|axis| axis.letter().to_ascii_lowercase());
+        if words.has(first) && words.has(second) { Ok(()) } else { Err(refused(&Fault::MissingAxis(line))) }
+    }
+
+    fn arc(&mut self, arc: &ArcFeed, line: u32) -> Result<(), StockFault> {
+        if arc.plane != self.plane {
+            return Err(refused(&Fault::ChangeInside(line)));
+        }
+        if arc.turns.abs() != 1 {
+            return Err(refused(&Fault::LongArc(line)));
+        }
+        let kind = if arc.turns < 0 { Kind::Clockwise } else { Kind::Counterclockwise };
+        let centre = Point::new(arc.first_centre, arc.second_centre);
+        self.add(kind, point(&arc.end, self.plane), centre, line);
+        Ok(())
+    }
+
+    fn add(&mut self, kind: Kind, end: Point, centre: Point, line: u32) {
+        if let Some(start) = self.at
+            && (start != end || matches!(kind, Kind::Clockwise | Kind::Counterclockwise))
+        {
+            self.elements.push(Element { kind, start, end, centre, corner: Corner::None, line });
+        }
+        self.at = Some(end);
+    }
+}
+
+fn point(pose: &Pose, plane: Plane) -> Point {
+    let [first, second, _] = plane.axes();
+    Point::new(pose[first], pose[second])
+}
+
+/// Determines a path.
+fn planned(job: &Job) -> Result<Planned, StockFault> {
+    let path = plan(job).map_err(|fault| refused(&fault))?;
+    let mut at = job.position.unwrap_or_default();
+    let moves = path.moves.iter().map(|step| {
+        let (motion, centre) = match step.kind {
+            MoveKind::Rapid => (0, [0.0; 2]),
+            MoveKind::Line => (1, [0.0; 2]),
+            MoveKind::Clockwise => (2, [step.centre.u - at.u, step.centre.v - at.v]),
+            MoveKind::Counterclockwise => (3, [step.centre.u - at.u, step.centre.v - at.v]),
+        };
+        at = step.end;
+        StockMove {
+            motion,
+            end: [step.end.u, step.end.v],
+            centre,
+            feed: feed(step.feed),
+            compensation: compensation(step.compensation),
+            dwell: step.dwell_after,
+        }
+    });
+    let moves = moves.collect();
+    let warnings = path.warnings.iter().filter_map(|warning| match warning {
+        // The cycle itself has said so.
+        Warning::SignDropped(_) => None,
+        Warning::ReliefLeftToFinishing(count) => {
+            Some(format!("{count} relief cuts close up under the allowances and are left to finishing"))
+        }
+        Warning::NoseLeavesStock(line) => {
+            Some(format!("contour, line {line}: the nose leaves stock that finishing meets"))
+        }
+    });
+    Ok(Planned { moves, warnings: warnings.collect() })
+}
+
+const fn feed(feed: retrace_cycles::stock::Feed) -> StockFeed {
+    use retrace_cycles::stock::Feed;
+    match feed {
+        Feed::Rapid => StockFeed::Rapid,
+        Feed::Rough => StockFeed::Rough,
+        Feed::Plunge => StockFeed::Plunge,
+        Feed::Finish => StockFeed::Finish,
+    }
+}
+
+const fn compensation(change: retrace_cycles::stock::Compensation) -> u8 {
+    use retrace_cycles::stock::Compensation;
+    match change {
+        Compensation::Unchanged => 0,
+        Compensation::Off => 40,
+        Compensation::Left => 41,
+        Compensation::Right => 42,
+    }
+}
