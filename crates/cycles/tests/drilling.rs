@@ -81,6 +81,7 @@ fn what_every_drilling_cycle_needs() {
         }
         assert_eq!(alarm(&call.replace("-20", "")), 61808, "{call}");
         assert_eq!(alarm(&call.replace("(10", "(-10")), 61101, "{call}");
+        assert_eq!(blocks_from(call, Recorder::default()).triggers, 0, "{call} calls no modal cycle");
         assert!(
             blocks(call).last().is_some_and(|last| last.contains("Z10") || call.contains("84") || call.contains("86"))
         );
