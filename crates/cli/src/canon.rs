@@ -2,8 +2,6 @@
 //!
 //! Invariant: what is printed depends on the program and the files named alone.
 
-use std::io::{BufWriter, Write};
-
 use retrace_controller::refusal::Refusal;
 use retrace_gcode::{CanonText, Setup, Severity};
 
@@ -22,7 +20,7 @@ pub fn run(args: &args::Canon) -> Result<(), Failure> {
     let program = Program::with_setup(&args.reading, Setup::rs274())?;
     let mut steps = Vec::new();
     let mut source = program.source();
-    let mut out = CanonText::new(BufWriter::with_capacity(1 << 16, std::io::stdout().lock()));
+    let mut out = CanonText::new(std::io::stdout().lock());
     let mut is_refused = false;
     loop {
         steps.clear();
@@ -46,7 +44,7 @@ pub fn run(args: &args::Canon) -> Result<(), Failure> {
             break;
         }
     }
-    let flushed = out.into_inner().flush();
+    let flushed = out.flush();
     if let Err(error) = flushed
         && error.kind() != std::io::ErrorKind::BrokenPipe
     {

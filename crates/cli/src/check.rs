@@ -2,7 +2,7 @@
 //!
 //! Invariant: it says exactly what `retrace run` would say before it moves.
 
-use retrace_gcode::Prescan;
+use retrace_gcode::{Prescan, Target};
 
 use crate::args;
 use crate::files;
@@ -50,8 +50,10 @@ fn print_table(prescan: &Prescan) {
             None => branch.kind.to_owned(),
         };
         let to = match branch.target {
-            Some((file, line)) => place(file, line),
-            None => "known when the program runs".to_owned(),
+            Target::Line { file, line } => place(file, line),
+            Target::Cycle => "compiled cycle".to_owned(),
+            Target::Calculated => "known when the program runs".to_owned(),
+            Target::Missing => "nothing".to_owned(),
         };
         say!("{:>6}  {from:<24} {what:<20} -> {to}", branch.number);
     }

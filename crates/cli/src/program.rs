@@ -3,7 +3,7 @@
 //! Invariant: a file is read once, so that what was checked is what is run. Standard input cannot be read twice: it is checked
 //! block by block as it runs.
 
-use std::io::{BufRead, BufReader, Cursor};
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -38,24 +38,14 @@ impl From<Refusal> for Failure {
 #[derive(Debug)]
 pub struct Program {
     name: String,
-    /// The text and what the pre-scan has found in it; none for standard input.
-    text: Option<(Arc<[u8]>, Arc<Prescan>)>,
+    /// The text, and what the pre-scan has found in it; none for standard input.
+    prescan: Option<Arc<Prescan>>,
     setup: Setup,
     has_tool_table: bool,
 }
 
 /// A program on its way through the interpreter.
 pub type Source = retrace_gcode::Program<Box<dyn BufRead + Send>>;
-
-/// The program's text, shared.
-#[derive(Clone, Debug)]
-struct Shared(Arc<[u8]>);
-
-impl AsRef<[u8]> for Shared {
-    fn as_ref(&self) -> &[u8] {
-        &self.0
-    }
-}
 
 impl Program {
     /// Opens what the command line names, for a machine in millimetres.
@@ -83,15 +73,15 @@ impl Program {
             setup.parameters = table(path, "parameter file", Parameters::read)?;
         }
         setup.block_delete = reading.block_delete;
+        setup.cycles = Some(Arc::new(retrace_gcode::cycles::Library::shipped()));
         setup.files = Some(Arc::new(subs::Folders::of(&reading.program, &reading.subs)));
-        let text = if is_stdin {
+        let prescan = if is_stdin {
             None
         } else {
-            let text: Arc<[u8]> = files::bytes(&reading.program, "program")?.into();
-            let prescan = Prescan::of(&name, Arc::clone(&text), &setup);
-            Some((text, Arc::new(prescan)))
+            let text = files::bytes(&reading.program, "program")?;
+            Some(Arc::new(Prescan::of(&name, text.into(), &setup)))
         };
-        Ok(Self { name, text, setup, has_tool_table: reading.tools.is_some() })
+        Ok(Self { name, prescan, setup, has_tool_table: reading.tools.is_some() })
     }
 
     /// Its name.
@@ -103,7 +93,7 @@ impl Program {
     /// Number of its lines, if it is a file.
     #[must_use]
     pub fn lines(&self) -> Option<u64> {
-        self.text.as_ref().map(|(text, _)| text.split_inclusive(|&b| b == b'\n').count() as u64)
+        self.prescan().map(Prescan::lines)
     }
 
     /// The program from its beginning.
@@ -115,11 +105,8 @@ impl Program {
     /// The program from its beginning, for whoever wants its canonical functions as they are.
     #[must_use]
     pub fn source(&self) -> Source {
-        match &self.text {
-            Some((text, prescan)) => {
-                let input = Box::new(Cursor::new(Shared(Arc::clone(text))));
-                Source::prescanned(input, Arc::clone(prescan), self.setup.clone())
-            }
+        match &self.prescan {
+            Some(prescan) => Source::prescanned(Arc::clone(prescan), self.setup.clone()),
             None => {
                 let input = Box::new(BufReader::with_capacity(1 << 16, std::io::stdin()));
                 Source::new(input, self.setup.clone())
@@ -133,7 +120,7 @@ impl Program {
     /// # Errors
     /// [`Failure::Program`] where it has errors.
     pub fn check<'m>(&self, machine: &'m Machine) -> Result<Option<Checked<'m>>, Failure> {
-        if self.text.is_none() {
+        if self.prescan.is_none() {
             return Ok(None);
         }
         let mut decoder = self.decoder();
@@ -165,10 +152,8 @@ impl Program {
 
     /// A diagnostic with its source line.
     fn show(&self, diagnostic: &Diagnostic) -> String {
-        let (name, line) = match &self.text {
-            Some((_, prescan)) => {
-                (prescan.file_name(diagnostic.file), prescan.line_text(diagnostic.file, diagnostic.line))
-            }
+        let (name, line) = match &self.prescan {
+            Some(prescan) => (prescan.file_name(diagnostic.file), prescan.line_text(diagnostic.file, diagnostic.line)),
             None => (self.name.as_str(), &[][..]),
         };
         diagnostic.render(name, &String::from_utf8_lossy(line))
@@ -177,7 +162,7 @@ impl Program {
     /// What the pre-scan has found; none for standard input.
     #[must_use]
     pub fn prescan(&self) -> Option<&Prescan> {
-        self.text.as_ref().map(|(_, prescan)| &**prescan)
+        self.prescan.as_deref()
     }
 
     fn line(&self, number: u32) -> String {

@@ -3,7 +3,6 @@
 //! Invariant: the program's own folder comes first, then those of the command line in their order; nothing outside of them is read.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use retrace_gcode::{SubFile, SubFiles};
 
@@ -27,7 +26,7 @@ impl SubFiles for Folders {
             return None;
         }
         let path = self.0.iter().map(|folder| folder.join(format!("{name}.ngc"))).find(|path| path.is_file())?;
-        let text = std::fs::read(&path).map(Arc::from).map_err(|error| error.to_string());
+        let text = std::fs::read(&path).map(Into::into).map_err(|error| error.to_string());
         Some(SubFile { name: path.display().to_string(), text })
     }
 }

@@ -3,6 +3,7 @@
 //! Invariant: a block says what its line says and no more; what depends on parameters is kept as operations and calculated when
 //! the block is carried out. Cleared and filled again, a block allocates nothing once its buffers have grown.
 
+use crate::call::CycleCall;
 use crate::codes::Code;
 use crate::control::Control;
 use crate::diag::{Outcome, Span, fault};
@@ -89,7 +90,7 @@ const fn index(letter: u8) -> usize {
 }
 
 impl Words {
-    fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         (self.present, self.g_present, self.m_present, self.m_count) = (0, 0, 0, 0);
     }
 
@@ -180,25 +181,27 @@ impl Words {
 
     /// Adds a G code; G80 gives way to another motion code.
     pub(crate) fn add_g(&mut self, value: f64, at: Span) -> Outcome<()> {
-        let tenths = (value * 10.0).round();
         if value < 0.0 {
             return negative(b'g', value, at);
         }
-        if (value * 10.0 - tenths).abs() > 0.001 || tenths > 999.0 {
+        // Rounded by hand: a call of the library would cost more than all the rest.
+        let tenths = (value * 10.0 + 0.5) as Tenths;
+        if (value * 10.0 - f64::from(tenths)).abs() > 0.001 || tenths > 999 {
             return fault(Code::UnknownG, at, format!("there is no G{value}"));
         }
-        let tenths = tenths as Tenths;
-        let name = name_of_g(tenths);
         let group = match group_of_g(tenths) {
             Known::CarriedOut(group) => group,
-            Known::NotYet => return fault(Code::UnsupportedG, at, format!("{name} is not supported yet")),
-            Known::No => return fault(Code::UnknownG, at, format!("there is no {name}")),
+            Known::NotYet => {
+                let message = format!("{} is not supported yet", name_of_g(tenths));
+                return fault(Code::UnsupportedG, at, message);
+            }
+            Known::No => return fault(Code::UnknownG, at, format!("there is no {}", name_of_g(tenths))),
         };
         match self.g(group) {
             Some(_) if group == GroupG::Motion && tenths == 800 => return Ok(()),
             Some(800) | None => {}
             Some(other) => {
-                let other = name_of_g(other);
+                let (other, name) = (name_of_g(other), name_of_g(tenths));
                 return fault(Code::TwoGOfGroup, at, format!("{other} and {name} exclude each other"));
             }
         }
@@ -343,6 +346,8 @@ pub(crate) struct Block {
     pub(crate) words: Words,
     pub(crate) remark: Option<Remark>,
     pub(crate) control: Option<Control>,
+    /// The cycle that the line calls.
+    pub(crate) cycle: Option<CycleCall>,
     pub(crate) ops: Vec<Op>,
     pub(crate) late: Vec<Late>,
 }
@@ -353,6 +358,7 @@ impl Block {
         self.words.clear();
         self.remark = None;
         self.control = None;
+        self.cycle = None;
         self.ops.clear();
         self.late.clear();
     }

@@ -21,8 +21,26 @@ pub struct Branch {
     pub kind: &'static str,
     /// The label of a call.
     pub label: Option<String>,
-    /// File and line where the program goes on when it branches.
-    pub target: Option<(u16, u32)>,
+    /// Where the program goes on when it branches.
+    pub target: Target,
+}
+
+/// Where a branch leads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// A line of a file.
+    Line {
+        /// The file; 0 is the program itself.
+        file: u16,
+        /// The line, from 1.
+        line: u32,
+    },
+    /// The compiled form of a cycle.
+    Cycle,
+    /// It is calculated when the program runs.
+    Calculated,
+    /// There is none: an error that the pre-scan tells.
+    Missing,
 }
 
 /// The rows of all files.
@@ -32,19 +50,22 @@ pub(crate) fn table(codes: &[Arc<Code>], subs: &Subs) -> Vec<Branch> {
         for line in 0..code.len() {
             let Some((kind, to)) = code.jump(line).and_then(kind_of) else { continue };
             let (label, target) = match to {
-                Target::Line(to) => (None, Some((code.file, behind(code, to)))),
-                Target::Call(call) => {
+                Leads::Line(to) => (None, Target::Line { file: code.file, line: behind(code, to) }),
+                Leads::Call(call) => {
                     let Some(call) = code.calls.get(call as usize) else { continue };
                     let sub = call.sub.and_then(|sub| subs.get(sub));
-                    let target = sub.and_then(|sub| {
+                    let line = sub.and_then(|sub| {
                         let code = codes.get(sub.code as usize)?;
-                        Some((code.file, code.line_number(sub.entry)))
+                        Some(Target::Line { file: code.file, line: code.line_number(sub.entry) })
                     });
-                    let label = match &call.label {
-                        Label::Calculated => "calculated".to_owned(),
-                        label => label.to_string(),
-                    };
-                    (Some(label), target)
+                    match &call.label {
+                        Label::Calculated => (None, Target::Calculated),
+                        label => (Some(label.to_string()), line.unwrap_or(Target::Missing)),
+                    }
+                }
+                Leads::Cycle(call) => {
+                    let name = code.cycles.get(call as usize).map(|call| call.name.to_string());
+                    (name, Target::Cycle)
                 }
             };
             let number = rows.len() as u32 + 1;
@@ -54,9 +75,10 @@ pub(crate) fn table(codes: &[Arc<Code>], subs: &Subs) -> Vec<Branch> {
     rows
 }
 
-enum Target {
+enum Leads {
     Line(u32),
     Call(u32),
+    Cycle(u32),
 }
 
 /// The number of a compiled line in its file; behind the last, the line behind it.
@@ -70,18 +92,20 @@ fn behind(code: &Code, line: u32) -> u32 {
     }
 }
 
-fn kind_of(jump: Jump) -> Option<(&'static str, Target)> {
+fn kind_of(jump: Jump) -> Option<(&'static str, Leads)> {
     Some(match jump {
-        Jump::None | Jump::Faulty | Jump::Pass | Jump::Return => return None,
-        Jump::Over { to } => ("sub", Target::Line(to)),
-        Jump::Call { call } => ("call", Target::Call(call)),
-        Jump::If { otherwise } => ("if", Target::Line(otherwise)),
-        Jump::ElseIf { otherwise, .. } => ("elseif", Target::Line(otherwise)),
-        Jump::Else { end } => ("else", Target::Line(end)),
-        Jump::While { end } => ("while", Target::Line(end)),
-        Jump::WhileOfDo { begin } => ("do while", Target::Line(begin)),
-        Jump::Repeat { end } => ("repeat", Target::Line(end)),
-        Jump::EndRepeat { begin } => ("endrepeat", Target::Line(begin)),
-        Jump::Leave { to, .. } => ("jump", Target::Line(to)),
+        Jump::None | Jump::Faulty | Jump::Pass | Jump::Return | Jump::ModalEnd => return None,
+        Jump::Cycle { call } => ("cycle", Leads::Cycle(call)),
+        Jump::ModalCall { call } => ("MCALL", Leads::Cycle(call)),
+        Jump::Over { to } => ("sub", Leads::Line(to)),
+        Jump::Call { call } => ("call", Leads::Call(call)),
+        Jump::If { otherwise } => ("if", Leads::Line(otherwise)),
+        Jump::ElseIf { otherwise, .. } => ("elseif", Leads::Line(otherwise)),
+        Jump::Else { end } => ("else", Leads::Line(end)),
+        Jump::While { end } => ("while", Leads::Line(end)),
+        Jump::WhileOfDo { begin } => ("do while", Leads::Line(begin)),
+        Jump::Repeat { end } => ("repeat", Leads::Line(end)),
+        Jump::EndRepeat { begin } => ("endrepeat", Leads::Line(begin)),
+        Jump::Leave { to, .. } => ("jump", Leads::Line(to)),
     })
 }

@@ -6,12 +6,15 @@ use crate::canon::{ArcFeed, Canon, FeedMode, LengthUnit, PathControl, Plane, Ste
 use crate::pose::{Axis, Pose};
 use std::io::{self, Write};
 
+/// Bytes that are gathered before they are written.
+const GATHERED: usize = 1 << 15;
+
 /// Writes steps in the form of `rs274 -g`: `    7 N0020  STRAIGHT_FEED(1.0000, …)`.
 #[derive(Debug)]
 pub struct CanonText<W> {
     out: W,
     lines: u64,
-    /// The line being made.
+    /// Lines that are to be written.
     text: Vec<u8>,
 }
 
@@ -21,30 +24,101 @@ impl<W: Write> CanonText<W> {
         CanonText { out, lines: 0, text: Vec::new() }
     }
 
-    /// Writes one step.
+    /// Takes one step; its line is written with those that follow, at the latest by [`CanonText::into_inner`].
     ///
     /// # Errors
     /// Those of the writer.
     pub fn write(&mut self, step: &Step) -> io::Result<()> {
-        if let Canon::Print(text) = &step.canon {
-            return writeln!(self.out, "{text}");
-        }
-        self.lines += 1;
         let text = &mut self.text;
-        text.clear();
-        write!(text, "{:5} ", self.lines)?;
-        match step.number {
-            Some(number) => write!(text, "{:<7}", format!("N{number}"))?,
-            None => text.extend_from_slice(b"N..... "),
+        if let Canon::Print(message) = &step.canon {
+            writeln!(text, "{message}")?;
+        } else {
+            self.lines += 1;
+            padded(text, self.lines);
+            match step.number {
+                Some(number) => block_number(text, number)?,
+                None => text.extend_from_slice(b"N..... "),
+            }
+            call(text, &step.canon)?;
+            text.push(b'\n');
         }
-        call(text, &step.canon)?;
-        text.push(b'\n');
-        self.out.write_all(text)
+        if self.text.len() < GATHERED { Ok(()) } else { self.flush() }
     }
 
-    /// The writer back.
-    pub fn into_inner(self) -> W {
-        self.out
+    /// Writes what has been gathered.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn flush(&mut self) -> io::Result<()> {
+        let written = self.out.write_all(&self.text);
+        self.text.clear();
+        written?;
+        self.out.flush()
+    }
+
+    /// The writer back, with everything written.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn into_inner(mut self) -> io::Result<W> {
+        self.flush()?;
+        Ok(self.out)
+    }
+}
+
+/// The counter, five characters wide, and a blank.
+fn padded(out: &mut Vec<u8>, count: u64) {
+    let digits = Digits::of(count);
+    let digits = digits.text();
+    out.extend_from_slice(&b"     "[digits.len().min(5)..]);
+    out.extend_from_slice(digits);
+    out.push(b' ');
+}
+
+/// N and its digits as they are written, seven characters wide.
+fn block_number(out: &mut Vec<u8>, number: crate::block::BlockNumber) -> io::Result<()> {
+    let start = out.len();
+    write!(out, "N{number}")?;
+    while out.len() < start + 7 {
+        out.push(b' ');
+    }
+    Ok(())
+}
+
+/// The digits of a number.
+struct Digits {
+    text: [u8; 20],
+    first: usize,
+}
+
+/// All pairs of digits.
+const PAIRS: [[u8; 2]; 100] = {
+    let mut pairs = [[0; 2]; 100];
+    let mut value = 0;
+    while value < 100 {
+        pairs[value] = [b'0' + (value / 10) as u8, b'0' + (value % 10) as u8];
+        value += 1;
+    }
+    pairs
+};
+
+impl Digits {
+    fn of(mut value: u64) -> Digits {
+        let mut digits = Digits { text: [b'0'; 20], first: 20 };
+        while value >= 100 {
+            digits.first -= 2;
+            digits.text[digits.first..digits.first + 2].copy_from_slice(&PAIRS[(value % 100) as usize]);
+            value /= 100;
+        }
+        let pair = PAIRS[(value % 100) as usize];
+        digits.first -= 2;
+        digits.text[digits.first..digits.first + 2].copy_from_slice(&pair);
+        digits.first += usize::from(value < 10);
+        digits
+    }
+
+    fn text(&self) -> &[u8] {
+        &self.text[self.first..]
     }
 }
 
@@ -130,27 +204,41 @@ fn list(out: &mut Vec<u8>, numbers: &[f64]) -> io::Result<()> {
 }
 
 /// A number with four decimals, rounded as `printf` does: from the exact value, a tie to even.
+#[inline]
 fn number(out: &mut Vec<u8>, value: f64) -> io::Result<()> {
+    if value.to_bits() == 0 {
+        out.extend_from_slice(b"0.0000");
+        return Ok(());
+    }
     let scaled = value.abs() * 10_000.0;
-    let whole = scaled.floor();
+    // Of what is no number or too large, the conversion gives the nearest there is, and the rest is then no fraction.
+    let whole = scaled as u32;
+    let fraction = scaled - f64::from(whole);
     // The product is off by less than 10⁻⁶ where it is below 10⁹, so what is farther from a tie rounds as the exact value does.
-    if scaled >= 1e9 || (scaled - whole - 0.5).abs() < 1e-6 || scaled.is_nan() {
+    if !(scaled < 1e9 && (fraction - 0.5).abs() >= 1e-6) {
         return write!(out, "{value:.4}");
     }
-    let rounded = scaled.round() as u64;
+    let rounded = whole + u32::from(fraction > 0.5);
+    let (integer, decimals) = (rounded / 10_000, rounded % 10_000);
+    // Room for a sign, five digits before the point and four behind it.
+    let mut text = *b"00000000.0000";
+    text[9..11].copy_from_slice(&PAIRS[(decimals / 100) as usize]);
+    text[11..13].copy_from_slice(&PAIRS[(decimals % 100) as usize]);
+    let mut first = 8;
+    let mut rest = integer;
+    while rest >= 100 {
+        first -= 2;
+        text[first..first + 2].copy_from_slice(&PAIRS[(rest % 100) as usize]);
+        rest /= 100;
+    }
+    first -= 2;
+    text[first..first + 2].copy_from_slice(&PAIRS[(rest % 100) as usize]);
+    first += usize::from(rest < 10);
     if value.is_sign_negative() {
-        out.push(b'-');
+        first -= 1;
+        text[first] = b'-';
     }
-    let mut digits = *b"0000000000";
-    let mut rest = rounded;
-    for digit in digits.iter_mut().rev() {
-        *digit += (rest % 10) as u8;
-        rest /= 10;
-    }
-    let leading = digits[..5].iter().take_while(|digit| **digit == b'0').count();
-    out.extend_from_slice(&digits[leading..6]);
-    out.push(b'.');
-    out.extend_from_slice(&digits[6..]);
+    out.extend_from_slice(&text[first..]);
     Ok(())
 }
 

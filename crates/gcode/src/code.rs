@@ -4,6 +4,7 @@
 //! out packed lines copies them into one working block and allocates nothing.
 
 use crate::block::{Block, BlockNumber, Item, Late};
+use crate::call::CycleCall;
 use crate::control::Label;
 use crate::expr::Op;
 use crate::remark::Remark;
@@ -59,6 +60,16 @@ pub(crate) enum Jump {
     },
     /// return, endsub, M99.
     Return,
+    /// Index into [`Code::cycles`].
+    Cycle {
+        call: u32,
+    },
+    /// MCALL with a cycle.
+    ModalCall {
+        call: u32,
+    },
+    /// MCALL alone.
+    ModalEnd,
 }
 
 /// A call: what it names, and which subprogram that is, once that is known.
@@ -92,6 +103,7 @@ pub(crate) struct Code {
     /// The file that it stands in, 0 for the program itself.
     pub(crate) file: u16,
     pub(crate) calls: Vec<CallSite>,
+    pub(crate) cycles: Vec<CycleCall>,
     lines: Vec<Line>,
     text: Vec<u8>,
     items: Vec<Item>,

@@ -138,7 +138,14 @@ codes! {
     TooMuchToKeep "E1812" "too much to keep" "The subprograms and loops of a program from standard input exceed 16 MiB." "Run the program from a file.";
     SubFile "E1813" "subprogram file cannot be used" "The file of a subprogram cannot be read, or holds no subprogram of its name." "Check the file: O<part> is looked for in part.ngc, which holds O<part> sub … O<part> endsub.";
 
+    NoSuchCycle "E1821" "no such cycle" "A name and a parenthesis begin the block, and no cycle has that name." "Check the name; `retrace cycles` lists those there are.";
+    BadCycleCall "E1822" "call of a cycle not understood" "The arguments are too many, of the wrong type or not closed, or something else stands in the block." "Write NAME(argument, argument, ...), numbers or \"texts\", empty where not programmed; `retrace cycles` shows the parameters.";
+    CycleAlarm "E1823" "cycle refused" "A cycle has raised an alarm about its arguments, its contour or the state it was called in; or a block of it is wrong." "The message says what; docs/cycles.md tells the alarms.";
+    NoContour "E1824" "no such contour" "No subprogram has the name that a cycle is given, and no labels stand in the program." "Give the name of a subprogram (O<NAME> sub ... endsub), or \"START:END\" with these labels in the program.";
+    ModalInCycle "E1825" "modal call not possible" "MCALL names a cycle that calls the modal cycle itself." "Give MCALL a drilling cycle.";
+
     TextAfterEnd "W1001" "text after the program's end" "Lines after M2, M30 or the closing percent sign are not read." "Remove them if they are not meant to be kept.";
+    CycleWarning "W1003" "cycle warns" "A cycle has found something legal and suspicious in its arguments." "The message says what; docs/cycles.md tells the alarms.";
     SpindleWithoutSpeed "W1002" "spindle started without a speed" "M3 or M4 is carried out while the spindle speed is zero." "Give an S word before.";
 }
 

@@ -1,8 +1,9 @@
-//! Lines that say where a program goes on: O words, M98 and M99.
+//! Lines that say where a program goes on: O words, M98 and M99, calls of cycles.
 //!
 //! Invariant: such a line holds its label, one keyword and values in brackets, and nothing else but comments.
 
 use crate::block::{Block, Slot};
+use crate::call;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
 use crate::expr::{Compiler, OpKind};
@@ -54,6 +55,12 @@ pub(crate) enum Keyword {
     /// M98: the values are P, the number, and L, how often.
     M98,
     M99,
+    /// The call of a cycle.
+    Cycle,
+    /// MCALL with a cycle.
+    ModalCall,
+    /// MCALL alone.
+    ModalEnd,
 }
 
 impl Keyword {
@@ -78,6 +85,8 @@ impl Keyword {
             Keyword::Start => "start",
             Keyword::M98 => "M98",
             Keyword::M99 => "M99",
+            Keyword::Cycle => "cycle",
+            Keyword::ModalCall | Keyword::ModalEnd => "MCALL",
         }
     }
 
@@ -106,7 +115,7 @@ const KEYWORDS: [(&[u8], Keyword); 15] = [
     (b"continue", Keyword::Continue),
 ];
 
-/// The O word of a line, or its M98 or M99.
+/// The O word of a line, or its M98, M99 or cycle.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Control {
     pub(crate) label: Label,
@@ -118,15 +127,13 @@ pub(crate) struct Control {
 #[inline]
 pub(crate) fn may_be(text: &[u8]) -> bool {
     let mut cursor = Cursor::new(text);
-    match cursor.peek() {
-        b'o' | b'm' | b'n' | b'/' => {}
-        _ => return false,
+    if matches!(cursor.peek(), b'n' | b'/') {
+        begin(&mut cursor);
     }
-    begin(&mut cursor);
     match cursor.peek() {
         b'o' => true,
-        b'm' => fanuc(&mut cursor).is_some(),
-        _ => false,
+        b'm' if fanuc(&mut cursor).is_some() => true,
+        _ => call::may_begin(&mut cursor),
     }
 }
 

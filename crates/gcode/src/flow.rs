@@ -3,6 +3,7 @@
 //! Invariant: a jump is one look at the compiled line; a call's loops end with it. Nothing is allocated once the calls have been as
 //! deep as they get.
 
+use crate::call::CycleCall;
 use crate::code::{Code, Jump, SubId};
 use crate::codes::Code as Number;
 use crate::control::Label;
@@ -44,6 +45,8 @@ struct Level {
 pub(crate) enum Stepped {
     /// A block, which is now to be carried out.
     Block,
+    /// The call of a cycle, which is now to be run.
+    Cycle(CycleCall),
     /// It only said where to go on.
     Jumped,
     /// It was refused when it was compiled.
@@ -171,6 +174,16 @@ impl Flow {
                 level.next = to;
             }
             Jump::Return => return self.leave(interpreter),
+            Jump::Cycle { call } => match level.code.cycles.get(call as usize) {
+                Some(call) => return Ok(Stepped::Cycle(call.clone())),
+                None => {}
+            },
+            Jump::ModalCall { call } => {
+                if let Some(call) = level.code.cycles.get(call as usize) {
+                    interpreter.begin_modal(call)?;
+                }
+            }
+            Jump::ModalEnd => interpreter.end_modal(),
         }
         Ok(Stepped::Jumped)
     }

@@ -11,7 +11,7 @@
 //! for step in program {
 //!     text.write(&step)?;
 //! }
-//! let text = String::from_utf8_lossy(&text.into_inner()).into_owned();
+//! let text = String::from_utf8_lossy(&text.into_inner()?).into_owned();
 //! assert!(text.contains("    9 N..... STRAIGHT_FEED(10.0000, 0.0000, 0.0000, 0.0000, 0.0000, 0.0000)"));
 //! # Ok::<(), std::io::Error>(())
 //! ```
@@ -24,6 +24,7 @@ mod angle;
 mod arriving;
 mod block;
 mod branch;
+mod call;
 mod canon;
 mod canon_text;
 mod code;
@@ -50,16 +51,18 @@ mod system;
 mod tool;
 
 pub use block::BlockNumber;
-pub use branch::Branch;
+pub use branch::{Branch, Target};
 pub use canon::{ArcFeed, Canon, FeedMode, LengthUnit, PathControl, Plane, Step};
 pub use canon_text::CanonText;
 pub use codes::Code;
 pub use compensation::{Compensation, Side};
 pub use diag::{Diagnostic, Severity, Span};
 pub use interp::{BlockRefused, Flow, Interpreter, Setup};
+pub use lines::Text;
 pub use modal::{ArcCentres, Distance, Motion, Spindle, State};
 pub use params::Parameters;
 pub use pose::{Axis, AxisSet, Pose};
 pub use prescan::{Prescan, SubFile, SubFiles};
 pub use program::{Program, Progress, Steps, check};
+pub use retrace_cycles as cycles;
 pub use tool::{Tool, ToolTable};

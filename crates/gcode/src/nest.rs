@@ -67,6 +67,13 @@ impl Nest {
         };
         let at = code.len();
         code.push(line, text, block, Jump::Faulty);
+        if let Some(cycle) = &block.cycle {
+            let call = code.cycles.len() as u32;
+            code.cycles.push(cycle.clone());
+            let is_modal = control.keyword == Keyword::ModalCall;
+            code.set_jump(at, if is_modal { Jump::ModalCall { call } } else { Jump::Cycle { call } });
+            return;
+        }
         match self.jump(code, at, line, control) {
             Ok(jump) => code.set_jump(at, jump),
             Err(fault) => self.faults.push((line, fault)),
@@ -130,6 +137,7 @@ impl Nest {
                 _ => return nothing_open(control),
             },
             Keyword::M99 => Jump::Return,
+            Keyword::Cycle | Keyword::ModalCall | Keyword::ModalEnd => Jump::ModalEnd,
             Keyword::Start => {
                 self.found.push(Found { label: control.label.clone(), entry: at + 1, for_m98: true, line });
                 Jump::Pass

@@ -3,6 +3,7 @@
 //! Invariant: every character of the line is understood, or the line is refused with the place of the first that is not.
 
 use crate::block::{Block, BlockNumber, Slot};
+use crate::call;
 use crate::codes::Code;
 use crate::control;
 use crate::diag::{Outcome, Span, fault};
@@ -11,6 +12,8 @@ use crate::lex::Cursor;
 use crate::params::Names;
 use crate::pose::{Axis, AxisSet};
 use crate::remark::Remark;
+use retrace_cycles::Library;
+use std::sync::Arc;
 
 /// Longest line in bytes, without its end, as in LinuxCNC.
 pub(crate) const LONGEST_LINE: usize = 252;
@@ -21,13 +24,15 @@ pub(crate) struct LineReader {
     pub(crate) axes: AxisSet,
     pub(crate) block_delete: bool,
     pub(crate) names: Names,
+    /// The cycles that a program may call.
+    pub(crate) cycles: Option<Arc<Library>>,
     /// The line compiled last.
     pub(crate) block: Block,
 }
 
 impl LineReader {
-    pub(crate) fn new(axes: AxisSet, block_delete: bool) -> LineReader {
-        LineReader { axes, block_delete, names: Names::default(), block: Block::default() }
+    pub(crate) fn new(axes: AxisSet, block_delete: bool, cycles: Option<Arc<Library>>) -> LineReader {
+        LineReader { axes, block_delete, names: Names::default(), cycles, block: Block::default() }
     }
 
     /// Compiles a line; false when it is deleted.
@@ -40,13 +45,13 @@ impl LineReader {
             self.block.clear();
             return Ok(false);
         }
-        parse(text, self.axes, &mut self.names, &mut self.block)?;
+        parse(text, self.axes, &mut self.names, self.cycles.as_deref(), &mut self.block)?;
         Ok(true)
     }
 }
 
 /// Compiles a line into `block`, which is cleared first.
-fn parse(text: &[u8], axes: AxisSet, names: &mut Names, block: &mut Block) -> Outcome<()> {
+fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>, block: &mut Block) -> Outcome<()> {
     block.clear();
     check_text(text)?;
     let mut cursor = Cursor::new(text);
@@ -59,6 +64,12 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, block: &mut Block) -> Ou
         && let Some(keyword) = control::fanuc(&mut cursor)
     {
         return control::parse_fanuc(keyword, &mut cursor, names, block);
+    }
+    if call::may_begin(&mut cursor) {
+        call::label(&mut cursor);
+        if call::may_begin(&mut cursor) && call::parse(&mut cursor, names, cycles, block)? {
+            return Ok(());
+        }
     }
     loop {
         let letter = cursor.peek();

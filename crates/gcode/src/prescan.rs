@@ -9,7 +9,7 @@ use crate::codes::Code as Number;
 use crate::control::{Control, Keyword, Label, may_be};
 use crate::diag::{Diagnostic, Fault, Span};
 use crate::interp::Setup;
-use crate::lines::Split;
+use crate::lines::{Split, Text};
 use crate::nest::Nest;
 use crate::parse::LineReader;
 use std::collections::HashMap;
@@ -28,14 +28,14 @@ pub struct SubFile {
     /// How messages call it.
     pub name: String,
     /// Its text, or why it cannot be read.
-    pub text: Result<Arc<[u8]>, String>,
+    pub text: Result<Text, String>,
 }
 
 /// A file of a program.
 #[derive(Clone, Debug)]
 struct File {
     name: String,
-    text: Arc<[u8]>,
+    text: Text,
 }
 
 /// A stretch of lines that was compiled: a subprogram, a loop, a branch, a call.
@@ -104,13 +104,13 @@ pub struct Prescan {
 impl Prescan {
     /// Looks through a program.
     #[must_use]
-    pub fn of(name: &str, text: Arc<[u8]>, setup: &Setup) -> Prescan {
+    pub fn of(name: &str, text: Text, setup: &Setup) -> Prescan {
         let mut prescan = Prescan {
             files: Vec::new(),
             codes: Vec::new(),
             regions: Vec::new(),
             subs: Subs::default(),
-            reader: LineReader::new(setup.axes, setup.block_delete),
+            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone()),
             diagnostics: Vec::new(),
         };
         prescan.add_file(name.to_owned(), text);
@@ -142,18 +142,29 @@ impl Prescan {
         Split::new(text).nth(line.saturating_sub(1) as usize).unwrap_or_default()
     }
 
+    /// How many lines the program has.
+    #[must_use]
+    pub fn lines(&self) -> u64 {
+        Split::new(&self.text()).count() as u64
+    }
+
+    /// The program's text.
+    pub(crate) fn text(&self) -> Text {
+        self.files.first().map(|file| file.text.clone()).unwrap_or_default()
+    }
+
     /// The branch table: every place where the program may go on elsewhere, numbered in order, with its target (PRE-5).
     #[must_use]
     pub fn branches(&self) -> Vec<Branch> {
         crate::branch::table(&self.codes, &self.subs)
     }
 
-    fn add_file(&mut self, name: String, text: Arc<[u8]>) {
+    fn add_file(&mut self, name: String, text: Text) {
         let file = self.files.len() as u16;
-        self.files.push(File { name, text: Arc::clone(&text) });
-        let starts = called_starts(&text);
-        let mut file = FileScan { prescan: self, file, code: Code::new(file), nest: Nest::default(), starts };
-        file.scan(&text);
+        self.files.push(File { name, text: text.clone() });
+        let mut file =
+            FileScan { prescan: self, file, code: Code::new(file), nest: Nest::default(), starts: None, text: &text };
+        file.scan();
         let FileScan { code, .. } = file;
         self.codes.push(Arc::new(code));
     }
@@ -232,7 +243,7 @@ pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> Fault {
 
 /// Lines of O numbers that M98 calls, with the line of the M99 that follows.
 fn called_starts(text: &[u8]) -> Vec<(u32, u32)> {
-    let mut reader = LineReader::new(crate::pose::AxisSet::ALL, false);
+    let mut reader = LineReader::new(crate::pose::AxisSet::ALL, false, None);
     let (mut starts, mut called, mut ranges) = (Vec::new(), Vec::new(), Vec::new());
     let mut open: Vec<(u32, u64)> = Vec::new();
     for (index, line) in Split::new(text).enumerate() {
@@ -262,13 +273,14 @@ struct FileScan<'a> {
     file: u16,
     code: Code,
     nest: Nest,
-    /// Stretches that M98 calls: their first and their last line.
-    starts: Vec<(u32, u32)>,
+    /// Stretches that M98 calls: their first and their last line; looked for when the first O number alone is met.
+    starts: Option<Vec<(u32, u32)>>,
+    text: &'a [u8],
 }
 
 impl FileScan<'_> {
-    fn scan(&mut self, text: &[u8]) {
-        let mut lines = Split::new(text);
+    fn scan(&mut self) {
+        let mut lines = Split::new(self.text);
         let mut line = 0;
         let mut percent = false;
         loop {
@@ -304,7 +316,10 @@ impl FileScan<'_> {
         let Ok(true) = self.prescan.reader.read(text) else { return false };
         let Some(control) = &self.prescan.reader.block.control else { return false };
         match control.keyword {
-            Keyword::Start => self.starts.iter().any(|(first, _)| *first == line),
+            Keyword::Start => {
+                let starts = self.starts.get_or_insert_with(|| called_starts(self.text));
+                starts.iter().any(|(first, _)| *first == line)
+            }
             Keyword::M99 => false,
             _ => true,
         }
@@ -331,7 +346,7 @@ impl FileScan<'_> {
                 }
                 return None;
             };
-            if let Some((_, end)) = self.starts.iter().find(|(start, _)| *start == line) {
+            if let Some((_, end)) = self.starts.iter().flatten().find(|(start, _)| *start == line) {
                 last = last.max(*end);
             }
             match self.prescan.reader.read(text) {

@@ -10,7 +10,7 @@ use crate::control::{Control, Keyword};
 use crate::diag::{Diagnostic, Fault, Outcome, Span};
 use crate::flow::{Flow, Stepped};
 use crate::interp::{self, Interpreter, Setup, Taken};
-use crate::lines::Lines;
+use crate::lines::{Lines, Text};
 use crate::prescan::Prescan;
 use std::borrow::Cow;
 use std::io::BufRead;
@@ -58,8 +58,12 @@ pub struct Program<R> {
 impl<R: BufRead> Program<R> {
     /// A program that arrives line by line, before its first line: jumps reach what has arrived.
     pub fn new(input: R, setup: Setup) -> Program<R> {
+        Program::over(Lines::new(input), setup)
+    }
+
+    fn over(lines: Lines<R>, setup: Setup) -> Program<R> {
         Program {
-            lines: Lines::new(input),
+            lines,
             interpreter: Interpreter::new(setup),
             flow: Flow::default(),
             prescan: None,
@@ -71,9 +75,10 @@ impl<R: BufRead> Program<R> {
         }
     }
 
-    /// A program that has been looked through, before its first line; `input` gives the same text again, and `setup` is the same.
-    pub fn prescanned(input: R, prescan: Arc<Prescan>, setup: Setup) -> Program<R> {
-        let mut program = Program::new(input, setup);
+    /// A program that has been looked through, before its first line; `setup` is the one that it was looked through with.
+    #[must_use]
+    pub fn prescanned(prescan: Arc<Prescan>, setup: Setup) -> Program<R> {
+        let mut program = Program::over(Lines::of_text(prescan.text()), setup);
         *program.interpreter.reader_mut() = prescan.reader.clone();
         for diagnostic in prescan.diagnostics() {
             program.interpreter.record(diagnostic.clone());
@@ -117,6 +122,10 @@ impl<R: BufRead> Program<R> {
                 interp::Flow::Continue => Ok(Progress::Line),
                 interp::Flow::ProgramEnd => Ok(self.end_of_program(steps)),
             },
+            Stepped::Cycle(call) => {
+                self.interpreter.call_cycle(&call, &interp::NoContours, steps)?;
+                Ok(Progress::Line)
+            }
             Stepped::Jumped => Ok(Progress::Line),
             Stepped::Faulty => Ok(Progress::Refused),
             Stepped::Idle => self.own_line(steps),
@@ -360,10 +369,9 @@ impl<R: BufRead> Iterator for Steps<R> {
 
 /// Goes through a whole program and tells everything that is wrong with it; nothing moves.
 #[must_use]
-pub fn check(text: impl Into<Arc<[u8]>>, setup: Setup) -> Vec<Diagnostic> {
-    let text: Arc<[u8]> = text.into();
-    let prescan = Arc::new(Prescan::of("program", Arc::clone(&text), &setup));
-    let mut program = Program::prescanned(&text[..], prescan, setup);
+pub fn check(text: impl Into<Text>, setup: Setup) -> Vec<Diagnostic> {
+    let prescan = Arc::new(Prescan::of("program", text.into(), &setup));
+    let mut program = Program::<&[u8]>::prescanned(prescan, setup);
     let mut steps = Vec::new();
     let mut lines = 0_u32;
     while program.advance(&mut steps) != Progress::End {

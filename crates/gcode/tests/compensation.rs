@@ -15,7 +15,7 @@ fn calls(program: &str) -> Vec<String> {
     for step in Program::new(program.as_bytes(), setup()) {
         text.write(&step).expect("writing to memory");
     }
-    let text = String::from_utf8(text.into_inner()).expect("text");
+    let text = String::from_utf8(text.into_inner().expect("memory")).expect("text");
     let calls = text.lines().skip(6).map(|line| line[13..].to_owned());
     calls.take_while(|call| !call.starts_with("SET_G5X") && call != "ON_RESET()").collect()
 }

@@ -16,7 +16,7 @@ use crate::tool::ToolTable;
 
 /// State and data that blocks work on.
 #[derive(Clone, Debug)]
-pub(super) struct Core {
+pub(crate) struct Core {
     pub(super) machine_units: LengthUnit,
     pub(super) state: State,
     pub(super) parameters: Parameters,

@@ -7,6 +7,7 @@ mod arc;
 mod check;
 mod core;
 mod cutter;
+mod cycle;
 mod execute;
 mod joint;
 mod modes;
@@ -16,7 +17,9 @@ mod queue;
 mod refusals;
 mod stop;
 
-use self::core::{BlockEnvironment, Core, Emit};
+pub(crate) use self::core::Core;
+use self::core::{BlockEnvironment, Emit};
+pub(crate) use self::cycle::{Contours, NoContours};
 pub(crate) use self::queue::{Point, Queue, UNSHIFTED};
 use crate::block::{Assignment, Words};
 use crate::canon::{Canon, LengthUnit, Step};
@@ -30,6 +33,7 @@ use crate::parse::LineReader;
 use crate::pose::{AxisSet, Pose};
 use crate::prescan::SubFiles;
 use crate::tool::ToolTable;
+use retrace_cycles::Library;
 use std::sync::Arc;
 
 /// Errors after which nothing more is checked; of warnings, no more are kept.
@@ -48,6 +52,8 @@ pub struct Setup {
     pub tools: ToolTable,
     /// What earlier programs have left.
     pub parameters: Parameters,
+    /// The cycles that a program may call.
+    pub cycles: Option<Arc<Library>>,
     /// Where subprograms in files of their own are found.
     pub files: Option<Arc<dyn SubFiles>>,
     /// Whether lines that begin with a slash are left out.
@@ -65,6 +71,7 @@ impl Default for Setup {
             axes: AxisSet::XYZ,
             tools: ToolTable::samples(LengthUnit::Millimetre),
             parameters: Parameters::default(),
+            cycles: None,
             files: None,
             block_delete: false,
             position: Pose::ZERO,
@@ -112,6 +119,8 @@ pub struct BlockRefused;
 pub struct Interpreter {
     core: Core,
     reader: LineReader,
+    /// Cycles, once the program has called one.
+    cycles: Option<Box<cycle::Cycles>>,
     words: Words,
     assignments: Vec<Assignment>,
     file: u16,
@@ -134,7 +143,8 @@ impl Interpreter {
         core.take_up_parameters(&setup.position);
         Interpreter {
             core,
-            reader: LineReader::new(setup.axes, setup.block_delete),
+            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles),
+            cycles: None,
             words: Words::default(),
             assignments: Vec::new(),
             file: 0,
@@ -266,7 +276,7 @@ impl Interpreter {
         // Taken out for the block: what the block asks for goes either into it or out.
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let (line, number) = (self.line, self.reader.block.number);
-        let mut emit = Emit { line, number, steps, waiting: &mut waiting, warning: None };
+        let mut emit = Emit { line, number, steps: &mut *steps, waiting: &mut waiting, warning: None };
         if let Some(remark) = &self.reader.block.remark {
             let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
             let show_debug = self.core.parameters.get(SHOW_DEBUG) > 0.0;
@@ -274,11 +284,15 @@ impl Interpreter {
                 emit.call(canon);
             }
         }
+        let moves = matches!(motion, check::MotionToBe::Move(_)) && words.has_any(b"xyz");
         let flow = self.core.execute(words, motion, &mut emit);
         let warning = emit.warning;
         self.core.state.waiting = waiting;
         if let Some((code, at)) = warning {
             self.report(Fault::plain(code, at));
+        }
+        if moves && self.has_modal() && flow.is_ok() {
+            self.modal_cycle(steps)?;
         }
         flow
     }

@@ -10,9 +10,8 @@ pub(crate) fn canon_text(program: &str) -> (String, bool) {
 
 /// The same with another setup.
 pub(crate) fn canon_text_with(program: &str, setup: Setup) -> (String, bool) {
-    let text: Arc<[u8]> = program.as_bytes().into();
-    let prescan = Prescan::of("program.ngc", Arc::clone(&text), &setup);
-    let mut program = Program::prescanned(&text[..], Arc::new(prescan), setup);
+    let prescan = Prescan::of("program.ngc", program.into(), &setup);
+    let mut program = Program::<&[u8]>::prescanned(Arc::new(prescan), setup);
     let mut text = CanonText::new(Vec::new());
     let mut steps = Vec::new();
     loop {
@@ -28,5 +27,5 @@ pub(crate) fn canon_text_with(program: &str, setup: Setup) -> (String, bool) {
         }
     }
     let failed = program.interpreter().diagnostics().iter().any(|found| found.severity() == Severity::Error);
-    (String::from_utf8(text.into_inner()).expect("text"), failed)
+    (String::from_utf8(text.into_inner().expect("memory")).expect("text"), failed)
 }
