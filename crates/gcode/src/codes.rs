@@ -118,6 +118,7 @@ codes! {
     CompensationGouge "E1658" "tool would cut into the path" "Between two concave corners the move is too short for the tool, which would cut into its neighbours." "Use a smaller tool, or leave the short move out.";
     CompensationArc "E1659" "arc too small for the tool" "The tool runs on the inside of an arc whose radius is not greater than its own." "Use a smaller tool, or a greater radius.";
     CompensationLate "E1660" "concave corner after a stop" "The move before the corner has run to its end before M0, M1 or M60, and would have to end earlier." "Put the stop into another block of the path, or switch compensation off around it.";
+    CompensationPosition "E1661" "position not known under cutter compensation" "An expression reads #5420 to #5428 between G41 or G42 and G40, while the last move waits for its end." "Read it before, or use the programmed position that the program itself keeps.";
 
     ToolUnknown "E1701" "tool not in the tool table" "No line of the tool table has this tool number." "Add the tool to the table, or correct the number.";
     ToolTableLine "E1702" "tool table not understood" "A line of the tool table has no T word, an unknown word or a bad number." "Write lines such as T1 P1 Z0.5 D0.25 ;comment.";

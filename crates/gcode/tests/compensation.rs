@@ -133,6 +133,8 @@ fn each_block_that_cannot_be_is_refused_by_its_number() {
     }
     for (blocks, number) in [
         ("G42", "E1652"),
+        ("#1=#5420", "E1661"),
+        ("(debug,#5420)\nX[#5428]", "E1661"),
         ("G40\nG2 X30 R10", "E1655"),
         ("G3 X21 Y1 R1", "E1659"),
         ("Y.5\nX0", "E1658"),

@@ -48,7 +48,12 @@ impl Core {
                 emit.call(Canon::Note("interpreter: motion mode set to none"));
                 self.state.motion = None;
             }
-            MotionToBe::Move(motion) => self.move_along(motion, words, emit)?,
+            MotionToBe::Move(motion) => {
+                if self.state.compensation.is_some() {
+                    refusals::motion(motion, words)?;
+                }
+                self.move_along(motion, words, emit)?;
+            }
         }
         match words.m(GroupM::Stop) {
             Some(code) => self.stop(code, words.m_span(GroupM::Stop), emit),

@@ -1,5 +1,7 @@
 //! Random valid programs.
 
+mod compensated;
+
 /// A small generator of random numbers, the same on every machine.
 pub(crate) struct Random(u64);
 
@@ -113,7 +115,7 @@ impl Writer {
     }
 
     fn block(&mut self) {
-        match self.random.below(36) {
+        match self.random.below(37) {
             0..=9 => self.straight(),
             10..=13 => self.arc(),
             14..=16 => self.assignment(),
@@ -131,6 +133,7 @@ impl Writer {
             31 => self.path_control(),
             32 => self.anything(),
             33 | 34 => self.control(5),
+            35 => self.compensated(),
             _ => {
                 let words = vec![self.axis_words(2).join(""), format!("F{}", self.random.below(99) + 1)];
                 self.line(words);
