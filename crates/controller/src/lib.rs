@@ -19,6 +19,7 @@ pub mod scan;
 pub mod script;
 pub mod session;
 pub mod sink;
+pub mod spline;
 pub mod start;
 pub mod supply;
 pub mod switching;

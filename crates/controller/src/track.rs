@@ -3,7 +3,7 @@
 //! Invariant: units, offsets and rotation are applied here and nowhere else; a move of an axis that the machine does not have is
 //! refused, and what no rule here knows is refused by name.
 
-use retrace_gcode::{Axis, Canon, LengthUnit, PathControl, Plane, Pose};
+use retrace_gcode::{Axis, Canon, FeedMode, LengthUnit, Nurbs, PathControl, Plane, Pose};
 use retrace_link::{Change, channel};
 use retrace_motion::{Arc, Feed, MoveError, PathMode};
 
@@ -12,7 +12,11 @@ use crate::item::Kind;
 use crate::job::Finding;
 use crate::machine::Machine;
 use crate::sink::Sink;
+use crate::spline::chords;
 use crate::switching::Class;
+
+/// Chords of splines come no nearer than this has to be, mm.
+const LEAST_DEVIATION_MM: f64 = 0.001;
 
 /// Why a canonical function cannot be run on this machine.
 #[derive(Clone, Debug, PartialEq)]
@@ -135,6 +139,7 @@ impl<'m> Track<'m> {
             Canon::StraightTraverse(end) => self.straight(end, Feed::Rapid, line, sink),
             Canon::StraightFeed(end) => self.straight(end, self.feed(), line, sink),
             Canon::ArcFeed(arc) => self.arc(arc, line, sink),
+            Canon::NurbsFeed(spline) => self.spline(spline, line, sink),
             Canon::UseLengthUnits(unit) => self.state(|t| t.unit = *unit),
             Canon::SetG5xOffset { offset, .. } => self.state(|t| t.g5x = t.in_mm(offset)),
             Canon::SetG92Offset(offset) => self.state(|t| t.g92 = t.in_mm(offset)),
@@ -253,6 +258,38 @@ impl<'m> Track<'m> {
         Ok(())
     }
 
+    /// Chords within a tenth of the blend tolerance, and a micrometre at least.
+    fn spline<const A: usize>(
+        &mut self,
+        spline: &Nurbs,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        let (deviation_mm, inside) = match self.path {
+            PathMode::Blend { tolerance_mm } => ((tolerance_mm / 10.0).max(LEAST_DEVIATION_MM), self.path),
+            _ => (LEAST_DEVIATION_MM, PathMode::Blend { tolerance_mm: LEAST_DEVIATION_MM }),
+        };
+        // The mode in force is that of the spline's end; inside, a chord is no block of its own.
+        let mut held = None;
+        let feed = self.feed();
+        chords(spline, deviation_mm / self.unit.millimetres(), |(x, y)| {
+            let mut position = self.machine_position(&Pose::xyz(x, y, 0.0));
+            for axis in &Axis::ALL[2..] {
+                position[*axis] = self.at[*axis];
+            }
+            let own: [f64; A] = self.of_machine(&position)?;
+            if let Some(before) = held.replace(own) {
+                sink.straight(before, feed, inside, line)?;
+            }
+            self.at = position;
+            Ok::<(), Untrackable>(())
+        })?;
+        match held {
+            Some(last) => Ok(sink.straight(last, feed, self.path, line)?),
+            None => Ok(()),
+        }
+    }
+
     fn switching<const A: usize>(
         &mut self,
         canon: &Canon,
@@ -297,6 +334,18 @@ impl<'m> Track<'m> {
             // the switch for optional stops is off; no pallet to move
             Canon::OptionalProgramStop | Canon::PalletShuttle => Ok(()),
             Canon::SetSpindleMode(css) if *css > 0.0 => Err(Untrackable::NotSupported("constant surface speed (G96)")),
+            // these wait for a spindle whose turning the card can follow
+            Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => Err(Untrackable::NotSupported("feed per turn (G95)")),
+            Canon::StartSpeedFeedSynch { .. } => Err(Untrackable::NotSupported("thread cutting (G33, G76)")),
+            Canon::RigidTap(_) => Err(Untrackable::NotSupported("rigid tapping (G33.1)")),
+            Canon::OrientSpindle { .. } | Canon::WaitSpindleOrientComplete(_) => {
+                Err(Untrackable::NotSupported("orienting the spindle (M19, G87)"))
+            }
+            Canon::StraightProbe(..) => Err(Untrackable::NotSupported("probing (G38)")),
+            Canon::Wait(_) => Err(Untrackable::NotSupported("waiting for an input (M66)")),
+            Canon::SetMotionOutputValue { .. } => Err(Untrackable::NotSupported("an analog output (M67)")),
+            Canon::SetAuxOutputValue { .. } => Err(Untrackable::NotSupported("an analog output (M68)")),
+            Canon::UserCode { .. } => Err(Untrackable::NotSupported("a user code (M100 to M199)")),
             // nothing of these moves or switches anything on this machine
             Canon::OnReset
             | Canon::Finish
@@ -305,6 +354,7 @@ impl<'m> Track<'m> {
             | Canon::SetFeedReference
             | Canon::SetNaivecamTolerance(_)
             | Canon::SetSpindleMode(_)
+            | Canon::StopSpeedFeedSynch
             | Canon::StartChange
             | Canon::ChangeToolNumber(_)
             | Canon::EnableFeedOverride
@@ -317,11 +367,19 @@ impl<'m> Track<'m> {
             | Canon::DisableFeedHold
             | Canon::Comment(_)
             | Canon::Note(_)
+            | Canon::TurnProbeOn
+            | Canon::TurnProbeOff
+            | Canon::SetToolTableEntry { .. }
+            | Canon::ReloadToolData
+            | Canon::LogOpen { .. }
+            | Canon::Log(_)
+            | Canon::LogClose
             | Canon::ProgramEnd => Ok(()),
             // `run` has these; a new canonical function is one that the compiler asks for here
             Canon::StraightTraverse(_)
             | Canon::StraightFeed(_)
             | Canon::ArcFeed(_)
+            | Canon::NurbsFeed(_)
             | Canon::UseLengthUnits(_)
             | Canon::SetG5xOffset { .. }
             | Canon::SetG92Offset(_)

@@ -137,3 +137,33 @@ fn an_axis_that_is_not_there_and_an_output_that_is_not_there_are_named() {
     assert_eq!(numbers, [(1, "E4301"), (2, "E4303")]);
     assert_eq!(moves.moves.len(), 1);
 }
+
+/// A quadratic spline is a parabola: chords stay within a tenth of the tolerance, turned and shifted like any other move.
+#[test]
+fn a_spline_becomes_chords_near_its_curve() {
+    let run = run("G21 G64 P.1 F600\nG10 L2 P1 X5 Z2 R90\nG0 X0 Y0 Z3\nG5.1 X40 Y0 I20 J20\nM2\n");
+    let points: Vec<_> = run.moves.iter().map(|(end, ..)| *end).collect();
+    assert!(near(points[0], [5.0, 0.0, 5.0]) && near(points[points.len() - 1], [5.0, 40.0, 5.0]), "{points:?}");
+    assert!((16..=64).contains(&points.len()), "{} chords", points.len());
+    for pair in points.windows(2) {
+        // y = t·40, x = 5 − 40·t·(1 − t) at the ends of each chord; in its middle the curve is no farther than 0.01.
+        let curve = |y: f64| 5.0 - y * (40.0 - y) / 40.0;
+        assert!((pair[1][0] - curve(pair[1][1])).abs() < 1e-9, "{pair:?}");
+        let middle = [(pair[0][0] + pair[1][0]) / 2.0, (pair[0][1] + pair[1][1]) / 2.0];
+        assert!((middle[0] - curve(middle[1])).abs() < 0.02, "{pair:?}");
+    }
+}
+
+#[test]
+fn what_the_card_does_not_have_is_refused_by_name() {
+    let machine = Machine::built_in().expect("valid");
+    for (text, name) in [
+        ("F100 G38.2 X1\nM2\n", "probing"),
+        ("M66 P1\nM2\n", "M66"),
+        ("M67 E1 Q2\nM2\n", "M67"),
+        ("M68 E1 Q2\nM2\n", "M68"),
+    ] {
+        let (_, findings) = run_on(&machine, text);
+        assert!(findings.iter().any(|found| found.number == "E4302" && found.what.contains(name)), "{findings:?}");
+    }
+}

@@ -66,7 +66,7 @@ codes! {
     ArraySize "E1922" "size of an array" "An array has no element, more than two dimensions, or more than 1000 elements; or there are more values than elements." "Give one or two sizes as whole numbers.";
     ArrayIndex "E1923" "index of an array" "An array stands without its index, a simple variable has one, or the number of indices is wrong." "Write as many indices as the definition has sizes.";
     WordUnknown "E1924" "word not known in a cycle" "The address is none that a block of a cycle may have." "Known are G M S F X Y Z A B C U V W I J K AX[] IP[] CR SPOS D.";
-    CodeUnknown "E1925" "code not known in a cycle" "The G or M code is none that a cycle may have, or it is not a constant." "Known are G0-G4 G17-G19 G33 G33.1 G40-G42 G60 G64 G90 G91 G94-G97, M0-M9, M17, M19.";
+    CodeUnknown "E1925" "code not known in a cycle" "The G or M code is none that a cycle may have, or it is not a constant." "Known are G0-G4 G17-G19 G33 G33.1 G40-G42 G60 G64 G90 G91 G94-G97, M0 M1 M3-M9 M17 M19.";
     WordTwice "E1926" "too many words in a block" "A word stands twice in a block, or the block has more than 16 words, 8 G codes or 4 M codes." "Remove one, or split the block.";
     NotAssignable "E1927" "cannot be assigned" "What stands in front of the equals sign is a constant or a value of the system." "Assign to a variable.";
     TextJoin "E1928" "texts cannot be joined here" "<< stands outside of MSG and SETAL." "Join texts in MSG and SETAL only.";

@@ -83,6 +83,17 @@ pub enum Origin {
     User,
 }
 
+/// What a call gives for a parameter, before its value is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Given {
+    /// An empty place.
+    Nothing,
+    /// A number.
+    Number,
+    /// A text.
+    Text,
+}
+
 /// A compiled cycle.
 #[derive(Clone, Debug)]
 pub struct Cycle {
@@ -118,6 +129,11 @@ impl Cycle {
     #[must_use]
     pub const fn origin(&self) -> Origin {
         self.origin
+    }
+
+    /// How a call with these arguments does not fit, if it does not: for whoever checks a program before it runs.
+    pub fn misfit(&self, given: impl IntoIterator<Item = Given>) -> Option<String> {
+        misfit(&self.unit, given)
     }
 
     /// Its source: a path, or its name for a shipped one.
@@ -164,4 +180,23 @@ impl fmt::Display for Cycle {
         }
         f.write_str(")")
     }
+}
+
+/// How arguments do not fit a unit's parameters, if they do not.
+pub(crate) fn misfit(callee: &Unit, given: impl IntoIterator<Item = Given>) -> Option<String> {
+    let (name, most) = (&callee.name, callee.parameters.len());
+    for (index, given) in given.into_iter().enumerate() {
+        let Some(parameter) = callee.parameters.get(index) else {
+            return Some(format!("{name} takes no more than {most} arguments"));
+        };
+        let fits = match given {
+            Given::Nothing => true,
+            Given::Number => !parameter.of.is_text(),
+            Given::Text => parameter.of.is_text(),
+        };
+        if !fits {
+            return Some(format!("{name}: {} needs {}", parameter.name, parameter.of));
+        }
+    }
+    None
 }

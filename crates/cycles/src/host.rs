@@ -67,7 +67,7 @@ pub(crate) const MAX_WORDS: usize = 16;
 ///
 /// `SPOS=a` is M19 R(a), `CR=r` is R, G4 F and G4 S are G4 P in seconds, DIAMON and DIAMOF are G7 and G8, `AX[n]` and `IP[n]` are the
 /// letters of the plane in force, G60 is G61.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct Block {
     /// Cycle whose block it is.
     pub cycle: CycleId,
@@ -94,6 +94,11 @@ impl Block {
             words: [Word { letter: 0, value: 0.0 }; MAX_WORDS],
             counts: [0; 3],
         }
+    }
+
+    /// Empties the block; what it held is only forgotten, so that a block costs what it holds.
+    pub(crate) fn begin(&mut self, cycle: CycleId, line: u32) {
+        (self.cycle, self.line, self.triggers, self.counts) = (cycle, line, false, [0; 3]);
     }
 
     /// G codes in tenths, in the order of the source: G33.1 is 331.

@@ -20,7 +20,7 @@ mod stored;
 
 pub use alarm::{Alarm, AlarmText, Halt, alarm_text};
 pub use codes::Code;
-pub use cycle::{Cycle, CycleId, Kind, Origin, Parameter, Type};
+pub use cycle::{Cycle, CycleId, Given, Kind, Origin, Parameter, Type};
 pub use diag::{Diagnostic, Severity};
 pub use host::{Block, Host, Message, Query, StockCall, StockFault, StockFeed, StockMove, Stopped, Word};
 pub use library::{Finding, Folders, Library};

@@ -59,6 +59,12 @@ impl Library {
         Self::of(sources.collect(), Folders::default(), Vec::new())
     }
 
+    /// A library of cycles that no source stands behind.
+    #[cfg(test)]
+    pub(crate) fn of_cycles(cycles: Vec<Cycle>) -> Self {
+        Self { cycles, ..Self::default() }
+    }
+
     fn of(sources: Vec<Source>, folders: Folders<'_>, mut findings: Vec<Finding>) -> Self {
         let mut forms = folders::forms(sources, folders, &mut findings);
         // By name, so that a name is found by halving and the numbers do not depend on the order of a folder.

@@ -5,16 +5,17 @@
 
 mod block;
 mod calculate;
+mod state;
+mod tell;
 
 pub(crate) use block::is_known_m;
 
-use crate::alarm::{Alarm, Halt, alarm_text};
-use crate::code::{Op, Passed, System, converted};
+use crate::alarm::{Alarm, Halt};
+use crate::code::{Op, Passed, converted};
 use crate::codes::Code;
-use crate::cycle::{Cycle, CycleId, Type};
-use crate::host::{Block, Host, Message, Query, StockCall, StockFeed};
+use crate::cycle::{Cycle, CycleId, Given, Type};
+use crate::host::{Block, Host};
 use crate::library::Library;
-use std::fmt::Write;
 
 /// What a call gives for a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -167,8 +168,12 @@ impl<'r> Run<'r> {
             return trap(Code::CycleUnknown, "the cycle is not in this library");
         };
         let parameters = cycle.parameters();
-        if self.arguments.len() > parameters.len() {
-            let text = format!("{} takes {} arguments, not {}", cycle.name(), parameters.len(), self.arguments.len());
+        let given = self.arguments.iter().map(|argument| match argument {
+            Argument::Missing => Given::Nothing,
+            Argument::Number(_) => Given::Number,
+            Argument::Text(_) => Given::Text,
+        });
+        if let Some(text) = cycle.misfit(given) {
             return trap(Code::BadArgument, text);
         }
         let mut programmed = 0;
@@ -184,7 +189,7 @@ impl<'r> Run<'r> {
                     Value::Number(converted(parameter.of, number))
                 }
                 _ => {
-                    let text = format!("{}: {} needs {}", cycle.name(), parameter.name, parameter.of);
+                    let text = format!("{}: {} is too long or no finite number", cycle.name(), parameter.name);
                     return trap(Code::BadArgument, text);
                 }
             };
@@ -392,106 +397,64 @@ impl<'r> Run<'r> {
         self.enter(callee, id, base, programmed);
         Ok(())
     }
+}
 
-    /// An instruction that builds or shows a message.
-    fn tell(&mut self, op: Op, cycle: CycleId, line: u32) -> Step {
-        match op {
-            Op::Clear => self.machine.message.clear(),
-            Op::Join => match self.take() {
-                // Six decimals are enough for a person; writing to a string does not fail.
-                Value::Number(number) => {
-                    let rounded = (number * 1e6).round() / 1e6;
-                    let shown = if rounded.is_finite() { rounded } else { number };
-                    let _ = write!(self.machine.message, "{shown}");
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::code::{Input, Operand};
+    use crate::cycle::{Kind, Origin, Parameter};
+    use crate::host::Stopped;
+    use proptest::prelude::*;
+    use std::path::PathBuf;
+
+    /// Answers every question with 1, and lets everything pass.
+    struct Anyone;
+
+    impl Host for Anyone {
+        fn ask(&self, _: crate::host::Query) -> f64 {
+            1.0
+        }
+
+        fn block(&mut self, _: &Block) -> Result<(), Stopped> {
+            Ok(())
+        }
+
+        fn message(&mut self, _: &crate::host::Message<'_>) {}
+    }
+
+    /// Bytes, read as instructions as far as they are any.
+    fn instructions(bytes: &[u8]) -> Vec<Op> {
+        let mut input = Input(bytes);
+        std::iter::from_fn(|| {
+            while !input.0.is_empty() {
+                if let Some(op) = Op::take(&mut input) {
+                    return Some(op);
                 }
-                text => {
-                    let text = self.text(text);
-                    self.machine.message.push_str(text);
-                }
-            },
-            Op::Show => self.host.message(&Message { warning: None, text: &self.machine.message, cycle, line }),
-            _ => {
-                let written = self.number().clamp(0.0, f64::from(u32::MAX)) as u32;
-                let number = alarm_text(written).map_or(written, |text| text.number);
-                if !(62_000..63_000).contains(&written) {
-                    let text = self.machine.message.clone();
-                    return Err(Box::new(Trap::Alarm(Code::CycleAlarm, Some(number), text)));
-                }
-                let message = Message { warning: Some(number), text: &self.machine.message, cycle, line };
-                self.host.message(&message);
             }
-        }
-        Ok(())
+            None
+        })
+        .collect()
     }
 
-    /// The built-in of CYCLE95: has the path determined.
-    fn stock_path(&mut self) -> Step {
-        let mut numbers = [0.0; 7];
-        for number in numbers.iter_mut().rev() {
-            *number = self.number();
-        }
-        let contour = self.take();
-        let [mid, fal_z, fal_x, fal, vari, dam, vrt] = numbers;
-        let contour = self.text(contour);
-        let call = StockCall { contour, mid, fal_z, fal_x, fal, vari: vari as i32, dam, vrt };
-        match self.host.stock(&call) {
-            Ok(moves) => self.push(f64::from(moves)),
-            Err(fault) => {
-                let number = alarm_text(fault.alarm).map_or(fault.alarm, |text| text.number);
-                return Err(Box::new(Trap::Alarm(Code::CycleAlarm, Some(number), fault.text)));
-            }
-        }
-        Ok(())
-    }
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 3000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// A column of a move of the path.
-    fn stock_read(&mut self) -> Step {
-        let (column, index) = (self.number(), self.number());
-        let found = if (0.0..4e9).contains(&index) { self.host.stock_move(index as u32) } else { None };
-        let Some(found) = found else {
-            return trap(Code::IndexRange, format!("the path has no move {index}"));
-        };
-        let value = match column as i64 {
-            0 => f64::from(found.motion),
-            1 => found.end[0],
-            2 => found.end[1],
-            3 => found.centre[0],
-            4 => found.centre[1],
-            5 => f64::from(match found.feed {
-                StockFeed::Rapid => 0_u8,
-                StockFeed::Rough => 1,
-                StockFeed::Plunge => 2,
-                StockFeed::Finish => 3,
-            }),
-            6 => f64::from(found.compensation),
-            7 => f64::from(found.dwell),
-            _ => return trap(Code::IndexRange, format!("a move of the path has no column {column}")),
-        };
-        self.push(value);
-        Ok(())
-    }
-
-    /// The value of a system variable.
-    fn system(&self, system: System) -> f64 {
-        let ask = |what| self.host.ask(what);
-        match system {
-            System::Feed => ask(Query::Feed),
-            System::Speed => ask(Query::SpindleSpeed),
-            System::SpindleDirection => ask(Query::SpindleDirection),
-            System::Offset => ask(Query::OffsetNumber),
-            System::ToolRadius | System::Radius => ask(Query::ToolRadius),
-            System::ModalCycle => ask(Query::ModalCycle),
-            System::EdgePosition => ask(Query::EdgePosition),
-            System::ClearanceAngle => ask(Query::ClearanceAngle),
-            // Groups are numbered from 1 in the order of their codes, as on the control.
-            System::MotionGroup => ask(Query::Motion) + 1.0,
-            System::PlaneGroup => ask(Query::Plane) - 16.0,
-            System::CompensationGroup => ask(Query::Compensation) - 39.0,
-            System::UnitsGroup => 2.0 - ask(Query::Inch),
-            System::DistanceGroup => ask(Query::Distance) - 89.0,
-            System::FeedGroup if ask(Query::SpindleMode) == 96.0 => 4.0,
-            System::FeedGroup => ask(Query::FeedMode) - 92.0,
-            System::DiameterGroup => 1.0 + ask(Query::Diameter),
+        /// Code that no compiler has made does no harm: it ends, and does not panic.
+        #[test]
+        fn any_code_is_safe_to_run(
+            bytes in prop::collection::vec(prop_oneof![3 => 0..36_u8, 1 => any::<u8>()], 0..400),
+            slots in 0..20_u16,
+        ) {
+            let ops = instructions(&bytes);
+            let name = "ANY".to_owned();
+            let parameters = vec![Parameter { name: "P".to_owned(), of: Type::Real, default: 1.0 }];
+            let call = crate::code::CallSite { name: name.clone(), line: 1, start: 0, end: 0, arguments: vec![Passed::Number] };
+            let unit = crate::code::Unit { name, parameters, slots, lines: vec![1; ops.len()], ops, calls: vec![call], ..Default::default() };
+            let (path, kind, origin) = (PathBuf::new(), Kind::Parameters, Origin::User);
+            let cycle = Cycle { unit, callees: vec![CycleId(0)], kind, origin, path, was_fresh: false };
+            let limits = Limits { steps: 2000, blocks: 200, depth: 5 };
+            let _ = Machine::new(limits).run(&Library::of_cycles(vec![cycle]), CycleId(0), &[Argument::Number(2.0)], &mut Anyone);
         }
     }
 }

@@ -136,6 +136,8 @@ fn cycle83_shortens_its_strokes_by_a_factor() {
     assert_eq!(depths("CYCLE83(10,0,2,,50,,20,-0.8,,,,1)"), [20.0, 36.0, 48.8, 50.0]);
     // Never below the smallest stroke of 15: 20, then 16, then 15 in place of 12.8, and 6 that are left.
     assert_eq!(depths("CYCLE83(10,0,2,,57,,20,-0.8,,,,1,,15)"), [20.0, 36.0, 51.0, 57.0]);
+    assert_eq!(blocks_from("CYCLE83(10,0,2,,57,,20,-0.8,,,,1,,-15)", Recorder::default()).warnings, [62801]);
+    assert_eq!(depths("CYCLE83(10,0,2,,57,,20,-0.8,,,,1,,-15)"), [20.0, 36.0, 51.0, 57.0]);
     // Halving from 10 never gets to 20: 20 strokes would end a millionth before it, and without _MDEP nothing stops it sooner.
     assert_eq!(alarm("CYCLE83(10,0,2,,20.5,,10,-0.5,,,,1)"), 61107);
     assert_eq!(alarm("CYCLE83(10,0,2,,50,,20,-1.5,,,,1)"), 61107);
@@ -264,7 +266,7 @@ fn cycle84_taps_synchronised_and_sets_the_spindle_again() {
     // Left-hand by PIT; SST is the programmed 600, SST1 the same.
     let expected = ["G0 G90 Z2", "R0 M19", "G97 S600 M4", "G33.1 Z-20 K0.75", "G0 Z10", "S600 M5"];
     assert_eq!(blocks("CYCLE84(10,0,2,-20,,,5,,-0.75)"), expected);
-    assert_eq!(blocks("CYCLE84(10,0,2,-20,,,5,-12)")[3], "G33.1 Z-20 K1.75");
+    assert_eq!(blocks("CYCLE84(10,0,2,-20,,,5,-12)")[2..4], ["G97 S600 M4", "G33.1 Z-20 K1.75"]);
 }
 
 #[test]

@@ -91,6 +91,7 @@ fn jumps_find_their_labels_in_their_direction() {
         ["3"]
     );
     assert_eq!(messages("GOTO N20\nMSG(\"never\")\nN20 MSG(\"there\")"), ["there"]);
+    assert_eq!(messages("GOTOF NEXT\nNEXT: MSG(\"next\")\nIF TRUE GOTOF N5\nN5 MSG(\"and\")"), ["next", "and"]);
     assert_eq!(messages("RET\nMSG(\"never\")"), [""; 0]);
 }
 
@@ -177,6 +178,13 @@ fn what_goes_wrong_in_a_run_is_an_alarm_with_its_line() {
     let library = Library::of_sources(&[("TEST", "G4 S3")]);
     let mut host = Recorder { speed: 0.0, ..Recorder::default() };
     assert_eq!(halted(run(&library, "TEST", &mut host)).code, Code::NoSpeed);
+}
+
+/// 90 000 blocks of some ten steps are more steps than the tests allow without one.
+#[test]
+fn a_long_cycle_is_not_an_endless_one() {
+    let host = test("DEF INT II\nFOR II=1 TO 90000\nG0 X=II\nENDFOR", "TEST");
+    assert_eq!(host.lines.len(), 90_000);
 }
 
 #[test]

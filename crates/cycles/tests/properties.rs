@@ -123,7 +123,10 @@ fn statements() -> impl Strategy<Value = String> {
 
 const SMALL: Limits = Limits { steps: 5_000, blocks: 500, depth: 6 };
 
-fn run_all(library: &Library, number: f64) -> Vec<(Result<(), Halt>, Vec<String>, Vec<String>)> {
+/// How a run ended, its blocks and its messages.
+type Ran = (Result<(), Halt>, Vec<String>, Vec<String>);
+
+fn run_all(library: &Library, number: f64) -> Vec<Ran> {
     let arguments = [Argument::Number(number), Argument::Text("t")];
     let runs = library.iter().map(|(id, cycle)| {
         let mut host = Recorder::default();
@@ -135,7 +138,7 @@ fn run_all(library: &Library, number: f64) -> Vec<(Result<(), Halt>, Vec<String>
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 800, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn any_text_is_answered(text in "\\PC*", number in -1e3..1e3) {

@@ -57,8 +57,8 @@ const MOST_M: u8 = 4;
 #[derive(Clone, Debug)]
 pub(crate) struct Words {
     present: u32,
-    value: [f64; 26],
-    at: [Place; 26],
+    value: [f64; LETTERS],
+    at: [Place; LETTERS],
     g_present: u16,
     g: [Tenths; 16],
     g_at: [Place; 16],
@@ -72,8 +72,8 @@ impl Default for Words {
     fn default() -> Words {
         Words {
             present: 0,
-            value: [0.0; 26],
-            at: [(0, 0); 26],
+            value: [0.0; LETTERS],
+            at: [(0, 0); LETTERS],
             g_present: 0,
             g: [0; 16],
             g_at: [(0, 0); 16],
@@ -85,8 +85,16 @@ impl Default for Words {
     }
 }
 
+/// Word letters: a to z, `@` and `^` for polar coordinates, `$` for the spindle.
+const LETTERS: usize = 29;
+
 const fn index(letter: u8) -> usize {
-    (letter.wrapping_sub(b'a') % 26) as usize
+    match letter {
+        b'@' => 26,
+        b'^' => 27,
+        b'$' => 28,
+        _ => (letter.wrapping_sub(b'a') % 26) as usize,
+    }
 }
 
 impl Words {
@@ -166,6 +174,7 @@ impl Words {
     pub(crate) fn fill(&mut self, letter: u8, value: f64, at: Span) -> Outcome<()> {
         let value = match letter {
             b'f' | b's' if value < 0.0 => return negative(letter, value, at),
+            b'$' => f64::from(whole(value, at, "$")?),
             b'h' | b't' | b'l' => {
                 let rounded = f64::from(whole(value, at, "the word")?);
                 if rounded < 0.0 {
@@ -177,6 +186,17 @@ impl Words {
         };
         self.value[index(letter)] = value;
         Ok(())
+    }
+
+    /// Puts a word there that no line has written; one that is there is replaced.
+    pub(crate) fn put(&mut self, letter: u8, value: f64) {
+        self.present |= 1 << index(letter);
+        (self.value[index(letter)], self.at[index(letter)]) = (value, (0, 0));
+    }
+
+    /// G7: the X word is a diameter.
+    pub(crate) fn halve_x(&mut self) {
+        self.value[index(b'x')] /= 2.0;
     }
 
     /// Adds a G code; G80 gives way to another motion code.
@@ -266,7 +286,7 @@ pub(crate) enum Item {
 impl Words {
     /// Adds the words to a list.
     pub(crate) fn pack(&self, items: &mut Vec<Item>) {
-        let bits = |mask: u32| (0..26_u8).filter(move |bit| mask & 1 << bit != 0);
+        let bits = |mask: u32| (0..LETTERS as u8).filter(move |bit| mask & 1 << bit != 0);
         items.extend(bits(self.g_present.into()).map(|group| {
             let index = usize::from(group);
             Item::G(group, self.g[index], self.g_at[index])
@@ -288,7 +308,7 @@ impl Words {
         for item in items {
             match *item {
                 Item::Word(letter, value, at) => {
-                    let index = usize::from(letter % 26);
+                    let index = usize::from(letter) % LETTERS;
                     self.present |= 1 << index;
                     (self.value[index], self.at[index]) = (value, at);
                 }

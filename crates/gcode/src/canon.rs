@@ -5,6 +5,8 @@
 
 use crate::block::BlockNumber;
 use crate::pose::{Axis, Pose};
+use crate::spline::Nurbs;
+use crate::tool::Tool;
 use std::sync::Arc;
 
 /// A unit of length.
@@ -36,6 +38,12 @@ pub enum Plane {
     Zx,
     /// G19: first Y, second Z, normal X.
     Yz,
+    /// G17.1: U and V. No arc lies in it.
+    Uv,
+    /// G18.1: W and U. No arc lies in it.
+    Wu,
+    /// G19.1: V and W. No arc lies in it.
+    Vw,
 }
 
 impl Plane {
@@ -46,7 +54,16 @@ impl Plane {
             Plane::Xy => [Axis::X, Axis::Y, Axis::Z],
             Plane::Zx => [Axis::Z, Axis::X, Axis::Y],
             Plane::Yz => [Axis::Y, Axis::Z, Axis::X],
+            Plane::Uv => [Axis::U, Axis::V, Axis::W],
+            Plane::Wu => [Axis::W, Axis::U, Axis::V],
+            Plane::Vw => [Axis::V, Axis::W, Axis::U],
         }
+    }
+
+    /// Whether arcs may lie in it.
+    #[must_use]
+    pub const fn has_arcs(self) -> bool {
+        matches!(self, Plane::Xy | Plane::Zx | Plane::Yz)
     }
 }
 
@@ -71,6 +88,52 @@ pub enum FeedMode {
     InverseTime,
     /// G94: units a minute.
     UnitsPerMinute,
+    /// G95: units a turn of the spindle.
+    UnitsPerRevolution,
+}
+
+/// What ends a probing move, and whether it is a fault when nothing does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Probing {
+    /// G38.4, G38.5: the loss of contact ends it; else contact does.
+    pub away: bool,
+    /// G38.2, G38.4: reaching the end is a fault.
+    pub must_answer: bool,
+}
+
+/// An input of the machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// On or off (P word).
+    Digital(i32),
+    /// A value (E word).
+    Analog(i32),
+}
+
+/// What is waited for at an input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WaitFor {
+    /// Nothing: its value is taken as it is.
+    Immediate,
+    /// That it goes on.
+    Rise,
+    /// That it goes off.
+    Fall,
+    /// That it is on.
+    High,
+    /// That it is off.
+    Low,
+}
+
+/// M66.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wait {
+    /// The input that is asked.
+    pub input: Input,
+    /// What is waited for.
+    pub wait_for: WaitFor,
+    /// For how long at most, seconds.
+    pub timeout: f64,
 }
 
 /// A circular or helical arc.
@@ -112,6 +175,12 @@ pub enum Canon {
     StraightTraverse(Pose),
     StraightFeed(Pose),
     ArcFeed(ArcFeed),
+    /// Along a spline in the plane of X and Y; the other axes stay.
+    NurbsFeed(Nurbs),
+    TurnProbeOn,
+    /// Towards the end, until the probe answers as the kind of probing has it (G38.2 … G38.5).
+    StraightProbe(Pose, Probing),
+    TurnProbeOff,
     SelectPlane(Plane),
     SetMotionControlMode(PathControl),
     /// Tolerance of the merging of nearly straight runs, program units.
@@ -125,12 +194,33 @@ pub enum Canon {
     StopSpindleTurning,
     /// Constant surface speed with this highest number of turns a minute; 0 is constant turns (G97).
     SetSpindleMode(f64),
+    /// Turn the spindle to an angle and hold it there: 0 the shortest way, 1 and 2 as M19 has it, 2 and 3 as G87 does.
+    OrientSpindle {
+        degrees: f64,
+        mode: u8,
+    },
+    /// Wait for the angle, for so many seconds at most.
+    WaitSpindleOrientComplete(f64),
+    /// From here on feed moves keep step with the spindle: program units a turn.
+    StartSpeedFeedSynch {
+        pitch: f64,
+    },
+    StopSpeedFeedSynch,
+    /// In to X Y Z and back, in step with the spindle that turns round there.
+    RigidTap([f64; 3]),
     StartChange,
     /// Put the selected tool into the spindle; the number of the tool, 0 for none.
     ChangeTool(u32),
     SelectTool(u32),
     /// The tool in the spindle is now called so (M61).
     ChangeToolNumber(u32),
+    /// G10 L1, L10, L11: the data of a tool, in machine units; its place in the table, from 1, or 0 for the tool in the spindle.
+    SetToolTableEntry {
+        index: u32,
+        tool: Tool,
+    },
+    /// G10 L0: the tool table is read again from its file.
+    ReloadToolData,
     UseToolLengthOffset(Pose),
     MistOn,
     MistOff,
@@ -152,6 +242,24 @@ pub enum Canon {
     SetAuxOutputBit(i32),
     /// Output off, at once (M65).
     ClearAuxOutputBit(i32),
+    /// Analog output, in step with the motion (M67).
+    SetMotionOutputValue {
+        output: i32,
+        value: f64,
+    },
+    /// Analog output, at once (M68).
+    SetAuxOutputValue {
+        output: i32,
+        value: f64,
+    },
+    /// An input is asked for (M66); the answer becomes parameter 5399.
+    Wait(Wait),
+    /// M100 … M199: what the machine has declared under this number.
+    UserCode {
+        number: u8,
+        p: Option<f64>,
+        q: Option<f64>,
+    },
     Comment(Arc<str>),
     /// A comment of the interpreter itself on a change of mode.
     Note(&'static str),
@@ -159,6 +267,14 @@ pub enum Canon {
     Message(Arc<str>),
     /// For standard output (PRINT).
     Print(Arc<str>),
+    /// A log file of this name begins, or goes on at its end (LOGOPEN, LOGAPPEND).
+    LogOpen {
+        file: Arc<str>,
+        append: bool,
+    },
+    /// A line for the log file (LOG).
+    Log(Arc<str>),
+    LogClose,
     /// M0.
     ProgramStop,
     /// M1.

@@ -4,6 +4,7 @@
 
 use crate::canon::{ArcFeed, Canon, FeedMode, LengthUnit, PathControl, Plane, Step};
 use crate::pose::{Axis, Pose};
+use crate::tool::Tool;
 use std::io::{self, Write};
 
 /// Bytes that are gathered before they are written.
@@ -29,6 +30,10 @@ impl<W: Write> CanonText<W> {
     /// # Errors
     /// Those of the writer.
     pub fn write(&mut self, step: &Step) -> io::Result<()> {
+        if let Canon::Wait(_) | Canon::UserCode { .. } = &step.canon {
+            // The peer waits for nothing and knows no user codes: it prints nothing.
+            return Ok(());
+        }
         let text = &mut self.text;
         if let Canon::Print(message) = &step.canon {
             writeln!(text, "{message}")?;
@@ -133,6 +138,7 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::SetG92Offset(offset) => pose(out, "SET_G92_OFFSET", offset),
         Canon::SetXyRotation(degrees) => write!(out, "SET_XY_ROTATION({degrees:.4})"),
         Canon::SetFeedMode(FeedMode::InverseTime | FeedMode::UnitsPerMinute) => write!(out, "SET_FEED_MODE(0, 0)"),
+        Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => write!(out, "SET_FEED_MODE(0, 1)"),
         Canon::SetFeedRate(rate) => {
             out.extend_from_slice(b"SET_FEED_RATE(");
             list(out, &[*rate])
@@ -140,14 +146,30 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::StraightTraverse(end) => pose(out, "STRAIGHT_TRAVERSE", end),
         Canon::StraightFeed(end) => pose(out, "STRAIGHT_FEED", end),
         Canon::ArcFeed(feed) => arc(out, feed),
+        Canon::NurbsFeed(spline) => write!(out, "NURBS_FEED({}, ...)", spline.points.len()),
+        Canon::StraightProbe(end, _) => pose(out, "STRAIGHT_PROBE", end),
         Canon::SelectPlane(Plane::Xy) => write!(out, "SELECT_PLANE(CANON_PLANE_XY)"),
         Canon::SelectPlane(Plane::Zx) => write!(out, "SELECT_PLANE(CANON_PLANE_XZ)"),
         Canon::SelectPlane(Plane::Yz) => write!(out, "SELECT_PLANE(CANON_PLANE_YZ)"),
+        Canon::SelectPlane(_) => write!(out, "SELECT_PLANE(CANON_PLANE_UNKNOWN)"),
         Canon::SetMotionControlMode(mode) => path_control(out, *mode),
-        Canon::SetNaivecamTolerance(tolerance) => write!(out, "SET_NAIVECAM_TOLERANCE({tolerance:.4})"),
-        Canon::Dwell(seconds) => write!(out, "DWELL({seconds:.4})"),
+        Canon::SetNaivecamTolerance(tolerance) => {
+            out.extend_from_slice(b"SET_NAIVECAM_TOLERANCE(");
+            list(out, &[*tolerance])
+        }
+        Canon::Dwell(seconds) => {
+            out.extend_from_slice(b"DWELL(");
+            list(out, &[*seconds])
+        }
         Canon::SetSpindleSpeed(rpm) => write!(out, "SET_SPINDLE_SPEED(0, {rpm:.4})"),
         Canon::SetSpindleMode(limit) => write!(out, "SET_SPINDLE_MODE(0 {limit:.4})"),
+        Canon::OrientSpindle { degrees, mode } => write!(out, "ORIENT_SPINDLE(0, {degrees:.4}, {mode})"),
+        Canon::WaitSpindleOrientComplete(seconds) => write!(out, "SPINDLE.0.WAIT_ORIENT_COMPLETE({seconds:.4})"),
+        Canon::StartSpeedFeedSynch { pitch } => write!(out, "START_SPEED_FEED_SYNC({pitch:.6},0)"),
+        Canon::RigidTap(end) => {
+            out.extend_from_slice(b"RIGID_TAP(");
+            list(out, end)
+        }
         Canon::ChangeTool(tool) => write!(out, "CHANGE_TOOL({tool})"),
         Canon::SelectTool(tool) => write!(out, "SELECT_TOOL({tool})"),
         Canon::ChangeToolNumber(tool) => write!(out, "CHANGE_TOOL_NUMBER({tool})"),
@@ -156,6 +178,12 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::ClearMotionOutputBit(bit) => write!(out, "CLEAR_MOTION_OUTPUT_BIT({bit})"),
         Canon::SetAuxOutputBit(bit) => write!(out, "SET_AUX_OUTPUT_BIT({bit})"),
         Canon::ClearAuxOutputBit(bit) => write!(out, "CLEAR_AUX_OUTPUT_BIT({bit})"),
+        Canon::SetToolTableEntry { index, tool } => tool_entry(out, *index, tool),
+        Canon::SetMotionOutputValue { output, value } => write!(out, "SET_MOTION_OUTPUT_VALUE({output},{value:.6})"),
+        Canon::SetAuxOutputValue { output, value } => write!(out, "SET_AUX_OUTPUT_VALUE({output},{value:.6})"),
+        Canon::LogOpen { file, append: false } => write!(out, "LOGOPEN(\"{file}\")"),
+        Canon::LogOpen { file, append: true } => write!(out, "LOGAPPEND(\"{file}\")"),
+        Canon::Log(text) => write!(out, "LOG(\"{text}\")"),
         Canon::Comment(text) => write!(out, "COMMENT(\"{text}\")"),
         Canon::Note(text) => write!(out, "COMMENT(\"{text}\")"),
         Canon::Message(text) => write!(out, "MESSAGE(\"{text}\")"),
@@ -172,7 +200,12 @@ const fn plain_name(canon: &Canon) -> &'static str {
         Canon::StartSpindleClockwise => "START_SPINDLE_CLOCKWISE(0)",
         Canon::StartSpindleCounterclockwise => "START_SPINDLE_COUNTERCLOCKWISE(0)",
         Canon::StopSpindleTurning => "STOP_SPINDLE_TURNING(0)",
+        Canon::StopSpeedFeedSynch => "STOP_SPEED_FEED_SYNCH()",
         Canon::StartChange => "START_CHANGE()",
+        Canon::TurnProbeOn => "TURN_PROBE_ON()",
+        Canon::TurnProbeOff => "TURN_PROBE_OFF()",
+        Canon::ReloadToolData => "RELOAD_TOOLDATA()",
+        Canon::LogClose => "LOGCLOSE()",
         Canon::MistOn => "MIST_ON()",
         Canon::MistOff => "MIST_OFF()",
         Canon::FloodOn => "FLOOD_ON()",
@@ -265,7 +298,15 @@ fn arc(out: &mut Vec<u8>, feed: &ArcFeed) -> io::Result<()> {
 
 fn path_control(out: &mut Vec<u8>, mode: PathControl) -> io::Result<()> {
     match mode {
-        PathControl::ExactPath => write!(out, "SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)"),
+        PathControl::ExactPath => {
+            out.extend_from_slice(b"SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)");
+            Ok(())
+        }
+        // The tolerance of most programs, which every drilling cycle comes back to.
+        PathControl::Continuous { tolerance } if tolerance.to_bits() == 0 => {
+            out.extend_from_slice(b"SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, 0.000000)");
+            Ok(())
+        }
         PathControl::ExactStop => write!(out, "SET_MOTION_CONTROL_MODE(CANON_EXACT_STOP)"),
         PathControl::Continuous { tolerance } => {
             write!(out, "SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, {tolerance:.6})")
@@ -276,6 +317,14 @@ fn path_control(out: &mut Vec<u8>, mode: PathControl) -> io::Result<()> {
 fn tool_offset(out: &mut Vec<u8>, offset: &Pose) -> io::Result<()> {
     let [x, y, z, a, b, c, u, v, w] = offset.0;
     write!(out, "USE_TOOL_LENGTH_OFFSET({x:.4} {y:.4} {z:.4}, {a:.4} {b:.4} {c:.4}, {u:.4} {v:.4} {w:.4})")
+}
+
+fn tool_entry(out: &mut Vec<u8>, index: u32, tool: &Tool) -> io::Result<()> {
+    write!(out, "SET_TOOL_TABLE_ENTRY({index}, {},", tool.number)?;
+    for length in tool.offset.0 {
+        write!(out, " {length:.4}")?;
+    }
+    write!(out, ", {:.4}, {:.4}, {:.0})", tool.front_angle, tool.back_angle, tool.orientation)
 }
 
 #[cfg(test)]
@@ -297,6 +346,15 @@ mod tests {
             for value in [value, tie, tie.next_up(), tie.next_down(), scale as f64 / 32.0, scale as f64 * 1e-9] {
                 prop_assert_eq!(text(value), format!("{value:.4}"));
             }
+        }
+    }
+
+    #[test]
+    fn the_counter_has_five_places_or_as_many_as_it_needs() {
+        for value in [1, 9, 10, 99_999, 100_000, 12_345_678, u64::MAX] {
+            let mut out = Vec::new();
+            padded(&mut out, value);
+            assert_eq!(String::from_utf8(out).expect("digits"), format!("{value:5} "));
         }
     }
 

@@ -89,7 +89,7 @@ codes! {
     NoMotionMode "E1501" "axis words without a motion" "The block has axis words, but no G code uses them and no motion mode is in force." "Begin with G0, G1, G2 or G3.";
     AxisWithG80 "E1502" "axis words with G80" "G80 ends the motion mode, so nothing uses the axis words." "Remove the axis words, or G80.";
     TwoUseAxes "E1503" "two G codes would use the axis words" "The block has a motion and G10, G28, G30, G52 or G92." "Put them into two blocks.";
-    AxesMissing "E1504" "axis words missing" "G52 and G92 need at least one axis word." "Add the axis words.";
+    AxesMissing "E1504" "axis words missing" "The code uses axis words and has none." "Add the axis words.";
     WordMissing "E1505" "word missing" "A code in the block needs a word that is not there." "Add the word.";
     G53Motion "E1506" "G53 needs G0 or G1" "G53 stands in a block that is no straight move." "Write G53 G0 or G53 G1.";
     G53Incremental "E1507" "G53 in incremental mode" "Machine coordinates are absolute." "Use G90 with G53.";
@@ -107,6 +107,18 @@ codes! {
     ArcSamePoint "E1607" "arc ends where it starts" "With R, an arc that ends where it starts has no unique centre." "Use centre words for a full circle.";
     ArcRadiusTooSmall "E1608" "radius too small" "The distance from start to end is more than twice the radius." "Check R and the end.";
     ArcAbsoluteCentre "E1609" "centre word missing in G90.1" "With absolute centres both centre words of the plane are needed." "Add the centre word, or use G91.1.";
+    CycleAxis "E1621" "axis that a cycle does not move" "A drilling cycle, G33.1 or G76 has a word of an axis beside X, Y and Z." "Move that axis in a block before.";
+    CycleRepeats "E1622" "number of repeats not possible" "L of a drilling cycle is 0, or a block asks for more than 10 000 holes and pecks." "Write an L word of at least 1; check L, Q and the depth.";
+    CycleLevels "E1623" "clearance below the bottom" "The clearance R of a drilling cycle lies below the bottom of the hole." "Check R and the depth; with G91, R counts from the initial level and the depth from R.";
+    CyclePeck "E1624" "depth of a peck not above zero" "Q of G73 or G83 is not greater than 0." "Write the depth of one peck as a positive Q word.";
+    CycleInverseTime "E1625" "drilling cycle in inverse time mode" "G93 gives one time for a block, and a cycle makes many moves." "Use G94 or G95.";
+    SpindleNotTurning "E1626" "spindle does not turn" "The motion keeps step with the spindle or stops it and starts it again, and the spindle stands." "Start it before, with S and M3 or M4.";
+    SpindleTurnsWrongly "E1627" "spindle turns the wrong way" "G84 cuts a right-hand thread and needs M3, G74 a left-hand one and needs M4." "Start the spindle the other way, or use the other cycle.";
+    ZeroSpindleSpeed "E1628" "no spindle speed in feed per turn" "Under G95 a feed move is asked for while the spindle speed is zero." "Give an S word greater than 0 before.";
+    BadOrientation "E1629" "orientation of the spindle not possible" "M19 takes R from 0 to 360 degrees, P 0, 1 or 2, and Q greater than 0." "Correct the word.";
+    NoSuchSpindle "E1630" "no such spindle" "$ names a spindle that the machine does not have." "Write $0, or leave it out.";
+    ZeroPitch "E1631" "no pitch" "K of G33 or G33.1, the way in one turn of the spindle, is 0." "Write the pitch as K.";
+    BadThread "E1632" "thread not possible" "The words of G76 contradict each other; the message says which." "Correct the word: P and J above 0, I not 0, J less than K, Q below 90 degrees, L from 0 to 3.";
 
     CompensationPlane "E1651" "cutter compensation in G19" "G41 and G42 work in the planes of G17 and G18 only." "Select G17 or G18 before.";
     CompensationTwice "E1652" "cutter compensation is on already" "G41 or G42 is given while one of them is in force." "Switch it off with G40 before.";
@@ -123,6 +135,23 @@ codes! {
     ToolUnknown "E1701" "tool not in the tool table" "No line of the tool table has this tool number." "Add the tool to the table, or correct the number.";
     ToolTableLine "E1702" "tool table not understood" "A line of the tool table has no T word, an unknown word or a bad number." "Write lines such as T1 P1 Z0.5 D0.25 ;comment.";
     ParameterFileLine "E1703" "parameter file not understood" "A line of the parameter file is not a number and a value, or the numbers do not go up." "Write lines such as 5221 0.000000, in rising order.";
+    PolarWithoutMotion "E1711" "polar coordinates out of place" "@ and ^ stand in a block without a motion, with G53, outside of G17, or at the origin without an angle or in G91." "Use them with a motion in G17; at the origin use G90 and give the angle too.";
+    PolarMixed "E1712" "polar coordinates with X or Y" "@ and ^ stand for X and Y, and the block has X or Y as well." "Write the end either way.";
+    SplinePlane "E1713" "spline out of its plane" "G5 and G5.1 lie in the plane of X and Y, and another one is selected." "Select G17 first.";
+    SplineAxis "E1714" "axis word with a spline" "G5 and G5.1 move X and Y only." "Move the other axis in a block of its own.";
+    SplineWords "E1715" "spline words missing or wrong" "G5 takes I and J, or neither, and P and Q; G5.1 takes I and J; a point of G5.2 takes X, Y and a weight P above 0." "Add the words that are missing.";
+    SplineNotBegun "E1716" "G5.3 without G5.2" "G5.3 ends a spline, and none has been begun." "Give its points with G5.2 right before.";
+    SplineTooShort "E1717" "too few control points" "A spline needs at least as many points as its order, its start counted with them." "Give more points, or a lower order with L.";
+    ProbeNowhere "E1719" "probing without a way" "The probing move ends where it begins." "Give an end that is farther away.";
+    BadToolOrientation "E1720" "tool orientation out of range" "The orientation of a lathe tool is a number from 0 to 9." "Correct the Q word.";
+    ToolLoaded "E1721" "tool in the spindle" "G10 L0 reads the tool table again, which needs an empty spindle." "Write T0 M6 before.";
+    InputChoice "E1722" "input not understood" "M66 asks one input, digital with P or analog with E, and an analog one at once." "Keep one of P and E; with E write L0.";
+    WaitTimeout "E1723" "waiting without a limit" "M66 with L1 to L4 needs a Q word above 0: the seconds to wait at most." "Add the Q word.";
+    UserCodeUndeclared "E1724" "user code not declared" "M100 to M199 do what the machine declares, and this one is not declared." "Declare it, or remove it.";
+    NothingSaved "E1725" "no modal state is saved here" "M72 takes up what M70 or M73 has put away in the same subprogram, and nothing is there." "Write M70 before; M71 forgets it again.";
+    ArcPlane "E1727" "arc in a plane of U, V and W" "No arc lies in the planes of G17.1, G18.1 and G19.1." "Select G17, G18 or G19.";
+    Aborted "E1728" "program aborted" "A comment with ABORT was carried out." "See its text.";
+    PythonComment "E1729" "Python in a comment" "Comments with PY, PYRUN and PYRELOAD run Python in LinuxCNC, and nothing here." "Remove the comment.";
 
     BadControl "E1801" "O word not understood" "The line does not have the form of an O word: label, keyword, values in brackets." "Write lines such as O100 if [#1 GT 0]; by number or by name.";
     ControlWithoutEnd "E1802" "end of a block of O words missing" "The program ends before the endsub, endif, endwhile, endrepeat or while that belongs to the label." "Add the end, with the same label.";

@@ -368,11 +368,11 @@ mod tests {
     }
 
     #[test]
-    fn values_nearer_than_a_ten_thousandth_are_equal() {
+    fn values_nearer_than_a_ten_thousandth_are_equal_but_neither_less_nor_greater() {
         assert_eq!([value("[1 EQ 1.00009]"), value("[1 EQ 1.00011]")], [Ok(1.0), Ok(0.0)]);
         assert_eq!(
-            [value("[1 LE .99991]"), value("[1 LT 1.00001]"), value("[1 NE 1.00009]")],
-            [Ok(1.0), Ok(1.0), Ok(0.0)]
+            [value("[1 LE .99991]"), value("[0 GE .0000001]"), value("[1 LT 1.00001]"), value("[1 NE 1.00009]")],
+            [Ok(0.0), Ok(0.0), Ok(1.0), Ok(0.0)]
         );
     }
 }

@@ -4,6 +4,7 @@
 //! deep as they get.
 
 use crate::call::CycleCall;
+use crate::canon::Step;
 use crate::code::{Code, Jump, SubId};
 use crate::codes::Code as Number;
 use crate::control::Label;
@@ -97,7 +98,7 @@ impl Flow {
 
     /// Takes the next compiled line.
     #[inline]
-    pub(crate) fn step(&mut self, interpreter: &mut Interpreter) -> Outcome<Stepped> {
+    pub(crate) fn step(&mut self, interpreter: &mut Interpreter, steps: &mut Vec<Step>) -> Outcome<Stepped> {
         let Some(level) = self.levels.last_mut() else { return Ok(Stepped::Idle) };
         let line = level.next;
         if line >= level.end {
@@ -111,10 +112,16 @@ impl Flow {
             interpreter.load(&level.code, line);
             return Ok(Stepped::Block);
         }
-        self.jump(jump, line, interpreter)
+        self.jump(jump, line, interpreter, steps)
     }
 
-    fn jump(&mut self, jump: Jump, line: u32, interpreter: &mut Interpreter) -> Outcome<Stepped> {
+    fn jump(
+        &mut self,
+        jump: Jump,
+        line: u32,
+        interpreter: &mut Interpreter,
+        steps: &mut Vec<Step>,
+    ) -> Outcome<Stepped> {
         let undecided = std::mem::take(&mut self.is_undecided);
         let Some(level) = self.levels.last_mut() else { return Ok(Stepped::Idle) };
         interpreter.load(&level.code, line);
@@ -173,7 +180,7 @@ impl Flow {
                 self.rounds.truncate(level.repeats + repeats as usize);
                 level.next = to;
             }
-            Jump::Return => return self.leave(interpreter),
+            Jump::Return => return self.leave(interpreter, steps),
             Jump::Cycle { call } => match level.code.cycles.get(call as usize) {
                 Some(call) => return Ok(Stepped::Cycle(call.clone())),
                 None => {}
@@ -249,7 +256,7 @@ impl Flow {
     }
 
     /// return, endsub, M99.
-    fn leave(&mut self, interpreter: &mut Interpreter) -> Outcome<Stepped> {
+    fn leave(&mut self, interpreter: &mut Interpreter, steps: &mut Vec<Step>) -> Outcome<Stepped> {
         let value = interpreter.control_value()?;
         let value = interpreter.has_control_value().then_some(value);
         // Stretches of the program itself lie below all calls.
@@ -263,7 +270,9 @@ impl Flow {
         }
         self.calls -= 1;
         if let Some(Call { frame: Some(frame), .. }) = self.levels.pop().and_then(|level| level.call) {
+            let taken_up = interpreter.take_up_on_return(steps);
             interpreter.leave_sub(frame, value);
+            taken_up?;
         }
         Ok(Stepped::Jumped)
     }

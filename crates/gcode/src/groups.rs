@@ -18,6 +18,8 @@ pub(crate) enum GroupG {
     Retract = 10,
     CoordinateSystem = 12,
     PathControl = 13,
+    SpindleMode = 14,
+    LatheDiameter = 15,
 }
 
 /// Modal groups of M codes, numbered as RS274/NGC does.
@@ -30,6 +32,7 @@ pub(crate) enum GroupM {
     Spindle = 7,
     Coolant = 8,
     Override = 9,
+    User = 10,
 }
 
 /// What is known of a code.
@@ -48,8 +51,11 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
     use GroupG as G;
     Known::CarriedOut(match tenths {
         0 | 10 | 20 | 30 | 800 => G::Motion,
+        330 | 331 | 760 | 730 | 740 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => G::Motion,
+        50..=53 | 382..=385 => G::Motion,
+        70 | 80 => G::LatheDiameter,
         40 | 100 | 280 | 281 | 300 | 301 | 520 | 530 | 920 | 921 | 922 | 923 => G::NonModal,
-        170 | 180 | 190 => G::Plane,
+        170 | 180 | 190 | 171 | 181 | 191 => G::Plane,
         200 | 210 => G::Units,
         400 | 410 | 411 | 420 | 421 => G::CutterCompensation,
         430 | 431 | 432 | 490 => G::ToolOffset,
@@ -57,13 +63,10 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
         610 | 611 | 640 => G::PathControl,
         900 | 910 => G::Distance,
         901 | 911 => G::ArcCentres,
-        930 | 940 => G::FeedMode,
+        930 | 940 | 950 => G::FeedMode,
+        960 | 970 => G::SpindleMode,
         980 | 990 => G::Retract,
-        50..=53 | 70 | 80 | 171 | 181 | 191 | 330 | 331 | 382..=385 => return Known::NotYet,
-        700 | 710..=712 | 720..=722 | 730 | 740 | 760 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => {
-            return Known::NotYet;
-        }
-        950 | 960 | 970 => return Known::NotYet,
+        700 | 710..=712 | 720..=722 => return Known::NotYet,
         _ => return Known::No,
     })
 }
@@ -73,12 +76,14 @@ pub(crate) const fn group_of_m(code: u8) -> Known<GroupM> {
     use GroupM as M;
     Known::CarriedOut(match code {
         0 | 1 | 2 | 30 | 60 => M::Stop,
-        62..=65 => M::Output,
+        62..=68 => M::Output,
         6 | 61 => M::Tool,
-        3..=5 => M::Spindle,
+        // M70 to M73 share a group with the spindle's codes, as in LinuxCNC.
+        3..=5 | 19 | 70..=73 => M::Spindle,
         7..=9 => M::Coolant,
         48..=53 => M::Override,
-        19 | 66..=68 | 70..=73 | 98 | 99 | 100..=199 => return Known::NotYet,
+        100..=199 => M::User,
+        98 | 99 => return Known::NotYet,
         _ => return Known::No,
     })
 }

@@ -1,7 +1,8 @@
 //! NC programs in RS274/NGC: from text to canonical functions, as LinuxCNC 2.9 reads them.
 //!
-//! Invariant: a line is compiled once into a block; carrying out a block allocates nothing but the text of its comments. Whatever the
-//! input, the answer is canonical functions or numbered diagnostics, never a panic. This crate knows no motion and no port.
+//! Invariant: a line is compiled once into a block; carrying out a block allocates nothing but the text of its comments and
+//! the points of its splines. Whatever the input, the answer is canonical functions or numbered diagnostics, never a panic. This crate
+//! knows no motion and no port.
 //!
 //! ```
 //! use retrace_gcode::{Program, Setup, CanonText};
@@ -31,6 +32,7 @@ mod code;
 mod codes;
 mod compensation;
 mod control;
+mod cycle;
 mod diag;
 mod eval;
 mod expr;
@@ -47,17 +49,20 @@ mod pose;
 mod prescan;
 mod program;
 mod remark;
+mod spindle;
+mod spline;
 mod system;
 mod tool;
 
 pub use block::BlockNumber;
 pub use branch::{Branch, Target};
-pub use canon::{ArcFeed, Canon, FeedMode, LengthUnit, PathControl, Plane, Step};
+pub use canon::{ArcFeed, Canon, FeedMode, Input, LengthUnit, PathControl, Plane, Probing, Step, Wait, WaitFor};
 pub use canon_text::CanonText;
 pub use codes::Code;
 pub use compensation::{Compensation, Side};
+pub use cycle::{Cycle, CycleWords, Series};
 pub use diag::{Diagnostic, Severity, Span};
-pub use interp::{BlockRefused, Flow, Interpreter, Setup};
+pub use interp::{BlockRefused, Flow, Interpreter, Setup, UserCodes};
 pub use lines::Text;
 pub use modal::{ArcCentres, Distance, Motion, Spindle, State};
 pub use params::Parameters;
@@ -65,4 +70,6 @@ pub use pose::{Axis, AxisSet, Pose};
 pub use prescan::{Prescan, SubFile, SubFiles};
 pub use program::{Program, Progress, Steps, check};
 pub use retrace_cycles as cycles;
+pub use spindle::SpindleTurn;
+pub use spline::{ControlPoint, Nurbs};
 pub use tool::{Tool, ToolTable};

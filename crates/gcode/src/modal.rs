@@ -3,10 +3,12 @@
 //! Invariant: all lengths are in the program's units in force; [`State`] and the parameters together decide what a block does.
 
 use crate::angle::rotate;
-use crate::canon::{FeedMode, LengthUnit, PathControl, Plane};
+use crate::canon::{FeedMode, LengthUnit, PathControl, Plane, Probing};
 use crate::compensation::Compensation;
-use crate::interp::Queue;
+use crate::cycle::{Cycle, Series};
+use crate::interp::{Context, Queue};
 use crate::pose::{Axis, Pose};
+use crate::spline::ControlPoint;
 
 /// The motion modes that are carried out; none is G80.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +21,24 @@ pub enum Motion {
     ArcClockwise,
     /// G3.
     ArcCounterclockwise,
+    /// G33: in step with the spindle.
+    SpindleFeed,
+    /// G33.1.
+    RigidTap,
+    /// G76.
+    ThreadingCycle,
+    /// G73, G74, G81 … G89.
+    Cycle(Cycle),
+    /// G5; never a mode that is in force.
+    CubicSpline,
+    /// G5.1; never a mode that is in force.
+    QuadraticSpline,
+    /// G5.2.
+    ControlPoint,
+    /// G5.3; never a mode that is in force.
+    EndOfPoints,
+    /// G38.2 to G38.5.
+    Probe(Probing),
 }
 
 impl Motion {
@@ -30,6 +50,18 @@ impl Motion {
             Motion::Feed => "G1",
             Motion::ArcClockwise => "G2",
             Motion::ArcCounterclockwise => "G3",
+            Motion::SpindleFeed => "G33",
+            Motion::RigidTap => "G33.1",
+            Motion::ThreadingCycle => "G76",
+            Motion::Cycle(cycle) => cycle.name(),
+            Motion::CubicSpline => "G5",
+            Motion::QuadraticSpline => "G5.1",
+            Motion::ControlPoint => "G5.2",
+            Motion::EndOfPoints => "G5.3",
+            Motion::Probe(Probing { away: false, must_answer: true }) => "G38.2",
+            Motion::Probe(Probing { away: false, must_answer: false }) => "G38.3",
+            Motion::Probe(Probing { away: true, must_answer: true }) => "G38.4",
+            Motion::Probe(Probing { away: true, must_answer: false }) => "G38.5",
         }
     }
 
@@ -110,10 +142,14 @@ pub struct State {
     pub naivecam_tolerance: f64,
     /// G99; else G98.
     pub retract_to_r: bool,
+    /// The series of drilling cycles; none after another motion.
+    pub series: Option<Series>,
     /// What the spindle was told to do.
     pub spindle: Spindle,
-    /// Turns a minute.
+    /// Turns a minute, or with constant surface speed metres or feet a minute.
     pub spindle_speed: f64,
+    /// G96.
+    pub constant_surface_speed: bool,
     /// M7.
     pub mist: bool,
     /// M8.
@@ -134,6 +170,16 @@ pub struct State {
     pub returned_value: Option<f64>,
     /// How many calls of subprograms are open.
     pub call_level: u32,
+    /// G7: X words are diameters.
+    pub lathe_diameter: bool,
+    /// The direction in which the last G5 has ended, program units.
+    pub spline_direction: (f64, f64),
+    /// The order of the spline that G5.2 collects points for.
+    pub spline_order: u32,
+    /// What G5.2 has collected.
+    pub control_points: Vec<ControlPoint>,
+    /// What M70 and M73 have put away, for each level of calls.
+    pub(crate) contexts: Vec<Option<Context>>,
 }
 
 impl State {
@@ -160,8 +206,10 @@ impl State {
             path_control: PathControl::Continuous { tolerance: 0.0 },
             naivecam_tolerance: 0.0,
             retract_to_r: true,
+            series: None,
             spindle: Spindle::Stopped,
             spindle_speed: 0.0,
+            constant_surface_speed: false,
             mist: false,
             flood: false,
             feed_override: true,
@@ -172,6 +220,11 @@ impl State {
             current_tool: 0,
             returned_value: None,
             call_level: 0,
+            lathe_diameter: false,
+            spline_direction: (0.0, 0.0),
+            spline_order: 0,
+            control_points: Vec::new(),
+            contexts: Vec::new(),
         }
     }
 

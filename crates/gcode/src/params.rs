@@ -12,6 +12,10 @@ use std::fmt::Write as _;
 /// The highest numbered parameter.
 const LAST: usize = 5601;
 
+/// First parameter of the position at which the probe has answered last; program units and degrees, X Y Z A B C U V W.
+pub(crate) const PROBE_POSITION: usize = 5061;
+/// 1 if the probe has answered, 0 if not.
+pub(crate) const PROBE_ANSWERED: usize = 5070;
 /// First parameter of the position that G28 goes to; machine units and degrees, X Y Z A B C U V W.
 pub(crate) const G28_HOME: usize = 5161;
 /// First parameter of the position that G30 goes to.
@@ -22,6 +26,8 @@ pub(crate) const G92_ACTIVE: usize = 5210;
 pub(crate) const G92_OFFSET: usize = 5211;
 /// Number of the coordinate system in force, 1 … 9.
 pub(crate) const COORDINATE_SYSTEM: usize = 5220;
+/// What the input of the last M66 has given.
+pub(crate) const INPUT: usize = 5399;
 /// Comments with DEBUG are shown while this is above 0.
 pub(crate) const SHOW_DEBUG: usize = 5599;
 

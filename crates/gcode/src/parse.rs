@@ -11,7 +11,7 @@ use crate::expr::{Compiler, Operand, Reference};
 use crate::lex::Cursor;
 use crate::params::Names;
 use crate::pose::{Axis, AxisSet};
-use crate::remark::Remark;
+use crate::remark::{Remark, refuse_python};
 use retrace_cycles::Library;
 use std::sync::Arc;
 
@@ -76,14 +76,12 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
         let start = cursor.at();
         match letter {
             0 => return Ok(()),
-            b'a'..=b'z' => word(letter, &mut cursor, axes, names, block)?,
+            b'a'..=b'z' | b'@' | b'^' | b'$' => word(letter, &mut cursor, axes, names, block)?,
             b'#' => assignment(&mut cursor, names, block)?,
             b'(' => comment(&mut cursor, names, block)?,
-            b';' => return Ok(()),
-            b'@' | b'^' | b'$' => {
-                let what = if letter == b'$' { "choosing a spindle with $" } else { "polar coordinates" };
-                let at = Span::new(start, start + 1);
-                return fault(Code::UnsupportedWord, at, format!("{what} is not supported yet"));
+            b';' => {
+                let rest = text.get(start + 1..).unwrap_or_default();
+                return refuse_python(&String::from_utf8_lossy(rest), Span::new(start, text.len()));
             }
             _ => return bad_character(&mut cursor, start),
         }

@@ -117,7 +117,7 @@ impl<R: BufRead> Program<R> {
 
     /// Carries out the next compiled line.
     fn compiled_line(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
-        match self.flow.step(&mut self.interpreter)? {
+        match self.flow.step(&mut self.interpreter, steps)? {
             Stepped::Block => match self.interpreter.carry_out(steps)? {
                 interp::Flow::Continue => Ok(Progress::Line),
                 interp::Flow::ProgramEnd => Ok(self.end_of_program(steps)),

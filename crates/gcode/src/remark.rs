@@ -20,6 +20,15 @@ pub(crate) enum Remark {
     Debug(Arc<[Piece]>),
     /// Goes to standard output.
     Print(Arc<[Piece]>),
+    LogOpen {
+        file: Arc<str>,
+        append: bool,
+    },
+    /// Goes to the log file.
+    Log(Arc<[Piece]>),
+    LogClose,
+    /// Ends the program with an error.
+    Abort(Arc<[Piece]>),
 }
 
 /// A part of a comment that shows parameters.
@@ -28,10 +37,15 @@ pub(crate) enum Piece {
     Text(Box<str>),
     Numbered(usize),
     Parameter(Reference),
+    /// From here on values show so many decimals.
+    Decimals(usize),
 }
 
-/// Comments of LinuxCNC that would do something that is not done here.
-const REFUSED: [&str; 8] = ["log,", "logopen,", "logappend,", "logclose", "py,", "pyrun,", "pyreload", "abort,"];
+/// Decimals of values until a format asks for others.
+const DECIMALS: usize = 6;
+
+/// Comments of LinuxCNC that run Python.
+const PYTHON: [&str; 3] = ["py,", "pyrun,", "pyreload"];
 
 impl Remark {
     /// The comment whose text stands between its parentheses.
@@ -50,22 +64,53 @@ impl Remark {
         if let Some(rest) = after(text, "print,") {
             return Ok(Some(Remark::Print(pieces(rest, at, names)?.into())));
         }
-        if let Some(word) = REFUSED.iter().find(|word| after(text, word).is_some()) {
-            let word = word.trim_end_matches(',').to_uppercase();
-            return fault(Code::UnsupportedWord, at, format!("the comment {word} is not supported yet"));
+        if let Some(rest) = after(text, "log,") {
+            return Ok(Some(Remark::Log(pieces(rest, at, names)?.into())));
         }
+        if let Some(rest) = after(text, "abort,") {
+            return Ok(Some(Remark::Abort(pieces(rest, at, names)?.into())));
+        }
+        for (word, append) in [("logopen,", false), ("logappend,", true)] {
+            if let Some(file) = after(text, word) {
+                return Ok(Some(Remark::LogOpen { file: file.into(), append }));
+            }
+        }
+        if text.eq_ignore_ascii_case("logclose") {
+            return Ok(Some(Remark::LogClose));
+        }
+        refuse_python(text, at)?;
         Ok(Some(Remark::Comment(text.into())))
     }
 
     /// What is passed on, with the values that parameters have now.
-    pub(crate) fn canon(&self, environment: &impl Environment, show_debug: bool) -> Option<Canon> {
-        Some(match self {
+    ///
+    /// # Errors
+    /// ABORT is one.
+    pub(crate) fn canon(&self, environment: &impl Environment, show_debug: bool) -> Outcome<Option<Canon>> {
+        Ok(Some(match self {
             Remark::Comment(text) => Canon::Comment(Arc::clone(text)),
             Remark::Message(text) => Canon::Message(Arc::clone(text)),
             Remark::Debug(pieces) if show_debug => Canon::Message(expand(pieces, environment)),
-            Remark::Debug(_) => return None,
+            Remark::Debug(_) => return Ok(None),
             Remark::Print(pieces) => Canon::Print(expand(pieces, environment)),
-        })
+            Remark::Log(pieces) => Canon::Log(expand(pieces, environment)),
+            Remark::LogOpen { file, append } => Canon::LogOpen { file: Arc::clone(file), append: *append },
+            Remark::LogClose => Canon::LogClose,
+            Remark::Abort(pieces) => {
+                return fault(Code::Aborted, Span::default(), expand(pieces, environment).to_string());
+            }
+        }))
+    }
+}
+
+/// A comment that would run Python is refused by its name, in parentheses and behind a semicolon.
+pub(crate) fn refuse_python(text: &str, at: Span) -> Outcome<()> {
+    match PYTHON.iter().find(|word| after(text.trim_start(), word).is_some()) {
+        Some(word) => {
+            let word = word.trim_end_matches(',').to_uppercase();
+            fault(Code::PythonComment, at, format!("the comment {word} would run Python"))
+        }
+        None => Ok(()),
     }
 }
 
@@ -77,36 +122,60 @@ fn after<'a>(text: &'a str, word: &str) -> Option<&'a str> {
 
 fn pieces(text: &str, at: Span, names: &mut Names) -> Outcome<Vec<Piece>> {
     let mut pieces = Vec::new();
-    let mut parts = text.split('#');
-    pieces.push(Piece::Text(parts.next().unwrap_or_default().into()));
-    for part in parts {
-        let digits = part.len() - part.trim_start_matches(|letter: char| letter.is_ascii_digit()).len();
-        let rest = if let Some(named) = part.strip_prefix('<') {
-            let Some((name, rest)) = named.split_once('>') else {
-                return fault(Code::NameNotClosed, at, Code::NameNotClosed.title());
-            };
-            pieces.push(Piece::Parameter(names.resolve(name.as_bytes())));
-            rest
-        } else if digits > 0 {
-            pieces.push(Piece::Numbered(part[..digits].parse().unwrap_or(usize::MAX)));
-            &part[digits..]
-        } else {
-            pieces.push(Piece::Text("#".into()));
-            part
-        };
-        pieces.push(Piece::Text(rest.into()));
+    let mut rest = text;
+    while let Some(special) = rest.find(['#', '%']) {
+        pieces.push(Piece::Text(rest[..special].into()));
+        let is_format = rest.as_bytes()[special] == b'%';
+        rest = &rest[special + 1..];
+        let piece;
+        (piece, rest) = if is_format { format(rest) } else { parameter(rest, at, names)? };
+        pieces.push(piece);
     }
+    pieces.push(Piece::Text(rest.into()));
     Ok(pieces)
+}
+
+/// What a percent sign begins, and what follows it: %d, %f and %.0f to %.9f choose decimals.
+fn format(rest: &str) -> (Piece, &str) {
+    match *rest.as_bytes() {
+        [b'd', ..] => (Piece::Decimals(0), &rest[1..]),
+        [b'f', ..] => (Piece::Decimals(4), &rest[1..]),
+        [b'.', digit @ b'0'..=b'9', b'f', ..] => (Piece::Decimals(usize::from(digit - b'0')), &rest[3..]),
+        [b'.', ..] => (Piece::Text("".into()), rest),
+        _ => (Piece::Text("%".into()), rest),
+    }
+}
+
+/// What a number sign begins, and what follows it.
+fn parameter<'a>(rest: &'a str, at: Span, names: &mut Names) -> Outcome<(Piece, &'a str)> {
+    if let Some(named) = rest.strip_prefix('<') {
+        // What the peer shows of a name that is not closed is the memory behind it.
+        let Some((name, rest)) = named.split_once('>') else {
+            return fault(Code::NameNotClosed, at, Code::NameNotClosed.title());
+        };
+        return Ok((Piece::Parameter(names.resolve(name.as_bytes())), rest));
+    }
+    let digits = rest.len() - rest.trim_start_matches(|letter: char| letter.is_ascii_digit()).len();
+    if digits == 0 {
+        return Ok((Piece::Text("#".into()), rest));
+    }
+    Ok((Piece::Numbered(rest[..digits].parse().unwrap_or(usize::MAX)), &rest[digits..]))
 }
 
 fn expand(pieces: &[Piece], environment: &impl Environment) -> Arc<str> {
     let mut text = String::new();
+    let mut decimals = DECIMALS;
     for piece in pieces {
         let value = match piece {
             Piece::Text(part) => {
                 text.push_str(part);
                 continue;
             }
+            Piece::Decimals(wanted) => {
+                decimals = *wanted;
+                continue;
+            }
+            Piece::Numbered(0) => Some(0.0),
             Piece::Numbered(number) => environment.numbered(*number),
             Piece::Parameter(Reference::Named(name)) => environment.named(*name),
             Piece::Parameter(Reference::System(parameter)) => Some(environment.system(*parameter)),
@@ -115,7 +184,7 @@ fn expand(pieces: &[Piece], environment: &impl Environment) -> Arc<str> {
         let from = text.len();
         if let Some(value) = value {
             // Writing to a string cannot fail; a value that is equal to zero shows as zero.
-            let _ = write!(text, "{:.6}", if value.abs() < EQUAL { 0.0 } else { value });
+            let _ = write!(text, "{:.decimals$}", if value.abs() < EQUAL { 0.0 } else { value });
         }
         // The field is 29 characters wide; a parameter without a value shows as crosses.
         if text.len() == from || text.len() - from >= 30 {

@@ -2,7 +2,7 @@
 //!
 //! Invariant: they can be read only, and their values are those of LinuxCNC 2.9.
 
-use crate::canon::{FeedMode, Plane};
+use crate::canon::{FeedMode, Plane, Probing};
 use crate::compensation::Side;
 use crate::modal::{ArcCentres, Distance, Motion, Spindle, State};
 use crate::pose::Axis;
@@ -23,6 +23,9 @@ pub(crate) enum SystemParameter {
     Incremental,
     InverseTime,
     UnitsPerMinute,
+    UnitsPerRevolution,
+    ConstantTurns,
+    ConstantSurfaceSpeed,
     CoordinateSystem,
     ToolOffset,
     RetractToR,
@@ -44,6 +47,8 @@ pub(crate) enum SystemParameter {
     HasReturnedValue,
     CallLevel,
     Compensation,
+    LatheDiameter,
+    LatheRadius,
 }
 
 impl SystemParameter {
@@ -87,9 +92,15 @@ impl SystemParameter {
             "value" => P::ReturnedValue,
             "value_returned" => P::HasReturnedValue,
             "call_level" => P::CallLevel,
+            "units_per_rev" => P::UnitsPerRevolution,
+            "spindle_rpm_mode" => P::ConstantTurns,
+            "spindle_css_mode" => P::ConstantSurfaceSpeed,
             "ccomp" => P::Compensation,
-            "spindle_rpm_mode" | "lathe_radius_mode" => P::Fixed(1.0),
-            "units_per_rev" | "spindle_css_mode" | "lathe_diameter_mode" | "task" | "remap_level" => P::Fixed(0.0),
+            "lathe_diameter_mode" => P::LatheDiameter,
+            "lathe_radius_mode" => P::LatheRadius,
+            "vmajor" => P::Fixed(2.9),
+            "vminor" => P::Fixed(0.0),
+            "task" | "remap_level" => P::Fixed(0.0),
             _ => return None,
         })
     }
@@ -108,12 +119,21 @@ impl SystemParameter {
                 Some(Motion::Feed) => 10.0,
                 Some(Motion::ArcClockwise) => 20.0,
                 Some(Motion::ArcCounterclockwise) => 30.0,
-                None => 800.0,
+                Some(Motion::SpindleFeed) => 330.0,
+                Some(Motion::RigidTap) => 331.0,
+                Some(Motion::ThreadingCycle) => 760.0,
+                Some(Motion::Cycle(cycle)) => cycle.tenths().into(),
+                Some(Motion::ControlPoint) => 52.0,
+                Some(Motion::Probe(Probing { away, must_answer })) => 382.0 + 2.0 * truth(away) + truth(!must_answer),
+                Some(Motion::CubicSpline | Motion::QuadraticSpline | Motion::EndOfPoints) | None => 800.0,
             },
             P::Plane => match state.plane {
                 Plane::Xy => 170.0,
                 Plane::Zx => 180.0,
                 Plane::Yz => 190.0,
+                Plane::Uv => 171.0,
+                Plane::Wu => 181.0,
+                Plane::Vw => 191.0,
             },
             P::Metric => truth(state.is_metric()),
             P::Imperial => truth(!state.is_metric()),
@@ -121,6 +141,9 @@ impl SystemParameter {
             P::Incremental => truth(state.distance == Distance::Incremental),
             P::InverseTime => truth(state.feed_mode == FeedMode::InverseTime),
             P::UnitsPerMinute => truth(state.feed_mode == FeedMode::UnitsPerMinute),
+            P::UnitsPerRevolution => truth(state.feed_mode == FeedMode::UnitsPerRevolution),
+            P::ConstantTurns => truth(!state.constant_surface_speed),
+            P::ConstantSurfaceSpeed => truth(state.constant_surface_speed),
             P::CoordinateSystem => match state.coordinate_system {
                 system @ 0..=6 => 530.0 + 10.0 * f64::from(system),
                 system => 584.0 + f64::from(system),
@@ -149,6 +172,8 @@ impl SystemParameter {
                 Some(Side::Left) => 410.0,
                 Some(Side::Right) => 420.0,
             },
+            P::LatheDiameter => truth(state.lathe_diameter),
+            P::LatheRadius => truth(!state.lathe_diameter),
         }
     }
 }

@@ -59,8 +59,15 @@ impl ToolTable {
 
     /// Adds a tool; one of the same number is replaced.
     pub fn insert(&mut self, tool: Tool) {
-        self.tools.retain(|old| old.number != tool.number);
-        self.tools.push(tool);
+        match self.tools.iter_mut().find(|old| old.number == tool.number) {
+            Some(old) => *old = tool,
+            None => self.tools.push(tool),
+        }
+    }
+
+    /// Which tool of the table this is, from 1; 0 when it is not there.
+    pub(crate) fn index_of(&self, number: u32) -> u32 {
+        self.tools.iter().position(|tool| tool.number == number).map_or(0, |index| index as u32 + 1)
     }
 
     /// Reads a tool table in LinuxCNC's format: lines such as `T1 P1 Z0.511 D0.125 ;comment`.

@@ -14,9 +14,9 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use writer::Writer;
 
-/// What `rs274 -g` prints for a program, and whether it refused it; `None` where it is not installed. It takes the tool table of the
-/// folder, if there is one.
-fn rs274(folder: &Path, program: &str) -> Option<(String, bool)> {
+/// What `rs274 -g` prints for a program, what it complains of, and whether it refused it; `None` where it is not installed. It takes
+/// the tool table of the folder, if there is one.
+fn rs274(folder: &Path, program: &str) -> Option<(String, String, bool)> {
     let file = folder.join("program.ngc");
     std::fs::write(&file, program).expect("a program file");
     // It keeps its tool data in the home folder, where another one running would find them.
@@ -31,7 +31,8 @@ fn rs274(folder: &Path, program: &str) -> Option<(String, bool)> {
         .stdin(Stdio::null())
         .output()
         .ok()?;
-    Some((String::from_utf8_lossy(&output.stdout).into_owned(), !output.status.success()))
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    Some((text(&output.stdout), text(&output.stderr), !output.status.success()))
 }
 
 fn number(name: &str, default: u64) -> u64 {
@@ -60,7 +61,7 @@ fn compare(
     let count = number("RETRACE_DIFFERENTIAL", 120);
     for seed in first..first + count {
         let program = program_of(seed);
-        let Some((theirs, they_refuse)) = rs274(&folder, &program) else {
+        let Some((theirs, complaint, they_refuse)) = rs274(&folder, &program) else {
             println!("rs274 not installed: differential test not run");
             return;
         };
@@ -71,7 +72,7 @@ fn compare(
             differing += 1;
             let at = theirs.iter().zip(&ours).take_while(|(theirs, ours)| theirs == ours).count();
             println!("seed {seed}, function {at}, refused by them {they_refuse}, by us {we_refuse}");
-            println!("theirs: {:?}\nours:   {:?}", theirs.get(at), ours.get(at));
+            println!("theirs: {:?}\nours:   {:?}\nthey say: {complaint:?}", theirs.get(at), ours.get(at));
             if differing == 1 {
                 println!("{program}");
             }

@@ -86,7 +86,8 @@ proptest! {
             let is_handed_over = index % 7 == 3 && !text.contains("#<");
             if is_handed_over {
                 let parameters = whole.parameters().clone();
-                let mut next = retrace_gcode::Interpreter::new(Setup { parameters, ..Setup::rs274() });
+                let tools = whole.tools().clone();
+                let mut next = retrace_gcode::Interpreter::new(Setup { parameters, tools, ..Setup::rs274() });
                 next.set_state(whole.state().clone());
                 let (mut here, mut there) = (Vec::new(), Vec::new());
                 prop_assert_eq!(next.line(line.as_bytes(), &mut there).is_ok(), whole.line(line.as_bytes(), &mut here).is_ok());
@@ -190,15 +191,15 @@ fn each_fault_is_named_where_it_is() {
         ("#1 3", "E1304", 5),
         ("G0 X#<open", "E1305", 5),
         ("G99.9", "E1401", 1),
-        ("G33 Z1 K1", "E1402", 1),
+        ("G33 Z1 K1", "E1626", 1),
         ("M10", "E1403", 1),
-        ("M19", "E1404", 1),
+        ("M19", "E1505", 1),
         ("G0 G1 X1", "E1405", 4),
         ("M3 M4", "E1406", 4),
         ("G0 X1 X2", "E1407", 7),
         ("G0 X1 P1", "E1408", 7),
         ("G0 X1 A5", "E1409", 7),
-        ("G0 @5", "E1410", 4),
+        ("G0 @5", "E1711", 4),
         ("M3 M8 M48 M0 M62 P1", "E1411", 14),
         ("G80 X1", "E1502", 5),
         ("G0 G28 X1", "E1503", 4),

@@ -267,8 +267,9 @@ impl Compiler<'_> {
         for jump in std::mem::take(&mut self.jumps) {
             self.line = jump.line;
             let places = self.labels.get(&jump.label).map_or(&[][..], Vec::as_slice);
-            let forward = places.iter().find(|place| place.0 > jump.at);
-            let backward = places.iter().rev().find(|place| place.0 <= jump.at);
+            // Places are in the order of the source, so that halving finds the nearest of many block numbers.
+            let split = places.partition_point(|place| place.0 <= jump.at);
+            let (forward, backward) = (places.get(split), split.checked_sub(1).and_then(|last| places.get(last)));
             let found = match jump.direction {
                 Direction::Forward => forward,
                 Direction::Backward => backward,

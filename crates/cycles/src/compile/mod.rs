@@ -9,6 +9,7 @@ mod flow;
 mod head;
 mod lex;
 mod names;
+mod system;
 
 use crate::code::{Op, Unit};
 use crate::codes::Code;
@@ -70,6 +71,8 @@ struct Compiler<'s> {
     at: usize,
     unit: Unit,
     names: Names,
+    /// Numbers of the unit's texts.
+    texts: HashMap<String, u16>,
     structures: Vec<Open>,
     /// Where a label stands: instruction and line. Block numbers may stand several times.
     labels: HashMap<String, Vec<(usize, u32)>>,
@@ -95,6 +98,7 @@ impl<'s> Compiler<'s> {
             at: 0,
             unit: Unit { name: file_name.to_ascii_uppercase(), ..Unit::default() },
             names: Names::default(),
+            texts: HashMap::new(),
             structures: Vec::new(),
             labels: HashMap::new(),
             jumps: Vec::new(),
@@ -293,16 +297,58 @@ impl<'s> Compiler<'s> {
 
     /// The number of a text among the unit's.
     fn constant_text(&mut self, text: &str, span: Span) -> Parsed<u16> {
-        let found = self.unit.texts.iter().position(|known| known == text);
-        let index = found.unwrap_or(self.unit.texts.len());
-        if index == self.unit.texts.len() {
-            self.unit.texts.push(text.to_owned());
+        if let Some(index) = self.texts.get(text) {
+            return Ok(*index);
         }
-        u16::try_from(index).or_else(|_| self.too_large(span, "texts"))
+        let Ok(index) = u16::try_from(self.unit.texts.len()) else { return self.too_large(span, "texts") };
+        self.unit.texts.push(text.to_owned());
+        self.texts.insert(text.to_owned(), index);
+        Ok(index)
     }
 
     #[cold]
     fn too_large<T>(&self, span: Span, of: &str) -> Parsed<T> {
         fault(Code::TooLarge, span, format!("a cycle cannot have so many {of}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 3000, failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn any_bytes_are_answered(source in prop::collection::vec(any::<u8>(), 0..300)) {
+            compile(&source, "ANY");
+        }
+
+        /// Most bytes are no text at all; these are, and hold what the language is made of.
+        #[test]
+        fn any_characters_are_answered(source in "[A-Za-z0-9 .;:,=<>()\\[\\]+*/$_%\"\n\t\u{e4}-]{0,300}") {
+            let compiled = compile(source.as_bytes(), "ANY");
+            if let Some(unit) = compiled.unit {
+                let length = unit.ops.len() as u32;
+                prop_assert_eq!(unit.lines.len(), unit.ops.len());
+                let inside = |op: &Op| !matches!(op, Op::Jump(to) | Op::JumpIf(to) | Op::JumpIfNot(to) if *to >= length);
+                prop_assert!(unit.ops.iter().all(inside));
+            }
+        }
+    }
+
+    #[test]
+    fn the_longest_source_is_answered_in_time() {
+        let begin = std::time::Instant::now();
+        for part in ["R1=R1+1\n", "IF R1\n", "LA:\n", "(", "N10 GOTOF N10\n", "\"", "X"] {
+            compile(part.repeat(LONGEST_SOURCE / part.len()).as_bytes(), "LONG");
+        }
+        let texts: String = (0..60_000).map(|number| format!("MSG(\"{number}\")\n")).collect();
+        assert!(compile(texts.as_bytes(), "LONG").unit.is_some());
+        // A second would do on a machine that has nothing else to do.
+        assert!(begin.elapsed().as_secs() < 20, "{:?}", begin.elapsed());
+        let too_long = compile(&vec![b' '; LONGEST_SOURCE + 1], "LONG");
+        assert_eq!(too_long.diagnostics.first().map(|d| d.code), Some(Code::SourceTooLong));
     }
 }

@@ -6,7 +6,7 @@ use super::Finding;
 use super::folders::Form;
 use crate::code::{CallSite, Passed, Unit};
 use crate::codes::Code;
-use crate::cycle::{Cycle, CycleId, Kind};
+use crate::cycle::{Cycle, CycleId, Given, Kind, misfit};
 use crate::diag::Diagnostic;
 
 /// Joins forms that are sorted by their names.
@@ -56,26 +56,18 @@ fn first_fault(unit: &Unit, forms: &[Form]) -> Option<Diagnostic> {
     unit.calls.iter().find_map(|call| {
         let (code, message) = match place(call, forms) {
             None => (Code::CycleUnknown, format!("there is no cycle {} that can be called", call.name)),
-            Some(at) => (Code::CallArguments, misfit(call, &forms[at].unit)?),
+            Some(at) => (Code::CallArguments, misfit(&forms[at].unit, call.arguments.iter().map(given))?),
         };
         Some(Diagnostic { code, line: call.line, start: call.start, end: call.end, message })
     })
 }
 
-/// How the arguments of a call do not fit, if they do not.
-fn misfit(call: &CallSite, callee: &Unit) -> Option<String> {
-    let (given, most) = (call.arguments.len(), callee.parameters.len());
-    if given > most {
-        return Some(format!("{} takes {most} arguments, not {given}", call.name));
+fn given(passed: &Passed) -> Given {
+    match passed {
+        Passed::Nothing => Given::Nothing,
+        Passed::Number => Given::Number,
+        Passed::Text | Passed::Parameter(_) => Given::Text,
     }
-    call.arguments.iter().zip(&callee.parameters).find_map(|(passed, parameter)| {
-        let fits = match passed {
-            Passed::Nothing => true,
-            Passed::Number => !parameter.of.is_text(),
-            Passed::Text | Passed::Parameter(_) => parameter.of.is_text(),
-        };
-        (!fits).then(|| format!("{} of {} is {}", parameter.name, call.name, parameter.of))
-    })
 }
 
 /// For each form, the parameter that names a contour: for STOCKPATH, or for a cycle that it hands it on to.

@@ -6,7 +6,7 @@ use super::{Frame, Run, Step, Trap, trap};
 use crate::code::Op;
 use crate::codes::Code;
 use crate::cycle::Cycle;
-use crate::host::{Block, Query};
+use crate::host::Query;
 
 /// Axes of a plane: first, second, and the one that drills.
 pub(crate) const fn axes_of_plane(plane: i64) -> [u8; 3] {
@@ -43,7 +43,7 @@ impl Run<'_> {
                 let value = self.host.ask(Query::Position(letter));
                 self.push(value);
             }
-            Op::Begin => self.machine.block = Block::new(frame.cycle, line),
+            Op::Begin => self.machine.block.begin(frame.cycle, line),
             Op::CodeG(tenths) => self.machine.block.add_g(tenths),
             Op::CodeM => {
                 let code = self.number().round();
@@ -95,7 +95,7 @@ impl Run<'_> {
         block.triggers = cycle.is_pattern() && block.words().iter().any(|word| axes.contains(&word.letter));
         let done = self.host.block(&self.machine.block).map_err(|_| Box::new(Trap::Stopped));
         // A plane that it named must not be taken for one of the next block's.
-        self.machine.block = Block::new(self.machine.block.cycle, self.machine.block.line);
+        self.machine.block.begin(self.machine.block.cycle, self.machine.block.line);
         done
     }
 

@@ -10,26 +10,26 @@ use retrace_cycles::{
 
 /// An interpreter in small.
 #[derive(Clone, Debug)]
-pub struct Recorder {
-    pub lines: Vec<String>,
-    pub messages: Vec<String>,
-    pub warnings: Vec<u32>,
-    pub position: [f64; 3],
-    pub feed: f64,
-    pub speed: f64,
-    pub direction: f64,
-    pub offset: f64,
-    pub plane: f64,
-    pub compensation: f64,
-    pub distance: f64,
-    pub inch: f64,
-    pub modal_cycle: f64,
-    pub path: Result<Vec<StockMove>, StockFault>,
-    pub stock_calls: Vec<String>,
-    pub entered: Vec<String>,
-    pub triggers: usize,
+pub(crate) struct Recorder {
+    pub(crate) lines: Vec<String>,
+    pub(crate) messages: Vec<String>,
+    pub(crate) warnings: Vec<u32>,
+    pub(crate) position: [f64; 3],
+    pub(crate) feed: f64,
+    pub(crate) speed: f64,
+    pub(crate) direction: f64,
+    pub(crate) offset: f64,
+    pub(crate) plane: f64,
+    pub(crate) compensation: f64,
+    pub(crate) distance: f64,
+    pub(crate) inch: f64,
+    pub(crate) modal_cycle: f64,
+    pub(crate) path: Result<Vec<StockMove>, StockFault>,
+    pub(crate) stock_calls: Vec<String>,
+    pub(crate) entered: Vec<String>,
+    pub(crate) triggers: usize,
     /// Stops at this block.
-    pub stop_at: Option<usize>,
+    pub(crate) stop_at: Option<usize>,
 }
 
 impl Default for Recorder {
@@ -58,7 +58,7 @@ impl Default for Recorder {
 }
 
 /// A number as a person writes it, to a millionth.
-pub fn shown(value: f64) -> String {
+pub(crate) fn shown(value: f64) -> String {
     let rounded = (value * 1e6).round() / 1e6;
     format!("{}", if rounded == 0.0 { 0.0 } else { rounded })
 }
@@ -141,7 +141,7 @@ impl Host for Recorder {
 }
 
 /// Reads `NAME(1, , "text")`, as a program would have it; nothing clever.
-pub fn call(text: &str) -> (String, Vec<Option<String>>) {
+pub(crate) fn call(text: &str) -> (String, Vec<Option<String>>) {
     let (name, rest) = text.split_once('(').unwrap_or((text, ")"));
     let inner = rest.trim_end_matches(')');
     let arguments = if inner.is_empty() { Vec::new() } else { inner.split(',').map(|a| a.trim().to_owned()).collect() };
@@ -149,7 +149,7 @@ pub fn call(text: &str) -> (String, Vec<Option<String>>) {
 }
 
 /// Runs a call, such as `CYCLE81(10,0,2,-20)`, over a host.
-pub fn run(library: &Library, text: &str, host: &mut Recorder) -> Result<(), Halt> {
+pub(crate) fn run(library: &Library, text: &str, host: &mut Recorder) -> Result<(), Halt> {
     let (name, arguments) = call(text);
     let arguments: Vec<Argument<'_>> = arguments
         .iter()
@@ -165,31 +165,31 @@ pub fn run(library: &Library, text: &str, host: &mut Recorder) -> Result<(), Hal
 }
 
 /// The blocks of a call of a shipped cycle from the usual state, which must run without an alarm.
-pub fn blocks(text: &str) -> Vec<String> {
+pub(crate) fn blocks(text: &str) -> Vec<String> {
     blocks_from(text, Recorder::default()).lines
 }
 
 /// The same from another state; gives the host back.
-pub fn blocks_from(text: &str, mut host: Recorder) -> Recorder {
+pub(crate) fn blocks_from(text: &str, mut host: Recorder) -> Recorder {
     let done = run(&Library::shipped(), text, &mut host);
     assert_eq!(done, Ok(()), "{text}");
     host
 }
 
 /// The alarm of a call of a shipped cycle; nothing has moved.
-pub fn alarm(text: &str) -> u32 {
+pub(crate) fn alarm(text: &str) -> u32 {
     alarm_from(text, Recorder::default())
 }
 
 /// The same from another state.
-pub fn alarm_from(text: &str, mut host: Recorder) -> u32 {
+pub(crate) fn alarm_from(text: &str, mut host: Recorder) -> u32 {
     let alarm = halted(run(&Library::shipped(), text, &mut host));
     assert!(host.lines.is_empty(), "{text} has moved: {:?}", host.lines);
     alarm.number.unwrap_or_else(|| panic!("{text}: {alarm:?}"))
 }
 
 /// The alarm of a run.
-pub fn halted(done: Result<(), Halt>) -> Alarm {
+pub(crate) fn halted(done: Result<(), Halt>) -> Alarm {
     match done {
         Err(Halt::Alarm(alarm)) => *alarm,
         other => panic!("no alarm: {other:?}"),

@@ -2,6 +2,7 @@
 //!
 //! Invariant: parameters and the tool table are in machine units, the state in program units; here is where they meet.
 
+use super::UserCodes;
 use super::queue::{Course, Queue};
 use crate::block::BlockNumber;
 use crate::canon::{Canon, LengthUnit, Step};
@@ -21,6 +22,7 @@ pub(crate) struct Core {
     pub(super) state: State,
     pub(super) parameters: Parameters,
     pub(super) tools: ToolTable,
+    pub(super) user_codes: UserCodes,
 }
 
 /// Takes the canonical functions of one block.

@@ -45,7 +45,7 @@ impl Core {
             emit.call(Canon::Note("interpreter: cutter radius compensation off"));
             return Ok(());
         }
-        if self.state.plane == Plane::Yz {
+        if !matches!(self.state.plane, Plane::Xy | Plane::Zx) {
             return fault(Code::CompensationPlane, at, Code::CompensationPlane.title());
         }
         if self.state.compensation.is_some() {

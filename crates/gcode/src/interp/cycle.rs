@@ -60,6 +60,7 @@ struct Saved {
     feed_rate: f64,
     spindle_speed: f64,
     path_control: PathControl,
+    lathe_diameter: bool,
 }
 
 impl Saved {
@@ -72,6 +73,7 @@ impl Saved {
             feed_rate: state.feed_rate,
             spindle_speed: state.spindle_speed,
             path_control: state.path_control,
+            lathe_diameter: state.lathe_diameter,
         }
     }
 
@@ -83,6 +85,7 @@ impl Saved {
             emit.call(Canon::SelectPlane(self.plane));
         }
         state.distance = self.distance;
+        state.lathe_diameter = self.lathe_diameter;
         if state.feed_mode != self.feed_mode {
             state.feed_mode = self.feed_mode;
             emit.call(Canon::SetFeedMode(self.feed_mode));
@@ -278,6 +281,9 @@ impl Caller<'_> {
             words.claim(letter, self.at)?;
             words.fill(letter, word.value, self.at)?;
         }
+        if words.has(b'x') && self.core.takes_diameters(words) {
+            words.halve_x();
+        }
         let motion = check::motion_to_be(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
         self.core.execute(words, motion, &mut self.emit)?;
@@ -298,9 +304,11 @@ impl Host for Caller<'_> {
         let tool = || self.core.tools.get(state.current_tool).unwrap_or_default();
         let truth = |condition: bool| f64::from(u8::from(condition));
         match what {
-            Query::Position(letter) => {
-                Axis::of_letter(letter.to_ascii_lowercase()).map_or(0.0, |axis| state.position[axis])
-            }
+            Query::Position(letter) => match Axis::of_letter(letter.to_ascii_lowercase()) {
+                Some(Axis::X) if state.lathe_diameter => 2.0 * state.position[Axis::X],
+                Some(axis) => state.position[axis],
+                None => 0.0,
+            },
             Query::Feed => state.feed_rate,
             Query::SpindleSpeed => state.spindle_speed,
             Query::SpindleDirection => match state.spindle {
@@ -317,6 +325,9 @@ impl Host for Caller<'_> {
                 Plane::Xy => 17.0,
                 Plane::Zx => 18.0,
                 Plane::Yz => 19.0,
+                Plane::Uv => 17.1,
+                Plane::Wu => 18.1,
+                Plane::Vw => 19.1,
             },
             Query::Compensation => match state.compensation.map(|compensation| compensation.side) {
                 None => 40.0,
@@ -330,15 +341,17 @@ impl Host for Caller<'_> {
             Query::FeedMode => match state.feed_mode {
                 FeedMode::InverseTime => 93.0,
                 FeedMode::UnitsPerMinute => 94.0,
+                FeedMode::UnitsPerRevolution => 95.0,
             },
             Query::SpindleMode => 97.0,
             Query::Motion => match state.motion {
-                Some(Motion::Traverse) | None => 0.0,
                 Some(Motion::Feed) => 1.0,
                 Some(Motion::ArcClockwise) => 2.0,
                 Some(Motion::ArcCounterclockwise) => 3.0,
+                Some(Motion::SpindleFeed) => 33.0,
+                _ => 0.0,
             },
-            Query::Diameter => 0.0,
+            Query::Diameter => truth(state.lathe_diameter),
             Query::Inch => truth(state.units == LengthUnit::Inch),
             Query::ModalCycle => truth(self.modal.is_some()),
         }

@@ -21,10 +21,13 @@ impl Core {
             self.set_feed_mode(code, emit);
         }
         if let Some(feed) = words.get(b'f')
-            && self.state.feed_mode == FeedMode::UnitsPerMinute
+            && self.state.feed_mode != FeedMode::InverseTime
         {
             self.state.feed_rate = feed;
             emit.call(Canon::SetFeedRate(feed));
+        }
+        if let Some(code) = words.g(GroupG::SpindleMode) {
+            self.set_spindle_mode(code, words, emit);
         }
         if let Some(speed) = words.get(b's') {
             self.state.spindle_speed = speed;
@@ -46,7 +49,7 @@ impl Core {
             MotionToBe::None => {}
             MotionToBe::Cancel => {
                 emit.call(Canon::Note("interpreter: motion mode set to none"));
-                self.state.motion = None;
+                (self.state.motion, self.state.series) = (None, None);
             }
             MotionToBe::Move(motion) => {
                 if self.state.compensation.is_some() {
@@ -85,21 +88,27 @@ impl Core {
 
     fn m_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
         if let Some(code) = words.m(GroupM::Output) {
-            output(code, words, emit)?;
+            self.port(code, words, emit)?;
         }
         match words.m(GroupM::Tool) {
             Some(6) => self.change_tool(emit),
             Some(_) => self.rename_tool(words, emit)?,
             None => {}
         }
-        if let Some(code) = words.m(GroupM::Spindle) {
-            self.spindle(code, words, emit);
+        match words.m(GroupM::Spindle) {
+            Some(19) => self.orient_spindle(words, emit)?,
+            Some(code @ 70..=73) => self.context(code, words, emit)?,
+            Some(code) => self.spindle(code, words, emit),
+            None => {}
         }
         if let Some(code) = words.m(GroupM::Coolant) {
             self.coolant(code, emit);
         }
         if let Some(code) = words.m(GroupM::Override) {
             self.overrides(code, words.get(b'p'), emit);
+        }
+        if let Some(code) = words.m(GroupM::User) {
+            self.user_code(code, words, emit)?;
         }
         Ok(())
     }
@@ -182,23 +191,4 @@ impl Core {
             emit.call(if on { Canon::EnableFeedHold } else { Canon::DisableFeedHold });
         }
     }
-}
-
-/// M62 … M65: the output that P names.
-fn output(code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
-    let at = words.m_span(GroupM::Output);
-    let Some(bit) = words.get(b'p') else {
-        return fault(Code::WordMissing, at, format!("M{code} needs a P word: the output"));
-    };
-    let bit = whole(bit, words.span(b'p'), "P")?;
-    if bit < 0 {
-        return fault(Code::NegativeValue, words.span(b'p'), format!("there is no output {bit}"));
-    }
-    emit.call(match code {
-        62 => Canon::SetMotionOutputBit(bit),
-        63 => Canon::ClearMotionOutputBit(bit),
-        64 => Canon::SetAuxOutputBit(bit),
-        _ => Canon::ClearAuxOutputBit(bit),
-    });
-    Ok(())
 }

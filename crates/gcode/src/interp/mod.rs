@@ -4,7 +4,9 @@
 //! a diagnostic, and the next line is taken up from the state that holds then.
 
 mod arc;
+mod canned;
 mod check;
+mod context;
 mod core;
 mod cutter;
 mod cycle;
@@ -13,9 +15,19 @@ mod joint;
 mod modes;
 mod motion;
 mod offsets;
+mod polar;
+mod ports;
+mod probe;
 mod queue;
 mod refusals;
+mod spindle;
+mod spline;
 mod stop;
+mod thread;
+mod tool_data;
+
+pub(crate) use self::context::Context;
+pub use self::ports::UserCodes;
 
 pub(crate) use self::core::Core;
 use self::core::{BlockEnvironment, Emit};
@@ -60,6 +72,8 @@ pub struct Setup {
     pub block_delete: bool,
     /// Where the machine stands, in machine coordinates and machine units.
     pub position: Pose,
+    /// The user codes that are declared, of M100 … M199.
+    pub user_codes: UserCodes,
 }
 
 impl Default for Setup {
@@ -75,6 +89,7 @@ impl Default for Setup {
             files: None,
             block_delete: false,
             position: Pose::ZERO,
+            user_codes: UserCodes::default(),
         }
     }
 }
@@ -139,6 +154,7 @@ impl Interpreter {
             state: State::initial(setup.program_units),
             parameters: setup.parameters,
             tools: setup.tools,
+            user_codes: setup.user_codes,
         };
         core.take_up_parameters(&setup.position);
         Interpreter {
@@ -245,7 +261,17 @@ impl Interpreter {
             *place = value;
         }
         self.core.state.call_level += 1;
+        self.core.forget_context();
         self.core.parameters.enter(&arguments)
+    }
+
+    /// Takes up again what M73 has put away; to be asked before the subprogram ends.
+    pub(crate) fn take_up_on_return(&mut self, steps: &mut Vec<Step>) -> Outcome<()> {
+        let mut waiting = std::mem::take(&mut self.core.state.waiting);
+        let mut emit = Emit { line: self.line, number: None, steps, waiting: &mut waiting, warning: None };
+        let outcome = self.core.take_up_on_return(&mut emit);
+        self.core.state.waiting = waiting;
+        outcome
     }
 
     /// Ends a subprogram; `value` is what it returns.
@@ -258,9 +284,8 @@ impl Interpreter {
     /// Carries out the compiled block.
     pub(crate) fn carry_out(&mut self, steps: &mut Vec<Step>) -> Outcome<Flow> {
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
-        let words = if self.reader.block.is_constant() {
-            &self.reader.block.words
-        } else {
+        let is_constant = self.reader.block.is_constant();
+        if !is_constant {
             self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
             for assignment in &self.assignments {
                 match *assignment {
@@ -269,8 +294,16 @@ impl Interpreter {
                     Assignment::Argument(_) => {}
                 }
             }
-            &self.words
-        };
+        }
+        let given = if is_constant { &self.reader.block.words } else { &self.words };
+        let is_diameter = given.has(b'x') && self.core.takes_diameters(given);
+        if is_diameter {
+            if is_constant {
+                self.words.clone_from(&self.reader.block.words);
+            }
+            self.words.halve_x();
+        }
+        let words = if is_constant && !is_diameter { &self.reader.block.words } else { &self.words };
         let motion = check::motion_to_be(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
         // Taken out for the block: what the block asks for goes either into it or out.
@@ -280,7 +313,7 @@ impl Interpreter {
         if let Some(remark) = &self.reader.block.remark {
             let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
             let show_debug = self.core.parameters.get(SHOW_DEBUG) > 0.0;
-            if let Some(canon) = remark.canon(&environment, show_debug) {
+            if let Some(canon) = remark.canon(&environment, show_debug)? {
                 emit.call(canon);
             }
         }
@@ -323,6 +356,12 @@ impl Interpreter {
     /// Puts a modal state in force, such as that of a breakpoint.
     pub fn set_state(&mut self, state: State) {
         self.core.state = state;
+    }
+
+    /// The tools, with what G10 has changed.
+    #[must_use]
+    pub fn tools(&self) -> &ToolTable {
+        &self.core.tools
     }
 
     /// All parameters.

@@ -14,16 +14,20 @@ use crate::params::{COORDINATE_SYSTEM, system_origin};
 use crate::pose::{Axis, Pose};
 
 impl Core {
-    /// G93, G94.
+    /// G93, G94, G95.
     pub(super) fn set_feed_mode(&mut self, code: u16, emit: &mut Emit<'_>) {
         if code == 930 {
             emit.call(Canon::Note("interpreter: feed mode set to inverse time"));
             self.state.feed_mode = FeedMode::InverseTime;
             emit.call(Canon::SetFeedMode(FeedMode::InverseTime));
         } else {
-            emit.call(Canon::Note("interpreter: feed mode set to units per minute"));
-            self.state.feed_mode = FeedMode::UnitsPerMinute;
-            emit.call(Canon::SetFeedMode(FeedMode::UnitsPerMinute));
+            let (mode, note) = match code {
+                940 => (FeedMode::UnitsPerMinute, "interpreter: feed mode set to units per minute"),
+                _ => (FeedMode::UnitsPerRevolution, "interpreter: feed mode set to units per revolution"),
+            };
+            emit.call(Canon::Note(note));
+            self.state.feed_mode = mode;
+            emit.call(Canon::SetFeedMode(mode));
             self.state.feed_rate = 0.0;
             emit.call(Canon::SetFeedRate(0.0));
         }
@@ -38,12 +42,18 @@ impl Core {
             self.state.plane = match code {
                 170 => Plane::Xy,
                 180 => Plane::Zx,
-                _ => Plane::Yz,
+                190 => Plane::Yz,
+                171 => Plane::Uv,
+                181 => Plane::Wu,
+                _ => Plane::Vw,
             };
             emit.call(Canon::SelectPlane(self.state.plane));
         }
         if let Some(code) = words.g(GroupG::Units) {
             self.set_units(if code == 200 { LengthUnit::Inch } else { LengthUnit::Millimetre }, emit);
+        }
+        if let Some(code) = words.g(GroupG::LatheDiameter) {
+            self.set_lathe_diameter(code == 70, emit);
         }
         if let Some(code) = words.g(GroupG::CutterCompensation) {
             self.set_compensation(code, words, emit)?;
@@ -68,7 +78,7 @@ impl Core {
     }
 
     /// G20, G21: all lengths of the state are converted.
-    fn set_units(&mut self, units: LengthUnit, emit: &mut Emit<'_>) {
+    pub(super) fn set_units(&mut self, units: LengthUnit, emit: &mut Emit<'_>) {
         emit.call(Canon::UseLengthUnits(units));
         let state = &mut self.state;
         if units == state.units {
@@ -87,9 +97,35 @@ impl Core {
         }
         state.feed_rate *= factor;
         state.naivecam_tolerance *= factor;
+        if let Some(series) = &mut state.series {
+            series.scale_lengths(factor);
+        }
+        state.spline_direction.0 *= factor;
+        state.spline_direction.1 *= factor;
+        for point in &mut state.control_points {
+            (point.x, point.y) = (point.x * factor, point.y * factor);
+        }
         if let PathControl::Continuous { tolerance } = &mut state.path_control {
             *tolerance *= factor;
         }
+    }
+
+    /// Whether the X word of a block is a diameter.
+    pub(super) fn takes_diameters(&self, words: &Words) -> bool {
+        words.g(GroupG::LatheDiameter).map_or(self.state.lathe_diameter, |code| code == 70)
+    }
+
+    /// G7, G8.
+    fn set_lathe_diameter(&mut self, diameter: bool, emit: &mut Emit<'_>) {
+        if self.state.lathe_diameter == diameter {
+            return;
+        }
+        self.state.lathe_diameter = diameter;
+        emit.call(Canon::Note(if diameter {
+            "interpreter: Lathe diameter mode changed to diameter"
+        } else {
+            "interpreter: Lathe diameter mode changed to radius"
+        }));
     }
 
     /// G43, G43.1, G43.2, G49. The machine stays where it is, so the position changes by what the offset does.

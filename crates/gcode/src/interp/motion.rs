@@ -7,7 +7,7 @@ use super::check::turns_of;
 use super::{Core, Emit};
 use crate::angle::rotate;
 use crate::block::Words;
-use crate::canon::{ArcFeed, Canon, FeedMode};
+use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
 use crate::groups::GroupG;
@@ -24,15 +24,16 @@ impl Core {
     /// Carries out the block's motion.
     #[inline]
     pub(super) fn move_along(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        self.check_polar_words(words)?;
         match motion {
             Motion::Traverse => {
-                self.state.motion = Some(motion);
+                (self.state.motion, self.state.series) = (Some(motion), None);
                 let end = self.end_of(words);
                 self.straight(motion, end, words, emit)
             }
             Motion::Feed => {
                 self.check_feed(words)?;
-                self.state.motion = Some(motion);
+                (self.state.motion, self.state.series) = (Some(motion), None);
                 let end = self.end_of(words);
                 if self.state.feed_mode == FeedMode::InverseTime {
                     let length = straight_length(self.state.path_position(), &end);
@@ -40,7 +41,23 @@ impl Core {
                 }
                 self.straight(motion, end, words, emit)
             }
-            Motion::ArcClockwise | Motion::ArcCounterclockwise => self.arc(motion, words, emit),
+            Motion::ArcClockwise | Motion::ArcCounterclockwise => {
+                self.state.series = None;
+                self.arc(motion, words, emit)
+            }
+            Motion::Cycle(cycle) => self.canned_cycle(cycle, words, emit),
+            Motion::SpindleFeed | Motion::RigidTap => {
+                self.state.series = None;
+                self.synchronised_move(motion, words, emit)
+            }
+            Motion::ThreadingCycle => {
+                self.state.series = None;
+                self.threading_cycle(words, emit)
+            }
+            Motion::CubicSpline | Motion::QuadraticSpline => self.spline(motion, words, emit),
+            Motion::ControlPoint => self.control_point(words),
+            Motion::EndOfPoints => self.end_of_points(words, emit),
+            Motion::Probe(probing) => self.probe(probing, words, emit),
         }
     }
 
@@ -62,8 +79,11 @@ impl Core {
             None => Span::default(),
         };
         match self.state.feed_mode {
-            FeedMode::UnitsPerMinute if self.state.feed_rate == 0.0 => {
+            FeedMode::UnitsPerMinute | FeedMode::UnitsPerRevolution if self.state.feed_rate == 0.0 => {
                 fault(Code::ZeroFeed, at(), "a feed move needs a feed rate, and none is set")
+            }
+            FeedMode::UnitsPerRevolution if self.state.spindle_speed == 0.0 => {
+                fault(Code::ZeroSpindleSpeed, at(), Code::ZeroSpindleSpeed.title())
             }
             FeedMode::InverseTime if !words.has(b'f') => {
                 fault(Code::InverseTimeFeed, at(), Code::InverseTimeFeed.title())
@@ -91,6 +111,9 @@ impl Core {
             if let Some(given) = words.get(letter) {
                 *axis = if incremental { *axis + given } else { given };
             }
+        }
+        if words.has_any(b"@^") {
+            self.polar_end(words, &mut end);
         }
         end
     }
@@ -134,10 +157,14 @@ impl Core {
             return fault(Code::ArcWordsMissing, at, Code::ArcWordsMissing.title());
         }
         self.check_feed(words)?;
+        if !self.state.plane.has_arcs() {
+            return fault(Code::ArcPlane, at, Code::ArcPlane.title());
+        }
         let centre = self.centre_words(words, at)?;
         let [first, second, normal] = self.state.plane.axes();
         let letter = |axis: Axis| axis.letter().to_ascii_lowercase();
-        if centre.is_none() && !words.has(letter(first)) && !words.has(letter(second)) {
+        let is_polar = self.state.plane == Plane::Xy && words.has_any(b"@^");
+        if centre.is_none() && !words.has(letter(first)) && !words.has(letter(second)) && !is_polar {
             return fault(Code::ArcNoEnd, at, Code::ArcNoEnd.title());
         }
         self.state.motion = Some(motion);

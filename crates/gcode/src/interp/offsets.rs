@@ -15,7 +15,11 @@ impl Core {
     /// The codes of group 0 but G4 and G53, which belong to others.
     pub(super) fn non_modal(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
         match code {
-            100 => self.set_coordinate_system(words, emit),
+            100 => match words.get(b'l') {
+                Some(0.0) => return self.reload_tools(words.span(b'l'), emit),
+                Some(1.0 | 10.0 | 11.0) => return self.set_tool_data(words, emit),
+                _ => self.set_coordinate_system(words, emit),
+            },
             280 => self.go_home(G28_HOME, words, emit),
             300 => self.go_home(G30_HOME, words, emit),
             281 => self.keep_home(G28_HOME),

@@ -85,7 +85,11 @@ impl Queue {
 
     /// Whether a canonical function waits its turn behind a waiting move. Others pass it by: the peer has it so, and nothing of
     /// theirs depends on where the machine is.
-    pub(crate) const fn holds(canon: &Canon) -> bool {
+    pub(crate) fn holds(canon: &Canon) -> bool {
+        if let Canon::Note(text) = canon {
+            // The one note of a mode that passes.
+            return !text.starts_with("interpreter: Lathe diameter mode");
+        }
         matches!(
             canon,
             Canon::SetFeedRate(_)
@@ -100,8 +104,10 @@ impl Queue {
                 | Canon::StopSpindleTurning
                 | Canon::SetSpindleMode(_)
                 | Canon::SetSpindleSpeed(_)
+                | Canon::OrientSpindle { .. }
+                | Canon::WaitSpindleOrientComplete(_)
+                | Canon::UserCode { .. }
                 | Canon::Comment(_)
-                | Canon::Note(_)
         )
     }
 

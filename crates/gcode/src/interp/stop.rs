@@ -53,8 +53,9 @@ impl Core {
         }
         state.spindle = Spindle::Stopped;
         emit.call(Canon::StopSpindleTurning);
+        state.constant_surface_speed = false;
         emit.call(Canon::SetSpindleMode(0.0));
-        state.motion = Some(Motion::Feed);
+        (state.motion, state.series) = (Some(Motion::Feed), None);
         if std::mem::take(&mut state.mist) {
             emit.call(Canon::MistOff);
         }

@@ -1,6 +1,8 @@
 //! Random valid programs.
 
 mod compensated;
+mod cycles;
+mod more;
 
 /// A small generator of random numbers, the same on every machine.
 pub(crate) struct Random(u64);
@@ -40,11 +42,26 @@ impl Random {
 /// - M2 and M30 do not switch the spindle speed override on again;
 /// - it takes P1.5 for a coordinate system, P-2 for a dwell, and P-1 for an output;
 /// - a named parameter exists for it from the left side of its first assignment on;
+/// - it does not convert the tolerance of G64 Q, the initial level and the kept words of a drilling cycle when the units change;
+/// - it keeps the initial level of a drilling cycle when the plane changes, and a dwell of another cycle for G74 and G84;
+/// - in G18 and G19 the feed moves of G74 and G84 have their coordinates in the order of the plane's axes;
+/// - it refuses L with G74, takes a negative P or the value −1 of P and Q for none, and lets M19 pass without R;
+/// - G76 switches the feed override on again where M49 or M50 P0 had switched it off;
+/// - G33, G33.1 and G76 take a pitch of 0 and G76 one below, and G33.1 takes words of A, B and C and does nothing with them;
 /// - it prints the digits of an N word only as far as no blank comes between.
+/// - it prints the digits of an N word only as far as no blank comes between;
+/// - M72 brings F back with one decimal and S with none, forgets F when it ends G93, sets the offset of the tool in the spindle whatever
+///   offset was in force, and does not switch off again what of mist, flood and overrides had been off;
+/// - it leaves out the rest of a block that has M72;
+/// - G5.3 ends where the last point was given, though the units have changed since;
+/// - before the first M6 it takes the tool of the table's first line for the one in the spindle when G10 L1 changes it;
+/// - it takes L5 of M66, and an M67 without a value.
 pub(crate) struct Writer {
     random: Random,
     lines: Vec<String>,
     has_tool_offset: bool,
+    /// There was an M6.
+    has_tool: bool,
     has_g92: bool,
     /// M49 or M51 P0 came last.
     speed_override_off: bool,
@@ -59,6 +76,7 @@ impl Writer {
             random: Random::new(seed),
             lines: Vec::new(),
             has_tool_offset: false,
+            has_tool: false,
             has_g92: false,
             speed_override_off: false,
             names: Vec::new(),
@@ -115,7 +133,10 @@ impl Writer {
     }
 
     fn block(&mut self) {
-        match self.random.below(37) {
+        if self.random.one_in(7) {
+            return self.machining();
+        }
+        match self.random.below(47) {
             0..=9 => self.straight(),
             10..=13 => self.arc(),
             14..=16 => self.assignment(),
@@ -133,7 +154,8 @@ impl Writer {
             31 => self.path_control(),
             32 => self.anything(),
             33 | 34 => self.control(5),
-            35 => self.compensated(),
+            36 => self.compensated(),
+            37.. => self.more(),
             _ => {
                 let words = vec![self.axis_words(2).join(""), format!("F{}", self.random.below(99) + 1)];
                 self.line(words);
@@ -405,6 +427,7 @@ impl Writer {
     }
 
     fn tool_change(&mut self) {
+        self.has_tool = true;
         let tool = self.random.below(3) + 1;
         self.line(vec!["G90 G0 X1 Y2.5 Z3 A4 B5 C6".to_owned()]);
         self.line(vec![format!("T{tool}"), "M6".to_owned()]);

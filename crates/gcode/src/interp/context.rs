@@ -1,0 +1,235 @@
+//! Modal states that a program puts away and takes up again: M70 to M73.
+//!
+//! Invariant: each level of calls has one place of its own. What is taken up again comes out as the canonical functions of the codes
+//! that a program would need for it; the motion mode, the offsets of G52 and G92 and the tool in the spindle stay as they are.
+
+use super::check::MotionToBe;
+use super::{Core, Emit};
+use crate::block::Words;
+use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
+use crate::codes::Code;
+use crate::diag::{Outcome, fault};
+use crate::groups::GroupM;
+use crate::modal::{ArcCentres, Distance, Spindle, State};
+use crate::pose::{Axis, Pose};
+
+/// The modes that M70 and M73 keep, lengths in the units that were in force.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Context {
+    units: LengthUnit,
+    plane: Plane,
+    distance: Distance,
+    arc_centres: ArcCentres,
+    feed_mode: FeedMode,
+    feed_rate: f64,
+    coordinate_system: u8,
+    tool_offset: Pose,
+    path_control: PathControl,
+    naivecam_tolerance: f64,
+    retract_to_r: bool,
+    lathe_diameter: bool,
+    spindle: Spindle,
+    spindle_speed: f64,
+    mist: bool,
+    flood: bool,
+    feed_override: bool,
+    speed_override: bool,
+    adaptive_feed: bool,
+    feed_hold: bool,
+    /// M73: taken up again when the subprogram ends.
+    on_return: bool,
+}
+
+/// Whether two values are not the same; a change of units and back leaves traces in the last digits.
+fn differs(kept: f64, now: f64) -> bool {
+    (kept - now).abs() > 1e-9 * kept.abs().max(1.0)
+}
+
+impl Context {
+    fn of(state: &State, on_return: bool) -> Context {
+        Context {
+            units: state.units,
+            plane: state.plane,
+            distance: state.distance,
+            arc_centres: state.arc_centres,
+            feed_mode: state.feed_mode,
+            feed_rate: state.feed_rate,
+            coordinate_system: state.coordinate_system,
+            tool_offset: state.tool_offset,
+            path_control: state.path_control,
+            naivecam_tolerance: state.naivecam_tolerance,
+            retract_to_r: state.retract_to_r,
+            lathe_diameter: state.lathe_diameter,
+            spindle: state.spindle,
+            spindle_speed: state.spindle_speed,
+            mist: state.mist,
+            flood: state.flood,
+            feed_override: state.feed_override,
+            speed_override: state.speed_override,
+            adaptive_feed: state.adaptive_feed,
+            feed_hold: state.feed_hold,
+            on_return,
+        }
+    }
+
+    /// A block that brings back what one block can; units are back already.
+    fn block(&self, state: &State) -> Outcome<Words> {
+        let mut words = Words::default();
+        self.add_feed_and_spindle(state, &mut words)?;
+        let mut code = |differs: bool, code: f64| if differs { words.add_g(code, <_>::default()) } else { Ok(()) };
+        let plane = match self.plane {
+            Plane::Xy => 17.0,
+            Plane::Zx => 18.0,
+            Plane::Yz => 19.0,
+            Plane::Uv => 17.1,
+            Plane::Wu => 18.1,
+            Plane::Vw => 19.1,
+        };
+        code(self.plane != state.plane, plane)?;
+        code(self.lathe_diameter != state.lathe_diameter, if self.lathe_diameter { 7.0 } else { 8.0 })?;
+        let system = match self.coordinate_system {
+            system @ 0..=6 => 53.0 + f64::from(system),
+            system => 59.0 + f64::from(system - 6) / 10.0,
+        };
+        code(self.coordinate_system != state.coordinate_system, system)?;
+        code(self.distance != state.distance, if self.distance == Distance::Absolute { 90.0 } else { 91.0 })?;
+        let absolute = self.arc_centres == ArcCentres::Absolute;
+        code(self.arc_centres != state.arc_centres, if absolute { 90.1 } else { 91.1 })?;
+        code(self.retract_to_r != state.retract_to_r, if self.retract_to_r { 99.0 } else { 98.0 })?;
+        code(self.tool_offset != state.tool_offset, 43.1)?;
+        for axis in Axis::ALL {
+            words.put(axis.letter().to_ascii_lowercase(), self.tool_offset[axis]);
+        }
+        self.add_path_control(state, &mut words)?;
+        Ok(words)
+    }
+
+    fn add_feed_and_spindle(&self, state: &State, words: &mut Words) -> Outcome<()> {
+        if self.feed_mode != state.feed_mode {
+            words.add_g(if self.feed_mode == FeedMode::InverseTime { 93.0 } else { 94.0 }, <_>::default())?;
+        }
+        let ends_inverse_time = self.feed_mode != state.feed_mode && self.feed_rate != 0.0;
+        if differs(self.feed_rate, state.feed_rate) || ends_inverse_time {
+            words.put(b'f', self.feed_rate);
+        }
+        if self.spindle_speed != state.spindle_speed {
+            words.put(b's', self.spindle_speed);
+        }
+        if self.spindle != state.spindle {
+            let code = match self.spindle {
+                Spindle::Clockwise => 3.0,
+                Spindle::Counterclockwise => 4.0,
+                Spindle::Stopped => 5.0,
+            };
+            return words.add_m(code, <_>::default());
+        }
+        // Of the codes that switch something the first comes with this block, the others behind it, as in the peer.
+        let is_off = !self.mist && !self.flood;
+        match () {
+            () if is_off && (state.mist || state.flood) => words.add_m(9.0, <_>::default()),
+            () if self.mist && !state.mist => words.add_m(7.0, <_>::default()),
+            () if self.flood && !state.flood => words.add_m(8.0, <_>::default()),
+            () => Ok(()),
+        }
+    }
+
+    fn add_path_control(&self, state: &State, words: &mut Words) -> Outcome<()> {
+        let is_same = match (self.path_control, state.path_control) {
+            (PathControl::Continuous { tolerance: kept }, PathControl::Continuous { tolerance: now }) => {
+                !differs(kept, now) && !differs(self.naivecam_tolerance, state.naivecam_tolerance)
+            }
+            (kept, now) => kept == now,
+        };
+        if is_same {
+            return Ok(());
+        }
+        let code = match self.path_control {
+            PathControl::ExactPath => 61.0,
+            PathControl::ExactStop => 61.1,
+            PathControl::Continuous { tolerance } => {
+                words.put(b'p', tolerance);
+                words.put(b'q', self.naivecam_tolerance);
+                64.0
+            }
+        };
+        words.add_g(code, <_>::default())
+    }
+}
+
+impl Core {
+    /// M70 … M73.
+    pub(super) fn context(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        let level = self.state.call_level as usize;
+        match code {
+            70 | 73 => {
+                let kept = Context::of(&self.state, code == 73);
+                if self.state.contexts.len() <= level {
+                    self.state.contexts.resize(level + 1, None);
+                }
+                self.state.contexts[level] = Some(kept);
+                Ok(())
+            }
+            71 => {
+                self.forget_context();
+                Ok(())
+            }
+            _ => match self.state.contexts.get(level).copied().flatten() {
+                Some(kept) => self.take_up(&kept, emit),
+                None => fault(Code::NothingSaved, words.m_span(GroupM::Spindle), Code::NothingSaved.title()),
+            },
+        }
+    }
+
+    /// Empties the place of this level of calls.
+    pub(super) fn forget_context(&mut self) {
+        if let Some(place) = self.state.contexts.get_mut(self.state.call_level as usize) {
+            *place = None;
+        }
+    }
+
+    /// What M73 has put away for the end of this subprogram is taken up again.
+    pub(super) fn take_up_on_return(&mut self, emit: &mut Emit<'_>) -> Outcome<()> {
+        match self.state.contexts.get(self.state.call_level as usize).copied().flatten() {
+            Some(kept) if kept.on_return && self.state.call_level > 0 => self.take_up(&kept, emit),
+            _ => Ok(()),
+        }
+    }
+
+    fn take_up(&mut self, kept: &Context, emit: &mut Emit<'_>) -> Outcome<()> {
+        // These functions belong to no N word, as in the peer.
+        let number = emit.number.take();
+        if kept.units != self.state.units {
+            self.set_units(kept.units, emit);
+        }
+        let block = kept.block(&self.state)?;
+        let outcome = self.execute(&block, MotionToBe::None, emit);
+        self.take_up_switches(kept, emit);
+        emit.number = number;
+        outcome.map(|_| ())
+    }
+
+    fn take_up_switches(&mut self, kept: &Context, emit: &mut Emit<'_>) {
+        let state = &mut self.state;
+        let mut switch = |now: &mut bool, kept: bool, canon: [Canon; 2]| {
+            if std::mem::replace(now, kept) != kept {
+                let [off, on] = canon;
+                emit.call(if kept { on } else { off });
+            }
+        };
+        if !kept.mist && !kept.flood && (state.mist || state.flood) {
+            // M9 tells both.
+            switch(&mut true, false, [Canon::MistOff, Canon::MistOn]);
+            switch(&mut true, false, [Canon::FloodOff, Canon::FloodOn]);
+            (state.mist, state.flood) = (false, false);
+        }
+        switch(&mut state.mist, kept.mist, [Canon::MistOff, Canon::MistOn]);
+        switch(&mut state.flood, kept.flood, [Canon::FloodOff, Canon::FloodOn]);
+        let feed = [Canon::DisableFeedOverride, Canon::EnableFeedOverride];
+        switch(&mut state.feed_override, kept.feed_override, feed);
+        let speed = [Canon::DisableSpeedOverride, Canon::EnableSpeedOverride];
+        switch(&mut state.speed_override, kept.speed_override, speed);
+        let adaptive = [Canon::DisableAdaptiveFeed, Canon::EnableAdaptiveFeed];
+        switch(&mut state.adaptive_feed, kept.adaptive_feed, adaptive);
+        switch(&mut state.feed_hold, kept.feed_hold, [Canon::DisableFeedHold, Canon::EnableFeedHold]);
+    }
+}

@@ -1,0 +1,127 @@
+//! Outputs, inputs and user codes: M62 to M68, M100 to M199.
+//!
+//! Invariant: an output or input is a number of at least 0; only user codes that the machine has declared are carried out.
+
+use super::{Core, Emit};
+use crate::block::Words;
+use crate::canon::{Canon, Input, Wait, WaitFor};
+use crate::codes::Code;
+use crate::diag::{Outcome, fault};
+use crate::eval::whole;
+use crate::groups::GroupM;
+use crate::params::INPUT;
+
+/// The user codes that a machine has declared, of M100 … M199.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct UserCodes(u128);
+
+impl UserCodes {
+    /// These, too; a number that is no user code is left out.
+    #[must_use]
+    pub const fn with(self, number: u8) -> UserCodes {
+        match number {
+            100..=199 => UserCodes(self.0 | 1 << (number - 100)),
+            _ => self,
+        }
+    }
+
+    /// Whether a code is declared.
+    #[must_use]
+    pub const fn has(self, number: u8) -> bool {
+        matches!(number, 100..=199) && self.0 & 1 << (number - 100) != 0
+    }
+}
+
+impl Core {
+    /// M62 … M68.
+    pub(super) fn port(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        match code {
+            62..=65 => digital_output(code, words, emit),
+            66 => self.wait(words, emit),
+            _ => analog_output(code, words, emit),
+        }
+    }
+
+    /// M66. Until a machine answers, the answer is 0, as in LinuxCNC's stand-alone interpreter.
+    fn wait(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        let at = words.m_span(GroupM::Output);
+        let input = match (words.has(b'p'), words.has(b'e')) {
+            (true, true) => return fault(Code::InputChoice, at, "M66 asks one input, not both P and E"),
+            (true, false) => Input::Digital(port_number(words, b'p', "input")?),
+            (false, true) => Input::Analog(port_number(words, b'e', "input")?),
+            (false, false) => return fault(Code::WordMissing, at, "M66 needs P, a digital input, or E, an analog one"),
+        };
+        let wait_for = match words.get(b'l').unwrap_or_default() as u32 {
+            0 => WaitFor::Immediate,
+            1 => WaitFor::Rise,
+            2 => WaitFor::Fall,
+            3 => WaitFor::High,
+            4 => WaitFor::Low,
+            other => return fault(Code::BadL, words.span(b'l'), format!("M66 takes L0 to L4, not L{other}")),
+        };
+        let timeout = words.get(b'q').unwrap_or_default();
+        if wait_for != WaitFor::Immediate {
+            if timeout <= 0.0 {
+                return fault(Code::WaitTimeout, at, Code::WaitTimeout.title());
+            }
+            if matches!(input, Input::Analog(_)) {
+                return fault(Code::InputChoice, words.span(b'l'), "an analog input is not waited for: L0");
+            }
+        }
+        emit.call(Canon::Wait(Wait { input, wait_for, timeout: timeout.max(0.0) }));
+        self.parameters.set(INPUT, 0.0);
+        Ok(())
+    }
+
+    /// M100 … M199.
+    pub(super) fn user_code(&self, code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        if !self.user_codes.has(code) {
+            let message = format!("M{code} is not declared for this machine");
+            return fault(Code::UserCodeUndeclared, words.m_span(GroupM::User), message);
+        }
+        emit.call(Canon::UserCode { number: code, p: words.get(b'p'), q: words.get(b'q') });
+        Ok(())
+    }
+}
+
+/// M62 … M65: the output that P names.
+fn digital_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    if !words.has(b'p') {
+        let at = words.m_span(GroupM::Output);
+        return fault(Code::WordMissing, at, format!("M{code} needs a P word: the output"));
+    }
+    let bit = port_number(words, b'p', "output")?;
+    emit.call(match code {
+        62 => Canon::SetMotionOutputBit(bit),
+        63 => Canon::ClearMotionOutputBit(bit),
+        64 => Canon::SetAuxOutputBit(bit),
+        _ => Canon::ClearAuxOutputBit(bit),
+    });
+    Ok(())
+}
+
+/// M67, M68: the output that E names takes the value of Q.
+fn analog_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    let at = words.m_span(GroupM::Output);
+    let Some(value) = words.get(b'q') else {
+        return fault(Code::WordMissing, at, format!("M{code} needs a Q word: the value"));
+    };
+    if !words.has(b'e') {
+        return fault(Code::WordMissing, at, format!("M{code} needs an E word: the output"));
+    }
+    let output = port_number(words, b'e', "output")?;
+    emit.call(match code {
+        67 => Canon::SetMotionOutputValue { output, value },
+        _ => Canon::SetAuxOutputValue { output, value },
+    });
+    Ok(())
+}
+
+fn port_number(words: &Words, letter: u8, kind: &str) -> Outcome<i32> {
+    let name = if letter == b'p' { "P" } else { "E" };
+    let at = words.span(letter);
+    match whole(words.get(letter).unwrap_or_default(), at, name)? {
+        number @ 0.. => Ok(number),
+        number => fault(Code::NegativeValue, at, format!("there is no {kind} {number}")),
+    }
+}

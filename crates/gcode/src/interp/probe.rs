@@ -1,0 +1,53 @@
+//! Probing: G38.2 to G38.5.
+//!
+//! Invariant: a probing move has a way to go. As long as no machine has answered, the answer taken for granted is that of LinuxCNC's
+//! stand-alone interpreter: the end was reached without contact, and the tool went back by a hundredth of an inch.
+
+use super::{Core, Emit};
+use crate::block::Words;
+use crate::canon::{Canon, LengthUnit, Probing};
+use crate::codes::Code;
+use crate::diag::{Outcome, fault};
+use crate::modal::Motion;
+use crate::params::{PROBE_ANSWERED, PROBE_POSITION};
+use crate::pose::{Axis, Pose};
+
+impl Core {
+    pub(super) fn probe(&mut self, probing: Probing, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        let at = words.first_of(super::check::AXES).map_or_else(Default::default, |letter| words.span(letter));
+        if self.state.feed_rate == 0.0 {
+            return fault(Code::ZeroFeed, at, "probing needs a feed rate, and none is set");
+        }
+        let (start, end) = (self.state.position, self.end_of(words));
+        if start == end {
+            return fault(Code::ProbeNowhere, at, Code::ProbeNowhere.title());
+        }
+        emit.call(Canon::TurnProbeOn);
+        emit.call(Canon::StraightProbe(end, probing));
+        emit.call(Canon::TurnProbeOff);
+        self.state.motion = Some(Motion::Probe(probing));
+        for axis in Axis::ALL {
+            self.parameters.set(PROBE_POSITION + axis as usize, end[axis]);
+        }
+        self.parameters.set(PROBE_ANSWERED, 0.0);
+        self.state.position = self.retreated(&start, &end);
+        Ok(())
+    }
+
+    /// Where the tool stands after a probing move that has reached its end.
+    fn retreated(&self, start: &Pose, end: &Pose) -> Pose {
+        let retreat = match self.state.units {
+            LengthUnit::Inch => 0.01,
+            LengthUnit::Millimetre => 0.254,
+        };
+        let [x, y, z] = [Axis::X, Axis::Y, Axis::Z].map(|axis| start[axis] - end[axis]);
+        let length = (x * x + y * y + z * z).sqrt();
+        let mut stands = *end;
+        if length != 0.0 {
+            for (axis, way) in [(Axis::X, x), (Axis::Y, y), (Axis::Z, z)] {
+                stands[axis] += retreat * (way / length);
+            }
+        }
+        stands
+    }
+}

@@ -1,0 +1,134 @@
+//! Splines: G5 (cubic), G5.1 (quadratic), G5.2 and G5.3 (control points one by one).
+//!
+//! Invariant: a spline begins at the position and ends at its last control point, and stays in the plane of X and Y.
+
+use super::{Core, Emit};
+use crate::block::Words;
+use crate::canon::{Canon, FeedMode, Plane};
+use crate::codes::Code;
+use crate::diag::{Outcome, fault};
+use crate::groups::GroupG;
+use crate::modal::Motion;
+use crate::pose::Axis;
+use crate::spline::{ControlPoint, Nurbs};
+
+/// The order of a G5.2 without an L word, and the least there is.
+const LEAST_ORDER: u32 = 3;
+
+impl Core {
+    /// G5, G5.1. They leave the motion mode as it was.
+    pub(super) fn spline(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        self.check_spline_feed(words)?;
+        let at = words.g_span(GroupG::Motion);
+        if self.state.plane != Plane::Xy {
+            return fault(Code::SplinePlane, at, Code::SplinePlane.title());
+        }
+        if let Some(letter) = words.first_of(b"zabcuvw") {
+            let name = char::from(letter.to_ascii_uppercase());
+            return fault(Code::SplineAxis, words.span(letter), format!("{name} does not belong to a spline"));
+        }
+        let (start, end) = (self.state.position, self.end_of(words));
+        let first = ControlPoint::plain(start[Axis::X], start[Axis::Y]);
+        let last = ControlPoint::plain(end[Axis::X], end[Axis::Y]);
+        let away = match (words.get(b'i'), words.get(b'j')) {
+            (Some(i), Some(j)) => Some((i, j)),
+            (None, None) => None,
+            _ => return fault(Code::SplineWords, at, "a spline has both I and J, or neither"),
+        };
+        let along = |(x, y): (f64, f64)| ControlPoint::plain(first.x + x, first.y + y);
+        let points = if motion == Motion::QuadraticSpline {
+            let Some(away) = away else { return fault(Code::SplineWords, at, "G5.1 needs I and J") };
+            [first, along(away), last].into()
+        } else {
+            let (Some(p), Some(q)) = (words.get(b'p'), words.get(b'q')) else {
+                return fault(Code::SplineWords, at, "G5 needs P and Q");
+            };
+            // Without I and J it goes on in the direction in which the last one ended.
+            let second = along(away.unwrap_or(self.state.spline_direction));
+            self.state.spline_direction = (-p, -q);
+            [first, second, ControlPoint::plain(last.x + p, last.y + q), last].into()
+        };
+        let order = if motion == Motion::QuadraticSpline { 3 } else { 4 };
+        emit.call(Canon::NurbsFeed(Nurbs { order, points }));
+        self.state.position = end;
+        Ok(())
+    }
+
+    fn check_spline_feed(&self, words: &Words) -> Outcome<()> {
+        let at = words.g_span(GroupG::Motion);
+        match self.state.feed_mode {
+            FeedMode::InverseTime if !words.has(b'f') => {
+                fault(Code::InverseTimeFeed, at, Code::InverseTimeFeed.title())
+            }
+            FeedMode::InverseTime => Ok(()),
+            _ if self.state.feed_rate == 0.0 => {
+                fault(Code::ZeroFeed, at, "a feed move needs a feed rate, and none is set")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// G5.2: one more control point; the first of them is the position.
+    pub(super) fn control_point(&mut self, words: &Words) -> Outcome<()> {
+        let is_first = self.state.motion != Some(Motion::ControlPoint);
+        let at = words.first_of(b"xy").map_or_else(|| words.g_span(GroupG::Motion), |letter| words.span(letter));
+        if words.has(b'x') != words.has(b'y') {
+            return fault(Code::SplineWords, at, "a control point has both X and Y");
+        }
+        let has_point = words.has(b'x');
+        let weight = words.get(b'p');
+        if !is_first && has_point != weight.is_some() {
+            return fault(Code::SplineWords, at, "a control point has X, Y and a weight P");
+        }
+        if let Some(weight) = weight.filter(|weight| *weight <= 0.0) {
+            let message = format!("the weight of a control point is above 0, not {weight}");
+            return fault(Code::SplineWords, words.span(b'p'), message);
+        }
+        self.check_spline_feed_of_points(words)?;
+        let end = self.end_of(words);
+        let state = &mut self.state;
+        if is_first {
+            let start = ControlPoint::plain(state.position[Axis::X], state.position[Axis::Y]);
+            state.control_points = vec![start];
+            state.spline_order = LEAST_ORDER;
+        }
+        if let Some(order) = words.get(b'l') {
+            state.spline_order = (order as u32).max(LEAST_ORDER);
+        }
+        if has_point {
+            let weight = weight.unwrap_or(1.0);
+            state.control_points.push(ControlPoint { x: end[Axis::X], y: end[Axis::Y], weight });
+        }
+        state.motion = Some(Motion::ControlPoint);
+        Ok(())
+    }
+
+    fn check_spline_feed_of_points(&self, words: &Words) -> Outcome<()> {
+        if self.state.feed_mode == FeedMode::InverseTime || self.state.feed_rate > 0.0 {
+            return Ok(());
+        }
+        let at = words.g_span(GroupG::Motion);
+        fault(Code::ZeroFeed, at, "a feed move needs a feed rate, and none is set")
+    }
+
+    /// G5.3: the spline through what G5.2 has collected; no motion mode is left.
+    pub(super) fn end_of_points(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        let at = words.g_span(GroupG::Motion);
+        let state = &mut self.state;
+        if state.motion != Some(Motion::ControlPoint) {
+            return fault(Code::SplineNotBegun, at, Code::SplineNotBegun.title());
+        }
+        let (order, count) = (state.spline_order, state.control_points.len());
+        if count < order as usize {
+            let message = format!("a spline of order {order} needs {order} control points, and there are {count}");
+            return fault(Code::SplineTooShort, at, message);
+        }
+        let points = std::mem::take(&mut state.control_points);
+        if let Some(last) = points.last() {
+            (state.position[Axis::X], state.position[Axis::Y]) = (last.x, last.y);
+        }
+        emit.call(Canon::NurbsFeed(Nurbs { order, points: points.into() }));
+        state.motion = None;
+        Ok(())
+    }
+}
