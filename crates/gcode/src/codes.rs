@@ -120,7 +120,7 @@ codes! {
     ZeroPitch "E1631" "no pitch" "K of G33 or G33.1, the way in one turn of the spindle, is 0." "Write the pitch as K.";
     BadThread "E1632" "thread not possible" "The words of G76 contradict each other; the message says which." "Correct the word: P and J above 0, I not 0, J less than K, Q below 90 degrees, L from 0 to 3.";
 
-    CompensationPlane "E1651" "cutter compensation in G19" "G41 and G42 work in the planes of G17 and G18 only." "Select G17 or G18 before.";
+    CompensationPlane "E1651" "cutter compensation in another plane" "G41 and G42 work in the planes of G17 and G18 only." "Select G17 or G18 before.";
     CompensationTwice "E1652" "cutter compensation is on already" "G41 or G42 is given while one of them is in force." "Switch it off with G40 before.";
     CompensationLathe "E1653" "lathe tool outside of G18" "The tool has an orientation, from the tool table or an L word, and the plane is not G18." "Select G18 before, or use a tool without an orientation.";
     CompensationEntry "E1654" "entry move too short" "The first move under cutter compensation is not longer than the tool's radius." "Begin farther away from the path, or check the tool's diameter.";
