@@ -131,6 +131,7 @@ codes! {
     CompensationArc "E1659" "arc too small for the tool" "The tool runs on the inside of an arc whose radius is not greater than its own." "Use a smaller tool, or a greater radius.";
     CompensationLate "E1660" "concave corner after a stop" "The move before the corner has run to its end before M0, M1 or M60, and would have to end earlier." "Put the stop into another block of the path, or switch compensation off around it.";
     CompensationPosition "E1661" "position not known under cutter compensation" "An expression reads #5420 to #5428 between G41 or G42 and G40, while the last move waits for its end." "Read it before, or use the programmed position that the program itself keeps.";
+    CompensationWaits "E1662" "too much waits for the next corner" "Under cutter compensation 10 000 moves, switches and comments have come since the last move in the plane, which waits for the next one." "Switch compensation off with G40 where the path ends.";
 
     ToolUnknown "E1701" "tool not in the tool table" "No line of the tool table has this tool number." "Add the tool to the table, or correct the number.";
     ToolTableLine "E1702" "tool table not understood" "A line of the tool table has no T word, an unknown word or a bad number." "Write lines such as T1 P1 Z0.5 D0.25 ;comment.";

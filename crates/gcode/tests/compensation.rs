@@ -167,6 +167,14 @@ fn a_fault_is_told_once_and_the_path_is_found_again() {
     assert_eq!(faults(program), [("E1658", 5), ("E1659", 8), ("E1658", 12)]);
 }
 
+/// A program that is fed line by line may never end.
+#[test]
+fn what_waits_has_a_bound() {
+    let program = |blocks: usize| format!("F100 G1 X0\nG41.1 D1\nX10\n{}Y10\nG40\nM2\n", "M8\n".repeat(blocks));
+    assert_eq!(faults(&program(9_998)), []);
+    assert_eq!(faults(&program(15_000)), [("E1662", 10_003)]);
+}
+
 #[test]
 fn polar_coordinates_go_on_from_the_programmed_path() {
     let calls = calls("F100 G1 X0\nG41.1 D1\nX10\nG1 @30\nG40\nM2\n");

@@ -293,6 +293,18 @@ impl Core {
         }
     }
 
+    /// Refuses another block when too much waits.
+    ///
+    /// # Errors
+    /// E1662; nothing waits then, and the next move leads to the path again.
+    pub(super) fn check_waiting(&mut self, emit: &mut Emit<'_>) -> Outcome<()> {
+        if !emit.waiting.is_full() {
+            return Ok(());
+        }
+        self.lose_path(*self.state.path_position(), emit);
+        fault(Code::CompensationWaits, Span::default(), Code::CompensationWaits.title())
+    }
+
     /// Takes the end of a move over into the state.
     fn follow(&mut self, programmed: Pose, tool: Pose) {
         self.state.position = tool;

@@ -39,6 +39,7 @@ impl Core {
             emit.call(Canon::SelectTool(tool.number));
         }
         if self.state.compensation.is_some() {
+            self.check_waiting(emit)?;
             refusals::switches(words, &self.state)?;
         }
         if words.has_m() {
