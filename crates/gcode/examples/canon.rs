@@ -2,7 +2,7 @@
 
 use retrace_gcode::{CanonText, Program, Progress, Setup};
 use std::fs::File;
-use std::io::{BufReader, BufWriter, stdout};
+use std::io::{BufReader, BufWriter, Write as _, stdout};
 use std::process::ExitCode;
 
 fn main() -> std::io::Result<ExitCode> {
@@ -25,7 +25,7 @@ fn main() -> std::io::Result<ExitCode> {
             break;
         }
     }
-    drop(text);
+    text.into_inner()?.flush()?;
     let diagnostics = program.interpreter().diagnostics();
     for diagnostic in diagnostics {
         eprintln!("{}", diagnostic.render(&path, &program.line_text()));

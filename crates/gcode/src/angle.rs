@@ -3,7 +3,7 @@
 //! Invariant: an angle in radians is a sum of two `f64`, rounded to 64 bits of mantissa. Sine and cosine of whole right angles come
 //! out as the peer has them, to the sign of what is left of zero.
 
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// What π, rounded to 64 bits, has beyond its `f64`.
 const PI_LOW: f64 = 1.225_148_454_908_62e-16;
@@ -170,12 +170,13 @@ fn with_quarters(angle: f64, quarters: i32, more: f64) -> Extended {
         (sum, (first - (sum - rest)) + (second - rest))
     };
     let quarters = f64::from(quarters);
-    let (sum, lost) = exact_sum(angle, quarters * FRAC_PI_2);
+    let turned = quarters * FRAC_PI_2;
+    let (sum, lost) = exact_sum(angle, turned);
     let (sum, lost_too) = exact_sum(sum, more);
-    Extended::of(sum, lost + lost_too + quarters * (PI_LOW / 2.0))
+    Extended::of(sum, lost + lost_too + quarters.mul_add(FRAC_PI_2, -turned) + quarters * (PI_LOW / 2.0))
 }
 
-/// An angle in radians, a whole number of right angles (at most four) and another angle, added up with 80 bits.
+/// An angle in radians, a whole number of right angles and another angle, added up with 80 bits.
 pub(crate) fn plus_quarters(angle: f64, quarters: i32, more: f64) -> f64 {
     with_quarters(angle, quarters, more).high
 }
@@ -192,14 +193,14 @@ pub(crate) fn sweep(start: (f64, f64), end: (f64, f64), centre: (f64, f64), turn
     let mut to = (end.1 - centre.1).atan2(end.0 - centre.0);
     if turns > 0 {
         if to <= from {
-            to += TAU;
+            to = plus_quarters(to, 4, 0.0);
         }
-        (to - from) + f64::from(turns - 1) * TAU
+        plus_quarters(to - from, (turns - 1).saturating_mul(4), 0.0)
     } else {
         if from <= to {
-            from += TAU;
+            from = plus_quarters(from, 4, 0.0);
         }
-        (to - from) + f64::from(turns + 1) * TAU
+        plus_quarters(to - from, (turns + 1).saturating_mul(4), 0.0)
     }
 }
 

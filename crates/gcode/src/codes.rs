@@ -120,7 +120,7 @@ codes! {
     ZeroPitch "E1631" "no pitch" "K of G33 or G33.1, the way in one turn of the spindle, is 0." "Write the pitch as K.";
     BadThread "E1632" "thread not possible" "The words of G76 contradict each other; the message says which." "Correct the word: P and J above 0, I not 0, J less than K, Q below 90 degrees, L from 0 to 3.";
 
-    CompensationPlane "E1651" "cutter compensation in G19" "G41 and G42 work in the planes of G17 and G18 only." "Select G17 or G18 before.";
+    CompensationPlane "E1651" "cutter compensation in another plane" "G41 and G42 work in the planes of G17 and G18 only." "Select G17 or G18 before.";
     CompensationTwice "E1652" "cutter compensation is on already" "G41 or G42 is given while one of them is in force." "Switch it off with G40 before.";
     CompensationLathe "E1653" "lathe tool outside of G18" "The tool has an orientation, from the tool table or an L word, and the plane is not G18." "Select G18 before, or use a tool without an orientation.";
     CompensationEntry "E1654" "entry move too short" "The first move under cutter compensation is not longer than the tool's radius." "Begin farther away from the path, or check the tool's diameter.";
@@ -130,6 +130,8 @@ codes! {
     CompensationGouge "E1658" "tool would cut into the path" "Between two concave corners the move is too short for the tool, which would cut into its neighbours." "Use a smaller tool, or leave the short move out.";
     CompensationArc "E1659" "arc too small for the tool" "The tool runs on the inside of an arc whose radius is not greater than its own." "Use a smaller tool, or a greater radius.";
     CompensationLate "E1660" "concave corner after a stop" "The move before the corner has run to its end before M0, M1 or M60, and would have to end earlier." "Put the stop into another block of the path, or switch compensation off around it.";
+    CompensationPosition "E1661" "position not known under cutter compensation" "An expression reads #5420 to #5428 between G41 or G42 and G40, while the last move waits for its end." "Read it before, or use the programmed position that the program itself keeps.";
+    CompensationWaits "E1662" "too much waits for the next corner" "Under cutter compensation 10 000 moves, switches and comments have come since the last move in the plane, which waits for the next one." "Switch compensation off with G40 where the path ends.";
 
     ToolUnknown "E1701" "tool not in the tool table" "No line of the tool table has this tool number." "Add the tool to the table, or correct the number.";
     ToolTableLine "E1702" "tool table not understood" "A line of the tool table has no T word, an unknown word or a bad number." "Write lines such as T1 P1 Z0.5 D0.25 ;comment.";

@@ -18,6 +18,10 @@ const WHOLE: f64 = 1e-4;
 /// Where the evaluation finds parameters.
 pub(crate) trait Environment {
     fn numbered(&self, number: usize) -> Option<f64>;
+    /// Whether an expression may use the numbered parameter now; a comment may always show it.
+    fn is_readable(&self, _number: usize) -> bool {
+        true
+    }
     fn named(&self, name: NameId) -> Option<f64>;
     fn name(&self, name: NameId) -> &str;
     fn system(&self, parameter: SystemParameter) -> f64;
@@ -73,6 +77,9 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> Outcome<(f
 
 fn numbered(number: f64, op: Op, environment: &impl Environment) -> Outcome<f64> {
     let number = whole(number, op.span(), "#")?;
+    if usize::try_from(number).is_ok_and(|number| !environment.is_readable(number)) {
+        return fault(Code::CompensationPosition, op.span(), Code::CompensationPosition.title());
+    }
     match usize::try_from(number).ok().and_then(|number| environment.numbered(number)) {
         Some(value) => Ok(value),
         None => fault(Code::ParameterRange, op.span(), format!("there is no parameter #{number}")),

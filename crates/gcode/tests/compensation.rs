@@ -123,6 +123,15 @@ fn each_block_that_cannot_be_is_refused_by_its_number() {
         "G10 L2 P1 X1",
         "G10 L20 P0 X1",
         "G40 M62 P1",
+        "M66 P1",
+        "M67 E1 Q2",
+        "M68 E1 Q2",
+        "G17.1",
+        "G81 Z-1 R1",
+        "G33 Z1 K1",
+        "G38.2 Z-1",
+        "G5.1 X1 Y1 I1 J1",
+        "G76 P1 Z-1 I1 J1 R1 K1 Q1 H1",
         "G40 G18",
     ] {
         assert_eq!(faults(&format!("{entered}{block}\nM2\n")), [("E1656", 4)], "{block}");
@@ -133,6 +142,8 @@ fn each_block_that_cannot_be_is_refused_by_its_number() {
     }
     for (blocks, number) in [
         ("G42", "E1652"),
+        ("#1=#5420", "E1661"),
+        ("(debug,#5420)\nX[#5428]", "E1661"),
         ("G40\nG2 X30 R10", "E1655"),
         ("G3 X21 Y1 R1", "E1659"),
         ("Y.5\nX0", "E1658"),
@@ -154,6 +165,32 @@ fn each_block_that_cannot_be_is_refused_by_its_number() {
 fn a_fault_is_told_once_and_the_path_is_found_again() {
     let program = "F100 G1 X0\nG41.1 D2\nX20\nY.5\nX0\nY20\nX-20\nG3 X-20.5 Y20.5 R.5\nG1 Y40\nX-80\nY39.7\nG40\nX0\nG41.1 D1\nX9\nM2\n";
     assert_eq!(faults(program), [("E1658", 5), ("E1659", 8), ("E1658", 12)]);
+}
+
+/// A program that is fed line by line may never end.
+#[test]
+fn what_waits_has_a_bound() {
+    let program = |blocks: usize| format!("F100 G1 X0\nG41.1 D1\nX10\n{}Y10\nG40\nM2\n", "M8\n".repeat(blocks));
+    assert_eq!(faults(&program(9_998)), []);
+    assert_eq!(faults(&program(15_000)), [("E1662", 10_003)]);
+}
+
+#[test]
+fn polar_coordinates_go_on_from_the_programmed_path() {
+    let calls = calls("F100 G1 X0\nG41.1 D1\nX10\nG1 @30\nG40\nM2\n");
+    assert_eq!(
+        calls[3..5],
+        [10, 30].map(|x| format!("STRAIGHT_FEED({x}.0000, 0.5000, 0.0000, 0.0000, 0.0000, 0.0000)"))
+    );
+}
+
+/// LinuxCNC says this one at once.
+#[test]
+fn a_change_to_diameters_passes_what_waits() {
+    let calls = calls("F100 G1 X0\nG41.1 D1\nX10\nG7\n(last)\nG40\nM2\n");
+    assert!(
+        calls[3].contains("Lathe diameter mode") && calls[4].starts_with("STRAIGHT_FEED") && calls[5].contains("last")
+    );
 }
 
 #[test]

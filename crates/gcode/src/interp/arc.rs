@@ -2,12 +2,12 @@
 //!
 //! Invariant: an arc that passes has a radius, and start and end lie on it within the tolerances of LinuxCNC.
 
-use crate::angle::sweep;
+use crate::angle::{plus_quarters, sweep};
 use crate::canon::LengthUnit;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
 use crate::modal::ArcCentres;
-use std::f64::consts::{FRAC_PI_2, SQRT_2};
+use std::f64::consts::SQRT_2;
 
 /// Radii may differ by this share of the greater one, however long they are.
 const RELATIVE_TOLERANCE: f64 = 0.001;
@@ -96,7 +96,7 @@ pub(super) fn from_radius(shape: &ArcShape, radius: f64) -> Outcome<(f64, f64)> 
     // The centre lies beside the chord: on its right for a short clockwise arc, and so on.
     let sine = if half / size > 1.0 - TINY { 1.0 } else { half / size };
     let chord = (end_y - y).atan2(end_x - x);
-    let to_centre = if (shape.turns < 0) == (radius > 0.0) { chord - FRAC_PI_2 } else { chord + FRAC_PI_2 };
+    let to_centre = plus_quarters(chord, if (shape.turns < 0) == (radius > 0.0) { -1 } else { 1 }, 0.0);
     let offset = size * sine.asin().cos();
     Ok((mid_x + offset * to_centre.cos(), mid_y + offset * to_centre.sin()))
 }

@@ -129,6 +129,11 @@ impl Environment for BlockEnvironment<'_> {
         }
     }
 
+    /// Where the machine will stand is open while a move waits for its end; the peer refuses these from G41 to G40.
+    fn is_readable(&self, number: usize) -> bool {
+        !matches!(number, 5420..=5428) || self.core.state.compensation.is_none()
+    }
+
     fn named(&self, name: NameId) -> Option<f64> {
         self.core.parameters.named(name)
     }

@@ -45,7 +45,7 @@ impl Core {
             emit.call(Canon::Note("interpreter: cutter radius compensation off"));
             return Ok(());
         }
-        if self.state.plane == Plane::Yz {
+        if !matches!(self.state.plane, Plane::Xy | Plane::Zx) {
             return fault(Code::CompensationPlane, at, Code::CompensationPlane.title());
         }
         if self.state.compensation.is_some() {
@@ -291,6 +291,18 @@ impl Core {
         if let Some(compensation) = &mut self.state.compensation {
             compensation.programmed = None;
         }
+    }
+
+    /// Refuses another block when too much waits.
+    ///
+    /// # Errors
+    /// E1662; nothing waits then, and the next move leads to the path again.
+    pub(super) fn check_waiting(&mut self, emit: &mut Emit<'_>) -> Outcome<()> {
+        if !emit.waiting.is_full() {
+            return Ok(());
+        }
+        self.lose_path(*self.state.path_position(), emit);
+        fault(Code::CompensationWaits, Span::default(), Code::CompensationWaits.title())
     }
 
     /// Takes the end of a move over into the state.

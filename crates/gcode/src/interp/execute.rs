@@ -39,6 +39,7 @@ impl Core {
             emit.call(Canon::SelectTool(tool.number));
         }
         if self.state.compensation.is_some() {
+            self.check_waiting(emit)?;
             refusals::switches(words, &self.state)?;
         }
         if words.has_m() {
@@ -51,7 +52,12 @@ impl Core {
                 emit.call(Canon::Note("interpreter: motion mode set to none"));
                 (self.state.motion, self.state.series) = (None, None);
             }
-            MotionToBe::Move(motion) => self.move_along(motion, words, emit)?,
+            MotionToBe::Move(motion) => {
+                if self.state.compensation.is_some() {
+                    refusals::motion(motion, words)?;
+                }
+                self.move_along(motion, words, emit)?;
+            }
         }
         match words.m(GroupM::Stop) {
             Some(code) => self.stop(code, words.m_span(GroupM::Stop), emit),

@@ -43,7 +43,7 @@ impl Core {
     pub(super) fn check_polar_words(&self, words: &Words) -> Outcome<()> {
         let Some(letter) = words.first_of(b"@^") else { return Ok(()) };
         let at = words.span(letter);
-        let position = &self.state.position;
+        let position = self.state.path_position();
         if position[Axis::X] != 0.0 || position[Axis::Y] != 0.0 {
             return Ok(());
         }
@@ -58,7 +58,8 @@ impl Core {
 
     /// Changes X and Y of an end to what the polar words say; a word that is missing keeps its value.
     pub(super) fn polar_end(&self, words: &Words, end: &mut Pose) {
-        let (x, y) = (self.state.position[Axis::X], self.state.position[Axis::Y]);
+        let position = self.state.path_position();
+        let (x, y) = (position[Axis::X], position[Axis::Y]);
         let is_incremental = self.state.distance == Distance::Incremental;
         let combine = |given: Option<f64>, now: f64| match given {
             Some(given) if is_incremental => now + given,

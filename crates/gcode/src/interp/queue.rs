@@ -36,6 +36,9 @@ pub(crate) enum Course {
     Other,
 }
 
+/// So many functions may wait; a program that is fed line by line may never come to its next corner.
+const MOST_WAITING: usize = 10_000;
+
 /// No shift: unlike zero, −0 leaves the sign of a zero alone.
 pub(crate) const UNSHIFTED: Point = (-0.0, -0.0);
 
@@ -78,6 +81,11 @@ impl Queue {
         self.waiting.is_empty()
     }
 
+    /// Whether more waits than a program can mean to have between two corners.
+    pub(crate) fn is_full(&self) -> bool {
+        self.waiting.len() >= MOST_WAITING
+    }
+
     /// Whether the controlled point is not the centre of the tool's tip.
     pub(crate) fn is_shifted(&self) -> bool {
         self.shift != UNSHIFTED
@@ -85,7 +93,11 @@ impl Queue {
 
     /// Whether a canonical function waits its turn behind a waiting move. Others pass it by: the peer has it so, and nothing of
     /// theirs depends on where the machine is.
-    pub(crate) const fn holds(canon: &Canon) -> bool {
+    pub(crate) fn holds(canon: &Canon) -> bool {
+        if let Canon::Note(text) = canon {
+            // The one note of a mode that passes.
+            return !text.starts_with("interpreter: Lathe diameter mode");
+        }
         matches!(
             canon,
             Canon::SetFeedRate(_)
@@ -100,8 +112,10 @@ impl Queue {
                 | Canon::StopSpindleTurning
                 | Canon::SetSpindleMode(_)
                 | Canon::SetSpindleSpeed(_)
+                | Canon::OrientSpindle { .. }
+                | Canon::WaitSpindleOrientComplete(_)
+                | Canon::UserCode { .. }
                 | Canon::Comment(_)
-                | Canon::Note(_)
         )
     }
 

@@ -7,7 +7,7 @@ use crate::canon::Plane;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
 use crate::groups::{GroupG, GroupM};
-use crate::modal::State;
+use crate::modal::{Motion, State};
 
 /// Refuses the M codes, and another plane: these come before G40 in a block.
 ///
@@ -52,6 +52,17 @@ pub(super) fn settings(words: &Words, state: &State) -> Outcome<()> {
         _ => false,
     };
     if passes { Ok(()) } else { refused(&name_of_g(code), words.g_span(GroupG::NonModal)) }
+}
+
+/// Refuses every motion but straight ones and arcs: none of the others has a path beside it.
+///
+/// # Errors
+/// E1656.
+pub(super) fn motion(motion: Motion, words: &Words) -> Outcome<()> {
+    if motion == Motion::Traverse || motion == Motion::Feed || motion.is_arc() {
+        return Ok(());
+    }
+    refused(motion.name(), words.g_span(GroupG::Motion))
 }
 
 fn refused<T>(what: &str, at: Span) -> Outcome<T> {

@@ -1,5 +1,6 @@
 //! Random valid programs.
 
+mod compensated;
 mod cycles;
 mod more;
 
@@ -135,7 +136,7 @@ impl Writer {
         if self.random.one_in(7) {
             return self.machining();
         }
-        match self.random.below(46) {
+        match self.random.below(47) {
             0..=9 => self.straight(),
             10..=13 => self.arc(),
             14..=16 => self.assignment(),
@@ -153,7 +154,8 @@ impl Writer {
             31 => self.path_control(),
             32 => self.anything(),
             33 | 34 => self.control(5),
-            36.. => self.more(),
+            36 => self.compensated(),
+            37.. => self.more(),
             _ => {
                 let words = vec![self.axis_words(2).join(""), format!("F{}", self.random.below(99) + 1)];
                 self.line(words);
