@@ -49,6 +49,7 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
     use GroupG as G;
     Known::CarriedOut(match tenths {
         0 | 10 | 20 | 30 | 800 => G::Motion,
+        700 | 710..=712 | 720..=722 => G::Motion,
         330 | 331 | 760 | 730 | 740 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => G::Motion,
         40 | 100 | 280 | 281 | 300 | 301 | 520 | 530 | 920 | 921 | 922 | 923 => G::NonModal,
         170 | 180 | 190 => G::Plane,
@@ -63,7 +64,6 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
         960 | 970 => G::SpindleMode,
         980 | 990 => G::Retract,
         50..=53 | 70 | 80 | 171 | 181 | 191 | 382..=385 | 410 | 411 | 420 | 421 => return Known::NotYet,
-        700 | 710..=712 | 720..=722 => return Known::NotYet,
         _ => return Known::No,
     })
 }

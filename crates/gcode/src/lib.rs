@@ -44,6 +44,7 @@ mod remark;
 mod spindle;
 mod system;
 mod tool;
+mod turning;
 
 pub use block::BlockNumber;
 pub use canon::{ArcFeed, Canon, FeedMode, LengthUnit, PathControl, Plane, Step};

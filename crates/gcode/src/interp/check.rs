@@ -9,7 +9,7 @@ use crate::codes::Code;
 use crate::cycle::Cycle;
 use crate::diag::{Outcome, Span, fault};
 use crate::eval::whole;
-use crate::groups::{GroupG, GroupM};
+use crate::groups::{GroupG, GroupM, Tenths};
 use crate::modal::{Distance, Motion, State};
 
 /// The letters of axis words.
@@ -21,6 +21,8 @@ pub(super) enum MotionToBe {
     None,
     Cancel,
     Move(Motion),
+    /// G70, G71, G72 and their kin, in tenths: carried out once, and no mode.
+    Turn(Tenths),
 }
 
 impl MotionToBe {
@@ -52,6 +54,7 @@ const fn motion_of(tenths: u16) -> MotionToBe {
         330 => MotionToBe::Move(Motion::SpindleFeed),
         331 => MotionToBe::Move(Motion::RigidTap),
         760 => MotionToBe::Move(Motion::ThreadingCycle),
+        700..730 => MotionToBe::Turn(tenths),
         _ => match Cycle::of_g(tenths) {
             Some(cycle) => MotionToBe::Move(Motion::Cycle(cycle)),
             None => MotionToBe::Cancel,
@@ -201,25 +204,28 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let thread = to_be == MotionToBe::Move(Motion::ThreadingCycle);
     let tap = to_be == MotionToBe::Move(Motion::RigidTap);
     let synchronised = tap || to_be == MotionToBe::Move(Motion::SpindleFeed);
+    let finish = to_be == MotionToBe::Turn(700);
+    let turn = matches!(to_be, MotionToBe::Turn(_));
+    let rough = turn && !finish;
     let surface_speed = words.g(GroupG::SpindleMode) == Some(960);
     let orient = words.m(GroupM::Spindle) == Some(19);
     let offsets = cycle == Some(Cycle::BackBoring) || thread;
     let pause = cycle.is_some_and(Cycle::takes_dwell) || thread || orient;
     let peck = cycle.is_some_and(Cycle::has_pecks) || thread || orient;
     let uses: [(&[u8], bool, &str); 9] = [
-        (b"d", surface_speed, "G96, or cutter compensation, which is not supported yet"),
-        (b"e", thread, "G76, or another code that is not supported yet"),
+        (b"d", surface_speed || turn, "G70 to G72, G96, or cutter compensation, which is not supported yet"),
+        (b"e", thread || finish, "G70, G76, or another code that is not supported yet"),
         (b"h", offset || thread, "G43, G43.2 or G76"),
-        (b"i", arc || g10 || offsets || tap, "G2, G3, G33.1, G76 or G87"),
+        (b"i", arc || g10 || offsets || tap || rough, "G2, G3, G33.1, G71, G72, G76 or G87"),
         (b"j", arc || g10 || offsets, "G2, G3, G76 or G87"),
         (b"k", arc || g10 || offsets || synchronised, "G2, G3, G33, G33.1, G76 or G87"),
         (b"l", g10 || cycle.is_some() || thread, "G10, G76 or a drilling cycle"),
         (
             b"p",
-            arc || g10 || dwell || blend || output || switch || pause,
+            arc || g10 || dwell || blend || output || switch || pause || finish,
             "G2, G3, G4, G10, G64, G76, G82, a cycle with a dwell, M19, M50 to M53 or M62 to M65",
         ),
-        (b"q", blend || number || g10 || peck, "G64, G73, G76, G83, M19 or M61"),
+        (b"q", blend || number || g10 || peck || turn, "G64, G70 to G73, G76, G83, M19 or M61"),
     ];
     for (letters, used, users) in uses {
         if let (false, Some(letter)) = (used, words.first_of(letters)) {
@@ -227,8 +233,8 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
             return fault(Code::WordUnused, words.span(letter), format!("{name} belongs to {users}"));
         }
     }
-    if words.has(b'r') && !(arc || g10 || cycle.is_some() || thread || orient) {
-        let message = "R belongs to G2, G3, G10 L2, G76, M19 or a drilling cycle";
+    if words.has(b'r') && !(arc || g10 || cycle.is_some() || thread || orient || rough) {
+        let message = "R belongs to G2, G3, G10 L2, G71, G72, G76, M19 or a drilling cycle";
         return fault(Code::WordUnused, words.span(b'r'), message);
     }
     match words.get(b'p') {

@@ -12,6 +12,7 @@ use crate::params::{COORDINATE_SYSTEM, G92_ACTIVE, G92_OFFSET, NameId, Names, Pa
 use crate::pose::{Axis, Pose};
 use crate::system::SystemParameter;
 use crate::tool::ToolTable;
+use crate::turning::Profile;
 
 /// State and data that blocks work on.
 #[derive(Clone, Debug)]
@@ -20,6 +21,8 @@ pub(super) struct Core {
     pub(super) state: State,
     pub(super) parameters: Parameters,
     pub(super) tools: ToolTable,
+    /// What the subprogram of the next turning cycle has drawn.
+    pub(super) profile: Option<Profile>,
 }
 
 /// Takes the canonical functions of one block.

@@ -48,6 +48,7 @@ impl Core {
                 emit.call(Canon::Note("interpreter: motion mode set to none"));
                 (self.state.motion, self.state.series) = (None, None);
             }
+            MotionToBe::Turn(code) => self.turning_cycle(code, words, emit)?,
             MotionToBe::Move(motion) => self.move_along(motion, words, emit)?,
         }
         match words.m(GroupM::Stop) {

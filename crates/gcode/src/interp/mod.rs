@@ -14,6 +14,7 @@ mod offsets;
 mod spindle;
 mod stop;
 mod thread;
+mod turning;
 
 use self::core::{BlockEnvironment, Core, Emit};
 use crate::block::{Assignment, Block, Words};
@@ -26,6 +27,7 @@ use crate::params::{Frame, Names, Parameters, SHOW_DEBUG};
 use crate::parse::{has_delete_mark, parse};
 use crate::pose::{AxisSet, Pose};
 use crate::tool::ToolTable;
+use crate::turning::Profile;
 
 /// Errors after which nothing more is checked; of warnings, no more are kept.
 const MOST_ERRORS: usize = 100;
@@ -124,6 +126,7 @@ impl Interpreter {
             state: State::initial(setup.program_units),
             parameters: setup.parameters,
             tools: setup.tools,
+            profile: None,
         };
         core.take_up_parameters(&setup.position);
         Interpreter {
@@ -263,6 +266,12 @@ impl Interpreter {
     /// Puts a modal state in force, such as that of a breakpoint.
     pub fn set_state(&mut self, state: State) {
         self.core.state = state;
+    }
+
+    /// Hands over the profile of the turning cycle that the next block asks for: the calls of its subprogram Q, of which the moves
+    /// count and nothing else.
+    pub fn set_profile(&mut self, steps: &[Step]) {
+        self.core.profile = Some(Profile::of_steps(steps));
     }
 
     /// All parameters.
