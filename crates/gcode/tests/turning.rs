@@ -1,9 +1,13 @@
-//! Turning cycles over random profiles, call by call against LinuxCNC's `rs274 -g`.
+//! Turning cycles: worked out by hand, and over random profiles call by call against LinuxCNC's `rs274 -g`.
 //!
-//! Invariant: profiles run one way along the axis of the cuts, with slots wide enough for their allowance: what the peer does with others
-//! is left out, for it prints no numbers there or loops. RETRACE_TURNING is the number of profiles, RETRACE_TURNING_FIRST the first seed.
+//! Invariant: a random profile is one that the peer turns well. RETRACE_TURNING is the number of profiles, RETRACE_TURNING_FIRST the first
+//! seed. Left out are the places where the peer itself is at fault:
+//! - from a profile that ends no higher than it begins it feeds straight from the start to the first point, through the stock;
+//! - where the first element is a wall and the allowance moves its foot before the start, it cuts through the wall;
+//! - with an allowance it refuses neighbours in one line ("parallel lines"), and prints no numbers for slots that are too narrow;
+//! - it takes an allowance and a retreat below 0, and P0, and makes moves of no length or not by the last digit.
 
-use retrace_gcode::{CanonText, Interpreter, Setup};
+use retrace_gcode::{Canon, CanonText, Interpreter, Setup};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -97,7 +101,7 @@ impl Turning {
         let (a, h) = (hundredths(&mut random, 300), 2.0 + hundredths(&mut random, 600));
         let mut sketch = Sketch { facing, along, above, a, h, lines: Vec::new() };
         sketch.lines.push(format!("G0 {}", sketch.name(a, h)));
-        let start = sketch.name(a - hundredths(&mut random, 200), 10.0 + hundredths(&mut random, 300));
+        let start = sketch.name(a - 0.4 - hundredths(&mut random, 200), 10.0 + hundredths(&mut random, 300));
         let mut last = 9;
         for _ in 0..random.below(6) + 2 {
             let (kind, size) = (random.below(6), 1.0 + hundredths(&mut random, 200));
@@ -173,9 +177,18 @@ fn moving(line: &str) -> Option<String> {
 /// The moves of a text. One to where the tool is counts for none: the last digit decides whether the peer makes it.
 fn moves(text: &str) -> Vec<String> {
     let mut moves: Vec<String> = text.lines().filter_map(moving).collect();
-    let place = |call: &String| call.split_once('(').map(|(_, place)| place.to_owned());
     moves.dedup_by(|next, before| !next.starts_with("ARC") && place(next) == place(before));
     moves
+}
+
+/// X and Z of the end of a move.
+fn place(call: &str) -> Option<(&str, &str)> {
+    let mut words = call.split_once('(')?.1.split(", ");
+    if call.starts_with("ARC") {
+        let z = words.next()?;
+        return Some((words.next()?, z));
+    }
+    Some((words.next()?, words.nth(1)?))
 }
 
 fn rs274(folder: &Path, program: &str) -> Option<(Vec<String>, bool)> {
@@ -186,6 +199,96 @@ fn rs274(folder: &Path, program: &str) -> Option<(Vec<String>, bool)> {
     let output = command.output().ok().filter(|output| output.status.code() != Some(127))?;
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     Some((moves(&text), !output.status.success()))
+}
+
+/// The moves of a block over a profile, as X and Z, T fast, F at the feed, L and R for arcs to the left and right; or the error.
+fn turned(profile: &str, block: &str) -> String {
+    let profile = profile.split('|').map(str::to_owned).collect();
+    let mut interpreter = Interpreter::new(Setup::rs274());
+    let (mut steps, mut drawn) = (Vec::new(), Vec::new());
+    interpreter.line(b"G18 F100", &mut steps).expect("modes");
+    let turning = Turning { profile, block: block.to_owned() };
+    let mut inside = interpreter.clone();
+    for line in &turning.profile {
+        inside.line(line.as_bytes(), &mut drawn).expect("a profile");
+    }
+    interpreter.set_profile(&drawn);
+    steps.clear();
+    if interpreter.line(block.as_bytes(), &mut steps).is_err() {
+        return interpreter.diagnostics().iter().map(|found| found.number()).collect();
+    }
+    let names = steps.iter().filter_map(|step| {
+        let (kind, end) = match &step.canon {
+            Canon::StraightTraverse(end) => ("T", end),
+            Canon::StraightFeed(end) => ("F", end),
+            Canon::ArcFeed(arc) => (if arc.turns > 0 { "L" } else { "R" }, &arc.end),
+            _ => return None,
+        };
+        Some(format!("{kind}{} {}", end.0[0], end.0[2]))
+    });
+    names.collect::<Vec<_>>().join(", ")
+}
+
+const SHOULDER: &str = "G0 X4 Z0|G1 X4 Z-4|X8 Z-4";
+
+#[test]
+fn a_shoulder_is_roughed_in_levels_and_followed_at_last() {
+    // From X8 Z2 with an infeed of 2: levels at 8 and 6, then along the profile.
+    assert_eq!(
+        turned(SHOULDER, "G71 Q1 X8 Z2 I2 R.5"),
+        "T8 2, T8 2, T8 2, F8 -4, T8.5 -3.5, T8.5 1.5, T8 2, T6 1, F6 -4, T6.5 -3.5, T6.5 0.5, T6 1, T4 0, F4 -4, F8 -4"
+    );
+    // Along X: levels at Z2, 0 and -2, each as far as the shaft.
+    assert_eq!(
+        turned("G0 X8 Z-4|G1 X4 Z-4|X4 Z0", "G72 Q1 X8 Z0 I2 R.5"),
+        "T8 0, T8 0, T8 0, F4 0, T4.5 0.5, T7.5 0.5, T8 0, T8 -2, F4 -2, T4.5 -1.5, T7.5 -1.5, T8 -2, T8 -4, F4 -4, F4 0"
+    );
+}
+
+#[test]
+fn a_pocket_is_cut_skipped_or_cut_alone() {
+    let pocket = "G0 X4 Z0|G1 Z-1|X2 Z-2|Z-3|X6 Z-5";
+    let inside =
+        "F4 -1, F4 -1, F4 -4, T4.5 -3.5, T4.5 -1.5, F4 -1, F3 -1.5, F3 -3.5, T3.5 -3, T3.5 -2, F3 -1.5, F2 -2, F2 -3";
+    let over = "T6 2, T6 2, T6 2, F6 -5, T6.5 -4.5, T6.5 1.5, T6 2, T5 1, F5 -4.5, T5.5 -4, T5.5 0.5, T5 1, T4 0";
+    assert_eq!(turned(pocket, "G71 Q1 X6 Z2"), format!("{over}, {inside}, F6 -5"));
+    assert_eq!(turned(pocket, "G71.1 Q1 X6 Z2"), format!("{over}, F4 0, F4 -1, F4 -4, F6 -5"));
+    assert_eq!(turned(pocket, "G71.2 Q1 X6 Z2"), format!("T6 2, T6 2, T4 0, {inside}, F6 -5"));
+}
+
+#[test]
+fn finishing_goes_along_the_profile_at_a_falling_allowance() {
+    assert_eq!(
+        turned(SHOULDER, "G70 Q1 X8 Z2 D.5 P2"),
+        "T8 2, T8 2, T4.25 0, F4.25 -3.75, F8 -3.75, T8 2, T4 0, F4 -4, F8 -4"
+    );
+    // Round an outer corner the allowance is an arc.
+    assert_eq!(turned("G0 X4 Z0|G1 X6 Z0|Z-4", "G70 Q1 X8 Z2 D1 E.5"), "T8 2, T8 2, T4 0.5, F6 0.5, L6.5 0, F6.5 -4");
+    // In a bore all is mirrored.
+    assert_eq!(turned("G0 X8 Z0|G1 X8 Z-4|X4", "G70 Q1 X2 Z2 D1 E.5"), "T2 2, T2 2, T7.5 0, F7.5 -3.5, F4 -3.5");
+}
+
+#[test]
+fn what_cannot_be_turned_is_refused() {
+    for (profile, block, number) in [
+        (SHOULDER, "G71 X8 Z2", "E1505"),
+        (SHOULDER, "G17 G71 Q1 X8 Z2", "E1633"),
+        (SHOULDER, "G93 G71 Q1 X8 Z2 F1", "E1625"),
+        (SHOULDER, "G71 Q1 X8 Z2 F0", "E1508"),
+        (SHOULDER, "G71 Q1 X8 Z2 I0", "E1635"),
+        (SHOULDER, "G71 Q1 X8 Z2 R-1", "E1635"),
+        (SHOULDER, "G71 Q1 X8 Z2 D-1", "E1635"),
+        (SHOULDER, "G70 Q1 X8 Z2 P0", "E1635"),
+        (SHOULDER, "G70 Q1 X8 Z2 I1", "E1408"),
+        (SHOULDER, "G71 Q1 X8 Z2 P1", "E1408"),
+        (SHOULDER, "G71 Q1 X8 Z2 I.0001", "E1634"),
+        (SHOULDER, "G53 G71 Q1 X8 Z2", "E1506"),
+        ("G0 X4 Z0", "G71 Q1 X8 Z2", "E1634"),
+        ("G0 X4 Z0|G1 Z-4|X5 Z-3|Z-8", "G71 Q1 X8 Z2", "E1634"),
+        ("G0 X4 Z0|G1 Z-2|X3|Z-2.2|X8", "G71 Q1 X8 Z2 D.3", "E1634"),
+    ] {
+        assert_eq!(turned(profile, block), number, "{profile} {block}");
+    }
 }
 
 #[test]

@@ -5,7 +5,8 @@
 use super::Refusal;
 use super::frame::{ArcOf, Point, Segment, TINY};
 
-/// An outer corner whose arc would be narrower than this, in either unit, gets none: its neighbours are drawn out until they meet.
+/// An outer corner whose arc would be shorter than this along the profile, in either unit, gets none: its neighbours are drawn out
+/// until they meet, if they do.
 const LEAST_ARC: f64 = 0.01;
 
 /// The segments `distance` above these.
@@ -22,8 +23,13 @@ pub(super) fn offset(segments: &[Segment], distance: f64) -> Result<Vec<Segment>
         if let Some(before) = path.last_mut() {
             let (into, out) = (before.direction(before.to), moved.direction(moved.from));
             let turn = into.cross(out);
-            let is_blunt = turn < -1e-7 && -turn * distance <= LEAST_ARC && before.arc.is_none() && moved.arc.is_none();
-            if turn > 1e-7 || is_blunt {
+            let is_blunt = turn < -1e-7 && (moved.from.a - before.to.a).abs() <= LEAST_ARC;
+            if is_blunt && let Some(meet) = meeting(before, &moved, segment.from) {
+                before.to = meet;
+                path.push(Segment { from: meet, ..moved });
+                continue;
+            }
+            if turn > 1e-7 {
                 let meet = meeting(before, &moved, segment.from).ok_or(Refusal::Allowance)?;
                 let moved = Segment { from: meet, ..moved };
                 if !shortens(&Segment { to: meet, ..*before }, before) || !shortens_from(&moved, segment) {
