@@ -286,6 +286,7 @@ fn what_cannot_be_turned_is_refused() {
         ("G0 X4 Z0", "G71 Q1 X8 Z2", "E1634"),
         ("G0 X4 Z0|G1 Z-4|X5 Z-3|Z-8", "G71 Q1 X8 Z2", "E1634"),
         ("G0 X4 Z0|G1 Z-2|X3|Z-2.2|X8", "G71 Q1 X8 Z2 D.3", "E1634"),
+        ("G0 X4 Z0|G1 Z-2|G2 X4.2 Z-2.2 I.2 K0|G1 X8", "G71 Q1 X8 Z2 D.3", "E1634"),
     ] {
         assert_eq!(turned(profile, block), number, "{profile} {block}");
     }
