@@ -119,6 +119,9 @@ codes! {
     NoSuchSpindle "E1630" "no such spindle" "$ names a spindle that the machine does not have." "Write $0, or leave it out.";
     ZeroPitch "E1631" "no pitch" "K of G33 or G33.1, the way in one turn of the spindle, is 0." "Write the pitch as K.";
     BadThread "E1632" "thread not possible" "The words of G76 contradict each other; the message says which." "Correct the word: P and J above 0, I not 0, J less than K, Q below 90 degrees, L from 0 to 3.";
+    TurningPlane "E1633" "turning cycle out of its plane" "G70 to G72 work in the plane of X and Z." "Select it with G18 before.";
+    TurningProfile "E1634" "profile cannot be turned" "The subprogram Q of G70 to G72 draws no profile, or one that the cycle cannot follow; the message says why." "Draw lines and arcs that never turn back along the axis of the cuts; check D.";
+    TurningWord "E1635" "word of a turning cycle out of range" "D, E, I, P or R of G70 to G72 has a value that makes no sense." "Correct the word.";
 
     CompensationPlane "E1651" "cutter compensation in another plane" "G41 and G42 work in the planes of G17 and G18 only." "Select G17 or G18 before.";
     CompensationTwice "E1652" "cutter compensation is on already" "G41 or G42 is given while one of them is in force." "Switch it off with G40 before.";

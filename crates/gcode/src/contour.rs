@@ -6,9 +6,10 @@
 use crate::call::CycleCall;
 use crate::canon::{ArcFeed, Canon, Plane, Step};
 use crate::control::{Label, plain_name};
-use crate::diag::Span;
+use crate::codes::Code;
+use crate::diag::{Outcome, Span, fault};
 use crate::flow::{Flow, Stepped};
-use crate::interp::{Contours, Core, Interpreter, Planned, Taken};
+use crate::interp::{Contours, Core, Interpreter, Planned, Read};
 use crate::parse::LineReader;
 use crate::pose::{Axis, Pose};
 use crate::prescan::Prescan;
@@ -138,12 +139,39 @@ fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Con
     for (index, line) in crate::lines::Split::new(text).enumerate() {
         steps.clear();
         let number = first.saturating_add(index as u32);
-        match scratch.take(number, line, &mut steps).map_err(|fault| wrong(&fault.message))? {
-            Taken::Done(_) => contour.take(&steps, scratch, true)?,
-            Taken::Control(_) => return Err(refused(&Fault::ChangeInside(number))),
+        match scratch.read(number, line).map_err(|fault| wrong(&fault.message))? {
+            Read::Block => {
+                scratch.carry_out(&mut steps).map_err(|fault| wrong(&fault.message))?;
+                contour.take(&steps, scratch, true)?;
+            }
+            Read::Deleted => {}
+            Read::Control(_) => return Err(refused(&Fault::ChangeInside(number))),
         }
     }
     Ok(())
+}
+
+/// The canonical functions of the subprogram with a number: the profile of a turning cycle.
+///
+/// # Errors
+/// There is none of that number, or a block of it is wrong.
+pub(crate) fn drawn(flow: &Flow, number: f64, scratch: &mut Interpreter) -> Outcome<Vec<Step>> {
+    let label = Label::Number(number.round().clamp(0.0, 1e15) as u64);
+    let Some(mut flow) = flow.subs.find(0, &label).and_then(|sub| flow.alone(sub)) else {
+        return fault(Code::NoContour, scratch.last_words().span(b'q'), format!("there is no subprogram {label}"));
+    };
+    let mut steps = Vec::new();
+    for _ in 0..MOST_LINES {
+        match flow.step(scratch, &mut steps)? {
+            Stepped::Block => {
+                scratch.carry_out(&mut steps)?;
+            }
+            Stepped::Jumped => {}
+            Stepped::Faulty | Stepped::Cycle(_) => break,
+            Stepped::Idle | Stepped::ProgramEnd => return Ok(steps),
+        }
+    }
+    fault(Code::TurningProfile, Span::default(), format!("{label} is no profile"))
 }
 
 /// The label of a subprogram of this name.

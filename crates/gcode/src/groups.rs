@@ -51,6 +51,7 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
     use GroupG as G;
     Known::CarriedOut(match tenths {
         0 | 10 | 20 | 30 | 800 => G::Motion,
+        700 | 710..=712 | 720..=722 => G::Motion,
         330 | 331 | 760 | 730 | 740 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => G::Motion,
         50..=53 | 382..=385 => G::Motion,
         70 | 80 => G::LatheDiameter,
@@ -66,7 +67,6 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
         930 | 940 | 950 => G::FeedMode,
         960 | 970 => G::SpindleMode,
         980 | 990 => G::Retract,
-        700 | 710..=712 | 720..=722 => return Known::NotYet,
         _ => return Known::No,
     })
 }

@@ -54,6 +54,7 @@ mod spindle;
 mod spline;
 mod system;
 mod tool;
+mod turning;
 
 pub use block::BlockNumber;
 pub use branch::{Branch, Target};

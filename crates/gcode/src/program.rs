@@ -7,11 +7,11 @@ use crate::arriving::Arriving;
 use crate::call::CycleCall;
 use crate::canon::{Canon, Step};
 use crate::codes::Code;
-use crate::contour::ContourReader;
+use crate::contour::{self, ContourReader};
 use crate::control::{Control, Keyword};
 use crate::diag::{Diagnostic, Fault, Outcome, Span};
 use crate::flow::{Flow, Stepped};
-use crate::interp::{self, Interpreter, Setup, Taken};
+use crate::interp::{self, Interpreter, Read, Setup};
 use crate::lines::{Lines, Text};
 use crate::prescan::Prescan;
 use retrace_cycles::Kind;
@@ -121,7 +121,7 @@ impl<R: BufRead> Program<R> {
     /// Carries out the next compiled line.
     fn compiled_line(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
         match self.flow.step(&mut self.interpreter, steps)? {
-            Stepped::Block => match self.interpreter.carry_out(steps)? {
+            Stepped::Block => match self.block(steps)? {
                 interp::Flow::Continue => Ok(Progress::Line),
                 interp::Flow::ProgramEnd => Ok(self.end_of_program(steps)),
             },
@@ -134,6 +134,16 @@ impl<R: BufRead> Program<R> {
             Stepped::Idle => self.own_line(steps),
             Stepped::ProgramEnd => self.end_by_m99(steps),
         }
+    }
+
+    /// Carries out the block that has been read; of a turning cycle the subprogram with its profile is run before.
+    #[inline]
+    fn block(&mut self, steps: &mut Vec<Step>) -> Outcome<interp::Flow> {
+        if let Some((number, mut scratch)) = self.interpreter.turning()? {
+            let drawn = contour::drawn(&self.flow, number, &mut scratch)?;
+            self.interpreter.set_profile(&drawn);
+        }
+        self.interpreter.carry_out(steps)
     }
 
     /// Runs a cycle; one of the third kind reads its contour from the program.
@@ -163,10 +173,13 @@ impl<R: BufRead> Program<R> {
             emit(steps, Canon::Finish);
             return Ok(self.close(steps));
         }
-        match self.interpreter.take(self.lines.number(), self.lines.text(), steps)? {
-            Taken::Done(interp::Flow::Continue) => Ok(Progress::Line),
-            Taken::Done(interp::Flow::ProgramEnd) => Ok(self.end_of_program(steps)),
-            Taken::Control(control) => self.control(control, steps),
+        match self.interpreter.read(self.lines.number(), self.lines.text())? {
+            Read::Deleted => Ok(Progress::Line),
+            Read::Block => match self.block(steps)? {
+                interp::Flow::Continue => Ok(Progress::Line),
+                interp::Flow::ProgramEnd => Ok(self.end_of_program(steps)),
+            },
+            Read::Control(control) => self.control(control, steps),
         }
     }
 

@@ -10,7 +10,7 @@ use crate::codes::Code;
 use crate::cycle::Cycle;
 use crate::diag::{Outcome, Span, fault};
 use crate::eval::whole;
-use crate::groups::{GroupG, GroupM};
+use crate::groups::{GroupG, GroupM, Tenths};
 use crate::modal::{Distance, Motion, State};
 
 /// The letters of axis words, with those of polar coordinates.
@@ -22,6 +22,8 @@ pub(super) enum MotionToBe {
     None,
     Cancel,
     Move(Motion),
+    /// G70, G71, G72 and their kin, in tenths: carried out once, and no mode.
+    Turn(Tenths),
 }
 
 impl MotionToBe {
@@ -60,6 +62,7 @@ const fn motion_of(tenths: u16) -> MotionToBe {
         382..=385 => {
             MotionToBe::Move(Motion::Probe(Probing { away: tenths >= 384, must_answer: tenths.is_multiple_of(2) }))
         }
+        700..730 => MotionToBe::Turn(tenths),
         _ => match Cycle::of_g(tenths) {
             Some(cycle) => MotionToBe::Move(Motion::Cycle(cycle)),
             None => MotionToBe::Cancel,
@@ -221,6 +224,9 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let thread = to_be == MotionToBe::Move(Motion::ThreadingCycle);
     let tap = to_be == MotionToBe::Move(Motion::RigidTap);
     let synchronised = tap || to_be == MotionToBe::Move(Motion::SpindleFeed);
+    let finish = to_be == MotionToBe::Turn(700);
+    let turn = matches!(to_be, MotionToBe::Turn(_));
+    let rough = turn && !finish;
     let surface_speed = words.g(GroupG::SpindleMode) == Some(960);
     let orient = words.m(GroupM::Spindle) == Some(19);
     let offsets = cycle == Some(Cycle::BackBoring) || thread;
@@ -228,10 +234,10 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let peck = cycle.is_some_and(Cycle::has_pecks) || thread || orient;
     let spline = cubic || quadratic;
     let uses: [(&[u8], bool, &str); 9] = [
-        (b"d", surface_speed || compensation, "G96, G41, G41.1, G42 or G42.1"),
-        (b"e", thread || port, "G76 or M66 to M68"),
+        (b"d", surface_speed || compensation || turn, "G41, G41.1, G42, G42.1, G70 to G72 or G96"),
+        (b"e", thread || port || finish, "G70, G76 or M66 to M68"),
         (b"h", offset || thread, "G43, G43.2 or G76"),
-        (b"i", arc || g10 || offsets || tap || spline, "G2, G3, G5, G5.1, G10, G33.1, G76 or G87"),
+        (b"i", arc || g10 || offsets || tap || spline || rough, "G2, G3, G5, G5.1, G10, G33.1, G71, G72, G76 or G87"),
         (b"j", arc || g10 || offsets || spline, "G2, G3, G5, G5.1, G10, G76 or G87"),
         (b"k", arc || g10 || offsets || synchronised, "G2, G3, G10, G33, G33.1, G76 or G87"),
         (
@@ -241,13 +247,13 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
         ),
         (
             b"p",
-            arc || g10 || dwell || blend || output || switch || pause || cubic || point || user,
-            "G2 to G5.2, G10, G64, G76, a cycle with a dwell, M19, M50 to M53, M62 to M66 or M100 to M199",
+            arc || g10 || dwell || blend || output || switch || pause || cubic || point || user || finish,
+            "G2 to G5.2, G10, G64, G70, G76, a cycle with a dwell, M19, M50 to M53, M62 to M66 or M100 to M199",
         ),
         (
             b"q",
-            blend || number || g10 || peck || cubic || port || user,
-            "G5, G10, G64, G73, G76, G83, M19, M61, M66 to M68 or M100 to M199",
+            blend || number || g10 || peck || cubic || port || user || turn,
+            "G5, G10, G64, G70 to G73, G76, G83, M19, M61, M66 to M68 or M100 to M199",
         ),
     ];
     for (letters, used, users) in uses {
@@ -256,8 +262,8 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
             return fault(Code::WordUnused, words.span(letter), format!("{name} belongs to {users}"));
         }
     }
-    if words.has(b'r') && !(arc || g10 || cycle.is_some() || thread || orient) {
-        let message = "R belongs to G2, G3, G10 L2, G76, M19 or a drilling cycle";
+    if words.has(b'r') && !(arc || g10 || cycle.is_some() || thread || orient || rough) {
+        let message = "R belongs to G2, G3, G10 L2, G71, G72, G76, M19 or a drilling cycle";
         return fault(Code::WordUnused, words.span(b'r'), message);
     }
     match words.get(b'p') {

@@ -14,6 +14,7 @@ use crate::params::{COORDINATE_SYSTEM, G92_ACTIVE, G92_OFFSET, NameId, Names, Pa
 use crate::pose::{Axis, Pose};
 use crate::system::SystemParameter;
 use crate::tool::ToolTable;
+use crate::turning::Profile;
 
 /// State and data that blocks work on.
 #[derive(Clone, Debug)]
@@ -23,6 +24,8 @@ pub(crate) struct Core {
     pub(super) parameters: Parameters,
     pub(crate) tools: ToolTable,
     pub(super) user_codes: UserCodes,
+    /// What the subprogram of the next turning cycle has drawn.
+    pub(super) profile: Option<Profile>,
 }
 
 /// Takes the canonical functions of one block.

@@ -52,6 +52,12 @@ impl Core {
                 emit.call(Canon::Note("interpreter: motion mode set to none"));
                 (self.state.motion, self.state.series) = (None, None);
             }
+            MotionToBe::Turn(code) => {
+                if self.state.compensation.is_some() {
+                    refusals::turning(words)?;
+                }
+                self.turning_cycle(code, words, emit)?;
+            }
             MotionToBe::Move(motion) => {
                 if self.state.compensation.is_some() {
                     refusals::motion(motion, words)?;

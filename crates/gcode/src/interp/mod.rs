@@ -25,6 +25,7 @@ mod spline;
 mod stop;
 mod thread;
 mod tool_data;
+mod turning;
 
 pub(crate) use self::context::Context;
 pub use self::ports::UserCodes;
@@ -38,13 +39,15 @@ use crate::canon::{Canon, LengthUnit, Step};
 use crate::code::Code as CompiledLines;
 use crate::codes::Code;
 use crate::control::{Control, MOST_ARGUMENTS};
-use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span};
+use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span, fault};
+use crate::groups::GroupG;
 use crate::modal::State;
 use crate::params::{Frame, Parameters, SHOW_DEBUG};
 use crate::parse::LineReader;
 use crate::pose::{AxisSet, Pose};
 use crate::prescan::SubFiles;
 use crate::tool::ToolTable;
+use crate::turning::Profile;
 use retrace_cycles::Library;
 use std::sync::Arc;
 
@@ -116,11 +119,13 @@ pub enum Flow {
     ProgramEnd,
 }
 
-/// What became of a line that was taken.
+/// What a line is that was read.
 #[derive(Debug)]
-pub(crate) enum Taken {
-    /// Its block was carried out.
-    Done(Flow),
+pub(crate) enum Read {
+    /// A block to be carried out.
+    Block,
+    /// Deleted by its slash.
+    Deleted,
     /// It has an O word, whose values are not evaluated yet.
     Control(Control),
 }
@@ -155,6 +160,7 @@ impl Interpreter {
             parameters: setup.parameters,
             tools: setup.tools,
             user_codes: setup.user_codes,
+            profile: None,
         };
         core.take_up_parameters(&setup.position);
         Interpreter {
@@ -199,17 +205,15 @@ impl Interpreter {
     /// # Errors
     /// The block was refused; what it had asked for before the fault was found stays in `steps`.
     pub fn line(&mut self, text: &[u8], steps: &mut Vec<Step>) -> Result<Flow, BlockRefused> {
-        match self.take(self.line.saturating_add(1), text, steps) {
-            Ok(Taken::Done(flow)) => Ok(flow),
-            Ok(Taken::Control(control)) => {
-                self.report(Fault::new(Code::BadControl, control.at, "an O word needs the whole program"));
-                Err(BlockRefused)
-            }
-            Err(fault) => {
-                self.report(*fault);
-                Err(BlockRefused)
-            }
-        }
+        let carried_out = self.read(self.line.saturating_add(1), text).and_then(|read| match read {
+            Read::Block => self.carry_out(steps),
+            Read::Deleted => Ok(Flow::Continue),
+            Read::Control(control) => fault(Code::BadControl, control.at, "an O word needs the whole program"),
+        });
+        carried_out.map_err(|fault| {
+            self.report(*fault);
+            BlockRefused
+        })
     }
 
     /// Tells which line is being looked at.
@@ -217,16 +221,17 @@ impl Interpreter {
         (self.file, self.line) = (file, line);
     }
 
-    /// Takes a line of the program itself; one with an O word is only compiled.
-    pub(crate) fn take(&mut self, line: u32, text: &[u8], steps: &mut Vec<Step>) -> Outcome<Taken> {
+    /// Reads a line of the program itself.
+    #[inline]
+    pub(crate) fn read(&mut self, line: u32, text: &[u8]) -> Outcome<Read> {
         self.set_line(0, line);
         if !self.reader.read(text)? {
-            return Ok(Taken::Done(Flow::Continue));
+            return Ok(Read::Deleted);
         }
-        match self.reader.block.control.take() {
-            Some(control) => Ok(Taken::Control(control)),
-            None => self.carry_out(steps).map(Taken::Done),
-        }
+        Ok(match self.reader.block.control.take() {
+            Some(control) => Read::Control(control),
+            None => Read::Block,
+        })
     }
 
     /// What compiles lines.
@@ -373,6 +378,30 @@ impl Interpreter {
     #[must_use]
     pub fn tools(&self) -> &ToolTable {
         &self.core.tools
+    }
+
+    /// Hands over the profile of the turning cycle that the next block asks for: the calls of its subprogram Q, of which the moves
+    /// count and nothing else.
+    pub fn set_profile(&mut self, steps: &[Step]) {
+        self.core.profile = Some(Profile::of_steps(steps));
+    }
+
+    /// The number of the profile's subprogram, if the block read last is a turning cycle, and an interpreter to run it with: it
+    /// stands where the cycle begins.
+    pub(crate) fn turning(&mut self) -> Outcome<Option<(f64, Interpreter)>> {
+        let is_turning = |code| (700..730).contains(&code);
+        if !self.reader.block.words.g(GroupG::Motion).is_some_and(is_turning) {
+            return Ok(None);
+        }
+        let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
+        self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
+        let Some(number) = self.words.get(b'q') else { return Ok(None) };
+        let mut scratch = Interpreter::scratch(self.core.clone(), self.reader.clone());
+        if self.core.takes_diameters(&self.words) {
+            self.words.halve_x();
+        }
+        scratch.core.state.position = self.core.end_of(&self.words);
+        Ok(Some((number, scratch)))
     }
 
     /// All parameters.

@@ -72,7 +72,7 @@ impl Core {
         Ok(())
     }
 
-    fn check_feed(&self, words: &Words) -> Outcome<()> {
+    pub(super) fn check_feed(&self, words: &Words) -> Outcome<()> {
         let at = || match words.first_of(b"xyzabcuvwijkr") {
             _ if words.g(GroupG::Motion).is_some() => words.g_span(GroupG::Motion),
             Some(letter) => words.span(letter),

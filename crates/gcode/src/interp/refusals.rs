@@ -54,6 +54,15 @@ pub(super) fn settings(words: &Words, state: &State) -> Outcome<()> {
     if passes { Ok(()) } else { refused(&name_of_g(code), words.g_span(GroupG::NonModal)) }
 }
 
+/// Refuses the turning cycles.
+///
+/// # Errors
+/// E1656.
+pub(super) fn turning(words: &Words) -> Outcome<()> {
+    let code = words.g(GroupG::Motion).unwrap_or_default();
+    refused(&name_of_g(code), words.g_span(GroupG::Motion))
+}
+
 /// Refuses every motion but straight ones and arcs: none of the others has a path beside it.
 ///
 /// # Errors

@@ -173,7 +173,7 @@ impl Writer {
 
     fn spindle_mode(&mut self) {
         if self.random.one_in(20) {
-            return self.plain(&["M19 R400", "G96 D3", "M19 R2 P3", "M3 $1", "M19 R2 Q0"]);
+            return self.plain(&["M19 R400", "G96 D3", "M19 R2 P3", "M19 R2 Q0"]);
         }
         self.plain(&[
             "G96 S100",

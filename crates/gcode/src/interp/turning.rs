@@ -1,0 +1,114 @@
+//! G70, G71 and G72 as a block asks for them: their words, and the moves as calls.
+//!
+//! Invariant: the profile is what the subprogram Q has drawn; whoever runs subprograms hands it over before the block is carried out,
+//! and it is used once.
+
+use super::{Core, Emit};
+use crate::block::Words;
+use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
+use crate::codes::Code;
+use crate::diag::{Outcome, fault};
+use crate::groups::{GroupG, Tenths};
+use crate::modal::Motion;
+use crate::pose::{Axis, Pose};
+use crate::turning::{Job, Move, Place, Pockets, Refusal, turn};
+
+/// The retreat of G71 and G72 without an R word, program units.
+const RETREAT: f64 = 0.5;
+
+impl Core {
+    /// Carries out a turning cycle over the profile that was handed over.
+    pub(super) fn turning_cycle(&mut self, code: Tenths, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        let at = words.g_span(GroupG::Motion);
+        let job = job_of(code, words)?;
+        if self.state.plane != Plane::Zx {
+            return fault(Code::TurningPlane, at, Code::TurningPlane.title());
+        }
+        if self.state.feed_mode == FeedMode::InverseTime {
+            return fault(Code::CycleInverseTime, at, Code::CycleInverseTime.title());
+        }
+        self.check_feed(words)?;
+        let Some(profile) = self.profile.take() else {
+            return fault(Code::TurningProfile, words.span(b'q'), "the subprogram Q has drawn no profile");
+        };
+        let begin = self.end_of(words);
+        let (mut pose, mut motion) = (begin, Motion::Feed);
+        let start = Place { x: begin[Axis::X], z: begin[Axis::Z] };
+        emit.call(Canon::StraightTraverse(begin));
+        let turned = turn(&profile, start, &job, &mut |step| {
+            let canon = call_of(step, &mut pose);
+            motion = match &canon {
+                Canon::ArcFeed(arc) if arc.turns < 0 => Motion::ArcClockwise,
+                Canon::ArcFeed(_) => Motion::ArcCounterclockwise,
+                _ => Motion::Feed,
+            };
+            emit.call(canon);
+        });
+        self.state.position = pose;
+        (self.state.motion, self.state.series) = (Some(motion), None);
+        match turned {
+            Ok(()) => Ok(()),
+            Err(refusal) => fault(Code::TurningProfile, words.span(b'q'), reason(refusal)),
+        }
+    }
+}
+
+/// What the words ask for.
+fn job_of(code: Tenths, words: &Words) -> Outcome<Job> {
+    let word = |letter: u8, default: f64| words.get(letter).unwrap_or(default);
+    let wrong = |letter: u8, message: &str| fault(Code::TurningWord, words.span(letter), message);
+    if !words.has(b'q') {
+        return fault(Code::WordMissing, words.g_span(GroupG::Motion), "G70 to G72 need a Q word: the subprogram");
+    }
+    let allowance = word(b'd', 0.0);
+    if allowance < 0.0 || word(b'e', 0.0) < 0.0 {
+        let letter = if allowance < 0.0 { b'd' } else { b'e' };
+        return wrong(letter, "an allowance must be at least 0");
+    }
+    if code == 700 {
+        let passes = word(b'p', 1.0);
+        if !(1.0..=1000.0).contains(&passes) {
+            return wrong(b'p', "G70 makes 1 to 1000 passes");
+        }
+        return Ok(Job::Finish { first: allowance, last: word(b'e', 0.0), passes: passes as u32 });
+    }
+    let (infeed, retreat) = (word(b'i', 1.0), word(b'r', RETREAT));
+    if infeed <= 0.0 {
+        return wrong(b'i', "the infeed I must be greater than 0");
+    }
+    if retreat < 0.0 {
+        return wrong(b'r', "the retreat R must be at least 0");
+    }
+    let pockets = match code % 10 {
+        0 => Pockets::Included,
+        1 => Pockets::Skipped,
+        _ => Pockets::Only,
+    };
+    Ok(Job::Rough { facing: code / 10 == 72, pockets, allowance, infeed, retreat })
+}
+
+/// The call of a move; what it does not move stays where `pose` has it.
+fn call_of(step: Move, pose: &mut Pose) -> Canon {
+    let (Move::Rapid(end) | Move::Feed(end) | Move::Arc { end, .. }) = step;
+    (pose[Axis::X], pose[Axis::Z]) = (end.x, end.z);
+    match step {
+        Move::Rapid(_) => Canon::StraightTraverse(*pose),
+        Move::Feed(_) => Canon::StraightFeed(*pose),
+        Move::Arc { centre, counterclockwise, .. } => Canon::ArcFeed(ArcFeed {
+            plane: Plane::Zx,
+            end: *pose,
+            first_centre: centre.z,
+            second_centre: centre.x,
+            turns: if counterclockwise { 1 } else { -1 },
+        }),
+    }
+}
+
+const fn reason(refusal: Refusal) -> &'static str {
+    match refusal {
+        Refusal::Empty => "the profile has no line and no arc behind its first point",
+        Refusal::NotMonotonic => "the profile turns back along its own direction",
+        Refusal::Allowance => "the allowance D is too great for the profile: an element of it would vanish",
+        Refusal::TooManyLevels => "the infeed I is so small that there would be more than 10 000 levels",
+    }
+}

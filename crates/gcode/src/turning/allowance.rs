@@ -1,0 +1,126 @@
+//! The path at a distance from a profile, on the side of the tool.
+//!
+//! Invariant: round an outer corner the path is an arc about it, in an inner corner the two neighbours end where they meet.
+
+use super::Refusal;
+use super::frame::{ArcOf, Point, Segment, TINY};
+
+/// An outer corner whose arc would be shorter than this along the profile, in either unit, gets none: its neighbours are drawn out
+/// until they meet, if they do.
+const LEAST_ARC: f64 = 0.01;
+
+/// The segments `distance` above these.
+///
+/// # Errors
+/// [`Refusal::Allowance`] where a segment vanishes.
+pub(super) fn offset(segments: &[Segment], distance: f64) -> Result<Vec<Segment>, Refusal> {
+    if distance == 0.0 {
+        return Ok(segments.to_vec());
+    }
+    let mut path: Vec<Segment> = Vec::with_capacity(segments.len() * 2);
+    for segment in segments {
+        let moved = displaced(segment, distance)?;
+        if let Some(before) = path.last_mut() {
+            let (into, out) = (before.direction(before.to), moved.direction(moved.from));
+            let turn = into.cross(out);
+            let is_blunt = turn < -1e-7 && (moved.from.a - before.to.a).abs() <= LEAST_ARC;
+            if is_blunt && let Some(meet) = meeting(before, &moved, segment.from) {
+                before.to = meet;
+                path.push(Segment { from: meet, ..moved });
+                continue;
+            }
+            if turn > 1e-7 {
+                let meet = meeting(before, &moved, segment.from).ok_or(Refusal::Allowance)?;
+                let moved = Segment { from: meet, ..moved };
+                if !shortens(&Segment { to: meet, ..*before }, before) || !shortens_from(&moved, segment) {
+                    return Err(Refusal::Allowance);
+                }
+                before.to = meet;
+                path.push(moved);
+                continue;
+            }
+            if turn < -1e-7 {
+                let arc = Some(ArcOf { centre: segment.from, counterclockwise: false });
+                let from = before.to;
+                path.push(Segment { from, to: moved.from, arc, goes_on: false });
+            } else if into.dot(out) < 0.0 {
+                return Err(Refusal::Allowance);
+            }
+        }
+        path.push(moved);
+    }
+    Ok(path)
+}
+
+/// A segment moved to its left.
+fn displaced(segment: &Segment, distance: f64) -> Result<Segment, Refusal> {
+    let shift = |at: Point| at.plus(segment.direction(at).left(), distance);
+    if let Some(arc) = segment.arc
+        && arc.counterclockwise
+        && segment.from.distance(arc.centre) <= distance + TINY
+    {
+        return Err(Refusal::Allowance);
+    }
+    Ok(Segment { from: shift(segment.from), to: shift(segment.to), ..*segment })
+}
+
+/// Whether a segment with its end drawn in still runs its own way.
+fn shortens(short: &Segment, long: &Segment) -> bool {
+    match long.arc {
+        None => short.to.minus(short.from).dot(long.to.minus(long.from)) >= -TINY,
+        Some(_) => long.sweep(short.to) <= long.sweep(long.to) + 1e-7,
+    }
+}
+
+/// Whether a segment with its beginning drawn in still runs the way of the profile's one.
+fn shortens_from(short: &Segment, of: &Segment) -> bool {
+    match of.arc {
+        None => short.to.minus(short.from).dot(of.to.minus(of.from)) >= -TINY,
+        Some(_) => short.sweep(short.to) <= of.sweep(of.to) + 1e-7,
+    }
+}
+
+/// Where two segments meet, next to a corner.
+fn meeting(one: &Segment, other: &Segment, corner: Point) -> Option<Point> {
+    let candidates = match (one.arc, other.arc) {
+        (None, None) => {
+            let (along, across) = (one.to.minus(one.from), other.to.minus(other.from));
+            let share = other.from.minus(one.from).cross(across) / along.cross(across);
+            [Some(one.from.plus(along, share)), None]
+        }
+        (None, Some(arc)) => line_and_circle(one, arc.centre, other.from.distance(arc.centre)),
+        (Some(arc), None) => line_and_circle(other, arc.centre, one.from.distance(arc.centre)),
+        (Some(arc), Some(with)) => {
+            let radii = (one.from.distance(arc.centre), other.from.distance(with.centre));
+            circles(arc.centre, with.centre, radii)
+        }
+    };
+    let near = |point: &Point| point.distance(corner);
+    candidates.into_iter().flatten().filter(|point| near(point).is_finite()).min_by(|p, q| near(p).total_cmp(&near(q)))
+}
+
+fn line_and_circle(line: &Segment, centre: Point, radius: f64) -> [Option<Point>; 2] {
+    let along = line.to.minus(line.from).unit();
+    let foot = line.from.plus(along, centre.minus(line.from).dot(along));
+    let rest = radius * radius - foot.distance(centre).powi(2);
+    if rest < -TINY {
+        return [None, None];
+    }
+    let half = rest.max(0.0).sqrt();
+    [Some(foot.plus(along, half)), Some(foot.plus(along, -half))]
+}
+
+fn circles(one: Point, other: Point, (first, second): (f64, f64)) -> [Option<Point>; 2] {
+    let apart = one.distance(other);
+    if apart < TINY {
+        return [None, None];
+    }
+    let along = other.minus(one).unit();
+    let reach = (apart * apart + first * first - second * second) / (2.0 * apart);
+    let rest = first * first - reach * reach;
+    if rest < -TINY {
+        return [None, None];
+    }
+    let (foot, half) = (one.plus(along, reach), rest.max(0.0).sqrt());
+    [Some(foot.plus(along.left(), half)), Some(foot.plus(along.left(), -half))]
+}

@@ -1,0 +1,136 @@
+//! Turning cycles G70, G71 and G72: a profile is finished in passes, or what stands over it is roughed off in levels.
+//!
+//! Invariant: the work is done in a [`Frame`] in which the profile runs towards greater `a`, the tool stands at greater `h`, and infeed
+//! goes towards smaller `h`; what goes in and comes out is X and Z of the program, in program units.
+
+mod allowance;
+mod frame;
+mod profile;
+mod rough;
+
+pub(crate) use frame::{Frame, Place};
+pub(crate) use profile::Profile;
+
+use frame::{Point, Segment};
+use rough::MOST_LEVELS;
+
+/// Which levels G71 and G72 rough.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Pockets {
+    /// G71, G72: each pocket as it comes.
+    Included,
+    /// G71.1, G72.1: none; the tool passes over them.
+    Skipped,
+    /// G71.2, G72.2: nothing else.
+    Only,
+}
+
+/// What is to be done along a profile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Job {
+    /// G70: passes at allowances that go down from `first` to `last`, which the last pass keeps.
+    Finish { first: f64, last: f64, passes: u32 },
+    /// G71 (along Z) and G72 (`facing`, along X).
+    Rough { facing: bool, pockets: Pockets, allowance: f64, infeed: f64, retreat: f64 },
+}
+
+/// A move of a turning cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Move {
+    Rapid(Place),
+    Feed(Place),
+    /// Counter-clockwise as G3 is in G18: seen with Z to the right and X upwards.
+    Arc {
+        end: Place,
+        centre: Place,
+        counterclockwise: bool,
+    },
+}
+
+/// Why a profile cannot be turned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Refusal {
+    /// It has less than one element after its first point.
+    Empty,
+    /// It turns back along its own direction.
+    NotMonotonic,
+    /// The allowance leaves nothing of an element, or its ends do not meet.
+    Allowance,
+    /// The infeed is too small for the height to be roughed.
+    TooManyLevels,
+}
+
+/// Turns a profile from `start`, handing out each move.
+///
+/// # Errors
+/// The profile does not allow it; no move has been handed out then.
+pub(crate) fn turn(profile: &Profile, start: Place, job: &Job, out: &mut impl FnMut(Move)) -> Result<(), Refusal> {
+    let facing = matches!(job, Job::Rough { facing: true, .. });
+    let frame = Frame::new(profile, start, facing)?;
+    let segments: Vec<Segment> = profile.segments(&frame);
+    if matches!(job, Job::Rough { .. }) && !segments.iter().all(Segment::is_monotonic) {
+        return Err(Refusal::NotMonotonic);
+    }
+    let mut start = frame.point(start);
+    start.a = start.a.min(frame.point(profile.first).a);
+    match *job {
+        Job::Finish { first, last, passes } => {
+            let step = (first - last) / f64::from(passes);
+            let paths: Result<Vec<_>, _> =
+                (1..=passes).map(|pass| allowance::offset(&segments, first - step * f64::from(pass))).collect();
+            let mut tool = Tool { frame: &frame, at: start, out };
+            for path in paths? {
+                tool.rapid(start);
+                tool.rapid(path.first().map_or(start, |segment| segment.from));
+                for segment in &path {
+                    tool.along(segment, segment.to);
+                }
+            }
+        }
+        Job::Rough { pockets, allowance, infeed, retreat, .. } => {
+            let path = allowance::offset(&segments, allowance)?;
+            let lowest = path.iter().map(|segment| segment.to.h).fold(f64::INFINITY, f64::min);
+            if path.iter().any(|segment| (segment.to.h - lowest) / infeed > MOST_LEVELS)
+                || (start.h - lowest) / infeed > MOST_LEVELS
+            {
+                return Err(Refusal::TooManyLevels);
+            }
+            let tool = Tool { frame: &frame, at: start, out };
+            rough::rough(path, start, (pockets, infeed, retreat), tool);
+        }
+    }
+    Ok(())
+}
+
+/// The tool in the frame.
+struct Tool<'a, O> {
+    frame: &'a Frame,
+    at: Point,
+    out: &'a mut O,
+}
+
+impl<O: FnMut(Move)> Tool<'_, O> {
+    fn rapid(&mut self, to: Point) {
+        self.at = to;
+        (self.out)(Move::Rapid(self.frame.place(to)));
+    }
+
+    fn feed(&mut self, to: Point) {
+        self.at = to;
+        (self.out)(Move::Feed(self.frame.place(to)));
+    }
+
+    /// Along a segment, on which the tool is, as far as `to`.
+    fn along(&mut self, segment: &Segment, to: Point) {
+        match segment.arc {
+            None => self.feed(to),
+            Some(_) if self.at.distance(to) < frame::TINY => {}
+            Some(arc) => {
+                self.at = to;
+                let centre = self.frame.place(arc.centre);
+                let counterclockwise = arc.counterclockwise != self.frame.mirrors();
+                (self.out)(Move::Arc { end: self.frame.place(to), centre, counterclockwise });
+            }
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! A profile: the first point, and the lines and arcs from there on.
+//!
+//! Invariant: each element begins where the one before ends.
+
+use super::frame::{ArcOf, Frame, Place, Segment};
+use crate::canon::{Canon, Plane, Step};
+use crate::pose::{Axis, Pose};
+
+/// A line or an arc of a profile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Element {
+    Line {
+        end: Place,
+    },
+    /// Counter-clockwise as G3 is in G18.
+    Arc {
+        end: Place,
+        centre: Place,
+        counterclockwise: bool,
+    },
+}
+
+impl Element {
+    pub(super) fn end(&self) -> Place {
+        match *self {
+            Element::Line { end } | Element::Arc { end, .. } => end,
+        }
+    }
+}
+
+/// A profile as the program draws it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Profile {
+    /// The end of its first move.
+    pub(crate) first: Place,
+    pub(crate) elements: Vec<Element>,
+}
+
+impl Profile {
+    /// The profile that the calls of a subprogram draw: the end of its first move, and the lines and arcs of the moves behind it. Calls
+    /// that move nothing are passed over.
+    pub(crate) fn of_steps(steps: &[Step]) -> Profile {
+        let mut profile = Profile::default();
+        let mut is_begun = false;
+        for step in steps {
+            let element = match &step.canon {
+                Canon::StraightTraverse(end) | Canon::StraightFeed(end) => Element::Line { end: place(end) },
+                Canon::ArcFeed(arc) if arc.plane == Plane::Zx => Element::Arc {
+                    end: place(&arc.end),
+                    centre: Place { x: arc.second_centre, z: arc.first_centre },
+                    counterclockwise: arc.turns > 0,
+                },
+                _ => continue,
+            };
+            if is_begun {
+                profile.elements.push(element);
+            } else {
+                profile.first = element.end();
+                is_begun = true;
+            }
+        }
+        profile
+    }
+
+    /// Its segments in the frame; a line without length is left out.
+    pub(super) fn segments(&self, frame: &Frame) -> Vec<Segment> {
+        let mut from = frame.point(self.first);
+        let mut segments = Vec::with_capacity(self.elements.len());
+        for element in &self.elements {
+            let to = frame.point(element.end());
+            let arc = match *element {
+                Element::Line { .. } => None,
+                Element::Arc { centre, counterclockwise, .. } => {
+                    Some(ArcOf { centre: frame.point(centre), counterclockwise: counterclockwise != frame.mirrors() })
+                }
+            };
+            if arc.is_some() || from != to {
+                segments.push(Segment { from, to, arc, goes_on: false });
+            }
+            from = to;
+        }
+        segments
+    }
+}
+
+fn place(pose: &Pose) -> Place {
+    Place { x: pose[Axis::X], z: pose[Axis::Z] }
+}
