@@ -129,6 +129,8 @@ codes! {
     ArcPlane "E1727" "arc in a plane of U, V and W" "No arc lies in the planes of G17.1, G18.1 and G19.1." "Select G17, G18 or G19.";
     Aborted "E1728" "program aborted" "A comment with ABORT was carried out." "See its text.";
     PythonComment "E1729" "Python in a comment" "Comments with PY, PYRUN and PYRELOAD run Python in LinuxCNC, and nothing here." "Remove the comment.";
+    IniLine "E1730" "machine configuration not understood" "A line of the INI file is no section in brackets, no NAME = value and no comment." "Correct the line.";
+    IniNotSupported "E1731" "machine configuration asks for more" "An entry of the INI file changes how programs are read, and that is not carried out." "Remove the entry, or run the program without the INI file.";
 
     BadControl "E1801" "O word not understood" "The line does not have the form of an O word: label, keyword, values in brackets." "Write lines such as O100 if [#1 GT 0]; by number or by name.";
     ControlWithoutEnd "E1802" "end of a block of O words missing" "The program ends before the endsub, endif, endwhile, endrepeat or while that belongs to the label." "Add the end, with the same label.";

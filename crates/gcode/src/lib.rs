@@ -32,6 +32,7 @@ mod eval;
 mod expr;
 mod flow;
 mod groups;
+mod ini;
 mod interp;
 mod lex;
 mod lines;
@@ -50,6 +51,7 @@ pub use canon::{ArcFeed, Canon, FeedMode, Input, LengthUnit, PathControl, Plane,
 pub use canon_text::CanonText;
 pub use codes::Code;
 pub use diag::{Diagnostic, Severity, Span};
+pub use ini::Ini;
 pub use interp::{BlockRefused, Flow, Interpreter, Setup, UserCodes};
 pub use modal::{ArcCentres, Distance, Motion, Spindle, State};
 pub use params::Parameters;

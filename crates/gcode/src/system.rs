@@ -44,6 +44,10 @@ pub(crate) enum SystemParameter {
     CallLevel,
     LatheDiameter,
     LatheRadius,
+    /// Where the tool in the spindle has its place in the changer.
+    CurrentPocket,
+    /// Where the selected tool has it; -1 for none.
+    SelectedPocket,
 }
 
 impl SystemParameter {
@@ -90,6 +94,8 @@ impl SystemParameter {
             "ccomp" => P::Fixed(400.0),
             "lathe_diameter_mode" => P::LatheDiameter,
             "lathe_radius_mode" => P::LatheRadius,
+            "current_pocket" => P::CurrentPocket,
+            "selected_pocket" => P::SelectedPocket,
             "vmajor" => P::Fixed(2.9),
             "vminor" => P::Fixed(0.0),
             "spindle_rpm_mode" => P::Fixed(1.0),
@@ -153,6 +159,9 @@ impl SystemParameter {
             P::ReturnedValue => state.returned_value.unwrap_or(0.0),
             P::HasReturnedValue => truth(state.returned_value.is_some()),
             P::CallLevel => state.call_level.into(),
+            // Those who know the tool table answer these themselves.
+            P::CurrentPocket => 0.0,
+            P::SelectedPocket => -1.0,
             P::LatheDiameter => truth(state.lathe_diameter),
             P::LatheRadius => truth(!state.lathe_diameter),
         }

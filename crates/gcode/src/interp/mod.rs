@@ -55,6 +55,8 @@ pub struct Setup {
     pub position: Pose,
     /// The user codes that are declared, of M100 … M199.
     pub user_codes: UserCodes,
+    /// Named parameters that a program may read only, such as the numbers of an INI file; names in lower case.
+    pub fixed_values: Vec<(String, f64)>,
 }
 
 impl Default for Setup {
@@ -69,6 +71,7 @@ impl Default for Setup {
             block_delete: false,
             position: Pose::ZERO,
             user_codes: UserCodes::default(),
+            fixed_values: Vec::new(),
         }
     }
 }
@@ -140,7 +143,7 @@ impl Interpreter {
             core,
             axes: setup.axes,
             block_delete: setup.block_delete,
-            names: Names::default(),
+            names: Names::with_fixed(setup.fixed_values),
             block: Block::default(),
             words: Words::default(),
             assignments: Vec::new(),
