@@ -89,13 +89,13 @@ codes! {
     NoMotionMode "E1501" "axis words without a motion" "The block has axis words, but no G code uses them and no motion mode is in force." "Begin with G0, G1, G2 or G3.";
     AxisWithG80 "E1502" "axis words with G80" "G80 ends the motion mode, so nothing uses the axis words." "Remove the axis words, or G80.";
     TwoUseAxes "E1503" "two G codes would use the axis words" "The block has a motion and G10, G28, G30, G52 or G92." "Put them into two blocks.";
-    AxesMissing "E1504" "axis words missing" "G52 and G92 need at least one axis word." "Add the axis words.";
+    AxesMissing "E1504" "axis words missing" "G5, G5.1, G38, G52 and G92 need at least one axis word." "Add the axis words.";
     WordMissing "E1505" "word missing" "A code in the block needs a word that is not there." "Add the word.";
     G53Motion "E1506" "G53 needs G0 or G1" "G53 stands in a block that is no straight move." "Write G53 G0 or G53 G1.";
     G53Incremental "E1507" "G53 in incremental mode" "Machine coordinates are absolute." "Use G90 with G53.";
     ZeroFeed "E1508" "no feed rate" "A feed move is asked for while the feed rate is zero." "Give an F word greater than 0 in this block or before; G94 sets it to zero.";
     InverseTimeFeed "E1509" "F word missing in inverse time mode" "In G93 every feed move needs its own F word." "Add the F word, or go back to G94.";
-    BadL "E1510" "L word not understood" "G10 takes L2 and L20 here." "Write L2 or L20.";
+    BadL "E1510" "L word not understood" "G10 takes L0, L1, L2, L10, L11 and L20; M66 takes L0 to L4." "Correct the L word.";
     BadP "E1511" "P word out of range" "The P word does not name what the code needs: a coordinate system 0 to 9, or a number of turns of at least 1." "Correct the P word.";
 
     ArcWordsMissing "E1601" "arc without a centre" "The arc has neither R nor a centre word." "Add R, or the centre words of the plane: I J in G17, K I in G18, J K in G19.";
