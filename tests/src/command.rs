@@ -125,6 +125,7 @@ impl Bench {
         let (input_path, out, err) = (self.file("stdin.txt", input), self.path("stdout.txt"), self.path("stderr.txt"));
         let mut command = Command::new(binary());
         command.args(arguments).current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
+        command.env("XDG_CONFIG_HOME", self.path("config")).env("XDG_CACHE_HOME", self.path("cache"));
         let code = finished(&mut command, &input_path, &out, &err).expect("the retrace command runs");
         let text = |path: &Path| String::from_utf8_lossy(&fs::read(path).unwrap_or_default()).into_owned();
         let said = Said { code, out: text(&out), err: text(&err) };

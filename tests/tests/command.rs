@@ -6,7 +6,7 @@ use retrace_tests::programs::examples;
 #[test]
 fn every_command_has_help_with_an_example() {
     let bench = Bench::new();
-    for command in ["", "run", "check", "canon", "plot", "size"] {
+    for command in ["", "run", "check", "canon", "plot", "size", "cycles"] {
         let arguments: Vec<&str> = [command, "--help"].into_iter().filter(|word| !word.is_empty()).collect();
         let said = bench.retrace(&arguments);
         assert_eq!(said.code, Some(0), "{command}: {}", said.err);
@@ -128,4 +128,25 @@ fn a_reader_that_goes_away_stops_nothing_and_is_no_panic() {
         assert_eq!((said.code, said.err.as_str()), (Some(0), ""), "{arguments:?}");
         assert!(!said.out.is_empty());
     }
+}
+
+#[test]
+fn cycles_are_listed_checked_compiled_and_shown() {
+    let bench = Bench::new();
+    std::fs::create_dir(bench.path("mine")).expect("a folder of the test");
+    bench.file("mine/BOX.SPF", "PROC BOX(REAL WW) SAVE\nG1 X=WW\nY=HH\n");
+    let folders = ["--cycles", "mine", "--compiled", "kept"];
+    let cycles = |words: &[&str]| bench.retrace(["cycles"].iter().chain(words).chain(&folders));
+    let said = cycles(&["check"]);
+    assert_eq!((said.code, said.out.as_str()), (Some(1), ""));
+    assert!(said.err.contains("error[E1906]: HH is no variable") && said.err.contains("BOX.SPF:3:3"), "{}", said.err);
+    bench.file("mine/BOX.SPF", "PROC BOX(REAL WW) SAVE\nG1 X=WW\n");
+    assert!(cycles(&["compile"]).out.starts_with("13 cycles: 13 compiled now, 0 were fresh"));
+    let said = cycles(&[]);
+    let row = |name: &str| said.out.lines().find(|line| line.starts_with(name)).unwrap_or_default().to_owned();
+    assert!(row("BOX ").contains("fresh") && row("CYCLE95").contains(" 3     shipped"), "{}", said.out);
+    assert!(cycles(&["show", "cycle81"]).out.contains("PROC CYCLE81(REAL RTP"));
+    let said = cycles(&["show", "CYCLE80"]);
+    assert_eq!(said.code, Some(2));
+    assert!(said.err.contains("error[E1931]") && said.err.contains("help"), "{}", said.err);
 }

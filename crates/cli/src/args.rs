@@ -27,8 +27,10 @@ pub enum Command {
         after_help = "Example:\n  retrace run examples/02-back-up.ngc --operator examples/02-back-up.op --records out.csv --json"
     )]
     Run(Run),
-    /// Decode only: every diagnostic, with line and column; nothing moves.
-    #[command(after_help = "Example:\n  retrace check examples/01-first-cut.ngc")]
+    /// Decode and pre-scan only: every diagnostic, with line and column; nothing moves.
+    #[command(
+        after_help = "Examples:\n  retrace check examples/01-first-cut.ngc\n  retrace check examples/01-first-cut.ngc --table"
+    )]
     Check(Check),
     /// Print the canonical functions, one a line, as LinuxCNC's `rs274 -g` does.
     #[command(after_help = "Example:\n  retrace canon examples/01-first-cut.ngc")]
@@ -41,6 +43,10 @@ pub enum Command {
     /// Ring size for so many axes, hours, milliseconds and bytes (REV-4), and what the machine file gives.
     #[command(after_help = "Example:\n  retrace size --axes 3 --hours 0.5 --period-ms 2.5 --bytes 2")]
     Size(Size),
+    /// List, check and compile the cycles that programs can call.
+    #[command(after_help = "Examples:\n  retrace cycles\n  retrace cycles show CYCLE81\n  \
+        retrace cycles check --cycles my-cycles\n\nExit codes: 0 well · 1 a cycle has errors · 2 wrong usage")]
+    Cycles(Cycles),
     /// Write a commented machine file, check one.
     #[command(
         subcommand,
@@ -67,6 +73,47 @@ pub enum Machine {
     },
 }
 
+/// `retrace cycles`
+#[derive(Debug, Args)]
+pub struct Cycles {
+    /// What to do; `list` where nothing is named.
+    #[command(subcommand)]
+    pub action: Option<CyclesAction>,
+    #[command(flatten)]
+    pub folders: CycleFolders,
+}
+
+/// What `retrace cycles` does.
+#[derive(Debug, Subcommand)]
+pub enum CyclesAction {
+    /// List them: name, kind, where from, fresh or compiled now, parameters.
+    #[command(after_help = "Example:\n  retrace cycles list --cycles my-cycles")]
+    List,
+    /// Tell every error of every source; writes nothing.
+    #[command(after_help = "Example:\n  retrace cycles check --cycles my-cycles")]
+    Check,
+    /// Compile what is not fresh, and keep the compiled forms.
+    #[command(after_help = "Example:\n  retrace cycles compile --cycles my-cycles --compiled my-cache")]
+    Compile,
+    /// Print the source of a cycle.
+    #[command(after_help = "Example:\n  retrace cycles show HOLES2")]
+    Show {
+        /// Name of the cycle.
+        name: String,
+    },
+}
+
+/// The two folders of cycles.
+#[derive(Debug, Default, Args)]
+pub struct CycleFolders {
+    /// Folder with sources of cycles, `*.SPF`; by default `retrace/cycles` in the user's configuration folder.
+    #[arg(long, value_name = "DIR", global = true)]
+    pub cycles: Option<PathBuf>,
+    /// Folder for their compiled forms; by default `retrace/cycles` in the user's cache folder.
+    #[arg(long, value_name = "DIR", global = true)]
+    pub compiled: Option<PathBuf>,
+}
+
 /// What a program is read with, for every command that reads one.
 #[derive(Debug, Args)]
 pub struct Reading {
@@ -75,6 +122,9 @@ pub struct Reading {
     /// Leave out blocks that begin with `/`.
     #[arg(long)]
     pub block_delete: bool,
+    /// Folder to look for subprograms in, besides the program's own; may be given more than once.
+    #[arg(long, value_name = "DIR")]
+    pub subs: Vec<PathBuf>,
     /// Tool table.
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,
@@ -128,6 +178,9 @@ pub struct Run {
 pub struct Check {
     #[command(flatten)]
     pub reading: Reading,
+    /// Print the branch table: every jump of the program and its files, numbered, with its target.
+    #[arg(long)]
+    pub table: bool,
     /// Machine file, for the soft limits; a three-axis machine is built in.
     #[arg(long, value_name = "FILE.toml")]
     pub machine: Option<PathBuf>,

@@ -2,8 +2,6 @@
 //!
 //! Invariant: what is printed depends on the program and the files named alone.
 
-use std::io::{BufWriter, Write};
-
 use retrace_gcode::{CanonText, Setup, Severity};
 
 use crate::args;
@@ -18,7 +16,7 @@ pub fn run(args: &args::Canon) -> Result<(), Failure> {
     let program = Program::with_setup(&args.reading, Setup::rs274())?;
     let mut steps = Vec::new();
     let mut source = program.source();
-    let mut out = CanonText::new(BufWriter::with_capacity(1 << 16, std::io::stdout().lock()));
+    let mut out = CanonText::new(std::io::stdout().lock());
     let mut is_refused = false;
     loop {
         steps.clear();
@@ -31,16 +29,18 @@ pub fn run(args: &args::Canon) -> Result<(), Failure> {
                 Err(error) => return Err(unwritable("standard output", &error).into()),
             }
         }
-        let text = source.line_text().into_owned();
-        for diagnostic in source.interpreter_mut().take_diagnostics() {
-            is_refused |= diagnostic.severity() == Severity::Error;
-            eprintln!("{}", diagnostic.render(program.name(), &text));
+        if !source.interpreter().diagnostics().is_empty() {
+            for diagnostic in source.interpreter_mut().take_diagnostics() {
+                is_refused |= diagnostic.severity() == Severity::Error;
+                let name = program.prescan().map_or(program.name(), |prescan| prescan.file_name(diagnostic.file));
+                eprintln!("{}", diagnostic.render(name, &source.text_of(&diagnostic)));
+            }
         }
         if is_refused || progress == retrace_gcode::Progress::End {
             break;
         }
     }
-    let flushed = out.into_inner().flush();
+    let flushed = out.flush();
     if let Err(error) = flushed
         && error.kind() != std::io::ErrorKind::BrokenPipe
     {

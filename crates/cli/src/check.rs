@@ -2,6 +2,8 @@
 //!
 //! Invariant: it says exactly what `retrace run` would say before it moves.
 
+use retrace_gcode::{Prescan, Target};
+
 use crate::args;
 use crate::files;
 use crate::program::{Failure, Program};
@@ -13,6 +15,11 @@ use crate::program::{Failure, Program};
 pub fn run(args: &args::Check) -> Result<(), Failure> {
     let machine = files::machine(args.machine.as_deref())?;
     let program = Program::open(&args.reading, &machine)?;
+    if args.table
+        && let Some(prescan) = program.prescan()
+    {
+        print_table(prescan);
+    }
     let Some(checked) = program.check(&machine)? else {
         let refusal = retrace_controller::refusal::Refusal::new(
             "E2142",
@@ -30,4 +37,25 @@ pub fn run(args: &args::Check) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+/// The branch table: number, where the branch stands, what it is, where it goes.
+fn print_table(prescan: &Prescan) {
+    let place = |file, line| format!("{}:{line}", prescan.file_name(file));
+    let branches = prescan.branches();
+    for branch in &branches {
+        let from = place(branch.file, branch.line);
+        let what = match &branch.label {
+            Some(label) => format!("{} {label}", branch.kind),
+            None => branch.kind.to_owned(),
+        };
+        let to = match branch.target {
+            Target::Line { file, line } => place(file, line),
+            Target::Cycle => "compiled cycle".to_owned(),
+            Target::Calculated => "known when the program runs".to_owned(),
+            Target::Missing => "nothing".to_owned(),
+        };
+        say!("{:>6}  {from:<24} {what:<20} -> {to}", branch.number);
+    }
+    say!("{} branches", branches.len());
 }

@@ -12,6 +12,7 @@ mod args;
 mod canon;
 mod check;
 mod console;
+mod cycles;
 mod draw;
 mod files;
 mod machine;
@@ -19,6 +20,7 @@ mod plot;
 mod program;
 mod run;
 mod size;
+mod subs;
 
 use std::process::ExitCode;
 
@@ -33,6 +35,7 @@ fn main() -> ExitCode {
         Command::Check(args) => check::run(&args).map(|()| 0),
         Command::Canon(args) => canon::run(&args).map(|()| 0),
         Command::Plot(args) => draw::run(&args).map(|()| 0),
+        Command::Cycles(args) => cycles::run(&args).map(|()| 0),
         Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),
     };

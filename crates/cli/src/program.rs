@@ -3,7 +3,7 @@
 //! Invariant: a file is read once, so that what was checked is what is run. Standard input cannot be read twice: it is checked
 //! block by block as it runs.
 
-use std::io::{BufRead, BufReader, Cursor};
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -12,11 +12,12 @@ use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_gcode::{
-    Axis, AxisSet, Canon, Diagnostic, Ini, Parameters, Pose, Progress, Setup, Severity, Step, Tool, ToolTable,
+    Axis, AxisSet, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
 };
 
 use crate::args::Reading;
 use crate::files;
+use crate::subs;
 
 /// Why a command fails.
 #[derive(Debug)]
@@ -37,24 +38,14 @@ impl From<Refusal> for Failure {
 #[derive(Debug)]
 pub struct Program {
     name: String,
-    /// The text; none for standard input.
-    text: Option<Arc<[u8]>>,
+    /// The text, and what the pre-scan has found in it; none for standard input.
+    prescan: Option<Arc<Prescan>>,
     setup: Setup,
     has_tool_table: bool,
 }
 
 /// A program on its way through the interpreter.
 pub type Source = retrace_gcode::Program<Box<dyn BufRead + Send>>;
-
-/// The program's text, shared.
-#[derive(Clone, Debug)]
-struct Shared(Arc<[u8]>);
-
-impl AsRef<[u8]> for Shared {
-    fn as_ref(&self) -> &[u8] {
-        &self.0
-    }
-}
 
 impl Program {
     /// Opens what the command line names, for a machine in millimetres.
@@ -75,7 +66,6 @@ impl Program {
     pub fn with_setup(reading: &Reading, mut setup: Setup) -> Result<Self, Refusal> {
         let is_stdin = reading.program.as_os_str() == "-";
         let name = if is_stdin { "standard input".into() } else { reading.program.display().to_string() };
-        let text = if is_stdin { None } else { Some(files::bytes(&reading.program, "program")?.into()) };
         if let Some(path) = &reading.tools {
             setup.tools = table(path, "tool table", ToolTable::read)?;
         }
@@ -91,7 +81,15 @@ impl Program {
             setup.fixed_values = ini.values;
         }
         setup.block_delete = reading.block_delete;
-        Ok(Self { name, text, setup, has_tool_table: reading.tools.is_some() })
+        setup.cycles = Some(Arc::new(retrace_gcode::cycles::Library::shipped()));
+        setup.files = Some(Arc::new(subs::Folders::of(&reading.program, &reading.subs)));
+        let prescan = if is_stdin {
+            None
+        } else {
+            let text = files::bytes(&reading.program, "program")?;
+            Some(Arc::new(Prescan::of(&name, text.into(), &setup)))
+        };
+        Ok(Self { name, prescan, setup, has_tool_table: reading.tools.is_some() })
     }
 
     /// Its name.
@@ -103,7 +101,7 @@ impl Program {
     /// Number of its lines, if it is a file.
     #[must_use]
     pub fn lines(&self) -> Option<u64> {
-        self.text.as_ref().map(|text| text.split_inclusive(|&b| b == b'\n').count() as u64)
+        self.prescan().map(Prescan::lines)
     }
 
     /// The program from its beginning.
@@ -115,11 +113,13 @@ impl Program {
     /// The program from its beginning, for whoever wants its canonical functions as they are.
     #[must_use]
     pub fn source(&self) -> Source {
-        let input: Box<dyn BufRead + Send> = match &self.text {
-            Some(text) => Box::new(Cursor::new(Shared(Arc::clone(text)))),
-            None => Box::new(BufReader::with_capacity(1 << 16, std::io::stdin())),
-        };
-        retrace_gcode::Program::new(input, self.setup.clone())
+        match &self.prescan {
+            Some(prescan) => Source::prescanned(Arc::clone(prescan), self.setup.clone()),
+            None => {
+                let input = Box::new(BufReader::with_capacity(1 << 16, std::io::stdin()));
+                Source::new(input, self.setup.clone())
+            }
+        }
     }
 
     /// Looks at the whole program and shows what is wrong with it, on standard error. What it came to, if it may be run; none
@@ -128,24 +128,24 @@ impl Program {
     /// # Errors
     /// [`Failure::Program`] where it has errors.
     pub fn check<'m>(&self, machine: &'m Machine) -> Result<Option<Checked<'m>>, Failure> {
-        if self.text.is_none() {
+        if self.prescan.is_none() {
             return Ok(None);
         }
         let mut decoder = self.decoder();
         let (blocks, findings, scan) = job::scan::<9>(machine, &mut decoder);
-        let mut diagnostics = decoder.program.interpreter().diagnostics().to_vec();
-        diagnostics.extend(self.after_the_end(&diagnostics));
+        decoder.program.look_behind_the_end();
+        let diagnostics = decoder.program.interpreter().diagnostics();
         let mut is_refused = false;
-        let mut shown: Vec<(u32, String)> = Vec::new();
-        for diagnostic in &diagnostics {
+        let mut shown: Vec<((u16, u32), String)> = Vec::new();
+        for diagnostic in diagnostics {
             is_refused |= diagnostic.severity() == Severity::Error;
-            shown.push((diagnostic.line, diagnostic.render(&self.name, &self.line(diagnostic.line))));
+            shown.push(((diagnostic.file, diagnostic.line), self.show(diagnostic)));
         }
         for finding in &findings {
             is_refused = true;
-            shown.push((finding.line, self.render(finding)));
+            shown.push(((0, finding.line), self.render(finding)));
         }
-        shown.sort_by_key(|(line, _)| *line);
+        shown.sort_by_key(|(place, _)| *place);
         for (_, text) in &shown {
             eprintln!("{text}");
         }
@@ -158,17 +158,24 @@ impl Program {
         Ok(Some(Checked { blocks, scan }))
     }
 
-    /// What only a look behind the program's end shows.
-    fn after_the_end(&self, known: &[Diagnostic]) -> Vec<Diagnostic> {
-        let Some(text) = &self.text else { return Vec::new() };
-        let all = retrace_gcode::check(Cursor::new(Shared(Arc::clone(text))), self.setup.clone());
-        all.into_iter().filter(|d| !known.contains(d)).collect()
+    /// A diagnostic with its source line.
+    fn show(&self, diagnostic: &Diagnostic) -> String {
+        let (name, line) = match &self.prescan {
+            Some(prescan) => (prescan.file_name(diagnostic.file), prescan.line_text(diagnostic.file, diagnostic.line)),
+            None => (self.name.as_str(), &[][..]),
+        };
+        diagnostic.render(name, &String::from_utf8_lossy(line))
+    }
+
+    /// What the pre-scan has found; none for standard input.
+    #[must_use]
+    pub fn prescan(&self) -> Option<&Prescan> {
+        self.prescan.as_deref()
     }
 
     fn line(&self, number: u32) -> String {
-        let Some(text) = &self.text else { return String::new() };
-        let line = text.split(|&b| b == b'\n').nth(number.saturating_sub(1) as usize).unwrap_or_default();
-        String::from_utf8_lossy(line).trim_end_matches('\r').to_string()
+        let text = self.prescan().map_or(&[][..], |prescan| prescan.line_text(0, number));
+        String::from_utf8_lossy(text).into_owned()
     }
 
     /// A finding with its source line, in the form of the diagnostics.
@@ -228,7 +235,7 @@ impl Decode for Decoder {
         let refused = || {
             let diagnostics = self.program.interpreter().diagnostics().iter();
             let mut errors = diagnostics.filter(|d| d.severity() == Severity::Error);
-            errors.next_back().map(|d| d.render(&self.name, &self.program.line_text()))
+            errors.next_back().map(|d| d.render(&self.name, &self.program.text_of(d)))
         };
         match progress {
             Progress::Line => Decoded::Block,

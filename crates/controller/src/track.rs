@@ -3,7 +3,7 @@
 //! Invariant: units, offsets and rotation are applied here and nowhere else; a move of an axis that the machine does not have is
 //! refused, and what no rule here knows is refused by name.
 
-use retrace_gcode::{Axis, Canon, LengthUnit, Nurbs, PathControl, Plane, Pose};
+use retrace_gcode::{Axis, Canon, FeedMode, LengthUnit, Nurbs, PathControl, Plane, Pose};
 use retrace_link::{Change, channel};
 use retrace_motion::{Arc, Feed, MoveError, PathMode};
 
@@ -334,6 +334,13 @@ impl<'m> Track<'m> {
             // the switch for optional stops is off; no pallet to move
             Canon::OptionalProgramStop | Canon::PalletShuttle => Ok(()),
             Canon::SetSpindleMode(css) if *css > 0.0 => Err(Untrackable::NotSupported("constant surface speed (G96)")),
+            // these wait for a spindle whose turning the card can follow
+            Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => Err(Untrackable::NotSupported("feed per turn (G95)")),
+            Canon::StartSpeedFeedSynch { .. } => Err(Untrackable::NotSupported("thread cutting (G33, G76)")),
+            Canon::RigidTap(_) => Err(Untrackable::NotSupported("rigid tapping (G33.1)")),
+            Canon::OrientSpindle { .. } | Canon::WaitSpindleOrientComplete(_) => {
+                Err(Untrackable::NotSupported("orienting the spindle (M19, G87)"))
+            }
             Canon::StraightProbe(..) => Err(Untrackable::NotSupported("probing (G38)")),
             Canon::Wait(_) => Err(Untrackable::NotSupported("waiting for an input (M66)")),
             Canon::SetMotionOutputValue { .. } => Err(Untrackable::NotSupported("an analog output (M67)")),
@@ -347,6 +354,7 @@ impl<'m> Track<'m> {
             | Canon::SetFeedReference
             | Canon::SetNaivecamTolerance(_)
             | Canon::SetSpindleMode(_)
+            | Canon::StopSpeedFeedSynch
             | Canon::StartChange
             | Canon::ChangeToolNumber { .. }
             | Canon::EnableFeedOverride

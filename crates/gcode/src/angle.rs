@@ -3,7 +3,7 @@
 //! Invariant: an angle in radians is a sum of two `f64`, rounded to 64 bits of mantissa. Sine and cosine of whole right angles come
 //! out as the peer has them, to the sign of what is left of zero.
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// What π, rounded to 64 bits, has beyond its `f64`.
 const PI_LOW: f64 = 1.225_148_454_908_62e-16;
@@ -162,6 +162,47 @@ pub(crate) fn to_degrees(radians: f64) -> f64 {
     quotient + rest / PI
 }
 
+/// An angle in radians and a whole number of right angles as a sum.
+fn with_quarters(angle: f64, quarters: i32, more: f64) -> Extended {
+    let exact_sum = |first: f64, second: f64| {
+        let sum = first + second;
+        let rest = sum - first;
+        (sum, (first - (sum - rest)) + (second - rest))
+    };
+    let quarters = f64::from(quarters);
+    let (sum, lost) = exact_sum(angle, quarters * FRAC_PI_2);
+    let (sum, lost_too) = exact_sum(sum, more);
+    Extended::of(sum, lost + lost_too + quarters * (PI_LOW / 2.0))
+}
+
+/// An angle in radians, a whole number of right angles (at most four) and another angle, added up with 80 bits.
+pub(crate) fn plus_quarters(angle: f64, quarters: i32, more: f64) -> f64 {
+    with_quarters(angle, quarters, more).high
+}
+
+/// The sine of an angle in radians and a whole number of right angles.
+pub(crate) fn sine_of_quarters(angle: f64, quarters: i32) -> f64 {
+    let sum = with_quarters(angle, quarters, 0.0);
+    sum.high.sin() + sum.low * sum.high.cos()
+}
+
+/// The angle from start to end about a centre, radians: positive counter-clockwise, with whole turns beyond the first one added.
+pub(crate) fn sweep(start: (f64, f64), end: (f64, f64), centre: (f64, f64), turns: i32) -> f64 {
+    let mut from = (start.1 - centre.1).atan2(start.0 - centre.0);
+    let mut to = (end.1 - centre.1).atan2(end.0 - centre.0);
+    if turns > 0 {
+        if to <= from {
+            to += TAU;
+        }
+        (to - from) + f64::from(turns - 1) * TAU
+    } else {
+        if from <= to {
+            from += TAU;
+        }
+        (to - from) + f64::from(turns + 1) * TAU
+    }
+}
+
 /// Turns a point about the origin by an angle in degrees, counter-clockwise.
 pub(crate) fn rotate(x: f64, y: f64, degrees: f64) -> (f64, f64) {
     // One factor in plain `f64` here, as the peer has it.
@@ -199,6 +240,17 @@ mod tests {
             prop_assert!((sine(degrees) - plain.sin()).abs() <= margin);
             prop_assert!((cosine(degrees) - plain.cos()).abs() <= margin);
         }
+    }
+
+    #[test]
+    fn right_angles_are_added_with_more_than_64_bits() {
+        assert_eq!(plus_quarters(0.0, 2, 0.0), PI);
+        // The nearest `f64` to pi lacks this of pi.
+        assert_eq!(plus_quarters(-PI, 2, 0.0), PI_LOW);
+        assert_eq!(plus_quarters(1.0, 2, -1.0), PI);
+        assert_eq!(sine_of_quarters(PI, -2), -PI_LOW);
+        assert_eq!(sweep((1.0, 0.0), (0.0, 1.0), (0.0, 0.0), 1), FRAC_PI_2);
+        assert_eq!(sweep((1.0, 0.0), (0.0, 1.0), (0.0, 0.0), -2), -3.5 * PI);
     }
 
     #[test]

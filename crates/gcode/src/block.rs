@@ -3,6 +3,7 @@
 //! Invariant: a block says what its line says and no more; what depends on parameters is kept as operations and calculated when
 //! the block is carried out. Cleared and filled again, a block allocates nothing once its buffers have grown.
 
+use crate::call::CycleCall;
 use crate::codes::Code;
 use crate::control::Control;
 use crate::diag::{Outcome, Span, fault};
@@ -39,7 +40,7 @@ impl fmt::Display for BlockNumber {
 }
 
 /// First byte and byte after the last; a line is shorter than 256 bytes.
-type Place = (u8, u8);
+pub(crate) type Place = (u8, u8);
 
 pub(crate) fn place(span: Span) -> Place {
     (span.start.min(255) as u8, span.end.min(255) as u8)
@@ -97,7 +98,7 @@ const fn index(letter: u8) -> usize {
 }
 
 impl Words {
-    fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         (self.present, self.g_present, self.m_present, self.m_count) = (0, 0, 0, 0);
     }
 
@@ -200,25 +201,27 @@ impl Words {
 
     /// Adds a G code; G80 gives way to another motion code.
     pub(crate) fn add_g(&mut self, value: f64, at: Span) -> Outcome<()> {
-        let tenths = (value * 10.0).round();
         if value < 0.0 {
             return negative(b'g', value, at);
         }
-        if (value * 10.0 - tenths).abs() > 0.001 || tenths > 999.0 {
+        // Rounded by hand: a call of the library would cost more than all the rest.
+        let tenths = (value * 10.0 + 0.5) as Tenths;
+        if (value * 10.0 - f64::from(tenths)).abs() > 0.001 || tenths > 999 {
             return fault(Code::UnknownG, at, format!("there is no G{value}"));
         }
-        let tenths = tenths as Tenths;
-        let name = name_of_g(tenths);
         let group = match group_of_g(tenths) {
             Known::CarriedOut(group) => group,
-            Known::NotYet => return fault(Code::UnsupportedG, at, format!("{name} is not supported yet")),
-            Known::No => return fault(Code::UnknownG, at, format!("there is no {name}")),
+            Known::NotYet => {
+                let message = format!("{} is not supported yet", name_of_g(tenths));
+                return fault(Code::UnsupportedG, at, message);
+            }
+            Known::No => return fault(Code::UnknownG, at, format!("there is no {}", name_of_g(tenths))),
         };
         match self.g(group) {
             Some(_) if group == GroupG::Motion && tenths == 800 => return Ok(()),
             Some(800) | None => {}
             Some(other) => {
-                let other = name_of_g(other);
+                let (other, name) = (name_of_g(other), name_of_g(tenths));
                 return fault(Code::TwoGOfGroup, at, format!("{other} and {name} exclude each other"));
             }
         }
@@ -270,6 +273,61 @@ pub(crate) fn name_of_g(tenths: Tenths) -> String {
     }
 }
 
+/// One word of a block, packed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Item {
+    /// Number of the letter, its value, its place.
+    Word(u8, f64, Place),
+    /// Number of the group, the code, its place.
+    G(u8, Tenths, Place),
+    M(u8, u8, Place),
+}
+
+impl Words {
+    /// Adds the words to a list.
+    pub(crate) fn pack(&self, items: &mut Vec<Item>) {
+        let bits = |mask: u32| (0..LETTERS as u8).filter(move |bit| mask & 1 << bit != 0);
+        items.extend(bits(self.g_present.into()).map(|group| {
+            let index = usize::from(group);
+            Item::G(group, self.g[index], self.g_at[index])
+        }));
+        items.extend(bits(self.m_present.into()).map(|group| {
+            let index = usize::from(group);
+            Item::M(group, self.m[index], self.m_at[index])
+        }));
+        items.extend(bits(self.present).map(|letter| {
+            let index = usize::from(letter);
+            Item::Word(letter, self.value[index], self.at[index])
+        }));
+    }
+
+    /// Takes packed words, in place of what there was.
+    #[inline]
+    pub(crate) fn unpack(&mut self, items: &[Item]) {
+        self.clear();
+        for item in items {
+            match *item {
+                Item::Word(letter, value, at) => {
+                    let index = usize::from(letter) % LETTERS;
+                    self.present |= 1 << index;
+                    (self.value[index], self.at[index]) = (value, at);
+                }
+                Item::G(group, code, at) => {
+                    let index = usize::from(group % 16);
+                    self.g_present |= 1 << index;
+                    (self.g[index], self.g_at[index]) = (code, at);
+                }
+                Item::M(group, code, at) => {
+                    let index = usize::from(group % 16);
+                    self.m_present |= 1 << index;
+                    self.m_count += 1;
+                    (self.m[index], self.m_at[index]) = (code, at);
+                }
+            }
+        }
+    }
+}
+
 /// Where a calculated value goes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Slot {
@@ -285,7 +343,7 @@ pub(crate) enum Slot {
 
 /// A value that is calculated when the block is carried out.
 #[derive(Clone, Copy, Debug)]
-struct Late {
+pub(crate) struct Late {
     slot: Slot,
     first_op: u16,
     end_op: u16,
@@ -308,8 +366,10 @@ pub(crate) struct Block {
     pub(crate) words: Words,
     pub(crate) remark: Option<Remark>,
     pub(crate) control: Option<Control>,
+    /// The cycle that the line calls.
+    pub(crate) cycle: Option<CycleCall>,
     pub(crate) ops: Vec<Op>,
-    late: Vec<Late>,
+    pub(crate) late: Vec<Late>,
 }
 
 impl Block {
@@ -318,6 +378,7 @@ impl Block {
         self.words.clear();
         self.remark = None;
         self.control = None;
+        self.cycle = None;
         self.ops.clear();
         self.late.clear();
     }
@@ -325,6 +386,12 @@ impl Block {
     /// Adds a value that the operations from `first_op` on calculate.
     pub(crate) fn add_late(&mut self, slot: Slot, first_op: usize, at: Span) {
         let (first_op, end_op) = (first_op as u16, self.ops.len() as u16);
+        self.late.push(Late { slot, first_op, end_op, at: place(at) });
+    }
+
+    /// Adds a value that these operations calculate.
+    pub(crate) fn add_late_range(&mut self, slot: Slot, first_op: usize, end_op: usize, at: Span) {
+        let (first_op, end_op) = (first_op as u16, end_op as u16);
         self.late.push(Late { slot, first_op, end_op, at: place(at) });
     }
 

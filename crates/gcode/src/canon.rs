@@ -88,6 +88,8 @@ pub enum FeedMode {
     InverseTime,
     /// G94: units a minute.
     UnitsPerMinute,
+    /// G95: units a turn of the spindle.
+    UnitsPerRevolution,
 }
 
 /// What ends a probing move, and whether it is a fault when nothing does.
@@ -192,6 +194,20 @@ pub enum Canon {
     StopSpindleTurning,
     /// Constant surface speed with this highest number of turns a minute; 0 is constant turns (G97).
     SetSpindleMode(f64),
+    /// Turn the spindle to an angle and hold it there: 0 the shortest way, 1 and 2 as M19 has it, 2 and 3 as G87 does.
+    OrientSpindle {
+        degrees: f64,
+        mode: u8,
+    },
+    /// Wait for the angle, for so many seconds at most.
+    WaitSpindleOrientComplete(f64),
+    /// From here on feed moves keep step with the spindle: program units a turn.
+    StartSpeedFeedSynch {
+        pitch: f64,
+    },
+    StopSpeedFeedSynch,
+    /// In to X Y Z and back, in step with the spindle that turns round there.
+    RigidTap([f64; 3]),
     StartChange,
     /// Put the selected tool into the spindle; the number of the tool, 0 for none.
     ChangeTool {

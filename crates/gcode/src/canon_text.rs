@@ -7,12 +7,15 @@ use crate::pose::{Axis, Pose};
 use crate::tool::Tool;
 use std::io::{self, Write};
 
+/// Bytes that are gathered before they are written.
+const GATHERED: usize = 1 << 15;
+
 /// Writes steps in the form of `rs274 -g`: `    7 N0020  STRAIGHT_FEED(1.0000, …)`.
 #[derive(Debug)]
 pub struct CanonText<W> {
     out: W,
     lines: u64,
-    /// The line being made.
+    /// Lines that are to be written.
     text: Vec<u8>,
 }
 
@@ -22,34 +25,105 @@ impl<W: Write> CanonText<W> {
         CanonText { out, lines: 0, text: Vec::new() }
     }
 
-    /// Writes one step.
+    /// Takes one step; its line is written with those that follow, at the latest by [`CanonText::into_inner`].
     ///
     /// # Errors
     /// Those of the writer.
     pub fn write(&mut self, step: &Step) -> io::Result<()> {
-        if let Canon::Print(text) = &step.canon {
-            return writeln!(self.out, "{text}");
-        }
         if let Canon::Wait(_) | Canon::UserCode { .. } = &step.canon {
             // The peer waits for nothing and knows no user codes: it prints nothing.
             return Ok(());
         }
-        self.lines += 1;
         let text = &mut self.text;
-        text.clear();
-        write!(text, "{:5} ", self.lines)?;
-        match step.number {
-            Some(number) => write!(text, "{:<7}", format!("N{number}"))?,
-            None => text.extend_from_slice(b"N..... "),
+        if let Canon::Print(message) = &step.canon {
+            writeln!(text, "{message}")?;
+        } else {
+            self.lines += 1;
+            padded(text, self.lines);
+            match step.number {
+                Some(number) => block_number(text, number)?,
+                None => text.extend_from_slice(b"N..... "),
+            }
+            call(text, &step.canon)?;
+            text.push(b'\n');
         }
-        call(text, &step.canon)?;
-        text.push(b'\n');
-        self.out.write_all(text)
+        if self.text.len() < GATHERED { Ok(()) } else { self.flush() }
     }
 
-    /// The writer back.
-    pub fn into_inner(self) -> W {
-        self.out
+    /// Writes what has been gathered.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn flush(&mut self) -> io::Result<()> {
+        let written = self.out.write_all(&self.text);
+        self.text.clear();
+        written?;
+        self.out.flush()
+    }
+
+    /// The writer back, with everything written.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub fn into_inner(mut self) -> io::Result<W> {
+        self.flush()?;
+        Ok(self.out)
+    }
+}
+
+/// The counter, five characters wide, and a blank.
+fn padded(out: &mut Vec<u8>, count: u64) {
+    let digits = Digits::of(count);
+    let digits = digits.text();
+    out.extend_from_slice(&b"     "[digits.len().min(5)..]);
+    out.extend_from_slice(digits);
+    out.push(b' ');
+}
+
+/// N and its digits as they are written, seven characters wide.
+fn block_number(out: &mut Vec<u8>, number: crate::block::BlockNumber) -> io::Result<()> {
+    let start = out.len();
+    write!(out, "N{number}")?;
+    while out.len() < start + 7 {
+        out.push(b' ');
+    }
+    Ok(())
+}
+
+/// The digits of a number.
+struct Digits {
+    text: [u8; 20],
+    first: usize,
+}
+
+/// All pairs of digits.
+const PAIRS: [[u8; 2]; 100] = {
+    let mut pairs = [[0; 2]; 100];
+    let mut value = 0;
+    while value < 100 {
+        pairs[value] = [b'0' + (value / 10) as u8, b'0' + (value % 10) as u8];
+        value += 1;
+    }
+    pairs
+};
+
+impl Digits {
+    fn of(mut value: u64) -> Digits {
+        let mut digits = Digits { text: [b'0'; 20], first: 20 };
+        while value >= 100 {
+            digits.first -= 2;
+            digits.text[digits.first..digits.first + 2].copy_from_slice(&PAIRS[(value % 100) as usize]);
+            value /= 100;
+        }
+        let pair = PAIRS[(value % 100) as usize];
+        digits.first -= 2;
+        digits.text[digits.first..digits.first + 2].copy_from_slice(&pair);
+        digits.first += usize::from(value < 10);
+        digits
+    }
+
+    fn text(&self) -> &[u8] {
+        &self.text[self.first..]
     }
 }
 
@@ -64,6 +138,7 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::SetG92Offset(offset) => pose(out, "SET_G92_OFFSET", offset),
         Canon::SetXyRotation(degrees) => write!(out, "SET_XY_ROTATION({degrees:.4})"),
         Canon::SetFeedMode(FeedMode::InverseTime | FeedMode::UnitsPerMinute) => write!(out, "SET_FEED_MODE(0, 0)"),
+        Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => write!(out, "SET_FEED_MODE(0, 1)"),
         Canon::SetFeedRate(rate) => {
             out.extend_from_slice(b"SET_FEED_RATE(");
             list(out, &[*rate])
@@ -78,11 +153,24 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         Canon::SelectPlane(Plane::Yz) => write!(out, "SELECT_PLANE(CANON_PLANE_YZ)"),
         Canon::SelectPlane(_) => write!(out, "SELECT_PLANE(CANON_PLANE_UNKNOWN)"),
         Canon::SetMotionControlMode(mode) => path_control(out, *mode),
-        Canon::SetNaivecamTolerance(tolerance) => write!(out, "SET_NAIVECAM_TOLERANCE({tolerance:.4})"),
-        Canon::Dwell(seconds) => write!(out, "DWELL({seconds:.4})"),
+        Canon::SetNaivecamTolerance(tolerance) => {
+            out.extend_from_slice(b"SET_NAIVECAM_TOLERANCE(");
+            list(out, &[*tolerance])
+        }
+        Canon::Dwell(seconds) => {
+            out.extend_from_slice(b"DWELL(");
+            list(out, &[*seconds])
+        }
         Canon::SetSpindleSpeed(rpm) => write!(out, "SET_SPINDLE_SPEED(0, {rpm:.4})"),
         Canon::SetSpindleMode(limit) => write!(out, "SET_SPINDLE_MODE(0 {limit:.4})"),
         Canon::ChangeTool { index, .. } => write!(out, "CHANGE_TOOL({index})"),
+        Canon::OrientSpindle { degrees, mode } => write!(out, "ORIENT_SPINDLE(0, {degrees:.4}, {mode})"),
+        Canon::WaitSpindleOrientComplete(seconds) => write!(out, "SPINDLE.0.WAIT_ORIENT_COMPLETE({seconds:.4})"),
+        Canon::StartSpeedFeedSynch { pitch } => write!(out, "START_SPEED_FEED_SYNC({pitch:.6},0)"),
+        Canon::RigidTap(end) => {
+            out.extend_from_slice(b"RIGID_TAP(");
+            list(out, end)
+        }
         Canon::SelectTool(tool) => write!(out, "SELECT_TOOL({tool})"),
         Canon::ChangeToolNumber { index, .. } => write!(out, "CHANGE_TOOL_NUMBER({index})"),
         Canon::UseToolLengthOffset(offset) => tool_offset(out, offset),
@@ -112,6 +200,7 @@ const fn plain_name(canon: &Canon) -> &'static str {
         Canon::StartSpindleClockwise => "START_SPINDLE_CLOCKWISE(0)",
         Canon::StartSpindleCounterclockwise => "START_SPINDLE_COUNTERCLOCKWISE(0)",
         Canon::StopSpindleTurning => "STOP_SPINDLE_TURNING(0)",
+        Canon::StopSpeedFeedSynch => "STOP_SPEED_FEED_SYNCH()",
         Canon::StartChange => "START_CHANGE()",
         Canon::TurnProbeOn => "TURN_PROBE_ON()",
         Canon::TurnProbeOff => "TURN_PROBE_OFF()",
@@ -148,27 +237,41 @@ fn list(out: &mut Vec<u8>, numbers: &[f64]) -> io::Result<()> {
 }
 
 /// A number with four decimals, rounded as `printf` does: from the exact value, a tie to even.
+#[inline]
 fn number(out: &mut Vec<u8>, value: f64) -> io::Result<()> {
+    if value.to_bits() == 0 {
+        out.extend_from_slice(b"0.0000");
+        return Ok(());
+    }
     let scaled = value.abs() * 10_000.0;
-    let whole = scaled.floor();
+    // Of what is no number or too large, the conversion gives the nearest there is, and the rest is then no fraction.
+    let whole = scaled as u32;
+    let fraction = scaled - f64::from(whole);
     // The product is off by less than 10⁻⁶ where it is below 10⁹, so what is farther from a tie rounds as the exact value does.
-    if scaled >= 1e9 || (scaled - whole - 0.5).abs() < 1e-6 || scaled.is_nan() {
+    if !(scaled < 1e9 && (fraction - 0.5).abs() >= 1e-6) {
         return write!(out, "{value:.4}");
     }
-    let rounded = scaled.round() as u64;
+    let rounded = whole + u32::from(fraction > 0.5);
+    let (integer, decimals) = (rounded / 10_000, rounded % 10_000);
+    // Room for a sign, five digits before the point and four behind it.
+    let mut text = *b"00000000.0000";
+    text[9..11].copy_from_slice(&PAIRS[(decimals / 100) as usize]);
+    text[11..13].copy_from_slice(&PAIRS[(decimals % 100) as usize]);
+    let mut first = 8;
+    let mut rest = integer;
+    while rest >= 100 {
+        first -= 2;
+        text[first..first + 2].copy_from_slice(&PAIRS[(rest % 100) as usize]);
+        rest /= 100;
+    }
+    first -= 2;
+    text[first..first + 2].copy_from_slice(&PAIRS[(rest % 100) as usize]);
+    first += usize::from(rest < 10);
     if value.is_sign_negative() {
-        out.push(b'-');
+        first -= 1;
+        text[first] = b'-';
     }
-    let mut digits = *b"0000000000";
-    let mut rest = rounded;
-    for digit in digits.iter_mut().rev() {
-        *digit += (rest % 10) as u8;
-        rest /= 10;
-    }
-    let leading = digits[..5].iter().take_while(|digit| **digit == b'0').count();
-    out.extend_from_slice(&digits[leading..6]);
-    out.push(b'.');
-    out.extend_from_slice(&digits[6..]);
+    out.extend_from_slice(&text[first..]);
     Ok(())
 }
 
@@ -195,7 +298,15 @@ fn arc(out: &mut Vec<u8>, feed: &ArcFeed) -> io::Result<()> {
 
 fn path_control(out: &mut Vec<u8>, mode: PathControl) -> io::Result<()> {
     match mode {
-        PathControl::ExactPath => write!(out, "SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)"),
+        PathControl::ExactPath => {
+            out.extend_from_slice(b"SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)");
+            Ok(())
+        }
+        // The tolerance of most programs, which every drilling cycle comes back to.
+        PathControl::Continuous { tolerance } if tolerance.to_bits() == 0 => {
+            out.extend_from_slice(b"SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, 0.000000)");
+            Ok(())
+        }
         PathControl::ExactStop => write!(out, "SET_MOTION_CONTROL_MODE(CANON_EXACT_STOP)"),
         PathControl::Continuous { tolerance } => {
             write!(out, "SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, {tolerance:.6})")
@@ -235,6 +346,15 @@ mod tests {
             for value in [value, tie, tie.next_up(), tie.next_down(), scale as f64 / 32.0, scale as f64 * 1e-9] {
                 prop_assert_eq!(text(value), format!("{value:.4}"));
             }
+        }
+    }
+
+    #[test]
+    fn the_counter_has_five_places_or_as_many_as_it_needs() {
+        for value in [1, 9, 10, 99_999, 100_000, 12_345_678, u64::MAX] {
+            let mut out = Vec::new();
+            padded(&mut out, value);
+            assert_eq!(String::from_utf8(out).expect("digits"), format!("{value:5} "));
         }
     }
 

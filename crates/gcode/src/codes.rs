@@ -89,7 +89,7 @@ codes! {
     NoMotionMode "E1501" "axis words without a motion" "The block has axis words, but no G code uses them and no motion mode is in force." "Begin with G0, G1, G2 or G3.";
     AxisWithG80 "E1502" "axis words with G80" "G80 ends the motion mode, so nothing uses the axis words." "Remove the axis words, or G80.";
     TwoUseAxes "E1503" "two G codes would use the axis words" "The block has a motion and G10, G28, G30, G52 or G92." "Put them into two blocks.";
-    AxesMissing "E1504" "axis words missing" "G5, G5.1, G38, G52 and G92 need at least one axis word." "Add the axis words.";
+    AxesMissing "E1504" "axis words missing" "The code uses axis words and has none." "Add the axis words.";
     WordMissing "E1505" "word missing" "A code in the block needs a word that is not there." "Add the word.";
     G53Motion "E1506" "G53 needs G0 or G1" "G53 stands in a block that is no straight move." "Write G53 G0 or G53 G1.";
     G53Incremental "E1507" "G53 in incremental mode" "Machine coordinates are absolute." "Use G90 with G53.";
@@ -107,6 +107,29 @@ codes! {
     ArcSamePoint "E1607" "arc ends where it starts" "With R, an arc that ends where it starts has no unique centre." "Use centre words for a full circle.";
     ArcRadiusTooSmall "E1608" "radius too small" "The distance from start to end is more than twice the radius." "Check R and the end.";
     ArcAbsoluteCentre "E1609" "centre word missing in G90.1" "With absolute centres both centre words of the plane are needed." "Add the centre word, or use G91.1.";
+    CycleAxis "E1621" "axis that a cycle does not move" "A drilling cycle, G33.1 or G76 has a word of an axis beside X, Y and Z." "Move that axis in a block before.";
+    CycleRepeats "E1622" "number of repeats not possible" "L of a drilling cycle is 0, or a block asks for more than 10 000 holes and pecks." "Write an L word of at least 1; check L, Q and the depth.";
+    CycleLevels "E1623" "clearance below the bottom" "The clearance R of a drilling cycle lies below the bottom of the hole." "Check R and the depth; with G91, R counts from the initial level and the depth from R.";
+    CyclePeck "E1624" "depth of a peck not above zero" "Q of G73 or G83 is not greater than 0." "Write the depth of one peck as a positive Q word.";
+    CycleInverseTime "E1625" "drilling cycle in inverse time mode" "G93 gives one time for a block, and a cycle makes many moves." "Use G94 or G95.";
+    SpindleNotTurning "E1626" "spindle does not turn" "The motion keeps step with the spindle or stops it and starts it again, and the spindle stands." "Start it before, with S and M3 or M4.";
+    SpindleTurnsWrongly "E1627" "spindle turns the wrong way" "G84 cuts a right-hand thread and needs M3, G74 a left-hand one and needs M4." "Start the spindle the other way, or use the other cycle.";
+    ZeroSpindleSpeed "E1628" "no spindle speed in feed per turn" "Under G95 a feed move is asked for while the spindle speed is zero." "Give an S word greater than 0 before.";
+    BadOrientation "E1629" "orientation of the spindle not possible" "M19 takes R from 0 to 360 degrees, P 0, 1 or 2, and Q greater than 0." "Correct the word.";
+    NoSuchSpindle "E1630" "no such spindle" "$ names a spindle that the machine does not have." "Write $0, or leave it out.";
+    ZeroPitch "E1631" "no pitch" "K of G33 or G33.1, the way in one turn of the spindle, is 0." "Write the pitch as K.";
+    BadThread "E1632" "thread not possible" "The words of G76 contradict each other; the message says which." "Correct the word: P and J above 0, I not 0, J less than K, Q below 90 degrees, L from 0 to 3.";
+
+    CompensationPlane "E1651" "cutter compensation in G19" "G41 and G42 work in the planes of G17 and G18 only." "Select G17 or G18 before.";
+    CompensationTwice "E1652" "cutter compensation is on already" "G41 or G42 is given while one of them is in force." "Switch it off with G40 before.";
+    CompensationLathe "E1653" "lathe tool outside of G18" "The tool has an orientation, from the tool table or an L word, and the plane is not G18." "Select G18 before, or use a tool without an orientation.";
+    CompensationEntry "E1654" "entry move too short" "The first move under cutter compensation is not longer than the tool's radius." "Begin farther away from the path, or check the tool's diameter.";
+    CompensationExit "E1655" "arc right after G40" "The first move after cutter compensation has to be straight, as it leads away from the path." "Put a G0 or G1 before the arc.";
+    CompensationRefuses "E1656" "not possible under cutter compensation" "The block would change what a compensated move that still waits for its end builds on." "Put it before G41 or G42, or after G40.";
+    CompensationCorner "E1657" "tool does not fit into the corner" "The compensated paths of two moves do not meet, so the tool cannot reach this concave corner." "Use a smaller tool, or round the corner with a greater radius.";
+    CompensationGouge "E1658" "tool would cut into the path" "Between two concave corners the move is too short for the tool, which would cut into its neighbours." "Use a smaller tool, or leave the short move out.";
+    CompensationArc "E1659" "arc too small for the tool" "The tool runs on the inside of an arc whose radius is not greater than its own." "Use a smaller tool, or a greater radius.";
+    CompensationLate "E1660" "concave corner after a stop" "The move before the corner has run to its end before M0, M1 or M60, and would have to end earlier." "Put the stop into another block of the path, or switch compensation off around it.";
 
     ToolUnknown "E1701" "tool not in the tool table" "No line of the tool table has this tool number." "Add the tool to the table, or correct the number.";
     ToolTableLine "E1702" "tool table not understood" "A line of the tool table has no T word, an unknown word or a bad number." "Write lines such as T1 P1 Z0.5 D0.25 ;comment.";
@@ -125,7 +148,6 @@ codes! {
     WaitTimeout "E1723" "waiting without a limit" "M66 with L1 to L4 needs a Q word above 0: the seconds to wait at most." "Add the Q word.";
     UserCodeUndeclared "E1724" "user code not declared" "M100 to M199 do what the machine declares, and this one is not declared." "Declare it, or remove it.";
     NothingSaved "E1725" "no modal state is saved here" "M72 takes up what M70 or M73 has put away in the same subprogram, and nothing is there." "Write M70 before; M71 forgets it again.";
-    NoSuchSpindle "E1726" "no such spindle" "The machine has one spindle: $0, or $-1 for all." "Remove the $ word.";
     ArcPlane "E1727" "arc in a plane of U, V and W" "No arc lies in the planes of G17.1, G18.1 and G19.1." "Select G17, G18 or G19.";
     Aborted "E1728" "program aborted" "A comment with ABORT was carried out." "See its text.";
     PythonComment "E1729" "Python in a comment" "Comments with PY, PYRUN and PYRELOAD run Python in LinuxCNC, and nothing here." "Remove the comment.";
@@ -135,11 +157,26 @@ codes! {
     BadControl "E1801" "O word not understood" "The line does not have the form of an O word: label, keyword, values in brackets." "Write lines such as O100 if [#1 GT 0]; by number or by name.";
     ControlWithoutEnd "E1802" "end of a block of O words missing" "The program ends before the endsub, endif, endwhile, endrepeat or while that belongs to the label." "Add the end, with the same label.";
     ControlWithoutBegin "E1803" "beginning of a block of O words missing" "An end, else, break, continue or return stands where nothing of its label is open." "Check the label, and the nesting.";
-    NoSuchSub "E1804" "no such subprogram" "The program has no sub of this label; subprograms in other files are not supported yet." "Check the label; put the subprogram into the program.";
+    NoSuchSub "E1804" "no such subprogram" "Neither the program nor a file in its folder or in a folder given with --subs has a subprogram of this label." "Check the label; put the subprogram into the program, or into a file of its name (O<part> in part.ngc).";
     TooManyCalls "E1805" "calls too deep" "Subprograms call each other more than 10 deep." "Look for a subprogram that calls itself without end.";
     EndlessProgram "E1806" "program does not come to an end" "After 10 million lines the program was still running; checking has stopped." "Look for a loop without end.";
 
+    LabelTwice "E1807" "label used twice" "An O label names two blocks of one routine." "Give each if, while, do and repeat of a routine a label of its own.";
+    SubInSub "E1808" "subprogram inside a subprogram" "A sub begins before the endsub of another one." "Move it out, or add the missing endsub.";
+    SubTwice "E1809" "subprogram defined twice" "Two subprograms of the program have one label." "Rename one of them.";
+    WrongCall "E1810" "wrong kind of call" "A subprogram of sub and endsub is called with M98, or one of an O number and M99 with call." "Call sub … endsub with O… call, and O… … M99 with M98 P….";
+    NotYetThere "E1811" "jump to what has not arrived" "A program from standard input calls a subprogram that has not been read yet, or that cannot be kept." "Put the subprograms before their calls, or run the program from a file.";
+    TooMuchToKeep "E1812" "too much to keep" "The subprograms and loops of a program from standard input exceed 16 MiB." "Run the program from a file.";
+    SubFile "E1813" "subprogram file cannot be used" "The file of a subprogram cannot be read, or holds no subprogram of its name." "Check the file: O<part> is looked for in part.ngc, which holds O<part> sub … O<part> endsub.";
+
+    NoSuchCycle "E1821" "no such cycle" "A name and a parenthesis begin the block, and no cycle has that name." "Check the name; `retrace cycles` lists those there are.";
+    BadCycleCall "E1822" "call of a cycle not understood" "The arguments are too many, of the wrong type or not closed, or something else stands in the block." "Write NAME(argument, argument, ...), numbers or \"texts\", empty where not programmed; `retrace cycles` shows the parameters.";
+    CycleAlarm "E1823" "cycle refused" "A cycle has raised an alarm about its arguments, its contour or the state it was called in; or a block of it is wrong." "The message says what; docs/cycles.md tells the alarms.";
+    NoContour "E1824" "no such contour" "No subprogram has the name that a cycle is given, and no labels stand in the program." "Give the name of a subprogram (O<NAME> sub ... endsub), or \"START:END\" with these labels in the program.";
+    ModalInCycle "E1825" "modal call not possible" "MCALL names a cycle that calls the modal cycle itself." "Give MCALL a drilling cycle.";
+
     TextAfterEnd "W1001" "text after the program's end" "Lines after M2, M30 or the closing percent sign are not read." "Remove them if they are not meant to be kept.";
+    CycleWarning "W1003" "cycle warns" "A cycle has found something legal and suspicious in its arguments." "The message says what; docs/cycles.md tells the alarms.";
     SpindleWithoutSpeed "W1002" "spindle started without a speed" "M3 or M4 is carried out while the spindle speed is zero." "Give an S word before.";
 }
 

@@ -1,11 +1,12 @@
-//! Lines with an O word: subprograms, branches and loops.
+//! Lines that say where a program goes on: O words, M98 and M99, calls of cycles.
 //!
 //! Invariant: such a line holds its label, one keyword and values in brackets, and nothing else but comments.
 
 use crate::block::{Block, Slot};
+use crate::call;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
-use crate::expr::Compiler;
+use crate::expr::{Compiler, OpKind};
 use crate::lex::Cursor;
 use crate::params::Names;
 
@@ -17,6 +18,8 @@ pub(crate) const MOST_ARGUMENTS: usize = 30;
 pub(crate) enum Label {
     Number(u64),
     Name(Box<str>),
+    /// A number that is calculated when the line is carried out: the first of its values.
+    Calculated,
 }
 
 impl std::fmt::Display for Label {
@@ -24,11 +27,12 @@ impl std::fmt::Display for Label {
         match self {
             Label::Number(number) => write!(formatter, "O{number}"),
             Label::Name(name) => write!(formatter, "O<{name}>"),
+            Label::Calculated => write!(formatter, "O[…]"),
         }
     }
 }
 
-/// What an O word asks for.
+/// What the line asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Keyword {
     Sub,
@@ -46,6 +50,50 @@ pub(crate) enum Keyword {
     EndRepeat,
     Break,
     Continue,
+    /// An O number alone: the beginning of a subprogram for M98, or a program's own number.
+    Start,
+    /// M98: the values are P, the number, and L, how often.
+    M98,
+    M99,
+    /// The call of a cycle.
+    Cycle,
+    /// MCALL with a cycle.
+    ModalCall,
+    /// MCALL alone.
+    ModalEnd,
+}
+
+impl Keyword {
+    /// How it is written.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Keyword::Sub => "sub",
+            Keyword::EndSub => "endsub",
+            Keyword::Call => "call",
+            Keyword::Return => "return",
+            Keyword::If => "if",
+            Keyword::ElseIf => "elseif",
+            Keyword::Else => "else",
+            Keyword::EndIf => "endif",
+            Keyword::While => "while",
+            Keyword::EndWhile => "endwhile",
+            Keyword::Do => "do",
+            Keyword::Repeat => "repeat",
+            Keyword::EndRepeat => "endrepeat",
+            Keyword::Break => "break",
+            Keyword::Continue => "continue",
+            Keyword::Start => "start",
+            Keyword::M98 => "M98",
+            Keyword::M99 => "M99",
+            Keyword::Cycle => "cycle",
+            Keyword::ModalCall | Keyword::ModalEnd => "MCALL",
+        }
+    }
+
+    /// Whether it opens a stretch of lines that an end of its own closes.
+    pub(crate) const fn opens(self) -> bool {
+        matches!(self, Keyword::Sub | Keyword::If | Keyword::While | Keyword::Do | Keyword::Repeat)
+    }
 }
 
 /// Keywords by how they are written; a longer one stands before one that it begins with.
@@ -67,7 +115,7 @@ const KEYWORDS: [(&[u8], Keyword); 15] = [
     (b"continue", Keyword::Continue),
 ];
 
-/// The O word of a line.
+/// The O word of a line, or its M98, M99 or cycle.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Control {
     pub(crate) label: Label,
@@ -75,9 +123,22 @@ pub(crate) struct Control {
     pub(crate) at: Span,
 }
 
-/// The O word of a line that is passed over, or `None`; what follows it is not looked at.
-pub(crate) fn scan(text: &[u8]) -> Option<Control> {
+/// Whether a line may be one of these, from its first characters alone.
+#[inline]
+pub(crate) fn may_be(text: &[u8]) -> bool {
     let mut cursor = Cursor::new(text);
+    if matches!(cursor.peek(), b'n' | b'/') {
+        begin(&mut cursor);
+    }
+    match cursor.peek() {
+        b'o' => true,
+        b'm' if fanuc(&mut cursor).is_some() => true,
+        _ => call::may_begin(&mut cursor),
+    }
+}
+
+/// Passes over a slash and an N word.
+fn begin(cursor: &mut Cursor<'_>) {
     cursor.eat(b'/');
     if cursor.eat(b'n') {
         cursor.digits();
@@ -85,13 +146,48 @@ pub(crate) fn scan(text: &[u8]) -> Option<Control> {
             cursor.digits();
         }
     }
-    if cursor.eat(b'o') { head(&mut cursor).ok() } else { None }
+}
+
+/// Takes M98 or M99, or nothing.
+pub(crate) fn fanuc(cursor: &mut Cursor<'_>) -> Option<Keyword> {
+    let before = cursor.clone();
+    if cursor.eat(b'm') {
+        let digits = cursor.digits();
+        if cursor.peek() != b'.' {
+            match digits.1 {
+                98 if digits.0 > 0 => return Some(Keyword::M98),
+                99 => return Some(Keyword::M99),
+                _ => {}
+            }
+        }
+    }
+    *cursor = before;
+    None
 }
 
 /// Compiles the rest of a line whose O has been taken.
 pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<()> {
-    let control = head(cursor)?;
-    let mut arguments = 0;
+    let control = head(cursor, names, block)?;
+    let given = usize::from(control.label == Label::Calculated);
+    let arguments = values(cursor, names, block, &control, given)?;
+    let needs_one =
+        matches!(control.keyword, Keyword::If | Keyword::ElseIf | Keyword::While | Keyword::Repeat) && arguments == 0;
+    if needs_one {
+        return fault(Code::BadControl, control.at, "a condition or count in brackets is missing");
+    }
+    block.control = Some(control);
+    Ok(())
+}
+
+/// The values in brackets behind a keyword, of which `given` have been taken; returns how many there are.
+fn values(
+    cursor: &mut Cursor<'_>,
+    names: &mut Names,
+    block: &mut Block,
+    control: &Control,
+    given: usize,
+) -> Outcome<usize> {
+    let mut arguments = given;
     loop {
         let start = cursor.at();
         match cursor.peek() {
@@ -99,28 +195,77 @@ pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Bloc
                 let first_op = block.ops.len();
                 Compiler::new(cursor, &mut block.ops, names).bracket()?;
                 arguments += 1;
-                if arguments > most_arguments(control.keyword) {
+                if arguments > given + most_arguments(control.keyword) {
                     let message = format!("{} takes no more values", control.label);
                     return fault(Code::BadControl, cursor.since(start), message);
                 }
                 block.add_late(Slot::Argument, first_op, cursor.since(start));
             }
-            b'(' => {
-                if cursor.take_to(b')').is_none() {
-                    cursor.finish();
-                    return fault(Code::UnclosedComment, cursor.since(start), Code::UnclosedComment.title());
-                }
-            }
-            0 | b';' => break,
+            b'(' => comment(cursor, start)?,
+            0 | b';' => return Ok(arguments),
             _ => return fault(Code::BadControl, cursor.here(), "nothing else may stand in a line with an O word"),
         }
     }
-    let needs_one =
-        matches!(control.keyword, Keyword::If | Keyword::ElseIf | Keyword::While | Keyword::Repeat) && arguments == 0;
-    if needs_one {
-        return fault(Code::BadControl, control.at, "a condition or count in brackets is missing");
+}
+
+fn comment(cursor: &mut Cursor<'_>, start: usize) -> Outcome<()> {
+    if cursor.take_to(b')').is_some() {
+        return Ok(());
     }
-    block.control = Some(control);
+    cursor.finish();
+    fault(Code::UnclosedComment, cursor.since(start), Code::UnclosedComment.title())
+}
+
+/// Compiles the rest of a line whose M98 or M99 has been taken.
+pub(crate) fn parse_fanuc(
+    keyword: Keyword,
+    cursor: &mut Cursor<'_>,
+    names: &mut Names,
+    block: &mut Block,
+) -> Outcome<()> {
+    let at = cursor.since(0);
+    let mut label = None;
+    let mut repeats = None;
+    loop {
+        let start = cursor.at();
+        let letter = cursor.peek();
+        match letter {
+            0 | b';' => break,
+            b'(' => comment(cursor, start)?,
+            b'p' | b'l' if keyword == Keyword::M98 => {
+                cursor.skip();
+                let first_op = block.ops.len();
+                Compiler::new(cursor, &mut block.ops, names).value()?;
+                let place = if letter == b'p' { &mut label } else { &mut repeats };
+                if place.replace((first_op, block.ops.len(), cursor.since(start))).is_some() {
+                    return fault(Code::WordTwice, cursor.since(start), "M98 takes one P word and one L word");
+                }
+            }
+            _ => {
+                let message = format!("nothing else may stand in a line with {}", keyword.name());
+                return fault(Code::BadControl, cursor.here(), message);
+            }
+        }
+    }
+    if keyword == Keyword::M99 {
+        block.control = Some(Control { label: Label::Calculated, keyword, at });
+        return Ok(());
+    }
+    let Some((first, end, place)) = label else {
+        return fault(Code::WordMissing, at, "M98 needs a P word: the number of the subprogram");
+    };
+    let label = match block.ops.get(first..end) {
+        Some([one]) => match one.kind {
+            OpKind::Constant(number) if number >= 0.0 && number.fract() == 0.0 => Label::Number(number as u64),
+            _ => Label::Calculated,
+        },
+        _ => Label::Calculated,
+    };
+    block.add_late_range(Slot::Argument, first, end, place);
+    if let Some((first, end, place)) = repeats {
+        block.add_late_range(Slot::Argument, first, end, place);
+    }
+    block.control = Some(Control { label, keyword, at });
     Ok(())
 }
 
@@ -133,31 +278,55 @@ const fn most_arguments(keyword: Keyword) -> usize {
 }
 
 /// Label and keyword.
-fn head(cursor: &mut Cursor<'_>) -> Outcome<Control> {
-    cursor.peek();
+fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<Control> {
+    let next = cursor.peek();
     let start = cursor.at().saturating_sub(1);
-    let label = if cursor.eat(b'<') {
-        let Some(name) = cursor.take_to(b'>') else {
-            cursor.finish();
-            return fault(Code::NameNotClosed, cursor.since(start), "O< is not followed by a name and >");
-        };
-        let name = String::from_utf8_lossy(name);
-        Label::Name(name.chars().filter(|letter| !letter.is_whitespace()).collect::<String>().to_lowercase().into())
-    } else {
-        match cursor.digits() {
-            (1..=18, number) => Label::Number(number),
+    let label = match next {
+        b'<' => {
+            cursor.skip();
+            let Some(name) = cursor.take_to(b'>') else {
+                cursor.finish();
+                return fault(Code::NameNotClosed, cursor.since(start), "O< is not followed by a name and >");
+            };
+            Label::Name(plain_name(name))
+        }
+        b'[' | b'#' => {
+            let (first_op, from) = (block.ops.len(), cursor.at());
+            Compiler::new(cursor, &mut block.ops, names).value()?;
+            block.add_late(Slot::Argument, first_op, cursor.since(from));
+            Label::Calculated
+        }
+        _ => match cursor.digits() {
+            (1..=18, number) => {
+                // A decimal point with nothing behind it but zeros is taken for none.
+                if cursor.eat(b'.') && cursor.digits().1 != 0 {
+                    return fault(Code::BadControl, cursor.since(start), "O is followed by a whole number");
+                }
+                Label::Number(number)
+            }
             _ => {
-                let message = "O is followed by a number or a name in angle brackets; others are not supported yet";
+                let message = "O is followed by a number, a name in angle brackets or a value";
                 return fault(Code::BadControl, cursor.since(start), message);
             }
+        },
+    };
+    let keyword = match KEYWORDS.iter().find(|(text, _)| cursor.eat_word(text)) {
+        Some((_, keyword)) => *keyword,
+        None if matches!(label, Label::Number(_)) && matches!(cursor.peek(), 0 | b'(' | b';') => Keyword::Start,
+        None => {
+            let message = format!("{label} is not followed by a keyword such as sub or if");
+            return fault(Code::BadControl, cursor.here(), message);
         }
     };
-    let Some((_, keyword)) = KEYWORDS.iter().find(|(text, _)| cursor.eat_word(text)) else {
-        return fault(
-            Code::BadControl,
-            cursor.here(),
-            format!("{label} is not followed by a keyword such as sub or if"),
-        );
-    };
-    Ok(Control { label, keyword: *keyword, at: cursor.since(start) })
+    if label == Label::Calculated && keyword != Keyword::Call {
+        let message = format!("only a call may calculate its number, not {}", keyword.name());
+        return fault(Code::BadControl, cursor.since(start), message);
+    }
+    Ok(Control { label, keyword, at: cursor.since(start) })
+}
+
+/// A name as labels have it: in lower case and without blanks.
+pub(crate) fn plain_name(name: &[u8]) -> Box<str> {
+    let name = String::from_utf8_lossy(name);
+    name.chars().filter(|letter| !letter.is_whitespace()).collect::<String>().to_lowercase().into()
 }

@@ -34,6 +34,8 @@ pub enum Severity {
 pub struct Diagnostic {
     /// What it is about; its number stands in `docs/errors.md`.
     pub code: Code,
+    /// The file: 0 for the program itself, and above the files of its subprograms, as the pre-scan numbers them.
+    pub file: u16,
     /// Line of the file, counted from 1.
     pub line: u32,
     /// Where in that line.
@@ -135,6 +137,7 @@ mod tests {
     fn a_rendered_diagnostic_shows_number_place_line_mark_and_help() {
         let diagnostic = Diagnostic {
             code: Code::WordTwice,
+            file: 0,
             line: 7,
             span: Span { start: 6, end: 8 },
             message: "X is given twice".to_owned(),
@@ -147,8 +150,13 @@ mod tests {
 
     #[test]
     fn a_span_beyond_the_line_or_inside_a_character_does_not_panic() {
-        let mut diagnostic =
-            Diagnostic { code: Code::NotText, line: 0, span: Span { start: 1, end: 900 }, message: String::new() };
+        let mut diagnostic = Diagnostic {
+            code: Code::NotText,
+            file: 0,
+            line: 0,
+            span: Span { start: 1, end: 900 },
+            message: String::new(),
+        };
         assert!(diagnostic.render("p", "ä").contains("E1002"));
         diagnostic.span = Span { start: 5, end: 2 };
         assert!(diagnostic.render("p", "").contains("E1002"));

@@ -198,6 +198,11 @@ impl<'a, 'b> Compiler<'a, 'b> {
         if self.cursor.eat(b']') { Ok(()) } else { self.bad_operator(open) }
     }
 
+    /// A value, or several with operators between them, without brackets around.
+    pub(crate) fn expression(&mut self) -> Outcome<()> {
+        self.binary(0)
+    }
+
     /// A chain of operators of at least this rank.
     fn binary(&mut self, rank: u8) -> Outcome<()> {
         let start = self.cursor.at();

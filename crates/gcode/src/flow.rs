@@ -1,318 +1,284 @@
-//! Where a program goes on: subprograms, branches and loops.
+//! Where a program goes on: calls, branches and loops, over compiled lines.
 //!
-//! Invariant: a jump lands on a line of the same label and kind of block; loops that a jump leaves are closed, and a call's loops end
-//! with it.
+//! Invariant: a jump is one look at the compiled line; a call's loops end with it. Nothing is allocated once the calls have been as
+//! deep as they get.
 
-use crate::codes::Code;
-use crate::control::{Control, Keyword, Label, scan};
-use crate::diag::{Outcome, fault};
+use crate::call::CycleCall;
+use crate::canon::Step;
+use crate::code::{Code, Jump, SubId};
+use crate::codes::Code as Number;
+use crate::control::Label;
+use crate::diag::{Fault, Outcome, Span, fault};
 use crate::interp::Interpreter;
-use crate::lines::Lines;
 use crate::params::Frame;
-use std::collections::HashMap;
-use std::io::BufRead;
+use crate::prescan::{Sub, Subs, wrong_call};
+use std::sync::Arc;
 
 /// Calls that may be open at once, as in LinuxCNC.
 const MOST_CALLS: usize = 9;
 
+/// What a call puts away.
 #[derive(Debug)]
 struct Call {
-    label: Label,
-    /// The line of the call.
-    line: u32,
-    frame: Frame,
-    /// Loops that were open before.
-    loops: usize,
+    sub: Sub,
+    /// The caller's own parameters; M98 shares them.
+    frame: Option<Frame>,
+    /// Rounds of M98 that are still to come.
+    rounds: u32,
 }
 
+/// A stretch of compiled lines that is being carried out.
 #[derive(Debug)]
-struct Loop {
-    label: Label,
-    /// Its first line: while, do or repeat.
-    line: u32,
-    begin: Keyword,
-    /// Rounds of a repeat that are still to come.
-    rounds: i64,
+struct Level {
+    code: Arc<Code>,
+    /// The next line.
+    next: u32,
+    /// The line behind the stretch.
+    end: u32,
+    /// Loops of repeat that were open before.
+    repeats: usize,
+    /// What it was called with; none for a stretch of the program itself.
+    call: Option<Call>,
 }
 
-/// What is open, and where labels have been found.
+/// What became of a compiled line.
+#[derive(Debug)]
+pub(crate) enum Stepped {
+    /// A block, which is now to be carried out.
+    Block,
+    /// The call of a cycle, which is now to be run.
+    Cycle(CycleCall),
+    /// It only said where to go on.
+    Jumped,
+    /// It was refused when it was compiled.
+    Faulty,
+    /// Nothing is open: the program's own next line is next.
+    Idle,
+    /// M99 in the program itself ends it.
+    ProgramEnd,
+}
+
+/// What is open, and the subprograms that there are.
 #[derive(Debug, Default)]
-pub(crate) struct Nesting {
-    calls: Vec<Call>,
-    loops: Vec<Loop>,
-    /// Lines of sub.
-    subs: HashMap<Label, u32>,
-    /// Where the search from a line for an end of a kind has ended.
-    ends: HashMap<(u32, Keyword), u32>,
-    /// No branch of this if has been taken yet.
-    undecided: Option<Label>,
+pub(crate) struct Flow {
+    levels: Vec<Level>,
+    /// Rounds that are still to come, of each open repeat.
+    rounds: Vec<i64>,
+    /// A condition was false: the line come to decides on.
+    is_undecided: bool,
+    calls: usize,
+    /// Compiled lines by file.
+    pub(crate) codes: Vec<Arc<Code>>,
+    pub(crate) subs: Subs,
     has_jumped: bool,
 }
 
-impl Nesting {
-    /// Carries out the line's O word: evaluates its values and makes another line the next one where it asks for that.
-    pub(crate) fn carry_out<R: BufRead>(
-        &mut self,
-        control: &Control,
-        lines: &mut Lines<R>,
-        interpreter: &mut Interpreter,
-    ) -> Outcome<()> {
-        lines.keep();
-        self.has_jumped = true;
-        let line = lines.number();
-        match control.keyword {
-            Keyword::Sub => {
-                self.subs.insert(control.label.clone(), line);
-                self.skip_to(control, Keyword::EndSub, lines)
-            }
-            Keyword::Call => self.call(control, lines, interpreter),
-            Keyword::Return | Keyword::EndSub => self.leave(control, lines, interpreter),
-            Keyword::If => self.branch(control, lines, interpreter),
-            Keyword::ElseIf if self.undecided.as_ref() == Some(&control.label) => {
-                self.branch(control, lines, interpreter)
-            }
-            Keyword::Else if self.undecided.as_ref() == Some(&control.label) => {
-                self.undecided = None;
-                Ok(())
-            }
-            Keyword::ElseIf | Keyword::Else => self.skip_to(control, Keyword::EndIf, lines),
-            Keyword::EndIf => {
-                self.undecided = None;
-                Ok(())
-            }
-            Keyword::While => self.while_line(control, lines, interpreter),
-            Keyword::Do => {
-                self.open(control, line, 0);
-                Ok(())
-            }
-            Keyword::Repeat => {
-                let rounds = interpreter.control_value()?.round() as i64;
-                if rounds < 1 {
-                    return self.skip_to(control, Keyword::EndRepeat, lines);
-                }
-                self.open(control, line, rounds);
-                Ok(())
-            }
-            Keyword::EndWhile | Keyword::EndRepeat => self.end_loop(control, lines),
-            Keyword::Break | Keyword::Continue => self.leave_round(control, lines),
-        }
-    }
-
-    /// Whether the program has had an O word.
+impl Flow {
+    /// Whether the program has had a jump.
     pub(crate) fn has_jumped(&self) -> bool {
         self.has_jumped
     }
 
-    fn open(&mut self, control: &Control, line: u32, rounds: i64) {
-        let (label, begin) = (control.label.clone(), control.keyword);
-        self.loops.push(Loop { label, line, begin, rounds });
+    /// Whether compiled lines are being carried out.
+    #[inline]
+    pub(crate) fn is_open(&self) -> bool {
+        !self.levels.is_empty()
     }
 
-    /// Loops that were open before the innermost call.
-    fn outer_loops(&self) -> usize {
-        self.calls.last().map_or(0, |call| call.loops)
+    /// The compiled line taken last.
+    pub(crate) fn place(&self) -> Option<(&Code, u32)> {
+        self.levels.last().map(|level| (&*level.code, level.next.saturating_sub(1)))
     }
 
-    /// Goes to the line behind the one that ends the block, or for a branch to the line that decides on.
-    fn skip_to<R: BufRead>(&mut self, control: &Control, end: Keyword, lines: &mut Lines<R>) -> Outcome<()> {
-        let from = lines.number();
-        if let Some(target) = self.ends.get(&(from, end)) {
-            lines.go_to(*target);
-            return Ok(());
+    /// Begins a stretch of the program itself.
+    pub(crate) fn begin(&mut self, code: Arc<Code>, start: u32, end: u32) {
+        self.has_jumped = true;
+        self.levels.push(Level { code, next: start, end, repeats: self.rounds.len(), call: None });
+    }
+
+    /// Takes the next compiled line.
+    #[inline]
+    pub(crate) fn step(&mut self, interpreter: &mut Interpreter, steps: &mut Vec<Step>) -> Outcome<Stepped> {
+        let Some(level) = self.levels.last_mut() else { return Ok(Stepped::Idle) };
+        let line = level.next;
+        if line >= level.end {
+            self.rounds.truncate(level.repeats);
+            self.levels.pop();
+            return Ok(if self.levels.is_empty() { Stepped::Idle } else { Stepped::Jumped });
         }
-        let found = self.search(lines, |found| found.label == control.label && found.keyword == end);
-        self.arrive(control, from, end, found, lines)
+        level.next = line + 1;
+        let Some(jump) = level.code.jump(line) else { return Ok(Stepped::Idle) };
+        if let Jump::None = jump {
+            interpreter.load(&level.code, line);
+            return Ok(Stepped::Block);
+        }
+        self.jump(jump, line, interpreter, steps)
     }
 
-    fn arrive<R: BufRead>(
+    fn jump(
         &mut self,
-        control: &Control,
-        from: u32,
-        end: Keyword,
-        found: bool,
-        lines: &mut Lines<R>,
-    ) -> Outcome<()> {
-        if found {
-            self.ends.insert((from, end), lines.number());
-            return Ok(());
-        }
-        lines.go_to(from);
-        fault(Code::ControlWithoutEnd, control.at, format!("{} has no end", control.label))
-    }
-
-    /// Takes lines until one has the wanted O word; every subprogram on the way is noted.
-    fn search<R: BufRead>(&mut self, lines: &mut Lines<R>, wanted: impl Fn(&Control) -> bool) -> bool {
-        while lines.advance().unwrap_or(false) {
-            let Some(found) = scan(lines.text()) else { continue };
-            if found.keyword == Keyword::Sub {
-                self.subs.insert(found.label.clone(), lines.number());
-            }
-            if wanted(&found) {
-                return true;
-            }
-        }
-        false
-    }
-
-    fn call<R: BufRead>(
-        &mut self,
-        control: &Control,
-        lines: &mut Lines<R>,
+        jump: Jump,
+        line: u32,
         interpreter: &mut Interpreter,
-    ) -> Outcome<()> {
-        let line = lines.number();
-        if self.calls.len() >= MOST_CALLS {
-            return fault(Code::TooManyCalls, control.at, Code::TooManyCalls.title());
-        }
-        interpreter.control_value()?;
-        match self.subs.get(&control.label) {
-            Some(sub) => lines.go_to(*sub),
-            None => {
-                let wanted = |found: &Control| found.keyword == Keyword::Sub && found.label == control.label;
-                if !self.search(lines, wanted) {
-                    lines.go_to(line);
-                    let message = format!("the program has no subprogram {}", control.label);
-                    return fault(Code::NoSuchSub, control.at, message);
+        steps: &mut Vec<Step>,
+    ) -> Outcome<Stepped> {
+        let undecided = std::mem::take(&mut self.is_undecided);
+        let Some(level) = self.levels.last_mut() else { return Ok(Stepped::Idle) };
+        interpreter.load(&level.code, line);
+        match jump {
+            Jump::None => return Ok(Stepped::Block),
+            Jump::Faulty => return Ok(Stepped::Faulty),
+            Jump::Pass => {}
+            Jump::Over { to } => level.next = to,
+            Jump::Call { call } => return self.call(call, interpreter),
+            Jump::If { otherwise } => {
+                if interpreter.control_value()? == 0.0 {
+                    (level.next, self.is_undecided) = (otherwise, true);
                 }
             }
+            Jump::ElseIf { otherwise, end } => {
+                if !undecided {
+                    level.next = end;
+                } else if interpreter.control_value()? == 0.0 {
+                    (level.next, self.is_undecided) = (otherwise, true);
+                }
+            }
+            Jump::Else { end } => {
+                if !undecided {
+                    level.next = end;
+                }
+            }
+            Jump::While { end } => {
+                if interpreter.control_value()? == 0.0 {
+                    level.next = end;
+                }
+            }
+            Jump::WhileOfDo { begin } => {
+                if interpreter.control_value()? != 0.0 {
+                    level.next = begin;
+                }
+            }
+            Jump::Repeat { end } => {
+                let rounds = interpreter.control_value()?.round() as i64;
+                if rounds < 1 {
+                    level.next = end;
+                } else {
+                    self.rounds.push(rounds);
+                }
+            }
+            Jump::EndRepeat { begin } => {
+                if let Some(rounds) = self.rounds.last_mut() {
+                    *rounds -= 1;
+                    if *rounds > 0 {
+                        level.next = begin;
+                    } else {
+                        self.rounds.pop();
+                    }
+                }
+            }
+            Jump::Leave { to, repeats } => {
+                self.rounds.truncate(level.repeats + repeats as usize);
+                level.next = to;
+            }
+            Jump::Return => return self.leave(interpreter, steps),
+            Jump::Cycle { call } => match level.code.cycles.get(call as usize) {
+                Some(call) => return Ok(Stepped::Cycle(call.clone())),
+                None => {}
+            },
+            Jump::ModalCall { call } => {
+                if let Some(call) = level.code.cycles.get(call as usize) {
+                    interpreter.begin_modal(call)?;
+                }
+            }
+            Jump::ModalEnd => interpreter.end_modal(),
         }
-        let frame = interpreter.enter_sub();
-        let (label, loops) = (control.label.clone(), self.loops.len());
-        self.calls.push(Call { label, line, frame, loops });
-        Ok(())
+        Ok(Stepped::Jumped)
     }
 
-    fn leave<R: BufRead>(
-        &mut self,
-        control: &Control,
-        lines: &mut Lines<R>,
-        interpreter: &mut Interpreter,
-    ) -> Outcome<()> {
-        if self.calls.last().is_none_or(|call| call.label != control.label) {
-            let message = format!("{} is not being carried out here", control.label);
-            return fault(Code::ControlWithoutBegin, control.at, message);
+    fn call(&mut self, call: u32, interpreter: &mut Interpreter) -> Outcome<Stepped> {
+        let Some(level) = self.levels.last() else { return Ok(Stepped::Idle) };
+        let code = Arc::clone(&level.code);
+        let Some(site) = code.calls.get(call as usize) else { return Ok(Stepped::Idle) };
+        let first = interpreter.control_value()?;
+        let id = match (site.sub, &site.label) {
+            (Some(id), _) => id,
+            (None, Label::Calculated) => self.calculated(&code, first, site.at)?,
+            (None, label) => match self.subs.find(code.file, label) {
+                Some(id) => id,
+                None => return fault(Number::NoSuchSub, site.at, format!("there is no subprogram {label}")),
+            },
+        };
+        let given = usize::from(site.label == Label::Calculated);
+        self.enter(id, &site.label, site.is_m98, given, site.at, interpreter)
+    }
+
+    fn calculated(&self, code: &Code, number: f64, at: Span) -> Outcome<SubId> {
+        let number = crate::eval::whole(number, at, "the number of a subprogram")?;
+        let label = u64::try_from(number).ok().map(Label::Number);
+        match label.and_then(|label| self.subs.find(code.file, &label)) {
+            Some(id) => Ok(id),
+            None => fault(Number::NoSuchSub, at, format!("there is no subprogram O{number}")),
         }
+    }
+
+    /// Enters a subprogram with the values of the line evaluated last, of which the first `given` are no arguments.
+    fn enter(
+        &mut self,
+        id: SubId,
+        label: &Label,
+        is_m98: bool,
+        given: usize,
+        at: Span,
+        interpreter: &mut Interpreter,
+    ) -> Outcome<Stepped> {
+        let Some(sub) = self.subs.get(id).cloned() else { return Ok(Stepped::Idle) };
+        if sub.for_m98 != is_m98 {
+            return Err(Box::new(wrong_call(label, is_m98, at)));
+        }
+        if self.calls >= MOST_CALLS {
+            return fault(Number::TooManyCalls, at, Number::TooManyCalls.title());
+        }
+        let rounds = match interpreter.argument(1) {
+            Some(rounds) if is_m98 => rounds.round().clamp(0.0, f64::from(u32::MAX)) as u32,
+            _ => 1,
+        };
+        let Some(code) = self.codes.get(sub.code as usize).map(Arc::clone) else { return Ok(Stepped::Idle) };
+        if rounds == 0 {
+            return Ok(Stepped::Jumped);
+        }
+        self.has_jumped = true;
+        self.calls += 1;
+        let frame = (!is_m98).then(|| interpreter.enter_sub(given));
+        let (next, end) = (sub.entry, code.len());
+        let call = Some(Call { sub, frame, rounds: rounds - 1 });
+        self.levels.push(Level { code, next, end, repeats: self.rounds.len(), call });
+        Ok(Stepped::Jumped)
+    }
+
+    /// return, endsub, M99.
+    fn leave(&mut self, interpreter: &mut Interpreter, steps: &mut Vec<Step>) -> Outcome<Stepped> {
         let value = interpreter.control_value()?;
         let value = interpreter.has_control_value().then_some(value);
-        if let Some(call) = self.calls.pop() {
-            self.loops.truncate(call.loops);
-            self.undecided = None;
-            interpreter.leave_sub(call.frame, value);
-            lines.go_to(call.line);
+        // Stretches of the program itself lie below all calls.
+        let Some(level) = self.levels.last_mut() else { return Ok(Stepped::Idle) };
+        self.rounds.truncate(level.repeats);
+        let Some(call) = &mut level.call else { return Ok(Stepped::ProgramEnd) };
+        if call.rounds > 0 {
+            call.rounds -= 1;
+            level.next = call.sub.entry;
+            return Ok(Stepped::Jumped);
         }
-        Ok(())
+        self.calls -= 1;
+        if let Some(Call { frame: Some(frame), .. }) = self.levels.pop().and_then(|level| level.call) {
+            let taken_up = interpreter.take_up_on_return(steps);
+            interpreter.leave_sub(frame, value);
+            taken_up?;
+        }
+        Ok(Stepped::Jumped)
     }
 
-    /// if, elseif: on, or to the next line that decides.
-    fn branch<R: BufRead>(
-        &mut self,
-        control: &Control,
-        lines: &mut Lines<R>,
-        interpreter: &mut Interpreter,
-    ) -> Outcome<()> {
-        self.undecided = None;
-        if interpreter.control_value()? != 0.0 {
-            return Ok(());
-        }
-        let from = lines.number();
-        self.undecided = Some(control.label.clone());
-        // The deciding line itself is to be taken next, so the search stops one line before it.
-        let target = match self.ends.get(&(from, Keyword::Else)) {
-            Some(target) => *target,
-            None => {
-                let decides = |keyword| matches!(keyword, Keyword::ElseIf | Keyword::Else | Keyword::EndIf);
-                let found = self.search(lines, |found| found.label == control.label && decides(found.keyword));
-                self.arrive(control, from, Keyword::Else, found, lines)?;
-                lines.number()
-            }
-        };
-        lines.go_to(target - 1);
-        Ok(())
-    }
-
-    /// The beginning of a while, or the end of a do.
-    fn while_line<R: BufRead>(
-        &mut self,
-        control: &Control,
-        lines: &mut Lines<R>,
-        interpreter: &mut Interpreter,
-    ) -> Outcome<()> {
-        let line = lines.number();
-        let goes_on = interpreter.control_value()? != 0.0;
-        let outer = self.outer_loops();
-        let innermost = self.loops[outer..].last().filter(|open| open.label == control.label);
-        match innermost.map(|open| (open.begin, open.line)) {
-            Some((Keyword::Do, begin)) => {
-                if goes_on {
-                    lines.go_to(begin);
-                } else {
-                    self.loops.pop();
-                }
-                Ok(())
-            }
-            Some((Keyword::While, begin)) if begin == line => {
-                if goes_on {
-                    return Ok(());
-                }
-                self.loops.pop();
-                self.skip_to(control, Keyword::EndWhile, lines)
-            }
-            _ if goes_on => {
-                self.open(control, line, 0);
-                Ok(())
-            }
-            _ => self.skip_to(control, Keyword::EndWhile, lines),
-        }
-    }
-
-    /// endwhile, endrepeat: back to the beginning while there is another round.
-    fn end_loop<R: BufRead>(&mut self, control: &Control, lines: &mut Lines<R>) -> Outcome<()> {
-        let begin = if control.keyword == Keyword::EndWhile { Keyword::While } else { Keyword::Repeat };
-        let outer = self.outer_loops();
-        let innermost = self.loops[outer..].last_mut();
-        let Some(open) = innermost.filter(|open| open.label == control.label && open.begin == begin) else {
-            let message = format!("no loop of {} is open here", control.label);
-            return fault(Code::ControlWithoutBegin, control.at, message);
-        };
-        if begin == Keyword::While {
-            lines.go_to(open.line - 1);
-            return Ok(());
-        }
-        open.rounds -= 1;
-        if open.rounds > 0 {
-            lines.go_to(open.line);
-        } else {
-            self.loops.pop();
-        }
-        Ok(())
-    }
-
-    /// break, continue: inner loops are left with it.
-    fn leave_round<R: BufRead>(&mut self, control: &Control, lines: &mut Lines<R>) -> Outcome<()> {
-        let outer = self.outer_loops();
-        let Some(index) = self.loops[outer..].iter().rposition(|open| open.label == control.label) else {
-            let message = format!("no loop of {} is open here", control.label);
-            return fault(Code::ControlWithoutBegin, control.at, message);
-        };
-        self.loops.truncate(outer + index + 1);
-        let (begin, line) = self.loops.last().map_or((Keyword::While, 1), |open| (open.begin, open.line));
-        let end = match begin {
-            Keyword::Repeat => Keyword::EndRepeat,
-            Keyword::Do => Keyword::While,
-            _ => Keyword::EndWhile,
-        };
-        self.undecided = None;
-        if control.keyword == Keyword::Break {
-            self.loops.pop();
-            return self.skip_to(control, end, lines);
-        }
-        if begin == Keyword::While {
-            lines.go_to(line - 1);
-            return Ok(());
-        }
-        self.skip_to(control, end, lines)?;
-        let end_line = lines.number();
-        lines.go_to(end_line - 1);
-        Ok(())
+    /// That a call has no subprogram yet: a program that arrives knows only what has arrived.
+    pub(crate) fn not_yet(label: &Label, at: Span) -> Box<Fault> {
+        Box::new(Fault::new(Number::NotYetThere, at, format!("subprogram {label} has not arrived yet")))
     }
 }

@@ -18,6 +18,7 @@ pub(crate) enum GroupG {
     Retract = 10,
     CoordinateSystem = 12,
     PathControl = 13,
+    SpindleMode = 14,
     LatheDiameter = 15,
 }
 
@@ -50,24 +51,22 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
     use GroupG as G;
     Known::CarriedOut(match tenths {
         0 | 10 | 20 | 30 | 800 => G::Motion,
+        330 | 331 | 760 | 730 | 740 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => G::Motion,
         50..=53 | 382..=385 => G::Motion,
         70 | 80 => G::LatheDiameter,
         40 | 100 | 280 | 281 | 300 | 301 | 520 | 530 | 920 | 921 | 922 | 923 => G::NonModal,
         170 | 180 | 190 | 171 | 181 | 191 => G::Plane,
         200 | 210 => G::Units,
-        400 => G::CutterCompensation,
+        400 | 410 | 411 | 420 | 421 => G::CutterCompensation,
         430 | 431 | 432 | 490 => G::ToolOffset,
         540 | 550 | 560 | 570 | 580 | 590..=593 => G::CoordinateSystem,
         610 | 611 | 640 => G::PathControl,
         900 | 910 => G::Distance,
         901 | 911 => G::ArcCentres,
-        930 | 940 => G::FeedMode,
+        930 | 940 | 950 => G::FeedMode,
+        960 | 970 => G::SpindleMode,
         980 | 990 => G::Retract,
-        330 | 331 | 410 | 411 | 420 | 421 => return Known::NotYet,
-        700 | 710..=712 | 720..=722 | 730 | 740 | 760 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => {
-            return Known::NotYet;
-        }
-        950 | 960 | 970 => return Known::NotYet,
+        700 | 710..=712 | 720..=722 => return Known::NotYet,
         _ => return Known::No,
     })
 }
@@ -80,11 +79,11 @@ pub(crate) const fn group_of_m(code: u8) -> Known<GroupM> {
         62..=68 => M::Output,
         6 | 61 => M::Tool,
         // M70 to M73 share a group with the spindle's codes, as in LinuxCNC.
-        3..=5 | 70..=73 => M::Spindle,
+        3..=5 | 19 | 70..=73 => M::Spindle,
         7..=9 => M::Coolant,
         48..=53 => M::Override,
         100..=199 => M::User,
-        19 | 98 | 99 => return Known::NotYet,
+        98 | 99 => return Known::NotYet,
         _ => return Known::No,
     })
 }

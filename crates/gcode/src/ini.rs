@@ -38,6 +38,7 @@ impl Ini {
         for (index, line) in text.lines().enumerate() {
             let content = line.trim();
             let complain = |code: Code, message: String| Diagnostic {
+                file: 0,
                 code,
                 line: index as u32 + 1,
                 span: Span::new(0, line.len()),

@@ -54,6 +54,12 @@ impl<'a> Cursor<'a> {
         self.at += 1;
     }
 
+    /// The character behind the next one, if blanks are not counted; to be asked after [`Cursor::peek`].
+    #[inline]
+    pub(crate) fn peek_next(&self) -> Option<u8> {
+        self.text.get(self.at + 1..)?.iter().copied().find(|byte| !is_blank(*byte))
+    }
+
     /// Takes the next character if it is this one.
     #[inline]
     pub(crate) fn eat(&mut self, wanted: u8) -> bool {
@@ -122,6 +128,27 @@ impl<'a> Cursor<'a> {
     #[inline]
     pub(crate) fn number(&mut self) -> Outcome<f64> {
         self.peek();
+        let text = self.text.get(self.at..).unwrap_or_default();
+        let (mut at, mut mantissa) = (0, 0);
+        take_digits(text, &mut at, &mut mantissa);
+        let mut decimals = 0;
+        let mut points = 0;
+        if text.get(at) == Some(&b'.') {
+            points = 1;
+            at += 1;
+            decimals = take_digits(text, &mut at, &mut mantissa);
+        }
+        // What ends plainly and is exact needs no more.
+        let is_plain = text.get(at).is_none_or(|&byte| byte != b'.' && !(is_blank(byte) && text_goes_on(text, at)));
+        if is_plain && (1..=15).contains(&(at - points)) {
+            self.at += at;
+            return Ok(mantissa as f64 / POWERS_OF_TEN[decimals]);
+        }
+        self.spaced_number()
+    }
+
+    /// A number with blanks among its digits, or with very many of them, or none.
+    fn spaced_number(&mut self) -> Outcome<f64> {
         let start = self.at;
         let (mut mantissa, mut digits, mut decimals, mut point) = (0_u64, 0_u32, 0_usize, false);
         let mut end = start;
@@ -168,6 +195,24 @@ impl<'a> Cursor<'a> {
             Err(_) => Err(Box::new(Fault::plain(Code::BadNumber, span))),
         }
     }
+}
+
+/// Takes digits, and returns how many.
+#[inline]
+fn take_digits(text: &[u8], at: &mut usize, value: &mut u64) -> usize {
+    let start = *at;
+    while let Some(digit) = text.get(*at).map(|byte| byte.wrapping_sub(b'0')).filter(|digit| *digit < 10) {
+        *value = value.wrapping_mul(10).wrapping_add(u64::from(digit));
+        *at += 1;
+    }
+    *at - start
+}
+
+/// Whether a number goes on behind the blank at this place: the next character but blanks is a digit or a point.
+#[inline]
+fn text_goes_on(text: &[u8], at: usize) -> bool {
+    let next = text.get(at..).unwrap_or_default().iter().find(|byte| !is_blank(**byte));
+    next.is_some_and(|byte| matches!(byte, b'0'..=b'9' | b'.'))
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@
 //! for step in program {
 //!     text.write(&step)?;
 //! }
-//! let text = String::from_utf8_lossy(&text.into_inner()).into_owned();
+//! let text = String::from_utf8_lossy(&text.into_inner()?).into_owned();
 //! assert!(text.contains("    9 N..... STRAIGHT_FEED(10.0000, 0.0000, 0.0000, 0.0000, 0.0000, 0.0000)"));
 //! # Ok::<(), std::io::Error>(())
 //! ```
@@ -22,11 +22,17 @@
 #![forbid(unsafe_code)]
 
 mod angle;
+mod arriving;
 mod block;
+mod branch;
+mod call;
 mod canon;
 mod canon_text;
+mod code;
 mod codes;
+mod compensation;
 mod control;
+mod cycle;
 mod diag;
 mod eval;
 mod expr;
@@ -37,25 +43,35 @@ mod interp;
 mod lex;
 mod lines;
 mod modal;
+mod nest;
 mod params;
 mod parse;
 mod pose;
+mod prescan;
 mod program;
 mod remark;
+mod spindle;
 mod spline;
 mod system;
 mod tool;
 
 pub use block::BlockNumber;
+pub use branch::{Branch, Target};
 pub use canon::{ArcFeed, Canon, FeedMode, Input, LengthUnit, PathControl, Plane, Probing, Step, Wait, WaitFor};
 pub use canon_text::CanonText;
 pub use codes::Code;
+pub use compensation::{Compensation, Side};
+pub use cycle::{Cycle, CycleWords, Series};
 pub use diag::{Diagnostic, Severity, Span};
 pub use ini::Ini;
 pub use interp::{BlockRefused, Flow, Interpreter, Setup, UserCodes};
+pub use lines::Text;
 pub use modal::{ArcCentres, Distance, Motion, Spindle, State};
 pub use params::Parameters;
 pub use pose::{Axis, AxisSet, Pose};
+pub use prescan::{Prescan, SubFile, SubFiles};
 pub use program::{Program, Progress, Steps, check};
+pub use retrace_cycles as cycles;
+pub use spindle::SpindleTurn;
 pub use spline::{ControlPoint, Nurbs};
 pub use tool::{Tool, ToolTable};

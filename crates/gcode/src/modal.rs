@@ -4,7 +4,9 @@
 
 use crate::angle::rotate;
 use crate::canon::{FeedMode, LengthUnit, PathControl, Plane, Probing};
-use crate::interp::Context;
+use crate::compensation::Compensation;
+use crate::cycle::{Cycle, Series};
+use crate::interp::{Context, Queue};
 use crate::pose::{Axis, Pose};
 use crate::spline::ControlPoint;
 
@@ -19,6 +21,14 @@ pub enum Motion {
     ArcClockwise,
     /// G3.
     ArcCounterclockwise,
+    /// G33: in step with the spindle.
+    SpindleFeed,
+    /// G33.1.
+    RigidTap,
+    /// G76.
+    ThreadingCycle,
+    /// G73, G74, G81 … G89.
+    Cycle(Cycle),
     /// G5; never a mode that is in force.
     CubicSpline,
     /// G5.1; never a mode that is in force.
@@ -40,6 +50,10 @@ impl Motion {
             Motion::Feed => "G1",
             Motion::ArcClockwise => "G2",
             Motion::ArcCounterclockwise => "G3",
+            Motion::SpindleFeed => "G33",
+            Motion::RigidTap => "G33.1",
+            Motion::ThreadingCycle => "G76",
+            Motion::Cycle(cycle) => cycle.name(),
             Motion::CubicSpline => "G5",
             Motion::QuadraticSpline => "G5.1",
             Motion::ControlPoint => "G5.2",
@@ -114,18 +128,28 @@ pub struct State {
     pub g92_offset: Pose,
     /// The tool length offset in force.
     pub tool_offset: Pose,
-    /// The position in program coordinates.
+    /// The position in program coordinates; under cutter compensation that of the tool, not of the programmed path.
     pub position: Pose,
+    /// Cutter radius compensation; none after G40.
+    pub compensation: Option<Compensation>,
+    /// G40 has ended a compensated path, and no straight move has come since.
+    pub has_left_compensation: bool,
+    /// Moves that the next corner of a compensated path may still change, and what came after them.
+    pub(crate) waiting: Queue,
     /// How joints are run through.
     pub path_control: PathControl,
     /// Tolerance of the merging of nearly straight runs.
     pub naivecam_tolerance: f64,
     /// G99; else G98.
     pub retract_to_r: bool,
+    /// The series of drilling cycles; none after another motion.
+    pub series: Option<Series>,
     /// What the spindle was told to do.
     pub spindle: Spindle,
-    /// Turns a minute.
+    /// Turns a minute, or with constant surface speed metres or feet a minute.
     pub spindle_speed: f64,
+    /// G96.
+    pub constant_surface_speed: bool,
     /// M7.
     pub mist: bool,
     /// M8.
@@ -176,11 +200,16 @@ impl State {
             g92_offset: Pose::ZERO,
             tool_offset: Pose::ZERO,
             position: Pose::ZERO,
+            compensation: None,
+            has_left_compensation: false,
+            waiting: Queue::default(),
             path_control: PathControl::Continuous { tolerance: 0.0 },
             naivecam_tolerance: 0.0,
             retract_to_r: true,
+            series: None,
             spindle: Spindle::Stopped,
             spindle_speed: 0.0,
+            constant_surface_speed: false,
             mist: false,
             flood: false,
             feed_override: true,
@@ -203,6 +232,16 @@ impl State {
     #[must_use]
     pub fn is_metric(&self) -> bool {
         self.units == LengthUnit::Millimetre
+    }
+
+    /// Where the programmed path stands: the position, but for cutter compensation.
+    #[must_use]
+    #[inline]
+    pub fn path_position(&self) -> &Pose {
+        match &self.compensation {
+            Some(Compensation { programmed: Some(programmed), .. }) => programmed,
+            _ => &self.position,
+        }
     }
 
     /// The position of the machine (its controlled point with the tool offset taken off) in machine coordinates and program units.

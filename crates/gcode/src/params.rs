@@ -61,8 +61,8 @@ pub(crate) struct Names {
 
 impl Names {
     /// With names whose values are given, in lower case.
-    pub(crate) fn with_fixed(values: Vec<(String, f64)>) -> Names {
-        let fixed = values.into_iter().map(|(name, value)| (name.into(), value)).collect();
+    pub(crate) fn with_fixed(values: &[(String, f64)]) -> Names {
+        let fixed = values.iter().map(|(name, value)| (name.as_str().into(), *value)).collect();
         Names { fixed, ..Names::default() }
     }
 
@@ -194,6 +194,7 @@ impl Parameters {
                 }
                 _ => diagnostics.push(Diagnostic {
                     code: Code::ParameterFileLine,
+                    file: 0,
                     line: index as u32 + 1,
                     span: Span::new(0, line.len()),
                     message: Code::ParameterFileLine.title().to_owned(),

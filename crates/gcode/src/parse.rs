@@ -3,6 +3,7 @@
 //! Invariant: every character of the line is understood, or the line is refused with the place of the first that is not.
 
 use crate::block::{Block, BlockNumber, Slot};
+use crate::call;
 use crate::codes::Code;
 use crate::control;
 use crate::diag::{Outcome, Span, fault};
@@ -11,12 +12,52 @@ use crate::lex::Cursor;
 use crate::params::Names;
 use crate::pose::{Axis, AxisSet};
 use crate::remark::{Remark, refuse_python};
+use retrace_cycles::Library;
+use std::sync::Arc;
 
 /// Longest line in bytes, without its end, as in LinuxCNC.
 pub(crate) const LONGEST_LINE: usize = 252;
 
+/// Compiles lines one after the other.
+#[derive(Clone, Debug)]
+pub(crate) struct LineReader {
+    pub(crate) axes: AxisSet,
+    pub(crate) block_delete: bool,
+    pub(crate) names: Names,
+    /// The cycles that a program may call.
+    pub(crate) cycles: Option<Arc<Library>>,
+    /// The line compiled last.
+    pub(crate) block: Block,
+}
+
+impl LineReader {
+    pub(crate) fn new(axes: AxisSet, block_delete: bool, cycles: Option<Arc<Library>>) -> LineReader {
+        LineReader { axes, block_delete, names: Names::default(), cycles, block: Block::default() }
+    }
+
+    /// With named parameters whose values are given.
+    pub(crate) fn with_fixed(mut self, values: &[(String, f64)]) -> LineReader {
+        self.names = Names::with_fixed(values);
+        self
+    }
+
+    /// Compiles a line; false when it is deleted.
+    ///
+    /// # Errors
+    /// What is wrong with it; the block is then not to be used.
+    #[inline]
+    pub(crate) fn read(&mut self, text: &[u8]) -> Outcome<bool> {
+        if self.block_delete && has_delete_mark(text) {
+            self.block.clear();
+            return Ok(false);
+        }
+        parse(text, self.axes, &mut self.names, self.cycles.as_deref(), &mut self.block)?;
+        Ok(true)
+    }
+}
+
 /// Compiles a line into `block`, which is cleared first.
-pub(crate) fn parse(text: &[u8], axes: AxisSet, names: &mut Names, block: &mut Block) -> Outcome<()> {
+fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>, block: &mut Block) -> Outcome<()> {
     block.clear();
     check_text(text)?;
     let mut cursor = Cursor::new(text);
@@ -24,6 +65,17 @@ pub(crate) fn parse(text: &[u8], axes: AxisSet, names: &mut Names, block: &mut B
     block_number(&mut cursor, block)?;
     if cursor.eat(b'o') {
         return control::parse(&mut cursor, names, block);
+    }
+    if cursor.peek() == b'm'
+        && let Some(keyword) = control::fanuc(&mut cursor)
+    {
+        return control::parse_fanuc(keyword, &mut cursor, names, block);
+    }
+    if call::may_begin(&mut cursor) {
+        call::label(&mut cursor);
+        if call::may_begin(&mut cursor) && call::parse(&mut cursor, names, cycles, block)? {
+            return Ok(());
+        }
     }
     loop {
         let letter = cursor.peek();
@@ -43,7 +95,7 @@ pub(crate) fn parse(text: &[u8], axes: AxisSet, names: &mut Names, block: &mut B
 }
 
 /// Whether a line is deleted when block delete is on: its first character is a slash.
-pub(crate) fn has_delete_mark(text: &[u8]) -> bool {
+fn has_delete_mark(text: &[u8]) -> bool {
     Cursor::new(text).peek() == b'/'
 }
 

@@ -1,15 +1,20 @@
 //! A whole program: lines from any reader, percent signs, and its end.
 //!
-//! Invariant: memory does not grow with the program until it jumps: lines are kept from the first O word on.
+//! Invariant: lines that are in no subprogram, loop or branch are read, carried out and forgotten; the others are compiled once,
+//! by the pre-scan, or as they arrive.
 
+use crate::arriving::Arriving;
 use crate::canon::{Canon, Step};
 use crate::codes::Code;
-use crate::diag::{Diagnostic, Fault, Span};
-use crate::flow::Nesting;
-use crate::interp::{Flow, Interpreter, Setup, Taken};
-use crate::lines::Lines;
+use crate::control::{Control, Keyword};
+use crate::diag::{Diagnostic, Fault, Outcome, Span};
+use crate::flow::{Flow, Stepped};
+use crate::interp::{self, Interpreter, Setup, Taken};
+use crate::lines::{Lines, Text};
+use crate::prescan::Prescan;
 use std::borrow::Cow;
 use std::io::BufRead;
+use std::sync::Arc;
 
 /// Lines after which checking a program with jumps stops.
 const MOST_CHECKED_LINES: u32 = 10_000_000;
@@ -37,7 +42,12 @@ enum Phase {
 pub struct Program<R> {
     lines: Lines<R>,
     interpreter: Interpreter,
-    nesting: Nesting,
+    flow: Flow,
+    /// What the pre-scan has found; none for a program that arrives.
+    prescan: Option<Arc<Prescan>>,
+    /// The first of its stretches that may lie ahead.
+    region: usize,
+    arriving: Arriving,
     phase: Phase,
     /// It opened with a percent sign, so it may close with one.
     percent: bool,
@@ -46,16 +56,37 @@ pub struct Program<R> {
 }
 
 impl<R: BufRead> Program<R> {
-    /// A program before its first line.
+    /// A program that arrives line by line, before its first line: jumps reach what has arrived.
     pub fn new(input: R, setup: Setup) -> Program<R> {
+        Program::over(Lines::new(input), setup)
+    }
+
+    fn over(lines: Lines<R>, setup: Setup) -> Program<R> {
         Program {
-            lines: Lines::new(input),
+            lines,
             interpreter: Interpreter::new(setup),
-            nesting: Nesting::default(),
+            flow: Flow::default(),
+            prescan: None,
+            region: 0,
+            arriving: Arriving::default(),
             phase: Phase::Opening,
             percent: false,
             is_held: false,
         }
+    }
+
+    /// A program that has been looked through, before its first line; `setup` is the one that it was looked through with.
+    #[must_use]
+    pub fn prescanned(prescan: Arc<Prescan>, setup: Setup) -> Program<R> {
+        let mut program = Program::over(Lines::of_text(prescan.text()), setup);
+        *program.interpreter.reader_mut() = prescan.reader.clone();
+        for diagnostic in prescan.diagnostics() {
+            program.interpreter.record(diagnostic.clone());
+        }
+        program.flow.codes.clone_from(&prescan.codes);
+        program.flow.subs.clone_from(&prescan.subs);
+        program.prescan = Some(prescan);
+        program
     }
 
     /// Takes the next line and adds its canonical functions to `steps`; the first call adds those that come before any program, the
@@ -74,34 +105,109 @@ impl<R: BufRead> Program<R> {
             }
             Phase::Running => {}
         }
-        if !std::mem::take(&mut self.is_held) && !self.read_line() {
-            let code = if self.percent { Code::NoClosingPercent } else { Code::NoProgramEnd };
-            self.report(Fault::plain(code, Span::default()));
-            return self.close(steps);
-        }
-        if self.percent && is_percent(self.lines.text()) {
-            emit(steps, Canon::Finish);
-            return self.close(steps);
-        }
-        let progress = self.interpreter.take(self.lines.number(), self.lines.text(), steps);
-        let outcome = match progress {
-            Ok(Taken::Done(Flow::Continue)) => return Progress::Line,
-            Ok(Taken::Done(Flow::ProgramEnd)) => {
-                if self.percent && !self.find_closing_percent() {
-                    emit(steps, Canon::Note("interpreter: percent sign missing from end of file"));
-                }
-                return self.close(steps);
-            }
-            Ok(Taken::Control(control)) => self.nesting.carry_out(&control, &mut self.lines, &mut self.interpreter),
-            Err(fault) => Err(fault),
-        };
+        let outcome = if self.flow.is_open() { self.compiled_line(steps) } else { self.own_line(steps) };
         match outcome {
-            Ok(()) => Progress::Line,
+            Ok(progress) => progress,
             Err(fault) => {
                 self.interpreter.report(*fault);
                 if self.interpreter.has_too_many_errors() { self.close(steps) } else { Progress::Refused }
             }
         }
+    }
+
+    /// Carries out the next compiled line.
+    fn compiled_line(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
+        match self.flow.step(&mut self.interpreter, steps)? {
+            Stepped::Block => match self.interpreter.carry_out(steps)? {
+                interp::Flow::Continue => Ok(Progress::Line),
+                interp::Flow::ProgramEnd => Ok(self.end_of_program(steps)),
+            },
+            Stepped::Cycle(call) => {
+                self.interpreter.call_cycle(&call, &interp::NoContours, steps)?;
+                Ok(Progress::Line)
+            }
+            Stepped::Jumped => Ok(Progress::Line),
+            Stepped::Faulty => Ok(Progress::Refused),
+            Stepped::Idle => self.own_line(steps),
+            Stepped::ProgramEnd => self.end_by_m99(steps),
+        }
+    }
+
+    /// Carries out the next line that is in no stretch.
+    fn own_line(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
+        if !std::mem::take(&mut self.is_held) && !self.read_line() {
+            let code = if self.percent { Code::NoClosingPercent } else { Code::NoProgramEnd };
+            self.report(Fault::plain(code, Span::default()));
+            return Ok(self.close(steps));
+        }
+        if self.enter_region() {
+            return Ok(Progress::Line);
+        }
+        if self.percent && is_percent(self.lines.text()) {
+            self.interpreter.release(steps);
+            emit(steps, Canon::Finish);
+            return Ok(self.close(steps));
+        }
+        match self.interpreter.take(self.lines.number(), self.lines.text(), steps)? {
+            Taken::Done(interp::Flow::Continue) => Ok(Progress::Line),
+            Taken::Done(interp::Flow::ProgramEnd) => Ok(self.end_of_program(steps)),
+            Taken::Control(control) => self.control(control, steps),
+        }
+    }
+
+    /// Enters the stretch that the pre-scan has compiled from this line on, if there is one.
+    #[inline]
+    fn enter_region(&mut self) -> bool {
+        let Some(prescan) = &self.prescan else { return false };
+        let line = self.lines.number();
+        while let Some(region) = prescan.regions.get(self.region) {
+            if region.line > line {
+                return false;
+            }
+            self.region += 1;
+            if region.line == line {
+                let (region, code) = (*region, prescan.codes.first().map(Arc::clone));
+                if let Err(error) = self.lines.skip_to(region.end_line) {
+                    self.report_unreadable(&error);
+                }
+                if let Some(code) = code {
+                    self.flow.begin(code, region.start, region.end);
+                }
+                return true;
+            }
+        }
+        false
+    }
+
+    /// A line with an O word that the pre-scan has not compiled, or that has just arrived.
+    fn control(&mut self, control: Control, steps: &mut Vec<Step>) -> Outcome<Progress> {
+        match control.keyword {
+            Keyword::Start => return Ok(Progress::Line),
+            Keyword::M99 => return self.end_by_m99(steps),
+            // The pre-scan has found no end, or no subprogram, and told so.
+            _ if self.prescan.is_some() && (control.keyword.opens() || control.keyword == Keyword::Call) => {
+                return Ok(Progress::Refused);
+            }
+            _ => {}
+        }
+        let (start, end) = self.arriving.compile(control, &mut self.lines, &mut self.interpreter, &mut self.flow)?;
+        if let Some(code) = self.arriving.code() {
+            self.flow.begin(code, start, end);
+        }
+        Ok(Progress::Line)
+    }
+
+    fn end_of_program(&mut self, steps: &mut Vec<Step>) -> Progress {
+        if self.percent && !self.find_closing_percent() {
+            emit(steps, Canon::Note("interpreter: percent sign missing from end of file"));
+        }
+        self.close(steps)
+    }
+
+    /// M99 in the program itself ends it, as M2 does.
+    fn end_by_m99(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
+        self.interpreter.end_program(steps)?;
+        Ok(self.end_of_program(steps))
     }
 
     /// Ends the program here and adds the canonical functions that come after any program.
@@ -114,10 +220,39 @@ impl<R: BufRead> Program<R> {
         Progress::End
     }
 
+    /// After the end: tells of lines behind it that are neither a subprogram nor anything else that a jump reaches.
+    pub fn look_behind_the_end(&mut self) {
+        if self.interpreter.has_too_many_errors() {
+            return;
+        }
+        while self.read_line() {
+            if self.enter_region() {
+                continue;
+            }
+            let text = self.lines.text();
+            if !text.trim_ascii().is_empty() && !is_percent(text) {
+                let at = Span::new(0, text.len());
+                return self.report(Fault::plain(Code::TextAfterEnd, at));
+            }
+        }
+    }
+
     /// The line last taken.
     #[must_use]
     pub fn line_text(&self) -> Cow<'_, str> {
-        String::from_utf8_lossy(self.lines.text())
+        String::from_utf8_lossy(match self.flow.place() {
+            Some((code, line)) => code.text(line),
+            None => self.lines.text(),
+        })
+    }
+
+    /// The text of a diagnostic's line, as far as it is still at hand.
+    #[must_use]
+    pub fn text_of(&self, diagnostic: &Diagnostic) -> Cow<'_, str> {
+        match &self.prescan {
+            Some(prescan) => String::from_utf8_lossy(prescan.line_text(diagnostic.file, diagnostic.line)),
+            None => self.line_text(),
+        }
     }
 
     /// The interpreter, to ask for its state and its diagnostics.
@@ -163,16 +298,21 @@ impl<R: BufRead> Program<R> {
         match self.lines.advance() {
             Ok(found) => found,
             Err(error) => {
-                let message = format!("{}: {error}", Code::Unreadable.title());
-                self.report(Fault::new(Code::Unreadable, Span::default(), message));
+                self.report_unreadable(&error);
                 false
             }
         }
     }
 
+    #[cold]
+    fn report_unreadable(&mut self, error: &std::io::Error) {
+        let message = format!("{}: {error}", Code::Unreadable.title());
+        self.report(Fault::new(Code::Unreadable, Span::default(), message));
+    }
+
     /// Notes something about the line last taken.
     fn report(&mut self, fault: Fault) {
-        self.interpreter.set_line(self.lines.number());
+        self.interpreter.set_line(0, self.lines.number());
         self.interpreter.report(fault);
     }
 }
@@ -228,33 +368,20 @@ impl<R: BufRead> Iterator for Steps<R> {
 }
 
 /// Goes through a whole program and tells everything that is wrong with it; nothing moves.
-pub fn check(input: impl BufRead, setup: Setup) -> Vec<Diagnostic> {
-    let mut program = Program::new(input, setup);
+#[must_use]
+pub fn check(text: impl Into<Text>, setup: Setup) -> Vec<Diagnostic> {
+    let prescan = Arc::new(Prescan::of("program", text.into(), &setup));
+    let mut program = Program::<&[u8]>::prescanned(prescan, setup);
     let mut steps = Vec::new();
     let mut lines = 0_u32;
     while program.advance(&mut steps) != Progress::End {
         steps.clear();
         lines += 1;
-        if lines == MOST_CHECKED_LINES && program.nesting.has_jumped() {
+        if lines == MOST_CHECKED_LINES && program.flow.has_jumped() {
             program.report(Fault::plain(Code::EndlessProgram, Span::default()));
             return program.interpreter.take_diagnostics();
         }
     }
-    warn_of_text_after_end(&mut program);
+    program.look_behind_the_end();
     program.interpreter.take_diagnostics()
-}
-
-fn warn_of_text_after_end<R: BufRead>(program: &mut Program<R>) {
-    // Subprograms may well stand after the end of the program that calls them.
-    if program.interpreter.has_too_many_errors() || program.nesting.has_jumped() {
-        return;
-    }
-    while program.read_line() {
-        let text = program.lines.text();
-        if !text.trim_ascii().is_empty() && !is_percent(text) {
-            let at = Span::new(0, text.len());
-            program.report(Fault::plain(Code::TextAfterEnd, at));
-            return;
-        }
-    }
 }

@@ -17,18 +17,18 @@ pub(crate) enum Remark {
     Comment(Arc<str>),
     Message(Arc<str>),
     /// Shown to the operator, while parameter 5599 is above 0.
-    Debug(Vec<Piece>),
+    Debug(Arc<[Piece]>),
     /// Goes to standard output.
-    Print(Vec<Piece>),
+    Print(Arc<[Piece]>),
     LogOpen {
         file: Arc<str>,
         append: bool,
     },
     /// Goes to the log file.
-    Log(Vec<Piece>),
+    Log(Arc<[Piece]>),
     LogClose,
     /// Ends the program with an error.
-    Abort(Vec<Piece>),
+    Abort(Arc<[Piece]>),
 }
 
 /// A part of a comment that shows parameters.
@@ -59,16 +59,16 @@ impl Remark {
             return Ok(Some(Remark::Message(rest.into())));
         }
         if let Some(rest) = after(text, "debug,") {
-            return Ok(Some(Remark::Debug(pieces(rest, at, names)?)));
+            return Ok(Some(Remark::Debug(pieces(rest, at, names)?.into())));
         }
         if let Some(rest) = after(text, "print,") {
-            return Ok(Some(Remark::Print(pieces(rest, at, names)?)));
+            return Ok(Some(Remark::Print(pieces(rest, at, names)?.into())));
         }
         if let Some(rest) = after(text, "log,") {
-            return Ok(Some(Remark::Log(pieces(rest, at, names)?)));
+            return Ok(Some(Remark::Log(pieces(rest, at, names)?.into())));
         }
         if let Some(rest) = after(text, "abort,") {
-            return Ok(Some(Remark::Abort(pieces(rest, at, names)?)));
+            return Ok(Some(Remark::Abort(pieces(rest, at, names)?.into())));
         }
         for (word, append) in [("logopen,", false), ("logappend,", true)] {
             if let Some(file) = after(text, word) {

@@ -3,6 +3,7 @@
 //! Invariant: they can be read only, and their values are those of LinuxCNC 2.9.
 
 use crate::canon::{FeedMode, Plane, Probing};
+use crate::compensation::Side;
 use crate::modal::{ArcCentres, Distance, Motion, Spindle, State};
 use crate::pose::Axis;
 
@@ -22,6 +23,9 @@ pub(crate) enum SystemParameter {
     Incremental,
     InverseTime,
     UnitsPerMinute,
+    UnitsPerRevolution,
+    ConstantTurns,
+    ConstantSurfaceSpeed,
     CoordinateSystem,
     ToolOffset,
     RetractToR,
@@ -42,6 +46,7 @@ pub(crate) enum SystemParameter {
     ReturnedValue,
     HasReturnedValue,
     CallLevel,
+    Compensation,
     LatheDiameter,
     LatheRadius,
     /// Where the tool in the spindle has its place in the changer.
@@ -91,15 +96,17 @@ impl SystemParameter {
             "value" => P::ReturnedValue,
             "value_returned" => P::HasReturnedValue,
             "call_level" => P::CallLevel,
-            "ccomp" => P::Fixed(400.0),
+            "units_per_rev" => P::UnitsPerRevolution,
+            "spindle_rpm_mode" => P::ConstantTurns,
+            "spindle_css_mode" => P::ConstantSurfaceSpeed,
+            "ccomp" => P::Compensation,
             "lathe_diameter_mode" => P::LatheDiameter,
             "lathe_radius_mode" => P::LatheRadius,
             "current_pocket" => P::CurrentPocket,
             "selected_pocket" => P::SelectedPocket,
             "vmajor" => P::Fixed(2.9),
             "vminor" => P::Fixed(0.0),
-            "spindle_rpm_mode" => P::Fixed(1.0),
-            "units_per_rev" | "spindle_css_mode" | "task" | "remap_level" => P::Fixed(0.0),
+            "task" | "remap_level" => P::Fixed(0.0),
             _ => return None,
         })
     }
@@ -118,6 +125,10 @@ impl SystemParameter {
                 Some(Motion::Feed) => 10.0,
                 Some(Motion::ArcClockwise) => 20.0,
                 Some(Motion::ArcCounterclockwise) => 30.0,
+                Some(Motion::SpindleFeed) => 330.0,
+                Some(Motion::RigidTap) => 331.0,
+                Some(Motion::ThreadingCycle) => 760.0,
+                Some(Motion::Cycle(cycle)) => cycle.tenths().into(),
                 Some(Motion::ControlPoint) => 52.0,
                 Some(Motion::Probe(Probing { away, must_answer })) => 382.0 + 2.0 * truth(away) + truth(!must_answer),
                 Some(Motion::CubicSpline | Motion::QuadraticSpline | Motion::EndOfPoints) | None => 800.0,
@@ -136,6 +147,9 @@ impl SystemParameter {
             P::Incremental => truth(state.distance == Distance::Incremental),
             P::InverseTime => truth(state.feed_mode == FeedMode::InverseTime),
             P::UnitsPerMinute => truth(state.feed_mode == FeedMode::UnitsPerMinute),
+            P::UnitsPerRevolution => truth(state.feed_mode == FeedMode::UnitsPerRevolution),
+            P::ConstantTurns => truth(!state.constant_surface_speed),
+            P::ConstantSurfaceSpeed => truth(state.constant_surface_speed),
             P::CoordinateSystem => match state.coordinate_system {
                 system @ 0..=6 => 530.0 + 10.0 * f64::from(system),
                 system => 584.0 + f64::from(system),
@@ -162,6 +176,11 @@ impl SystemParameter {
             // Those who know the tool table answer these themselves.
             P::CurrentPocket => 0.0,
             P::SelectedPocket => -1.0,
+            P::Compensation => match state.compensation.map(|compensation| compensation.side) {
+                None => 400.0,
+                Some(Side::Left) => 410.0,
+                Some(Side::Right) => 420.0,
+            },
             P::LatheDiameter => truth(state.lathe_diameter),
             P::LatheRadius => truth(!state.lathe_diameter),
         }

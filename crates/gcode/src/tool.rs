@@ -93,6 +93,7 @@ impl ToolTable {
                     let start = line.find(word).unwrap_or(0);
                     diagnostics.push(Diagnostic {
                         code: Code::ToolTableLine,
+                        file: 0,
                         line: index as u32 + 1,
                         span: Span::new(start, start + word.len()),
                         message,

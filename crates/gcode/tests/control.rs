@@ -88,10 +88,14 @@ fn what_does_not_fit_is_refused_by_number_and_the_program_goes_on() {
         ("O1 if 1", "E1801"),
         ("O1 jump", "E1801"),
         ("O1 call X1", "E1801"),
-        ("O#1 call", "E1801"),
+        ("O#1 call", "E1804"),
+        ("O#1 sub", "E1801"),
+        ("M98", "E1505"),
+        ("M98 P3", "E1804"),
+        ("M98 P3 X1", "E1801"),
         ("O<open call", "E1305"),
         ("G0 X1 O1 call", "E1801"),
-        ("O1 if [1/0]", "E1204"),
+        ("O1 if [1/0]\nO1 endif", "E1204"),
     ] {
         assert_eq!(errors(&format!("{line}\nG0 X1 X2\nM2\n")), [number, "E1407"], "{line}");
     }

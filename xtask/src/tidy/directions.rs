@@ -27,7 +27,8 @@ impl Arrows {
 
 const ARROWS: &[Arrows] = &[
     Arrows { outside: false, ..arrows("crates/core/Cargo.toml", &[]) },
-    arrows("crates/gcode/Cargo.toml", &[]),
+    Arrows { outside: false, ..arrows("crates/cycles/Cargo.toml", &[]) },
+    arrows("crates/gcode/Cargo.toml", &["cycles"]),
     arrows("crates/link/Cargo.toml", &["core"]),
     arrows("crates/motion/Cargo.toml", &["core"]),
     arrows("crates/card/Cargo.toml", &["core", "link"]),
@@ -35,7 +36,10 @@ const ARROWS: &[Arrows] = &[
     arrows("crates/hal-serial/Cargo.toml", &["core", "link"]),
     // The controller knows no backend; its tests run on the simulated card.
     Arrows { in_tests: &["hal-sim"], ..arrows("crates/controller/Cargo.toml", &["core", "gcode", "link", "motion"]) },
-    arrows("crates/cli/Cargo.toml", &["controller", "core", "gcode", "hal-serial", "hal-sim", "link", "motion"]),
+    arrows(
+        "crates/cli/Cargo.toml",
+        &["controller", "core", "cycles", "gcode", "hal-serial", "hal-sim", "link", "motion"],
+    ),
     arrows("verification/Cargo.toml", &["card", "core", "link"]),
     arrows("verification/loom/Cargo.toml", &["core"]),
     arrows("verification/shuttle/Cargo.toml", &["core"]),

@@ -2,11 +2,12 @@
 //!
 //! Invariant: an arc that passes has a radius, and start and end lie on it within the tolerances of LinuxCNC.
 
+use crate::angle::sweep;
 use crate::canon::LengthUnit;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
 use crate::modal::ArcCentres;
-use std::f64::consts::{FRAC_PI_2, SQRT_2, TAU};
+use std::f64::consts::{FRAC_PI_2, SQRT_2};
 
 /// Radii may differ by this share of the greater one, however long they are.
 const RELATIVE_TOLERANCE: f64 = 0.001;
@@ -49,19 +50,7 @@ impl ArcShape {
     /// The length of the arc about this centre, with its rise along the normal axis.
     pub(super) fn length(&self, centre: (f64, f64), rise: f64) -> f64 {
         let radius = (centre.0 - self.start.0).hypot(centre.1 - self.start.1);
-        let mut from = (self.start.1 - centre.1).atan2(self.start.0 - centre.0);
-        let mut to = (self.end.1 - centre.1).atan2(self.end.0 - centre.0);
-        let turn = if self.turns > 0 {
-            if to <= from {
-                to += TAU;
-            }
-            (to - from) + f64::from(self.turns - 1) * TAU
-        } else {
-            if from <= to {
-                from += TAU;
-            }
-            (to - from) + f64::from(self.turns + 1) * TAU
-        };
+        let turn = sweep(self.start, self.end, centre, self.turns);
         if rise == 0.0 { radius * turn.abs() } else { (radius * turn).hypot(rise) }
     }
 }

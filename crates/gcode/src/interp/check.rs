@@ -2,9 +2,12 @@
 //!
 //! Invariant: a block that passes has a use for each of its words, and one owner of its axis words.
 
+use super::spindle::check_spindle_words;
+use super::thread::check_thread;
 use crate::block::{Words, name_of_g};
 use crate::canon::Probing;
 use crate::codes::Code;
+use crate::cycle::Cycle;
 use crate::diag::{Outcome, Span, fault};
 use crate::eval::whole;
 use crate::groups::{GroupG, GroupM};
@@ -25,6 +28,20 @@ impl MotionToBe {
     fn is_arc(self) -> bool {
         matches!(self, MotionToBe::Move(motion) if motion.is_arc())
     }
+
+    /// The drilling cycle that the block carries out.
+    fn cycle(self) -> Option<Cycle> {
+        match self {
+            MotionToBe::Move(Motion::Cycle(cycle)) => Some(cycle),
+            _ => None,
+        }
+    }
+
+    /// The motions that are none without axis words.
+    fn needs_axes(self) -> bool {
+        let MotionToBe::Move(motion) = self else { return false };
+        matches!(motion, Motion::Cycle(_) | Motion::SpindleFeed | Motion::RigidTap | Motion::ThreadingCycle)
+    }
 }
 
 const fn motion_of(tenths: u16) -> MotionToBe {
@@ -33,6 +50,9 @@ const fn motion_of(tenths: u16) -> MotionToBe {
         10 => MotionToBe::Move(Motion::Feed),
         20 => MotionToBe::Move(Motion::ArcClockwise),
         30 => MotionToBe::Move(Motion::ArcCounterclockwise),
+        330 => MotionToBe::Move(Motion::SpindleFeed),
+        331 => MotionToBe::Move(Motion::RigidTap),
+        760 => MotionToBe::Move(Motion::ThreadingCycle),
         50 => MotionToBe::Move(Motion::CubicSpline),
         51 => MotionToBe::Move(Motion::QuadraticSpline),
         52 => MotionToBe::Move(Motion::ControlPoint),
@@ -40,7 +60,10 @@ const fn motion_of(tenths: u16) -> MotionToBe {
         382..=385 => {
             MotionToBe::Move(Motion::Probe(Probing { away: tenths >= 384, must_answer: tenths.is_multiple_of(2) }))
         }
-        _ => MotionToBe::Cancel,
+        _ => match Cycle::of_g(tenths) {
+            Some(cycle) => MotionToBe::Move(Motion::Cycle(cycle)),
+            None => MotionToBe::Cancel,
+        },
     }
 }
 
@@ -63,7 +86,14 @@ pub(super) fn motion_to_be(words: &Words, state: &State) -> Outcome<MotionToBe> 
             let at = words.g_span(GroupG::Motion);
             return fault(Code::AxesMissing, at, "this motion needs at least one axis word");
         }
-        (Some(motion), None) => motion_of(motion),
+        (Some(motion), None) => {
+            let to_be = motion_of(motion);
+            if axis.is_none() && to_be.needs_axes() {
+                let name = name_of_g(motion);
+                return fault(Code::AxesMissing, words.g_span(GroupG::Motion), format!("{name} needs axis words"));
+            }
+            to_be
+        }
         (None, Some(_)) => MotionToBe::None,
         (None, None) => modal_motion(words, state, axis)?,
     };
@@ -157,9 +187,17 @@ fn unused(words: &Words, letter: u8, code: &str) -> Outcome<()> {
 pub(super) fn words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     // Axis words, F, S and T have their uses in any block.
     match words.first_of(b"dehijklpqr$") {
-        None => Ok(()),
-        Some(_) => special_words_have_uses(words, to_be),
+        None => {}
+        Some(_) => special_words_have_uses(words, to_be)?,
     }
+    if let (Some(cycle), Some(letter)) = (to_be.cycle(), words.first_of(b"abcuvw")) {
+        let name = cycle.name();
+        return fault(Code::CycleAxis, words.span(letter), format!("{name} moves X, Y and Z only"));
+    }
+    if to_be == MotionToBe::Move(Motion::ThreadingCycle) {
+        check_thread(words)?;
+    }
+    check_spindle_words(words, to_be)
 }
 
 /// G5 and G5.1.
@@ -177,23 +215,41 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let user = words.m(GroupM::User).is_some();
     let (cubic, quadratic) = (to_be == SPLINES[0], to_be == SPLINES[1]);
     let point = to_be == MotionToBe::Move(Motion::ControlPoint);
-    let spindle = words.has(b's') || matches!(words.m(GroupM::Spindle), Some(3..=5));
+    let compensation = words.g(GroupG::CutterCompensation).is_some_and(|code| code != 400);
     let switch = matches!(words.m(GroupM::Override), Some(50..=53));
     let number = words.m(GroupM::Tool) == Some(61);
+    let cycle = to_be.cycle();
+    let thread = to_be == MotionToBe::Move(Motion::ThreadingCycle);
+    let tap = to_be == MotionToBe::Move(Motion::RigidTap);
+    let synchronised = tap || to_be == MotionToBe::Move(Motion::SpindleFeed);
+    let surface_speed = words.g(GroupG::SpindleMode) == Some(960);
+    let orient = words.m(GroupM::Spindle) == Some(19);
+    let offsets = cycle == Some(Cycle::BackBoring) || thread;
+    let pause = cycle.is_some_and(Cycle::takes_dwell) || thread || orient;
+    let peck = cycle.is_some_and(Cycle::has_pecks) || thread || orient;
+    let spline = cubic || quadratic;
     let uses: [(&[u8], bool, &str); 9] = [
-        (b"d", false, "cutter compensation or another code that is not supported yet"),
-        (b"h", offset, "G43 or G43.2"),
-        (b"e", port, "M66 to M68"),
-        (b"ij", arc || g10 || cubic || quadratic, "G2, G3, G5, G5.1 or G10"),
-        (b"k", arc || g10, "G2 or G3"),
-        (b"l", g10 || input || point, "G10, G5.2 or M66"),
+        (b"d", surface_speed || compensation, "G96, G41, G41.1, G42 or G42.1"),
+        (b"e", thread || port, "G76 or M66 to M68"),
+        (b"h", offset || thread, "G43, G43.2 or G76"),
+        (b"i", arc || g10 || offsets || tap || spline, "G2, G3, G5, G5.1, G10, G33.1, G76 or G87"),
+        (b"j", arc || g10 || offsets || spline, "G2, G3, G5, G5.1, G10, G76 or G87"),
+        (b"k", arc || g10 || offsets || synchronised, "G2, G3, G10, G33, G33.1, G76 or G87"),
+        (
+            b"l",
+            g10 || cycle.is_some() || thread || compensation || input || point,
+            "G5.2, G10, G41.1, G42.1, G76, M66 or a drilling cycle",
+        ),
         (
             b"p",
-            arc || g10 || dwell || blend || output || switch || cubic || point || user,
-            "G2, G3, G4, G5, G5.2, G10, G64, M50 to M53, M62 to M66 or M100 to M199",
+            arc || g10 || dwell || blend || output || switch || pause || cubic || point || user,
+            "G2 to G5.2, G10, G64, G76, a cycle with a dwell, M19, M50 to M53, M62 to M66 or M100 to M199",
         ),
-        (b"q", blend || number || g10 || cubic || port || user, "G5, G10, G64, M61, M66 to M68 or M100 to M199"),
-        (b"$", spindle, "S, M3, M4 or M5"),
+        (
+            b"q",
+            blend || number || g10 || peck || cubic || port || user,
+            "G5, G10, G64, G73, G76, G83, M19, M61, M66 to M68 or M100 to M199",
+        ),
     ];
     for (letters, used, users) in uses {
         if let (false, Some(letter)) = (used, words.first_of(letters)) {
@@ -201,11 +257,9 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
             return fault(Code::WordUnused, words.span(letter), format!("{name} belongs to {users}"));
         }
     }
-    if words.has(b'r') && !arc && !g10 {
-        return fault(Code::WordUnused, words.span(b'r'), "R belongs to G2, G3 or G10 L2");
-    }
-    if let Some(number) = words.get(b'$').filter(|number| !matches!(*number, 0.0 | -1.0)) {
-        return fault(Code::NoSuchSpindle, words.span(b'$'), format!("there is no spindle {number}"));
+    if words.has(b'r') && !(arc || g10 || cycle.is_some() || thread || orient) {
+        let message = "R belongs to G2, G3, G10 L2, G76, M19 or a drilling cycle";
+        return fault(Code::WordUnused, words.span(b'r'), message);
     }
     match words.get(b'p') {
         Some(turns) if arc => turns_of(turns, words).map(|_| ()),

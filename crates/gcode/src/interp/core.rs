@@ -3,6 +3,7 @@
 //! Invariant: parameters and the tool table are in machine units, the state in program units; here is where they meet.
 
 use super::UserCodes;
+use super::queue::{Course, Queue};
 use crate::block::BlockNumber;
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::codes::Code;
@@ -16,7 +17,7 @@ use crate::tool::ToolTable;
 
 /// State and data that blocks work on.
 #[derive(Clone, Debug)]
-pub(super) struct Core {
+pub(crate) struct Core {
     pub(super) machine_units: LengthUnit,
     pub(super) state: State,
     pub(super) parameters: Parameters,
@@ -29,6 +30,8 @@ pub(super) struct Emit<'a> {
     pub(super) line: u32,
     pub(super) number: Option<BlockNumber>,
     pub(super) steps: &'a mut Vec<Step>,
+    /// What waits for the next corner of a compensated path; empty without one.
+    pub(super) waiting: &'a mut Queue,
     /// What is legal and suspicious in this block.
     pub(super) warning: Option<(Code, Span)>,
 }
@@ -36,6 +39,9 @@ pub(super) struct Emit<'a> {
 impl Emit<'_> {
     #[inline]
     pub(super) fn call(&mut self, canon: Canon) {
+        if !self.waiting.is_empty() && Queue::holds(&canon) {
+            return self.waiting.push(self.line, canon, Course::Other);
+        }
         self.steps.push(Step { line: self.line, number: self.number, canon });
     }
 }

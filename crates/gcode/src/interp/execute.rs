@@ -4,7 +4,7 @@
 //! does not depend on how the words stand in the line.
 
 use super::check::MotionToBe;
-use super::{Core, Emit, Flow};
+use super::{Core, Emit, Flow, refusals};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode};
 use crate::codes::Code;
@@ -21,10 +21,13 @@ impl Core {
             self.set_feed_mode(code, emit);
         }
         if let Some(feed) = words.get(b'f')
-            && self.state.feed_mode == FeedMode::UnitsPerMinute
+            && self.state.feed_mode != FeedMode::InverseTime
         {
             self.state.feed_rate = feed;
             emit.call(Canon::SetFeedRate(feed));
+        }
+        if let Some(code) = words.g(GroupG::SpindleMode) {
+            self.set_spindle_mode(code, words, emit);
         }
         if let Some(speed) = words.get(b's') {
             self.state.spindle_speed = speed;
@@ -35,6 +38,9 @@ impl Core {
             self.state.selected_tool = tool.number;
             emit.call(Canon::SelectTool(tool.number));
         }
+        if self.state.compensation.is_some() {
+            refusals::switches(words, &self.state)?;
+        }
         if words.has_m() {
             self.m_codes(words, emit)?;
         }
@@ -43,12 +49,12 @@ impl Core {
             MotionToBe::None => {}
             MotionToBe::Cancel => {
                 emit.call(Canon::Note("interpreter: motion mode set to none"));
-                self.state.motion = None;
+                (self.state.motion, self.state.series) = (None, None);
             }
             MotionToBe::Move(motion) => self.move_along(motion, words, emit)?,
         }
         match words.m(GroupM::Stop) {
-            Some(code) => Ok(self.stop(code, emit)),
+            Some(code) => self.stop(code, words.m_span(GroupM::Stop), emit),
             None => Ok(Flow::Continue),
         }
     }
@@ -85,6 +91,7 @@ impl Core {
             None => {}
         }
         match words.m(GroupM::Spindle) {
+            Some(19) => self.orient_spindle(words, emit)?,
             Some(code @ 70..=73) => self.context(code, words, emit)?,
             Some(code) => self.spindle(code, words, emit),
             None => {}

@@ -4,37 +4,52 @@
 //! a diagnostic, and the next line is taken up from the state that holds then.
 
 mod arc;
+mod canned;
 mod check;
 mod context;
 mod core;
+mod cutter;
+mod cycle;
 mod execute;
+mod joint;
 mod modes;
 mod motion;
 mod offsets;
 mod polar;
 mod ports;
 mod probe;
+mod queue;
+mod refusals;
+mod spindle;
 mod spline;
 mod stop;
+mod thread;
 mod tool_data;
 
 pub(crate) use self::context::Context;
 pub use self::ports::UserCodes;
 
-use self::core::{BlockEnvironment, Core, Emit};
-use crate::block::{Assignment, Block, Words};
+pub(crate) use self::core::Core;
+use self::core::{BlockEnvironment, Emit};
+pub(crate) use self::cycle::{Contours, NoContours};
+pub(crate) use self::queue::{Point, Queue, UNSHIFTED};
+use crate::block::{Assignment, Words};
 use crate::canon::{Canon, LengthUnit, Step};
+use crate::code::Code as CompiledLines;
 use crate::codes::Code;
-use crate::control::Control;
+use crate::control::{Control, MOST_ARGUMENTS};
 use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span};
 use crate::modal::State;
-use crate::params::{Frame, Names, Parameters, SHOW_DEBUG};
-use crate::parse::{has_delete_mark, parse};
+use crate::params::{Frame, Parameters, SHOW_DEBUG};
+use crate::parse::LineReader;
 use crate::pose::{AxisSet, Pose};
+use crate::prescan::SubFiles;
 use crate::tool::ToolTable;
+use retrace_cycles::Library;
+use std::sync::Arc;
 
 /// Errors after which nothing more is checked; of warnings, no more are kept.
-const MOST_ERRORS: usize = 100;
+pub(crate) const MOST_ERRORS: usize = 100;
 
 /// What an interpreter is made for.
 #[derive(Clone, Debug)]
@@ -49,6 +64,10 @@ pub struct Setup {
     pub tools: ToolTable,
     /// What earlier programs have left.
     pub parameters: Parameters,
+    /// The cycles that a program may call.
+    pub cycles: Option<Arc<Library>>,
+    /// Where subprograms in files of their own are found.
+    pub files: Option<Arc<dyn SubFiles>>,
     /// Whether lines that begin with a slash are left out.
     pub block_delete: bool,
     /// Where the machine stands, in machine coordinates and machine units.
@@ -68,6 +87,8 @@ impl Default for Setup {
             axes: AxisSet::XYZ,
             tools: ToolTable::samples(LengthUnit::Millimetre),
             parameters: Parameters::default(),
+            cycles: None,
+            files: None,
             block_delete: false,
             position: Pose::ZERO,
             user_codes: UserCodes::default(),
@@ -115,12 +136,12 @@ pub struct BlockRefused;
 #[derive(Clone, Debug)]
 pub struct Interpreter {
     core: Core,
-    axes: AxisSet,
-    block_delete: bool,
-    names: Names,
-    block: Block,
+    reader: LineReader,
+    /// Cycles, once the program has called one.
+    cycles: Option<Box<cycle::Cycles>>,
     words: Words,
     assignments: Vec<Assignment>,
+    file: u16,
     line: u32,
     diagnostics: Vec<Diagnostic>,
     errors: usize,
@@ -141,12 +162,11 @@ impl Interpreter {
         core.take_up_parameters(&setup.position);
         Interpreter {
             core,
-            axes: setup.axes,
-            block_delete: setup.block_delete,
-            names: Names::with_fixed(setup.fixed_values),
-            block: Block::default(),
+            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles).with_fixed(&setup.fixed_values),
+            cycles: None,
             words: Words::default(),
             assignments: Vec::new(),
+            file: 0,
             line: 0,
             diagnostics: Vec::new(),
             errors: 0,
@@ -157,7 +177,8 @@ impl Interpreter {
     /// Adds the canonical functions that come before those of any program: units and offsets in force.
     pub fn begin(&mut self, steps: &mut Vec<Step>) {
         let state = &self.core.state;
-        let mut emit = Emit { line: 0, number: None, steps, warning: None };
+        let mut waiting = Queue::default();
+        let mut emit = Emit { line: 0, number: None, steps, waiting: &mut waiting, warning: None };
         emit.call(Canon::UseLengthUnits(state.units));
         emit.call(Canon::SetG5xOffset { system: state.coordinate_system, offset: state.origin });
         emit.call(Canon::SetG92Offset(state.g92_offset));
@@ -184,27 +205,38 @@ impl Interpreter {
     }
 
     /// Tells which line is being looked at.
-    pub(crate) fn set_line(&mut self, line: u32) {
-        self.line = line;
+    pub(crate) fn set_line(&mut self, file: u16, line: u32) {
+        (self.file, self.line) = (file, line);
     }
 
-    /// Takes a line; one with an O word is only compiled.
+    /// Takes a line of the program itself; one with an O word is only compiled.
     pub(crate) fn take(&mut self, line: u32, text: &[u8], steps: &mut Vec<Step>) -> Outcome<Taken> {
-        self.line = line;
-        if self.block_delete && has_delete_mark(text) {
+        self.set_line(0, line);
+        if !self.reader.read(text)? {
             return Ok(Taken::Done(Flow::Continue));
         }
-        parse(text, self.axes, &mut self.names, &mut self.block)?;
-        match self.block.control.take() {
+        match self.reader.block.control.take() {
             Some(control) => Ok(Taken::Control(control)),
             None => self.carry_out(steps).map(Taken::Done),
         }
     }
 
+    /// What compiles lines.
+    pub(crate) fn reader_mut(&mut self) -> &mut LineReader {
+        &mut self.reader
+    }
+
+    /// Makes a compiled line the one that [`Interpreter::carry_out`] and [`Interpreter::control_value`] work on.
+    #[inline]
+    pub(crate) fn load(&mut self, code: &CompiledLines, line: u32) {
+        self.set_line(code.file, code.line_number(line));
+        code.load(line, &mut self.reader.block);
+    }
+
     /// The first value in brackets of the O word that was taken last, after evaluation of all of them; 0 without any.
     pub(crate) fn control_value(&mut self) -> Outcome<f64> {
-        let environment = BlockEnvironment { core: &self.core, names: &self.names, line: self.line };
-        self.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
+        let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
+        self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
         Ok(self.arguments().next().unwrap_or(0.0))
     }
 
@@ -220,23 +252,32 @@ impl Interpreter {
         })
     }
 
-    /// Begins a subprogram with the values of the O word that was evaluated last.
-    pub(crate) fn enter_sub(&mut self) -> Frame {
-        let arguments: Vec<f64> = self.arguments().collect();
+    /// The value in brackets at this place, of the O word that was evaluated last.
+    pub(crate) fn argument(&self, index: usize) -> Option<f64> {
+        self.arguments().nth(index)
+    }
+
+    /// Begins a subprogram with the values of the O word that was evaluated last, the first `given` of them left out.
+    pub(crate) fn enter_sub(&mut self, given: usize) -> Frame {
+        let mut arguments = [0.0; MOST_ARGUMENTS];
+        for (place, value) in arguments.iter_mut().zip(self.arguments().skip(given)) {
+            *place = value;
+        }
         self.core.state.call_level += 1;
         self.core.forget_context();
         self.core.parameters.enter(&arguments)
     }
 
     /// Takes up again what M73 has put away; to be asked before the subprogram ends.
-    // The caller that ends subprograms does not ask yet.
-    #[allow(dead_code)]
     pub(crate) fn take_up_on_return(&mut self, steps: &mut Vec<Step>) -> Outcome<()> {
-        let mut emit = Emit { line: self.line, number: None, steps, warning: None };
-        self.core.take_up_on_return(&mut emit)
+        let mut waiting = std::mem::take(&mut self.core.state.waiting);
+        let mut emit = Emit { line: self.line, number: None, steps, waiting: &mut waiting, warning: None };
+        let outcome = self.core.take_up_on_return(&mut emit);
+        self.core.state.waiting = waiting;
+        outcome
     }
 
-    /// Ends a subprogram.
+    /// Ends a subprogram; `value` is what it returns.
     pub(crate) fn leave_sub(&mut self, frame: Frame, value: Option<f64>) {
         self.core.state.call_level = self.core.state.call_level.saturating_sub(1);
         self.core.state.returned_value = value;
@@ -244,11 +285,11 @@ impl Interpreter {
     }
 
     /// Carries out the compiled block.
-    fn carry_out(&mut self, steps: &mut Vec<Step>) -> Outcome<Flow> {
-        let environment = BlockEnvironment { core: &self.core, names: &self.names, line: self.line };
-        let is_constant = self.block.is_constant();
+    pub(crate) fn carry_out(&mut self, steps: &mut Vec<Step>) -> Outcome<Flow> {
+        let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
+        let is_constant = self.reader.block.is_constant();
         if !is_constant {
-            self.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
+            self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
             for assignment in &self.assignments {
                 match *assignment {
                     Assignment::Numbered(number, value) => self.core.parameters.set(number, value),
@@ -257,30 +298,56 @@ impl Interpreter {
                 }
             }
         }
-        let given = if is_constant { &self.block.words } else { &self.words };
+        let given = if is_constant { &self.reader.block.words } else { &self.words };
         let is_diameter = given.has(b'x') && self.core.takes_diameters(given);
         if is_diameter {
             if is_constant {
-                self.words.clone_from(&self.block.words);
+                self.words.clone_from(&self.reader.block.words);
             }
             self.words.halve_x();
         }
-        let words = if is_constant && !is_diameter { &self.block.words } else { &self.words };
-        let mut emit = Emit { line: self.line, number: self.block.number, steps, warning: None };
+        let words = if is_constant && !is_diameter { &self.reader.block.words } else { &self.words };
         let motion = check::motion_to_be(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
-        if let Some(remark) = &self.block.remark {
-            let environment = BlockEnvironment { core: &self.core, names: &self.names, line: self.line };
+        // Taken out for the block: what the block asks for goes either into it or out.
+        let mut waiting = std::mem::take(&mut self.core.state.waiting);
+        let (line, number) = (self.line, self.reader.block.number);
+        let mut emit = Emit { line, number, steps: &mut *steps, waiting: &mut waiting, warning: None };
+        if let Some(remark) = &self.reader.block.remark {
+            let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
             let show_debug = self.core.parameters.get(SHOW_DEBUG) > 0.0;
             if let Some(canon) = remark.canon(&environment, show_debug)? {
                 emit.call(canon);
             }
         }
+        let moves = matches!(motion, check::MotionToBe::Move(_)) && words.has_any(b"xyz");
         let flow = self.core.execute(words, motion, &mut emit);
-        if let Some((code, at)) = emit.warning {
+        let warning = emit.warning;
+        self.core.state.waiting = waiting;
+        if let Some((code, at)) = warning {
             self.report(Fault::plain(code, at));
         }
+        if moves && self.has_modal() && flow.is_ok() {
+            self.modal_cycle(steps)?;
+        }
         flow
+    }
+
+    /// Lets out what still waits for the next corner of a compensated path: the program has ended without M2 or M30.
+    pub(crate) fn release(&mut self, steps: &mut Vec<Step>) {
+        self.core.state.waiting.release(steps, None);
+    }
+
+    /// Ends the program, as M2 does.
+    ///
+    /// # Errors
+    /// What still waits for the next corner of a compensated path cannot go out as it stands.
+    pub(crate) fn end_program(&mut self, steps: &mut Vec<Step>) -> Outcome<Flow> {
+        let mut waiting = std::mem::take(&mut self.core.state.waiting);
+        let mut emit = Emit { line: self.line, number: None, steps, waiting: &mut waiting, warning: None };
+        let ended = self.core.stop(2, Span::default(), &mut emit);
+        self.core.state.waiting = waiting;
+        ended
     }
 
     /// The modal state between two blocks: with the parameters, all that the next block builds on.
@@ -332,7 +399,19 @@ impl Interpreter {
     /// Notes something about the line last taken.
     pub(crate) fn report(&mut self, fault: Fault) {
         let Fault { code, span, message } = fault;
-        let diagnostic = Diagnostic { code, line: self.line, span, message };
+        let diagnostic = Diagnostic { code, file: self.file, line: self.line, span, message };
+        self.record(diagnostic);
+    }
+
+    /// Notes a diagnostic, unless it is there already: a loop comes to the same line again and again.
+    pub(crate) fn record(&mut self, diagnostic: Diagnostic) {
+        let same = |known: &Diagnostic| {
+            (known.code, known.file, known.line) == (diagnostic.code, diagnostic.file, diagnostic.line)
+                && known.span == diagnostic.span
+        };
+        if self.diagnostics.iter().any(same) {
+            return;
+        }
         let is_error = diagnostic.severity() == Severity::Error;
         let count = if is_error { &mut self.errors } else { &mut self.warnings };
         if *count >= MOST_ERRORS {
@@ -342,7 +421,7 @@ impl Interpreter {
         self.diagnostics.push(diagnostic);
         if is_error && self.has_too_many_errors() {
             let Fault { code, span, message } = Fault::plain(Code::TooManyErrors, Span::default());
-            self.diagnostics.push(Diagnostic { code, line: self.line, span, message });
+            self.diagnostics.push(Diagnostic { code, file: self.file, line: self.line, span, message });
         }
     }
 }

@@ -3,7 +3,7 @@
 //! Invariant: they come in a fixed order (dwell, plane, units, tool offset, coordinate system, path control, distance, retract),
 //! and before any that uses coordinates.
 
-use super::{Core, Emit};
+use super::{Core, Emit, refusals};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
 use crate::codes::Code;
@@ -14,16 +14,20 @@ use crate::params::{COORDINATE_SYSTEM, system_origin};
 use crate::pose::{Axis, Pose};
 
 impl Core {
-    /// G93, G94.
+    /// G93, G94, G95.
     pub(super) fn set_feed_mode(&mut self, code: u16, emit: &mut Emit<'_>) {
         if code == 930 {
             emit.call(Canon::Note("interpreter: feed mode set to inverse time"));
             self.state.feed_mode = FeedMode::InverseTime;
             emit.call(Canon::SetFeedMode(FeedMode::InverseTime));
         } else {
-            emit.call(Canon::Note("interpreter: feed mode set to units per minute"));
-            self.state.feed_mode = FeedMode::UnitsPerMinute;
-            emit.call(Canon::SetFeedMode(FeedMode::UnitsPerMinute));
+            let (mode, note) = match code {
+                940 => (FeedMode::UnitsPerMinute, "interpreter: feed mode set to units per minute"),
+                _ => (FeedMode::UnitsPerRevolution, "interpreter: feed mode set to units per revolution"),
+            };
+            emit.call(Canon::Note(note));
+            self.state.feed_mode = mode;
+            emit.call(Canon::SetFeedMode(mode));
             self.state.feed_rate = 0.0;
             emit.call(Canon::SetFeedRate(0.0));
         }
@@ -51,8 +55,11 @@ impl Core {
         if let Some(code) = words.g(GroupG::LatheDiameter) {
             self.set_lathe_diameter(code == 70, emit);
         }
-        if words.g(GroupG::CutterCompensation).is_some() {
-            emit.call(Canon::Note("interpreter: cutter radius compensation off"));
+        if let Some(code) = words.g(GroupG::CutterCompensation) {
+            self.set_compensation(code, words, emit)?;
+        }
+        if self.state.compensation.is_some() {
+            refusals::settings(words, &self.state)?;
         }
         if let Some(code) = words.g(GroupG::ToolOffset) {
             self.set_tool_offset(code, words, emit)?;
@@ -84,8 +91,15 @@ impl Core {
         state.origin = state.origin.scaled_lengths(factor);
         state.g92_offset = state.g92_offset.scaled_lengths(factor);
         state.tool_offset = state.tool_offset.scaled_lengths(factor);
+        if let Some(compensation) = &mut state.compensation {
+            compensation.scale(factor);
+            emit.waiting.scale(factor);
+        }
         state.feed_rate *= factor;
         state.naivecam_tolerance *= factor;
+        if let Some(series) = &mut state.series {
+            series.scale_lengths(factor);
+        }
         state.spline_direction.0 *= factor;
         state.spline_direction.1 *= factor;
         for point in &mut state.control_points {

@@ -27,30 +27,49 @@ impl Core {
         self.check_polar_words(words)?;
         match motion {
             Motion::Traverse => {
-                self.state.motion = Some(motion);
+                (self.state.motion, self.state.series) = (Some(motion), None);
                 let end = self.end_of(words);
-                emit.call(Canon::StraightTraverse(end));
-                self.state.position = end;
-                Ok(())
+                self.straight(motion, end, words, emit)
             }
             Motion::Feed => {
                 self.check_feed(words)?;
-                self.state.motion = Some(motion);
+                (self.state.motion, self.state.series) = (Some(motion), None);
                 let end = self.end_of(words);
                 if self.state.feed_mode == FeedMode::InverseTime {
-                    let length = straight_length(&self.state.position, &end);
+                    let length = straight_length(self.state.path_position(), &end);
                     self.set_inverse_time_rate(length, words, emit);
                 }
-                emit.call(Canon::StraightFeed(end));
-                self.state.position = end;
-                Ok(())
+                self.straight(motion, end, words, emit)
             }
-            Motion::ArcClockwise | Motion::ArcCounterclockwise => self.arc(motion, words, emit),
+            Motion::ArcClockwise | Motion::ArcCounterclockwise => {
+                self.state.series = None;
+                self.arc(motion, words, emit)
+            }
+            Motion::Cycle(cycle) => self.canned_cycle(cycle, words, emit),
+            Motion::SpindleFeed | Motion::RigidTap => {
+                self.state.series = None;
+                self.synchronised_move(motion, words, emit)
+            }
+            Motion::ThreadingCycle => {
+                self.state.series = None;
+                self.threading_cycle(words, emit)
+            }
             Motion::CubicSpline | Motion::QuadraticSpline => self.spline(motion, words, emit),
             Motion::ControlPoint => self.control_point(words),
             Motion::EndOfPoints => self.end_of_points(words, emit),
             Motion::Probe(probing) => self.probe(probing, words, emit),
         }
+    }
+
+    #[inline]
+    fn straight(&mut self, motion: Motion, end: Pose, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        self.state.has_left_compensation = false;
+        if self.state.compensation.is_some_and(|compensation| compensation.radius > 0.0) {
+            return self.straight_beside(motion, end, words, emit);
+        }
+        emit.call(straight_canon(motion, end));
+        self.state.position = end;
+        Ok(())
     }
 
     fn check_feed(&self, words: &Words) -> Outcome<()> {
@@ -60,8 +79,11 @@ impl Core {
             None => Span::default(),
         };
         match self.state.feed_mode {
-            FeedMode::UnitsPerMinute if self.state.feed_rate == 0.0 => {
+            FeedMode::UnitsPerMinute | FeedMode::UnitsPerRevolution if self.state.feed_rate == 0.0 => {
                 fault(Code::ZeroFeed, at(), "a feed move needs a feed rate, and none is set")
+            }
+            FeedMode::UnitsPerRevolution if self.state.spindle_speed == 0.0 => {
+                fault(Code::ZeroSpindleSpeed, at(), Code::ZeroSpindleSpeed.title())
             }
             FeedMode::InverseTime if !words.has(b'f') => {
                 fault(Code::InverseTimeFeed, at(), Code::InverseTimeFeed.title())
@@ -83,7 +105,7 @@ impl Core {
         if words.g(GroupG::NonModal) == Some(530) {
             return self.end_in_machine_coordinates(words);
         }
-        let mut end = state.position;
+        let mut end = *state.path_position();
         let incremental = state.distance == Distance::Incremental;
         for (axis, letter) in end.0.iter_mut().zip(*b"xyzabcuvw") {
             if let Some(given) = words.get(letter) {
@@ -124,6 +146,9 @@ impl Core {
     fn arc(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
         let at =
             words.first_of(b"rijkxyzabcuvw").map_or_else(|| words.g_span(GroupG::Motion), |letter| words.span(letter));
+        if self.state.has_left_compensation {
+            return fault(Code::CompensationExit, at, Code::CompensationExit.title());
+        }
         let has_centre = words.has_any(b"ijk");
         if words.has(b'r') && has_centre {
             return fault(Code::ArcMixed, at, Code::ArcMixed.title());
@@ -143,7 +168,7 @@ impl Core {
             return fault(Code::ArcNoEnd, at, Code::ArcNoEnd.title());
         }
         self.state.motion = Some(motion);
-        let (start, end) = (self.state.position, self.end_of(words));
+        let (start, end) = (*self.state.path_position(), self.end_of(words));
         let turns = match words.get(b'p') {
             Some(turns) => turns_of(turns, words)?,
             None => 1,
@@ -159,9 +184,16 @@ impl Core {
             (None, Some(radius)) => from_radius(&shape, radius)?,
             (offset, _) => from_centre(&shape, offset.unwrap_or_default(), self.state.arc_centres)?,
         };
+        let is_beside = self.state.compensation.is_some_and(|compensation| compensation.radius > 0.0);
+        if is_beside {
+            self.check_entry_arc(&shape, (first_centre, second_centre))?;
+        }
         if self.state.feed_mode == FeedMode::InverseTime {
             let length = shape.length((first_centre, second_centre), end[normal] - start[normal]);
             self.set_inverse_time_rate(length, words, emit);
+        }
+        if is_beside {
+            return self.arc_beside(&shape, (first_centre, second_centre), end, emit);
         }
         let plane = self.state.plane;
         emit.call(Canon::ArcFeed(ArcFeed { plane, end, first_centre, second_centre, turns: shape.turns }));
@@ -190,6 +222,12 @@ impl Core {
         }
         Ok(Some((words.get(first).unwrap_or_default(), words.get(second).unwrap_or_default())))
     }
+}
+
+/// A straight move of this mode.
+#[inline]
+pub(super) fn straight_canon(motion: Motion, end: Pose) -> Canon {
+    if motion == Motion::Traverse { Canon::StraightTraverse(end) } else { Canon::StraightFeed(end) }
 }
 
 /// The way between two points as inverse time counts it: along X Y Z; if they stay, along U V W; if those do too, the turn of A B C.

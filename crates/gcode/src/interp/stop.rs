@@ -4,11 +4,13 @@
 
 use super::{Core, Emit, Flow};
 use crate::canon::{Canon, FeedMode, Plane};
+use crate::diag::{Outcome, Span};
 use crate::modal::{Distance, Motion, Spindle};
 use crate::params::{COORDINATE_SYSTEM, system_origin};
 
 impl Core {
-    pub(super) fn stop(&mut self, code: u8, emit: &mut Emit<'_>) -> Flow {
+    pub(super) fn stop(&mut self, code: u8, at: Span, emit: &mut Emit<'_>) -> Outcome<Flow> {
+        self.finish_path(at, emit)?;
         match code {
             0 => emit.call(Canon::ProgramStop),
             1 => emit.call(Canon::OptionalProgramStop),
@@ -18,10 +20,10 @@ impl Core {
             }
             _ => {
                 self.end_program(code == 30, emit);
-                return Flow::ProgramEnd;
+                return Ok(Flow::ProgramEnd);
             }
         }
-        Flow::Continue
+        Ok(Flow::Continue)
     }
 
     fn end_program(&mut self, shuttle: bool, emit: &mut Emit<'_>) {
@@ -37,6 +39,7 @@ impl Core {
             state.plane = Plane::Xy;
             emit.call(Canon::SelectPlane(Plane::Xy));
         }
+        (state.compensation, state.has_left_compensation) = (None, false);
         state.distance = Distance::Absolute;
         state.feed_mode = FeedMode::UnitsPerMinute;
         state.feed_rate = 0.0;
@@ -50,8 +53,9 @@ impl Core {
         }
         state.spindle = Spindle::Stopped;
         emit.call(Canon::StopSpindleTurning);
+        state.constant_surface_speed = false;
         emit.call(Canon::SetSpindleMode(0.0));
-        state.motion = Some(Motion::Feed);
+        (state.motion, state.series) = (Some(Motion::Feed), None);
         if std::mem::take(&mut state.mist) {
             emit.call(Canon::MistOff);
         }

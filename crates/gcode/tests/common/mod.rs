@@ -1,10 +1,17 @@
 //! What the interpreter makes of a program, as text.
 
-use retrace_gcode::{CanonText, Program, Progress, Setup, Severity};
+use retrace_gcode::{CanonText, Prescan, Program, Progress, Setup, Severity};
+use std::sync::Arc;
 
 /// The canonical text of a program, up to its first error, and whether it had one.
 pub(crate) fn canon_text(program: &str) -> (String, bool) {
-    let mut program = Program::new(program.as_bytes(), Setup::rs274());
+    canon_text_with(program, Setup::rs274())
+}
+
+/// The same with another setup.
+pub(crate) fn canon_text_with(program: &str, setup: Setup) -> (String, bool) {
+    let prescan = Prescan::of("program.ngc", program.into(), &setup);
+    let mut program = Program::<&[u8]>::prescanned(Arc::new(prescan), setup);
     let mut text = CanonText::new(Vec::new());
     let mut steps = Vec::new();
     loop {
@@ -20,5 +27,5 @@ pub(crate) fn canon_text(program: &str) -> (String, bool) {
         }
     }
     let failed = program.interpreter().diagnostics().iter().any(|found| found.severity() == Severity::Error);
-    (String::from_utf8(text.into_inner()).expect("text"), failed)
+    (String::from_utf8(text.into_inner().expect("memory")).expect("text"), failed)
 }

@@ -1,5 +1,6 @@
 //! Random valid programs.
 
+mod cycles;
 mod more;
 
 /// A small generator of random numbers, the same on every machine.
@@ -21,11 +22,11 @@ impl Random {
         self.next() % bound
     }
 
-    fn one_in(&mut self, n: u64) -> bool {
+    pub(crate) fn one_in(&mut self, n: u64) -> bool {
         self.below(n) == 0
     }
 
-    fn pick<'a>(&mut self, of: &[&'a str]) -> &'a str {
+    pub(crate) fn pick<'a>(&mut self, of: &[&'a str]) -> &'a str {
         of[self.below(of.len() as u64) as usize]
     }
 }
@@ -40,6 +41,13 @@ impl Random {
 /// - M2 and M30 do not switch the spindle speed override on again;
 /// - it takes P1.5 for a coordinate system, P-2 for a dwell, and P-1 for an output;
 /// - a named parameter exists for it from the left side of its first assignment on;
+/// - it does not convert the tolerance of G64 Q, the initial level and the kept words of a drilling cycle when the units change;
+/// - it keeps the initial level of a drilling cycle when the plane changes, and a dwell of another cycle for G74 and G84;
+/// - in G18 and G19 the feed moves of G74 and G84 have their coordinates in the order of the plane's axes;
+/// - it refuses L with G74, takes a negative P or the value −1 of P and Q for none, and lets M19 pass without R;
+/// - G76 switches the feed override on again where M49 or M50 P0 had switched it off;
+/// - G33, G33.1 and G76 take a pitch of 0 and G76 one below, and G33.1 takes words of A, B and C and does nothing with them;
+/// - it prints the digits of an N word only as far as no blank comes between.
 /// - it prints the digits of an N word only as far as no blank comes between;
 /// - M72 brings F back with one decimal and S with none, forgets F when it ends G93, sets the offset of the tool in the spindle whatever
 ///   offset was in force, and does not switch off again what of mist, flood and overrides had been off;
@@ -127,6 +135,9 @@ impl Writer {
     }
 
     fn block(&mut self) {
+        if self.random.one_in(7) {
+            return self.machining();
+        }
         match self.random.below(46) {
             0..=9 => self.straight(),
             10..=13 => self.arc(),

@@ -1,0 +1,209 @@
+//! `retrace cycles`: lists, checks and compiles the cycles that programs can call.
+//!
+//! Invariant: `check` and `show` write nothing; only the folder of compiled forms is ever written.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use retrace_controller::refusal::{Refusal, nearest};
+use retrace_cycles::{Cycle, Finding, Folders, Library, Origin, Severity, shipped_source};
+
+use crate::args::{self, CycleFolders, CyclesAction};
+use crate::files;
+use crate::program::Failure;
+
+/// Runs the command.
+///
+/// # Errors
+/// A folder that is not there, a name that no cycle has, or sources with errors; these have been shown.
+pub fn run(args: &args::Cycles) -> Result<(), Failure> {
+    let folders = Named::of(&args.folders)?;
+    match &args.action {
+        None | Some(CyclesAction::List) => {
+            let library = folders.library();
+            say!("{}", table(&library).trim_end());
+            show_findings(&library);
+            Ok(())
+        }
+        Some(CyclesAction::Check) => {
+            let library = Library::open(Folders { compiled: None, ..folders.folders() });
+            show_findings(&library);
+            finish(&library, &format!("{} cycles, no errors", library.iter().count()))
+        }
+        Some(CyclesAction::Compile) => {
+            let library = folders.library();
+            show_findings(&library);
+            let fresh = library.iter().filter(|(_, cycle)| cycle.was_fresh()).count();
+            let count = library.iter().count();
+            let place = folders.compiled.as_deref().map_or("nowhere".into(), |path| path.display().to_string());
+            finish(
+                &library,
+                &format!("{count} cycles: {} compiled now, {fresh} were fresh, kept in {place}", count - fresh),
+            )
+        }
+        Some(CyclesAction::Show { name }) => show(&folders, name),
+    }
+}
+
+/// The cycles that a command can call: the shipped ones and those of the folders that were named, or of the usual ones.
+///
+/// # Errors
+/// A folder that was named and is none.
+#[allow(dead_code)] // the commands that read programs take it as soon as programs can call cycles
+pub fn library(folders: &CycleFolders) -> Result<Library, Refusal> {
+    Ok(Named::of(folders)?.library())
+}
+
+/// The two folders.
+struct Named {
+    sources: Option<PathBuf>,
+    compiled: Option<PathBuf>,
+}
+
+impl Named {
+    /// What the command line names, else the user's own; a missing one is an error only where it was named.
+    fn of(named: &CycleFolders) -> Result<Self, Refusal> {
+        if let Some(path) = &named.cycles
+            && !path.is_dir()
+        {
+            let message = format!("there is no folder {}", path.display());
+            return Err(Refusal::new("E2101", message, "check the name of the folder with the cycles"));
+        }
+        let usual =
+            |variable: &str, in_home: &str| usual(std::env::var_os(variable), std::env::var_os("HOME"), in_home);
+        Ok(Self {
+            sources: named.cycles.clone().or_else(|| usual("XDG_CONFIG_HOME", ".config")),
+            compiled: named.compiled.clone().or_else(|| usual("XDG_CACHE_HOME", ".cache")),
+        })
+    }
+
+    fn folders(&self) -> Folders<'_> {
+        Folders { sources: self.sources.as_deref(), compiled: self.compiled.as_deref() }
+    }
+
+    fn library(&self) -> Library {
+        Library::open(self.folders())
+    }
+}
+
+/// The user's folder for cycles: below what the variable names, else below this folder in the home folder. A relative path in
+/// the variable counts for nothing, as the XDG base directory specification has it.
+fn usual(base: Option<OsString>, home: Option<OsString>, in_home: &str) -> Option<PathBuf> {
+    let base = base.map(PathBuf::from).filter(|path| path.is_absolute());
+    let home = home.map(PathBuf::from).filter(|path| path.is_absolute());
+    Some(base.or_else(|| Some(home?.join(in_home)))?.join("retrace").join("cycles"))
+}
+
+fn show(folders: &Named, name: &str) -> Result<(), Failure> {
+    let library = Library::open(Folders { compiled: None, ..folders.folders() });
+    let Some(cycle) = library.find(name).and_then(|id| library.get(id)) else {
+        let known: Vec<&str> = library.iter().map(|(_, cycle)| cycle.name()).collect();
+        let remedy = match nearest(&name.to_ascii_uppercase(), known.iter().copied()) {
+            Some(near) => format!("do you mean {near}? `retrace cycles` lists them"),
+            None => {
+                "`retrace cycles` lists them; `retrace cycles check` tells what is wrong with the others".to_owned()
+            }
+        };
+        return Err(Refusal::new("E1931", format!("there is no cycle {name} that can be called"), remedy).into());
+    };
+    let text = match cycle.origin() {
+        Origin::Shipped => shipped_source(cycle.name()).unwrap_or_default().to_owned(),
+        Origin::User => files::text(cycle.source(), "cycle source")?,
+    };
+    say!("{}", text.trim_end());
+    Ok(())
+}
+
+/// The last word: all is well, or the command fails because sources have errors.
+fn finish(library: &Library, well: &str) -> Result<(), Failure> {
+    if library.findings().iter().any(|finding| finding.diagnostic.severity() == Severity::Error) {
+        return Err(Failure::Program);
+    }
+    say!("{well}");
+    Ok(())
+}
+
+/// A row a cycle.
+fn table(library: &Library) -> String {
+    let from = |cycle: &Cycle| match cycle.origin() {
+        Origin::Shipped => "shipped".to_owned(),
+        Origin::User => cycle.source().display().to_string(),
+    };
+    let widest = |widths: &mut dyn Iterator<Item = usize>| widths.max().unwrap_or(0);
+    let name_width = widest(&mut library.iter().map(|(_, cycle)| cycle.name().len())).max(4);
+    let from_width = widest(&mut library.iter().map(|(_, cycle)| from(cycle).chars().count())).max(4);
+    let mut text = format!("{:name_width$}  kind  {:from_width$}  form          parameters\n", "name", "from");
+    for (_, cycle) in library.iter() {
+        let form = if cycle.was_fresh() { "fresh" } else { "compiled now" };
+        let parameters: Vec<String> = cycle.parameters().iter().map(|p| format!("{} {}", p.of, p.name)).collect();
+        let (name, kind, parameters) = (cycle.name(), cycle.kind().number(), parameters.join(", "));
+        let row = format!("{name:name_width$}  {kind:<4}  {:from_width$}  {form:<12}  {parameters}", from(cycle));
+        text += row.trim_end();
+        text.push('\n');
+    }
+    text + "kinds: 1 no parameters · 2 parameters · 3 a contour among them"
+}
+
+/// Every finding with its source line and a mark, on standard error.
+fn show_findings(library: &Library) {
+    for finding in library.findings() {
+        eprintln!("{}", rendered(finding, source_line(&finding.source, finding.diagnostic.line).as_deref()));
+    }
+}
+
+fn source_line(path: &Path, line: u32) -> Option<String> {
+    let text = std::fs::read(path).ok()?;
+    let bytes = text.split(|byte| *byte == b'\n').nth((line as usize).checked_sub(1)?)?;
+    Some(String::from_utf8_lossy(bytes).trim_end_matches('\r').to_owned())
+}
+
+/// Number, message, place, line, mark, help: in the form that program errors have.
+fn rendered(finding: &Finding, line: Option<&str>) -> String {
+    let Finding { source, diagnostic } = finding;
+    let level = if diagnostic.severity() == Severity::Error { "error" } else { "warning" };
+    let mut text = format!("{level}[{}]: {}\n --> {}", diagnostic.number(), diagnostic.message, source.display());
+    let margin = " ".repeat(diagnostic.line.to_string().len());
+    if diagnostic.line > 0 {
+        text += &format!(":{}:{}", diagnostic.line, diagnostic.column());
+    }
+    if let Some(line) = line.filter(|line| line.is_char_boundary(diagnostic.start as usize)) {
+        // Columns count bytes; the mark stands below characters.
+        let before: String =
+            line[..diagnostic.start as usize].chars().map(|c| if c == '\t' { c } else { ' ' }).collect();
+        let marked =
+            line.get(diagnostic.start as usize..diagnostic.end as usize).map_or(0, |part| part.chars().count());
+        let mark = "^".repeat(marked.max(1));
+        text += &format!("\n{margin} |\n{} | {line}\n{margin} | {before}{mark}", diagnostic.line);
+    }
+    text + &format!("\n{margin} = help: {}", diagnostic.help())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_finding_shows_its_line_and_a_mark_below_what_is_meant() {
+        let library = Library::of_sources(&[("TEST", "R1=1\n\tR2=R1+WRONG")]);
+        let shown = rendered(&library.findings()[0], Some("\tR2=R1+WRONG"));
+        let expected = "error[E1906]: WRONG is no variable and no function\n --> TEST:2:8\n  |\n2 | \tR2=R1+WRONG\n  | \t      ^^^^^\n  = help: ";
+        assert!(shown.starts_with(expected), "{shown}");
+    }
+
+    #[test]
+    fn the_usual_folders_are_those_of_the_desktop() {
+        let os = |text: &str| Some(OsString::from(text));
+        let at = |base, home| usual(base, home, ".config").map(|path| path.display().to_string());
+        assert_eq!(at(os("/x"), os("/h")).as_deref(), Some("/x/retrace/cycles"));
+        assert_eq!(at(os("x"), os("/h")).as_deref(), Some("/h/.config/retrace/cycles"));
+        assert_eq!(at(os(""), os("/h")).as_deref(), Some("/h/.config/retrace/cycles"));
+        assert_eq!(at(None, None), None);
+    }
+
+    #[test]
+    fn the_table_has_a_row_for_each_cycle() {
+        let text = table(&Library::shipped());
+        assert!(text.contains("CYCLE81  2     shipped  compiled now  REAL RTP, REAL RFP, REAL SDIS"), "{text}");
+        assert!(text.contains("CYCLE95  3     shipped") && text.lines().count() == 14, "{text}");
+    }
+}

@@ -1,0 +1,233 @@
+//! The head of a source: PROC and DEF.
+//!
+//! Invariant: parameters take the first slots, in their order.
+
+use super::Compiler;
+use super::lex::{Kind, Parsed, Sign, Span, fault};
+use super::names::{Names, Shape, Variable};
+use crate::code::{Op, converted};
+use crate::codes::Code;
+use crate::cycle::{Parameter, Type};
+
+/// Most parameters of a cycle.
+const MOST_PARAMETERS: usize = 64;
+/// Longest text.
+const LONGEST_TEXT: f64 = 1000.0;
+/// Most elements of an array.
+const LARGEST_ARRAY: usize = 1000;
+
+impl Compiler<'_> {
+    /// `PROC NAME(REAL A, STRING[20] B, INT C=1) SAVE DISPLOF`
+    pub(super) fn proc(&mut self, span: Span) -> Parsed {
+        self.skip();
+        if self.has_proc || self.has_begun || self.names.slots() > 0 {
+            return fault(Code::ProcPlace, span, "PROC is the first block of a source, once");
+        }
+        self.has_proc = true;
+        let name = self.new_name("PROC")?;
+        if !name.eq_ignore_ascii_case(self.file_name) {
+            let message = format!("the file is called {}, the cycle {name}", self.file_name);
+            self.report(Code::NameDiffers, self.since(span.end), message);
+        }
+        self.unit.name = name;
+        let open = self.here_span();
+        if self.eat(Sign::Open) && !self.eat(Sign::Close) {
+            loop {
+                self.parameter()?;
+                if !self.eat(Sign::Comma) {
+                    break;
+                }
+            }
+            self.close(Sign::Close, open)?;
+        }
+        while self.peek().is_some() {
+            match self.word_here().to_ascii_uppercase().as_str() {
+                "SAVE" => self.unit.saves = true,
+                "PATTERN" => self.unit.is_pattern = true,
+                // A cycle is one block of its caller anyway.
+                "DISPLOF" | "DISPLON" | "SBLOF" => {}
+                _ => return fault(Code::AttributeUnknown, self.here_span(), "this is no attribute of PROC"),
+            }
+            self.skip();
+        }
+        Ok(())
+    }
+
+    fn parameter(&mut self) -> Parsed {
+        let span = self.here_span();
+        let of = self.type_name()?;
+        let name_span = self.here_span();
+        let name = self.new_name(&of.to_string())?;
+        if self.unit.parameters.len() >= MOST_PARAMETERS {
+            return self.too_large(self.since(span.start), "parameters");
+        }
+        let default = if self.eat(Sign::Assign) { converted(of, self.constant_number()?) } else { 0.0 };
+        self.define(&name, of, Shape::Simple, name_span)?;
+        self.unit.parameters.push(Parameter { name, of, default });
+        Ok(())
+    }
+
+    /// `DEF REAL A, B=5, C[10], D[2,3]=SET(1,2,3)`
+    pub(super) fn def(&mut self, span: Span) -> Parsed {
+        self.skip();
+        if self.has_begun {
+            return fault(
+                Code::DefinitionPlace,
+                span,
+                "DEF stands at the beginning, before the first block that does something",
+            );
+        }
+        let of = self.type_name()?;
+        loop {
+            let name_span = self.here_span();
+            let name = self.new_name(&of.to_string())?;
+            let shape = self.shape()?;
+            let variable = self.define(&name, of, shape, name_span)?;
+            if self.eat(Sign::Assign) {
+                self.initial(variable)?;
+            } else if of.is_text() {
+                self.clear_texts(variable, name_span)?;
+            }
+            if !self.eat(Sign::Comma) {
+                return self.end_of_block();
+            }
+        }
+    }
+
+    fn type_name(&mut self) -> Parsed<Type> {
+        let span = self.here_span();
+        let of = match self.word_here().to_ascii_uppercase().as_str() {
+            "REAL" => Type::Real,
+            "INT" => Type::Int,
+            "BOOL" => Type::Bool,
+            "STRING" => Type::Text(200),
+            _ => return fault(Code::NotUnderstood, span, "a type is needed here: REAL, INT, BOOL or STRING[n]"),
+        };
+        self.skip();
+        let open = self.here_span();
+        if !(of.is_text() && self.eat(Sign::OpenIndex)) {
+            return Ok(of);
+        }
+        let length = self.constant_number()?;
+        self.close(Sign::CloseIndex, open)?;
+        if length.fract() != 0.0 || !(1.0..=LONGEST_TEXT).contains(&length) {
+            return fault(
+                Code::ArraySize,
+                self.since(open.start),
+                format!("a text has from 1 to {LONGEST_TEXT} bytes"),
+            );
+        }
+        Ok(Type::Text(length as u16))
+    }
+
+    /// Takes a name that is to be defined, in capitals.
+    fn new_name(&mut self, behind: &str) -> Parsed<String> {
+        if !matches!(self.peek(), Some(Kind::Name | Kind::Word { .. })) {
+            return fault(Code::NotUnderstood, self.here_span(), format!("a name is needed behind {behind}"));
+        }
+        let name = self.word_here().to_ascii_uppercase();
+        self.skip();
+        Ok(name)
+    }
+
+    fn define(&mut self, name: &str, of: Type, shape: Shape, span: Span) -> Parsed<Variable> {
+        if self.names.has(name) {
+            return fault(Code::NameTaken, span, format!("{name} is defined already"));
+        }
+        if Names::is_word_of_the_language(name) || name.contains('.') {
+            return fault(Code::NameTaken, span, format!("{name} cannot be the name of a variable"));
+        }
+        if matches!(name.as_bytes(), [letter] if super::block::is_address(*letter)) {
+            self.report(Code::NameIsAddress, span, format!("{name} is also an address"));
+        }
+        match self.names.define(name, of, shape) {
+            Some(variable) => Ok(variable),
+            None => self.too_large(span, "variables"),
+        }
+    }
+
+    /// The sizes of an array, where there are any.
+    fn shape(&mut self) -> Parsed<Shape> {
+        let open = self.here_span();
+        if !self.eat(Sign::OpenIndex) {
+            return Ok(Shape::Simple);
+        }
+        let mut sizes = [0_u16; 2];
+        let mut count = 0;
+        loop {
+            let size = self.constant_number()?;
+            let fits = size.fract() == 0.0 && (1.0..=LARGEST_ARRAY as f64).contains(&size);
+            match sizes.get_mut(count) {
+                Some(place) if fits => *place = size as u16,
+                _ => {
+                    return fault(
+                        Code::ArraySize,
+                        self.since(open.start),
+                        "an array has one or two sizes from 1 to 1000",
+                    );
+                }
+            }
+            count += 1;
+            if !self.eat(Sign::Comma) {
+                break;
+            }
+        }
+        self.close(Sign::CloseIndex, open)?;
+        let shape = if count == 1 { Shape::Row(sizes[0]) } else { Shape::Table(sizes[0], sizes[1]) };
+        if shape.slots() > LARGEST_ARRAY {
+            let message = format!("an array has at most {LARGEST_ARRAY} elements, not {}", shape.slots());
+            return fault(Code::ArraySize, self.since(open.start), message);
+        }
+        Ok(shape)
+    }
+
+    /// The value behind `=`, or the values of an array in parentheses.
+    fn initial(&mut self, variable: Variable) -> Parsed {
+        if variable.shape == Shape::Simple {
+            self.value_for(variable.of)?;
+            self.emit(Op::Store(variable.slot, variable.of));
+            return Ok(());
+        }
+        if self.word_here().eq_ignore_ascii_case("SET") {
+            self.skip();
+        }
+        let open = self.here_span();
+        self.expect(Sign::Open, "=")?;
+        let mut count = 0;
+        loop {
+            if count >= variable.shape.slots() {
+                return fault(Code::ArraySize, self.here_span(), "there are more values than elements");
+            }
+            self.value_for(variable.of)?;
+            self.emit(Op::Store(variable.slot + count as u16, variable.of));
+            count += 1;
+            if !self.eat(Sign::Comma) {
+                break;
+            }
+        }
+        self.close(Sign::Close, open)
+    }
+
+    /// A text variable is empty until something is assigned to it; slots are numbers by themselves.
+    fn clear_texts(&mut self, variable: Variable, span: Span) -> Parsed {
+        let empty = self.constant_text("", span)?;
+        for slot in 0..variable.shape.slots() as u16 {
+            self.emit(Op::Text(empty));
+            self.emit(Op::Store(variable.slot + slot, variable.of));
+        }
+        Ok(())
+    }
+
+    /// A number with its sign.
+    fn constant_number(&mut self) -> Parsed<f64> {
+        let is_negative = self.eat(Sign::Minus);
+        let value = match self.peek() {
+            Some(Kind::Number(value)) => value,
+            Some(Kind::Name) if self.word_here().eq_ignore_ascii_case("TRUE") => 1.0,
+            Some(Kind::Name) if self.word_here().eq_ignore_ascii_case("FALSE") => 0.0,
+            _ => return fault(Code::NotUnderstood, self.here_span(), "a constant number is needed here"),
+        };
+        self.skip();
+        Ok(if is_negative { -value } else { value })
+    }
+}

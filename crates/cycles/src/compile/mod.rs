@@ -1,0 +1,354 @@
+//! The compiler: a cycle source to its compiled form, in one pass.
+//!
+//! Invariant: every error of a source is found in one go; reading goes on at the next block. What has errors gives no unit.
+
+mod block;
+mod call;
+mod expression;
+mod flow;
+mod head;
+mod lex;
+mod names;
+mod system;
+
+use crate::code::{Op, Unit};
+use crate::codes::Code;
+use crate::diag::Diagnostic;
+use flow::{Jump, Open};
+use lex::{Fault, Kind, Parsed, Sign, Span, Token, fault};
+use names::Names;
+use std::collections::HashMap;
+
+/// Part of the key of every compiled form: a form of another version is never run. Count up with every change of what sources
+/// compile to.
+pub(crate) const VERSION: u32 = 1;
+
+/// Longest source, and longest line of one, in bytes.
+const LONGEST_SOURCE: usize = 1 << 20;
+const LONGEST_LINE: usize = 10_000;
+/// Errors of one source that are shown.
+const MOST_ERRORS: usize = 50;
+
+/// What compiling a source gives.
+#[derive(Debug)]
+pub(crate) struct Compiled {
+    /// None where there are errors.
+    pub(crate) unit: Option<Unit>,
+    /// Errors and warnings, in the order of the lines.
+    pub(crate) diagnostics: Vec<Diagnostic>,
+}
+
+/// Compiles a source; `file_name` is the name of its file without the ending.
+pub(crate) fn compile(source: &[u8], file_name: &str) -> Compiled {
+    let mut compiler = Compiler::new(file_name);
+    if source.len() > LONGEST_SOURCE {
+        let message = format!("the source has {} bytes; {LONGEST_SOURCE} are the most", source.len());
+        compiler.diagnostics.push(Diagnostic::of_file(Code::SourceTooLong, message));
+    } else {
+        for (index, line) in source.split(|byte| *byte == b'\n').enumerate() {
+            compiler.line = index as u32 + 1;
+            compiler.line_of_bytes(line.strip_suffix(b"\r").unwrap_or(line));
+            if compiler.errors >= MOST_ERRORS {
+                break;
+            }
+        }
+        compiler.finish();
+    }
+    compiler.diagnostics.sort_by_key(|diagnostic| (diagnostic.line, diagnostic.start));
+    if compiler.errors >= MOST_ERRORS {
+        compiler.report(Code::TooManyErrors, Span::default(), "more errors are not shown".to_owned());
+    }
+    let is_whole = !compiler.diagnostics.iter().any(|d| d.severity() == crate::diag::Severity::Error);
+    Compiled { unit: is_whole.then_some(compiler.unit), diagnostics: compiler.diagnostics }
+}
+
+struct Compiler<'s> {
+    file_name: &'s str,
+    text: &'s str,
+    line: u32,
+    tokens: Vec<Token>,
+    /// The next token.
+    at: usize,
+    unit: Unit,
+    names: Names,
+    /// Numbers of the unit's texts.
+    texts: HashMap<String, u16>,
+    structures: Vec<Open>,
+    /// Where a label stands: instruction and line. Block numbers may stand several times.
+    labels: HashMap<String, Vec<(usize, u32)>>,
+    jumps: Vec<Jump>,
+    diagnostics: Vec<Diagnostic>,
+    errors: usize,
+    /// Depth of the expression that is being read.
+    depth: usize,
+    /// May constants be calculated now?
+    folds: bool,
+    has_proc: bool,
+    /// Has a block been read that does something?
+    has_begun: bool,
+}
+
+impl<'s> Compiler<'s> {
+    fn new(file_name: &'s str) -> Self {
+        Self {
+            file_name,
+            text: "",
+            line: 0,
+            tokens: Vec::new(),
+            at: 0,
+            unit: Unit { name: file_name.to_ascii_uppercase(), ..Unit::default() },
+            names: Names::default(),
+            texts: HashMap::new(),
+            structures: Vec::new(),
+            labels: HashMap::new(),
+            jumps: Vec::new(),
+            diagnostics: Vec::new(),
+            errors: 0,
+            depth: 0,
+            folds: true,
+            has_proc: false,
+            has_begun: false,
+        }
+    }
+
+    fn report(&mut self, code: Code, span: Span, message: String) {
+        let (start, end) = (span.start as u32, span.end.max(span.start) as u32);
+        let diagnostic = Diagnostic { code, line: self.line, start, end, message };
+        self.errors += usize::from(diagnostic.severity() == crate::diag::Severity::Error);
+        self.diagnostics.push(diagnostic);
+    }
+
+    fn line_of_bytes(&mut self, bytes: &'s [u8]) {
+        let whole = Span { start: 0, end: bytes.len().min(LONGEST_LINE) };
+        if bytes.len() > LONGEST_LINE {
+            let message = format!("the line has {} bytes; {LONGEST_LINE} are the most", bytes.len());
+            return self.report(Code::SourceTooLong, whole, message);
+        }
+        let is_control = |byte: &u8| *byte < b' ' && *byte != b'\t';
+        match std::str::from_utf8(bytes) {
+            Ok(text) if !bytes.iter().any(is_control) => self.text = text,
+            _ => return self.report(Code::NotText, whole, "this line is not text".to_owned()),
+        }
+        // A source may begin with the header of a file transfer, as in `%_N_CYCLE81_SPF`.
+        if self.text.starts_with('%') && !self.has_begun && !self.has_proc {
+            return;
+        }
+        let mut tokens = std::mem::take(&mut self.tokens);
+        let cut = lex::tokens(self.text, |name| self.names.has(name), &mut tokens);
+        self.tokens = tokens;
+        (self.at, self.depth) = (0, 0);
+        if let Err(fault) = cut.and_then(|()| self.block()) {
+            let Fault { code, span, message } = *fault;
+            self.report(code, span, message);
+        }
+    }
+
+    /// One block: number, label, statement.
+    fn block(&mut self) -> Parsed {
+        if let Some(Kind::Word { letter: b'N', value }) = self.peek() {
+            self.labels.entry(format!("N{value}")).or_default().push((self.unit.ops.len(), self.line));
+            self.skip();
+        }
+        let is_name = matches!(self.peek(), Some(Kind::Name | Kind::Word { .. }));
+        if is_name && self.kind_at(1) == Some(Kind::Sign(Sign::Colon)) {
+            let (name, span) = (self.word_here().to_ascii_uppercase(), self.here_span());
+            self.skip();
+            self.skip();
+            self.has_begun = true;
+            let places = self.labels.entry(name).or_default();
+            places.push((self.unit.ops.len(), self.line));
+            if let [(_, first), _, ..] = places[..] {
+                let message = format!("this label stands in line {first} too");
+                self.report(Code::LabelTwice, span, message);
+            }
+        }
+        if self.peek().is_none() { Ok(()) } else { self.statement() }
+    }
+
+    fn statement(&mut self) -> Parsed {
+        let span = self.here_span();
+        let is_call = self.kind_at(1) == Some(Kind::Sign(Sign::Open));
+        let word = if self.peek() == Some(Kind::Name) { self.word_here().to_ascii_uppercase() } else { String::new() };
+        if self.names.has(&word) {
+            self.has_begun = true;
+            return self.items();
+        }
+        match word.as_str() {
+            "PROC" => return self.proc(span),
+            "DEF" => return self.def(span),
+            // What a called cycle looks like is known from its own PROC line.
+            "EXTERN" => return Ok(()),
+            _ => {}
+        }
+        self.has_begun = true;
+        match word.as_str() {
+            "IF" | "ELSE" | "ENDIF" | "WHILE" | "ENDWHILE" | "FOR" | "ENDFOR" | "LOOP" | "ENDLOOP" | "REPEAT"
+            | "UNTIL" => {
+                self.structure(&word, span)?;
+            }
+            "GOTO" | "GOTOF" | "GOTOB" => self.go_to(&word, None)?,
+            "RET" => {
+                self.skip();
+                self.emit(Op::Return);
+            }
+            "MSG" | "SETAL" => self.tell(&word)?,
+            "MCALL" => return fault(Code::NotUnderstood, span, "MCALL belongs into a program; a cycle has none"),
+            "AX" | "IP" | "CR" | "SPOS" | "DIAMON" | "DIAMOF" | "R" => return self.items(),
+            _ if is_call || word.len() > 1 && self.tokens.len() == self.at + 1 => self.call(&word, span)?,
+            _ => return self.items(),
+        }
+        self.end_of_block()
+    }
+
+    fn end_of_block(&mut self) -> Parsed {
+        match self.peek() {
+            None => Ok(()),
+            Some(_) => fault(Code::NotUnderstood, self.here_span(), "nothing more can stand in this block"),
+        }
+    }
+
+    /// What can be said of the source at its end only.
+    fn finish(&mut self) {
+        for open in std::mem::take(&mut self.structures) {
+            self.line = open.line;
+            self.report(Code::StructureOpen, open.span, format!("{} has no end", open.shape.name()));
+        }
+        self.resolve_jumps();
+        self.emit(Op::Return);
+        self.unit.slots = self.names.slots();
+        if self.unit.ops.len() > 1 << 20 {
+            self.line = 0;
+            self.report(Code::TooLarge, Span::default(), "the source has too many blocks".to_owned());
+        }
+    }
+
+    fn emit(&mut self, op: Op) {
+        self.unit.ops.push(op);
+        self.unit.lines.push(self.line);
+    }
+
+    fn kind_at(&self, ahead: usize) -> Option<Kind> {
+        self.tokens.get(self.at + ahead).map(|token| token.kind)
+    }
+
+    fn peek(&self) -> Option<Kind> {
+        self.kind_at(0)
+    }
+
+    fn skip(&mut self) {
+        self.at += 1;
+    }
+
+    /// Where the next token begins.
+    fn here(&self) -> usize {
+        self.here_span().start
+    }
+
+    /// The next token, or the end of the line.
+    fn here_span(&self) -> Span {
+        let behind = self.tokens.last().map_or(0, |token| token.span.end);
+        self.tokens.get(self.at).map_or(Span { start: behind, end: behind }, |token| token.span)
+    }
+
+    /// From there to the last token that was taken.
+    fn since(&self, start: usize) -> Span {
+        let end = self.at.checked_sub(1).and_then(|last| self.tokens.get(last)).map_or(start, |token| token.span.end);
+        Span { start, end: end.max(start) }
+    }
+
+    fn text_at(&self, ahead: usize) -> &'s str {
+        self.tokens.get(self.at + ahead).map_or("", |token| &self.text[token.span.start..token.span.end])
+    }
+
+    /// The next token as it is written.
+    fn word_here(&self) -> &'s str {
+        self.text_at(0)
+    }
+
+    /// The next token, a text, without its quotation marks.
+    fn text_here(&self) -> &'s str {
+        self.word_here().trim_matches('"')
+    }
+
+    /// Takes the sign if it stands here.
+    fn eat(&mut self, sign: Sign) -> bool {
+        let found = self.peek() == Some(Kind::Sign(sign));
+        self.at += usize::from(found);
+        found
+    }
+
+    fn expect(&mut self, sign: Sign, behind: &str) -> Parsed {
+        if self.eat(sign) {
+            return Ok(());
+        }
+        fault(Code::NotUnderstood, self.here_span(), format!("`{}` is missing behind {behind}", sign.spelling()))
+    }
+
+    /// Takes the closing sign of what was opened there.
+    fn close(&mut self, sign: Sign, open: Span) -> Parsed {
+        if self.eat(sign) {
+            return Ok(());
+        }
+        match self.peek() {
+            None => fault(Code::NotClosed, open, format!("`{}` is missing", sign.spelling())),
+            Some(_) => fault(Code::NotUnderstood, self.here_span(), format!("`{}` is needed here", sign.spelling())),
+        }
+    }
+
+    /// The number of a text among the unit's.
+    fn constant_text(&mut self, text: &str, span: Span) -> Parsed<u16> {
+        if let Some(index) = self.texts.get(text) {
+            return Ok(*index);
+        }
+        let Ok(index) = u16::try_from(self.unit.texts.len()) else { return self.too_large(span, "texts") };
+        self.unit.texts.push(text.to_owned());
+        self.texts.insert(text.to_owned(), index);
+        Ok(index)
+    }
+
+    #[cold]
+    fn too_large<T>(&self, span: Span, of: &str) -> Parsed<T> {
+        fault(Code::TooLarge, span, format!("a cycle cannot have so many {of}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 3000, failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn any_bytes_are_answered(source in prop::collection::vec(any::<u8>(), 0..300)) {
+            compile(&source, "ANY");
+        }
+
+        /// Most bytes are no text at all; these are, and hold what the language is made of.
+        #[test]
+        fn any_characters_are_answered(source in "[A-Za-z0-9 .;:,=<>()\\[\\]+*/$_%\"\n\t\u{e4}-]{0,300}") {
+            let compiled = compile(source.as_bytes(), "ANY");
+            if let Some(unit) = compiled.unit {
+                let length = unit.ops.len() as u32;
+                prop_assert_eq!(unit.lines.len(), unit.ops.len());
+                let inside = |op: &Op| !matches!(op, Op::Jump(to) | Op::JumpIf(to) | Op::JumpIfNot(to) if *to >= length);
+                prop_assert!(unit.ops.iter().all(inside));
+            }
+        }
+    }
+
+    #[test]
+    fn the_longest_source_is_answered_in_time() {
+        let begin = std::time::Instant::now();
+        for part in ["R1=R1+1\n", "IF R1\n", "LA:\n", "(", "N10 GOTOF N10\n", "\"", "X"] {
+            compile(part.repeat(LONGEST_SOURCE / part.len()).as_bytes(), "LONG");
+        }
+        let texts: String = (0..60_000).map(|number| format!("MSG(\"{number}\")\n")).collect();
+        assert!(compile(texts.as_bytes(), "LONG").unit.is_some());
+        // A second would do on a machine that has nothing else to do.
+        assert!(begin.elapsed().as_secs() < 20, "{:?}", begin.elapsed());
+        let too_long = compile(&vec![b' '; LONGEST_SOURCE + 1], "LONG");
+        assert_eq!(too_long.diagnostics.first().map(|d| d.code), Some(Code::SourceTooLong));
+    }
+}

@@ -1,0 +1,108 @@
+//! The cycles that can be called: the shipped ones and those of the user's folder, compiled and joined.
+//!
+//! Invariant: every call within a cycle leads to a cycle of the same library that takes its arguments. A cycle with an error is
+//! not in it, and neither is one that calls it; nor does a shipped cycle stand in for a user's that has errors.
+
+mod folders;
+mod join;
+
+use crate::cycle::{Cycle, CycleId, Origin};
+use crate::diag::Diagnostic;
+use crate::shipped;
+use crate::stored;
+use folders::Source;
+use std::path::{Path, PathBuf};
+
+pub use folders::Folders;
+
+/// Something wrong with a source.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Finding {
+    /// The source: its path, or the name of a shipped one.
+    pub source: PathBuf,
+    /// What is wrong.
+    pub diagnostic: Diagnostic,
+}
+
+/// The cycles that can be called.
+#[derive(Clone, Debug, Default)]
+pub struct Library {
+    cycles: Vec<Cycle>,
+    findings: Vec<Finding>,
+    identity: u128,
+}
+
+impl Library {
+    /// The shipped cycles alone.
+    #[must_use]
+    pub fn shipped() -> Self {
+        Self::open(Folders::default())
+    }
+
+    /// The shipped cycles and those of a folder; what is fresh among the compiled forms is taken, the rest compiled and kept.
+    /// Cycles with errors are left out; [`Library::findings`] tells them.
+    #[must_use]
+    pub fn open(folders: Folders<'_>) -> Self {
+        let mut findings = Vec::new();
+        let mut sources = folders.users(&mut findings);
+        let shipped = shipped::SOURCES.iter();
+        sources
+            .extend(shipped.map(|(name, text)| Source::new(Path::new(name), Origin::Shipped, text.as_bytes().into())));
+        Self::of(sources, folders, findings)
+    }
+
+    /// A library of these cycles alone, names of files and sources, as if they were a user's; for tests and tools.
+    #[must_use]
+    pub fn of_sources(sources: &[(&str, &str)]) -> Self {
+        let sources =
+            sources.iter().map(|(name, text)| Source::new(Path::new(name), Origin::User, text.as_bytes().into()));
+        Self::of(sources.collect(), Folders::default(), Vec::new())
+    }
+
+    /// A library of cycles that no source stands behind.
+    #[cfg(test)]
+    pub(crate) fn of_cycles(cycles: Vec<Cycle>) -> Self {
+        Self { cycles, ..Self::default() }
+    }
+
+    fn of(sources: Vec<Source>, folders: Folders<'_>, mut findings: Vec<Finding>) -> Self {
+        let mut forms = folders::forms(sources, folders, &mut findings);
+        // By name, so that a name is found by halving and the numbers do not depend on the order of a folder.
+        forms.sort_by(|a, b| a.unit.name.cmp(&b.unit.name));
+        let keys: Vec<u8> = forms.iter().flat_map(|form| form.key.to_le_bytes()).collect();
+        let cycles = join::join(forms, &mut findings);
+        findings.sort_by(|a, b| (&a.source, a.diagnostic.line).cmp(&(&b.source, b.diagnostic.line)));
+        Self { cycles, findings, identity: stored::hash(&[&keys]) }
+    }
+
+    /// The cycle of this name, in capitals or not. Does not allocate.
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<CycleId> {
+        let wanted = || name.bytes().map(|byte| byte.to_ascii_uppercase());
+        let at = self.cycles.binary_search_by(|cycle| cycle.name().bytes().cmp(wanted())).ok()?;
+        Some(CycleId(at as u16))
+    }
+
+    /// A cycle, where the number is of this library.
+    #[must_use]
+    pub fn get(&self, id: CycleId) -> Option<&Cycle> {
+        self.cycles.get(usize::from(id.0))
+    }
+
+    /// All cycles with their numbers, in the order of their names.
+    pub fn iter(&self) -> impl Iterator<Item = (CycleId, &Cycle)> {
+        self.cycles.iter().enumerate().map(|(index, cycle)| (CycleId(index as u16), cycle))
+    }
+
+    /// What is wrong with the sources, and what is suspicious.
+    #[must_use]
+    pub fn findings(&self) -> &[Finding] {
+        &self.findings
+    }
+
+    /// A number that changes with any cycle: the key for what is derived from a program and these cycles.
+    #[must_use]
+    pub const fn identity(&self) -> u128 {
+        self.identity
+    }
+}

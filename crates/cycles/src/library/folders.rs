@@ -1,0 +1,177 @@
+//! The two folders (PRE-1): sources, and compiled forms.
+//!
+//! Invariant: a missing folder is no error; a compiled form is written whole or not at all.
+
+use super::Finding;
+use crate::code::Unit;
+use crate::codes::Code;
+use crate::compile::compile;
+use crate::cycle::Origin;
+use crate::diag::{Diagnostic, Severity};
+use crate::stored::{self, Unusable};
+use std::borrow::Cow;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+/// Ending of sources.
+const SOURCE_ENDING: &str = "SPF";
+/// Ending of compiled forms.
+const FORM_ENDING: &str = "CYC";
+/// Largest source that is read at all.
+const LARGEST_SOURCE: u64 = 2 << 20;
+
+/// The two folders. Either may be absent.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Folders<'a> {
+    /// Sources, files `*.SPF`.
+    pub sources: Option<&'a Path>,
+    /// Compiled forms, files `*.CYC`; made where it is missing.
+    pub compiled: Option<&'a Path>,
+}
+
+/// A source before it is compiled.
+#[derive(Debug)]
+pub(super) struct Source {
+    path: PathBuf,
+    origin: Origin,
+    text: Cow<'static, [u8]>,
+}
+
+/// A compiled source.
+#[derive(Debug)]
+pub(super) struct Form {
+    pub(super) unit: Unit,
+    pub(super) origin: Origin,
+    pub(super) path: PathBuf,
+    /// Was the compiled form taken from its folder?
+    pub(super) was_fresh: bool,
+    pub(super) key: u128,
+}
+
+impl Source {
+    pub(super) fn new(path: &Path, origin: Origin, text: Vec<u8>) -> Self {
+        Self { path: path.to_owned(), origin, text: Cow::Owned(text) }
+    }
+
+    /// The name of the file without its ending, in capitals.
+    fn stem(&self) -> String {
+        self.path.file_stem().unwrap_or_default().to_string_lossy().to_ascii_uppercase()
+    }
+}
+
+impl Folders<'_> {
+    /// The sources of the user's folder, in the order of their names.
+    pub(super) fn users(self, findings: &mut Vec<Finding>) -> Vec<Source> {
+        let Some(folder) = self.sources else { return Vec::new() };
+        let mut refuse = |path: &Path, error: &std::io::Error| {
+            let diagnostic = Diagnostic::of_file(Code::SourceUnreadable, format!("cannot be read: {error}"));
+            findings.push(Finding { source: path.to_owned(), diagnostic });
+        };
+        let entries = match std::fs::read_dir(folder) {
+            Ok(entries) => entries,
+            Err(error) => {
+                if error.kind() != ErrorKind::NotFound {
+                    refuse(folder, &error);
+                }
+                return Vec::new();
+            }
+        };
+        let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        paths.retain(|path| path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(SOURCE_ENDING)));
+        paths.sort();
+        let mut sources = Vec::new();
+        for path in paths {
+            match read_source(&path) {
+                Ok(text) => sources.push(Source::new(&path, Origin::User, text)),
+                Err(error) => refuse(&path, &error),
+            }
+        }
+        sources
+    }
+}
+
+fn read_source(path: &Path) -> std::io::Result<Vec<u8>> {
+    let length = std::fs::metadata(path)?.len();
+    if length > LARGEST_SOURCE {
+        return Err(std::io::Error::other(format!("{length} bytes are too many for a source")));
+    }
+    std::fs::read(path)
+}
+
+/// Compiles the sources, or takes their forms; a name that comes again is refused, and a shipped one replaced.
+pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut Vec<Finding>) -> Vec<Form> {
+    let mut forms: Vec<Form> = Vec::new();
+    // Names that are taken, also by sources with errors.
+    let mut taken: Vec<(String, PathBuf)> = Vec::new();
+    for source in sources {
+        let stem = source.stem();
+        let holder = |name: &str| taken.iter().find(|(known, _)| known == name).map(|(_, path)| path.clone());
+        if let (Origin::Shipped, Some(path)) = (source.origin, holder(&stem)) {
+            let diagnostic =
+                Diagnostic::of_file(Code::ShippedReplaced, format!("{stem} takes the place of the shipped one"));
+            findings.push(Finding { source: path, diagnostic });
+            continue;
+        }
+        let key = stored::key(&source.text, &stem);
+        let kept = folders.compiled.map(|folder| folder.join(&stem).with_extension(FORM_ENDING));
+        let fresh = kept.as_deref().and_then(|path| taken_form(path, key, &source.path, findings));
+        let was_fresh = fresh.is_some();
+        let (unit, diagnostics) = match fresh {
+            Some((unit, warnings)) => (Some(unit), warnings),
+            None => {
+                let compiled = compile(&source.text, &stem);
+                if let (Some(unit), Some(path)) = (&compiled.unit, &kept) {
+                    keep(path, &stored::write(unit, &compiled.diagnostics, key), &source.path, findings);
+                }
+                (compiled.unit, compiled.diagnostics)
+            }
+        };
+        let found = diagnostics.into_iter().map(|diagnostic| Finding { source: source.path.clone(), diagnostic });
+        findings.extend(found);
+        let Some(unit) = unit else {
+            taken.push((stem, source.path));
+            continue;
+        };
+        if let Some(path) = holder(&unit.name) {
+            let message = format!("{} is defined in {} too", unit.name, path.display());
+            let diagnostic = Diagnostic::of_file(Code::CycleTwice, message);
+            findings.push(Finding { source: source.path, diagnostic });
+            continue;
+        }
+        taken.push((unit.name.clone(), source.path.clone()));
+        forms.push(Form { unit, origin: source.origin, path: source.path, was_fresh, key });
+    }
+    forms
+}
+
+/// The form in a file, if it can be taken.
+fn taken_form(path: &Path, key: u128, source: &Path, findings: &mut Vec<Finding>) -> Option<(Unit, Vec<Diagnostic>)> {
+    let bytes = std::fs::read(path).ok()?;
+    match stored::read(&bytes, key) {
+        Ok((unit, warnings)) if warnings.iter().all(|warning| warning.severity() == Severity::Warning) => {
+            Some((unit, warnings))
+        }
+        Err(Unusable::Stale) => None,
+        Ok(_) | Err(Unusable::Torn) => {
+            let message = format!("{} is damaged or from elsewhere", path.display());
+            let diagnostic = Diagnostic::of_file(Code::StoredTorn, message);
+            findings.push(Finding { source: source.to_owned(), diagnostic });
+            None
+        }
+    }
+}
+
+/// Writes a form under another name first, so that nobody ever reads half of it.
+fn keep(path: &Path, bytes: &[u8], source: &Path, findings: &mut Vec<Finding>) {
+    let unfinished = path.with_extension(format!("{}.new", std::process::id()));
+    let folder = path.parent().unwrap_or(path);
+    let written = std::fs::create_dir_all(folder)
+        .and_then(|()| std::fs::write(&unfinished, bytes))
+        .and_then(|()| std::fs::rename(&unfinished, path));
+    if let Err(error) = written {
+        // What is left of the attempt is of no use; that it cannot be removed either does not matter.
+        let _ = std::fs::remove_file(&unfinished);
+        let diagnostic = Diagnostic::of_file(Code::NotStored, format!("{} cannot be written: {error}", path.display()));
+        findings.push(Finding { source: source.to_owned(), diagnostic });
+    }
+}

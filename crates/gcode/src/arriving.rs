@@ -1,0 +1,106 @@
+//! Subprograms, loops and branches of a program that arrives (DNC, standard input): compiled when their end has arrived.
+//!
+//! Invariant: what is kept is bounded: subprograms stay, anything else goes when it has been carried out.
+
+use crate::code::{Code, Jump};
+use crate::codes::Code as Number;
+use crate::control::{Control, Keyword};
+use crate::diag::{Fault, Outcome, Span, fault};
+use crate::flow::Flow;
+use crate::interp::Interpreter;
+use crate::lines::Lines;
+use crate::nest::Nest;
+use crate::prescan::Sub;
+use std::io::BufRead;
+use std::sync::Arc;
+
+/// Bytes of text that subprograms and one loop may have together.
+const MOST_KEPT: usize = 16 << 20;
+
+/// What has been kept.
+#[derive(Debug, Default)]
+pub(crate) struct Arriving {
+    nest: Nest,
+    code: Option<Arc<Code>>,
+    /// Bytes of the subprograms.
+    kept: usize,
+}
+
+impl Arriving {
+    /// The stretch compiled last.
+    pub(crate) fn code(&mut self) -> Option<Arc<Code>> {
+        self.code.take()
+    }
+
+    /// Compiles the stretch that begins with the line taken last, whose O word this is; it ends at the compiled lines returned.
+    pub(crate) fn compile<R: BufRead>(
+        &mut self,
+        control: Control,
+        lines: &mut Lines<R>,
+        interpreter: &mut Interpreter,
+        flow: &mut Flow,
+    ) -> Outcome<(u32, u32)> {
+        let is_sub = control.keyword == Keyword::Sub;
+        if let Keyword::Call | Keyword::M98 = control.keyword
+            && flow.subs.find(0, &control.label).is_none()
+        {
+            return Err(Flow::not_yet(&control.label, control.at));
+        }
+        let mut code = Code::new(0);
+        // Labels of what has gone may come again.
+        self.nest = Nest::default();
+        let first = lines.number();
+        interpreter.reader_mut().block.control = Some(control);
+        self.nest.take(&mut code, first, lines.text(), &interpreter.reader_mut().block);
+        self.report(interpreter);
+        while !self.nest.is_closed() {
+            let more = lines.advance().unwrap_or(false);
+            if !more || self.kept + code.text_len() > MOST_KEPT {
+                return Err(self.unfinished(more, interpreter));
+            }
+            interpreter.set_line(0, lines.number());
+            let reader = interpreter.reader_mut();
+            match reader.read(lines.text()) {
+                Ok(_) => self.nest.take(&mut code, lines.number(), lines.text(), &reader.block),
+                Err(fault) => {
+                    code.push(lines.number(), lines.text(), &reader.block, Jump::Faulty);
+                    interpreter.report(*fault);
+                }
+            }
+            self.report(interpreter);
+        }
+        let end = code.len();
+        let code = Arc::new(code);
+        if is_sub {
+            self.kept += code.text_len();
+        }
+        for found in self.nest.found.drain(..) {
+            let sub = Sub { code: flow.codes.len() as u32, entry: found.entry, for_m98: found.for_m98 };
+            if !flow.subs.add(0, found.label.clone(), sub) {
+                let message = format!("{} has been defined before", found.label);
+                return fault(Number::SubTwice, Span::default(), message);
+            }
+            flow.codes.push(Arc::clone(&code));
+        }
+        self.code = Some(code);
+        Ok((0, end))
+    }
+
+    /// Tells what does not nest.
+    fn report(&mut self, interpreter: &mut Interpreter) {
+        for (line, fault) in self.nest.faults.drain(..) {
+            interpreter.set_line(0, line);
+            interpreter.report(*fault);
+        }
+    }
+
+    fn unfinished(&mut self, more: bool, interpreter: &mut Interpreter) -> Box<Fault> {
+        match self.nest.give_up() {
+            Some(open) if !more => {
+                interpreter.set_line(0, open.line);
+                open.without_end()
+            }
+            _ => Box::new(Fault::plain(Number::TooMuchToKeep, Span::default())),
+        }
+    }
+}

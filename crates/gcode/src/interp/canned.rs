@@ -1,0 +1,368 @@
+//! Drilling cycles, carried out: G73, G74 and G81 to G89.
+//!
+//! Invariant: the calls are those of LinuxCNC 2.9, in its order. Whatever the plane, a hole is two coordinates in it and levels along
+//! its normal axis; after each hole the tool stands above it, at the clearance with G99 and at the higher of it and the initial level
+//! with G98.
+
+use super::{Core, Emit};
+use crate::block::Words;
+use crate::canon::{Canon, FeedMode, LengthUnit, PathControl};
+use crate::codes::Code;
+use crate::cycle::{Cycle, CycleWords, Series};
+use crate::diag::{Outcome, fault};
+use crate::groups::GroupG;
+use crate::modal::{Distance, Motion, State};
+use crate::pose::{Axis, Pose};
+use crate::spindle::SpindleTurn;
+
+/// The way kept between the tool and the depth that was reached before, for G73 and G83.
+const fn chip_clearance(units: LengthUnit) -> f64 {
+    match units {
+        LengthUnit::Inch => 0.010,
+        LengthUnit::Millimetre => 0.254,
+    }
+}
+
+/// A block that asks for more holes and pecks than this has a slip of the pen in it.
+const MOST_HOLES_AND_PECKS: f64 = 10_000.0;
+
+/// Levels along the normal axis.
+#[derive(Clone, Copy, Debug)]
+struct Levels {
+    clearance: f64,
+    bottom: f64,
+    /// Where the tool stands after each hole.
+    retract: f64,
+}
+
+/// One hole on its way: where the tool stands, and the axes that the plane gives.
+struct Hole<'a, 'e> {
+    emit: &'a mut Emit<'e>,
+    at: Pose,
+    axes: [Axis; 3],
+    levels: Levels,
+}
+
+impl Hole<'_, '_> {
+    fn traverse_to(&mut self, level: f64) {
+        self.at[self.axes[2]] = level;
+        self.emit.call(Canon::StraightTraverse(self.at));
+    }
+
+    fn feed_to(&mut self, level: f64) {
+        self.at[self.axes[2]] = level;
+        self.emit.call(Canon::StraightFeed(self.at));
+    }
+
+    /// Moves fast in the plane.
+    fn traverse_over(&mut self, first: f64, second: f64) {
+        (self.at[self.axes[0]], self.at[self.axes[1]]) = (first, second);
+        self.emit.call(Canon::StraightTraverse(self.at));
+    }
+
+    /// Down to the bottom in pecks; after each the tool goes up to the clearance, or just off the chip.
+    fn peck(&mut self, depth: f64, off: f64, clears: bool) {
+        let Levels { clearance, bottom, .. } = self.levels;
+        let mut level = clearance - depth;
+        while level > bottom {
+            self.feed_to(level);
+            if clears {
+                self.traverse_to(clearance);
+            }
+            self.traverse_to(level + off);
+            level -= depth;
+        }
+        self.feed_to(bottom);
+    }
+}
+
+impl Core {
+    /// Carries out a block of a cycle: one hole, or as many as L says.
+    pub(super) fn canned_cycle(&mut self, cycle: Cycle, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        let kept = self.kept_words(cycle);
+        let given = cycle_words(words, self.state.plane.axes()[2]).or(&kept);
+        let initial_level = self.initial_level();
+        let mut levels = self.levels(cycle, &given, initial_level, words)?;
+        let repeats = repeats(cycle, &given, &levels, words)?;
+        let normal = self.state.plane.axes()[2];
+        if initial_level < levels.clearance {
+            self.state.position[normal] = levels.clearance;
+            emit.call(Canon::StraightTraverse(self.state.position));
+        }
+        levels.retract = if self.state.retract_to_r { levels.clearance } else { initial_level.max(levels.clearance) };
+        let path = self.state.path_control;
+        if path != PathControl::ExactPath {
+            emit.call(Canon::SetMotionControlMode(PathControl::ExactPath));
+        }
+        check_cycle_words(cycle, &given, words)?;
+        self.holes(cycle, levels, (&given, repeats), words, emit)?;
+        if path != PathControl::ExactPath {
+            emit.call(Canon::SetMotionControlMode(path));
+            emit.call(Canon::SetNaivecamTolerance(self.state.naivecam_tolerance));
+        }
+        self.state.motion = Some(Motion::Cycle(cycle));
+        self.state.series = Some(Series { plane: self.state.plane, initial_level, words: given });
+        Ok(())
+    }
+
+    /// The words that the block may leave out: those of the block before, if that was the same cycle in the same plane.
+    fn kept_words(&self, cycle: Cycle) -> CycleWords {
+        match &self.state.series {
+            Some(series) if series.plane == self.state.plane && self.state.motion == Some(Motion::Cycle(cycle)) => {
+                series.words
+            }
+            _ => CycleWords::default(),
+        }
+    }
+
+    /// Where the normal axis stood before the series that the block belongs to.
+    fn initial_level(&self) -> f64 {
+        match &self.state.series {
+            Some(series) if series.plane == self.state.plane => series.initial_level,
+            _ => self.state.position[self.state.plane.axes()[2]],
+        }
+    }
+
+    /// Clearance and bottom, after the checks that need nothing else.
+    fn levels(&self, cycle: Cycle, given: &CycleWords, initial: f64, words: &Words) -> Outcome<Levels> {
+        let at = cycle_span(words);
+        let name = cycle.name();
+        match self.state.feed_mode {
+            FeedMode::InverseTime => return fault(Code::CycleInverseTime, at, Code::CycleInverseTime.title()),
+            _ if self.state.feed_rate == 0.0 => {
+                return fault(Code::ZeroFeed, at, format!("{name} needs a feed rate, and none is set"));
+            }
+            _ => {}
+        }
+        let normal = char::from(self.state.plane.axes()[2].letter());
+        let Some(clearance) = given.clearance else {
+            return fault(Code::WordMissing, at, format!("{name} needs an R word: the level of clearance"));
+        };
+        let Some(bottom) = given.bottom else {
+            return fault(Code::WordMissing, at, format!("{name} needs a {normal} word: the bottom of the hole"));
+        };
+        let (clearance, bottom) = match self.state.distance {
+            Distance::Absolute => (clearance, bottom),
+            Distance::Incremental => (initial + clearance, initial + clearance + bottom),
+        };
+        if clearance < bottom {
+            let message = format!("the clearance {clearance:.4} lies below the bottom {bottom:.4} of the hole");
+            return fault(Code::CycleLevels, at, message);
+        }
+        Ok(Levels { clearance, bottom, retract: clearance })
+    }
+
+    /// Goes over the holes of the block and makes each of them.
+    fn holes(
+        &mut self,
+        cycle: Cycle,
+        levels: Levels,
+        (given, repeats): (&CycleWords, u32),
+        words: &Words,
+        emit: &mut Emit<'_>,
+    ) -> Outcome<()> {
+        let state = &self.state;
+        let axes = state.plane.axes();
+        let [first, second, normal] = axes;
+        let word = |axis: Axis| words.get(axis.letter().to_ascii_lowercase());
+        let here = (state.position[first], state.position[second]);
+        let (mut place, step) = match state.distance {
+            // A step of zero is added as well: it makes 0 of −0, as in the peer.
+            Distance::Absolute => ((word(first).unwrap_or(here.0), word(second).unwrap_or(here.1)), (0.0, 0.0)),
+            Distance::Incremental => (here, (word(first).unwrap_or(0.0), word(second).unwrap_or(0.0))),
+        };
+        let level = state.position[normal];
+        let mut travel = if level > levels.clearance { level } else { levels.retract };
+        let mut hole = Hole { emit, at: state.position, axes, levels };
+        for _ in 0..repeats {
+            place = (place.0 + step.0, place.1 + step.1);
+            hole.at[normal] = travel;
+            hole.traverse_over(place.0, place.1);
+            if travel != levels.clearance {
+                hole.traverse_to(levels.clearance);
+            }
+            make(cycle, &mut hole, given, state, words)?;
+            travel = levels.retract;
+        }
+        hole.at[normal] = levels.retract;
+        self.state.position = hole.at;
+        Ok(())
+    }
+}
+
+/// How many holes the block makes.
+fn repeats(cycle: Cycle, given: &CycleWords, levels: &Levels, words: &Words) -> Outcome<u32> {
+    let repeats = words.get(b'l').unwrap_or(1.0);
+    let pecks = match given.peck {
+        Some(depth) if cycle.has_pecks() && depth > 0.0 => (levels.clearance - levels.bottom) / depth,
+        _ => 0.0,
+    };
+    if repeats == 0.0 || repeats * (pecks + 1.0) > MOST_HOLES_AND_PECKS {
+        return fault(Code::CycleRepeats, words.span(b'l'), Code::CycleRepeats.title());
+    }
+    Ok(repeats as u32)
+}
+
+/// Makes one hole, from the clearance above it.
+fn make(cycle: Cycle, hole: &mut Hole<'_, '_>, given: &CycleWords, state: &State, words: &Words) -> Outcome<()> {
+    let Levels { clearance, bottom, retract } = hole.levels;
+    let dwell = given.dwell.unwrap_or(0.0);
+    match cycle {
+        Cycle::ChipBreaking | Cycle::PeckDrilling => {
+            let depth = given.peck.unwrap_or(0.0);
+            if depth <= 0.0 {
+                return fault(Code::CyclePeck, words.span(b'q'), Code::CyclePeck.title());
+            }
+            hole.peck(depth, chip_clearance(state.units), cycle == Cycle::PeckDrilling);
+            hole.traverse_to(retract);
+        }
+        Cycle::Drilling | Cycle::DrillingWithDwell => {
+            hole.feed_to(bottom);
+            if cycle == Cycle::DrillingWithDwell {
+                hole.emit.call(Canon::Dwell(dwell));
+            }
+            hole.traverse_to(retract);
+        }
+        Cycle::LeftTapping => tap(cycle, hole, SpindleTurn::Counterclockwise, (dwell, state), words)?,
+        Cycle::RightTapping => tap(cycle, hole, SpindleTurn::Clockwise, (dwell, state), words)?,
+        Cycle::Boring => {
+            hole.feed_to(bottom);
+            hole.feed_to(clearance);
+            hole.traverse_to(retract);
+        }
+        Cycle::BoringWithDwell => {
+            hole.feed_to(bottom);
+            hole.emit.call(Canon::Dwell(dwell));
+            hole.feed_to(retract);
+        }
+        Cycle::BoringSpindleStop | Cycle::BoringManual => {
+            let turn = turning(cycle, state, words)?;
+            hole.feed_to(bottom);
+            hole.emit.call(Canon::Dwell(dwell));
+            hole.emit.call(Canon::StopSpindleTurning);
+            if cycle == Cycle::BoringManual {
+                hole.emit.call(Canon::ProgramStop);
+            } else {
+                hole.traverse_to(retract);
+            }
+            hole.emit.call(turn.start());
+        }
+        Cycle::BackBoring => bore_back(hole, given, state, words)?,
+    }
+    Ok(())
+}
+
+/// Which way the spindle turns; the cycle needs it to.
+fn turning(cycle: Cycle, state: &State, words: &Words) -> Outcome<SpindleTurn> {
+    match state.spindle.turn() {
+        Some(turn) => Ok(turn),
+        None => {
+            let message = format!("{} needs a turning spindle", cycle.name());
+            fault(Code::SpindleNotTurning, cycle_span(words), message)
+        }
+    }
+}
+
+/// G74, G84: down, the other way round, and up again, all at the feed that the program has chosen to fit the pitch.
+fn tap(
+    cycle: Cycle,
+    hole: &mut Hole<'_, '_>,
+    needed: SpindleTurn,
+    (dwell, state): (f64, &State),
+    words: &Words,
+) -> Outcome<()> {
+    let turn = turning(cycle, state, words)?;
+    if turn != needed {
+        let (name, needed) = (cycle.name(), needed.name());
+        return fault(
+            Code::SpindleTurnsWrongly,
+            cycle_span(words),
+            format!("{name} needs a spindle that turns {needed}"),
+        );
+    }
+    let Levels { bottom, retract, .. } = hole.levels;
+    hole.emit.call(Canon::DisableFeedOverride);
+    hole.emit.call(Canon::DisableSpeedOverride);
+    hole.feed_to(bottom);
+    hole.emit.call(Canon::StopSpindleTurning);
+    hole.emit.call(turn.opposite().start());
+    hole.emit.call(Canon::Dwell(dwell));
+    hole.feed_to(retract);
+    hole.emit.call(Canon::StopSpindleTurning);
+    hole.emit.call(turn.start());
+    if state.feed_override {
+        hole.emit.call(Canon::EnableFeedOverride);
+    }
+    if state.speed_override {
+        hole.emit.call(Canon::EnableSpeedOverride);
+    }
+    Ok(())
+}
+
+/// G87: through the hole beside its axis with the spindle oriented, up to the middle at the feed, and back the same way.
+fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &State, words: &Words) -> Outcome<()> {
+    let turn = turning(Cycle::BackBoring, state, words)?;
+    let [first, second, normal] = hole.axes;
+    let offset = |axis: Axis| given.offsets[axis as usize].unwrap_or(0.0);
+    let Levels { clearance, bottom, retract } = hole.levels;
+    let middle = match state.distance {
+        Distance::Absolute => offset(normal),
+        Distance::Incremental => bottom + offset(normal),
+    };
+    let on_axis = (hole.at[first], hole.at[second]);
+    let beside = (on_axis.0 + offset(first), on_axis.1 + offset(second));
+    let orient = Canon::OrientSpindle { degrees: 0.0, mode: if turn == SpindleTurn::Clockwise { 2 } else { 3 } };
+    hole.at[normal] = clearance;
+    hole.traverse_over(beside.0, beside.1);
+    hole.emit.call(Canon::StopSpindleTurning);
+    hole.emit.call(orient.clone());
+    hole.traverse_to(bottom);
+    hole.traverse_over(on_axis.0, on_axis.1);
+    hole.emit.call(turn.start());
+    hole.feed_to(middle);
+    hole.feed_to(bottom);
+    hole.emit.call(Canon::StopSpindleTurning);
+    hole.emit.call(orient);
+    hole.traverse_over(beside.0, beside.1);
+    hole.traverse_to(retract);
+    hole.traverse_over(on_axis.0, on_axis.1);
+    hole.emit.call(turn.start());
+    Ok(())
+}
+
+/// The words of a block that cycles keep.
+fn cycle_words(words: &Words, normal: Axis) -> CycleWords {
+    CycleWords {
+        clearance: words.get(b'r'),
+        bottom: words.get(normal.letter().to_ascii_lowercase()),
+        dwell: words.get(b'p'),
+        peck: words.get(b'q'),
+        offsets: [words.get(b'i'), words.get(b'j'), words.get(b'k')],
+    }
+}
+
+/// The words that the cycle needs beside R and the bottom.
+fn check_cycle_words(cycle: Cycle, given: &CycleWords, words: &Words) -> Outcome<()> {
+    let missing = match cycle {
+        _ if cycle.needs_dwell() && given.dwell.is_none() => "P word: the dwell at the bottom, in seconds",
+        _ if cycle.has_pecks() && given.peck.is_none() => "Q word: the depth of a peck",
+        Cycle::BackBoring if given.offsets.contains(&None) => "I, a J and a K word",
+        _ => {
+            return match given.dwell {
+                Some(dwell) if dwell < 0.0 => {
+                    fault(Code::NegativeValue, words.span(b'p'), "a dwell takes no negative time")
+                }
+                _ => Ok(()),
+            };
+        }
+    };
+    fault(Code::WordMissing, cycle_span(words), format!("{} needs a {missing}", cycle.name()))
+}
+
+/// Where the cycle is told of: its G code, or the first word that asks for another hole.
+fn cycle_span(words: &Words) -> crate::diag::Span {
+    match words.first_of(b"xyzrpq") {
+        Some(letter) if words.g(GroupG::Motion).is_none() => words.span(letter),
+        _ => words.g_span(GroupG::Motion),
+    }
+}

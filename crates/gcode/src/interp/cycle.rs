@@ -1,0 +1,400 @@
+//! Cycles: the interpreter as the host of a running cycle, MCALL, and what a cycle leaves as it was.
+//!
+//! Invariant: a cycle's blocks go the way of the program's own blocks. What `SAVE` names is restored at the cycle's end (cycles,
+//! section 1.3); after an alarm nothing has moved unless a block of the cycle itself was wrong.
+
+use super::check;
+use super::core::{Core, Emit};
+use crate::block::Words;
+use crate::call::{CycleCall, Given};
+use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane, Step};
+use crate::codes::Code;
+use crate::compensation::Side;
+use crate::diag::{Fault, Outcome, Span, fault};
+use crate::modal::{Distance, Motion, Spindle, State};
+use crate::pose::Axis;
+use retrace_cycles::{
+    Argument, Block, Cycle, Halt, Host, Library, Machine, Message, Query, StockCall, StockFault, StockMove, Stopped,
+};
+use std::sync::Arc;
+
+/// Most parameters of a cycle.
+const MOST_ARGUMENTS: usize = 64;
+
+/// A cycle that follows every block with motion (MCALL).
+#[derive(Clone, Debug)]
+pub(super) struct Modal {
+    call: CycleCall,
+    /// Its arguments, calculated once.
+    values: Vec<f64>,
+    /// How deep in calls it was given: it ends with that subprogram.
+    level: u32,
+}
+
+/// What cycles need besides the state; boxed, because few programs call any.
+#[derive(Debug, Default)]
+pub(super) struct Cycles {
+    machine: Machine,
+    /// Runs the modal cycle at the blocks of another one.
+    inner: Machine,
+    modal: Option<Modal>,
+    values: Vec<f64>,
+    saved: Vec<Option<Saved>>,
+    words: Words,
+}
+
+impl Clone for Cycles {
+    /// What runs is not copied, only what is in force.
+    fn clone(&self) -> Cycles {
+        Cycles { modal: self.modal.clone(), ..Cycles::default() }
+    }
+}
+
+/// What `SAVE` keeps.
+#[derive(Clone, Copy, Debug)]
+struct Saved {
+    motion: Option<Motion>,
+    plane: Plane,
+    distance: Distance,
+    feed_mode: FeedMode,
+    feed_rate: f64,
+    spindle_speed: f64,
+    path_control: PathControl,
+    lathe_diameter: bool,
+}
+
+impl Saved {
+    fn of(state: &State) -> Saved {
+        Saved {
+            motion: state.motion,
+            plane: state.plane,
+            distance: state.distance,
+            feed_mode: state.feed_mode,
+            feed_rate: state.feed_rate,
+            spindle_speed: state.spindle_speed,
+            path_control: state.path_control,
+            lathe_diameter: state.lathe_diameter,
+        }
+    }
+
+    /// Puts it in force again, with the canonical functions that that takes.
+    fn restore(&self, state: &mut State, emit: &mut Emit<'_>) {
+        state.motion = self.motion;
+        if state.plane != self.plane {
+            state.plane = self.plane;
+            emit.call(Canon::SelectPlane(self.plane));
+        }
+        state.distance = self.distance;
+        state.lathe_diameter = self.lathe_diameter;
+        if state.feed_mode != self.feed_mode {
+            state.feed_mode = self.feed_mode;
+            emit.call(Canon::SetFeedMode(self.feed_mode));
+        }
+        if state.feed_rate != self.feed_rate {
+            state.feed_rate = self.feed_rate;
+            emit.call(Canon::SetFeedRate(self.feed_rate));
+        }
+        if state.spindle_speed != self.spindle_speed {
+            state.spindle_speed = self.spindle_speed;
+            emit.call(Canon::SetSpindleSpeed(self.spindle_speed));
+        }
+        if state.path_control != self.path_control {
+            state.path_control = self.path_control;
+            emit.call(Canon::SetMotionControlMode(self.path_control));
+        }
+    }
+}
+
+/// Where contours come from.
+pub(crate) trait Contours {
+    /// The path of CYCLE95 along a contour.
+    ///
+    /// # Errors
+    /// The control's alarm.
+    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<Arc<[StockMove]>, StockFault>;
+}
+
+/// No contours: a modal cycle has none.
+pub(crate) struct NoContours;
+
+impl Contours for NoContours {
+    fn stock(&self, _: &Core, _: &StockCall<'_>) -> Result<Arc<[StockMove]>, StockFault> {
+        Err(StockFault { alarm: 61606, text: "a modal cycle cannot read a contour".to_owned() })
+    }
+}
+
+impl super::Interpreter {
+    /// Runs the cycle of the line that was loaded last.
+    pub(crate) fn call_cycle(
+        &mut self,
+        call: &CycleCall,
+        contours: &dyn Contours,
+        steps: &mut Vec<Step>,
+    ) -> Outcome<()> {
+        self.control_value()?;
+        let mut cycles = self.cycles.take().unwrap_or_default();
+        let mut values = std::mem::take(&mut cycles.values);
+        values.clear();
+        values.extend(self.arguments());
+        let outcome = self.run_cycle(&mut cycles, call, &values, contours, steps);
+        cycles.values = values;
+        self.cycles = Some(cycles);
+        outcome
+    }
+
+    /// MCALL with a cycle: it follows every block with motion from now on.
+    pub(crate) fn begin_modal(&mut self, call: &CycleCall) -> Outcome<()> {
+        self.control_value()?;
+        let is_pattern = |library: &Library| library.get(call.id).is_some_and(Cycle::is_pattern);
+        if self.reader.cycles.as_deref().is_some_and(is_pattern) {
+            return fault(Code::ModalInCycle, call.at, format!("{} calls the modal cycle itself", call.name));
+        }
+        let values = self.arguments().collect();
+        let modal = Modal { call: call.clone(), values, level: self.core.state.call_level };
+        self.cycles.get_or_insert_default().modal = Some(modal);
+        Ok(())
+    }
+
+    /// MCALL alone.
+    pub(crate) fn end_modal(&mut self) {
+        if let Some(cycles) = &mut self.cycles {
+            cycles.modal = None;
+        }
+    }
+
+    /// Whether a modal cycle is in force at this depth of calls; one of a subprogram that has ended is given up.
+    #[inline]
+    pub(super) fn has_modal(&mut self) -> bool {
+        let Some(cycles) = &mut self.cycles else { return false };
+        let level = self.core.state.call_level;
+        if cycles.modal.as_ref().is_some_and(|modal| modal.level > level) {
+            cycles.modal = None;
+        }
+        cycles.modal.as_ref().is_some_and(|modal| modal.level == level)
+    }
+
+    /// Runs the modal cycle behind a block with motion.
+    pub(super) fn modal_cycle(&mut self, steps: &mut Vec<Step>) -> Outcome<()> {
+        let Some(mut cycles) = self.cycles.take() else { return Ok(()) };
+        let modal = cycles.modal.take();
+        let outcome = match &modal {
+            Some(modal) => self.run_cycle(&mut cycles, &modal.call, &modal.values, &NoContours, steps),
+            None => Ok(()),
+        };
+        cycles.modal = modal;
+        self.cycles = Some(cycles);
+        outcome
+    }
+
+    fn run_cycle(
+        &mut self,
+        cycles: &mut Cycles,
+        call: &CycleCall,
+        values: &[f64],
+        contours: &dyn Contours,
+        steps: &mut Vec<Step>,
+    ) -> Outcome<()> {
+        let Some(library) = self.reader.cycles.clone() else { return Ok(()) };
+        let Cycles { machine, inner, modal, saved, words, .. } = cycles;
+        saved.clear();
+        let level = self.core.state.call_level;
+        let modal = modal.as_ref().filter(|modal| modal.level == level);
+        let mut waiting = std::mem::take(&mut self.core.state.waiting);
+        let mut caller = Caller {
+            core: &mut self.core,
+            library: &library,
+            contours,
+            modal: modal.map(|modal| (modal, inner)),
+            saved,
+            words,
+            path: None,
+            emit: Emit { line: self.line, number: None, steps, waiting: &mut waiting, warning: None },
+            at: call.at,
+            fault: None,
+            warnings: Vec::new(),
+        };
+        let outcome = caller.run(machine, call, values);
+        let warnings = std::mem::take(&mut caller.warnings);
+        self.core.state.waiting = waiting;
+        for message in warnings {
+            self.report(Fault::new(Code::CycleWarning, call.at, message));
+        }
+        outcome
+    }
+}
+
+/// The arguments of a call as the machine of cycles takes them.
+fn arguments<'a>(call: &'a CycleCall, values: &[f64]) -> [Argument<'a>; MOST_ARGUMENTS] {
+    let mut arguments = [Argument::Missing; MOST_ARGUMENTS];
+    let mut values = values.iter();
+    for (place, given) in arguments.iter_mut().zip(call.arguments.iter()) {
+        *place = match given {
+            Given::Missing => Argument::Missing,
+            Given::Text(text) => Argument::Text(text),
+            Given::Number => Argument::Number(values.next().copied().unwrap_or_default()),
+        };
+    }
+    arguments
+}
+
+/// The interpreter while a cycle runs.
+struct Caller<'a> {
+    core: &'a mut Core,
+    library: &'a Library,
+    contours: &'a dyn Contours,
+    modal: Option<(&'a Modal, &'a mut Machine)>,
+    saved: &'a mut Vec<Option<Saved>>,
+    words: &'a mut Words,
+    path: Option<Arc<[StockMove]>>,
+    emit: Emit<'a>,
+    at: Span,
+    fault: Option<Box<Fault>>,
+    warnings: Vec<String>,
+}
+
+impl Caller<'_> {
+    fn run(&mut self, machine: &mut Machine, call: &CycleCall, values: &[f64]) -> Outcome<()> {
+        let arguments = arguments(call, values);
+        let given = arguments.get(..call.arguments.len()).unwrap_or_default();
+        let library = self.library;
+        match machine.run(library, call.id, given, self) {
+            Ok(()) => Ok(()),
+            Err(Halt::Alarm(alarm)) => fault(Code::CycleAlarm, self.at, format!("{alarm}; {}", alarm.help())),
+            Err(Halt::Stopped) => match self.fault.take() {
+                Some(fault) => Err(fault),
+                None => fault(Code::CycleAlarm, self.at, Code::CycleAlarm.title()),
+            },
+        }
+    }
+
+    fn carry_out(&mut self, block: &Block) -> Outcome<()> {
+        let words = &mut *self.words;
+        words.clear();
+        for tenths in block.g() {
+            words.add_g(f64::from(*tenths) / 10.0, self.at)?;
+        }
+        for code in block.m() {
+            words.add_m(f64::from(*code), self.at)?;
+        }
+        for word in block.words() {
+            let letter = word.letter.to_ascii_lowercase();
+            words.claim(letter, self.at)?;
+            words.fill(letter, word.value, self.at)?;
+        }
+        if words.has(b'x') && self.core.takes_diameters(words) {
+            words.halve_x();
+        }
+        let motion = check::motion_to_be(words, &self.core.state)?;
+        check::words_have_uses(words, motion)?;
+        self.core.execute(words, motion, &mut self.emit)?;
+        if block.triggers
+            && let Some((modal, machine)) = self.modal.take()
+        {
+            let outcome = self.run(machine, &modal.call, &modal.values);
+            self.modal = Some((modal, machine));
+            outcome?;
+        }
+        Ok(())
+    }
+}
+
+impl Host for Caller<'_> {
+    fn ask(&self, what: Query) -> f64 {
+        let state = &self.core.state;
+        let tool = || self.core.tools.get(state.current_tool).unwrap_or_default();
+        let truth = |condition: bool| f64::from(u8::from(condition));
+        match what {
+            Query::Position(letter) => match Axis::of_letter(letter.to_ascii_lowercase()) {
+                Some(Axis::X) if state.lathe_diameter => 2.0 * state.position[Axis::X],
+                Some(axis) => state.position[axis],
+                None => 0.0,
+            },
+            Query::Feed => state.feed_rate,
+            Query::SpindleSpeed => state.spindle_speed,
+            Query::SpindleDirection => match state.spindle {
+                Spindle::Clockwise => 3.0,
+                Spindle::Counterclockwise => 4.0,
+                Spindle::Stopped => 5.0,
+            },
+            // RS274/NGC has no D number of its own: a program that selects no tool works with the one that is clamped.
+            Query::OffsetNumber => state.current_tool.max(1).into(),
+            Query::ToolRadius => self.core.to_program_unit(Axis::X, tool().diameter) / 2.0,
+            Query::EdgePosition => tool().orientation,
+            Query::ClearanceAngle => tool().back_angle,
+            Query::Plane => match state.plane {
+                Plane::Xy => 17.0,
+                Plane::Zx => 18.0,
+                Plane::Yz => 19.0,
+                Plane::Uv => 17.1,
+                Plane::Wu => 18.1,
+                Plane::Vw => 19.1,
+            },
+            Query::Compensation => match state.compensation.map(|compensation| compensation.side) {
+                None => 40.0,
+                Some(Side::Left) => 41.0,
+                Some(Side::Right) => 42.0,
+            },
+            Query::Distance => match state.distance {
+                Distance::Absolute => 90.0,
+                Distance::Incremental => 91.0,
+            },
+            Query::FeedMode => match state.feed_mode {
+                FeedMode::InverseTime => 93.0,
+                FeedMode::UnitsPerMinute => 94.0,
+                FeedMode::UnitsPerRevolution => 95.0,
+            },
+            Query::SpindleMode => 97.0,
+            Query::Motion => match state.motion {
+                Some(Motion::Feed) => 1.0,
+                Some(Motion::ArcClockwise) => 2.0,
+                Some(Motion::ArcCounterclockwise) => 3.0,
+                Some(Motion::SpindleFeed) => 33.0,
+                _ => 0.0,
+            },
+            Query::Diameter => truth(state.lathe_diameter),
+            Query::Inch => truth(state.units == LengthUnit::Inch),
+            Query::ModalCycle => truth(self.modal.is_some()),
+        }
+    }
+
+    fn block(&mut self, block: &Block) -> Result<(), Stopped> {
+        self.carry_out(block).map_err(|mut fault| {
+            let name = self.library.get(block.cycle).map_or("", Cycle::name);
+            if fault.code != Code::CycleAlarm {
+                fault.message = format!("{name}, line {}: {}", block.line, fault.message);
+            }
+            fault.span = self.at;
+            self.fault = Some(fault);
+            Stopped
+        })
+    }
+
+    fn message(&mut self, message: &Message<'_>) {
+        match message.warning {
+            Some(number) => self.warnings.push(format!("{number}: {}", message.text)),
+            None => self.emit.call(Canon::Message(message.text.into())),
+        }
+    }
+
+    fn enter(&mut self, cycle: &Cycle) {
+        self.saved.push(cycle.saves().then(|| Saved::of(&self.core.state)));
+    }
+
+    fn leave(&mut self, _: &Cycle) -> Result<(), Stopped> {
+        if let Some(Some(saved)) = self.saved.pop() {
+            saved.restore(&mut self.core.state, &mut self.emit);
+        }
+        Ok(())
+    }
+
+    fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockFault> {
+        let path = self.contours.stock(self.core, call)?;
+        let moves = path.len() as u32;
+        self.path = Some(path);
+        Ok(moves)
+    }
+
+    fn stock_move(&self, index: u32) -> Option<StockMove> {
+        self.path.as_ref()?.get(index as usize).copied()
+    }
+}

@@ -1,0 +1,145 @@
+//! The spindle beyond on and off: G96, G97, M19, and the moves that keep step with it, G33 and G33.1.
+//!
+//! Invariant: there is one spindle, number 0; a move that keeps step with it is refused while it stands.
+
+use super::check::MotionToBe;
+use super::{Core, Emit};
+use crate::block::Words;
+use crate::canon::Canon;
+use crate::codes::Code;
+use crate::diag::{Outcome, fault};
+use crate::eval::whole;
+use crate::groups::{GroupG, GroupM};
+use crate::modal::{Motion, Spindle};
+use crate::pose::Axis;
+
+/// The highest number of turns a minute under G96 without a D word: LinuxCNC's stand-in for none.
+const NO_HIGHEST_SPEED: f64 = 1e30;
+
+impl Core {
+    /// G96 and G97, from where S counts as surface or as turning speed.
+    pub(super) fn set_spindle_mode(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) {
+        self.state.constant_surface_speed = code == 960;
+        let highest = if code == 960 { words.get(b'd').map_or(NO_HIGHEST_SPEED, f64::abs) } else { 0.0 };
+        emit.call(Canon::SetSpindleMode(highest));
+    }
+
+    /// M19: the spindle turns to an angle and stands.
+    pub(super) fn orient_spindle(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        let mode = words.get(b'p').unwrap_or_default() as u8;
+        self.state.spindle = Spindle::Stopped;
+        emit.call(Canon::OrientSpindle { degrees: words.get(b'r').unwrap_or_default(), mode });
+        match words.get(b'q') {
+            None => Ok(()),
+            Some(seconds) if seconds > 0.0 => {
+                emit.call(Canon::WaitSpindleOrientComplete(seconds));
+                Ok(())
+            }
+            Some(_) => fault(Code::BadOrientation, words.span(b'q'), "M19 waits for longer than 0 s at most"),
+        }
+    }
+
+    /// G33: a straight move, G33.1: a tap in and out, K units a turn of the spindle.
+    pub(super) fn synchronised_move(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        self.needs_turning_spindle(motion.name(), words)?;
+        let pitch = words.get(b'k').unwrap_or_default();
+        self.state.motion = Some(motion);
+        let end = self.end_of(words);
+        emit.call(Canon::StartSpeedFeedSynch { pitch });
+        if motion == Motion::RigidTap {
+            emit.call(Canon::RigidTap([end[Axis::X], end[Axis::Y], end[Axis::Z]]));
+        } else {
+            emit.call(Canon::StraightFeed(end));
+            self.state.position = end;
+        }
+        emit.call(Canon::StopSpeedFeedSynch);
+        Ok(())
+    }
+
+    /// Refuses a motion that keeps step with a spindle that stands.
+    pub(super) fn needs_turning_spindle(&self, name: &str, words: &Words) -> Outcome<()> {
+        match self.state.spindle {
+            Spindle::Stopped => {
+                fault(Code::SpindleNotTurning, words.g_span(GroupG::Motion), format!("{name} needs a turning spindle"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Checks what belongs to the spindle before a block is carried out.
+pub(super) fn check_spindle_words(words: &Words, to_be: MotionToBe) -> Outcome<()> {
+    if words.g(GroupG::SpindleMode) == Some(960) && !words.has(b's') {
+        let at = words.g_span(GroupG::SpindleMode);
+        return fault(Code::WordMissing, at, "G96 needs an S word: the speed at the surface");
+    }
+    if words.m(GroupM::Spindle) == Some(19) {
+        check_orientation(words)?;
+    }
+    if words.has(b'$') {
+        check_spindle_number(words, to_be)?;
+    }
+    match to_be {
+        MotionToBe::Move(motion @ (Motion::SpindleFeed | Motion::RigidTap)) => check_synchronised(motion, words),
+        _ => Ok(()),
+    }
+}
+
+fn check_orientation(words: &Words) -> Outcome<()> {
+    match words.get(b'r') {
+        Some(0.0..=360.0) => {}
+        Some(degrees) => {
+            let message = format!("M19 turns to an angle of 0 to 360 degrees, not {degrees}");
+            return fault(Code::BadOrientation, words.span(b'r'), message);
+        }
+        None => {
+            let at = words.m_span(GroupM::Spindle);
+            return fault(Code::WordMissing, at, "M19 needs an R word: the angle in degrees");
+        }
+    }
+    match words.get(b'p') {
+        None | Some(0.0 | 1.0 | 2.0) => Ok(()),
+        Some(_) => {
+            let message = "of M19, P is 0 (the shortest way), 1 (clockwise) or 2 (counter-clockwise)";
+            fault(Code::BadOrientation, words.span(b'p'), message)
+        }
+    }
+}
+
+fn check_spindle_number(words: &Words, to_be: MotionToBe) -> Outcome<()> {
+    let at = words.span(b'$');
+    let switch = matches!(words.m(GroupM::Spindle), Some(3..=5));
+    let turns = switch || words.m(GroupM::Spindle) == Some(19);
+    let moves = matches!(to_be, MotionToBe::Move(Motion::SpindleFeed | Motion::RigidTap | Motion::ThreadingCycle));
+    let one = moves || words.m(GroupM::Spindle) == Some(19) || words.g(GroupG::SpindleMode).is_some();
+    if !(turns || moves || words.has(b's') || words.g(GroupG::SpindleMode).is_some()) {
+        return fault(Code::WordUnused, at, "$ belongs to S, M3, M4, M5, M19, G33, G33.1, G76, G96 or G97");
+    }
+    match whole(words.get(b'$').unwrap_or_default(), at, "$")? {
+        0 => Ok(()),
+        -1 if !one => Ok(()),
+        number => fault(Code::NoSuchSpindle, at, format!("there is no spindle {number}")),
+    }
+}
+
+fn check_synchronised(motion: Motion, words: &Words) -> Outcome<()> {
+    let name = motion.name();
+    if words.has(b'f') {
+        let message = format!("the feed of {name} is K times the turns of the spindle, so it takes no F word");
+        return fault(Code::WordUnused, words.span(b'f'), message);
+    }
+    match words.get(b'k') {
+        None => {
+            let message = format!("{name} needs a K word: the way in one turn of the spindle");
+            return fault(Code::WordMissing, words.g_span(GroupG::Motion), message);
+        }
+        Some(0.0) => return fault(Code::ZeroPitch, words.span(b'k'), Code::ZeroPitch.title()),
+        Some(_) => {}
+    }
+    match words.first_of(b"abcuvw") {
+        Some(letter) if motion == Motion::RigidTap => {
+            fault(Code::CycleAxis, words.span(letter), "G33.1 moves X, Y and Z only")
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,274 @@
+//! From lines with O words to jumps: which end belongs to which beginning.
+//!
+//! Invariant: every jump of a closed stretch has its target; what does not nest is told with its line, and is refused when the
+//! program comes to it.
+
+use crate::block::Block;
+use crate::code::{CallSite, Code, Jump};
+use crate::codes::Code as Number;
+use crate::control::{Control, Keyword, Label};
+use crate::diag::{Fault, Outcome, fault};
+use std::collections::HashSet;
+
+/// A subprogram that has been found.
+#[derive(Clone, Debug)]
+pub(crate) struct Found {
+    pub(crate) label: Label,
+    /// Its first line behind the one with its label.
+    pub(crate) entry: u32,
+    pub(crate) for_m98: bool,
+    pub(crate) line: u32,
+}
+
+/// A block of O words that has not come to its end.
+#[derive(Debug)]
+pub(crate) struct Open {
+    pub(crate) control: Control,
+    /// Where it begins, counted in compiled lines, and in lines of the file.
+    begin: u32,
+    pub(crate) line: u32,
+    /// The last if or elseif: a false condition goes to the next line that decides.
+    decider: Option<u32>,
+    /// Lines that go to the end, and to the line that ends the round.
+    to_end: Vec<u32>,
+    to_round: Vec<u32>,
+    /// Loops of repeat around it.
+    repeats: u32,
+}
+
+/// What is open while lines are compiled.
+#[derive(Debug, Default)]
+pub(crate) struct Nest {
+    open: Vec<Open>,
+    /// Labels by the subprogram that they stand in: one label has one block.
+    labels: HashSet<(Option<Label>, Label)>,
+    /// Subprograms found since they were taken last.
+    pub(crate) found: Vec<Found>,
+    /// What is wrong, with its line in the file.
+    pub(crate) faults: Vec<(u32, Box<Fault>)>,
+}
+
+impl Nest {
+    /// Whether everything that was opened has its end.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.open.is_empty()
+    }
+
+    /// Gives up what is open, and returns the first of it.
+    pub(crate) fn give_up(&mut self) -> Option<Open> {
+        self.open.drain(..).next()
+    }
+
+    /// Adds line `line` of the file, which has been compiled to `block`.
+    pub(crate) fn take(&mut self, code: &mut Code, line: u32, text: &[u8], block: &Block) {
+        let Some(control) = &block.control else {
+            code.push(line, text, block, Jump::None);
+            return;
+        };
+        let at = code.len();
+        code.push(line, text, block, Jump::Faulty);
+        if let Some(cycle) = &block.cycle {
+            let call = code.cycles.len() as u32;
+            code.cycles.push(cycle.clone());
+            let is_modal = control.keyword == Keyword::ModalCall;
+            code.set_jump(at, if is_modal { Jump::ModalCall { call } } else { Jump::Cycle { call } });
+            return;
+        }
+        match self.jump(code, at, line, control) {
+            Ok(jump) => code.set_jump(at, jump),
+            Err(fault) => self.faults.push((line, fault)),
+        }
+    }
+
+    fn jump(&mut self, code: &mut Code, at: u32, line: u32, control: &Control) -> Outcome<Jump> {
+        Ok(match control.keyword {
+            Keyword::Sub | Keyword::If | Keyword::While | Keyword::Do | Keyword::Repeat => {
+                return self.begin(code, at, line, control);
+            }
+            Keyword::ElseIf | Keyword::Else => {
+                let open = self.innermost(control, &[Keyword::If])?;
+                if let Some(decider) = open.decider.take() {
+                    set_otherwise(code, decider, at);
+                }
+                open.to_end.push(at);
+                if control.keyword == Keyword::Else {
+                    Jump::Else { end: 0 }
+                } else {
+                    open.decider = Some(at);
+                    Jump::ElseIf { otherwise: 0, end: 0 }
+                }
+            }
+            Keyword::EndIf => {
+                let open = self.close(control, &[Keyword::If])?;
+                if let Some(decider) = open.decider {
+                    set_otherwise(code, decider, at);
+                }
+                open.patch(code, at, at);
+                Jump::Pass
+            }
+            Keyword::EndSub => {
+                let open = self.close(control, &[Keyword::Sub])?;
+                code.set_jump(open.begin, Jump::Over { to: at + 1 });
+                let label = control.label.clone();
+                self.found.push(Found { label, entry: open.begin + 1, for_m98: false, line: open.line });
+                Jump::Return
+            }
+            Keyword::EndWhile => {
+                let open = self.close(control, &[Keyword::While])?;
+                code.set_jump(open.begin, Jump::While { end: at + 1 });
+                open.patch(code, at + 1, open.begin);
+                Jump::Leave { to: open.begin, repeats: open.repeats }
+            }
+            Keyword::EndRepeat => {
+                let open = self.close(control, &[Keyword::Repeat])?;
+                code.set_jump(open.begin, Jump::Repeat { end: at + 1 });
+                open.patch(code, at + 1, at);
+                Jump::EndRepeat { begin: open.begin + 1 }
+            }
+            Keyword::Break | Keyword::Continue => self.leave(at, control)?,
+            Keyword::Call | Keyword::M98 => {
+                let call = code.calls.len() as u32;
+                let is_m98 = control.keyword == Keyword::M98;
+                code.calls.push(CallSite { label: control.label.clone(), is_m98, sub: None, line, at: control.at });
+                Jump::Call { call }
+            }
+            Keyword::Return => match self.sub() {
+                Some(label) if *label == control.label => Jump::Return,
+                _ => return nothing_open(control),
+            },
+            Keyword::M99 => Jump::Return,
+            Keyword::Cycle | Keyword::ModalCall | Keyword::ModalEnd => Jump::ModalEnd,
+            Keyword::Start => {
+                self.found.push(Found { label: control.label.clone(), entry: at + 1, for_m98: true, line });
+                Jump::Pass
+            }
+        })
+    }
+
+    fn begin(&mut self, code: &mut Code, at: u32, line: u32, control: &Control) -> Outcome<Jump> {
+        if control.keyword == Keyword::While
+            && self.open.last().is_some_and(|open| open.is(control, &[Keyword::Do]))
+            && let Some(open) = self.open.pop()
+        {
+            open.patch(code, at + 1, at);
+            return Ok(Jump::WhileOfDo { begin: open.begin + 1 });
+        }
+        let scope = self.sub().cloned();
+        if control.keyword == Keyword::Sub && scope.is_some() {
+            let message = format!("{} begins inside of another subprogram", control.label);
+            return fault(Number::SubInSub, control.at, message);
+        }
+        let repeats = self.open.iter().rev().take_while(|open| open.control.keyword != Keyword::Sub);
+        let repeats = repeats.filter(|open| open.control.keyword == Keyword::Repeat).count() as u32;
+        self.open.push(Open {
+            control: control.clone(),
+            begin: at,
+            line,
+            decider: (control.keyword == Keyword::If).then_some(at),
+            to_end: Vec::new(),
+            to_round: Vec::new(),
+            repeats,
+        });
+        if control.keyword != Keyword::Sub && !self.labels.insert((scope, control.label.clone())) {
+            let message = format!("{} has named another block already", control.label);
+            self.faults.push((line, Box::new(Fault::new(Number::LabelTwice, control.at, message))));
+        }
+        Ok(match control.keyword {
+            Keyword::Sub => Jump::Over { to: 0 },
+            Keyword::If => Jump::If { otherwise: 0 },
+            Keyword::While => Jump::While { end: 0 },
+            Keyword::Repeat => Jump::Repeat { end: 0 },
+            _ => Jump::Pass,
+        })
+    }
+
+    /// Label of the subprogram that the line stands in.
+    fn sub(&self) -> Option<&Label> {
+        let sub = self.open.iter().rev().find(|open| open.control.keyword == Keyword::Sub);
+        sub.map(|open| &open.control.label)
+    }
+
+    fn innermost(&mut self, control: &Control, kinds: &[Keyword]) -> Outcome<&mut Open> {
+        match self.open.last_mut() {
+            Some(open) if open.is(control, kinds) => Ok(open),
+            _ => nothing_open(control),
+        }
+    }
+
+    /// Takes what a line ends from what is open. What was opened inside of it and has no end is told.
+    fn close(&mut self, control: &Control, kinds: &[Keyword]) -> Outcome<Open> {
+        let Some(index) = self.open.iter().rposition(|open| open.is(control, kinds)) else {
+            return nothing_open(control);
+        };
+        while self.open.len() > index + 1 {
+            if let Some(inner) = self.open.pop() {
+                self.faults.push((inner.line, inner.without_end()));
+            }
+        }
+        match self.open.pop() {
+            Some(open) => Ok(open),
+            None => nothing_open(control),
+        }
+    }
+
+    /// break, continue: inner loops are left with it.
+    fn leave(&mut self, at: u32, control: &Control) -> Outcome<Jump> {
+        let loops = [Keyword::While, Keyword::Do, Keyword::Repeat];
+        let within = self.open.iter().rposition(|open| open.control.keyword == Keyword::Sub).map_or(0, |sub| sub + 1);
+        let Some(open) = self.open[within..].iter_mut().rev().find(|open| open.is(control, &loops)) else {
+            return nothing_open(control);
+        };
+        if control.keyword == Keyword::Break {
+            open.to_end.push(at);
+            return Ok(Jump::Leave { to: 0, repeats: open.repeats });
+        }
+        open.to_round.push(at);
+        let repeats = open.repeats + u32::from(open.control.keyword == Keyword::Repeat);
+        Ok(Jump::Leave { to: 0, repeats })
+    }
+}
+
+impl Open {
+    fn is(&self, control: &Control, kinds: &[Keyword]) -> bool {
+        kinds.contains(&self.control.keyword) && self.control.label == control.label
+    }
+
+    /// Sends the lines that leave it on their way.
+    fn patch(&self, code: &mut Code, end: u32, round: u32) {
+        for (lines, target) in [(&self.to_end, end), (&self.to_round, round)] {
+            for line in lines {
+                let jump = match code.jump(*line) {
+                    Some(Jump::Else { .. }) => Jump::Else { end: target },
+                    Some(Jump::ElseIf { otherwise, .. }) => Jump::ElseIf { otherwise, end: target },
+                    Some(Jump::Leave { repeats, .. }) => Jump::Leave { to: target, repeats },
+                    Some(other) => other,
+                    None => continue,
+                };
+                code.set_jump(*line, jump);
+            }
+        }
+    }
+
+    /// That it has no end.
+    pub(crate) fn without_end(&self) -> Box<Fault> {
+        let message = format!("{} has no end", self.control.label);
+        Box::new(Fault::new(Number::ControlWithoutEnd, self.control.at, message))
+    }
+}
+
+fn set_otherwise(code: &mut Code, decider: u32, target: u32) {
+    let jump = match code.jump(decider) {
+        Some(Jump::ElseIf { end, .. }) => Jump::ElseIf { otherwise: target, end },
+        _ => Jump::If { otherwise: target },
+    };
+    code.set_jump(decider, jump);
+}
+
+fn nothing_open<T>(control: &Control) -> Outcome<T> {
+    let what = match control.keyword {
+        Keyword::Return | Keyword::EndSub => "no subprogram",
+        Keyword::Else | Keyword::ElseIf | Keyword::EndIf => "no if",
+        _ => "no loop",
+    };
+    fault(Number::ControlWithoutBegin, control.at, format!("{what} of {} is open here", control.label))
+}

@@ -1,0 +1,385 @@
+//! The pre-scan: a program is looked through once, before it runs (PRE-5 … PRE-8).
+//!
+//! Invariant: afterwards every subprogram, loop and branch is compiled, in the program and in all files that it calls, and every
+//! jump whose target can be known has it; what cannot be carried out is told. Running looks nothing up by name.
+
+use crate::branch::Branch;
+use crate::code::{Code, SubId};
+use crate::codes::Code as Number;
+use crate::control::{Control, Keyword, Label, may_be};
+use crate::diag::{Diagnostic, Fault, Span};
+use crate::interp::Setup;
+use crate::lines::{Split, Text};
+use crate::nest::Nest;
+use crate::parse::LineReader;
+use std::collections::HashMap;
+use std::fmt::Debug;
+use std::sync::Arc;
+
+/// Where subprograms in files of their own are found.
+pub trait SubFiles: Debug + Send + Sync {
+    /// The file of the subprogram of this name (in lower case), if there is one.
+    fn find(&self, name: &str) -> Option<SubFile>;
+}
+
+/// The file of a subprogram.
+#[derive(Clone, Debug)]
+pub struct SubFile {
+    /// How messages call it.
+    pub name: String,
+    /// Its text, or why it cannot be read.
+    pub text: Result<Text, String>,
+}
+
+/// A file of a program.
+#[derive(Clone, Debug)]
+struct File {
+    name: String,
+    text: Text,
+}
+
+/// A stretch of lines that was compiled: a subprogram, a loop, a branch, a call.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Region {
+    /// Its first line in the file, and the first behind it.
+    pub(crate) line: u32,
+    pub(crate) end_line: u32,
+    /// The same in compiled lines.
+    pub(crate) start: u32,
+    pub(crate) end: u32,
+}
+
+/// A subprogram.
+#[derive(Clone, Debug)]
+pub(crate) struct Sub {
+    /// Number of its compiled lines: that of its file, or for a program that arrives, of the stretch.
+    pub(crate) code: u32,
+    /// Its first compiled line.
+    pub(crate) entry: u32,
+    pub(crate) for_m98: bool,
+}
+
+/// All subprograms of a program, by file and label.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Subs {
+    pub(crate) list: Vec<Sub>,
+    by_label: HashMap<(u16, Label), SubId>,
+}
+
+impl Subs {
+    /// Adds a subprogram; false when there is one of that label in the file.
+    pub(crate) fn add(&mut self, file: u16, label: Label, sub: Sub) -> bool {
+        let id = self.list.len() as SubId;
+        let is_new = !self.by_label.contains_key(&(file, label.clone()));
+        if is_new {
+            self.by_label.insert((file, label), id);
+            self.list.push(sub);
+        }
+        is_new
+    }
+
+    /// The subprogram that a call in this file means: one of the file itself, or one of the program.
+    pub(crate) fn find(&self, file: u16, label: &Label) -> Option<SubId> {
+        let key = |file| (file, label.clone());
+        self.by_label.get(&key(file)).or_else(|| self.by_label.get(&key(0))).copied()
+    }
+
+    pub(crate) fn get(&self, id: SubId) -> Option<&Sub> {
+        self.list.get(id as usize)
+    }
+}
+
+/// What a program was found to be.
+#[derive(Clone, Debug)]
+pub struct Prescan {
+    files: Vec<File>,
+    pub(crate) codes: Vec<Arc<Code>>,
+    /// The stretches of the program itself, in order.
+    pub(crate) regions: Vec<Region>,
+    pub(crate) subs: Subs,
+    pub(crate) reader: LineReader,
+    diagnostics: Vec<Diagnostic>,
+}
+
+impl Prescan {
+    /// Looks through a program.
+    #[must_use]
+    pub fn of(name: &str, text: Text, setup: &Setup) -> Prescan {
+        let mut prescan = Prescan {
+            files: Vec::new(),
+            codes: Vec::new(),
+            regions: Vec::new(),
+            subs: Subs::default(),
+            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone())
+                .with_fixed(&setup.fixed_values),
+            diagnostics: Vec::new(),
+        };
+        prescan.add_file(name.to_owned(), text);
+        // Files that a file calls come behind it.
+        let mut file = 0;
+        while file < prescan.codes.len() {
+            prescan.link(file as u16, setup.files.as_deref());
+            file += 1;
+        }
+        prescan
+    }
+
+    /// What is wrong with it, as far as that can be known without carrying it out.
+    #[must_use]
+    pub fn diagnostics(&self) -> &[Diagnostic] {
+        &self.diagnostics
+    }
+
+    /// Name of a file: 0 is the program itself.
+    #[must_use]
+    pub fn file_name(&self, file: u16) -> &str {
+        self.files.get(usize::from(file)).map_or("", |file| &file.name)
+    }
+
+    /// Text of a line of a file, counted from 1.
+    #[must_use]
+    pub fn line_text(&self, file: u16, line: u32) -> &[u8] {
+        let text = self.files.get(usize::from(file)).map_or(&[][..], |file| &file.text);
+        Split::new(text).nth(line.saturating_sub(1) as usize).unwrap_or_default()
+    }
+
+    /// How many lines the program has.
+    #[must_use]
+    pub fn lines(&self) -> u64 {
+        Split::new(&self.text()).count() as u64
+    }
+
+    /// The program's text.
+    pub(crate) fn text(&self) -> Text {
+        self.files.first().map(|file| file.text.clone()).unwrap_or_default()
+    }
+
+    /// The branch table: every place where the program may go on elsewhere, numbered in order, with its target (PRE-5).
+    #[must_use]
+    pub fn branches(&self) -> Vec<Branch> {
+        crate::branch::table(&self.codes, &self.subs)
+    }
+
+    fn add_file(&mut self, name: String, text: Text) {
+        let file = self.files.len() as u16;
+        self.files.push(File { name, text: text.clone() });
+        let mut file =
+            FileScan { prescan: self, file, code: Code::new(file), nest: Nest::default(), starts: None, text: &text };
+        file.scan();
+        let FileScan { code, .. } = file;
+        self.codes.push(Arc::new(code));
+    }
+
+    /// Finds the subprogram of each call of a file, in another file if need be.
+    fn link(&mut self, file: u16, files: Option<&dyn SubFiles>) {
+        let Some(code) = self.codes.get(usize::from(file)) else { return };
+        let mut calls = code.calls.clone();
+        for call in &mut calls {
+            if call.label == Label::Calculated {
+                continue;
+            }
+            if self.subs.find(file, &call.label).is_none() {
+                self.find_file(&call.label, files, file, call.line, call.at);
+            }
+            call.sub = self.subs.find(file, &call.label);
+            let wrong = match call.sub.and_then(|sub| self.subs.get(sub)) {
+                None => Fault::new(Number::NoSuchSub, call.at, format!("there is no subprogram {}", call.label)),
+                Some(sub) if sub.for_m98 != call.is_m98 => wrong_call(&call.label, call.is_m98, call.at),
+                Some(_) => continue,
+            };
+            self.report(file, call.line, wrong);
+        }
+        if let Some(code) = self.codes.get_mut(usize::from(file)) {
+            Arc::make_mut(code).calls = calls;
+        }
+    }
+
+    /// Reads the file of a subprogram's name, if there is one.
+    fn find_file(&mut self, label: &Label, files: Option<&dyn SubFiles>, caller: u16, line: u32, at: Span) {
+        let name = match label {
+            Label::Number(number) => number.to_string(),
+            Label::Name(name) => name.to_string(),
+            Label::Calculated => return,
+        };
+        let Some(found) = files.and_then(|files| files.find(&name)) else { return };
+        let text = match found.text {
+            Ok(text) => text,
+            Err(why) => {
+                let message = format!("{} cannot be read: {why}", found.name);
+                return self.report(caller, line, Fault::new(Number::SubFile, at, message));
+            }
+        };
+        if self.files.len() >= usize::from(u16::MAX) {
+            return;
+        }
+        let file = self.files.len() as u16;
+        self.add_file(found.name, text);
+        match self.subs.by_label.get(&(file, label.clone())) {
+            Some(id) => {
+                self.subs.by_label.insert((0, label.clone()), *id);
+            }
+            None => {
+                let message = format!("{} holds no subprogram {label}", self.file_name(file));
+                self.report(caller, line, Fault::new(Number::SubFile, at, message));
+            }
+        }
+    }
+
+    fn report(&mut self, file: u16, line: u32, fault: Fault) {
+        let Fault { code, span, message } = fault;
+        if self.diagnostics.len() < crate::interp::MOST_ERRORS {
+            self.diagnostics.push(Diagnostic { code, file, line, span, message });
+        }
+    }
+}
+
+/// That a subprogram of one kind is called as one of the other.
+pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> Fault {
+    let message = match is_m98 {
+        true => format!("{label} is a sub: it is called with O… call"),
+        false => format!("{label} ends with M99: it is called with M98"),
+    };
+    Fault::new(Number::WrongCall, at, message)
+}
+
+/// Lines of O numbers that M98 calls, with the line of the M99 that follows.
+fn called_starts(text: &[u8]) -> Vec<(u32, u32)> {
+    let mut reader = LineReader::new(crate::pose::AxisSet::ALL, false, None);
+    let (mut starts, mut called, mut ranges) = (Vec::new(), Vec::new(), Vec::new());
+    let mut open: Vec<(u32, u64)> = Vec::new();
+    for (index, line) in Split::new(text).enumerate() {
+        if !may_be(line) || reader.read(line).is_err() {
+            continue;
+        }
+        let Some(Control { label, keyword, .. }) = reader.block.control.take() else { continue };
+        match (keyword, label) {
+            (Keyword::Start, Label::Number(number)) => open.push((index as u32, number)),
+            (Keyword::M99, _) => starts.extend(open.drain(..).map(|(line, number)| (line, number, index as u32))),
+            (Keyword::M98, Label::Number(number)) => called.push(Some(number)),
+            (Keyword::M98, _) => called.push(None),
+            _ => {}
+        }
+    }
+    for (line, number, end) in starts {
+        if called.contains(&None) || called.contains(&Some(number)) {
+            ranges.push((line + 1, end + 1));
+        }
+    }
+    ranges
+}
+
+/// One file on its way through the pre-scan.
+struct FileScan<'a> {
+    prescan: &'a mut Prescan,
+    file: u16,
+    code: Code,
+    nest: Nest,
+    /// Stretches that M98 calls: their first and their last line; looked for when the first O number alone is met.
+    starts: Option<Vec<(u32, u32)>>,
+    text: &'a [u8],
+}
+
+impl FileScan<'_> {
+    fn scan(&mut self) {
+        let mut lines = Split::new(self.text);
+        let mut line = 0;
+        let mut percent = false;
+        loop {
+            let before = lines.clone();
+            let Some(this) = lines.next() else { return };
+            line += 1;
+            if this.first().is_some_and(|byte| matches!(byte, b'%' | b' ' | b'\t')) && this.trim_ascii() == b"%" {
+                if percent {
+                    return;
+                }
+                percent = true;
+                continue;
+            }
+            if !may_be(this) || !self.is_region(line, this) {
+                continue;
+            }
+            lines = before;
+            match self.region(line, &mut lines) {
+                Some(behind) => line = behind - 1,
+                None => {
+                    lines.next();
+                }
+            }
+            if self.prescan.diagnostics.len() >= crate::interp::MOST_ERRORS {
+                return;
+            }
+        }
+    }
+
+    /// Whether a stretch begins in this line.
+    fn is_region(&mut self, line: u32, text: &[u8]) -> bool {
+        // What is wrong with a line that is no part of a stretch is told when the program comes to it.
+        let Ok(true) = self.prescan.reader.read(text) else { return false };
+        let Some(control) = &self.prescan.reader.block.control else { return false };
+        match control.keyword {
+            Keyword::Start => {
+                let starts = self.starts.get_or_insert_with(|| called_starts(self.text));
+                starts.iter().any(|(first, _)| *first == line)
+            }
+            Keyword::M99 => false,
+            _ => true,
+        }
+    }
+
+    /// Compiles the stretch that begins here; the line behind it, or none if it has no end.
+    fn region(&mut self, first: u32, lines: &mut Split<'_>) -> Option<u32> {
+        let start = self.code.len();
+        let known = self.prescan.diagnostics.len();
+        let from = lines.clone();
+        let mut line = first;
+        // Of stretches that overlap the last end counts.
+        let mut last = first;
+        loop {
+            let Some(text) = lines.next() else {
+                let open = self.nest.give_up();
+                self.code.truncate(start);
+                self.nest.found.clear();
+                self.nest.faults.clear();
+                self.prescan.diagnostics.truncate(known);
+                *lines = from;
+                if let Some(open) = open {
+                    self.prescan.report(self.file, open.line, *open.without_end());
+                }
+                return None;
+            };
+            if let Some((_, end)) = self.starts.iter().flatten().find(|(start, _)| *start == line) {
+                last = last.max(*end);
+            }
+            match self.prescan.reader.read(text) {
+                Ok(_) => self.nest.take(&mut self.code, line, text, &self.prescan.reader.block),
+                Err(fault) => {
+                    self.code.push(line, text, &self.prescan.reader.block, crate::code::Jump::Faulty);
+                    self.prescan.report(self.file, line, *fault);
+                }
+            }
+            for (line, fault) in self.nest.faults.drain(..) {
+                self.prescan.report(self.file, line, *fault);
+            }
+            line += 1;
+            if self.nest.is_closed() && line > last {
+                break;
+            }
+        }
+        self.take_found();
+        if self.file == 0 {
+            self.prescan.regions.push(Region { line: first, end_line: line, start, end: self.code.len() });
+        }
+        Some(line)
+    }
+
+    fn take_found(&mut self) {
+        for found in std::mem::take(&mut self.nest.found) {
+            let sub = Sub { code: self.file.into(), entry: found.entry, for_m98: found.for_m98 };
+            if !self.prescan.subs.add(self.file, found.label.clone(), sub) {
+                let message = format!("{} has been defined before", found.label);
+                let fault = Fault::new(Number::SubTwice, Span::default(), message);
+                self.prescan.report(self.file, found.line, fault);
+            }
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! Drilling cycles, threads and the spindle: the calls worked out by hand from what LinuxCNC's manual says.
+//!
+//! Invariant: a move is written as its kind (T fast, F at the feed) and its place along X Y Z.
+
+mod common;
+
+use common::canon_text;
+use retrace_gcode::{Canon, Program, Setup, check};
+
+/// The moves of a program from X0 Y0 Z0 with F100, as `T1 2 3`; dwells, stops and starts of the spindle by their name.
+fn moves(program: &str) -> String {
+    let text = format!("F100\n{program}\nM2\n");
+    let steps = Program::new(text.as_bytes(), Setup::rs274()).into_iter();
+    let ends = steps.take_while(
+        |step| !matches!(step.canon, Canon::SetG5xOffset { .. } if step.line as usize > 1 + program.lines().count()),
+    );
+    let names = ends.filter_map(|step| {
+        Some(match step.canon {
+            Canon::StraightTraverse(end) => format!("T{} {} {}", end.0[0], end.0[1], end.0[2]),
+            Canon::StraightFeed(end) => format!("F{} {} {}", end.0[0], end.0[1], end.0[2]),
+            Canon::RigidTap([x, y, z]) => format!("tap {x} {y} {z}"),
+            Canon::Dwell(seconds) => format!("dwell {seconds}"),
+            Canon::StartSpindleClockwise => "cw".to_owned(),
+            Canon::StartSpindleCounterclockwise => "ccw".to_owned(),
+            Canon::StopSpindleTurning => "stop".to_owned(),
+            Canon::ProgramStop => "pause".to_owned(),
+            Canon::OrientSpindle { degrees, mode } => format!("orient {degrees} {mode}"),
+            Canon::StartSpeedFeedSynch { pitch } => format!("pitch {pitch}"),
+            _ => return None,
+        })
+    });
+    names.collect::<Vec<_>>().join(", ")
+}
+
+/// The numbers of the errors of a program, after F100.
+fn errors(program: &str) -> Vec<&'static str> {
+    let text = format!("F100\n{program}\nM2\n");
+    let found = check(text.as_bytes(), Setup::rs274());
+    found.iter().map(|found| found.number()).filter(|number| number.starts_with('E')).collect()
+}
+
+#[test]
+fn a_hole_is_drilled_from_the_clearance_and_left_to_it_or_to_the_initial_level() {
+    assert_eq!(moves("G0 Z5\nG99 G81 X1 Y2 Z-3 R1"), "T0 0 5, T1 2 5, T1 2 1, F1 2 -3, T1 2 1");
+    assert_eq!(moves("G0 Z5\nG98 G81 X1 Y2 Z-3 R1"), "T0 0 5, T1 2 5, T1 2 1, F1 2 -3, T1 2 5");
+    // Below the clearance the tool goes up first.
+    assert_eq!(moves("G98 G81 X1 Y2 Z-3 R1"), "T0 0 1, T1 2 1, F1 2 -3, T1 2 1");
+}
+
+#[test]
+fn the_next_hole_takes_over_what_is_not_given() {
+    let first = "T0 0 5, T1 0 5, T1 0 1, F1 0 -3, dwell 2, T1 0 1";
+    for (next, second) in [
+        ("Y4", "T1 4 1, F1 4 -3, dwell 2, T1 4 1"),
+        ("X2 R2", "T2 0 2, F2 0 -3, dwell 2, T2 0 2"),
+        ("Z-4 P1", "T1 0 1, F1 0 -4, dwell 1, T1 0 1"),
+        ("G98 Y4", "T1 4 5, T1 4 1, F1 4 -3, dwell 2, T1 4 5"),
+        ("X1 L2", "T1 0 1, F1 0 -3, dwell 2, T1 0 1, T1 0 1, F1 0 -3, dwell 2, T1 0 1"),
+    ] {
+        assert_eq!(moves(&format!("G0 Z5\nG99 G82 X1 Z-3 R1 P2\n{next}")), format!("{first}, {second}"), "{next}");
+    }
+}
+
+#[test]
+fn incremental_holes_go_on_from_each_other_and_count_levels_from_the_initial_one() {
+    assert_eq!(
+        moves("G0 Z5\nG91 G81 X1 Y2 Z-3 R-1 L2"),
+        "T0 0 5, T1 2 5, T1 2 4, F1 2 1, T1 2 4, T2 4 4, F2 4 1, T2 4 4"
+    );
+}
+
+#[test]
+fn the_normal_axis_of_the_plane_is_drilled_along() {
+    assert_eq!(moves("G18 G81 X1 Z2 Y-3 R1"), "T0 1 0, T1 1 2, F1 -3 2, T1 1 2");
+    assert_eq!(moves("G19 G81 Y1 Z2 X-3 R1"), "T1 0 0, T1 1 2, F-3 1 2, T1 1 2");
+    // Words and levels of one plane mean nothing in another.
+    assert_eq!(errors("G81 X1 Z-3 R1\nG18 X2"), ["E1505"]);
+}
+
+#[test]
+fn pecks_go_down_to_the_bottom_and_no_further() {
+    assert_eq!(
+        moves("G83 X1 Z-3 R1 Q1.5"),
+        "T0 0 1, T1 0 1, F1 0 -0.5, T1 0 1, T1 0 -0.246, F1 0 -2, T1 0 1, T1 0 -1.746, F1 0 -3, T1 0 1"
+    );
+    assert_eq!(moves("G73 X1 Z-3 R1 Q2"), "T0 0 1, T1 0 1, F1 0 -1, T1 0 -0.746, F1 0 -3, T1 0 1");
+    assert_eq!(moves("G20\nG73 X1 Z-3 R1 Q2"), "T0 0 1, T1 0 1, F1 0 -1, T1 0 -0.99, F1 0 -3, T1 0 1");
+}
+
+#[test]
+fn taps_turn_round_at_the_bottom_and_bores_stop_or_wait() {
+    assert_eq!(moves("M3\nG84 X1 Z-3 R1"), "cw, T0 0 1, T1 0 1, F1 0 -3, stop, ccw, dwell 0, F1 0 1, stop, cw");
+    assert_eq!(moves("M4\nG74 X1 Z-3 R1"), "ccw, T0 0 1, T1 0 1, F1 0 -3, stop, cw, dwell 0, F1 0 1, stop, ccw");
+    assert_eq!(moves("G85 X1 Z-3 R1"), "T0 0 1, T1 0 1, F1 0 -3, F1 0 1, T1 0 1");
+    assert_eq!(moves("M3\nG86 X1 Z-3 R1 P2"), "cw, T0 0 1, T1 0 1, F1 0 -3, dwell 2, stop, T1 0 1, cw");
+    assert_eq!(moves("M4\nG88 X1 Z-3 R1 P2"), "ccw, T0 0 1, T1 0 1, F1 0 -3, dwell 2, stop, pause, ccw");
+    assert_eq!(moves("G89 X1 Z-3 R1 P2"), "T0 0 1, T1 0 1, F1 0 -3, dwell 2, F1 0 1");
+}
+
+#[test]
+fn back_boring_goes_through_beside_the_axis() {
+    assert_eq!(
+        moves("M3\nG87 X1 Z-3 R1 I.5 J.25 K-2"),
+        "cw, T0 0 1, T1 0 1, T1.5 0.25 1, stop, orient 0 2, T1.5 0.25 -3, T1 0 -3, cw, F1 0 -2, F1 0 -3, stop, \
+         orient 0 2, T1.5 0.25 -3, T1.5 0.25 1, T1 0 1, cw"
+    );
+}
+
+#[test]
+fn the_path_is_exact_during_a_cycle_and_as_before_after_it() {
+    let calls = |mode: &str| {
+        let (text, failed) = canon_text(&format!("F1 {mode}\nG81 Z-1 R1\nM2\n"));
+        assert!(!failed, "{text}");
+        text.lines()
+            .filter_map(|line| line.split_once("CONTROL_MODE(CANON_").map(|(_, mode)| mode.to_owned()))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(calls("G64 P.5"), ["CONTINUOUS, 0.500000)", "EXACT_PATH)", "CONTINUOUS, 0.500000)"]);
+    assert_eq!(calls("G61"), ["EXACT_PATH)"]);
+    assert_eq!(calls("G61.1"), ["EXACT_STOP)", "EXACT_PATH)", "EXACT_STOP)"]);
+}
+
+#[test]
+fn a_series_keeps_its_lengths_when_the_units_change() {
+    let metric = moves("G20\nG0 Z2\nG98 G81 X0 Z-1 R.5\nG21\nX1");
+    assert!(metric.ends_with("T1 0 50.8, T1 0 12.7, F1 0 -25.4, T1 0 50.8"), "{metric}");
+}
+
+#[test]
+fn cycles_refuse_what_they_cannot_do() {
+    for (program, number) in [
+        ("G81 X1 Z-1", "E1505"),
+        ("G81 X1 R1", "E1505"),
+        ("G82 X1 Z-1 R1", "E1505"),
+        ("G83 X1 Z-1 R1", "E1505"),
+        ("M3\nG87 X1 Z-1 R1 I1 J1", "E1505"),
+        ("G81 R1", "E1504"),
+        ("G81 Z-1 R1 A1", "E1621"),
+        ("G81 Z-1 R1 L0", "E1622"),
+        ("G81 Z-1 R1 L10001", "E1622"),
+        ("G83 Z-1 R1 Q.0001", "E1622"),
+        ("G81 Z2 R1", "E1623"),
+        ("G83 Z-1 R1 Q0", "E1624"),
+        ("G93 G81 Z-1 R1 F1", "E1625"),
+        ("G84 Z-1 R1", "E1626"),
+        ("M4\nG84 Z-1 R1", "E1627"),
+        ("M3\nG74 Z-1 R1", "E1627"),
+        ("G82 Z-1 R1 P-1", "E1105"),
+        ("F0 G81 Z-1 R1", "E1508"),
+        ("G81 Z-1 R1 Q1", "E1408"),
+        ("G81 Z-1 R1\nG0 X1\nG81 X2", "E1505"),
+        ("G81 Z-1 R1\nL2", "E1408"),
+        ("G53 G81 Z-1 R1", "E1506"),
+    ] {
+        assert_eq!(errors(program), [number], "{program}");
+    }
+}
+
+#[test]
+fn moves_in_step_with_the_spindle_name_their_pitch() {
+    assert_eq!(moves("M3\nG33 Z-4 K2"), "cw, pitch 2, F0 0 -4");
+    // A rigid tap comes back to where it began.
+    assert_eq!(moves("M3\nG33.1 Z-4 K2\nG91 G0 Z1"), "cw, pitch 2, tap 0 0 -4, T0 0 1");
+    for (program, number) in [
+        ("G33 Z-4 K2", "E1626"),
+        ("M3\nG33 Z-4", "E1505"),
+        ("M3\nG33 Z-4 K0", "E1631"),
+        ("M3\nG33 Z-4 K1 F2", "E1408"),
+        ("M3\nG33.1 A1 K1", "E1621"),
+        ("M3 $1", "E1630"),
+        ("M19", "E1505"),
+        ("M19 R361", "E1629"),
+        ("M19 R1 P3", "E1629"),
+        ("M19 R1 Q0", "E1629"),
+        ("G96 D100", "E1505"),
+        ("G95 F1\nG1 X1", "E1628"),
+        ("G95\nS1 G1 X1", "E1508"),
+    ] {
+        assert_eq!(errors(program), [number], "{program}");
+    }
+    assert!(errors("M3 S1 $0\nM5 $-1\nG96 S100 D2000\nG97\nM19 R1 P2 Q3\nG95 F1\nS1 G1 X1").is_empty());
+}
+
+#[test]
+fn a_thread_is_cut_deeper_with_each_pass() {
+    // Drive line at 10, crests at 8, first depth 0.5, full depth 1: two passes, and a spring pass.
+    let pass = |depth: f64, clear: f64| {
+        format!("T{clear} 0 0, T{} 0 0, pitch 2, F{} 0 -9, T{clear} 0 -9", 8.0 - depth, 8.0 - depth)
+    };
+    let wanted = format!("cw, T10 0 0, {}, {}, {}, T10 0 -9", pass(0.5, 10.5), pass(1.0, 10.0), pass(1.0, 10.0));
+    assert_eq!(moves("M3\nG0 X10\nG76 P2 Z-9 I-2 J.5 K1 H1"), wanted);
+    // With R2 the depth grows with the root of the pass: 0.5, 0.707, 0.866, 1.
+    assert_eq!(moves("M3\nG0 X10\nG76 P2 Z-9 I-2 J.5 K1 R2").matches("pitch").count(), 4);
+    for (program, number) in [
+        ("G76 P2 Z-9 I-2 J.5 K1", "E1626"),
+        ("M3\nG76 Z-9 I-2 J.5 K1", "E1505"),
+        ("M3\nG76 P2 Z-9 I0 J.5 K1", "E1632"),
+        ("M3\nG76 P2 Z-9 I1 J1 K1", "E1632"),
+        ("M3\nG76 P2 Z-9 I1 J.0001 K9 R2", "E1632"),
+        ("M3\nG76 P0 Z-9 I1 J.5 K1", "E1632"),
+        ("M3\nG76 P1 Z-9 I1 J.5 K1 Q90", "E1632"),
+        ("M3\nG76 P1 Z-9 I1 J.5 K1 L4 E1", "E1632"),
+        ("M3\nG76 P1 Z-9 A1 I1 J.5 K1", "E1621"),
+    ] {
+        assert_eq!(errors(program), [number], "{program}");
+    }
+}
+
+#[test]
+fn a_tapered_thread_runs_in_and_out_along_the_flank() {
+    let pitch = 2.0 * 1.0_f64.hypot(3.0) / 3.0;
+    assert_eq!(
+        moves("M3\nG0 X10\nG76 P2 Z-9 I-2 J.9999 K1 L3 E3").split(", T10 0 0, ").nth(2),
+        Some(
+            format!("pitch {pitch}, F8 0 0, F7 0 -3, pitch 2, F7 0 -6, pitch {pitch}, F8 0 -9, T10 0 -9, T10 0 -9")
+                .as_str()
+        )
+    );
+}
