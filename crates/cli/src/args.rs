@@ -131,6 +131,9 @@ pub struct Reading {
     /// Parameter file (read only).
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,
+    /// LinuxCNC machine configuration: what `rs274` takes of it, its numbers as `#<_ini[section]name>` among it.
+    #[arg(long, value_name = "FILE.ini")]
+    pub ini: Option<PathBuf>,
 }
 
 /// `retrace run`
@@ -188,9 +191,6 @@ pub struct Check {
 pub struct Canon {
     #[command(flatten)]
     pub reading: Reading,
-    /// Machine configuration: its `RS274NGC` part is used.
-    #[arg(long, value_name = "FILE.ini")]
-    pub ini: Option<PathBuf>,
 }
 
 /// `retrace plot`

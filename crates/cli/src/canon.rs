@@ -2,7 +2,6 @@
 //!
 //! Invariant: what is printed depends on the program and the files named alone.
 
-use retrace_controller::refusal::Refusal;
 use retrace_gcode::{CanonText, Setup, Severity};
 
 use crate::args;
@@ -14,9 +13,6 @@ use crate::program::{Failure, Program};
 /// # Errors
 /// What is wrong with the program or the files.
 pub fn run(args: &args::Canon) -> Result<(), Failure> {
-    if args.ini.is_some() {
-        return Err(Refusal::new("E2142", "--ini is not supported yet", "leave it out").into());
-    }
     let program = Program::with_setup(&args.reading, Setup::rs274())?;
     let mut steps = Vec::new();
     let mut source = program.source();

@@ -12,7 +12,7 @@ use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_gcode::{
-    Axis, AxisSet, Canon, Diagnostic, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
+    Axis, AxisSet, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
 };
 
 use crate::args::Reading;
@@ -71,6 +71,14 @@ impl Program {
         }
         if let Some(path) = &reading.params {
             setup.parameters = table(path, "parameter file", Parameters::read)?;
+        }
+        if let Some(path) = &reading.ini {
+            let ini = table(path, "INI file", Ini::read)?;
+            if !ini.passed_over.is_empty() {
+                eprintln!("note: not taken from {}: {}", path.display(), ini.passed_over.join(", "));
+                eprintln!("note: a tool table and a parameter file are named with --tools and --params");
+            }
+            setup.fixed_values = ini.values;
         }
         setup.block_delete = reading.block_delete;
         setup.cycles = Some(Arc::new(retrace_gcode::cycles::Library::shipped()));

@@ -312,7 +312,7 @@ impl<'m> Track<'m> {
                 self.selected_tool = *tool;
                 self.exclusive(Kind::Switch, "T", &[], self.machine.switching.of("T").1, line, sink)
             }
-            Canon::ChangeTool(tool) => {
+            Canon::ChangeTool { tool, .. } => {
                 let change = Change { channel: channel::TOOL, value: *tool as i32 };
                 self.exclusive(Kind::Switch, "M6", &[change], self.machine.switching.of("M6").1, line, sink)
             }
@@ -356,7 +356,7 @@ impl<'m> Track<'m> {
             | Canon::SetSpindleMode(_)
             | Canon::StopSpeedFeedSynch
             | Canon::StartChange
-            | Canon::ChangeToolNumber(_)
+            | Canon::ChangeToolNumber { .. }
             | Canon::EnableFeedOverride
             | Canon::DisableFeedOverride
             | Canon::EnableSpeedOverride

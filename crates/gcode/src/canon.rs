@@ -210,10 +210,18 @@ pub enum Canon {
     RigidTap([f64; 3]),
     StartChange,
     /// Put the selected tool into the spindle; the number of the tool, 0 for none.
-    ChangeTool(u32),
+    ChangeTool {
+        tool: u32,
+        /// Its line of the tool table, from 1; 0 for none.
+        index: u32,
+    },
     SelectTool(u32),
     /// The tool in the spindle is now called so (M61).
-    ChangeToolNumber(u32),
+    ChangeToolNumber {
+        tool: u32,
+        /// Its line of the tool table, from 1; 0 for none.
+        index: u32,
+    },
     /// G10 L1, L10, L11: the data of a tool, in machine units; its place in the table, from 1, or 0 for the tool in the spindle.
     SetToolTableEntry {
         index: u32,

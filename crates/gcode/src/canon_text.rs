@@ -163,6 +163,7 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
         }
         Canon::SetSpindleSpeed(rpm) => write!(out, "SET_SPINDLE_SPEED(0, {rpm:.4})"),
         Canon::SetSpindleMode(limit) => write!(out, "SET_SPINDLE_MODE(0 {limit:.4})"),
+        Canon::ChangeTool { index, .. } => write!(out, "CHANGE_TOOL({index})"),
         Canon::OrientSpindle { degrees, mode } => write!(out, "ORIENT_SPINDLE(0, {degrees:.4}, {mode})"),
         Canon::WaitSpindleOrientComplete(seconds) => write!(out, "SPINDLE.0.WAIT_ORIENT_COMPLETE({seconds:.4})"),
         Canon::StartSpeedFeedSynch { pitch } => write!(out, "START_SPEED_FEED_SYNC({pitch:.6},0)"),
@@ -170,9 +171,8 @@ fn call(out: &mut Vec<u8>, canon: &Canon) -> io::Result<()> {
             out.extend_from_slice(b"RIGID_TAP(");
             list(out, end)
         }
-        Canon::ChangeTool(tool) => write!(out, "CHANGE_TOOL({tool})"),
         Canon::SelectTool(tool) => write!(out, "SELECT_TOOL({tool})"),
-        Canon::ChangeToolNumber(tool) => write!(out, "CHANGE_TOOL_NUMBER({tool})"),
+        Canon::ChangeToolNumber { index, .. } => write!(out, "CHANGE_TOOL_NUMBER({index})"),
         Canon::UseToolLengthOffset(offset) => tool_offset(out, offset),
         Canon::SetMotionOutputBit(bit) => write!(out, "SET_MOTION_OUTPUT_BIT({bit})"),
         Canon::ClearMotionOutputBit(bit) => write!(out, "CLEAR_MOTION_OUTPUT_BIT({bit})"),

@@ -95,7 +95,7 @@ codes! {
     G53Incremental "E1507" "G53 in incremental mode" "Machine coordinates are absolute." "Use G90 with G53.";
     ZeroFeed "E1508" "no feed rate" "A feed move is asked for while the feed rate is zero." "Give an F word greater than 0 in this block or before; G94 sets it to zero.";
     InverseTimeFeed "E1509" "F word missing in inverse time mode" "In G93 every feed move needs its own F word." "Add the F word, or go back to G94.";
-    BadL "E1510" "L word not understood" "G10 takes L2 and L20 here." "Write L2 or L20.";
+    BadL "E1510" "L word not understood" "G10 takes L0, L1, L2, L10, L11 and L20; M66 takes L0 to L4." "Correct the L word.";
     BadP "E1511" "P word out of range" "The P word does not name what the code needs: a coordinate system 0 to 9, or a number of turns of at least 1." "Correct the P word.";
 
     ArcWordsMissing "E1601" "arc without a centre" "The arc has neither R nor a centre word." "Add R, or the centre words of the plane: I J in G17, K I in G18, J K in G19.";
@@ -156,6 +156,8 @@ codes! {
     ArcPlane "E1727" "arc in a plane of U, V and W" "No arc lies in the planes of G17.1, G18.1 and G19.1." "Select G17, G18 or G19.";
     Aborted "E1728" "program aborted" "A comment with ABORT was carried out." "See its text.";
     PythonComment "E1729" "Python in a comment" "Comments with PY, PYRUN and PYRELOAD run Python in LinuxCNC, and nothing here." "Remove the comment.";
+    IniLine "E1730" "machine configuration not understood" "A line of the INI file is no section in brackets, no NAME = value and no comment." "Correct the line.";
+    IniNotSupported "E1731" "machine configuration asks for more" "An entry of the INI file changes how programs are read, and that is not carried out." "Remove the entry, or run the program without the INI file.";
 
     BadControl "E1801" "O word not understood" "The line does not have the form of an O word: label, keyword, values in brackets." "Write lines such as O100 if [#1 GT 0]; by number or by name.";
     ControlWithoutEnd "E1802" "end of a block of O words missing" "The program ends before the endsub, endif, endwhile, endrepeat or while that belongs to the label." "Add the end, with the same label.";

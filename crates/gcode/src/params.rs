@@ -55,9 +55,17 @@ pub(crate) struct NameId {
 pub(crate) struct Names {
     numbers: HashMap<Box<str>, NameId>,
     texts: Vec<Box<str>>,
+    /// Names whose values are given and stay.
+    fixed: HashMap<Box<str>, f64>,
 }
 
 impl Names {
+    /// With names whose values are given, in lower case.
+    pub(crate) fn with_fixed(values: &[(String, f64)]) -> Names {
+        let fixed = values.iter().map(|(name, value)| (name.as_str().into(), *value)).collect();
+        Names { fixed, ..Names::default() }
+    }
+
     /// What `#<text>` names.
     pub(crate) fn resolve(&mut self, text: &[u8]) -> Reference {
         let name: String = String::from_utf8_lossy(text)
@@ -67,6 +75,9 @@ impl Names {
             .collect();
         if let Some(parameter) = SystemParameter::of_name(&name) {
             return Reference::System(parameter);
+        }
+        if let Some(value) = self.fixed.get(name.as_str()) {
+            return Reference::System(SystemParameter::Fixed(*value));
         }
         if let Some(id) = self.numbers.get(name.as_str()) {
             return Reference::Named(*id);

@@ -35,6 +35,12 @@ impl LineReader {
         LineReader { axes, block_delete, names: Names::default(), cycles, block: Block::default() }
     }
 
+    /// With named parameters whose values are given.
+    pub(crate) fn with_fixed(mut self, values: &[(String, f64)]) -> LineReader {
+        self.names = Names::with_fixed(values);
+        self
+    }
+
     /// Compiles a line; false when it is deleted.
     ///
     /// # Errors

@@ -117,7 +117,8 @@ impl Prescan {
             codes: Vec::new(),
             regions: Vec::new(),
             subs: Subs::default(),
-            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone()),
+            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone())
+                .with_fixed(&setup.fixed_values),
             contours: Vec::new(),
             paths: Paths::default(),
             diagnostics: Vec::new(),

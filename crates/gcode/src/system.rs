@@ -49,6 +49,10 @@ pub(crate) enum SystemParameter {
     Compensation,
     LatheDiameter,
     LatheRadius,
+    /// Where the tool in the spindle has its place in the changer.
+    CurrentPocket,
+    /// Where the selected tool has it; -1 for none.
+    SelectedPocket,
 }
 
 impl SystemParameter {
@@ -98,6 +102,8 @@ impl SystemParameter {
             "ccomp" => P::Compensation,
             "lathe_diameter_mode" => P::LatheDiameter,
             "lathe_radius_mode" => P::LatheRadius,
+            "current_pocket" => P::CurrentPocket,
+            "selected_pocket" => P::SelectedPocket,
             "vmajor" => P::Fixed(2.9),
             "vminor" => P::Fixed(0.0),
             "task" | "remap_level" => P::Fixed(0.0),
@@ -167,6 +173,9 @@ impl SystemParameter {
             P::ReturnedValue => state.returned_value.unwrap_or(0.0),
             P::HasReturnedValue => truth(state.returned_value.is_some()),
             P::CallLevel => state.call_level.into(),
+            // Those who know the tool table answer these themselves.
+            P::CurrentPocket => 0.0,
+            P::SelectedPocket => -1.0,
             P::Compensation => match state.compensation.map(|compensation| compensation.side) {
                 None => 400.0,
                 Some(Side::Left) => 410.0,

@@ -67,6 +67,9 @@ impl ToolTable {
 
     /// Which tool of the table this is, from 1; 0 when it is not there.
     pub(crate) fn index_of(&self, number: u32) -> u32 {
+        if number == 0 {
+            return 0;
+        }
         self.tools.iter().position(|tool| tool.number == number).map_or(0, |index| index as u32 + 1)
     }
 
@@ -83,7 +86,9 @@ impl ToolTable {
                 continue;
             }
             match tool_of_line(content) {
-                Ok(tool) => table.insert(tool),
+                // Of several lines of one number the first counts, as in LinuxCNC.
+                Ok(tool) if table.tools.iter().any(|known| known.number == tool.number) => {}
+                Ok(tool) => table.tools.push(tool),
                 Err((word, message)) => {
                     let start = line.find(word).unwrap_or(0);
                     diagnostics.push(Diagnostic {

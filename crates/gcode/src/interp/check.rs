@@ -143,7 +143,8 @@ fn check_non_modal(words: &Words, to_be: MotionToBe, state: &State) -> Outcome<(
 }
 
 fn check_dwell(words: &Words, to_be: MotionToBe, at: Span) -> Outcome<()> {
-    if to_be.is_arc() {
+    // An arc whose code comes from a block before makes as many turns as the dwell takes seconds, as in the peer.
+    if to_be.is_arc() && words.g(GroupG::Motion).is_some() {
         return fault(Code::TwoUseAxes, at, "G4 and an arc would both use the P word");
     }
     match words.get(b'p') {

@@ -146,6 +146,12 @@ impl Environment for BlockEnvironment<'_> {
     }
 
     fn system(&self, parameter: SystemParameter) -> f64 {
-        parameter.value(&self.core.state, self.line)
+        let state = &self.core.state;
+        let pocket = |tool: u32| self.core.tools.get(tool).map_or(0.0, |tool| tool.pocket.into());
+        match parameter {
+            SystemParameter::CurrentPocket => pocket(state.current_tool),
+            SystemParameter::SelectedPocket if state.selected_tool != 0 => pocket(state.selected_tool),
+            _ => parameter.value(state, self.line),
+        }
     }
 }

@@ -125,7 +125,8 @@ impl Core {
         emit.call(Canon::StopSpindleTurning);
         self.state.spindle = Spindle::Stopped;
         self.state.current_tool = self.state.selected_tool;
-        emit.call(Canon::ChangeTool(self.state.current_tool));
+        let tool = self.state.current_tool;
+        emit.call(Canon::ChangeTool { tool, index: self.tools.index_of(tool) });
     }
 
     /// M61: the tool in the spindle is another one than was thought.
@@ -135,7 +136,7 @@ impl Core {
         };
         let tool = self.tool(number, words, b'q')?;
         self.state.current_tool = tool.number;
-        emit.call(Canon::ChangeToolNumber(tool.number));
+        emit.call(Canon::ChangeToolNumber { tool: tool.number, index: self.tools.index_of(tool.number) });
         Ok(())
     }
 

@@ -77,6 +77,8 @@ pub struct Setup {
     pub position: Pose,
     /// The user codes that are declared, of M100 … M199.
     pub user_codes: UserCodes,
+    /// Named parameters that a program may read only, such as the numbers of an INI file; names in lower case.
+    pub fixed_values: Vec<(String, f64)>,
 }
 
 impl Default for Setup {
@@ -93,6 +95,7 @@ impl Default for Setup {
             block_delete: false,
             position: Pose::ZERO,
             user_codes: UserCodes::default(),
+            fixed_values: Vec::new(),
         }
     }
 }
@@ -165,7 +168,7 @@ impl Interpreter {
         core.take_up_parameters(&setup.position);
         Interpreter {
             core,
-            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles),
+            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles).with_fixed(&setup.fixed_values),
             cycles: None,
             words: Words::default(),
             assignments: Vec::new(),

@@ -39,35 +39,52 @@ pub(super) fn check(words: &Words, to_be: MotionToBe, state: &State) -> Outcome<
 }
 
 impl Core {
-    /// At the origin polar words mean a point only with an angle and absolute.
+    /// Whether polar words mean a point: at the origin there is no direction to keep or to turn.
     pub(super) fn check_polar_words(&self, words: &Words) -> Outcome<()> {
         let Some(letter) = words.first_of(b"@^") else { return Ok(()) };
-        let at = words.span(letter);
-        let position = self.state.path_position();
-        if position[Axis::X] != 0.0 || position[Axis::Y] != 0.0 {
-            return Ok(());
+        match self.polar_point(words) {
+            Some(_) => Ok(()),
+            None => {
+                let message = "at the origin polar coordinates need @ and ^ both, and G90";
+                fault(Code::PolarWithoutMotion, words.span(letter), message)
+            }
         }
-        if self.state.distance == Distance::Incremental {
-            return fault(Code::PolarWithoutMotion, at, "at the origin there is nothing to go on from: use G90");
-        }
-        if words.has(b'@') && !words.has(b'^') {
-            return fault(Code::PolarWithoutMotion, at, "at the origin an angle (^) is needed too");
-        }
-        Ok(())
     }
 
-    /// Changes X and Y of an end to what the polar words say; a word that is missing keeps its value.
+    /// Changes X and Y of an end to what the polar words say.
     pub(super) fn polar_end(&self, words: &Words, end: &mut Pose) {
+        if let Some((x, y)) = self.polar_point(words) {
+            (end[Axis::X], end[Axis::Y]) = (x, y);
+        }
+    }
+
+    /// The point that the polar words mean; a word that is missing keeps its value.
+    fn polar_point(&self, words: &Words) -> Option<(f64, f64)> {
         let position = self.state.path_position();
         let (x, y) = (position[Axis::X], position[Axis::Y]);
-        let is_incremental = self.state.distance == Distance::Incremental;
-        let combine = |given: Option<f64>, now: f64| match given {
-            Some(given) if is_incremental => now + given,
-            Some(given) => given,
-            None => now,
-        };
-        let distance = combine(words.get(b'@'), x.hypot(y));
-        let angle = combine(words.get(b'^').map(f64::to_radians), y.atan2(x));
-        (end[Axis::X], end[Axis::Y]) = (distance * angle.cos(), distance * angle.sin());
+        let (distance, angle) = (words.get(b'@'), words.get(b'^').map(f64::to_radians));
+        let at = |distance: f64, angle: f64| (distance * angle.cos(), distance * angle.sin());
+        let is_origin = |(x, y): (f64, f64)| x == 0.0 && y == 0.0;
+        if self.state.distance == Distance::Absolute {
+            if is_origin((x, y)) && distance.is_some() && angle.is_none() {
+                return None;
+            }
+            return Some(at(distance.unwrap_or_else(|| x.hypot(y)), angle.unwrap_or_else(|| y.atan2(x))));
+        }
+        // First farther along the direction, then turned: both need one.
+        let mut point = (x, y);
+        if let Some(distance) = distance {
+            if is_origin(point) {
+                return None;
+            }
+            point = at(point.0.hypot(point.1) + distance, point.1.atan2(point.0));
+        }
+        if let Some(angle) = angle {
+            if is_origin(point) {
+                return None;
+            }
+            point = at(point.0.hypot(point.1), point.1.atan2(point.0) + angle);
+        }
+        Some(point)
     }
 }

@@ -55,7 +55,10 @@ impl Random {
 /// - it leaves out the rest of a block that has M72;
 /// - G5.3 ends where the last point was given, though the units have changed since;
 /// - before the first M6 it takes the tool of the table's first line for the one in the spindle when G10 L1 changes it;
-/// - it takes L5 of M66, and an M67 without a value.
+/// - it takes L5 of M66, and an M67 without a value;
+/// - a comment with a parameter name that is not closed shows the memory behind it;
+/// - whether a probing move has a way is decided by the rounding of a position that has been through the machine's units;
+/// - ROUND of what no 32-bit number holds is the least of them.
 pub(crate) struct Writer {
     random: Random,
     lines: Vec<String>,
@@ -274,7 +277,10 @@ impl Writer {
         let other = self.expression(depth - 1);
         match self.random.below(13) + 3 {
             3 => format!("SQRT[ABS[{inner}]]"),
-            4 => format!("{}[{inner}]", self.random.pick(&["FIX", "FUP", "ROUND", "ABS"])),
+            4 => match self.random.pick(&["FIX", "FUP", "ROUND", "ABS"]) {
+                "ROUND" => format!("ROUND[{inner} MOD 9999]"),
+                function => format!("{function}[{inner}]"),
+            },
             5 => format!("[{inner} MOD [ABS[{other}]+1]]"),
             6 => format!("[{inner}/[ABS[{other}]+.5]]"),
             7 => format!("EXISTS[#<{}>]", self.random.pick(&["none", "_kept"])),
@@ -503,6 +509,10 @@ impl Writer {
             "Q1", "M3", "M5", "S-1", "F0", "T1", "T9", "G94", "G10", "G54", "D1", "K1", "#1", "[1", "G91", "M2", "(a",
             "=", "G99.9",
         ];
+        // M2 may be among them.
+        if std::mem::take(&mut self.speed_override_off) {
+            self.lines.push("M48".to_owned());
+        }
         let words = (0..self.random.below(4) + 1).map(|_| self.random.pick(&codes).to_owned()).collect();
         self.line(words);
     }

@@ -91,7 +91,9 @@ impl Writer {
         let shown = self.random.pick(&["(debug,#5061 #5062 #5063 #5070)", "(debug,#5064 #5065 #<_motion_mode>)"]);
         self.lines.push(shown.to_owned());
         if self.random.one_in(3) {
-            let words = vec!["G90".to_owned(), self.axis_words(2).join(" ")];
+            let mut words = self.axis_words(2);
+            words.retain(|word| !word.starts_with('Z'));
+            words.extend(["G90".to_owned(), format!("Z-{}.25", self.random.below(40))]);
             self.line(words);
         }
         self.straight();

@@ -1,0 +1,123 @@
+//! The part of a LinuxCNC machine configuration (INI file) that an interpreter takes.
+//!
+//! Invariant: what the configuration asks for and is not carried out is refused by its name; what concerns other parts of a machine
+//! is passed over.
+
+use crate::codes::Code;
+use crate::diag::{Diagnostic, Span};
+
+/// What an INI file says to the interpreter.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Ini {
+    /// Numbers that a program may read as `#<_ini[section]name>`, under that name in lower case. Only sections and names without
+    /// lower-case letters can be asked for, as in LinuxCNC.
+    pub values: Vec<(String, f64)>,
+    /// `SUBROUTINE_PATH`: folders in which subprograms in files of their own are looked for, in order.
+    pub subroutine_path: Vec<String>,
+    /// Entries for the interpreter that a machine takes and LinuxCNC's stand-alone interpreter does not, as they are written.
+    pub passed_over: Vec<String>,
+}
+
+/// Bits of `FEATURES` that change how a program reads and are not carried out, with their names.
+const REFUSED_FEATURES: [(u32, &str); 3] = [(1, "RETAIN_G43"), (16, "NO_DOWNCASE_OWORD"), (32, "OWORD_WARNONLY")];
+
+/// Bits of `FEATURES` that LinuxCNC 2.9 knows.
+const KNOWN_FEATURES: u32 = 63;
+
+/// Entries that only a whole machine takes.
+const OF_MACHINES: [&str; 4] = ["PARAMETER_FILE", "RS274NGC_STARTUP_CODE", "STARTUP_CODE", "TOOL_TABLE"];
+
+impl Ini {
+    /// Reads the text of an INI file.
+    ///
+    /// # Errors
+    /// E1730 for each line that is none of an INI file, E1731 for each entry that is not carried out.
+    pub fn read(text: &str) -> Result<Ini, Vec<Diagnostic>> {
+        let (mut ini, mut diagnostics) = (Ini::default(), Vec::new());
+        let mut section = "";
+        for (index, line) in text.lines().enumerate() {
+            let content = line.trim();
+            let complain = |code: Code, message: String| Diagnostic {
+                file: 0,
+                code,
+                line: index as u32 + 1,
+                span: Span::new(0, line.len()),
+                message,
+            };
+            if content.is_empty() || content.starts_with(['#', ';']) {
+                continue;
+            }
+            if let Some(name) = content.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+                section = name.0.trim();
+                continue;
+            }
+            let Some((name, value)) = content.split_once('=') else {
+                diagnostics.push(complain(Code::IniLine, Code::IniLine.title().to_owned()));
+                continue;
+            };
+            if let Err(message) = ini.take(section, name.trim(), value.trim()) {
+                diagnostics.push(complain(Code::IniNotSupported, message));
+            }
+        }
+        if diagnostics.is_empty() { Ok(ini) } else { Err(diagnostics) }
+    }
+
+    fn take(&mut self, section: &str, name: &str, value: &str) -> Result<(), String> {
+        if !section.chars().chain(name.chars()).any(char::is_lowercase)
+            && let Some(number) = value.parse::<f64>().ok().filter(|number| number.is_finite())
+        {
+            let key = format!("_ini[{}]{}", section.to_lowercase(), name.to_lowercase());
+            // Of several entries of one name the first counts.
+            if self.values.iter().all(|(known, _)| *known != key) {
+                self.values.push((key, number));
+            }
+        }
+        match (section, name) {
+            ("RS274NGC", "SUBROUTINE_PATH") => self.subroutine_path = value.split(':').map(str::to_owned).collect(),
+            ("RS274NGC", "FEATURES") => return check_features(value),
+            ("RS274NGC", "REMAP") => return Err(format!("REMAP = {value}: codes are not remapped")),
+            ("RS274NGC" | "EMCIO", _) if OF_MACHINES.contains(&name) => {
+                self.passed_over.push(format!("{name} = {value}"))
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+fn check_features(value: &str) -> Result<(), String> {
+    let digits = value.strip_prefix("0x").map_or_else(|| value.parse().ok(), |hex| u32::from_str_radix(hex, 16).ok());
+    let Some(features) = digits else { return Err(format!("FEATURES = {value}: not a number")) };
+    if features & !KNOWN_FEATURES != 0 {
+        return Err(format!("FEATURES = {value}: {} is not known", features & !KNOWN_FEATURES));
+    }
+    match REFUSED_FEATURES.iter().find(|(bit, _)| features & bit != 0) {
+        Some((bit, name)) => Err(format!("FEATURES = {value}: {name} ({bit}) is not supported")),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_can_be_asked_for_and_the_rest_is_kept_apart() {
+        let text = "# c\n[RS274NGC]\nFEATURES = 12\nSUBROUTINE_PATH = a:b\nPARAMETER_FILE = x.var\n[FOO]\nBAR=1.5\nBAR=2\nbaz=3\nTXT=4 mm\n";
+        let ini = Ini::read(text).expect("an INI file");
+        assert_eq!(ini.values, [("_ini[rs274ngc]features".to_owned(), 12.0), ("_ini[foo]bar".to_owned(), 1.5)]);
+        assert_eq!(ini.subroutine_path, ["a", "b"]);
+        assert_eq!(ini.passed_over, ["PARAMETER_FILE = x.var"]);
+    }
+
+    #[test]
+    fn what_is_not_carried_out_is_named() {
+        let text = "[RS274NGC]\nFEATURES=64\nFEATURES = 17\nREMAP=M400 python=x\nnothing\nFEATURES=x\n";
+        let found = Ini::read(text).expect_err("five bad lines");
+        let found: Vec<_> = found.iter().map(|found| (found.line, found.number(), found.message.as_str())).collect();
+        assert_eq!(found.len(), 5);
+        assert!(found[0] == (2, "E1731", "FEATURES = 64: 64 is not known"), "{found:?}");
+        assert!(found[1] == (3, "E1731", "FEATURES = 17: RETAIN_G43 (1) is not supported"), "{found:?}");
+        assert_eq!([found[2].1, found[3].1, found[4].1], ["E1731", "E1730", "E1731"]);
+    }
+}

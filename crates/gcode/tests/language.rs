@@ -1,0 +1,146 @@
+//! The wider language where the peer's text does not tell: control points, inputs, user codes, what a program aborts with.
+
+mod common;
+
+use common::canon_text;
+use retrace_gcode::{Canon, ControlPoint, Input, Program, Progress, Setup, UserCodes, Wait, WaitFor};
+
+/// Every canonical function of a program, and the numbers of what is wrong with it.
+fn run(program: &str, setup: Setup) -> (Vec<Canon>, Vec<&'static str>) {
+    let mut program = Program::new(program.as_bytes(), setup);
+    let mut steps = Vec::new();
+    while program.advance(&mut steps) == Progress::Line {}
+    let found = program.interpreter().diagnostics().iter().map(|found| found.number()).collect();
+    (steps.into_iter().map(|step| step.canon).collect(), found)
+}
+
+fn splines(program: &str) -> Vec<(u32, Vec<ControlPoint>)> {
+    let (canon, found) = run(program, Setup::rs274());
+    assert!(found.is_empty(), "{found:?}");
+    canon
+        .into_iter()
+        .filter_map(|canon| match canon {
+            Canon::NurbsFeed(spline) => Some((spline.order, spline.points.to_vec())),
+            _ => None,
+        })
+        .collect()
+}
+
+fn plain(points: &[(f64, f64)]) -> Vec<ControlPoint> {
+    points.iter().map(|&(x, y)| ControlPoint::plain(x, y)).collect()
+}
+
+#[test]
+fn a_cubic_spline_goes_on_in_the_direction_in_which_the_last_one_ended() {
+    let found = splines("F100 G5 X10 Y0 I1 J2 P-3 Q-4\nG91 G5 X10 Y5 P1 Q1\nM2\n");
+    let first = plain(&[(0.0, 0.0), (1.0, 2.0), (7.0, -4.0), (10.0, 0.0)]);
+    let second = plain(&[(10.0, 0.0), (13.0, 4.0), (21.0, 6.0), (20.0, 5.0)]);
+    assert_eq!(found, [(4, first), (4, second)]);
+}
+
+/// The direction is a length, so it is converted with the units.
+#[test]
+fn the_direction_of_a_spline_follows_the_units() {
+    let found = splines("F100 G5 X0 Y25.4 P0 Q-25.4\nG20 G5 X0 Y3 P0 Q0\nM2\n");
+    let near = |point: ControlPoint, x: f64, y: f64| (point.x - x).hypot(point.y - y) < 1e-12;
+    assert!(near(found[1].1[0], 0.0, 1.0) && near(found[1].1[1], 0.0, 2.0), "{found:?}");
+}
+
+#[test]
+fn a_quadratic_spline_has_three_points() {
+    let found = splines("F100 G0 X1 Y1\nG5.1 X2 Y0 I1 J3\nM2\n");
+    assert_eq!(found, [(3, plain(&[(1.0, 1.0), (2.0, 4.0), (2.0, 0.0)]))]);
+}
+
+#[test]
+fn control_points_are_collected_with_their_weights_until_the_end() {
+    let found = splines("F100 G0 X1\nG5.2 P1 L4\nX2 Y1 P2\nX3 Y0 P.5\nM8\nX4 Y0 P1\nG5.3\nG0 X0\nM2\n");
+    let weights: Vec<_> = found[0].1.iter().map(|point| point.weight).collect();
+    assert_eq!((found[0].0, weights), (4, vec![1.0, 2.0, 0.5, 1.0]));
+}
+
+#[test]
+fn an_input_is_asked_for_with_what_is_waited_for() {
+    let (canon, found) = run("M66 P3 L2 Q1.5\nM66 E1\nM2\n", Setup::rs274());
+    assert!(found.is_empty(), "{found:?}");
+    let asked: Vec<_> =
+        canon.into_iter().filter_map(|canon| if let Canon::Wait(wait) = canon { Some(wait) } else { None }).collect();
+    assert_eq!(
+        asked,
+        [
+            Wait { input: Input::Digital(3), wait_for: WaitFor::Fall, timeout: 1.5 },
+            Wait { input: Input::Analog(1), wait_for: WaitFor::Immediate, timeout: 0.0 },
+        ]
+    );
+}
+
+#[test]
+fn user_codes_are_carried_out_when_they_are_declared_and_refused_by_name_when_not() {
+    let setup = || Setup { user_codes: UserCodes::default().with(100).with(199).with(99), ..Setup::rs274() };
+    let (canon, found) = run("M100 P1.5\nM199 Q-2 M3 S1\nM2\n", setup());
+    assert!(found.is_empty(), "{found:?}");
+    let codes: Vec<_> = canon
+        .into_iter()
+        .filter_map(|canon| if let Canon::UserCode { number, p, q } = canon { Some((number, p, q)) } else { None })
+        .collect();
+    assert_eq!(codes, [(100, Some(1.5), None), (199, None, Some(-2.0))]);
+    assert_eq!(run("M101\nM2\n", setup()).1, ["E1724"]);
+    assert_eq!(run("M100 M199\nM2\n", setup()).1, ["E1406"]);
+}
+
+#[test]
+fn abort_ends_a_program_with_its_text() {
+    let mut program = Program::new("#1=7\n(abort,no #1)\nG0 X1\nM2\n".as_bytes(), Setup::rs274());
+    let mut steps = Vec::new();
+    while program.advance(&mut steps) == Progress::Line {}
+    let found: Vec<_> =
+        program.interpreter().diagnostics().iter().map(|found| (found.number(), found.message.as_str())).collect();
+    assert_eq!(found, [("E1728", "no 7.000000")]);
+}
+
+/// The peer forgets a feed that G93 has come over, offsets that are not those of the tool in the spindle, and switches that were off.
+#[test]
+fn saved_modes_come_back_whole() {
+    let between = "G93 G20 G91 G18 G61 G55 G7 G90.1 G99 M9\nM48\nM52 P1 G49\n";
+    let program = format!("F8.25 S7.5 G43.1 Z3\nM49\nM7\nG64 P.25 Q.125\nM70\n{between}M72\nM2\n");
+    let mut program = Program::new(program.as_bytes(), Setup::rs274());
+    let mut steps = Vec::new();
+    let mut kept = None;
+    while program.advance(&mut steps) == Progress::Line {
+        match program.line_text().as_ref() {
+            "M70" => kept = Some(program.interpreter().state().clone()),
+            "M72" => break,
+            _ => {}
+        }
+    }
+    let (mut now, mut then) = (program.interpreter().state().clone(), kept.expect("M70"));
+    // A change of units and back leaves traces in the last digits.
+    let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
+    assert!(near(now.feed_rate, then.feed_rate) && near(now.naivecam_tolerance, then.naivecam_tolerance));
+    assert!(now.position.minus(&then.position).0.iter().all(|way| near(*way, 0.0)));
+    for state in [&mut now, &mut then] {
+        (state.feed_rate, state.naivecam_tolerance, state.position) = (0.0, 0.0, retrace_gcode::Pose::ZERO);
+    }
+    assert_eq!(now, then);
+}
+
+#[test]
+fn a_log_goes_out_as_functions_and_python_is_refused_by_name() {
+    let (text, failed) = canon_text("(logopen,a b.txt)\n(log,%d#5220)\n(logclose)\nM2\n");
+    let lines: Vec<_> = text.lines().skip(6).take(3).map(|line| &line[13..]).collect();
+    assert!(!failed);
+    assert_eq!(lines, ["LOGOPEN(\"a b.txt\")", "LOG(\"1\")", "LOGCLOSE()"]);
+    for line in ["(py,x)", ";PY, x", "(PyRun,x)", "(pyreload)", "G0 X1 ; py,x"] {
+        assert_eq!(run(&format!("{line}\nM2\n"), Setup::rs274()).1, ["E1729"], "{line}");
+    }
+}
+
+#[test]
+fn fixed_values_can_be_read_and_not_assigned() {
+    let setup = || Setup { fixed_values: vec![("_ini[foo]bar".to_owned(), 2.5)], ..Setup::rs274() };
+    let (canon, found) =
+        run("G0 X#<_ini[FOO]BAR> Y[EXISTS[#<_INI[foo]bar>]] Z[EXISTS[#<_ini[foo]baz>]]\nM2\n", setup());
+    assert!(found.is_empty(), "{found:?}");
+    assert!(canon.contains(&Canon::StraightTraverse(retrace_gcode::Pose::xyz(2.5, 1.0, 0.0))), "{canon:?}");
+    assert_eq!(run("#<_ini[foo]bar>=1\nM2\n", setup()).1, ["E1303"]);
+}
