@@ -115,7 +115,11 @@ fn small_cosine(Extended { high: x, low }: Extended) -> Extended {
 
 /// Sine and cosine of an angle in degrees.
 fn sine_and_cosine(degrees: f64) -> (Extended, Extended) {
-    let angle = radians(degrees);
+    sine_and_cosine_of(radians(degrees))
+}
+
+/// Sine and cosine of an angle in radians.
+fn sine_and_cosine_of(angle: Extended) -> (Extended, Extended) {
     if angle.high.abs() > MOST_QUARTERS {
         return (Extended::of(angle.high.sin(), 0.0), Extended::of(angle.high.cos(), 0.0));
     }
@@ -181,10 +185,11 @@ pub(crate) fn plus_quarters(angle: f64, quarters: i32, more: f64) -> f64 {
     with_quarters(angle, quarters, more).high
 }
 
-/// The sine of an angle in radians and a whole number of right angles.
-pub(crate) fn sine_of_quarters(angle: f64, quarters: i32) -> f64 {
-    let sum = with_quarters(angle, quarters, 0.0);
-    sum.high.sin() + sum.low * sum.high.cos()
+/// A factor times the sine of an angle in radians and a whole number of right angles, with 80 bits.
+pub(crate) fn times_sine(factor: f64, angle: f64, quarters: i32) -> f64 {
+    let sine = sine_and_cosine_of(with_quarters(angle, quarters, 0.0)).0;
+    let product = factor * sine.high;
+    product + (factor.mul_add(sine.high, -product) + factor * sine.low)
 }
 
 /// The angle from start to end about a centre, radians: positive counter-clockwise, with whole turns beyond the first one added.
@@ -249,7 +254,7 @@ mod tests {
         // The nearest `f64` to pi lacks this of pi.
         assert_eq!(plus_quarters(-PI, 2, 0.0), PI_LOW);
         assert_eq!(plus_quarters(1.0, 2, -1.0), PI);
-        assert_eq!(sine_of_quarters(PI, -2), -PI_LOW);
+        assert_eq!(times_sine(2.0, PI, -2), -2.0 * PI_LOW);
         assert_eq!(sweep((1.0, 0.0), (0.0, 1.0), (0.0, 0.0), 1), FRAC_PI_2);
         assert_eq!(sweep((1.0, 0.0), (0.0, 1.0), (0.0, 0.0), -2), -3.5 * PI);
     }

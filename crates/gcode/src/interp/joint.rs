@@ -4,7 +4,7 @@
 //! zero prints with its sign.
 
 use super::queue::Point;
-use crate::angle::{plus_quarters, sine_of_quarters};
+use crate::angle::{plus_quarters, times_sine};
 use crate::codes::Code;
 use crate::compensation::Side;
 use crate::diag::{Outcome, Span, fault};
@@ -253,7 +253,7 @@ pub(super) fn to_arc(cutter: Cutter, corner: &Corner, arc: &Programmed, at: Span
 
 /// Where a compensated straight move, which came in the direction `before`, meets a compensated arc.
 fn line_to_arc(cutter: Cutter, before: f64, opening: f64, arc: &Programmed, radius: f64, at: Span) -> Outcome<Point> {
-    let from_centre = radius * sine_of_quarters(opening, -1);
+    let from_centre = times_sine(radius, opening, -1);
     if cutter.is_inside(arc.turns) {
         let radius = radius - cutter.radius;
         let angle = ratio((from_centre + cutter.radius) / radius, at)?.asin();
