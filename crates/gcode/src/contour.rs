@@ -5,8 +5,8 @@
 
 use crate::call::CycleCall;
 use crate::canon::{ArcFeed, Canon, Plane, Step};
-use crate::control::{Label, plain_name};
 use crate::codes::Code;
+use crate::control::{Label, plain_name};
 use crate::diag::{Outcome, Span, fault};
 use crate::flow::{Flow, Stepped};
 use crate::interp::{Contours, Core, Interpreter, Planned, Read};
@@ -230,7 +230,7 @@ impl Contour {
                 Canon::ArcFeed(arc) => self.arc(arc, line)?,
                 Canon::SelectPlane(_)
                 | Canon::SelectTool(_)
-                | Canon::ChangeTool(_)
+                | Canon::ChangeTool { .. }
                 | Canon::UseToolLengthOffset(_)
                 | Canon::UseLengthUnits(_)
                 | Canon::SetG5xOffset { .. }
