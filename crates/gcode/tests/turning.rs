@@ -162,7 +162,7 @@ impl Turning {
         for step in &steps {
             text.write(step).expect("memory");
         }
-        let text = String::from_utf8(text.into_inner()).expect("text");
+        let text = String::from_utf8(text.into_inner().expect("memory")).expect("text");
         (moves(&text), !(turned && drawn_all))
     }
 }
