@@ -125,6 +125,9 @@ pub struct Reading {
     /// Folder to look for subprograms in, besides the program's own; may be given more than once.
     #[arg(long, value_name = "DIR")]
     pub subs: Vec<PathBuf>,
+    /// The folders of cycles that it may call.
+    #[command(flatten)]
+    pub cycle_folders: CycleFolders,
     /// Tool table.
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,

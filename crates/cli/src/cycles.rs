@@ -49,7 +49,6 @@ pub fn run(args: &args::Cycles) -> Result<(), Failure> {
 ///
 /// # Errors
 /// A folder that was named and is none.
-#[allow(dead_code)] // the commands that read programs take it as soon as programs can call cycles
 pub fn library(folders: &CycleFolders) -> Result<Library, Refusal> {
     Ok(Named::of(folders)?.library())
 }

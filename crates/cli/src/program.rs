@@ -13,11 +13,13 @@ use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_gcode::{
     Axis, AxisSet, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
+    UserCodes,
 };
 
 use crate::args::Reading;
+use crate::cycles;
 use crate::files;
-use crate::subs;
+use crate::subs::Folders;
 
 /// Why a command fails.
 #[derive(Debug)]
@@ -54,7 +56,8 @@ impl Program {
     /// A file that cannot be read or understood.
     pub fn open(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
         let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
-        let setup = Setup { axes: AxisSet::of(&axes), tools: tools_without_length(), ..Setup::default() };
+        let user_codes = machine.switching.user_codes().fold(UserCodes::default(), UserCodes::with);
+        let setup = Setup { axes: AxisSet::of(&axes), tools: tools_without_length(), user_codes, ..Setup::default() };
         Self::with_setup(reading, setup)
     }
 
@@ -72,6 +75,7 @@ impl Program {
         if let Some(path) = &reading.params {
             setup.parameters = table(path, "parameter file", Parameters::read)?;
         }
+        let mut subs = reading.subs.clone();
         if let Some(path) = &reading.ini {
             let ini = table(path, "INI file", Ini::read)?;
             if !ini.passed_over.is_empty() {
@@ -79,10 +83,20 @@ impl Program {
                 eprintln!("note: a tool table and a parameter file are named with --tools and --params");
             }
             setup.fixed_values = ini.values;
+            let beside = path.parent().unwrap_or(Path::new(""));
+            subs.extend(ini.subroutine_path.iter().map(|folder| beside.join(folder)));
         }
         setup.block_delete = reading.block_delete;
-        setup.cycles = Some(Arc::new(retrace_gcode::cycles::Library::shipped()));
-        setup.files = Some(Arc::new(subs::Folders::of(&reading.program, &reading.subs)));
+        let cycles = cycles::library(&reading.cycle_folders)?;
+        if cycles
+            .findings()
+            .iter()
+            .any(|finding| finding.diagnostic.severity() == retrace_gcode::cycles::Severity::Error)
+        {
+            eprintln!("note: cycle sources have errors and cannot be called; `retrace cycles check` shows them");
+        }
+        setup.cycles = Some(Arc::new(cycles));
+        setup.files = Some(Arc::new(Folders::of(&reading.program, &subs)));
         let prescan = if is_stdin {
             None
         } else {

@@ -345,7 +345,7 @@ impl<'m> Track<'m> {
             Canon::Wait(_) => Err(Untrackable::NotSupported("waiting for an input (M66)")),
             Canon::SetMotionOutputValue { .. } => Err(Untrackable::NotSupported("an analog output (M67)")),
             Canon::SetAuxOutputValue { .. } => Err(Untrackable::NotSupported("an analog output (M68)")),
-            Canon::UserCode { .. } => Err(Untrackable::NotSupported("a user code (M100 to M199)")),
+            Canon::UserCode { number, .. } => self.user_code(*number, line, sink),
             // nothing of these moves or switches anything on this machine
             Canon::OnReset
             | Canon::Finish
@@ -389,6 +389,21 @@ impl<'m> Track<'m> {
             | Canon::SetMotionControlMode(_)
             | Canon::Message(_)
             | Canon::Print(_) => Ok(()),
+        }
+    }
+
+    /// M100 to M199 switch the output that the machine file declares for them.
+    fn user_code<const A: usize>(&self, number: u8, line: u32, sink: &mut impl Sink<A>) -> Result<(), Untrackable> {
+        let Some(code) = self.machine.switching.user_code(number) else {
+            return Err(Untrackable::NotSupported("a user code that the machine file does not declare"));
+        };
+        let change = Change { channel: code.output, value: code.value };
+        match code.class {
+            Class::Synchronous => {
+                sink.action(change, line);
+                Ok(())
+            }
+            Class::Exclusive => self.exclusive(Kind::Switch, code.name, &[change], code.periods, line, sink),
         }
     }
 

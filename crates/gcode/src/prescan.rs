@@ -123,7 +123,7 @@ impl Prescan {
             paths: Paths::default(),
             diagnostics: Vec::new(),
         };
-        prescan.add_file(name.to_owned(), text);
+        prescan.add_file(name.to_owned(), text, None);
         // Files that a file calls come behind it.
         let mut file = 0;
         while file < prescan.codes.len() {
@@ -183,11 +183,12 @@ impl Prescan {
         crate::branch::table(&self.codes, &self.subs)
     }
 
-    fn add_file(&mut self, name: String, text: Text) {
+    /// Compiles what a file holds; `called` is the number that M98 looks for in it.
+    fn add_file(&mut self, name: String, text: Text, called: Option<u64>) {
         let file = self.files.len() as u16;
         self.files.push(File { name, text: text.clone() });
-        let mut file =
-            FileScan { prescan: self, file, code: Code::new(file), nest: Nest::default(), starts: None, text: &text };
+        let (code, nest) = (Code::new(file), Nest::default());
+        let mut file = FileScan { prescan: self, file, code, nest, called, starts: None, text: &text };
         file.scan();
         let FileScan { code, .. } = file;
         self.codes.push(Arc::new(code));
@@ -268,7 +269,8 @@ impl Prescan {
             return;
         }
         let file = self.files.len() as u16;
-        self.add_file(found.name, text);
+        let called = if let Label::Number(number) = label { Some(*number) } else { None };
+        self.add_file(found.name, text, called);
         match self.subs.by_label.get(&(file, label.clone())) {
             Some(id) => {
                 self.subs.by_label.insert((0, label.clone()), *id);
@@ -313,9 +315,10 @@ fn labelled(text: &[u8], from: usize, wanted: &str) -> Option<(usize, u32)> {
 }
 
 /// Lines of O numbers that M98 calls, with the line of the M99 that follows.
-fn called_starts(text: &[u8]) -> Vec<(u32, u32)> {
+fn called_starts(text: &[u8], called: Option<u64>) -> Vec<(u32, u32)> {
     let mut reader = LineReader::new(crate::pose::AxisSet::ALL, false, None);
-    let (mut starts, mut called, mut ranges) = (Vec::new(), Vec::new(), Vec::new());
+    let mut called: Vec<Option<u64>> = called.into_iter().map(Some).collect();
+    let (mut starts, mut ranges) = (Vec::new(), Vec::new());
     let mut open: Vec<(u32, u64)> = Vec::new();
     for (index, line) in Split::new(text).enumerate() {
         if !may_be(line) || reader.read(line).is_err() {
@@ -344,6 +347,8 @@ struct FileScan<'a> {
     file: u16,
     code: Code,
     nest: Nest,
+    /// The number that M98 of another file looks for.
+    called: Option<u64>,
     /// Stretches that M98 calls: their first and their last line; looked for when the first O number alone is met.
     starts: Option<Vec<(u32, u32)>>,
     text: &'a [u8],
@@ -388,7 +393,7 @@ impl FileScan<'_> {
         let Some(control) = &self.prescan.reader.block.control else { return false };
         match control.keyword {
             Keyword::Start => {
-                let starts = self.starts.get_or_insert_with(|| called_starts(self.text));
+                let starts = self.starts.get_or_insert_with(|| called_starts(self.text, self.called));
                 starts.iter().any(|(first, _)| *first == line)
             }
             Keyword::M99 => false,
