@@ -14,6 +14,8 @@ pub fn examples() -> Vec<PathBuf> {
     let mut programs: Vec<PathBuf> = folder
         .filter_map(|entry| Some(entry.ok()?.path()))
         .filter(|path| path.extension().is_some_and(|ending| ending == "ngc"))
+        // The others are subprograms that these call.
+        .filter(|path| path.file_name().is_some_and(|name| name.as_encoded_bytes()[0].is_ascii_digit()))
         .collect();
     programs.sort();
     programs

@@ -69,8 +69,18 @@ fn canon_prints_canonical_functions_one_a_line() {
 fn canon_equals_rs274_where_that_is_installed() {
     let bench = Bench::new();
     for program in examples() {
-        let output =
-            std::process::Command::new("rs274").arg("-g").arg(&program).stdin(std::process::Stdio::null()).output();
+        let text = std::fs::read_to_string(&program).expect("an example");
+        if text.contains("CYCLE") {
+            // The peer knows no cycles of this kind.
+            continue;
+        }
+        let output = std::process::Command::new("rs274")
+            .arg("-g")
+            .arg(&program)
+            .current_dir(root().join("examples"))
+            .env("HOME", bench.path("."))
+            .stdin(std::process::Stdio::null())
+            .output();
         let Ok(output) = output else {
             println!("not run: rs274 is not installed");
             return;

@@ -9,7 +9,7 @@ use crate::control::Control;
 use crate::diag::{Outcome, Span, fault};
 use crate::eval::{Environment, evaluate, whole};
 use crate::expr::Op;
-use crate::groups::{GroupG, GroupM, Known, Tenths, group_of_g, group_of_m};
+use crate::groups::{GroupG, GroupM, Tenths, group_of_g, group_of_m};
 use crate::params::NameId;
 use crate::remark::Remark;
 use std::fmt;
@@ -210,12 +210,8 @@ impl Words {
             return fault(Code::UnknownG, at, format!("there is no G{value}"));
         }
         let group = match group_of_g(tenths) {
-            Known::CarriedOut(group) => group,
-            Known::NotYet => {
-                let message = format!("{} is not supported yet", name_of_g(tenths));
-                return fault(Code::UnsupportedG, at, message);
-            }
-            Known::No => return fault(Code::UnknownG, at, format!("there is no {}", name_of_g(tenths))),
+            Some(group) => group,
+            None => return fault(Code::UnknownG, at, format!("there is no {}", name_of_g(tenths))),
         };
         match self.g(group) {
             Some(_) if group == GroupG::Motion && tenths == 800 => return Ok(()),
@@ -237,10 +233,12 @@ impl Words {
         if code < 0 {
             return negative(b'm', value, at);
         }
-        let group = match u8::try_from(code).map_or(Known::No, group_of_m) {
-            Known::CarriedOut(group) => group,
-            Known::NotYet => return fault(Code::UnsupportedM, at, format!("M{code} is not supported yet")),
-            Known::No => return fault(Code::UnknownM, at, format!("there is no M{code}")),
+        let group = match u8::try_from(code).ok().and_then(group_of_m) {
+            Some(group) => group,
+            None if matches!(code, 98 | 99) => {
+                return fault(Code::NotAlone, at, format!("M{code} stands alone in its block, at the beginning"));
+            }
+            None => return fault(Code::UnknownM, at, format!("there is no M{code}")),
         };
         if let Some(other) = self.m(group) {
             return fault(Code::TwoMOfGroup, at, format!("M{other} and M{code} exclude each other"));

@@ -75,15 +75,12 @@ codes! {
     NameNotClosed "E1305" "parameter name not closed" "#< is not followed by a name and >." "Write #<name>.";
 
     UnknownG "E1401" "no such G code" "RS274/NGC has no G code of this number." "Check the number.";
-    UnsupportedG "E1402" "G code not supported yet" "The G code exists, but this version does not carry it out." "Write the block with the supported codes.";
     UnknownM "E1403" "no such M code" "RS274/NGC has no M code of this number." "Check the number.";
-    UnsupportedM "E1404" "M code not supported yet" "The M code exists, but this version does not carry it out." "Write the block with the supported codes.";
     TwoGOfGroup "E1405" "two G codes of one modal group" "A block holds one G code of each modal group at most." "Put them into two blocks, or remove one.";
     TwoMOfGroup "E1406" "two M codes of one modal group" "A block holds one M code of each modal group at most." "Put them into two blocks, or remove one.";
     WordTwice "E1407" "word given twice" "A block holds each word letter but G and M once at most." "Remove one.";
     WordUnused "E1408" "word without a use" "No code in the block uses the word." "Remove the word, or add the code that it belongs to.";
     AxisMissing "E1409" "machine has no such axis" "The word belongs to an axis that the machine does not have." "Remove the word, or check the axes in the machine file.";
-    UnsupportedWord "E1410" "not supported yet" "This part of RS274/NGC is not carried out by this version." "Write the block without it.";
     TooManyM "E1411" "too many M codes" "A block holds four M codes at most." "Put them into two blocks.";
 
     NoMotionMode "E1501" "axis words without a motion" "The block has axis words, but no G code uses them and no motion mode is in force." "Begin with G0, G1, G2 or G3.";
@@ -174,6 +171,7 @@ codes! {
     TooMuchToKeep "E1812" "too much to keep" "The subprograms and loops of a program from standard input exceed 16 MiB." "Run the program from a file.";
     SubFile "E1813" "subprogram file cannot be used" "The file of a subprogram cannot be read, or holds no subprogram of its name." "Check the file: O<part> is looked for in part.ngc, which holds O<part> sub … O<part> endsub.";
 
+    NotAlone "E1814" "M98 or M99 not alone" "M98 and M99 stand in a block with other words." "Give them a block of their own.";
     NoSuchCycle "E1821" "no such cycle" "A name and a parenthesis begin the block, and no cycle has that name." "Check the name; `retrace cycles` lists those there are.";
     BadCycleCall "E1822" "call of a cycle not understood" "The arguments are too many, of the wrong type or not closed, or something else stands in the block." "Write NAME(argument, argument, ...), numbers or \"texts\", empty where not programmed; `retrace cycles` shows the parameters.";
     CycleAlarm "E1823" "cycle refused" "A cycle has raised an alarm about its arguments, its contour or the state it was called in; or a block of it is wrong." "The message says what; docs/cycles.md tells the alarms.";

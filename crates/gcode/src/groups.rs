@@ -1,6 +1,6 @@
 //! Modal groups: which codes there are, and which of them exclude each other in one block.
 //!
-//! Invariant: every G and M code of LinuxCNC's RS274/NGC is known here, and either carried out or refused by its name.
+//! Invariant: every G and M code of LinuxCNC's RS274/NGC is known here but M98 and M99, which are no words of a block.
 
 /// Modal groups of G codes, numbered as RS274/NGC does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,21 +35,13 @@ pub(crate) enum GroupM {
     User = 10,
 }
 
-/// What is known of a code.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Known<Group> {
-    CarriedOut(Group),
-    NotYet,
-    No,
-}
-
 /// G codes in tenths: G61.1 is 611.
 pub(crate) type Tenths = u16;
 
 /// Group of a G code.
-pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
+pub(crate) const fn group_of_g(tenths: Tenths) -> Option<GroupG> {
     use GroupG as G;
-    Known::CarriedOut(match tenths {
+    Some(match tenths {
         0 | 10 | 20 | 30 | 800 => G::Motion,
         700 | 710..=712 | 720..=722 => G::Motion,
         330 | 331 | 760 | 730 | 740 | 810 | 820 | 830 | 840 | 850 | 860 | 870 | 880 | 890 => G::Motion,
@@ -67,14 +59,14 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Known<GroupG> {
         930 | 940 | 950 => G::FeedMode,
         960 | 970 => G::SpindleMode,
         980 | 990 => G::Retract,
-        _ => return Known::No,
+        _ => return None,
     })
 }
 
 /// Group of an M code.
-pub(crate) const fn group_of_m(code: u8) -> Known<GroupM> {
+pub(crate) const fn group_of_m(code: u8) -> Option<GroupM> {
     use GroupM as M;
-    Known::CarriedOut(match code {
+    Some(match code {
         0 | 1 | 2 | 30 | 60 => M::Stop,
         62..=68 => M::Output,
         6 | 61 => M::Tool,
@@ -83,7 +75,6 @@ pub(crate) const fn group_of_m(code: u8) -> Known<GroupM> {
         7..=9 => M::Coolant,
         48..=53 => M::Override,
         100..=199 => M::User,
-        98 | 99 => return Known::NotYet,
-        _ => return Known::No,
+        _ => return None,
     })
 }
