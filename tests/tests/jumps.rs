@@ -38,6 +38,14 @@ fn subprograms_are_found_behind_the_end_in_files_and_in_named_folders() {
         traverse(0.5, 4.0, 7.0),
     ];
     assert_eq!(moves(&said), wanted);
+    // What the card executes belongs to lines of the program itself, also in files that it calls.
+    let said = bench.retrace(["run", "main.ngc", "--subs", "library", "--records", "records.csv"]);
+    assert_eq!(said.code, Some(0), "{}", said.err);
+    let records = std::fs::read_to_string(bench.path("records.csv")).expect("records");
+    let lines: std::collections::BTreeSet<&str> =
+        records.lines().skip(1).filter_map(|row| row.split(',').nth(1)).collect();
+    assert!(lines.is_subset(&["0", "2", "4", "5", "6", "8"].into()), "{lines:?}");
+    assert!(lines.is_superset(&["2", "4", "5", "8"].into()), "{lines:?}");
 }
 
 #[test]

@@ -303,7 +303,8 @@ impl Canon {
 /// One canonical function with the block that it comes from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
-    /// Line of the file, counted from 1; 0 before the first line and after the last.
+    /// Line of the program, counted from 1; 0 before the first line and after the last. Steps of a subprogram in another file have the
+    /// line that called it.
     pub line: u32,
     /// The N word of that line.
     pub number: Option<BlockNumber>,

@@ -99,6 +99,8 @@ pub struct Parameters {
     numbered: Box<[f64]>,
     global: Vec<Option<f64>>,
     local: Vec<Option<f64>>,
+    /// Empty, with the room that an earlier call has needed.
+    spare: Vec<Option<f64>>,
 }
 
 /// The parameters of a caller, put away during a call.
@@ -113,7 +115,7 @@ impl Default for Parameters {
         let mut numbered = vec![0.0; LAST + 1].into_boxed_slice();
         numbered[COORDINATE_SYSTEM] = 1.0;
         numbered[SHOW_DEBUG] = 1.0;
-        Parameters { numbered, global: Vec::new(), local: Vec::new() }
+        Parameters { numbered, global: Vec::new(), local: Vec::new(), spare: Vec::new() }
     }
 }
 
@@ -162,13 +164,15 @@ impl Parameters {
         for (index, number) in LOCAL.enumerate() {
             self.numbered[number] = arguments.get(index).copied().unwrap_or(0.0);
         }
-        Frame { numbered, local: std::mem::take(&mut self.local) }
+        let room = std::mem::take(&mut self.spare);
+        Frame { numbered, local: std::mem::replace(&mut self.local, room) }
     }
 
     /// Puts the caller's own parameters back.
     pub(crate) fn leave(&mut self, frame: Frame) {
         self.numbered[LOCAL].copy_from_slice(&frame.numbered);
-        self.local = frame.local;
+        self.spare = std::mem::replace(&mut self.local, frame.local);
+        self.spare.clear();
     }
 
     /// Reads a parameter file: lines of a number and a value, in rising order, `#` and `;` begin a comment.

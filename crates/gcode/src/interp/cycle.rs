@@ -215,7 +215,7 @@ impl super::Interpreter {
             saved,
             words,
             path: None,
-            emit: Emit { line: self.line, number: None, steps, waiting: &mut waiting, warning: None },
+            emit: Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None },
             at: call.at,
             fault: None,
             warnings: Vec::new(),

@@ -148,6 +148,8 @@ pub struct Interpreter {
     assignments: Vec<Assignment>,
     file: u16,
     line: u32,
+    /// The line of the program itself that steps belong to: of a subprogram in another file, the one that called it.
+    step_line: u32,
     diagnostics: Vec<Diagnostic>,
     errors: usize,
     warnings: usize,
@@ -174,6 +176,7 @@ impl Interpreter {
             assignments: Vec::new(),
             file: 0,
             line: 0,
+            step_line: 0,
             diagnostics: Vec::new(),
             errors: 0,
             warnings: 0,
@@ -222,6 +225,9 @@ impl Interpreter {
     /// Tells which line is being looked at.
     pub(crate) fn set_line(&mut self, file: u16, line: u32) {
         (self.file, self.line) = (file, line);
+        if file == 0 {
+            self.step_line = line;
+        }
     }
 
     /// Reads a line of the program itself.
@@ -287,7 +293,7 @@ impl Interpreter {
     /// Takes up again what M73 has put away; to be asked before the subprogram ends.
     pub(crate) fn take_up_on_return(&mut self, steps: &mut Vec<Step>) -> Outcome<()> {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
-        let mut emit = Emit { line: self.line, number: None, steps, waiting: &mut waiting, warning: None };
+        let mut emit = Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
         let outcome = self.core.take_up_on_return(&mut emit);
         self.core.state.waiting = waiting;
         outcome
@@ -327,7 +333,7 @@ impl Interpreter {
         check::words_have_uses(words, motion)?;
         // Taken out for the block: what the block asks for goes either into it or out.
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
-        let (line, number) = (self.line, self.reader.block.number);
+        let (line, number) = (self.step_line, self.reader.block.number);
         let mut emit = Emit { line, number, steps: &mut *steps, waiting: &mut waiting, warning: None };
         if let Some(remark) = &self.reader.block.remark {
             let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
@@ -360,7 +366,7 @@ impl Interpreter {
     /// What still waits for the next corner of a compensated path cannot go out as it stands.
     pub(crate) fn end_program(&mut self, steps: &mut Vec<Step>) -> Outcome<Flow> {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
-        let mut emit = Emit { line: self.line, number: None, steps, waiting: &mut waiting, warning: None };
+        let mut emit = Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
         let ended = self.core.stop(2, Span::default(), &mut emit);
         self.core.state.waiting = waiting;
         ended
