@@ -147,3 +147,24 @@ fn user_codes_switch_the_outputs_that_the_machine_file_declares() {
     assert_eq!(said.code, Some(1), "{}", said.err);
     assert!(said.err.contains("M101") && said.err.contains("main.ngc:3"), "{}", said.err);
 }
+
+#[test]
+fn a_run_logs_and_keeps_its_parameters_and_a_check_does_neither() {
+    let bench = Bench::new();
+    bench.file("kept.var", "5161 0\n");
+    bench.file("main.ngc", "G21\n(logopen,out.txt)\n#40 = 12.5\n(log,forty is #40)\n(logclose)\nG0 X1\nG28.1\nM2\n");
+    let run = |command: &str| bench.retrace([command, "main.ngc", "--params", "kept.var"]);
+    assert_eq!(run("check").code, Some(0));
+    assert_eq!(std::fs::read_to_string(bench.path("kept.var")).expect("parameters"), "5161 0\n");
+    assert!(!bench.path("out.txt").exists(), "a check writes nothing");
+    assert_eq!(run("run").code, Some(0));
+    assert_eq!(std::fs::read_to_string(bench.path("out.txt")).expect("a log"), "forty is 12.500000\n");
+    let kept = std::fs::read_to_string(bench.path("kept.var")).expect("parameters");
+    assert!(kept.contains("40\t12.500000") && kept.contains("5161\t1.000000"), "{kept}");
+    // A program that does not come to its end leaves them as they were.
+    bench.file("main.ngc", "G21\n#40 = 99\nG0 X1\nM2\n");
+    bench.file("stop.op", "at 0s stop\n");
+    let said = bench.retrace(["run", "main.ngc", "--params", "kept.var", "--operator", "stop.op"]);
+    assert_eq!(said.code, Some(4), "{}", said.err);
+    assert_eq!(std::fs::read_to_string(bench.path("kept.var")).expect("parameters"), kept);
+}

@@ -131,7 +131,7 @@ pub struct Reading {
     /// Tool table.
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,
-    /// Parameter file (read only).
+    /// Parameter file; a run that comes to its end writes it anew.
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,
     /// LinuxCNC machine configuration: what `rs274` takes of it, its numbers as `#<_ini[section]name>` among it.

@@ -15,6 +15,7 @@ mod console;
 mod cycles;
 mod draw;
 mod files;
+mod left;
 mod machine;
 mod plot;
 mod program;

@@ -19,6 +19,7 @@ use retrace_gcode::{
 use crate::args::Reading;
 use crate::cycles;
 use crate::files;
+use crate::left::{Last, Left};
 use crate::subs::Folders;
 
 /// Why a command fails.
@@ -121,7 +122,15 @@ impl Program {
     /// The program from its beginning.
     #[must_use]
     pub fn decoder(&self) -> Decoder {
-        Decoder { name: self.name.clone(), program: self.source(), length_offset: false, is_told: false }
+        Decoder { name: self.name.clone(), program: self.source(), length_offset: false, is_told: false, left: None }
+    }
+
+    /// The program from its beginning, to be run: it logs, and leaves its parameters.
+    #[must_use]
+    pub fn running(&self) -> (Decoder, Last) {
+        let left = Left::default();
+        let last = left.last();
+        (Decoder { left: Some(left), ..self.decoder() }, last)
     }
 
     /// The program from its beginning, for whoever wants its canonical functions as they are.
@@ -239,6 +248,8 @@ pub struct Decoder {
     length_offset: bool,
     /// The program is at its end, and why it is there has been told.
     is_told: bool,
+    /// What it leaves behind; none while it is only looked at.
+    left: Option<Left>,
 }
 
 impl Decode for Decoder {
@@ -246,6 +257,12 @@ impl Decode for Decoder {
         let first = steps.len();
         let progress = self.program.advance(steps);
         self.length_offset |= steps[first..].iter().any(|s| matches!(s.canon, Canon::UseToolLengthOffset(_)));
+        if let Some(left) = &mut self.left {
+            left.take(&steps[first..]);
+            if progress == Progress::End {
+                left.end(self.program.interpreter().parameters());
+            }
+        }
         let refused = || {
             let diagnostics = self.program.interpreter().diagnostics().iter();
             let mut errors = diagnostics.filter(|d| d.severity() == Severity::Error);

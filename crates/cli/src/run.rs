@@ -78,7 +78,8 @@ impl Job<'_> {
         let begin = args.start_line.map_or(Begin::First, Begin::Line);
         let operator = ScriptPlayer::new(script, machine.period_us);
         let started = Instant::now();
-        let end = job::run(machine, program.decoder(), begin, card, operator, manner, &mut console)
+        let (decoder, last) = program.running();
+        let end = job::run(machine, decoder, begin, card, operator, manner, &mut console)
             .map_err(|why| Refusal::new("E2112", why, "a shorter history_hours in the machine file"))?;
         let wall_s = started.elapsed().as_secs_f64();
         let (verdict, alarms, line) = console.finish()?;
@@ -103,6 +104,9 @@ impl Job<'_> {
         tell(&report, args.json);
         if let Some(folder) = &args.journal {
             keep(&report.to_json(), folder)?;
+        }
+        if let (Some(path), Outcome::Completed) = (&args.reading.params, &outcome) {
+            last.write(path)?;
         }
         Ok(outcome.exit_code())
     }
