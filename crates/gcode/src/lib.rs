@@ -37,6 +37,7 @@ mod cycle;
 mod diag;
 mod eval;
 mod expr;
+mod file_scan;
 mod flow;
 mod groups;
 mod ini;
