@@ -31,6 +31,11 @@ impl BlockNumber {
     pub const fn value(self) -> u64 {
         self.value
     }
+
+    /// How many digits it is written with.
+    pub(crate) const fn digits(self) -> u8 {
+        self.digits
+    }
 }
 
 impl fmt::Display for BlockNumber {

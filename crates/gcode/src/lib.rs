@@ -35,6 +35,7 @@ mod contour;
 mod control;
 mod cycle;
 mod diag;
+mod digits;
 mod eval;
 mod expr;
 mod flow;

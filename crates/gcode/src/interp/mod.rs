@@ -389,13 +389,15 @@ impl Interpreter {
         self.core.profile = Some(Profile::of_steps(steps));
     }
 
-    /// The number of the profile's subprogram, if the block read last is a turning cycle, and an interpreter to run it with: it
+    /// Whether the block read last is a turning cycle.
+    #[inline]
+    pub(crate) fn is_turning(&self) -> bool {
+        self.reader.block.words.g(GroupG::Motion).is_some_and(|code| (700..730).contains(&code))
+    }
+
+    /// The number of the profile's subprogram of the turning cycle read last, if it names one, and an interpreter to run it with: it
     /// stands where the cycle begins.
     pub(crate) fn turning(&mut self) -> Outcome<Option<(f64, Interpreter)>> {
-        let is_turning = |code| (700..730).contains(&code);
-        if !self.reader.block.words.g(GroupG::Motion).is_some_and(is_turning) {
-            return Ok(None);
-        }
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
         let Some(number) = self.words.get(b'q') else { return Ok(None) };
