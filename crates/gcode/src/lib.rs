@@ -25,6 +25,7 @@ mod angle;
 mod arriving;
 mod block;
 mod branch;
+mod bytes;
 mod call;
 mod canon;
 mod canon_text;
