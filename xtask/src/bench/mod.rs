@@ -2,7 +2,9 @@
 //!
 //! Invariant: a figure is the median of runs of this very call; what could not be run has no figure and says so.
 
+mod chart;
 mod generate;
+mod pre9;
 mod process;
 mod programs;
 mod stream;
@@ -18,11 +20,18 @@ pub(crate) struct Bench {
 }
 
 /// Every group.
-pub(crate) const BENCHES: &[Bench] = &[Bench {
-    name: "programs",
-    purpose: "decoding beside rs274, over program length, and from standard input; writes docs/bench-programs.md",
-    run: programs::run,
-}];
+pub(crate) const BENCHES: &[Bench] = &[
+    Bench {
+        name: "programs",
+        purpose: "decoding beside rs274, over program length, and from standard input; writes docs/bench-programs.md",
+        run: programs::run,
+    },
+    Bench {
+        name: "pre9",
+        purpose: "what precompiled cycles and the pre-scan spare (PRE-9); writes docs/pre-scan.md",
+        run: pre9::run,
+    },
+];
 
 /// Runs a group and says whether all was measured; `full` takes the full sizes.
 pub(crate) fn run(root: &Path, bench: &Bench, full: bool) -> bool {

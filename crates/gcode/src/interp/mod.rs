@@ -38,7 +38,7 @@ use crate::block::{Assignment, Words};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::code::Code as CompiledLines;
 use crate::codes::Code;
-use crate::control::{Control, MOST_ARGUMENTS};
+use crate::control::{Control, Keyword, MOST_ARGUMENTS};
 use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span, fault};
 use crate::groups::GroupG;
 use crate::modal::State;
@@ -211,12 +211,29 @@ impl Interpreter {
         let carried_out = self.read(self.line.saturating_add(1), text).and_then(|read| match read {
             Read::Block => self.carry_out(steps),
             Read::Deleted => Ok(Flow::Continue),
-            Read::Control(control) => fault(Code::BadControl, control.at, "an O word needs the whole program"),
+            Read::Control(control) => self.line_with_control(&control, steps),
         });
         carried_out.map_err(|fault| {
             self.report(*fault);
             BlockRefused
         })
+    }
+
+    /// Of the lines that are no blocks, the call of a cycle needs nothing but the cycle.
+    fn line_with_control(&mut self, control: &Control, steps: &mut Vec<Step>) -> Outcome<Flow> {
+        match self.reader.block.cycle.take() {
+            Some(call) if control.keyword == Keyword::Cycle => {
+                self.call_cycle(&call, &NoContours, steps)?;
+                Ok(Flow::Continue)
+            }
+            _ => fault(Code::BadControl, control.at, "an O word needs the whole program"),
+        }
+    }
+
+    /// Puts other cycles in the place of those that a program may call. Lines that have been compiled go on to mean the cycles that
+    /// stood in their places.
+    pub fn set_cycles(&mut self, cycles: Option<Arc<Library>>) {
+        self.reader.cycles = cycles;
     }
 
     /// Tells which line is being looked at.
