@@ -42,8 +42,11 @@ pub(super) fn run(root: &Path, full: bool) -> Result<bool, String> {
     println!("\n{page}");
     let path = root.join("docs/bench-programs.md");
     std::fs::write(&path, page).map_err(|error| format!("{}: {error}", path.display()))?;
+    let seconds = |name: &str| rows.iter().find(|row| row.case.name == name).map_or(f64::NAN, |row| row.ours);
+    // Where subprograms stand must not matter; the tenth is what two runs of the same program differ by.
+    let is_even = seconds("half calls, behind M2") <= 1.1 * seconds("half calls, first");
     let missed = rows.iter().any(|row| row.peer.is_some_and(|peer| peer / row.ours < row.case.goal));
-    Ok(!missed && streamed.is_within())
+    Ok(!missed && is_even && streamed.is_within())
 }
 
 fn find_peer() -> Option<PathBuf> {
@@ -61,19 +64,26 @@ fn cases() -> Vec<Case> {
         made("half canned cycles", "G81, G82, G83 and feed moves in turn", generate::canned(100_000), 15.0),
         made(
             "half calls, behind M2",
-            "20 subprograms of 2 blocks behind M2, feed moves between the calls",
-            generate::calls(50_000, 20, Subs::BehindTheEnd),
+            "100 subprograms of 2 blocks behind M2, feed moves between the calls",
+            generate::calls(50_000, 100, Subs::BehindTheEnd),
             50.0,
         ),
         made(
             "half calls, first",
-            "the same with the subprograms before the program",
-            generate::calls(50_000, 20, Subs::First),
+            "the same with the subprograms before the program, where nothing has to be looked for",
+            generate::calls(50_000, 100, Subs::First),
             0.0,
         ),
         made(
-            "1 000 subprograms",
-            "the same with 1 000 different ones behind M2",
+            "half calls, 10 behind M2",
+            "the same with 10 subprograms: the peer looks for each of them once, through the rest of the program, so the ratio \
+             grows with their number and with the length of the program",
+            generate::calls(50_000, 10, Subs::BehindTheEnd),
+            0.0,
+        ),
+        made(
+            "half calls, 1 000 behind M2",
+            "the same with 1 000 different subprograms",
             generate::calls(20_000, 1000, Subs::BehindTheEnd),
             50.0,
         ),

@@ -268,6 +268,10 @@ impl Interpreter {
 
     /// The first value in brackets of the O word that was taken last, after evaluation of all of them; 0 without any.
     pub(crate) fn control_value(&mut self) -> Outcome<f64> {
+        if self.reader.block.is_constant() {
+            self.assignments.clear();
+            return Ok(0.0);
+        }
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
         Ok(self.arguments().next().unwrap_or(0.0))
