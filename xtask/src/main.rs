@@ -3,6 +3,7 @@
 //! Invariant: a task that cannot be done says so and fails; no step reports a success that it has not seen.
 #![forbid(unsafe_code)]
 
+mod bench;
 mod campaign;
 mod suite;
 mod tidy;
@@ -38,9 +39,12 @@ Tasks:
            --row NAME      this row only; may be given more than once
            --list          name the rows and their checks and leave
            --replay HARNESS=1,2,3   run a harness over the numbers of a counterexample
+  bench NAME   measure; the figures go into docs/
+           --full          the full sizes
+           --list          name the benches and leave
   help   this text
 
-Tasks that come with a later issue: bench, firmware.
+Tasks that come with a later issue: firmware.
 
 Exit codes: 0 all passed, 1 something failed, 2 wrong usage.
 
@@ -59,9 +63,8 @@ fn main() -> ExitCode {
         Some((&"tidy", options)) => tidy(options),
         Some((&"campaign", options)) => campaign(options),
         Some((&"verify", options)) => verify(options),
-        Some((&task @ ("bench" | "firmware"), _)) => {
-            refuse(&format!("`{task}` comes with a later issue; nothing was done"))
-        }
+        Some((&"bench", options)) => bench(options),
+        Some((&"firmware", _)) => refuse("`firmware` comes with a later issue; nothing was done"),
         Some((&unknown, _)) => refuse(&format!("there is no task `{unknown}`; see `cargo xtask help`")),
     }
 }
@@ -135,6 +138,32 @@ fn campaign(options: &[&str]) -> ExitCode {
         }
     }
     with_root(|root| campaign::run(&root, campaign, full, seed))
+}
+
+fn bench(options: &[&str]) -> ExitCode {
+    let (name, full) = match options {
+        ["--list"] => {
+            for bench in bench::BENCHES {
+                println!("{:<10} {}", bench.name, bench.purpose);
+            }
+            return ExitCode::SUCCESS;
+        }
+        ["--help" | "-h"] => {
+            print!("{HELP}");
+            return ExitCode::SUCCESS;
+        }
+        [name] | ["--full", name] if *name == "--full" => {
+            return refuse("a bench needs its name; see `cargo xtask bench --list`");
+        }
+        [name] => (*name, false),
+        [name, "--full"] | ["--full", name] => (*name, true),
+        [] => return refuse("a bench needs its name; see `cargo xtask bench --list`"),
+        [_, other, ..] => return refuse(&format!("`bench` knows no `{other}`; see `cargo xtask help`")),
+    };
+    match bench::BENCHES.iter().find(|bench| bench.name == name) {
+        Some(bench) => with_root(|root| bench::run(&root, bench, full)),
+        None => refuse(&format!("there is no bench `{name}`; see `cargo xtask bench --list`")),
+    }
 }
 
 fn verify(options: &[&str]) -> ExitCode {

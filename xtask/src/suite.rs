@@ -89,16 +89,20 @@ fn rustdoc(root: &Path) -> Outcome {
 
 /// Builds the `retrace` command in the tests' own profile, and returns where cargo put it.
 fn build_command(root: &Path) -> Result<PathBuf, String> {
-    let arguments = ["build", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"];
-    let output = cargo_command(root, &arguments)
+    build(root, &["build", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"])
+}
+
+/// Builds with cargo, and returns where it put the last executable.
+pub(crate) fn build(root: &Path, arguments: &[&str]) -> Result<PathBuf, String> {
+    let output = cargo_command(root, arguments)
         .stderr(Stdio::inherit())
         .output()
         .map_err(|error| format!("cargo cannot be run: {error}"))?;
     if !output.status.success() {
-        return Err("the command does not build".to_owned());
+        return Err("it does not build".to_owned());
     }
     let messages = String::from_utf8_lossy(&output.stdout);
-    executable(&messages).ok_or_else(|| "cargo did not say where it put the command".to_owned())
+    executable(&messages).ok_or_else(|| "cargo did not say where it put the executable".to_owned())
 }
 
 /// The last executable that cargo's JSON messages name.

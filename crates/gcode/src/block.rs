@@ -31,6 +31,11 @@ impl BlockNumber {
     pub const fn value(self) -> u64 {
         self.value
     }
+
+    /// How many digits it is written with.
+    pub(crate) const fn digits(self) -> u8 {
+        self.digits
+    }
 }
 
 impl fmt::Display for BlockNumber {
@@ -97,6 +102,16 @@ const fn index(letter: u8) -> usize {
     }
 }
 
+/// The set of these letters.
+pub(crate) const fn letters(of: &[u8]) -> u32 {
+    let (mut set, mut at) = (0, 0);
+    while at < of.len() {
+        set |= 1 << index(of[at]);
+        at += 1;
+    }
+    set
+}
+
 impl Words {
     pub(crate) fn clear(&mut self) {
         (self.present, self.g_present, self.m_present, self.m_count) = (0, 0, 0, 0);
@@ -114,7 +129,14 @@ impl Words {
         self.has(letter).then(|| self.value[index(letter)])
     }
 
+    /// Whether any word of a set is there, which [`letters`] makes when this is compiled.
+    #[inline]
+    pub(crate) const fn has_of(&self, set: u32) -> bool {
+        self.present & set != 0
+    }
+
     /// Whether any of these words is there.
+    #[inline]
     pub(crate) fn has_any(&self, letters: &[u8]) -> bool {
         letters.iter().any(|letter| self.has(*letter))
     }

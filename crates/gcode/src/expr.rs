@@ -220,6 +220,9 @@ impl<'a, 'b> Compiler<'a, 'b> {
     }
 
     fn operator(&mut self) -> Option<(Operator, u8)> {
+        if self.cursor.peek() == b']' {
+            return None;
+        }
         let (_, operator, rank) = OPERATORS.iter().find(|(text, ..)| self.cursor.eat_word(text))?;
         Some((*operator, *rank))
     }

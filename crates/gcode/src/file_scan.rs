@@ -111,7 +111,7 @@ impl<'a> FileScan<'a> {
         }
     }
 
-    /// Compiles the stretch that begins here; the line behind it, or none if it has no end.
+    /// Compiles the stretch that begins with the line that has just been read; the line behind it, or none if it has no end.
     fn region(&mut self, first: u32, lines: &mut Split<'_>) -> Option<u32> {
         let start = self.code.len();
         let known = self.prescan.found();
@@ -135,7 +135,8 @@ impl<'a> FileScan<'a> {
             if let Some((_, end)) = self.starts.iter().flatten().find(|(start, _)| *start == line) {
                 last = last.max(*end);
             }
-            match self.prescan.reader.read(text) {
+            let read = if line == first { Ok(true) } else { self.prescan.reader.read(text) };
+            match read {
                 Ok(_) => self.nest.take(&mut self.code, line, text, &self.prescan.reader.block),
                 Err(fault) => {
                     self.code.push(line, text, &self.prescan.reader.block, Jump::Faulty);

@@ -2,6 +2,7 @@
 //!
 //! Invariant: blanks between any two characters mean nothing, as RS274/NGC has it; the cursor never leaves the line.
 
+use crate::bytes::short_number;
 use crate::codes::Code;
 use crate::diag::{Fault, Outcome, Span, fault};
 
@@ -35,7 +36,14 @@ impl<'a> Cursor<'a> {
     pub(crate) fn peek(&mut self) -> u8 {
         match self.text.get(self.at) {
             Some(&byte) if !is_blank(byte) => byte.to_ascii_lowercase(),
-            Some(_) => self.peek_behind_blanks(),
+            // One blank between two words is the rule.
+            Some(_) => match self.text.get(self.at + 1) {
+                Some(&byte) if !is_blank(byte) => {
+                    self.at += 1;
+                    byte.to_ascii_lowercase()
+                }
+                _ => self.peek_behind_blanks(),
+            },
             None => 0,
         }
     }
@@ -128,6 +136,24 @@ impl<'a> Cursor<'a> {
     #[inline]
     pub(crate) fn number(&mut self) -> Outcome<f64> {
         self.peek();
+        if let Some(short) = short_number(self.text, self.at) {
+            let end = self.at + short.length as usize;
+            if !self.goes_on(end) {
+                self.at = end;
+                return Ok(f64::from(short.mantissa) / POWERS_OF_TEN[short.decimals as usize % POWERS_OF_TEN.len()]);
+            }
+        }
+        self.longer_number()
+    }
+
+    /// Whether a number goes on at this place, with a second point or behind blanks.
+    #[inline]
+    fn goes_on(&self, end: usize) -> bool {
+        self.text.get(end).is_some_and(|&byte| byte == b'.' || (is_blank(byte) && text_goes_on(self.text, end)))
+    }
+
+    #[inline(never)]
+    fn longer_number(&mut self) -> Outcome<f64> {
         let text = self.text.get(self.at..).unwrap_or_default();
         let (mut at, mut mantissa) = (0, 0);
         take_digits(text, &mut at, &mut mantissa);
@@ -139,8 +165,7 @@ impl<'a> Cursor<'a> {
             decimals = take_digits(text, &mut at, &mut mantissa);
         }
         // What ends plainly and is exact needs no more.
-        let is_plain = text.get(at).is_none_or(|&byte| byte != b'.' && !(is_blank(byte) && text_goes_on(text, at)));
-        if is_plain && (1..=15).contains(&(at - points)) {
+        if !self.goes_on(self.at + at) && (1..=15).contains(&(at - points)) {
             self.at += at;
             return Ok(mantissa as f64 / POWERS_OF_TEN[decimals]);
         }

@@ -2,6 +2,7 @@
 //!
 //! Invariant: one line is held; a line that is too long is never held whole.
 
+use crate::bytes::line_feed;
 use crate::parse::LONGEST_LINE;
 use std::io::{self, BufRead, Read as _};
 use std::sync::Arc;
@@ -135,9 +136,7 @@ fn split(text: &[u8]) -> Option<(usize, usize)> {
     if text.is_empty() {
         return None;
     }
-    let mut rest = text;
-    // The slice's own search for the end is the standard library's fast one.
-    let taken = rest.skip_until(b'\n').unwrap_or(text.len());
+    let taken = line_feed(text).map_or(text.len(), |at| at + 1);
     let held = text.get(..taken.min(MOST_HELD)).unwrap_or_default();
     let line = match held {
         [line @ .., b'\r', b'\n'] | [line @ .., b'\n'] => line.len(),

@@ -3,6 +3,7 @@
 //! Invariant: every character of the line is understood, or the line is refused with the place of the first that is not.
 
 use crate::block::{Block, BlockNumber, Slot};
+use crate::bytes::is_plain;
 use crate::call;
 use crate::codes::Code;
 use crate::control;
@@ -105,8 +106,7 @@ fn check_text(text: &[u8]) -> Outcome<()> {
         let message = format!("the line has more than {LONGEST_LINE} bytes");
         return fault(Code::LineTooLong, Span::new(LONGEST_LINE, LONGEST_LINE + 1), message);
     }
-    let plain = text.iter().all(|byte| (b' '..0x7f).contains(byte));
-    if plain { Ok(()) } else { check_unusual(text) }
+    if is_plain(text) { Ok(()) } else { check_unusual(text) }
 }
 
 #[cold]

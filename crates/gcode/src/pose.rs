@@ -48,14 +48,18 @@ impl Axis {
     /// The axis of a word letter, of either case.
     #[must_use]
     pub const fn of_letter(letter: u8) -> Option<Axis> {
-        let mut index = 0;
-        while index < 9 {
-            if Axis::ALL[index].letter() == letter.to_ascii_uppercase() {
-                return Some(Axis::ALL[index]);
-            }
-            index += 1;
-        }
-        None
+        Some(match letter {
+            b'X' | b'x' => Axis::X,
+            b'Y' | b'y' => Axis::Y,
+            b'Z' | b'z' => Axis::Z,
+            b'A' | b'a' => Axis::A,
+            b'B' | b'b' => Axis::B,
+            b'C' | b'c' => Axis::C,
+            b'U' | b'u' => Axis::U,
+            b'V' | b'v' => Axis::V,
+            b'W' | b'w' => Axis::W,
+            _ => return None,
+        })
     }
 }
 

@@ -199,10 +199,11 @@ impl Prescan {
             if call.label == Label::Calculated {
                 continue;
             }
-            if self.subs.find(file, &call.label).is_none() {
-                self.find_file(&call.label, files, file, call.line, call.at);
-            }
             call.sub = self.subs.find(file, &call.label);
+            if call.sub.is_none() {
+                self.find_file(&call.label, files, file, call.line, call.at);
+                call.sub = self.subs.find(file, &call.label);
+            }
             let wrong = match call.sub.and_then(|sub| self.subs.get(sub)) {
                 None => Fault::new(Number::NoSuchSub, call.at, format!("there is no subprogram {}", call.label)),
                 Some(sub) if sub.for_m98 != call.is_m98 => wrong_call(&call.label, call.is_m98, call.at),

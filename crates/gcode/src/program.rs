@@ -139,11 +139,19 @@ impl<R: BufRead> Program<R> {
     /// Carries out the block that has been read; of a turning cycle the subprogram with its profile is run before.
     #[inline]
     fn block(&mut self, steps: &mut Vec<Step>) -> Outcome<interp::Flow> {
+        if self.interpreter.is_turning() {
+            self.draw_profile()?;
+        }
+        self.interpreter.carry_out(steps)
+    }
+
+    #[cold]
+    fn draw_profile(&mut self) -> Outcome<()> {
         if let Some((number, mut scratch)) = self.interpreter.turning()? {
             let drawn = contour::drawn(&self.flow, number, &mut scratch)?;
             self.interpreter.set_profile(&drawn);
         }
-        self.interpreter.carry_out(steps)
+        Ok(())
     }
 
     /// Runs a cycle; one of the third kind reads its contour from the program.

@@ -4,7 +4,7 @@
 
 use super::spindle::check_spindle_words;
 use super::thread::check_thread;
-use crate::block::{Words, name_of_g};
+use crate::block::{Words, letters, name_of_g};
 use crate::canon::Probing;
 use crate::codes::Code;
 use crate::cycle::Cycle;
@@ -72,7 +72,8 @@ const fn motion_of(tenths: u16) -> MotionToBe {
 
 /// Finds what uses the block's axis words: the motion in the block, a code that takes them over, or the motion mode in force.
 pub(super) fn motion_to_be(words: &Words, state: &State) -> Outcome<MotionToBe> {
-    let axis = words.first_of(AXES);
+    const ANY: u32 = letters(AXES);
+    let axis = if words.has_of(ANY) { words.first_of(AXES) } else { None };
     let owner = words.g(GroupG::NonModal).filter(|code| matches!(code, 100 | 280 | 300 | 520 | 920));
     let to_be = match (words.g(GroupG::Motion), owner) {
         (Some(800), None) => match axis {
@@ -189,9 +190,9 @@ fn unused(words: &Words, letter: u8, code: &str) -> Outcome<()> {
 #[inline]
 pub(super) fn words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     // Axis words, F, S and T have their uses in any block.
-    match words.first_of(b"dehijklpqr$") {
-        None => {}
-        Some(_) => special_words_have_uses(words, to_be)?,
+    const SPECIAL: u32 = letters(b"dehijklpqr$");
+    if words.has_of(SPECIAL) {
+        special_words_have_uses(words, to_be)?;
     }
     if let (Some(cycle), Some(letter)) = (to_be.cycle(), words.first_of(b"abcuvw")) {
         let name = cycle.name();

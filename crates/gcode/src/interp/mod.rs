@@ -38,7 +38,7 @@ use crate::block::{Assignment, Words};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::code::Code as CompiledLines;
 use crate::codes::Code;
-use crate::control::{Control, MOST_ARGUMENTS};
+use crate::control::{Control, Keyword, MOST_ARGUMENTS};
 use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span, fault};
 use crate::groups::GroupG;
 use crate::modal::State;
@@ -214,12 +214,29 @@ impl Interpreter {
         let carried_out = self.read(self.line.saturating_add(1), text).and_then(|read| match read {
             Read::Block => self.carry_out(steps),
             Read::Deleted => Ok(Flow::Continue),
-            Read::Control(control) => fault(Code::BadControl, control.at, "an O word needs the whole program"),
+            Read::Control(control) => self.line_with_control(&control, steps),
         });
         carried_out.map_err(|fault| {
             self.report(*fault);
             BlockRefused
         })
+    }
+
+    /// Of the lines that are no blocks, the call of a cycle needs nothing but the cycle.
+    fn line_with_control(&mut self, control: &Control, steps: &mut Vec<Step>) -> Outcome<Flow> {
+        match self.reader.block.cycle.take() {
+            Some(call) if control.keyword == Keyword::Cycle => {
+                self.call_cycle(&call, &NoContours, steps)?;
+                Ok(Flow::Continue)
+            }
+            _ => fault(Code::BadControl, control.at, "an O word needs the whole program"),
+        }
+    }
+
+    /// Puts other cycles in the place of those that a program may call. Lines that have been compiled go on to mean the cycles that
+    /// stood in their places.
+    pub fn set_cycles(&mut self, cycles: Option<Arc<Library>>) {
+        self.reader.cycles = cycles;
     }
 
     /// Tells which line is being looked at.
@@ -257,6 +274,10 @@ impl Interpreter {
 
     /// The first value in brackets of the O word that was taken last, after evaluation of all of them; 0 without any.
     pub(crate) fn control_value(&mut self) -> Outcome<f64> {
+        if self.reader.block.is_constant() {
+            self.assignments.clear();
+            return Ok(0.0);
+        }
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
         Ok(self.arguments().next().unwrap_or(0.0))
@@ -395,13 +416,15 @@ impl Interpreter {
         self.core.profile = Some(Profile::of_steps(steps));
     }
 
-    /// The number of the profile's subprogram, if the block read last is a turning cycle, and an interpreter to run it with: it
+    /// Whether the block read last is a turning cycle.
+    #[inline]
+    pub(crate) fn is_turning(&self) -> bool {
+        self.reader.block.words.g(GroupG::Motion).is_some_and(|code| (700..730).contains(&code))
+    }
+
+    /// The number of the profile's subprogram of the turning cycle read last, if it names one, and an interpreter to run it with: it
     /// stands where the cycle begins.
     pub(crate) fn turning(&mut self) -> Outcome<Option<(f64, Interpreter)>> {
-        let is_turning = |code| (700..730).contains(&code);
-        if !self.reader.block.words.g(GroupG::Motion).is_some_and(is_turning) {
-            return Ok(None);
-        }
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
         let Some(number) = self.words.get(b'q') else { return Ok(None) };

@@ -6,7 +6,7 @@ use super::arc::{ArcShape, Radii, from_centre, from_radius};
 use super::check::turns_of;
 use super::{Core, Emit};
 use crate::angle::rotate;
-use crate::block::Words;
+use crate::block::{Words, letters};
 use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
@@ -107,7 +107,9 @@ impl Core {
         }
         let mut end = *state.path_position();
         let incremental = state.distance == Distance::Incremental;
-        for (axis, letter) in end.0.iter_mut().zip(*b"xyzabcuvw") {
+        const OTHERS: u32 = letters(b"abcuvw");
+        let count = if words.has_of(OTHERS) { 9 } else { 3 };
+        for (axis, letter) in end.0.iter_mut().zip(*b"xyzabcuvw").take(count) {
             if let Some(given) = words.get(letter) {
                 *axis = if incremental { *axis + given } else { given };
             }

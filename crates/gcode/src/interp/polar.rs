@@ -4,7 +4,7 @@
 
 use super::Core;
 use super::check::MotionToBe;
-use crate::block::Words;
+use crate::block::{Words, letters};
 use crate::canon::Plane;
 use crate::codes::Code;
 use crate::diag::{Outcome, fault};
@@ -40,8 +40,10 @@ pub(super) fn check(words: &Words, to_be: MotionToBe, state: &State) -> Outcome<
 
 impl Core {
     /// Whether polar words mean a point: at the origin there is no direction to keep or to turn.
+    #[inline]
     pub(super) fn check_polar_words(&self, words: &Words) -> Outcome<()> {
-        let Some(letter) = words.first_of(b"@^") else { return Ok(()) };
+        const POLAR: u32 = letters(b"@^");
+        let Some(letter) = words.has_of(POLAR).then(|| words.first_of(b"@^")).flatten() else { return Ok(()) };
         match self.polar_point(words) {
             Some(_) => Ok(()),
             None => {

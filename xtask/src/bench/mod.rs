@@ -1,0 +1,75 @@
+//! `cargo xtask bench`: what the command takes, measured beside others and against its goals.
+//!
+//! Invariant: a figure is the median of runs of this very call; what could not be run has no figure and says so.
+
+mod chart;
+mod generate;
+mod pre9;
+mod process;
+mod programs;
+mod stream;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// One group of measurements.
+pub(crate) struct Bench {
+    pub(crate) name: &'static str,
+    pub(crate) purpose: &'static str,
+    run: fn(&Path, bool) -> Result<bool, String>,
+}
+
+/// Every group.
+pub(crate) const BENCHES: &[Bench] = &[
+    Bench {
+        name: "programs",
+        purpose: "decoding beside rs274, over program length, and from standard input; writes docs/bench-programs.md",
+        run: programs::run,
+    },
+    Bench {
+        name: "pre9",
+        purpose: "what precompiled cycles and the pre-scan spare (PRE-9); writes docs/pre-scan.md",
+        run: pre9::run,
+    },
+];
+
+/// Runs a group and says whether all was measured; `full` takes the full sizes.
+pub(crate) fn run(root: &Path, bench: &Bench, full: bool) -> bool {
+    match (bench.run)(root, full) {
+        Ok(passed) => passed,
+        Err(reason) => {
+            eprintln!("xtask: {reason}");
+            false
+        }
+    }
+}
+
+/// Builds the command with all optimisation, and returns where cargo put it.
+fn build_command(root: &Path) -> Result<PathBuf, String> {
+    let arguments = ["build", "--release", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"];
+    crate::suite::build(root, &arguments)
+}
+
+/// A folder for what is measured, beside the command.
+fn folder(binary: &Path, name: &str) -> Result<PathBuf, String> {
+    let folder = binary.parent().unwrap_or(Path::new(".")).join("bench").join(name);
+    std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    Ok(folder)
+}
+
+/// Date, commit and machine, in general words, as a line of a page.
+fn circumstances(root: &Path) -> String {
+    let said = |program: &str, arguments: &[&str]| {
+        let output = Command::new(program).args(arguments).current_dir(root).output();
+        output.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned()).unwrap_or_default()
+    };
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    let load = load.split_whitespace().next().unwrap_or("?").to_owned();
+    format!(
+        "Measured on {}, after commit {}, {} with {cores} cores, load {load} at the end.",
+        said("date", &["+%Y-%m-%d"]),
+        said("git", &["rev-parse", "--short=10", "HEAD"]),
+        std::env::consts::ARCH,
+    )
+}

@@ -1,0 +1,205 @@
+//! Decoding programs: `retrace canon` beside `rs274 -g`, both printing to nowhere.
+//!
+//! Invariant: both are run in turn within one call, and of what each takes its own start, with a program of one line, is taken off.
+
+use super::generate::{self, Subs};
+use super::process::{Measured, median};
+use super::{build_command, circumstances, folder, stream};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// A program, and how much faster than the peer it has to be.
+struct Case {
+    name: &'static str,
+    what: &'static str,
+    text: Option<Vec<u8>>,
+    goal: f64,
+}
+
+/// What a case came to: seconds of processor time.
+struct Row {
+    case: Case,
+    lines: usize,
+    ours: f64,
+    peer: Option<f64>,
+}
+
+/// The peer's name.
+const PEER: &str = "rs274";
+
+pub(super) fn run(root: &Path, full: bool) -> Result<bool, String> {
+    let binary = build_command(root)?;
+    let folder = folder(&binary, "programs")?;
+    let peer = find_peer();
+    if peer.is_none() {
+        println!("{PEER} is not installed: our own figures alone");
+    }
+    let rounds = if full { 15 } else { 7 };
+    let rows = compared(&binary, peer.as_deref(), &folder, rounds)?;
+    let growth = growth(&binary, &folder, rounds)?;
+    let streamed = stream::measure(&binary, &folder, full)?;
+    let page = page(root, &rows, &growth, &streamed, rounds);
+    println!("\n{page}");
+    let path = root.join("docs/bench-programs.md");
+    std::fs::write(&path, page).map_err(|error| format!("{}: {error}", path.display()))?;
+    let seconds = |name: &str| rows.iter().find(|row| row.case.name == name).map_or(f64::NAN, |row| row.ours);
+    // Where subprograms stand must not matter; the tenth is what two runs of the same program differ by.
+    let is_even = seconds("half calls, behind M2") <= 1.1 * seconds("half calls, first");
+    let missed = rows.iter().any(|row| row.peer.is_some_and(|peer| peer / row.ours < row.case.goal));
+    Ok(!missed && is_even && streamed.is_within())
+}
+
+fn find_peer() -> Option<PathBuf> {
+    let folders = std::env::var_os("PATH")?;
+    std::env::split_paths(&folders).map(|folder| folder.join(PEER)).find(|path| path.is_file())
+}
+
+/// The programs that are compared.
+fn cases() -> Vec<Case> {
+    let made = |name, what, text: String, goal| Case { name, what, text: Some(text.into_bytes()), goal };
+    let real = std::env::var_os("RETRACE_PROGRAMS")
+        .and_then(|folder| std::fs::read(PathBuf::from(folder).join("stellabee1.ngc")).ok());
+    vec![
+        made("plain G1", "feed moves with 2 or 3 axes", generate::plain(200_000), 15.0),
+        made("half canned cycles", "G81, G82, G83 and feed moves in turn", generate::canned(100_000), 15.0),
+        made(
+            "half calls, behind M2",
+            "100 subprograms of 2 blocks behind M2, feed moves between the calls",
+            generate::calls(50_000, 100, Subs::BehindTheEnd),
+            50.0,
+        ),
+        made(
+            "half calls, first",
+            "the same with the subprograms before the program, where nothing has to be looked for",
+            generate::calls(50_000, 100, Subs::First),
+            0.0,
+        ),
+        made(
+            "half calls, 10 behind M2",
+            "the same with 10 subprograms: the peer looks for each of them once, through the rest of the program, so the ratio \
+             grows with their number and with the length of the program",
+            generate::calls(50_000, 10, Subs::BehindTheEnd),
+            0.0,
+        ),
+        made(
+            "half calls, 1 000 behind M2",
+            "the same with 1 000 different subprograms",
+            generate::calls(20_000, 1000, Subs::BehindTheEnd),
+            50.0,
+        ),
+        Case { name: "stellabee1.ngc", what: "a real program for milling", text: real, goal: 10.0 },
+    ]
+}
+
+/// Each case with both programs in turn.
+fn compared(ours: &Path, peer: Option<&Path>, folder: &Path, rounds: usize) -> Result<Vec<Row>, String> {
+    let commands = |file: &str| {
+        let ours = Measured {
+            program: ours.to_path_buf(),
+            arguments: vec!["canon".into(), file.into()],
+            folder: folder.to_path_buf(),
+        };
+        let peer = peer.map(|peer| Measured {
+            program: peer.to_path_buf(),
+            arguments: vec!["-g".into(), file.into()],
+            folder: folder.to_path_buf(),
+        });
+        (ours, peer)
+    };
+    write(folder, "empty.ngc", b"M2\n")?;
+    let (our_start, peer_start) = commands("empty.ngc");
+    let mut rows = Vec::new();
+    for (index, mut case) in cases().into_iter().enumerate() {
+        let Some(text) = case.text.take() else {
+            println!("{}: left out, RETRACE_PROGRAMS names no folder that holds it", case.name);
+            continue;
+        };
+        let file = format!("case-{index}.ngc");
+        write(folder, &file, &text)?;
+        let (our_run, peer_run) = commands(&file);
+        let mut taken: [Vec<f64>; 4] = Default::default();
+        // A peer that takes minutes is not asked as often; its figure varies by little then.
+        let mut peer_rounds = rounds;
+        for round in 0..rounds {
+            taken[0].push(our_start.run()?.cpu_s);
+            taken[1].push(our_run.run()?.cpu_s);
+            if let (Some(start), Some(run), true) = (&peer_start, &peer_run, round < peer_rounds) {
+                taken[2].push(start.run()?.cpu_s);
+                let seconds = run.run()?.cpu_s;
+                taken[3].push(seconds);
+                if seconds > 10.0 {
+                    peer_rounds = 3;
+                }
+            }
+        }
+        let [start, whole, peer_start, peer_whole] = taken.map(median);
+        let row = Row {
+            lines: text.iter().filter(|byte| **byte == b'\n').count(),
+            ours: (whole - start).max(1e-9),
+            peer: peer.map(|_| (peer_whole - peer_start).max(1e-9)),
+            case,
+        };
+        println!("{}: {:.4} s, the peer {:?} s", row.case.name, row.ours, row.peer);
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+fn write(folder: &Path, file: &str, text: &[u8]) -> Result<(), String> {
+    let path = folder.join(file);
+    std::fs::write(&path, text).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+/// Lines and nanoseconds a line of plain programs of growing length.
+fn growth(ours: &Path, folder: &Path, rounds: usize) -> Result<Vec<(u64, f64)>, String> {
+    let run = |file: &str| Measured {
+        program: ours.to_path_buf(),
+        arguments: vec!["canon".into(), file.into()],
+        folder: folder.to_path_buf(),
+    };
+    let mut points = Vec::new();
+    for lines in [10_000, 100_000, 1_000_000, 10_000_000] {
+        write(folder, "long.ngc", generate::plain(lines).as_bytes())?;
+        let (mut starts, mut wholes) = (Vec::new(), Vec::new());
+        for _ in 0..if lines > 1_000_000 { 3 } else { rounds } {
+            starts.push(run("empty.ngc").run()?.cpu_s);
+            wholes.push(run("long.ngc").run()?.cpu_s);
+        }
+        let nanoseconds = (median(wholes) - median(starts)) / lines as f64 * 1e9;
+        println!("{lines} lines: {nanoseconds:.0} ns a line");
+        points.push((lines, nanoseconds));
+    }
+    let _ = std::fs::remove_file(folder.join("long.ngc"));
+    Ok(points)
+}
+
+fn page(root: &Path, rows: &[Row], growth: &[(u64, f64)], streamed: &stream::Streamed, rounds: usize) -> String {
+    let mut page = String::from(
+        "# Decoding programs: figures\n\n\
+         Written by `cargo xtask bench programs`; `--full` takes the full sizes. `retrace canon FILE` beside `rs274 -g FILE` of\n\
+         LinuxCNC, in turn, with their output to nowhere: processor time of the whole process, the time for a program of one\n\
+         line taken off. The programs are made by the bench from fixed seeds.\n\n",
+    );
+    let _ = writeln!(page, "{} Medians of {rounds} rounds.\n", circumstances(root));
+    page.push_str("| program | lines | retrace, ms | million lines/s | rs274, ms | ratio | goal |\n|---|--:|--:|--:|--:|--:|--:|\n");
+    for row in rows {
+        let speed = row.lines as f64 / row.ours / 1e6;
+        let (peer, ratio) = row.peer.map_or(("not installed".into(), "-".into()), |peer| {
+            (format!("{:.1}", peer * 1e3), format!("{:.1}", peer / row.ours))
+        });
+        let goal = if row.case.goal > 0.0 { format!("≥ {}", row.case.goal) } else { "-".into() };
+        let (name, lines, ours) = (row.case.name, row.lines, row.ours * 1e3);
+        let _ = writeln!(page, "| {name} | {lines} | {ours:.2} | {speed:.2} | {peer} | {ratio} | {goal} |");
+    }
+    page.push('\n');
+    for row in rows {
+        let _ = writeln!(page, "- {}: {}.", row.case.name, row.case.what);
+    }
+    page.push_str("\nPlain programs of growing length, `retrace canon` alone:\n\n| lines | ns a line |\n|--:|--:|\n");
+    for (lines, nanoseconds) in growth {
+        let _ = writeln!(page, "| {lines} | {nanoseconds:.0} |");
+    }
+    page.push('\n');
+    page.push_str(&streamed.text());
+    page
+}

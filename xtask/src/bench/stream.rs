@@ -1,0 +1,65 @@
+//! A program that comes down standard input without end: speed and memory.
+//!
+//! Invariant: the bytes are made while they are read, so that the whole program is nowhere in memory.
+
+use super::generate;
+use super::process::Measured;
+use std::path::Path;
+
+/// What feeding `retrace canon -` came to.
+pub(super) struct Streamed {
+    bytes: u64,
+    lines: u64,
+    wall_s: f64,
+    rss_mib: f64,
+}
+
+/// Bytes of a full run, and of a short one.
+const FULL: u64 = 2 << 30;
+const SHORT: u64 = 64 << 20;
+
+/// Most resident memory, MiB, and least speed, lines a second.
+const MOST_MIB: f64 = 48.0;
+const LEAST_SPEED: f64 = 1e6;
+
+impl Streamed {
+    fn speed(&self) -> f64 {
+        self.lines as f64 / self.wall_s
+    }
+
+    pub(super) fn is_within(&self) -> bool {
+        self.rss_mib <= MOST_MIB && self.speed() >= LEAST_SPEED
+    }
+
+    pub(super) fn text(&self) -> String {
+        format!(
+            "`retrace canon -` fed {:.3} GiB ({} lines) on standard input: {:.2} million lines a second of wall time (goal ≥ 1), \
+             {:.1} MiB\nresident at most (goal ≤ {MOST_MIB}).\n",
+            self.bytes as f64 / f64::from(1 << 30),
+            self.lines,
+            self.speed() / 1e6,
+            self.rss_mib
+        )
+    }
+}
+
+/// Feeds the same thousands of lines again and again.
+pub(super) fn measure(binary: &Path, folder: &Path, full: bool) -> Result<Streamed, String> {
+    let text = generate::plain(20_000);
+    let text = text.trim_end_matches("M2\n").as_bytes();
+    let times = (if full { FULL } else { SHORT }).div_ceil(text.len() as u64);
+    let lines = text.iter().filter(|byte| **byte == b'\n').count() as u64;
+    let command = Measured {
+        program: binary.to_path_buf(),
+        arguments: vec!["canon".into(), "-".into()],
+        folder: folder.to_path_buf(),
+    };
+    let taken = command.run_fed(|input| {
+        // A child that ends early is told of by how it ended.
+        let mut whole = (0..times).try_for_each(|_| input.write_all(text));
+        whole = whole.and_then(|()| input.write_all(b"M2\n"));
+        let _ = whole;
+    })?;
+    let bytes = times * text.len() as u64 + 3;
+    Ok(Streamed { bytes, lines: times * lines + 1, wall_s: taken.wall_s, rss_mib: taken.rss_mib })
+}
