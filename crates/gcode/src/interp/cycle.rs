@@ -21,6 +21,11 @@ use std::sync::Arc;
 /// Most parameters of a cycle.
 const MOST_ARGUMENTS: usize = 64;
 
+/// Canonical functions that one call may give: a program does not fill the memory with one line.
+const MOST_FUNCTIONS: usize = 500_000;
+/// Steps and blocks of the modal cycle over all holes of a pattern.
+const MOST_MODAL_COST: u64 = 100_000_000;
+
 /// A cycle that follows every block with motion (MCALL).
 #[derive(Clone, Debug)]
 pub(super) struct Modal {
@@ -215,6 +220,8 @@ impl super::Interpreter {
             saved,
             words,
             path: None,
+            most_steps: steps.len().saturating_add(MOST_FUNCTIONS),
+            modal_cost: 0,
             emit: Emit { line: self.line, number: None, steps, waiting: &mut waiting, warning: None },
             at: call.at,
             fault: None,
@@ -253,6 +260,10 @@ struct Caller<'a> {
     saved: &'a mut Vec<Option<Saved>>,
     words: &'a mut Words,
     path: Option<Arc<[StockMove]>>,
+    /// Where the list of canonical functions may end.
+    most_steps: usize,
+    /// What the modal cycle has cost so far.
+    modal_cost: u64,
     emit: Emit<'a>,
     at: Span,
     fault: Option<Box<Fault>>,
@@ -265,7 +276,7 @@ impl Caller<'_> {
         let given = arguments.get(..call.arguments.len()).unwrap_or_default();
         let library = self.library;
         match machine.run(library, call.id, given, self) {
-            Ok(()) => Ok(()),
+            Ok(()) => self.check_size(),
             Err(Halt::Alarm(alarm)) => fault(Code::CycleAlarm, self.at, format!("{alarm}; {}", alarm.help())),
             Err(Halt::Stopped) => match self.fault.take() {
                 Some(fault) => Err(fault),
@@ -298,8 +309,18 @@ impl Caller<'_> {
             && let Some((modal, machine)) = self.modal.take()
         {
             let outcome = self.run(machine, &modal.call, &modal.values);
+            self.modal_cost += machine.cost();
             self.modal = Some((modal, machine));
             outcome?;
+        }
+        self.check_size()
+    }
+
+    fn check_size(&self) -> Outcome<()> {
+        if self.emit.steps.len() > self.most_steps || self.modal_cost > MOST_MODAL_COST {
+            let message =
+                format!("one call gives more than {MOST_FUNCTIONS} functions, or its holes do not come to an end");
+            return fault(Code::CycleAlarm, self.at, message);
         }
         Ok(())
     }
@@ -378,7 +399,10 @@ impl Host for Caller<'_> {
 
     fn message(&mut self, message: &Message<'_>) {
         match message.warning {
+            Some(_) if self.warnings.len() >= super::MOST_ERRORS => {}
             Some(number) => self.warnings.push(format!("{number}: {}", message.text)),
+            // A loop of messages alone ends with the machine's steps.
+            None if self.emit.steps.len() > self.most_steps => {}
             None => self.emit.call(Canon::Message(message.text.into())),
         }
     }
