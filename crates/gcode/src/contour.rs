@@ -13,7 +13,7 @@ use crate::interp::{Contours, Core, Interpreter, Planned, Read};
 use crate::parse::LineReader;
 use crate::pose::{Axis, Pose};
 use crate::prescan::Prescan;
-use retrace_cycles::stock::{Corner, Element, Fault, Job, Kind, MoveKind, Point, Tip, Warning, plan};
+use retrace_cycles::stock::{Axes, Corner, Element, Fault, Job, Kind, MoveKind, Point, Tip, Warning, plan};
 use retrace_cycles::{StockCall, StockFault, StockFeed, StockMove};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -316,10 +316,15 @@ fn planned(job: &Job) -> Result<Planned, StockFault> {
             MoveKind::Clockwise => (2, [step.centre.u - at.u, step.centre.v - at.v]),
             MoveKind::Counterclockwise => (3, [step.centre.u - at.u, step.centre.v - at.v]),
         };
-        at = step.end;
+        // Axis by axis means it: the other axis stays, wherever the program has left it.
+        at = match step.axes {
+            Axes::First => Point::new(step.end.u, at.v),
+            Axes::Second => Point::new(at.u, step.end.v),
+            Axes::Both => step.end,
+        };
         StockMove {
             motion,
-            end: [step.end.u, step.end.v],
+            end: [at.u, at.v],
             centre,
             feed: feed(step.feed),
             compensation: compensation(step.compensation),
