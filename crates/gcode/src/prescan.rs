@@ -92,6 +92,9 @@ impl Subs {
     }
 }
 
+/// Places and lines by label, in order.
+type LabelPlaces = HashMap<Box<str>, Vec<(usize, u32)>>;
+
 /// What a program was found to be.
 #[derive(Clone, Debug)]
 pub struct Prescan {
@@ -104,7 +107,7 @@ pub struct Prescan {
     /// First and last line of the stretches between labels that cycles read; once all are found, in order and apart.
     contours: Vec<(u32, u32)>,
     /// Where the labels of the program stand, looked for when the first cycle names one: place and line of each, in order.
-    labels: Option<HashMap<Box<str>, Vec<(usize, u32)>>>,
+    labels: Option<LabelPlaces>,
     /// Names of the files of subprograms that have been looked for.
     missed: HashSet<Box<str>>,
     /// Paths of cycles of the third kind.
@@ -330,8 +333,8 @@ pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> Fault {
 }
 
 /// Where the lines with labels begin, and their numbers.
-fn labels_of(text: &[u8]) -> HashMap<Box<str>, Vec<(usize, u32)>> {
-    let mut labels: HashMap<_, Vec<_>> = HashMap::new();
+fn labels_of(text: &[u8]) -> LabelPlaces {
+    let mut labels = LabelPlaces::new();
     let mut at = 0;
     for (number, line) in (1..).zip(text.split_inclusive(|byte| *byte == b'\n')) {
         if let Some(label) = crate::call::label_of(line) {
