@@ -5,6 +5,7 @@
 
 mod bench;
 mod campaign;
+mod fuzz;
 mod suite;
 mod tidy;
 mod tree;
@@ -120,11 +121,13 @@ fn campaign(options: &[&str]) -> ExitCode {
         for campaign in campaign::CAMPAIGNS {
             println!("{:<10} {}", campaign.name, campaign.purpose);
         }
+        println!("{:<10} {}", "fuzz", fuzz::PURPOSE);
         return ExitCode::SUCCESS;
     }
-    let Some(campaign) = campaign::CAMPAIGNS.iter().find(|campaign| campaign.name == name) else {
+    let campaign = campaign::CAMPAIGNS.iter().find(|campaign| campaign.name == name);
+    if campaign.is_none() && name != "fuzz" {
         return refuse(&format!("there is no campaign `{name}`; see `cargo xtask campaign --list`"));
-    };
+    }
     let (mut full, mut seed) = (false, 1);
     loop {
         match rest {
@@ -137,7 +140,10 @@ fn campaign(options: &[&str]) -> ExitCode {
             [other, ..] => return refuse(&format!("`campaign` knows no `{other}`; see `cargo xtask help`")),
         }
     }
-    with_root(|root| campaign::run(&root, campaign, full, seed))
+    with_root(|root| match campaign {
+        Some(campaign) => campaign::run(&root, campaign, full, seed),
+        None => fuzz::run(&root, full, seed),
+    })
 }
 
 fn bench(options: &[&str]) -> ExitCode {

@@ -78,7 +78,7 @@ codes! {
     SourceUnreadable "E1934" "cycle source cannot be read" "The operating system reports an error for a file or folder of cycle sources." "Check the file and its permissions.";
     SourceTooLong "E1935" "cycle source too long" "A source has more than 1 MiB, or a line more than 10 000 bytes." "Split the cycle, or the line.";
     CycleAlarm "E1940" "a cycle refuses its call" "A parameter, the tool or the modal state is not what the cycle needs; the alarm number of the control is told." "docs/cycles.md lists the alarms with their remedies.";
-    Endless "E1941" "cycle without end" "A cycle ran through ten million steps without a block, or gave ten million blocks." "Correct the condition of its loop.";
+    Endless "E1941" "cycle without end" "A cycle ran through ten million steps beside those that its blocks need, or gave a million blocks." "Correct the condition of its loop.";
     CallsTooDeep "E1942" "cycles call too deep" "Cycles call each other deeper than 12." "Look for a cycle that calls itself.";
     Arithmetic "E1943" "calculation without a result" "A division by zero, the root of a negative number, or a result beyond any size." "Check the values of the call.";
     IndexRange "E1944" "index outside its array" "An index is negative, not below the size of the array, or names no axis of the plane." "Check the index.";

@@ -31,7 +31,7 @@ pub enum Argument<'a> {
 /// How much work a run may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Instructions without a block.
+    /// Instructions; every block gives [`STEPS_OF_A_BLOCK`] of them back.
     pub steps: u32,
     /// Blocks.
     pub blocks: u32,
@@ -39,10 +39,14 @@ pub struct Limits {
     pub depth: usize,
 }
 
+/// Instructions that a block gives back: a cycle that goes on giving blocks has its steps for them, and one that idles between them comes
+/// to an end all the same.
+const STEPS_OF_A_BLOCK: u32 = 200;
+
 impl Default for Limits {
-    /// Ten million steps, ten million blocks, twelve deep.
+    /// Ten million steps, a million blocks, twelve deep.
     fn default() -> Self {
-        Self { steps: 10_000_000, blocks: 10_000_000, depth: 12 }
+        Self { steps: 10_000_000, blocks: 1_000_000, depth: 12 }
     }
 }
 
@@ -131,6 +135,12 @@ impl Machine {
             steps: 0,
             blocks: 0,
         }
+    }
+
+    /// What the last run has cost at least: its blocks, and the steps that they have not given back.
+    #[must_use]
+    pub fn cost(&self) -> u64 {
+        u64::from(self.steps) + u64::from(self.blocks)
     }
 
     /// Runs a cycle of the library to its end.

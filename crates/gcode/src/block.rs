@@ -58,6 +58,9 @@ fn span(place: Place) -> Span {
 /// M codes that one block may hold.
 const MOST_M: u8 = 4;
 
+/// The largest value of a word, and of an offset: sums and squares of such stay finite.
+pub(crate) const LARGEST: f64 = 1e15;
+
 /// The words of a block with their values.
 #[derive(Clone, Debug)]
 pub(crate) struct Words {
@@ -194,6 +197,9 @@ impl Words {
     /// Sets the value of a claimed word.
     #[inline]
     pub(crate) fn fill(&mut self, letter: u8, value: f64, at: Span) -> Outcome<()> {
+        if value.abs() > LARGEST {
+            return too_large(letter, value, at);
+        }
         let value = match letter {
             b'f' | b's' if value < 0.0 => return negative(letter, value, at),
             b'$' => f64::from(whole(value, at, "$")?),
@@ -274,6 +280,12 @@ impl Words {
         self.m_at[group as usize] = place(at);
         Ok(())
     }
+}
+
+#[cold]
+fn too_large(letter: u8, value: f64, at: Span) -> Outcome<()> {
+    let letter = char::from(letter.to_ascii_uppercase());
+    fault(Code::NumberTooLarge, at, format!("{letter} takes values below {LARGEST:e}, not {value:e}"))
 }
 
 #[cold]

@@ -161,14 +161,14 @@ codes! {
     ControlWithoutBegin "E1803" "beginning of a block of O words missing" "An end, else, break, continue or return stands where nothing of its label is open." "Check the label, and the nesting.";
     NoSuchSub "E1804" "no such subprogram" "Neither the program nor a file in its folder or in a folder given with --subs has a subprogram of this label." "Check the label; put the subprogram into the program, or into a file of its name (O<part> in part.ngc).";
     TooManyCalls "E1805" "calls too deep" "Subprograms call each other more than 10 deep." "Look for a subprogram that calls itself without end.";
-    EndlessProgram "E1806" "program does not come to an end" "After 10 million lines the program was still running; checking has stopped." "Look for a loop without end.";
+    EndlessProgram "E1806" "program does not come to an end" "After 10 million lines or 100 million canonical functions the program was still running; checking has stopped." "Look for a loop without end.";
 
     LabelTwice "E1807" "label used twice" "An O label names two blocks of one routine." "Give each if, while, do and repeat of a routine a label of its own.";
     SubInSub "E1808" "subprogram inside a subprogram" "A sub begins before the endsub of another one." "Move it out, or add the missing endsub.";
     SubTwice "E1809" "subprogram defined twice" "Two subprograms of the program have one label." "Rename one of them.";
     WrongCall "E1810" "wrong kind of call" "A subprogram of sub and endsub is called with M98, or one of an O number and M99 with call." "Call sub … endsub with O… call, and O… … M99 with M98 P….";
     NotYetThere "E1811" "jump to what has not arrived" "A program from standard input calls a subprogram that has not been read yet, or that cannot be kept." "Put the subprograms before their calls, or run the program from a file.";
-    TooMuchToKeep "E1812" "too much to keep" "The subprograms and loops of a program from standard input exceed 16 MiB." "Run the program from a file.";
+    TooMuchToKeep "E1812" "too much to keep" "The subprograms and loops of a program from standard input exceed 16 MiB, or a program names more than 50 000 parameters." "Run the program from a file.";
     SubFile "E1813" "subprogram file cannot be used" "The file of a subprogram cannot be read, or holds no subprogram of its name." "Check the file: O<part> is looked for in part.ngc, which holds O<part> sub … O<part> endsub.";
 
     NotAlone "E1814" "M98 or M99 not alone" "M98 and M99 stand in a block with other words." "Give them a block of their own.";

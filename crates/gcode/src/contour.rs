@@ -13,12 +13,16 @@ use crate::interp::{Contours, Core, Interpreter, Planned, Read};
 use crate::parse::LineReader;
 use crate::pose::{Axis, Pose};
 use crate::prescan::Prescan;
-use retrace_cycles::stock::{Corner, Element, Fault, Job, Kind, MoveKind, Point, Tip, Warning, plan};
+use retrace_cycles::stock::{Axes, Corner, Element, Fault, Job, Kind, MoveKind, Point, Tip, Warning, plan};
 use retrace_cycles::{StockCall, StockFault, StockFeed, StockMove};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Lines that a contour may have.
 const MOST_LINES: u32 = 10_000;
+/// Elements that are taken before the path is determined, which refuses far fewer; and canonical functions of a profile.
+const MOST_ELEMENTS: usize = 50_000;
+/// Moves of all paths that are kept.
+const MOST_MOVES: usize = 500_000;
 /// Paths that are kept.
 const MOST_PATHS: usize = 64;
 
@@ -42,7 +46,8 @@ impl Paths {
             return Ok(path.clone());
         }
         let path = planned(&job)?;
-        if paths.len() < MOST_PATHS {
+        let moves: usize = paths.iter().map(|(_, path)| path.moves.len()).sum();
+        if paths.len() < MOST_PATHS && moves + path.moves.len() <= MOST_MOVES {
             paths.push((job, path.clone()));
         }
         Ok(path)
@@ -154,24 +159,37 @@ fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Con
 /// The canonical functions of the subprogram with a number: the profile of a turning cycle.
 ///
 /// # Errors
-/// There is none of that number, or a block of it is wrong.
+/// There is none of that number, or a block of it is wrong; told at the Q word, with the line of the block.
 pub(crate) fn drawn(flow: &Flow, number: f64, scratch: &mut Interpreter) -> Outcome<Vec<Step>> {
+    let at = scratch.last_words().span(b'q');
     let label = Label::Number(number.round().clamp(0.0, 1e15) as u64);
-    let Some(mut flow) = flow.subs.find(0, &label).and_then(|sub| flow.alone(sub)) else {
-        return fault(Code::NoContour, scratch.last_words().span(b'q'), format!("there is no subprogram {label}"));
+    let Some(flow) = flow.subs.find(0, &label).and_then(|sub| flow.alone(sub)) else {
+        return fault(Code::NoContour, at, format!("there is no subprogram {label}"));
     };
+    match draw(flow, scratch) {
+        Ok(Some(steps)) => Ok(steps),
+        Ok(None) => fault(Code::TurningProfile, at, format!("{label} is no profile")),
+        Err(wrong) => fault(wrong.code, at, format!("profile, line {}: {}", scratch.line_number(), wrong.message)),
+    }
+}
+
+/// The canonical functions of a subprogram; none where it is no profile.
+fn draw(mut flow: Flow, scratch: &mut Interpreter) -> Outcome<Option<Vec<Step>>> {
     let mut steps = Vec::new();
     for _ in 0..MOST_LINES {
+        if steps.len() > MOST_ELEMENTS {
+            break;
+        }
         match flow.step(scratch, &mut steps)? {
             Stepped::Block => {
                 scratch.carry_out(&mut steps)?;
             }
             Stepped::Jumped => {}
             Stepped::Faulty | Stepped::Cycle(_) => break,
-            Stepped::Idle | Stepped::ProgramEnd => return Ok(steps),
+            Stepped::Idle | Stepped::ProgramEnd => return Ok(Some(steps)),
         }
     }
-    fault(Code::TurningProfile, Span::default(), format!("{label} is no profile"))
+    Ok(None)
 }
 
 /// The label of a subprogram of this name.
@@ -218,6 +236,9 @@ impl Contour {
             return Err(refused(&Fault::CompensationInside(line)));
         }
         for step in steps {
+            if self.elements.len() > MOST_ELEMENTS {
+                return Err(refused(&Fault::TooManyElements));
+            }
             match &step.canon {
                 Canon::StraightTraverse(end) | Canon::StraightFeed(end) => {
                     if self.at.is_none() && is_block {
@@ -295,10 +316,15 @@ fn planned(job: &Job) -> Result<Planned, StockFault> {
             MoveKind::Clockwise => (2, [step.centre.u - at.u, step.centre.v - at.v]),
             MoveKind::Counterclockwise => (3, [step.centre.u - at.u, step.centre.v - at.v]),
         };
-        at = step.end;
+        // Axis by axis means it: the other axis stays, wherever the program has left it.
+        at = match step.axes {
+            Axes::First => Point::new(step.end.u, at.v),
+            Axes::Second => Point::new(at.u, step.end.v),
+            Axes::Both => step.end,
+        };
         StockMove {
             motion,
-            end: [step.end.u, step.end.v],
+            end: [at.u, at.v],
             centre,
             feed: feed(step.feed),
             compensation: compensation(step.compensation),

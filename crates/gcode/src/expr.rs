@@ -294,7 +294,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
             self.cursor.finish();
             return fault(Code::NameNotClosed, self.cursor.since(start), Code::NameNotClosed.title());
         };
-        Ok(self.names.resolve(text))
+        self.names.resolve(text, self.cursor.since(start))
     }
 
     fn push(&mut self, kind: OpKind, start: usize) -> Outcome<()> {

@@ -150,6 +150,8 @@ pub struct State {
     pub spindle_speed: f64,
     /// G96.
     pub constant_surface_speed: bool,
+    /// The highest number of turns a minute that G96 allows; 0 under G97.
+    pub highest_spindle_speed: f64,
     /// M7.
     pub mist: bool,
     /// M8.
@@ -210,6 +212,7 @@ impl State {
             spindle: Spindle::Stopped,
             spindle_speed: 0.0,
             constant_surface_speed: false,
+            highest_spindle_speed: 0.0,
             mist: false,
             flood: false,
             feed_override: true,

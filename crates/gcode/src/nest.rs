@@ -34,6 +34,8 @@ pub(crate) struct Open {
     to_round: Vec<u32>,
     /// Loops of repeat around it.
     repeats: u32,
+    /// The sub that it stands in, or is, counted in what is open.
+    sub: Option<usize>,
 }
 
 /// What is open while lines are compiled.
@@ -158,8 +160,13 @@ impl Nest {
             let message = format!("{} begins inside of another subprogram", control.label);
             return fault(Number::SubInSub, control.at, message);
         }
-        let repeats = self.open.iter().rev().take_while(|open| open.control.keyword != Keyword::Sub);
-        let repeats = repeats.filter(|open| open.control.keyword == Keyword::Repeat).count() as u32;
+        let repeats = self.open.last().map_or(0, |open| match open.control.keyword {
+            Keyword::Sub => 0,
+            Keyword::Repeat => open.repeats + 1,
+            _ => open.repeats,
+        });
+        let is_sub = control.keyword == Keyword::Sub;
+        let sub = if is_sub { Some(self.open.len()) } else { self.open.last().and_then(|open| open.sub) };
         self.open.push(Open {
             control: control.clone(),
             begin: at,
@@ -168,6 +175,7 @@ impl Nest {
             to_end: Vec::new(),
             to_round: Vec::new(),
             repeats,
+            sub,
         });
         if control.keyword != Keyword::Sub && !self.labels.insert((scope, control.label.clone())) {
             let message = format!("{} has named another block already", control.label);
@@ -184,8 +192,8 @@ impl Nest {
 
     /// Label of the subprogram that the line stands in.
     fn sub(&self) -> Option<&Label> {
-        let sub = self.open.iter().rev().find(|open| open.control.keyword == Keyword::Sub);
-        sub.map(|open| &open.control.label)
+        let sub = self.open.last()?.sub?;
+        self.open.get(sub).map(|open| &open.control.label)
     }
 
     fn innermost(&mut self, control: &Control, kinds: &[Keyword]) -> Outcome<&mut Open> {
@@ -214,7 +222,7 @@ impl Nest {
     /// break, continue: inner loops are left with it.
     fn leave(&mut self, at: u32, control: &Control) -> Outcome<Jump> {
         let loops = [Keyword::While, Keyword::Do, Keyword::Repeat];
-        let within = self.open.iter().rposition(|open| open.control.keyword == Keyword::Sub).map_or(0, |sub| sub + 1);
+        let within = self.open.last().and_then(|open| open.sub).map_or(0, |sub| sub + 1);
         let Some(open) = self.open[within..].iter_mut().rev().find(|open| open.is(control, &loops)) else {
             return nothing_open(control);
         };

@@ -3,7 +3,7 @@
 //! Invariant: numbered parameters 1 … 5601 always have a value; a named one has a value from its first assignment on.
 
 use crate::codes::Code;
-use crate::diag::{Diagnostic, Span};
+use crate::diag::{Diagnostic, Outcome, Span, fault};
 use crate::expr::Reference;
 use crate::system::SystemParameter;
 use std::collections::HashMap;
@@ -59,6 +59,9 @@ pub(crate) struct Names {
     fixed: HashMap<Box<str>, f64>,
 }
 
+/// Names that a program may have: one that is fed line by line may go on inventing them.
+const MOST_NAMES: usize = 50_000;
+
 impl Names {
     /// With names whose values are given, in lower case.
     pub(crate) fn with_fixed(values: &[(String, f64)]) -> Names {
@@ -67,25 +70,31 @@ impl Names {
     }
 
     /// What `#<text>` names.
-    pub(crate) fn resolve(&mut self, text: &[u8]) -> Reference {
+    ///
+    /// # Errors
+    /// There are too many names.
+    pub(crate) fn resolve(&mut self, text: &[u8], at: Span) -> Outcome<Reference> {
         let name: String = String::from_utf8_lossy(text)
             .chars()
             .filter(|letter| !letter.is_whitespace())
             .map(|letter| letter.to_ascii_lowercase())
             .collect();
         if let Some(parameter) = SystemParameter::of_name(&name) {
-            return Reference::System(parameter);
+            return Ok(Reference::System(parameter));
         }
         if let Some(value) = self.fixed.get(name.as_str()) {
-            return Reference::System(SystemParameter::Fixed(*value));
+            return Ok(Reference::System(SystemParameter::Fixed(*value)));
         }
         if let Some(id) = self.numbers.get(name.as_str()) {
-            return Reference::Named(*id);
+            return Ok(Reference::Named(*id));
+        }
+        if self.texts.len() >= MOST_NAMES {
+            return fault(Code::TooMuchToKeep, at, format!("more than {MOST_NAMES} names of parameters"));
         }
         let id = NameId { index: self.texts.len() as u32, is_global: name.starts_with('_') };
         self.texts.push(name.clone().into());
         self.numbers.insert(name.into(), id);
-        Reference::Named(id)
+        Ok(Reference::Named(id))
     }
 
     pub(crate) fn text(&self, id: NameId) -> &str {

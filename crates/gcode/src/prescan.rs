@@ -15,7 +15,7 @@ use crate::interp::Setup;
 use crate::lines::{Split, Text};
 use crate::parse::LineReader;
 use retrace_cycles::{Cycle, Kind};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fmt::Debug;
 use std::sync::Arc;
 
@@ -92,6 +92,9 @@ impl Subs {
     }
 }
 
+/// Places and lines by label, in order.
+type LabelPlaces = HashMap<Box<str>, Vec<(usize, u32)>>;
+
 /// What a program was found to be.
 #[derive(Clone, Debug)]
 pub struct Prescan {
@@ -101,8 +104,12 @@ pub struct Prescan {
     pub(crate) regions: Vec<Region>,
     pub(crate) subs: Subs,
     pub(crate) reader: LineReader,
-    /// First and last line of the stretches between labels that cycles read.
+    /// First and last line of the stretches between labels that cycles read; once all are found, in order and apart.
     contours: Vec<(u32, u32)>,
+    /// Where the labels of the program stand, looked for when the first cycle names one: place and line of each, in order.
+    labels: Option<LabelPlaces>,
+    /// Names of the files of subprograms that have been looked for.
+    missed: HashSet<Box<str>>,
     /// Paths of cycles of the third kind.
     pub(crate) paths: Paths,
     diagnostics: Vec<Diagnostic>,
@@ -120,6 +127,8 @@ impl Prescan {
             reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone())
                 .with_fixed(&setup.fixed_values),
             contours: Vec::new(),
+            labels: None,
+            missed: HashSet::new(),
             paths: Paths::default(),
             diagnostics: Vec::new(),
         };
@@ -130,7 +139,18 @@ impl Prescan {
             prescan.link(file as u16, setup.files.as_deref());
             file += 1;
         }
+        prescan.join_contours();
         prescan
+    }
+
+    /// Puts the stretches between labels in order and joins those that overlap.
+    fn join_contours(&mut self) {
+        self.contours.sort_unstable();
+        self.contours.dedup_by(|next, before| {
+            let is_joined = next.0 <= before.1;
+            before.1 = if is_joined { before.1.max(next.1) } else { before.1 };
+            is_joined
+        });
     }
 
     /// What is wrong with it, as far as that can be known without carrying it out.
@@ -154,16 +174,26 @@ impl Prescan {
 
     /// Whether a line of the program is read as a contour.
     pub(crate) fn is_contour(&self, line: u32) -> bool {
-        self.contours.iter().any(|(first, last)| (*first..=*last).contains(&line))
+        let behind = self.contours.partition_point(|(first, _)| *first <= line);
+        behind.checked_sub(1).and_then(|index| self.contours.get(index)).is_some_and(|(_, last)| line <= *last)
     }
 
     /// The lines between two labels of the program, and the number of the first of them.
     pub(crate) fn between(&self, start: &str, end: &str) -> Option<(u32, &[u8])> {
         let text = self.files.first().map(|file| &*file.text)?;
-        let (from, line) = labelled(text, 0, start)?;
+        let places = |name: &str| self.labels.as_ref()?.get(name.trim().to_lowercase().as_str());
+        let (from, line) = *places(start)?.first()?;
+        let ends = places(end)?;
+        let (to, _) = *ends.get(ends.partition_point(|(place, _)| *place <= from))?;
         let behind = from + text.get(from..)?.iter().position(|byte| *byte == b'\n')? + 1;
-        let (to, _) = labelled(text, behind, end)?;
         Some((line + 1, text.get(behind..to)?))
+    }
+
+    /// Looks for the labels of the program, once.
+    fn find_labels(&mut self) {
+        if self.labels.is_none() {
+            self.labels = self.files.first().map(|file| labels_of(&file.text));
+        }
     }
 
     /// How many lines the program has.
@@ -228,6 +258,7 @@ impl Prescan {
             let Some(Given::Text(name)) = call.arguments.get(index) else { continue };
             let is_there = match name.split_once(':') {
                 Some((start, end)) => {
+                    self.find_labels();
                     let stretch = self.between(start, end);
                     let lines = stretch.map(|(line, text)| (line - 1, line + Split::new(text).count() as u32));
                     self.contours.extend(lines);
@@ -255,6 +286,10 @@ impl Prescan {
             Label::Name(name) => name.to_string(),
             Label::Calculated => return,
         };
+        // What has been looked for in vain is not looked for again: a file that calls what it should hold would be read without end.
+        if !self.missed.insert(name.clone().into()) {
+            return;
+        }
         let Some(found) = files.and_then(|files| files.find(&name)) else { return };
         let text = match found.text {
             Ok(text) => text,
@@ -312,17 +347,15 @@ pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> Fault {
     Fault::new(Number::WrongCall, at, message)
 }
 
-/// Where the line with a label begins, looked for from `from` on, and its number.
-fn labelled(text: &[u8], from: usize, wanted: &str) -> Option<(usize, u32)> {
-    let wanted = wanted.trim().to_lowercase();
-    let mut at = from;
-    let mut number = Split::new(text.get(..from)?).count() as u32;
-    for line in text.get(from..)?.split_inclusive(|byte| *byte == b'\n') {
-        number += 1;
-        if crate::call::label_of(line).is_some_and(|label| *label == *wanted) {
-            return Some((at, number));
+/// Where the lines with labels begin, and their numbers.
+fn labels_of(text: &[u8]) -> LabelPlaces {
+    let mut labels = LabelPlaces::new();
+    let mut at = 0;
+    for (number, line) in (1..).zip(text.split_inclusive(|byte| *byte == b'\n')) {
+        if let Some(label) = crate::call::label_of(line) {
+            labels.entry(label).or_default().push((at, number));
         }
         at += line.len();
     }
-    None
+    labels
 }

@@ -21,6 +21,8 @@ use std::sync::Arc;
 
 /// Lines after which checking a program with jumps stops.
 const MOST_CHECKED_LINES: u32 = 10_000_000;
+/// Canonical functions after which it stops.
+const MOST_CHECKED_FUNCTIONS: u64 = 100_000_000;
 
 /// What became of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -410,11 +412,13 @@ pub fn check(text: impl Into<Text>, setup: Setup) -> Vec<Diagnostic> {
     let prescan = Arc::new(Prescan::of("program", text.into(), &setup));
     let mut program = Program::<&[u8]>::prescanned(prescan, setup);
     let mut steps = Vec::new();
-    let mut lines = 0_u32;
+    let (mut lines, mut functions) = (0_u32, 0);
     while program.advance(&mut steps) != Progress::End {
+        functions += steps.len() as u64;
         steps.clear();
-        lines += 1;
-        if lines == MOST_CHECKED_LINES && program.flow.has_jumped() {
+        lines = lines.saturating_add(1);
+        let is_long = lines >= MOST_CHECKED_LINES || functions >= MOST_CHECKED_FUNCTIONS;
+        if is_long && program.flow.has_jumped() {
             program.report(Fault::plain(Code::EndlessProgram, Span::default()));
             return program.interpreter.take_diagnostics();
         }

@@ -153,7 +153,7 @@ fn parameter<'a>(rest: &'a str, at: Span, names: &mut Names) -> Outcome<(Piece, 
         let Some((name, rest)) = named.split_once('>') else {
             return fault(Code::NameNotClosed, at, Code::NameNotClosed.title());
         };
-        return Ok((Piece::Parameter(names.resolve(name.as_bytes())), rest));
+        return Ok((Piece::Parameter(names.resolve(name.as_bytes(), at)?), rest));
     }
     let digits = rest.len() - rest.trim_start_matches(|letter: char| letter.is_ascii_digit()).len();
     if digits == 0 {

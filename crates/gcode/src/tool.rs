@@ -2,6 +2,7 @@
 //!
 //! Invariant: each tool number stands once; lengths are in machine units.
 
+use crate::block::LARGEST;
 use crate::canon::LengthUnit;
 use crate::codes::Code;
 use crate::diag::{Diagnostic, Span};
@@ -112,8 +113,11 @@ fn tool_of_line(line: &str) -> Result<Tool, (&str, String)> {
     for word in line.split_whitespace() {
         let (letter, text) = word.split_at(word.chars().next().map_or(0, char::len_utf8));
         let bad = |what: &str| (word, format!("{word}: {what}"));
-        let value: f64 =
-            text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| bad("not a number"))?;
+        let value: f64 = text
+            .parse()
+            .ok()
+            .filter(|value: &f64| value.abs() <= LARGEST)
+            .ok_or_else(|| bad("not a number below 1e15"))?;
         let whole = || text.parse::<u32>().map_err(|_| bad("not a whole number of at least 0"));
         match letter.to_ascii_uppercase().as_str() {
             "T" => {

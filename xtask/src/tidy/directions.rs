@@ -29,6 +29,8 @@ const ARROWS: &[Arrows] = &[
     Arrows { outside: false, ..arrows("crates/core/Cargo.toml", &[]) },
     Arrows { outside: false, ..arrows("crates/cycles/Cargo.toml", &[]) },
     arrows("crates/gcode/Cargo.toml", &["cycles"]),
+    // The targets of cargo-fuzz: outside of the workspace, with nothing of ours but what they fuzz.
+    arrows("crates/gcode/fuzz/Cargo.toml", &["gcode"]),
     arrows("crates/link/Cargo.toml", &["core"]),
     arrows("crates/motion/Cargo.toml", &["core"]),
     arrows("crates/card/Cargo.toml", &["core", "link"]),

@@ -2,7 +2,7 @@
 //!
 //! Invariant: axes of the plane are those of the plane that holds in the block itself.
 
-use super::{Frame, Run, Step, Trap, trap};
+use super::{Frame, Run, STEPS_OF_A_BLOCK, Step, Trap, trap};
 use crate::code::Op;
 use crate::codes::Code;
 use crate::cycle::Cycle;
@@ -89,7 +89,7 @@ impl Run<'_> {
             return trap(Code::Endless, format!("{} has given too many blocks", cycle.name()));
         }
         self.machine.blocks += 1;
-        self.machine.steps = 0;
+        self.machine.steps = self.machine.steps.saturating_sub(STEPS_OF_A_BLOCK);
         let axes = axes_of_plane(self.plane());
         let block = &mut self.machine.block;
         block.triggers = cycle.is_pattern() && block.words().iter().any(|word| axes.contains(&word.letter));

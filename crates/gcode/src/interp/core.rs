@@ -4,7 +4,7 @@
 
 use super::UserCodes;
 use super::queue::{Course, Queue};
-use crate::block::BlockNumber;
+use crate::block::{BlockNumber, LARGEST};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::codes::Code;
 use crate::diag::Span;
@@ -68,7 +68,8 @@ impl Core {
     pub(super) fn pose_parameter(&self, first: usize) -> Pose {
         let mut pose = Pose::ZERO;
         for axis in Axis::ALL {
-            pose[axis] = self.parameters.get(first + axis as usize);
+            // No machine is that large, and sums of offsets stay finite.
+            pose[axis] = self.parameters.get(first + axis as usize).clamp(-LARGEST, LARGEST);
         }
         self.lengths_to_program(&pose)
     }

@@ -10,8 +10,9 @@ use crate::call::{CycleCall, Given};
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane, Step};
 use crate::codes::Code;
 use crate::compensation::Side;
+use crate::cycle::Series;
 use crate::diag::{Fault, Outcome, Span, fault};
-use crate::modal::{Distance, Motion, Spindle, State};
+use crate::modal::{ArcCentres, Distance, Motion, Spindle, State};
 use crate::pose::Axis;
 use retrace_cycles::{
     Argument, Block, Cycle, Halt, Host, Library, Machine, Message, Query, StockCall, StockFault, StockMove, Stopped,
@@ -20,6 +21,11 @@ use std::sync::Arc;
 
 /// Most parameters of a cycle.
 const MOST_ARGUMENTS: usize = 64;
+
+/// Canonical functions that one call may give: a program does not fill the memory with one line.
+const MOST_FUNCTIONS: usize = 500_000;
+/// Steps and blocks of the modal cycle over all holes of a pattern.
+const MOST_MODAL_COST: u64 = 100_000_000;
 
 /// A cycle that follows every block with motion (MCALL).
 #[derive(Clone, Debug)]
@@ -59,8 +65,14 @@ struct Saved {
     feed_mode: FeedMode,
     feed_rate: f64,
     spindle_speed: f64,
+    constant_surface_speed: bool,
+    highest_spindle_speed: f64,
     path_control: PathControl,
+    naivecam_tolerance: f64,
     lathe_diameter: bool,
+    /// The kept words of a drilling cycle G81 … G89 that the program was in.
+    series: Option<Series>,
+    is_compensated: bool,
 }
 
 impl Saved {
@@ -72,14 +84,19 @@ impl Saved {
             feed_mode: state.feed_mode,
             feed_rate: state.feed_rate,
             spindle_speed: state.spindle_speed,
+            constant_surface_speed: state.constant_surface_speed,
+            highest_spindle_speed: state.highest_spindle_speed,
             path_control: state.path_control,
+            naivecam_tolerance: state.naivecam_tolerance,
             lathe_diameter: state.lathe_diameter,
+            series: state.series,
+            is_compensated: state.compensation.is_some(),
         }
     }
 
     /// Puts it in force again, with the canonical functions that that takes.
     fn restore(&self, state: &mut State, emit: &mut Emit<'_>) {
-        state.motion = self.motion;
+        (state.motion, state.series) = (self.motion, self.series);
         if state.plane != self.plane {
             state.plane = self.plane;
             emit.call(Canon::SelectPlane(self.plane));
@@ -94,6 +111,11 @@ impl Saved {
             state.feed_rate = self.feed_rate;
             emit.call(Canon::SetFeedRate(self.feed_rate));
         }
+        let mode = (self.constant_surface_speed, self.highest_spindle_speed);
+        if (state.constant_surface_speed, state.highest_spindle_speed) != mode {
+            (state.constant_surface_speed, state.highest_spindle_speed) = mode;
+            emit.call(Canon::SetSpindleMode(self.highest_spindle_speed));
+        }
         if state.spindle_speed != self.spindle_speed {
             state.spindle_speed = self.spindle_speed;
             emit.call(Canon::SetSpindleSpeed(self.spindle_speed));
@@ -101,6 +123,10 @@ impl Saved {
         if state.path_control != self.path_control {
             state.path_control = self.path_control;
             emit.call(Canon::SetMotionControlMode(self.path_control));
+        }
+        if state.naivecam_tolerance != self.naivecam_tolerance {
+            state.naivecam_tolerance = self.naivecam_tolerance;
+            emit.call(Canon::SetNaivecamTolerance(self.naivecam_tolerance));
         }
     }
 }
@@ -215,6 +241,8 @@ impl super::Interpreter {
             saved,
             words,
             path: None,
+            most_steps: steps.len().saturating_add(MOST_FUNCTIONS),
+            modal_cost: 0,
             emit: Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None },
             at: call.at,
             fault: None,
@@ -253,6 +281,10 @@ struct Caller<'a> {
     saved: &'a mut Vec<Option<Saved>>,
     words: &'a mut Words,
     path: Option<Arc<[StockMove]>>,
+    /// Where the list of canonical functions may end.
+    most_steps: usize,
+    /// What the modal cycle has cost so far.
+    modal_cost: u64,
     emit: Emit<'a>,
     at: Span,
     fault: Option<Box<Fault>>,
@@ -264,8 +296,12 @@ impl Caller<'_> {
         let arguments = arguments(call, values);
         let given = arguments.get(..call.arguments.len()).unwrap_or_default();
         let library = self.library;
-        match machine.run(library, call.id, given, self) {
-            Ok(()) => Ok(()),
+        // A cycle's centres count from the start of their arc, whatever the program has chosen.
+        let centres = std::mem::replace(&mut self.core.state.arc_centres, ArcCentres::Incremental);
+        let outcome = machine.run(library, call.id, given, self);
+        self.core.state.arc_centres = centres;
+        match outcome {
+            Ok(()) => self.check_size(),
             Err(Halt::Alarm(alarm)) => fault(Code::CycleAlarm, self.at, format!("{alarm}; {}", alarm.help())),
             Err(Halt::Stopped) => match self.fault.take() {
                 Some(fault) => Err(fault),
@@ -298,8 +334,26 @@ impl Caller<'_> {
             && let Some((modal, machine)) = self.modal.take()
         {
             let outcome = self.run(machine, &modal.call, &modal.values);
+            self.modal_cost += machine.cost();
             self.modal = Some((modal, machine));
             outcome?;
+        }
+        self.check_size()
+    }
+
+    /// A cycle has left compensation on: G40, as before it.
+    fn end_compensation(&mut self) -> Result<(), Stopped> {
+        self.core.set_compensation(400, &Words::default(), &mut self.emit).map_err(|fault| {
+            self.fault = Some(fault);
+            Stopped
+        })
+    }
+
+    fn check_size(&self) -> Outcome<()> {
+        if self.emit.steps.len() > self.most_steps || self.modal_cost > MOST_MODAL_COST {
+            let message =
+                format!("one call gives more than {MOST_FUNCTIONS} functions, or its holes do not come to an end");
+            return fault(Code::CycleAlarm, self.at, message);
         }
         Ok(())
     }
@@ -323,7 +377,9 @@ impl Host for Caller<'_> {
                 Spindle::Counterclockwise => 4.0,
                 Spindle::Stopped => 5.0,
             },
-            // RS274/NGC has no D number of its own: a program that selects no tool works with the one that is clamped.
+            // RS274/NGC has no D number: the offset of a tool is the tool's own line of the table, and G43 is no condition for a
+            // radius. A program that selects no tool works with the one that is clamped, so none is refused (our decision: 61000 never
+            // comes, as retrace drills what any program drills).
             Query::OffsetNumber => state.current_tool.max(1).into(),
             Query::ToolRadius => self.core.to_program_unit(Axis::X, tool().diameter) / 2.0,
             Query::EdgePosition => tool().orientation,
@@ -350,6 +406,7 @@ impl Host for Caller<'_> {
                 FeedMode::UnitsPerMinute => 94.0,
                 FeedMode::UnitsPerRevolution => 95.0,
             },
+            Query::SpindleMode if state.constant_surface_speed => 96.0,
             Query::SpindleMode => 97.0,
             Query::Motion => match state.motion {
                 Some(Motion::Feed) => 1.0,
@@ -378,7 +435,10 @@ impl Host for Caller<'_> {
 
     fn message(&mut self, message: &Message<'_>) {
         match message.warning {
+            Some(_) if self.warnings.len() >= super::MOST_ERRORS => {}
             Some(number) => self.warnings.push(format!("{number}: {}", message.text)),
+            // A loop of messages alone ends with the machine's steps.
+            None if self.emit.steps.len() > self.most_steps => {}
             None => self.emit.call(Canon::Message(message.text.into())),
         }
     }
@@ -389,6 +449,9 @@ impl Host for Caller<'_> {
 
     fn leave(&mut self, _: &Cycle) -> Result<(), Stopped> {
         if let Some(Some(saved)) = self.saved.pop() {
+            if self.core.state.compensation.is_some() && !saved.is_compensated {
+                self.end_compensation()?;
+            }
             saved.restore(&mut self.core.state, &mut self.emit);
         }
         Ok(())

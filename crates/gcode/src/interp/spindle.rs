@@ -21,6 +21,7 @@ impl Core {
     pub(super) fn set_spindle_mode(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) {
         self.state.constant_surface_speed = code == 960;
         let highest = if code == 960 { words.get(b'd').map_or(NO_HIGHEST_SPEED, f64::abs) } else { 0.0 };
+        self.state.highest_spindle_speed = highest;
         emit.call(Canon::SetSpindleMode(highest));
     }
 

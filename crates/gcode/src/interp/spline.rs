@@ -14,6 +14,8 @@ use crate::spline::{ControlPoint, Nurbs};
 
 /// The order of a G5.2 without an L word, and the least there is.
 const LEAST_ORDER: u32 = 3;
+/// Control points that are collected.
+const MOST_POINTS: usize = 50_000;
 
 impl Core {
     /// G5, G5.1. They leave the motion mode as it was.
@@ -94,6 +96,10 @@ impl Core {
         }
         if let Some(order) = words.get(b'l') {
             state.spline_order = (order as u32).max(LEAST_ORDER);
+        }
+        if has_point && state.control_points.len() >= MOST_POINTS {
+            let message = format!("a spline has at most {MOST_POINTS} control points");
+            return fault(Code::SplineWords, at, message);
         }
         if has_point {
             let weight = weight.unwrap_or(1.0);

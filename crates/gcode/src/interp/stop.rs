@@ -54,6 +54,7 @@ impl Core {
         state.spindle = Spindle::Stopped;
         emit.call(Canon::StopSpindleTurning);
         state.constant_surface_speed = false;
+        state.highest_spindle_speed = 0.0;
         emit.call(Canon::SetSpindleMode(0.0));
         (state.motion, state.series) = (Some(Motion::Feed), None);
         if std::mem::take(&mut state.mist) {

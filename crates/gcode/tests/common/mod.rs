@@ -4,6 +4,7 @@ use retrace_gcode::{CanonText, Prescan, Program, Progress, Setup, Severity};
 use std::sync::Arc;
 
 /// The canonical text of a program, up to its first error, and whether it had one.
+#[allow(dead_code)] // not every test has the plain setup
 pub(crate) fn canon_text(program: &str) -> (String, bool) {
     canon_text_with(program, Setup::rs274())
 }
