@@ -31,7 +31,7 @@ fn programs() -> [(&'static str, Text); 5] {
         ("calculated moves", program(|_, x, y| format!("G1 X[{x}/100] Y[0-{y}*0.01]"), "")),
         ("drilling cycles", program(|_, x, y| format!("G81 X{} Y{} Z-3.5 R20", x / 100, y / 100), "")),
         ("compiled calls", program(|line, x, _| format!("O{} call [{x}]", 100 + line % 20), &subs)),
-        ("calls of a cycle", program(|line, ..| format!("CYCLE81(10, 0, 2, -{}.5)", line % 9), "")),
+        ("calls of a cycle", program(|line, _, _| format!("CYCLE81(10, 0, 2, -{}.5)", line % 9), "")),
     ]
 }
 

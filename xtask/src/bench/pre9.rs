@@ -57,7 +57,7 @@ fn row(line: &str) -> Option<Row> {
 fn spared(rows: &[Row], series: &str, way: usize) -> bool {
     let mut of_series = rows.iter().filter(|row| row.series == series).map(|row| row.taken[0] - row.taken[way]);
     let first = of_series.next().unwrap_or(f64::NAN);
-    of_series.last().is_some_and(|last| last > first && last > 0.0)
+    of_series.next_back().is_some_and(|last| last > first && last > 0.0)
 }
 
 fn plot(rows: &[Row]) -> String {

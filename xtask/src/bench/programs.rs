@@ -24,6 +24,9 @@ struct Row {
     peer: Option<f64>,
 }
 
+/// How often each is run.
+const ROUNDS: usize = 7;
+
 /// The peer's name.
 const PEER: &str = "rs274";
 
@@ -34,11 +37,10 @@ pub(super) fn run(root: &Path, full: bool) -> Result<bool, String> {
     if peer.is_none() {
         println!("{PEER} is not installed: our own figures alone");
     }
-    let rounds = if full { 15 } else { 7 };
-    let rows = compared(&binary, peer.as_deref(), &folder, rounds)?;
-    let growth = growth(&binary, &folder, rounds)?;
+    let rows = compared(&binary, peer.as_deref(), &folder, ROUNDS)?;
+    let growth = growth(&binary, &folder, ROUNDS)?;
     let streamed = stream::measure(&binary, &folder, full)?;
-    let page = page(root, &rows, &growth, &streamed, rounds);
+    let page = page(root, &rows, &growth, &streamed);
     println!("\n{page}");
     let path = root.join("docs/bench-programs.md");
     std::fs::write(&path, page).map_err(|error| format!("{}: {error}", path.display()))?;
@@ -91,24 +93,45 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// Each case with both programs in turn.
+/// A case on its way: its commands, and what their runs took.
+struct Running {
+    case: Case,
+    lines: usize,
+    ours: Measured,
+    peer: Option<Measured>,
+    our_times: Vec<f64>,
+    peer_times: Vec<f64>,
+}
+
+/// A peer that takes longer than this, seconds, is not asked in every round; its figure varies by little then.
+const LONG: f64 = 5.0;
+
+impl Running {
+    /// One round: both in turn.
+    fn run(&mut self) -> Result<(), String> {
+        self.our_times.push(self.ours.run()?.cpu_s);
+        let is_long = self.peer_times.len() >= 3 && median(self.peer_times.clone()) > LONG;
+        if let (Some(peer), false) = (&self.peer, is_long) {
+            self.peer_times.push(peer.run()?.cpu_s);
+        }
+        Ok(())
+    }
+}
+
+/// Each case with both programs in turn; a round is over all cases, so that load from elsewhere meets them alike.
 fn compared(ours: &Path, peer: Option<&Path>, folder: &Path, rounds: usize) -> Result<Vec<Row>, String> {
-    let commands = |file: &str| {
-        let ours = Measured {
-            program: ours.to_path_buf(),
-            arguments: vec!["canon".into(), file.into()],
+    let running = |case: Case, file: &str, lines: usize| {
+        let command = |program: &Path, option: &str| Measured {
+            program: program.to_path_buf(),
+            arguments: vec![option.into(), file.into()],
             folder: folder.to_path_buf(),
         };
-        let peer = peer.map(|peer| Measured {
-            program: peer.to_path_buf(),
-            arguments: vec!["-g".into(), file.into()],
-            folder: folder.to_path_buf(),
-        });
-        (ours, peer)
+        let (ours, peer) = (command(ours, "canon"), peer.map(|peer| command(peer, "-g")));
+        Running { case, lines, ours, peer, our_times: Vec::new(), peer_times: Vec::new() }
     };
     write(folder, "empty.ngc", b"M2\n")?;
-    let (our_start, peer_start) = commands("empty.ngc");
-    let mut rows = Vec::new();
+    let empty = Case { name: "", what: "", text: None, goal: 0.0 };
+    let mut all = vec![running(empty, "empty.ngc", 1)];
     for (index, mut case) in cases().into_iter().enumerate() {
         let Some(text) = case.text.take() else {
             println!("{}: left out, RETRACE_PROGRAMS names no folder that holds it", case.name);
@@ -116,31 +139,22 @@ fn compared(ours: &Path, peer: Option<&Path>, folder: &Path, rounds: usize) -> R
         };
         let file = format!("case-{index}.ngc");
         write(folder, &file, &text)?;
-        let (our_run, peer_run) = commands(&file);
-        let mut taken: [Vec<f64>; 4] = Default::default();
-        // A peer that takes minutes is not asked as often; its figure varies by little then.
-        let mut peer_rounds = rounds;
-        for round in 0..rounds {
-            taken[0].push(our_start.run()?.cpu_s);
-            taken[1].push(our_run.run()?.cpu_s);
-            if let (Some(start), Some(run), true) = (&peer_start, &peer_run, round < peer_rounds) {
-                taken[2].push(start.run()?.cpu_s);
-                let seconds = run.run()?.cpu_s;
-                taken[3].push(seconds);
-                if seconds > 10.0 {
-                    peer_rounds = 3;
-                }
-            }
+        all.push(running(case, &file, text.iter().filter(|byte| **byte == b'\n').count()));
+    }
+    for round in 1..=rounds {
+        println!("round {round} of {rounds}");
+        all.iter_mut().try_for_each(Running::run)?;
+    }
+    let mut starts = (0.0, 0.0);
+    let mut rows = Vec::new();
+    for (index, Running { case, lines, our_times, peer_times, .. }) in all.into_iter().enumerate() {
+        let (ours, theirs) = (median(our_times), median(peer_times));
+        if index == 0 {
+            starts = (ours, theirs);
+            continue;
         }
-        let [start, whole, peer_start, peer_whole] = taken.map(median);
-        let row = Row {
-            lines: text.iter().filter(|byte| **byte == b'\n').count(),
-            ours: (whole - start).max(1e-9),
-            peer: peer.map(|_| (peer_whole - peer_start).max(1e-9)),
-            case,
-        };
-        println!("{}: {:.4} s, the peer {:?} s", row.case.name, row.ours, row.peer);
-        rows.push(row);
+        let peer = peer.map(|_| (theirs - starts.1).max(1e-9));
+        rows.push(Row { case, lines, ours: (ours - starts.0).max(1e-9), peer });
     }
     Ok(rows)
 }
@@ -173,14 +187,14 @@ fn growth(ours: &Path, folder: &Path, rounds: usize) -> Result<Vec<(u64, f64)>, 
     Ok(points)
 }
 
-fn page(root: &Path, rows: &[Row], growth: &[(u64, f64)], streamed: &stream::Streamed, rounds: usize) -> String {
+fn page(root: &Path, rows: &[Row], growth: &[(u64, f64)], streamed: &stream::Streamed) -> String {
     let mut page = String::from(
         "# Decoding programs: figures\n\n\
          Written by `cargo xtask bench programs`; `--full` takes the full sizes. `retrace canon FILE` beside `rs274 -g FILE` of\n\
          LinuxCNC, in turn, with their output to nowhere: processor time of the whole process, the time for a program of one\n\
          line taken off. The programs are made by the bench from fixed seeds.\n\n",
     );
-    let _ = writeln!(page, "{} Medians of {rounds} rounds.\n", circumstances(root));
+    let _ = writeln!(page, "{} Medians of {ROUNDS} rounds.\n", circumstances(root));
     page.push_str("| program | lines | retrace, ms | million lines/s | rs274, ms | ratio | goal |\n|---|--:|--:|--:|--:|--:|--:|\n");
     for row in rows {
         let speed = row.lines as f64 / row.ours / 1e6;
