@@ -1,4 +1,4 @@
-//! `cargo xtask campaign`: the random end-to-end tests, in a size that the test suite has no time for.
+//! `cargo xtask campaign`: the random tests, in a size that the test suite has no time for.
 //!
 //! Invariant: a campaign is one of the tests of the suite with more cases and a seed of its own; what the suite runs of it is a
 //! slice.
@@ -10,36 +10,55 @@ use std::process::Command;
 pub(crate) struct Campaign {
     pub(crate) name: &'static str,
     pub(crate) purpose: &'static str,
-    /// The end-to-end test that it is: file and name.
-    test: [&'static str; 2],
-    /// Cases of a full run; the suite's own number without `--full`.
+    /// The test that it is: package, file and name.
+    test: [&'static str; 3],
+    /// The environment variables that tell it how many cases to run, and the seed.
+    asked: [&'static str; 2],
+    /// Cases of a full run, and without `--full`.
     full: u32,
+    slice: u32,
 }
+
+/// How the end-to-end tests are asked.
+const END_TO_END: [&str; 2] = ["RETRACE_CASES", "PROPTEST_RNG_SEED"];
 
 /// Every campaign.
 pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "operator",
         purpose: "whatever an operator does, the job ends exactly and within the limits",
-        test: ["operator", "whatever_the_operator_does_the_job_ends_exactly"],
+        test: ["retrace-tests", "operator", "whatever_the_operator_does_the_job_ends_exactly"],
+        asked: END_TO_END,
         full: 3000,
+        slice: 24,
     },
     Campaign {
         name: "program",
         purpose: "any program ends exactly and within the limits",
-        test: ["any_program", "any_program_ends_exactly_and_within_the_limits"],
+        test: ["retrace-tests", "any_program", "any_program_ends_exactly_and_within_the_limits"],
+        asked: END_TO_END,
         full: 3000,
+        slice: 24,
+    },
+    Campaign {
+        name: "differential",
+        purpose: "random programs give the canonical functions of LinuxCNC's rs274, call by call",
+        test: ["retrace-gcode", "differential", "random_programs_give_the_canonical_functions_of_rs274"],
+        asked: ["RETRACE_DIFFERENTIAL", "RETRACE_DIFFERENTIAL_FIRST"],
+        full: 100_000,
+        slice: 400,
     },
 ];
 
 /// Runs a campaign and says whether it passed.
 pub(crate) fn run(root: &Path, campaign: &Campaign, full: bool, seed: u64) -> bool {
-    let [file, test] = campaign.test;
-    let cases = if full { campaign.full.to_string() } else { "24".into() };
+    let [package, file, test] = campaign.test;
+    let cases = if full { campaign.full } else { campaign.slice };
     println!("campaign {}: {} ({cases} cases, seed {seed})", campaign.name, campaign.purpose);
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.args(["test", "--release", "--package", "retrace-tests", "--test", file, "--", test]);
-    command.env("RETRACE_CASES", cases).env("PROPTEST_RNG_SEED", seed.to_string()).env_remove("RETRACE_BIN");
+    command.args(["test", "--release", "--package", package, "--test", file, "--", test, "--nocapture"]);
+    let [count, first] = campaign.asked;
+    command.env(count, cases.to_string()).env(first, seed.to_string()).env_remove("RETRACE_BIN");
     match command.current_dir(root).status() {
         Ok(status) => status.success(),
         Err(error) => {

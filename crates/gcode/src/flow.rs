@@ -21,8 +21,8 @@ const MOST_CALLS: usize = 9;
 #[derive(Debug)]
 struct Call {
     sub: Sub,
-    /// The caller's own parameters; M98 shares them.
-    frame: Option<Frame>,
+    /// The caller's own parameters.
+    frame: Frame,
     /// Rounds of M98 that are still to come.
     rounds: u32,
 }
@@ -249,7 +249,7 @@ impl Flow {
         }
         self.has_jumped = true;
         self.calls += 1;
-        let frame = (!is_m98).then(|| interpreter.enter_sub(given));
+        let frame = if is_m98 { interpreter.enter_shared() } else { interpreter.enter_sub(given) };
         let (next, end) = (sub.entry, code.len());
         let call = Some(Call { sub, frame, rounds: rounds - 1 });
         self.levels.push(Level { code, next, end, repeats: self.rounds.len(), call });
@@ -263,18 +263,19 @@ impl Flow {
         // Stretches of the program itself lie below all calls.
         let Some(level) = self.levels.last_mut() else { return Ok(Stepped::Idle) };
         self.rounds.truncate(level.repeats);
-        let Some(call) = &mut level.call else { return Ok(Stepped::ProgramEnd) };
+        let Some(mut call) = level.call.take() else { return Ok(Stepped::ProgramEnd) };
+        let taken_up = interpreter.take_up_on_return(steps);
+        interpreter.leave_sub(call.frame, value);
         if call.rounds > 0 {
             call.rounds -= 1;
+            call.frame = interpreter.enter_shared();
             level.next = call.sub.entry;
-            return Ok(Stepped::Jumped);
+            level.call = Some(call);
+        } else {
+            self.calls -= 1;
+            self.levels.pop();
         }
-        self.calls -= 1;
-        if let Some(Call { frame: Some(frame), .. }) = self.levels.pop().and_then(|level| level.call) {
-            let taken_up = interpreter.take_up_on_return(steps);
-            interpreter.leave_sub(frame, value);
-            taken_up?;
-        }
+        taken_up?;
         Ok(Stepped::Jumped)
     }
 

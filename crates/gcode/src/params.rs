@@ -115,7 +115,8 @@ pub struct Parameters {
 /// The parameters of a caller, put away during a call.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
-    numbered: [f64; 30],
+    /// None where caller and called share them, as with M98.
+    numbered: Option<[f64; 30]>,
     local: Vec<Option<f64>>,
 }
 
@@ -166,20 +167,26 @@ impl Parameters {
         values[index] = Some(value);
     }
 
-    /// Puts the caller's own parameters away and gives the called subprogram its arguments; what is not given is 0.
-    pub(crate) fn enter(&mut self, arguments: &[f64]) -> Frame {
-        let mut numbered = [0.0; 30];
-        numbered.copy_from_slice(&self.numbered[LOCAL]);
-        for (index, number) in LOCAL.enumerate() {
-            self.numbered[number] = arguments.get(index).copied().unwrap_or(0.0);
-        }
+    /// Puts the caller's own parameters away and gives the called subprogram its arguments; what is not given is 0. Without arguments
+    /// the numbered ones are shared.
+    pub(crate) fn enter(&mut self, arguments: Option<&[f64]>) -> Frame {
+        let numbered = arguments.map(|arguments| {
+            let mut numbered = [0.0; 30];
+            numbered.copy_from_slice(&self.numbered[LOCAL]);
+            for (index, number) in LOCAL.enumerate() {
+                self.numbered[number] = arguments.get(index).copied().unwrap_or(0.0);
+            }
+            numbered
+        });
         let room = std::mem::take(&mut self.spare);
         Frame { numbered, local: std::mem::replace(&mut self.local, room) }
     }
 
     /// Puts the caller's own parameters back.
     pub(crate) fn leave(&mut self, frame: Frame) {
-        self.numbered[LOCAL].copy_from_slice(&frame.numbered);
+        if let Some(numbered) = &frame.numbered {
+            self.numbered[LOCAL].copy_from_slice(numbered);
+        }
         self.spare = std::mem::replace(&mut self.local, frame.local);
         self.spare.clear();
     }

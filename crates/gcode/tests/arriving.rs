@@ -36,7 +36,7 @@ fn both(text: &str) -> [(Vec<Step>, Option<&'static str>); 2] {
 fn random_programs_do_the_same_either_way() {
     let (mut whole, mut with_jumps) = (0, 0);
     for seed in 0..600 {
-        let text = Writer::program(seed);
+        let text = Writer::case(seed).program;
         let [file, arrived] = both(&text);
         // What has not arrived yet cannot be called; labels of what has gone may come again.
         if arrived.1 == Some("E1811") {

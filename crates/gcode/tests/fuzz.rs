@@ -58,7 +58,7 @@ proptest! {
 
     #[test]
     fn changed_programs(seed in any::<u64>(), changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0..3), 1..12)) {
-        let mut text = Writer::program(seed).into_bytes();
+        let mut text = Writer::case(seed).program.into_bytes();
         for (place, byte, change) in changes {
             let at = place.index(text.len());
             match change {
@@ -78,7 +78,7 @@ proptest! {
     /// A block does the same whether the program reaches it in one piece or the state is handed to a new interpreter before it.
     #[test]
     fn the_state_is_all_that_a_block_builds_on(seed in any::<u64>()) {
-        let text = Writer::program(seed);
+        let text = Writer::case(seed).program;
         let lines: Vec<&str> = text.lines().filter(|line| *line != "%").collect();
         let mut whole = retrace_gcode::Interpreter::new(Setup::rs274());
         for (index, line) in lines.iter().enumerate() {

@@ -306,9 +306,19 @@ impl Interpreter {
         for (place, value) in arguments.iter_mut().zip(self.arguments().skip(given)) {
             *place = value;
         }
+        self.enter_level();
+        self.core.parameters.enter(Some(&arguments))
+    }
+
+    /// Begins a subprogram that shares its caller's numbered parameters, as M98 does.
+    pub(crate) fn enter_shared(&mut self) -> Frame {
+        self.enter_level();
+        self.core.parameters.enter(None)
+    }
+
+    fn enter_level(&mut self) {
         self.core.state.call_level += 1;
         self.core.forget_context();
-        self.core.parameters.enter(&arguments)
     }
 
     /// Takes up again what M73 has put away; to be asked before the subprogram ends.

@@ -89,6 +89,9 @@ impl Core {
             (state.origin, state.g92_offset, state.rotation_degrees)
         };
         let turned = |mut pose: Pose| {
+            if degrees == 0.0 {
+                return pose;
+            }
             (pose[Axis::X], pose[Axis::Y]) = rotate(pose[Axis::X], pose[Axis::Y], -degrees);
             pose
         };

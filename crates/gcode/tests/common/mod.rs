@@ -1,7 +1,19 @@
 //! What the interpreter makes of a program, as text.
+#![allow(dead_code, reason = "each test file uses some of it")]
 
 use retrace_gcode::{CanonText, Prescan, Program, Progress, Setup, Severity};
 use std::sync::Arc;
+
+/// What became of a program.
+#[derive(Debug)]
+pub(crate) struct Outcome {
+    /// Its canonical functions up to the first error.
+    pub(crate) text: String,
+    /// File and line of the first error, if there was one.
+    pub(crate) refused: Option<(u16, u32)>,
+    /// The number of that error.
+    pub(crate) error: Option<&'static str>,
+}
 
 /// The canonical text of a program, up to its first error, and whether it had one.
 #[allow(dead_code)] // not every test has the plain setup
@@ -10,7 +22,14 @@ pub(crate) fn canon_text(program: &str) -> (String, bool) {
 }
 
 /// The same with another setup.
+#[allow(dead_code)] // as above
 pub(crate) fn canon_text_with(program: &str, setup: Setup) -> (String, bool) {
+    let outcome = carried_out(program, setup);
+    (outcome.text, outcome.refused.is_some())
+}
+
+/// Carries out a program up to its first error.
+pub(crate) fn carried_out(program: &str, setup: Setup) -> Outcome {
     let prescan = Prescan::of("program.ngc", program.into(), &setup);
     let mut program = Program::<&[u8]>::prescanned(Arc::new(prescan), setup);
     let mut text = CanonText::new(Vec::new());
@@ -27,6 +46,11 @@ pub(crate) fn canon_text_with(program: &str, setup: Setup) -> (String, bool) {
             break;
         }
     }
-    let failed = program.interpreter().diagnostics().iter().any(|found| found.severity() == Severity::Error);
-    (String::from_utf8(text.into_inner().expect("memory")).expect("text"), failed)
+    let failed = program.interpreter().diagnostics().iter().find(|found| found.severity() == Severity::Error);
+    let text = String::from_utf8(text.into_inner().expect("memory")).expect("text");
+    Outcome {
+        text,
+        refused: failed.map(|found| (found.file, found.line)),
+        error: failed.map(retrace_gcode::Diagnostic::number),
+    }
 }

@@ -212,7 +212,7 @@ fn origin(random: &mut Random, way: Way) -> String {
         Way::Tables => random.pick(TABLES).to_owned(),
         Way::Cycle => random.pick(CYCLES).to_owned(),
         Way::Program => match random.below(6) {
-            0 => Writer::program(random.below(1 << 40)),
+            0 => Writer::case(random.below(1 << 40)).program,
             1 => Outline::program(random.below(1 << 40)),
             _ => random.pick(EXAMPLES).to_owned(),
         },

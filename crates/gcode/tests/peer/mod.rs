@@ -1,0 +1,191 @@
+//! A program in two interpreters: LinuxCNC's `rs274 -g`, and this one.
+//!
+//! Invariant: every program has a folder that holds nothing but what belongs to it, so no run of the peer sees what another left.
+
+use crate::common::{Outcome, carried_out};
+use crate::writer::Case;
+use retrace_gcode::{Parameters, Setup, SubFile, SubFiles, ToolTable};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// Programs that run at a time.
+const WORKERS: u64 = 2;
+
+/// The files of a case, as our side finds them.
+#[derive(Debug)]
+struct Beside(Vec<(String, String)>);
+
+impl SubFiles for Beside {
+    fn find(&self, name: &str) -> Option<SubFile> {
+        let (name, text) = self.0.iter().find(|(own, _)| own == name)?;
+        Some(SubFile { name: format!("{name}.ngc"), text: Ok(text.as_bytes().into()) })
+    }
+}
+
+impl Case {
+    fn setup(&self) -> Setup {
+        let mut setup = Setup::rs274();
+        if let Some(tools) = self.tools {
+            setup.tools = ToolTable::read(tools).expect("a tool table");
+        }
+        if let Some(parameters) = &self.parameters {
+            setup.parameters = Parameters::read(parameters).expect("a parameter file");
+        }
+        if !self.files.is_empty() {
+            setup.files = Some(Arc::new(Beside(self.files.clone())));
+        }
+        setup
+    }
+
+    /// What this interpreter makes of it.
+    pub(crate) fn ours(&self) -> Outcome {
+        carried_out(&self.program, self.setup())
+    }
+
+    /// Takes out each line that is refused, so that what follows it is compared too: at most `most` of them. A line with an O word
+    /// stays, since others belong to it.
+    pub(crate) fn without_refused_lines(mut self, most: u32) -> Case {
+        for _ in 0..most {
+            let Some((0, line)) = self.ours().refused else { break };
+            let mut lines: Vec<&str> = self.program.lines().collect();
+            let index = line as usize - 1;
+            if lines.get(index).is_none_or(|line| others_belong_to(line)) {
+                break;
+            }
+            lines.remove(index);
+            self.program = lines.join("\n") + "\n";
+        }
+        self
+    }
+}
+
+/// Whether a line opens or closes something: it has an O word, or ends what G5.2, G41 or G42 has begun.
+fn others_belong_to(line: &str) -> bool {
+    let line = line.trim_start_matches(|letter: char| {
+        letter.is_whitespace() || letter.is_ascii_digit() || "/Nn.".contains(letter)
+    });
+    line.starts_with(['o', 'O']) || line.contains("5.3") || line.to_lowercase().contains("g40")
+}
+
+/// What the peer made of a program.
+struct Theirs {
+    functions: String,
+    complaint: String,
+    refused: bool,
+}
+
+/// What `rs274 -g` prints for a program, what it complains of, and whether it refused it; `None` where it is not installed.
+fn rs274(folder: &Path, case: &Case) -> Option<Theirs> {
+    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("a file for the peer");
+    write("program.ngc", &case.program);
+    for (name, text) in &case.files {
+        write(&format!("{name}.ngc"), text);
+    }
+    // It keeps its tool data in the home folder, where another one running would find them.
+    let mut command = Command::new("timeout");
+    command.args(["20", "rs274", "-g"]).env("HOME", folder).current_dir(folder).stdin(Stdio::null());
+    if let Some(tools) = case.tools {
+        write("tools.tbl", tools);
+        command.args(["-t", "tools.tbl"]);
+    }
+    if let Some(parameters) = &case.parameters {
+        write("parameters.var", parameters);
+        command.args(["-v", "parameters.var"]);
+    }
+    let output = command.arg("program.ngc").output().ok().filter(|output| output.status.code() != Some(127))?;
+    for (name, _) in &case.files {
+        let _ = std::fs::remove_file(folder.join(format!("{name}.ngc")));
+    }
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let (functions, complaint) = (text(&output.stdout), text(&output.stderr));
+    Some(Theirs { functions, complaint, refused: !output.status.success() })
+}
+
+pub(crate) fn number(name: &str, default: u64) -> u64 {
+    std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
+}
+
+/// The lines of rs274's standard output that are canonical functions: its error messages go to the same place.
+fn functions(text: &str) -> Vec<&str> {
+    text.lines().filter(|line| line.len() > 13 && line.as_bytes()[6] == b'N' && line.ends_with(')')).collect()
+}
+
+/// What came of many programs.
+#[derive(Debug, Default)]
+struct Tally {
+    refused: u64,
+    differing: u64,
+    /// How often each error ended a program.
+    errors: BTreeMap<&'static str, u64>,
+}
+
+impl Tally {
+    fn add(&mut self, seed: u64, case: &Case, theirs: &Theirs) {
+        let ours = case.ours();
+        self.refused += u64::from(ours.refused.is_some());
+        if let Some(error) = ours.error {
+            *self.errors.entry(error).or_default() += 1;
+        }
+        let (their_calls, our_calls) = (functions(&theirs.functions), functions(&ours.text));
+        if their_calls == our_calls && theirs.refused == ours.refused.is_some() {
+            return;
+        }
+        self.differing += 1;
+        let at = their_calls.iter().zip(&our_calls).take_while(|(theirs, ours)| theirs == ours).count();
+        println!(
+            "seed {seed}, function {at}, refused by them {}, by us {:?} {:?}",
+            theirs.refused, ours.refused, ours.error
+        );
+        println!(
+            "theirs: {:?}\nours:   {:?}\nthey say: {:?}",
+            their_calls.get(at),
+            our_calls.get(at),
+            theirs.complaint
+        );
+        if self.differing <= number("RETRACE_DIFFERENTIAL_SHOWN", 1) {
+            println!("{}{:?} {:?}", case.program, case.files, case.parameters);
+        }
+    }
+}
+
+/// Compares what both make of the programs of as many seeds as the environment asks for.
+pub(crate) fn compare(name: &str, case_of: impl Fn(u64) -> Case + Sync) {
+    let root = std::env::temp_dir().join(format!("retrace-{name}-{}", std::process::id()));
+    let (first, count) = (number("RETRACE_DIFFERENTIAL_FIRST", 0), number("RETRACE_DIFFERENTIAL", 120));
+    let (next, tally) = (AtomicU64::new(first), Mutex::new(Tally::default()));
+    let is_missing = AtomicU64::new(0);
+    let work = |folder: PathBuf| {
+        std::fs::create_dir_all(&folder).expect("a temporary folder");
+        loop {
+            let seed = next.fetch_add(1, Ordering::Relaxed);
+            if seed >= first + count {
+                break;
+            }
+            let case = case_of(seed);
+            let Some(theirs) = rs274(&folder, &case) else {
+                is_missing.store(1, Ordering::Relaxed);
+                break;
+            };
+            tally.lock().expect("a tally").add(seed, &case, &theirs);
+        }
+    };
+    std::thread::scope(|scope| {
+        for worker in 0..WORKERS {
+            let folder = root.join(worker.to_string());
+            scope.spawn(|| work(folder));
+        }
+    });
+    let _ = std::fs::remove_dir_all(&root);
+    if is_missing.into_inner() != 0 {
+        println!("rs274 not installed: {name} not compared");
+        return;
+    }
+    let Tally { refused, differing, errors } = tally.into_inner().expect("a tally");
+    println!(
+        "{name}: {count} programs from seed {first}, {refused} of them refused, {differing} differ; refusals: {errors:?}"
+    );
+    assert_eq!(differing, 0, "of {count} programs");
+}

@@ -1,0 +1,242 @@
+//! Subprograms of every kind with their calls, and loops that are left early.
+//!
+//! Invariant: a subprogram calls only those written before it, so every program ends; a call is followed by the plane and the distance
+//! mode that the lines behind it count on.
+
+use super::Writer;
+
+/// A subprogram that can be called.
+#[derive(Clone, Debug)]
+enum Callable {
+    /// `O… sub`, in the program or in a file: its label.
+    Sub(String),
+    /// An O number whose end is M99.
+    Fanuc(u32),
+}
+
+/// What the subprograms of a program are.
+#[derive(Debug, Default)]
+pub(super) struct Routines {
+    known: Vec<Callable>,
+    /// Lines that stand behind the end of the program.
+    pub(super) behind: Vec<String>,
+    /// Name and text of files.
+    pub(super) files: Vec<(String, String)>,
+}
+
+impl Writer {
+    /// Up to four subprograms, before the program, behind its end or in files.
+    pub(super) fn routines(&mut self) {
+        let mut before = Vec::new();
+        for index in 0..self.random.below(5) {
+            let number = 700 + index as u32;
+            match self.random.below(6) {
+                0 | 1 => {
+                    let body = self.body(|line| format!("O{number} {line}"), true);
+                    self.routines.known.push(Callable::Sub(number.to_string()));
+                    self.place(body, &mut before)
+                }
+                2 => {
+                    let name = format!("<Part {index}>");
+                    let body = self.body(|line| format!("o{name}{line}"), true);
+                    self.routines.known.push(Callable::Sub(name));
+                    self.place(body, &mut before)
+                }
+                3 => {
+                    // A file calls nothing: the peer looks for a subprogram in the file of the call.
+                    let known = std::mem::take(&mut self.routines.known);
+                    let (name, label) = match self.random.below(2) {
+                        0 => (format!("part{index}"), format!("<part{index}>")),
+                        _ => (number.to_string(), number.to_string()),
+                    };
+                    let mut body = self.body(|line| format!("O{label} {line}"), true);
+                    if self.random.one_in(2) {
+                        body.insert(0, "(a file of its own)".to_owned());
+                    }
+                    self.routines.known = known;
+                    self.routines.known.push(Callable::Sub(label));
+                    self.routines.files.push((name, body.join("\n") + "\nM2\n"));
+                }
+                _ => {
+                    let mut body = self.body(str::to_owned, false);
+                    body.insert(0, format!("O{number} (called with M98)"));
+                    body.push(self.random.pick(&["M99", " m99", "M99 (back)"]).to_owned());
+                    self.put_behind(body);
+                    self.routines.known.push(Callable::Fanuc(number));
+                }
+            }
+        }
+        self.lines.extend(before);
+    }
+
+    /// Puts a subprogram before or behind the program.
+    fn place(&mut self, mut body: Vec<String>, before: &mut Vec<String>) {
+        if self.random.one_in(2) {
+            return self.put_behind(body);
+        }
+        // The peer takes the value of an endsub that it passes over for one that was returned.
+        if let Some((end, value)) =
+            body.pop().and_then(|end| Some((end.clone(), end.split_once("endsub")?.1.to_owned())))
+        {
+            let end = &end[..end.len() - value.len()];
+            if !value.is_empty() {
+                body.push(format!("{}{value}", end.replace("endsub", "return")));
+            }
+            body.push(end.to_owned());
+        }
+        before.append(&mut body);
+    }
+
+    /// Puts a subprogram behind the program, before those that it calls: the peer looks for one from the call on.
+    fn put_behind(&mut self, mut body: Vec<String>) {
+        body.append(&mut self.routines.behind);
+        self.routines.behind = body;
+    }
+
+    /// The lines of a subprogram; with `sub` and `endsub` around them if they belong to it.
+    fn body(&mut self, labelled: impl Fn(&str) -> String, is_sub: bool) -> Vec<String> {
+        let outer = std::mem::take(&mut self.lines);
+        let names = std::mem::take(&mut self.names);
+        if is_sub {
+            self.lines.push(labelled("sub"));
+        }
+        if self.random.one_in(3) {
+            let (feed, speed) = (self.random.below(900) + 1, self.random.below(900));
+            self.lines.push(format!("F{feed} S{speed} G64"));
+            self.lines.push("M73".to_owned());
+            for _ in 0..self.random.below(3) {
+                let modes = ["G18", "G91", "G99", "G55", "M3", "M5", "F12", "S7", "G61", "G90.1", "G8", "G64 P.5"];
+                let mode = self.random.pick(&modes).to_owned();
+                self.lines.push(mode);
+            }
+            self.lines.push("G91.1".to_owned());
+        }
+        for _ in 0..self.random.below(4) + 1 {
+            match self.random.below(9) {
+                0..=3 => self.straight(),
+                4 => self.assignment(),
+                5 => self.arc(),
+                6 => self.early_leaving(true),
+                7 => self.call(),
+                _ => self.lines.push("(debug,#1 #2 #3 #30 #<_call_level> #<_value>)".to_owned()),
+            }
+            if is_sub && self.random.one_in(6) {
+                self.label += 1;
+                let (condition, value) = (self.expression(1), self.expression(1));
+                let end = labelled(&if self.random.one_in(2) { format!("return [{value}]") } else { "return".into() });
+                self.lines.push(format!("O{0} if [{condition}]\n{end}\nO{0} endif", self.label));
+            }
+        }
+        if is_sub {
+            let value = self.expression(1);
+            let end = if self.random.one_in(2) { "endsub".to_owned() } else { format!("endsub [{value}]") };
+            self.lines.push(labelled(&end));
+        }
+        self.names = names;
+        std::mem::replace(&mut self.lines, outer)
+    }
+
+    /// A call of one of the subprograms that there are.
+    pub(super) fn call(&mut self) {
+        if self.routines.known.is_empty() {
+            return self.straight();
+        }
+        let which = self.random.below(self.routines.known.len() as u64) as usize;
+        match self.routines.known[which].clone() {
+            Callable::Sub(label) => {
+                let arguments: Vec<String> =
+                    (0..self.random.below(4)).map(|_| format!("[{}]", self.expression(1))).collect();
+                // What a calculated call means is not known when the program is opened, so it reaches no file.
+                let is_number =
+                    label.parse::<u32>().is_ok() && !self.routines.files.iter().any(|(name, _)| *name == label);
+                let label = match self.random.below(3) {
+                    0 if is_number => {
+                        self.lines.push(format!("#29={label}"));
+                        "#29".to_owned()
+                    }
+                    1 if is_number => {
+                        let half = label.parse::<u32>().unwrap_or_default() - 350;
+                        format!("[350+{half}]")
+                    }
+                    _ => label,
+                };
+                let word = self.random.pick(&["call", "CALL", " Call "]);
+                self.lines.push(format!("O{label} {word} {}", arguments.join(" ")));
+                self.lines.push("(debug,#<_value> #<_value_returned> #1 #<_call_level>)".to_owned());
+            }
+            Callable::Fanuc(number) => {
+                let count = self.random.pick(&["", "", " L1", " L2", " L3"]);
+                self.lines.push(format!("M98 P{number}{count}"));
+            }
+        }
+        self.lines.push("G17 G90 G91.1".to_owned());
+    }
+
+    /// A loop with `break` and `continue`, and an `if` with all its branches.
+    pub(super) fn early_leaving(&mut self, is_in_sub: bool) {
+        self.label += 2;
+        let (outer, inner) = (self.label - 1, self.label);
+        let counter = format!("#{}", 40 + self.label % 100);
+        let rounds = self.random.below(4) + 1;
+        let names = self.names.len();
+        self.lines.push(format!("{counter}=0"));
+        let is_do = !is_in_sub && !self.has_leave && self.random.one_in(2);
+        let kind = u64::from(is_do);
+        self.has_leave = true;
+        match kind {
+            0 => self.lines.push(format!("o{outer} while [{counter} LT {rounds}]")),
+            _ => self.lines.push(format!("O{outer} do")),
+        }
+        self.lines.push(format!("{counter}=[{counter}+1]"));
+        let (first, second) = (self.random.below(4), self.random.below(4));
+        // One such word a loop: of two the peer takes the wrong one.
+        let leave = self.random.pick(&["break", "continue", "BREAK", "Continue"]).to_owned();
+        self.lines.push(format!("O{inner} if [{counter} EQ {first}]"));
+        if self.random.one_in(2) {
+            self.straight();
+        }
+        self.lines.push(format!("O{outer} {}", leave));
+        self.lines.push(format!("o{inner} elseif [{counter} EQ {second}]"));
+        self.straight();
+        if self.random.one_in(2) {
+            self.lines.push(format!("O {inner} else"));
+            self.straight();
+        }
+        self.lines.push(format!("O{inner} endif"));
+        self.straight();
+        self.names.truncate(names);
+        match kind {
+            0 => self.lines.push(format!("O{outer} endwhile")),
+            _ => self.lines.push(format!("O{outer} while [{counter} LT {rounds}]")),
+        }
+    }
+
+    /// A parameter file: origins, rotations, positions of G28 and G30, an offset of G92, the coordinate system in force.
+    pub(super) fn parameter_file(&mut self) -> String {
+        let mut lines = Vec::new();
+        let mut add = |number: u32, value: String| lines.push(format!("{number}\t{value}"));
+        for first in [5161, 5181] {
+            for number in first..first + 9 {
+                let value = if self.random.one_in(3) { self.random.below(2000) as f64 / 100.0 - 10.0 } else { 0.0 };
+                add(number, format!("{value:.6}"));
+            }
+        }
+        let in_force = self.random.below(2);
+        add(5210, in_force.to_string());
+        self.has_g92 |= in_force == 1;
+        for number in 5211..5220 {
+            add(number, format!("{}.25", self.random.below(4)));
+        }
+        let selected = self.random.below(9) as u32 + 1;
+        add(5220, selected.to_string());
+        for system in 0..9_u32 {
+            for axis in 1..=9 {
+                let value = if self.random.one_in(3) { self.random.below(900) as f64 / 100.0 - 4.0 } else { 0.0 };
+                add(5220 + 20 * system + axis, format!("{value:.6}"));
+            }
+            let rotation = if system + 1 != selected && self.random.one_in(6) { self.random.below(90) } else { 0 };
+            add(5230 + 20 * system, rotation.to_string());
+        }
+        lines.join("\n") + "\n"
+    }
+}
