@@ -51,17 +51,18 @@ fn draw_panel(svg: &mut String, panel: &Panel, left: f64, across: &str, up: &str
         let (x, y) = place((0.0, at));
         let _ = writeln!(
             svg,
-            "<path d=\"M{x} {y:.1}H{:.1}\" stroke=\"#ddd\"/><text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{at}</text>",
+            "<path d=\"M{x} {y:.1}H{:.1}\" stroke=\"#ddd\"/><text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
             x + WIDTH,
             x - 6.0,
-            y + 4.0
+            y + 4.0,
+            rounded(at)
         );
         at += step_y;
     }
     let mut at = 0.0;
     while at <= end_x * 1.001 {
         let (x, y) = place((at, 0.0));
-        let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{at}</text>", y + 17.0);
+        let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>", y + 17.0, rounded(at));
         at += step_x;
     }
     let _ = writeln!(svg, "<text x=\"{middle}\" y=\"{}\" text-anchor=\"middle\">{across}</text>", TOP + HEIGHT + 36.0);
@@ -77,6 +78,11 @@ fn draw_panel(svg: &mut String, panel: &Panel, left: f64, across: &str, up: &str
             let _ = writeln!(svg, "{}", mark(x, y, index));
         }
     }
+}
+
+/// A tick without what adding up has left behind its last digit.
+fn rounded(at: f64) -> f64 {
+    (at * 1e6).round() / 1e6
 }
 
 /// The distance of ticks: 1, 2 or 5 times a power of ten, four to nine of them up to the greatest value.
