@@ -284,3 +284,13 @@ fn a_contour_may_stand_in_many_places() {
     );
     assert_eq!(inch.first().map(String::as_str), Some("T:12.039,0.039"));
 }
+
+/// Absolute centres (G90.1) are the program's own way, in its contour; the cycle's arcs are none of it.
+#[test]
+fn centres_mean_in_the_contour_what_they_mean_in_the_program() {
+    let call = "CYCLE95(\"part\",2.8,0.1,0.2,,90,50,20,9)";
+    let arcs = |centre: &str| format!("G1 X10 Z0\nZ-12\nX22 Z-38\nG3 X25 Z-41 {centre}\nG1 Z-50\n");
+    let incremental = moves(&program("9", call, &arcs("I0 K-3")));
+    assert!(incremental.len() > 20);
+    assert_eq!(moves(&program("9", &format!("G90.1\n{call}"), &arcs("I22 K-41"))), incremental);
+}

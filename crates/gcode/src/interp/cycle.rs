@@ -233,6 +233,7 @@ impl super::Interpreter {
         let level = self.core.state.call_level;
         let modal = modal.as_ref().filter(|modal| modal.level == level);
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
+        let centres = self.core.state.arc_centres;
         let mut caller = Caller {
             core: &mut self.core,
             library: &library,
@@ -241,6 +242,7 @@ impl super::Interpreter {
             saved,
             words,
             path: None,
+            centres,
             most_steps: steps.len().saturating_add(MOST_FUNCTIONS),
             modal_cost: 0,
             emit: Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None },
@@ -281,6 +283,8 @@ struct Caller<'a> {
     saved: &'a mut Vec<Option<Saved>>,
     words: &'a mut Words,
     path: Option<Arc<[StockMove]>>,
+    /// What centre words mean in the program, and so in its contours.
+    centres: ArcCentres,
     /// Where the list of canonical functions may end.
     most_steps: usize,
     /// What the modal cycle has cost so far.
@@ -458,7 +462,10 @@ impl Host for Caller<'_> {
     }
 
     fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockFault> {
-        let Planned { moves: path, warnings } = self.contours.stock(self.core, call)?;
+        let centres = std::mem::replace(&mut self.core.state.arc_centres, self.centres);
+        let planned = self.contours.stock(self.core, call);
+        self.core.state.arc_centres = centres;
+        let Planned { moves: path, warnings } = planned?;
         self.warnings.extend(warnings.iter().cloned());
         let moves = path.len() as u32;
         self.path = Some(path);
