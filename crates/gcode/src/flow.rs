@@ -181,10 +181,11 @@ impl Flow {
                 level.next = to;
             }
             Jump::Return => return self.leave(interpreter, steps),
-            Jump::Cycle { call } => match level.code.cycles.get(call as usize) {
-                Some((_, call)) => return Ok(Stepped::Cycle(call.clone())),
-                None => {}
-            },
+            Jump::Cycle { call } => {
+                if let Some((_, call)) = level.code.cycles.get(call as usize) {
+                    return Ok(Stepped::Cycle(call.clone()));
+                }
+            }
             Jump::ModalCall { call } => {
                 if let Some((_, call)) = level.code.cycles.get(call as usize) {
                     interpreter.begin_modal(call)?;

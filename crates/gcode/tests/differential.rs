@@ -17,7 +17,7 @@ use writer::{Case, Writer};
 const MOST_MENDED: u32 = 12;
 
 fn mended(seed: u64, case: Case) -> Case {
-    if seed % 5 == 0 { case } else { case.without_refused_lines(MOST_MENDED) }
+    if seed.is_multiple_of(5) { case } else { case.without_refused_lines(MOST_MENDED) }
 }
 
 #[test]
