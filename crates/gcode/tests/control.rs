@@ -36,6 +36,16 @@ fn a_call_has_its_own_parameters_and_gives_the_callers_back() {
     );
 }
 
+/// As `rs274 -g` has it.
+#[test]
+fn m98_has_a_level_with_names_of_its_own_and_shares_the_numbers() {
+    let sub = "M2\nO7\nG0 X#<_call_level>\nG0 X#1\n#1=[#1+1]\n#<own>=[EXISTS[#<own>]+20]\nG0 X#<own>\nM73\nG91\nM99";
+    assert_eq!(
+        moves(&format!("#1=5\n#<own>=9\nM98 P7 L2\nG0 X#<own>\nG0 X#1\n{sub}")),
+        ["1", "5", "20", "1", "6", "20", "9", "7"]
+    );
+}
+
 #[test]
 fn one_branch_of_an_if_is_taken() {
     let branches =

@@ -60,7 +60,7 @@ impl Core {
             l => self.offset_for(words, &tool, l == Some(11.0)),
         };
         for axis in Axis::ALL {
-            let turns_too = words.get(b'l') != Some(1.0) && (axis as u8) < 2;
+            let turns_too = words.get(b'l') != Some(1.0) && (axis as u8) < 2 && words.has_any(b"xy");
             if turns_too || words.has(axis.letter().to_ascii_lowercase()) {
                 tool.offset[axis] = self.to_machine_unit(axis, offset[axis]);
             }
@@ -89,9 +89,6 @@ impl Core {
             (state.origin, state.g92_offset, state.rotation_degrees)
         };
         let turned = |mut pose: Pose| {
-            if degrees == 0.0 {
-                return pose;
-            }
             (pose[Axis::X], pose[Axis::Y]) = rotate(pose[Axis::X], pose[Axis::Y], -degrees);
             pose
         };

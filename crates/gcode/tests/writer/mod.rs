@@ -166,7 +166,7 @@ impl Writer {
             32 => self.anything(),
             33 | 34 => self.control(5),
             35 => match self.random.below(3) {
-                0 => self.early_leaving(false),
+                0 => self.early_leaving(),
                 _ => self.call(),
             },
             36 => self.compensated(),
