@@ -3,7 +3,7 @@
 //! The number of programs is 120, or what RETRACE_DIFFERENTIAL says; a run of many takes the environment variable
 //! RETRACE_DIFFERENTIAL_FIRST as its first seed; RETRACE_DIFFERENTIAL_PROGRAM names a file that is compared in place of them.
 //!
-//! Of ten programs nine are mended: a line that is refused is taken out, so that what follows it is compared. The tenth stays as it
+//! Of five programs four are mended: a line that is refused is taken out, so that what follows it is compared. The fifth stays as it
 //! was written, and ends where both refuse it.
 
 mod common;
