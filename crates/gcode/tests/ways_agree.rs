@@ -19,8 +19,8 @@ fn all_ways_give_the_same_canonical_functions() {
     for (cycles, calls) in [(0, 0), (50, 0), (0, 50), (20, 30), (50, 50)] {
         let text = program(400, cycles, calls);
         let expected = decoded(Way::Both, &text);
-        // A cycle is four moves, a subprogram two.
-        let least = 400 + 12 * cycles + 4 * calls;
+        // A cycle is three moves, a subprogram two.
+        let least = 400 + 8 * cycles + 4 * calls;
         assert!(expected.len() >= least as usize, "{} calls", expected.len());
         for way in WAYS {
             let found = decoded(way, &text);
