@@ -87,13 +87,6 @@ impl SwitchingTable {
                 user_codes.insert(100 + index as u8, user_code(USER_CODES[index], code, period_us)?);
                 continue;
             }
-            if code.output.is_some() || code.off {
-                return Err(Refusal::new(
-                    "E2112",
-                    format!("[code.{name}]: only user codes, M100 to M199, name an output"),
-                    "leave `output` and `off` out",
-                ));
-            }
             let Some(&known) = CODES.iter().find(|c| c.eq_ignore_ascii_case(name)) else {
                 let meant = nearest(name, CODES).map(|c| format!("; did you mean `{c}`?")).unwrap_or_default();
                 return Err(Refusal::new(
@@ -102,6 +95,13 @@ impl SwitchingTable {
                     format!("one of {}, M100 to M199{meant}", CODES.join(", ")),
                 ));
             };
+            if code.output.is_some() || code.off {
+                return Err(Refusal::new(
+                    "E2112",
+                    format!("[code.{name}]: only user codes, M100 to M199, name an output"),
+                    "leave `output` and `off` out",
+                ));
+            }
             within(&format!("code.{name}: duration_ms"), code.duration_ms, 0.0, 3.6e6)?;
             if code.class == Class::Synchronous && (code.duration_ms > 0.0 || matches!(known, "M6" | "T")) {
                 return Err(Refusal::new(

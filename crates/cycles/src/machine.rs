@@ -31,7 +31,7 @@ pub enum Argument<'a> {
 /// How much work a run may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Instructions; every block gives [`STEPS_OF_A_BLOCK`] of them back.
+    /// Instructions; every block gives some of them back.
     pub steps: u32,
     /// Blocks.
     pub blocks: u32,

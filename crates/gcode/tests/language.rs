@@ -144,3 +144,17 @@ fn fixed_values_can_be_read_and_not_assigned() {
     assert!(canon.contains(&Canon::StraightTraverse(retrace_gcode::Pose::xyz(2.5, 1.0, 0.0))), "{canon:?}");
     assert_eq!(run("#<_ini[foo]bar>=1\nM2\n", setup()).1, ["E1303"]);
 }
+
+#[test]
+fn saved_modes_hold_feed_per_turn_surface_speed_and_compensation() {
+    use retrace_gcode::{FeedMode, Interpreter, Side};
+    let mut interpreter = Interpreter::new(Setup::rs274());
+    let mut steps = Vec::new();
+    for line in ["S100 M3 F1 G95", "G96 D1000 S200", "G41.1 D0.5", "M70", "G94 F10 G97 S50 G40", "M72"] {
+        assert!(interpreter.line(line.as_bytes(), &mut steps).is_ok(), "{line}: {:?}", interpreter.diagnostics());
+    }
+    let state = interpreter.state();
+    assert_eq!((state.feed_mode, state.feed_rate), (FeedMode::UnitsPerRevolution, 1.0));
+    assert_eq!((state.constant_surface_speed, state.highest_spindle_speed, state.spindle_speed), (true, 1000.0, 200.0));
+    assert_eq!(state.compensation.map(|found| (found.side, found.radius)), Some((Side::Left, 0.25)));
+}

@@ -8,6 +8,7 @@ use super::{Core, Emit};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
 use crate::codes::Code;
+use crate::compensation::Side;
 use crate::diag::{Outcome, fault};
 use crate::groups::GroupM;
 use crate::modal::{ArcCentres, Distance, Spindle, State};
@@ -30,6 +31,10 @@ pub(crate) struct Context {
     lathe_diameter: bool,
     spindle: Spindle,
     spindle_speed: f64,
+    constant_surface_speed: bool,
+    highest_spindle_speed: f64,
+    /// Side and radius of cutter compensation.
+    compensation: Option<(Side, f64)>,
     mist: bool,
     flood: bool,
     feed_override: bool,
@@ -62,6 +67,9 @@ impl Context {
             lathe_diameter: state.lathe_diameter,
             spindle: state.spindle,
             spindle_speed: state.spindle_speed,
+            constant_surface_speed: state.constant_surface_speed,
+            highest_spindle_speed: state.highest_spindle_speed,
+            compensation: state.compensation.map(|compensation| (compensation.side, compensation.radius)),
             mist: state.mist,
             flood: state.flood,
             feed_override: state.feed_override,
@@ -96,6 +104,7 @@ impl Context {
         let absolute = self.arc_centres == ArcCentres::Absolute;
         code(self.arc_centres != state.arc_centres, if absolute { 90.1 } else { 91.1 })?;
         code(self.retract_to_r != state.retract_to_r, if self.retract_to_r { 99.0 } else { 98.0 })?;
+        code(self.compensation.is_none() && state.compensation.is_some(), 40.0)?;
         code(self.tool_offset != state.tool_offset, 43.1)?;
         for axis in Axis::ALL {
             words.put(axis.letter().to_ascii_lowercase(), self.tool_offset[axis]);
@@ -104,16 +113,39 @@ impl Context {
         Ok(words)
     }
 
+    /// A block that switches cutter compensation on again, if that is asked for: its D is not that of G96.
+    fn compensation_block(&self, state: &State) -> Outcome<Option<Words>> {
+        let (Some((side, radius)), None) = (self.compensation, state.compensation) else { return Ok(None) };
+        let mut words = Words::default();
+        words.add_g(if side == Side::Left { 41.1 } else { 42.1 }, <_>::default())?;
+        words.put(b'd', 2.0 * radius);
+        Ok(Some(words))
+    }
+
     fn add_feed_and_spindle(&self, state: &State, words: &mut Words) -> Outcome<()> {
         if self.feed_mode != state.feed_mode {
-            words.add_g(if self.feed_mode == FeedMode::InverseTime { 93.0 } else { 94.0 }, <_>::default())?;
+            let code = match self.feed_mode {
+                FeedMode::InverseTime => 93.0,
+                FeedMode::UnitsPerMinute => 94.0,
+                FeedMode::UnitsPerRevolution => 95.0,
+            };
+            words.add_g(code, <_>::default())?;
         }
         let ends_inverse_time = self.feed_mode != state.feed_mode && self.feed_rate != 0.0;
         if differs(self.feed_rate, state.feed_rate) || ends_inverse_time {
             words.put(b'f', self.feed_rate);
         }
-        if self.spindle_speed != state.spindle_speed {
+        let mode = |surface: bool, highest: f64| (surface, if surface { highest } else { 0.0 });
+        let is_same_mode = mode(self.constant_surface_speed, self.highest_spindle_speed)
+            == mode(state.constant_surface_speed, state.highest_spindle_speed);
+        if self.spindle_speed != state.spindle_speed || !is_same_mode {
             words.put(b's', self.spindle_speed);
+        }
+        if !is_same_mode {
+            words.add_g(if self.constant_surface_speed { 96.0 } else { 97.0 }, <_>::default())?;
+            if self.constant_surface_speed {
+                words.put(b'd', self.highest_spindle_speed);
+            }
         }
         if self.spindle != state.spindle {
             let code = match self.spindle {
@@ -202,7 +234,10 @@ impl Core {
             self.set_units(kept.units, emit);
         }
         let block = kept.block(&self.state)?;
-        let outcome = self.execute(&block, MotionToBe::None, emit);
+        let mut outcome = self.execute(&block, MotionToBe::None, emit);
+        if let (Ok(_), Some(block)) = (&outcome, kept.compensation_block(&self.state)?) {
+            outcome = self.execute(&block, MotionToBe::None, emit);
+        }
         self.take_up_switches(kept, emit);
         emit.number = number;
         outcome.map(|_| ())

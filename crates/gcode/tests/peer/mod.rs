@@ -118,6 +118,8 @@ fn functions(text: &str) -> Vec<&str> {
 struct Tally {
     refused: u64,
     differing: u64,
+    /// Programs whose first difference is a fault of the peer that stands in the list.
+    known: u64,
     /// How often each error ended a program.
     errors: BTreeMap<&'static str, u64>,
 }
@@ -133,8 +135,12 @@ impl Tally {
         if their_calls == our_calls && theirs.refused == ours.refused.is_some() {
             return;
         }
-        self.differing += 1;
         let at = their_calls.iter().zip(&our_calls).take_while(|(theirs, ours)| theirs == ours).count();
+        if is_dwell_of_another_cycle(case, their_calls.get(at), our_calls.get(at)) {
+            self.known += 1;
+            return;
+        }
+        self.differing += 1;
         println!(
             "seed {seed}, function {at}, refused by them {}, by us {:?} {:?}",
             theirs.refused, ours.refused, ours.error
@@ -149,6 +155,16 @@ impl Tally {
             println!("{}{:?} {:?}", case.program, case.files, case.parameters);
         }
     }
+}
+
+/// G74 and G84 without P: the peer takes the dwell of another cycle (peer_faults.md). The writer gives them a P; a line that was
+/// mended away may leave a hole without one.
+fn is_dwell_of_another_cycle(case: &Case, theirs: Option<&&str>, ours: Option<&&str>) -> bool {
+    let call = |line: Option<&&str>| line.and_then(|line| line.get(13..)).unwrap_or_default().to_owned();
+    let text = case.program.to_lowercase();
+    call(ours) == "DWELL(0.0000)"
+        && call(theirs).starts_with("DWELL(")
+        && (text.contains("g84") || text.contains("g74"))
 }
 
 /// Compares what both make of the programs of as many seeds as the environment asks for.
@@ -183,9 +199,9 @@ pub(crate) fn compare(name: &str, case_of: impl Fn(u64) -> Case + Sync) {
         println!("rs274 not installed: {name} not compared");
         return;
     }
-    let Tally { refused, differing, errors } = tally.into_inner().expect("a tally");
+    let Tally { refused, differing, known, errors } = tally.into_inner().expect("a tally");
     println!(
-        "{name}: {count} programs from seed {first}, {refused} of them refused, {differing} differ; refusals: {errors:?}"
+        "{name}: {count} programs from seed {first}, {refused} of them refused, {differing} differ, {known} by a fault of the peer; refusals: {errors:?}"
     );
     assert_eq!(differing, 0, "of {count} programs");
 }
