@@ -113,7 +113,11 @@ impl Writer {
         let behind = std::mem::take(&mut writer.routines.behind);
         writer.lines.extend(behind);
         // A line that is too long is refused by the peer even where it is passed over.
-        writer.lines.retain(|line| line.lines().all(|line| line.len() <= 250));
+        let fits = |line: &str| line.lines().all(|line| line.len() <= 250);
+        writer.lines.retain(|line| fits(line));
+        for (_, text) in &mut writer.routines.files {
+            *text = text.lines().filter(|line| fits(line)).map(|line| format!("{line}\n")).collect();
+        }
         Case { program: writer.lines.join("\n") + "\n", files: writer.routines.files, tools, parameters }
     }
 
