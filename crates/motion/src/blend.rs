@@ -115,6 +115,26 @@ impl<const A: usize> Blender<A> {
         self.segments.push_back((segment, s, joint));
     }
 
+    /// The first segment has just been pushed: no correction may reach nearer to its start than `way`.
+    pub(crate) fn keep_clear(&mut self, way: f64) {
+        self.barrier = way;
+    }
+
+    /// How much of the end of the last segment no correction that is decided reaches.
+    pub(crate) fn free_end(&self) -> f64 {
+        let reached = self.corners[..self.decided].iter().map(|c| c.corner.s + c.corner.h).fold(0.0, f64::max);
+        self.total - reached
+    }
+
+    /// Takes the last `way` of the last segment away.
+    pub(crate) fn shorten(&mut self, way: f64) {
+        if let Some((segment, ..)) = self.segments.back_mut() {
+            segment.length -= way;
+            self.total -= way;
+        }
+    }
+
+
     /// No correction may reach over place `s`.
     fn close(&mut self, s: f64) {
         self.barrier = s;

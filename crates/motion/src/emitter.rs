@@ -9,6 +9,8 @@ use std::collections::VecDeque;
 use retrace_core::{Flags, RapidCap, Record};
 
 use crate::curve::Derivatives;
+use crate::glide::passage::Passage;
+use crate::blend::size;
 use crate::limits::Limits;
 use crate::piece::Piece;
 use crate::profile::{Profile, SIGNS, State};
@@ -18,6 +20,8 @@ use crate::profile::{Profile, SIGNS, State};
 pub(crate) enum Item<const A: usize> {
     /// A profile over `length` mm from where the item before it ends; it ends in piece number `last`.
     Span { profile: Profile, duration: f64, length: f64, last: u64 },
+    /// The glide in front of the queue of glides; pieces before number `piece` are done.
+    Glide { piece: u64 },
     /// Rest at `end`; pieces before number `piece` are done.
     Stop { piece: u64, end: [f64; A], flags: Flags, tag: u32 },
 }
@@ -40,6 +44,7 @@ pub struct SetPoint<const A: usize> {
 pub(crate) struct Emitter<const A: usize> {
     limits: Limits<A>,
     items: VecDeque<Item<A>>,
+    glides: VecDeque<Passage<A>>,
     pieces: VecDeque<Piece<A>>,
     /// Number of the piece in front.
     first_piece: u64,
@@ -60,6 +65,8 @@ pub(crate) struct Emitter<const A: usize> {
 
 #[derive(Clone, Copy, Debug)]
 struct Met<const A: usize> {
+    /// What the axes themselves did in a glide.
+    axes: Derivatives<A>,
     bounds: Derivatives<A>,
     jerk: f64,
     rough: bool,
@@ -67,14 +74,14 @@ struct Met<const A: usize> {
 
 impl<const A: usize> Met<A> {
     const NOTHING: Self =
-        Self { bounds: Derivatives { first: [0.0; A], second: [0.0; A], third: [0.0; A] }, jerk: 0.0, rough: false };
+        Self { axes: Derivatives::NONE, bounds: Derivatives::NONE, jerk: 0.0, rough: false };
 
     fn piece(&mut self, bounds: &Derivatives<A>) {
-        for i in 0..A {
-            self.bounds.first[i] = self.bounds.first[i].max(bounds.first[i]);
-            self.bounds.second[i] = self.bounds.second[i].max(bounds.second[i]);
-            self.bounds.third[i] = self.bounds.third[i].max(bounds.third[i]);
-        }
+        self.bounds.raise(bounds);
+    }
+
+    fn moment(&mut self, by_time: &Derivatives<A>) {
+        self.axes.raise(by_time);
     }
 }
 
@@ -90,6 +97,7 @@ impl<const A: usize> Emitter<A> {
         Self {
             limits,
             items: VecDeque::new(),
+            glides: VecDeque::new(),
             pieces: VecDeque::new(),
             first_piece: 0,
             piece_start: 0.0,
@@ -118,6 +126,12 @@ impl<const A: usize> Emitter<A> {
         }
     }
 
+    /// Commits a glide; pieces before number `piece` are done when it begins.
+    pub(crate) fn commit_glide(&mut self, glide: Passage<A>, piece: u64) {
+        self.glides.push_back(glide);
+        self.commit(Item::Glide { piece });
+    }
+
     /// The last set-point.
     pub(crate) fn point(&self) -> &SetPoint<A> {
         &self.point
@@ -140,6 +154,11 @@ impl<const A: usize> Emitter<A> {
                     self.piece_start -= length;
                     self.next_item();
                 }
+                Item::Glide { .. } => {
+                    if let Some(record) = self.glide(period) {
+                        return Some(record);
+                    }
+                }
                 Item::Span { profile, last, .. } => {
                     self.time += period;
                     return Some(self.sample(&profile, last));
@@ -159,11 +178,11 @@ impl<const A: usize> Emitter<A> {
             Some(Item::Span { profile, .. }) => {
                 (self.phase, self.phase_start, self.phase_time) = (0, profile.start(), 0.0);
             }
-            Some(&Item::Stop { piece, .. }) => {
+            Some(&(Item::Stop { piece, .. } | Item::Glide { piece })) => {
                 while self.first_piece < piece {
                     self.next_piece();
                 }
-                self.piece_start = 0.0;
+                (self.piece_start, self.phase) = (0.0, 0);
             }
             None => {}
         }
@@ -215,6 +234,38 @@ impl<const A: usize> Emitter<A> {
         self.record(&before, Flags::NONE, tag)
     }
 
+    /// One period of the glide in front; `None` where it ends before, and the next item is in front.
+    fn glide(&mut self, period: f64) -> Option<Record<A>> {
+        let glide = self.glides.front()?;
+        let (duration, before) = (glide.duration(), self.phase);
+        let ends = self.time + period > duration - LATE * period;
+        let time = if ends { duration } else { self.time + period };
+        let cell = glide.cell(time);
+        for k in before..=cell {
+            self.met.moment(&glide.at(k, (k as f64 * glide.ramps.cell).max(self.time)).by_time);
+            self.met.moment(&glide.at(k, ((k + 1) as f64 * glide.ramps.cell).min(time)).by_time);
+        }
+        let (moment, tag) = (glide.at(cell, time), glide.tag(time));
+        if ends {
+            self.glides.pop_front();
+            self.time -= duration;
+            self.next_item();
+            return None;
+        }
+        (self.time, self.phase) = (time, cell);
+        let before = self.point;
+        let Derivatives { first, second, third } = moment.by_time;
+        let speed = size(&first);
+        let along = first.iter().zip(second).map(|(v, a)| v * a).sum::<f64>() / speed.max(1e-9);
+        self.point = SetPoint {
+            position_mm: moment.position,
+            velocity_mm_s: speed,
+            acceleration_mm_s2: along,
+            jerk_mm_s3: size(&third),
+        };
+        Some(self.record(&before, Flags::NONE, tag))
+    }
+
     /// The last record of a stop.
     fn arrive(&mut self, end: [f64; A], flags: Flags, tag: u32) -> Record<A> {
         let before = self.point;
@@ -249,11 +300,12 @@ impl<const A: usize> Emitter<A> {
         let mut spare = [PLENTY; 3];
         for i in 0..A {
             let (one, two, three) = (bounds.first[i], bounds.second[i], bounds.third[i]);
-            let axis_a = one * a + two * v * v;
-            let axis_j = one * j + 3.0 * two * v * a + three * v * v * v;
+            let (own_v, own_a, own_j) = (self.met.axes.first[i], self.met.axes.second[i], self.met.axes.third[i]);
+            let axis_a = (one * a + two * v * v).max(own_a);
+            let axis_j = (one * j + 3.0 * two * v * a + three * v * v * v).max(own_j);
             let times = |most: f64, used: f64| if used * PLENTY > most { most / used } else { PLENTY };
             spare = [
-                spare[0].min(times(most_v[i], one * v)),
+                spare[0].min(times(most_v[i], (one * v).max(own_v))),
                 spare[1].min(times(most_a[i], axis_a)),
                 spare[2].min(times(most_j[i], axis_j)),
             ];

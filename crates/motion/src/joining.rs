@@ -5,8 +5,10 @@
 
 use crate::blend::{Entry, Segment, size};
 use crate::corner::G_MOST;
+use crate::glide::tracks::FarEnd;
 use crate::limits::AxisLimits;
 use crate::piece::Joint;
+use crate::run::least;
 
 /// Share of the jerk that joints may take: the first that lets a joint pass at full speed, else the last.
 const JOINT_SHARES: [f64; 4] = [0.0, 0.001, 0.02, 0.25];
@@ -73,6 +75,27 @@ fn rough<const A: usize>(
     if low < SLOWEST { Joint::STOP } else { Joint { v: low, share } }
 }
 
+/// Is a corner one for a glide? Not where the moves are so short, or the turn so slight, that rounding costs no speed.
+pub(crate) fn glide_pays<const A: usize>(
+    last: &Segment<A>,
+    next: &Segment<A>,
+    ends: (FarEnd, FarEnd),
+    joined: Option<&Entry<A>>,
+    tolerance: f64,
+    axes: &AxisLimits<A>,
+) -> bool {
+    let Some(Entry::Smooth { turn, .. }) = joined else { return true };
+    let turn = size(turn);
+    let (a, j) = (least(axes.a), least(axes.j));
+    let h = tolerance / (G_MOST * turn).max(1e-12);
+    let leg = last.length.min(next.length);
+    if leg < 2.0 * h && ends != (FarEnd::Rest, FarEnd::Rest) {
+        return false;
+    }
+    let through = PASSED * (0.5 * j * h * h / turn).cbrt().min((0.6 * a * h / turn).sqrt());
+    through < last.feed.min(next.feed).min(axes.path_v)
+}
+
 /// Is rounding a corner with a turn of `size` faster than stopping in it? In a chain of short moves it always is.
 fn blend_pays<const A: usize>(
     last: &Segment<A>,
@@ -81,7 +104,6 @@ fn blend_pays<const A: usize>(
     tolerance: f64,
     axes: &AxisLimits<A>,
 ) -> bool {
-    let least = |of: [f64; A]| of.into_iter().fold(f64::MAX, f64::min);
     let (a, j) = (least(axes.a), least(axes.j));
     let h = tolerance / (G_MOST * size).max(1e-12);
     let leg = last.length.min(next.length);

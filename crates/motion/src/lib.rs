@@ -36,6 +36,7 @@ mod curve;
 mod emitter;
 mod envelope;
 mod error;
+mod glide;
 mod joining;
 mod limits;
 mod lookahead;

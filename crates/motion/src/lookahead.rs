@@ -83,25 +83,31 @@ pub(crate) struct LookAhead {
 }
 
 impl LookAhead {
-    /// Plans `blocks` from speed `v0` and acceleration `a0` to rest and appends the spans to `out`.
+    /// Plans `blocks` from speed `v0` and acceleration `a0` to those of `end` and appends the spans to `out`.
     ///
     /// # Errors
     /// [`NoPlan`]; `out` is unchanged then.
-    pub(crate) fn plan(&mut self, blocks: &[Block], v0: f64, a0: f64, out: &mut Vec<Span>) -> Result<(), NoPlan> {
-        self.envelope.compute(blocks, v0);
+    pub(crate) fn plan(
+        &mut self,
+        blocks: &[Block],
+        (v0, a0): (f64, f64),
+        end: State,
+        out: &mut Vec<Span>,
+    ) -> Result<(), NoPlan> {
+        self.envelope.compute(blocks, v0, end.v);
         self.work = WORK.0 + WORK.1 * blocks.len();
         self.tries.clear();
         self.tries.resize(blocks.len() + 1, 0);
         self.gates.clear();
         self.gates.push(Gate { joint: 0, v: v0, a: a0, stretch: UNLIMITED, profile: Profile::default() });
-        self.connect_all(blocks)?;
+        self.connect_all(blocks, end)?;
         self.tune(blocks);
         out.extend(self.gates.windows(2).map(|g| Span { first: g[0].joint, last: g[1].joint, profile: g[1].profile }));
         Ok(())
     }
 
     /// The stack pass over all proposals.
-    fn connect_all(&mut self, blocks: &[Block]) -> Result<(), NoPlan> {
+    fn connect_all(&mut self, blocks: &[Block], end: State) -> Result<(), NoPlan> {
         let n = blocks.len();
         let mut since = UNLIMITED;
         let mut elapsed = 0.0;
@@ -116,7 +122,7 @@ impl LookAhead {
             }
         }
         since = since.with(Stretch::of(&blocks[n - 1..]));
-        if self.attach(blocks, n, State::default(), &mut since, 0)? { Ok(()) } else { Err(NoPlan) }
+        if self.attach(blocks, n, end, &mut since, 0)? { Ok(()) } else { Err(NoPlan) }
     }
 
     /// Connects joint `k` in state `to` to the gates so far; false where it cannot be reached. `since` holds the limits
@@ -158,9 +164,10 @@ impl LookAhead {
 
     /// Connects joint `k` with zero acceleration there, or at the last gate, or at both; false where that does not help.
     fn relax(&mut self, blocks: &[Block], k: usize, to: State, since: &mut Stretch) -> Result<bool, NoPlan> {
-        let level = State::moving(to.v, 0.0);
+        // The end of the road stays as it is.
+        let level = if k < blocks.len() { State::moving(to.v, 0.0) } else { to };
         let Some(&left) = self.gates.last() else { return Ok(false) };
-        if to.a != 0.0 && self.push_span(blocks, left, k, level, since)? {
+        if to != level && self.push_span(blocks, left, k, level, since)? {
             return Ok(true);
         }
         let [.., before, _] = self.gates[..] else { return Ok(false) };
@@ -472,7 +479,7 @@ pub(crate) mod tests {
         #[test]
         fn plans_are_legal_from_rest_and_from_their_own_gates(blocks in road(), pick in any::<prop::sample::Index>()) {
             let (mut look_ahead, mut spans) = (LookAhead::default(), Vec::new());
-            if look_ahead.plan(&blocks, 0.0, 0.0, &mut spans).is_err() {
+            if look_ahead.plan(&blocks, (0.0, 0.0), State::default(), &mut spans).is_err() {
                 prop_assert!(spans.is_empty());
                 return Ok(());
             }
@@ -482,7 +489,7 @@ pub(crate) mod tests {
             prop_assert!(total >= bound * (1.0 - 1e-9), "faster than the envelope: {} < {}", total, bound);
             let gate = spans[pick.index(spans.len())];
             let mut fresh = Vec::new();
-            if look_ahead.plan(&blocks[gate.first..], gate.profile.v0, gate.profile.a0, &mut fresh).is_ok() {
+            if look_ahead.plan(&blocks[gate.first..], (gate.profile.v0, gate.profile.a0), State::default(), &mut fresh).is_ok() {
                 let start = State::moving(gate.profile.v0, gate.profile.a0);
                 prop_assert_eq!(check(&blocks[gate.first..], &fresh, start), Ok(()));
             }
@@ -495,7 +502,7 @@ pub(crate) mod tests {
         let time = |n: usize| {
             let blocks = vec![Block { length: 100.0 / n as f64, limits, exit_v: f64::MAX }; n];
             let mut spans = Vec::new();
-            LookAhead::default().plan(&blocks, 0.0, 0.0, &mut spans).expect("a straight line has a plan");
+            LookAhead::default().plan(&blocks, (0.0, 0.0), State::default(), &mut spans).expect("a straight line has a plan");
             spans.iter().map(|span| span.profile.duration()).sum::<f64>()
         };
         for n in [2, 7, 100, 5000] {

@@ -9,9 +9,15 @@ use crate::blend::{Blender, Entry, Segment, size};
 use crate::curve::{Arc, Curve};
 use crate::emitter::{Emitter, Item, SetPoint, counts_of};
 use crate::error::{LimitError, MoveError};
-use crate::joining::join;
+use crate::glide::book::Book;
+use crate::glide::optimum::gentle;
+use crate::glide::passage::Passage;
+use crate::glide::ramp::Ramps;
+use crate::glide::tracks::{FarEnd, Track, Tracks};
+use crate::joining::{glide_pays, join};
 use crate::limits::{AxisLimits, Limits};
 use crate::piece::{Joint, Piece};
+use crate::profile::{State, fastest, stopping_distance};
 use crate::run::{Run, least};
 
 /// How fast a move goes.
@@ -39,6 +45,24 @@ pub enum PathMode {
     },
 }
 
+/// A move that waits for the next one, which decides how it is joined to the one before.
+#[derive(Clone, Copy, Debug)]
+struct Held<const A: usize> {
+    segment: Segment<A>,
+    start: [f64; A],
+    /// It ends with a full stop.
+    stops: bool,
+}
+
+/// The first segment of a run, as long as it is the only one.
+#[derive(Clone, Copy, Debug)]
+struct Lead {
+    /// In which state the run begins, its place counted from the start of the whole segment.
+    start: State,
+    /// Length of the whole segment, mm.
+    length: f64,
+}
+
 /// Plans moves and emits one record a control period.
 #[derive(Debug)]
 pub struct Planner<const A: usize> {
@@ -49,6 +73,9 @@ pub struct Planner<const A: usize> {
     run: Run<A>,
     /// Pieces on their way from the blender to the run, kept for their memory.
     pieces: Vec<(Piece<A>, Joint)>,
+    book: Book,
+    held: Option<Held<A>>,
+    lead: Option<Lead>,
     /// Where the last move ends.
     at: [f64; A],
     /// Program line of the last move.
@@ -76,6 +103,9 @@ impl<const A: usize> Planner<A> {
             blender: Blender::new(reach),
             run: Run::new(axes),
             pieces: Vec::new(),
+            book: Book::default(),
+            held: None,
+            lead: None,
             at: start_mm,
             tag: 0,
             stops: false,
@@ -117,6 +147,9 @@ impl<const A: usize> Planner<A> {
     /// Where nothing has moved since the last stop, and `flags` asks for what that one's record does not carry, the stop
     /// takes one record without motion.
     pub fn stop(&mut self, flags: Flags) {
+        if let Some(held) = self.held.take() {
+            self.place(&held, None);
+        }
         let flags = flags.with(Flags::REST);
         let (end, held) = self.rest;
         let moves = self.blender.last().is_some();
@@ -154,19 +187,129 @@ impl<const A: usize> Planner<A> {
             Feed::Rapid => f64::MAX,
         };
         let segment = Segment { curve, length, feed, tag, tolerance: self.tolerance(mode) };
+        let stops = mode == PathMode::ExactStop;
+        if let Some(before) = self.held.replace(Held { segment, start, stops }) {
+            self.place(&before, Some(&segment));
+        }
+    }
+
+    /// Joins a move to what there is; `next` follows it, or a stop.
+    fn place(&mut self, held: &Held<A>, next: Option<&Segment<A>>) {
+        let Held { segment, start, .. } = held;
         let mut entry = Entry::Rough(Joint::STOP);
-        if let Some(last) = self.blender.last() {
+        if let Some(last) = self.blender.last().copied() {
             let stops = self.stops;
-            match join(last, &segment, &self.axes) {
-                Some(joined) if !stops => entry = joined,
-                _ => self.finish_run(start, last.tag, Flags::REST),
+            let joined = join(&last, segment, &self.axes).filter(|_| !stops);
+            let glide = if stops { None } else { self.find_glide(&last, held, next, joined.as_ref()) };
+            if let Some((tracks, ramps)) = glide
+                && self.pass(&tracks, &ramps, &last, held)
+            {
+                return;
+            }
+            match joined {
+                Some(joined) => entry = joined,
+                None => self.finish_run(*start, last.tag, Flags::REST),
             }
         }
-        self.stops = mode == PathMode::ExactStop;
-        self.blender.push(segment, entry);
+        self.stops = held.stops;
+        self.lead = self.blender.last().is_none().then_some(Lead { start: State::default(), length: segment.length });
+        self.blender.push(*segment, entry);
         if self.blender.is_ready() {
             self.hand_on(false);
         }
+    }
+
+    /// A glide from `last` into the held move, if it is faster than any other way.
+    fn find_glide(
+        &mut self,
+        last: &Segment<A>,
+        held: &Held<A>,
+        next: Option<&Segment<A>>,
+        joined: Option<&Entry<A>>,
+    ) -> Option<(Tracks<A>, Ramps)> {
+        let segment = &held.segment;
+        let tolerance = last.tolerance.min(segment.tolerance);
+        if tolerance <= 0.0 || !last.curve.is_line() || !segment.curve.is_line() {
+            return None;
+        }
+        let (u, w) = (last.curve.derivatives(0.0).first, segment.curve.derivatives(0.0).first);
+        if u[A.min(3)..].iter().chain(&w[A.min(3)..]).any(|x| *x != 0.0) {
+            return None;
+        }
+        let moves_on = |stops: bool, next: Option<&Segment<A>>| {
+            if stops || next.is_none_or(|next| next.tolerance.min(segment.tolerance) <= 0.0) {
+                FarEnd::Rest
+            } else {
+                FarEnd::Moving
+            }
+        };
+        let (length, from) = match self.lead {
+            Some(Lead { start, length }) if start == State::default() => (length, FarEnd::Rest),
+            Some(Lead { length, .. }) => (length, FarEnd::Moving),
+            None => (last.length, FarEnd::Moving),
+        };
+        let to = moves_on(held.stops, next);
+        if !glide_pays(last, segment, (from, to), joined, tolerance, &self.axes) {
+            return None;
+        }
+        let tracks = Tracks {
+            pair: [
+                Track::new(u, length, from, last.feed, &self.axes),
+                Track::new(w, segment.length, to, segment.feed, &self.axes),
+            ],
+            tolerance,
+        };
+        if tracks.sine() < 1e-3 {
+            return None;
+        }
+        let ramps = self.book.glide(&tracks, &self.axes)?;
+        self.fitted(&tracks, ramps)
+    }
+
+    /// The glide as large as the way before it allows.
+    fn fitted(&self, tracks: &Tracks<A>, ramps: Ramps) -> Option<(Tracks<A>, Ramps)> {
+        let before = &tracks.pair[0];
+        let free = self.blender.free_end();
+        [1.0, 0.7, 0.5, 0.3].into_iter().map(|factor| ramps.scaled(factor)).find_map(|ramps| {
+            let [out, _] = ramps.ends();
+            if out.s > free {
+                return None;
+            }
+            let Some(Lead { start, length }) = self.lead else { return Some((*tracks, ramps)) };
+            let (from, to) = (State::moving(start.v, start.a), State::moving(out.v, -out.a));
+            fastest(from, to, length - start.s - out.s, before.limits).ok().map(|_| (*tracks, ramps))
+        })
+    }
+
+    /// Goes over into the held move by a glide; false where the motion before it could not be brought into it.
+    fn pass(&mut self, tracks: &Tracks<A>, ramps: &Ramps, last: &Segment<A>, held: &Held<A>) -> bool {
+        let [out, into] = ramps.ends();
+        let Held { segment, start, stops, .. } = held;
+        self.blender.shorten(out.s);
+        self.hand_on(true);
+        let (piece, reached) = self.run.finish_moving(State::moving(out.v, -out.a), &mut self.emitter);
+        if !reached {
+            // At rest a little before the corner; the rest of the way is a move of its own.
+            let from = last.length - out.s;
+            let end = last.curve.at(from);
+            self.emitter.commit(Item::Stop { piece, end, flags: Flags::NONE, tag: last.tag });
+            self.blender.push(
+                Segment { curve: last.curve.from(from), length: out.s, ..*last },
+                Entry::Rough(Joint::STOP),
+            );
+            self.lead = None;
+            self.finish_run(*start, last.tag, Flags::REST);
+            return false;
+        }
+        let directions = tracks.pair.map(|track| track.direction);
+        self.emitter.commit_glide(Passage::new(*start, directions, [last.tag, segment.tag], *ramps), piece);
+        self.run.begin(State::moving(into.v, into.a));
+        self.stops = *stops;
+        self.lead = Some(Lead { start: into, length: segment.length });
+        let rest = Segment { curve: segment.curve.from(into.s), length: segment.length - into.s, ..*segment };
+        self.blender.push(rest, Entry::Rough(Joint::STOP));
+        self.blender.keep_clear(stopping_distance(into, gentle(tracks.pair[1].limits, into)));
+        true
     }
 
     /// How far the path may be cut, with room for the rounding to whole pulses; 0 where that leaves nothing worth it.
@@ -186,6 +329,7 @@ impl<const A: usize> Planner<A> {
 
     fn finish_run(&mut self, end: [f64; A], tag: u32, flags: Flags) {
         self.hand_on(true);
+        self.lead = None;
         let piece = self.run.finish(&mut self.emitter);
         self.emitter.commit(Item::Stop { piece, end, flags, tag });
         self.rest = (end, flags);

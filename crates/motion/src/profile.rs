@@ -175,6 +175,11 @@ fn fall(from: State, to: State, p: f64, limits: PathLimits) -> ([f64; 4], f64) {
     (times, end.s)
 }
 
+/// The least distance in which `from`, whose speed is not below what its acceleration takes away, comes to rest.
+pub(crate) fn stopping_distance(from: State, limits: PathLimits) -> f64 {
+    -ramp(-from.v, -from.a, 0.0, limits).distance
+}
+
 /// The fastest profile from `from` (its place is ignored) to `to` over `length` within the limits, in closed form up to one
 /// root (SMO-8's better sibling).
 ///

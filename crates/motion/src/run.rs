@@ -8,7 +8,7 @@ use crate::envelope::Block;
 use crate::limits::AxisLimits;
 use crate::lookahead::{LookAhead, Span};
 use crate::piece::{Joint, Piece};
-use crate::profile::Profile;
+use crate::profile::{Profile, State, fastest};
 use crate::stepwise;
 
 /// The road since the last stop, as far as it is not committed.
@@ -68,7 +68,7 @@ impl<const A: usize> Run<A> {
         self.push_tail(entry, emitter);
         self.tail = Some((piece, entry));
         if self.length > 2.0 * self.keep || self.blocks.len() >= MOST_BLOCKS {
-            self.replan();
+            self.replan(State::default());
             self.commit_part(emitter);
         }
     }
@@ -76,9 +76,23 @@ impl<const A: usize> Run<A> {
     /// Plans and commits everything, to rest; gives the number of the next piece.
     pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
         self.push_tail(Joint::STOP, emitter);
-        self.replan();
+        self.replan(State::default());
         self.commit_all(emitter);
         self.next_piece
+    }
+
+    /// Begins the next run in motion; it must be able to come to rest within its first piece.
+    pub(crate) fn begin(&mut self, start: State) {
+        (self.v, self.a) = (start.v, start.a);
+    }
+
+    /// Plans and commits everything, to state `end`; where that cannot be reached any more, to rest, and says so. Gives the
+    /// number of the next piece.
+    pub(crate) fn finish_moving(&mut self, end: State, emitter: &mut Emitter<A>) -> (u64, bool) {
+        self.push_tail(Joint { v: end.v, share: 0.0 }, emitter);
+        let reached = self.replan(end);
+        self.commit_all(emitter);
+        (self.next_piece, reached)
     }
 
     /// The joint at the end of the last piece is known: the piece joins the road.
@@ -89,7 +103,8 @@ impl<const A: usize> Run<A> {
         let number = emitter.append(piece);
         self.next_piece = number + 1;
         self.length += piece.length;
-        let unplanned = self.blocks.len() > self.planned;
+        // The first block of a run that begins in motion stays as it is, so that it is long enough to stop in.
+        let unplanned = self.blocks.len() > self.planned && (self.blocks.len() > 1 || self.v == 0.0);
         if let Some(block) = self.blocks.last_mut()
             && unplanned
             && entry == Joint::SMOOTH
@@ -104,47 +119,66 @@ impl<const A: usize> Run<A> {
         }
     }
 
-    /// Plans all blocks to rest. Where that fails from the present state, the plan there is stays up to one of its next gates,
-    /// and what lies beyond is planned from there; its last gate is at rest, and from rest there always is a plan.
-    fn replan(&mut self) {
+    /// Plans all blocks to `end`. Where that fails from the present state, the plan there is stays up to one of its next gates,
+    /// and what lies beyond is planned from there; its last gate is at rest, and from rest there always is a plan to rest.
+    /// False where it came to that and `end` is not at rest.
+    fn replan(&mut self, end: State) -> bool {
         if self.planned == self.blocks.len() {
-            return;
+            return true;
         }
-        if self.plan_from(0, self.v, self.a) {
+        if self.plan_from(0, (self.v, self.a), end) {
             self.plan.clear();
             self.plan.append(&mut self.fresh);
-        } else {
-            let mut gate = 1;
-            while gate < self.plan.len() {
-                let Span { first, profile, .. } = self.plan[gate];
-                if self.plan_from(first, profile.v0, profile.a0) {
-                    break;
-                }
-                gate *= 2;
+            self.planned = self.blocks.len();
+            return true;
+        }
+        if self.planned == 0 && self.v > 0.0 {
+            self.stop_in_first_block();
+        }
+        let mut reached = true;
+        let mut gate = 1;
+        while gate < self.plan.len() {
+            let Span { first, profile, .. } = self.plan[gate];
+            if self.plan_from(first, (profile.v0, profile.a0), end) {
+                break;
             }
-            if gate >= self.plan.len() {
-                gate = self.plan.len();
-                if !self.plan_from(self.planned, 0.0, 0.0) {
+            gate *= 2;
+        }
+        if gate >= self.plan.len() {
+            gate = self.plan.len();
+            if !self.plan_from(self.planned, (0.0, 0.0), end) {
+                reached = end == State::default();
+                if !self.plan_from(self.planned, (0.0, 0.0), State::default()) {
                     stepwise::plan(&self.blocks[self.planned..], &mut self.fresh);
                 }
             }
-            let beyond = self.plan.get(gate).map_or(self.planned, |span| span.first);
-            self.plan.truncate(gate);
-            self.plan.extend(self.fresh.drain(..).map(|span| Span {
-                first: span.first + beyond,
-                last: span.last + beyond,
-                ..span
-            }));
         }
+        let beyond = self.plan.get(gate).map_or(self.planned, |span| span.first);
+        self.plan.truncate(gate);
+        self.plan.extend(self.fresh.drain(..).map(|span| Span {
+            first: span.first + beyond,
+            last: span.last + beyond,
+            ..span
+        }));
         self.planned = self.blocks.len();
+        reached
     }
 
-    /// Plans the blocks from number `first` on into `fresh`; false where there is no plan from that state.
-    fn plan_from(&mut self, first: usize, v: f64, a: f64) -> bool {
-        self.look_ahead.plan(&self.blocks[first..], v, a, &mut self.fresh).is_ok()
+    /// A run that begins in motion and finds no other plan comes to rest at the end of its first block, which is long enough.
+    fn stop_in_first_block(&mut self) {
+        let Block { length, limits, .. } = self.blocks[0];
+        if let Ok(profile) = fastest(State::moving(self.v, self.a), State::default(), length, limits) {
+            self.plan.push(Span { first: 0, last: 1, profile });
+            self.planned = 1;
+        }
     }
 
-    /// Commits the whole plan, which ends at rest.
+    /// Plans the blocks from number `first` on into `fresh`; false where there is no plan between these states.
+    fn plan_from(&mut self, first: usize, from: (f64, f64), end: State) -> bool {
+        first < self.blocks.len() && self.look_ahead.plan(&self.blocks[first..], from, end, &mut self.fresh).is_ok()
+    }
+
+    /// Commits the whole plan.
     fn commit_all(&mut self, emitter: &mut Emitter<A>) {
         let s = self.joints();
         for span in &self.plan {
