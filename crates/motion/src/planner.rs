@@ -249,7 +249,7 @@ impl<const A: usize> Planner<A> {
             None => (last.length, FarEnd::Moving),
         };
         let to = moves_on(held.stops, next);
-        if !glide_pays(last, segment, (from, to), joined, tolerance, &self.axes) {
+        if !glide_pays([(last, from), (segment, to)], joined, tolerance, &self.axes) {
             return None;
         }
         let tracks = Tracks {

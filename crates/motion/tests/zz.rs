@@ -40,3 +40,52 @@ fn bad() {
     println!("{:?}", judge(&limits, &moves, &run, 0.05, 5));
     for n in 115..130 { println!("{n} {:?}", run.points[n]); }
 }
+#[test]
+fn chains() {
+    let limits = Limits::built_in();
+    for tol in [0.005, 0.05] {
+    for leg in [0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0] {
+    for deg in [3.0f64, 6.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0] {
+        let mut line = format!("{tol:5} {leg:4} {deg:3}");
+        for zigzag in [false, true] {
+            let mut t = vec![];
+            for k in ["glide", "stop"] {
+                let mode = if k == "stop" { PathMode::ExactStop } else { PathMode::Blend { tolerance_mm: tol } };
+                let (mut at, mut h) = ([0.0f64; 3], 0.1f64);
+                let moves: Vec<Move> = (0..24).map(|i| {
+                    let d = deg.to_radians();
+                    h += if zigzag && i % 2 == 0 { -d } else { d };
+                    at = [at[0] + leg * h.cos(), at[1] + leg * h.sin(), 0.0];
+                    Move { path: Path::Line(at), feed: Feed::Rapid, mode, stop: false }
+                }).collect();
+                let run = play(limits, &moves, usize::MAX);
+                t.push(run.points.len());
+            }
+            let h = tol * 6.0 / deg.to_radians();
+            line += &format!("  | glide {:5} stop {:5}  leg/h {:.2} g/s {:.2}", t[0], t[1], leg / h, t[0] as f64 / t[1] as f64);
+        }
+        println!("{line}");
+    }}}
+}
+#[test]
+fn oracle_table() {
+    let mut limits = Limits::built_in();
+    let mut all = vec![];
+    for line in std::fs::read_to_string("/tmp/corner_optima.csv").unwrap().lines().skip(1) {
+        let f: Vec<f64> = line.split(',').map(|x| x.parse().unwrap()).collect();
+        let (deg, leg, tol, opt) = (f[0], f[1], f[2], f[3]);
+        let (s, c) = deg.to_radians().sin_cos();
+        let mode = PathMode::Blend { tolerance_mm: tol };
+        limits.pulses_per_mm = [100_000.0; 3];
+        limits.period_s = 0.0001;
+        let moves = [[leg, 0.0, 0.0], [leg + c * leg, s * leg, 0.0]].map(|p| Move { path: Path::Line(p), feed: Feed::Rapid, mode, stop: false });
+        let t0 = std::time::Instant::now();
+        let run = play(limits, &moves, usize::MAX);
+        let el = t0.elapsed().as_secs_f64() * 1e3;
+        let r = (run.points.len() as f64 - 0.5) * limits.period_s / opt;
+        all.push(r);
+        println!("{deg} {leg} {tol} ratio {r:.4} {el:.1} ms");
+    }
+    all.sort_by(f64::total_cmp);
+    println!("median {} worst {}", all[all.len() / 2], all[all.len() - 1]);
+}

@@ -1,81 +1,122 @@
 //! Glides that were found already.
 //!
+//! A glide depends on the tracks' directions, lengths and feeds and on the tolerance. Tracks that are alike share one: they are
+//! rounded, and brought into one order of axes, signs and sides, before they are looked up. The glide that is found for them is
+//! scaled down until it is legal on the tracks themselves, which costs little, as they are nearly the same.
+//!
 //! Invariant: what is looked up is what would be found anew, so that the path depends on the program alone. The book is bounded.
 
 use std::collections::HashMap;
 
 use crate::glide::optimum::{Found, Optimiser, stopping_time};
 use crate::glide::ramp::Ramps;
-use crate::glide::tracks::{FarEnd, Tracks};
+use crate::glide::tracks::{FarEnd, Track, Tracks};
 use crate::limits::AxisLimits;
 
 /// Glides by the tracks they belong to; it keeps the memory of the search.
 #[derive(Debug, Default)]
 pub(crate) struct Book {
-    found: HashMap<Vec<u64>, Option<Ramps>>,
+    found: HashMap<Vec<i64>, Option<Ramps>>,
     optimiser: Optimiser,
 }
 
 /// Entries after which the book is begun anew.
 const MOST: usize = 1 << 14;
-/// Tracks are looked up with lengths rounded down to this ratio …
-const LENGTHS: f64 = 1.1;
-/// … and counted as this many times the way that their speed takes to stop, if they are longer.
+/// Lengths are rounded down to steps of this ratio: of tracks that move on, and of tracks that end at rest.
+const LENGTHS: (f64, f64) = (1.25, 1.02);
+/// A track counts no longer than this many times the way that its speed takes to stop, …
 const LONG: f64 = 2.2;
-/// Directions are looked up to this.
-const DIRECTIONS: f64 = 1e-6;
-/// Durations that are tried, as shares of the longest.
+/// … nor, if it moves on, than this many times the other one.
+const UNEQUAL: f64 = 3.0;
+/// Directions are rounded to this part of the turn, or a little less.
+const DIRECTIONS: f64 = 12.0;
+/// Durations that are tried, as shares of the longest, and then around the best of them.
 const SHARES: [f64; 4] = [1.0, 0.84, 0.7, 0.5];
+const AROUND: [f64; 2] = [1.08, 0.93];
 
 impl Book {
     /// The glide for these tracks; `None` where stopping is faster.
     pub(crate) fn glide<const A: usize>(&mut self, tracks: &Tracks<A>, axes: &AxisLimits<A>) -> Option<Ramps> {
-        let rounded = rounded(tracks);
-        let key = key(&rounded);
-        let found = match self.found.get(&key) {
+        let common = Common::of(tracks, axes);
+        let found = match self.found.get(&common.key) {
             Some(found) => *found,
             None => {
                 if self.found.len() >= MOST {
                     self.found.clear();
                 }
-                let found = search(&mut self.optimiser, &rounded, axes);
-                self.found.insert(key, found);
+                let found = search(&mut self.optimiser, &common.tracks, &common.axes);
+                self.found.insert(common.key, found);
                 found
             }
         };
-        let ramps = found?;
-        // Rounding of directions may have taken a little too much.
+        let mut ramps = found?;
+        if common.swapped {
+            ramps.pair.swap(0, 1);
+        }
         let taken = ramps.taken(tracks, axes);
         Some(if taken > 1.0 { ramps.scaled((1.0 - 1e-12) / taken) } else { ramps })
     }
 }
 
-/// The tracks as they are looked up.
-fn rounded<const A: usize>(tracks: &Tracks<A>) -> Tracks<A> {
-    let mut rounded = *tracks;
-    for track in &mut rounded.pair {
-        let limits = track.limits;
-        let long = LONG * limits.v * (limits.v / limits.a + limits.a / limits.j);
-        let steps = (track.length.min(long).ln() / LENGTHS.ln()).floor();
-        track.length = (steps * LENGTHS.ln()).exp();
-        if track.length > 0.9 * long / LENGTHS {
-            track.far_end = FarEnd::Rest;
-        }
-        track.direction = track.direction.map(|x| (x / DIRECTIONS).round() * DIRECTIONS);
-    }
-    rounded
+/// Tracks in the form that all tracks alike share.
+struct Common<const A: usize> {
+    tracks: Tracks<A>,
+    axes: AxisLimits<A>,
+    /// The track before the joint stands for the one after it: the glide is run backward.
+    swapped: bool,
+    key: Vec<i64>,
 }
 
-fn key<const A: usize>(tracks: &Tracks<A>) -> Vec<u64> {
-    let mut key = Vec::with_capacity(2 * A + 7);
-    key.push(tracks.tolerance.to_bits());
-    for track in &tracks.pair {
-        key.extend(track.direction.map(|x| (x / DIRECTIONS).round() as i64 as u64));
-        key.push(track.length.to_bits());
-        key.push(track.feed.to_bits());
-        key.push(u64::from(track.far_end == FarEnd::Rest));
+impl<const A: usize> Common<A> {
+    fn of(tracks: &Tracks<A>, axes: &AxisLimits<A>) -> Self {
+        let [one, two] = &tracks.pair;
+        let turn = one.direction.iter().zip(two.direction).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
+        let grid = (turn / DIRECTIONS).log2().floor().exp2();
+        let steps = |track: &Track<A>| track.direction.map(|x| (x / grid).round() as i64);
+        let mut pairs: [_; A] = {
+            let (u, w) = (steps(one), steps(two));
+            std::array::from_fn(|i| (axes.limits_of(i), u[i], w[i]))
+        };
+        let lengths = [rounded(one, two.length), rounded(two, one.length)];
+        let swapped = (lengths[1].0, lengths[1].1, two.feed.to_bits()) < (lengths[0].0, lengths[0].1, one.feed.to_bits());
+        for (_, u, w) in &mut pairs {
+            if swapped {
+                std::mem::swap(u, w);
+            }
+            if (*u, *w) < (0, 0) {
+                (*u, *w) = (-*u, -*w);
+            }
+        }
+        pairs.sort_unstable();
+        let sides = if swapped { [1, 0] } else { [0, 1] };
+        let axes = axes.with(|i| pairs[i].0);
+        let pair = [0, 1].map(|side| {
+            let own = &tracks.pair[sides[side]];
+            let steps: [i64; A] = std::array::from_fn(|i| if side == 0 { pairs[i].1 } else { pairs[i].2 });
+            let size = steps.iter().map(|x| (x * x) as f64).sum::<f64>().sqrt();
+            let (_, rest, length) = lengths[sides[side]];
+            let far_end = if rest { FarEnd::Rest } else { FarEnd::Moving };
+            Track::new(steps.map(|x| x as f64 / size), length, far_end, own.feed, &axes)
+        });
+        let mut key = vec![tracks.tolerance.to_bits() as i64, grid.to_bits() as i64];
+        key.extend(pairs.iter().flat_map(|(_, u, w)| [*u, *w]));
+        for side in sides {
+            key.extend([lengths[side].0, i64::from(lengths[side].1), tracks.pair[side].feed.to_bits() as i64]);
+        }
+        Self { tracks: Tracks { pair, tolerance: tracks.tolerance }, axes, swapped, key }
     }
-    key
+}
+
+/// Length of a track as it is looked up, in steps and in mm, and whether it counts as ending at rest.
+fn rounded<const A: usize>(track: &Track<A>, other: f64) -> (i64, bool, f64) {
+    let limits = track.limits;
+    let long = LONG * limits.v * (limits.v / limits.a + limits.a / limits.j);
+    let (longest, ratio) = match track.far_end {
+        FarEnd::Rest => (long, LENGTHS.1),
+        FarEnd::Moving => (long.min(UNEQUAL * other), LENGTHS.0),
+    };
+    let steps = (track.length.min(longest).ln() / f64::ln(ratio)).floor();
+    (steps as i64, track.far_end == FarEnd::Rest, (steps * f64::ln(ratio)).exp())
 }
 
 /// The best of several durations.
@@ -83,15 +124,26 @@ fn search<const A: usize>(optimiser: &mut Optimiser, tracks: &Tracks<A>, axes: &
     let stop = stopping_time(tracks)?;
     let [one, two] = tracks.pair.map(|track| track.limits);
     let (v, a, j) = (one.v.max(two.v), one.a.min(two.a), one.j.min(two.j));
-    let longest = (2.8 * a / j).min(0.42 * stop).min(2.5 * (v / j).sqrt());
+    // Half of a track that moves on counts as half of its time.
+    let whole: f64 = if tracks.pair.iter().all(|track| track.far_end == FarEnd::Moving) { 2.0 } else { 1.0 };
+    let longest = (2.8 * a / j).min(0.42 * whole * stop).min(2.5 * (v / j).sqrt());
     let mut best: Option<Found> = None;
-    for share in SHARES {
-        let found = optimiser.find(tracks, axes, share * longest, None);
+    let mut attempt = |duration: f64| {
+        let found = optimiser.find(tracks, axes, duration, None);
         if let Some(found) = found
             && best.is_none_or(|best| found.time < best.time)
         {
             best = Some(found);
         }
+        best
+    };
+    let mut found = None;
+    for share in SHARES {
+        found = attempt(share * longest);
     }
-    best.filter(|best| best.time < stop * (1.0 - 1e-6)).map(|best| best.ramps)
+    let around = found?.ramps.duration();
+    for share in AROUND {
+        found = attempt(share * around);
+    }
+    found.filter(|best| best.time < stop * (1.0 - 1e-6)).map(|best| best.ramps)
 }

@@ -23,6 +23,8 @@ const MOST_PROGRAMS: usize = 40;
 const MOST_TANGENTS: usize = 12;
 /// Seconds are counted in this unit in the programs, so that all numbers are about 1.
 const UNIT: f64 = 0.01;
+/// Share of its length within which a track that moves on must be able to come to rest.
+const STOPS_WITHIN: f64 = 0.8;
 /// Share of the jerk with which a track that moves on can still come to rest within its room.
 const GENTLE: f64 = 0.6;
 const WALL_MARGIN: f64 = 0.004;
@@ -91,15 +93,20 @@ pub(crate) fn stopping_time<const A: usize>(tracks: &Tracks<A>) -> Option<f64> {
     Some(rest_time(State::default(), tracks, 0)? + rest_time(State::default(), tracks, 1)?)
 }
 
-/// The time that track `side` takes from state `from` to rest at its far end.
+/// The time that track `side` takes from state `from` to rest at its far end, or to its middle, if the other half belongs to a
+/// joint like this one: that is half of the time to the mirror image of the state.
 fn rest_time<const A: usize>(from: State, tracks: &Tracks<A>, side: usize) -> Option<f64> {
     let track = &tracks.pair[side];
     let way = track.length - from.s;
-    let whole = fastest(from, State::default(), way, track.limits).ok()?;
-    if track.far_end == FarEnd::Moving {
-        (from.s + stopping_distance(from, gentle(track.limits, from)) <= track.room()).then_some(())?;
+    match track.far_end {
+        FarEnd::Rest => fastest(from, State::default(), way, track.limits).ok().map(|rest| rest.duration()),
+        FarEnd::Moving => {
+            let stop = from.s + stopping_distance(from, gentle(track.limits, from));
+            let mirrored = State::moving(from.v, -from.a);
+            let both = fastest(from, mirrored, way - from.s, track.limits).ok()?;
+            (stop <= STOPS_WITHIN * track.length).then(|| 0.5 * both.duration())
+        }
     }
-    Some(whole.duration())
 }
 
 /// The same motion with longer cells: what follows a ramp becomes part of it.
@@ -175,7 +182,7 @@ impl Optimiser {
             }
             for side in 0..2 {
                 let walls = &mut self.walls[side];
-                for of in [overrun, undershoot, overspeed] {
+                for of in [overrun, overreach, undershoot, overspeed] {
                     walls.extend(wall(&next, side, tracks, &responses, of));
                 }
                 let many = walls.len().saturating_sub(2 * MOST_TANGENTS);
@@ -347,43 +354,33 @@ fn tangent<const A: usize>(
     Some(Tangent { slope, at_zero })
 }
 
-/// By how much of the room a track's state cannot stop within it.
-fn overrun<A>(state: State, track: &A) -> f64
-where
-    A: Stretch,
-{
-    let (length, mut limits) = track.stretch();
-    limits.a = limits.a.max(state.a.abs());
-    (state.s + stopping_distance(state, limits) - length) / length
+/// By how much of its length a track's state cannot stop in time.
+fn overrun<const A: usize>(state: State, track: &Track<A>) -> f64 {
+    let (room, limits) = match track.far_end {
+        FarEnd::Rest => (track.length, PathLimits { a: track.limits.a.max(state.a.abs()), ..track.limits }),
+        FarEnd::Moving => (STOPS_WITHIN * track.length, gentle(track.limits, state)),
+    };
+    (state.s + stopping_distance(state, limits) - room) / track.length
+}
+
+/// By how much of its length a track's state cannot take its acceleration away before the middle, if the rest belongs to
+/// another joint.
+fn overreach<const A: usize>(state: State, track: &Track<A>) -> f64 {
+    if track.far_end == FarEnd::Rest {
+        return f64::MIN;
+    }
+    let settled = state.after(-track.limits.j, state.a.max(0.0) / track.limits.j);
+    (settled.s - 0.5 * track.length) / track.length
 }
 
 /// By how much of its speed a track's state would have to go backward.
-fn undershoot<A>(state: State, track: &A) -> f64
-where
-    A: Stretch,
-{
-    let (_, limits) = track.stretch();
-    (state.a * state.a.min(0.0).abs() / (2.0 * limits.j) - state.v) / limits.v
+fn undershoot<const A: usize>(state: State, track: &Track<A>) -> f64 {
+    (state.a * state.a.min(0.0).abs() / (2.0 * track.limits.j) - state.v) / track.limits.v
 }
 
 /// By how much a track's state comes to more than its speed.
-fn overspeed<A>(state: State, track: &A) -> f64
-where
-    A: Stretch,
-{
-    let (_, limits) = track.stretch();
-    (state.v + state.a * state.a.max(0.0) / (2.0 * limits.j)) / limits.v - 1.0
-}
-
-trait Stretch {
-    fn stretch(&self) -> (f64, PathLimits);
-}
-
-impl<const A: usize> Stretch for Track<A> {
-    fn stretch(&self) -> (f64, PathLimits) {
-        let gentle = if self.far_end == FarEnd::Moving { GENTLE } else { 1.0 };
-        (self.room(), PathLimits { j: gentle * self.limits.j, ..self.limits })
-    }
+fn overspeed<const A: usize>(state: State, track: &Track<A>) -> f64 {
+    (state.v + state.a * state.a.max(0.0) / (2.0 * track.limits.j)) / track.limits.v - 1.0
 }
 
 /// The tangent at `x` on what must stay below 0.

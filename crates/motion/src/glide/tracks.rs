@@ -41,14 +41,6 @@ impl<const A: usize> Track<A> {
         }
         Self { direction, length, far_end, feed: feed.min(axes.path_v), limits }
     }
-
-    /// How far from the joint a glide may reach, mm.
-    pub(crate) fn room(&self) -> f64 {
-        match self.far_end {
-            FarEnd::Rest => self.length,
-            FarEnd::Moving => 0.5 * self.length,
-        }
-    }
 }
 
 /// The two tracks of a joint, before and after it.
