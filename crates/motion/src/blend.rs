@@ -134,7 +134,6 @@ impl<const A: usize> Blender<A> {
         }
     }
 
-
     /// No correction may reach over place `s`.
     fn close(&mut self, s: f64) {
         self.barrier = s;

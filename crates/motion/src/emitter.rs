@@ -8,9 +8,9 @@ use std::collections::VecDeque;
 
 use retrace_core::{Flags, RapidCap, Record};
 
+use crate::blend::size;
 use crate::curve::Derivatives;
 use crate::glide::passage::Passage;
-use crate::blend::size;
 use crate::limits::Limits;
 use crate::piece::Piece;
 use crate::profile::{Profile, SIGNS, State};
@@ -73,8 +73,7 @@ struct Met<const A: usize> {
 }
 
 impl<const A: usize> Met<A> {
-    const NOTHING: Self =
-        Self { axes: Derivatives::NONE, bounds: Derivatives::NONE, jerk: 0.0, rough: false };
+    const NOTHING: Self = Self { axes: Derivatives::NONE, bounds: Derivatives::NONE, jerk: 0.0, rough: false };
 
     fn piece(&mut self, bounds: &Derivatives<A>) {
         self.bounds.raise(bounds);

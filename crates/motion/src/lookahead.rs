@@ -502,7 +502,9 @@ pub(crate) mod tests {
         let time = |n: usize| {
             let blocks = vec![Block { length: 100.0 / n as f64, limits, exit_v: f64::MAX }; n];
             let mut spans = Vec::new();
-            LookAhead::default().plan(&blocks, (0.0, 0.0), State::default(), &mut spans).expect("a straight line has a plan");
+            LookAhead::default()
+                .plan(&blocks, (0.0, 0.0), State::default(), &mut spans)
+                .expect("a straight line has a plan");
             spans.iter().map(|span| span.profile.duration()).sum::<f64>()
         };
         for n in [2, 7, 100, 5000] {

@@ -293,10 +293,8 @@ impl<const A: usize> Planner<A> {
             let from = last.length - out.s;
             let end = last.curve.at(from);
             self.emitter.commit(Item::Stop { piece, end, flags: Flags::NONE, tag: last.tag });
-            self.blender.push(
-                Segment { curve: last.curve.from(from), length: out.s, ..*last },
-                Entry::Rough(Joint::STOP),
-            );
+            self.blender
+                .push(Segment { curve: last.curve.from(from), length: out.s, ..*last }, Entry::Rough(Joint::STOP));
             self.lead = None;
             self.finish_run(*start, last.tag, Flags::REST);
             return false;

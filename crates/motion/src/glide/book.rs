@@ -30,9 +30,12 @@ const LONG: f64 = 2.2;
 const UNEQUAL: f64 = 3.0;
 /// Directions are rounded to this part of the turn, or a little less.
 const DIRECTIONS: f64 = 12.0;
-/// Durations that are tried, as shares of the longest, and then around the best of them.
-const SHARES: [f64; 4] = [1.0, 0.84, 0.7, 0.5];
-const AROUND: [f64; 2] = [1.08, 0.93];
+/// Durations that are tried, as shares of the longest, and then around the best of them; more for two tracks from rest to rest,
+/// of which a program has few.
+const SHARES: [f64; 2] = [0.84, 0.58];
+const SHARES_FROM_REST: [f64; 9] = [0.4, 0.5, 0.58, 0.64, 0.7, 0.77, 0.84, 0.92, 1.0];
+const AROUND: [f64; 2] = [1.12, 0.9];
+const AROUND_FROM_REST: [f64; 4] = [0.94, 0.97, 1.03, 1.06];
 
 impl Book {
     /// The glide for these tracks; `None` where stopping is faster.
@@ -78,7 +81,8 @@ impl<const A: usize> Common<A> {
             std::array::from_fn(|i| (axes.limits_of(i), u[i], w[i]))
         };
         let lengths = [rounded(one, two.length), rounded(two, one.length)];
-        let swapped = (lengths[1].0, lengths[1].1, two.feed.to_bits()) < (lengths[0].0, lengths[0].1, one.feed.to_bits());
+        let swapped =
+            (lengths[1].0, lengths[1].1, two.feed.to_bits()) < (lengths[0].0, lengths[0].1, one.feed.to_bits());
         for (_, u, w) in &mut pairs {
             if swapped {
                 std::mem::swap(u, w);
@@ -127,23 +131,75 @@ fn search<const A: usize>(optimiser: &mut Optimiser, tracks: &Tracks<A>, axes: &
     // Half of a track that moves on counts as half of its time.
     let whole: f64 = if tracks.pair.iter().all(|track| track.far_end == FarEnd::Moving) { 2.0 } else { 1.0 };
     let longest = (2.8 * a / j).min(0.42 * whole * stop).min(2.5 * (v / j).sqrt());
+    let from_rest = tracks.pair.iter().all(|track| track.far_end == FarEnd::Rest);
     let mut best: Option<Found> = None;
     let mut attempt = |duration: f64| {
-        let found = optimiser.find(tracks, axes, duration, None);
-        if let Some(found) = found
+        if let Some(found) = optimiser.find(tracks, axes, duration)
             && best.is_none_or(|best| found.time < best.time)
         {
             best = Some(found);
         }
         best
     };
+    let (shares, near): (&[f64], &[f64]) =
+        if from_rest { (&SHARES_FROM_REST, &AROUND_FROM_REST) } else { (&SHARES, &AROUND) };
     let mut found = None;
-    for share in SHARES {
+    for share in shares {
         found = attempt(share * longest);
     }
     let around = found?.ramps.duration();
-    for share in AROUND {
+    for share in near {
         found = attempt(share * around);
     }
     found.filter(|best| best.time < stop * (1.0 - 1e-6)).map(|best| best.ramps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::limits::Limits;
+    use proptest::prelude::*;
+
+    fn tracks(axes: &AxisLimits<3>, angles: [f64; 2], lengths: [f64; 2], rest: [bool; 2], tolerance: f64) -> Tracks<3> {
+        let pair = [0, 1].map(|k| {
+            let far_end = if rest[k] { FarEnd::Rest } else { FarEnd::Moving };
+            Track::new([angles[k].cos(), angles[k].sin(), 0.0], lengths[k], far_end, 100.0, axes)
+        });
+        Tracks { pair, tolerance }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        /// A glide is legal and begins and ends where its tracks have room; turned by a right angle, mirrored or run backward
+        /// the same tracks have the same glide.
+        #[test]
+        fn glides_are_legal_and_the_same_from_every_side(
+            heading in -3.0..3.0f64, turn in 0.1..2.6f64, sizes in [-1.0..1.3f64, -1.0..1.3f64], rest in any::<[bool; 2]>(),
+            tolerance in 0.003..0.1f64,
+        ) {
+            let axes = Limits::built_in().planned();
+            let lengths = sizes.map(|x| 10f64.powf(x));
+            let own = tracks(&axes, [heading, heading + turn], lengths, rest, tolerance);
+            let mut book = Book::default();
+            let Some(ramps) = book.glide(&own, &axes) else { return Ok(()) };
+            prop_assert!(ramps.taken(&own, &axes) <= 1.0);
+            for (end, track) in ramps.ends().iter().zip(&own.pair) {
+                prop_assert!(end.s > 0.0 && end.s <= track.length && end.v >= 0.0);
+            }
+            let quarter = std::f64::consts::FRAC_PI_2;
+            let turned = tracks(&axes, [heading + quarter, heading + turn + quarter], lengths, rest, tolerance);
+            prop_assert_eq!(book.glide(&turned, &axes).map(|r| r.cell), Some(ramps.cell));
+            let mirrored = tracks(&axes, [-heading, -heading - turn], lengths, rest, tolerance);
+            prop_assert_eq!(book.glide(&mirrored, &axes).map(|r| r.cell), Some(ramps.cell));
+            let [one, two] = own.pair;
+            let back = |track: Track<3>| Track { direction: track.direction.map(|x| -x), ..track };
+            let backward = Tracks { pair: [back(two), back(one)], ..own };
+            let reversed = book.glide(&backward, &axes);
+            if (lengths[0] - lengths[1]).abs() > 0.3 * lengths[0] {
+                prop_assert_eq!(reversed.map(|r| r.cell), Some(ramps.cell));
+            }
+            prop_assert!(book.found.len() <= 2);
+        }
+    }
 }

@@ -18,16 +18,19 @@ const UNKNOWN: usize = 2 * CELLS;
 /// With the times of both tracks.
 const COLUMNS: usize = UNKNOWN + 2;
 /// Linear programs solved for one glide at most.
-const MOST_PROGRAMS: usize = 40;
+const MOST_PROGRAMS: usize = 24;
+/// A program that promises less than this part of the time is the last.
+const ENOUGH: f64 = 1e-3;
 /// Tangents kept for each track.
-const MOST_TANGENTS: usize = 12;
+const MOST_TANGENTS: usize = 8;
 /// Seconds are counted in this unit in the programs, so that all numbers are about 1.
 const UNIT: f64 = 0.01;
 /// Share of its length within which a track that moves on must be able to come to rest.
 const STOPS_WITHIN: f64 = 0.8;
 /// Share of the jerk with which a track that moves on can still come to rest within its room.
 const GENTLE: f64 = 0.6;
-const WALL_MARGIN: f64 = 0.004;
+/// How far the programs keep from what must stay below 0, so that their points converge from the allowed side.
+const WALL_MARGIN: f64 = 0.006;
 
 /// A tangent on a track's time: slope by each of its jerks, and the time at jerk 0, in units.
 #[derive(Clone, Copy, Debug)]
@@ -59,11 +62,11 @@ impl Responses {
     /// In units of `jerk`.
     fn new(cell: f64, jerk: f64) -> Self {
         let mut all = [[[0.0; CELLS]; CELLS + 1]; 3];
-        for k in 0..CELLS {
-            let mut state = State::default().after(jerk, cell);
-            for node in k + 1..=CELLS {
-                (all[0][node][k], all[1][node][k], all[2][node][k]) = (state.s, state.v, state.a);
-                state = state.after(0.0, cell);
+        for pulse in 0..CELLS {
+            let mut jerks = [0.0; CELLS];
+            jerks[pulse] = jerk;
+            for (node, state) in Ramp(jerks).nodes(cell).into_iter().enumerate() {
+                (all[0][node][pulse], all[1][node][pulse], all[2][node][pulse]) = (state.s, state.v, state.a);
             }
         }
         Self(all)
@@ -109,27 +112,6 @@ fn rest_time<const A: usize>(from: State, tracks: &Tracks<A>, side: usize) -> Op
     }
 }
 
-/// The same motion with longer cells: what follows a ramp becomes part of it.
-fn longer<const A: usize>(ramps: &Ramps, tracks: &Tracks<A>, cell: f64) -> Ramps {
-    let mut pair = [Ramp::default(); 2];
-    let lead = HALF as f64 * (cell - ramps.cell);
-    for side in 0..2 {
-        let track = &tracks.pair[side];
-        let end = ramps.pair[side].nodes(ramps.cell)[CELLS];
-        let rest = fastest(end, State::default(), track.length - end.s, track.limits).ok();
-        let acceleration = |t: f64| match (t - lead, rest) {
-            (t, _) if t <= 0.0 => 0.0,
-            (t, Some(rest)) if t > ramps.duration() => rest.at(t - ramps.duration()).a,
-            (t, _) => ramps.pair[side].at(ramps.cell, t).a,
-        };
-        for k in 0..CELLS {
-            let t = k as f64 * cell;
-            pair[side].0[k] = (acceleration(t + cell) - acceleration(t)) / cell;
-        }
-    }
-    Ramps { cell, pair }
-}
-
 impl Optimiser {
     /// The best glide of `duration` seconds that is found; `None` where none is faster than stopping.
     pub(crate) fn find<const A: usize>(
@@ -137,7 +119,6 @@ impl Optimiser {
         tracks: &Tracks<A>,
         axes: &AxisLimits<A>,
         duration: f64,
-        from: Option<&Ramps>,
     ) -> Option<Found> {
         let cell = duration / CELLS as f64;
         let jerk = tracks.pair[0].limits.j.min(tracks.pair[1].limits.j);
@@ -149,20 +130,6 @@ impl Optimiser {
         };
         let mut x = [0.0; UNKNOWN];
         let mut best = time(&ramps_of(&x), tracks)?;
-        if let Some(ramps) = from.map(|ramps| longer(ramps, tracks, cell)) {
-            let taken = ramps.taken(tracks, axes);
-            let ramps = if taken > 1.0 { ramps.scaled((1.0 - 1e-9) / taken) } else { ramps };
-            if let Some(there) = time(&ramps, tracks)
-                && there < best
-            {
-                best = there;
-                for (side, ramp) in ramps.pair.iter().enumerate() {
-                    for (k, j) in ramp.0.iter().enumerate() {
-                        x[side * CELLS + k] = j / jerk;
-                    }
-                }
-            }
-        }
         for side in 0..2 {
             self.tangents[side].clear();
             self.walls[side].clear();
@@ -171,7 +138,7 @@ impl Optimiser {
         let mut trust = 0.5;
         for _ in 0..MOST_PROGRAMS {
             let (step, promised) = self.step(&x, trust);
-            if promised * UNIT < 2e-5 {
+            if promised * UNIT < ENOUGH * best {
                 break;
             }
             let next: [f64; UNKNOWN] = std::array::from_fn(|k| x[k] + step[k]);

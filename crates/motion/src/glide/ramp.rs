@@ -22,20 +22,6 @@ pub(crate) const HALF: usize = CELLS / 2;
 pub(crate) struct Ramp(pub(crate) [f64; CELLS]);
 
 impl Ramp {
-    /// The state `t` seconds after the ramp's start.
-    pub(crate) fn at(&self, cell: f64, t: f64) -> State {
-        let mut state = State::default();
-        let mut left = t;
-        for jerk in self.0 {
-            state = state.after(jerk, left.min(cell));
-            left -= cell;
-            if left <= 0.0 {
-                break;
-            }
-        }
-        state
-    }
-
     /// States at the borders of the cells.
     pub(crate) fn nodes(&self, cell: f64) -> [State; CELLS + 1] {
         let mut nodes = [State::default(); CELLS + 1];
@@ -73,54 +59,62 @@ impl Ramps {
 
     /// The largest share of any limit that the glide takes; above 1 it is illegal.
     pub(crate) fn taken<const A: usize>(&self, tracks: &Tracks<A>, axes: &AxisLimits<A>) -> f64 {
-        let [one, two] = self.pair.map(|ramp| ramp.nodes(self.cell));
+        let nodes = self.pair.map(|ramp| ramp.nodes(self.cell));
+        let motion = (0..=CELLS).fold(0.0, |most: f64, k| {
+            let (p, q) = (nodes[0][CELLS - k], nodes[1][k]);
+            let most = most.max(self.taken_at(p, q, tracks, axes));
+            if k == CELLS { most } else { most.max(self.taken_in(k, p, q, tracks, axes)) }
+        });
+        motion.max(self.taken_of_tolerance(&nodes, tracks))
+    }
+
+    /// What is taken of velocity and acceleration where both ramps are in these states.
+    fn taken_at<const A: usize>(&self, p: State, q: State, tracks: &Tracks<A>, axes: &AxisLimits<A>) -> f64 {
         let [u, w] = tracks.pair.map(|track| track.direction);
-        let band = tracks.band();
+        (0..A).fold(0.0, |most: f64, i| {
+            let acceleration = (q.a * w[i] - p.a * u[i]).abs() / axes.a[i];
+            let velocity = (p.v * u[i] + q.v * w[i]).abs() / axes.v[i];
+            most.max(acceleration).max(velocity)
+        })
+    }
+
+    /// What is taken of velocity, jerk and feed within cell `k`, which the ramps enter in these states.
+    fn taken_in<const A: usize>(&self, k: usize, p: State, q: State, tracks: &Tracks<A>, axes: &AxisLimits<A>) -> f64 {
+        let [u, w] = tracks.pair.map(|track| track.direction);
+        let (j_p, j_q) = (self.pair[0].0[CELLS - 1 - k], self.pair[1].0[k]);
         let mut most = 0.0f64;
-        for k in 0..=CELLS {
-            let (p, q) = (one[CELLS - k], two[k]);
-            for i in 0..A {
-                most = most.max((q.a * w[i] - p.a * u[i]).abs() / axes.a[i]);
-                most = most.max((p.v * u[i] + q.v * w[i]).abs() / axes.v[i]);
-            }
-            if k == CELLS {
-                break;
-            }
-            let (j_p, j_q) = (self.pair[0].0[CELLS - 1 - k], self.pair[1].0[k]);
-            let feed = tracks.pair[usize::from(k >= HALF)].feed;
-            for i in 0..A {
-                let (j, a) = (j_p * u[i] + j_q * w[i], q.a * w[i] - p.a * u[i]);
-                most = most.max(j.abs() / axes.j[i]);
-                // The velocity turns inside the cell.
-                let t = -a / j;
-                if t > 0.0 && t < self.cell {
-                    most = most.max((p.v * u[i] + q.v * w[i] + 0.5 * t * a).abs() / axes.v[i]);
-                }
-            }
-            for quarter in 0..4 {
-                let t = self.cell * f64::from(quarter) / 4.0;
-                let q = q.after(j_q, t);
-                // The first ramp is run backward.
-                let back = State { a: -p.a, ..p }.after(j_p, t);
-                let speed = (0..A).map(|i| (back.v * u[i] + q.v * w[i]).powi(2)).sum::<f64>().sqrt();
-                most = most.max(speed / feed);
+        for i in 0..A {
+            let (j, a) = (j_p * u[i] + j_q * w[i], q.a * w[i] - p.a * u[i]);
+            most = most.max(j.abs() / axes.j[i]);
+            // The velocity turns inside the cell.
+            let t = -a / j;
+            if t > 0.0 && t < self.cell {
+                most = most.max((p.v * u[i] + q.v * w[i] + 0.5 * t * a).abs() / axes.v[i]);
             }
         }
-        // The corner itself is not left further behind than the tolerance.
-        let (p, q) = (one[HALF].s, two[HALF].s);
-        let missed = (0..A).map(|i| (q * w[i] - p * u[i]).powi(2)).sum::<f64>().sqrt();
-        most = most.max(missed / tracks.tolerance);
-        for nodes in [&one, &two] {
-            for k in 0..HALF {
-                most = most.max(nodes[k + 1].s.abs() / band);
-            }
-        }
-        for (ramp, nodes) in self.pair.iter().zip([&one, &two]) {
-            for k in 0..HALF {
-                most = most.max(turning_places(nodes[k], ramp.0[k], self.cell) / band);
-            }
+        let feed = tracks.pair[usize::from(k >= HALF)].feed;
+        for part in [0.0, 0.25, 0.5, 0.75] {
+            let t = self.cell * part;
+            // The first ramp is run backward.
+            let (back, q) = (State { a: -p.a, ..p }.after(j_p, t), q.after(j_q, t));
+            let speed = (0..A).map(|i| (back.v * u[i] + q.v * w[i]).powi(2)).sum::<f64>().sqrt();
+            most = most.max(speed / feed);
         }
         most
+    }
+
+    /// What is taken of the tolerance: before the middle by the second track, after it by the first, and at the corner itself,
+    /// which is not to be left further behind.
+    fn taken_of_tolerance<const A: usize>(&self, nodes: &[[State; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
+        let [u, w] = tracks.pair.map(|track| track.direction);
+        let (p, q) = (nodes[0][HALF].s, nodes[1][HALF].s);
+        let missed = (0..A).map(|i| (q * w[i] - p * u[i]).powi(2)).sum::<f64>().sqrt();
+        let away = self.pair.iter().zip(nodes).fold(0.0, |most: f64, (ramp, nodes)| {
+            nodes.iter().zip(&nodes[1..]).zip(&ramp.0).take(HALF).fold(most, |most, ((from, to), jerk)| {
+                most.max(to.s.abs()).max(turning_places(*from, *jerk, self.cell))
+            })
+        });
+        (missed / tracks.tolerance).max(away / tracks.band())
     }
 }
 

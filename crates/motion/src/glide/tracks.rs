@@ -33,8 +33,7 @@ impl<const A: usize> Track<A> {
     /// A track in `direction`; its limits are those of the axes.
     pub(crate) fn new(direction: [f64; A], length: f64, far_end: FarEnd, feed: f64, axes: &AxisLimits<A>) -> Self {
         let mut limits = PathLimits { v: feed.min(axes.path_v), a: f64::MAX, j: f64::MAX };
-        for i in 0..A {
-            let part = direction[i].abs().max(1e-12);
+        for (i, part) in direction.map(|part| part.abs().max(1e-12)).into_iter().enumerate() {
             limits.v = limits.v.min(axes.v[i] / part);
             limits.a = limits.a.min(axes.a[i] / part);
             limits.j = limits.j.min(axes.j[i] / part);
