@@ -1,7 +1,6 @@
 //! All profiles between two states that leave with rising acceleration, by the one number that is free in them.
 //!
-//! Invariant: `plus` returns the profile of the least duration in its family that covers the length, or says that the family
-//! begins beyond it; phases come out in order and none is negative but for rounding.
+//! Invariant: what is returned is the profile of the least duration in its family that covers the length; phases come out in order and none is negative but for rounding.
 //!
 //! The jerk is the unit: lengths are divided by it (s³), speeds (s²) and accelerations (s) too. An [`End`] lies on a parabola of
 //! constant jerk that crosses zero acceleration at the speed `mu`. From there to the crest c a symmetric ramp leads, whose way
@@ -50,13 +49,17 @@ impl End {
     /// The way of the whole ramp that gains `gain` ≥ 0 from mu with the acceleration limit `w`.
     #[inline]
     fn way(self, gain: f64, w: f64) -> f64 {
-        (2.0 * self.mu + gain) * if gain > w * w { 0.5 * (w + gain / w) } else { gain.sqrt() }
+        // Both are computed, so that nothing has to be predicted.
+        let (held, free) = (0.5 * (w + gain / w), gain.sqrt());
+        (2.0 * self.mu + gain) * if gain > w * w { held } else { free }
     }
 
     /// The phases of the ramp from this end up to the crest at mu + `gain`.
     #[inline]
     fn ramp(self, gain: f64, w: f64) -> [f64; 3] {
-        if gain > w * w { self.held(gain, w) } else { self.free_ramp(gain.sqrt()) }
+        let free = gain.sqrt();
+        let [hold, x] = if gain > w * w { [gain / w - w, w] } else { [0.0, free] };
+        [x - self.alpha, hold, x]
     }
 
     /// The phases of a ramp that gains `gain` and meets the limit.
@@ -92,30 +95,39 @@ pub(super) struct Family {
 }
 
 impl Family {
-    /// The member of least duration that covers `length` (s³); `None` where the family begins beyond it. Its first member covers
-    /// what is less than its own length by no more than `below`, or more by no more than `above`.
+    /// By how much `length` (s³) exceeds what the first member covers: the fastest change from one state to the other.
     #[inline]
-    pub(super) fn plus(&self, length: f64, below: f64, above: f64) -> Option<Shape> {
+    pub(super) fn excess(&self, length: f64) -> f64 {
         let Self { high, low, w, .. } = *self;
-        let r = length + high.offset() + low.offset();
-        let d = self.d();
-        if high.alpha >= 0.0 {
-            let gain = high.alpha * high.alpha;
-            let first = high.way(gain, w) + low.way(gain + d, w);
-            if r <= first + above {
-                return (r >= first - below).then(|| self.crest_at(gain, 0.0));
-            }
-        } else if r < low.way(d, w) || 16.0 * high.mu < w * w {
-            let x = high.alpha;
-            let first = x * (2.0 * high.mu + x * x) + low.way(d + x * x, w);
-            if r <= first + above {
-                return (r >= first - below).then(|| self.without_crest_at(x));
-            }
-            if let Some(shape) = self.without_crest(r, 0.0) {
-                return Some(shape);
-            }
+        let (x, d) = (high.alpha, self.d());
+        let square = x * x;
+        let own = if x < 0.0 { x * (2.0 * high.mu + square) } else { high.way(square, w) };
+        self.whole(length) - own - low.way(square + d, w)
+    }
+
+    /// The first member.
+    #[inline]
+    pub(super) fn first(&self) -> Shape {
+        let x = self.high.alpha;
+        if x < 0.0 { self.without_crest_at(x) } else { self.crest_at(x * x, 0.0) }
+    }
+
+    /// The member of least duration that covers `length` (s³), which must exceed what the first one covers.
+    #[inline]
+    pub(super) fn beyond(&self, length: f64) -> Shape {
+        let Self { high, low, w, .. } = *self;
+        let r = self.whole(length);
+        let is_short = high.alpha < 0.0 && (r < low.way(self.d(), w) || 16.0 * high.mu < w * w);
+        match is_short.then(|| self.without_crest(r, 0.0)).flatten() {
+            Some(shape) => shape,
+            None => self.crest(r),
         }
-        Some(self.crest(r))
+    }
+
+    /// The way from one parabola's zero to the other's.
+    #[inline]
+    fn whole(&self, length: f64) -> f64 {
+        length + self.high.offset() + self.low.offset()
     }
 
     /// By how much the speed `mu` of the higher end lies above that of the lower; differences first, to keep digits.
@@ -130,19 +142,21 @@ impl Family {
     /// to take longer the acceleration would have to change its sign, and that takes longer by a leap.
     #[cold]
     pub(super) fn apart(&self, length: f64, slack: f64) -> Option<Shape> {
-        let Self { high, low, w, .. } = *self;
+        let Self { high, low, .. } = *self;
         let d = self.d();
         let x = high.alpha;
         let last = low.alpha * low.alpha - d;
-        if x >= 0.0 || low.alpha <= 0.0 || high.free >= low.free || d < 0.0 || last < 0.0 || x * x < last {
+        // The straight change, with one jerk only, lies on a border of this.
+        let rounding = 1e-15 * (high.v.abs() + x * x + low.alpha * low.alpha);
+        if x >= 0.0 || low.alpha <= 0.0 || high.free >= low.free || d.min(last).min(x * x - last) < -rounding {
             return None;
         }
-        let r = length + high.offset() + low.offset();
-        let first = x * (2.0 * high.mu + x * x) + low.way(d + x * x, w);
-        if r <= first + slack {
-            return (r >= first - slack).then(|| self.without_crest_at(x));
+        let excess = self.excess(length);
+        if excess <= slack {
+            return (excess >= -slack).then(|| self.first());
         }
-        self.without_crest(r, -last.sqrt())
+        let r = self.whole(length);
+        self.without_crest(r, -last.max(0.0).sqrt())
     }
 
     /// Up to a crest of at least the higher free speed and down again.
@@ -288,7 +302,7 @@ impl Quartic {
             let (f_low, f_high) = (self.at(low), self.at(high));
             if f_low < 0.0 && f_high > f_low { low - f_low * (high - low) / (f_high - f_low) } else { high }
         });
-        z = z.clamp(low, high.max(low));
+        z = if z > low { if z < high { z } else { high } } else { low };
         for round in 0..100 {
             let f = self.at(z);
             let slope = q1 + z * (2.0 * q2 + z * (3.0 * q3 + z * 4.0));

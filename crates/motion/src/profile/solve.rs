@@ -24,11 +24,14 @@ pub fn fastest(from: State, to: State, length: f64, limits: PathLimits) -> Resul
         return Err(Misfit::TargetTooHigh);
     }
     let slack = 1e-14 * (length + 1.0) * ends.per_jerk;
-    let Some(times) = ends.times(length, slack, slack) else {
-        let is_start = ends.from.free >= ends.to.free;
+    let (is_start, length_per_jerk) = (ends.from.free >= ends.to.free, length * ends.per_jerk);
+    let family = ends.family(!is_start);
+    let excess = family.excess(length_per_jerk);
+    if excess < -slack {
         return Err(if is_start { Misfit::StartTooHigh } else { Misfit::TargetTooHigh });
-    };
-    let profile = Profile { v0: from.v, a0: from.a, jerk: limits.j, times };
+    }
+    let shape = if excess <= slack { family.first() } else { family.beyond(length_per_jerk) };
+    let profile = Profile { v0: from.v, a0: from.a, jerk: limits.j, times: shape.times(!is_start) };
     let (sound, least) = lands(&profile, length, to, 1.0 + length);
     if sound && least >= -1e-10 { Ok(profile) } else { Err(Misfit::TargetTooHigh) }
 }
@@ -49,17 +52,24 @@ pub fn fastest_any_way(from: State, to: State, length: f64, limits: PathLimits) 
     // Within a rounding of the fastest change that change is the answer; the mirror image would cover the rest on a detour.
     let excursion = length.abs() + ends.excursion() * limits.j;
     let slack = 2e-15 * excursion * ends.per_jerk;
-    let mirrored = ends.mirrored();
-    let (jerk, times) = if let Some(times) = ends.times_apart(length, slack) {
-        (limits.j, Some(times))
-    } else if let Some(times) = mirrored.times_apart(-length, slack) {
-        (-limits.j, Some(times))
-    } else if let Some(times) = ends.times(length, slack, slack) {
-        (limits.j, Some(times))
-    } else {
-        (-limits.j, mirrored.times(-length, f64::INFINITY, slack))
-    };
-    let Some(times) = times else { return Err(Misfit::TargetTooHigh) };
+    let length_per_jerk = length * ends.per_jerk;
+    let apart = if from.a * to.a > 0.0 { ends.apart(length_per_jerk, slack) } else { None };
+    let (jerk, times) = apart.map_or_else(
+        || {
+            let swapped = ends.from.free < ends.to.free;
+            let family = ends.family(swapped);
+            let excess = family.excess(length_per_jerk);
+            if excess < -slack {
+                let mirrored = ends.mirrored();
+                let swapped = mirrored.from.free < mirrored.to.free;
+                (-limits.j, mirrored.family(swapped).beyond(-length_per_jerk).times(swapped))
+            } else {
+                let shape = if excess <= slack { family.first() } else { family.beyond(length_per_jerk) };
+                (limits.j, shape.times(swapped))
+            }
+        },
+        |(sign, times)| (sign * limits.j, times),
+    );
     let profile = Profile { v0: from.v, a0: from.a, jerk, times };
     if lands(&profile, length, to, 1.0 + excursion).0 { Ok(profile) } else { Err(Misfit::TargetTooHigh) }
 }
@@ -101,23 +111,16 @@ impl Ends {
         Self { from: self.from.mirrored(), to: self.to.mirrored(), ..self }
     }
 
-    /// The phases of the fastest profile over `length` that leaves with rising acceleration, or `None` where the fastest change
-    /// of speed and acceleration is longer by more than `below` (s³). It is the answer too where it is shorter by up to `above`.
-    #[inline]
-    fn times(&self, length: f64, below: f64, above: f64) -> Option<[f64; 7]> {
-        let swapped = self.from.free < self.to.free;
-        Some(self.family(swapped).plus(length * self.per_jerk, below, above)?.times(swapped))
-    }
-
-    /// The same for the members that stand apart, see [`Family::apart`].
-    #[inline]
-    fn times_apart(&self, length: f64, slack: f64) -> Option<[f64; 7]> {
-        // Both accelerate the same way.
-        if self.from.alpha * self.to.alpha >= 0.0 {
-            return None;
-        }
-        let swapped = self.to.alpha < 0.0;
-        Some(self.family(swapped).apart(length * self.per_jerk, slack)?.times(swapped))
+    /// The profile over `length` (s³) that belongs to the few that stand apart, see [`Family::apart`], where there is one, and
+    /// the sign of its first jerk. Both ends accelerate the same way.
+    #[cold]
+    fn apart(&self, length: f64, slack: f64) -> Option<(f64, [f64; 7])> {
+        let one_way = |ends: &Self, length: f64| {
+            let swapped = ends.to.alpha < 0.0;
+            Some(ends.family(swapped).apart(length, slack)?.times(swapped))
+        };
+        let rising = one_way(self, length).map(|times| (1.0, times));
+        rising.or_else(|| one_way(&self.mirrored(), -length).map(|times| (-1.0, times)))
     }
 
     #[inline]
@@ -134,7 +137,7 @@ impl Shape {
     fn times(self, swapped: bool) -> [f64; 7] {
         let Self { up, cruise, down } = self;
         let ([a, b, c], [g, f, e]) = if swapped { (down, up) } else { (up, down) };
-        [a, b, c, cruise, e, f, g].map(|t| t.max(0.0))
+        [a, b, c, cruise, e, f, g].map(|t| if t > 0.0 { t } else { 0.0 })
     }
 }
 
@@ -158,7 +161,9 @@ impl End {
 fn lands(profile: &Profile, length: f64, to: State, excursion: f64) -> (bool, f64) {
     let (mut state, mut least) = (profile.start(), profile.v0);
     for end in profile.ends() {
-        least = least.min(end.v);
+        if end.v < least {
+            least = end.v;
+        }
         state = end;
     }
     let lands = (state.s - length).abs() <= 1e-12 * excursion
