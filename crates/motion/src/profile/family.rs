@@ -14,6 +14,13 @@
 //! The same equations hold with x < 0: the acceleration then turns before it comes to zero, and there is no crest. In that
 //! branch the way need not grow with the duration where speeds are negative; where it turns is known in closed form too.
 
+/// The acceleration limit, in s, and its inverse.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cap {
+    pub(super) w: f64,
+    pub(super) per_w: f64,
+}
+
 /// One end of a profile, seen so that time runs towards the crest; the jerk is 1.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct End {
@@ -34,10 +41,10 @@ impl End {
         Self { v, alpha, mu: v - half, free: if alpha > 0.0 { v + half } else { v - half } }
     }
 
-    /// The end with all signs turned.
+    /// The end with all signs turned where `sign` is −1.
     #[inline]
-    pub(super) fn mirrored(self) -> Self {
-        Self::new(-self.v, -self.alpha)
+    pub(super) fn signed(self, sign: f64) -> Self {
+        Self::new(sign * self.v, sign * self.alpha)
     }
 
     /// The way from the parabola's zero to this end, taken negative.
@@ -46,26 +53,26 @@ impl End {
         self.alpha * (self.mu + self.alpha * self.alpha * (1.0 / 6.0))
     }
 
-    /// The way of the whole ramp that gains `gain` ≥ 0 from mu with the acceleration limit `w`.
+    /// The way of the whole ramp that gains `gain` ≥ 0 from mu.
     #[inline]
-    fn way(self, gain: f64, w: f64) -> f64 {
+    fn way(self, gain: f64, cap: Cap) -> f64 {
         // Both are computed, so that nothing has to be predicted.
-        let (held, free) = (0.5 * (w + gain / w), gain.sqrt());
-        (2.0 * self.mu + gain) * if gain > w * w { held } else { free }
+        let (held, free) = (0.5 * (cap.w + gain * cap.per_w), gain.sqrt());
+        (2.0 * self.mu + gain) * if gain > cap.w * cap.w { held } else { free }
     }
 
     /// The phases of the ramp from this end up to the crest at mu + `gain`.
     #[inline]
-    fn ramp(self, gain: f64, w: f64) -> [f64; 3] {
+    fn ramp(self, gain: f64, cap: Cap) -> [f64; 3] {
         let free = gain.sqrt();
-        let [hold, x] = if gain > w * w { [gain / w - w, w] } else { [0.0, free] };
+        let [hold, x] = if gain > cap.w * cap.w { [gain * cap.per_w - cap.w, cap.w] } else { [0.0, free] };
         [x - self.alpha, hold, x]
     }
 
     /// The phases of a ramp that gains `gain` and meets the limit.
     #[inline]
-    fn held(self, gain: f64, w: f64) -> [f64; 3] {
-        [w - self.alpha, gain / w - w, w]
+    fn held(self, gain: f64, cap: Cap) -> [f64; 3] {
+        [cap.w - self.alpha, gain * cap.per_w - cap.w, cap.w]
     }
 
     /// The phases of a ramp that turns at the acceleration `x`.
@@ -88,8 +95,7 @@ pub(super) struct Shape {
 pub(super) struct Family {
     pub(super) high: End,
     pub(super) low: End,
-    /// The acceleration limit, in s.
-    pub(super) w: f64,
+    pub(super) cap: Cap,
     /// The speed limit, in s².
     pub(super) top: f64,
 }
@@ -98,11 +104,11 @@ impl Family {
     /// By how much `length` (s³) exceeds what the first member covers: the fastest change from one state to the other.
     #[inline]
     pub(super) fn excess(&self, length: f64) -> f64 {
-        let Self { high, low, w, .. } = *self;
+        let Self { high, low, cap, .. } = *self;
         let (x, d) = (high.alpha, self.d());
         let square = x * x;
-        let own = if x < 0.0 { x * (2.0 * high.mu + square) } else { high.way(square, w) };
-        self.whole(length) - own - low.way(square + d, w)
+        // |x| is within the limit, so that this end's ramp is not held.
+        self.whole(length) - x * (2.0 * high.mu + square) - low.way(square + d, cap)
     }
 
     /// The first member.
@@ -115,9 +121,9 @@ impl Family {
     /// The member of least duration that covers `length` (s³), which must exceed what the first one covers.
     #[inline]
     pub(super) fn beyond(&self, length: f64) -> Shape {
-        let Self { high, low, w, .. } = *self;
+        let Self { high, low, cap, .. } = *self;
         let r = self.whole(length);
-        let is_short = high.alpha < 0.0 && (r < low.way(self.d(), w) || 16.0 * high.mu < w * w);
+        let is_short = high.alpha < 0.0 && (r < low.way(self.d(), cap) || 16.0 * high.mu < cap.w * cap.w);
         match is_short.then(|| self.without_crest(r, 0.0)).flatten() {
             Some(shape) => shape,
             None => self.crest(r),
@@ -161,12 +167,13 @@ impl Family {
 
     /// Up to a crest of at least the higher free speed and down again.
     fn crest(&self, r: f64) -> Shape {
-        let Self { high, low, w, .. } = *self;
-        let (d, m, square) = (self.d(), high.mu + low.mu, w * w);
+        let Self { high, low, cap, .. } = *self;
+        let (d, m, w) = (self.d(), high.mu + low.mu, cap.w);
+        let square = w * w;
         // Crests are counted from the higher end's mu.
         let lowest = if high.alpha > 0.0 { high.alpha * high.alpha } else { 0.0 };
         let top = (self.top - high.mu).max(lowest);
-        let both = |gain: f64| high.way(gain, w) + low.way(gain + d, w);
+        let both = |gain: f64| high.way(gain, cap) + low.way(gain + d, cap);
         let rest = r - both(top);
         if rest >= 0.0 {
             return self.crest_at(top, rest / self.top.max(f64::MIN_POSITIVE));
@@ -183,12 +190,12 @@ impl Family {
         if top > g1 && (lowest >= g1 || both(g1) <= r) {
             let sunk = d.min(0.0);
             let z_at = |gain: f64| (gain + sunk).max(0.0).sqrt();
-            let z = self.one_held(r).root(z_at(lowest.max(g1)), z_at(top.min(g2)), w, None);
+            let z = self.one_held(r).root(z_at(lowest.max(g1)), z_at(top.min(g2)), cap.w, None);
             let gain = z * z + d.abs();
             let (up, down) = if d >= 0.0 {
-                (high.free_ramp(z), low.held(gain, w))
+                (high.free_ramp(z), low.held(gain, cap))
             } else {
-                (high.held(gain, w), low.free_ramp(z))
+                (high.held(gain, cap), low.free_ramp(z))
             };
             return Shape { up, cruise: 0.0, down };
         }
@@ -202,29 +209,30 @@ impl Family {
 
     #[inline]
     fn crest_at(&self, gain: f64, cruise: f64) -> Shape {
-        Shape { up: self.high.ramp(gain, self.w), cruise, down: self.low.ramp(gain + self.d(), self.w) }
+        Shape { up: self.high.ramp(gain, self.cap), cruise, down: self.low.ramp(gain + self.d(), self.cap) }
     }
 
     /// The member that turns at the acceleration `x` ≤ 0, before a crest.
     fn without_crest_at(&self, x: f64) -> Shape {
         let gain = x * x + self.d();
         let y = gain.max(0.0).sqrt();
-        let hold = if y > self.w { gain / self.w - self.w } else { 0.0 };
-        let y = y.min(self.w);
+        let Cap { w, per_w } = self.cap;
+        let hold = if y > w { gain * per_w - w } else { 0.0 };
+        let y = y.min(w);
         Shape { up: [x - self.high.alpha, 0.0, 0.0], cruise: 0.0, down: [y - self.low.alpha, hold, y + x] }
     }
 
     /// The first member without a crest that covers `r` and turns at an acceleration up to `end` ≤ 0, where there is one.
     fn without_crest(&self, r: f64, end: f64) -> Option<Shape> {
-        let Self { high, low, w, .. } = *self;
-        let (d, m) = (self.d(), high.mu + low.mu);
+        let Self { high, low, cap, .. } = *self;
+        let (d, m, w) = (self.d(), high.mu + low.mu, cap.w);
         let turn = -(w * w - d).max(0.0).sqrt();
         if high.alpha < turn {
             let quartic = self.one_held(r);
             let spread = w * w - 16.0 * high.mu;
             let extremes = (spread > 0.0).then(|| (-0.25 * (w + spread.sqrt()), 0.25 * (spread.sqrt() - w)));
             if let Some((begin, end)) = quartic.first_rise(high.alpha, turn.min(end), extremes) {
-                return Some(self.without_crest_at(quartic.root(begin, end, w, None)));
+                return Some(self.without_crest_at(quartic.root(begin, end, cap.w, None)));
             }
         }
         if turn >= end || d <= 0.0 {
@@ -252,8 +260,8 @@ impl Family {
     /// The equation for the acceleration at which the ramp from the higher mu turns, where the other one meets the limit.
     #[inline]
     fn one_held(&self, r: f64) -> Quartic {
-        let Self { high, low, w, .. } = *self;
-        let n = high.mu.max(low.mu);
+        let Self { high, low, cap, .. } = *self;
+        let (n, w) = (high.mu.max(low.mu), cap.w);
         Quartic([(high.mu + low.mu) * (self.d().abs() + w * w) - 2.0 * w * r, 4.0 * w * n, 2.0 * n + w * w, 2.0 * w])
     }
 }

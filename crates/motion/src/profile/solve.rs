@@ -7,7 +7,7 @@
 //! which covers the distance d. Between them every distance is covered, so the fastest profile over a length beyond d is the
 //! first member of the rising family that covers it, and below d the first of the falling one, its mirror image.
 
-use super::family::{End, Family, Shape};
+use super::family::{Cap, End, Family, Shape};
 use super::{Misfit, PathLimits, Profile, State};
 
 /// The fastest profile from `from` to `to` (their places are ignored) over `length` mm that never runs backward.
@@ -54,22 +54,22 @@ pub fn fastest_any_way(from: State, to: State, length: f64, limits: PathLimits) 
     let slack = 2e-15 * excursion * ends.per_jerk;
     let length_per_jerk = length * ends.per_jerk;
     let apart = if from.a * to.a > 0.0 { ends.apart(length_per_jerk, slack) } else { None };
-    let (jerk, times) = apart.map_or_else(
-        || {
-            let swapped = ends.from.free < ends.to.free;
-            let family = ends.family(swapped);
-            let excess = family.excess(length_per_jerk);
-            if excess < -slack {
-                let mirrored = ends.mirrored();
-                let swapped = mirrored.from.free < mirrored.to.free;
-                (-limits.j, mirrored.family(swapped).beyond(-length_per_jerk).times(swapped))
-            } else {
-                let shape = if excess <= slack { family.first() } else { family.beyond(length_per_jerk) };
-                (limits.j, shape.times(swapped))
-            }
-        },
-        |(sign, times)| (sign * limits.j, times),
-    );
+    let (sign, times) = apart.unwrap_or_else(|| {
+        let swapped = ends.from.free < ends.to.free;
+        let family = ends.family(swapped);
+        let excess = family.excess(length_per_jerk);
+        if excess.abs() <= slack {
+            return (1.0, family.first().times(swapped));
+        }
+        if excess > 0.0 {
+            return (1.0, family.beyond(length_per_jerk).times(swapped));
+        }
+        let sign = -1.0;
+        let ends = ends.signed(sign);
+        let swapped = ends.from.free < ends.to.free;
+        (sign, ends.family(swapped).beyond(sign * length_per_jerk).times(swapped))
+    });
+    let jerk = sign * limits.j;
     let profile = Profile { v0: from.v, a0: from.a, jerk, times };
     if lands(&profile, length, to, 1.0 + excursion).0 { Ok(profile) } else { Err(Misfit::TargetTooHigh) }
 }
@@ -79,7 +79,7 @@ pub fn fastest_any_way(from: State, to: State, length: f64, limits: PathLimits) 
 struct Ends {
     from: End,
     to: End,
-    w: f64,
+    cap: Cap,
     top: f64,
     per_jerk: f64,
 }
@@ -88,10 +88,12 @@ impl Ends {
     #[inline]
     fn new(from: State, to: State, limits: PathLimits) -> Self {
         let per_jerk = 1.0 / limits.j;
+        // An end may lie above the limit by a rounding.
+        let a = limits.a.max(from.a.abs().max(to.a.abs()).min(limits.a * (1.0 + 1e-9)));
         Self {
             from: End::new(from.v * per_jerk, from.a * per_jerk),
             to: End::new(to.v * per_jerk, -to.a * per_jerk),
-            w: limits.a * per_jerk,
+            cap: Cap { w: a * per_jerk, per_w: limits.j / a },
             top: limits.v * per_jerk,
             per_jerk,
         }
@@ -102,13 +104,16 @@ impl Ends {
     fn excursion(&self) -> f64 {
         let reach = |end: End| end.v.abs() + 0.5 * end.alpha * end.alpha;
         let v = reach(self.from).max(reach(self.to));
-        let ramp = if 2.0 * v > self.w * self.w { self.w + 2.0 * v / self.w } else { 2.0 * (2.0 * v).sqrt() };
+        let Cap { w, per_w } = self.cap;
+        let (held, free) = (w + 2.0 * v * per_w, 2.0 * (2.0 * v).sqrt());
+        let ramp = if 2.0 * v > w * w { held } else { free };
         v * (ramp + self.from.alpha.abs() + self.to.alpha.abs())
     }
 
-    /// The ends with all signs turned.
-    fn mirrored(self) -> Self {
-        Self { from: self.from.mirrored(), to: self.to.mirrored(), ..self }
+    /// The ends with all signs turned where `sign` is −1.
+    #[inline]
+    fn signed(&self, sign: f64) -> Self {
+        Self { from: self.from.signed(sign), to: self.to.signed(sign), ..*self }
     }
 
     /// The profile over `length` (s³) that belongs to the few that stand apart, see [`Family::apart`], where there is one, and
@@ -120,14 +125,13 @@ impl Ends {
             Some(ends.family(swapped).apart(length, slack)?.times(swapped))
         };
         let rising = one_way(self, length).map(|times| (1.0, times));
-        rising.or_else(|| one_way(&self.mirrored(), -length).map(|times| (-1.0, times)))
+        rising.or_else(|| one_way(&self.signed(-1.0), -length).map(|times| (-1.0, times)))
     }
 
     #[inline]
     fn family(&self, swapped: bool) -> Family {
         let (high, low) = if swapped { (self.to, self.from) } else { (self.from, self.to) };
-        // An end may lie above the limit by a rounding.
-        Family { high, low, w: self.w.max(high.alpha.abs()).max(low.alpha.abs()), top: self.top }
+        Family { high, low, cap: self.cap, top: self.top }
     }
 }
 
@@ -145,14 +149,14 @@ impl End {
     /// Is it within the limits, and does it stay below the speed limit when its acceleration is taken to zero at once?
     #[inline]
     fn legal(self, ends: &Ends) -> bool {
-        self.alpha.abs() <= ends.w * (1.0 + 1e-9) && self.free <= ends.top * (1.0 + 1e-12)
+        self.alpha.abs() <= ends.cap.w && self.free <= ends.top * (1.0 + 1e-12)
     }
 
     /// The same in both directions.
     #[inline]
     fn legal_any_way(self, ends: &Ends) -> bool {
         let top = ends.top * (1.0 + 1e-12);
-        self.alpha.abs() <= ends.w * (1.0 + 1e-9) && self.v.abs().max(self.free.abs()) <= top
+        self.alpha.abs() <= ends.cap.w && self.v.abs().max(self.free.abs()) <= top
     }
 }
 
