@@ -1,7 +1,8 @@
 //! One jerk-limited profile: the fastest motion between two states over a given distance (SMO-1).
 //!
 //! [`fastest`] is what planning along a path uses: it never runs backward. [`fastest_any_way`] solves the general case of one
-//! axis, in which speeds and the distance have any sign. They share one closed form up to the root of a quartic.
+//! axis, in which speeds and the distance have any sign. They share one closed form up to the root of a quartic. [`SpeedSearch`]
+//! is the source's way to a speed (SMO-8); [`whole_periods`] slows a run between two stops down to whole periods (SMO-9).
 //!
 //! Invariant: a profile is seven phases of constant jerk, [+J, 0, −J, 0, −J, 0, +J], any of which may be empty; speed and
 //! acceleration are continuous in it, and it never leaves the limits it was asked for. All units are mm and s along the path.
@@ -17,8 +18,12 @@
 //! ```
 
 mod family;
+mod fit;
+mod search;
 mod solve;
 
+pub use fit::whole_periods;
+pub use search::{Found, SpeedSearch, Step, Track, Variant};
 pub use solve::{fastest, fastest_any_way};
 
 /// Signs of the jerk in the seven phases.
@@ -171,5 +176,106 @@ impl Profile {
             state = state.after(sign * self.jerk, phase);
         }
         (state.v, state.s, state.s + state.v * self.times[3])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const LIMITS: PathLimits = PathLimits { v: 100.0, a: 900.0, j: 18_000.0 };
+
+    /// A speed and an acceleration that can be left and reached without running backward.
+    fn state() -> impl Strategy<Value = State> {
+        (0.0..1.0f64, -1.0..1.0f64).prop_map(|(v, a)| {
+            let (v, a) = (100.0 * v * v, 890.0 * a);
+            let most = (1.9 * LIMITS.j * v.min(LIMITS.v - v)).sqrt();
+            State::moving(v, a.clamp(-most, most))
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        #[test]
+        fn a_profile_keeps_its_limits_and_lands(from in state(), to in state(), size in -4.0..3.0f64) {
+            let length = 10f64.powf(size);
+            if let Ok(profile) = fastest(from, to, length, LIMITS) {
+                let end = profile.end();
+                prop_assert!((end.s - length).abs() <= 1e-12 * (1.0 + length));
+                prop_assert!((end.v - to.v).abs() <= 1e-9 && (end.a - to.a).abs() <= 1e-6);
+                let duration = profile.duration();
+                for k in 0..=200 {
+                    let State { v, a, .. } = profile.at(duration * f64::from(k) / 200.0);
+                    prop_assert!((-1e-9..=LIMITS.v * (1.0 + 1e-9)).contains(&v) && a.abs() <= LIMITS.a * (1.0 + 1e-9));
+                }
+                // Run backward it takes as long.
+                let back = fastest(State::moving(to.v, -to.a), State::moving(from.v, -from.a), length, LIMITS);
+                if let Ok(back) = back {
+                    prop_assert!((back.duration() - duration).abs() <= 1e-9 * (1.0 + duration));
+                }
+                // Free to run backward it is no slower.
+                let any_way = fastest_any_way(from, to, length, LIMITS);
+                prop_assert!(any_way.is_ok_and(|any_way| any_way.duration() <= duration * (1.0 + 1e-9)));
+            }
+        }
+
+        /// The general solver keeps the limits all along, for any speeds and over any distance, and always finds something.
+        #[test]
+        fn any_two_states_are_connected(from in state(), to in state(), signs in 0..4, length in -50.0..50.0f64) {
+            let turned = |state: State, turn: bool| if turn { State::moving(-state.v, -state.a) } else { state };
+            let (from, to) = (turned(from, signs & 1 != 0), turned(to, signs & 2 != 0));
+            let profile = fastest_any_way(from, to, length, LIMITS);
+            prop_assert!(profile.is_ok());
+            let profile = profile.unwrap_or_default();
+            prop_assert!((profile.end().s - length).abs() <= 1e-11 && (profile.end().v - to.v).abs() <= 1e-9);
+            for k in 0..=200 {
+                let State { v, a, .. } = profile.at(profile.duration() * f64::from(k) / 200.0);
+                prop_assert!(v.abs() <= LIMITS.v * (1.0 + 1e-9) && a.abs() <= LIMITS.a * (1.0 + 1e-9));
+            }
+        }
+
+        /// More road never makes an impossible profile of an easy one: with room to stop and go, there always is one.
+        #[test]
+        fn with_enough_road_there_is_a_profile(from in state(), to in state(), more in 0.0..100.0f64) {
+            prop_assert!(fastest(from, to, 30.0 + more, LIMITS).is_ok());
+        }
+
+        #[test]
+        fn a_cut_profile_goes_on_where_it_was(from in state(), to in state(), share in 0.0..1.0f64) {
+            let Ok(whole) = fastest(from, to, 40.0, LIMITS) else { return Ok(()) };
+            let (before, after) = whole.cut(share * whole.duration());
+            let (middle, end) = (before.at(before.duration()), after.at(after.duration()));
+            prop_assert!((middle.v - after.v0).abs() < 1e-9 && (middle.a - after.a0).abs() < 1e-8);
+            prop_assert!((middle.s + end.s - 40.0).abs() < 1e-9);
+            prop_assert!((whole.time_at(middle.s) - before.duration()).abs() < 1e-6 || middle.v < 1e-3);
+        }
+    }
+
+    /// A long way at a crawl has a profile too: the rounding of the acceleration does not add up over the time.
+    #[test]
+    fn a_long_way_at_a_crawl_has_a_profile() {
+        let crawl = PathLimits { v: 0.5, ..LIMITS };
+        let profile = fastest(State::default(), State::moving(0.3, 20.0), 1_000.0, crawl);
+        assert!(profile.is_ok_and(|profile| profile.duration() < 2_001.0));
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_refused() {
+        let rest = State::default();
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            assert!(fastest_any_way(rest, rest, bad, LIMITS).is_err() && fastest(rest, rest, bad, LIMITS).is_err());
+            assert!(fastest_any_way(State::moving(bad, 0.0), rest, 1.0, LIMITS).is_err());
+            assert!(fastest_any_way(rest, State::moving(0.0, bad), 1.0, LIMITS).is_err());
+        }
+        for limits in
+            [PathLimits { v: 0.0, ..LIMITS }, PathLimits { a: 0.0, ..LIMITS }, PathLimits { j: 0.0, ..LIMITS }]
+        {
+            assert!(fastest_any_way(rest, rest, 1.0, limits).is_err(), "{limits:?}");
+        }
+        assert_eq!(fastest_any_way(State::moving(101.0, 0.0), rest, 1.0, LIMITS), Err(Misfit::StartTooHigh));
+        assert_eq!(fastest_any_way(rest, State::moving(0.0, -901.0), 1.0, LIMITS), Err(Misfit::TargetTooHigh));
+        assert_eq!(fastest(rest, rest, -1.0, LIMITS), Err(Misfit::StartTooHigh));
     }
 }

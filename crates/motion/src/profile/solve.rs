@@ -170,7 +170,7 @@ fn lands(profile: &Profile, length: f64, to: State, excursion: f64) -> (bool, f6
         }
         state = end;
     }
-    let lands = (state.s - length).abs() <= 1e-12 * excursion
+    let lands = (state.s - length).abs() < 1e-12 * excursion
         && (state.v - to.v).abs() <= 1e-10 * (1.0 + to.v.abs())
         && (state.a - to.a).abs() <= 1e-8 * (1.0 + to.a.abs());
     (lands, least)
