@@ -57,7 +57,9 @@ fn main() {
     println!("fastest, forward cases         {ahead:8.1} ns");
     let mut tally = Tally::default();
     for k in 0..count {
-        tally.count(judge(&case(k), &mut peer));
+        let verdict = judge(&case(k), &mut peer);
+        assert!(verdict.is_sound(), "case {k}: {verdict:?}");
+        tally.count(verdict);
     }
     println!("{tally}");
 }

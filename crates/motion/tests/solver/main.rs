@@ -35,8 +35,21 @@ fn durations_are_those_of_rsruckig() {
     assert!(tally.equal as f64 >= 0.99 * count as f64, "{tally}");
 }
 
+/// What the speeds are compared with is the same solver: without its checks it gives the same durations.
 #[test]
-fn a_detour_is_no_longer_in_the_mirror_or_backward_in_time() {
+fn the_peers_solver_alone_is_the_peer() {
+    let mut peer = Peer::new();
+    for k in 0..2_000 {
+        let case = case(k);
+        peer.set(&case);
+        if let (Ok(whole), Some(bare)) = (peer.solve(), peer.solve_bare(&case)) {
+            assert!((whole - bare).abs() <= 1e-12 * (1.0 + whole), "case {k}: {whole} {bare}");
+        }
+    }
+}
+
+#[test]
+fn in_the_mirror_and_backward_in_time_it_takes_as_long() {
     use retrace_motion::profile::{State, fastest_any_way};
     let turned = |state: State, v: f64, a: f64| State { s: 0.0, v: v * state.v, a: a * state.a };
     for k in 0..number("RETRACE_PROFILE_CASES", 5_000) {
