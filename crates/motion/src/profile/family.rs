@@ -148,7 +148,7 @@ impl Family {
     /// to take longer the acceleration would have to change its sign, and that takes longer by a leap.
     #[cold]
     pub(super) fn apart(&self, length: f64, slack: f64) -> Option<Shape> {
-        let Self { high, low, .. } = *self;
+        let Self { high, low, cap, .. } = *self;
         let d = self.d();
         let x = high.alpha;
         let last = low.alpha * low.alpha - d;
@@ -162,7 +162,12 @@ impl Family {
             return (excess >= -slack).then(|| self.first());
         }
         let r = self.whole(length);
-        self.without_crest(r, -last.max(0.0).sqrt())
+        let end = -last.max(0.0).sqrt();
+        let longest = end * (2.0 * high.mu + end * end) + low.way(end * end + d, cap);
+        // Near zero acceleration the way there depends much on the last digits of the speeds.
+        let blur = 4e-16 * high.v.abs().max(low.v.abs()) * (high.mu + low.mu).abs() / -end.min(-f64::MIN_POSITIVE);
+        let is_last = (r - longest).abs() <= slack + blur.min(100.0 * slack);
+        self.without_crest(r, end).or_else(|| is_last.then(|| self.without_crest_at(end)))
     }
 
     /// Up to a crest of at least the higher free speed and down again.

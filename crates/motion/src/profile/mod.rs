@@ -196,7 +196,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(2000))]
+        #![proptest_config(ProptestConfig::with_cases(4000))]
 
         #[test]
         fn a_profile_keeps_its_limits_and_lands(from in state(), to in state(), size in -4.0..3.0f64) {
@@ -234,6 +234,30 @@ mod tests {
                 let State { v, a, .. } = profile.at(profile.duration() * f64::from(k) / 200.0);
                 prop_assert!(v.abs() <= LIMITS.v * (1.0 + 1e-9) && a.abs() <= LIMITS.a * (1.0 + 1e-9));
             }
+        }
+
+        /// Nothing is faster: whatever a few phases within the limits come to, the solver comes to in no more time. Many of them
+        /// are the fastest themselves, and lie where one kind of profile turns into another.
+        #[test]
+        fn no_other_phases_are_faster(from in state(), turn in any::<bool>(),
+                                      phases in prop::collection::vec((-1..=1i8, 0.0..0.03f64), 1..4)) {
+            let from = if turn { State::moving(-from.v, -from.a) } else { from };
+            let (mut state, mut duration) = (from, 0.0);
+            let legal = |s: State| {
+                let free = s.a * s.a / (2.0 * LIMITS.j);
+                s.a.abs() <= LIMITS.a && s.v.abs() + free <= LIMITS.v
+            };
+            for (sign, t) in phases {
+                let next = state.after(f64::from(sign) * LIMITS.j, t);
+                if legal(next) {
+                    (state, duration) = (next, duration + t);
+                }
+            }
+            let takes = |to: State| fastest_any_way(from, to, state.s, LIMITS).map_or(f64::MAX, |p| p.duration());
+            // Where the acceleration only just keeps its sign, the last digits of the speed decide whether it can.
+            let beside = |part: f64| takes(State { v: state.v * (1.0 + part), ..state });
+            let is_as_fast = takes(state) <= duration * (1.0 + 1e-9) + 1e-9;
+            prop_assert!(is_as_fast || beside(1e-13).min(beside(-1e-13)) <= duration + 1e-6);
         }
 
         /// More road never makes an impossible profile of an easy one: with room to stop and go, there always is one.

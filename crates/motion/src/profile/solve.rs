@@ -50,6 +50,9 @@ pub fn fastest_any_way(from: State, to: State, length: f64, limits: PathLimits) 
         return Err(Misfit::TargetTooHigh);
     }
     // Within a rounding of the fastest change that change is the answer; the mirror image would cover the rest on a detour.
+    if let Some(straight) = straight(from, to, length, limits) {
+        return Ok(straight);
+    }
     let excursion = length.abs() + ends.excursion() * limits.j;
     let slack = 2e-15 * excursion * ends.per_jerk;
     let length_per_jerk = length * ends.per_jerk;
@@ -72,6 +75,20 @@ pub fn fastest_any_way(from: State, to: State, length: f64, limits: PathLimits) 
     let jerk = sign * limits.j;
     let profile = Profile { v0: from.v, a0: from.a, jerk, times };
     if lands(&profile, length, to, 1.0 + excursion).0 { Ok(profile) } else { Err(Misfit::TargetTooHigh) }
+}
+
+/// The change with one jerk only, where it fits but for rounding. It lies on the border of all families, where the way depends
+/// without bound on the last digits of the speeds.
+#[inline]
+fn straight(from: State, to: State, length: f64, limits: PathLimits) -> Option<Profile> {
+    let jerk = limits.j.copysign(to.a - from.a);
+    let t = (to.a - from.a) / jerk;
+    let (change, sum) = (to.v - from.v, from.v.abs() + to.v.abs());
+    if (change - 0.5 * (from.a + to.a) * t).abs() > 1e-14 * sum || t == 0.0 {
+        return None;
+    }
+    let profile = Profile { v0: from.v, a0: from.a, jerk, times: [t, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
+    ((profile.end().s - length).abs() <= 1e-14 * sum * t).then_some(profile)
 }
 
 /// Both ends and the limits, with the jerk as unit.
