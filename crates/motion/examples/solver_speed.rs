@@ -13,48 +13,42 @@ mod verdict;
 
 use cases::{Case, case};
 use peer::Peer;
-use retrace_motion::profile::{fastest, fastest_any_way};
+use retrace_motion::profile::{State, fastest, fastest_any_way};
 use std::hint::black_box;
 use std::time::Instant;
 use verdict::{Tally, judge};
 
 const TURN: u64 = 250;
 
+/// Repetitions of one case when it is timed alone.
+const AGAIN: u32 = 20;
+
 fn main() {
     let count: u64 = std::env::args().nth(1).and_then(|given| given.parse().ok()).unwrap_or(100_000);
     let mut peer = Peer::new();
-    let mut turns: [Vec<f64>; 4] = Default::default();
+    let mut mixed: [Vec<f64>; 4] = Default::default();
+    let mut alone: [Vec<f64>; 4] = Default::default();
     for first in (0..count).step_by(TURN as usize) {
         let cases: Vec<Case> = (first..first + TURN).map(case).collect();
-        let mut time = |row: usize, solve: &mut dyn FnMut(&Case) -> f64| {
+        for solver in 0..4 {
             let start = Instant::now();
             for case in &cases {
-                black_box(solve(black_box(case)));
+                solve(solver, black_box(case), &mut peer);
             }
-            turns[row].push(start.elapsed().as_secs_f64() * 1e9 / cases.len() as f64);
-        };
-        time(0, &mut |c| fastest_any_way(c.from, c.to, c.length, c.limits).map_or(0.0, |p| p.times[3]));
-        time(1, &mut |c| {
-            peer.set(c);
-            peer.solve().unwrap_or(0.0)
-        });
-        time(2, &mut |c| peer.solve_bare(c).unwrap_or(0.0));
-        let forward: Vec<Case> = cases.iter().map(forward).collect();
-        let start = Instant::now();
-        for c in &forward {
-            let _ = black_box(fastest(c.from, c.to, c.length, black_box(c.limits)));
+            mixed[solver].push(start.elapsed().as_secs_f64() * 1e9 / cases.len() as f64);
         }
-        turns[3].push(start.elapsed().as_secs_f64() * 1e9 / forward.len() as f64);
+        for case in cases.iter().step_by(10) {
+            for (solver, times) in alone.iter_mut().enumerate() {
+                let start = Instant::now();
+                for _ in 0..AGAIN {
+                    solve(solver, black_box(case), &mut peer);
+                }
+                times.push(start.elapsed().as_secs_f64() * 1e9 / f64::from(AGAIN));
+            }
+        }
     }
-    let [ours, theirs, bare, ahead] = turns.map(|mut turn| {
-        turn.sort_by(f64::total_cmp);
-        turn[turn.len() / 2]
-    });
-    println!("{count} cases, medians over turns of {TURN}");
-    println!("fastest_any_way                {ours:8.1} ns");
-    println!("rsruckig, calculate            {theirs:8.1} ns  {:5.1} times ours", theirs / ours);
-    println!("rsruckig, its solver alone     {bare:8.1} ns  {:5.1} times ours", bare / ours);
-    println!("fastest, forward cases         {ahead:8.1} ns");
+    print_times(&format!("{count} cases one after the other, medians over turns of {TURN}"), mixed);
+    print_times(&format!("each tenth case {AGAIN} times, medians over the cases"), alone);
     let mut tally = Tally::default();
     for k in 0..count {
         let verdict = judge(&case(k), &mut peer);
@@ -64,10 +58,36 @@ fn main() {
     println!("{tally}");
 }
 
-/// The case with its signs taken off, as look-ahead asks: speeds and distance are not negative.
-fn forward(case: &Case) -> Case {
-    let mut forward = *case;
-    (forward.from.v, forward.to.v) = (case.from.v.abs(), case.to.v.abs());
-    forward.length = case.length.abs();
-    forward
+/// Solves a case by one of the four.
+#[inline]
+fn solve(solver: usize, case: &Case, peer: &mut Peer) {
+    match solver {
+        0 => {
+            let _ = black_box(fastest_any_way(case.from, case.to, case.length, case.limits));
+        }
+        1 => {
+            peer.set(case);
+            let _ = black_box(peer.solve());
+        }
+        2 => {
+            let _ = black_box(peer.solve_bare(case));
+        }
+        _ => {
+            // Its signs taken off, as look-ahead asks: speeds and distance are not negative.
+            let upright = |state: State| State { v: state.v.abs(), ..state };
+            let _ = black_box(fastest(upright(case.from), upright(case.to), case.length.abs(), case.limits));
+        }
+    }
+}
+
+fn print_times(title: &str, times: [Vec<f64>; 4]) {
+    let [ours, theirs, bare, ahead] = times.map(|mut times| {
+        times.sort_by(f64::total_cmp);
+        times[times.len() / 2]
+    });
+    println!("{title}");
+    println!("  fastest_any_way                {ours:8.1} ns");
+    println!("  rsruckig, calculate            {theirs:8.1} ns  {:5.1} times ours", theirs / ours);
+    println!("  rsruckig, its solver alone     {bare:8.1} ns  {:5.1} times ours", bare / ours);
+    println!("  fastest, forward cases         {ahead:8.1} ns");
 }

@@ -8,7 +8,7 @@
 //! first member of the rising family that covers it, and below d the first of the falling one, its mirror image.
 
 use super::family::{Cap, End, Family, Shape};
-use super::{Misfit, PathLimits, Profile, State};
+use super::{Misfit, PathLimits, Profile, SIGNS, State};
 
 /// The fastest profile from `from` to `to` (their places are ignored) over `length` mm that never runs backward.
 ///
@@ -81,12 +81,13 @@ pub fn fastest_any_way(from: State, to: State, length: f64, limits: PathLimits) 
 /// without bound on the last digits of the speeds.
 #[inline]
 fn straight(from: State, to: State, length: f64, limits: PathLimits) -> Option<Profile> {
-    let jerk = limits.j.copysign(to.a - from.a);
-    let t = (to.a - from.a) / jerk;
-    let (change, sum) = (to.v - from.v, from.v.abs() + to.v.abs());
-    if (change - 0.5 * (from.a + to.a) * t).abs() > 1e-14 * sum || t == 0.0 {
+    let (rise, sum) = (to.a - from.a, from.v.abs() + to.v.abs());
+    let change = 2.0 * limits.j * (to.v - from.v);
+    if (change - (from.a + to.a) * rise.abs()).abs() > 2e-14 * limits.j * sum || rise == 0.0 {
         return None;
     }
+    let jerk = limits.j.copysign(rise);
+    let t = rise / jerk;
     let profile = Profile { v0: from.v, a0: from.a, jerk, times: [t, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
     ((profile.end().s - length).abs() <= 1e-14 * sum * t).then_some(profile)
 }
@@ -180,15 +181,22 @@ impl End {
 /// Do the phases really end at `length` in the state `to`, and what is the lowest speed between two of them? Places may be off
 /// by a part in 10¹² of `excursion`. It guards against lost digits.
 fn lands(profile: &Profile, length: f64, to: State, excursion: f64) -> (bool, f64) {
-    let (mut state, mut least) = (profile.start(), profile.v0);
-    for end in profile.ends() {
-        if end.v < least {
-            least = end.v;
+    // The same sums as in `Profile::ends`, without a division.
+    let (mut s, mut v, mut a, mut least) = (0.0, profile.v0, profile.a0, profile.v0);
+    for (k, (&t, sign)) in profile.times.iter().zip(SIGNS).enumerate() {
+        if k == 3 && t > 0.0 {
+            a = 0.0;
         }
-        state = end;
+        let change = sign * profile.jerk * t;
+        s += t * (v + t * (0.5 * a + (1.0 / 6.0) * change));
+        v += t * (a + 0.5 * change);
+        a += change;
+        if v < least {
+            least = v;
+        }
     }
-    let lands = (state.s - length).abs() < 1e-12 * excursion
-        && (state.v - to.v).abs() <= 1e-10 * (1.0 + to.v.abs())
-        && (state.a - to.a).abs() <= 1e-8 * (1.0 + to.a.abs());
+    let lands = (s - length).abs() < 1e-12 * excursion
+        && (v - to.v).abs() <= 1e-10 * (1.0 + to.v.abs())
+        && (a - to.a).abs() <= 1e-8 * (1.0 + to.a.abs());
     (lands, least)
 }
