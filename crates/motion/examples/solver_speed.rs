@@ -30,12 +30,12 @@ fn main() {
     let mut alone: [Vec<f64>; 4] = Default::default();
     for first in (0..count).step_by(TURN as usize) {
         let cases: Vec<Case> = (first..first + TURN).map(case).collect();
-        for solver in 0..4 {
+        for (solver, times) in mixed.iter_mut().enumerate() {
             let start = Instant::now();
             for case in &cases {
                 solve(solver, black_box(case), &mut peer);
             }
-            mixed[solver].push(start.elapsed().as_secs_f64() * 1e9 / cases.len() as f64);
+            times.push(start.elapsed().as_secs_f64() * 1e9 / cases.len() as f64);
         }
         for case in cases.iter().step_by(10) {
             for (solver, times) in alone.iter_mut().enumerate() {

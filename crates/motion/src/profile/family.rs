@@ -119,7 +119,7 @@ impl Family {
     }
 
     /// The member of least duration that covers `length` (s³), which must exceed what the first one covers.
-    #[inline]
+    #[inline(never)]
     pub(super) fn beyond(&self, length: f64) -> Shape {
         let Self { high, low, cap, .. } = *self;
         let r = self.whole(length);
@@ -171,6 +171,7 @@ impl Family {
     }
 
     /// Up to a crest of at least the higher free speed and down again.
+    #[inline(never)]
     fn crest(&self, r: f64) -> Shape {
         let Self { high, low, cap, .. } = *self;
         let (d, m, w) = (self.d(), high.mu + low.mu, cap.w);
@@ -308,7 +309,7 @@ impl Quartic {
 
     /// The root in [low, high], where the sign changes from − to + once; exact to a few units in the last place of the root or
     /// of `scale`, whichever is larger. Halley's method, kept inside the bracket.
-    #[inline]
+    #[inline(never)]
     fn root(&self, mut low: f64, mut high: f64, scale: f64, guess: Option<f64>) -> f64 {
         let [_, q1, q2, q3] = self.0;
         let mut z = guess.unwrap_or_else(|| {

@@ -12,6 +12,9 @@ use super::{Misfit, PathLimits, Profile, SIGNS, State};
 
 /// The fastest profile from `from` to `to` (their places are ignored) over `length` mm that never runs backward.
 ///
+/// Where both ends accelerate the same way, there can be one more profile whose acceleration sinks between them and keeps its
+/// sign. Look-ahead has no use for it so far and it is not looked for here; [`fastest_any_way`] finds it.
+///
 /// # Errors
 /// Which of the two states is too high for the distance or the limits; a state that cannot be left or reached without
 /// running backward is too high for any distance.
@@ -54,7 +57,7 @@ pub fn fastest_any_way(from: State, to: State, length: f64, limits: PathLimits) 
         return Ok(straight);
     }
     let excursion = length.abs() + ends.excursion() * limits.j;
-    let slack = 2e-15 * excursion * ends.per_jerk;
+    let slack = 1e-15 * excursion * ends.per_jerk;
     let length_per_jerk = length * ends.per_jerk;
     let apart = if from.a * to.a > 0.0 { ends.apart(length_per_jerk, slack) } else { None };
     let (sign, times) = apart.unwrap_or_else(|| {
@@ -120,12 +123,10 @@ impl Ends {
     /// No less than what the fastest change of speed and acceleration covers to and fro (s³).
     #[inline]
     fn excursion(&self) -> f64 {
-        let reach = |end: End| end.v.abs() + 0.5 * end.alpha * end.alpha;
-        let v = reach(self.from).max(reach(self.to));
-        let Cap { w, per_w } = self.cap;
-        let (held, free) = (w + 2.0 * v * per_w, 2.0 * (2.0 * v).sqrt());
-        let ramp = if 2.0 * v > w * w { held } else { free };
-        v * (ramp + self.from.alpha.abs() + self.to.alpha.abs())
+        let reach = |end: End| end.v.abs() + end.alpha * end.alpha;
+        let v = reach(self.from) + reach(self.to);
+        // A ramp that meets the acceleration limit takes longer than one that does not.
+        2.0 * v * (self.cap.w + v * self.cap.per_w)
     }
 
     /// The ends with all signs turned where `sign` is −1.
@@ -180,6 +181,7 @@ impl End {
 
 /// Do the phases really end at `length` in the state `to`, and what is the lowest speed between two of them? Places may be off
 /// by a part in 10¹² of `excursion`. It guards against lost digits.
+#[inline(always)]
 fn lands(profile: &Profile, length: f64, to: State, excursion: f64) -> (bool, f64) {
     // The same sums as in `Profile::ends`, without a division.
     let (mut s, mut v, mut a, mut least) = (0.0, profile.v0, profile.a0, profile.v0);
