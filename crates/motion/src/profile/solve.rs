@@ -13,7 +13,7 @@ use super::{Misfit, PathLimits, Profile, SIGNS, State};
 /// The fastest profile from `from` to `to` (their places are ignored) over `length` mm that never runs backward.
 ///
 /// Where both ends accelerate the same way, there can be one more profile whose acceleration sinks between them and keeps its
-/// sign. Look-ahead has no use for it so far and it is not looked for here; [`fastest_any_way`] finds it.
+/// sign. It is not looked for here; [`fastest_any_way`] finds it.
 ///
 /// # Errors
 /// Which of the two states is too high for the distance or the limits; a state that cannot be left or reached without
