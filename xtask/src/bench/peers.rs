@@ -61,8 +61,6 @@ pub(super) fn rows(
     if over_s_curve.is_empty() {
         return Ok(Vec::new());
     }
-    let largest =
-        |of: &[(&str, f64)]| of.iter().fold(("", 0.0), |most, one| if one.1 > most.1 { (*one).into() } else { most });
     let (name, most) = largest(&over_s_curve);
     let (name_t, most_t) = largest(&over_trapezoid);
     let count = over_s_curve.len();
@@ -81,6 +79,11 @@ pub(super) fn rows(
         Row::at_most("Q6", &what("trapezoid"), geometric_mean(&over_trapezoid), 1.2, false, q6),
         Row::at_most("Q7", "limit violations in those programs", broken as f64, 0.0, false, String::new()),
     ])
+}
+
+/// The program with the largest ratio.
+fn largest(of: &[(&'static str, f64)]) -> (&'static str, f64) {
+    of.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or(("none", f64::NAN))
 }
 
 fn geometric_mean(of: &[(&str, f64)]) -> f64 {
