@@ -4,6 +4,7 @@
 //! fields parted by tabs, for the task that adds the rows of whole programs and writes the page.
 
 mod corners;
+mod legality;
 mod oracle;
 mod quality;
 mod roads;
@@ -11,13 +12,6 @@ mod row;
 mod speed;
 
 use row::Row;
-
-/// What is asked for on the command line.
-struct Asked {
-    full: bool,
-    /// Rows to measure; all where it is empty.
-    only: Vec<String>,
-}
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -32,19 +26,27 @@ fn main() {
         print!("{}", corners::table());
         return;
     }
-    let asked = Asked { full, only };
-    for (names, measure) in ROWS {
-        if asked.only.is_empty() || names.iter().any(|name| asked.only.iter().any(|only| only == name)) {
-            for row in measure(asked.full) {
+    for Group { names, measure } in ROWS {
+        if only.is_empty() || names.iter().any(|name| only.iter().any(|only| only == name)) {
+            for row in measure(full) {
                 println!("{row}");
             }
         }
     }
 }
 
-/// Measures some rows; `true` takes the full sizes.
-type Measure = fn(bool) -> Vec<Row>;
+/// Rows that are measured together.
+struct Group {
+    names: &'static [&'static str],
+    /// Measures them; `true` takes the full sizes.
+    measure: fn(bool) -> Vec<Row>,
+}
 
 /// Every group of rows that is measured together.
-const ROWS: &[(&[&str], Measure)] =
-    &[(&["Q2"], quality::cut_line), (&["Q3"], corners::rows), (&["S2", "S3", "S4", "S5"], speed::rows)];
+const ROWS: &[Group] = &[
+    Group { names: &["Q2"], measure: quality::cut_line },
+    Group { names: &["Q3"], measure: corners::rows },
+    Group { names: &["Q4"], measure: quality::windows },
+    Group { names: &["Q7", "Q8"], measure: legality::rows },
+    Group { names: &["S2", "S3", "S4", "S5"], measure: speed::rows },
+];

@@ -3,9 +3,9 @@
 //! Invariant: times are counted in emitted records, so that rounding to whole periods is part of every ratio.
 
 use retrace_core::Flags;
-use retrace_motion::{Feed, PathMode, Planner};
+use retrace_motion::{Feed, Limits, PathMode, Planner};
 
-use crate::roads::{Road, TOLERANCE};
+use crate::roads::{self, Road, TOLERANCE};
 use crate::row::{Goal, Row};
 
 /// Records of the moves that `give` puts into a planner.
@@ -39,4 +39,34 @@ pub(crate) fn cut_line(_full: bool) -> Vec<Row> {
     }
     let what = "straight 100 mm in 10 … 10⁴ pieces over the uncut line, worst".to_owned();
     vec![Row { name: "Q2", what, figure: worst, unit: "", goal: Goal::AtMost(1.001), note }]
+}
+
+/// Q4: a window of 1 000 blocks against the whole road.
+pub(crate) fn windows(full: bool) -> Vec<Row> {
+    let blocks = if full { 100_000 } else { 10_000 };
+    let time = |road: &Road, window: usize| {
+        let planner = Planner::with_look_ahead(Limits::built_in(), [0.0; 3], window);
+        periods(planner.expect("the built-in machine is valid"), |planner| {
+            (0..road.ways.len()).for_each(|k| road.push(planner, k));
+        })
+    };
+    let (mut worst, mut note) = ((0.0f64, ""), String::new());
+    let roads = roads::all(blocks);
+    for road in &roads {
+        let (narrow, whole) = (time(road, 1000), time(road, usize::MAX));
+        let ratio = narrow as f64 / whole as f64;
+        note += &format!(
+            "{} {narrow} over {whole} periods, {ratio:.5}; as it is {}; ",
+            road.name,
+            periods(Road::planner(), |planner| {
+                (0..road.ways.len()).for_each(|k| road.push(planner, k));
+            })
+        );
+        if ratio > worst.0 {
+            worst = (ratio, road.name);
+        }
+    }
+    let what = format!("window of 1 000 blocks over unlimited look-ahead, worst: {}", worst.1);
+    note += "a block here is a part of the blended road, several to a programmed move; at least half the window is kept back";
+    vec![Row { name: "Q4", what, figure: worst.0, unit: "", goal: Goal::AtMost(1.002), note }]
 }
