@@ -41,7 +41,7 @@ mod limits;
 mod lookahead;
 mod piece;
 mod planner;
-mod profile;
+pub mod profile;
 mod run;
 mod stepwise;
 
