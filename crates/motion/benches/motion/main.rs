@@ -9,6 +9,7 @@ mod oracle;
 mod quality;
 mod roads;
 mod row;
+mod solver;
 mod speed;
 
 use row::Row;
@@ -44,9 +45,11 @@ struct Group {
 
 /// Every group of rows that is measured together.
 const ROWS: &[Group] = &[
+    Group { names: &["Q1"], measure: solver::durations },
     Group { names: &["Q2"], measure: quality::cut_line },
     Group { names: &["Q3"], measure: corners::rows },
     Group { names: &["Q4"], measure: quality::windows },
     Group { names: &["Q7", "Q8"], measure: legality::rows },
+    Group { names: &["S1"], measure: solver::speed },
     Group { names: &["S2", "S3", "S4", "S5"], measure: speed::rows },
 ];

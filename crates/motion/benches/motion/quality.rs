@@ -53,20 +53,21 @@ pub(crate) fn windows(full: bool) -> Vec<Row> {
     let (mut worst, mut note) = ((0.0f64, ""), String::new());
     let roads = roads::all(blocks);
     for road in &roads {
-        let (narrow, whole) = (time(road, 1000), time(road, usize::MAX));
-        let ratio = narrow as f64 / whole as f64;
+        let [narrow, wide, whole] = [1000, 10_000, usize::MAX].map(|window| time(road, window));
+        let usual = periods(Road::planner(), |planner| (0..road.ways.len()).for_each(|k| road.push(planner, k)));
+        // More look-ahead must not make a plan slower; where it does, what is known to be possible is compared with.
+        let least = wide.min(whole).min(usual);
+        let ratio = narrow as f64 / least as f64;
+        let name = road.name;
         note += &format!(
-            "{} {narrow} over {whole} periods, {ratio:.5}; as it is {}; ",
-            road.name,
-            periods(Road::planner(), |planner| {
-                (0..road.ways.len()).for_each(|k| road.push(planner, k));
-            })
+            "{name} {narrow}, of 10 000 {wide}, whole {whole}, as the planner does by itself {usual} periods; "
         );
         if ratio > worst.0 {
-            worst = (ratio, road.name);
+            worst = (ratio, name);
         }
     }
-    let what = format!("window of 1 000 blocks over unlimited look-ahead, worst: {}", worst.1);
+    let what =
+        format!("window of 1 000 blocks over more or unlimited look-ahead, the best of them, worst: {}", worst.1);
     note += "a block here is a part of the blended road, several to a programmed move; at least half the window is kept back";
     vec![Row { name: "Q4", what, figure: worst.0, unit: "", goal: Goal::AtMost(1.002), note }]
 }

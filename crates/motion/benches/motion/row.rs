@@ -9,8 +9,6 @@ use std::fmt;
 pub(crate) enum Goal {
     AtMost(f64),
     AtLeast(f64),
-    /// Below, and not equal.
-    Below(f64),
     /// No goal: it is told for comparison.
     None,
 }
@@ -20,7 +18,6 @@ impl Goal {
         match self {
             Self::AtMost(most) => figure <= most,
             Self::AtLeast(least) => figure >= least,
-            Self::Below(bound) => figure < bound,
             Self::None => true,
         }
     }
@@ -43,7 +40,6 @@ impl fmt::Display for Row {
         let goal = match self.goal {
             Goal::AtMost(most) => format!("≤ {most}"),
             Goal::AtLeast(least) => format!("≥ {least}"),
-            Goal::Below(bound) => format!("< {bound}"),
             Goal::None => "-".to_owned(),
         };
         let verdict = match self.goal {
@@ -53,7 +49,7 @@ impl fmt::Display for Row {
         };
         let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
         let Self { name, what, figure, note, .. } = self;
-        write!(f, "row\t{name}\t{what}\t{}{unit}\t{goal}{unit}\t{verdict}\t{note}", short(*figure))
+        write!(f, "row\t{name}\t{what}\t{}{unit}\t{goal}\t{verdict}\t{note}", short(*figure))
     }
 }
 
