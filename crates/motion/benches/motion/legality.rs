@@ -148,14 +148,14 @@ impl<'r> Judge<'r> {
     fn differences(&mut self, point: [f64; 3]) {
         let t = self.limits.period_s;
         let alpha = self.limits.alpha();
-        for axis in 0..3 {
+        for (axis, &at) in point.iter().enumerate() {
             let most = [
                 self.limits.velocity_mm_s[axis] * t,
                 alpha * self.limits.acceleration_mm_s2[axis] * t * t,
                 alpha * self.limits.jerk_mm_s3[axis] * t * t * t,
             ];
-            let noise = 2.0 * f64::EPSILON * (1.0 + point[axis].abs());
-            let mut value = point[axis];
+            let noise = 2.0 * f64::EPSILON * (1.0 + at.abs());
+            let mut value = at;
             for (k, most) in most.into_iter().enumerate() {
                 let difference = value - std::mem::replace(&mut self.last[k][axis], value);
                 let share = (difference.abs() - noise * f64::from(2 << k)).max(0.0) / most;
@@ -238,13 +238,13 @@ fn random(seed: u64) -> Road {
         };
         let length = 10f64.powf(numbers.between(-3.0, 1.3));
         if numbers.whole() % 8 < 6 {
-            let rise = if numbers.whole() % 4 == 0 { numbers.between(-0.3, 0.3) * length } else { 0.0 };
+            let rise = if numbers.whole().is_multiple_of(4) { numbers.between(-0.3, 0.3) * length } else { 0.0 };
             at = [at[0] + length * heading.cos(), at[1] + length * heading.sin(), at[2] + rise];
             ways.push(Way::Line(at));
             continue;
         }
         let bend = numbers.between(0.05, 3.0);
-        let sweep = if numbers.whole() % 2 == 0 { bend } else { -bend };
+        let sweep = if numbers.whole().is_multiple_of(2) { bend } else { -bend };
         let radius = length / bend;
         let side = heading + sweep.signum() * std::f64::consts::FRAC_PI_2;
         let centre = [at[0] + radius * side.cos(), at[1] + radius * side.sin()];
