@@ -171,8 +171,11 @@ impl Family {
             let z_at = |gain: f64| (gain + sunk).max(0.0).sqrt();
             let z = self.one_held(r).root(z_at(lowest.max(g1)), z_at(top.min(g2)), w, None);
             let gain = z * z + d.abs();
-            let (up, down) =
-                if d >= 0.0 { (high.free_ramp(z), low.held(gain, w)) } else { (high.held(gain, w), low.free_ramp(z)) };
+            let (up, down) = if d >= 0.0 {
+                (high.free_ramp(z), low.held(gain, w))
+            } else {
+                (high.held(gain, w), low.free_ramp(z))
+            };
             return Shape { up, cruise: 0.0, down };
         }
         // Without D, s is at most the cube root of 4R and, where M > 0, at most R/M, and at least half the lesser of both.
