@@ -1,7 +1,6 @@
 //! All profiles between two states that leave with rising acceleration, by the one number that is free in them.
 //!
-//! Invariant: `plus` returns the profile of the least duration in its family that covers the length, or says that the family
-//! begins beyond it; phases come out in order and none is negative but for rounding.
+//! Invariant: what is returned is the profile of the least duration in its family that covers the length; phases come out in order and none is negative but for rounding.
 //!
 //! The jerk is the unit: lengths are divided by it (s³), speeds (s²) and accelerations (s) too. An [`End`] lies on a parabola of
 //! constant jerk that crosses zero acceleration at the speed `mu`. From there to the crest c a symmetric ramp leads, whose way
@@ -14,6 +13,13 @@
 //!
 //! The same equations hold with x < 0: the acceleration then turns before it comes to zero, and there is no crest. In that
 //! branch the way need not grow with the duration where speeds are negative; where it turns is known in closed form too.
+
+/// The acceleration limit, in s, and its inverse.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cap {
+    pub(super) w: f64,
+    pub(super) per_w: f64,
+}
 
 /// One end of a profile, seen so that time runs towards the crest; the jerk is 1.
 #[derive(Clone, Copy, Debug)]
@@ -35,10 +41,10 @@ impl End {
         Self { v, alpha, mu: v - half, free: if alpha > 0.0 { v + half } else { v - half } }
     }
 
-    /// The end with all signs turned.
+    /// The end with all signs turned where `sign` is −1.
     #[inline]
-    pub(super) fn mirrored(self) -> Self {
-        Self::new(-self.v, -self.alpha)
+    pub(super) fn signed(self, sign: f64) -> Self {
+        Self::new(sign * self.v, sign * self.alpha)
     }
 
     /// The way from the parabola's zero to this end, taken negative.
@@ -47,22 +53,26 @@ impl End {
         self.alpha * (self.mu + self.alpha * self.alpha * (1.0 / 6.0))
     }
 
-    /// The way of the whole ramp that gains `gain` ≥ 0 from mu with the acceleration limit `w`.
+    /// The way of the whole ramp that gains `gain` ≥ 0 from mu.
     #[inline]
-    fn way(self, gain: f64, w: f64) -> f64 {
-        (2.0 * self.mu + gain) * if gain > w * w { 0.5 * (w + gain / w) } else { gain.sqrt() }
+    fn way(self, gain: f64, cap: Cap) -> f64 {
+        // Both are computed, so that nothing has to be predicted.
+        let (held, free) = (0.5 * (cap.w + gain * cap.per_w), gain.sqrt());
+        (2.0 * self.mu + gain) * if gain > cap.w * cap.w { held } else { free }
     }
 
     /// The phases of the ramp from this end up to the crest at mu + `gain`.
     #[inline]
-    fn ramp(self, gain: f64, w: f64) -> [f64; 3] {
-        if gain > w * w { self.held(gain, w) } else { self.free_ramp(gain.sqrt()) }
+    fn ramp(self, gain: f64, cap: Cap) -> [f64; 3] {
+        let free = gain.sqrt();
+        let [hold, x] = if gain > cap.w * cap.w { [gain * cap.per_w - cap.w, cap.w] } else { [0.0, free] };
+        [x - self.alpha, hold, x]
     }
 
     /// The phases of a ramp that gains `gain` and meets the limit.
     #[inline]
-    fn held(self, gain: f64, w: f64) -> [f64; 3] {
-        [w - self.alpha, gain / w - w, w]
+    fn held(self, gain: f64, cap: Cap) -> [f64; 3] {
+        [cap.w - self.alpha, gain * cap.per_w - cap.w, cap.w]
     }
 
     /// The phases of a ramp that turns at the acceleration `x`.
@@ -85,37 +95,45 @@ pub(super) struct Shape {
 pub(super) struct Family {
     pub(super) high: End,
     pub(super) low: End,
-    /// The acceleration limit, in s.
-    pub(super) w: f64,
+    pub(super) cap: Cap,
     /// The speed limit, in s².
     pub(super) top: f64,
 }
 
 impl Family {
-    /// The member of least duration that covers `length` (s³); `None` where the family begins beyond it. Its first member covers
-    /// what is less than its own length by no more than `below`, or more by no more than `above`.
+    /// By how much `length` (s³) exceeds what the first member covers: the fastest change from one state to the other.
     #[inline]
-    pub(super) fn plus(&self, length: f64, below: f64, above: f64) -> Option<Shape> {
-        let Self { high, low, w, .. } = *self;
-        let r = length + high.offset() + low.offset();
-        let d = self.d();
-        if high.alpha >= 0.0 {
-            let gain = high.alpha * high.alpha;
-            let first = high.way(gain, w) + low.way(gain + d, w);
-            if r <= first + above {
-                return (r >= first - below).then(|| self.crest_at(gain, 0.0));
-            }
-        } else if r < low.way(d, w) || 16.0 * high.mu < w * w {
-            let x = high.alpha;
-            let first = x * (2.0 * high.mu + x * x) + low.way(d + x * x, w);
-            if r <= first + above {
-                return (r >= first - below).then(|| self.without_crest_at(x));
-            }
-            if let Some(shape) = self.without_crest(r, 0.0) {
-                return Some(shape);
-            }
+    pub(super) fn excess(&self, length: f64) -> f64 {
+        let Self { high, low, cap, .. } = *self;
+        let (x, d) = (high.alpha, self.d());
+        let square = x * x;
+        // |x| is within the limit, so that this end's ramp is not held.
+        self.whole(length) - x * (2.0 * high.mu + square) - low.way(square + d, cap)
+    }
+
+    /// The first member.
+    #[inline]
+    pub(super) fn first(&self) -> Shape {
+        let x = self.high.alpha;
+        if x < 0.0 { self.without_crest_at(x) } else { self.crest_at(x * x, 0.0) }
+    }
+
+    /// The member of least duration that covers `length` (s³), which must exceed what the first one covers.
+    #[inline]
+    pub(super) fn beyond(&self, length: f64) -> Shape {
+        let Self { high, low, cap, .. } = *self;
+        let r = self.whole(length);
+        let is_short = high.alpha < 0.0 && (r < low.way(self.d(), cap) || 16.0 * high.mu < cap.w * cap.w);
+        match is_short.then(|| self.without_crest(r, 0.0)).flatten() {
+            Some(shape) => shape,
+            None => self.crest(r),
         }
-        Some(self.crest(r))
+    }
+
+    /// The way from one parabola's zero to the other's.
+    #[inline]
+    fn whole(&self, length: f64) -> f64 {
+        length + self.high.offset() + self.low.offset()
     }
 
     /// By how much the speed `mu` of the higher end lies above that of the lower; differences first, to keep digits.
@@ -130,29 +148,32 @@ impl Family {
     /// to take longer the acceleration would have to change its sign, and that takes longer by a leap.
     #[cold]
     pub(super) fn apart(&self, length: f64, slack: f64) -> Option<Shape> {
-        let Self { high, low, w, .. } = *self;
+        let Self { high, low, .. } = *self;
         let d = self.d();
         let x = high.alpha;
         let last = low.alpha * low.alpha - d;
-        if x >= 0.0 || low.alpha <= 0.0 || high.free >= low.free || d < 0.0 || last < 0.0 || x * x < last {
+        // The straight change, with one jerk only, lies on a border of this.
+        let rounding = 1e-15 * (high.v.abs() + x * x + low.alpha * low.alpha);
+        if x >= 0.0 || low.alpha <= 0.0 || high.free >= low.free || d.min(last).min(x * x - last) < -rounding {
             return None;
         }
-        let r = length + high.offset() + low.offset();
-        let first = x * (2.0 * high.mu + x * x) + low.way(d + x * x, w);
-        if r <= first + slack {
-            return (r >= first - slack).then(|| self.without_crest_at(x));
+        let excess = self.excess(length);
+        if excess <= slack {
+            return (excess >= -slack).then(|| self.first());
         }
-        self.without_crest(r, -last.sqrt())
+        let r = self.whole(length);
+        self.without_crest(r, -last.max(0.0).sqrt())
     }
 
     /// Up to a crest of at least the higher free speed and down again.
     fn crest(&self, r: f64) -> Shape {
-        let Self { high, low, w, .. } = *self;
-        let (d, m, square) = (self.d(), high.mu + low.mu, w * w);
+        let Self { high, low, cap, .. } = *self;
+        let (d, m, w) = (self.d(), high.mu + low.mu, cap.w);
+        let square = w * w;
         // Crests are counted from the higher end's mu.
         let lowest = if high.alpha > 0.0 { high.alpha * high.alpha } else { 0.0 };
         let top = (self.top - high.mu).max(lowest);
-        let both = |gain: f64| high.way(gain, w) + low.way(gain + d, w);
+        let both = |gain: f64| high.way(gain, cap) + low.way(gain + d, cap);
         let rest = r - both(top);
         if rest >= 0.0 {
             return self.crest_at(top, rest / self.top.max(f64::MIN_POSITIVE));
@@ -169,12 +190,12 @@ impl Family {
         if top > g1 && (lowest >= g1 || both(g1) <= r) {
             let sunk = d.min(0.0);
             let z_at = |gain: f64| (gain + sunk).max(0.0).sqrt();
-            let z = self.one_held(r).root(z_at(lowest.max(g1)), z_at(top.min(g2)), w, None);
+            let z = self.one_held(r).root(z_at(lowest.max(g1)), z_at(top.min(g2)), cap.w, None);
             let gain = z * z + d.abs();
             let (up, down) = if d >= 0.0 {
-                (high.free_ramp(z), low.held(gain, w))
+                (high.free_ramp(z), low.held(gain, cap))
             } else {
-                (high.held(gain, w), low.free_ramp(z))
+                (high.held(gain, cap), low.free_ramp(z))
             };
             return Shape { up, cruise: 0.0, down };
         }
@@ -188,29 +209,30 @@ impl Family {
 
     #[inline]
     fn crest_at(&self, gain: f64, cruise: f64) -> Shape {
-        Shape { up: self.high.ramp(gain, self.w), cruise, down: self.low.ramp(gain + self.d(), self.w) }
+        Shape { up: self.high.ramp(gain, self.cap), cruise, down: self.low.ramp(gain + self.d(), self.cap) }
     }
 
     /// The member that turns at the acceleration `x` ≤ 0, before a crest.
     fn without_crest_at(&self, x: f64) -> Shape {
         let gain = x * x + self.d();
         let y = gain.max(0.0).sqrt();
-        let hold = if y > self.w { gain / self.w - self.w } else { 0.0 };
-        let y = y.min(self.w);
+        let Cap { w, per_w } = self.cap;
+        let hold = if y > w { gain * per_w - w } else { 0.0 };
+        let y = y.min(w);
         Shape { up: [x - self.high.alpha, 0.0, 0.0], cruise: 0.0, down: [y - self.low.alpha, hold, y + x] }
     }
 
     /// The first member without a crest that covers `r` and turns at an acceleration up to `end` ≤ 0, where there is one.
     fn without_crest(&self, r: f64, end: f64) -> Option<Shape> {
-        let Self { high, low, w, .. } = *self;
-        let (d, m) = (self.d(), high.mu + low.mu);
+        let Self { high, low, cap, .. } = *self;
+        let (d, m, w) = (self.d(), high.mu + low.mu, cap.w);
         let turn = -(w * w - d).max(0.0).sqrt();
         if high.alpha < turn {
             let quartic = self.one_held(r);
             let spread = w * w - 16.0 * high.mu;
             let extremes = (spread > 0.0).then(|| (-0.25 * (w + spread.sqrt()), 0.25 * (spread.sqrt() - w)));
             if let Some((begin, end)) = quartic.first_rise(high.alpha, turn.min(end), extremes) {
-                return Some(self.without_crest_at(quartic.root(begin, end, w, None)));
+                return Some(self.without_crest_at(quartic.root(begin, end, cap.w, None)));
             }
         }
         if turn >= end || d <= 0.0 {
@@ -238,8 +260,8 @@ impl Family {
     /// The equation for the acceleration at which the ramp from the higher mu turns, where the other one meets the limit.
     #[inline]
     fn one_held(&self, r: f64) -> Quartic {
-        let Self { high, low, w, .. } = *self;
-        let n = high.mu.max(low.mu);
+        let Self { high, low, cap, .. } = *self;
+        let (n, w) = (high.mu.max(low.mu), cap.w);
         Quartic([(high.mu + low.mu) * (self.d().abs() + w * w) - 2.0 * w * r, 4.0 * w * n, 2.0 * n + w * w, 2.0 * w])
     }
 }
@@ -288,7 +310,7 @@ impl Quartic {
             let (f_low, f_high) = (self.at(low), self.at(high));
             if f_low < 0.0 && f_high > f_low { low - f_low * (high - low) / (f_high - f_low) } else { high }
         });
-        z = z.clamp(low, high.max(low));
+        z = if z > low { if z < high { z } else { high } } else { low };
         for round in 0..100 {
             let f = self.at(z);
             let slope = q1 + z * (2.0 * q2 + z * (3.0 * q3 + z * 4.0));

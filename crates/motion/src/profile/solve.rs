@@ -7,7 +7,7 @@
 //! which covers the distance d. Between them every distance is covered, so the fastest profile over a length beyond d is the
 //! first member of the rising family that covers it, and below d the first of the falling one, its mirror image.
 
-use super::family::{End, Family, Shape};
+use super::family::{Cap, End, Family, Shape};
 use super::{Misfit, PathLimits, Profile, State};
 
 /// The fastest profile from `from` to `to` (their places are ignored) over `length` mm that never runs backward.
@@ -24,11 +24,14 @@ pub fn fastest(from: State, to: State, length: f64, limits: PathLimits) -> Resul
         return Err(Misfit::TargetTooHigh);
     }
     let slack = 1e-14 * (length + 1.0) * ends.per_jerk;
-    let Some(times) = ends.times(length, slack, slack) else {
-        let is_start = ends.from.free >= ends.to.free;
+    let (is_start, length_per_jerk) = (ends.from.free >= ends.to.free, length * ends.per_jerk);
+    let family = ends.family(!is_start);
+    let excess = family.excess(length_per_jerk);
+    if excess < -slack {
         return Err(if is_start { Misfit::StartTooHigh } else { Misfit::TargetTooHigh });
-    };
-    let profile = Profile { v0: from.v, a0: from.a, jerk: limits.j, times };
+    }
+    let shape = if excess <= slack { family.first() } else { family.beyond(length_per_jerk) };
+    let profile = Profile { v0: from.v, a0: from.a, jerk: limits.j, times: shape.times(!is_start) };
     let (sound, least) = lands(&profile, length, to, 1.0 + length);
     if sound && least >= -1e-10 { Ok(profile) } else { Err(Misfit::TargetTooHigh) }
 }
@@ -49,17 +52,24 @@ pub fn fastest_any_way(from: State, to: State, length: f64, limits: PathLimits) 
     // Within a rounding of the fastest change that change is the answer; the mirror image would cover the rest on a detour.
     let excursion = length.abs() + ends.excursion() * limits.j;
     let slack = 2e-15 * excursion * ends.per_jerk;
-    let mirrored = ends.mirrored();
-    let (jerk, times) = if let Some(times) = ends.times_apart(length, slack) {
-        (limits.j, Some(times))
-    } else if let Some(times) = mirrored.times_apart(-length, slack) {
-        (-limits.j, Some(times))
-    } else if let Some(times) = ends.times(length, slack, slack) {
-        (limits.j, Some(times))
-    } else {
-        (-limits.j, mirrored.times(-length, f64::INFINITY, slack))
-    };
-    let Some(times) = times else { return Err(Misfit::TargetTooHigh) };
+    let length_per_jerk = length * ends.per_jerk;
+    let apart = if from.a * to.a > 0.0 { ends.apart(length_per_jerk, slack) } else { None };
+    let (sign, times) = apart.unwrap_or_else(|| {
+        let swapped = ends.from.free < ends.to.free;
+        let family = ends.family(swapped);
+        let excess = family.excess(length_per_jerk);
+        if excess.abs() <= slack {
+            return (1.0, family.first().times(swapped));
+        }
+        if excess > 0.0 {
+            return (1.0, family.beyond(length_per_jerk).times(swapped));
+        }
+        let sign = -1.0;
+        let ends = ends.signed(sign);
+        let swapped = ends.from.free < ends.to.free;
+        (sign, ends.family(swapped).beyond(sign * length_per_jerk).times(swapped))
+    });
+    let jerk = sign * limits.j;
     let profile = Profile { v0: from.v, a0: from.a, jerk, times };
     if lands(&profile, length, to, 1.0 + excursion).0 { Ok(profile) } else { Err(Misfit::TargetTooHigh) }
 }
@@ -69,7 +79,7 @@ pub fn fastest_any_way(from: State, to: State, length: f64, limits: PathLimits) 
 struct Ends {
     from: End,
     to: End,
-    w: f64,
+    cap: Cap,
     top: f64,
     per_jerk: f64,
 }
@@ -78,10 +88,12 @@ impl Ends {
     #[inline]
     fn new(from: State, to: State, limits: PathLimits) -> Self {
         let per_jerk = 1.0 / limits.j;
+        // An end may lie above the limit by a rounding.
+        let a = limits.a.max(from.a.abs().max(to.a.abs()).min(limits.a * (1.0 + 1e-9)));
         Self {
             from: End::new(from.v * per_jerk, from.a * per_jerk),
             to: End::new(to.v * per_jerk, -to.a * per_jerk),
-            w: limits.a * per_jerk,
+            cap: Cap { w: a * per_jerk, per_w: limits.j / a },
             top: limits.v * per_jerk,
             per_jerk,
         }
@@ -92,39 +104,34 @@ impl Ends {
     fn excursion(&self) -> f64 {
         let reach = |end: End| end.v.abs() + 0.5 * end.alpha * end.alpha;
         let v = reach(self.from).max(reach(self.to));
-        let ramp = if 2.0 * v > self.w * self.w { self.w + 2.0 * v / self.w } else { 2.0 * (2.0 * v).sqrt() };
+        let Cap { w, per_w } = self.cap;
+        let (held, free) = (w + 2.0 * v * per_w, 2.0 * (2.0 * v).sqrt());
+        let ramp = if 2.0 * v > w * w { held } else { free };
         v * (ramp + self.from.alpha.abs() + self.to.alpha.abs())
     }
 
-    /// The ends with all signs turned.
-    fn mirrored(self) -> Self {
-        Self { from: self.from.mirrored(), to: self.to.mirrored(), ..self }
+    /// The ends with all signs turned where `sign` is −1.
+    #[inline]
+    fn signed(&self, sign: f64) -> Self {
+        Self { from: self.from.signed(sign), to: self.to.signed(sign), ..*self }
     }
 
-    /// The phases of the fastest profile over `length` that leaves with rising acceleration, or `None` where the fastest change
-    /// of speed and acceleration is longer by more than `below` (s³). It is the answer too where it is shorter by up to `above`.
-    #[inline]
-    fn times(&self, length: f64, below: f64, above: f64) -> Option<[f64; 7]> {
-        let swapped = self.from.free < self.to.free;
-        Some(self.family(swapped).plus(length * self.per_jerk, below, above)?.times(swapped))
-    }
-
-    /// The same for the members that stand apart, see [`Family::apart`].
-    #[inline]
-    fn times_apart(&self, length: f64, slack: f64) -> Option<[f64; 7]> {
-        // Both accelerate the same way.
-        if self.from.alpha * self.to.alpha >= 0.0 {
-            return None;
-        }
-        let swapped = self.to.alpha < 0.0;
-        Some(self.family(swapped).apart(length * self.per_jerk, slack)?.times(swapped))
+    /// The profile over `length` (s³) that belongs to the few that stand apart, see [`Family::apart`], where there is one, and
+    /// the sign of its first jerk. Both ends accelerate the same way.
+    #[cold]
+    fn apart(&self, length: f64, slack: f64) -> Option<(f64, [f64; 7])> {
+        let one_way = |ends: &Self, length: f64| {
+            let swapped = ends.to.alpha < 0.0;
+            Some(ends.family(swapped).apart(length, slack)?.times(swapped))
+        };
+        let rising = one_way(self, length).map(|times| (1.0, times));
+        rising.or_else(|| one_way(&self.signed(-1.0), -length).map(|times| (-1.0, times)))
     }
 
     #[inline]
     fn family(&self, swapped: bool) -> Family {
         let (high, low) = if swapped { (self.to, self.from) } else { (self.from, self.to) };
-        // An end may lie above the limit by a rounding.
-        Family { high, low, w: self.w.max(high.alpha.abs()).max(low.alpha.abs()), top: self.top }
+        Family { high, low, cap: self.cap, top: self.top }
     }
 }
 
@@ -134,7 +141,7 @@ impl Shape {
     fn times(self, swapped: bool) -> [f64; 7] {
         let Self { up, cruise, down } = self;
         let ([a, b, c], [g, f, e]) = if swapped { (down, up) } else { (up, down) };
-        [a, b, c, cruise, e, f, g].map(|t| t.max(0.0))
+        [a, b, c, cruise, e, f, g].map(|t| if t > 0.0 { t } else { 0.0 })
     }
 }
 
@@ -142,14 +149,14 @@ impl End {
     /// Is it within the limits, and does it stay below the speed limit when its acceleration is taken to zero at once?
     #[inline]
     fn legal(self, ends: &Ends) -> bool {
-        self.alpha.abs() <= ends.w * (1.0 + 1e-9) && self.free <= ends.top * (1.0 + 1e-12)
+        self.alpha.abs() <= ends.cap.w && self.free <= ends.top * (1.0 + 1e-12)
     }
 
     /// The same in both directions.
     #[inline]
     fn legal_any_way(self, ends: &Ends) -> bool {
         let top = ends.top * (1.0 + 1e-12);
-        self.alpha.abs() <= ends.w * (1.0 + 1e-9) && self.v.abs().max(self.free.abs()) <= top
+        self.alpha.abs() <= ends.cap.w && self.v.abs().max(self.free.abs()) <= top
     }
 }
 
@@ -158,7 +165,9 @@ impl End {
 fn lands(profile: &Profile, length: f64, to: State, excursion: f64) -> (bool, f64) {
     let (mut state, mut least) = (profile.start(), profile.v0);
     for end in profile.ends() {
-        least = least.min(end.v);
+        if end.v < least {
+            least = end.v;
+        }
         state = end;
     }
     let lands = (state.s - length).abs() <= 1e-12 * excursion

@@ -45,10 +45,10 @@ impl Peer {
         }
     }
 
-    /// How far the phases of the last solution miss the distance, the speed and the acceleration asked for.
-    pub(crate) fn miss(&self, case: &Case) -> [f64; 3] {
+    /// Where the phases of the last solution really end.
+    pub(crate) fn end(&self, case: &Case) -> State {
         let profile = &self.path.get_profiles()[0][0];
-        let mut state = case.from;
+        let mut state = State { s: 0.0, ..case.from };
         for (jerk, t) in profile.j.iter().zip(profile.t) {
             state = State {
                 s: state.s + t * (state.v + t * (0.5 * state.a + t * jerk / 6.0)),
@@ -56,7 +56,7 @@ impl Peer {
                 a: state.a + t * jerk,
             };
         }
-        [state.s - case.length, state.v - case.to.v, state.a - case.to.a]
+        state
     }
 
     /// Solves the case by the peer's solver alone, without checking the input or filling a trajectory; its duration in s.

@@ -54,10 +54,11 @@ pub(crate) fn judge(case: &Case, peer: &mut Peer) -> Verdict {
         let still = case.from == case.to && ours.duration() == 0.0;
         return if still { Verdict::PeerDetours } else { Verdict::PeerSlower };
     }
-    let [s, v, a] = peer.miss(case);
-    let to = State { s: 0.0, v: case.to.v + v, a: case.to.a + a };
-    let same = fastest_any_way(case.from, to, case.length + s, case.limits);
-    if same.is_ok_and(|p| p.duration() <= theirs + allowed) {
+    let to = peer.end(case);
+    let moved = Case { to, length: to.s, ..*case };
+    if let Ok(same) = fastest_any_way(moved.from, moved.to, moved.length, moved.limits)
+        && (same.duration() <= theirs + allowed || is_at_border(&moved, same.duration() - theirs))
+    {
         return Verdict::PeerMisses;
     }
     if is_at_border(case, gap) { Verdict::Border } else { Verdict::OursSlower(gap) }
