@@ -72,7 +72,7 @@ fn page(root: &Path, rows: &[Row], remarks: &[String]) -> String {
          Written by `cargo xtask bench motion`; `--full` takes the full sizes. Everything on the built-in machine (100 mm/s,\n\
          1 000 mm/s², 20 000 mm/s³ each axis, 1 ms, a reserve of 10 % of acceleration and jerk) unless a row says otherwise.\n\
          Times count whole periods. Roads are made by the bench from formulas and fixed seeds; LinuxCNC's times are those that were\n\
-         measured once, under the conditions given below. A goal that is missed is a fact like any other.\n\n",
+         measured once, under the conditions given below. How fast the machine was in this run tells rsruckig's time (S1).\n\n",
     );
     let _ = writeln!(page, "{}\n", circumstances(root));
     page.push_str("| # | what | figure | goal | |\n|---|---|--:|--:|---|\n");
