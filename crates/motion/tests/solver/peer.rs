@@ -21,7 +21,13 @@ impl Peer {
     pub(crate) fn new() -> Self {
         let (mut input, path) = (InputParameter::new(None), Trajectory::new(None));
         input.synchronization = Synchronization::None;
-        Self { solver: Ruckig::new(None, 0.001), input, path, bare: PositionThirdOrderStep1::default(), block: Block::default() }
+        Self {
+            solver: Ruckig::new(None, 0.001),
+            input,
+            path,
+            bare: PositionThirdOrderStep1::default(),
+            block: Block::default(),
+        }
     }
 
     /// Takes the numbers of a case.
