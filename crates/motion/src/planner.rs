@@ -113,6 +113,18 @@ impl<const A: usize> Planner<A> {
         })
     }
 
+    /// A planner that looks ahead over that many blocks of the road instead of as far as it needs to stop: up to them are planned
+    /// together, and half of them are then committed. A block of the road is a move, or a part of a blended one. At least 2;
+    /// `usize::MAX` plans every run whole.
+    ///
+    /// # Errors
+    /// E41xx: a limit is out of its range.
+    pub fn with_look_ahead(limits: Limits<A>, start_mm: [f64; A], blocks: usize) -> Result<Self, LimitError> {
+        let mut planner = Self::new(limits, start_mm)?;
+        planner.run.look_over(blocks);
+        Ok(planner)
+    }
+
     /// Where the last move ends, mm.
     #[must_use]
     pub fn commanded_mm(&self) -> [f64; A] {

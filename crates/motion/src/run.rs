@@ -35,6 +35,8 @@ pub(crate) struct Run<const A: usize> {
     fresh: Vec<Span>,
     /// Road in mm that is kept back when a part of the plan is committed.
     keep: f64,
+    /// Blocks after which the run is planned and partly committed however short they are.
+    most_blocks: usize,
 }
 
 /// Blocks after which a run is planned and partly committed even if they are short.
@@ -60,14 +62,20 @@ impl<const A: usize> Run<A> {
             look_ahead: LookAhead::default(),
             fresh: Vec::new(),
             keep: 3.0 * stopping,
+            most_blocks: MOST_BLOCKS,
         }
+    }
+
+    /// From now on looks ahead over `blocks`, whatever their length.
+    pub(crate) fn look_over(&mut self, blocks: usize) {
+        (self.keep, self.most_blocks) = (f64::MAX, blocks.max(2));
     }
 
     /// Appends a piece that is entered through `entry`.
     pub(crate) fn push(&mut self, piece: Piece<A>, entry: Joint, emitter: &mut Emitter<A>) {
         self.push_tail(entry, emitter);
         self.tail = Some((piece, entry));
-        if self.length > 2.0 * self.keep || self.blocks.len() >= MOST_BLOCKS {
+        if self.length > 2.0 * self.keep || self.blocks.len() >= self.most_blocks {
             self.replan(State::default());
             self.commit_part(emitter);
         }
