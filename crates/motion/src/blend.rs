@@ -12,6 +12,7 @@ use std::collections::VecDeque;
 
 use crate::corner::{Corner, Event, G_MOST, Sum};
 use crate::curve::Curve;
+use crate::merge::Mark;
 use crate::piece::{Joint, Piece};
 
 /// A programmed move.
@@ -25,6 +26,8 @@ pub(crate) struct Segment<const A: usize> {
     pub(crate) tag: u32,
     /// How far the path may be from it, mm; 0 where it is exact.
     pub(crate) tolerance: f64,
+    /// How many marks of further program lines belong to it.
+    pub(crate) marks: u32,
 }
 
 /// How a segment is entered from the one before.
@@ -53,6 +56,8 @@ pub(crate) struct Blender<const A: usize> {
     total: f64,
     /// The total at which some is handed on.
     enough: f64,
+    /// Those of all segments, each from the start of its segment.
+    marks: VecDeque<Mark>,
     /// In order of place; the first `decided` have their width.
     corners: Vec<Candidate<A>>,
     decided: usize,
@@ -79,6 +84,7 @@ impl<const A: usize> Blender<A> {
         Self {
             segments: VecDeque::new(),
             total: 0.0,
+            marks: VecDeque::new(),
             enough: STEP * reach,
             corners: Vec::new(),
             decided: 0,
@@ -95,7 +101,15 @@ impl<const A: usize> Blender<A> {
         self.segments.back().map(|(segment, ..)| segment)
     }
 
-    pub(crate) fn push(&mut self, segment: Segment<A>, entry: Entry<A>) {
+    /// The program line at the end of the segment that was pushed last.
+    pub(crate) fn last_tag(&self) -> u32 {
+        let marked = self.marks.back().map(|mark| mark.tag);
+        self.last().map_or(0, |last| if last.marks > 0 { marked.unwrap_or(last.tag) } else { last.tag })
+    }
+
+    /// Appends a segment with its marks.
+    pub(crate) fn push(&mut self, segment: Segment<A>, entry: Entry<A>, marks: &[Mark]) {
+        self.marks.extend(marks);
         let s = self.total;
         let mut joint = None;
         match entry {
@@ -128,9 +142,9 @@ impl<const A: usize> Blender<A> {
         self.total > self.enough || self.segments.len() >= MOST_SEGMENTS
     }
 
-    /// Hands pieces on, each with the joint at its start: all of them where the run has `ended`, else those that later moves
+    /// Hands pieces on, each with the joint at its start, and their marks, each from the start of its piece: all of them where the run has `ended`, else those that later moves
     /// cannot change.
-    pub(crate) fn hand_on(&mut self, ended: bool, out: &mut Vec<(Piece<A>, Joint)>) {
+    pub(crate) fn hand_on(&mut self, ended: bool, out: &mut Vec<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
         if ended {
             self.close(self.total);
         }
@@ -153,7 +167,7 @@ impl<const A: usize> Blender<A> {
             let many = if self.segments.len() >= MOST_SEGMENTS { before(open) / 2 } else { 0 };
             before(open - self.reach).saturating_sub(1).max(many)
         };
-        self.cut(done, out);
+        self.cut(done, out, lines);
         self.enough = self.total + STEP * self.reach;
     }
 
@@ -279,16 +293,18 @@ impl<const A: usize> Blender<A> {
     }
 
     /// Hands the first `done` segments on, cut where the correction changes its form.
-    fn cut(&mut self, done: usize, out: &mut Vec<(Piece<A>, Joint)>) {
+    fn cut(&mut self, done: usize, out: &mut Vec<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
         if done == 0 {
             return;
         }
         let mut sum = self.sum_at(0.0);
         let (mut anchor, mut largest) = (0.0, sum.size());
         let mut events = self.events.iter().peekable();
+        let mut marks = std::mem::take(&mut self.marks);
         for (segment, start, joint) in self.segments.range(..done) {
             let end = start + segment.length;
             let mut entry = joint.unwrap_or(Joint::SMOOTH);
+            let (mut tag, mut left) = (segment.tag, segment.marks);
             loop {
                 // All that jumps here, within rounding.
                 while let Some(event) = events.next_if(|event| event.s <= sum.s + SLIVER) {
@@ -304,7 +320,16 @@ impl<const A: usize> Blender<A> {
                     (anchor, largest) = (s, sum.size());
                 }
                 let curve = segment.curve.corrected(sum.s - start, &sum.cubic());
-                out.push((Piece::new(curve, next - sum.s, segment.feed, segment.tag), entry));
+                let mut piece = Piece::new(curve, next - sum.s, segment.feed, tag);
+                while left > 0
+                    && let Some(&mark) = marks.front()
+                    && (next == end || mark.place < next - start)
+                {
+                    marks.pop_front();
+                    lines.push(Mark { place: mark.place - (sum.s - start), ..mark });
+                    (tag, left, piece.marks) = (mark.tag, left - 1, piece.marks + 1);
+                }
+                out.push((piece, entry));
                 entry = Joint::SMOOTH;
                 sum.advance(next);
                 if next == end {
@@ -312,6 +337,7 @@ impl<const A: usize> Blender<A> {
                 }
             }
         }
+        self.marks = marks;
         self.forget(done, sum.s);
     }
 

@@ -189,6 +189,10 @@ impl<const A: usize> Curve<A> {
         all
     }
 
+    pub(crate) fn is_line(&self) -> bool {
+        self.circle.is_none() && self.cubic[2] == [0.0; A] && self.cubic[3] == [0.0; A]
+    }
+
     /// In a pure arc the tangential and the centripetal part of a derivative are never both at their bound in one axis.
     pub(crate) fn is_arc(&self) -> bool {
         self.circle.is_some() && self.cubic[2] == [0.0; A] && self.cubic[3] == [0.0; A]

@@ -15,8 +15,10 @@ pub(crate) struct Piece<const A: usize> {
     pub(crate) length: f64,
     /// Highest speed asked for, mm/s.
     pub(crate) feed: f64,
-    /// Program line.
+    /// Program line at its start.
     pub(crate) tag: u32,
+    /// How many marks of further program lines belong to it.
+    pub(crate) marks: u32,
     /// Bounds on the derivatives.
     pub(crate) bounds: Derivatives<A>,
     /// The way from the piece before it into this one is not smooth.
@@ -58,7 +60,7 @@ impl Joint {
 
 impl<const A: usize> Piece<A> {
     pub(crate) fn new(curve: Curve<A>, length: f64, feed: f64, tag: u32) -> Self {
-        Self { curve, length, feed, tag, bounds: curve.bounds(length), rough_entry: false }
+        Self { curve, length, feed, tag, marks: 0, bounds: curve.bounds(length), rough_entry: false }
     }
 
     /// Path limits along the piece when `share` of the jerk is left to its joints.

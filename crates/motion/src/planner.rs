@@ -11,6 +11,7 @@ use crate::emitter::{Emitter, Item, SetPoint, counts_of};
 use crate::error::{LimitError, MoveError};
 use crate::joining::join;
 use crate::limits::{AxisLimits, Limits};
+use crate::merge::{Line, Mark, Merger};
 use crate::piece::{Joint, Piece};
 use crate::run::{Run, least};
 
@@ -45,10 +46,14 @@ pub struct Planner<const A: usize> {
     axes: AxisLimits<A>,
     pulses_per_mm: [f64; A],
     emitter: Emitter<A>,
+    merger: Merger<A>,
     blender: Blender<A>,
     run: Run<A>,
     /// Pieces on their way from the blender to the run, kept for their memory.
     pieces: Vec<(Piece<A>, Joint)>,
+    /// Marks on their way to the blender, and to the emitter.
+    marks: Vec<Mark>,
+    lines: Vec<Mark>,
     /// Where the last move ends.
     at: [f64; A],
     /// Program line of the last move.
@@ -73,9 +78,12 @@ impl<const A: usize> Planner<A> {
             axes,
             pulses_per_mm: limits.pulses_per_mm,
             emitter: Emitter::new(limits, start_mm),
+            merger: Merger::new(),
             blender: Blender::new(reach),
             run: Run::new(axes),
             pieces: Vec::new(),
+            marks: Vec::new(),
+            lines: Vec::new(),
             at: start_mm,
             tag: 0,
             stops: false,
@@ -119,7 +127,7 @@ impl<const A: usize> Planner<A> {
     pub fn stop(&mut self, flags: Flags) {
         let flags = flags.with(Flags::REST);
         let (end, held) = self.rest;
-        let moves = self.blender.last().is_some();
+        let moves = self.blender.last().is_some() || !self.merger.is_empty();
         let counts = |at: &[f64; A]| counts_of(at, &self.pulses_per_mm);
         let elsewhere = counts(&end) != counts(&self.at);
         if moves || elsewhere || !held.has(flags) && flags != Flags::REST {
@@ -153,17 +161,39 @@ impl<const A: usize> Planner<A> {
             Feed::Duration(t) => length / t,
             Feed::Rapid => f64::MAX,
         };
-        let segment = Segment { curve, length, feed, tag, tolerance: self.tolerance(mode) };
+        let tolerance = self.tolerance(mode);
+        if tolerance > 0.0 && curve.is_line() {
+            let line = Line { start, end, feed, tag, tolerance };
+            if !self.merger.offer(&line) {
+                self.pass_merged();
+                self.merger.offer(&line);
+            }
+        } else {
+            self.pass_merged();
+            self.pass(Segment { curve, length, feed, tag, tolerance, marks: 0 }, mode == PathMode::ExactStop);
+        }
+    }
+
+    /// The line that is being merged is complete.
+    fn pass_merged(&mut self) {
+        if let Some(segment) = self.merger.take(&mut self.marks) {
+            self.pass(segment, false);
+        }
+    }
+
+    /// Gives `segment`, whose marks are at hand, to the blender; does it end with a full stop?
+    fn pass(&mut self, segment: Segment<A>, stops: bool) {
         let mut entry = Entry::Rough(Joint::STOP);
         if let Some(last) = self.blender.last() {
-            let stops = self.stops;
+            let passes = !self.stops;
             match join(last, &segment, &self.axes) {
-                Some(joined) if !stops => entry = joined,
-                _ => self.finish_run(start, last.tag, Flags::REST),
+                Some(joined) if passes => entry = joined,
+                _ => self.stop_at(segment.curve.at(0.0), self.blender.last_tag(), Flags::REST),
             }
         }
-        self.stops = mode == PathMode::ExactStop;
-        self.blender.push(segment, entry);
+        self.stops = stops;
+        self.blender.push(segment, entry, &self.marks);
+        self.marks.clear();
         if self.blender.is_ready() {
             self.hand_on(false);
         }
@@ -178,13 +208,21 @@ impl<const A: usize> Planner<A> {
     }
 
     fn hand_on(&mut self, ended: bool) {
-        self.blender.hand_on(ended, &mut self.pieces);
+        self.blender.hand_on(ended, &mut self.pieces, &mut self.lines);
+        self.emitter.mark(&self.lines);
+        self.lines.clear();
         for (piece, entry) in self.pieces.drain(..) {
             self.run.push(piece, entry, &mut self.emitter);
         }
     }
 
     fn finish_run(&mut self, end: [f64; A], tag: u32, flags: Flags) {
+        self.pass_merged();
+        self.stop_at(end, tag, flags);
+    }
+
+    /// Everything that the blender holds comes to rest at `end`.
+    fn stop_at(&mut self, end: [f64; A], tag: u32, flags: Flags) {
         self.hand_on(true);
         let piece = self.run.finish(&mut self.emitter);
         self.emitter.commit(Item::Stop { piece, end, flags, tag });
