@@ -104,39 +104,44 @@ impl<const A: usize> Run<A> {
         }
     }
 
-    /// Plans all blocks to rest. Where that fails from the present state, the plan there is stays up to one of its next gates,
-    /// and what lies beyond is planned from there; its last gate is at rest, and from rest there always is a plan.
+    /// Plans all blocks to rest: from the gate on that more road cannot change, else from the present state. Where that fails
+    /// too, the plan there is stays up to one of its next gates, and what lies beyond is planned from there; its last gate is at
+    /// rest, and from rest there always is a plan.
     fn replan(&mut self) {
         if self.planned == self.blocks.len() {
             return;
         }
-        if self.plan_from(0, self.v, self.a) {
-            self.plan.clear();
-            self.plan.append(&mut self.fresh);
-        } else {
-            let mut gate = 1;
-            while gate < self.plan.len() {
-                let Span { first, profile, .. } = self.plan[gate];
-                if self.plan_from(first, profile.v0, profile.a0) {
-                    break;
-                }
-                gate *= 2;
+        let (settled, gates) = (self.settled(), self.plan.len());
+        let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).take_while(|&gate| gate < gates);
+        let tries = [settled, 0].into_iter().take(if settled > 0 { 2 } else { 1 }).chain(later);
+        let mut kept = gates;
+        for gate in tries {
+            let state = self.plan.get(gate).map(|span| (span.first, span.profile.v0, span.profile.a0));
+            let (first, v, a) = state.unwrap_or((0, self.v, self.a));
+            if self.plan_from(first, v, a) {
+                kept = gate;
+                break;
             }
-            if gate >= self.plan.len() {
-                gate = self.plan.len();
-                if !self.plan_from(self.planned, 0.0, 0.0) {
-                    stepwise::plan(&self.blocks[self.planned..], &mut self.fresh);
-                }
-            }
-            let beyond = self.plan.get(gate).map_or(self.planned, |span| span.first);
-            self.plan.truncate(gate);
-            self.plan.extend(self.fresh.drain(..).map(|span| Span {
-                first: span.first + beyond,
-                last: span.last + beyond,
-                ..span
-            }));
         }
+        if kept >= gates && self.fresh.is_empty() && !self.plan_from(self.planned, 0.0, 0.0) {
+            stepwise::plan(&self.blocks[self.planned..], &mut self.fresh);
+        }
+        let beyond = self.plan.get(kept).map_or(self.planned, |span| span.first);
+        self.plan.truncate(kept);
+        self.plan.extend(self.fresh.drain(..).map(|span| Span {
+            first: span.first + beyond,
+            last: span.last + beyond,
+            ..span
+        }));
         self.planned = self.blocks.len();
+    }
+
+    /// The gate that more road cannot change any more: the last before the plan brakes to its end, and one more for the tuning
+    /// of gates. Were it not so, the plan would lose a little time there, no more.
+    fn settled(&self) -> usize {
+        let v = |gate: usize| self.plan[gate].profile.v0;
+        let rises = (1..self.plan.len()).rev().find(|&gate| v(gate - 1) <= v(gate));
+        rises.map_or(0, |gate| gate.saturating_sub(2))
     }
 
     /// Plans the blocks from number `first` on into `fresh`; false where there is no plan from that state.
