@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use crate::corner::{Corner, Event, G_MOST, Sum};
+use crate::corner::{Corner, Event, G_MOST, Knot, Sum};
 use crate::curve::Curve;
 use crate::merge::Mark;
 use crate::piece::{Joint, Piece};
@@ -66,7 +66,7 @@ pub(crate) struct Blender<const A: usize> {
     /// The widest correction, mm: wider ones gain no speed.
     reach: f64,
     moments: Vec<[[f64; A]; 4]>,
-    events: Vec<Event<A>>,
+    events: Vec<Event>,
     /// Stretches where the tolerance is exceeded, and by which factor.
     excess: Vec<(f64, f64, f64)>,
 }
@@ -268,10 +268,14 @@ impl<const A: usize> Blender<A> {
     /// Collects the events of the corners up to `end`, and where their sum exceeds the tolerance.
     fn measure(&mut self, end: usize) {
         self.events.clear();
-        self.events.extend(self.corners[..end].iter().flat_map(|c| c.corner.events()).filter(|event| event.s > 0.0));
-        self.events.sort_by(|a, b| a.s.total_cmp(&b.s));
+        for (number, Candidate { corner, .. }) in self.corners[..end].iter().enumerate() {
+            let ahead = corner.knots().filter(|(s, _)| *s > 0.0);
+            self.events.extend(ahead.map(|(s, knot)| Event { s, corner: number as u32, knot }));
+        }
+        sort(&mut self.events);
         self.excess.clear();
         let mut sum = Sum::of(self.corners[..end].iter().map(|c| &c.corner), 0.0);
+        let mut open = self.open_at_start(end);
         let mut at = 0;
         for event in &self.events {
             while at + 1 < self.segments.len() && self.segments[at + 1].1 <= sum.s {
@@ -288,8 +292,19 @@ impl<const A: usize> Blender<A> {
                 self.excess.push((sum.s, event.s, most / tolerance.max(1e-9)));
             }
             sum.advance(event.s);
-            sum.jump(event);
+            sum.jump(&self.corners[event.corner as usize].corner, event.knot, event.s);
+            open.pass(event.knot, &mut sum);
         }
+    }
+
+    /// Of the corners up to `end`, those whose correction reaches over place 0.
+    fn open_at_start(&self, end: usize) -> Open {
+        Open(
+            self.corners[..end]
+                .iter()
+                .filter(|c| c.corner.s - c.corner.h <= 0.0 && c.corner.s + c.corner.h > 0.0)
+                .count(),
+        )
     }
 
     /// Hands the first `done` segments on, cut where the correction changes its form.
@@ -299,6 +314,7 @@ impl<const A: usize> Blender<A> {
         }
         let mut sum = self.sum_at(0.0);
         let (mut anchor, mut largest) = (0.0, sum.size());
+        let mut open = self.open_at_start(self.decided);
         let mut events = self.events.iter().peekable();
         let mut marks = std::mem::take(&mut self.marks);
         for (segment, start, joint) in self.segments.range(..done) {
@@ -308,7 +324,10 @@ impl<const A: usize> Blender<A> {
             loop {
                 // All that jumps here, within rounding.
                 while let Some(event) = events.next_if(|event| event.s <= sum.s + SLIVER) {
-                    sum.jump(event);
+                    sum.jump(&self.corners[event.corner as usize].corner, event.knot, event.s);
+                    if open.pass(event.knot, &mut sum) {
+                        (anchor, largest) = (sum.s, (0.0, 0.0));
+                    }
                     largest = larger(largest, sum.size());
                 }
                 let next = events.peek().map_or(end, |event| event.s.min(end));
@@ -374,6 +393,38 @@ impl<const A: usize> Blender<A> {
             (self.total, self.barrier, self.decided) = (0.0, 0.0, 0);
             self.corners.clear();
         }
+    }
+}
+
+/// How many corrections reach over a place.
+struct Open(usize);
+
+impl Open {
+    /// Goes over a knot, whose jump `sum` has taken; true where no correction is left.
+    fn pass<const A: usize>(&mut self, knot: Knot, sum: &mut Sum<A>) -> bool {
+        match knot {
+            Knot::Start => self.0 += 1,
+            Knot::End => self.0 = self.0.saturating_sub(1),
+            _ => {}
+        }
+        let clear = self.0 == 0;
+        if clear {
+            sum.clear();
+        }
+        clear
+    }
+}
+
+/// Sorts by place what is nearly sorted: each event goes back by as many as overlap it.
+fn sort(events: &mut [Event]) {
+    for k in 1..events.len() {
+        let event = events[k];
+        let mut at = k;
+        while at > 0 && events[at - 1].s > event.s {
+            events[at] = events[at - 1];
+            at -= 1;
+        }
+        events[at] = event;
     }
 }
 

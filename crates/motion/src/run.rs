@@ -39,6 +39,8 @@ pub(crate) struct Run<const A: usize> {
 
 /// Blocks after which a run is planned and partly committed even if they are short.
 const MOST_BLOCKS: usize = 8192;
+/// Blocks that are planned together where the road is long enough.
+const BATCH: usize = 48;
 /// Smooth pieces are planned together up to this length, mm: what is shorter is passed in less than a few periods.
 const GROUP: f64 = 0.02;
 
@@ -67,7 +69,9 @@ impl<const A: usize> Run<A> {
     pub(crate) fn push(&mut self, piece: Piece<A>, entry: Joint, emitter: &mut Emitter<A>) {
         self.push_tail(entry, emitter);
         self.tail = Some((piece, entry));
-        if self.length > 2.0 * self.keep || self.blocks.len() >= MOST_BLOCKS {
+        let fresh = self.blocks.len() - self.planned;
+        let enough = self.length > 2.0 * self.keep && fresh >= BATCH || self.length > 8.0 * self.keep;
+        if enough || self.blocks.len() >= MOST_BLOCKS {
             self.replan();
             self.commit_part(emitter);
         }
