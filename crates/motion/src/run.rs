@@ -9,6 +9,7 @@ use crate::limits::AxisLimits;
 use crate::lookahead::{LookAhead, Span};
 use crate::piece::{Joint, Piece};
 use crate::profile::Profile;
+use crate::shares::{Choice, Offer};
 use crate::stepwise;
 
 /// The road since the last stop, as far as it is not committed.
@@ -18,6 +19,9 @@ pub(crate) struct Run<const A: usize> {
     /// The last piece and the joint at its start, kept back until the joint at its end is known.
     tail: Option<(Piece<A>, Joint)>,
     blocks: Vec<Block>,
+    /// What the blocks behind the planned ones may choose from.
+    offers: Vec<Offer>,
+    choice: Choice,
     /// Number of the first piece of each block.
     numbers: Vec<u64>,
     /// Number of the piece after the last block.
@@ -52,6 +56,8 @@ impl<const A: usize> Run<A> {
             axes,
             tail: None,
             blocks: Vec::new(),
+            offers: Vec::new(),
+            choice: Choice::default(),
             numbers: Vec::new(),
             next_piece: 0,
             length: 0.0,
@@ -72,7 +78,7 @@ impl<const A: usize> Run<A> {
         let fresh = self.blocks.len() - self.planned;
         let enough = self.length > 2.0 * self.keep && fresh >= BATCH || self.length > 8.0 * self.keep;
         if enough || self.blocks.len() >= MOST_BLOCKS {
-            self.replan();
+            self.replan(false);
             self.commit_part(emitter);
         }
     }
@@ -80,7 +86,7 @@ impl<const A: usize> Run<A> {
     /// Plans and commits everything, to rest; gives the number of the next piece.
     pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
         self.push_tail(Joint::STOP, emitter);
-        self.replan();
+        self.replan(true);
         self.commit_all(emitter);
         self.next_piece
     }
@@ -89,21 +95,20 @@ impl<const A: usize> Run<A> {
     fn push_tail(&mut self, exit: Joint, emitter: &mut Emitter<A>) {
         let Some((mut piece, entry)) = self.tail.take() else { return };
         piece.rough_entry = entry.share > 0.0;
-        let limits = piece.limits(&self.axes, entry.share.max(exit.share));
+        let offer = piece.offer(&self.axes, entry.share.max(exit.share));
         let number = emitter.append(piece);
         self.next_piece = number + 1;
         self.length += piece.length;
-        let unplanned = self.blocks.len() > self.planned;
-        if let Some(block) = self.blocks.last_mut()
-            && unplanned
+        if let Some((block, last)) = self.blocks.last_mut().zip(self.offers.last_mut())
             && entry == Joint::SMOOTH
             && block.length + piece.length <= GROUP
         {
             block.length += piece.length;
-            block.limits = block.limits.tighter(limits);
+            *last = last.tighter(&offer);
             block.exit_v = exit.v;
         } else {
-            self.blocks.push(Block { length: piece.length, limits, exit_v: exit.v });
+            self.blocks.push(Block { length: piece.length, limits: offer.rough, exit_v: exit.v });
+            self.offers.push(offer);
             self.numbers.push(number);
         }
     }
@@ -111,10 +116,15 @@ impl<const A: usize> Run<A> {
     /// Plans all blocks to rest: from the gate on that more road cannot change, else from the present state. Where that fails
     /// too, the plan there is stays up to one of its next gates, and what lies beyond is planned from there; its last gate is at
     /// rest, and from rest there always is a plan.
-    fn replan(&mut self) {
-        if self.planned == self.blocks.len() {
+    fn replan(&mut self, ends: bool) {
+        let Some(before) =
+            self.blocks.len().checked_sub(self.offers.len()).filter(|&before| before < self.blocks.len())
+        else {
             return;
-        }
+        };
+        let v = before.checked_sub(1).map_or(self.v, |last| self.blocks[last].limits.v.min(self.blocks[last].exit_v));
+        self.choice.choose(&mut self.blocks[before..], &self.offers, v, ends);
+        self.offers.clear();
         let (settled, gates) = (self.settled(), self.plan.len());
         let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).take_while(|&gate| gate < gates);
         let tries = [settled, 0].into_iter().take(if settled > 0 { 2 } else { 1 }).chain(later);
