@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use crate::corner::{Corner, Event, G_MOST, Knot, Sum};
+use crate::corner::{Corner, Event, G_MOST, Sum};
 use crate::curve::Curve;
 use crate::merge::Mark;
 use crate::piece::{Joint, Piece};
@@ -275,7 +275,6 @@ impl<const A: usize> Blender<A> {
         sort(&mut self.events);
         self.excess.clear();
         let mut sum = Sum::of(self.corners[..end].iter().map(|c| &c.corner), 0.0);
-        let mut open = self.open_at_start(end);
         let mut at = 0;
         for event in &self.events {
             while at + 1 < self.segments.len() && self.segments[at + 1].1 <= sum.s {
@@ -293,18 +292,7 @@ impl<const A: usize> Blender<A> {
             }
             sum.advance(event.s);
             sum.jump(&self.corners[event.corner as usize].corner, event.knot, event.s);
-            open.pass(event.knot, &mut sum);
         }
-    }
-
-    /// Of the corners up to `end`, those whose correction reaches over place 0.
-    fn open_at_start(&self, end: usize) -> Open {
-        Open(
-            self.corners[..end]
-                .iter()
-                .filter(|c| c.corner.s - c.corner.h <= 0.0 && c.corner.s + c.corner.h > 0.0)
-                .count(),
-        )
     }
 
     /// Hands the first `done` segments on, cut where the correction changes its form.
@@ -314,7 +302,6 @@ impl<const A: usize> Blender<A> {
         }
         let mut sum = self.sum_at(0.0);
         let (mut anchor, mut largest) = (0.0, sum.size());
-        let mut open = self.open_at_start(self.decided);
         let mut events = self.events.iter().peekable();
         let mut marks = std::mem::take(&mut self.marks);
         for (segment, start, joint) in self.segments.range(..done) {
@@ -325,9 +312,6 @@ impl<const A: usize> Blender<A> {
                 // All that jumps here, within rounding.
                 while let Some(event) = events.next_if(|event| event.s <= sum.s + SLIVER) {
                     sum.jump(&self.corners[event.corner as usize].corner, event.knot, event.s);
-                    if open.pass(event.knot, &mut sum) {
-                        (anchor, largest) = (sum.s, (0.0, 0.0));
-                    }
                     largest = larger(largest, sum.size());
                 }
                 let next = events.peek().map_or(end, |event| event.s.min(end));
@@ -393,25 +377,6 @@ impl<const A: usize> Blender<A> {
             (self.total, self.barrier, self.decided) = (0.0, 0.0, 0);
             self.corners.clear();
         }
-    }
-}
-
-/// How many corrections reach over a place.
-struct Open(usize);
-
-impl Open {
-    /// Goes over a knot, whose jump `sum` has taken; true where no correction is left.
-    fn pass<const A: usize>(&mut self, knot: Knot, sum: &mut Sum<A>) -> bool {
-        match knot {
-            Knot::Start => self.0 += 1,
-            Knot::End => self.0 = self.0.saturating_sub(1),
-            _ => {}
-        }
-        let clear = self.0 == 0;
-        if clear {
-            sum.clear();
-        }
-        clear
     }
 }
 

@@ -132,11 +132,6 @@ impl<const A: usize> Sum<A> {
         }
     }
 
-    /// Behind the last of the corrections there is nothing, not even what rounding left.
-    pub(crate) fn clear(&mut self) {
-        self.all = [[0.0; A]; 4];
-    }
-
     /// The largest second and third derivative of all axes here.
     pub(crate) fn size(&self) -> (f64, f64) {
         let largest = |of: &[f64; A]| of.iter().fold(0.0f64, |most, x| most.max(x.abs()));
