@@ -12,6 +12,7 @@ use crate::blend::size;
 use crate::curve::Derivatives;
 use crate::glide::passage::Passage;
 use crate::limits::Limits;
+use crate::merge::Mark;
 use crate::piece::Piece;
 use crate::profile::{Profile, SIGNS, State};
 
@@ -46,6 +47,8 @@ pub(crate) struct Emitter<const A: usize> {
     items: VecDeque<Item<A>>,
     glides: VecDeque<Passage<A>>,
     pieces: VecDeque<Piece<A>>,
+    /// Program lines of the pieces beside the one at the start of each.
+    marks: VecDeque<Mark>,
     /// Number of the piece in front.
     first_piece: u64,
     /// Where the front piece starts, in mm from the start of the front span.
@@ -98,6 +101,7 @@ impl<const A: usize> Emitter<A> {
             items: VecDeque::new(),
             glides: VecDeque::new(),
             pieces: VecDeque::new(),
+            marks: VecDeque::new(),
             first_piece: 0,
             piece_start: 0.0,
             time: 0.0,
@@ -115,6 +119,11 @@ impl<const A: usize> Emitter<A> {
     pub(crate) fn append(&mut self, piece: Piece<A>) -> u64 {
         self.pieces.push_back(piece);
         self.first_piece + self.pieces.len() as u64 - 1
+    }
+
+    /// Appends the marks of pieces that are yet to be appended.
+    pub(crate) fn mark(&mut self, marks: &[Mark]) {
+        self.marks.extend(marks);
     }
 
     /// Commits a part of the plan.
@@ -191,6 +200,7 @@ impl<const A: usize> Emitter<A> {
         if let Some(done) = self.pieces.pop_front() {
             self.met.piece(&done.bounds);
             self.piece_start += done.length;
+            self.marks.drain(..done.marks as usize);
         }
         self.first_piece += 1;
         self.met.rough |= self.pieces.front().is_some_and(|piece| piece.rough_entry);
@@ -223,10 +233,18 @@ impl<const A: usize> Emitter<A> {
             }
             self.next_piece();
         }
-        let Some(piece) = self.pieces.front() else {
+        let Some(piece) = self.pieces.front_mut() else {
             return self.arrive(self.point.position_mm, Flags::NONE, 0); // a span has pieces; not reached
         };
-        let (position_mm, tag) = (piece.curve.at((state.s - self.piece_start).clamp(0.0, piece.length)), piece.tag);
+        let s = (state.s - self.piece_start).clamp(0.0, piece.length);
+        while piece.marks > 0
+            && let Some(&mark) = self.marks.front()
+            && mark.place < s
+        {
+            self.marks.pop_front();
+            (piece.tag, piece.marks) = (mark.tag, piece.marks - 1);
+        }
+        let (position_mm, tag) = (piece.curve.at(s), piece.tag);
         self.met.piece(&piece.bounds);
         let before = self.point;
         self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3: jerk };
