@@ -78,6 +78,8 @@ fn rough<const A: usize>(
 /// Between moves longer than `GLIDES.0 / √turn − GLIDES.1` half widths of a rounding, glides are faster; in chains of shorter ones
 /// rounding is, as roundings overlap. Found by trial on polygons and zigzags with moves of 0.1 … 16 mm and turns of 3 … 90°.
 const GLIDES: (f64, f64) = (1.75, 0.2);
+/// From rest to rest, moves of less than this many half widths of a rounding are glided between in any case.
+const ROUNDED: f64 = 4.0;
 
 /// Is a corner one for a glide? Not where the moves are so short, or the turn so slight, that rounding costs less.
 pub(crate) fn glide_pays<const A: usize>(
@@ -91,16 +93,17 @@ pub(crate) fn glide_pays<const A: usize>(
     let (a, j) = (least(axes.a), least(axes.j));
     let h = tolerance / (G_MOST * turn).max(1e-12);
     let through = PASSED * (0.5 * j * h * h / turn).cbrt().min((0.6 * a * h / turn).sqrt());
-    if through >= last.0.feed.min(next.0.feed).min(axes.path_v) {
-        return false;
+    let passes = through >= last.0.feed.min(next.0.feed).min(axes.path_v);
+    if last.1 == FarEnd::Rest && next.1 == FarEnd::Rest {
+        // A rounding that takes up much of both moves would slow their start and stop down.
+        return !passes || last.0.length.min(next.0.length) < ROUNDED * h;
     }
     // A move that begins or ends at rest has only this joint to speed up for.
     let leg = |(segment, far_end): (&Segment<A>, FarEnd)| match far_end {
         FarEnd::Rest => 2.0 * segment.length,
         FarEnd::Moving => segment.length,
     };
-    let both_rest = last.1 == FarEnd::Rest && next.1 == FarEnd::Rest;
-    both_rest || leg(last).min(leg(next)) > h * (GLIDES.0 / turn.sqrt() - GLIDES.1)
+    !passes && leg(last).min(leg(next)) > h * (GLIDES.0 / turn.sqrt() - GLIDES.1)
 }
 
 /// Is rounding a corner with a turn of `size` faster than stopping in it? In a chain of short moves it always is.
