@@ -24,12 +24,12 @@ pub(crate) const TANGENTIAL: [(f64, f64); 9] = [
 ];
 /// Tangential motion gets the largest share that leaves this part of the speed that the least one gives: on a calm road, and
 /// where the speed changes much on short pieces, and on those of more than [`LONG`] seconds. Found by trial.
-pub(crate) const SPEED_KEPT: (f64, f64, f64) = (0.95, 0.8, 0.95);
+pub(crate) const SPEED_KEPT: (f64, f64, f64) = (0.99, 0.8, 0.95);
 pub(crate) const LONG: f64 = 0.25;
 /// Share of the acceleration that gentle motion takes.
 pub(crate) const GENTLE: f64 = 0.25;
 /// A road is calm where gentle motion comes this near to the highest speed, for at least this many seconds. Found by trial.
-const CALM: (f64, f64) = (0.97, 0.2);
+const CALM: (f64, f64) = (0.97, 0.3);
 
 /// Path limits to choose from.
 #[derive(Clone, Copy, Debug)]
