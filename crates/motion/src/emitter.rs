@@ -59,8 +59,8 @@ pub(crate) struct Emitter<const A: usize> {
     phase_start: State,
     phase_time: f64,
     counts: [i64; A],
-    /// What the plan may ask of each axis: velocity, acceleration, jerk.
-    most: Derivatives<A>,
+    /// One by what the plan may ask of each axis: velocity, acceleration, jerk.
+    per_most: Derivatives<A>,
     point: SetPoint<A>,
     /// What the record in the making has met: bounds of its pieces, largest jerk, rough joints.
     met: Met<A>,
@@ -109,7 +109,11 @@ impl<const A: usize> Emitter<A> {
             phase_start: State::default(),
             phase_time: 0.0,
             counts: counts_of(&start, &limits.pulses_per_mm),
-            most: Derivatives { first: planned.v, second: planned.a, third: planned.j },
+            per_most: Derivatives {
+                first: planned.v.map(f64::recip),
+                second: planned.a.map(f64::recip),
+                third: planned.j.map(f64::recip),
+            },
             point: rest,
             met: Met::NOTHING,
         }
@@ -312,28 +316,26 @@ impl<const A: usize> Emitter<A> {
         let larger = |of: fn(&SetPoint<A>) -> f64| of(before).abs().max(of(&self.point).abs());
         let (v, a, j) = (larger(|p| p.velocity_mm_s), larger(|p| p.acceleration_mm_s2), self.met.jerk);
         let bounds = &self.met.bounds;
-        let Derivatives { first: most_v, second: most_a, third: most_j } = &self.most;
-        // How often the axis limits hold what the axes do: velocity, acceleration and jerk.
-        let mut spare = [PLENTY; 3];
+        let Derivatives { first: per_v, second: per_a, third: per_j } = &self.per_most;
+        // What share of its limits an axis uses: velocity, acceleration and jerk.
+        let mut used = [0.0f64; 3];
         for i in 0..A {
             let (one, two, three) = (bounds.first[i], bounds.second[i], bounds.third[i]);
             let (own_v, own_a, own_j) = (self.met.axes.first[i], self.met.axes.second[i], self.met.axes.third[i]);
+            let axis_v = (one * v).max(own_v);
             let axis_a = (one * a + two * v * v).max(own_a);
             let axis_j = (one * j + 3.0 * two * v * a + three * v * v * v).max(own_j);
-            let times = |most: f64, used: f64| if used * PLENTY > most { most / used } else { PLENTY };
-            spare = [
-                spare[0].min(times(most_v[i], (one * v).max(own_v))),
-                spare[1].min(times(most_a[i], axis_a)),
-                spare[2].min(times(most_j[i], axis_j)),
-            ];
+            used = [used[0].max(axis_v * per_v[i]), used[1].max(axis_a * per_a[i]), used[2].max(axis_j * per_j[i])];
         }
+        let spare = used.map(|share| if share * PLENTY > 1.0 { share.recip() } else { PLENTY });
         let least = RapidCap::PLANNED.get() + 1;
         let rate = f64::from(least) / f64::from(RapidCap::PLANNED.get());
         if spare[0] < rate || spare[1] < rate * rate || spare[2] < rate * rate * rate {
             return RapidCap::PLANNED;
         }
         // A little less, for the rounding of the roots.
-        let rate = (1.0 - 1e-9) * spare[0].min(spare[1].sqrt()).min(spare[2].cbrt());
+        let rate = spare[0].min(spare[1].sqrt());
+        let rate = (1.0 - 1e-9) * if rate * rate * rate > spare[2] { spare[2].cbrt() } else { rate };
         RapidCap::sixteenths((rate * 16.0).min(128.0) as u8)
     }
 }

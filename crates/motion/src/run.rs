@@ -8,7 +8,7 @@ use crate::envelope::Block;
 use crate::limits::AxisLimits;
 use crate::lookahead::{LookAhead, Span};
 use crate::piece::{Joint, Piece};
-use crate::profile::{Profile, State, fastest};
+use crate::profile::{PathLimits, Profile, State, fastest};
 use crate::shares::{Choice, Offer};
 use crate::stepwise;
 
@@ -47,6 +47,8 @@ pub(crate) struct Run<const A: usize> {
 const MOST_BLOCKS: usize = 8192;
 /// Blocks that are planned together where the road is long enough.
 const BATCH: usize = 48;
+/// Stopping distances from the end of a plan to what more road does not change.
+const SPARE: f64 = 1.5;
 /// Smooth pieces are planned together up to this length, mm: what is shorter is passed in less than a few periods.
 const GROUP: f64 = 0.02;
 
@@ -200,11 +202,21 @@ impl<const A: usize> Run<A> {
     }
 
     /// The gate that more road cannot change any more: the last before the plan brakes to its end, and one more for the tuning
-    /// of gates. Were it not so, the plan would lose a little time there, no more.
+    /// of gates, or one from which the end is far enough away to stop with something to spare. Were it not so, the plan would
+    /// lose a little time there, no more.
     fn settled(&self) -> usize {
         let v = |gate: usize| self.plan[gate].profile.v0;
-        let rises = (1..self.plan.len()).rev().find(|&gate| v(gate - 1) <= v(gate));
-        rises.map_or(0, |gate| gate.saturating_sub(2))
+        let rises =
+            (1..self.plan.len()).rev().find(|&gate| v(gate - 1) <= v(gate)).map_or(0, |gate| gate.saturating_sub(2));
+        let (mut limits, mut rest) = (PathLimits { v: f64::MAX, a: f64::MAX, j: f64::MAX }, 0.0);
+        let far = (rises..self.plan.len()).rev().find(|&gate| {
+            for block in &self.blocks[self.plan[gate].first..self.plan[gate].last] {
+                limits = limits.tighter(block.limits);
+                rest += block.length;
+            }
+            rest > SPARE * 0.5 * v(gate) * (v(gate) / limits.a + limits.a / limits.j)
+        });
+        far.unwrap_or(rises)
     }
 
     /// Plans the blocks from number `first` on into `fresh`; false where there is no plan between these states.

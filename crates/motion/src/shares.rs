@@ -29,7 +29,7 @@ pub(crate) const LONG: f64 = 0.25;
 /// Share of the acceleration that gentle motion takes.
 pub(crate) const GENTLE: f64 = 0.25;
 /// A road is calm where gentle motion comes this near to the highest speed, for at least this many seconds. Found by trial.
-const CALM: (f64, f64) = (0.97, 0.2);
+const CALM: (f64, f64) = (0.97, 0.3);
 
 /// Path limits to choose from.
 #[derive(Clone, Copy, Debug)]
