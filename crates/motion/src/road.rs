@@ -228,7 +228,7 @@ impl<const A: usize> Road<A> {
         self.lead = Some(Lead { start: into, length: segment.length });
         // Program lines that begin within the glide are passed over.
         let passed = self.marks.partition_point(|mark| mark.place <= into.s);
-        let tag = self.marks.drain(..passed).last().map_or(segment.tag, |mark| mark.tag);
+        let tag = self.marks.drain(..passed).next_back().map_or(segment.tag, |mark| mark.tag);
         for mark in &mut self.marks {
             mark.place -= into.s;
         }

@@ -8,7 +8,7 @@
 
 use std::collections::HashMap;
 
-use crate::glide::optimum::{Found, Optimiser, stopping_time};
+use crate::glide::optimum::{Effort, Found, Optimiser, stopping_time};
 use crate::glide::ramp::Ramps;
 use crate::glide::tracks::{FarEnd, Track, Tracks};
 use crate::limits::AxisLimits;
@@ -28,14 +28,15 @@ const LENGTHS: (f64, f64) = (1.25, 1.02);
 const LONG: f64 = 2.2;
 /// … nor, if it moves on, than this many times the other one.
 const UNEQUAL: f64 = 3.0;
+/// Tolerances are rounded down to steps of this ratio: merged lines have a little less than the others.
+const TOLERANCES: f64 = 1.02;
 /// Directions are rounded to this part of the turn, or a little less.
 const DIRECTIONS: f64 = 12.0;
-/// Durations that are tried, as shares of the longest, and then around the best of them; more for two tracks from rest to rest,
-/// of which a program has few.
-const SHARES: [f64; 2] = [0.84, 0.58];
+/// Duration that is tried, as a share of the longest …
+const SHARE: f64 = 0.48;
+/// … and those for two tracks from rest to rest, of which a program has few: first these, then around the best of them.
 const SHARES_FROM_REST: [f64; 9] = [0.4, 0.5, 0.58, 0.64, 0.7, 0.77, 0.84, 0.92, 1.0];
-const AROUND: [f64; 2] = [1.12, 0.9];
-const AROUND_FROM_REST: [f64; 4] = [0.94, 0.97, 1.03, 1.06];
+const AROUND: [f64; 4] = [0.94, 0.97, 1.03, 1.06];
 
 impl Book {
     /// The glide for these tracks; `None` where stopping is faster.
@@ -102,12 +103,14 @@ impl<const A: usize> Common<A> {
             let far_end = if rest { FarEnd::Rest } else { FarEnd::Moving };
             Track::new(steps.map(|x| x as f64 / size), length, far_end, own.feed, &axes)
         });
-        let mut key = vec![tracks.tolerance.to_bits() as i64, grid.to_bits() as i64];
+        let tolerance = (tracks.tolerance.ln() / TOLERANCES.ln()).floor();
+        let mut key = vec![tolerance as i64, grid.to_bits() as i64];
         key.extend(pairs.iter().flat_map(|(_, u, w)| [*u, *w]));
         for side in sides {
             key.extend([lengths[side].0, i64::from(lengths[side].1), tracks.pair[side].feed.to_bits() as i64]);
         }
-        Self { tracks: Tracks { pair, tolerance: tracks.tolerance }, axes, swapped, key }
+        let tolerance = (tolerance * TOLERANCES.ln()).exp();
+        Self { tracks: Tracks { pair, tolerance }, axes, swapped, key }
     }
 }
 
@@ -131,25 +134,26 @@ fn search<const A: usize>(optimiser: &mut Optimiser, tracks: &Tracks<A>, axes: &
     // Half of a track that moves on counts as half of its time.
     let whole: f64 = if tracks.pair.iter().all(|track| track.far_end == FarEnd::Moving) { 2.0 } else { 1.0 };
     let longest = (2.8 * a / j).min(0.42 * whole * stop).min(2.5 * (v / j).sqrt());
-    let from_rest = tracks.pair.iter().all(|track| track.far_end == FarEnd::Rest);
     let mut best: Option<Found> = None;
-    let mut attempt = |duration: f64| {
-        if let Some(found) = optimiser.find(tracks, axes, duration)
+    let mut attempt = |duration: f64, effort: Effort| {
+        if let Some(found) = optimiser.find(tracks, axes, duration, effort)
             && best.is_none_or(|best| found.time < best.time)
         {
             best = Some(found);
         }
         best
     };
-    let (shares, near): (&[f64], &[f64]) =
-        if from_rest { (&SHARES_FROM_REST, &AROUND_FROM_REST) } else { (&SHARES, &AROUND) };
     let mut found = None;
-    for share in shares {
-        found = attempt(share * longest);
-    }
-    let around = found?.ramps.duration();
-    for share in near {
-        found = attempt(share * around);
+    if tracks.pair.iter().all(|track| track.far_end == FarEnd::Rest) {
+        for share in SHARES_FROM_REST {
+            found = attempt(share * longest, Effort::THOROUGH);
+        }
+        let around = found?.ramps.duration();
+        for share in AROUND {
+            found = attempt(share * around, Effort::THOROUGH);
+        }
+    } else {
+        found = attempt(SHARE * longest, Effort::QUICK);
     }
     found.filter(|best| best.time < stop * (1.0 - 1e-6)).map(|best| best.ramps)
 }

@@ -13,7 +13,7 @@ use crate::limits::AxisLimits;
 use crate::profile::State;
 
 /// Cells of constant jerk in a ramp, half of them on each side of the middle.
-pub(crate) const CELLS: usize = 10;
+pub(crate) const CELLS: usize = 12;
 /// Cells before the middle.
 pub(crate) const HALF: usize = CELLS / 2;
 
