@@ -80,6 +80,8 @@ fn rough<const A: usize>(
 const GLIDES: (f64, f64) = (1.75, 0.2);
 /// From rest to rest, moves of less than this many half widths of a rounding are glided between in any case.
 const ROUNDED: f64 = 4.0;
+/// So is the joint of any turn larger than this, about 6°.
+const SLIGHT: f64 = 0.1;
 
 /// Is a corner one for a glide? Not where the moves are so short, or the turn so slight, that rounding costs less.
 pub(crate) fn glide_pays<const A: usize>(
@@ -96,7 +98,7 @@ pub(crate) fn glide_pays<const A: usize>(
     let passes = through >= last.0.feed.min(next.0.feed).min(axes.path_v);
     if last.1 == FarEnd::Rest && next.1 == FarEnd::Rest {
         // A rounding that takes up much of both moves would slow their start and stop down.
-        return !passes || last.0.length.min(next.0.length) < ROUNDED * h;
+        return !passes || turn > SLIGHT || last.0.length.min(next.0.length) < ROUNDED * h;
     }
     // A move that begins or ends at rest has only this joint to speed up for.
     let leg = |(segment, far_end): (&Segment<A>, FarEnd)| match far_end {

@@ -8,10 +8,11 @@
 
 use std::collections::HashMap;
 
-use crate::glide::optimum::{Effort, Found, Optimiser, stopping_time};
+use crate::glide::optimum::{Effort, Found, Optimiser, rest_time, stopping_time};
 use crate::glide::ramp::Ramps;
 use crate::glide::tracks::{FarEnd, Track, Tracks};
 use crate::limits::AxisLimits;
+use crate::profile::State;
 
 /// Glides by the tracks they belong to; it keeps the memory of the search.
 #[derive(Debug, Default)]
@@ -131,9 +132,12 @@ fn search<const A: usize>(optimiser: &mut Optimiser, tracks: &Tracks<A>, axes: &
     let stop = stopping_time(tracks)?;
     let [one, two] = tracks.pair.map(|track| track.limits);
     let (v, a, j) = (one.v.max(two.v), one.a.min(two.a), one.j.min(two.j));
-    // Half of a track that moves on counts as half of its time.
-    let whole: f64 = if tracks.pair.iter().all(|track| track.far_end == FarEnd::Moving) { 2.0 } else { 1.0 };
-    let longest = (2.8 * a / j).min(0.42 * whole * stop).min(2.5 * (v / j).sqrt());
+    // What the shorter track takes with stops; half of a track that moves on was counted as half of its time.
+    let shorter = [0, 1].map(|side| {
+        let half = if tracks.pair[side].far_end == FarEnd::Moving { 2.0 } else { 1.0 };
+        half * rest_time(State::default(), tracks, side).unwrap_or(f64::MAX)
+    });
+    let longest = (2.8 * a / j).min(0.84 * shorter[0].min(shorter[1])).min(2.5 * (v / j).sqrt());
     let mut best: Option<Found> = None;
     let mut attempt = |duration: f64, effort: Effort| {
         if let Some(found) = optimiser.find(tracks, axes, duration, effort)

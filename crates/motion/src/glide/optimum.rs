@@ -140,7 +140,7 @@ pub(crate) fn stopping_time<const A: usize>(tracks: &Tracks<A>) -> Option<f64> {
 
 /// The time that track `side` takes from state `from` to rest at its far end, or to its middle, if the other half belongs to a
 /// joint like this one: that is half of the time to the mirror image of the state.
-fn rest_time<const A: usize>(from: State, tracks: &Tracks<A>, side: usize) -> Option<f64> {
+pub(crate) fn rest_time<const A: usize>(from: State, tracks: &Tracks<A>, side: usize) -> Option<f64> {
     let track = &tracks.pair[side];
     let way = track.length - from.s;
     match track.far_end {
