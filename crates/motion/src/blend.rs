@@ -12,6 +12,7 @@ use std::collections::VecDeque;
 
 use crate::corner::{Corner, Event, G_MOST, Sum};
 use crate::curve::Curve;
+use crate::merge::Mark;
 use crate::piece::{Joint, Piece};
 
 /// A programmed move.
@@ -25,6 +26,8 @@ pub(crate) struct Segment<const A: usize> {
     pub(crate) tag: u32,
     /// How far the path may be from it, mm; 0 where it is exact.
     pub(crate) tolerance: f64,
+    /// How many marks of further program lines belong to it.
+    pub(crate) marks: u32,
 }
 
 /// How a segment is entered from the one before.
@@ -53,6 +56,8 @@ pub(crate) struct Blender<const A: usize> {
     total: f64,
     /// The total at which some is handed on.
     enough: f64,
+    /// Those of all segments, each from the start of its segment.
+    marks: VecDeque<Mark>,
     /// In order of place; the first `decided` have their width.
     corners: Vec<Candidate<A>>,
     decided: usize,
@@ -61,7 +66,7 @@ pub(crate) struct Blender<const A: usize> {
     /// The widest correction, mm: wider ones gain no speed.
     reach: f64,
     moments: Vec<[[f64; A]; 4]>,
-    events: Vec<Event<A>>,
+    events: Vec<Event>,
     /// Stretches where the tolerance is exceeded, and by which factor.
     excess: Vec<(f64, f64, f64)>,
 }
@@ -79,6 +84,7 @@ impl<const A: usize> Blender<A> {
         Self {
             segments: VecDeque::new(),
             total: 0.0,
+            marks: VecDeque::new(),
             enough: STEP * reach,
             corners: Vec::new(),
             decided: 0,
@@ -95,7 +101,15 @@ impl<const A: usize> Blender<A> {
         self.segments.back().map(|(segment, ..)| segment)
     }
 
-    pub(crate) fn push(&mut self, segment: Segment<A>, entry: Entry<A>) {
+    /// The program line at the end of the segment that was pushed last.
+    pub(crate) fn last_tag(&self) -> u32 {
+        let marked = self.marks.back().map(|mark| mark.tag);
+        self.last().map_or(0, |last| if last.marks > 0 { marked.unwrap_or(last.tag) } else { last.tag })
+    }
+
+    /// Appends a segment with its marks.
+    pub(crate) fn push(&mut self, segment: Segment<A>, entry: Entry<A>, marks: &[Mark]) {
+        self.marks.extend(marks);
         let s = self.total;
         let mut joint = None;
         match entry {
@@ -115,6 +129,25 @@ impl<const A: usize> Blender<A> {
         self.segments.push_back((segment, s, joint));
     }
 
+    /// The first segment has just been pushed: no correction may reach nearer to its start than `way`.
+    pub(crate) fn keep_clear(&mut self, way: f64) {
+        self.barrier = way;
+    }
+
+    /// How much of the end of the last segment no correction that is decided reaches.
+    pub(crate) fn free_end(&self) -> f64 {
+        let reached = self.corners[..self.decided].iter().map(|c| c.corner.s + c.corner.h).fold(0.0, f64::max);
+        self.total - reached
+    }
+
+    /// Takes the last `way` of the last segment away.
+    pub(crate) fn shorten(&mut self, way: f64) {
+        if let Some((segment, ..)) = self.segments.back_mut() {
+            segment.length -= way;
+            self.total -= way;
+        }
+    }
+
     /// No correction may reach over place `s`.
     fn close(&mut self, s: f64) {
         self.barrier = s;
@@ -128,9 +161,9 @@ impl<const A: usize> Blender<A> {
         self.total > self.enough || self.segments.len() >= MOST_SEGMENTS
     }
 
-    /// Hands pieces on, each with the joint at its start: all of them where the run has `ended`, else those that later moves
+    /// Hands pieces on, each with the joint at its start, and their marks, each from the start of its piece: all of them where the run has `ended`, else those that later moves
     /// cannot change.
-    pub(crate) fn hand_on(&mut self, ended: bool, out: &mut Vec<(Piece<A>, Joint)>) {
+    pub(crate) fn hand_on(&mut self, ended: bool, out: &mut Vec<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
         if ended {
             self.close(self.total);
         }
@@ -153,7 +186,7 @@ impl<const A: usize> Blender<A> {
             let many = if self.segments.len() >= MOST_SEGMENTS { before(open) / 2 } else { 0 };
             before(open - self.reach).saturating_sub(1).max(many)
         };
-        self.cut(done, out);
+        self.cut(done, out, lines);
         self.enough = self.total + STEP * self.reach;
     }
 
@@ -254,8 +287,11 @@ impl<const A: usize> Blender<A> {
     /// Collects the events of the corners up to `end`, and where their sum exceeds the tolerance.
     fn measure(&mut self, end: usize) {
         self.events.clear();
-        self.events.extend(self.corners[..end].iter().flat_map(|c| c.corner.events()).filter(|event| event.s > 0.0));
-        self.events.sort_by(|a, b| a.s.total_cmp(&b.s));
+        for (number, Candidate { corner, .. }) in self.corners[..end].iter().enumerate() {
+            let ahead = corner.knots().filter(|(s, _)| *s > 0.0);
+            self.events.extend(ahead.map(|(s, knot)| Event { s, corner: number as u32, knot }));
+        }
+        sort(&mut self.events);
         self.excess.clear();
         let mut sum = Sum::of(self.corners[..end].iter().map(|c| &c.corner), 0.0);
         let mut at = 0;
@@ -274,25 +310,27 @@ impl<const A: usize> Blender<A> {
                 self.excess.push((sum.s, event.s, most / tolerance.max(1e-9)));
             }
             sum.advance(event.s);
-            sum.jump(event);
+            sum.jump(&self.corners[event.corner as usize].corner, event.knot, event.s);
         }
     }
 
     /// Hands the first `done` segments on, cut where the correction changes its form.
-    fn cut(&mut self, done: usize, out: &mut Vec<(Piece<A>, Joint)>) {
+    fn cut(&mut self, done: usize, out: &mut Vec<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
         if done == 0 {
             return;
         }
         let mut sum = self.sum_at(0.0);
         let (mut anchor, mut largest) = (0.0, sum.size());
         let mut events = self.events.iter().peekable();
+        let mut marks = std::mem::take(&mut self.marks);
         for (segment, start, joint) in self.segments.range(..done) {
             let end = start + segment.length;
             let mut entry = joint.unwrap_or(Joint::SMOOTH);
+            let (mut tag, mut left) = (segment.tag, segment.marks);
             loop {
                 // All that jumps here, within rounding.
                 while let Some(event) = events.next_if(|event| event.s <= sum.s + SLIVER) {
-                    sum.jump(event);
+                    sum.jump(&self.corners[event.corner as usize].corner, event.knot, event.s);
                     largest = larger(largest, sum.size());
                 }
                 let next = events.peek().map_or(end, |event| event.s.min(end));
@@ -304,7 +342,16 @@ impl<const A: usize> Blender<A> {
                     (anchor, largest) = (s, sum.size());
                 }
                 let curve = segment.curve.corrected(sum.s - start, &sum.cubic());
-                out.push((Piece::new(curve, next - sum.s, segment.feed, segment.tag), entry));
+                let mut piece = Piece::new(curve, next - sum.s, segment.feed, tag);
+                while left > 0
+                    && let Some(&mark) = marks.front()
+                    && (next == end || mark.place < next - start)
+                {
+                    marks.pop_front();
+                    lines.push(Mark { place: mark.place - (sum.s - start), ..mark });
+                    (tag, left, piece.marks) = (mark.tag, left - 1, piece.marks + 1);
+                }
+                out.push((piece, entry));
                 entry = Joint::SMOOTH;
                 sum.advance(next);
                 if next == end {
@@ -312,6 +359,7 @@ impl<const A: usize> Blender<A> {
                 }
             }
         }
+        self.marks = marks;
         self.forget(done, sum.s);
     }
 
@@ -348,6 +396,19 @@ impl<const A: usize> Blender<A> {
             (self.total, self.barrier, self.decided) = (0.0, 0.0, 0);
             self.corners.clear();
         }
+    }
+}
+
+/// Sorts by place what is nearly sorted: each event goes back by as many as overlap it.
+fn sort(events: &mut [Event]) {
+    for k in 1..events.len() {
+        let event = events[k];
+        let mut at = k;
+        while at > 0 && events[at - 1].s > event.s {
+            events[at] = events[at - 1];
+            at -= 1;
+        }
+        events[at] = event;
     }
 }
 

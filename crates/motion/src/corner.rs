@@ -23,11 +23,22 @@ pub(crate) struct Corner<const A: usize> {
     pub(crate) h: f64,
 }
 
-/// At place `s` the correction's first, second and third derivative jump.
+/// At place `s` derivatives of the correction of corner number `corner` jump.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Event<const A: usize> {
+pub(crate) struct Event {
     pub(crate) s: f64,
-    jumps: [[f64; A]; 3],
+    pub(crate) corner: u32,
+    pub(crate) knot: Knot,
+}
+
+/// Where a correction changes its form.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Knot {
+    Start,
+    Rise,
+    Joint,
+    Fall,
+    End,
 }
 
 /// The largest value of g.
@@ -35,21 +46,17 @@ pub(crate) const G_MOST: f64 = 1.0 / 6.0;
 
 impl<const A: usize> Corner<A> {
     /// Where the derivatives jump, in order of place.
-    pub(crate) fn events(&self) -> impl Iterator<Item = Event<A>> {
-        let Self { s, turn, bend, h } = *self;
+    pub(crate) fn knots(&self) -> impl Iterator<Item = (f64, Knot)> {
+        let Self { s, bend, h, .. } = *self;
         let bent = bend != [0.0; A];
-        let third = |of: [f64; A], factor: f64| of.map(|x| x * factor);
-        let none = [0.0; A];
-        let outer: [f64; A] = std::array::from_fn(|i| turn[i] / (h * h) - bend[i] / (6.0 * h));
-        let last: [f64; A] = std::array::from_fn(|i| turn[i] / (h * h) + bend[i] / (6.0 * h));
-        let events = [
-            Event { s: s - h, jumps: [none, none, outer] },
-            Event { s: s - 0.5 * h, jumps: [none, none, third(bend, 4.0 / (3.0 * h))] },
-            Event { s, jumps: [third(turn, -1.0), third(bend, -1.0), third(turn, -2.0 / (h * h))] },
-            Event { s: s + 0.5 * h, jumps: [none, none, third(bend, -4.0 / (3.0 * h))] },
-            Event { s: s + h, jumps: [none, none, last] },
+        let knots = [
+            (s - h, Knot::Start),
+            (s - 0.5 * h, Knot::Rise),
+            (s, Knot::Joint),
+            (s + 0.5 * h, Knot::Fall),
+            (s + h, Knot::End),
         ];
-        events.into_iter().enumerate().filter(move |(k, _)| bent || k % 2 == 0).map(|(_, event)| event)
+        knots.into_iter().filter(move |(_, knot)| bent || !matches!(knot, Knot::Rise | Knot::Fall))
     }
 }
 
@@ -66,9 +73,9 @@ impl<const A: usize> Sum<A> {
         let mut sum = Self { s, all: [[0.0; A]; 4] };
         for corner in corners.filter(|c| c.s - c.h <= s && s < c.s + c.h) {
             let mut one = Self { s: corner.s - corner.h, all: [[0.0; A]; 4] };
-            for event in corner.events().take_while(|event| event.s <= s) {
-                one.advance(event.s);
-                one.jump(&event);
+            for (place, knot) in corner.knots().take_while(|(place, _)| *place <= s) {
+                one.advance(place);
+                one.jump(corner, knot, place);
             }
             one.advance(s);
             for (all, one) in sum.all.iter_mut().flatten().zip(one.all.iter().flatten()) {
@@ -92,15 +99,37 @@ impl<const A: usize> Sum<A> {
         self.s = s;
     }
 
-    /// Takes a jump that lies here, or so near that no piece is to be cut between: then it is still taken at its place.
+    /// Takes the jump at a knot that lies here, or so near that no piece is to be cut between: then it is still taken at its
+    /// `place`.
     #[inline]
-    pub(crate) fn jump(&mut self, event: &Event<A>) {
+    pub(crate) fn jump(&mut self, corner: &Corner<A>, knot: Knot, place: f64) {
         let s = self.s;
-        self.advance(event.s);
-        for (all, jump) in self.all[1..].iter_mut().flatten().zip(event.jumps.iter().flatten()) {
-            *all += jump;
+        if place != s {
+            self.advance(place);
         }
-        self.advance(s);
+        let Corner { turn, bend, h, .. } = corner;
+        let [_, first, second, third] = &mut self.all;
+        let narrow = h.recip();
+        // Of the third derivative: of the turn's hat, and of the bend's slopes.
+        let (hat, slope) = match knot {
+            Knot::Start => (1.0, -1.0 / 6.0),
+            Knot::Rise => (0.0, 4.0 / 3.0),
+            Knot::Joint => (-2.0, 0.0),
+            Knot::Fall => (0.0, -4.0 / 3.0),
+            Knot::End => (1.0, 1.0 / 6.0),
+        };
+        for i in 0..A {
+            third[i] += narrow * (hat * narrow * turn[i] + slope * bend[i]);
+        }
+        if knot == Knot::Joint {
+            for i in 0..A {
+                first[i] -= turn[i];
+                second[i] -= bend[i];
+            }
+        }
+        if place != s {
+            self.advance(s);
+        }
     }
 
     /// The largest second and third derivative of all axes here.
@@ -144,13 +173,13 @@ mod tests {
         let corner = Corner { s: 5.0, turn: [0.3, -0.2], bend: [0.05, 0.1], h: 0.7 };
         let mut sum = Sum { s: 4.0, all: [[0.0; 2]; 4] };
         let mut largest = 0.0f64;
-        for event in corner.events() {
-            largest = largest.max(sum.most(event.s - sum.s));
-            sum.advance(event.s);
-            sum.jump(&event);
-            let direct = Sum::of([corner].iter(), event.s + 1e-9);
+        for (place, knot) in corner.knots() {
+            largest = largest.max(sum.most(place - sum.s));
+            sum.advance(place);
+            sum.jump(&corner, knot, place);
+            let direct = Sum::of([corner].iter(), place + 1e-9);
             let mut there = sum;
-            there.advance(event.s + 1e-9);
+            there.advance(place + 1e-9);
             for (a, b) in direct.all.iter().flatten().zip(there.all.iter().flatten()) {
                 assert!((a - b).abs() < 1e-9);
             }

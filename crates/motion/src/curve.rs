@@ -70,6 +70,20 @@ pub(crate) struct Derivatives<const A: usize> {
     pub(crate) third: [f64; A],
 }
 
+impl<const A: usize> Derivatives<A> {
+    /// All zero.
+    pub(crate) const NONE: Self = Self { first: [0.0; A], second: [0.0; A], third: [0.0; A] };
+
+    /// Raises these bounds to hold `other`, sign by sign, too.
+    pub(crate) fn raise(&mut self, other: &Self) {
+        for i in 0..A {
+            self.first[i] = self.first[i].max(other.first[i].abs());
+            self.second[i] = self.second[i].max(other.second[i].abs());
+            self.third[i] = self.third[i].max(other.third[i].abs());
+        }
+    }
+}
+
 /// Ends of an arc may lie this far from one circle, in mm and as a share of its radius.
 const RADIUS_SLACK: (f64, f64) = (0.01, 0.01);
 
@@ -187,6 +201,16 @@ impl<const A: usize> Curve<A> {
             }
         }
         all
+    }
+
+    /// Is it straight?
+    pub(crate) fn is_line(&self) -> bool {
+        self.circle.is_none() && self.cubic[2] == [0.0; A] && self.cubic[3] == [0.0; A]
+    }
+
+    /// The same curve from `s` on.
+    pub(crate) fn from(&self, s: f64) -> Self {
+        self.corrected(s, &[[0.0; A]; 4])
     }
 
     /// In a pure arc the tangential and the centripetal part of a derivative are never both at their bound in one axis.

@@ -8,8 +8,11 @@ use std::collections::VecDeque;
 
 use retrace_core::{Flags, RapidCap, Record};
 
+use crate::blend::size;
 use crate::curve::Derivatives;
+use crate::glide::passage::Passage;
 use crate::limits::Limits;
+use crate::merge::Mark;
 use crate::piece::Piece;
 use crate::profile::{Profile, SIGNS, State};
 
@@ -18,6 +21,8 @@ use crate::profile::{Profile, SIGNS, State};
 pub(crate) enum Item<const A: usize> {
     /// A profile over `length` mm from where the item before it ends; it ends in piece number `last`.
     Span { profile: Profile, duration: f64, length: f64, last: u64 },
+    /// The glide in front of the queue of glides; pieces before number `piece` are done.
+    Glide { piece: u64 },
     /// Rest at `end`; pieces before number `piece` are done.
     Stop { piece: u64, end: [f64; A], flags: Flags, tag: u32 },
 }
@@ -40,7 +45,10 @@ pub struct SetPoint<const A: usize> {
 pub(crate) struct Emitter<const A: usize> {
     limits: Limits<A>,
     items: VecDeque<Item<A>>,
+    glides: VecDeque<Passage<A>>,
     pieces: VecDeque<Piece<A>>,
+    /// Program lines of the pieces beside the one at the start of each.
+    marks: VecDeque<Mark>,
     /// Number of the piece in front.
     first_piece: u64,
     /// Where the front piece starts, in mm from the start of the front span.
@@ -51,8 +59,8 @@ pub(crate) struct Emitter<const A: usize> {
     phase_start: State,
     phase_time: f64,
     counts: [i64; A],
-    /// What the plan may ask of each axis: velocity, acceleration, jerk.
-    most: Derivatives<A>,
+    /// One by what the plan may ask of each axis: velocity, acceleration, jerk.
+    per_most: Derivatives<A>,
     point: SetPoint<A>,
     /// What the record in the making has met: bounds of its pieces, largest jerk, rough joints.
     met: Met<A>,
@@ -60,21 +68,22 @@ pub(crate) struct Emitter<const A: usize> {
 
 #[derive(Clone, Copy, Debug)]
 struct Met<const A: usize> {
+    /// What the axes themselves did in a glide.
+    axes: Derivatives<A>,
     bounds: Derivatives<A>,
     jerk: f64,
     rough: bool,
 }
 
 impl<const A: usize> Met<A> {
-    const NOTHING: Self =
-        Self { bounds: Derivatives { first: [0.0; A], second: [0.0; A], third: [0.0; A] }, jerk: 0.0, rough: false };
+    const NOTHING: Self = Self { axes: Derivatives::NONE, bounds: Derivatives::NONE, jerk: 0.0, rough: false };
 
     fn piece(&mut self, bounds: &Derivatives<A>) {
-        for i in 0..A {
-            self.bounds.first[i] = self.bounds.first[i].max(bounds.first[i]);
-            self.bounds.second[i] = self.bounds.second[i].max(bounds.second[i]);
-            self.bounds.third[i] = self.bounds.third[i].max(bounds.third[i]);
-        }
+        self.bounds.raise(bounds);
+    }
+
+    fn moment(&mut self, by_time: &Derivatives<A>) {
+        self.axes.raise(by_time);
     }
 }
 
@@ -90,7 +99,9 @@ impl<const A: usize> Emitter<A> {
         Self {
             limits,
             items: VecDeque::new(),
+            glides: VecDeque::new(),
             pieces: VecDeque::new(),
+            marks: VecDeque::new(),
             first_piece: 0,
             piece_start: 0.0,
             time: 0.0,
@@ -98,7 +109,11 @@ impl<const A: usize> Emitter<A> {
             phase_start: State::default(),
             phase_time: 0.0,
             counts: counts_of(&start, &limits.pulses_per_mm),
-            most: Derivatives { first: planned.v, second: planned.a, third: planned.j },
+            per_most: Derivatives {
+                first: planned.v.map(f64::recip),
+                second: planned.a.map(f64::recip),
+                third: planned.j.map(f64::recip),
+            },
             point: rest,
             met: Met::NOTHING,
         }
@@ -110,12 +125,23 @@ impl<const A: usize> Emitter<A> {
         self.first_piece + self.pieces.len() as u64 - 1
     }
 
+    /// Appends the marks of pieces that are yet to be appended.
+    pub(crate) fn mark(&mut self, marks: &[Mark]) {
+        self.marks.extend(marks);
+    }
+
     /// Commits a part of the plan.
     pub(crate) fn commit(&mut self, item: Item<A>) {
         self.items.push_back(item);
         if self.items.len() == 1 {
             self.enter();
         }
+    }
+
+    /// Commits a glide; pieces before number `piece` are done when it begins.
+    pub(crate) fn commit_glide(&mut self, glide: Passage<A>, piece: u64) {
+        self.glides.push_back(glide);
+        self.commit(Item::Glide { piece });
     }
 
     /// The last set-point.
@@ -140,6 +166,11 @@ impl<const A: usize> Emitter<A> {
                     self.piece_start -= length;
                     self.next_item();
                 }
+                Item::Glide { .. } => {
+                    if let Some(record) = self.glide(period) {
+                        return Some(record);
+                    }
+                }
                 Item::Span { profile, last, .. } => {
                     self.time += period;
                     return Some(self.sample(&profile, last));
@@ -159,11 +190,11 @@ impl<const A: usize> Emitter<A> {
             Some(Item::Span { profile, .. }) => {
                 (self.phase, self.phase_start, self.phase_time) = (0, profile.start(), 0.0);
             }
-            Some(&Item::Stop { piece, .. }) => {
+            Some(&(Item::Stop { piece, .. } | Item::Glide { piece })) => {
                 while self.first_piece < piece {
                     self.next_piece();
                 }
-                self.piece_start = 0.0;
+                (self.piece_start, self.phase) = (0.0, 0);
             }
             None => {}
         }
@@ -173,6 +204,7 @@ impl<const A: usize> Emitter<A> {
         if let Some(done) = self.pieces.pop_front() {
             self.met.piece(&done.bounds);
             self.piece_start += done.length;
+            self.marks.drain(..done.marks as usize);
         }
         self.first_piece += 1;
         self.met.rough |= self.pieces.front().is_some_and(|piece| piece.rough_entry);
@@ -205,14 +237,54 @@ impl<const A: usize> Emitter<A> {
             }
             self.next_piece();
         }
-        let Some(piece) = self.pieces.front() else {
+        let Some(piece) = self.pieces.front_mut() else {
             return self.arrive(self.point.position_mm, Flags::NONE, 0); // a span has pieces; not reached
         };
-        let (position_mm, tag) = (piece.curve.at((state.s - self.piece_start).clamp(0.0, piece.length)), piece.tag);
+        let s = (state.s - self.piece_start).clamp(0.0, piece.length);
+        while piece.marks > 0
+            && let Some(&mark) = self.marks.front()
+            && mark.place < s
+        {
+            self.marks.pop_front();
+            (piece.tag, piece.marks) = (mark.tag, piece.marks - 1);
+        }
+        let (position_mm, tag) = (piece.curve.at(s), piece.tag);
         self.met.piece(&piece.bounds);
         let before = self.point;
         self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3: jerk };
         self.record(&before, Flags::NONE, tag)
+    }
+
+    /// One period of the glide in front; `None` where it ends before, and the next item is in front.
+    fn glide(&mut self, period: f64) -> Option<Record<A>> {
+        let glide = self.glides.front()?;
+        let (duration, before) = (glide.duration(), self.phase);
+        let ends = self.time + period > duration - LATE * period;
+        let time = if ends { duration } else { self.time + period };
+        let cell = glide.cell(time);
+        for k in before..=cell {
+            self.met.moment(&glide.at(k, (k as f64 * glide.ramps.cell).max(self.time)).by_time);
+            self.met.moment(&glide.at(k, ((k + 1) as f64 * glide.ramps.cell).min(time)).by_time);
+        }
+        let (moment, tag) = (glide.at(cell, time), glide.tag(time));
+        if ends {
+            self.glides.pop_front();
+            self.time -= duration;
+            self.next_item();
+            return None;
+        }
+        (self.time, self.phase) = (time, cell);
+        let before = self.point;
+        let Derivatives { first, second, third } = moment.by_time;
+        let speed = size(&first);
+        let along = first.iter().zip(second).map(|(v, a)| v * a).sum::<f64>() / speed.max(1e-9);
+        self.point = SetPoint {
+            position_mm: moment.position,
+            velocity_mm_s: speed,
+            acceleration_mm_s2: along,
+            jerk_mm_s3: size(&third),
+        };
+        Some(self.record(&before, Flags::NONE, tag))
     }
 
     /// The last record of a stop.
@@ -244,27 +316,26 @@ impl<const A: usize> Emitter<A> {
         let larger = |of: fn(&SetPoint<A>) -> f64| of(before).abs().max(of(&self.point).abs());
         let (v, a, j) = (larger(|p| p.velocity_mm_s), larger(|p| p.acceleration_mm_s2), self.met.jerk);
         let bounds = &self.met.bounds;
-        let Derivatives { first: most_v, second: most_a, third: most_j } = &self.most;
-        // How often the axis limits hold what the axes do: velocity, acceleration and jerk.
-        let mut spare = [PLENTY; 3];
+        let Derivatives { first: per_v, second: per_a, third: per_j } = &self.per_most;
+        // What share of its limits an axis uses: velocity, acceleration and jerk.
+        let mut used = [0.0f64; 3];
         for i in 0..A {
             let (one, two, three) = (bounds.first[i], bounds.second[i], bounds.third[i]);
-            let axis_a = one * a + two * v * v;
-            let axis_j = one * j + 3.0 * two * v * a + three * v * v * v;
-            let times = |most: f64, used: f64| if used * PLENTY > most { most / used } else { PLENTY };
-            spare = [
-                spare[0].min(times(most_v[i], one * v)),
-                spare[1].min(times(most_a[i], axis_a)),
-                spare[2].min(times(most_j[i], axis_j)),
-            ];
+            let (own_v, own_a, own_j) = (self.met.axes.first[i], self.met.axes.second[i], self.met.axes.third[i]);
+            let axis_v = (one * v).max(own_v);
+            let axis_a = (one * a + two * v * v).max(own_a);
+            let axis_j = (one * j + 3.0 * two * v * a + three * v * v * v).max(own_j);
+            used = [used[0].max(axis_v * per_v[i]), used[1].max(axis_a * per_a[i]), used[2].max(axis_j * per_j[i])];
         }
+        let spare = used.map(|share| if share * PLENTY > 1.0 { share.recip() } else { PLENTY });
         let least = RapidCap::PLANNED.get() + 1;
         let rate = f64::from(least) / f64::from(RapidCap::PLANNED.get());
         if spare[0] < rate || spare[1] < rate * rate || spare[2] < rate * rate * rate {
             return RapidCap::PLANNED;
         }
         // A little less, for the rounding of the roots.
-        let rate = (1.0 - 1e-9) * spare[0].min(spare[1].sqrt()).min(spare[2].cbrt());
+        let rate = spare[0].min(spare[1].sqrt());
+        let rate = (1.0 - 1e-9) * if rate * rate * rate > spare[2] { spare[2].cbrt() } else { rate };
         RapidCap::sixteenths((rate * 16.0).min(128.0) as u8)
     }
 }

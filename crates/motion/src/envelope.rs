@@ -39,8 +39,8 @@ pub(crate) struct Envelope {
 }
 
 impl Envelope {
-    /// Computes it for a road entered at `v0` and ending at rest.
-    pub(crate) fn compute(&mut self, blocks: &[Block], v0: f64) {
+    /// Computes it for a road entered at `v0` and left at `v1`.
+    pub(crate) fn compute(&mut self, blocks: &[Block], v0: f64, v1: f64) {
         let n = blocks.len();
         for list in [&mut self.s, &mut self.cap, &mut self.v, &mut self.a] {
             list.clear();
@@ -49,11 +49,12 @@ impl Envelope {
         self.touches.clear();
         for (k, block) in blocks.iter().enumerate() {
             self.s[k + 1] = self.s[k] + block.length;
-            self.cap[k + 1] = blocks.get(k + 1).map_or(0.0, |next| block.exit_v.min(block.limits.v).min(next.limits.v));
+            self.cap[k + 1] = blocks.get(k + 1).map_or(v1, |next| block.exit_v.min(block.limits.v).min(next.limits.v));
         }
         self.cap[0] = v0;
         // First backward, then forward, in v².
-        let mut w = 0.0f64;
+        let mut w = v1 * v1;
+        self.v[n] = w;
         for k in (1..n).rev() {
             w = (w + 2.0 * blocks[k].limits.a * blocks[k].length).min(self.cap[k] * self.cap[k]);
             self.v[k] = w;
@@ -130,7 +131,7 @@ impl Envelope {
                 }
                 *v = match t {
                     t if t <= 0.0 => self.v[0],
-                    _ if *at >= n => 0.0,
+                    _ if *at >= n => self.v[n],
                     t => self.within(blocks, *at, t - *began),
                 };
             }

@@ -3,8 +3,9 @@
 //! Lines, arcs and helices go into a [`Planner`], with their feed and path mode; records come out. On the way lie
 //!
 //! - exact geometry (`curve`) and how two moves are joined (`joining`): by a stop, as they are, or blended;
+//! - merging of nearly collinear lines (`merge`);
 //! - blending (`blend`, `corner`): what is handed on has continuous direction and curvature, within the tolerance;
-//! - what every axis allows along a piece of path (`piece`), and the road of one run between two stops (`run`);
+//! - what every axis allows along a piece of path (`piece`), how much of it is for going faster (`shares`), and the road of one run between two stops (`run`);
 //! - the jerk-limited plan over many blocks with the acceleration carried across joints (`envelope`, `lookahead`, `profile`),
 //!   with a plainer one where there is none (`stepwise`);
 //! - emission (`emitter`), one record a control period.
@@ -36,13 +37,17 @@ mod curve;
 mod emitter;
 mod envelope;
 mod error;
+mod glide;
 mod joining;
 mod limits;
 mod lookahead;
+mod merge;
 mod piece;
 mod planner;
-mod profile;
+pub mod profile;
+mod road;
 mod run;
+mod shares;
 mod stepwise;
 
 pub use curve::Arc;

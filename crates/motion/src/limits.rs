@@ -102,6 +102,19 @@ pub(crate) struct AxisLimits<const A: usize> {
     pub(crate) period: f64,
 }
 
+impl<const A: usize> AxisLimits<A> {
+    /// Velocity, acceleration and jerk of axis `i`, as an order of axes.
+    pub(crate) fn limits_of(&self, i: usize) -> [u64; 3] {
+        [self.v[i], self.a[i], self.j[i]].map(f64::to_bits)
+    }
+
+    /// The same with each axis' limits replaced.
+    pub(crate) fn with(&self, limits: impl Fn(usize) -> [u64; 3]) -> Self {
+        let part = |k: usize| std::array::from_fn(|i| f64::from_bits(limits(i)[k]));
+        Self { v: part(0), a: part(1), j: part(2), ..*self }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

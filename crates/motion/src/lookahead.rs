@@ -3,7 +3,7 @@
 //! A *gate* is a state (v, a) that the plan passes at a joint; between two gates runs one *span*, the fastest profile between
 //! them, however many blocks it covers. Joints where the envelope touches its cap propose gates. A stack pass connects them
 //! from left to right: a gate that cannot be reached is skipped, one that cannot brake to the next is dropped, and where a
-//! span overshoots a cap that joint becomes a gate. Tuning then drops, raises or tilts single gates.
+//! span overshoots a cap that joint becomes a gate. Tuning then drops or raises single gates.
 //!
 //! Invariant: a span is accepted only after it was computed again from its phases and compared with every cap it passes.
 //! Choosing gates decides how fast a plan is, never whether it is legal. The work has a limit; where it is used up, or the
@@ -83,25 +83,31 @@ pub(crate) struct LookAhead {
 }
 
 impl LookAhead {
-    /// Plans `blocks` from speed `v0` and acceleration `a0` to rest and appends the spans to `out`.
+    /// Plans `blocks` from speed `v0` and acceleration `a0` to those of `end` and appends the spans to `out`.
     ///
     /// # Errors
     /// [`NoPlan`]; `out` is unchanged then.
-    pub(crate) fn plan(&mut self, blocks: &[Block], v0: f64, a0: f64, out: &mut Vec<Span>) -> Result<(), NoPlan> {
-        self.envelope.compute(blocks, v0);
+    pub(crate) fn plan(
+        &mut self,
+        blocks: &[Block],
+        (v0, a0): (f64, f64),
+        end: State,
+        out: &mut Vec<Span>,
+    ) -> Result<(), NoPlan> {
+        self.envelope.compute(blocks, v0, end.v);
         self.work = WORK.0 + WORK.1 * blocks.len();
         self.tries.clear();
         self.tries.resize(blocks.len() + 1, 0);
         self.gates.clear();
         self.gates.push(Gate { joint: 0, v: v0, a: a0, stretch: UNLIMITED, profile: Profile::default() });
-        self.connect_all(blocks)?;
+        self.connect_all(blocks, end)?;
         self.tune(blocks);
         out.extend(self.gates.windows(2).map(|g| Span { first: g[0].joint, last: g[1].joint, profile: g[1].profile }));
         Ok(())
     }
 
     /// The stack pass over all proposals.
-    fn connect_all(&mut self, blocks: &[Block]) -> Result<(), NoPlan> {
+    fn connect_all(&mut self, blocks: &[Block], end: State) -> Result<(), NoPlan> {
         let n = blocks.len();
         let mut since = UNLIMITED;
         let mut elapsed = 0.0;
@@ -112,22 +118,28 @@ impl LookAhead {
             let spaced = elapsed >= SPACING * blocks[k].limits.a / blocks[k].limits.j;
             if self.envelope.touches[k] && (valley || spaced) {
                 elapsed = 0.0;
-                self.attach(blocks, k, State::moving(self.envelope.cap[k], self.envelope.a[k]), &mut since, 0)?;
+                self.attach(
+                    blocks,
+                    k,
+                    State::moving(self.envelope.cap[k], self.envelope.a[k]),
+                    &mut since,
+                    (0, valley),
+                )?;
             }
         }
         since = since.with(Stretch::of(&blocks[n - 1..]));
-        if self.attach(blocks, n, State::default(), &mut since, 0)? { Ok(()) } else { Err(NoPlan) }
+        if self.attach(blocks, n, end, &mut since, (0, false))? { Ok(()) } else { Err(NoPlan) }
     }
 
     /// Connects joint `k` in state `to` to the gates so far; false where it cannot be reached. `since` holds the limits
-    /// between the last gate and `k`, and afterwards those beyond the last gate.
+    /// between the last gate and `k`, and afterwards those beyond the last gate. `must`: another state is better than none.
     fn attach(
         &mut self,
         blocks: &[Block],
         k: usize,
         to: State,
         since: &mut Stretch,
-        depth: u8,
+        (depth, must): (u8, bool),
     ) -> Result<bool, NoPlan> {
         while let Some(&left) = self.gates.last() {
             match self.span(blocks, &left, k, to, *since)? {
@@ -143,7 +155,7 @@ impl LookAhead {
                         *since = Stretch::of(&blocks[last..k]);
                     }
                 },
-                Err(_) if self.relax(blocks, k, to, since)? => return Ok(true),
+                Err(misfit) if self.relax(blocks, k, to, since, (misfit, must))? => return Ok(true),
                 Err(Misfit::TargetTooHigh) if k < blocks.len() => return Ok(false),
                 // The start is fixed: fly over k, and look at its cap when the span is longer.
                 Err(_) if self.gates.len() == 1 => return if k < blocks.len() { Ok(false) } else { Err(NoPlan) },
@@ -156,15 +168,24 @@ impl LookAhead {
         Err(NoPlan)
     }
 
-    /// Connects joint `k` with zero acceleration there, or at the last gate, or at both; false where that does not help.
-    fn relax(&mut self, blocks: &[Block], k: usize, to: State, since: &mut Stretch) -> Result<bool, NoPlan> {
-        let level = State::moving(to.v, 0.0);
+    /// Connects joint `k` with zero acceleration there, or at the last gate, which brakes too hard to come up to `k` again; false
+    /// where that does not help.
+    fn relax(
+        &mut self,
+        blocks: &[Block],
+        k: usize,
+        to: State,
+        since: &mut Stretch,
+        (misfit, must): (Misfit, bool),
+    ) -> Result<bool, NoPlan> {
         let Some(&left) = self.gates.last() else { return Ok(false) };
-        if to.a != 0.0 && self.push_span(blocks, left, k, level, since)? {
+        // The end of the road stays as it is.
+        let levels = must && to.a != 0.0 && k < blocks.len();
+        if levels && self.push_span(blocks, left, k, State::moving(to.v, 0.0), since)? {
             return Ok(true);
         }
         let [.., before, _] = self.gates[..] else { return Ok(false) };
-        if left.a == 0.0 {
+        if misfit != Misfit::TargetTooHigh || left.a >= 0.0 {
             return Ok(false);
         }
         let Ok(profile) = self.span(blocks, &before, left.joint, State::moving(left.v, 0.0), left.stretch)? else {
@@ -174,14 +195,12 @@ impl LookAhead {
             return Ok(false);
         }
         let flat = Gate { a: 0.0, profile, ..left };
-        for to in [to, level] {
-            if self.push_span(blocks, flat, k, to, since)? {
-                let last = self.gates.len() - 2;
-                self.gates[last] = flat;
-                return Ok(true);
-            }
+        let pushed = self.push_span(blocks, flat, k, to, since)?;
+        if pushed {
+            let last = self.gates.len() - 2;
+            self.gates[last] = flat;
         }
-        Ok(false)
+        Ok(pushed)
     }
 
     /// Makes joint `k` a gate if one legal span leads to it from `left`, which is or replaces the last gate.
@@ -223,7 +242,7 @@ impl LookAhead {
             let v = self.envelope.cap[m] * share;
             let tight = since.tight.tighter(blocks[m].limits);
             let most = gate_acceleration(v, PathLimits { a: 0.999 * tight.a, ..tight });
-            if self.attach(blocks, m, State::moving(v, a.clamp(-most, most)), &mut since, depth + 1)? {
+            if self.attach(blocks, m, State::moving(v, a.clamp(-most, most)), &mut since, (depth + 1, true))? {
                 return Ok(());
             }
         }
@@ -281,7 +300,7 @@ impl LookAhead {
         found
     }
 
-    /// Tries to drop, tilt or raise each gate; a change is kept only where both spans it touches stay legal and together
+    /// Tries to drop or raise each gate; a change is kept only where both spans it touches stay legal and together
     /// take less time.
     fn tune(&mut self, blocks: &[Block]) {
         let mut old = std::mem::take(&mut self.gates);
@@ -312,7 +331,7 @@ impl LookAhead {
     fn better(&mut self, blocks: &[Block], left: Gate, gate: Gate, right: Gate) -> Result<Change, NoPlan> {
         let both = gate.stretch.with(right.stretch);
         let s = |joint: usize| self.envelope.s[joint];
-        let mut time = gate.profile.duration() + right.profile.duration();
+        let time = gate.profile.duration() + right.profile.duration();
         if time * both.tight.v <= (s(right.joint) - s(left.joint)) * (1.0 + 1e-9) {
             return Ok(Change::Keep); // at the speed limit all the way
         }
@@ -324,30 +343,23 @@ impl LookAhead {
             return Ok(Change::Drop(Gate { stretch: both, profile, ..right }));
         }
         let cap = self.envelope.cap[gate.joint];
-        let tilt = 0.3 * both.tight.a;
-        let mut best = Change::Keep;
-        for (v, da) in [(cap, tilt), (cap, -tilt), (cap, 0.0), (0.5 * (gate.v + cap), 0.0)] {
-            if da == 0.0 && (gate.v >= cap || !matches!(best, Change::Keep)) {
-                continue;
+        for v in [cap, 0.5 * (gate.v + cap)] {
+            if gate.v >= cap {
+                break;
             }
             let most = gate_acceleration(v, PathLimits { a: 0.9999 * both.tight.a, ..both.tight });
-            let to = State::moving(v, (gate.a + da).clamp(-most, most));
+            let to = State::moving(v, gate.a.clamp(-most, most));
             let Ok(one) = self.span(blocks, &left, gate.joint, to, gate.stretch)? else { continue };
             let moved = Gate { v, a: to.a, profile: one, ..gate };
             let Ok(two) = self.span(blocks, &moved, right.joint, right.state(), right.stretch)? else { continue };
-            let sum = one.duration() + two.duration();
-            if sum < time
+            if one.duration() + two.duration() < time
                 && self.overshoot(left.joint, gate.joint, &one).is_none()
                 && self.overshoot(gate.joint, right.joint, &two).is_none()
             {
-                time = sum;
-                best = Change::Move(moved, Gate { profile: two, ..right });
-                if da > 0.0 {
-                    break;
-                }
+                return Ok(Change::Move(moved, Gate { profile: two, ..right }));
             }
         }
-        Ok(best)
+        Ok(Change::Keep)
     }
 }
 
@@ -472,7 +484,7 @@ pub(crate) mod tests {
         #[test]
         fn plans_are_legal_from_rest_and_from_their_own_gates(blocks in road(), pick in any::<prop::sample::Index>()) {
             let (mut look_ahead, mut spans) = (LookAhead::default(), Vec::new());
-            if look_ahead.plan(&blocks, 0.0, 0.0, &mut spans).is_err() {
+            if look_ahead.plan(&blocks, (0.0, 0.0), State::default(), &mut spans).is_err() {
                 prop_assert!(spans.is_empty());
                 return Ok(());
             }
@@ -482,7 +494,7 @@ pub(crate) mod tests {
             prop_assert!(total >= bound * (1.0 - 1e-9), "faster than the envelope: {} < {}", total, bound);
             let gate = spans[pick.index(spans.len())];
             let mut fresh = Vec::new();
-            if look_ahead.plan(&blocks[gate.first..], gate.profile.v0, gate.profile.a0, &mut fresh).is_ok() {
+            if look_ahead.plan(&blocks[gate.first..], (gate.profile.v0, gate.profile.a0), State::default(), &mut fresh).is_ok() {
                 let start = State::moving(gate.profile.v0, gate.profile.a0);
                 prop_assert_eq!(check(&blocks[gate.first..], &fresh, start), Ok(()));
             }
@@ -495,7 +507,9 @@ pub(crate) mod tests {
         let time = |n: usize| {
             let blocks = vec![Block { length: 100.0 / n as f64, limits, exit_v: f64::MAX }; n];
             let mut spans = Vec::new();
-            LookAhead::default().plan(&blocks, 0.0, 0.0, &mut spans).expect("a straight line has a plan");
+            LookAhead::default()
+                .plan(&blocks, (0.0, 0.0), State::default(), &mut spans)
+                .expect("a straight line has a plan");
             spans.iter().map(|span| span.profile.duration()).sum::<f64>()
         };
         for n in [2, 7, 100, 5000] {

@@ -6,6 +6,7 @@
 use crate::curve::{Curve, Derivatives};
 use crate::limits::AxisLimits;
 use crate::profile::PathLimits;
+use crate::shares::{GENTLE, LONG, Offer, SPEED_KEPT, TANGENTIAL};
 
 /// A piece of path that is moved along in one go.
 #[derive(Clone, Copy, Debug)]
@@ -15,30 +16,15 @@ pub(crate) struct Piece<const A: usize> {
     pub(crate) length: f64,
     /// Highest speed asked for, mm/s.
     pub(crate) feed: f64,
-    /// Program line.
+    /// Program line at its start.
     pub(crate) tag: u32,
+    /// How many marks of further program lines belong to it.
+    pub(crate) marks: u32,
     /// Bounds on the derivatives.
     pub(crate) bounds: Derivatives<A>,
     /// The way from the piece before it into this one is not smooth.
     pub(crate) rough_entry: bool,
 }
-
-/// Shares of acceleration and jerk, least first, that tangential motion may get on a curve; the rest is for the curvature.
-const TANGENTIAL: [(f64, f64); 9] = [
-    (0.05, 0.25),
-    (0.08, 0.25),
-    (0.12, 0.25),
-    (0.18, 0.25),
-    (0.25, 0.3),
-    (0.35, 0.35),
-    (0.5, 0.5),
-    (0.7, 0.7),
-    (0.9, 0.9),
-];
-/// Tangential motion gets the largest share that leaves this part of the speed that the least one gives: the first for short
-/// pieces, among which the speed changes much, the second for pieces of more than [`LONG`] seconds. Found by trial.
-const SPEED_KEPT: (f64, f64) = (0.8, 0.95);
-const LONG: f64 = 0.25;
 
 /// How a joint may be passed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,33 +44,33 @@ impl Joint {
 
 impl<const A: usize> Piece<A> {
     pub(crate) fn new(curve: Curve<A>, length: f64, feed: f64, tag: u32) -> Self {
-        Self { curve, length, feed, tag, bounds: curve.bounds(length), rough_entry: false }
+        Self { curve, length, feed, tag, marks: 0, bounds: curve.bounds(length), rough_entry: false }
     }
 
-    /// Path limits along the piece when `share` of the jerk is left to its joints.
-    pub(crate) fn limits(&self, axes: &AxisLimits<A>, share: f64) -> PathLimits {
-        let mut want = self.feed.min(axes.path_v);
+    /// Path limits to choose from along the piece when `share` of the jerk is left to its joints.
+    pub(crate) fn offer(&self, axes: &AxisLimits<A>, share: f64) -> Offer {
+        let (mut want, mut a, mut j) = (self.feed.min(axes.path_v), f64::MAX, f64::MAX);
         for i in 0..A {
-            want = want.min(axes.v[i] / self.bounds.first[i].max(1e-12));
+            let per_first = self.bounds.first[i].max(1e-12).recip();
+            want = want.min(axes.v[i] * per_first);
+            a = a.min(a_left(axes, share, i) * per_first);
+            j = j.min(j_left(axes, share, i) * per_first);
         }
         if self.bounds.second.iter().all(|&d| d == 0.0) {
-            return self.with_tangential(axes, share, (1.0, 1.0), want);
+            let limits = PathLimits { v: want, a, j };
+            return Offer { v: want, gentle: GENTLE * a, calm: limits, rough: limits };
         }
-        let most = self.with_tangential(axes, share, TANGENTIAL[0], want).v;
-        let kept = if self.length > LONG * most { SPEED_KEPT.1 } else { SPEED_KEPT.0 };
-        let enough = TANGENTIAL.iter().rev().find(|&&t| self.allows(axes, share, t, kept * most));
-        self.with_tangential(axes, share, *enough.unwrap_or(&TANGENTIAL[0]), want)
-    }
-
-    /// Path acceleration and jerk where tangential motion gets these shares of each axis' limits.
-    fn tangential(&self, axes: &AxisLimits<A>, share: f64, (a_share, j_share): (f64, f64)) -> (f64, f64) {
-        let (mut a, mut j) = (f64::MAX, f64::MAX);
-        for i in 0..A {
-            let first = self.bounds.first[i].max(1e-12);
-            a = a.min(a_share * a_left(axes, share, i) / first);
-            j = j.min(j_share * j_left(axes, share, i) / first);
-        }
-        (a, j)
+        let most = self.speed(axes, share, along((a, j), TANGENTIAL[0]), want);
+        let kept = |part: f64| {
+            let keeps = |&&shares: &&(f64, f64)| self.allows(axes, share, along((a, j), shares), part * most);
+            let shares = TANGENTIAL.iter().rev().find(keeps).unwrap_or(&TANGENTIAL[0]);
+            let (a, j) = along((a, j), *shares);
+            PathLimits { v: self.speed(axes, share, (a, j), most), a, j }
+        };
+        let rough = kept(if self.length > LONG * most { SPEED_KEPT.2 } else { SPEED_KEPT.1 });
+        // Where nothing was given up, nothing is to be won.
+        let calm = if rough.v >= SPEED_KEPT.0 * most { rough } else { kept(SPEED_KEPT.0) };
+        Offer { v: most, gentle: GENTLE * a, calm, rough }
     }
 
     /// What tangential motion (a, j) leaves of the acceleration and jerk of axis `i`.
@@ -95,9 +81,8 @@ impl<const A: usize> Piece<A> {
         (across.max(0.0), (j_all - first * j).max(0.0))
     }
 
-    /// Does speed `v` keep the limits where tangential motion gets these shares?
-    fn allows(&self, axes: &AxisLimits<A>, share: f64, shares: (f64, f64), v: f64) -> bool {
-        let along = self.tangential(axes, share, shares);
+    /// Does speed `v` keep the limits with tangential acceleration and jerk `along`?
+    fn allows(&self, axes: &AxisLimits<A>, share: f64, along: (f64, f64), v: f64) -> bool {
         (0..A).all(|i| {
             let (second, third) = (self.bounds.second[i], self.bounds.third[i]);
             let (a, j) = self.left(axes, share, along, i);
@@ -105,22 +90,25 @@ impl<const A: usize> Piece<A> {
         })
     }
 
-    /// Path limits where tangential motion gets these shares of each axis' acceleration and jerk.
-    fn with_tangential(&self, axes: &AxisLimits<A>, share: f64, shares: (f64, f64), want: f64) -> PathLimits {
-        let (a, j) = self.tangential(axes, share, shares);
-        let mut v = want;
+    /// The highest speed up to `v` that keeps the limits with tangential acceleration and jerk `along`.
+    fn speed(&self, axes: &AxisLimits<A>, share: f64, along: (f64, f64), mut v: f64) -> f64 {
         for i in 0..A {
             let (second, third) = (self.bounds.second[i], self.bounds.third[i]);
             if second > 0.0 || third > 0.0 {
-                let (a_across, j_across) = self.left(axes, share, (a, j), i);
+                let (a_across, j_across) = self.left(axes, share, along, i);
                 if second * v * v > a_across {
                     v = (a_across / second).sqrt();
                 }
-                v = speed_within(v, third, 3.0 * second * a, j_across);
+                v = speed_within(v, third, 3.0 * second * along.0, j_across);
             }
         }
-        PathLimits { v, a, j }
+        v
     }
+}
+
+/// These shares of acceleration and jerk.
+fn along((a, j): (f64, f64), (a_share, j_share): (f64, f64)) -> (f64, f64) {
+    (a_share * a, j_share * j)
 }
 
 /// Acceleration of axis `i` that is left to a piece whose joints get `share` of acceleration and jerk: seen over one period, a
@@ -141,13 +129,19 @@ fn speed_within(wanted: f64, cubic: f64, linear: f64, most: f64) -> f64 {
         return wanted;
     }
     // Each term alone bounds it from above; NaN, where a term and `most` are 0, is no bound.
-    let mut v = wanted.min((most / cubic).cbrt()).min(most / linear);
+    let mut v = wanted.min(above_root(most / cubic)).min(most / linear);
     for _ in 0..3 {
         v -= (used(v) - most) / (3.0 * cubic * v * v + linear).max(f64::MIN_POSITIVE);
     }
     // Newton came from above; the chord from 0 ends below the root, because the function is convex.
     let above = used(v);
     if above > most { v * most / above } else { v.max(0.0) }
+}
+
+/// At least the cube root of `x`, which is not below 0, and at most a sixteenth more: the chord over each factor of two between
+/// powers of 8 (the first guess of FreeBSD's `cbrt`, without what it takes off).
+fn above_root(x: f64) -> f64 {
+    if x.is_nan() { x } else { f64::from_bits(x.to_bits() / 3 + (682 << 52)) }
 }
 
 #[cfg(test)]
@@ -157,6 +151,12 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        #[test]
+        fn a_guess_at_a_root_is_above_it(size in -200.0..200.0f64) {
+            let x = 10f64.powf(size);
+            prop_assert!((0.999_999_9..1.0625).contains(&(above_root(x) / x.cbrt())), "{}", above_root(x) / x.cbrt());
+        }
+
         #[test]
         fn the_speed_within_a_cubic_is_its_root_from_below(c in 0.0..1e6f64, l in 0.0..1e6f64, m in 1e-3..1e6f64) {
             prop_assume!(c + l > 1e-3);
@@ -171,11 +171,11 @@ mod tests {
     fn a_diagonal_line_is_faster_than_an_axis_and_a_small_circle_slower() {
         let axes = Limits::<3>::built_in().planned();
         let (curve, length) = Curve::line([0.0; 3], [10.0, 10.0, 0.0]);
-        let limits = Piece::new(curve, length, 1e9, 1).limits(&axes, 0.0);
+        let limits = Piece::new(curve, length, 1e9, 1).offer(&axes, 0.0).rough;
         assert!((limits.a - 900.0 * 2f64.sqrt()).abs() < 1e-9 && (limits.v - 100.0).abs() < 1e-9);
         let arc = crate::Arc { plane: [0, 1], centre_mm: [0.0, 1.0], rotation: 1, end_mm: [0.0, 0.0, 0.0] };
         let (curve, length) = Curve::arc([0.0; 3], &arc).expect("valid");
-        let limits = Piece::new(curve, length, 1e9, 1).limits(&axes, 0.0);
+        let limits = Piece::new(curve, length, 1e9, 1).offer(&axes, 0.0).rough;
         assert!(limits.v < 30.0 && limits.v > 20.0 && limits.a >= 0.05 * 900.0, "{limits:?}");
     }
 }

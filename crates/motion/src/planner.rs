@@ -5,14 +5,13 @@
 
 use retrace_core::{Flags, Record};
 
-use crate::blend::{Blender, Entry, Segment, size};
+use crate::blend::{Segment, size};
 use crate::curve::{Arc, Curve};
-use crate::emitter::{Emitter, Item, SetPoint, counts_of};
+use crate::emitter::{SetPoint, counts_of};
 use crate::error::{LimitError, MoveError};
-use crate::joining::join;
-use crate::limits::{AxisLimits, Limits};
-use crate::piece::{Joint, Piece};
-use crate::run::{Run, least};
+use crate::limits::Limits;
+use crate::merge::{Line, Mark, Merger};
+use crate::road::Road;
 
 /// How fast a move goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,19 +41,15 @@ pub enum PathMode {
 /// Plans moves and emits one record a control period.
 #[derive(Debug)]
 pub struct Planner<const A: usize> {
-    axes: AxisLimits<A>,
     pulses_per_mm: [f64; A],
-    emitter: Emitter<A>,
-    blender: Blender<A>,
-    run: Run<A>,
-    /// Pieces on their way from the blender to the run, kept for their memory.
-    pieces: Vec<(Piece<A>, Joint)>,
+    merger: Merger<A>,
+    road: Road<A>,
+    /// Marks of the line that comes out of the merger.
+    marks: Vec<Mark>,
     /// Where the last move ends.
     at: [f64; A],
     /// Program line of the last move.
     tag: u32,
-    /// The last move ends with a full stop.
-    stops: bool,
     /// Where the last stop is, and the flags its record carries.
     rest: ([f64; A], Flags),
 }
@@ -66,21 +61,27 @@ impl<const A: usize> Planner<A> {
     /// E41xx: a limit is out of its range.
     pub fn new(limits: Limits<A>, start_mm: [f64; A]) -> Result<Self, LimitError> {
         limits.validate()?;
-        let axes = limits.planned();
-        // A turn of 1/8 rad rounded this widely takes half the jerk at full speed; sharper ones are slower in any case.
-        let reach = 0.5 * (axes.path_v.powi(3) / least(axes.j)).sqrt();
         Ok(Self {
-            axes,
             pulses_per_mm: limits.pulses_per_mm,
-            emitter: Emitter::new(limits, start_mm),
-            blender: Blender::new(reach),
-            run: Run::new(axes),
-            pieces: Vec::new(),
+            merger: Merger::new(),
+            road: Road::new(limits, start_mm),
+            marks: Vec::new(),
             at: start_mm,
             tag: 0,
-            stops: false,
             rest: (start_mm, Flags::NONE),
         })
+    }
+
+    /// A planner that looks ahead over that many blocks of the road instead of as far as it needs to stop: up to them are planned
+    /// together, and half of them are then committed. A block of the road is a move, or a part of a blended one. At least 2;
+    /// `usize::MAX` plans every run whole.
+    ///
+    /// # Errors
+    /// E41xx: a limit is out of its range.
+    pub fn with_look_ahead(limits: Limits<A>, start_mm: [f64; A], blocks: usize) -> Result<Self, LimitError> {
+        let mut planner = Self::new(limits, start_mm)?;
+        planner.road.look_over(blocks);
+        Ok(planner)
     }
 
     /// Where the last move ends, mm.
@@ -119,11 +120,13 @@ impl<const A: usize> Planner<A> {
     pub fn stop(&mut self, flags: Flags) {
         let flags = flags.with(Flags::REST);
         let (end, held) = self.rest;
-        let moves = self.blender.last().is_some();
+        let moves = self.road.moves() || !self.merger.is_empty();
         let counts = |at: &[f64; A]| counts_of(at, &self.pulses_per_mm);
         let elsewhere = counts(&end) != counts(&self.at);
         if moves || elsewhere || !held.has(flags) && flags != Flags::REST {
-            self.finish_run(self.at, self.tag, flags);
+            self.pass_merged();
+            self.road.stop(self.at, self.tag, flags);
+            self.rest = (self.at, flags);
         }
     }
 
@@ -133,13 +136,13 @@ impl<const A: usize> Planner<A> {
     /// Every full stop, also that in a corner which is not smooth, takes whole periods and its last record carries
     /// [`Flags::REST`].
     pub fn next_record(&mut self) -> Option<Record<A>> {
-        self.emitter.next_record()
+        self.road.next_record()
     }
 
     /// The un-rounded set-point at the end of the last record.
     #[must_use]
     pub fn set_point(&self) -> &SetPoint<A> {
-        self.emitter.point()
+        self.road.point()
     }
 
     fn add(&mut self, curve: Curve<A>, length: f64, end: [f64; A], feed: Feed, mode: PathMode, tag: u32) {
@@ -153,19 +156,24 @@ impl<const A: usize> Planner<A> {
             Feed::Duration(t) => length / t,
             Feed::Rapid => f64::MAX,
         };
-        let segment = Segment { curve, length, feed, tag, tolerance: self.tolerance(mode) };
-        let mut entry = Entry::Rough(Joint::STOP);
-        if let Some(last) = self.blender.last() {
-            let stops = self.stops;
-            match join(last, &segment, &self.axes) {
-                Some(joined) if !stops => entry = joined,
-                _ => self.finish_run(start, last.tag, Flags::REST),
+        let tolerance = self.tolerance(mode);
+        if tolerance > 0.0 && curve.is_line() {
+            let line = Line { start, end, feed, tag, tolerance };
+            if !self.merger.offer(&line) {
+                self.pass_merged();
+                self.merger.offer(&line);
             }
+        } else {
+            self.pass_merged();
+            let segment = Segment { curve, length, feed, tag, tolerance, marks: 0 };
+            self.road.accept(segment, mode == PathMode::ExactStop, &mut self.marks);
         }
-        self.stops = mode == PathMode::ExactStop;
-        self.blender.push(segment, entry);
-        if self.blender.is_ready() {
-            self.hand_on(false);
+    }
+
+    /// The line that is being merged is complete.
+    fn pass_merged(&mut self) {
+        if let Some(segment) = self.merger.take(&mut self.marks) {
+            self.road.accept(segment, false, &mut self.marks);
         }
     }
 
@@ -175,20 +183,6 @@ impl<const A: usize> Planner<A> {
         let rounding = 0.5 * size(&self.pulses_per_mm.map(f64::recip));
         let left = tolerance_mm - rounding;
         if left > 0.1 * tolerance_mm { left } else { 0.0 }
-    }
-
-    fn hand_on(&mut self, ended: bool) {
-        self.blender.hand_on(ended, &mut self.pieces);
-        for (piece, entry) in self.pieces.drain(..) {
-            self.run.push(piece, entry, &mut self.emitter);
-        }
-    }
-
-    fn finish_run(&mut self, end: [f64; A], tag: u32, flags: Flags) {
-        self.hand_on(true);
-        let piece = self.run.finish(&mut self.emitter);
-        self.emitter.commit(Item::Stop { piece, end, flags, tag });
-        self.rest = (end, flags);
     }
 }
 

@@ -8,7 +8,8 @@ use crate::envelope::Block;
 use crate::limits::AxisLimits;
 use crate::lookahead::{LookAhead, Span};
 use crate::piece::{Joint, Piece};
-use crate::profile::Profile;
+use crate::profile::{PathLimits, Profile, State, fastest};
+use crate::shares::{Choice, Offer};
 use crate::stepwise;
 
 /// The road since the last stop, as far as it is not committed.
@@ -18,6 +19,9 @@ pub(crate) struct Run<const A: usize> {
     /// The last piece and the joint at its start, kept back until the joint at its end is known.
     tail: Option<(Piece<A>, Joint)>,
     blocks: Vec<Block>,
+    /// What the blocks behind the planned ones may choose from.
+    offers: Vec<Offer>,
+    choice: Choice,
     /// Number of the first piece of each block.
     numbers: Vec<u64>,
     /// Number of the piece after the last block.
@@ -35,10 +39,16 @@ pub(crate) struct Run<const A: usize> {
     fresh: Vec<Span>,
     /// Road in mm that is kept back when a part of the plan is committed.
     keep: f64,
+    /// Blocks after which the run is planned and partly committed however short they are.
+    most_blocks: usize,
 }
 
 /// Blocks after which a run is planned and partly committed even if they are short.
 const MOST_BLOCKS: usize = 8192;
+/// Blocks that are planned together where the road is long enough.
+const BATCH: usize = 48;
+/// Stopping distances from the end of a plan to what more road does not change.
+const SPARE: f64 = 1.5;
 /// Smooth pieces are planned together up to this length, mm: what is shorter is passed in less than a few periods.
 const GROUP: f64 = 0.02;
 
@@ -50,6 +60,8 @@ impl<const A: usize> Run<A> {
             axes,
             tail: None,
             blocks: Vec::new(),
+            offers: Vec::new(),
+            choice: Choice::default(),
             numbers: Vec::new(),
             next_piece: 0,
             length: 0.0,
@@ -60,15 +72,23 @@ impl<const A: usize> Run<A> {
             look_ahead: LookAhead::default(),
             fresh: Vec::new(),
             keep: 3.0 * stopping,
+            most_blocks: MOST_BLOCKS,
         }
+    }
+
+    /// From now on looks ahead over `blocks`, whatever their length.
+    pub(crate) fn look_over(&mut self, blocks: usize) {
+        (self.keep, self.most_blocks) = (f64::MAX, blocks.max(2));
     }
 
     /// Appends a piece that is entered through `entry`.
     pub(crate) fn push(&mut self, piece: Piece<A>, entry: Joint, emitter: &mut Emitter<A>) {
         self.push_tail(entry, emitter);
         self.tail = Some((piece, entry));
-        if self.length > 2.0 * self.keep || self.blocks.len() >= MOST_BLOCKS {
-            self.replan();
+        let fresh = self.blocks.len() - self.planned;
+        let enough = self.length > 2.0 * self.keep && fresh >= BATCH || self.length > 8.0 * self.keep;
+        if enough || self.blocks.len() >= self.most_blocks {
+            self.replan(State::default(), false);
             self.commit_part(emitter);
         }
     }
@@ -76,75 +96,135 @@ impl<const A: usize> Run<A> {
     /// Plans and commits everything, to rest; gives the number of the next piece.
     pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
         self.push_tail(Joint::STOP, emitter);
-        self.replan();
+        self.replan(State::default(), true);
         self.commit_all(emitter);
         self.next_piece
+    }
+
+    /// Begins the next run in motion; it must be able to come to rest within its first piece.
+    pub(crate) fn begin(&mut self, start: State) {
+        (self.v, self.a) = (start.v, start.a);
+    }
+
+    /// Plans and commits everything, to state `end`; where that cannot be reached any more, to rest, and says so. Gives the
+    /// number of the next piece.
+    pub(crate) fn finish_moving(&mut self, end: State, emitter: &mut Emitter<A>) -> (u64, bool) {
+        self.push_tail(Joint { v: end.v, share: 0.0 }, emitter);
+        let reached = self.replan(end, true);
+        self.commit_all(emitter);
+        (self.next_piece, reached)
     }
 
     /// The joint at the end of the last piece is known: the piece joins the road.
     fn push_tail(&mut self, exit: Joint, emitter: &mut Emitter<A>) {
         let Some((mut piece, entry)) = self.tail.take() else { return };
         piece.rough_entry = entry.share > 0.0;
-        let limits = piece.limits(&self.axes, entry.share.max(exit.share));
+        let offer = piece.offer(&self.axes, entry.share.max(exit.share));
         let number = emitter.append(piece);
         self.next_piece = number + 1;
         self.length += piece.length;
-        let unplanned = self.blocks.len() > self.planned;
-        if let Some(block) = self.blocks.last_mut()
-            && unplanned
+        // The first block of a run that begins in motion stays as it is, so that it is long enough to stop in.
+        let grows = self.blocks.len() > 1 || self.v == 0.0;
+        if let Some((block, last)) = self.blocks.last_mut().zip(self.offers.last_mut())
+            && grows
             && entry == Joint::SMOOTH
             && block.length + piece.length <= GROUP
         {
             block.length += piece.length;
-            block.limits = block.limits.tighter(limits);
+            *last = last.tighter(&offer);
             block.exit_v = exit.v;
         } else {
-            self.blocks.push(Block { length: piece.length, limits, exit_v: exit.v });
+            self.blocks.push(Block { length: piece.length, limits: offer.rough, exit_v: exit.v });
+            self.offers.push(offer);
             self.numbers.push(number);
         }
     }
 
-    /// Plans all blocks to rest. Where that fails from the present state, the plan there is stays up to one of its next gates,
-    /// and what lies beyond is planned from there; its last gate is at rest, and from rest there always is a plan.
-    fn replan(&mut self) {
-        if self.planned == self.blocks.len() {
-            return;
-        }
-        if self.plan_from(0, self.v, self.a) {
-            self.plan.clear();
-            self.plan.append(&mut self.fresh);
-        } else {
-            let mut gate = 1;
-            while gate < self.plan.len() {
-                let Span { first, profile, .. } = self.plan[gate];
-                if self.plan_from(first, profile.v0, profile.a0) {
-                    break;
-                }
-                gate *= 2;
+    /// Plans all blocks to `end`: from the gate on that more road cannot change, else from the present state. Where that fails
+    /// too, the plan there is stays up to one of its next gates, and what lies beyond is planned from there; its last gate is at
+    /// rest, and from rest there always is a plan to rest. False where it came to that and `end` is not at rest. The road goes on
+    /// behind the blocks unless it `ends`.
+    fn replan(&mut self, end: State, ends: bool) -> bool {
+        let Some(before) =
+            self.blocks.len().checked_sub(self.offers.len()).filter(|&before| before < self.blocks.len())
+        else {
+            return true;
+        };
+        let v = before.checked_sub(1).map_or(self.v, |last| self.blocks[last].limits.v.min(self.blocks[last].exit_v));
+        self.choice.choose(&mut self.blocks[before..], &self.offers, v, ends);
+        self.offers.clear();
+        let (settled, gates) = (self.settled(), self.plan.len());
+        let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).take_while(|&gate| gate < gates);
+        let tries = [settled, 0].into_iter().take(if settled > 0 { 2 } else { 1 }).chain(later);
+        let mut kept = None;
+        for gate in tries {
+            let state = self.plan.get(gate).map(|span| (span.first, span.profile.v0, span.profile.a0));
+            let (first, v, a) = state.unwrap_or((0, self.v, self.a));
+            if self.plan_from(first, (v, a), end) {
+                kept = Some(gate);
+                break;
             }
-            if gate >= self.plan.len() {
-                gate = self.plan.len();
-                if !self.plan_from(self.planned, 0.0, 0.0) {
-                    stepwise::plan(&self.blocks[self.planned..], &mut self.fresh);
-                }
-            }
-            let beyond = self.plan.get(gate).map_or(self.planned, |span| span.first);
-            self.plan.truncate(gate);
-            self.plan.extend(self.fresh.drain(..).map(|span| Span {
-                first: span.first + beyond,
-                last: span.last + beyond,
-                ..span
-            }));
         }
+        let reached = kept.is_some() || self.plan_from_rest(end);
+        let kept = kept.unwrap_or(self.plan.len());
+        let beyond = self.plan.get(kept).map_or(self.planned, |span| span.first);
+        self.plan.truncate(kept);
+        self.plan.extend(self.fresh.drain(..).map(|span| Span {
+            first: span.first + beyond,
+            last: span.last + beyond,
+            ..span
+        }));
         self.planned = self.blocks.len();
+        reached
     }
 
-    /// Plans the blocks from number `first` on into `fresh`; false where there is no plan from that state.
-    fn plan_from(&mut self, first: usize, v: f64, a: f64) -> bool {
-        self.look_ahead.plan(&self.blocks[first..], v, a, &mut self.fresh).is_ok()
+    /// Plans what lies behind the plan there is, which ends at rest; false where that is to rest instead of `end`.
+    fn plan_from_rest(&mut self, end: State) -> bool {
+        if self.planned == 0 && self.v > 0.0 {
+            self.stop_in_first_block();
+        }
+        if self.plan_from(self.planned, (0.0, 0.0), end) {
+            return true;
+        }
+        if !self.plan_from(self.planned, (0.0, 0.0), State::default()) {
+            stepwise::plan(&self.blocks[self.planned..], &mut self.fresh);
+        }
+        end == State::default()
     }
 
-    /// Commits the whole plan, which ends at rest.
+    /// A run that begins in motion and finds no other plan comes to rest at the end of its first block, which is long enough.
+    fn stop_in_first_block(&mut self) {
+        let Block { length, limits, .. } = self.blocks[0];
+        if let Ok(profile) = fastest(State::moving(self.v, self.a), State::default(), length, limits) {
+            self.plan.push(Span { first: 0, last: 1, profile });
+            self.planned = 1;
+        }
+    }
+
+    /// The gate that more road cannot change any more: the last before the plan brakes to its end, and one more for the tuning
+    /// of gates, or one from which the end is far enough away to stop with something to spare. Were it not so, the plan would
+    /// lose a little time there, no more.
+    fn settled(&self) -> usize {
+        let v = |gate: usize| self.plan[gate].profile.v0;
+        let rises =
+            (1..self.plan.len()).rev().find(|&gate| v(gate - 1) <= v(gate)).map_or(0, |gate| gate.saturating_sub(2));
+        let (mut limits, mut rest) = (PathLimits { v: f64::MAX, a: f64::MAX, j: f64::MAX }, 0.0);
+        let far = (rises..self.plan.len()).rev().find(|&gate| {
+            for block in &self.blocks[self.plan[gate].first..self.plan[gate].last] {
+                limits = limits.tighter(block.limits);
+                rest += block.length;
+            }
+            rest > SPARE * 0.5 * v(gate) * (v(gate) / limits.a + limits.a / limits.j)
+        });
+        far.unwrap_or(rises)
+    }
+
+    /// Plans the blocks from number `first` on into `fresh`; false where there is no plan between these states.
+    fn plan_from(&mut self, first: usize, from: (f64, f64), end: State) -> bool {
+        first < self.blocks.len() && self.look_ahead.plan(&self.blocks[first..], from, end, &mut self.fresh).is_ok()
+    }
+
+    /// Commits the whole plan.
     fn commit_all(&mut self, emitter: &mut Emitter<A>) {
         let s = self.joints();
         for span in &self.plan {

@@ -259,3 +259,35 @@ fn a_slow_cut_may_be_retraced_fast() {
     let fast = run.records.iter().filter(|record| record.cap == RapidCap::MAX).count();
     assert!(fast > run.records.len() - 100, "{fast} of {}", run.records.len());
 }
+
+/// Lines that are merged keep their program lines: each record carries that of the line it ends in, or of one beside it where
+/// the tolerance moves the path across their joint.
+#[test]
+fn records_of_merged_lines_carry_the_line_that_they_end_in() {
+    let limits = Limits::built_in();
+    for (radius, chord) in [(f64::INFINITY, 0.03), (f64::INFINITY, 3.0), (30.0, 0.07), (3.0, 0.2)] {
+        let at = |k: usize| {
+            let way = k as f64 * chord;
+            let (sin, cos) = (way / radius).sin_cos();
+            if radius.is_finite() { [radius * sin, radius * (1.0 - cos), 0.0] } else { [0.8 * way, 0.6 * way, 0.0] }
+        };
+        let moves: Vec<Move> = (1..=300)
+            .map(|k| {
+                let mode = PathMode::Blend { tolerance_mm: 0.05 };
+                Move { path: Path::Line(at(k)), feed: Feed::PerSecond(50.0), mode, stop: k == 300 }
+            })
+            .collect();
+        let run = play(limits, &moves, usize::MAX);
+        let distance = |a: &[f64; 3], b: &[f64; 3]| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
+        let mut last = 1;
+        for (record, point) in run.records.iter().zip(&run.points) {
+            let line = record.line as usize;
+            assert!(line >= last, "line {line} after line {last}");
+            let aside = distance(point, &at(line - 1)).max(distance(point, &at(line))) - chord;
+            let most = if radius.is_finite() { 0.05 } else { 1e-6 };
+            assert!(aside < most, "{aside} mm beside line {line} of {chord} mm around {radius} mm");
+            last = line;
+        }
+        assert_eq!(last, 300);
+    }
+}

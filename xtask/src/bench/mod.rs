@@ -4,6 +4,9 @@
 
 mod chart;
 mod generate;
+mod legality;
+mod motion;
+mod peers;
 mod pre9;
 mod process;
 mod programs;
@@ -30,6 +33,11 @@ pub(crate) const BENCHES: &[Bench] = &[
         name: "pre9",
         purpose: "what precompiled cycles and the pre-scan spare (PRE-9); writes docs/pre-scan.md",
         run: pre9::run,
+    },
+    Bench {
+        name: "motion",
+        purpose: "plans beside optima, limits and LinuxCNC's planners, and the speed of planning; writes docs/bench-motion.md",
+        run: motion::run,
     },
 ];
 

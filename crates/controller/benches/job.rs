@@ -1,0 +1,141 @@
+//! A whole job without a card: text to canonical functions, moves, plan and records. Row S6 of `cargo xtask bench motion`.
+//!
+//! Invariant: the program is made before the clock starts; everything between its text and its last record is timed, on one core.
+
+#[path = "../../motion/benches/motion/roads.rs"]
+#[allow(dead_code)] // this bench uses its part
+mod roads;
+#[path = "../../motion/benches/motion/row.rs"]
+#[allow(dead_code)]
+mod row;
+
+use std::fmt::Write as _;
+use std::time::Instant;
+
+use retrace_controller::feed::{Cancelled, Refused, Switch};
+use retrace_controller::job::{Decode, Decoded, feed_all};
+use retrace_controller::machine::Machine;
+use retrace_controller::sink::Sink;
+use retrace_core::Flags;
+use retrace_gcode::{Prescan, Program, Progress, Setup, Step, Text};
+use retrace_link::Change;
+use retrace_motion::{Arc, Feed, PathMode, Planner};
+
+use roads::Way;
+use row::{Goal, Row, median};
+
+/// A program being decoded.
+struct Decoder(Program<&'static [u8]>);
+
+impl Decode for Decoder {
+    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+        match self.0.advance(steps) {
+            Progress::End => Decoded::End,
+            _ => Decoded::Block,
+        }
+    }
+}
+
+/// Plans, and takes every record out as soon as there is one.
+struct Records {
+    planner: Planner<3>,
+    records: u64,
+    pulses: i64,
+}
+
+impl Records {
+    fn drain(&mut self) {
+        while let Some(record) = self.planner.next_record() {
+            self.records += 1;
+            self.pulses += record.increments.iter().map(|count| i64::from(*count)).sum::<i64>();
+        }
+    }
+}
+
+impl Sink<3> for Records {
+    fn straight(&mut self, end_mm: [f64; 3], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        self.planner.line(end_mm, feed, mode, line)?;
+        self.drain();
+        Ok(())
+    }
+
+    fn arc(&mut self, arc: &Arc<3>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        self.planner.arc(arc, feed, mode, line)?;
+        self.drain();
+        Ok(())
+    }
+
+    fn action(&mut self, _: Change, _: u32) {}
+
+    fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
+        self.planner.stop(Flags::NONE);
+        self.drain();
+        Ok(())
+    }
+
+    fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
+        Ok(())
+    }
+}
+
+/// The 3-D surface of 0.1 mm lines, at a feed at which so many lines take so many seconds.
+fn program(lines: usize, seconds: f64) -> String {
+    let ways = roads::surface(lines).ways;
+    let mut at = [0.0; 3];
+    let length: f64 = ways
+        .iter()
+        .map(|way| {
+            let from = std::mem::replace(&mut at, way.end());
+            from.iter().zip(&at).map(|(a, b)| (b - a) * (b - a)).sum::<f64>().sqrt()
+        })
+        .sum();
+    let mut text = format!("G21 G90 G17 G64 P0.05\nF{:.1}\n", length / seconds * 60.0);
+    for way in &ways {
+        let [x, y, z] = way.end();
+        if let Way::Line(_) = way {
+            // Writing into memory cannot fail.
+            let _ = writeln!(text, "G1 X{x:.3} Y{y:.3} Z{z:.3}");
+        }
+    }
+    text + "M2\n"
+}
+
+/// Processor seconds are those of the wall here: nothing waits.
+fn run(text: &Text, machine: &Machine) -> (f64, u64, u64) {
+    let setup = Setup::rs274();
+    let planner = Planner::new(machine.limits(), [0.0; 3]).expect("the built-in machine is valid");
+    let started = Instant::now();
+    let prescan = std::sync::Arc::new(Prescan::of("program", text.clone(), &setup));
+    let mut decoder = Decoder(Program::prescanned(prescan, setup));
+    let mut sink = Records { planner, records: 0, pulses: 0 };
+    let (blocks, findings) = feed_all(machine, &mut decoder, &mut sink);
+    sink.planner.stop(Flags::NONE);
+    sink.drain();
+    let took = started.elapsed().as_secs_f64();
+    assert!(findings.is_empty() && sink.pulses != 0, "{findings:?}");
+    (took, blocks, sink.records)
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    // As every bench is: run as a test, it only has to start.
+    if !arguments.iter().any(|argument| argument == "--bench") {
+        return;
+    }
+    let full = arguments.iter().any(|argument| argument == "--full");
+    let (lines, rounds) = (1_000_000, if full { 5 } else { 3 });
+    let machine = Machine::built_in().expect("the built-in machine is valid");
+    let text = Text::from(program(lines, 3600.0).as_str());
+    let runs: Vec<(f64, u64, u64)> = (0..rounds).map(|_| run(&text, &machine)).collect();
+    let figure = median(runs.iter().map(|run| run.0).collect());
+    let (_, blocks, records) = runs[0];
+    let row = Row {
+        name: "S6",
+        what: "a job of 10⁶ lines and an hour: parse, plan, emit".to_owned(),
+        figure,
+        unit: "s",
+        goal: Goal::AtMost(2.0),
+        note: format!("{blocks} blocks, {records} records, without card; median of {rounds}"),
+    };
+    println!("{row}");
+}

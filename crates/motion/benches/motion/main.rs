@@ -1,0 +1,55 @@
+//! What `cargo xtask bench motion` measures of the planner itself: quality beside optima and bounds, and speed.
+//!
+//! Invariant: one row a goal, in the order of the issue; a row that was not measured is not printed. Rows go to standard output,
+//! fields parted by tabs, for the task that adds the rows of whole programs and writes the page.
+
+mod corners;
+mod legality;
+mod oracle;
+mod quality;
+mod roads;
+mod row;
+mod solver;
+mod speed;
+
+use row::Row;
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    // As every bench is: run as a test, it only has to start.
+    if !arguments.iter().any(|argument| argument == "--bench") {
+        return;
+    }
+    let full = arguments.iter().any(|argument| argument == "--full");
+    let only: Vec<String> = arguments.into_iter().filter(|argument| !argument.starts_with('-')).collect();
+    if only == ["optima"] {
+        // The table of corners, made anew.
+        print!("{}", corners::table());
+        return;
+    }
+    for Group { names, measure } in ROWS {
+        if only.is_empty() || names.iter().any(|name| only.iter().any(|only| only == name)) {
+            for row in measure(full) {
+                println!("{row}");
+            }
+        }
+    }
+}
+
+/// Rows that are measured together.
+struct Group {
+    names: &'static [&'static str],
+    /// Measures them; `true` takes the full sizes.
+    measure: fn(bool) -> Vec<Row>,
+}
+
+/// Every group of rows that is measured together.
+const ROWS: &[Group] = &[
+    Group { names: &["Q1"], measure: solver::durations },
+    Group { names: &["Q2"], measure: quality::cut_line },
+    Group { names: &["Q3"], measure: corners::rows },
+    Group { names: &["Q4"], measure: quality::windows },
+    Group { names: &["Q7", "Q8"], measure: legality::rows },
+    Group { names: &["S1"], measure: solver::speed },
+    Group { names: &["S2", "S3", "S4", "S5"], measure: speed::rows },
+];

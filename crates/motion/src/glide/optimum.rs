@@ -1,0 +1,413 @@
+//! The glide that saves most time on two tracks (SMO-2 … SMO-6, by optimisation instead of a set ratio).
+//!
+//! All limits are linear in the jerks of the ramps. The time that the rest of a track takes from the end of its ramp is not; it is
+//! replaced by its tangents in the points visited so far (Kelley's cutting planes, 1960) within a trust region, and each linear
+//! program gives the next point. Standing until the tracks' own start is always allowed, so there is always a point to begin with.
+//!
+//! Invariant: what is returned keeps every limit, takes no longer than stopping in the corner would, and each track can still come
+//! to rest within its room. It depends on the tracks alone.
+
+use std::cmp::Ordering;
+
+use crate::glide::ramp::{CELLS, Ramp, Ramps};
+use crate::glide::simplex::Program;
+use crate::glide::tracks::{FarEnd, Track, Tracks};
+use crate::limits::AxisLimits;
+use crate::profile::{PathLimits, State, fastest, stopping_distance};
+
+/// Unknown jerks at most, …
+const UNKNOWN: usize = 2 * CELLS;
+/// … and with them the times of both tracks.
+const COLUMNS: usize = UNKNOWN + 2;
+
+/// How finely a glide is sought.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Effort {
+    /// Stretches of constant jerk in each ramp; a divisor of [`CELLS`], and even.
+    pub(crate) stretches: usize,
+    /// Linear programs at most.
+    pub(crate) programs: usize,
+}
+
+impl Effort {
+    /// For corners of which a program may have very many.
+    pub(crate) const QUICK: Self = Self { stretches: 6, programs: 8 };
+    /// For those of which it has few.
+    pub(crate) const THOROUGH: Self = Self { stretches: 12, programs: 24 };
+}
+/// How far the first step may go, as a share of the jerk.
+const TRUST: f64 = 2.0;
+/// A program that promises less than this part of the time is the last.
+const ENOUGH: f64 = 2e-3;
+/// Tangents kept for each track.
+const MOST_TANGENTS: usize = 8;
+/// Seconds are counted in this unit in the programs, so that all numbers are about 1.
+const UNIT: f64 = 0.01;
+/// Share of its length within which a track that moves on must be able to come to rest.
+const STOPS_WITHIN: f64 = 0.8;
+/// Share of the jerk with which a track that moves on can still come to rest within its room.
+const GENTLE: f64 = 0.6;
+/// How far the programs keep from what must stay below 0, so that their points converge from the allowed side.
+const WALL_MARGIN: f64 = 0.006;
+
+/// A tangent on a track's time: slope by each of its jerks, and the time at jerk 0, in units.
+#[derive(Clone, Copy, Debug)]
+struct Tangent {
+    slope: [f64; CELLS],
+    at_zero: f64,
+}
+
+impl Tangent {
+    /// The tangent with this slope that is `here` at `jerks`.
+    fn through(jerks: &[f64], here: f64, slope: [f64; CELLS]) -> Self {
+        Self { slope, at_zero: here - slope.iter().zip(jerks).map(|(g, x)| g * x).sum::<f64>() }
+    }
+
+    fn value(&self, jerks: &[f64]) -> f64 {
+        self.at_zero + self.slope.iter().zip(jerks).map(|(g, x)| g * x).sum::<f64>()
+    }
+}
+
+/// Finds glides; it keeps its memory.
+#[derive(Debug, Default)]
+pub(crate) struct Optimiser {
+    program: Program,
+    /// Stretches of constant jerk in each ramp.
+    n: usize,
+    rows: Vec<([f64; UNKNOWN], f64)>,
+    tangents: [Vec<Tangent>; 2],
+    /// What must stay below 0, by its tangents.
+    walls: [Vec<Tangent>; 2],
+}
+
+/// How the state at each border of the stretches depends on the jerk of each stretch: place, speed and acceleration.
+struct Responses {
+    n: usize,
+    by: [[[f64; CELLS]; CELLS + 1]; 3],
+}
+
+impl Responses {
+    /// For `n` stretches, in units of `jerk`.
+    fn new(n: usize, stretch: f64, jerk: f64) -> Self {
+        let mut by = [[[0.0; CELLS]; CELLS + 1]; 3];
+        for pulse in 0..n {
+            let mut jerks = [0.0; CELLS];
+            jerks[pulse] = jerk;
+            for (node, state) in Ramp(jerks).nodes(stretch).into_iter().enumerate() {
+                (by[0][node][pulse], by[1][node][pulse], by[2][node][pulse]) = (state.s, state.v, state.a);
+            }
+        }
+        Self { n, by }
+    }
+
+    /// The state at the end of a ramp of these jerks.
+    fn end(&self, jerks: &[f64]) -> State {
+        let [s, v, a] = [0, 1, 2].map(|of: usize| {
+            self.by[of][self.n].iter().zip(jerks).map(|(response, jerk)| response * jerk).sum::<f64>()
+        });
+        State { s, v, a }
+    }
+
+    /// The slope by each jerk of what has these slopes by place, speed and acceleration at the end.
+    fn slope(&self, [by_s, by_v, by_a]: [f64; 3]) -> [f64; CELLS] {
+        let [s, v, a] = [0, 1, 2].map(|of: usize| &self.by[of][self.n]);
+        std::array::from_fn(|k| by_s * s[k] + by_v * v[k] + by_a * a[k])
+    }
+}
+
+/// A glide and the time that both tracks take with it, s.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found {
+    pub(crate) ramps: Ramps,
+    pub(crate) time: f64,
+}
+
+/// The time both tracks take, each from its far end to the glide or from the glide to its far end, with the glide between.
+pub(crate) fn time<const A: usize>(ramps: &Ramps, tracks: &Tracks<A>) -> Option<f64> {
+    let [one, two] = ramps.ends();
+    Some(ramps.duration() + rest_time(one, tracks, 0)? + rest_time(two, tracks, 1)?)
+}
+
+/// The limits within which a track that moves on must be able to come to rest from `state`.
+pub(crate) fn gentle(limits: PathLimits, state: State) -> PathLimits {
+    PathLimits { a: limits.a.max(state.a.abs()), j: GENTLE * limits.j, ..limits }
+}
+
+/// The time both tracks take with a stop in the corner.
+pub(crate) fn stopping_time<const A: usize>(tracks: &Tracks<A>) -> Option<f64> {
+    Some(rest_time(State::default(), tracks, 0)? + rest_time(State::default(), tracks, 1)?)
+}
+
+/// The time that track `side` takes from state `from` to rest at its far end, or to its middle, if the other half belongs to a
+/// joint like this one: that is half of the time to the mirror image of the state.
+pub(crate) fn rest_time<const A: usize>(from: State, tracks: &Tracks<A>, side: usize) -> Option<f64> {
+    let track = &tracks.pair[side];
+    let way = track.length - from.s;
+    match track.far_end {
+        FarEnd::Rest => fastest(from, State::default(), way, track.limits).ok().map(|rest| rest.duration()),
+        FarEnd::Moving => {
+            let stop = from.s + stopping_distance(from, gentle(track.limits, from));
+            let mirrored = State::moving(from.v, -from.a);
+            let both = fastest(from, mirrored, way - from.s, track.limits).ok()?;
+            (stop <= STOPS_WITHIN * track.length).then(|| 0.5 * both.duration())
+        }
+    }
+}
+
+impl Optimiser {
+    /// The best glide of `duration` seconds that is found; `None` where none is faster than stopping.
+    pub(crate) fn find<const A: usize>(
+        &mut self,
+        tracks: &Tracks<A>,
+        axes: &AxisLimits<A>,
+        duration: f64,
+        effort: Effort,
+    ) -> Option<Found> {
+        let n = effort.stretches;
+        self.n = n;
+        let jerk = tracks.pair[0].limits.j.min(tracks.pair[1].limits.j);
+        let responses = Responses::new(n, duration / n as f64, jerk);
+        self.collect(tracks, axes, &responses, jerk);
+        let ramps_of = |x: &[f64; UNKNOWN]| Ramps {
+            cell: duration / CELLS as f64,
+            pair: [0, 1].map(|side| Ramp(std::array::from_fn(|k| x[side * n + k * n / CELLS] * jerk))),
+        };
+        let mut x = [0.0; UNKNOWN];
+        let mut best = time(&ramps_of(&x), tracks)?;
+        for side in 0..2 {
+            self.tangents[side].clear();
+            self.walls[side].clear();
+            self.tangents[side].push(tangent(&x, side, tracks, &responses)?);
+        }
+        let mut trust = TRUST;
+        for _ in 0..effort.programs {
+            let (step, promised) = self.step(&x, trust);
+            if promised * UNIT < ENOUGH * best {
+                break;
+            }
+            let next: [f64; UNKNOWN] = std::array::from_fn(|k| x[k] + step[k]);
+            let tangents = [0, 1].map(|side| tangent(&next, side, tracks, &responses));
+            let there = time(&ramps_of(&next), tracks);
+            for (kept, new) in self.tangents.iter_mut().zip(tangents) {
+                kept.extend(new);
+            }
+            for side in 0..2 {
+                let walls = &mut self.walls[side];
+                for of in [overrun, overreach, undershoot, overspeed] {
+                    walls.extend(wall(&next, side, tracks, &responses, of));
+                }
+                let many = walls.len().saturating_sub(2 * MOST_TANGENTS);
+                walls.drain(..many);
+            }
+            match there {
+                Some(time) if time < best - 0.1 * promised * UNIT => {
+                    (x, best) = (next, time);
+                    trust = f64::min(2.0 * trust, 4.0 * TRUST);
+                    self.forget(&x);
+                }
+                Some(_) => trust *= 0.6,
+                None => trust *= 0.85,
+            }
+            if trust < 1e-3 {
+                break;
+            }
+        }
+        let ramps = ramps_of(&x);
+        let taken = ramps.taken(tracks, axes);
+        let ramps = if taken > 1.0 { ramps.scaled((1.0 - 1e-12) / taken) } else { ramps };
+        let time = time(&ramps, tracks)?;
+        Some(Found { ramps, time })
+    }
+
+    /// The step from `x` that the tangents promise most of, and how much that is.
+    fn step(&mut self, x: &[f64; UNKNOWN], trust: f64) -> ([f64; COLUMNS], f64) {
+        let (n, unknown) = (self.n, 2 * self.n);
+        self.program.clear(unknown + 2);
+        let mut row = [0.0; COLUMNS];
+        let row = &mut row[..unknown + 2];
+        for (coefficients, most) in &self.rows {
+            let used: f64 = coefficients.iter().zip(x).map(|(c, x)| c * x).sum();
+            row[..unknown].copy_from_slice(&coefficients[..unknown]);
+            self.program.row(row, most - used);
+        }
+        row.fill(0.0);
+        for k in 0..unknown {
+            for sign in [1.0, -1.0] {
+                row[k] = sign;
+                self.program.row(row, trust);
+            }
+            row[k] = 0.0;
+        }
+        for side in 0..2 {
+            let own = &x[side * n..(side + 1) * n];
+            let here = self.tangents[side].iter().map(|t| t.value(own)).fold(f64::MIN, f64::max);
+            for tangent in &self.tangents[side] {
+                row.fill(0.0);
+                row[side * n..(side + 1) * n].copy_from_slice(&tangent.slope[..n]);
+                row[unknown + side] = -1.0;
+                self.program.row(row, here - tangent.value(own));
+            }
+        }
+        for side in 0..2 {
+            let own = &x[side * n..(side + 1) * n];
+            for wall in &self.walls[side] {
+                row.fill(0.0);
+                row[side * n..(side + 1) * n].copy_from_slice(&wall.slope[..n]);
+                self.program.row(row, -wall.value(own) - WALL_MARGIN);
+            }
+        }
+        let mut cost = [0.0; COLUMNS];
+        cost[unknown..].fill(-1.0);
+        let mut z = [0.0; COLUMNS];
+        self.program.maximise(&cost[..unknown + 2], &mut z[..unknown + 2]);
+        (z, -(z[unknown] + z[unknown + 1]))
+    }
+
+    /// Forgets tangents that lie above the time at `x`, which they do where it is not convex, and the oldest.
+    fn forget(&mut self, x: &[f64; UNKNOWN]) {
+        let n = self.n;
+        for (side, tangents) in self.tangents.iter_mut().enumerate() {
+            let own = &x[side * n..(side + 1) * n];
+            let Some(here) = tangents.last().map(|newest| newest.value(own)) else { continue };
+            tangents.retain(|tangent| tangent.value(own) <= here + 1e-4);
+            let many = tangents.len().saturating_sub(MOST_TANGENTS);
+            tangents.drain(..many);
+        }
+    }
+
+    /// All limits as rows.
+    fn collect<const A: usize>(&mut self, tracks: &Tracks<A>, axes: &AxisLimits<A>, responses: &Responses, jerk: f64) {
+        self.rows.clear();
+        let (n, half) = (self.n, self.n / 2);
+        let [places, speeds, accelerations] = &responses.by;
+        let [u, w] = tracks.pair.map(|track| track.direction);
+        let mut add = |one: &[f64; CELLS], p: f64, two: &[f64; CELLS], q: f64, most: f64| {
+            let mut row = [0.0; UNKNOWN];
+            for k in 0..n {
+                row[k] = one[k] * p / most;
+                row[n + k] = two[k] * q / most;
+            }
+            if row.iter().any(|x| x.abs() > 1e-9) {
+                self.rows.push((row, 1.0));
+            }
+        };
+        let unit = |k: usize| -> [f64; CELLS] { std::array::from_fn(|i| if i == k { jerk } else { 0.0 }) };
+        let none = [0.0; CELLS];
+        for i in (0..A).filter(|i| u[*i] != 0.0 || w[*i] != 0.0) {
+            let forward = if u[i] + w[i] < 0.0 { -1.0 } else { 1.0 };
+            for k in 0..=n {
+                for sign in [1.0, -1.0] {
+                    if k < n {
+                        add(&unit(n - 1 - k), sign * u[i], &unit(k), sign * w[i], axes.j[i]);
+                    }
+                    add(&accelerations[n - k], -sign * u[i], &accelerations[k], sign * w[i], axes.a[i]);
+                }
+                add(&speeds[n - k], forward * u[i], &speeds[k], forward * w[i], axes.v[i]);
+            }
+        }
+        let dot: f64 = u.iter().zip(w).map(|(a, b)| a * b).sum();
+        let turn = dot.clamp(-1.0, 1.0).acos();
+        for k in 0..=n {
+            let [before, after] = tracks.pair.map(|track| track.feed);
+            let feed = match k.cmp(&half) {
+                Ordering::Less => before,
+                Ordering::Equal => before.min(after),
+                Ordering::Greater => after,
+            };
+            for part in [0.0, 0.25, 0.5, 0.75, 1.0] {
+                let (p, q) = ((turn * part).cos(), (turn * (1.0 - part)).cos());
+                add(&speeds[n - k], p, &speeds[k], q, feed);
+            }
+        }
+        // Half of both places, seen along the sum of their ways, keeps the corner within the tolerance.
+        let apart = u.iter().zip(w).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
+        add(&places[half], 0.5 * apart, &places[half], 0.5 * apart, tracks.tolerance);
+        let band = tracks.band();
+        for place in &places[1..=half] {
+            for sign in [1.0, -1.0] {
+                add(place, sign, &none, 0.0, band);
+                add(&none, 0.0, place, sign, band);
+            }
+        }
+    }
+}
+
+/// The tangent on the time of track `side` at `x`, by differences.
+fn tangent<const A: usize>(
+    x: &[f64; UNKNOWN],
+    side: usize,
+    tracks: &Tracks<A>,
+    responses: &Responses,
+) -> Option<Tangent> {
+    let own = &x[side * responses.n..(side + 1) * responses.n];
+    let state = responses.end(own);
+    let here = rest_time(state, tracks, side)?;
+    let slopes = DIFFERENCES.map(|by| {
+        let both = [1.0, -1.0].map(|sign| rest_time(moved(state, by, sign), tracks, side));
+        let by: f64 = by.iter().sum();
+        match both {
+            [Some(up), Some(down)] => (up - down) / (2.0 * by),
+            [Some(up), None] => (up - here) / by,
+            [None, Some(down)] => (here - down) / by,
+            [None, None] => 0.0,
+        }
+    });
+    Some(Tangent::through(own, here / UNIT, responses.slope(slopes.map(|slope| slope / UNIT))))
+}
+
+/// The tangent at `x` on what must stay below 0; `None` where it is far below.
+fn wall<const A: usize>(
+    x: &[f64; UNKNOWN],
+    side: usize,
+    tracks: &Tracks<A>,
+    responses: &Responses,
+    of: fn(State, &Track<A>) -> f64,
+) -> Option<Tangent> {
+    let own = &x[side * responses.n..(side + 1) * responses.n];
+    let (state, track) = (responses.end(own), &tracks.pair[side]);
+    let here = of(state, track);
+    if here < -0.2 || !here.is_finite() {
+        return None;
+    }
+    let slopes = DIFFERENCES.map(|by| {
+        let [up, down] = [1.0, -1.0].map(|sign| of(moved(state, by, sign), track));
+        (up - down) / (2.0 * by.iter().sum::<f64>())
+    });
+    Some(Tangent::through(own, here, responses.slope(slopes)))
+}
+
+/// Steps in place, speed and acceleration by which slopes are found.
+const DIFFERENCES: [[f64; 3]; 3] = [[1e-5, 0.0, 0.0], [0.0, 1e-3, 0.0], [0.0, 0.0, 1e-1]];
+
+fn moved(state: State, [s, v, a]: [f64; 3], sign: f64) -> State {
+    State { s: state.s + sign * s, v: state.v + sign * v, a: state.a + sign * a }
+}
+
+/// By how much of its length a track's state cannot stop in time.
+fn overrun<const A: usize>(state: State, track: &Track<A>) -> f64 {
+    let (room, limits) = match track.far_end {
+        FarEnd::Rest => (track.length, PathLimits { a: track.limits.a.max(state.a.abs()), ..track.limits }),
+        FarEnd::Moving => (STOPS_WITHIN * track.length, gentle(track.limits, state)),
+    };
+    (state.s + stopping_distance(state, limits) - room) / track.length
+}
+
+/// By how much of its length a track's state cannot take its acceleration away before the middle, if the rest belongs to
+/// another joint.
+fn overreach<const A: usize>(state: State, track: &Track<A>) -> f64 {
+    if track.far_end == FarEnd::Rest {
+        return f64::MIN;
+    }
+    let settled = state.after(-track.limits.j, state.a.max(0.0) / track.limits.j);
+    (settled.s - 0.5 * track.length) / track.length
+}
+
+/// By how much of its speed a track's state would have to go backward.
+fn undershoot<const A: usize>(state: State, track: &Track<A>) -> f64 {
+    (state.a * state.a.min(0.0).abs() / (2.0 * track.limits.j) - state.v) / track.limits.v
+}
+
+/// By how much a track's state comes to more than its speed.
+fn overspeed<const A: usize>(state: State, track: &Track<A>) -> f64 {
+    (state.v + state.a * state.a.max(0.0) / (2.0 * track.limits.j)) / track.limits.v - 1.0
+}

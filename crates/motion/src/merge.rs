@@ -1,0 +1,240 @@
+//! Merging: nearly collinear lines that follow one another become one line (G64 Q), before anything is blended.
+//!
+//! What a line was cut into then costs nothing further on, and what rounding of the coordinates to whole micrometres adds to
+//! a dense chain is gone before it could slow the chain down. The program lines of the parts are kept beside the merged one.
+//!
+//! Lines are merged while their chord stays in the cone of all directions from its start that pass every end between near
+//! enough. The cone is kept as one ball of directions inside the intersection of the balls of all ends, so a further line
+//! costs the same however many there are; in a plane the ball is the whole intersection.
+//!
+//! Invariant: a merged line is nowhere further from the programmed lines than by what its tolerance is less than theirs, and
+//! that is at most [`SHARE`]. It depends on the lines alone, in their order.
+
+use crate::blend::{Segment, size};
+use crate::curve::Curve;
+
+/// Share of the tolerance that merging may use.
+const SHARE: f64 = 0.05;
+/// Lines that are merged at most: a bound on the memory.
+const MOST: usize = 4096;
+
+/// From `place` on, in mm from the start of a segment or piece, the program line is `tag`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Mark {
+    pub(crate) place: f64,
+    pub(crate) tag: u32,
+}
+
+/// A line that is to be merged, or not.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Line<const A: usize> {
+    pub(crate) start: [f64; A],
+    pub(crate) end: [f64; A],
+    /// mm/s.
+    pub(crate) feed: f64,
+    pub(crate) tag: u32,
+    /// How far the path may be from it, mm; above 0.
+    pub(crate) tolerance: f64,
+}
+
+/// Lines that are merged so far.
+#[derive(Debug)]
+pub(crate) struct Merger<const A: usize> {
+    /// All lines from the start of the first to the end of the last.
+    chord: Option<Line<A>>,
+    /// Where each line but the last ends, and the program line of the next.
+    ends: Vec<([f64; A], u32)>,
+    /// Directions that a chord may have: those this near to that one.
+    axis: [f64; A],
+    radius: f64,
+}
+
+impl<const A: usize> Merger<A> {
+    pub(crate) fn new() -> Self {
+        Self { chord: None, ends: Vec::new(), axis: [0.0; A], radius: 0.0 }
+    }
+
+    /// Is there a line that was not taken out?
+    pub(crate) fn is_empty(&self) -> bool {
+        self.chord.is_none()
+    }
+
+    /// Takes `line` up; false where it cannot be merged with what there is, which is to be taken out first.
+    pub(crate) fn offer(&mut self, line: &Line<A>) -> bool {
+        let Some(chord) = &mut self.chord else {
+            self.chord = Some(*line);
+            self.ends.clear();
+            (self.axis, self.radius) = ([0.0; A], f64::MAX);
+            return true;
+        };
+        if line.feed != chord.feed || line.tolerance != chord.tolerance || self.ends.len() >= MOST {
+            return false;
+        }
+        let (to, on) = (difference(&line.start, &chord.start), difference(&line.end, &line.start));
+        let whole = difference(&line.end, &chord.start);
+        let (far, step, length) = (size(&to), size(&on), size(&whole));
+        let (before, direction) = (to.map(|x| x / far), whole.map(|x| x / length));
+        // No way back along the chord, and rotary axes keep their share of the motion.
+        let ahead: f64 = on.iter().zip(&direction).map(|(a, b)| a * b).sum();
+        let forward = ahead > 0.5 * step;
+        if !forward || (linear_share(&on, step) - linear_share(&to, far)).abs() > 0.01 {
+            return false;
+        }
+        let (axis, radius) = within((self.axis, self.radius), (before, SHARE * chord.tolerance / far));
+        let near = size(&difference(&direction, &axis)) <= radius;
+        if !near {
+            return false;
+        }
+        (self.axis, self.radius) = (axis, radius);
+        chord.end = line.end;
+        self.ends.push((line.start, line.tag));
+        true
+    }
+
+    /// Takes the line out, as a segment; the program lines after its first go to the end of `marks`.
+    pub(crate) fn take(&mut self, marks: &mut Vec<Mark>) -> Option<Segment<A>> {
+        let chord = self.chord.take()?;
+        let (curve, length) = Curve::line(chord.start, chord.end);
+        let way = difference(&chord.end, &chord.start);
+        let squared: f64 = way.iter().map(|x| x * x).sum();
+        let (mut off, mut place) = (0.0f64, 0.0f64);
+        for (end, tag) in &self.ends {
+            let to = difference(end, &chord.start);
+            let share = to.iter().zip(&way).map(|(a, b)| a * b).sum::<f64>() / squared;
+            let aside: [f64; A] = std::array::from_fn(|i| to[i] - share * way[i]);
+            off = off.max(aside.iter().map(|x| x * x).sum());
+            place = place.max(share * length);
+            marks.push(Mark { place, tag: *tag });
+        }
+        let tolerance = chord.tolerance - off.sqrt();
+        let marks = self.ends.len() as u32;
+        Some(Segment { curve, length, feed: chord.feed, tag: chord.tag, tolerance, marks })
+    }
+}
+
+/// The largest ball within two balls, each a centre and a radius; negative where they are apart.
+fn within<const A: usize>(a: ([f64; A], f64), b: ([f64; A], f64)) -> ([f64; A], f64) {
+    let ((a_centre, a_radius), (b_centre, b_radius)) = (a, b);
+    let way = difference(&b_centre, &a_centre);
+    let apart = size(&way);
+    if apart + b_radius <= a_radius {
+        return b;
+    }
+    if apart + a_radius <= b_radius {
+        return a;
+    }
+    // Their lens reaches on the way from a's centre to b's from the near side of b to the far side of a.
+    let middle = 0.5 * (apart - b_radius + a_radius) / apart;
+    (std::array::from_fn(|i| a_centre[i] + middle * way[i]), 0.5 * (a_radius + b_radius - apart))
+}
+
+fn difference<const A: usize>(to: &[f64; A], from: &[f64; A]) -> [f64; A] {
+    std::array::from_fn(|i| to[i] - from[i])
+}
+
+/// Share of the linear axes in a way of this size.
+fn linear_share(way: &[f64], all: f64) -> f64 {
+    if way.len() <= 3 { 1.0 } else { size(&way[..3]) / all }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn line(start: [f64; 3], end: [f64; 3], tag: u32) -> Line<3> {
+        Line { start, end, feed: 10.0, tag, tolerance: 0.05 }
+    }
+
+    /// Distance of `p` from the endless line through `a` and `b`.
+    fn distance(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
+        let (to, way) = (difference(&p, &a), difference(&b, &a));
+        let squared: f64 = way.iter().map(|x| x * x).sum();
+        let share = to.iter().zip(&way).map(|(a, b)| a * b).sum::<f64>() / squared;
+        size(&std::array::from_fn::<f64, 3, _>(|i| to[i] - share * way[i]))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(1000))]
+
+        /// Any chain: every end lies on its merged line, as far off as that line's tolerance says, in order and under its tag.
+        #[test]
+        fn merged_lines_are_near_the_programmed_ones(
+            steps in prop::collection::vec((-3.0..1.0f64, -1.0..1.0f64, -1.0..1.0f64), 1..200), bend in -5.0..0.5f64,
+        ) {
+            let (mut merger, mut at, mut points, mut merged) = (Merger::new(), [0.0; 3], vec![[0.0; 3]], Vec::new());
+            let mut take = |merger: &mut Merger<3>| {
+                let mut marks = Vec::new();
+                if let Some(segment) = merger.take(&mut marks) {
+                    assert_eq!(segment.marks as usize, marks.len());
+                    merged.push((segment, marks));
+                }
+            };
+            for (k, (length, y, z)) in steps.into_iter().enumerate() {
+                let (length, bend) = (10f64.powf(length), 10f64.powf(bend));
+                let next = [at[0] + length, at[1] + length * bend * y, at[2] + length * bend * z];
+                let line = line(at, next, k as u32);
+                if !merger.offer(&line) {
+                    take(&mut merger);
+                    assert!(merger.offer(&line));
+                }
+                at = next;
+                points.push(at);
+            }
+            take(&mut merger);
+            let mut first = 0;
+            for (segment, marks) in &merged {
+                let (start, end) = (segment.curve.at(0.0), segment.curve.at(segment.length));
+                prop_assert_eq!(segment.tag as usize, first);
+                prop_assert!(size(&difference(&start, &points[first])) < 1e-12);
+                let mut before = 0.0;
+                for (mark, k) in marks.iter().zip(first + 1..) {
+                    let off = distance(points[k], start, end);
+                    prop_assert!(off <= 0.05 - segment.tolerance + 1e-12 && off <= 0.0025, "{} mm", off);
+                    prop_assert!(size(&difference(&segment.curve.at(mark.place), &points[k])) <= 0.005);
+                    prop_assert!(mark.tag as usize == k && mark.place >= before && mark.place <= segment.length);
+                    before = mark.place;
+                }
+                first += marks.len() + 1;
+            }
+            prop_assert_eq!(first, points.len() - 1);
+        }
+    }
+
+    #[test]
+    fn a_line_in_many_parts_is_one_and_a_circle_has_as_few_chords_as_the_share_allows() {
+        let (mut merger, mut chords) = (Merger::new(), 0);
+        let mut run = |points: &mut dyn Iterator<Item = [f64; 3]>| {
+            let (mut at, mut marks) = ([0.0; 3], Vec::new());
+            chords = 1;
+            for point in points {
+                if !merger.offer(&line(at, point, 1)) {
+                    merger.take(&mut marks);
+                    chords += 1;
+                    merger.offer(&line(at, point, 1));
+                }
+                at = point;
+            }
+            merger.take(&mut marks);
+            chords
+        };
+        assert_eq!(run(&mut (1..=1000).map(|k| [0.003 * f64::from(k), 0.004 * f64::from(k), 0.0])), 1);
+        // A chord of 0.775 mm is 0.0025 mm off a circle of 30 mm.
+        let on = |k: i32| (f64::from(k) * 0.001).sin_cos();
+        let chords = run(&mut (1..=1000).map(|k| [30.0 * on(k).0, 30.0 * (1.0 - on(k).1), 0.0]));
+        assert!((39..=40).contains(&chords), "{chords}");
+    }
+
+    #[test]
+    fn corners_ways_back_and_other_feeds_are_kept() {
+        let merges = |next: Line<3>| {
+            let mut merger = Merger::new();
+            merger.offer(&line([0.0; 3], [1.0, 0.0, 0.0], 1)) && merger.offer(&next)
+        };
+        let next = line([1.0, 0.0, 0.0], [2.0, 0.0, 0.0], 2);
+        assert!(merges(next));
+        assert!(!merges(Line { feed: 11.0, ..next }) && !merges(Line { tolerance: 0.04, ..next }));
+        assert!(!merges(line([1.0, 0.0, 0.0], [1.0, 0.1, 0.0], 2)));
+        assert!(!merges(line([1.0, 0.0, 0.0], [0.999, 0.0, 0.0], 2)));
+    }
+}

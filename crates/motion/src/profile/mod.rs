@@ -1,0 +1,327 @@
+//! One jerk-limited profile: the fastest motion between two states over a given distance (SMO-1).
+//!
+//! [`fastest`] is what planning along a path uses: it never runs backward. [`fastest_any_way`] solves the general case of one
+//! axis, in which speeds and the distance have any sign. They share one closed form up to the root of a quartic. [`SpeedSearch`]
+//! is the source's way to a speed (SMO-8); [`whole_periods`] slows a run between two stops down to whole periods (SMO-9).
+//!
+//! Invariant: a profile is seven phases of constant jerk, [+J, 0, −J, 0, −J, 0, +J], any of which may be empty; speed and
+//! acceleration are continuous in it, and it never leaves the limits it was asked for. All units are mm and s along the path.
+//!
+//! ```
+//! use retrace_motion::profile::{PathLimits, State, fastest, fastest_any_way};
+//! let limits = PathLimits { v: 100.0, a: 1_000.0, j: 20_000.0 };
+//! let rest = State::default();
+//! let there = fastest(rest, rest, 10.0, limits).expect("a stop can always be left and reached");
+//! let back = fastest_any_way(rest, rest, -10.0, limits).expect("so can it backward");
+//! assert!((there.duration() - back.duration()).abs() < 1e-12);
+//! assert!((back.end().s + 10.0).abs() < 1e-12);
+//! ```
+
+mod family;
+mod fit;
+mod search;
+mod solve;
+
+pub use fit::whole_periods;
+pub use search::{Found, SpeedSearch, Step, Track, Variant};
+pub use solve::{fastest, fastest_any_way};
+
+/// Signs of the jerk in the seven phases.
+pub(crate) const SIGNS: [f64; 7] = [1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0];
+
+/// Place, speed and acceleration along the path, in mm, mm/s and mm/s².
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// Place, in mm.
+    pub s: f64,
+    /// Speed, in mm/s.
+    pub v: f64,
+    /// Acceleration, in mm/s².
+    pub a: f64,
+}
+
+impl State {
+    /// A state at place 0.
+    pub const fn moving(v: f64, a: f64) -> Self {
+        Self { s: 0.0, v, a }
+    }
+
+    /// The state `t` seconds later under constant jerk.
+    #[inline]
+    pub fn after(self, jerk: f64, t: f64) -> Self {
+        Self {
+            s: self.s + t * (self.v + t * (0.5 * self.a + t * jerk / 6.0)),
+            v: self.v + t * (self.a + 0.5 * t * jerk),
+            a: self.a + t * jerk,
+        }
+    }
+}
+
+/// Limits along the path, each above 0 and the same in both directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathLimits {
+    /// Speed, in mm/s.
+    pub v: f64,
+    /// Acceleration, in mm/s².
+    pub a: f64,
+    /// Jerk, in mm/s³.
+    pub j: f64,
+}
+
+impl PathLimits {
+    /// The tighter of both, limit by limit.
+    #[inline]
+    pub(crate) fn tighter(self, other: Self) -> Self {
+        Self { v: self.v.min(other.v), a: self.a.min(other.a), j: self.j.min(other.j) }
+    }
+}
+
+/// The least distance in mm in which `from`, whose speed is no lower than what its acceleration takes away, comes to rest.
+pub(crate) fn stopping_distance(from: State, limits: PathLimits) -> f64 {
+    let PathLimits { a: a_max, j, .. } = limits;
+    let hardest = (j * from.v + 0.5 * from.a * from.a).max(0.0).sqrt().max(-from.a);
+    let (hardest, held) = if hardest > a_max {
+        (a_max, (from.v - (a_max * a_max - 0.5 * from.a * from.a) / j).max(0.0) / a_max)
+    } else {
+        (hardest, 0.0)
+    };
+    let start = State::moving(from.v, from.a);
+    start.after(-j, (from.a + hardest) / j).after(0.0, held).after(j, hardest / j).s
+}
+
+/// Why two states cannot be connected over a distance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Misfit {
+    /// The target cannot be reached: it asks for more speed than the distance gives.
+    TargetTooHigh,
+    /// The start cannot be left: it has more speed than the distance can take away.
+    StartTooHigh,
+}
+
+/// Seven phases from a start state at place 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Profile {
+    /// Speed at the start, in mm/s.
+    pub v0: f64,
+    /// Acceleration at the start, in mm/s².
+    pub a0: f64,
+    /// Jerk of the first phase, in mm/s³; negative where the profile dips in place of rising.
+    pub jerk: f64,
+    /// Durations of the phases, in s, none negative.
+    pub times: [f64; 7],
+}
+
+impl Profile {
+    /// Duration in s.
+    pub fn duration(&self) -> f64 {
+        self.times.iter().sum()
+    }
+
+    /// The state at the start of phase `k`, which `state` comes to: while the speed is held there is no acceleration at all, and
+    /// a rounding of it would grow with the square of the time.
+    #[inline]
+    fn entering(&self, k: usize, state: State) -> State {
+        if k == 3 && self.times[3] > 0.0 { State { a: 0.0, ..state } } else { state }
+    }
+
+    /// The state at the start.
+    pub const fn start(&self) -> State {
+        State::moving(self.v0, self.a0)
+    }
+
+    /// The state `t` seconds after the start, held within the profile.
+    pub fn at(&self, t: f64) -> State {
+        let mut state = self.start();
+        let mut left = t.max(0.0);
+        for (k, (sign, &phase)) in SIGNS.iter().zip(&self.times).enumerate() {
+            state = self.entering(k, state).after(sign * self.jerk, phase.min(left));
+            left -= phase;
+            if left <= 0.0 {
+                break;
+            }
+        }
+        state
+    }
+
+    /// The state at the end.
+    pub fn end(&self) -> State {
+        self.ends().last().unwrap_or(self.start())
+    }
+
+    /// The states at the ends of the phases.
+    #[inline]
+    pub(crate) fn ends(&self) -> impl Iterator<Item = State> + '_ {
+        let mut state = self.start();
+        (0..7).map(move |k| {
+            state = self.entering(k, state).after(SIGNS[k] * self.jerk, self.times[k]);
+            state
+        })
+    }
+
+    /// The time at which place `s` is passed, by bisection: the place never falls in a profile.
+    pub(crate) fn time_at(&self, s: f64) -> f64 {
+        let (mut low, mut high) = (0.0, self.duration());
+        for _ in 0..52 {
+            let middle = 0.5 * (low + high);
+            if self.at(middle).s < s { low = middle } else { high = middle }
+        }
+        low
+    }
+
+    /// Cuts at time `t`: what lies before, and what lies after it.
+    pub(crate) fn cut(&self, t: f64) -> (Self, Self) {
+        let (mut before, mut after) = (*self, *self);
+        let mut left = t;
+        for k in 0..7 {
+            before.times[k] = self.times[k].min(left.max(0.0));
+            after.times[k] = self.times[k] - before.times[k];
+            left -= self.times[k];
+        }
+        let State { v, a, .. } = self.at(t);
+        (after.v0, after.a0) = (v, a);
+        (before, after)
+    }
+
+    /// The highest speed, and the places between which it is held.
+    pub(crate) fn crest(&self) -> (f64, f64, f64) {
+        let mut state = self.start();
+        for (sign, &phase) in SIGNS.iter().zip(&self.times).take(3) {
+            state = state.after(sign * self.jerk, phase);
+        }
+        (state.v, state.s, state.s + state.v * self.times[3])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const LIMITS: PathLimits = PathLimits { v: 100.0, a: 900.0, j: 18_000.0 };
+
+    /// A speed and an acceleration that can be left and reached without running backward.
+    fn state() -> impl Strategy<Value = State> {
+        (0.0..1.0f64, -1.0..1.0f64).prop_map(|(v, a)| {
+            let (v, a) = (100.0 * v * v, 890.0 * a);
+            let most = (1.9 * LIMITS.j * v.min(LIMITS.v - v)).sqrt();
+            State::moving(v, a.clamp(-most, most))
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4000))]
+
+        #[test]
+        fn a_profile_keeps_its_limits_and_lands(from in state(), to in state(), size in -4.0..3.0f64) {
+            let length = 10f64.powf(size);
+            if let Ok(profile) = fastest(from, to, length, LIMITS) {
+                let end = profile.end();
+                prop_assert!((end.s - length).abs() <= 1e-12 * (1.0 + length));
+                prop_assert!((end.v - to.v).abs() <= 1e-9 && (end.a - to.a).abs() <= 1e-6);
+                let duration = profile.duration();
+                for k in 0..=200 {
+                    let State { v, a, .. } = profile.at(duration * f64::from(k) / 200.0);
+                    prop_assert!((-1e-9..=LIMITS.v * (1.0 + 1e-9)).contains(&v) && a.abs() <= LIMITS.a * (1.0 + 1e-9));
+                }
+                // Run backward it takes as long.
+                let back = fastest(State::moving(to.v, -to.a), State::moving(from.v, -from.a), length, LIMITS);
+                if let Ok(back) = back {
+                    prop_assert!((back.duration() - duration).abs() <= 1e-9 * (1.0 + duration));
+                }
+                // Free to run backward it is no slower.
+                let any_way = fastest_any_way(from, to, length, LIMITS);
+                prop_assert!(any_way.is_ok_and(|any_way| any_way.duration() <= duration * (1.0 + 1e-9)));
+            }
+        }
+
+        /// The general solver keeps the limits all along, for any speeds and over any distance, and always finds something.
+        #[test]
+        fn any_two_states_are_connected(from in state(), to in state(), signs in 0..4, length in -50.0..50.0f64) {
+            let turned = |state: State, turn: bool| if turn { State::moving(-state.v, -state.a) } else { state };
+            let (from, to) = (turned(from, signs & 1 != 0), turned(to, signs & 2 != 0));
+            let profile = fastest_any_way(from, to, length, LIMITS);
+            prop_assert!(profile.is_ok());
+            let profile = profile.unwrap_or_default();
+            prop_assert!((profile.end().s - length).abs() <= 1e-11 && (profile.end().v - to.v).abs() <= 1e-9);
+            for k in 0..=200 {
+                let State { v, a, .. } = profile.at(profile.duration() * f64::from(k) / 200.0);
+                prop_assert!(v.abs() <= LIMITS.v * (1.0 + 1e-9) && a.abs() <= LIMITS.a * (1.0 + 1e-9));
+            }
+        }
+
+        /// Nothing is faster: whatever a few phases within the limits come to, the solver comes to in no more time. Many of them
+        /// are the fastest themselves, and lie where one kind of profile turns into another.
+        #[test]
+        fn no_other_phases_are_faster(from in state(), turn in any::<bool>(),
+                                      phases in prop::collection::vec((-1..=1i8, 0.0..0.03f64), 1..4)) {
+            let from = if turn { State::moving(-from.v, -from.a) } else { from };
+            let (mut state, mut duration) = (from, 0.0);
+            let legal = |s: State| {
+                let free = s.a * s.a / (2.0 * LIMITS.j);
+                s.a.abs() <= LIMITS.a && s.v.abs() + free <= LIMITS.v
+            };
+            for (sign, t) in phases {
+                let next = state.after(f64::from(sign) * LIMITS.j, t);
+                if legal(next) {
+                    (state, duration) = (next, duration + t);
+                }
+            }
+            let takes = |to: State| fastest_any_way(from, to, state.s, LIMITS).map_or(f64::MAX, |p| p.duration());
+            // Where the acceleration only just keeps its sign, the last digits of the speed decide whether it can.
+            let beside = |part: f64| takes(State { v: state.v * (1.0 + part), ..state });
+            let is_as_fast = takes(state) <= duration * (1.0 + 1e-9) + 1e-9;
+            prop_assert!(is_as_fast || beside(1e-13).min(beside(-1e-13)) <= duration + 1e-6);
+        }
+
+        /// Within the stopping distance there is a way to rest, within less there is none.
+        #[test]
+        fn the_stopping_distance_is_the_least_way_to_rest(from in state()) {
+            prop_assume!(from.v > 0.1);
+            let way = stopping_distance(from, LIMITS);
+            let rests = |way: f64| fastest(from, State::default(), way, LIMITS).is_ok();
+            prop_assert!(rests(way * (1.0 + 1e-9)) && !rests(way * (1.0 - 1e-6)));
+        }
+
+        /// More road never makes an impossible profile of an easy one: with room to stop and go, there always is one.
+        #[test]
+        fn with_enough_road_there_is_a_profile(from in state(), to in state(), more in 0.0..100.0f64) {
+            prop_assert!(fastest(from, to, 30.0 + more, LIMITS).is_ok());
+        }
+
+        #[test]
+        fn a_cut_profile_goes_on_where_it_was(from in state(), to in state(), share in 0.0..1.0f64) {
+            let Ok(whole) = fastest(from, to, 40.0, LIMITS) else { return Ok(()) };
+            let (before, after) = whole.cut(share * whole.duration());
+            let (middle, end) = (before.at(before.duration()), after.at(after.duration()));
+            prop_assert!((middle.v - after.v0).abs() < 1e-9 && (middle.a - after.a0).abs() < 1e-8);
+            prop_assert!((middle.s + end.s - 40.0).abs() < 1e-9);
+            prop_assert!((whole.time_at(middle.s) - before.duration()).abs() < 1e-6 || middle.v < 1e-3);
+        }
+    }
+
+    /// A long way at a crawl has a profile too: the rounding of the acceleration does not add up over the time.
+    #[test]
+    fn a_long_way_at_a_crawl_has_a_profile() {
+        let crawl = PathLimits { v: 0.5, ..LIMITS };
+        let profile = fastest(State::default(), State::moving(0.3, 20.0), 1_000.0, crawl);
+        assert!(profile.is_ok_and(|profile| profile.duration() < 2_001.0));
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_refused() {
+        let rest = State::default();
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            assert!(fastest_any_way(rest, rest, bad, LIMITS).is_err() && fastest(rest, rest, bad, LIMITS).is_err());
+            assert!(fastest_any_way(State::moving(bad, 0.0), rest, 1.0, LIMITS).is_err());
+            assert!(fastest_any_way(rest, State::moving(0.0, bad), 1.0, LIMITS).is_err());
+        }
+        for limits in
+            [PathLimits { v: 0.0, ..LIMITS }, PathLimits { a: 0.0, ..LIMITS }, PathLimits { j: 0.0, ..LIMITS }]
+        {
+            assert!(fastest_any_way(rest, rest, 1.0, limits).is_err(), "{limits:?}");
+        }
+        assert_eq!(fastest_any_way(State::moving(101.0, 0.0), rest, 1.0, LIMITS), Err(Misfit::StartTooHigh));
+        assert_eq!(fastest_any_way(rest, State::moving(0.0, -901.0), 1.0, LIMITS), Err(Misfit::TargetTooHigh));
+        assert_eq!(fastest(rest, rest, -1.0, LIMITS), Err(Misfit::StartTooHigh));
+    }
+}

@@ -1,0 +1,263 @@
+//! The road: how each move goes over into the next one, by a stop, as it is, rounded, or in a glide.
+//!
+//! Invariant: a move waits until the next one, or a stop, is known, since that decides how it is joined to the one before. What is
+//! handed on to be planned never changes, and depends on the moves and stops alone.
+
+use retrace_core::{Flags, Record};
+
+use crate::blend::{Blender, Entry, Segment};
+use crate::emitter::{Emitter, Item, SetPoint};
+use crate::glide::book::Book;
+use crate::glide::optimum::gentle;
+use crate::glide::passage::Passage;
+use crate::glide::ramp::Ramps;
+use crate::glide::tracks::{FarEnd, Track, Tracks};
+use crate::joining::{glide_pays, join};
+use crate::limits::{AxisLimits, Limits};
+use crate::merge::Mark;
+use crate::piece::{Joint, Piece};
+use crate::profile::{State, fastest, stopping_distance};
+use crate::run::{Run, least};
+
+/// A move that waits for the next one, which decides how it is joined to the one before.
+#[derive(Clone, Copy, Debug)]
+struct Held<const A: usize> {
+    segment: Segment<A>,
+    start: [f64; A],
+    /// It ends with a full stop.
+    stops: bool,
+}
+
+/// The first segment of a run, as long as it is the only one.
+#[derive(Clone, Copy, Debug)]
+struct Lead {
+    /// In which state the run begins, its place counted from the start of the whole segment.
+    start: State,
+    /// Length of the whole segment, mm.
+    length: f64,
+}
+
+/// The road ahead, from moves to the plan.
+#[derive(Debug)]
+pub(crate) struct Road<const A: usize> {
+    axes: AxisLimits<A>,
+    emitter: Emitter<A>,
+    blender: Blender<A>,
+    run: Run<A>,
+    book: Book,
+    held: Option<Held<A>>,
+    /// Marks of the held move.
+    marks: Vec<Mark>,
+    lead: Option<Lead>,
+    /// The last move in the blender ends with a full stop.
+    stops: bool,
+    /// Pieces and marks on their way from the blender, kept for their memory.
+    pieces: Vec<(Piece<A>, Joint)>,
+    lines: Vec<Mark>,
+}
+
+impl<const A: usize> Road<A> {
+    /// A road that begins at rest at `start_mm`.
+    pub(crate) fn new(limits: Limits<A>, start_mm: [f64; A]) -> Self {
+        let axes = limits.planned();
+        // A turn of 1/8 rad rounded this widely takes half the jerk at full speed; sharper ones are slower in any case.
+        let reach = 0.5 * (axes.path_v.powi(3) / least(axes.j)).sqrt();
+        Self {
+            axes,
+            emitter: Emitter::new(limits, start_mm),
+            blender: Blender::new(reach),
+            run: Run::new(axes),
+            book: Book::default(),
+            held: None,
+            marks: Vec::new(),
+            lead: None,
+            stops: false,
+            pieces: Vec::new(),
+            lines: Vec::new(),
+        }
+    }
+
+    /// Plans over that many blocks at a time.
+    pub(crate) fn look_over(&mut self, blocks: usize) {
+        self.run.look_over(blocks);
+    }
+
+    /// Has anything moved since the last stop?
+    pub(crate) fn moves(&self) -> bool {
+        self.held.is_some() || self.blender.last().is_some()
+    }
+
+    /// The next control period's record, if it is planned.
+    pub(crate) fn next_record(&mut self) -> Option<Record<A>> {
+        self.emitter.next_record()
+    }
+
+    /// The last set-point.
+    pub(crate) fn point(&self) -> &SetPoint<A> {
+        self.emitter.point()
+    }
+
+    /// A stop at `end`, whose record carries `flags` and program line `tag`.
+    pub(crate) fn stop(&mut self, end: [f64; A], tag: u32, flags: Flags) {
+        if let Some(held) = self.held.take() {
+            self.place(&held, None);
+        }
+        self.come_to_rest(end, tag, flags);
+    }
+
+    /// Takes up `segment`, whose `marks` are taken out, and joins the one before it; does it end with a full stop?
+    pub(crate) fn accept(&mut self, segment: Segment<A>, stops: bool, marks: &mut Vec<Mark>) {
+        let start = segment.curve.at(0.0);
+        let before = self.held.replace(Held { segment, start, stops });
+        if let Some(before) = before {
+            self.place(&before, Some(&segment));
+        }
+        std::mem::swap(marks, &mut self.marks);
+        marks.clear();
+    }
+
+    /// Joins a move to what there is; `next` follows it, or a stop.
+    fn place(&mut self, held: &Held<A>, next: Option<&Segment<A>>) {
+        let Held { segment, start, .. } = held;
+        let mut entry = Entry::Rough(Joint::STOP);
+        if let Some(last) = self.blender.last().copied() {
+            let stops = self.stops;
+            let joined = join(&last, segment, &self.axes).filter(|_| !stops);
+            let glide = if stops { None } else { self.find_glide(&last, held, next, joined.as_ref()) };
+            if let Some((tracks, ramps)) = glide
+                && self.pass(&tracks, &ramps, &last, held)
+            {
+                return;
+            }
+            match joined {
+                Some(joined) => entry = joined,
+                None => self.come_to_rest(*start, self.blender.last_tag(), Flags::REST),
+            }
+        }
+        self.stops = held.stops;
+        self.lead = self.blender.last().is_none().then_some(Lead { start: State::default(), length: segment.length });
+        self.blender.push(*segment, entry, &self.marks);
+        if self.blender.is_ready() {
+            self.hand_on(false);
+        }
+    }
+
+    /// A glide from `last` into the held move, if it is faster than any other way.
+    fn find_glide(
+        &mut self,
+        last: &Segment<A>,
+        held: &Held<A>,
+        next: Option<&Segment<A>>,
+        joined: Option<&Entry<A>>,
+    ) -> Option<(Tracks<A>, Ramps)> {
+        let segment = &held.segment;
+        let tolerance = last.tolerance.min(segment.tolerance);
+        if tolerance <= 0.0 || !last.curve.is_line() || !segment.curve.is_line() {
+            return None;
+        }
+        let (u, w) = (last.curve.derivatives(0.0).first, segment.curve.derivatives(0.0).first);
+        if u[A.min(3)..].iter().chain(&w[A.min(3)..]).any(|x| *x != 0.0) {
+            return None;
+        }
+        let moves_on = |stops: bool, next: Option<&Segment<A>>| {
+            if stops || next.is_none_or(|next| next.tolerance.min(segment.tolerance) <= 0.0) {
+                FarEnd::Rest
+            } else {
+                FarEnd::Moving
+            }
+        };
+        let (length, from) = match self.lead {
+            Some(Lead { start, length }) if start == State::default() => (length, FarEnd::Rest),
+            Some(Lead { length, .. }) => (length, FarEnd::Moving),
+            None => (last.length, FarEnd::Moving),
+        };
+        let to = moves_on(held.stops, next);
+        if !glide_pays([(last, from), (segment, to)], joined, tolerance, &self.axes) {
+            return None;
+        }
+        let tracks = Tracks {
+            pair: [
+                Track::new(u, length, from, last.feed, &self.axes),
+                Track::new(w, segment.length, to, segment.feed, &self.axes),
+            ],
+            tolerance,
+        };
+        if tracks.sine() < 1e-3 {
+            return None;
+        }
+        let ramps = self.book.glide(&tracks, &self.axes)?;
+        self.fitted(&tracks, ramps)
+    }
+
+    /// The glide as large as the way before it allows.
+    fn fitted(&self, tracks: &Tracks<A>, ramps: Ramps) -> Option<(Tracks<A>, Ramps)> {
+        let before = &tracks.pair[0];
+        let free = self.blender.free_end();
+        [1.0, 0.7, 0.5, 0.3].into_iter().map(|factor| ramps.scaled(factor)).find_map(|ramps| {
+            let [out, _] = ramps.ends();
+            if out.s > free {
+                return None;
+            }
+            let Some(Lead { start, length }) = self.lead else { return Some((*tracks, ramps)) };
+            let (from, to) = (State::moving(start.v, start.a), State::moving(out.v, -out.a));
+            fastest(from, to, length - start.s - out.s, before.limits).ok().map(|_| (*tracks, ramps))
+        })
+    }
+
+    /// Goes over into the held move by a glide; false where the motion before it could not be brought into it.
+    fn pass(&mut self, tracks: &Tracks<A>, ramps: &Ramps, last: &Segment<A>, held: &Held<A>) -> bool {
+        let [out, into] = ramps.ends();
+        let Held { segment, start, stops } = held;
+        let tag = self.blender.last_tag();
+        self.blender.shorten(out.s);
+        self.hand_on(true);
+        let (piece, reached) = self.run.finish_moving(State::moving(out.v, -out.a), &mut self.emitter);
+        if !reached {
+            // At rest a little before the corner; the rest of the way is a move of its own.
+            let from = last.length - out.s;
+            self.emitter.commit(Item::Stop { piece, end: last.curve.at(from), flags: Flags::NONE, tag });
+            let rest = Segment { curve: last.curve.from(from), length: out.s, tag, marks: 0, ..*last };
+            self.blender.push(rest, Entry::Rough(Joint::STOP), &[]);
+            self.come_to_rest(*start, tag, Flags::REST);
+            return false;
+        }
+        let directions = tracks.pair.map(|track| track.direction);
+        self.emitter.commit_glide(Passage::new(*start, directions, [tag, segment.tag], *ramps), piece);
+        self.run.begin(State::moving(into.v, into.a));
+        self.stops = *stops;
+        self.lead = Some(Lead { start: into, length: segment.length });
+        // Program lines that begin within the glide are passed over.
+        let passed = self.marks.partition_point(|mark| mark.place <= into.s);
+        let tag = self.marks.drain(..passed).next_back().map_or(segment.tag, |mark| mark.tag);
+        for mark in &mut self.marks {
+            mark.place -= into.s;
+        }
+        let rest = Segment {
+            curve: segment.curve.from(into.s),
+            length: segment.length - into.s,
+            tag,
+            marks: self.marks.len() as u32,
+            ..*segment
+        };
+        self.blender.push(rest, Entry::Rough(Joint::STOP), &self.marks);
+        self.blender.keep_clear(stopping_distance(into, gentle(tracks.pair[1].limits, into)));
+        true
+    }
+
+    fn hand_on(&mut self, ended: bool) {
+        self.blender.hand_on(ended, &mut self.pieces, &mut self.lines);
+        self.emitter.mark(&self.lines);
+        self.lines.clear();
+        for (piece, entry) in self.pieces.drain(..) {
+            self.run.push(piece, entry, &mut self.emitter);
+        }
+    }
+
+    /// Everything that the blender holds comes to rest at `end`.
+    fn come_to_rest(&mut self, end: [f64; A], tag: u32, flags: Flags) {
+        self.hand_on(true);
+        self.lead = None;
+        let piece = self.run.finish(&mut self.emitter);
+        self.emitter.commit(Item::Stop { piece, end, flags, tag });
+    }
+}

@@ -1,0 +1,107 @@
+//! Motion: how near plans come to what is possible, beside LinuxCNC's planners, and what planning costs.
+//!
+//! Invariant: every figure is of this very call, except LinuxCNC's times and the optima of corners, which say where they are from.
+
+use super::{build_command, circumstances, folder};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// A row of the table as the benches of the crates print it: name, what, figure, goal, verdict, note.
+pub(super) struct Row(pub(super) [String; 6]);
+
+impl Row {
+    /// A row whose figure must be at most `most`, or below it where `strictly`.
+    pub(super) fn at_most(name: &str, what: &str, figure: f64, most: f64, strictly: bool, note: String) -> Self {
+        let is_met = if strictly { figure < most } else { figure <= most };
+        let sign = if strictly { '<' } else { '≤' };
+        let verdict = if is_met { "met" } else { "missed" };
+        Self([name.into(), what.into(), format!("{figure:.4}"), format!("{sign} {most}"), verdict.into(), note])
+    }
+
+    fn read(line: &str) -> Option<Self> {
+        let mut fields = line.strip_prefix("row\t")?.split('\t').map(str::to_owned);
+        let mut next = || fields.next();
+        Some(Self([next()?, next()?, next()?, next()?, next()?, next().unwrap_or_default()]))
+    }
+
+    fn is_missed(&self) -> bool {
+        self.0[4] == "missed"
+    }
+}
+
+pub(super) fn run(root: &Path, full: bool) -> Result<bool, String> {
+    let mut rows = of_bench(root, "retrace-motion", "motion", full)?;
+    rows.extend(of_bench(root, "retrace-controller", "job", full)?);
+    let binary = build_command(root)?;
+    let folder = folder(&binary, "motion")?;
+    let mut remarks = Vec::new();
+    match std::env::var_os("RETRACE_PROGRAMS").map(PathBuf::from) {
+        Some(programs) => rows.extend(super::peers::rows(&binary, &programs, &folder, &mut remarks)?),
+        None => remarks.push("Q5, Q6: left out, RETRACE_PROGRAMS names no folder with the programs.".to_owned()),
+    }
+    rows.extend(super::legality::rows(&binary, &folder)?);
+    rows.sort_by(|a, b| a.0[0].cmp(&b.0[0]));
+    let page = page(root, &rows, &remarks);
+    println!("\n{page}");
+    let path = root.join("docs/bench-motion.md");
+    std::fs::write(&path, page).map_err(|error| format!("{}: {error}", path.display()))?;
+    Ok(!rows.iter().any(Row::is_missed))
+}
+
+/// The rows that a crate's bench prints.
+fn of_bench(root: &Path, package: &str, bench: &str, full: bool) -> Result<Vec<Row>, String> {
+    println!("{package}: {bench}");
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.args(["bench", "--package", package, "--bench", bench, "--"]).current_dir(root);
+    if full {
+        command.arg("--full");
+    }
+    let output = command.stderr(Stdio::inherit()).output().map_err(|error| format!("cargo cannot be run: {error}"))?;
+    if !output.status.success() {
+        return Err(format!("the bench {bench} of {package} failed"));
+    }
+    let text = String::from_utf8_lossy(&output.stdout);
+    print!("{text}");
+    Ok(text.lines().filter_map(Row::read).collect())
+}
+
+fn page(root: &Path, rows: &[Row], remarks: &[String]) -> String {
+    let mut page = String::from(
+        "# Motion: figures\n\n\
+         Written by `cargo xtask bench motion`; `--full` takes the full sizes. Everything on the built-in machine (100 mm/s,\n\
+         1 000 mm/s², 20 000 mm/s³ each axis, 1 ms, a reserve of 10 % of acceleration and jerk) unless a row says otherwise.\n\
+         Times count whole periods. Roads are made by the bench from formulas and fixed seeds; LinuxCNC's times are those that were\n\
+         measured once, under the conditions given below. How fast the machine was in this run tells rsruckig's time (S1).\n\n",
+    );
+    let _ = writeln!(page, "{}\n", circumstances(root));
+    page.push_str("| # | what | figure | goal | |\n|---|---|--:|--:|---|\n");
+    for Row([name, what, figure, goal, verdict, _]) in rows {
+        let verdict = if verdict == "missed" { "**missed**" } else { verdict };
+        let _ = writeln!(page, "| {name} | {what} | {figure} | {goal} | {verdict} |");
+    }
+    page.push_str("\nConditions and details:\n\n");
+    for Row([name, what, .., note]) in rows {
+        if !note.is_empty() {
+            let _ = writeln!(page, "- {name}, {what}: {note}");
+        }
+    }
+    for remark in remarks {
+        let _ = writeln!(page, "- {remark}");
+    }
+    page
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_is_read_as_it_is_printed() {
+        let row = Row::read("row\tQ2\tcut line\t1.0071\t≤ 1.001\tmissed\tper piece").expect("a row");
+        assert!(row.is_missed() && row.0[5] == "per piece");
+        assert!(Row::read("Running benches").is_none() && Row::read("row\tQ2").is_none());
+        assert!(Row::at_most("Q5", "", 1.0, 1.0, true, String::new()).is_missed());
+        assert!(!Row::at_most("Q5", "", 1.0, 1.0, false, String::new()).is_missed());
+    }
+}
