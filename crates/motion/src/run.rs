@@ -31,6 +31,8 @@ pub(crate) struct Run<const A: usize> {
     /// Speed and acceleration at the start.
     v: f64,
     a: f64,
+    /// Limits of a run that begins in motion.
+    lead: PathLimits,
     /// The plan over the first `planned` blocks; it ends at rest.
     plan: Vec<Span>,
     planned: usize,
@@ -67,6 +69,7 @@ impl<const A: usize> Run<A> {
             length: 0.0,
             v: 0.0,
             a: 0.0,
+            lead: PathLimits { v, a, j },
             plan: Vec::new(),
             planned: 0,
             look_ahead: LookAhead::default(),
@@ -101,9 +104,10 @@ impl<const A: usize> Run<A> {
         self.next_piece
     }
 
-    /// Begins the next run in motion; it must be able to come to rest within its first piece.
-    pub(crate) fn begin(&mut self, start: State) {
+    /// Begins the next run in motion; within `limits` it must be able to come to rest on its first piece.
+    pub(crate) fn begin(&mut self, start: State, limits: PathLimits) {
         (self.v, self.a) = (start.v, start.a);
+        self.lead = limits;
     }
 
     /// Plans and commits everything, to state `end`; where that cannot be reached any more, to rest, and says so. Gives the
@@ -195,7 +199,10 @@ impl<const A: usize> Run<A> {
     /// A run that begins in motion and finds no other plan comes to rest at the end of its first block, which is long enough.
     fn stop_in_first_block(&mut self) {
         let Block { length, limits, .. } = self.blocks[0];
-        if let Ok(profile) = fastest(State::moving(self.v, self.a), State::default(), length, limits) {
+        let (from, rest) = (State::moving(self.v, self.a), State::default());
+        // What a block leaves to a joint at its end is not needed by motion that is at rest there.
+        let stop = fastest(from, rest, length, limits).or_else(|_| fastest(from, rest, length, self.lead));
+        if let Ok(profile) = stop {
             self.plan.push(Span { first: 0, last: 1, profile });
             self.planned = 1;
         }
