@@ -155,6 +155,10 @@ impl<const A: usize> Road<A> {
         if tolerance <= 0.0 {
             return None;
         }
+        // On arcs roundings are mostly faster than glides, which take only what the arc allows all along.
+        if joined.is_some() && !(last.curve.is_line() && segment.curve.is_line()) {
+            return None;
+        }
         let (u, w) = (last.curve.derivatives(last.length).first, segment.curve.derivatives(0.0).first);
         if u[A.min(3)..].iter().chain(&w[A.min(3)..]).any(|x| *x != 0.0) {
             return None;
