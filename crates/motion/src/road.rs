@@ -16,7 +16,7 @@ use crate::joining::{glide_pays, join};
 use crate::limits::{AxisLimits, Limits};
 use crate::merge::Mark;
 use crate::piece::{Joint, Piece};
-use crate::profile::{PathLimits, State, fastest, stopping_distance};
+use crate::profile::{State, fastest, stopping_distance};
 use crate::run::{Run, least};
 
 /// A move that waits for the next one, which decides how it is joined to the one before.
@@ -155,8 +155,8 @@ impl<const A: usize> Road<A> {
         if tolerance <= 0.0 {
             return None;
         }
-        // On arcs roundings are mostly faster than glides, which take only what the arc allows all along.
-        if joined.is_some() && !(last.curve.is_line() && segment.curve.is_line()) {
+        // On arcs roundings are faster than glides, which take only what the arc allows all along.
+        if !last.curve.is_line() || !segment.curve.is_line() {
             return None;
         }
         let (u, w) = (last.curve.derivatives(last.length).first, segment.curve.derivatives(0.0).first);
@@ -181,8 +181,8 @@ impl<const A: usize> Road<A> {
         }
         let tracks = Tracks {
             pair: [
-                Track::new(u, length, from, last.feed, &self.axes).along(self.curved(last)),
-                Track::new(w, segment.length, to, segment.feed, &self.axes).along(self.curved(segment)),
+                Track::new(u, length, from, last.feed, &self.axes),
+                Track::new(w, segment.length, to, segment.feed, &self.axes),
             ],
             tolerance,
         };
@@ -190,29 +190,7 @@ impl<const A: usize> Road<A> {
             return None;
         }
         let ramps = self.book.glide(&tracks, &self.axes)?;
-        self.fitted(&tracks, self.on_curves(&tracks, ramps, last, held)?)
-    }
-
-    /// What a curved segment allows along it; `None` for a line.
-    fn curved(&self, segment: &Segment<A>) -> Option<PathLimits> {
-        let piece = || Piece::new(segment.curve, segment.length, segment.feed, segment.tag);
-        (!segment.curve.is_line()).then(|| piece().offer(&self.axes, 0.0).rough)
-    }
-
-    /// The glide as large as curved tracks allow; `None` where that is next to nothing.
-    fn on_curves(&self, tracks: &Tracks<A>, ramps: Ramps, last: &Segment<A>, held: &Held<A>) -> Option<Ramps> {
-        if last.curve.is_line() && held.segment.curve.is_line() {
-            return Some(ramps);
-        }
-        let mut ramps = ramps;
-        for _ in 0..8 {
-            let taken = passage(tracks, &ramps, last, held).taken(tracks, &self.axes);
-            if taken <= 1.0 {
-                return Some(ramps);
-            }
-            ramps = ramps.scaled(0.999 / taken);
-        }
-        None
+        self.fitted(&tracks, ramps)
     }
 
     /// The glide as large as the way before it allows.
@@ -249,8 +227,8 @@ impl<const A: usize> Road<A> {
             self.come_to_rest(*start, tag, Flags::REST);
             return false;
         }
-        let mut glide = passage(tracks, ramps, last, held);
-        glide.tags[0] = tag;
+        let directions = tracks.pair.map(|track| track.direction);
+        let glide = Passage::new(*start, directions, [tag, segment.tag], *ramps);
         self.emitter.commit_glide(glide, piece);
         self.run.begin(State::moving(into.v, into.a), tracks.pair[1].limits);
         self.stops = *stops;
@@ -288,16 +266,5 @@ impl<const A: usize> Road<A> {
         self.lead = None;
         let piece = self.run.finish(&mut self.emitter);
         self.emitter.commit(Item::Stop { piece, end, flags, tag });
-    }
-}
-
-/// The glide in its place.
-fn passage<const A: usize>(tracks: &Tracks<A>, ramps: &Ramps, last: &Segment<A>, held: &Held<A>) -> Passage<A> {
-    let Held { segment, start, .. } = held;
-    let passage = Passage::new(*start, tracks.pair.map(|track| track.direction), [last.tag, segment.tag], *ramps);
-    if last.curve.is_line() && segment.curve.is_line() {
-        passage
-    } else {
-        passage.on([(last.curve, last.length), (segment.curve, 0.0)])
     }
 }

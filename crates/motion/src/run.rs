@@ -86,7 +86,7 @@ impl<const A: usize> Run<A> {
 
     /// Appends a piece that is entered through `entry`.
     pub(crate) fn push(&mut self, piece: Piece<A>, entry: Joint, emitter: &mut Emitter<A>) {
-        self.push_tail(entry, false, emitter);
+        self.push_tail(entry, emitter);
         self.tail = Some((piece, entry));
         let fresh = self.blocks.len() - self.planned;
         let enough = self.length > 2.0 * self.keep && fresh >= BATCH || self.length > 8.0 * self.keep;
@@ -98,7 +98,7 @@ impl<const A: usize> Run<A> {
 
     /// Plans and commits everything, to rest; gives the number of the next piece.
     pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
-        self.push_tail(Joint::STOP, false, emitter);
+        self.push_tail(Joint::STOP, emitter);
         self.replan(State::default(), true);
         self.commit_all(emitter);
         self.next_piece
@@ -113,21 +113,17 @@ impl<const A: usize> Run<A> {
     /// Plans and commits everything, to state `end`; where that cannot be reached any more, to rest, and says so. Gives the
     /// number of the next piece.
     pub(crate) fn finish_moving(&mut self, end: State, emitter: &mut Emitter<A>) -> (u64, bool) {
-        self.push_tail(Joint { v: end.v, share: 0.0 }, true, emitter);
+        self.push_tail(Joint { v: end.v, share: 0.0 }, emitter);
         let reached = self.replan(end, true);
         self.commit_all(emitter);
         (self.next_piece, reached)
     }
 
-    /// The joint at the end of the last piece is known, and whether that is a glide: the piece joins the road.
-    fn push_tail(&mut self, exit: Joint, at_glide: bool, emitter: &mut Emitter<A>) {
+    /// The joint at the end of the last piece is known: the piece joins the road.
+    fn push_tail(&mut self, exit: Joint, emitter: &mut Emitter<A>) {
         let Some((mut piece, entry)) = self.tail.take() else { return };
         piece.rough_entry = entry.share > 0.0;
-        let mut offer = piece.offer(&self.axes, entry.share.max(exit.share));
-        if at_glide || self.blocks.is_empty() && self.v > 0.0 {
-            // A glide hands over in a state that only these limits are sure to allow.
-            offer.calm = offer.rough;
-        }
+        let offer = piece.offer(&self.axes, entry.share.max(exit.share));
         let number = emitter.append(piece);
         self.next_piece = number + 1;
         self.length += piece.length;
