@@ -91,16 +91,17 @@ proptest! {
         }
     }
 
-    /// The machine stops where it does without an override, and with the same flags: the path is the same.
+    /// On ordinary programs the machine stops where it does without an override, and nowhere else: the same corners are glided
+    /// through.
     #[test]
-    fn the_path_is_the_same(
+    fn the_same_corners_are_glided_through(
         steps in prop::collection::vec(step(), 1..40), mode in mode(), changes in changes(), feed in 1.0..80.0f64,
     ) {
         let limits = Limits::built_in();
+        let steps: Vec<Step> = steps.into_iter().map(|s| Step { kind: s.kind % 5, size: s.size.abs().min(1.0), ..s }).collect();
         let moves: Vec<Move> = program(&steps, mode).into_iter().map(|m| Move { feed: Feed::PerSecond(feed), ..m }).collect();
         let run = play_overridden(limits, &moves, usize::MAX, &changes);
-        let same = stops(&run) == stops(&play(limits, &moves, usize::MAX));
-        println!("SAME {same}");
+        prop_assert_eq!(stops(&run), stops(&play(limits, &moves, usize::MAX)));
     }
 
     /// An override of 100 % is none, and neither is one that is taken back before the first record.
@@ -140,7 +141,9 @@ fn speeds(moves: &[Move], changes: &[(usize, f64)]) -> Vec<f64> {
 /// Within a tenth of a second of the change the speed is what is asked for, up and down, on one long line and on many short ones.
 #[test]
 fn a_change_acts_at_once() {
-    for (n, mode) in [(1, PathMode::ExactPath), (80, PathMode::ExactPath), (4000, PathMode::Blend { tolerance_mm: 0.01 })] {
+    for (n, mode) in
+        [(1, PathMode::ExactPath), (80, PathMode::ExactPath), (4000, PathMode::Blend { tolerance_mm: 0.01 })]
+    {
         let moves: Vec<Move> = (1..=n)
             .map(|k| {
                 let x = 400.0 * f64::from(k) / f64::from(n);
@@ -150,7 +153,9 @@ fn a_change_acts_at_once() {
             })
             .collect();
         let v = speeds(&moves, &[(3000, 1.5), (6000, 2.0), (9000, 1.2), (12_000, 1.0)]);
-        for (at, wanted) in [(2990, 20.0), (3100, 30.0), (5990, 30.0), (6100, 40.0), (9100, 24.0), (12_100, 20.0), (13_000, 20.0)] {
+        for (at, wanted) in
+            [(2990, 20.0), (3100, 30.0), (5990, 30.0), (6100, 40.0), (9100, 24.0), (12_100, 20.0), (13_000, 20.0)]
+        {
             assert!((v[at] - wanted).abs() < 0.02, "{n} moves: {} mm/s at {at}, not {wanted}", v[at]);
         }
     }

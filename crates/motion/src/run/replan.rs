@@ -107,7 +107,8 @@ impl<const A: usize> Run<A> {
                     continue;
                 }
                 Item::Glide { piece } => {
-                    let [out, _] = emitter.glide_after(glides).map_or([State::default(); 2], |glide| glide.ramps.ends());
+                    let [out, _] =
+                        emitter.glide_after(glides).map_or([State::default(); 2], |glide| glide.ramps.ends());
                     glides += 1;
                     (piece, State::moving(out.v, -out.a))
                 }
