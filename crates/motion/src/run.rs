@@ -115,7 +115,7 @@ impl<const A: usize> Run<A> {
     /// number of the next piece.
     pub(crate) fn finish_moving(&mut self, end: State, emitter: &mut Emitter<A>) -> (u64, bool) {
         self.push_tail(Joint { v: end.v, share: 0.0 }, emitter);
-        let reached = self.replan(end, true);
+        let reached = self.replan(end, true) || self.approach(end, emitter);
         self.commit_all(emitter);
         (self.next_piece, reached)
     }

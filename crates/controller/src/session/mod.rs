@@ -280,7 +280,8 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         let executing = self.executing;
         self.acknowledge();
         if let Some(planned) = self.overrides.pass(status.reached) {
-            self.tell(Happening::OverridePlanned(percent(planned)));
+            // Overrides are asked for in steps of a hundredth of a percent.
+            self.tell(Happening::OverridePlanned((100.0 * percent(planned)).round() / 100.0));
             self.override_rate();
         }
         let mode = self.operation.mode();

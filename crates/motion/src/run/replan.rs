@@ -21,6 +21,8 @@ use crate::shares::Offer;
 
 /// The way in which a state is brought down to lower limits, over the least way to stop from it.
 const ROOM: f64 = 1.05;
+/// Feeds, as shares of the programmed ones, at which the way into a glide is tried where it is not found otherwise.
+const APPROACHES: [f64; 4] = [1.0, 0.7, 0.5, 0.3];
 /// What is left of a piece that is shorter than this, in mm, is nothing.
 const NOTHING: f64 = 1e-12;
 
@@ -150,14 +152,47 @@ impl<const A: usize> Run<A> {
         }));
     }
 
+    /// Brings the run, which is planned to rest, into state `end` all the same, at lower feeds than programmed, which leave more
+    /// acceleration along curves; false where that does not help either. So a glide that one feed override lets
+    /// the motion come into is hardly ever given up at another one.
+    pub(super) fn approach(&mut self, end: State, emitter: &mut Emitter<A>) -> bool {
+        let s = self.joints();
+        let old: Vec<Old<A>> = self.plan.iter().map(|span| self.old(span, &s)).collect();
+        // Where the run begins, from its end.
+        let (mut first, mut skip) = (self.next_piece, -self.length);
+        while skip < -NOTHING
+            && let Some(piece) = first.checked_sub(1).and_then(|before| emitter.piece(before))
+        {
+            (first, skip) = (first - 1, skip + piece.length);
+        }
+        let stretch = Stretch { first, skip: skip.max(0.0), to: self.next_piece, end, open: false };
+        let factor = self.factor;
+        let found = APPROACHES.into_iter().filter(|share| *share <= factor).find_map(|share| {
+            self.factor = share;
+            self.search(stretch, &old, factor, emitter)
+        });
+        self.factor = factor;
+        let Some(Found { kept, from, layout, spans }) = found else { return false };
+        for old in &old[..kept] {
+            emitter.commit(old.item);
+        }
+        self.take_up(layout, from);
+        self.offers.clear();
+        (self.plan, self.planned) = (spans, self.blocks.len());
+        true
+    }
+
+    /// A span of the present plan in its committed form; `s` holds the places of the joints.
+    fn old(&self, span: &Span, s: &[f64]) -> Old<A> {
+        let (profile, length) = (span.profile, s[span.last] - s[span.first]);
+        Old { item: self.item(profile, length, span.last - 1), profile, length }
+    }
+
     /// Plans the open end of the road: what is committed of it, and what is not.
     fn replan_open(&mut self, stretch: Stretch, mut old: Vec<Old<A>>, before: f64, emitter: &mut Emitter<A>) {
         let committed = old.len();
         let s = self.joints();
-        old.extend(self.plan.iter().map(|span| {
-            let (profile, length) = (span.profile, s[span.last] - s[span.first]);
-            Old { item: self.item(profile, length, span.last - 1), profile, length }
-        }));
+        old.extend(self.plan.iter().map(|span| self.old(span, &s)));
         let found = self.search(stretch, &old, before, emitter);
         let kept = found.as_ref().map_or(committed, |found| found.kept);
         for old in &old[..kept] {
