@@ -91,18 +91,24 @@ proptest! {
         }
     }
 
-    /// On ordinary programs the machine stops where it does without an override, and nowhere else: the same corners are glided
-    /// through.
+    /// Where corners are glided through, the machine stops where it does without an override, and nowhere else.
     #[test]
     fn the_same_corners_are_glided_through(
-        steps in prop::collection::vec(step(), 1..40), mode in mode(), changes in changes(), feed in 1.0..80.0f64,
+        corners in prop::collection::vec((0.0..1.3f64, 0.3..2.8f64, any::<bool>()), 2..30), changes in changes(),
+        feed in 1.0..80.0f64, tolerance_mm in 0.005..0.1f64,
     ) {
         let limits = Limits::built_in();
-        let steps: Vec<Step> = steps.into_iter().map(|s| Step { kind: s.kind % 5, size: s.size.abs().min(1.0), ..s }).collect();
+        let mode = PathMode::Blend { tolerance_mm };
+        let step = |(size, turn, left)| {
+            Step { kind: 0, size, turn: if left { turn } else { -turn }, bend: 0.0, rise: 0.0, feed: 0.0, stop: false }
+        };
+        let steps: Vec<Step> = corners.into_iter().map(step).collect();
         let moves: Vec<Move> = program(&steps, mode).into_iter().map(|m| Move { feed: Feed::PerSecond(feed), ..m }).collect();
         let run = play_overridden(limits, &moves, usize::MAX, &changes);
-        let same = stops(&run) == stops(&play(limits, &moves, usize::MAX));
-        if !same { println!("SAME {same} {:?} {:?}", stops(&run), stops(&play(limits, &moves, usize::MAX))); }
+        prop_assert_eq!(stops(&run), stops(&play(limits, &moves, usize::MAX)));
+        if let Err(broken) = judge(&limits, &moves, &run, tolerance_mm, 40) {
+            prop_assert!(false, "{}", broken);
+        }
     }
 
     /// An override of 100 % is none, and neither is one that is taken back before the first record.
@@ -118,7 +124,8 @@ proptest! {
         prop_assert_eq!(&play_overridden(limits, &moves, usize::MAX, &changes), &plain);
     }
 
-    /// Raised from the first record on, a program takes no longer.
+    /// A program at one feed takes no longer when that is raised, but for some per cent where the speed changes all the time: on curves
+    /// higher speeds leave less acceleration.
     #[test]
     fn raised_feeds_take_no_longer(
         steps in prop::collection::vec(step(), 1..40), mode in mode(), factor in 1.05..MOST_OVERRIDE, at in 0usize..500, feed in 1.0..80.0f64,
@@ -127,8 +134,7 @@ proptest! {
         let moves: Vec<Move> = program(&steps, mode).into_iter().map(|m| Move { feed: Feed::PerSecond(feed), ..m }).collect();
         let plain = play(limits, &moves, usize::MAX).records.len();
         let raised = play_overridden(limits, &moves, usize::MAX, &[(at, factor)]).records.len();
-        println!("RATIO {}", raised as f64 / plain as f64);
-        prop_assert!(raised as f64 <= 100.0 * plain as f64 + 2.0, "{raised} periods for {plain}");
+        prop_assert!(raised as f64 <= 1.1 * plain as f64 + 2.0, "{raised} periods for {plain}");
     }
 }
 
