@@ -137,7 +137,9 @@ impl<const A: usize> Planner<A> {
     /// 1 … [`MOST_OVERRIDE`]; gives the factor that is in force. Rapid moves, and what the axes and the path velocity allow,
     /// stay as they are. Records that came out before never change; what was planned of the road ahead is planned anew.
     ///
-    /// The path does not depend on it: corners are cut as at the programmed feeds, and glides are passed as fast as these allow.
+    /// The path does not depend on it: corners are cut as at the programmed feeds, and glides are passed as fast as these allow. One
+    /// thing may: where no plan leads into a glide, the motion stops in the corner, and that can be so for one factor and not
+    /// for another.
     /// Where the motion is faster than a lower factor allows, it brakes at once, as fast as the axes allow; where no plan
     /// does that, the old one is kept as far as the first place from which one does.
     pub fn set_feed_override(&mut self, factor: f64) -> f64 {
