@@ -4,6 +4,8 @@
 //! it is never further than half a pulse from the plan and nothing accumulates. A stop takes whole periods: its last
 //! record ends exactly at the commanded position, at rest. Nothing is allocated here.
 
+mod unplayed;
+
 use std::collections::VecDeque;
 
 use retrace_core::{Flags, RapidCap, Record};

@@ -8,6 +8,7 @@ use crate::corner::G_MOST;
 use crate::glide::tracks::FarEnd;
 use crate::limits::AxisLimits;
 use crate::piece::Joint;
+use crate::planner::MOST_OVERRIDE;
 use crate::run::least;
 
 /// Share of the jerk that joints may take: the first that lets a joint pass at full speed, else the last.
@@ -59,13 +60,25 @@ fn rough<const A: usize>(
     };
     let full = last.feed.min(next.feed).min(axes.path_v);
     let needed = taken(full);
+    // The share is chosen for the programmed feed; an override may pass the joint as fast as that share lets it.
+    let raised = |share: f64| {
+        let (mut low, mut high) = (full, (MOST_OVERRIDE * full).min(axes.path_v));
+        if taken(high) <= share {
+            return high;
+        }
+        for _ in 0..6 {
+            let middle = 0.5 * (low + high);
+            if taken(middle) <= share { low = middle } else { high = middle }
+        }
+        low
+    };
     if needed <= SMOOTH {
-        return Joint { v: full, share: 0.0 };
+        return Joint { v: raised(SMOOTH), share: 0.0 };
     }
     let most = JOINT_SHARES[JOINT_SHARES.len() - 1];
     let share = JOINT_SHARES.into_iter().find(|&share| needed <= share).unwrap_or(most);
     if needed <= share {
-        return Joint { v: full, share };
+        return Joint { v: raised(share), share };
     }
     let (mut low, mut high) = (0.0, full);
     for _ in 0..40 {

@@ -1,7 +1,7 @@
 //! The planner: moves go in, records come out, look-ahead in between.
 //!
-//! Invariant: what comes out depends on the moves, their modes and the stops, in their order, and on nothing else: never on
-//! when records are asked for. A committed record never changes, and what is committed can always be followed by a stop.
+//! Invariant: what comes out depends on the moves, their modes and the stops, in their order, on after which record the feed
+//! override was changed, and on nothing else: never on when records are asked for. A committed record never changes, and what is committed can always be followed by a stop.
 
 use retrace_core::{Flags, Record};
 
@@ -12,6 +12,9 @@ use crate::error::{LimitError, MoveError};
 use crate::limits::Limits;
 use crate::merge::{Line, Mark, Merger};
 use crate::road::Road;
+
+/// The most that an override may raise feeds to, as a factor: 200 %.
+pub const MOST_OVERRIDE: f64 = 2.0;
 
 /// How fast a move goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -128,6 +131,21 @@ impl<const A: usize> Planner<A> {
             self.road.stop(self.at, self.tag, flags);
             self.rest = (self.at, flags);
         }
+    }
+
+    /// The feed override above 100 %: from the next record on, feeds of programmed moves count times `factor`, which is held within
+    /// 1 … [`MOST_OVERRIDE`]; gives the factor that is in force. Rapid moves, and what the axes and the path velocity allow,
+    /// stay as they are. Records that came out before never change; what was planned of the road ahead is planned anew.
+    ///
+    /// The path does not depend on it: corners are cut as at the programmed feeds, and glides are passed as fast as these allow. One
+    /// thing may: where no plan leads into a glide, the motion stops in the corner, and that can be so for one factor and not
+    /// for another.
+    /// Where the motion is faster than a lower factor allows, it brakes at once, as fast as the axes allow; where no plan
+    /// does that, the old one is kept as far as the first place from which one does.
+    pub fn set_feed_override(&mut self, factor: f64) -> f64 {
+        let factor = if factor >= 1.0 { factor.min(MOST_OVERRIDE) } else { 1.0 };
+        self.road.override_feeds(factor);
+        factor
     }
 
     /// The next control period's record; `None` where more input, or a stop, is needed first. Where records are taken out until

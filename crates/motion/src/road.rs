@@ -82,6 +82,11 @@ impl<const A: usize> Road<A> {
         self.run.look_over(blocks);
     }
 
+    /// From the next record on programmed feeds count times `factor`; where moves are joined, and how, does not depend on it.
+    pub(crate) fn override_feeds(&mut self, factor: f64) {
+        self.run.override_feeds(factor, &mut self.emitter);
+    }
+
     /// Has anything moved since the last stop?
     pub(crate) fn moves(&self) -> bool {
         self.held.is_some() || self.blender.last().is_some()

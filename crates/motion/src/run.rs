@@ -1,7 +1,9 @@
 //! A run: the road since the last stop, as far as its plan is not committed.
 //!
 //! Invariant: the plan over the first `planned` blocks ends at rest; what is committed of it can always be followed by the
-//! rest of it. Only the number and length of the pieces decide when a part is committed.
+//! rest of it. Only the number and length of the pieces decide when a part is committed, and where the override is changed.
+
+mod replan;
 
 use crate::emitter::{Emitter, Item};
 use crate::envelope::Block;
@@ -16,6 +18,8 @@ use crate::stepwise;
 #[derive(Debug)]
 pub(crate) struct Run<const A: usize> {
     axes: AxisLimits<A>,
+    /// Programmed feeds count times this.
+    factor: f64,
     /// The last piece and the joint at its start, kept back until the joint at its end is known.
     tail: Option<(Piece<A>, Joint)>,
     blocks: Vec<Block>,
@@ -60,6 +64,7 @@ impl<const A: usize> Run<A> {
         let stopping = 0.5 * v * (v / a + a / j);
         Self {
             axes,
+            factor: 1.0,
             tail: None,
             blocks: Vec::new(),
             offers: Vec::new(),
@@ -114,7 +119,7 @@ impl<const A: usize> Run<A> {
     /// number of the next piece.
     pub(crate) fn finish_moving(&mut self, end: State, emitter: &mut Emitter<A>) -> (u64, bool) {
         self.push_tail(Joint { v: end.v, share: 0.0 }, emitter);
-        let reached = self.replan(end, true);
+        let reached = self.replan(end, true) || self.approach(end, emitter);
         self.commit_all(emitter);
         (self.next_piece, reached)
     }
@@ -123,7 +128,8 @@ impl<const A: usize> Run<A> {
     fn push_tail(&mut self, exit: Joint, emitter: &mut Emitter<A>) {
         let Some((mut piece, entry)) = self.tail.take() else { return };
         piece.rough_entry = entry.share > 0.0;
-        let offer = piece.offer(&self.axes, entry.share.max(exit.share));
+        (piece.share, piece.exit_v) = (entry.share.max(exit.share), exit.v);
+        let offer = piece.offer(&self.axes, self.factor);
         let number = emitter.append(piece);
         self.next_piece = number + 1;
         self.length += piece.length;

@@ -8,7 +8,7 @@
 //! Invariant: a ramp begins at rest at place 0; its jerk is constant in each cell. Everything about a glide is linear in its
 //! jerks, so a glide that is scaled down keeps whatever limits it kept.
 
-use crate::glide::tracks::Tracks;
+use crate::glide::tracks::{Track, Tracks};
 use crate::limits::AxisLimits;
 use crate::profile::State;
 
@@ -16,6 +16,9 @@ use crate::profile::State;
 pub(crate) const CELLS: usize = 12;
 /// Cells before the middle.
 pub(crate) const HALF: usize = CELLS / 2;
+
+/// Share of the jerk that a track has beside a glide, where it is the end of a rounding.
+const BESIDE: f64 = 0.9;
 
 /// One track's share of a glide, from rest outward: jerk along the track in each cell, mm/s³.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -65,7 +68,16 @@ impl Ramps {
             let most = most.max(self.taken_at(p, q, tracks, axes));
             if k == CELLS { most } else { most.max(self.taken_in(k, p, q, tracks, axes)) }
         });
-        motion.max(self.taken_of_tolerance(&nodes, tracks))
+        motion.max(self.taken_of_tolerance(&nodes, tracks)).max(self.taken_beside(&nodes, tracks))
+    }
+
+    /// What is taken of each track's speed limit beside the glide: the acceleration with which it leaves the corner comes from, and
+    /// goes on to, a speed that is higher than its own. Were that above the limit, no plan would lead into the glide.
+    fn taken_beside<const A: usize>(&self, nodes: &[[State; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
+        nodes.iter().zip(&tracks.pair).fold(0.0, |most: f64, (nodes, Track { limits, .. })| {
+            let State { v, a, .. } = nodes[CELLS];
+            most.max((v + 0.5 * a.max(0.0) * a / (BESIDE * limits.j)) / limits.v)
+        })
     }
 
     /// What is taken of velocity and acceleration where both ramps are in these states.
