@@ -53,5 +53,7 @@ mod stepwise;
 pub use curve::Arc;
 pub use emitter::SetPoint;
 pub use error::{LimitError, MoveError};
+pub use glide::Blending;
+pub use glide::source::{GlideRatio, RatioOf};
 pub use limits::Limits;
 pub use planner::{Feed, PathMode, Planner};

@@ -9,6 +9,7 @@ use crate::blend::{Segment, size};
 use crate::curve::{Arc, Curve};
 use crate::emitter::{SetPoint, counts_of};
 use crate::error::{LimitError, MoveError};
+use crate::glide::Blending;
 use crate::limits::Limits;
 use crate::merge::{Line, Mark, Merger, merging};
 use crate::road::Road;
@@ -101,6 +102,13 @@ impl<const A: usize> Planner<A> {
         let mut planner = Self::new(limits, start_mm)?;
         planner.road.look_over(blocks);
         Ok(planner)
+    }
+
+    /// The same planner, which passes corners by `method`.
+    #[must_use]
+    pub fn blending_by(mut self, method: Blending) -> Self {
+        self.road.blend_by(method);
+        self
     }
 
     /// Where the last move ends, mm.
