@@ -19,9 +19,7 @@ fn program(path_control: &str) -> (String, Vec<[f64; 2]>) {
 /// The largest distance in mm of an emitted position from the programmed path.
 fn farthest(run: &Run, points: &[[f64; 2]]) -> f64 {
     let mut counts = [0i64; 2];
-    let distance = |p: [f64; 2]| {
-        points.windows(2).map(|w| to_segment(p, w[0], w[1])).fold(f64::MAX, f64::min)
-    };
+    let distance = |p: [f64; 2]| points.windows(2).map(|w| to_segment(p, w[0], w[1])).fold(f64::MAX, f64::min);
     run.records.rows.iter().fold(0.0, |most, row| {
         for (count, increment) in counts.iter_mut().zip(&row.increments) {
             *count += i64::from(*increment);

@@ -236,7 +236,7 @@ impl<const A: usize> Road<A> {
         }
         let directions = tracks.pair.map(|track| track.direction);
         self.emitter.commit_glide(Passage::new(*start, directions, [tag, segment.tag], *ramps), piece);
-        self.run.begin(State::moving(into.v, into.a));
+        self.run.begin(State::moving(into.v, into.a), ramps.duration());
         self.stops = *stops;
         self.lead = Some(Lead { start: into, length: segment.length });
         // Program lines that begin within the glide are passed over.

@@ -22,8 +22,7 @@ impl Parameters {
 
 /// The highest speed in mm/s from rest to rest over `length` mm.
 pub(super) fn peak(length: f64, limits: PathLimits) -> Option<f64> {
-    let plan = fastest(State::default(), State::default(), length, limits).ok()?;
-    Some(plan.at(plan.times[..3].iter().sum()).v)
+    fastest(State::default(), State::default(), length, limits).ok().map(|plan| plan.crest().0)
 }
 
 /// The second planning: can both tracks, shortened by what the glide takes of them, be planned to its ends?
