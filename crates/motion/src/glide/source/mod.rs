@@ -131,7 +131,11 @@ mod tests {
         let near = Tracks { tolerance: 0.02, ..square };
         assert!(speed(0.3, &near) < 0.9 * speed(0.3, &square));
         let ratio = GlideRatio::new(0.3, RatioOf::Speed).expect("in range");
-        let taken = glide(&near, &axes, ratio).expect("there is room").taken_of_path(&near);
+        let ramps = glide(&near, &axes, ratio).expect("there is room");
+        let taken = ramps.taken_of_path(&near);
         assert!(taken <= 1.0 && taken > 0.7, "{taken}");
+        // Slower, and as short as that speed allows.
+        let shortest = Pace::shortest(ramps.ends().map(|end| end.v), &near, &axes).ramps([1.0; 2]);
+        assert!((ramps.cell - shortest.cell).abs() < 1e-9 * ramps.cell);
     }
 }
