@@ -8,7 +8,7 @@ use retrace_core::{Flags, Record};
 use crate::blend::{Blender, Entry, Segment};
 use crate::emitter::{Emitter, Item, SetPoint};
 use crate::glide::book::Book;
-use crate::glide::optimum::gentle;
+use crate::glide::optimum::{gentle, rest_time};
 use crate::glide::passage::Passage;
 use crate::glide::ramp::Ramps;
 use crate::glide::tracks::{FarEnd, Track, Tracks};
@@ -17,7 +17,7 @@ use crate::joining::{glide_pays, join};
 use crate::limits::{AxisLimits, Limits};
 use crate::merge::Mark;
 use crate::piece::{Joint, Piece};
-use crate::profile::{State, fastest, stopping_distance};
+use crate::profile::{PathLimits, State, fastest, stopping_distance};
 use crate::run::{Run, least};
 
 /// A move that waits for the next one, which decides how it is joined to the one before.
@@ -160,10 +160,10 @@ impl<const A: usize> Road<A> {
     ) -> Option<(Tracks<A>, Ramps)> {
         let segment = &held.segment;
         let tolerance = last.tolerance.min(segment.tolerance);
-        if tolerance <= 0.0 || !last.curve.is_line() || !segment.curve.is_line() {
+        if tolerance <= 0.0 {
             return None;
         }
-        let (u, w) = (last.curve.derivatives(0.0).first, segment.curve.derivatives(0.0).first);
+        let (u, w) = (last.curve.derivatives(last.length).first, segment.curve.derivatives(0.0).first);
         if u[A.min(3)..].iter().chain(&w[A.min(3)..]).any(|x| *x != 0.0) {
             return None;
         }
@@ -187,8 +187,8 @@ impl<const A: usize> Road<A> {
         }
         let tracks = Tracks {
             pair: [
-                Track::new(u, length, from, last.feed, &self.axes),
-                Track::new(w, segment.length, to, segment.feed, &self.axes),
+                Track::new(u, length, from, last.feed, &self.axes).along(self.curved(last)),
+                Track::new(w, segment.length, to, segment.feed, &self.axes).along(self.curved(segment)),
             ],
             tolerance,
         };
@@ -199,15 +199,39 @@ impl<const A: usize> Road<A> {
             Blending::Optimum => self.book.glide(&tracks, &self.axes)?,
             Blending::Source(ratio) => source::glide(&tracks, &self.axes, ratio)?,
         };
-        self.fitted(&tracks, ramps)
+        self.fitted(&tracks, self.on_curves(&tracks, ramps, last, held)?)
+    }
+
+    /// What a curved segment allows along it; `None` for a line.
+    fn curved(&self, segment: &Segment<A>) -> Option<PathLimits> {
+        let piece = || Piece::new(segment.curve, segment.length, segment.feed, segment.tag);
+        (!segment.curve.is_line()).then(|| piece().offer(&self.axes, 0.0).rough)
+    }
+
+    /// The glide as large as curved tracks allow; `None` where that is next to nothing.
+    fn on_curves(&self, tracks: &Tracks<A>, ramps: Ramps, last: &Segment<A>, held: &Held<A>) -> Option<Ramps> {
+        if last.curve.is_line() && held.segment.curve.is_line() {
+            return Some(ramps);
+        }
+        let mut ramps = ramps;
+        for _ in 0..8 {
+            let taken = passage(tracks, &ramps, last, held).taken(tracks, &self.axes);
+            if taken <= 1.0 {
+                return Some(ramps);
+            }
+            ramps = ramps.scaled(0.999 / taken);
+        }
+        None
     }
 
     /// The glide as large as the way before it allows.
     fn fitted(&self, tracks: &Tracks<A>, ramps: Ramps) -> Option<(Tracks<A>, Ramps)> {
         let before = &tracks.pair[0];
         let free = self.blender.free_end();
-        [1.0, 0.7, 0.5, 0.3].into_iter().map(|factor| ramps.scaled(factor)).find_map(|ramps| {
-            let [out, _] = ramps.ends();
+        [1.0, 0.97, 0.9, 0.7, 0.5, 0.3].into_iter().map(|factor| ramps.scaled(factor)).find_map(|ramps| {
+            let [out, into] = ramps.ends();
+            // It was found for tracks that are only nearly these.
+            rest_time(out, tracks, 0).and(rest_time(into, tracks, 1))?;
             if out.s > free {
                 return None;
             }
@@ -234,9 +258,10 @@ impl<const A: usize> Road<A> {
             self.come_to_rest(*start, tag, Flags::REST);
             return false;
         }
-        let directions = tracks.pair.map(|track| track.direction);
-        self.emitter.commit_glide(Passage::new(*start, directions, [tag, segment.tag], *ramps), piece);
-        self.run.begin(State::moving(into.v, into.a), ramps.duration());
+        let mut glide = passage(tracks, ramps, last, held);
+        glide.tags[0] = tag;
+        self.emitter.commit_glide(glide, piece);
+        self.run.begin(State::moving(into.v, into.a), tracks.pair[1].limits, ramps.duration());
         self.stops = *stops;
         self.lead = Some(Lead { start: into, length: segment.length });
         // Program lines that begin within the glide are passed over.
@@ -272,5 +297,16 @@ impl<const A: usize> Road<A> {
         self.lead = None;
         let piece = self.run.finish(&mut self.emitter);
         self.emitter.commit(Item::Stop { piece, end, flags, tag });
+    }
+}
+
+/// The glide in its place.
+fn passage<const A: usize>(tracks: &Tracks<A>, ramps: &Ramps, last: &Segment<A>, held: &Held<A>) -> Passage<A> {
+    let Held { segment, start, .. } = held;
+    let passage = Passage::new(*start, tracks.pair.map(|track| track.direction), [last.tag, segment.tag], *ramps);
+    if last.curve.is_line() && segment.curve.is_line() {
+        passage
+    } else {
+        passage.on([(last.curve, last.length), (segment.curve, 0.0)])
     }
 }

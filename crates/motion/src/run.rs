@@ -34,6 +34,8 @@ pub(crate) struct Run<const A: usize> {
     a: f64,
     /// Time since the last stop that is committed, less whole periods, s.
     elapsed: f64,
+    /// Limits of a run that begins in motion.
+    lead: PathLimits,
     /// The plan over the first `planned` blocks; it ends at rest.
     plan: Vec<Span>,
     planned: usize,
@@ -73,6 +75,7 @@ impl<const A: usize> Run<A> {
             v: 0.0,
             a: 0.0,
             elapsed: 0.0,
+            lead: PathLimits { v, a, j },
             plan: Vec::new(),
             planned: 0,
             look_ahead: LookAhead::default(),
@@ -89,7 +92,7 @@ impl<const A: usize> Run<A> {
 
     /// Appends a piece that is entered through `entry`.
     pub(crate) fn push(&mut self, piece: Piece<A>, entry: Joint, emitter: &mut Emitter<A>) {
-        self.push_tail(entry, emitter);
+        self.push_tail(entry, false, emitter);
         self.tail = Some((piece, entry));
         let fresh = self.blocks.len() - self.planned;
         let enough = self.length > 2.0 * self.keep && fresh >= BATCH || self.length > 8.0 * self.keep;
@@ -101,7 +104,7 @@ impl<const A: usize> Run<A> {
 
     /// Plans and commits everything, to rest; gives the number of the next piece.
     pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
-        self.push_tail(Joint::STOP, emitter);
+        self.push_tail(Joint::STOP, false, emitter);
         self.replan(State::default(), true);
         self.stop_on_a_period();
         self.commit_all(emitter);
@@ -109,9 +112,11 @@ impl<const A: usize> Run<A> {
         self.next_piece
     }
 
-    /// Begins the next run in motion, after a glide of so many seconds; it must be able to come to rest within its first piece.
-    pub(crate) fn begin(&mut self, start: State, glide: f64) {
+    /// Begins the next run in motion, after a glide of so many seconds; within `limits` it must be able to come to rest on its first
+    /// piece.
+    pub(crate) fn begin(&mut self, start: State, limits: PathLimits, glide: f64) {
         (self.v, self.a) = (start.v, start.a);
+        self.lead = limits;
         self.pass(glide);
     }
 
@@ -149,7 +154,7 @@ impl<const A: usize> Run<A> {
     /// Plans and commits everything, to state `end`; where that cannot be reached any more, to rest, and says so. Gives the
     /// number of the next piece.
     pub(crate) fn finish_moving(&mut self, end: State, emitter: &mut Emitter<A>) -> (u64, bool) {
-        self.push_tail(Joint { v: end.v, share: 0.0 }, emitter);
+        self.push_tail(Joint { v: end.v, share: 0.0 }, true, emitter);
         let reached = self.replan(end, true);
         if reached {
             self.commit_all(emitter);
@@ -161,11 +166,15 @@ impl<const A: usize> Run<A> {
         (self.next_piece, reached)
     }
 
-    /// The joint at the end of the last piece is known: the piece joins the road.
-    fn push_tail(&mut self, exit: Joint, emitter: &mut Emitter<A>) {
+    /// The joint at the end of the last piece is known, and whether that is a glide: the piece joins the road.
+    fn push_tail(&mut self, exit: Joint, at_glide: bool, emitter: &mut Emitter<A>) {
         let Some((mut piece, entry)) = self.tail.take() else { return };
         piece.rough_entry = entry.share > 0.0;
-        let offer = piece.offer(&self.axes, entry.share.max(exit.share));
+        let mut offer = piece.offer(&self.axes, entry.share.max(exit.share));
+        if at_glide || self.blocks.is_empty() && self.v > 0.0 {
+            // A glide hands over in a state that only these limits are sure to allow.
+            offer.calm = offer.rough;
+        }
         let number = emitter.append(piece);
         self.next_piece = number + 1;
         self.length += piece.length;
@@ -241,7 +250,13 @@ impl<const A: usize> Run<A> {
     /// A run that begins in motion and finds no other plan comes to rest at the end of its first block, which is long enough.
     fn stop_in_first_block(&mut self) {
         let Block { length, limits, .. } = self.blocks[0];
-        if let Ok(profile) = fastest(State::moving(self.v, self.a), State::default(), length, limits) {
+        let (from, rest) = (State::moving(self.v, self.a), State::default());
+        // What a block leaves to a joint at its end is not needed by motion that is at rest there; and a little more than the
+        // feed is better than a jump.
+        let any_feed = PathLimits { v: f64::MAX, a: self.lead.a.max(self.a.abs()), ..self.lead };
+        let stop =
+            [limits, self.lead, any_feed].into_iter().find_map(|limits| fastest(from, rest, length, limits).ok());
+        if let Some(profile) = stop {
             self.plan.push(Span { first: 0, last: 1, profile });
             self.planned = 1;
         }

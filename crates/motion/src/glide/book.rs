@@ -12,7 +12,7 @@ use crate::glide::optimum::{Effort, Found, Optimiser, rest_time, stopping_time};
 use crate::glide::ramp::Ramps;
 use crate::glide::tracks::{FarEnd, Track, Tracks};
 use crate::limits::AxisLimits;
-use crate::profile::State;
+use crate::profile::{PathLimits, State};
 
 /// Glides by the tracks they belong to; it keeps the memory of the search.
 #[derive(Debug, Default)]
@@ -29,6 +29,8 @@ const LENGTHS: (f64, f64) = (1.25, 1.02);
 const LONG: f64 = 2.2;
 /// … nor, if it moves on, than this many times the other one.
 const UNEQUAL: f64 = 3.0;
+/// Limits on curves are rounded down to steps of this ratio.
+const CURVED: f64 = 1.1;
 /// Tolerances are rounded down to steps of this ratio: merged lines have a little less than the others.
 const TOLERANCES: f64 = 1.02;
 /// Directions are rounded to this part of the turn, or a little less.
@@ -83,6 +85,7 @@ impl<const A: usize> Common<A> {
             std::array::from_fn(|i| (axes.limits_of(i), u[i], w[i]))
         };
         let lengths = [rounded(one, two.length), rounded(two, one.length)];
+        let curved = [one, two].map(|track| rounded_limits(track.curved));
         let swapped =
             (lengths[1].0, lengths[1].1, two.feed.to_bits()) < (lengths[0].0, lengths[0].1, one.feed.to_bits());
         for (_, u, w) in &mut pairs {
@@ -102,17 +105,26 @@ impl<const A: usize> Common<A> {
             let size = steps.iter().map(|x| (x * x) as f64).sum::<f64>().sqrt();
             let (_, rest, length) = lengths[sides[side]];
             let far_end = if rest { FarEnd::Rest } else { FarEnd::Moving };
-            Track::new(steps.map(|x| x as f64 / size), length, far_end, own.feed, &axes)
+            Track::new(steps.map(|x| x as f64 / size), length, far_end, own.feed, &axes).along(curved[sides[side]].1)
         });
         let tolerance = (tracks.tolerance.ln() / TOLERANCES.ln()).floor();
         let mut key = vec![tolerance as i64, grid.to_bits() as i64];
         key.extend(pairs.iter().flat_map(|(_, u, w)| [*u, *w]));
         for side in sides {
             key.extend([lengths[side].0, i64::from(lengths[side].1), tracks.pair[side].feed.to_bits() as i64]);
+            key.extend(curved[side].0);
         }
         let tolerance = (tolerance * TOLERANCES.ln()).exp();
         Self { tracks: Tracks { pair, tolerance }, axes, swapped, key }
     }
+}
+
+/// What a curve allows as it is looked up, in steps and as such.
+fn rounded_limits(limits: Option<PathLimits>) -> ([i64; 3], Option<PathLimits>) {
+    let Some(PathLimits { v, a, j }) = limits else { return ([0; 3], None) };
+    let steps = [v, a, j].map(|limit| (limit.ln() / CURVED.ln()).floor());
+    let [v, a, j] = steps.map(|steps| (steps * CURVED.ln()).exp());
+    (steps.map(|steps| steps as i64), Some(PathLimits { v, a, j }))
 }
 
 /// Length of a track as it is looked up, in steps and in mm, and whether it counts as ending at rest.

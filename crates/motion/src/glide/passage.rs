@@ -2,8 +2,11 @@
 //!
 //! Invariant: it begins where, and as fast as, the motion on the first track hands over, and ends so on the second.
 
-use crate::curve::Derivatives;
+use crate::blend::size;
+use crate::curve::{Curve, Derivatives};
 use crate::glide::ramp::{CELLS, HALF, Ramps};
+use crate::glide::tracks::Tracks;
+use crate::limits::AxisLimits;
 use crate::profile::State;
 
 /// A glide at a corner.
@@ -17,7 +20,13 @@ pub(crate) struct Passage<const A: usize> {
     pub(crate) tags: [u32; 2],
     pub(crate) ramps: Ramps,
     nodes: [[State; CELLS + 1]; 2],
+    /// Tracks of which one is curved, each with the place of the corner on it.
+    curves: Option<[(Curve<A>, f64); 2]>,
 }
+
+/// Samples of a cell in which a glide on curves is compared with its limits, and the share of them that it may take: what lies
+/// between the samples is that near.
+const SAMPLES: (u32, f64) = (6, 0.97);
 
 /// Position and its derivatives by time, per axis.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +37,59 @@ pub(crate) struct Moment<const A: usize> {
 
 impl<const A: usize> Passage<A> {
     pub(crate) fn new(corner: [f64; A], directions: [[f64; A]; 2], tags: [u32; 2], ramps: Ramps) -> Self {
-        Self { corner, directions, tags, ramps, nodes: ramps.pair.map(|ramp| ramp.nodes(ramps.cell)) }
+        Self { corner, directions, tags, ramps, nodes: ramps.pair.map(|ramp| ramp.nodes(ramps.cell)), curves: None }
+    }
+
+    /// The same on curved tracks, each with the place of the corner on it.
+    pub(crate) fn on(self, curves: [(Curve<A>, f64); 2]) -> Self {
+        Self { curves: Some(curves), ..self }
+    }
+
+    /// The largest share of any limit that a glide on curves takes, by samples; above 1 it is illegal.
+    pub(crate) fn taken(&self, tracks: &Tracks<A>, axes: &AxisLimits<A>) -> f64 {
+        let (samples, allowed) = SAMPLES;
+        let mut most = 0.0f64;
+        for cell in 0..CELLS {
+            for sample in 0..=samples {
+                let t = (cell as f64 + f64::from(sample) / f64::from(samples)) * self.ramps.cell;
+                let Moment { position, by_time } = self.at(cell, t);
+                for i in 0..A {
+                    most = most.max(by_time.first[i].abs() / axes.v[i]);
+                    most = most.max(by_time.second[i].abs() / axes.a[i]).max(by_time.third[i].abs() / axes.j[i]);
+                }
+                let side = usize::from(cell >= HALF);
+                most = most.max(size(&by_time.first) / tracks.pair[side].feed);
+                most = most.max(self.distance(&position, side, cell, t) / tracks.tolerance);
+            }
+        }
+        let middle = self.at(HALF, self.ramps.cell * HALF as f64).position;
+        let missed = size(&std::array::from_fn::<f64, A, _>(|i| middle[i] - self.corner[i]));
+        most.max(missed / tracks.tolerance) / allowed
+    }
+
+    /// Distance of `position` from track `side`, at time `t` in cell `cell`.
+    fn distance(&self, position: &[f64; A], side: usize, cell: usize, t: f64) -> f64 {
+        let Some(curves) = &self.curves else { return 0.0 };
+        let (curve, corner) = &curves[side];
+        let states = self.states(cell, t);
+        let mut s = if side == 0 { corner - states[0].s } else { corner + states[1].s };
+        let mut off = [0.0; A];
+        for _ in 0..3 {
+            let (at, direction) = (curve.at(s), curve.derivatives(s).first);
+            off = std::array::from_fn(|i| position[i] - at[i]);
+            s += off.iter().zip(direction).map(|(a, b)| a * b).sum::<f64>();
+        }
+        size(&off)
+    }
+
+    /// How far, how fast and how hard both ramps are from the corner, by time, `t` seconds after the start in cell `cell`.
+    fn states(&self, cell: usize, t: f64) -> [State; 2] {
+        let t = t - cell as f64 * self.ramps.cell;
+        let [one, two] = &self.nodes;
+        let (j_one, j_two) = (self.ramps.pair[0].0[CELLS - 1 - cell], self.ramps.pair[1].0[cell]);
+        // The first ramp runs backward.
+        let one = one[CELLS - cell];
+        [State { s: one.s, v: -one.v, a: one.a }.after(-j_one, t), two[cell].after(j_two, t)]
     }
 
     /// Duration in s.
@@ -48,13 +109,12 @@ impl<const A: usize> Passage<A> {
 
     /// Where the machine is, and how it moves, `t` seconds after the start, by the jerks of cell `cell`.
     pub(crate) fn at(&self, cell: usize, t: f64) -> Moment<A> {
-        let t = t - cell as f64 * self.ramps.cell;
-        let [one, two] = &self.nodes;
         let (j_one, j_two) = (self.ramps.pair[0].0[CELLS - 1 - cell], self.ramps.pair[1].0[cell]);
-        // The first ramp runs backward.
-        let one = one[CELLS - cell];
-        let back = State { s: one.s, v: -one.v, a: one.a }.after(-j_one, t);
-        let (two, [u, w]) = (two[cell].after(j_two, t), self.directions);
+        let [back, two] = self.states(cell, t);
+        if let Some(curves) = &self.curves {
+            return self.on_curves(curves, back, -j_one, two, j_two);
+        }
+        let [u, w] = self.directions;
         let both = |p: f64, q: f64| -> [f64; A] { std::array::from_fn(|i| q * w[i] - p * u[i]) };
         let way = both(back.s, two.s);
         Moment {
@@ -65,6 +125,44 @@ impl<const A: usize> Passage<A> {
                 third: both(-j_one, j_two),
             },
         }
+    }
+
+    /// The same on curves: what is left of the first, by time, and what is done of the second.
+    fn on_curves(
+        &self,
+        curves: &[(Curve<A>, f64); 2],
+        left: State,
+        j_left: f64,
+        done: State,
+        j_done: f64,
+    ) -> Moment<A> {
+        let [(first, end), (second, start)] = curves;
+        let to = (end - left.s, [-left.v, -left.a, -j_left]);
+        let from = (start + done.s, [done.v, done.a, j_done]);
+        let (one, two) = (along(first, to), along(second, from));
+        let both = |a: [f64; A], b: [f64; A]| -> [f64; A] { std::array::from_fn(|i| a[i] + b[i]) };
+        let position = both(one.position, two.position);
+        Moment {
+            position: std::array::from_fn(|i| position[i] - self.corner[i]),
+            by_time: Derivatives {
+                first: both(one.by_time.first, two.by_time.first),
+                second: both(one.by_time.second, two.by_time.second),
+                third: both(one.by_time.third, two.by_time.third),
+            },
+        }
+    }
+}
+
+/// Motion along a curve at place `s`, with these speed, acceleration and jerk along it.
+fn along<const A: usize>(curve: &Curve<A>, (s, [v, a, j]): (f64, [f64; 3])) -> Moment<A> {
+    let Derivatives { first, second, third } = curve.derivatives(s);
+    Moment {
+        position: curve.at(s),
+        by_time: Derivatives {
+            first: first.map(|p| p * v),
+            second: std::array::from_fn(|i| first[i] * a + second[i] * v * v),
+            third: std::array::from_fn(|i| first[i] * j + 3.0 * second[i] * v * a + third[i] * v * v * v),
+        },
     }
 }
 

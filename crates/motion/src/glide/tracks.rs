@@ -1,6 +1,6 @@
 //! Two adjacent tracks and what a glide between them may do (SMO-1, SMO-3).
 //!
-//! Invariant: tracks are straight where they meet, their directions have length 1 over the linear axes, and they are not parallel.
+//! Invariant: directions are those where the tracks meet, of length 1 over the linear axes, and they are not parallel.
 
 use crate::limits::AxisLimits;
 use crate::profile::PathLimits;
@@ -27,6 +27,8 @@ pub(crate) struct Track<const A: usize> {
     pub(crate) feed: f64,
     /// Limits of motion along it alone.
     pub(crate) limits: PathLimits,
+    /// What a curved track allows besides.
+    pub(crate) curved: Option<PathLimits>,
 }
 
 impl<const A: usize> Track<A> {
@@ -38,7 +40,14 @@ impl<const A: usize> Track<A> {
             limits.a = limits.a.min(axes.a[i] / part);
             limits.j = limits.j.min(axes.j[i] / part);
         }
-        Self { direction, length, far_end, feed: feed.min(axes.path_v), limits }
+        Self { direction, length, far_end, feed: feed.min(axes.path_v), limits, curved: None }
+    }
+
+    /// The same on a curve that allows no more than `curved`.
+    pub(crate) fn along(mut self, curved: Option<PathLimits>) -> Self {
+        self.curved = curved;
+        self.limits = curved.map_or(self.limits, |curved| self.limits.tighter(curved));
+        self
     }
 }
 
