@@ -13,8 +13,6 @@ fn mode() -> impl Strategy<Value = PathMode> {
         Just(PathMode::ExactPath),
         Just(PathMode::blend(0.05)),
         (0.002..0.3f64).prop_map(PathMode::blend),
-        (0.002..0.3f64, 0.0..0.3f64)
-            .prop_map(|(tolerance_mm, merge)| PathMode::Blend { tolerance_mm, merge_mm: Some(merge) }),
     ]
 }
 
@@ -61,6 +59,29 @@ proptest! {
     }
 }
 
+/// A long chain of short lines, some nearly straight, some rough.
+fn wandering(seed: u32, size: f64, wander: f64, mode: PathMode) -> Vec<Move> {
+    let mut state = u64::from(seed) << 1 | 1;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f64 / (1u64 << 24) as f64
+    };
+    let (mut at, mut heading) = ([0.0f64; 3], 0.0f64);
+    (0..4000)
+        .map(|k| {
+            heading += 10f64.powf(wander) * (random() - 0.5) + if k % 400 == 399 { 2.0 } else { 0.003 };
+            let length = 10f64.powf(size) * (0.1 + 2.0 * random());
+            at = [
+                at[0] + length * heading.cos(),
+                at[1] + length * heading.sin(),
+                at[2] + 0.1 * length * (random() - 0.5),
+            ];
+            let feed = Feed::PerSecond(if k / 700 % 2 == 0 { 100.0 } else { 20.0 });
+            Move { path: Path::Line(at), feed, mode, stop: false }
+        })
+        .collect()
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
@@ -68,29 +89,26 @@ proptest! {
     #[test]
     fn dense_chains_keep_everything_too(
         seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64, most in 0usize..9,
-        merge_mm in prop::option::of(0.0..0.1f64),
     ) {
-        let mut state = u64::from(seed) << 1 | 1;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 40) as f64 / (1u64 << 24) as f64
-        };
-        let (mut at, mut heading) = ([0.0f64; 3], 0.0f64);
-        let moves: Vec<Move> = (0..4000)
-            .map(|k| {
-                heading += 10f64.powf(wander) * (random() - 0.5) + if k % 400 == 399 { 2.0 } else { 0.003 };
-                let length = 10f64.powf(size) * (0.1 + 2.0 * random());
-                at = [at[0] + length * heading.cos(), at[1] + length * heading.sin(), at[2] + 0.1 * length * (random() - 0.5)];
-                let feed = Feed::PerSecond(if k / 700 % 2 == 0 { 100.0 } else { 20.0 });
-                Move { path: Path::Line(at), feed, mode: PathMode::Blend { tolerance_mm, merge_mm }, stop: false }
-            })
-            .collect();
+        let moves = wandering(seed, size, wander, PathMode::blend(tolerance_mm));
         let limits = Limits::built_in();
         let run = play(limits, &moves, most);
         if let Err(broken) = judge(&limits, &moves, &run, tolerance_mm, 4000) {
             prop_assert!(false, "{}", broken);
         }
         prop_assert_eq!(play(limits, &moves, usize::MAX), run);
+    }
+
+    /// Merging as the program asks for it (G64 Q): within P whatever Q is.
+    #[test]
+    fn dense_chains_stay_within_the_tolerance_however_much_is_merged(
+        seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64, merge in 0.0..0.1f64,
+    ) {
+        let moves = wandering(seed, size, wander, PathMode::Blend { tolerance_mm, merge_mm: Some(merge) });
+        let limits = Limits::built_in();
+        if let Err(broken) = judge(&limits, &moves, &play(limits, &moves, usize::MAX), tolerance_mm, 4000) {
+            prop_assert!(false, "{}", broken);
+        }
     }
 
     /// Other machines: slow and fast, axes unlike each other, long and short periods, coarse and fine pulses.
