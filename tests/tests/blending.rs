@@ -22,7 +22,7 @@ fn farthest(run: &Run, points: &[[f64; 2]]) -> f64 {
     let distance = |p: [f64; 2]| points.windows(2).map(|w| to_segment(p, w[0], w[1])).fold(f64::MAX, f64::min);
     run.records.rows.iter().fold(0.0, |most, row| {
         for (count, increment) in counts.iter_mut().zip(&row.increments) {
-            *count += i64::from(*increment);
+            *count += increment;
         }
         f64::max(most, distance(counts.map(|count| count as f64 / 1000.0)))
     })
