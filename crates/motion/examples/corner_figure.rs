@@ -107,7 +107,7 @@ fn main() {
          <rect width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>"
     );
     for (number, degrees) in [30.0, 90.0, 135.0].into_iter().enumerate() {
-        let glide = plan(degrees, PathMode::Blend { tolerance_mm: TOLERANCE });
+        let glide = plan(degrees, PathMode::blend(TOLERANCE));
         let stop = plan(degrees, PathMode::ExactStop);
         let x = gap + number as f64 * (PANEL.0 + gap);
         println!(

@@ -54,5 +54,7 @@ mod stepwise;
 pub use curve::Arc;
 pub use emitter::SetPoint;
 pub use error::{LimitError, MoveError};
+pub use glide::Blending;
+pub use glide::source::{GlideRatio, RatioOf};
 pub use limits::Limits;
 pub use planner::{Feed, MOST_OVERRIDE, PathMode, Planner};

@@ -9,8 +9,9 @@ use crate::blend::{Segment, size};
 use crate::curve::{Arc, Curve};
 use crate::emitter::{SetPoint, counts_of};
 use crate::error::{LimitError, MoveError};
+use crate::glide::Blending;
 use crate::limits::Limits;
-use crate::merge::{Line, Mark, Merger};
+use crate::merge::{Line, Mark, Merger, merging};
 use crate::road::Road;
 
 /// The most that an override may raise feeds to, as a factor: 200 %.
@@ -34,11 +35,30 @@ pub enum PathMode {
     ExactStop,
     /// Exactly along the path; full stops only where it is not smooth (G61).
     ExactPath,
-    /// Corners may be cut by up to the tolerance (G64 P).
+    /// Corners may be cut by up to the tolerance (G64 P), and lines that are nearly collinear become one (G64 Q).
     Blend {
         /// Largest distance from the programmed path, mm; the rounding to whole pulses is within it.
         tolerance_mm: f64,
+        /// How far lines at one feed may be from the line that they are merged into, mm. It is taken out of the tolerance, of
+        /// which at most half goes there; 0 merges nothing, `None` leaves it to the planner.
+        merge_mm: Option<f64>,
     },
+}
+
+impl PathMode {
+    /// Blending within `tolerance_mm`; how much of it goes into merging is the planner's choice.
+    #[must_use]
+    pub const fn blend(tolerance_mm: f64) -> Self {
+        Self::Blend { tolerance_mm, merge_mm: None }
+    }
+
+    /// The tolerances in mm, of the path and of merging; where nothing is blended, none.
+    fn tolerances(self) -> (f64, Option<f64>) {
+        match self {
+            Self::Blend { tolerance_mm, merge_mm } => (tolerance_mm, merge_mm),
+            Self::ExactStop | Self::ExactPath => (0.0, None),
+        }
+    }
 }
 
 /// Plans moves and emits one record a control period.
@@ -85,6 +105,13 @@ impl<const A: usize> Planner<A> {
         let mut planner = Self::new(limits, start_mm)?;
         planner.road.look_over(blocks);
         Ok(planner)
+    }
+
+    /// The same planner, which passes corners by `method`.
+    #[must_use]
+    pub fn blending_by(mut self, method: Blending) -> Self {
+        self.road.blend_by(method);
+        self
     }
 
     /// Where the last move ends, mm.
@@ -174,9 +201,9 @@ impl<const A: usize> Planner<A> {
             Feed::Duration(t) => length / t,
             Feed::Rapid => f64::MAX,
         };
-        let tolerance = self.tolerance(mode);
+        let (tolerance, merging) = self.tolerance(mode);
         if tolerance > 0.0 && curve.is_line() {
-            let line = Line { start, end, feed, tag, tolerance };
+            let line = Line { start, end, feed, tag, tolerance, merging };
             if !self.merger.offer(&line) {
                 self.pass_merged();
                 self.merger.offer(&line);
@@ -195,19 +222,21 @@ impl<const A: usize> Planner<A> {
         }
     }
 
-    /// How far the path may be cut, with room for the rounding to whole pulses; 0 where that leaves nothing worth it.
-    fn tolerance(&self, mode: PathMode) -> f64 {
-        let PathMode::Blend { tolerance_mm } = mode else { return 0.0 };
+    /// How far the path may be cut, with room for the rounding to whole pulses, and how much of that merging may use; 0 where it
+    /// leaves nothing worth it.
+    fn tolerance(&self, mode: PathMode) -> (f64, f64) {
+        let (tolerance_mm, merge_mm) = mode.tolerances();
         let rounding = 0.5 * size(&self.pulses_per_mm.map(f64::recip));
         let left = tolerance_mm - rounding;
-        if left > 0.1 * tolerance_mm { left } else { 0.0 }
+        if left > 0.1 * tolerance_mm { (left, merging(left, merge_mm)) } else { (0.0, 0.0) }
     }
 }
 
 fn check(numbers: &[f64], feed: Feed, mode: PathMode) -> Result<(), MoveError> {
     let sound = |x: &f64| x.abs() <= 1e6;
-    let tolerance = if let PathMode::Blend { tolerance_mm } = mode { tolerance_mm } else { 0.0 };
-    if !numbers.iter().all(sound) || !(0.0..=1e6).contains(&tolerance) {
+    let (tolerance, merge) = mode.tolerances();
+    let tolerances = [tolerance, merge.unwrap_or(0.0)];
+    if !numbers.iter().all(sound) || !tolerances.iter().all(|mm| (0.0..=1e6).contains(mm)) {
         return Err(MoveError::NotFinite);
     }
     match feed {

@@ -12,6 +12,7 @@ use crate::glide::optimum::{gentle, rest_time};
 use crate::glide::passage::Passage;
 use crate::glide::ramp::Ramps;
 use crate::glide::tracks::{FarEnd, Track, Tracks};
+use crate::glide::{Blending, source};
 use crate::joining::{glide_pays, join};
 use crate::limits::{AxisLimits, Limits};
 use crate::merge::Mark;
@@ -44,6 +45,7 @@ pub(crate) struct Road<const A: usize> {
     emitter: Emitter<A>,
     blender: Blender<A>,
     run: Run<A>,
+    blending: Blending,
     book: Book,
     held: Option<Held<A>>,
     /// Marks of the held move.
@@ -67,6 +69,7 @@ impl<const A: usize> Road<A> {
             emitter: Emitter::new(limits, start_mm),
             blender: Blender::new(reach),
             run: Run::new(axes),
+            blending: Blending::default(),
             book: Book::default(),
             held: None,
             marks: Vec::new(),
@@ -85,6 +88,11 @@ impl<const A: usize> Road<A> {
     /// From the next record on programmed feeds count times `factor`; where moves are joined, and how, does not depend on it.
     pub(crate) fn override_feeds(&mut self, factor: f64) {
         self.run.override_feeds(factor, &mut self.emitter);
+    }
+
+    /// Passes the corners that follow by that method.
+    pub(crate) fn blend_by(&mut self, blending: Blending) {
+        self.blending = blending;
     }
 
     /// Has anything moved since the last stop?
@@ -147,7 +155,7 @@ impl<const A: usize> Road<A> {
         }
     }
 
-    /// A glide from `last` into the held move, if it is faster than any other way.
+    /// A glide from `last` into the held move, if the method has one: the optimum only where it is faster than any other way.
     fn find_glide(
         &mut self,
         last: &Segment<A>,
@@ -181,7 +189,9 @@ impl<const A: usize> Road<A> {
             None => (last.length, FarEnd::Moving),
         };
         let to = moves_on(held.stops, next);
-        if !glide_pays([(last, from), (segment, to)], joined, tolerance, &self.axes) {
+        if self.blending == Blending::Optimum
+            && !glide_pays([(last, from), (segment, to)], joined, tolerance, &self.axes)
+        {
             return None;
         }
         let tracks = Tracks {
@@ -194,7 +204,10 @@ impl<const A: usize> Road<A> {
         if tracks.sine() < 1e-3 {
             return None;
         }
-        let ramps = self.book.glide(&tracks, &self.axes)?;
+        let ramps = match self.blending {
+            Blending::Optimum => self.book.glide(&tracks, &self.axes)?,
+            Blending::Source(ratio) => source::glide(&tracks, &self.axes, ratio)?,
+        };
         self.fitted(&tracks, ramps)
     }
 
@@ -235,7 +248,7 @@ impl<const A: usize> Road<A> {
         let directions = tracks.pair.map(|track| track.direction);
         let glide = Passage::new(*start, directions, [tag, segment.tag], *ramps);
         self.emitter.commit_glide(glide, piece);
-        self.run.begin(State::moving(into.v, into.a), tracks.pair[1].limits);
+        self.run.begin(State::moving(into.v, into.a), tracks.pair[1].limits, ramps.duration());
         self.stops = *stops;
         self.lead = Some(Lead { start: into, length: segment.length });
         // Program lines that begin within the glide are passed over.

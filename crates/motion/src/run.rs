@@ -1,7 +1,8 @@
 //! A run: the road since the last stop, as far as its plan is not committed.
 //!
 //! Invariant: the plan over the first `planned` blocks ends at rest; what is committed of it can always be followed by the
-//! rest of it. Only the number and length of the pieces decide when a part is committed, and where the override is changed.
+//! rest of it. Only the number and length of the pieces decide when a part is committed, and where the override is changed. Where
+//! it can be, a run that ends at rest takes whole periods (SMO-9).
 
 mod replan;
 
@@ -10,7 +11,7 @@ use crate::envelope::Block;
 use crate::limits::AxisLimits;
 use crate::lookahead::{LookAhead, Span};
 use crate::piece::{Joint, Piece};
-use crate::profile::{PathLimits, Profile, State, fastest};
+use crate::profile::{PathLimits, Profile, State, fastest, lengthened, slowed};
 use crate::shares::{Choice, Offer};
 use crate::stepwise;
 
@@ -35,6 +36,8 @@ pub(crate) struct Run<const A: usize> {
     /// Speed and acceleration at the start.
     v: f64,
     a: f64,
+    /// Time since the last stop that is committed, less whole periods, s.
+    elapsed: f64,
     /// Limits of a run that begins in motion.
     lead: PathLimits,
     /// The plan over the first `planned` blocks; it ends at rest.
@@ -55,6 +58,8 @@ const MOST_BLOCKS: usize = 8192;
 const BATCH: usize = 48;
 /// Stopping distances from the end of a plan to what more road does not change.
 const SPARE: f64 = 1.5;
+/// A run that is over a border between periods by less than this part of one ends on it.
+const OVER: f64 = 1e-6;
 /// Smooth pieces are planned together up to this length, mm: what is shorter is passed in less than a few periods.
 const GROUP: f64 = 0.02;
 
@@ -74,6 +79,7 @@ impl<const A: usize> Run<A> {
             length: 0.0,
             v: 0.0,
             a: 0.0,
+            elapsed: 0.0,
             lead: PathLimits { v, a, j },
             plan: Vec::new(),
             planned: 0,
@@ -105,14 +111,49 @@ impl<const A: usize> Run<A> {
     pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
         self.push_tail(Joint::STOP, emitter);
         self.replan(State::default(), true);
+        self.stop_on_a_period();
         self.commit_all(emitter);
+        self.elapsed = 0.0;
         self.next_piece
     }
 
-    /// Begins the next run in motion; within `limits` it must be able to come to rest on its first piece.
-    pub(crate) fn begin(&mut self, start: State, limits: PathLimits) {
+    /// Begins the next run in motion, after a glide of so many seconds; within `limits` it must be able to come to rest on its first
+    /// piece.
+    pub(crate) fn begin(&mut self, start: State, limits: PathLimits, glide: f64) {
         (self.v, self.a) = (start.v, start.a);
         self.lead = limits;
+        self.pass(glide);
+    }
+
+    /// So many seconds more are committed.
+    fn pass(&mut self, seconds: f64) {
+        self.elapsed = (self.elapsed + seconds) % self.axes.period;
+    }
+
+    /// Slows the plan, which ends at rest, down until the run takes whole periods (SMO-9): the last period is there anyhow. A plan
+    /// from rest is slowed as a whole; else one of its spans rises less high, or the last period is not filled.
+    fn stop_on_a_period(&mut self) {
+        let period = self.axes.period;
+        let duration: f64 = self.plan.iter().map(|span| span.profile.duration()).sum();
+        let periods = (self.elapsed + duration) / period;
+        let missing = ((periods - OVER).ceil() - periods) * period;
+        if missing <= 0.0 || duration <= 0.0 {
+            return;
+        }
+        if self.v == 0.0 && self.a == 0.0 {
+            for span in &mut self.plan {
+                span.profile = slowed(&span.profile, 1.0 + missing / duration);
+            }
+            return;
+        }
+        let mut to = State::default();
+        for span in self.plan.iter_mut().rev() {
+            if let Some(slower) = lengthened(&span.profile, to, missing) {
+                span.profile = slower;
+                return;
+            }
+            to = span.profile.start();
+        }
     }
 
     /// Plans and commits everything, to state `end`; where that cannot be reached any more, to rest, and says so. Gives the
@@ -120,7 +161,13 @@ impl<const A: usize> Run<A> {
     pub(crate) fn finish_moving(&mut self, end: State, emitter: &mut Emitter<A>) -> (u64, bool) {
         self.push_tail(Joint { v: end.v, share: 0.0 }, emitter);
         let reached = self.replan(end, true) || self.approach(end, emitter);
-        self.commit_all(emitter);
+        if reached {
+            self.commit_all(emitter);
+        } else {
+            self.stop_on_a_period();
+            self.commit_all(emitter);
+            self.elapsed = 0.0;
+        }
         (self.next_piece, reached)
     }
 
@@ -246,6 +293,7 @@ impl<const A: usize> Run<A> {
         for span in &self.plan {
             emitter.commit(self.item(span.profile, s[span.last] - s[span.first], span.last - 1));
         }
+        self.pass(self.plan.iter().map(|span| span.profile.duration()).sum());
         self.plan.clear();
         self.blocks.clear();
         self.numbers.clear();
@@ -285,6 +333,7 @@ impl<const A: usize> Run<A> {
         let length = target - s[crossing.first];
         let (before, after) = crossing.profile.cut(crossing.profile.time_at(length));
         emitter.commit(self.item(before, length, block));
+        self.pass(self.plan[..cut].iter().map(|span| span.profile.duration()).sum::<f64>() + before.duration());
         self.plan.drain(..cut);
         self.plan[0].profile = after;
         for span in &mut self.plan {

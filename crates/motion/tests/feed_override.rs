@@ -43,8 +43,8 @@ fn mode() -> impl Strategy<Value = PathMode> {
     prop_oneof![
         Just(PathMode::ExactStop),
         Just(PathMode::ExactPath),
-        Just(PathMode::Blend { tolerance_mm: 0.05 }),
-        (0.002..0.3f64).prop_map(|tolerance_mm| PathMode::Blend { tolerance_mm }),
+        Just(PathMode::Blend { tolerance_mm: 0.05, merge_mm: None }),
+        (0.002..0.3f64).prop_map(|tolerance_mm| PathMode::Blend { tolerance_mm, merge_mm: None }),
     ]
 }
 
@@ -87,7 +87,7 @@ proptest! {
         let limits = Limits::built_in();
         let moves = program(&steps, mode);
         let run = play_overridden(limits, &moves, most, &changes);
-        let tolerance = if let PathMode::Blend { tolerance_mm } = mode { tolerance_mm } else { 0.0 };
+        let tolerance = if let PathMode::Blend { tolerance_mm, .. } = mode { tolerance_mm } else { 0.0 };
         if let Err(broken) = judge(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
         }
@@ -129,7 +129,7 @@ fn raised_feeds_save_time_and_glide_through_the_same_corners() {
             stop: false,
         };
         let steps: Vec<Step> = corners.into_iter().map(step).collect();
-        let mut moves = program(&steps, PathMode::Blend { tolerance_mm: 0.02 });
+        let mut moves = program(&steps, PathMode::Blend { tolerance_mm: 0.02, merge_mm: None });
         for m in &mut moves {
             m.feed = Feed::PerSecond(feed);
         }
@@ -154,7 +154,7 @@ fn speeds(moves: &[Move], changes: &[(usize, f64)]) -> Vec<f64> {
 #[test]
 fn a_change_acts_at_once() {
     for (n, mode) in
-        [(1, PathMode::ExactPath), (80, PathMode::ExactPath), (4000, PathMode::Blend { tolerance_mm: 0.01 })]
+        [(1, PathMode::ExactPath), (80, PathMode::ExactPath), (4000, PathMode::Blend { tolerance_mm: 0.01, merge_mm: None })]
     {
         let moves: Vec<Move> = (1..=n)
             .map(|k| {

@@ -80,6 +80,11 @@ impl Ramps {
         })
     }
 
+    /// The share of the tolerance that the glide takes.
+    pub(crate) fn taken_of_path<const A: usize>(&self, tracks: &Tracks<A>) -> f64 {
+        self.taken_of_tolerance(&self.pair.map(|ramp| ramp.nodes(self.cell)), tracks)
+    }
+
     /// What is taken of velocity and acceleration where both ramps are in these states.
     fn taken_at<const A: usize>(&self, p: State, q: State, tracks: &Tracks<A>, axes: &AxisLimits<A>) -> f64 {
         let [u, w] = tracks.pair.map(|track| track.direction);

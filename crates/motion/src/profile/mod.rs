@@ -23,6 +23,7 @@ mod search;
 mod solve;
 
 pub use fit::whole_periods;
+pub(crate) use fit::{lengthened, slowed};
 pub use search::{Found, SpeedSearch, Step, Track, Variant};
 pub use solve::{fastest, fastest_any_way};
 
