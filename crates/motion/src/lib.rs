@@ -32,6 +32,7 @@
 #![forbid(unsafe_code)]
 
 mod blend;
+mod caps;
 mod corner;
 mod curve;
 mod emitter;
