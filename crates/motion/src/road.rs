@@ -145,8 +145,9 @@ impl<const A: usize> Road<A> {
         self.blender.push(*segment, entry, &self.marks);
         if self.blender.is_ready() {
             self.hand_on(false);
+        } else {
+            self.plan_on(PIECES);
         }
-        self.plan_on(PIECES);
     }
 
     /// A glide from `last` into the held move, if it is faster than any other way.
