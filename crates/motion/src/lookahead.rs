@@ -71,7 +71,9 @@ const SPACING: f64 = 0.3;
 /// How often a joint may be made a gate by overshoots, and how deep such insertions may nest.
 const TRIES: (u8, u8) = (60, 40);
 /// How often a road is halved to brake on each part within its own limits.
-const HALVINGS: u8 = 6;
+const HALVINGS: u8 = 4;
+/// Shares of the speed that allows to brake, which are tried in turn.
+const EASED: [f64; 3] = [1.0, 0.75, 0.5];
 /// Gates that are further apart than this many blocks are not tried without the one between them.
 const DROP_REACH: usize = 256;
 
@@ -162,7 +164,7 @@ impl LookAhead {
                 Err(Misfit::TargetTooHigh) if k < blocks.len() => return Ok(false),
                 Err(misfit) if self.gates.len() == 1 => {
                     let eased = misfit == Misfit::StartTooHigh
-                        && (must || k == blocks.len())
+                        && (must && self.tries[k] <= 2 || k == blocks.len())
                         && self.ease(blocks, k, to, since, depth)?;
                     // The start is fixed: fly over k, and look at its cap when the span is longer.
                     return if eased || k < blocks.len() { Ok(eased) } else { Err(NoPlan) };
@@ -221,15 +223,18 @@ impl LookAhead {
         let (from, end) = (self.envelope.s[left], self.envelope.s[k]);
         let middle = self.envelope.s.partition_point(|s| *s < 0.5 * (from + end)).clamp(left + 1, k - 1);
         let behind = Stretch::of(&blocks[middle..k]);
-        let way = Block { length: end - self.envelope.s[middle], limits: behind.tight, exit_v: to.v };
-        let v = stepwise::reach(to.v, &way).min(self.envelope.cap[middle]);
-        let mut ahead = Stretch::of(&blocks[left..middle]);
-        if !self.attach(blocks, middle, State::moving(v, 0.0), &mut ahead, (depth + 1, true))? {
-            return Ok(false);
-        }
-        *since = behind;
+        let limits = PathLimits { v: behind.fastest, ..behind.tight };
+        let way = Block { length: end - self.envelope.s[middle], limits, exit_v: to.v };
+        let v = stepwise::reach(to.v, &way).min(self.envelope.v[middle]);
         let to = if k < blocks.len() { State { a: 0.0, ..to } } else { to };
-        self.attach(blocks, k, to, since, (depth + 1, false))
+        for share in EASED {
+            let mut ahead = Stretch::of(&blocks[left..middle]);
+            if self.attach(blocks, middle, State::moving(share * v, 0.0), &mut ahead, (depth + 1, true))? {
+                *since = behind;
+                return self.attach(blocks, k, to, since, (depth + 1, false));
+            }
+        }
+        Ok(false)
     }
 
     /// Makes joint `k` a gate if one legal span leads to it from `left`, which is or replaces the last gate.

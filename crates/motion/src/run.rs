@@ -41,8 +41,8 @@ pub(crate) struct Run<const A: usize> {
     keep: f64,
     /// Blocks after which the run is planned and partly committed however short they are.
     most_blocks: usize,
-    /// Blocks behind the planned ones after which the plan is extended.
-    batch: usize,
+    /// How often the plan could not be extended since it was last.
+    failures: usize,
 }
 
 /// Blocks after which a run is planned and partly committed even if they are short.
@@ -75,7 +75,7 @@ impl<const A: usize> Run<A> {
             fresh: Vec::new(),
             keep: 3.0 * stopping,
             most_blocks: MOST_BLOCKS,
-            batch: BATCH,
+            failures: 0,
         }
     }
 
@@ -90,16 +90,15 @@ impl<const A: usize> Run<A> {
         self.tail = Some((piece, entry));
         let fresh = self.blocks.len() - self.planned;
         let must = self.length > 8.0 * self.keep || self.blocks.len() >= self.most_blocks;
-        if must || self.length > 2.0 * self.keep && fresh >= self.batch {
-            if must || self.extend() {
-                if must {
-                    self.replan(State::default(), false);
-                }
-                self.commit_part(emitter);
-                self.batch = BATCH;
-            } else {
-                self.batch = fresh + BATCH;
+        if must || self.length > 2.0 * self.keep && fresh >= (self.failures + 1) * BATCH {
+            if must {
+                self.replan(State::default(), false);
+            } else if !self.extend() {
+                self.failures += 1;
+                return;
             }
+            self.commit_part(emitter);
+            self.failures = 0;
         }
     }
 
@@ -174,17 +173,20 @@ impl<const A: usize> Run<A> {
         reached
     }
 
-    /// Plans all blocks to rest from the gate on that more road cannot change. False where there is no such plan: then nothing is
-    /// changed, and with more road there may be one, as the road does not end here.
+    /// Plans all blocks to rest from the gate on that more road cannot change, or one beside it if that has failed before. False
+    /// where there is no such plan: then nothing is changed, and with more road there may be one, as the road does not end here.
     fn extend(&mut self) -> bool {
         if !self.choose(false) {
             return true;
         }
+        // In turn one further back and one further on.
+        let aside = self.failures.div_ceil(2);
         let settled = self.settled();
-        let found = self.plan_from_gate(settled, State::default());
+        let gate = if self.failures % 2 == 1 { settled.saturating_sub(aside) } else { settled + aside };
+        let found = (gate == 0 || gate < self.plan.len()) && self.plan_from_gate(gate, State::default());
         if found {
             self.offers.clear();
-            self.take_over(settled);
+            self.take_over(gate);
         }
         found
     }
