@@ -16,7 +16,9 @@ use crate::glide::ramp::CELLS;
 use crate::limits::Limits;
 use crate::merge::Mark;
 use crate::piece::Piece;
-use crate::profile::{Profile, SIGNS, State};
+use crate::present::{Cell, Phase};
+use crate::profile::{Profile, SIGNS};
+use crate::pulses::{counts_of, increment_of};
 
 /// A part of the committed plan.
 #[derive(Clone, Copy, Debug)]
@@ -70,80 +72,6 @@ pub(crate) struct Emitter<const A: usize> {
     cap: RapidCap,
     /// What the record in the making has met before where it is now.
     met: Met,
-}
-
-/// The phase of the front span that the last sample lies in.
-#[derive(Clone, Copy, Debug)]
-struct Phase {
-    number: usize,
-    /// Samples up to this time after the start of the span lie in it, s; below any time where there is no span in front.
-    until: f64,
-    /// When it begins.
-    since: f64,
-    /// State at its start.
-    start: State,
-    jerk: f64,
-    /// A sixth of it: a division less.
-    sixth: f64,
-    /// Number of the piece that the span ends in.
-    last: u64,
-}
-
-impl Phase {
-    const NONE: Self =
-        Self { number: 0, until: f64::MIN, since: 0.0, start: State::moving(0.0, 0.0), jerk: 0.0, sixth: 0.0, last: 0 };
-
-    /// The state at time `t` after the start of the span.
-    #[inline]
-    fn at(&self, t: f64) -> State {
-        let (t, State { s, v, a }) = (t - self.since, self.start);
-        State {
-            s: s + t * (v + t * (0.5 * a + t * self.sixth)),
-            v: v + t * (a + 0.5 * t * self.jerk),
-            a: a + t * self.jerk,
-        }
-    }
-}
-
-/// The cell of the front glide that the last sample lies in.
-#[derive(Clone, Copy, Debug)]
-struct Cell<const A: usize> {
-    number: usize,
-    /// Samples up to this time after the start of the glide lie in it, s; below any time where there is no glide in front.
-    until: f64,
-    /// When it begins.
-    since: f64,
-    /// Position and its derivatives by time at its start.
-    start: Moment<A>,
-    tag: u32,
-}
-
-impl<const A: usize> Cell<A> {
-    const NONE: Self = Self {
-        number: 0,
-        until: f64::MIN,
-        since: 0.0,
-        start: Moment {
-            position: [0.0; A],
-            by_time: Derivatives { first: [0.0; A], second: [0.0; A], third: [0.0; A] },
-        },
-        tag: 0,
-    };
-
-    /// The moment at time `t` after the start of the glide.
-    #[inline]
-    fn at(&self, t: f64) -> Moment<A> {
-        let (t, Moment { position, by_time: Derivatives { first, second, third } }) = (t - self.since, &self.start);
-        let sixth = t * (1.0 / 6.0);
-        Moment {
-            position: std::array::from_fn(|i| position[i] + t * (first[i] + t * (0.5 * second[i] + sixth * third[i]))),
-            by_time: Derivatives {
-                first: std::array::from_fn(|i| first[i] + t * (second[i] + 0.5 * t * third[i])),
-                second: std::array::from_fn(|i| second[i] + t * third[i]),
-                third: *third,
-            },
-        }
-    }
 }
 
 /// What a record has met.
@@ -483,57 +411,5 @@ impl<const A: usize> Emitter<A> {
         self.cap = if self.met.rough { RapidCap::PLANNED } else { cap(shares, self.cap) };
         self.met = Met::NOTHING;
         Record { increments, line, flags, cap: self.cap, spare: 0 }
-    }
-}
-
-/// Positions in whole pulses, rounded half away from zero.
-#[inline]
-pub(crate) fn counts_of<const A: usize>(position_mm: &[f64; A], pulses_per_mm: &[f64; A]) -> [f64; A] {
-    std::array::from_fn(|i| {
-        let pulses = position_mm[i] * pulses_per_mm[i];
-        let size = pulses.abs();
-        // To the nearest whole number, and half to the even one, as sums beyond 2⁵² are; then half up. Quicker than `round`,
-        // and the same up to 2⁵² pulses.
-        let even = size + WHOLE - WHOLE;
-        let up = if size - even == 0.5 { 1.0 } else { 0.0 };
-        (even + up).copysign(pulses)
-    })
-}
-
-/// From here on every f64 is a whole number.
-const WHOLE: f64 = (1u64 << 52) as f64;
-
-/// A whole number of pulses, held within those of an increment.
-#[inline]
-fn increment_of(pulses: f64) -> (f64, i16) {
-    let (least, most) = (f64::from(i16::MIN), f64::from(i16::MAX));
-    let held = if pulses < most { larger(pulses, least) } else { most };
-    // The last digits of the sum are the number itself, in two's complement.
-    (held, (held + 1.5 * WHOLE).to_bits() as i16)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn counts_are_rounded_half_away_from_zero(x in -1e7..1e7f64, halves in -100_000i64..100_000) {
-            prop_assert_eq!(counts_of(&[x], &[1000.0])[0], (x * 1000.0).round());
-            let half = halves as f64 + 0.5;
-            for x in [half, half.next_up(), half.next_down()] {
-                prop_assert_eq!(counts_of(&[x], &[1.0])[0], x.round());
-            }
-            for x in [(0.99 * WHOLE).copysign(x), x * 1e-9, 0.0] {
-                prop_assert_eq!(counts_of(&[x], &[1.0])[0], x.round());
-            }
-        }
-
-        #[test]
-        fn increments_are_whole_and_held(pulses in -40_000i64..40_000) {
-            let held = pulses.clamp(i16::MIN.into(), i16::MAX.into());
-            prop_assert_eq!(increment_of(pulses as f64), (held as f64, held as i16));
-        }
     }
 }

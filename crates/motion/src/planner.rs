@@ -7,10 +7,11 @@ use retrace_core::{Flags, Record};
 
 use crate::blend::{Segment, size};
 use crate::curve::{Arc, Curve};
-use crate::emitter::{SetPoint, counts_of};
+use crate::emitter::SetPoint;
 use crate::error::{LimitError, MoveError};
 use crate::limits::Limits;
 use crate::merge::{Line, Mark, Merger};
+use crate::pulses::counts_of;
 use crate::road::Road;
 
 /// How fast a move goes.
