@@ -33,6 +33,7 @@
 #![forbid(unsafe_code)]
 
 mod blend;
+mod caps;
 mod corner;
 mod curve;
 mod emitter;
@@ -45,7 +46,9 @@ mod lookahead;
 mod merge;
 mod piece;
 mod planner;
+mod present;
 pub mod profile;
+mod pulses;
 mod road;
 mod run;
 mod shares;

@@ -7,11 +7,12 @@ use retrace_core::{Flags, Record};
 
 use crate::blend::{Segment, size};
 use crate::curve::{Arc, Curve};
-use crate::emitter::{SetPoint, counts_of};
+use crate::emitter::SetPoint;
 use crate::error::{LimitError, MoveError};
 use crate::glide::Blending;
 use crate::limits::Limits;
 use crate::merge::{Line, Mark, Merger, merging};
+use crate::pulses::counts_of;
 use crate::road::Road;
 
 /// The most that an override may raise feeds to, as a factor: 200 %.

@@ -3,6 +3,8 @@
 //! Invariant: a move waits until the next one, or a stop, is known, since that decides how it is joined to the one before. What is
 //! handed on to be planned never changes, and depends on the moves and stops alone.
 
+use std::collections::VecDeque;
+
 use retrace_core::{Flags, Record};
 
 use crate::blend::{Blender, Entry, Segment};
@@ -53,10 +55,14 @@ pub(crate) struct Road<const A: usize> {
     lead: Option<Lead>,
     /// The last move in the blender ends with a full stop.
     stops: bool,
-    /// Pieces and marks on their way from the blender, kept for their memory.
-    pieces: Vec<(Piece<A>, Joint)>,
+    /// Pieces that wait to be planned, and marks on their way from the blender, kept for their memory.
+    pieces: VecDeque<(Piece<A>, Joint)>,
     lines: Vec<Mark>,
 }
+
+/// Pieces that are planned at most when a move is taken up, so that none has to wait for all that the blender hands on together;
+/// more than a move is ever cut into.
+const PIECES: usize = 24;
 
 impl<const A: usize> Road<A> {
     /// A road that begins at rest at `start_mm`.
@@ -75,7 +81,7 @@ impl<const A: usize> Road<A> {
             marks: Vec::new(),
             lead: None,
             stops: false,
-            pieces: Vec::new(),
+            pieces: VecDeque::new(),
             lines: Vec::new(),
         }
     }
@@ -152,6 +158,8 @@ impl<const A: usize> Road<A> {
         self.blender.push(*segment, entry, &self.marks);
         if self.blender.is_ready() {
             self.hand_on(false);
+        } else {
+            self.plan_on(PIECES);
         }
     }
 
@@ -273,7 +281,15 @@ impl<const A: usize> Road<A> {
         self.blender.hand_on(ended, &mut self.pieces, &mut self.lines);
         self.emitter.mark(&self.lines);
         self.lines.clear();
-        for (piece, entry) in self.pieces.drain(..) {
+        if ended {
+            self.plan_on(usize::MAX);
+        }
+    }
+
+    /// Up to `most` of the pieces that wait are planned.
+    fn plan_on(&mut self, most: usize) {
+        let most = most.min(self.pieces.len());
+        for (piece, entry) in self.pieces.drain(..most) {
             self.run.push(piece, entry, &mut self.emitter);
         }
     }

@@ -50,6 +50,8 @@ pub(crate) struct Run<const A: usize> {
     keep: f64,
     /// Blocks after which the run is planned and partly committed however short they are.
     most_blocks: usize,
+    /// How often the plan could not be extended since it was last.
+    failures: usize,
 }
 
 /// Blocks after which a run is planned and partly committed even if they are short.
@@ -87,6 +89,7 @@ impl<const A: usize> Run<A> {
             fresh: Vec::new(),
             keep: 3.0 * stopping,
             most_blocks: MOST_BLOCKS,
+            failures: 0,
         }
     }
 
@@ -100,10 +103,16 @@ impl<const A: usize> Run<A> {
         self.push_tail(entry, emitter);
         self.tail = Some((piece, entry));
         let fresh = self.blocks.len() - self.planned;
-        let enough = self.length > 2.0 * self.keep && fresh >= BATCH || self.length > 8.0 * self.keep;
-        if enough || self.blocks.len() >= self.most_blocks {
-            self.replan(State::default(), false);
+        let must = self.length > 8.0 * self.keep || self.blocks.len() >= self.most_blocks;
+        if must || self.length > 2.0 * self.keep && fresh >= (self.failures + 1) * BATCH {
+            if must {
+                self.replan(State::default(), false);
+            } else if !self.extend() {
+                self.failures += 1;
+                return;
+            }
             self.commit_part(emitter);
+            self.failures = 0;
         }
     }
 
@@ -202,28 +211,60 @@ impl<const A: usize> Run<A> {
     /// rest, and from rest there always is a plan to rest. False where it came to that and `end` is not at rest. The road goes on
     /// behind the blocks unless it `ends`.
     fn replan(&mut self, end: State, ends: bool) -> bool {
-        let Some(before) =
-            self.blocks.len().checked_sub(self.offers.len()).filter(|&before| before < self.blocks.len())
-        else {
+        if !self.choose(ends) {
             return true;
-        };
-        let v = before.checked_sub(1).map_or(self.v, |last| self.blocks[last].limits.v.min(self.blocks[last].exit_v));
-        self.choice.choose(&mut self.blocks[before..], &self.offers, v, ends);
+        }
         self.offers.clear();
         let (settled, gates) = (self.settled(), self.plan.len());
         let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).take_while(|&gate| gate < gates);
         let tries = [settled, 0].into_iter().take(if settled > 0 { 2 } else { 1 }).chain(later);
         let mut kept = None;
         for gate in tries {
-            let state = self.plan.get(gate).map(|span| (span.first, span.profile.v0, span.profile.a0));
-            let (first, v, a) = state.unwrap_or((0, self.v, self.a));
-            if self.plan_from(first, (v, a), end) {
+            if self.plan_from_gate(gate, end) {
                 kept = Some(gate);
                 break;
             }
         }
         let reached = kept.is_some() || self.plan_from_rest(end);
-        let kept = kept.unwrap_or(self.plan.len());
+        self.take_over(kept.unwrap_or(self.plan.len()));
+        reached
+    }
+
+    /// Plans all blocks to rest from the gate on that more road cannot change, or one beside it if that has failed before. False
+    /// where there is no such plan: then nothing is changed, and with more road there may be one, as the road does not end here.
+    fn extend(&mut self) -> bool {
+        if !self.choose(false) {
+            return true;
+        }
+        // In turn one further back and one further on.
+        let aside = self.failures.div_ceil(2);
+        let settled = self.settled();
+        let gate = if self.failures % 2 == 1 { settled.saturating_sub(aside) } else { settled + aside };
+        let found = (gate == 0 || gate < self.plan.len()) && self.plan_from_gate(gate, State::default());
+        if found {
+            self.offers.clear();
+            self.take_over(gate);
+        }
+        found
+    }
+
+    /// Chooses limits of the blocks behind the planned ones; false where there are none.
+    fn choose(&mut self, ends: bool) -> bool {
+        let before = self.blocks.len().saturating_sub(self.offers.len());
+        let v = before.checked_sub(1).map_or(self.v, |last| self.blocks[last].limits.v.min(self.blocks[last].exit_v));
+        self.choice.choose(&mut self.blocks[before..], &self.offers, v, ends);
+        before < self.blocks.len()
+    }
+
+    /// Plans all blocks behind gate `gate` of the plan there is; false where there is no such plan.
+    fn plan_from_gate(&mut self, gate: usize, end: State) -> bool {
+        let state = self.plan.get(gate).map(|span| (span.first, span.profile.v0, span.profile.a0));
+        let (first, v, a) = state.unwrap_or((0, self.v, self.a));
+        self.plan_from(first, (v, a), end)
+    }
+
+    /// The fresh spans follow gate `kept` of the plan there is.
+    fn take_over(&mut self, kept: usize) {
         let beyond = self.plan.get(kept).map_or(self.planned, |span| span.first);
         self.plan.truncate(kept);
         self.plan.extend(self.fresh.drain(..).map(|span| Span {
@@ -232,7 +273,6 @@ impl<const A: usize> Run<A> {
             ..span
         }));
         self.planned = self.blocks.len();
-        reached
     }
 
     /// Plans what lies behind the plan there is, which ends at rest; false where that is to rest instead of `end`.

@@ -153,9 +153,11 @@ fn speeds(moves: &[Move], changes: &[(usize, f64)]) -> Vec<f64> {
 /// Within a tenth of a second of the change the speed is what is asked for, up and down, on one long line and on many short ones.
 #[test]
 fn a_change_acts_at_once() {
-    for (n, mode) in
-        [(1, PathMode::ExactPath), (80, PathMode::ExactPath), (4000, PathMode::Blend { tolerance_mm: 0.01, merge_mm: None })]
-    {
+    for (n, mode) in [
+        (1, PathMode::ExactPath),
+        (80, PathMode::ExactPath),
+        (4000, PathMode::Blend { tolerance_mm: 0.01, merge_mm: None }),
+    ] {
         let moves: Vec<Move> = (1..=n)
             .map(|k| {
                 let x = 400.0 * f64::from(k) / f64::from(n);
