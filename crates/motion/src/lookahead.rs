@@ -550,21 +550,4 @@ pub(crate) mod tests {
             assert!((time(n) - time(1)).abs() < 1e-9, "{n} blocks: {} s, one block: {} s", time(n), time(1));
         }
     }
-
-    /// Roads that tighten ahead: braking with what the tightest part allows would need more road than there is.
-    #[test]
-    fn a_road_that_tightens_is_braked_for_in_parts() {
-        for (n, a) in [(70, 150.0), (90, 120.0), (90, 90.0), (100, 60.0)] {
-            let limits = PathLimits { v: 50.0, a: 600.0, j: 12_000.0 };
-            let mut blocks = vec![Block { length: 0.1, limits, exit_v: f64::MAX }; n];
-            blocks.extend((0..24).map(|k| {
-                let limits = PathLimits { v: 10.0 - 0.25 * f64::from(k), a, j: 5_000.0 };
-                Block { length: 0.04, limits, exit_v: f64::MAX }
-            }));
-            let mut spans = Vec::new();
-            let planned = LookAhead::default().plan(&blocks, (50.0, 0.0), State::default(), &mut spans);
-            assert_eq!(planned, Ok(()), "{n} blocks, then {a} mm/s²");
-            assert_eq!(check(&blocks, &spans, State::moving(50.0, 0.0)), Ok(()));
-        }
-    }
 }
