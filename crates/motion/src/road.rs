@@ -143,14 +143,14 @@ impl<const A: usize> Road<A> {
             let stops = self.stops;
             let joined = join(&last, segment, &self.axes).filter(|_| !stops);
             let glide = if stops { None } else { self.find_glide(&last, held, next, joined.as_ref()) };
-            if let Some((tracks, ramps)) = glide
-                && self.pass(&tracks, &ramps, &last, held)
-            {
-                return;
-            }
-            match joined {
-                Some(joined) => entry = joined,
-                None => self.come_to_rest(*start, self.blender.last_tag(), Flags::REST),
+            match (glide, joined) {
+                (Some((tracks, ramps)), _) => {
+                    if self.pass(&tracks, &ramps, &last, held) {
+                        return;
+                    }
+                }
+                (None, Some(joined)) => entry = joined,
+                (None, None) => self.come_to_rest(*start, self.blender.last_tag(), Flags::REST),
             }
         }
         self.stops = held.stops;
