@@ -111,7 +111,7 @@ fn deeds() -> impl Strategy<Value = String> {
         4 => (1_u32..=100).prop_map(|rate| format!("reverse {rate}%")),
         1 => (100_u32..=800).prop_map(|rate| format!("reverse {rate}%")),
         3 => (1_u32..=100).prop_map(|rate| format!("forward {rate}%")),
-        3 => (5_u32..=100).prop_map(|rate| format!("override {rate}%")),
+        3 => (5_u32..=250).prop_map(|rate| format!("override {rate}%")),
         3 => (-300_i32..300, 0.1..2.0_f64).prop_map(|(counts, time)| format!("wheel {counts} for {time:.2}s")),
         3 => Just("leave".to_owned()),
         1 => Just("agree".to_owned()),

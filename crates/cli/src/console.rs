@@ -53,6 +53,8 @@ pub struct Console<'m, const A: usize> {
     records: Option<(BufWriter<File>, Option<std::io::Error>)>,
     alarms: Vec<String>,
     line: u32,
+    /// The feed override that is planned where the cursor is, as a factor.
+    planned: f64,
     shown: Instant,
 }
 
@@ -76,7 +78,7 @@ impl<'m, const A: usize> Console<'m, A> {
             Some(path) => Some((create(path, machine)?, None)),
         };
         let judge = LimitJudge::new(&std::array::from_fn(axis), machine.period_s());
-        Ok(Self { show, machine, judge, records, alarms: Vec::new(), line: 0, shown: Instant::now() })
+        Ok(Self { show, machine, judge, records, alarms: Vec::new(), line: 0, planned: 1.0, shown: Instant::now() })
     }
 
     /// Ends the console: the judge's verdict, the alarms, the last line executed.
@@ -124,7 +126,7 @@ impl<'m, const A: usize> Console<'m, A> {
             .sum();
         let feed = step.sqrt() / self.machine.period_s() * 60.0;
         let percent = |rate: Travel| rate as f64 / ONE as f64 * 100.0;
-        let (rate, over) = (percent(status.rate), percent(operation.override_rate()));
+        let (rate, over) = (percent(status.rate), self.planned * percent(operation.override_rate()));
         let state = if operation.held() { "hold".into() } else { format!("{:?}", operation.mode()).to_lowercase() };
         bar.set_position(u64::from(status.line));
         bar.set_message(format!("{position} F{feed:.0} mm/min  rate {rate:.0} %  override {over:.0} %  {state}"));
@@ -142,6 +144,9 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
     fn event(&mut self, event: &Event) {
         if let Happening::Alarm(number, cause, _) = &event.happening {
             self.alarms.push(format!("{number}: {cause}"));
+        }
+        if let Happening::OverridePlanned(percent) = event.happening {
+            self.planned = percent / 100.0;
         }
         match &self.show {
             Show::Json => crate::out::line(event.to_json()),

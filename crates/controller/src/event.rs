@@ -14,6 +14,8 @@ pub enum Happening {
     Mode(&'static str),
     /// The operator did something; as it is written in a script.
     Operator(String),
+    /// Another feed override is planned from here on: 100 % or more.
+    OverridePlanned(f64),
     /// An order did not apply; what and why.
     OrderRefused(String),
     /// Reverse run stands at the oldest record (REV-8).
@@ -67,6 +69,7 @@ impl Event {
             Happening::Started => json!({"event": "started"}),
             Happening::Mode(mode) => json!({"event": "mode", "mode": mode}),
             Happening::Operator(deed) => json!({"event": "operator", "deed": deed}),
+            Happening::OverridePlanned(percent) => json!({"event": "override_planned", "percent": percent}),
             Happening::OrderRefused(why) => json!({"event": "order_refused", "why": why}),
             Happening::Oldest => json!({"event": "oldest_record"}),
             Happening::OneWay(code) => json!({"event": "one_way", "code": code}),
@@ -107,6 +110,7 @@ impl Event {
             Happening::Started => "started".into(),
             Happening::Mode(mode) => (*mode).to_string(),
             Happening::Operator(deed) => format!("operator: {deed}"),
+            Happening::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),
             Happening::OrderRefused(why) => format!("not done: {why}"),
             Happening::Oldest => "standing at the oldest record: it goes no further back".into(),
             Happening::OneWay(code) => format!("standing behind {code}, which cannot be passed backward"),

@@ -14,6 +14,7 @@ use retrace_link::{Action, Change, MAX_CHANGES, Outputs};
 use retrace_motion::{Arc, Feed, MoveError, PathMode, Planner};
 
 use crate::item::{Exclusive, Item, Kind, Summary};
+use crate::overrides::Heeding;
 
 /// The motion path has gone: there is nobody to plan for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +64,8 @@ pub struct Feeder<'r, const A: usize> {
     ring: Producer<'r, Record<A>>,
     items: SyncSender<Item>,
     cancel: &'r AtomicBool,
+    /// Overrides above 100 %.
+    overrides: Heeding,
     /// Serial number of the last move given to the planner; its tag.
     serial: u32,
     /// Program line of each move that may still come out of the planner, by serial number.
@@ -84,7 +87,13 @@ impl<'r, const A: usize> Feeder<'r, A> {
         cancel: &'r AtomicBool,
     ) -> Self {
         let (lines, waiting) = (VecDeque::new(), VecDeque::new());
-        Self { planner, ring, items, cancel, serial: 0, lines, waiting, outputs }
+        Self { planner, ring, items, cancel, overrides: Heeding::default(), serial: 0, lines, waiting, outputs }
+    }
+
+    /// The same, which heeds overrides above 100 %.
+    #[must_use]
+    pub fn heeding(self, overrides: Heeding) -> Self {
+        Self { overrides, ..self }
     }
 
     /// Where the last move ends, mm.
@@ -179,15 +188,20 @@ impl<'r, const A: usize> Feeder<'r, A> {
         self.send(Item::End(summary))
     }
 
-    /// Takes what the planner has and puts it into the ring.
+    /// Takes what the planner has and puts it into the ring. A record comes out of the planner only when the ring has room for it:
+    /// so an override can still be heeded at the first place that the ring has no room for.
     fn drain(&mut self) -> Result<(), Cancelled> {
-        while let Some(record) = self.planner.next_record() {
+        loop {
+            self.patiently(|feeder| feeder.ring.has_room().then_some(Ok(())))?;
+            if let Some(factor) = self.overrides.due(self.ring.write()) {
+                self.planner.set_feed_override(factor);
+            }
+            let Some(record) = self.planner.next_record() else { return Ok(()) };
             let serial = record.line;
             self.send_actions(serial)?;
             let line = self.line_of(serial);
             self.push(Record { line, ..record })?;
         }
-        Ok(())
     }
 
     /// Program line of the move with that serial number. Moves before it will not come out of the planner again.

@@ -16,6 +16,7 @@ use retrace_motion::Planner;
 use crate::feed::Feeder;
 use crate::item::{Ending, Summary};
 use crate::machine::Machine;
+use crate::overrides::overrides;
 use crate::scan::Scan;
 use crate::script::ScriptPlayer;
 use crate::session::{Manner, Observer, Outcome, Session};
@@ -90,13 +91,14 @@ pub fn run<const A: usize, C: MotionCard<A>>(
     let mut ring = Ring::new(cells, keep, look_ahead, start).map_err(|e| format!("no ring: {e:?}"))?;
     let (producer, consumer) = ring.split();
     let (sender, receiver) = mpsc::sync_channel(ITEMS);
-    let planner = Planner::new(machine.limits(), [0.0; A]).map_err(|e| e.to_string())?;
+    let planner = Planner::new(machine.limits(), [0.0; A]).map_err(|e| e.to_string())?.blending_by(machine.blending);
     let cancel = AtomicBool::new(false);
-    let feeder = Feeder::new(planner, producer, sender, card.status().outputs, &cancel);
+    let (asking, heeding) = overrides(look_ahead);
+    let feeder = Feeder::new(planner, producer, sender, card.status().outputs, &cancel).heeding(heeding);
     Ok(thread::scope(|scope| {
         let planning = scope.spawn(move || plan(machine, &mut program, begin, feeder));
         let interest = Interest(&cancel);
-        let session = Session::new(card, machine, consumer, receiver, operator, manner, observer);
+        let session = Session::new(card, machine, consumer, receiver, operator, manner, observer).asking(asking);
         let (outcome, tally, card) = session.run();
         drop(interest);
         // A panic over there is a defect, never an input; it is passed on.

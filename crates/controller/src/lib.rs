@@ -13,6 +13,7 @@ pub mod judge;
 pub mod law;
 pub mod machine;
 pub mod operator;
+pub mod overrides;
 pub mod refusal;
 pub mod report;
 pub mod scan;

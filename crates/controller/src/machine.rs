@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use retrace_core::rate::Smoothing;
-use retrace_motion::Limits;
+use retrace_motion::{Blending, GlideRatio, Limits, RatioOf};
 use serde::Deserialize;
 
 use crate::law;
@@ -69,6 +69,61 @@ pub enum RetraceOutputs {
     Replayed,
 }
 
+/// How corners between lines are passed under G64 (SMO-2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum BlendingMethod {
+    /// As fast as can be found.
+    #[default]
+    Optimum,
+    /// The source's glide, of a set ratio.
+    Source,
+}
+
+/// What a glide ratio is a ratio of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum GlideRatioOf {
+    /// The lengths of the tracks.
+    #[default]
+    Length,
+    /// Their highest speeds.
+    Speed,
+}
+
+/// Blending as it is written.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct BlendingSettings {
+    method: BlendingMethod,
+    glide_ratio: f64,
+    ratio_of: GlideRatioOf,
+}
+
+impl Default for BlendingSettings {
+    fn default() -> Self {
+        Self { method: BlendingMethod::Optimum, glide_ratio: 0.2, ratio_of: GlideRatioOf::Length }
+    }
+}
+
+impl BlendingSettings {
+    /// The method, with its ratio checked whether or not it is used.
+    fn checked(self) -> Result<Blending, Refusal> {
+        let of = match self.ratio_of {
+            GlideRatioOf::Length => RatioOf::Length,
+            GlideRatioOf::Speed => RatioOf::Speed,
+        };
+        let ratio = GlideRatio::new(self.glide_ratio, of).map_err(|error| {
+            let what = format!("blending.glide_ratio = {}: {error}", self.glide_ratio);
+            Refusal::new("E2112", what, "a number above 0 and at most 1")
+        })?;
+        Ok(match self.method {
+            BlendingMethod::Optimum => Blending::Optimum,
+            BlendingMethod::Source => Blending::Source(ratio),
+        })
+    }
+}
+
 /// The file as it is written.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -84,6 +139,7 @@ struct MachineFile {
     retrace_outputs: RetraceOutputs,
     cutting_outputs: Vec<u8>,
     axis: Vec<Axis>,
+    blending: BlendingSettings,
     wheel: WheelSettings,
     code: BTreeMap<String, crate::switching::CodeSettings>,
 }
@@ -110,6 +166,7 @@ impl Default for MachineFile {
             retrace_outputs: RetraceOutputs::Manual,
             cutting_outputs: Vec::new(),
             axis: vec![axis('x'), axis('y'), axis('z')],
+            blending: BlendingSettings::default(),
             wheel: WheelSettings::default(),
             code: BTreeMap::new(),
         }
@@ -131,6 +188,8 @@ pub struct Machine {
     pub reserve: f64,
     /// Blend tolerance where a program's G64 names none, mm.
     pub blend_tolerance_mm: f64,
+    /// How corners between lines are passed.
+    pub blending: Blending,
     /// Records kept for reverse run.
     pub history_records: u32,
     /// Records planned beyond `reached` at most.
@@ -200,6 +259,7 @@ impl Machine {
             path_velocity_mm_s: file.path_velocity_mm_per_s,
             reserve,
             blend_tolerance_mm: file.blend_tolerance_mm,
+            blending: file.blending.checked()?,
             history_records: periods(file.history_hours * 3600.0),
             look_ahead_records: look_ahead,
             homed: file.homed,
@@ -319,6 +379,21 @@ mod tests {
         assert_eq!(refusal.number, "E2111");
         assert!(refusal.what.contains("line 4") && refusal.what.contains("mill.toml"), "{}", refusal.what);
         assert_eq!(refusal.remedy, "did you mean `max_velocity_mm_per_s`?");
+    }
+
+    #[test]
+    fn the_method_of_blending_is_chosen_by_name_with_its_ratio() {
+        let blending = |text: &str| Machine::parse(text, "m.toml").map(|machine| machine.blending);
+        let source = |value, of| Ok(Blending::Source(GlideRatio::new(value, of).expect("in range")));
+        assert_eq!(blending(""), Ok(Blending::Optimum));
+        assert_eq!(blending("[blending]\nglide_ratio = 0.3\n"), Ok(Blending::Optimum));
+        assert_eq!(blending("[blending]\nmethod = \"source\"\n"), source(0.2, RatioOf::Length));
+        let text = "[blending]\nmethod = \"source\"\nglide_ratio = 0.5\nratio_of = \"speed\"\n";
+        assert_eq!(blending(text), source(0.5, RatioOf::Speed));
+        let refused = |text: &str| blending(text).expect_err("wrong");
+        assert!(refused(&text.replace("0.5", "0")).what.contains("blending.glide_ratio = 0"));
+        assert_eq!(refused(&text.replace("glide_ratio", "glide_rato")).remedy, "did you mean `glide_ratio`?");
+        assert_eq!(refused(&text.replace("source", "sauce")).number, "E2111");
     }
 
     #[test]

@@ -63,13 +63,12 @@ pub enum Deed {
 
 impl fmt::Display for Deed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let percent = |rate: &Travel| *rate as f64 / ONE as f64 * 100.0;
         match self {
             Self::Hold => write!(f, "hold"),
             Self::Resume => write!(f, "resume"),
-            Self::Reverse(rate) => write!(f, "reverse {:.0}%", percent(rate)),
-            Self::Forward(rate) => write!(f, "forward {:.0}%", percent(rate)),
-            Self::Override(rate) => write!(f, "override {:.0}%", percent(rate)),
+            Self::Reverse(rate) => write!(f, "reverse {:.0}%", percent(*rate)),
+            Self::Forward(rate) => write!(f, "forward {:.0}%", percent(*rate)),
+            Self::Override(rate) => write!(f, "override {:.0}%", percent(*rate)),
             Self::Wheel { counts_per_s, seconds } => write!(f, "wheel {counts_per_s} for {seconds}s"),
             Self::Leave { ask: false } => write!(f, "leave"),
             Self::Leave { ask: true } => write!(f, "leave ask"),
@@ -145,9 +144,9 @@ fn deed(words: &[&str]) -> Result<Deed, Wrong> {
     Ok(match words {
         ["hold"] => Deed::Hold,
         ["resume"] | ["cycle", "start"] => Deed::Resume,
-        ["reverse", rate] => Deed::Reverse(percent(rate)?),
-        ["forward", rate] => Deed::Forward(percent(rate)?),
-        ["override", rate] => Deed::Override(percent(rate)?),
+        ["reverse", rate] => Deed::Reverse(rate_of(rate)?),
+        ["forward", rate] => Deed::Forward(rate_of(rate)?),
+        ["override", rate] => Deed::Override(rate_of(rate)?),
         ["wheel", counts, "for", time] => {
             let counts_per_s = number(counts)?;
             if counts_per_s.abs() > 1e6 {
@@ -198,7 +197,13 @@ fn seconds(word: &str) -> Result<f64, Wrong> {
     if (0.0..=1e9).contains(&value) { Ok(value) } else { wrong(format!("`{word}` is no time"), "a time such as 1.5s") }
 }
 
-fn percent(word: &str) -> Result<Travel, Wrong> {
+/// A rate in percent.
+#[must_use]
+pub fn percent(rate: Travel) -> f64 {
+    rate as f64 / ONE as f64 * 100.0
+}
+
+fn rate_of(word: &str) -> Result<Travel, Wrong> {
     let Some(digits) = word.strip_suffix('%') else {
         return wrong(format!("`{word}` is no rate"), "a rate such as 60%");
     };

@@ -100,6 +100,9 @@ pub struct Track<'m> {
     /// In mm a minute, from the units in force when it was set; under G93 the interpreter reckons it block by block.
     feed_mm_min: f64,
     path: PathMode,
+    /// What the path mode is made of: the path control as it was programmed, and the naive cam tolerance (G64 Q); both in mm.
+    path_control: PathControl,
+    naive_cam_mm: f64,
     /// The last position in mm, machine coordinates.
     at: Pose,
     selected_tool: u32,
@@ -119,7 +122,9 @@ impl<'m> Track<'m> {
             rotation: (0.0, 1.0),
             rotation_deg: 0.0,
             feed_mm_min: 0.0,
-            path: PathMode::Blend { tolerance_mm: machine.blend_tolerance_mm },
+            path: PathMode::blend(machine.blend_tolerance_mm),
+            path_control: PathControl::Continuous { tolerance: 0.0 },
+            naive_cam_mm: 0.0,
             at: Pose::ZERO,
             selected_tool: 0,
         }
@@ -149,7 +154,8 @@ impl<'m> Track<'m> {
                 t.rotation = degrees.to_radians().sin_cos();
             }),
             Canon::SetFeedRate(feed) => self.state(|t| t.feed_mm_min = *feed * t.unit.millimetres()),
-            Canon::SetMotionControlMode(path) => self.state(|t| t.path = t.path_mode(*path)),
+            Canon::SetMotionControlMode(path) => self.state(|t| t.set_path_control(*path)),
+            Canon::SetNaivecamTolerance(tolerance) => self.state(|t| t.set_naive_cam(tolerance * t.unit.millimetres())),
             Canon::Message(text) | Canon::Print(text) => Ok(sink.message(text.to_string(), line)?),
             _ => self.switching(canon, line, sink),
         }
@@ -203,15 +209,32 @@ impl<'m> Track<'m> {
         Feed::PerSecond(self.feed_mm_min / 60.0)
     }
 
-    fn path_mode(&self, path: PathControl) -> PathMode {
-        match path {
+    /// The path mode that was programmed last.
+    fn path_mode(&self) -> PathMode {
+        match self.path_control {
             PathControl::ExactStop => PathMode::ExactStop,
             PathControl::ExactPath => PathMode::ExactPath,
-            PathControl::Continuous { tolerance } if tolerance > 0.0 => {
-                PathMode::Blend { tolerance_mm: tolerance * self.unit.millimetres() }
+            PathControl::Continuous { tolerance: named } => {
+                let tolerance_mm = if named > 0.0 { named } else { self.machine.blend_tolerance_mm };
+                PathMode::Blend { tolerance_mm, merge_mm: own_naive_cam(named, self.naive_cam_mm) }
             }
-            PathControl::Continuous { .. } => PathMode::Blend { tolerance_mm: self.machine.blend_tolerance_mm },
         }
+    }
+
+    /// The naive cam tolerance follows the G64 that it belongs to.
+    fn set_naive_cam(&mut self, tolerance_mm: f64) {
+        self.naive_cam_mm = tolerance_mm;
+        self.path = self.path_mode();
+    }
+
+    fn set_path_control(&mut self, path: PathControl) {
+        self.path_control = match path {
+            PathControl::Continuous { tolerance } => {
+                PathControl::Continuous { tolerance: tolerance * self.unit.millimetres() }
+            }
+            exact => exact,
+        };
+        self.path = self.path_mode();
     }
 
     fn straight<const A: usize>(
@@ -266,8 +289,8 @@ impl<'m> Track<'m> {
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
         let (deviation_mm, inside) = match self.path {
-            PathMode::Blend { tolerance_mm } => ((tolerance_mm / 10.0).max(LEAST_DEVIATION_MM), self.path),
-            _ => (LEAST_DEVIATION_MM, PathMode::Blend { tolerance_mm: LEAST_DEVIATION_MM }),
+            PathMode::Blend { tolerance_mm, .. } => ((tolerance_mm / 10.0).max(LEAST_DEVIATION_MM), self.path),
+            _ => (LEAST_DEVIATION_MM, PathMode::blend(LEAST_DEVIATION_MM)),
         };
         // The mode in force is that of the spline's end; inside, a chord is no block of its own.
         let mut held = None;
@@ -352,7 +375,6 @@ impl<'m> Track<'m> {
             | Canon::SetFeedMode(_)
             | Canon::SelectPlane(_)
             | Canon::SetFeedReference
-            | Canon::SetNaivecamTolerance(_)
             | Canon::SetSpindleMode(_)
             | Canon::StopSpeedFeedSynch
             | Canon::StartChange
@@ -387,6 +409,7 @@ impl<'m> Track<'m> {
             | Canon::SetXyRotation(_)
             | Canon::SetFeedRate(_)
             | Canon::SetMotionControlMode(_)
+            | Canon::SetNaivecamTolerance(_)
             | Canon::Message(_)
             | Canon::Print(_) => Ok(()),
         }
@@ -438,6 +461,12 @@ impl<'m> Track<'m> {
         let one_way = code == "M6";
         Ok(sink.exclusive(Switch { line, kind, code, changes, periods, one_way })?)
     }
+}
+
+/// The naive cam tolerance in mm, where it is not just the one of the path: a G64 without Q has them equal, so that equal ones ask
+/// for nothing of their own.
+fn own_naive_cam(path_mm: f64, naive_cam_mm: f64) -> Option<f64> {
+    ((naive_cam_mm - path_mm).abs() > 1e-9 * path_mm).then_some(naive_cam_mm)
 }
 
 fn digital(number: i32, value: i32) -> Result<Change, Untrackable> {

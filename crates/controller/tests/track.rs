@@ -112,8 +112,35 @@ fn arcs_keep_their_centre_plane_and_sense() {
 fn path_modes_and_the_machine_s_own_tolerance() {
     let modes: Vec<PathMode> =
         run("G21 F100 G1 X1\nG64 P0.2 X2\nG64 X3\nG61 X4\nG61.1 X5\nM2\n").moves.iter().map(|m| m.2).collect();
-    let blend = |tolerance_mm| PathMode::Blend { tolerance_mm };
+    let blend = PathMode::blend;
     assert_eq!(modes, [blend(0.05), blend(0.2), blend(0.05), PathMode::ExactPath, PathMode::ExactStop]);
+}
+
+/// Q counts where it is another than P; without it they are equal. It follows the units, and its G64.
+#[test]
+fn the_naive_cam_tolerance_goes_with_its_path_mode() {
+    let text = "G21 F100\nG64 P0.2 Q0.05 X1 G1\nG64 P0.2 X2\nG64 P0.2 Q0.2 X3\nG64 Q0.01 X4\nG64 P0.1 Q0 X5\n\
+                G20 G64 P0.01 Q0.001 X0.3\nG61 X0.4\nG64 X0.5\nM2\n";
+    let merges: Vec<(f64, Option<f64>)> = run(text)
+        .moves
+        .iter()
+        .filter_map(|m| {
+            if let PathMode::Blend { tolerance_mm, merge_mm } = m.2 { Some((tolerance_mm, merge_mm)) } else { None }
+        })
+        .collect();
+    let inch = |x: f64| x * 25.4;
+    assert_eq!(
+        merges,
+        [
+            (0.2, Some(0.05)),
+            (0.2, None),
+            (0.2, None),
+            (0.05, Some(0.01)),
+            (0.1, Some(0.0)),
+            (inch(0.01), Some(inch(0.001))),
+            (0.05, None)
+        ]
+    );
 }
 
 #[test]

@@ -154,6 +154,14 @@ impl<R: Copy> Producer<'_, R> {
         Ok(())
     }
 
+    /// Would [`Producer::push`] take a record now?
+    pub fn has_room(&mut self) -> bool {
+        if self.planned.full() {
+            self.planned.see(self.shared.floor.load(Ordering::Acquire));
+        }
+        !self.planned.full()
+    }
+
     /// The place number that the next record will have.
     #[must_use]
     pub fn write(&self) -> u32 {

@@ -24,7 +24,7 @@ fn surface() -> Vec<[f64; 4]> {
 
 fn plan(points: &[[f64; 4]], records: &mut u64) {
     let mut planner = Planner::<4>::new(Limits::built_in(), [0.0; 4]).expect("the built-in machine is valid");
-    let mode = PathMode::Blend { tolerance_mm: 0.05 };
+    let mode = PathMode::blend(0.05);
     for (k, point) in points.iter().enumerate() {
         planner.line(*point, Feed::PerSecond(50.0), mode, k as u32).expect("a valid line");
         if *records > 0 {

@@ -56,6 +56,8 @@ pub(crate) struct Blender<const A: usize> {
     total: f64,
     /// The total at which some is handed on.
     enough: f64,
+    /// The number of segments at which some are.
+    many: usize,
     /// Those of all segments, each from the start of its segment.
     marks: VecDeque<Mark>,
     /// In order of place; the first `decided` have their width.
@@ -75,6 +77,8 @@ pub(crate) struct Blender<const A: usize> {
 const MOST_SEGMENTS: usize = 4096;
 /// Road, in widest corrections, after which segments are handed on again.
 const STEP: f64 = 8.0;
+/// Segments after which some are handed on again; where many more must be kept, half as many as those.
+const BATCH: usize = 64;
 /// Rounds of narrowing before corrections are kept apart from each other, which always does.
 const ROUNDS: usize = 24;
 
@@ -86,6 +90,7 @@ impl<const A: usize> Blender<A> {
             total: 0.0,
             marks: VecDeque::new(),
             enough: STEP * reach,
+            many: BATCH,
             corners: Vec::new(),
             decided: 0,
             barrier: 0.0,
@@ -158,12 +163,12 @@ impl<const A: usize> Blender<A> {
 
     /// Is there enough to hand some of it on?
     pub(crate) fn is_ready(&self) -> bool {
-        self.total > self.enough || self.segments.len() >= MOST_SEGMENTS
+        self.total > self.enough || self.segments.len() >= self.many.min(MOST_SEGMENTS)
     }
 
     /// Hands pieces on, each with the joint at its start, and their marks, each from the start of its piece: all of them where the run has `ended`, else those that later moves
     /// cannot change.
-    pub(crate) fn hand_on(&mut self, ended: bool, out: &mut Vec<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
+    pub(crate) fn hand_on(&mut self, ended: bool, out: &mut VecDeque<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
         if ended {
             self.close(self.total);
         }
@@ -188,6 +193,7 @@ impl<const A: usize> Blender<A> {
         };
         self.cut(done, out, lines);
         self.enough = self.total + STEP * self.reach;
+        self.many = self.segments.len() + BATCH.max(self.segments.len() / 2);
     }
 
     /// Gives the corners up to `end` their first width: the largest at which a chain of corrections of that width around it
@@ -315,7 +321,7 @@ impl<const A: usize> Blender<A> {
     }
 
     /// Hands the first `done` segments on, cut where the correction changes its form.
-    fn cut(&mut self, done: usize, out: &mut Vec<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
+    fn cut(&mut self, done: usize, out: &mut VecDeque<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
         if done == 0 {
             return;
         }
@@ -351,7 +357,7 @@ impl<const A: usize> Blender<A> {
                     lines.push(Mark { place: mark.place - (sum.s - start), ..mark });
                     (tag, left, piece.marks) = (mark.tag, left - 1, piece.marks + 1);
                 }
-                out.push((piece, entry));
+                out.push_back((piece, entry));
                 entry = Joint::SMOOTH;
                 sum.advance(next);
                 if next == end {

@@ -70,20 +70,6 @@ pub(crate) struct Derivatives<const A: usize> {
     pub(crate) third: [f64; A],
 }
 
-impl<const A: usize> Derivatives<A> {
-    /// All zero.
-    pub(crate) const NONE: Self = Self { first: [0.0; A], second: [0.0; A], third: [0.0; A] };
-
-    /// Raises these bounds to hold `other`, sign by sign, too.
-    pub(crate) fn raise(&mut self, other: &Self) {
-        for i in 0..A {
-            self.first[i] = self.first[i].max(other.first[i].abs());
-            self.second[i] = self.second[i].max(other.second[i].abs());
-            self.third[i] = self.third[i].max(other.third[i].abs());
-        }
-    }
-}
-
 /// Ends of an arc may lie this far from one circle, in mm and as a share of its radius.
 const RADIUS_SLACK: (f64, f64) = (0.01, 0.01);
 

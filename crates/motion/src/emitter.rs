@@ -4,17 +4,23 @@
 //! it is never further than half a pulse from the plan and nothing accumulates. A stop takes whole periods: its last
 //! record ends exactly at the commanded position, at rest. Nothing is allocated here.
 
+mod unplayed;
+
 use std::collections::VecDeque;
 
 use retrace_core::{Flags, RapidCap, Record};
 
 use crate::blend::size;
+use crate::caps::{Demand, Shares, cap, larger, larger_of, shares_of};
 use crate::curve::Derivatives;
-use crate::glide::passage::Passage;
+use crate::glide::passage::{Moment, Passage};
+use crate::glide::ramp::CELLS;
 use crate::limits::Limits;
 use crate::merge::Mark;
 use crate::piece::Piece;
-use crate::profile::{Profile, SIGNS, State};
+use crate::present::{Cell, Phase};
+use crate::profile::{Profile, SIGNS};
+use crate::pulses::{counts_of, increment_of};
 
 /// A part of the committed plan.
 #[derive(Clone, Copy, Debug)]
@@ -53,42 +59,38 @@ pub(crate) struct Emitter<const A: usize> {
     first_piece: u64,
     /// Where the front piece starts, in mm from the start of the front span.
     piece_start: f64,
+    /// What the front piece asks of the axes, as long as a span is in front.
+    demand: Demand,
     /// Time of the last sample after the start of the front item, s; not above 0 where the item is yet to be entered.
     time: f64,
-    phase: usize,
-    phase_start: State,
-    phase_time: f64,
-    counts: [i64; A],
+    phase: Phase,
+    cell: Cell<A>,
+    /// Whole pulses so far.
+    counts: [f64; A],
     /// One by what the plan may ask of each axis: velocity, acceleration, jerk.
     per_most: Derivatives<A>,
     point: SetPoint<A>,
-    /// What the record in the making has met: bounds of its pieces, largest jerk, rough joints.
-    met: Met<A>,
+    /// The cap of the last record.
+    cap: RapidCap,
+    /// What the record in the making has met before where it is now.
+    met: Met,
 }
 
+/// What a record has met.
 #[derive(Clone, Copy, Debug)]
-struct Met<const A: usize> {
-    /// What the axes themselves did in a glide.
-    axes: Derivatives<A>,
-    bounds: Derivatives<A>,
+struct Met {
+    /// What the axes themselves did in glides.
+    axes: Shares,
+    /// Of all pieces that are passed; `None` where there is none.
+    demand: Option<Demand>,
     jerk: f64,
     rough: bool,
 }
 
-impl<const A: usize> Met<A> {
-    const NOTHING: Self = Self { axes: Derivatives::NONE, bounds: Derivatives::NONE, jerk: 0.0, rough: false };
-
-    fn piece(&mut self, bounds: &Derivatives<A>) {
-        self.bounds.raise(bounds);
-    }
-
-    fn moment(&mut self, by_time: &Derivatives<A>) {
-        self.axes.raise(by_time);
-    }
+impl Met {
+    const NOTHING: Self = Self { axes: [0.0; 3], demand: None, jerk: 0.0, rough: false };
 }
 
-/// A limit that holds what an axis does more often than this, 8³ and some, bounds no cap.
-const PLENTY: f64 = 520.0;
 /// Samples that come this much of a period before the end of an item are taken at its end.
 const LATE: f64 = 1e-6;
 
@@ -104,10 +106,10 @@ impl<const A: usize> Emitter<A> {
             marks: VecDeque::new(),
             first_piece: 0,
             piece_start: 0.0,
+            demand: Demand::NONE,
             time: 0.0,
-            phase: 0,
-            phase_start: State::default(),
-            phase_time: 0.0,
+            phase: Phase::NONE,
+            cell: Cell::NONE,
             counts: counts_of(&start, &limits.pulses_per_mm),
             per_most: Derivatives {
                 first: planned.v.map(f64::recip),
@@ -115,6 +117,7 @@ impl<const A: usize> Emitter<A> {
                 third: planned.j.map(f64::recip),
             },
             point: rest,
+            cap: RapidCap::PLANNED,
             met: Met::NOTHING,
         }
     }
@@ -150,30 +153,54 @@ impl<const A: usize> Emitter<A> {
     }
 
     /// One control period; `None` where the committed plan ends before it.
+    #[inline]
     pub(crate) fn next_record(&mut self) -> Option<Record<A>> {
+        let time = self.time + self.limits.period_s;
+        if time <= self.phase.until {
+            self.time = time;
+            return Some(self.sample());
+        }
+        if time <= self.cell.until {
+            self.time = time;
+            return Some(self.glide());
+        }
+        self.go_on()
+    }
+
+    /// The same, where the sample does not lie in the present phase or cell.
+    fn go_on(&mut self) -> Option<Record<A>> {
         let period = self.limits.period_s;
         loop {
-            match *self.items.front()? {
-                Item::Stop { end, flags, tag, .. } => {
+            let time = self.time + period;
+            match self.items.front()? {
+                &Item::Stop { end, flags, tag, .. } => {
                     let record = self.arrive(end, flags, tag);
                     self.time = 0.0;
                     self.next_item();
                     return Some(record);
                 }
-                Item::Span { duration, length, .. } if self.time + period > duration - LATE * period => {
-                    self.pass_phases(f64::MAX);
+                &Item::Span { duration, length, .. } => {
+                    let ends = time > duration - LATE * period;
+                    self.pass_phases(if ends { f64::MAX } else { time });
+                    if !ends {
+                        self.time = time;
+                        return Some(self.sample());
+                    }
                     self.time -= duration;
                     self.piece_start -= length;
                     self.next_item();
                 }
                 Item::Glide { .. } => {
-                    if let Some(record) = self.glide(period) {
-                        return Some(record);
+                    let duration = self.glides.front()?.duration();
+                    let ends = time > duration - LATE * period;
+                    self.pass_cells(if ends { f64::MAX } else { time });
+                    if !ends {
+                        self.time = time;
+                        return Some(self.glide());
                     }
-                }
-                Item::Span { profile, last, .. } => {
-                    self.time += period;
-                    return Some(self.sample(&profile, last));
+                    self.time -= duration;
+                    self.glides.pop_front();
+                    self.next_item();
                 }
             }
         }
@@ -186,61 +213,142 @@ impl<const A: usize> Emitter<A> {
 
     /// Goes to the start of the item in front.
     fn enter(&mut self) {
+        (self.phase, self.cell.until) = (Phase::NONE, f64::MIN);
         match self.items.front() {
-            Some(Item::Span { profile, .. }) => {
-                (self.phase, self.phase_start, self.phase_time) = (0, profile.start(), 0.0);
+            Some(Item::Span { .. }) => {
+                self.demand =
+                    self.pieces.front().map_or(Demand::NONE, |piece| Demand::of(&piece.bounds, &self.per_most));
+                self.enter_phase(0);
             }
-            Some(&(Item::Stop { piece, .. } | Item::Glide { piece })) => {
-                while self.first_piece < piece {
-                    self.next_piece();
-                }
-                (self.piece_start, self.phase) = (0.0, 0);
+            Some(&Item::Stop { piece, .. }) => self.pass_pieces(piece),
+            Some(&Item::Glide { piece }) => {
+                self.pass_pieces(piece);
+                self.enter_cell(0);
+                self.met.axes = larger_of(self.met.axes, shares_of(&self.cell.start.by_time, &self.per_most));
             }
             None => {}
         }
     }
 
-    fn next_piece(&mut self) {
-        if let Some(done) = self.pieces.pop_front() {
-            self.met.piece(&done.bounds);
-            self.piece_start += done.length;
-            self.marks.drain(..done.marks as usize);
+    /// All pieces before number `piece` are done; the motion stands at its start.
+    fn pass_pieces(&mut self, piece: u64) {
+        while self.first_piece < piece {
+            self.next_piece();
         }
+        self.piece_start = 0.0;
+    }
+
+    fn next_piece(&mut self) {
+        self.met.demand.get_or_insert(Demand::NONE).raise(&self.demand);
+        if let Some(Piece { length, marks, .. }) = self.pieces.front() {
+            self.piece_start += length;
+            if *marks > 0 {
+                self.marks.drain(..*marks as usize);
+            }
+        }
+        self.pieces.pop_front();
         self.first_piece += 1;
-        self.met.rough |= self.pieces.front().is_some_and(|piece| piece.rough_entry);
+        let Some(piece) = self.pieces.front() else { return };
+        self.met.rough |= piece.rough_entry;
+        self.demand = Demand::of(&piece.bounds, &self.per_most);
+    }
+
+    /// Phase `number` of the front span begins, in the state that the one before it ends in.
+    fn enter_phase(&mut self, number: usize) {
+        let Some(Item::Span { profile, duration, last, .. }) = self.items.front() else { return };
+        let before = self.phase;
+        let (since, state) = if number == 0 {
+            (0.0, profile.start())
+        } else {
+            let time = profile.times[number - 1];
+            (before.since + time, before.start.after(before.jerk, time))
+        };
+        let end = if number == 6 { f64::MAX } else { since + profile.times[number] };
+        self.phase = Phase {
+            number,
+            until: end.min(duration - LATE * self.limits.period_s),
+            since,
+            start: profile.entering(number, state),
+            jerk: SIGNS[number] * profile.jerk,
+            sixth: SIGNS[number] * profile.jerk / 6.0,
+            last: *last,
+        };
     }
 
     /// Goes to the phase of the front span that holds time `t` after its start, and notes every jerk on the way.
     fn pass_phases(&mut self, t: f64) {
-        let Some(Item::Span { profile, .. }) = self.items.front() else { return };
+        let Some(&Item::Span { profile, .. }) = self.items.front() else { return };
         loop {
-            let (jerk, duration) = (SIGNS[self.phase] * profile.jerk, profile.times[self.phase]);
-            if duration > 0.0 {
-                self.met.jerk = self.met.jerk.max(jerk.abs());
+            let Phase { number, since, jerk, .. } = self.phase;
+            if profile.times[number] > 0.0 {
+                self.met.jerk = larger(self.met.jerk, jerk.abs());
             }
-            if self.phase == 6 || t <= self.phase_time + duration {
+            if number == 6 || t <= since + profile.times[number] {
                 return;
             }
-            self.phase_start = self.phase_start.after(jerk, duration);
-            self.phase_time += duration;
-            self.phase += 1;
+            self.enter_phase(number + 1);
         }
     }
 
-    fn sample(&mut self, profile: &Profile, last: u64) -> Record<A> {
-        self.pass_phases(self.time);
-        let jerk = SIGNS[self.phase] * profile.jerk;
-        let state = self.phase_start.after(jerk, self.time - self.phase_time);
-        while let Some(piece) = self.pieces.front() {
-            if state.s <= self.piece_start + piece.length || self.first_piece >= last {
-                break;
+    /// Cell `number` of the front glide begins.
+    fn enter_cell(&mut self, number: usize) {
+        let Some(glide) = self.glides.front() else { return };
+        let since = number as f64 * glide.ramps.cell;
+        let end = if number == CELLS - 1 { f64::MAX } else { since + glide.ramps.cell };
+        self.cell = Cell {
+            number,
+            until: end.min(glide.duration() - LATE * self.limits.period_s),
+            since,
+            start: glide.at(number, since),
+            tag: glide.tag(since + 0.5 * glide.ramps.cell),
+        };
+    }
+
+    /// Goes to the cell of the front glide that holds time `t` after its start, and notes what the axes do on the way.
+    fn pass_cells(&mut self, t: f64) {
+        while let Some(glide) = self.glides.front() {
+            let Cell { number, since, .. } = self.cell;
+            let end = since + glide.ramps.cell;
+            if number + 1 < CELLS && t <= end {
+                return;
             }
+            if number + 1 == CELLS && t < f64::MAX {
+                return;
+            }
+            let at_end = self.cell.at(end).by_time;
+            self.met.axes = larger_of(self.met.axes, shares_of(&at_end, &self.per_most));
+            if number + 1 == CELLS {
+                return;
+            }
+            self.enter_cell(number + 1);
+        }
+    }
+
+    /// The record that ends in the present phase.
+    #[inline]
+    fn sample(&mut self) -> Record<A> {
+        let Phase { jerk, .. } = self.phase;
+        let state = self.phase.at(self.time);
+        let (position_mm, tag) = self.place(state.s);
+        let before = (self.point.velocity_mm_s, self.point.acceleration_mm_s2);
+        self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3: jerk };
+        let shares = self.shares(before, true, jerk);
+        self.record(shares, Flags::NONE, tag)
+    }
+
+    /// Goes to place `s` after the start of the front span; the position and the program line there.
+    #[inline]
+    fn place(&mut self, s: f64) -> ([f64; A], u32) {
+        while let Some(piece) = self.pieces.front()
+            && s > self.piece_start + piece.length
+            && self.first_piece < self.phase.last
+        {
             self.next_piece();
         }
         let Some(piece) = self.pieces.front_mut() else {
-            return self.arrive(self.point.position_mm, Flags::NONE, 0); // a span has pieces; not reached
+            return (self.point.position_mm, 0); // a span has pieces; not reached
         };
-        let s = (state.s - self.piece_start).clamp(0.0, piece.length);
+        let s = (s - self.piece_start).clamp(0.0, piece.length);
         while piece.marks > 0
             && let Some(&mark) = self.marks.front()
             && mark.place < s
@@ -248,122 +356,62 @@ impl<const A: usize> Emitter<A> {
             self.marks.pop_front();
             (piece.tag, piece.marks) = (mark.tag, piece.marks - 1);
         }
-        let (position_mm, tag) = (piece.curve.at(s), piece.tag);
-        self.met.piece(&piece.bounds);
-        let before = self.point;
-        self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3: jerk };
-        self.record(&before, Flags::NONE, tag)
+        (piece.curve.at(s), piece.tag)
     }
 
-    /// One period of the glide in front; `None` where it ends before, and the next item is in front.
-    fn glide(&mut self, period: f64) -> Option<Record<A>> {
-        let glide = self.glides.front()?;
-        let (duration, before) = (glide.duration(), self.phase);
-        let ends = self.time + period > duration - LATE * period;
-        let time = if ends { duration } else { self.time + period };
-        let cell = glide.cell(time);
-        for k in before..=cell {
-            self.met.moment(&glide.at(k, (k as f64 * glide.ramps.cell).max(self.time)).by_time);
-            self.met.moment(&glide.at(k, ((k + 1) as f64 * glide.ramps.cell).min(time)).by_time);
-        }
-        let (moment, tag) = (glide.at(cell, time), glide.tag(time));
-        if ends {
-            self.glides.pop_front();
-            self.time -= duration;
-            self.next_item();
-            return None;
-        }
-        (self.time, self.phase) = (time, cell);
-        let before = self.point;
-        let Derivatives { first, second, third } = moment.by_time;
-        let speed = size(&first);
-        let along = first.iter().zip(second).map(|(v, a)| v * a).sum::<f64>() / speed.max(1e-9);
+    /// The record that ends in the present cell.
+    #[inline]
+    fn glide(&mut self) -> Record<A> {
+        let Moment { position, by_time } = self.cell.at(self.time);
+        let Derivatives { first, second, third } = &by_time;
+        let speed = size(first);
+        let along = first.iter().zip(second).map(|(v, a)| v * a).sum::<f64>() / larger(speed, 1e-9);
+        let before = (self.point.velocity_mm_s, self.point.acceleration_mm_s2);
         self.point = SetPoint {
-            position_mm: moment.position,
+            position_mm: position,
             velocity_mm_s: speed,
             acceleration_mm_s2: along,
-            jerk_mm_s3: size(&third),
+            jerk_mm_s3: size(third),
         };
-        Some(self.record(&before, Flags::NONE, tag))
+        let own = shares_of(&by_time, &self.per_most);
+        let shares = larger_of(self.shares(before, false, 0.0), own);
+        let record = self.record(shares, Flags::NONE, self.cell.tag);
+        // The next record begins like this.
+        self.met.axes = own;
+        record
     }
 
     /// The last record of a stop.
     fn arrive(&mut self, end: [f64; A], flags: Flags, tag: u32) -> Record<A> {
-        let before = self.point;
+        let before = (self.point.velocity_mm_s, self.point.acceleration_mm_s2);
         self.point = SetPoint { position_mm: end, velocity_mm_s: 0.0, acceleration_mm_s2: 0.0, jerk_mm_s3: 0.0 };
-        self.record(&before, flags, tag)
+        let shares = self.shares(before, false, 0.0);
+        self.record(shares, flags, tag)
+    }
+
+    /// What the record takes of the limits, if it began at this speed and acceleration and ends at the present point, on the piece
+    /// in front if it is on its `path`.
+    #[inline]
+    fn shares(&self, (v, a): (f64, f64), path: bool, jerk: f64) -> Shares {
+        let v = larger(v, self.point.velocity_mm_s);
+        let a = larger(a.abs(), self.point.acceleration_mm_s2.abs());
+        let j = larger(self.met.jerk, jerk.abs());
+        let met = self.met.demand.as_ref().map_or(self.met.axes, |met| larger_of(met.shares(v, a, j), self.met.axes));
+        if path { larger_of(self.demand.shares(v, a, j), met) } else { met }
     }
 
     /// The record from the last counts to those of the present point.
-    fn record(&mut self, before: &SetPoint<A>, flags: Flags, line: u32) -> Record<A> {
+    #[inline]
+    fn record(&mut self, shares: Shares, flags: Flags, line: u32) -> Record<A> {
         let wanted = counts_of(&self.point.position_mm, &self.limits.pulses_per_mm);
         let mut increments = [0i16; A];
         for i in 0..A {
-            let increment = (wanted[i] - self.counts[i]).clamp(i64::from(i16::MIN), i64::from(i16::MAX));
-            self.counts[i] += increment;
-            increments[i] = increment as i16;
+            let (pulses, increment) = increment_of(wanted[i] - self.counts[i]);
+            self.counts[i] += pulses;
+            increments[i] = increment;
         }
-        let cap = self.cap(before);
+        self.cap = if self.met.rough { RapidCap::PLANNED } else { cap(shares, self.cap) };
         self.met = Met::NOTHING;
-        Record { increments, line, flags, cap, spare: 0 }
-    }
-
-    /// How much faster than planned the record may be retraced: r·|v|, r²·|a| and r³·|j| stay within every axis' limits.
-    fn cap(&self, before: &SetPoint<A>) -> RapidCap {
-        if self.met.rough {
-            return RapidCap::PLANNED;
-        }
-        let larger = |of: fn(&SetPoint<A>) -> f64| of(before).abs().max(of(&self.point).abs());
-        let (v, a, j) = (larger(|p| p.velocity_mm_s), larger(|p| p.acceleration_mm_s2), self.met.jerk);
-        let bounds = &self.met.bounds;
-        let Derivatives { first: per_v, second: per_a, third: per_j } = &self.per_most;
-        // What share of its limits an axis uses: velocity, acceleration and jerk.
-        let mut used = [0.0f64; 3];
-        for i in 0..A {
-            let (one, two, three) = (bounds.first[i], bounds.second[i], bounds.third[i]);
-            let (own_v, own_a, own_j) = (self.met.axes.first[i], self.met.axes.second[i], self.met.axes.third[i]);
-            let axis_v = (one * v).max(own_v);
-            let axis_a = (one * a + two * v * v).max(own_a);
-            let axis_j = (one * j + 3.0 * two * v * a + three * v * v * v).max(own_j);
-            used = [used[0].max(axis_v * per_v[i]), used[1].max(axis_a * per_a[i]), used[2].max(axis_j * per_j[i])];
-        }
-        let spare = used.map(|share| if share * PLENTY > 1.0 { share.recip() } else { PLENTY });
-        let least = RapidCap::PLANNED.get() + 1;
-        let rate = f64::from(least) / f64::from(RapidCap::PLANNED.get());
-        if spare[0] < rate || spare[1] < rate * rate || spare[2] < rate * rate * rate {
-            return RapidCap::PLANNED;
-        }
-        // A little less, for the rounding of the roots.
-        let rate = spare[0].min(spare[1].sqrt());
-        let rate = (1.0 - 1e-9) * if rate * rate * rate > spare[2] { spare[2].cbrt() } else { rate };
-        RapidCap::sixteenths((rate * 16.0).min(128.0) as u8)
-    }
-}
-
-/// Positions in whole pulses, rounded half away from zero.
-pub(crate) fn counts_of<const A: usize>(position_mm: &[f64; A], pulses_per_mm: &[f64; A]) -> [i64; A] {
-    std::array::from_fn(|i| {
-        let pulses = position_mm[i] * pulses_per_mm[i];
-        let whole = pulses as i64;
-        // Exact, as the rest of a truncation is; and quicker than a call of `round`.
-        let rest = pulses - whole as f64;
-        whole + i64::from(rest >= 0.5) - i64::from(rest <= -0.5)
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn counts_are_rounded_half_away_from_zero(x in -1e7..1e7f64, halves in -100_000i64..100_000) {
-            prop_assert_eq!(counts_of(&[x], &[1000.0])[0], (x * 1000.0).round() as i64);
-            let half = halves as f64 + 0.5;
-            for x in [half, half.next_up(), half.next_down()] {
-                prop_assert_eq!(counts_of(&[x], &[1.0])[0], x.round() as i64);
-            }
-        }
+        Record { increments, line, flags, cap: self.cap, spare: 0 }
     }
 }

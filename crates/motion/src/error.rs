@@ -37,6 +37,11 @@ pub enum LimitError {
         /// The number given, s.
         value: f64,
     },
+    /// E4106: the glide ratio is outside 0 … 1, or 0.
+    GlideRatio {
+        /// The number given.
+        value: f64,
+    },
 }
 
 impl LimitError {
@@ -49,6 +54,7 @@ impl LimitError {
             Self::PathVelocity { .. } => "E4103",
             Self::Reserve { .. } => "E4104",
             Self::Period { .. } => "E4105",
+            Self::GlideRatio { .. } => "E4106",
         }
     }
 }
@@ -65,6 +71,7 @@ impl fmt::Display for LimitError {
             Self::PathVelocity { value } => write!(f, "the path velocity must be above 0 mm/s, not {value}"),
             Self::Reserve { value } => write!(f, "the reserve must lie between 0 and 0.9, not {value}"),
             Self::Period { value } => write!(f, "the control period must lie between 0 and 1 s, not {value}"),
+            Self::GlideRatio { value } => write!(f, "the glide ratio must be above 0 and at most 1, not {value}"),
         }
     }
 }

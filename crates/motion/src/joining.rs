@@ -8,6 +8,7 @@ use crate::corner::G_MOST;
 use crate::glide::tracks::FarEnd;
 use crate::limits::AxisLimits;
 use crate::piece::Joint;
+use crate::planner::MOST_OVERRIDE;
 use crate::run::least;
 
 /// Share of the jerk that joints may take: the first that lets a joint pass at full speed, else the last.
@@ -59,13 +60,25 @@ fn rough<const A: usize>(
     };
     let full = last.feed.min(next.feed).min(axes.path_v);
     let needed = taken(full);
+    // The share is chosen for the programmed feed; an override may pass the joint as fast as that share lets it.
+    let raised = |share: f64| {
+        let (mut low, mut high) = (full, (MOST_OVERRIDE * full).min(axes.path_v));
+        if taken(high) <= share {
+            return high;
+        }
+        for _ in 0..6 {
+            let middle = 0.5 * (low + high);
+            if taken(middle) <= share { low = middle } else { high = middle }
+        }
+        low
+    };
     if needed <= SMOOTH {
-        return Joint { v: full, share: 0.0 };
+        return Joint { v: raised(SMOOTH), share: 0.0 };
     }
     let most = JOINT_SHARES[JOINT_SHARES.len() - 1];
     let share = JOINT_SHARES.into_iter().find(|&share| needed <= share).unwrap_or(most);
     if needed <= share {
-        return Joint { v: full, share };
+        return Joint { v: raised(share), share };
     }
     let (mut low, mut high) = (0.0, full);
     for _ in 0..40 {
@@ -78,10 +91,10 @@ fn rough<const A: usize>(
 /// Between moves longer than `GLIDES.0 / √turn − GLIDES.1` half widths of a rounding, glides are faster; in chains of shorter ones
 /// rounding is, as roundings overlap. Found by trial on polygons and zigzags with moves of 0.1 … 16 mm and turns of 3 … 90°.
 const GLIDES: (f64, f64) = (1.75, 0.2);
-/// From rest to rest, moves of less than this many half widths of a rounding are glided between in any case.
+/// From rest to rest, turns of more than these, about 1° and 6°, are glided: if a move is shorter than so many half widths of a
+/// rounding, and in any case.
+const SLIGHT: (f64, f64) = (0.02, 0.1);
 const ROUNDED: f64 = 4.0;
-/// So is the joint of any turn larger than this, about 6°.
-const SLIGHT: f64 = 0.1;
 
 /// Is a corner one for a glide? Not where the moves are so short, or the turn so slight, that rounding costs less.
 pub(crate) fn glide_pays<const A: usize>(
@@ -97,8 +110,9 @@ pub(crate) fn glide_pays<const A: usize>(
     let through = PASSED * (0.5 * j * h * h / turn).cbrt().min((0.6 * a * h / turn).sqrt());
     let passes = through >= last.0.feed.min(next.0.feed).min(axes.path_v);
     if last.1 == FarEnd::Rest && next.1 == FarEnd::Rest {
-        // A rounding that takes up much of both moves would slow their start and stop down.
-        return !passes || turn > SLIGHT || last.0.length.min(next.0.length) < ROUNDED * h;
+        // A rounding that takes up much of a move would slow its start or stop down.
+        let wide = last.0.length.min(next.0.length) < ROUNDED * h;
+        return !passes || turn > SLIGHT.1 || wide && turn > SLIGHT.0;
     }
     // A move that begins or ends at rest has only this joint to speed up for.
     let leg = |(segment, far_end): (&Segment<A>, FarEnd)| match far_end {

@@ -8,7 +8,8 @@
 //! - what every axis allows along a piece of path (`piece`), how much of it is for going faster (`shares`), and the road of one run between two stops (`run`);
 //! - the jerk-limited plan over many blocks with the acceleration carried across joints (`envelope`, `lookahead`, `profile`),
 //!   with a plainer one where there is none (`stepwise`);
-//! - emission (`emitter`), one record a control period.
+//! - emission (`emitter`), one record a control period;
+//! - planning again what is not emitted when the feed override changes (`run::replan`).
 //!
 //! The crate knows no text and no port.
 //!
@@ -32,6 +33,7 @@
 #![forbid(unsafe_code)]
 
 mod blend;
+mod caps;
 mod corner;
 mod curve;
 mod emitter;
@@ -44,7 +46,9 @@ mod lookahead;
 mod merge;
 mod piece;
 mod planner;
+mod present;
 pub mod profile;
+mod pulses;
 mod road;
 mod run;
 mod shares;
@@ -53,5 +57,7 @@ mod stepwise;
 pub use curve::Arc;
 pub use emitter::SetPoint;
 pub use error::{LimitError, MoveError};
+pub use glide::Blending;
+pub use glide::source::{GlideRatio, RatioOf};
 pub use limits::Limits;
-pub use planner::{Feed, PathMode, Planner};
+pub use planner::{Feed, MOST_OVERRIDE, PathMode, Planner};

@@ -11,6 +11,7 @@
 
 use crate::envelope::{Block, Envelope, gate_acceleration};
 use crate::profile::{Misfit, PathLimits, Profile, State, fastest};
+use crate::stepwise;
 
 /// A profile between two joints of a road.
 #[derive(Clone, Copy, Debug, Default)]
@@ -69,6 +70,10 @@ const WORK: (usize, usize) = (1000, 30);
 const SPACING: f64 = 0.3;
 /// How often a joint may be made a gate by overshoots, and how deep such insertions may nest.
 const TRIES: (u8, u8) = (60, 40);
+/// How often a road is halved to brake on each part within its own limits.
+const HALVINGS: u8 = 4;
+/// Shares of the speed that allows to brake, which are tried in turn.
+const EASED: [f64; 3] = [1.0, 0.75, 0.5];
 /// Gates that are further apart than this many blocks are not tried without the one between them.
 const DROP_REACH: usize = 256;
 
@@ -157,8 +162,13 @@ impl LookAhead {
                 },
                 Err(misfit) if self.relax(blocks, k, to, since, (misfit, must))? => return Ok(true),
                 Err(Misfit::TargetTooHigh) if k < blocks.len() => return Ok(false),
-                // The start is fixed: fly over k, and look at its cap when the span is longer.
-                Err(_) if self.gates.len() == 1 => return if k < blocks.len() { Ok(false) } else { Err(NoPlan) },
+                Err(misfit) if self.gates.len() == 1 => {
+                    let eased = misfit == Misfit::StartTooHigh
+                        && (must && self.tries[k] <= 2 || k == blocks.len())
+                        && self.ease(blocks, k, to, since, depth)?;
+                    // The start is fixed: fly over k, and look at its cap when the span is longer.
+                    return if eased || k < blocks.len() { Ok(eased) } else { Err(NoPlan) };
+                }
                 Err(_) => {
                     *since = since.with(left.stretch);
                     self.gates.pop();
@@ -201,6 +211,30 @@ impl LookAhead {
             self.gates[last] = flat;
         }
         Ok(pushed)
+    }
+
+    /// Connects joint `k` over a gate half-way, from where it can be braked for however tight the limits are there: each half of
+    /// the road is then braked on within its own limits. False where that does not help.
+    fn ease(&mut self, blocks: &[Block], k: usize, to: State, since: &mut Stretch, depth: u8) -> Result<bool, NoPlan> {
+        let left = self.gates.last().map_or(0, |gate| gate.joint);
+        if k < left + 2 || depth > HALVINGS {
+            return Ok(false);
+        }
+        let (from, end) = (self.envelope.s[left], self.envelope.s[k]);
+        let middle = self.envelope.s.partition_point(|s| *s < 0.5 * (from + end)).clamp(left + 1, k - 1);
+        let behind = Stretch::of(&blocks[middle..k]);
+        let limits = PathLimits { v: behind.fastest, ..behind.tight };
+        let way = Block { length: end - self.envelope.s[middle], limits, exit_v: to.v };
+        let v = stepwise::reach(to.v, &way).min(self.envelope.v[middle]);
+        let to = if k < blocks.len() { State { a: 0.0, ..to } } else { to };
+        for share in EASED {
+            let mut ahead = Stretch::of(&blocks[left..middle]);
+            if self.attach(blocks, middle, State::moving(share * v, 0.0), &mut ahead, (depth + 1, true))? {
+                *since = behind;
+                return self.attach(blocks, k, to, since, (depth + 1, false));
+            }
+        }
+        Ok(false)
     }
 
     /// Makes joint `k` a gate if one legal span leads to it from `left`, which is or replaces the last gate.

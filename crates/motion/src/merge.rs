@@ -8,13 +8,16 @@
 //! costs the same however many there are; in a plane the ball is the whole intersection.
 //!
 //! Invariant: a merged line is nowhere further from the programmed lines than by what its tolerance is less than theirs, and
-//! that is at most [`SHARE`]. It depends on the lines alone, in their order.
+//! that is at most what [`merging`] allows of it; so merging and blending together stay within the tolerance. It depends on the
+//! lines alone, in their order.
 
 use crate::blend::{Segment, size};
 use crate::curve::Curve;
 
-/// Share of the tolerance that merging may use.
+/// Share of the tolerance that merging uses where the program does not say: what is left makes corners fast.
 const SHARE: f64 = 0.05;
+/// Share of the tolerance that it may use at most: with nothing left, the corners between merged lines would be stops.
+const MOST_SHARE: f64 = 0.5;
 /// Lines that are merged at most: a bound on the memory.
 const MOST: usize = 4096;
 
@@ -35,6 +38,13 @@ pub(crate) struct Line<const A: usize> {
     pub(crate) tag: u32,
     /// How far the path may be from it, mm; above 0.
     pub(crate) tolerance: f64,
+    /// How far it may be from the line that it is merged into, mm: a part of the tolerance.
+    pub(crate) merging: f64,
+}
+
+/// What merging may use of `tolerance`, mm, where the program asks for `asked`.
+pub(crate) fn merging(tolerance: f64, asked: Option<f64>) -> f64 {
+    asked.map_or(SHARE * tolerance, |asked| asked.min(MOST_SHARE * tolerance))
 }
 
 /// Lines that are merged so far.
@@ -67,7 +77,9 @@ impl<const A: usize> Merger<A> {
             (self.axis, self.radius) = ([0.0; A], f64::MAX);
             return true;
         };
-        if line.feed != chord.feed || line.tolerance != chord.tolerance || self.ends.len() >= MOST {
+        let alike = (line.feed, line.tolerance, line.merging) == (chord.feed, chord.tolerance, chord.merging)
+            && line.merging > 0.0;
+        if !alike || self.ends.len() >= MOST {
             return false;
         }
         let (to, on) = (difference(&line.start, &chord.start), difference(&line.end, &line.start));
@@ -80,7 +92,7 @@ impl<const A: usize> Merger<A> {
         if !forward || (linear_share(&on, step) - linear_share(&to, far)).abs() > 0.01 {
             return false;
         }
-        let (axis, radius) = within((self.axis, self.radius), (before, SHARE * chord.tolerance / far));
+        let (axis, radius) = within((self.axis, self.radius), (before, chord.merging / far));
         let near = size(&difference(&direction, &axis)) <= radius;
         if !near {
             return false;
@@ -143,7 +155,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn line(start: [f64; 3], end: [f64; 3], tag: u32) -> Line<3> {
-        Line { start, end, feed: 10.0, tag, tolerance: 0.05 }
+        Line { start, end, feed: 10.0, tag, tolerance: 0.05, merging: merging(0.05, None) }
     }
 
     /// Distance of `p` from the endless line through `a` and `b`.
@@ -161,7 +173,10 @@ mod tests {
         #[test]
         fn merged_lines_are_near_the_programmed_ones(
             steps in prop::collection::vec((-3.0..1.0f64, -1.0..1.0f64, -1.0..1.0f64), 1..200), bend in -5.0..0.5f64,
+            asked in prop::option::of(0.0..0.1f64),
         ) {
+            let most = merging(0.05, asked);
+            prop_assert!(most <= 0.025);
             let (mut merger, mut at, mut points, mut merged) = (Merger::new(), [0.0; 3], vec![[0.0; 3]], Vec::new());
             let mut take = |merger: &mut Merger<3>| {
                 let mut marks = Vec::new();
@@ -173,7 +188,7 @@ mod tests {
             for (k, (length, y, z)) in steps.into_iter().enumerate() {
                 let (length, bend) = (10f64.powf(length), 10f64.powf(bend));
                 let next = [at[0] + length, at[1] + length * bend * y, at[2] + length * bend * z];
-                let line = line(at, next, k as u32);
+                let line = Line { merging: most, ..line(at, next, k as u32) };
                 if !merger.offer(&line) {
                     take(&mut merger);
                     assert!(merger.offer(&line));
@@ -190,8 +205,8 @@ mod tests {
                 let mut before = 0.0;
                 for (mark, k) in marks.iter().zip(first + 1..) {
                     let off = distance(points[k], start, end);
-                    prop_assert!(off <= 0.05 - segment.tolerance + 1e-12 && off <= 0.0025, "{} mm", off);
-                    prop_assert!(size(&difference(&segment.curve.at(mark.place), &points[k])) <= 0.005);
+                    prop_assert!(off <= 0.05 - segment.tolerance + 1e-12 && off <= most, "{} mm", off);
+                    prop_assert!(size(&difference(&segment.curve.at(mark.place), &points[k])) <= 2.0 * most);
                     prop_assert!(mark.tag as usize == k && mark.place >= before && mark.place <= segment.length);
                     before = mark.place;
                 }
@@ -225,6 +240,35 @@ mod tests {
         assert!((39..=40).contains(&chords), "{chords}");
     }
 
+    /// Chords around a circle: the more may be merged, the fewer they are, down to none merged at Q 0.
+    #[test]
+    fn the_more_is_asked_for_the_fewer_lines_are_left() {
+        let on = |k: u32| (f64::from(k) * 0.001).sin_cos();
+        let lines = |asked: f64| {
+            let (mut merger, mut at, mut count) = (Merger::new(), [0.0; 3], 1);
+            for k in 1..=1000 {
+                let next = Line {
+                    merging: merging(0.05, Some(asked)),
+                    ..line(at, [30.0 * on(k).0, 30.0 * (1.0 - on(k).1), 0.0], k)
+                };
+                if !merger.offer(&next) {
+                    merger.take(&mut Vec::new());
+                    count += 1;
+                    assert!(merger.offer(&next));
+                }
+                at = next.end;
+            }
+            count
+        };
+        let counts = [0.0, 0.001, 0.0025, 0.01, 0.025, 0.05].map(lines);
+        // A chord of a circle of 30 mm is √(240·q) long; half of the tolerance is the most.
+        assert_eq!(counts[0], 1000);
+        assert!(
+            counts.windows(2).all(|pair| pair[1] <= pair[0]) && counts[4] == counts[5] && counts[4] < 14,
+            "{counts:?}"
+        );
+    }
+
     #[test]
     fn corners_ways_back_and_other_feeds_are_kept() {
         let merges = |next: Line<3>| {
@@ -234,6 +278,7 @@ mod tests {
         let next = line([1.0, 0.0, 0.0], [2.0, 0.0, 0.0], 2);
         assert!(merges(next));
         assert!(!merges(Line { feed: 11.0, ..next }) && !merges(Line { tolerance: 0.04, ..next }));
+        assert!(!merges(Line { merging: 0.01, ..next }));
         assert!(!merges(line([1.0, 0.0, 0.0], [1.0, 0.1, 0.0], 2)));
         assert!(!merges(line([1.0, 0.0, 0.0], [0.999, 0.0, 0.0], 2)));
     }

@@ -24,6 +24,10 @@ pub(crate) struct Piece<const A: usize> {
     pub(crate) bounds: Derivatives<A>,
     /// The way from the piece before it into this one is not smooth.
     pub(crate) rough_entry: bool,
+    /// Share of the jerk that is left to the joints at its ends.
+    pub(crate) share: f64,
+    /// Cap on the speed at its end, mm/s.
+    pub(crate) exit_v: f64,
 }
 
 /// How a joint may be passed.
@@ -44,12 +48,14 @@ impl Joint {
 
 impl<const A: usize> Piece<A> {
     pub(crate) fn new(curve: Curve<A>, length: f64, feed: f64, tag: u32) -> Self {
-        Self { curve, length, feed, tag, marks: 0, bounds: curve.bounds(length), rough_entry: false }
+        let bounds = curve.bounds(length);
+        Self { curve, length, feed, tag, marks: 0, bounds, rough_entry: false, share: 0.0, exit_v: f64::MAX }
     }
 
-    /// Path limits to choose from along the piece when `share` of the jerk is left to its joints.
-    pub(crate) fn offer(&self, axes: &AxisLimits<A>, share: f64) -> Offer {
-        let (mut want, mut a, mut j) = (self.feed.min(axes.path_v), f64::MAX, f64::MAX);
+    /// Path limits to choose from along the piece when its feed counts times `factor`.
+    pub(crate) fn offer(&self, axes: &AxisLimits<A>, factor: f64) -> Offer {
+        let share = self.share;
+        let (mut want, mut a, mut j) = ((factor * self.feed).min(axes.path_v), f64::MAX, f64::MAX);
         for i in 0..A {
             let per_first = self.bounds.first[i].max(1e-12).recip();
             want = want.min(axes.v[i] * per_first);
@@ -171,11 +177,11 @@ mod tests {
     fn a_diagonal_line_is_faster_than_an_axis_and_a_small_circle_slower() {
         let axes = Limits::<3>::built_in().planned();
         let (curve, length) = Curve::line([0.0; 3], [10.0, 10.0, 0.0]);
-        let limits = Piece::new(curve, length, 1e9, 1).offer(&axes, 0.0).rough;
+        let limits = Piece::new(curve, length, 1e9, 1).offer(&axes, 1.0).rough;
         assert!((limits.a - 900.0 * 2f64.sqrt()).abs() < 1e-9 && (limits.v - 100.0).abs() < 1e-9);
         let arc = crate::Arc { plane: [0, 1], centre_mm: [0.0, 1.0], rotation: 1, end_mm: [0.0, 0.0, 0.0] };
         let (curve, length) = Curve::arc([0.0; 3], &arc).expect("valid");
-        let limits = Piece::new(curve, length, 1e9, 1).offer(&axes, 0.0).rough;
+        let limits = Piece::new(curve, length, 1e9, 1).offer(&axes, 1.0).rough;
         assert!(limits.v < 30.0 && limits.v > 20.0 && limits.a >= 0.05 * 900.0, "{limits:?}");
     }
 }

@@ -1,17 +1,22 @@
 //! The planner: moves go in, records come out, look-ahead in between.
 //!
-//! Invariant: what comes out depends on the moves, their modes and the stops, in their order, and on nothing else: never on
-//! when records are asked for. A committed record never changes, and what is committed can always be followed by a stop.
+//! Invariant: what comes out depends on the moves, their modes and the stops, in their order, on after which record the feed
+//! override was changed, and on nothing else: never on when records are asked for. A committed record never changes, and what is committed can always be followed by a stop.
 
 use retrace_core::{Flags, Record};
 
 use crate::blend::{Segment, size};
 use crate::curve::{Arc, Curve};
-use crate::emitter::{SetPoint, counts_of};
+use crate::emitter::SetPoint;
 use crate::error::{LimitError, MoveError};
+use crate::glide::Blending;
 use crate::limits::Limits;
-use crate::merge::{Line, Mark, Merger};
+use crate::merge::{Line, Mark, Merger, merging};
+use crate::pulses::counts_of;
 use crate::road::Road;
+
+/// The most that an override may raise feeds to, as a factor: 200 %.
+pub const MOST_OVERRIDE: f64 = 2.0;
 
 /// How fast a move goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,11 +36,30 @@ pub enum PathMode {
     ExactStop,
     /// Exactly along the path; full stops only where it is not smooth (G61).
     ExactPath,
-    /// Corners may be cut by up to the tolerance (G64 P).
+    /// Corners may be cut by up to the tolerance (G64 P), and lines that are nearly collinear become one (G64 Q).
     Blend {
         /// Largest distance from the programmed path, mm; the rounding to whole pulses is within it.
         tolerance_mm: f64,
+        /// How far lines at one feed may be from the line that they are merged into, mm. It is taken out of the tolerance, of
+        /// which at most half goes there; 0 merges nothing, `None` leaves it to the planner.
+        merge_mm: Option<f64>,
     },
+}
+
+impl PathMode {
+    /// Blending within `tolerance_mm`; how much of it goes into merging is the planner's choice.
+    #[must_use]
+    pub const fn blend(tolerance_mm: f64) -> Self {
+        Self::Blend { tolerance_mm, merge_mm: None }
+    }
+
+    /// The tolerances in mm, of the path and of merging; where nothing is blended, none.
+    fn tolerances(self) -> (f64, Option<f64>) {
+        match self {
+            Self::Blend { tolerance_mm, merge_mm } => (tolerance_mm, merge_mm),
+            Self::ExactStop | Self::ExactPath => (0.0, None),
+        }
+    }
 }
 
 /// Plans moves and emits one record a control period.
@@ -84,6 +108,13 @@ impl<const A: usize> Planner<A> {
         Ok(planner)
     }
 
+    /// The same planner, which passes corners by `method`.
+    #[must_use]
+    pub fn blending_by(mut self, method: Blending) -> Self {
+        self.road.blend_by(method);
+        self
+    }
+
     /// Where the last move ends, mm.
     #[must_use]
     pub fn commanded_mm(&self) -> [f64; A] {
@@ -130,6 +161,21 @@ impl<const A: usize> Planner<A> {
         }
     }
 
+    /// The feed override above 100 %: from the next record on, feeds of programmed moves count times `factor`, which is held within
+    /// 1 … [`MOST_OVERRIDE`]; gives the factor that is in force. Rapid moves, and what the axes and the path velocity allow,
+    /// stay as they are. Records that came out before never change; what was planned of the road ahead is planned anew.
+    ///
+    /// The path does not depend on it: corners are cut as at the programmed feeds, and glides are passed as fast as these allow. One
+    /// thing may: where no plan leads into a glide, the motion stops in the corner, and that can be so for one factor and not
+    /// for another.
+    /// Where the motion is faster than a lower factor allows, it brakes at once, as fast as the axes allow; where no plan
+    /// does that, the old one is kept as far as the first place from which one does.
+    pub fn set_feed_override(&mut self, factor: f64) -> f64 {
+        let factor = if factor >= 1.0 { factor.min(MOST_OVERRIDE) } else { 1.0 };
+        self.road.override_feeds(factor);
+        factor
+    }
+
     /// The next control period's record; `None` where more input, or a stop, is needed first. Where records are taken out until
     /// `None` before the next move goes in, memory stays bounded however long the program is.
     ///
@@ -156,9 +202,9 @@ impl<const A: usize> Planner<A> {
             Feed::Duration(t) => length / t,
             Feed::Rapid => f64::MAX,
         };
-        let tolerance = self.tolerance(mode);
+        let (tolerance, merging) = self.tolerance(mode);
         if tolerance > 0.0 && curve.is_line() {
-            let line = Line { start, end, feed, tag, tolerance };
+            let line = Line { start, end, feed, tag, tolerance, merging };
             if !self.merger.offer(&line) {
                 self.pass_merged();
                 self.merger.offer(&line);
@@ -177,19 +223,21 @@ impl<const A: usize> Planner<A> {
         }
     }
 
-    /// How far the path may be cut, with room for the rounding to whole pulses; 0 where that leaves nothing worth it.
-    fn tolerance(&self, mode: PathMode) -> f64 {
-        let PathMode::Blend { tolerance_mm } = mode else { return 0.0 };
+    /// How far the path may be cut, with room for the rounding to whole pulses, and how much of that merging may use; 0 where it
+    /// leaves nothing worth it.
+    fn tolerance(&self, mode: PathMode) -> (f64, f64) {
+        let (tolerance_mm, merge_mm) = mode.tolerances();
         let rounding = 0.5 * size(&self.pulses_per_mm.map(f64::recip));
         let left = tolerance_mm - rounding;
-        if left > 0.1 * tolerance_mm { left } else { 0.0 }
+        if left > 0.1 * tolerance_mm { (left, merging(left, merge_mm)) } else { (0.0, 0.0) }
     }
 }
 
 fn check(numbers: &[f64], feed: Feed, mode: PathMode) -> Result<(), MoveError> {
     let sound = |x: &f64| x.abs() <= 1e6;
-    let tolerance = if let PathMode::Blend { tolerance_mm } = mode { tolerance_mm } else { 0.0 };
-    if !numbers.iter().all(sound) || !(0.0..=1e6).contains(&tolerance) {
+    let (tolerance, merge) = mode.tolerances();
+    let tolerances = [tolerance, merge.unwrap_or(0.0)];
+    if !numbers.iter().all(sound) || !tolerances.iter().all(|mm| (0.0..=1e6).contains(mm)) {
         return Err(MoveError::NotFinite);
     }
     match feed {

@@ -3,15 +3,18 @@
 //! Invariant: a move waits until the next one, or a stop, is known, since that decides how it is joined to the one before. What is
 //! handed on to be planned never changes, and depends on the moves and stops alone.
 
+use std::collections::VecDeque;
+
 use retrace_core::{Flags, Record};
 
 use crate::blend::{Blender, Entry, Segment};
 use crate::emitter::{Emitter, Item, SetPoint};
 use crate::glide::book::Book;
-use crate::glide::optimum::gentle;
+use crate::glide::optimum::{gentle, rest_time};
 use crate::glide::passage::Passage;
 use crate::glide::ramp::Ramps;
 use crate::glide::tracks::{FarEnd, Track, Tracks};
+use crate::glide::{Blending, source};
 use crate::joining::{glide_pays, join};
 use crate::limits::{AxisLimits, Limits};
 use crate::merge::Mark;
@@ -44,6 +47,7 @@ pub(crate) struct Road<const A: usize> {
     emitter: Emitter<A>,
     blender: Blender<A>,
     run: Run<A>,
+    blending: Blending,
     book: Book,
     held: Option<Held<A>>,
     /// Marks of the held move.
@@ -51,10 +55,14 @@ pub(crate) struct Road<const A: usize> {
     lead: Option<Lead>,
     /// The last move in the blender ends with a full stop.
     stops: bool,
-    /// Pieces and marks on their way from the blender, kept for their memory.
-    pieces: Vec<(Piece<A>, Joint)>,
+    /// Pieces that wait to be planned, and marks on their way from the blender, kept for their memory.
+    pieces: VecDeque<(Piece<A>, Joint)>,
     lines: Vec<Mark>,
 }
+
+/// Pieces that are planned at most when a move is taken up, so that none has to wait for all that the blender hands on together;
+/// more than a move is ever cut into.
+const PIECES: usize = 24;
 
 impl<const A: usize> Road<A> {
     /// A road that begins at rest at `start_mm`.
@@ -67,12 +75,13 @@ impl<const A: usize> Road<A> {
             emitter: Emitter::new(limits, start_mm),
             blender: Blender::new(reach),
             run: Run::new(axes),
+            blending: Blending::default(),
             book: Book::default(),
             held: None,
             marks: Vec::new(),
             lead: None,
             stops: false,
-            pieces: Vec::new(),
+            pieces: VecDeque::new(),
             lines: Vec::new(),
         }
     }
@@ -80,6 +89,16 @@ impl<const A: usize> Road<A> {
     /// Plans over that many blocks at a time.
     pub(crate) fn look_over(&mut self, blocks: usize) {
         self.run.look_over(blocks);
+    }
+
+    /// From the next record on programmed feeds count times `factor`; where moves are joined, and how, does not depend on it.
+    pub(crate) fn override_feeds(&mut self, factor: f64) {
+        self.run.override_feeds(factor, &mut self.emitter);
+    }
+
+    /// Passes the corners that follow by that method.
+    pub(crate) fn blend_by(&mut self, blending: Blending) {
+        self.blending = blending;
     }
 
     /// Has anything moved since the last stop?
@@ -124,14 +143,14 @@ impl<const A: usize> Road<A> {
             let stops = self.stops;
             let joined = join(&last, segment, &self.axes).filter(|_| !stops);
             let glide = if stops { None } else { self.find_glide(&last, held, next, joined.as_ref()) };
-            if let Some((tracks, ramps)) = glide
-                && self.pass(&tracks, &ramps, &last, held)
-            {
-                return;
-            }
-            match joined {
-                Some(joined) => entry = joined,
-                None => self.come_to_rest(*start, self.blender.last_tag(), Flags::REST),
+            match (glide, joined) {
+                (Some((tracks, ramps)), _) => {
+                    if self.pass(&tracks, &ramps, &last, held) {
+                        return;
+                    }
+                }
+                (None, Some(joined)) => entry = joined,
+                (None, None) => self.come_to_rest(*start, self.blender.last_tag(), Flags::REST),
             }
         }
         self.stops = held.stops;
@@ -139,10 +158,12 @@ impl<const A: usize> Road<A> {
         self.blender.push(*segment, entry, &self.marks);
         if self.blender.is_ready() {
             self.hand_on(false);
+        } else {
+            self.plan_on(PIECES);
         }
     }
 
-    /// A glide from `last` into the held move, if it is faster than any other way.
+    /// A glide from `last` into the held move, if the method has one: the optimum only where it is faster than any other way.
     fn find_glide(
         &mut self,
         last: &Segment<A>,
@@ -152,10 +173,14 @@ impl<const A: usize> Road<A> {
     ) -> Option<(Tracks<A>, Ramps)> {
         let segment = &held.segment;
         let tolerance = last.tolerance.min(segment.tolerance);
-        if tolerance <= 0.0 || !last.curve.is_line() || !segment.curve.is_line() {
+        if tolerance <= 0.0 {
             return None;
         }
-        let (u, w) = (last.curve.derivatives(0.0).first, segment.curve.derivatives(0.0).first);
+        // On arcs roundings are faster than glides, which take only what the arc allows all along.
+        if !last.curve.is_line() || !segment.curve.is_line() {
+            return None;
+        }
+        let (u, w) = (last.curve.derivatives(last.length).first, segment.curve.derivatives(0.0).first);
         if u[A.min(3)..].iter().chain(&w[A.min(3)..]).any(|x| *x != 0.0) {
             return None;
         }
@@ -172,7 +197,9 @@ impl<const A: usize> Road<A> {
             None => (last.length, FarEnd::Moving),
         };
         let to = moves_on(held.stops, next);
-        if !glide_pays([(last, from), (segment, to)], joined, tolerance, &self.axes) {
+        if self.blending == Blending::Optimum
+            && !glide_pays([(last, from), (segment, to)], joined, tolerance, &self.axes)
+        {
             return None;
         }
         let tracks = Tracks {
@@ -185,7 +212,10 @@ impl<const A: usize> Road<A> {
         if tracks.sine() < 1e-3 {
             return None;
         }
-        let ramps = self.book.glide(&tracks, &self.axes)?;
+        let ramps = match self.blending {
+            Blending::Optimum => self.book.glide(&tracks, &self.axes)?,
+            Blending::Source(ratio) => source::glide(&tracks, &self.axes, ratio)?,
+        };
         self.fitted(&tracks, ramps)
     }
 
@@ -193,8 +223,10 @@ impl<const A: usize> Road<A> {
     fn fitted(&self, tracks: &Tracks<A>, ramps: Ramps) -> Option<(Tracks<A>, Ramps)> {
         let before = &tracks.pair[0];
         let free = self.blender.free_end();
-        [1.0, 0.7, 0.5, 0.3].into_iter().map(|factor| ramps.scaled(factor)).find_map(|ramps| {
-            let [out, _] = ramps.ends();
+        [1.0, 0.97, 0.9, 0.7, 0.5, 0.3].into_iter().map(|factor| ramps.scaled(factor)).find_map(|ramps| {
+            let [out, into] = ramps.ends();
+            // It was found for tracks that are only nearly these.
+            rest_time(out, tracks, 0).and(rest_time(into, tracks, 1))?;
             if out.s > free {
                 return None;
             }
@@ -222,8 +254,9 @@ impl<const A: usize> Road<A> {
             return false;
         }
         let directions = tracks.pair.map(|track| track.direction);
-        self.emitter.commit_glide(Passage::new(*start, directions, [tag, segment.tag], *ramps), piece);
-        self.run.begin(State::moving(into.v, into.a));
+        let glide = Passage::new(*start, directions, [tag, segment.tag], *ramps);
+        self.emitter.commit_glide(glide, piece);
+        self.run.begin(State::moving(into.v, into.a), tracks.pair[1].limits, ramps.duration());
         self.stops = *stops;
         self.lead = Some(Lead { start: into, length: segment.length });
         // Program lines that begin within the glide are passed over.
@@ -248,7 +281,15 @@ impl<const A: usize> Road<A> {
         self.blender.hand_on(ended, &mut self.pieces, &mut self.lines);
         self.emitter.mark(&self.lines);
         self.lines.clear();
-        for (piece, entry) in self.pieces.drain(..) {
+        if ended {
+            self.plan_on(usize::MAX);
+        }
+    }
+
+    /// Up to `most` of the pieces that wait are planned.
+    fn plan_on(&mut self, most: usize) {
+        let most = most.min(self.pieces.len());
+        for (piece, entry) in self.pieces.drain(..most) {
             self.run.push(piece, entry, &mut self.emitter);
         }
     }

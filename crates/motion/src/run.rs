@@ -1,14 +1,17 @@
 //! A run: the road since the last stop, as far as its plan is not committed.
 //!
 //! Invariant: the plan over the first `planned` blocks ends at rest; what is committed of it can always be followed by the
-//! rest of it. Only the number and length of the pieces decide when a part is committed.
+//! rest of it. Only the number and length of the pieces decide when a part is committed, and where the override is changed. Where
+//! it can be, a run that ends at rest takes whole periods (SMO-9).
+
+mod replan;
 
 use crate::emitter::{Emitter, Item};
 use crate::envelope::Block;
 use crate::limits::AxisLimits;
 use crate::lookahead::{LookAhead, Span};
 use crate::piece::{Joint, Piece};
-use crate::profile::{PathLimits, Profile, State, fastest};
+use crate::profile::{PathLimits, Profile, State, fastest, lengthened, slowed};
 use crate::shares::{Choice, Offer};
 use crate::stepwise;
 
@@ -16,6 +19,8 @@ use crate::stepwise;
 #[derive(Debug)]
 pub(crate) struct Run<const A: usize> {
     axes: AxisLimits<A>,
+    /// Programmed feeds count times this.
+    factor: f64,
     /// The last piece and the joint at its start, kept back until the joint at its end is known.
     tail: Option<(Piece<A>, Joint)>,
     blocks: Vec<Block>,
@@ -31,6 +36,10 @@ pub(crate) struct Run<const A: usize> {
     /// Speed and acceleration at the start.
     v: f64,
     a: f64,
+    /// Time since the last stop that is committed, less whole periods, s.
+    elapsed: f64,
+    /// Limits of a run that begins in motion.
+    lead: PathLimits,
     /// The plan over the first `planned` blocks; it ends at rest.
     plan: Vec<Span>,
     planned: usize,
@@ -41,6 +50,8 @@ pub(crate) struct Run<const A: usize> {
     keep: f64,
     /// Blocks after which the run is planned and partly committed however short they are.
     most_blocks: usize,
+    /// How often the plan could not be extended since it was last.
+    failures: usize,
 }
 
 /// Blocks after which a run is planned and partly committed even if they are short.
@@ -49,6 +60,8 @@ const MOST_BLOCKS: usize = 8192;
 const BATCH: usize = 48;
 /// Stopping distances from the end of a plan to what more road does not change.
 const SPARE: f64 = 1.5;
+/// A run that is over a border between periods by less than this part of one ends on it.
+const OVER: f64 = 1e-6;
 /// Smooth pieces are planned together up to this length, mm: what is shorter is passed in less than a few periods.
 const GROUP: f64 = 0.02;
 
@@ -58,6 +71,7 @@ impl<const A: usize> Run<A> {
         let stopping = 0.5 * v * (v / a + a / j);
         Self {
             axes,
+            factor: 1.0,
             tail: None,
             blocks: Vec::new(),
             offers: Vec::new(),
@@ -67,12 +81,15 @@ impl<const A: usize> Run<A> {
             length: 0.0,
             v: 0.0,
             a: 0.0,
+            elapsed: 0.0,
+            lead: PathLimits { v, a, j },
             plan: Vec::new(),
             planned: 0,
             look_ahead: LookAhead::default(),
             fresh: Vec::new(),
             keep: 3.0 * stopping,
             most_blocks: MOST_BLOCKS,
+            failures: 0,
         }
     }
 
@@ -86,10 +103,16 @@ impl<const A: usize> Run<A> {
         self.push_tail(entry, emitter);
         self.tail = Some((piece, entry));
         let fresh = self.blocks.len() - self.planned;
-        let enough = self.length > 2.0 * self.keep && fresh >= BATCH || self.length > 8.0 * self.keep;
-        if enough || self.blocks.len() >= self.most_blocks {
-            self.replan(State::default(), false);
+        let must = self.length > 8.0 * self.keep || self.blocks.len() >= self.most_blocks;
+        if must || self.length > 2.0 * self.keep && fresh >= (self.failures + 1) * BATCH {
+            if must {
+                self.replan(State::default(), false);
+            } else if !self.extend() {
+                self.failures += 1;
+                return;
+            }
             self.commit_part(emitter);
+            self.failures = 0;
         }
     }
 
@@ -97,21 +120,63 @@ impl<const A: usize> Run<A> {
     pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
         self.push_tail(Joint::STOP, emitter);
         self.replan(State::default(), true);
+        self.stop_on_a_period();
         self.commit_all(emitter);
+        self.elapsed = 0.0;
         self.next_piece
     }
 
-    /// Begins the next run in motion; it must be able to come to rest within its first piece.
-    pub(crate) fn begin(&mut self, start: State) {
+    /// Begins the next run in motion, after a glide of so many seconds; within `limits` it must be able to come to rest on its first
+    /// piece.
+    pub(crate) fn begin(&mut self, start: State, limits: PathLimits, glide: f64) {
         (self.v, self.a) = (start.v, start.a);
+        self.lead = limits;
+        self.pass(glide);
+    }
+
+    /// So many seconds more are committed.
+    fn pass(&mut self, seconds: f64) {
+        self.elapsed = (self.elapsed + seconds) % self.axes.period;
+    }
+
+    /// Slows the plan, which ends at rest, down until the run takes whole periods (SMO-9): the last period is there anyhow. A plan
+    /// from rest is slowed as a whole; else one of its spans rises less high, or the last period is not filled.
+    fn stop_on_a_period(&mut self) {
+        let period = self.axes.period;
+        let duration: f64 = self.plan.iter().map(|span| span.profile.duration()).sum();
+        let periods = (self.elapsed + duration) / period;
+        let missing = ((periods - OVER).ceil() - periods) * period;
+        if missing <= 0.0 || duration <= 0.0 {
+            return;
+        }
+        if self.v == 0.0 && self.a == 0.0 {
+            for span in &mut self.plan {
+                span.profile = slowed(&span.profile, 1.0 + missing / duration);
+            }
+            return;
+        }
+        let mut to = State::default();
+        for span in self.plan.iter_mut().rev() {
+            if let Some(slower) = lengthened(&span.profile, to, missing) {
+                span.profile = slower;
+                return;
+            }
+            to = span.profile.start();
+        }
     }
 
     /// Plans and commits everything, to state `end`; where that cannot be reached any more, to rest, and says so. Gives the
     /// number of the next piece.
     pub(crate) fn finish_moving(&mut self, end: State, emitter: &mut Emitter<A>) -> (u64, bool) {
         self.push_tail(Joint { v: end.v, share: 0.0 }, emitter);
-        let reached = self.replan(end, true);
-        self.commit_all(emitter);
+        let reached = self.replan(end, true) || self.approach(end, emitter);
+        if reached {
+            self.commit_all(emitter);
+        } else {
+            self.stop_on_a_period();
+            self.commit_all(emitter);
+            self.elapsed = 0.0;
+        }
         (self.next_piece, reached)
     }
 
@@ -119,7 +184,8 @@ impl<const A: usize> Run<A> {
     fn push_tail(&mut self, exit: Joint, emitter: &mut Emitter<A>) {
         let Some((mut piece, entry)) = self.tail.take() else { return };
         piece.rough_entry = entry.share > 0.0;
-        let offer = piece.offer(&self.axes, entry.share.max(exit.share));
+        (piece.share, piece.exit_v) = (entry.share.max(exit.share), exit.v);
+        let offer = piece.offer(&self.axes, self.factor);
         let number = emitter.append(piece);
         self.next_piece = number + 1;
         self.length += piece.length;
@@ -145,28 +211,60 @@ impl<const A: usize> Run<A> {
     /// rest, and from rest there always is a plan to rest. False where it came to that and `end` is not at rest. The road goes on
     /// behind the blocks unless it `ends`.
     fn replan(&mut self, end: State, ends: bool) -> bool {
-        let Some(before) =
-            self.blocks.len().checked_sub(self.offers.len()).filter(|&before| before < self.blocks.len())
-        else {
+        if !self.choose(ends) {
             return true;
-        };
-        let v = before.checked_sub(1).map_or(self.v, |last| self.blocks[last].limits.v.min(self.blocks[last].exit_v));
-        self.choice.choose(&mut self.blocks[before..], &self.offers, v, ends);
+        }
         self.offers.clear();
         let (settled, gates) = (self.settled(), self.plan.len());
         let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).take_while(|&gate| gate < gates);
         let tries = [settled, 0].into_iter().take(if settled > 0 { 2 } else { 1 }).chain(later);
         let mut kept = None;
         for gate in tries {
-            let state = self.plan.get(gate).map(|span| (span.first, span.profile.v0, span.profile.a0));
-            let (first, v, a) = state.unwrap_or((0, self.v, self.a));
-            if self.plan_from(first, (v, a), end) {
+            if self.plan_from_gate(gate, end) {
                 kept = Some(gate);
                 break;
             }
         }
         let reached = kept.is_some() || self.plan_from_rest(end);
-        let kept = kept.unwrap_or(self.plan.len());
+        self.take_over(kept.unwrap_or(self.plan.len()));
+        reached
+    }
+
+    /// Plans all blocks to rest from the gate on that more road cannot change, or one beside it if that has failed before. False
+    /// where there is no such plan: then nothing is changed, and with more road there may be one, as the road does not end here.
+    fn extend(&mut self) -> bool {
+        if !self.choose(false) {
+            return true;
+        }
+        // In turn one further back and one further on.
+        let aside = self.failures.div_ceil(2);
+        let settled = self.settled();
+        let gate = if self.failures % 2 == 1 { settled.saturating_sub(aside) } else { settled + aside };
+        let found = (gate == 0 || gate < self.plan.len()) && self.plan_from_gate(gate, State::default());
+        if found {
+            self.offers.clear();
+            self.take_over(gate);
+        }
+        found
+    }
+
+    /// Chooses limits of the blocks behind the planned ones; false where there are none.
+    fn choose(&mut self, ends: bool) -> bool {
+        let before = self.blocks.len().saturating_sub(self.offers.len());
+        let v = before.checked_sub(1).map_or(self.v, |last| self.blocks[last].limits.v.min(self.blocks[last].exit_v));
+        self.choice.choose(&mut self.blocks[before..], &self.offers, v, ends);
+        before < self.blocks.len()
+    }
+
+    /// Plans all blocks behind gate `gate` of the plan there is; false where there is no such plan.
+    fn plan_from_gate(&mut self, gate: usize, end: State) -> bool {
+        let state = self.plan.get(gate).map(|span| (span.first, span.profile.v0, span.profile.a0));
+        let (first, v, a) = state.unwrap_or((0, self.v, self.a));
+        self.plan_from(first, (v, a), end)
+    }
+
+    /// The fresh spans follow gate `kept` of the plan there is.
+    fn take_over(&mut self, kept: usize) {
         let beyond = self.plan.get(kept).map_or(self.planned, |span| span.first);
         self.plan.truncate(kept);
         self.plan.extend(self.fresh.drain(..).map(|span| Span {
@@ -175,7 +273,6 @@ impl<const A: usize> Run<A> {
             ..span
         }));
         self.planned = self.blocks.len();
-        reached
     }
 
     /// Plans what lies behind the plan there is, which ends at rest; false where that is to rest instead of `end`.
@@ -195,7 +292,13 @@ impl<const A: usize> Run<A> {
     /// A run that begins in motion and finds no other plan comes to rest at the end of its first block, which is long enough.
     fn stop_in_first_block(&mut self) {
         let Block { length, limits, .. } = self.blocks[0];
-        if let Ok(profile) = fastest(State::moving(self.v, self.a), State::default(), length, limits) {
+        let (from, rest) = (State::moving(self.v, self.a), State::default());
+        // What a block leaves to a joint at its end is not needed by motion that is at rest there; and a little more than the
+        // feed is better than a jump.
+        let any_feed = PathLimits { v: f64::MAX, a: self.lead.a.max(self.a.abs()), ..self.lead };
+        let stop =
+            [limits, self.lead, any_feed].into_iter().find_map(|limits| fastest(from, rest, length, limits).ok());
+        if let Some(profile) = stop {
             self.plan.push(Span { first: 0, last: 1, profile });
             self.planned = 1;
         }
@@ -230,6 +333,7 @@ impl<const A: usize> Run<A> {
         for span in &self.plan {
             emitter.commit(self.item(span.profile, s[span.last] - s[span.first], span.last - 1));
         }
+        self.pass(self.plan.iter().map(|span| span.profile.duration()).sum());
         self.plan.clear();
         self.blocks.clear();
         self.numbers.clear();
@@ -269,6 +373,7 @@ impl<const A: usize> Run<A> {
         let length = target - s[crossing.first];
         let (before, after) = crossing.profile.cut(crossing.profile.time_at(length));
         emitter.commit(self.item(before, length, block));
+        self.pass(self.plan[..cut].iter().map(|span| span.profile.duration()).sum::<f64>() + before.duration());
         self.plan.drain(..cut);
         self.plan[0].profile = after;
         for span in &mut self.plan {

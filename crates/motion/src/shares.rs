@@ -45,6 +45,12 @@ pub(crate) struct Offer {
 }
 
 impl Offer {
+    /// The same at no more than speed `v`, mm/s.
+    pub(crate) fn up_to(&self, v: f64) -> Self {
+        let limit = |limits: PathLimits| PathLimits { v: limits.v.min(v), ..limits };
+        Self { v: self.v.min(v), calm: limit(self.calm), rough: limit(self.rough), ..*self }
+    }
+
     /// What both allow.
     pub(crate) fn tighter(&self, other: &Self) -> Self {
         Self {

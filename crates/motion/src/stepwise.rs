@@ -47,7 +47,7 @@ fn rest_to_rest(block: &Block) -> Profile {
 
 /// The speed from which, or to which, a block allows to go from or to `v` with zero acceleration at both ends, taken low by
 /// a part in 10⁶.
-fn reach(v: f64, block: &Block) -> f64 {
+pub(crate) fn reach(v: f64, block: &Block) -> f64 {
     let PathLimits { a, j, .. } = block.limits;
     let distance = |dv: f64| {
         let time = if dv * j >= a * a { dv / a + a / j } else { 2.0 * (dv / j).sqrt() };

@@ -34,7 +34,7 @@ fn table() -> Vec<[f64; 6]> {
 
 fn slower_than_stopping(degrees: f64, legs: [f64; 2], feed: Feed, tolerance_mm: f64) -> Option<String> {
     let stop = periods(degrees, legs, feed, PathMode::ExactStop);
-    let blend = periods(degrees, legs, feed, PathMode::Blend { tolerance_mm });
+    let blend = periods(degrees, legs, feed, PathMode::blend(tolerance_mm));
     (blend > stop).then(|| format!("{degrees}°, {legs:?} mm, {tolerance_mm} mm: {blend} periods, {stop} stopping"))
 }
 
@@ -46,7 +46,7 @@ fn corners_are_never_slower_than_stopping_and_never_faster_than_possible() {
     for [degrees, leg, tolerance_mm, optimum, ..] in rows {
         let feed = Feed::PerSecond(100.0);
         assert_eq!(slower_than_stopping(degrees, [leg; 2], feed, tolerance_mm), None);
-        let ours = periods(degrees, [leg; 2], feed, PathMode::Blend { tolerance_mm }) as f64 * 1e-3;
+        let ours = periods(degrees, [leg; 2], feed, PathMode::blend(tolerance_mm)) as f64 * 1e-3;
         assert!(ours >= 0.995 * optimum, "{degrees}° {leg} mm {tolerance_mm} mm: {ours} s, optimum {optimum} s");
     }
 }

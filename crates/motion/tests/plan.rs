@@ -11,8 +11,8 @@ fn mode() -> impl Strategy<Value = PathMode> {
     prop_oneof![
         Just(PathMode::ExactStop),
         Just(PathMode::ExactPath),
-        Just(PathMode::Blend { tolerance_mm: 0.05 }),
-        (0.002..0.3f64).prop_map(|tolerance_mm| PathMode::Blend { tolerance_mm }),
+        Just(PathMode::blend(0.05)),
+        (0.002..0.3f64).prop_map(PathMode::blend),
     ]
 }
 
@@ -24,7 +24,7 @@ proptest! {
         let limits = Limits::built_in();
         let moves = program(&steps, mode);
         let run = play(limits, &moves, usize::MAX);
-        let tolerance = if let PathMode::Blend { tolerance_mm } = mode { tolerance_mm } else { 0.0 };
+        let tolerance = if let PathMode::Blend { tolerance_mm, .. } = mode { tolerance_mm } else { 0.0 };
         if let Err(broken) = judge(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
         }
@@ -59,6 +59,29 @@ proptest! {
     }
 }
 
+/// A long chain of short lines, some nearly straight, some rough.
+fn wandering(seed: u32, size: f64, wander: f64, mode: PathMode) -> Vec<Move> {
+    let mut state = u64::from(seed) << 1 | 1;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f64 / (1u64 << 24) as f64
+    };
+    let (mut at, mut heading) = ([0.0f64; 3], 0.0f64);
+    (0..4000)
+        .map(|k| {
+            heading += 10f64.powf(wander) * (random() - 0.5) + if k % 400 == 399 { 2.0 } else { 0.003 };
+            let length = 10f64.powf(size) * (0.1 + 2.0 * random());
+            at = [
+                at[0] + length * heading.cos(),
+                at[1] + length * heading.sin(),
+                at[2] + 0.1 * length * (random() - 0.5),
+            ];
+            let feed = Feed::PerSecond(if k / 700 % 2 == 0 { 100.0 } else { 20.0 });
+            Move { path: Path::Line(at), feed, mode, stop: false }
+        })
+        .collect()
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
@@ -67,27 +90,25 @@ proptest! {
     fn dense_chains_keep_everything_too(
         seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64, most in 0usize..9,
     ) {
-        let mut state = u64::from(seed) << 1 | 1;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 40) as f64 / (1u64 << 24) as f64
-        };
-        let (mut at, mut heading) = ([0.0f64; 3], 0.0f64);
-        let moves: Vec<Move> = (0..4000)
-            .map(|k| {
-                heading += 10f64.powf(wander) * (random() - 0.5) + if k % 400 == 399 { 2.0 } else { 0.003 };
-                let length = 10f64.powf(size) * (0.1 + 2.0 * random());
-                at = [at[0] + length * heading.cos(), at[1] + length * heading.sin(), at[2] + 0.1 * length * (random() - 0.5)];
-                let feed = Feed::PerSecond(if k / 700 % 2 == 0 { 100.0 } else { 20.0 });
-                Move { path: Path::Line(at), feed, mode: PathMode::Blend { tolerance_mm }, stop: false }
-            })
-            .collect();
+        let moves = wandering(seed, size, wander, PathMode::blend(tolerance_mm));
         let limits = Limits::built_in();
         let run = play(limits, &moves, most);
         if let Err(broken) = judge(&limits, &moves, &run, tolerance_mm, 4000) {
             prop_assert!(false, "{}", broken);
         }
         prop_assert_eq!(play(limits, &moves, usize::MAX), run);
+    }
+
+    /// Merging as the program asks for it (G64 Q): within P whatever Q is.
+    #[test]
+    fn dense_chains_stay_within_the_tolerance_however_much_is_merged(
+        seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64, merge in 0.0..0.1f64,
+    ) {
+        let moves = wandering(seed, size, wander, PathMode::Blend { tolerance_mm, merge_mm: Some(merge) });
+        let limits = Limits::built_in();
+        if let Err(broken) = judge(&limits, &moves, &play(limits, &moves, usize::MAX), tolerance_mm, 4000) {
+            prop_assert!(false, "{}", broken);
+        }
     }
 
     /// Other machines: slow and fast, axes unlike each other, long and short periods, coarse and fine pulses.
@@ -111,7 +132,7 @@ proptest! {
         prop_assume!(limits.validate().is_ok());
         let moves = program(&steps, mode);
         let run = play(limits, &moves, usize::MAX);
-        let tolerance = if let PathMode::Blend { tolerance_mm } = mode { tolerance_mm } else { 0.0 };
+        let tolerance = if let PathMode::Blend { tolerance_mm, .. } = mode { tolerance_mm } else { 0.0 };
         if let Err(broken) = judge(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
         }
@@ -121,7 +142,7 @@ proptest! {
     #[test]
     fn exact_moves_stay_exact_among_blended_ones(steps in prop::collection::vec(step(), 2..60)) {
         let limits = Limits::built_in();
-        let mut moves = program(&steps, PathMode::Blend { tolerance_mm: 0.05 });
+        let mut moves = program(&steps, PathMode::blend(0.05));
         for k in (0..moves.len()).filter(|k| k % 7 > 3) {
             moves[k].mode = if k % 7 == 6 { PathMode::ExactStop } else { PathMode::ExactPath };
         }
@@ -133,7 +154,7 @@ proptest! {
             .records
             .iter()
             .zip(&run.points)
-            .filter(|(record, _)| record.line > 0 && moves[record.line as usize - 1].mode != PathMode::Blend { tolerance_mm: 0.05 })
+            .filter(|(record, _)| record.line > 0 && moves[record.line as usize - 1].mode != PathMode::blend(0.05))
             .unzip();
         let wrong = astray(&moves, &Run { records, points }, 60, 2e-5);
         prop_assert!(wrong.is_none(), "{:?}", wrong);
@@ -213,7 +234,7 @@ fn a_blended_corner_is_never_slower_than_a_stop() {
                 };
                 let stop = corner(PathMode::ExactStop);
                 for tolerance_mm in [0.005, 0.01, 0.05] {
-                    let blend = corner(PathMode::Blend { tolerance_mm });
+                    let blend = corner(PathMode::blend(tolerance_mm));
                     assert!(
                         blend <= stop,
                         "{degrees}° {leg} mm at {feed} mm/s within {tolerance_mm}: {blend} periods, {stop} stopping"
@@ -227,7 +248,7 @@ fn a_blended_corner_is_never_slower_than_a_stop() {
 /// A rotary axis that turns back is not cut short by more than the tolerance, and tiny pieces behind a long one take no time.
 #[test]
 fn rotary_reversals_are_kept_and_tiny_pieces_are_cheap() {
-    let mode = PathMode::Blend { tolerance_mm: 0.05 };
+    let mode = PathMode::blend(0.05);
     let mut planner = Planner::<4>::new(Limits::built_in(), [0.0; 4]).expect("valid limits");
     for (tag, end) in [[0.0, 0.0, 0.0, 30.0], [0.0, 0.0, 0.0, 10.0], [5.0, 0.0, 0.0, 20.0]].into_iter().enumerate() {
         planner.line(end, Feed::PerSecond(20.0), mode, tag as u32 + 1).expect("a valid line");
@@ -273,7 +294,7 @@ fn records_of_merged_lines_carry_the_line_that_they_end_in() {
         };
         let moves: Vec<Move> = (1..=300)
             .map(|k| {
-                let mode = PathMode::Blend { tolerance_mm: 0.05 };
+                let mode = PathMode::blend(0.05);
                 Move { path: Path::Line(at(k)), feed: Feed::PerSecond(50.0), mode, stop: k == 300 }
             })
             .collect();

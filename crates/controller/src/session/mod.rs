@@ -10,7 +10,7 @@ mod switching;
 use std::thread;
 use std::time::Duration;
 
-use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation};
+use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
 use retrace_core::ring::Consumer;
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, Record, Travel};
@@ -19,6 +19,8 @@ use retrace_link::{Change, MotionCard, Status, Word, channel};
 use crate::event::{Event, Happening};
 use crate::item::{Ending, Item, Kind};
 use crate::machine::{Machine, RetraceOutputs};
+use crate::operator::percent;
+use crate::overrides::Asking;
 use crate::script::ScriptPlayer;
 use crate::supply::{News, Road, Supply};
 use crate::tally::{Spent, Tally};
@@ -62,6 +64,7 @@ pub struct Session<'r, 'o, const A: usize, C: MotionCard<A>> {
     supply: Supply<'r, A>,
     operation: Operation,
     operator: ScriptPlayer,
+    overrides: Asking,
     wheel: Box<Wheel<512>>,
     manner: Manner,
     period_s: f64,
@@ -106,6 +109,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             card,
             operation: Operation::default(),
             operator,
+            overrides: Asking::default(),
             wheel: Box::new(Wheel::new(machine.wheel_periods, machine.wheel_counts)),
             manner,
             period_s: machine.period_s(),
@@ -125,6 +129,12 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             target: None,
         }
         .with_outputs(machine.retrace_outputs)
+    }
+
+    /// The same, which asks for overrides above 100 %.
+    #[must_use]
+    pub fn asking(self, overrides: Asking) -> Self {
+        Self { overrides, ..self }
     }
 
     fn with_outputs(mut self, outputs: RetraceOutputs) -> Self {
@@ -269,6 +279,11 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
     fn book(&mut self, status: &Status<A>) {
         let executing = self.executing;
         self.acknowledge();
+        if let Some(planned) = self.overrides.pass(status.reached) {
+            // Overrides are asked for in steps of a hundredth of a percent.
+            self.tell(Happening::OverridePlanned((100.0 * percent(planned)).round() / 100.0));
+            self.override_rate();
+        }
         let mode = self.operation.mode();
         let held = self.operation.held() || self.program_stop || self.single_stop;
         self.tally.count(Spent {
@@ -332,6 +347,12 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         }
         let nobody = !self.manner.wall_time && self.operator.finished();
         (nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S).then_some(Outcome::Stopped)
+    }
+
+    /// Sets the part of the override that the rate does.
+    fn override_rate(&mut self) {
+        // Never refused.
+        let _ = self.operation.order(Order::Override(self.overrides.rate()));
     }
 
     fn tell_mode(&mut self) {

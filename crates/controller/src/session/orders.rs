@@ -2,13 +2,12 @@
 //!
 //! Invariant: an order that does not apply changes nothing and is answered with the reason.
 
-use retrace_core::ONE;
 use retrace_core::mode::{Mode, Order, Refused};
 use retrace_link::{Change, MotionCard, Word};
 
 use super::Session;
 use crate::event::Happening;
-use crate::operator::Deed;
+use crate::operator::{Deed, percent};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
     pub(super) fn take_orders(&mut self) {
@@ -40,10 +39,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
             }
             Deed::Resume => self.operation.order(Order::Resume),
             Deed::Override(rate) => {
-                self.operation.order(Order::Override(rate)).map_err(reason)?;
-                // the records are planned for 100 %
-                let is_more = rate > ONE;
-                return if is_more { Err("100 % is in force: more is not supported yet".into()) } else { Ok(()) };
+                let most = self.overrides.most();
+                let asked = self.overrides.ask(rate, self.card.status().reached);
+                asked.map_err(|_| "too many changes of the override are on their way already".to_string())?;
+                self.override_rate();
+                return if rate > most { Err(format!("{:.0} % is the most", percent(most))) } else { Ok(()) };
             }
             Deed::Reverse(rate) => self.operation.order(Order::Reverse(rate)),
             Deed::Forward(rate) => self.operation.order(Order::Forward(rate)),

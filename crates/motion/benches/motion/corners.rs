@@ -76,7 +76,7 @@ pub(crate) fn rows(full: bool) -> Vec<Row> {
     let (mut ratios, mut above, mut note, mut off) = (Vec::new(), 0u32, String::new(), 0.0f64);
     let mut worst = (0.0, String::new());
     for case in &cases {
-        let mode = PathMode::Blend { tolerance_mm: case.tolerance };
+        let mode = PathMode::blend(case.tolerance);
         let (ours, stop) = (case.ours(mode), case.ours(PathMode::ExactStop));
         let ratio = ours / case.optimum;
         ratios.push(ratio);
@@ -117,7 +117,7 @@ fn short_legs() -> (f64, String) {
             for tolerance in [0.005, 0.01, 0.02, 0.05] {
                 let case = Case { degrees, leg, tolerance, optimum: f64::NAN };
                 let stop = case.ours(PathMode::ExactStop);
-                let ratio = case.ours(PathMode::Blend { tolerance_mm: tolerance }) / stop;
+                let ratio = case.ours(PathMode::blend(tolerance)) / stop;
                 (slower, count) = (slower + f64::from(u8::from(ratio > 1.0)), count + 1);
                 if ratio > worst.0 {
                     worst = (ratio, format!("{degrees}° {leg} mm {:.0} µm, {stop:.3} s with a stop", 1e3 * tolerance));

@@ -137,7 +137,7 @@ impl<'r> Judge<'r> {
         let half = 0.5 * dot(pulse, pulse).sqrt();
         let tolerance = match self.road.mode {
             // An exact path is exact to the rounding.
-            PathMode::Blend { tolerance_mm } => tolerance_mm.max(half),
+            PathMode::Blend { tolerance_mm, .. } => tolerance_mm.max(half),
             _ => half,
         };
         let off = self.distance(record.line as usize, emitted, tolerance);
@@ -256,7 +256,7 @@ fn random(seed: u64) -> Road {
     }
     let mode = match seed % 4 {
         0 => PathMode::ExactPath,
-        _ => PathMode::Blend { tolerance_mm: 10f64.powf(numbers.between(-2.3, -0.7)) },
+        _ => PathMode::blend(10f64.powf(numbers.between(-2.3, -0.7))),
     };
     Road { name: "random", ways, feed: 10f64.powf(numbers.between(0.5, 2.0)), mode }
 }

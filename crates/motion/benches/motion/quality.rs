@@ -17,7 +17,7 @@ fn periods(mut planner: Planner<3>, give: impl FnOnce(&mut Planner<3>)) -> u64 {
 
 /// Q2: a straight 100 mm line in n pieces.
 pub(crate) fn cut_line(_full: bool) -> Vec<Row> {
-    let mode = PathMode::Blend { tolerance_mm: TOLERANCE };
+    let mode = PathMode::blend(TOLERANCE);
     let time = |pieces: u32, end: [f64; 3]| {
         periods(Road::planner(), |planner| {
             for k in 1..=pieces {

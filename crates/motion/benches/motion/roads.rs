@@ -39,7 +39,7 @@ pub(crate) const TOLERANCE: f64 = 0.05;
 
 impl Road {
     fn of(name: &'static str, feed: f64, ways: Vec<Way>) -> Self {
-        Self { name, ways, feed, mode: PathMode::Blend { tolerance_mm: TOLERANCE } }
+        Self { name, ways, feed, mode: PathMode::blend(TOLERANCE) }
     }
 
     /// A planner at rest at the origin of the built-in machine.

@@ -41,11 +41,6 @@ impl<const A: usize> Passage<A> {
         self.tags[usize::from(t > HALF as f64 * self.ramps.cell)]
     }
 
-    /// Number of the cell that holds time `t`.
-    pub(crate) fn cell(&self, t: f64) -> usize {
-        ((t / self.ramps.cell) as usize).min(CELLS - 1)
-    }
-
     /// Where the machine is, and how it moves, `t` seconds after the start, by the jerks of cell `cell`.
     pub(crate) fn at(&self, cell: usize, t: f64) -> Moment<A> {
         let t = t - cell as f64 * self.ramps.cell;

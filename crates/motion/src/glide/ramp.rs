@@ -8,14 +8,19 @@
 //! Invariant: a ramp begins at rest at place 0; its jerk is constant in each cell. Everything about a glide is linear in its
 //! jerks, so a glide that is scaled down keeps whatever limits it kept.
 
-use crate::glide::tracks::Tracks;
+use crate::glide::tracks::{Track, Tracks};
 use crate::limits::AxisLimits;
 use crate::profile::State;
 
 /// Cells of constant jerk in a ramp, half of them on each side of the middle.
 pub(crate) const CELLS: usize = 12;
+/// Share of the tolerance that may be taken where it is looked at, for what lies between.
+const BETWEEN: f64 = 0.995;
 /// Cells before the middle.
 pub(crate) const HALF: usize = CELLS / 2;
+
+/// Share of the jerk that a track has beside a glide, where it is the end of a rounding.
+const BESIDE: f64 = 0.9;
 
 /// One track's share of a glide, from rest outward: jerk along the track in each cell, mm/s³.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -65,7 +70,21 @@ impl Ramps {
             let most = most.max(self.taken_at(p, q, tracks, axes));
             if k == CELLS { most } else { most.max(self.taken_in(k, p, q, tracks, axes)) }
         });
-        motion.max(self.taken_of_tolerance(&nodes, tracks))
+        motion.max(self.taken_of_tolerance(&nodes, tracks)).max(self.taken_beside(&nodes, tracks))
+    }
+
+    /// What is taken of each track's speed limit beside the glide: the acceleration with which it leaves the corner comes from, and
+    /// goes on to, a speed that is higher than its own. Were that above the limit, no plan would lead into the glide.
+    fn taken_beside<const A: usize>(&self, nodes: &[[State; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
+        nodes.iter().zip(&tracks.pair).fold(0.0, |most: f64, (nodes, Track { limits, .. })| {
+            let State { v, a, .. } = nodes[CELLS];
+            most.max((v + 0.5 * a.max(0.0) * a / (BESIDE * limits.j)) / limits.v)
+        })
+    }
+
+    /// The share of the tolerance that the glide takes.
+    pub(crate) fn taken_of_path<const A: usize>(&self, tracks: &Tracks<A>) -> f64 {
+        self.taken_of_tolerance(&self.pair.map(|ramp| ramp.nodes(self.cell)), tracks)
     }
 
     /// What is taken of velocity and acceleration where both ramps are in these states.
@@ -114,7 +133,31 @@ impl Ramps {
                 most.max(to.s.abs()).max(turning_places(*from, *jerk, self.cell))
             })
         });
-        (missed / tracks.tolerance).max(away / tracks.band())
+        (missed / tracks.tolerance).max(away / tracks.band()).max(self.taken_beyond(nodes, tracks))
+    }
+
+    /// What is taken of the tolerance by the distance from the nearer track, each seen as ending in the corner: in a sharp corner the
+    /// swing of one ramp may lead beyond the end of the other's track.
+    fn taken_beyond<const A: usize>(&self, nodes: &[[State; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
+        let [u, w] = tracks.pair.map(|track| track.direction);
+        let mut most = 0.0f64;
+        for k in 0..CELLS {
+            let (j_p, j_q) = (self.pair[0].0[CELLS - 1 - k], self.pair[1].0[k]);
+            let p = nodes[0][CELLS - k];
+            for part in [0.25, 0.5, 0.75, 1.0] {
+                let t = self.cell * part;
+                let p = State { v: -p.v, ..p }.after(-j_p, t).s;
+                let q = nodes[1][k].after(j_q, t).s;
+                let way: [f64; A] = std::array::from_fn(|i| q * w[i] - p * u[i]);
+                let before = u.iter().zip(way).map(|(u, x)| u * x).sum::<f64>().min(0.0);
+                let after = w.iter().zip(way).map(|(w, x)| w * x).sum::<f64>().max(0.0);
+                let off = |direction: [f64; A], along: f64| {
+                    way.iter().zip(direction).map(|(x, d)| (x - along * d).powi(2)).sum::<f64>()
+                };
+                most = most.max(off(u, before).min(off(w, after)));
+            }
+        }
+        most.sqrt() / (BETWEEN * tracks.tolerance)
     }
 }
 

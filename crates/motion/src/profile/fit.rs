@@ -5,9 +5,10 @@
 //!
 //! A chain of profiles that is run slower by the factor 1 + e, e ≥ 0, has its speeds divided by it, its accelerations by its
 //! square and its jerk by its cube; so all of them only sink, and where they meet they still meet. Only a chain between two
-//! stops can be treated so: anywhere else the speed at its ends is given. It costs less than one period a stop.
+//! stops can be treated so: anywhere else the speed at its ends is given. There a profile that rises above both of its ends takes
+//! longer if it rises less. It costs less than one period a stop.
 
-use super::{Profile, State};
+use super::{PathLimits, Profile, State, fastest};
 
 /// A chain counts as whole if it is so to this part: no period is added for a rounding.
 const ROUNDING: f64 = 1e-12;
@@ -34,8 +35,30 @@ pub fn whole_periods(profiles: &mut [Profile], period: f64) -> Option<u64> {
     Some(periods as u64)
 }
 
+/// The profile to state `to` that takes `more` seconds longer because its highest speed is lower; nowhere is it faster than
+/// before. `None` where it does not rise far enough above both of its ends, or where `more` is not above 0.
+pub(crate) fn lengthened(profile: &Profile, to: State, more: f64) -> Option<Profile> {
+    let (from, length) = (profile.start(), profile.end().s);
+    let steepest = profile.ends().fold(from.a.abs(), |most, state| most.max(state.a.abs()));
+    let (mut low, mut high) = (from.v.max(to.v), profile.crest().0);
+    if profile.jerk <= 0.0 || low >= high || more <= 0.0 {
+        return None;
+    }
+    let (wanted, mut best) = (profile.duration() + more, None);
+    // Lower and lower, until it takes too long or cannot be.
+    for _ in 0..80 {
+        let v = 0.5 * (low + high);
+        let slower = fastest(from, to, length, PathLimits { v, a: steepest, j: profile.jerk });
+        match slower {
+            Ok(slower) if slower.jerk > 0.0 && slower.duration() <= wanted => (high, best) = (v, Some(slower)),
+            _ => low = v,
+        }
+    }
+    best.filter(|best| wanted - best.duration() <= 1e-13 + 1e-10 * more)
+}
+
 /// The profile over the same places in `factor` times the time.
-fn slowed(profile: &Profile, factor: f64) -> Profile {
+pub(crate) fn slowed(profile: &Profile, factor: f64) -> Profile {
     let square = factor * factor;
     Profile {
         v0: profile.v0 / factor,
@@ -106,6 +129,35 @@ mod tests {
             prop_assert_eq!(whole_periods(&mut twice, period), periods);
             for (a, b) in once.iter().zip(&twice) {
                 prop_assert!((a.duration() - b.duration()).abs() <= 1e-12 * a.duration());
+            }
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        /// It takes as much longer as is asked for, between the same states, and is nowhere faster or steeper.
+        #[test]
+        fn what_is_lengthened_is_nowhere_faster(
+            from in (0.0..0.9f64, -1.0..1.0f64), to in prop_oneof![Just((0.0, 0.0)), (0.0..0.9f64, -1.0..1.0f64)],
+            length in 0.01..60.0f64, more in 1e-6..1e-3f64,
+        ) {
+            let state = |(v, a): (f64, f64)| State::moving(100.0 * v, a * (300.0 * v).min(300.0 * (1.0 - v)));
+            let (from, to) = (state(from), state(to));
+            let Ok(before) = fastest(from, to, length, LIMITS) else { return Ok(()) };
+            let Some(after) = lengthened(&before, to, more) else {
+                // With room above both ends, and a crest that is held, there is a way.
+                prop_assert!(before.crest().0 < from.v.max(to.v) + 5.0 || before.times[3] <= 0.01 || before.jerk < 0.0);
+                return Ok(());
+            };
+            prop_assert!((after.duration() - before.duration() - more).abs() <= 1e-12);
+            let end = after.end();
+            prop_assert!((end.s - length).abs() <= 1e-11 && (end.v - to.v).abs() <= 1e-9 && (end.a - to.a).abs() <= 1e-6);
+            prop_assert!(after.jerk <= LIMITS.j);
+            for k in 0..=100 {
+                let is = after.at(after.duration() * f64::from(k) / 100.0);
+                let was = before.at(before.time_at(is.s));
+                prop_assert!(is.v <= was.v + 1e-6 && is.a.abs() <= LIMITS.a * (1.0 + 1e-9), "{:?} {:?}", is, was);
             }
         }
     }

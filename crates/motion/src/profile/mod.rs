@@ -23,6 +23,7 @@ mod search;
 mod solve;
 
 pub use fit::whole_periods;
+pub(crate) use fit::{lengthened, slowed};
 pub use search::{Found, SpeedSearch, Step, Track, Variant};
 pub use solve::{fastest, fastest_any_way};
 
@@ -120,7 +121,7 @@ impl Profile {
     /// The state at the start of phase `k`, which `state` comes to: while the speed is held there is no acceleration at all, and
     /// a rounding of it would grow with the square of the time.
     #[inline]
-    fn entering(&self, k: usize, state: State) -> State {
+    pub(crate) fn entering(&self, k: usize, state: State) -> State {
         if k == 3 && self.times[3] > 0.0 { State { a: 0.0, ..state } } else { state }
     }
 

@@ -47,7 +47,11 @@ pub fn pull(planner: &mut Planner<3>, run: &mut Run, most: usize) {
 
 /// Feeds `moves`, with `most` records taken out after each move.
 pub fn play(limits: Limits<3>, moves: &[Move], most: usize) -> Run {
-    let mut planner = Planner::new(limits, [0.0; 3]).expect("valid limits");
+    play_on(Planner::new(limits, [0.0; 3]).expect("valid limits"), moves, most)
+}
+
+/// The same with a planner of one's own.
+pub fn play_on(mut planner: Planner<3>, moves: &[Move], most: usize) -> Run {
     let mut run = Run::default();
     for (k, m) in moves.iter().enumerate() {
         let tag = k as u32 + 1;

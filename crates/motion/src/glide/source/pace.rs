@@ -1,0 +1,90 @@
+//! The glide's acceleration (SMO-6): how fast the velocity may go over from one track's into the other's.
+//!
+//! Both tracks' parts follow one S-curve in time: the acceleration rises, is held and falls again, and what the first track loses
+//! the second gains. So the velocity goes straight from v₀·u₁ to v₁·u₂, and each axis sees the S-curve times its own change.
+//!
+//! Invariant: no axis takes more than its acceleration and jerk, and of all paces on the cells of a ramp it is the shortest.
+
+use crate::glide::ramp::{CELLS, HALF, Ramp, Ramps};
+use crate::glide::tracks::Tracks;
+use crate::limits::AxisLimits;
+
+/// An S-curve in time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Pace {
+    /// Duration of a cell, s.
+    cell: f64,
+    /// Cells in which the acceleration rises, and in which it falls.
+    rising: usize,
+}
+
+impl Pace {
+    /// The shortest one for these speeds at the ends of the glide, mm/s.
+    pub(super) fn shortest<const A: usize>(speeds: [f64; 2], tracks: &Tracks<A>, axes: &AxisLimits<A>) -> Self {
+        let [u, w] = tracks.pair.map(|track| track.direction);
+        let change: [f64; A] = std::array::from_fn(|i| (speeds[1] * w[i] - speeds[0] * u[i]).abs());
+        let with = |rising: usize| {
+            // Acceleration and jerk for a change by 1 in cells of 1 s.
+            let acceleration = 1.0 / (CELLS - rising) as f64;
+            let jerk = acceleration / rising as f64;
+            let cell = (0..A).fold(0.0, |cell: f64, i| {
+                cell.max(change[i] * acceleration / axes.a[i]).max((change[i] * jerk / axes.j[i]).sqrt())
+            });
+            Self { cell, rising }
+        };
+        (2..=HALF).map(with).fold(with(1), |best, pace| if pace.cell < best.cell { pace } else { best })
+    }
+
+    /// The ramps between rest and these speeds.
+    pub(super) fn ramps(self, speeds: [f64; 2]) -> Ramps {
+        let Self { cell, rising } = self;
+        let pair = speeds.map(|speed| {
+            let jerk = speed / (rising * (CELLS - rising)) as f64 / (cell * cell);
+            Ramp(std::array::from_fn(|k| match k {
+                k if k < rising => jerk,
+                k if k >= CELLS - rising => -jerk,
+                _ => 0.0,
+            }))
+        });
+        Ramps { cell, pair }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::glide::tracks::{FarEnd, Track};
+    use crate::limits::Limits;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// The velocity goes from one end's to the other's, at rest in acceleration; the limits hold, and one of them is taken whole.
+        #[test]
+        fn a_pace_keeps_the_limits_and_wastes_none(
+            headings in [-3.0..3.0f64, 0.2..2.9f64], speeds in [0.1..90.0f64, 0.1..90.0f64], a in 100.0..1e4f64, j in 1e3..1e6f64,
+        ) {
+            let mut limits = Limits::<3>::built_in();
+            limits.acceleration_mm_s2[1] = a;
+            limits.jerk_mm_s3[0] = j;
+            let axes = limits.planned();
+            let track = |heading: f64| Track::new([heading.cos(), heading.sin(), 0.0], 1e3, FarEnd::Rest, 1e6, &axes);
+            let tracks = Tracks { pair: [track(headings[0]), track(headings[0] + headings[1])], tolerance: 1e6 };
+            let ramps = Pace::shortest(speeds, &tracks, &axes).ramps(speeds);
+            for (end, speed) in ramps.ends().into_iter().zip(speeds) {
+                prop_assert!((end.v - speed).abs() < 1e-9 * speed && end.a.abs() < 1e-6);
+                prop_assert!((end.s - 0.5 * speed * ramps.duration()).abs() < 1e-9 * end.s);
+            }
+            let (most_a, most_j) = (0..3).fold((0.0f64, 0.0f64), |(most_a, most_j), i| {
+                let [u, w] = tracks.pair.map(|track| track.direction[i]);
+                let nodes = ramps.pair.map(|ramp| ramp.nodes(ramps.cell));
+                (0..CELLS).fold((most_a, most_j), |(most_a, most_j), k| {
+                    let a = (nodes[1][k].a * w - nodes[0][CELLS - k].a * u).abs() / axes.a[i];
+                    let j = (ramps.pair[1].0[k] * w + ramps.pair[0].0[CELLS - 1 - k] * u).abs() / axes.j[i];
+                    (most_a.max(a), most_j.max(j))
+                })
+            });
+            prop_assert!(most_a <= 1.0 + 1e-9 && most_j <= 1.0 + 1e-9);
+            prop_assert!(most_a.max(most_j) >= 1.0 - 1e-9);
+        }
+    }
+}

@@ -1,0 +1,289 @@
+//! Planning again, with feeds that count times another factor, what is not emitted.
+//!
+//! The glides and stops that are committed stay as they are, so the path is the same for every factor. Between them the pieces
+//! are planned from one end's state to the other's. The first stretch begins in the state at the end of the last record; behind
+//! the last stop or glide the road is open, and what is committed of it goes back to the run.
+//!
+//! A state may be too fast, or accelerate too hard, for the limits that the new factor gives. So the limits of the factor before
+//! are tried along the way that the state takes to stop; and if there still is no plan, the old one is kept up to one of its next
+//! spans. Where nothing helps it is kept whole.
+//!
+//! Invariant: every span is legal by the same judgement as in any other plan; positions, speed and acceleration are continuous.
+
+use std::collections::VecDeque;
+
+use super::{GROUP, Run};
+use crate::emitter::{Emitter, Item};
+use crate::envelope::Block;
+use crate::lookahead::Span;
+use crate::profile::{PathLimits, Profile, State, stopping_distance};
+use crate::shares::Offer;
+
+/// The way in which a state is brought down to lower limits, over the least way to stop from it.
+const ROOM: f64 = 1.05;
+/// Feeds, as shares of the programmed ones, at which the way into a glide is tried where it is not found otherwise.
+const APPROACHES: [f64; 4] = [1.0, 0.7, 0.5, 0.3];
+/// What is left of a piece that is shorter than this, in mm, is nothing.
+const NOTHING: f64 = 1e-12;
+
+/// A profile of the old plan.
+#[derive(Clone, Copy, Debug)]
+struct Old<const A: usize> {
+    item: Item<A>,
+    profile: Profile,
+    length: f64,
+}
+
+/// Pieces between two states, of which neither changes.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    /// Number of the first piece, and how far from its start the stretch begins, mm.
+    first: u64,
+    skip: f64,
+    /// Number of the piece behind it.
+    to: u64,
+    end: State,
+    /// The road goes on behind it.
+    open: bool,
+}
+
+/// Pieces laid out as blocks.
+#[derive(Debug, Default)]
+struct Layout {
+    blocks: Vec<Block>,
+    offers: Vec<Offer>,
+    /// For each block a number that is one more than that of the last piece of the block before.
+    numbers: Vec<u64>,
+    length: f64,
+    /// The last block may grow.
+    grows: bool,
+}
+
+impl Layout {
+    /// Appends a block, or makes the last one longer.
+    fn push(&mut self, number: u64, offer: &Offer, block: (f64, f64), joins: bool) {
+        let (length, exit_v) = block;
+        self.length += length;
+        if let Some((last, of_last)) = self.blocks.last_mut().zip(self.offers.last_mut())
+            && joins
+            && self.grows
+            && last.exit_v == f64::MAX
+            && last.length + length <= GROUP
+        {
+            last.length += length;
+            last.exit_v = exit_v;
+            *of_last = of_last.tighter(offer);
+            last.limits = of_last.rough;
+        } else {
+            // The first block stays as it is, so that a run that begins in motion can stop in it.
+            self.grows = !self.blocks.is_empty();
+            self.blocks.push(Block { length, limits: offer.rough, exit_v });
+            self.offers.push(*offer);
+            self.numbers.push(number);
+        }
+    }
+}
+
+/// What is planned anew, and how much of the old plan goes before it.
+struct Found {
+    kept: usize,
+    from: State,
+    layout: Layout,
+    spans: Vec<Span>,
+}
+
+impl<const A: usize> Run<A> {
+    /// From now on programmed feeds count times `factor`; what is not emitted is planned anew.
+    pub(crate) fn override_feeds(&mut self, factor: f64, emitter: &mut Emitter<A>) {
+        if factor == self.factor {
+            return;
+        }
+        let before = std::mem::replace(&mut self.factor, factor);
+        let items = emitter.take_back();
+        let (mut first, mut skip) = emitter.front();
+        let (mut fresh, mut old, mut glides) = (VecDeque::with_capacity(items.len()), Vec::new(), 0);
+        for item in items {
+            let (to, end) = match item {
+                Item::Span { profile, length, .. } => {
+                    old.push(Old { item, profile, length });
+                    continue;
+                }
+                Item::Glide { piece } => {
+                    let [out, _] =
+                        emitter.glide_after(glides).map_or([State::default(); 2], |glide| glide.ramps.ends());
+                    glides += 1;
+                    (piece, State::moving(out.v, -out.a))
+                }
+                Item::Stop { piece, .. } => (piece, State::default()),
+            };
+            let stretch = Stretch { first, skip, to, end, open: false };
+            self.replan_between(stretch, &old, before, emitter, &mut fresh);
+            fresh.push_back(item);
+            old.clear();
+            (first, skip) = (to, 0.0);
+        }
+        emitter.recommit(fresh);
+        let stretch = Stretch { first, skip, to: self.next_piece, end: State::default(), open: true };
+        self.replan_open(stretch, old, before, emitter);
+    }
+
+    /// Plans between two fixed states and appends the plan to `out`; the old one where there is no other.
+    fn replan_between(
+        &mut self,
+        stretch: Stretch,
+        old: &[Old<A>],
+        before: f64,
+        emitter: &Emitter<A>,
+        out: &mut VecDeque<Item<A>>,
+    ) {
+        // More speed somewhere need not be less time, as gates are proposed elsewhere then.
+        let pays = |found: &Found| {
+            let fresh: f64 = found.spans.iter().map(|span| span.profile.duration()).sum();
+            fresh <= old[found.kept..].iter().map(|old| old.profile.duration()).sum()
+        };
+        let raised = self.factor > before;
+        let found = self.search(stretch, old, before, emitter).filter(|found| !raised || pays(found));
+        out.extend(old[..found.as_ref().map_or(old.len(), |found| found.kept)].iter().map(|old| old.item));
+        let Some(Found { layout, spans, .. }) = found else { return };
+        out.extend(spans.iter().map(|span| {
+            let length = layout.blocks[span.first..span.last].iter().map(|block| block.length).sum();
+            let last = layout.numbers.get(span.last).map_or(stretch.to, |number| *number) - 1;
+            Item::Span { profile: span.profile, duration: span.profile.duration(), length, last }
+        }));
+    }
+
+    /// Brings the run, which is planned to rest, into state `end` all the same, at lower feeds than programmed, which leave more
+    /// acceleration along curves; false where that does not help either. So a glide that one feed override lets
+    /// the motion come into is hardly ever given up at another one.
+    pub(super) fn approach(&mut self, end: State, emitter: &mut Emitter<A>) -> bool {
+        let s = self.joints();
+        let old: Vec<Old<A>> = self.plan.iter().map(|span| self.old(span, &s)).collect();
+        // Where the run begins, from its end.
+        let (mut first, mut skip) = (self.next_piece, -self.length);
+        while skip < -NOTHING
+            && let Some(piece) = first.checked_sub(1).and_then(|before| emitter.piece(before))
+        {
+            (first, skip) = (first - 1, skip + piece.length);
+        }
+        let stretch = Stretch { first, skip: skip.max(0.0), to: self.next_piece, end, open: false };
+        let factor = self.factor;
+        let found = APPROACHES.into_iter().filter(|share| *share <= factor).find_map(|share| {
+            self.factor = share;
+            self.search(stretch, &old, factor, emitter)
+        });
+        self.factor = factor;
+        let Some(Found { kept, from, layout, spans }) = found else { return false };
+        for old in &old[..kept] {
+            emitter.commit(old.item);
+        }
+        self.take_up(layout, from);
+        self.offers.clear();
+        (self.plan, self.planned) = (spans, self.blocks.len());
+        true
+    }
+
+    /// A span of the present plan in its committed form; `s` holds the places of the joints.
+    fn old(&self, span: &Span, s: &[f64]) -> Old<A> {
+        let (profile, length) = (span.profile, s[span.last] - s[span.first]);
+        Old { item: self.item(profile, length, span.last - 1), profile, length }
+    }
+
+    /// Plans the open end of the road: what is committed of it, and what is not.
+    fn replan_open(&mut self, stretch: Stretch, mut old: Vec<Old<A>>, before: f64, emitter: &mut Emitter<A>) {
+        let committed = old.len();
+        let s = self.joints();
+        old.extend(self.plan.iter().map(|span| self.old(span, &s)));
+        let found = self.search(stretch, &old, before, emitter);
+        let kept = found.as_ref().map_or(committed, |found| found.kept);
+        for old in &old[..kept] {
+            emitter.commit(old.item);
+        }
+        match found {
+            Some(Found { from, layout, spans, .. }) => {
+                self.take_up(layout, from);
+                (self.plan, self.planned) = (spans, self.blocks.len());
+                self.offers.clear();
+                // Where the motion could go on before, it can now.
+                if committed > kept || self.length > 2.0 * self.keep {
+                    self.commit_part(emitter);
+                }
+            }
+            None if old.is_empty() => {
+                let from = State::moving(self.v, self.a);
+                let layout = self.lay(&stretch, None, emitter);
+                self.take_up(layout, from);
+            }
+            None => {}
+        }
+    }
+
+    /// The road that is not committed begins in state `from` and lies as in `layout`.
+    fn take_up(&mut self, layout: Layout, from: State) {
+        (self.v, self.a) = (from.v, from.a);
+        self.length = layout.length;
+        (self.blocks, self.offers, self.numbers) = (layout.blocks, layout.offers, layout.numbers);
+    }
+
+    /// Looks for a plan: from the start of the stretch, else from that of one of the old plan's next spans.
+    fn search(&mut self, stretch: Stretch, old: &[Old<A>], before: f64, emitter: &Emitter<A>) -> Option<Found> {
+        let (mut kept, mut skip) = (0, stretch.skip);
+        let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).take_while(|&gate| gate < old.len());
+        for gate in std::iter::once(0).chain(later).take_while(|_| !old.is_empty()) {
+            skip += old[kept..gate].iter().map(|old| old.length).sum::<f64>();
+            kept = gate;
+            let from = old[kept].profile.start();
+            for zone in [None, Some((from, before))] {
+                let mut layout = self.lay(&Stretch { skip, ..stretch }, zone, emitter);
+                if layout.blocks.is_empty() {
+                    break;
+                }
+                self.choice.choose(&mut layout.blocks, &layout.offers, from.v, !stretch.open);
+                let mut spans = Vec::new();
+                if self.look_ahead.plan(&layout.blocks, (from.v, from.a), stretch.end, &mut spans).is_ok() {
+                    return Some(Found { kept, from, layout, spans });
+                }
+            }
+        }
+        None
+    }
+
+    /// Lays the pieces of `stretch` out as blocks. In a `zone` from its start, in which a state can stop, limits are those of
+    /// another factor, at no more speed than the state has or comes to.
+    fn lay(&self, stretch: &Stretch, mut zone: Option<(State, f64)>, emitter: &Emitter<A>) -> Layout {
+        let (mut layout, mut skip) = (Layout::default(), stretch.skip);
+        let mut tight = PathLimits { v: f64::MAX, a: f64::MAX, j: f64::MAX };
+        let mut joins = false;
+        for (number, piece) in (stretch.first..stretch.to).map_while(|number| Some((number, emitter.piece(number)?))) {
+            if skip >= piece.length - NOTHING {
+                skip = (skip - piece.length).max(0.0);
+                continue;
+            }
+            let (mut number, mut length, offer) = (number, piece.length - skip, piece.offer(&self.axes, self.factor));
+            skip = 0.0;
+            if let Some((from, factor)) = zone {
+                let held = piece.offer(&self.axes, factor);
+                tight = tight.tighter(held.rough).tighter(held.calm);
+                let peak = from.v + 0.5 * from.a.max(0.0).powi(2) / tight.j;
+                let part = (ROOM * stopping_distance(from, tight) - layout.length).min(length);
+                if part > NOTHING {
+                    let whole = part >= length - NOTHING;
+                    let part = if whole { length } else { part };
+                    let exit_v = if whole { piece.exit_v } else { f64::MAX };
+                    layout.push(number, &held.up_to(peak.max(offer.v)), (part, exit_v), joins && !piece.rough_entry);
+                    length -= part;
+                    joins = whole;
+                }
+                if length > 0.0 {
+                    // Should the zone end within this piece, the block before ends in it too.
+                    number += u64::from(part > NOTHING);
+                    (zone, joins) = (None, false);
+                }
+            }
+            if length > 0.0 {
+                layout.push(number, &offer, (length, piece.exit_v), joins && !piece.rough_entry);
+                joins = true;
+            }
+        }
+        layout
+    }
+}

@@ -1,0 +1,75 @@
+//! Override above 100 %: planned from the first place on that the ring has no room for, below it at once.
+
+use retrace_tests::command::{Bench, root};
+use retrace_tests::run::Run;
+
+/// A line of 300 mm at 10 mm/s, and a way back over a corner in blending.
+const LINE: &str = "G21 G90 G64 P0.02\nF600\nG1 X300\nY20\nX250 Y25\nM2\n";
+
+/// Runs `program` under `script`.
+fn run(program: &str, script: &str) -> Run {
+    let bench = Bench::new();
+    let (program, script) = (bench.file("program.ngc", program), bench.file("script.op", script));
+    Run::of(&bench, &program, &["--operator", &script.to_string_lossy()])
+}
+
+/// Speed along X in mm/s over 20 ms at `time_s`.
+fn speed(run: &Run, time_s: f64) -> f64 {
+    let period = (time_s * 1000.0) as usize;
+    let pulses: i64 = run.records.rows[period..period + 20].iter().map(|row| row.increments[0]).sum();
+    pulses as f64 / 20.0
+}
+
+#[test]
+fn a_raised_override_acts_within_half_a_second_and_a_lowered_one_at_once() {
+    let plain = run(LINE, "");
+    let run = run(
+        LINE,
+        "at 5s override 150%\nat 8s override 200%\nat 10s override 120%\nat 12s override 60%\nat 14s override 300%\n",
+    );
+    run.assert_exact_and_legal();
+    assert_eq!(run.counts(), plain.counts());
+    assert!(run.number("motion_s") < 0.8 * plain.number("motion_s"), "{}", run.report);
+    for (time_s, wanted) in [
+        (4.9, 10.0),
+        (5.45, 10.0),
+        (5.6, 15.0),
+        (7.9, 15.0),
+        (8.6, 20.0),
+        // The rate takes 0.35 s; what it does is planned in its stead after half a second.
+        (10.36, 12.0),
+        (11.3, 12.0),
+        (12.36, 6.0),
+        (13.3, 6.0),
+        (15.0, 20.0),
+    ] {
+        let v = speed(&run, time_s);
+        assert!((v - wanted).abs() <= 0.06 * wanted, "{v} mm/s at {time_s} s, not {wanted}");
+    }
+    let planned: Vec<_> =
+        run.of_kind("override_planned").map(|e| (e["percent"].as_f64(), e["period"].as_u64())).collect();
+    // Exactly the look-ahead, at rate 1; below it the place comes later, and the rate does meanwhile what is asked for.
+    let expected = [(150.0, 5500), (200.0, 8500), (120.0, 10_750), (100.0, 12_850), (200.0, 14_600)];
+    for ((percent, period), (wanted, latest)) in planned.iter().zip(expected) {
+        assert_eq!(*percent, Some(wanted), "{planned:?}");
+        assert!(period.is_some_and(|period| period <= latest), "{planned:?}");
+    }
+    assert_eq!(planned.len(), 5, "{planned:?}");
+    let refused: Vec<_> = run.of_kind("order_refused").collect();
+    assert!(refused.len() == 1 && refused[0]["why"].as_str().is_some_and(|why| why.contains("200 %")), "{refused:?}");
+}
+
+/// However fast the planner is, the same records come out.
+#[test]
+fn a_run_with_overrides_can_be_repeated_to_the_pulse() {
+    let program = std::fs::read_to_string(root().join("examples/03-arcs.ngc")).expect("an example");
+    let script = "at 0s override 130%\nat 1s override 180%\nafter 0.1s override 40%\nafter 0.3s override 200%\nafter 2s reverse 100%\n\
+                  after 1s leave\nafter 1s override 110%\n";
+    let first = run(&program, script);
+    first.assert_exact_and_legal();
+    for _ in 0..3 {
+        let again = run(&program, script);
+        assert!(again.records.rows == first.records.rows, "the records differ");
+    }
+    assert!(first.of_kind("override_planned").count() >= 3, "{:?}", first.events);
+}
