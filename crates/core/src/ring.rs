@@ -139,11 +139,8 @@ impl<R: Copy> Producer<'_, R> {
     /// Appends a record; gives it back where the look-ahead is full.
     #[inline]
     pub fn push(&mut self, record: R) -> Result<(), R> {
-        if self.planned.full() {
-            self.planned.see(self.shared.floor.load(Ordering::Acquire));
-            if self.planned.full() {
-                return Err(record);
-            }
+        if !self.has_room() {
+            return Err(record);
         }
         let cell = self.shared.cell(self.planned.write());
         // SAFETY: `write − floor < keep + look_ahead ≤ cells`, so this cell is none of `floor … write`, the only ones that
@@ -155,6 +152,7 @@ impl<R: Copy> Producer<'_, R> {
     }
 
     /// Would [`Producer::push`] take a record now?
+    #[inline]
     pub fn has_room(&mut self) -> bool {
         if self.planned.full() {
             self.planned.see(self.shared.floor.load(Ordering::Acquire));
