@@ -23,6 +23,8 @@ use crate::shares::Offer;
 const ROOM: f64 = 1.05;
 /// Feeds, as shares of the programmed ones, at which the way into a glide is tried where it is not found otherwise.
 const APPROACHES: [f64; 4] = [1.0, 0.7, 0.5, 0.3];
+/// How often the number of spans that are planned again for that is doubled.
+const APPROACHED: usize = 5;
 /// What is left of a piece that is shorter than this, in mm, is nothing.
 const NOTHING: f64 = 1e-12;
 
@@ -167,9 +169,12 @@ impl<const A: usize> Run<A> {
         }
         let stretch = Stretch { first, skip: skip.max(0.0), to: self.next_piece, end, open: false };
         let factor = self.factor;
+        // What keeps the motion out of the glide lies at its end, so the last spans are planned again, ever more of them.
+        let last = std::iter::successors(Some(1), |spans| Some(2 * spans)).take(APPROACHED);
+        let gates = || last.clone().filter_map(|spans| old.len().checked_sub(spans));
         let found = APPROACHES.into_iter().filter(|share| *share <= factor).find_map(|share| {
             self.factor = share;
-            self.search(stretch, &old, factor, emitter)
+            gates().find_map(|gate| self.search_from(gate, stretch, &old, factor, emitter))
         });
         self.factor = factor;
         let Some(Found { kept, from, layout, spans }) = found else { return false };
@@ -226,22 +231,33 @@ impl<const A: usize> Run<A> {
 
     /// Looks for a plan: from the start of the stretch, else from that of one of the old plan's next spans.
     fn search(&mut self, stretch: Stretch, old: &[Old<A>], before: f64, emitter: &Emitter<A>) -> Option<Found> {
-        let (mut kept, mut skip) = (0, stretch.skip);
         let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).take_while(|&gate| gate < old.len());
-        for gate in std::iter::once(0).chain(later).take_while(|_| !old.is_empty()) {
-            skip += old[kept..gate].iter().map(|old| old.length).sum::<f64>();
-            kept = gate;
-            let from = old[kept].profile.start();
-            for zone in [None, Some((from, before))] {
-                let mut layout = self.lay(&Stretch { skip, ..stretch }, zone, emitter);
-                if layout.blocks.is_empty() {
-                    break;
-                }
-                self.choice.choose(&mut layout.blocks, &layout.offers, from.v, !stretch.open);
-                let mut spans = Vec::new();
-                if self.look_ahead.plan(&layout.blocks, (from.v, from.a), stretch.end, &mut spans).is_ok() {
-                    return Some(Found { kept, from, layout, spans });
-                }
+        std::iter::once(0)
+            .chain(later)
+            .take_while(|_| !old.is_empty())
+            .find_map(|gate| self.search_from(gate, stretch, old, before, emitter))
+    }
+
+    /// Looks for a plan from the start of span `kept` of the old plan on.
+    fn search_from(
+        &mut self,
+        kept: usize,
+        stretch: Stretch,
+        old: &[Old<A>],
+        before: f64,
+        emitter: &Emitter<A>,
+    ) -> Option<Found> {
+        let skip = stretch.skip + old[..kept].iter().map(|old| old.length).sum::<f64>();
+        let from = old[kept].profile.start();
+        for zone in [None, Some((from, before))] {
+            let mut layout = self.lay(&Stretch { skip, ..stretch }, zone, emitter);
+            if layout.blocks.is_empty() {
+                return None;
+            }
+            self.choice.choose(&mut layout.blocks, &layout.offers, from.v, !stretch.open);
+            let mut spans = Vec::new();
+            if self.look_ahead.plan(&layout.blocks, (from.v, from.a), stretch.end, &mut spans).is_ok() {
+                return Some(Found { kept, from, layout, spans });
             }
         }
         None
