@@ -11,32 +11,13 @@ use retrace_motion::{Feed, Limits, MOST_OVERRIDE, PathMode, Planner};
 
 /// Feeds `moves`, with `most` records taken out after each move; the override is changed before the records of these numbers.
 fn play_overridden(limits: Limits<3>, moves: &[Move], most: usize, changes: &[(usize, f64)]) -> Run {
-    let mut planner = Planner::new(limits, [0.0; 3]).expect("valid limits");
-    let (mut run, mut changes) = (Run::default(), changes.iter().peekable());
-    let mut pull = |planner: &mut Planner<3>, run: &mut Run, most: usize| {
-        for _ in 0..most {
-            while let Some((_, factor)) = changes.next_if(|(at, _)| *at <= run.records.len()) {
-                assert_eq!(planner.set_feed_override(*factor), *factor);
-            }
-            let Some(record) = planner.next_record() else { break };
-            run.records.push(record);
-            run.points.push(planner.set_point().position_mm);
+    let mut changes = changes.iter().peekable();
+    let planner = Planner::new(limits, [0.0; 3]).expect("valid limits");
+    play_through(planner, moves, most, |planner, run| {
+        while let Some((_, factor)) = changes.next_if(|(at, _)| *at <= run.records.len()) {
+            assert_eq!(planner.set_feed_override(*factor), *factor);
         }
-    };
-    for (k, m) in moves.iter().enumerate() {
-        let tag = k as u32 + 1;
-        match &m.path {
-            Path::Line(end) => planner.line(*end, m.feed, m.mode, tag).expect("a valid line"),
-            Path::Arc(arc) => planner.arc(arc, m.feed, m.mode, tag).expect("a valid arc"),
-        }
-        if m.stop {
-            planner.stop(Flags::MARKER);
-        }
-        pull(&mut planner, &mut run, most);
-    }
-    planner.stop(Flags::NONE);
-    pull(&mut planner, &mut run, usize::MAX);
-    run
+    })
 }
 
 fn mode() -> impl Strategy<Value = PathMode> {

@@ -111,6 +111,30 @@ proptest! {
         }
     }
 
+    /// Corners between lines, sharp ones too: glides swing to both sides of their tracks, and beyond the ends of sharp ones.
+    #[test]
+    fn zigzags_stay_within_the_tolerance(
+        turns in prop::collection::vec((0.3..2.8f64, any::<bool>(), 1.0..20.0f64), 8), tolerance_mm in 0.005..0.1f64,
+    ) {
+        let (mut at, mut heading) = ([0.0f64; 3], 0.0f64);
+        let moves: Vec<Move> = turns
+            .into_iter()
+            .map(|(turn, left, length)| {
+                heading += if left { turn } else { -turn };
+                at = [at[0] + length * heading.cos(), at[1] + length * heading.sin(), 0.0];
+                Move { path: Path::Line(at), feed: Feed::Rapid, mode: PathMode::blend(tolerance_mm), stop: false }
+            })
+            .collect();
+        let limits = Limits::built_in();
+        // Set-points leave the rounding to whole pulses its half of the diagonal.
+        let rounding = 0.5e-3 * 3f64.sqrt();
+        let left = if tolerance_mm - rounding > 0.1 * tolerance_mm { tolerance_mm - rounding } else { 0.0 };
+        let run = play(limits, &moves, usize::MAX);
+        if let Err(broken) = judge(&limits, &moves, &run, left, 3) {
+            prop_assert!(false, "{}", broken);
+        }
+    }
+
     /// Other machines: slow and fast, axes unlike each other, long and short periods, coarse and fine pulses.
     #[test]
     fn any_machine_keeps_its_limits(

@@ -37,22 +37,32 @@ pub struct Run {
     pub points: Vec<[f64; 3]>,
 }
 
-pub fn pull(planner: &mut Planner<3>, run: &mut Run, most: usize) {
-    for _ in 0..most {
-        let Some(record) = planner.next_record() else { break };
-        run.records.push(record);
-        run.points.push(planner.set_point().position_mm);
-    }
-}
-
 /// Feeds `moves`, with `most` records taken out after each move.
 pub fn play(limits: Limits<3>, moves: &[Move], most: usize) -> Run {
     play_on(Planner::new(limits, [0.0; 3]).expect("valid limits"), moves, most)
 }
 
 /// The same with a planner of one's own.
-pub fn play_on(mut planner: Planner<3>, moves: &[Move], most: usize) -> Run {
+pub fn play_on(planner: Planner<3>, moves: &[Move], most: usize) -> Run {
+    play_through(planner, moves, most, |_, _| ())
+}
+
+/// The same with something done before each record.
+pub fn play_through(
+    mut planner: Planner<3>,
+    moves: &[Move],
+    most: usize,
+    mut before: impl FnMut(&mut Planner<3>, &Run),
+) -> Run {
     let mut run = Run::default();
+    let mut pull = |planner: &mut Planner<3>, run: &mut Run, most: usize| {
+        for _ in 0..most {
+            before(planner, run);
+            let Some(record) = planner.next_record() else { break };
+            run.records.push(record);
+            run.points.push(planner.set_point().position_mm);
+        }
+    };
     for (k, m) in moves.iter().enumerate() {
         let tag = k as u32 + 1;
         match &m.path {
