@@ -31,21 +31,8 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     #[must_use]
     pub fn new(start: u32, smoothing: Smoothing) -> Option<Self> {
         let switching = Switching::default();
-        let status = Status {
-            period: 0,
-            place: Place::start_of(start),
-            reached: start,
-            low: start,
-            high: start,
-            rate: 0,
-            at_rest: true,
-            short: false,
-            line: 0,
-            increments: [0; A],
-            counts: [0; A],
-            executed: 0,
-            outputs: *switching.outputs(),
-        };
+        let mut status = Status::standing(start);
+        status.outputs = *switching.outputs();
         Some(Self {
             window: Window::new(start),
             drive: Drive::new(smoothing)?,
@@ -87,6 +74,8 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
                 self.switching.begin(instruction)?;
             }
             Word::ByHand(change) => self.switching.set(change)?,
+            Word::ClearAlarm => {}
+            Word::Home(_) => return Err(Refusal::Unfit),
         }
         self.mirror();
         Ok(())

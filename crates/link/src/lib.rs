@@ -8,11 +8,19 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod alarm;
 pub mod crc;
+mod ends;
 pub mod frame;
 mod message;
+mod settings;
 
-pub use message::{Action, Change, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel};
+pub use alarm::Alarm;
+pub use ends::{Deck, Port};
+pub use message::{
+    Action, Await, Change, Homing, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel,
+};
+pub use settings::{Identity, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, Settings};
 
 /// What the controller sees of a card, simulated or real.
 pub trait MotionCard<const A: usize> {

@@ -4,6 +4,8 @@
 
 use retrace_core::{Place, Record, Travel};
 
+use crate::Alarm;
+
 /// Output channels of a card and what they carry.
 pub mod channel {
     /// Channels 0 … 63 are digital outputs, value 0 or 1 (M62–M65 P number).
@@ -50,17 +52,56 @@ pub struct Action {
 /// Most changes that one instruction can make.
 pub const MAX_CHANGES: usize = 4;
 
+/// What an instruction waits for before it is complete.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Await {
+    /// Number of the input.
+    pub input: u8,
+    /// Is it to become active, or inactive?
+    pub active: bool,
+    /// After so many periods it has failed; 0: it may take for ever.
+    pub at_most: u32,
+}
+
 /// An exclusive switching instruction (GMC-3): executed while the motion stands.
+///
+/// The card keeps it until the cursor rests on its place and the rate asked for is above zero, so that a hold or a reverse run that
+/// overtakes it defers it (GMC, *Two classes*).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Instruction {
     /// Its number; instructions are executed, and reported executed, in this order.
     pub number: u32,
+    /// The place that it stands at: before this record.
+    pub place: u32,
     /// What it switches, the first `count` of them.
     pub changes: [Change; MAX_CHANGES],
     /// How many of `changes` hold.
     pub count: u8,
-    /// Control periods that it takes: the dwell of G4, the time the spindle needs.
+    /// Control periods that it takes at least: the dwell of G4, the time the spindle needs.
     pub periods: u32,
+    /// What it waits for besides.
+    pub until: Option<Await>,
+}
+
+/// Brings an axis to its home switch, while the motion stands and nothing is on the window.
+///
+/// Fast toward the switch, to rest, slowly off it; where it opens the count is set. The path then begins anew there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Homing {
+    /// The axis, from 0.
+    pub axis: u8,
+    /// Is the switch at the upper end?
+    pub upper: bool,
+    /// Speed toward the switch, in pulses a period, in units of 2⁻³² pulses.
+    pub fast: i64,
+    /// Speed off it, likewise.
+    pub slow: i64,
+    /// Change of speed a period, likewise.
+    pub acceleration: i64,
+    /// The farthest way to the switch, in pulses.
+    pub farthest: u32,
+    /// The axis' count where the switch opens.
+    pub count: i64,
 }
 
 impl Instruction {
@@ -116,6 +157,10 @@ pub enum Word<const A: usize> {
     Instruction(Instruction),
     /// Switch an output by hand, at once.
     ByHand(Change),
+    /// Clears what is latched, if its cause is gone.
+    ClearAlarm,
+    /// Bring an axis to its home switch.
+    Home(Homing),
 }
 
 /// Why a card did not take a word.
@@ -131,6 +176,10 @@ pub enum Refusal {
     Busy,
     /// The card has no such channel.
     NoSuchChannel,
+    /// An alarm is latched, or its cause is still there.
+    Alarm,
+    /// The settings or the order are not such that this card can work by them.
+    Unfit,
 }
 
 /// Card to host: what the last control period did, and where everything stands.
@@ -162,4 +211,35 @@ pub struct Status<const A: usize> {
     pub executed: u32,
     /// The outputs as they are.
     pub outputs: Outputs,
+    /// Which inputs are active, one bit each.
+    pub inputs: u16,
+    /// Counts that a handwheel on the card turned by in the period.
+    pub wheel: i16,
+    /// What is latched.
+    pub alarm: Option<Alarm>,
+}
+
+impl<const A: usize> Status<A> {
+    /// A card at rest at record `start`, all counts and outputs zero.
+    #[must_use]
+    pub fn standing(start: u32) -> Self {
+        Self {
+            period: 0,
+            place: Place::start_of(start),
+            reached: start,
+            low: start,
+            high: start,
+            rate: 0,
+            at_rest: true,
+            short: false,
+            line: 0,
+            increments: [0; A],
+            counts: [0; A],
+            executed: 0,
+            outputs: [0; channel::COUNT],
+            inputs: 0,
+            wheel: 0,
+            alarm: None,
+        }
+    }
 }

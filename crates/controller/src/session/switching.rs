@@ -27,7 +27,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
             return Ok(false);
         }
         let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
-        let instruction = Instruction { number: self.supply.number(), changes, count, periods };
+        let (number, place) = (self.supply.number(), exclusive.place);
+        let instruction = Instruction { number, place, changes, count, periods, until: None };
         self.card
             .send(Word::Instruction(instruction))
             .map_err(|refusal| format!("the card did not take {code}: {refusal:?}"))?;

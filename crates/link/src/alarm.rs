@@ -1,0 +1,132 @@
+//! Alarms of a card: what stopped the machine, and stays latched until it is cleared.
+//!
+//! Invariant: every alarm has one number in `docs/errors.md`, one code on the wire, a cause and a remedy.
+
+use core::fmt;
+
+/// What stopped the machine. It stays latched on the card until [`crate::Word::ClearAlarm`], and no rate moves the machine while
+/// it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Alarm {
+    /// No whole frame of the host came for as long as [`crate::Settings::watchdog_periods`] says.
+    HostSilent,
+    /// The emergency-stop chain is open.
+    EmergencyStop,
+    /// A door that must be shut is open.
+    DoorOpen,
+    /// A limit switch has tripped.
+    LimitSwitch {
+        /// The axis, from 0.
+        axis: u8,
+        /// At the upper end of its travel?
+        upper: bool,
+    },
+    /// An instruction did not come to its end in its time.
+    TimedOut {
+        /// The instruction's number.
+        instruction: u32,
+    },
+    /// The machine reported that an instruction failed.
+    Failed {
+        /// The instruction's number.
+        instruction: u32,
+    },
+    /// More pulses were asked for in a control period than can be emitted.
+    TooManyPulses {
+        /// The axis, from 0.
+        axis: u8,
+    },
+    /// Homing found no switch, or the switch did not open again.
+    HomingFailed {
+        /// The axis, from 0.
+        axis: u8,
+    },
+    /// A record that the drive needs was not there: a defect of the card.
+    Defect,
+}
+
+impl Alarm {
+    /// Code and detail, for the wire.
+    #[must_use]
+    pub const fn to_wire(self) -> (u8, u32) {
+        match self {
+            Self::HostSilent => (1, 0),
+            Self::EmergencyStop => (2, 0),
+            Self::DoorOpen => (3, 0),
+            Self::LimitSwitch { axis, upper } => (4, axis as u32 | (upper as u32) << 8),
+            Self::TimedOut { instruction } => (5, instruction),
+            Self::Failed { instruction } => (6, instruction),
+            Self::TooManyPulses { axis } => (7, axis as u32),
+            Self::HomingFailed { axis } => (8, axis as u32),
+            Self::Defect => (9, 0),
+        }
+    }
+
+    /// From code and detail; `None` for a code that there is not.
+    #[must_use]
+    pub const fn from_wire(code: u8, detail: u32) -> Option<Self> {
+        Some(match code {
+            1 => Self::HostSilent,
+            2 => Self::EmergencyStop,
+            3 => Self::DoorOpen,
+            4 => Self::LimitSwitch { axis: detail as u8, upper: detail >> 8 & 1 == 1 },
+            5 => Self::TimedOut { instruction: detail },
+            6 => Self::Failed { instruction: detail },
+            7 => Self::TooManyPulses { axis: detail as u8 },
+            8 => Self::HomingFailed { axis: detail as u8 },
+            9 => Self::Defect,
+            _ => return None,
+        })
+    }
+
+    /// Its number in the table of errors.
+    #[must_use]
+    pub const fn number(self) -> &'static str {
+        match self {
+            Self::HostSilent => "E3011",
+            Self::EmergencyStop => "E3012",
+            Self::DoorOpen => "E3013",
+            Self::LimitSwitch { .. } => "E3014",
+            Self::TimedOut { .. } => "E3015",
+            Self::Failed { .. } => "E3016",
+            Self::TooManyPulses { .. } => "E3017",
+            Self::HomingFailed { .. } => "E3018",
+            Self::Defect => "E3019",
+        }
+    }
+
+    /// What to do.
+    #[must_use]
+    pub const fn remedy(self) -> &'static str {
+        match self {
+            Self::HostSilent => "check the cable and the computer's load; clear the alarm, check the position, then resume",
+            Self::EmergencyStop => "make the machine safe, close the chain, clear the alarm, then home the machine",
+            Self::DoorOpen => "close the door, clear the alarm, then resume",
+            Self::LimitSwitch { .. } => "clear the alarm, jog away from the switch, then home the machine",
+            Self::TimedOut { .. } | Self::Failed { .. } => "see to what was switched, clear the alarm, then resume",
+            Self::TooManyPulses { .. } => "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period",
+            Self::HomingFailed { .. } => "check the home switch and its wiring, then home again",
+            Self::Defect => "home the machine; please report this",
+        }
+    }
+}
+
+impl fmt::Display for Alarm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::HostSilent => write!(f, "the card heard nothing from the host and stopped on the path"),
+            Self::EmergencyStop => write!(f, "the emergency-stop chain is open"),
+            Self::DoorOpen => write!(f, "a door is open"),
+            Self::LimitSwitch { axis, upper } => {
+                write!(f, "{} limit switch of axis number {}", if *upper { "upper" } else { "lower" }, axis + 1)
+            }
+            Self::TimedOut { instruction } => write!(f, "switching instruction {instruction} did not end in its time"),
+            Self::Failed { instruction } => write!(f, "switching instruction {instruction} failed"),
+            Self::TooManyPulses { axis } => {
+                write!(f, "axis number {} was to make more pulses in a control period than the card can", axis + 1)
+            }
+            Self::HomingFailed { axis } => write!(f, "homing of axis number {} found no switch", axis + 1),
+            Self::Defect => write!(f, "the card missed a record that it needed"),
+        }
+    }
+}

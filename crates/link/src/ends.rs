@@ -1,0 +1,50 @@
+//! What stands at either end of the line: the card's works, and the host's port.
+//!
+//! Invariant: neither knows the protocol; they take words and bytes.
+
+use crate::{Identity, Refusal, Settings, Status, Word};
+
+/// The card's works, as its end of the line sees them.
+pub trait Deck<const A: usize> {
+    /// Who the card is.
+    fn identity(&self) -> &Identity;
+
+    /// Begins an epoch: the window is empty, at the counts as they are, and these settings hold. Only while the machine stands.
+    ///
+    /// # Errors
+    /// [`Refusal`]; nothing has changed then.
+    fn open(&mut self, settings: &Settings<A>) -> Result<(), Refusal>;
+
+    /// Takes a word.
+    ///
+    /// # Errors
+    /// [`Refusal`]; nothing has changed then.
+    fn take(&mut self, word: Word<A>) -> Result<(), Refusal>;
+
+    /// The last period's report.
+    fn status(&self) -> &Status<A>;
+}
+
+/// The host's port to a line of bytes, which may lose, change and delay them.
+pub trait Port {
+    /// The line is gone for good.
+    type Fault: core::fmt::Display;
+
+    /// Microseconds since some moment, never going back.
+    fn now_us(&self) -> u64;
+
+    /// How many bytes may be written now, so that no more than some 4 ms of them wait in the operating system.
+    fn room(&mut self) -> usize;
+
+    /// Writes bytes, at most [`Port::room`] of them; how many were taken.
+    ///
+    /// # Errors
+    /// The line is gone.
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Fault>;
+
+    /// Reads what has come, or waits for it up to `wait_us` microseconds; 0 where nothing came.
+    ///
+    /// # Errors
+    /// The line is gone.
+    fn read(&mut self, bytes: &mut [u8], wait_us: u32) -> Result<usize, Self::Fault>;
+}
