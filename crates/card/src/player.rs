@@ -161,9 +161,9 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             return Err(Refusal::OutOfOrder);
         }
         let at = Place::start_of(instruction.place);
-        let stops = self.bound().to(at) >= 0;
-        let is_ahead = self.status.place.to(at) > 0;
-        if !stops && !(is_ahead && self.planned_stop_at(instruction.place)) {
+        let can_brake = self.bound().to(at) >= 0;
+        let runs_into = self.status.place.to(at) > 0 && self.planned_stop_at(instruction.place);
+        if !(can_brake || runs_into) {
             return Err(Refusal::InMotion);
         }
         self.switching.keep(instruction, &self.outputs)?;

@@ -75,13 +75,13 @@ pub(crate) fn record(place: u32) -> Record<2> {
     let scramble = place.wrapping_mul(0x9E37_79B9) >> 16;
     let flags = if place % 16 == 15 { Flags::REST } else { Flags::NONE };
     let increments = [(scramble % 61) as i16 - 30, (scramble / 61 % 61) as i16 - 30];
-    let cap = if place % 7 == 0 { RapidCap::sixteenths(40) } else { RapidCap::PLANNED };
+    let cap = if place.is_multiple_of(7) { RapidCap::sixteenths(40) } else { RapidCap::PLANNED };
     Record { increments, line: place, flags, cap, spare: 0 }
 }
 
 /// Is the path at rest before this record?
 pub(crate) fn rests_before(place: u32, start: u32) -> bool {
-    place == start || place % 16 == 0
+    place == start || place.is_multiple_of(16)
 }
 
 /// What the axes have moved from the start of record `start` to `to`, reckoned record by record.
