@@ -433,7 +433,8 @@ mod tests {
         player.take(Word::Rate { target: -ONE }).expect("a rate");
         assert_eq!(player.period().executed, 0);
         player.take(Word::Rate { target: 1 }).expect("a rate");
-        assert_eq!(player.period().executed, 1);
+        let status = player.period();
+        assert_eq!((status.executed, status.short), (1, false), "what follows is not late, it is not due yet");
         let second = Instruction { number: 2, ..Instruction::default() };
         player.take(Word::Instruction(second)).expect("at its place");
         assert_eq!(player.status().executed, 2, "where it may begin at once it does");

@@ -210,6 +210,6 @@ fn a_reverse_run_that_overtakes_an_instruction_defers_it() {
 /// An instruction that comes before the records in front of it is kept also while the cursor runs into a planned stop at full rate.
 #[test]
 fn an_instruction_beyond_the_window_does_not_shorten_the_road() {
-    let rates = vec![(0, 7), (ONE, 14), (-ONE, 10), (ONE, 1), (ONE, 1)];
-    run(&Job { start: 0, markers: vec![(3, 0, Some(8)), (4, 0, None)], delays: [8, 0, 8], early: true, rates });
+    let rates = vec![(ONE, 17), (-ONE, 1), (ONE, 1)];
+    run(&Job { start: 0, markers: vec![(3, 0, Some(7)), (4, 0, None)], delays: [3, 0, 6], early: true, rates });
 }
