@@ -9,12 +9,15 @@
 use retrace_core::Travel;
 
 use crate::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE, encode};
-use crate::wire::{Entry, Greeting, Opening, Reader, Run, Writer, kind, read_word};
 use crate::frame_size::FrameSize;
+use crate::wire::{Entry, Greeting, Opening, Reader, Run, Writer, kind, read_word};
 use crate::{Change, Deck, Outputs, Status, Word, channel, echo};
 
 /// What is left free at the end of a report, for the echo.
 const ECHO: usize = 4;
+/// Entries that are sent and not confirmed, at most. Those behind them can still grow, which keeps their number small while the line
+/// is down.
+const IN_FLIGHT: u16 = 96;
 /// A greeting to whom nobody spoke, at most so often.
 const GREETINGS_PERIODS: u32 = 50;
 
@@ -359,7 +362,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         writer.u16(self.sent)?;
         let end = self.first.wrapping_add(self.count);
         let most = self.frames.most() - ECHO;
-        while self.sent != end {
+        while self.sent != end && self.sent.wrapping_sub(self.first) < IN_FLIGHT {
             let entry = self.entries[usize::from(self.sent) % E];
             let length = writer.len();
             if entry.write(writer).is_none() || writer.len() > most {
@@ -375,7 +378,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         writer.put_at(flags_at, u8::from(self.gap) | u8::from(all) << 1 | u8::from(self.lost) << 2);
         if all {
             writer.u32(echo(status.place, &status.counts, self.axes))?;
-        } else {
+        } else if self.sent.wrapping_sub(self.first) < IN_FLIGHT {
             // the rest at once
             self.urgent = true;
         }
