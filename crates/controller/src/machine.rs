@@ -208,9 +208,30 @@ pub struct Machine {
     pub switching: SwitchingTable,
     /// The rate law's averages.
     pub smoothing: Smoothing,
+    /// Where the axes stand when a job begins, mm, in the order of `axes`: as the card's counts say.
+    pub stands_at_mm: Vec<f64>,
 }
 
 impl Machine {
+    /// The same machine, which stands at these counts.
+    #[must_use]
+    pub fn standing_at(mut self, counts: &[i64]) -> Self {
+        for ((mm, axis), &count) in self.stands_at_mm.iter_mut().zip(&self.axes).zip(counts) {
+            *mm = count as f64 / axis.pulses_per_mm;
+        }
+        self
+    }
+
+    /// Where it stands when a job begins, as a position of `A` axes.
+    #[must_use]
+    pub fn start_mm<const A: usize>(&self) -> [f64; A] {
+        let mut start = [0.0; A];
+        for (slot, &mm) in start.iter_mut().zip(&self.stands_at_mm) {
+            *slot = mm;
+        }
+        start
+    }
+
     /// The built-in machine: three axes, 1 000 pulses/mm, 100 mm/s, 1 000 mm/s², 20 000 mm/s³, T = 1 ms.
     ///
     /// # Errors
@@ -269,6 +290,7 @@ impl Machine {
             wheel_counts: wheel_counts.round().clamp(1.0, 65_535.0) as u16,
             switching: SwitchingTable::new(&file.code, period_us)?,
             smoothing,
+            stands_at_mm: vec![0.0; axes.len()],
             axes,
         };
         machine.limits::<9>().validate().map_err(|e| {

@@ -6,7 +6,7 @@ use core::fmt;
 
 use retrace_card::Player;
 use retrace_core::rate::Smoothing;
-use retrace_link::{MotionCard, Refusal, Status, Word};
+use retrace_link::{CardFault, MotionCard, Refusal, Status, Word};
 
 use crate::{Clock, PulseCounters};
 
@@ -35,6 +35,16 @@ pub struct TooManyPulses {
 impl fmt::Display for TooManyPulses {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "control period {}: more pulses than the card can emit in a period", self.period)
+    }
+}
+
+impl CardFault for TooManyPulses {
+    fn number(&self) -> &'static str {
+        "E3017"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period"
     }
 }
 

@@ -4,6 +4,8 @@
 
 use core::fmt;
 
+use crate::CardFault;
+
 /// What stopped the machine. It stays latched on the card until [`crate::Word::ClearAlarm`], and no rate moves the machine while
 /// it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,10 +80,10 @@ impl Alarm {
             _ => return None,
         })
     }
+}
 
-    /// Its number in the table of errors.
-    #[must_use]
-    pub const fn number(self) -> &'static str {
+impl CardFault for Alarm {
+    fn number(&self) -> &'static str {
         match self {
             Self::HostSilent => "E3011",
             Self::EmergencyStop => "E3012",
@@ -95,9 +97,7 @@ impl Alarm {
         }
     }
 
-    /// What to do.
-    #[must_use]
-    pub const fn remedy(self) -> &'static str {
+    fn remedy(&self) -> &'static str {
         match self {
             Self::HostSilent => {
                 "check the cable and the computer's load; clear the alarm, check the position, then resume"

@@ -579,11 +579,10 @@ impl<const A: usize> Host<A> {
             }
         }
         self.mirror.set(low, high);
-        let (newest, runs) = (self.newest, self.may_run());
         for k in 0..self.count {
             let word = self.queue[usize::from(self.base.wrapping_add(k)) % WORDS];
-            // What does not fit any more will be refused by the card too.
-            let _ = self.mirror.foresee(&word, newest, runs);
+            // What was foreseen to be taken is so still; what the card refuses all the same shows in a later report.
+            let _ = self.mirror.foresee(&word, self.newest, false);
         }
         self.show_window();
     }
