@@ -99,12 +99,16 @@ impl Alarm {
     #[must_use]
     pub const fn remedy(self) -> &'static str {
         match self {
-            Self::HostSilent => "check the cable and the computer's load; clear the alarm, check the position, then resume",
+            Self::HostSilent => {
+                "check the cable and the computer's load; clear the alarm, check the position, then resume"
+            }
             Self::EmergencyStop => "make the machine safe, close the chain, clear the alarm, then home the machine",
             Self::DoorOpen => "close the door, clear the alarm, then resume",
             Self::LimitSwitch { .. } => "clear the alarm, jog away from the switch, then home the machine",
             Self::TimedOut { .. } | Self::Failed { .. } => "see to what was switched, clear the alarm, then resume",
-            Self::TooManyPulses { .. } => "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period",
+            Self::TooManyPulses { .. } => {
+                "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period"
+            }
             Self::HomingFailed { .. } => "check the home switch and its wiring, then home again",
             Self::Defect => "home the machine; please report this",
         }

@@ -17,9 +17,7 @@ mod settings;
 
 pub use alarm::Alarm;
 pub use ends::{Deck, Port};
-pub use message::{
-    Action, Await, Change, Homing, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel,
-};
+pub use message::{Action, Await, Change, Homing, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel};
 pub use settings::{Identity, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, Settings};
 
 /// What the controller sees of a card, simulated or real.
