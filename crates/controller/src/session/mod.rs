@@ -165,7 +165,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         self.look();
         self.take_orders();
         let demand = self.demand();
-        while self.switch_what_is_due()? {
+        while self.switch_what_is_due(demand)? {
             self.look();
         }
         self.slide(demand);

@@ -3,7 +3,7 @@
 //! Invariant: an instruction goes to the card in normal run only, with the cursor at rest on its marker; the next one when the
 //! card has reported it complete.
 
-use retrace_core::mode::Mode;
+use retrace_core::mode::{Demand, Mode};
 use retrace_link::{Instruction, MotionCard, Word};
 
 use super::Session;
@@ -12,9 +12,9 @@ use crate::item::Kind;
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
     /// The instruction whose place the motion has come to, if there is one and it may be executed now (GMC-5). False where there is
-    /// nothing to do.
-    pub(super) fn switch_what_is_due(&mut self) -> Result<bool, String> {
-        if self.operation.mode() != Mode::Run || self.operation.held() {
+    /// nothing to do, and where the rate is to be zero: the card would keep it until there is one.
+    pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, String> {
+        if self.operation.mode() != Mode::Run || self.operation.held() || demand.target <= 0 {
             return Ok(false);
         }
         let Some(exclusive) = self.supply.due(self.card.status()) else { return Ok(false) };
