@@ -4,9 +4,15 @@
 #![forbid(unsafe_code)]
 
 mod clock;
+mod faults;
+mod line;
 mod pulses;
+mod random;
 mod sim;
 
 pub use clock::Clock;
+pub use faults::{Fault, Rates, Tally};
+pub use line::{Leftover, Line, LineSettings};
 pub use pulses::PulseCounters;
+pub use random::{Chance, Random};
 pub use sim::{SimCard, WINDOW};

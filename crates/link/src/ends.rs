@@ -47,7 +47,7 @@ pub trait Deck<const A: usize> {
 
 /// The host's port to a line of bytes, which may lose, change and delay them.
 pub trait Port {
-    /// The line is gone for good.
+    /// How the line can be gone.
     type Fault: CardFault;
 
     /// Microseconds since some moment, never going back.
@@ -67,6 +67,11 @@ pub trait Port {
     /// # Errors
     /// The line is gone.
     fn read(&mut self, bytes: &mut [u8], wait_us: u32) -> Result<usize, Self::Fault>;
+
+    /// Tries once to get a line back that is gone, and says whether it is there again. Takes some time where it is not.
+    fn revive(&mut self) -> bool {
+        false
+    }
 }
 
 /// What ends a run on a card for good.

@@ -62,6 +62,8 @@ pub struct Wired<const A: usize, P: Port> {
     port: P,
     host: Host<A>,
     patience: Patience,
+    /// The line is gone, for all that is known; it may come back.
+    lost: Option<P::Fault>,
 }
 
 /// The longest that one look at the port waits.
@@ -73,7 +75,7 @@ impl<const A: usize, P: Port> Wired<A, P> {
     /// # Errors
     /// Nobody answers, or the port is gone.
     pub fn find(port: P, nonce: u32, patience: Patience) -> Result<Self, WiredFault<P::Fault>> {
-        let mut found = Self { port, host: Host::new(nonce), patience };
+        let mut found = Self { port, host: Host::new(nonce), patience, lost: None };
         found.until(|host| host.greeting().is_some())?;
         Ok(found)
     }
@@ -102,7 +104,7 @@ impl<const A: usize, P: Port> Wired<A, P> {
         self.until(Host::is_open)?;
         // its outputs and its alarm come with the first period
         while !self.host.next_period() {
-            self.pump(WAIT_US)?;
+            self.pump(WAIT_US);
         }
         Ok(())
     }
@@ -137,9 +139,9 @@ impl<const A: usize, P: Port> Wired<A, P> {
         let begun = self.port.now_us();
         while !done(&self.host) {
             if self.port.now_us().saturating_sub(begun) > self.patience.answer_us {
-                return Err(WiredFault::Host(HostFault::Silent));
+                return Err(self.silent());
             }
-            self.pump(WAIT_US)?;
+            self.pump(WAIT_US);
             if let Some(fault @ (HostFault::Protocol(_) | HostFault::Unfit | HostFault::Restarted)) = self.host.fault()
             {
                 return Err(WiredFault::Host(fault));
@@ -148,21 +150,38 @@ impl<const A: usize, P: Port> Wired<A, P> {
         Ok(())
     }
 
-    /// Puts on the line what is due, and takes off it what has come.
-    fn pump(&mut self, wait_us: u32) -> Result<(), WiredFault<P::Fault>> {
+    fn silent(&mut self) -> WiredFault<P::Fault> {
+        self.lost.take().map_or(WiredFault::Host(HostFault::Silent), WiredFault::Port)
+    }
+
+    /// Puts on the line what is due, and takes off it what has come. A line that is gone may come back: a cable that is plugged in
+    /// again. Until then the card is silent, and for so long it is waited for.
+    fn pump(&mut self, wait_us: u32) {
+        match self.exchange(wait_us) {
+            Ok(()) => self.lost = None,
+            Err(fault) => {
+                self.lost = Some(fault);
+                if self.port.revive() {
+                    self.lost = None;
+                }
+            }
+        }
+    }
+
+    fn exchange(&mut self, wait_us: u32) -> Result<(), P::Fault> {
         let mut bytes = [0; 1024];
         let room = self.port.room().min(bytes.len());
         let mut given = self.host.transmit(self.port.now_us(), &mut bytes[..room]);
         let mut from = 0;
         while given > 0 {
-            let taken = self.port.write(&bytes[from..from + given]).map_err(WiredFault::Port)?;
+            let taken = self.port.write(&bytes[from..from + given])?;
             if taken == 0 {
                 // What the port does not take is lost like any byte on the line, and comes again.
                 break;
             }
             (from, given) = (from + taken, given - taken);
         }
-        let read = self.port.read(&mut bytes, wait_us).map_err(WiredFault::Port)?;
+        let read = self.port.read(&mut bytes, wait_us)?;
         self.host.receive(&bytes[..read], self.port.now_us());
         Ok(())
     }
@@ -181,15 +200,15 @@ impl<const A: usize, P: Port> MotionCard<A> for Wired<A, P> {
 
     fn period(&mut self) -> Result<&Status<A>, Self::Fault> {
         // The line is served also where periods wait to be given out.
-        self.pump(0)?;
+        self.pump(0);
         while !self.host.next_period() {
             if let Some(fault) = self.host.fault() {
                 return Err(WiredFault::Host(fault));
             }
             if self.host.silent_us() > self.patience.silence_us {
-                return Err(WiredFault::Host(HostFault::Silent));
+                return Err(self.silent());
             }
-            self.pump(WAIT_US)?;
+            self.pump(WAIT_US);
         }
         Ok(self.host.status())
     }

@@ -5,17 +5,20 @@ use retrace_core::rate::Smoothing;
 use retrace_core::{Flags, Place, RapidCap, Record};
 use retrace_link::wire::{Entry, Greeting, Opening, Reader, Run, Writer, read_word, write_word};
 use retrace_link::{
-    Action, Alarm, Await, Change, Homing, Identity, InputSetting, InputUse, Instruction, MAX_CHANGES, PROTOCOL, Settings, Word,
+    Action, Alarm, Await, Change, Homing, Identity, InputSetting, InputUse, Instruction, MAX_CHANGES, PROTOCOL,
+    Settings, Word,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
     let increment = prop_oneof![-3i16..3, -100i16..100, any::<i16>()];
-    (prop::array::uniform4(increment), any::<u32>(), 0u8..4, 0u8..=255).prop_map(|(increments, line, flags, cap)| Record {
-        increments,
-        line: line >> (line & 31),
-        flags: Flags::from_bits(flags),
-        cap: RapidCap::sixteenths(cap),
-        spare: 0,
+    (prop::array::uniform4(increment), any::<u32>(), 0u8..4, 0u8..=255).prop_map(|(increments, line, flags, cap)| {
+        Record {
+            increments,
+            line: line >> (line & 31),
+            flags: Flags::from_bits(flags),
+            cap: RapidCap::sixteenths(cap),
+            spare: 0,
+        }
     })
 }
 
@@ -36,7 +39,11 @@ fn instruction() -> impl Strategy<Value = Instruction> {
 fn word() -> impl Strategy<Value = Word<4>> {
     prop_oneof![
         (any::<u32>(), record()).prop_map(|(place, record)| Word::Ahead { place, record }),
-        (any::<u32>(), record(), any::<bool>()).prop_map(|(place, record, rests)| Word::Behind { place, record, rests }),
+        (any::<u32>(), record(), any::<bool>()).prop_map(|(place, record, rests)| Word::Behind {
+            place,
+            record,
+            rests
+        }),
         any::<u32>().prop_map(|high| Word::Trim { high }),
         any::<u32>().prop_map(|low| Word::Forget { low }),
         (any::<u32>(), 0u8..69, any::<i32>(), any::<i32>())
@@ -55,8 +62,12 @@ fn entry() -> impl Strategy<Value = Entry> {
     let travel = prop_oneof![Just(0i64), Just(1 << 32), Just(-(1i64 << 32)), -(8i64 << 32)..=8 << 32];
     let alarm = (0u8..12, any::<u32>()).prop_map(|(code, detail)| Alarm::from_wire(code, detail & 0x1FF));
     prop_oneof![
-        (travel, 1u32..u32::MAX, any::<bool>(), any::<bool>())
-            .prop_map(|(travel, count, short, at_rest)| Entry::Ran { travel, count, short, at_rest }),
+        (travel, 1u32..u32::MAX, any::<bool>(), any::<bool>()).prop_map(|(travel, count, short, at_rest)| Entry::Ran {
+            travel,
+            count,
+            short,
+            at_rest
+        }),
         change().prop_map(Entry::Output),
         any::<u32>().prop_map(Entry::Executed),
         alarm.prop_map(Entry::Alarm),

@@ -10,8 +10,8 @@ mod switching;
 use std::thread;
 use std::time::Duration;
 
-use retrace_core::place::before;
 use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
+use retrace_core::place::before;
 use retrace_core::ring::Consumer;
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, Record, Travel};
@@ -184,7 +184,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         self.look();
         self.take_orders();
         let demand = self.demand();
-        while self.switch_what_is_due()? {
+        while self.switch_what_is_due(demand)? {
             self.look();
         }
         self.slide(demand);
