@@ -7,8 +7,7 @@ use std::io::{self, ErrorKind};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use link::Port;
-use retrace_link as link;
+use retrace_link::{CardFault, Port};
 
 use crate::list::{ports, usb_of, whereabouts};
 use crate::quick::{Latency, hasten};
