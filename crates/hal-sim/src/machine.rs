@@ -259,8 +259,7 @@ mod tests {
     #[test]
     fn what_hangs_stays_silent_and_what_fails_says_so_once() {
         let certain = Chance::new(1.0).expect("a probability");
-        let hang =
-            Process { channel: 0, input: 15, least_us: 1, most_us: 1, hangs: certain, fails: Chance::NEVER };
+        let hang = Process { channel: 0, input: 15, least_us: 1, most_us: 1, hangs: certain, fails: Chance::NEVER };
         let fail = Process { channel: 1, input: 14, hangs: Chance::NEVER, fails: certain, ..hang };
         let settings = MachineSettings { processes: vec![hang, fail], ..MachineSettings::default() };
         let mut machine = Machine::<1>::new(&settings);

@@ -26,7 +26,7 @@ impl Random {
 
     /// A number in 0 … `most`, each as likely as the others but for one part in 2³².
     pub const fn up_to(&mut self, most: u32) -> u32 {
-        ((self.next() >> 32) * (most as u64 + 1) >> 32) as u32
+        (((self.next() >> 32) * (most as u64 + 1)) >> 32) as u32
     }
 
     /// A source of its own for a part of the simulation, so that what one part draws does not move the others.

@@ -14,7 +14,7 @@ use crate::{Clock, PulseCounters};
 pub const WINDOW: usize = 4096;
 
 /// Longest average of its rate law, in periods.
-const MEMORY: usize = Smoothing::LONGEST as usize;
+pub(crate) const MEMORY: usize = Smoothing::LONGEST as usize;
 
 /// A simulated card for `A` axes.
 #[derive(Debug)]
