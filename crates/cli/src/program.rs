@@ -27,6 +27,8 @@ use crate::subs::Folders;
 pub enum Failure {
     /// Wrong usage, machine file or script: exit code 2.
     Refused(Refusal),
+    /// The card or the line to it: exit code 3.
+    Card(Refusal),
     /// The program has errors; they have been shown: exit code 1.
     Program,
 }

@@ -9,6 +9,7 @@ use retrace_core::rate::Smoothing;
 use retrace_motion::{Blending, GlideRatio, Limits, RatioOf};
 use serde::Deserialize;
 
+use crate::card::{CardSettings, WrittenCard};
 use crate::law;
 use crate::refusal::{Refusal, nearest};
 use crate::switching::SwitchingTable;
@@ -141,6 +142,7 @@ struct MachineFile {
     axis: Vec<Axis>,
     blending: BlendingSettings,
     wheel: WheelSettings,
+    card: WrittenCard,
     code: BTreeMap<String, crate::switching::CodeSettings>,
 }
 
@@ -168,6 +170,7 @@ impl Default for MachineFile {
             axis: vec![axis('x'), axis('y'), axis('z')],
             blending: BlendingSettings::default(),
             wheel: WheelSettings::default(),
+            card: WrittenCard::default(),
             code: BTreeMap::new(),
         }
     }
@@ -204,6 +207,8 @@ pub struct Machine {
     pub wheel_periods: u16,
     /// Handwheel counts in that time that make rate 1.
     pub wheel_counts: u16,
+    /// What the card is told besides.
+    pub card: CardSettings,
     /// What M, S and T codes switch, how, and for how long.
     pub switching: SwitchingTable,
     /// The rate law's averages.
@@ -272,6 +277,7 @@ impl Machine {
             )
         })?;
         let look_ahead = periods(file.look_ahead_s).max(2 * u32::from(smoothing.stopping_records()) + 2);
+        let card = file.card.checked(&axes, &file.cutting_outputs, file.control_period_ms)?;
         let wheel_periods = (file.wheel.mean_over_ms / file.control_period_ms).round() as u16;
         let wheel_counts = file.wheel.counts_per_s_at_rate_1 * f64::from(wheel_periods) * period_s;
         let machine = Self {
@@ -286,6 +292,7 @@ impl Machine {
             homed: file.homed,
             retrace_outputs: file.retrace_outputs,
             cutting_outputs: file.cutting_outputs,
+            card,
             wheel_periods,
             wheel_counts: wheel_counts.round().clamp(1.0, 65_535.0) as u16,
             switching: SwitchingTable::new(&file.code, period_us)?,

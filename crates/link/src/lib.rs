@@ -53,3 +53,23 @@ pub trait MotionCard<const A: usize> {
     /// The report of the last period again.
     fn status(&self) -> &Status<A>;
 }
+
+impl<const A: usize, C: MotionCard<A>> MotionCard<A> for &mut C {
+    type Fault = C::Fault;
+
+    fn window(&self) -> u32 {
+        C::window(self)
+    }
+
+    fn send(&mut self, word: Word<A>) -> Result<(), Refusal> {
+        C::send(self, word)
+    }
+
+    fn period(&mut self) -> Result<&Status<A>, Self::Fault> {
+        C::period(self)
+    }
+
+    fn status(&self) -> &Status<A> {
+        C::status(self)
+    }
+}

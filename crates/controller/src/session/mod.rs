@@ -69,7 +69,7 @@ impl Fault {
     }
 }
 
-/// Standing still for so long (s) in virtual time, with the operator's script at its end, ends the job: nobody will go on.
+/// Standing still for so long (s), with the operator's script at its end, ends the job: nobody will go on.
 const NOBODY_THERE_S: f64 = 10.0;
 
 /// A job being executed on a card.
@@ -383,7 +383,10 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
                 _ => Outcome::Completed,
             });
         }
-        let nobody = !self.manner.wall_time && self.operator.finished();
+        // In wall time a feed may stall for as long as it likes; what waits for an operator who will not come does not.
+        let waits =
+            self.operation.mode() != Mode::Run || self.operation.held() || self.program_stop || self.single_stop;
+        let nobody = self.operator.finished() && (!self.manner.wall_time || (waits && self.manner.operator));
         (nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S).then_some(Outcome::Stopped)
     }
 
