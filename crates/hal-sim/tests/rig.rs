@@ -208,10 +208,13 @@ fn a_silent_host_is_an_alarm() {
     assert_eq!(status.counts[0], position(at, 2000)[0] + i64::from(under));
 }
 
-/// A port that keeps what the host writes, and when.
+/// What the host writes, and when, in microseconds.
+type Written = Vec<(u64, Vec<u8>)>;
+
+/// A port that keeps what the host writes.
 struct Tap {
     port: InProcess<3>,
-    written: Arc<Mutex<Vec<(u64, Vec<u8>)>>>,
+    written: Arc<Mutex<Written>>,
 }
 
 impl Port for Tap {
@@ -236,12 +239,11 @@ impl Port for Tap {
     }
 }
 
+/// Positions after each period, bytes for the host, and what the lines did.
+type Replay = (Vec<(u64, [i64; 3])>, Vec<u8>, [Tally; 2]);
+
 /// What a rig does when these bytes are sent to it at these times, and time passes in steps of so many microseconds.
-fn replay(
-    settings: &RigSettings,
-    written: &[(u64, Vec<u8>)],
-    step_us: u64,
-) -> (Vec<(u64, [i64; 3])>, Vec<u8>, [Tally; 2]) {
+fn replay(settings: &RigSettings, written: &Written, step_us: u64) -> Replay {
     let mut rig = Rig::<3>::new(settings).expect("a card");
     let log = Arc::new(Mutex::new(Vec::new()));
     let into = Arc::clone(&log);
