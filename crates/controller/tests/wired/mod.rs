@@ -48,12 +48,16 @@ impl Decode for Decoder {
 pub struct Path {
     /// Counts before each record, and after the last.
     pub counts: Vec<[i64; AXES]>,
+    /// The place of each exclusive instruction, in their order.
+    pub markers: Vec<u32>,
+    /// Is something switched in passing?
+    pub in_passing: bool,
 }
 
 impl Path {
     /// Runs the program on a card in this process.
     pub fn of(machine: &Machine, text: &str) -> Self {
-        struct Rows(Vec<[i64; AXES]>);
+        struct Rows(Vec<[i64; AXES]>, Vec<u32>);
         impl Observer<AXES> for Rows {
             fn period(&mut self, status: &Status<AXES>, _: &Operation) {
                 assert_eq!(status.place.fraction, 0, "at rate 1 from record to record");
@@ -61,15 +65,19 @@ impl Path {
                     self.0.push(status.counts);
                 }
             }
-            fn event(&mut self, _: &Event) {}
+            fn event(&mut self, event: &Event) {
+                if let Happening::Switching(_) = event.happening {
+                    self.1.push(event.place.record);
+                }
+            }
         }
-        let mut rows = Rows(vec![[0; AXES]]);
+        let mut rows = Rows(vec![[0; AXES]], Vec::new());
         let card = SimCard::<AXES>::new(0, machine.smoothing, Clock::Virtual).expect("fits");
         let manner = Manner { wall_time: false, operator: false };
         let operator = ScriptPlayer::new(Vec::new(), machine.period_us);
         let end = job::run(machine, Decoder::new(text), Begin::First, card, operator, manner, &mut rows).expect("a job");
         assert_eq!(end.outcome, Outcome::Completed);
-        Self { counts: rows.0 }
+        Self { counts: rows.0, markers: rows.1, in_passing: text.contains("M62") || text.contains("M63") }
     }
 
     /// Records of the path.
@@ -290,9 +298,37 @@ pub fn on_the_path(path: &Path, done: &Done) -> Result<(), String> {
     }
 }
 
+/// In the card's own time line no motion stands on the wrong side of an instruction: nothing goes beyond the first that is not complete, and
+/// what it switches is switched, and it is completed, at rest on its place. `Err` says what is wrong.
+pub fn in_order(markers: &[u32], log: &[Period]) -> Result<(), String> {
+    let (mut executed, mut outputs) = (0, None);
+    for period in log {
+        let at = |number: u32| markers.get(number as usize - 1).map(|&place| Place::start_of(place));
+        if period.executed != executed {
+            if period.executed != executed + 1 || at(period.executed) != Some(period.place) || period.rate != 0 {
+                return Err(format!("instruction {} complete elsewhere: {period:?}", period.executed));
+            }
+            executed = period.executed;
+        }
+        if let Some(next) = at(executed + 1)
+            && next.to(period.place) > 0
+        {
+            return Err(format!("beyond instruction {}, which is not complete: {period:?}", executed + 1));
+        }
+        if outputs.is_some_and(|outputs| outputs != period.outputs) && period.rate != 0 && !period.alarm {
+            return Err(format!("switched in motion: {period:?}"));
+        }
+        outputs = Some(period.outputs);
+    }
+    Ok(())
+}
+
 /// A run ended well: with the program's exact counts, or with an alarm that is latched, the position known. `Err` says what is wrong.
 pub fn ended_well(path: &Path, done: &Done) -> Result<(), String> {
     on_the_path(path, done)?;
+    if !path.in_passing {
+        in_order(&path.markers, &done.log)?;
+    }
     let last = done.log.last().ok_or("the card did nothing")?;
     match &done.outcome {
         Outcome::Completed => {
