@@ -1,7 +1,7 @@
 //! `retrace card serve`: a simulated card behind a pseudo-terminal, in wall time.
 //!
 //! Invariant: the card's time follows the monotonic clock; what this process was kept from for a moment is made up for. A longer absence is
-//! left out, as if the machine had stood still with it, since a card that was away has not heard its host.
+//! left out, as if the machine had stood still with it: a real card is never away, and a host is not to be blamed for it.
 
 use std::io::BufWriter;
 use std::path::Path;
@@ -20,7 +20,7 @@ use crate::console::unwritable;
 use crate::{args, files, wired};
 
 /// The longest absence that is made up for.
-const MADE_UP_US: u64 = 100_000;
+const MADE_UP_US: u64 = 20_000;
 /// The longest wait for a byte.
 const WAIT_US: u64 = 1_000;
 /// How often a trace is handed on to its file.
