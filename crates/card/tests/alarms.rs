@@ -322,6 +322,21 @@ fn an_epoch_begins_at_the_counts_as_they_are_with_nothing_on_the_window() {
 }
 
 #[test]
+fn actions_of_another_epoch_are_not_executed() {
+    let mut card = opened(0);
+    card.take(Word::Action(Action { place: 2, channel: 4, before: 0, after: 1 })).expect("room");
+    card.open(&settings(2, 0)).expect("at rest");
+    for place in 0..16 {
+        card.take(Word::Ahead { place, record: record(place) }).expect("room");
+    }
+    card.take(Word::Rate { target: ONE }).expect("a rate");
+    for _ in 0..20 {
+        card.period(levels(0));
+    }
+    assert_eq!((card.status().place, card.status().outputs[4]), (Place::start_of(16), 0));
+}
+
+#[test]
 fn the_wheel_and_the_inputs_are_reported() {
     let mut card = opened(0);
     card.period(Inputs { levels: PLAIN, encoder: 65_530, failed: false });
