@@ -40,6 +40,8 @@ const HEARTBEAT_US: u64 = 16_000;
 const AGAIN_US: u64 = 60_000;
 /// And after a gap that the card tells of, at most so often.
 const GAP_US: u64 = 12_000;
+/// A report that is missing is asked for at most so often.
+const MISSED_US: u64 = 8_000;
 
 /// What ends a run on a card for good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -170,6 +172,8 @@ pub struct Host<const A: usize> {
     status: Status<A>,
     /// The card's check of place and counts after the last entry.
     echo: Option<u32>,
+    /// A report came that does not follow the last one.
+    missing: bool,
     /// The card moves by itself, off the path, until the next opening: homing.
     off_path: bool,
     fault: Option<HostFault>,
@@ -195,6 +199,7 @@ struct Times {
     progress: u64,
     queued: u64,
     gap: u64,
+    missed: u64,
 }
 
 impl<const A: usize> Host<A> {
@@ -224,6 +229,7 @@ impl<const A: usize> Host<A> {
             newest: Place::start_of(0),
             status: Status::standing(0),
             echo: None,
+            missing: false,
             off_path: false,
             fault: None,
             alarm: None,
@@ -544,6 +550,7 @@ impl<const A: usize> Host<A> {
     fn entries_of(&mut self, reader: &mut Reader<'_>, first: u16, all: bool) -> Option<()> {
         let mut number = first;
         if (number.wrapping_sub(self.next_entry) as i16) > 0 {
+            self.missing = true;
             return Some(());
         }
         let tail = if all { 4 } else { 0 };
@@ -632,7 +639,7 @@ impl<const A: usize> Host<A> {
         if self.phase == Phase::Open && at < end && self.rate_due() && (at == 0 || end - at > 2 * RATE_FRAME) {
             self.sent = self.sent.min(offset);
             self.kind = Staged::Other;
-            self.compose_now();
+            self.compose_now(kind::NOW);
             if at > 0 {
                 self.stage.copy_within(..self.staged.1, 1);
                 self.stage[0] = 0;
@@ -682,15 +689,19 @@ impl<const A: usize> Host<A> {
             self.times.asked = now.max(1);
             return self.compose_other();
         }
+        if self.missing && now.saturating_sub(self.times.missed) >= MISSED_US {
+            (self.missing, self.times.missed) = (false, now);
+            return self.compose_now(kind::MISSED);
+        }
         if self.rate_due() {
-            return self.compose_now();
+            return self.compose_now(kind::NOW);
         }
         let unsent = usize::from(self.count - self.sent);
         let waited = now.saturating_sub(self.times.queued) >= GATHER_US;
         if unsent > 0 && (unsent >= GATHER || waited || self.has_order()) {
             return self.compose_stream();
         }
-        now.saturating_sub(self.times.frame) >= HEARTBEAT_US && self.compose_now()
+        now.saturating_sub(self.times.frame) >= HEARTBEAT_US && self.compose_now(kind::NOW)
     }
 
     /// Is there a word to be sent that is no record?
@@ -699,12 +710,12 @@ impl<const A: usize> Host<A> {
         (self.sent..self.count).any(|k| !matches!(word(k), Word::Ahead { .. } | Word::Behind { .. }))
     }
 
-    fn compose_now(&mut self) -> bool {
+    fn compose_now(&mut self, kind: u8) -> bool {
         let mut payload = [0; 24];
         let mut writer = Writer::new(&mut payload);
         let Some(settings) = &self.settings else { return false };
         let written = (|| {
-            writer.u8(kind::NOW)?;
+            writer.u8(kind)?;
             writer.u16(settings.epoch)?;
             writer.u16(self.next_entry)?;
             writer.u16(self.now_number)?;
