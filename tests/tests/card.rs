@@ -1,7 +1,7 @@
 //! `retrace card`: a simulated card behind a pseudo-terminal, and hosts that come and go.
 #![cfg(target_os = "linux")]
 
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, Said, binary};
@@ -57,47 +57,62 @@ fn a_line_with_faults_changes_nothing_but_the_time() {
     assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
 }
 
+/// A host that runs a long program on the card.
+fn long_job(bench: &Bench, served: &Served) -> Child {
+    let program = bench.file("long.ngc", "G21 G90\nG1 X1000 F1200\nM2\n");
+    let mut host = Command::new(binary());
+    host.args(["run", &program.display().to_string(), "--card", &served.port]);
+    host.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the retrace command runs")
+}
+
+fn kill(mut host: Child) {
+    host.kill().expect("still running");
+    host.wait().expect("ended");
+}
+
 /// Killed in motion, the host leaves a machine that stops by itself, on the path, and says so to the next one.
 #[test]
 fn a_host_that_is_killed_leaves_a_machine_at_rest() {
     let bench = Bench::new();
-    let program = bench.file("long.ngc", "G21 G90\nG1 X200 F1200\nM2\n");
-    let served = Served::with(&[]);
-    let mut host = Command::new(binary());
-    host.args(["run", &program.display().to_string(), "--card", &served.port])
-        .stdout(Stdio::null())
-        .stderr(Stdio::null());
-    let mut host = host.spawn().expect("the retrace command runs");
-    std::thread::sleep(Duration::from_millis(2000));
-    host.kill().expect("still running");
-    host.wait().expect("ended");
-    let begun = Instant::now();
-    let who = loop {
-        let who = served.who(&bench);
-        if who["at_rest"] == true || begun.elapsed() > Duration::from_secs(30) {
-            break who;
+    // a computer under load may take its time until the first motion
+    for seconds in [2, 6, 18] {
+        let served = Served::with(&[]);
+        let host = long_job(&bench, &served);
+        std::thread::sleep(Duration::from_secs(seconds));
+        kill(host);
+        let begun = Instant::now();
+        let mut who = served.who(&bench);
+        while (who["at_rest"] != true || who["alarm"].is_null()) && begun.elapsed() < Duration::from_secs(20) {
+            who = served.who(&bench);
         }
-    };
-    assert_eq!((&who["at_rest"], &who["alarm"]["number"]), (&true.into(), &"E3011".into()), "{who}");
-    let x = who["counts"][0].as_i64().expect("a count");
-    assert!(x > 0 && x < 200_000, "{who}");
+        let x = who["counts"][0].as_i64().expect("a count");
+        if x == 0 {
+            continue;
+        }
+        assert_eq!((&who["at_rest"], &who["alarm"]["number"]), (&true.into(), &"E3011".into()), "{who}");
+        assert!(x > 0 && x < 1_000_000, "{who}");
+        let told = served.told();
+        assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
+        return;
+    }
+    panic!("no host came to move anything");
 }
 
 #[test]
 fn a_port_that_is_in_use_or_not_there_is_refused_with_what_to_do() {
     let bench = Bench::new();
-    let program = bench.file("long.ngc", "G21 G90\nG1 X200 F1200\nM2\n");
     let served = Served::with(&[]);
-    let mut host = Command::new(binary());
-    host.args(["run", &program.display().to_string(), "--card", &served.port])
-        .stdout(Stdio::null())
-        .stderr(Stdio::null());
-    let mut host = host.spawn().expect("the retrace command runs");
-    std::thread::sleep(Duration::from_millis(1000));
-    let busy = bench.retrace(["card", "who", &served.port]);
-    host.kill().expect("still running");
-    host.wait().expect("ended");
-    assert_eq!(busy.code, Some(2));
+    // who asks too early takes the port away from the host that is to have it
+    let mut asked = [1, 4, 12].into_iter().map(|seconds| {
+        let mut host = long_job(&bench, &served);
+        std::thread::sleep(Duration::from_secs(seconds));
+        let busy = bench.retrace(["card", "who", &served.port]);
+        let _ = host.kill();
+        host.wait().expect("ended");
+        busy
+    });
+    let busy = asked.find(|busy| busy.code != Some(0)).expect("a host that has the port");
+    assert_eq!(busy.code, Some(2), "{}", busy.err);
     assert!(busy.err.contains("error[E2144]") && busy.err.contains("`retrace` (process"), "{}", busy.err);
     for (arguments, number) in [
         (["card", "who", "/dev/no-such-port"], "E2141"),

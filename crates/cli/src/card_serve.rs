@@ -21,6 +21,8 @@ use crate::{args, files, wired};
 
 /// The longest absence that is made up for.
 const MADE_UP_US: u64 = 20_000;
+/// Serial number of every simulated card: it is always the same one, started anew.
+const SERIAL: u32 = 1;
 /// The longest wait for a byte.
 const WAIT_US: u64 = 1_000;
 /// How often a trace is handed on to its file.
@@ -94,14 +96,15 @@ fn rig<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<Rig<A>, 
         up,
         down,
         machine: MachineSettings::wired_as(&inputs, &travel, &home),
-        serial: std::process::id(),
+        serial: SERIAL,
         boot: wired::nonce(),
     };
     let mut rig = Rig::new(&settings).ok_or_else(|| refuse("the card cannot be made", "please report this"))?;
     if let Some(path) = &args.vcd {
         let named = |error| unwritable(&path.display().to_string(), &error);
         let file = std::fs::File::create(path).map_err(named)?;
-        rig.trace(Box::new(BufWriter::with_capacity(1 << 20, file))).map_err(named)?;
+        let names: Vec<String> = machine.axes.iter().map(|axis| axis.name.to_string()).collect();
+        rig.trace(Box::new(BufWriter::with_capacity(1 << 20, file)), &names).map_err(named)?;
     }
     Ok(rig)
 }

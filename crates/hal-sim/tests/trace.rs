@@ -61,7 +61,7 @@ fn read(text: &str) -> HashMap<String, Vec<(u64, String)>> {
 fn traced() -> (String, [u64; 2]) {
     let file = Shared::default();
     let mut rig = Rig::<2>::new(&RigSettings::default()).expect("a card");
-    rig.trace(Box::new(file.clone())).expect("memory");
+    rig.trace(Box::new(file.clone()), &["x".to_owned(), "y".to_owned()]).expect("memory");
     let mut host = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
     host.open(Settings::new(0, 0, 1000, Smoothing::new(8, 6).expect("valid"))).expect("it takes the settings");
     for place in 0..60u32 {
