@@ -49,7 +49,10 @@ mod tests {
     fn the_keyword_is_refused_outside_the_ring_and_allowed_in_words_and_comments() {
         let sample = "//! x\n// unsafe\nfn f() { unsafe { g() } }\n#![deny(unsafe_code)]\n";
         let tree = Tree::of(&[("crates/link/src/a.rs", sample), ("crates/core/src/ring.rs", sample)]);
-        assert_eq!(find(&tree), [Finding::at("crates/link/src/a.rs", 3, "unsafe code is kept to the record ring and the registers")]);
+        assert_eq!(
+            find(&tree),
+            [Finding::at("crates/link/src/a.rs", 3, "unsafe code is kept to the record ring and the registers")]
+        );
     }
 
     #[test]
