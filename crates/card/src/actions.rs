@@ -21,6 +21,11 @@ impl<const N: usize> Default for ActionTable<N> {
 }
 
 impl<const N: usize> ActionTable<N> {
+    /// Forgets all actions.
+    pub const fn clear(&mut self) {
+        self.count = 0;
+    }
+
     /// Takes an action in at its place, behind those of the same place. Where the table is full, one that lies outside the
     /// window (`low … high`) makes room.
     pub fn insert(&mut self, action: Action, low: u32, high: u32) -> Result<(), Refusal> {

@@ -1,18 +1,42 @@
-//! The player (design, idea 3): what runs on every retrace card, simulated or on a microcontroller.
+//! The card (design, idea 3): what runs on every retrace card, simulated or on a microcontroller.
 //!
-//! The card holds a window of the recorded path around its cursor and plays it at the rate it is told, forward and backward.
-//! It executes switching instructions between the motion and output actions in passing, and counts every pulse.
+//! It holds a window of the recorded path around its cursor and plays it at the rate it is told, forward and backward; it executes
+//! switching instructions between the motion and output actions in passing, counts every pulse, homes its axes, watches its
+//! inputs and its host, and says on which tick every step pulse begins. What it does not know is bytes: the line's end speaks to it by
+//! [`retrace_link::Deck`].
+//!
+//! Our stop is a stop of category 2 (IEC 60204-1): the motion is brought to rest under control and the power stays on. The card is only
+//! told of an emergency stop, which must be wired to cut the power by itself.
 //!
 //! Invariant: what the card does not hold it cannot run; at the ends of its window it comes to rest exactly.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
 mod actions;
+mod card;
+mod guard;
+mod homing;
+mod inputs;
+mod on_line;
+mod outputs;
 mod player;
+mod step_direction;
 mod switching;
+mod terms;
 mod window;
 
 pub use actions::ActionTable;
+pub use card::Card;
+pub use guard::{Guard, Sight};
+pub use homing::{Ending, Search};
+pub use inputs::{Inputs, Panel};
+pub use on_line::OnLine;
+pub use outputs::OutputBank;
 pub use player::Player;
+pub use step_direction::{DoesNotFit, Edge, Levels, StepDirection, StepTiming};
 pub use switching::Switching;
+pub use terms::Terms;
 pub use window::Window;
+
+/// A card of four axes leaves a microcontroller of 64 KiB room for everything else.
+const _: () = assert!(size_of::<Card<4, 1024, 256>>() <= 30 * 1024);

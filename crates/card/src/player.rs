@@ -1,53 +1,125 @@
 //! The player: window, drive, pulses and switching put together; one call a control period.
 //!
-//! Invariant: `counts` is `P(place)` at all times, P being the sum of the records before a place (core, `playback`).
+//! Invariant: `counts` is `P(place)` at all times, P being the sum of the records before a place (core, `playback`), on top of what
+//! they were where the epoch began. The cursor never passes the place of an instruction that is not executed.
 
 use retrace_core::drive::{Drive, Road};
 use retrace_core::place::before;
 use retrace_core::playback::emission;
 use retrace_core::rate::Smoothing;
-use retrace_core::{Place, Travel};
-use retrace_link::{Change, Refusal, Status, Word, channel};
+use retrace_core::{Place, RapidCap, Travel};
+use retrace_link::{Action, Alarm, Change, Instruction, Refusal, Status, Word, channel};
 
-use crate::{ActionTable, Switching, Window};
+use crate::{ActionTable, OutputBank, Switching, Window};
 
 /// Most output actions that a card holds at a time.
 const ACTIONS: usize = 256;
 
 /// A card's player for `A` axes, a window of `W` records, and averages of the rate law up to `M` periods.
+///
+/// It plays what it is given and switches where it is told to. Alarms, inputs, homing and the watchdog are the [`crate::Card`]'s around it.
 #[derive(Clone, Debug)]
 pub struct Player<const A: usize, const W: usize, const M: usize> {
     window: Window<A, W>,
     drive: Drive<M>,
     actions: ActionTable<ACTIONS>,
     switching: Switching,
+    outputs: OutputBank,
     target: Travel,
     replay: bool,
+    /// The axes move beside the path: homing.
+    beside: bool,
     status: Status<A>,
 }
 
 impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
-    /// A card at rest at record `start`, all counts and outputs zero. `None` where the smoothing is longer than a card's memory.
+    /// A card at rest at record `start`, all counts and outputs zero, with all output channels. `None` where the smoothing is longer
+    /// than a card's memory.
     #[must_use]
     pub fn new(start: u32, smoothing: Smoothing) -> Option<Self> {
-        let switching = Switching::default();
-        let mut status = Status::standing(start);
-        status.outputs = *switching.outputs();
+        Self::with_outputs(start, smoothing, channel::DIGITAL as u8)
+    }
+
+    /// The same with so many digital outputs.
+    pub(crate) fn with_outputs(start: u32, smoothing: Smoothing, digital: u8) -> Option<Self> {
         Some(Self {
             window: Window::new(start),
             drive: Drive::new(smoothing)?,
             actions: ActionTable::default(),
-            switching,
+            switching: Switching::default(),
+            outputs: OutputBank::new(digital),
             target: 0,
             replay: false,
-            status,
+            beside: false,
+            status: Status::standing(start),
         })
+    }
+
+    /// Begins an epoch: nothing on the window, which begins at `start`; counts and outputs stay as they are.
+    ///
+    /// # Errors
+    /// [`Refusal::InMotion`] where the motion does not stand or an instruction is being executed, [`Refusal::Unfit`] where the
+    /// smoothing is too long; nothing has changed then.
+    pub(crate) fn reopen(&mut self, start: u32, smoothing: Smoothing) -> Result<(), Refusal> {
+        if !self.stands() {
+            return Err(Refusal::InMotion);
+        }
+        self.drive = Drive::new(smoothing).ok_or(Refusal::Unfit)?;
+        self.window.restart(start);
+        self.actions.clear();
+        self.switching.restart();
+        (self.target, self.replay) = (0, false);
+        let status = &mut self.status;
+        (status.place, status.reached) = (Place::start_of(start), start);
+        (status.rate, status.short, status.line) = (0, false, 0);
+        status.increments = [0; A];
+        self.mirror();
+        Ok(())
     }
 
     /// The last period's report.
     #[must_use]
-    pub fn status(&self) -> &Status<A> {
+    pub const fn status(&self) -> &Status<A> {
         &self.status
+    }
+
+    /// What the card around the player has to say in the report.
+    pub(crate) const fn report(&mut self) -> &mut Status<A> {
+        &mut self.status
+    }
+
+    /// Does the motion stand, and is no instruction being executed?
+    pub(crate) fn stands(&self) -> bool {
+        self.drive.at_rest() && !self.switching.busy()
+    }
+
+    /// Would the next period move the machine or begin an instruction, or go on with either?
+    pub(crate) fn is_about_to_act(&self) -> bool {
+        let (place, road) = (self.status.place, self.road());
+        let way = match self.target.signum() {
+            0 => 0,
+            1 => place.to(Place::start_of(road.high())),
+            _ => Place::start_of(road.low()).to(place),
+        };
+        !self.stands() || way > 0 || self.is_due()
+    }
+
+    /// Is nothing on the window and nothing in hand?
+    pub(crate) fn is_empty(&self) -> bool {
+        self.window.low() == self.window.high() && self.switching.kept_for().is_none() && self.stands()
+    }
+
+    /// An alarm: brakes on the path, gives up the instruction in hand, makes the outputs safe and keeps them so.
+    pub(crate) fn halt(&mut self, safe: &[Change]) {
+        self.target = 0;
+        self.switching.give_up();
+        self.outputs.keep_safe(safe);
+        self.mirror();
+    }
+
+    /// The alarm is cleared. The target stays 0.
+    pub(crate) const fn release(&mut self) {
+        self.outputs.release();
     }
 
     /// Takes a word from the host.
@@ -61,24 +133,59 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             Word::Behind { place: n, record, rests } => self.window.push_behind(n, record, rests, self.bound())?,
             Word::Trim { high } => self.window.trim(high, self.bound())?,
             Word::Forget { low } => self.window.forget(low, self.bound_behind())?,
-            Word::Action(action) if usize::from(action.channel) >= channel::COUNT => {
-                return Err(Refusal::NoSuchChannel);
-            }
-            Word::Action(action) => self.actions.insert(action, self.window.low(), self.window.high())?,
+            Word::Action(action) => self.take_action(action)?,
             Word::Rate { target } => self.target = target,
             Word::Replay { on } => self.replay = on,
-            Word::Instruction(instruction) => {
-                if !self.drive.at_rest() {
-                    return Err(Refusal::InMotion);
-                }
-                self.switching.begin(instruction)?;
-            }
-            Word::ByHand(change) => self.switching.set(change)?,
+            Word::Instruction(instruction) => self.keep(instruction)?,
+            Word::ByHand(change) => self.outputs.set_by_hand(change)?,
             Word::ClearAlarm => {}
             Word::Home(_) => return Err(Refusal::Unfit),
         }
         self.mirror();
         Ok(())
+    }
+
+    fn take_action(&mut self, action: Action) -> Result<(), Refusal> {
+        if !self.outputs.has(action.channel) {
+            return Err(Refusal::NoSuchChannel);
+        }
+        self.actions.insert(action, self.window.low(), self.window.high())
+    }
+
+    /// Keeps an instruction for its place, which becomes the end of the road: so nothing can pass it, whatever records there are.
+    ///
+    /// It must not lie behind the furthest place ever executed, where its order is lost, and the cursor must still be able to stop there.
+    fn keep(&mut self, instruction: Instruction) -> Result<(), Refusal> {
+        self.switching.check(&instruction, &self.outputs)?;
+        if before(instruction.place, self.status.reached) {
+            return Err(Refusal::OutOfOrder);
+        }
+        let at = Place::start_of(instruction.place);
+        let stops = self.bound().to(at) >= 0;
+        let is_ahead = self.status.place.to(at) > 0;
+        if !stops && !(is_ahead && self.planned_stop_at(instruction.place)) {
+            return Err(Refusal::InMotion);
+        }
+        self.switching.keep(instruction, &self.outputs)?;
+        self.begin_what_is_due();
+        Ok(())
+    }
+
+    fn planned_stop_at(&self, place: u32) -> bool {
+        let held = !before(place, self.window.low()) && !before(self.window.high(), place);
+        held && self.window.rests_at(place)
+    }
+
+    /// Is the cursor at rest on the place of the kept instruction, and wants to go on?
+    fn is_due(&self) -> bool {
+        let here = self.switching.kept_for().is_some_and(|place| self.status.place == Place::start_of(place));
+        here && self.drive.at_rest() && self.target > 0
+    }
+
+    fn begin_what_is_due(&mut self) {
+        if self.is_due() {
+            self.switching.begin(&mut self.outputs);
+        }
     }
 
     /// The furthest place ahead that the cursor stands at or is bound to run to.
@@ -91,24 +198,65 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         self.status.place.moved(self.drive.lead().min(0))
     }
 
+    fn road(&self) -> Stretch<'_, Window<A, W>> {
+        Stretch::new(&self.window, self.switching.kept_for())
+    }
+
     /// Lets one control period pass. While an instruction is executed the motion stands.
     pub fn period(&mut self) -> &Status<A> {
+        if let Some(alarm) = self.play(0, false) {
+            self.status.alarm.get_or_insert(alarm);
+        }
+        &self.status
+    }
+
+    /// Lets one control period pass, with these inputs active; `failed`: the machine says that the instruction has failed.
+    pub(crate) fn play(&mut self, active: u16, failed: bool) -> Option<Alarm> {
+        self.begin_what_is_due();
         let from = self.status.place;
         let target = if self.switching.busy() { 0 } else { self.target };
-        self.switching.period();
-        let step = self.drive.step(from, target, &self.window);
+        let mut alarm = self.switching.period(active, failed);
+        let road = Stretch::new(&self.window, self.switching.kept_for());
+        let step = self.drive.step(from, target, &road);
         // The drive never leaves the window, so the records are there; were one missing, the card would stand still.
         let (to, increments) = match emission(from, step.to, |n| self.window.record(n)) {
             // at most eight records a period, so they fit 32 bits by far
             Some(increments) => (step.to, increments.map(|pulses| pulses as i32)),
-            None => (from, [0; A]),
+            None => {
+                alarm = Some(Alarm::Defect);
+                (from, [0; A])
+            }
         };
         self.switch_in_passing(from, to);
+        self.book(to, increments, step.short);
+        alarm
+    }
+
+    /// A period in which the axes move beside the path, homing; `going`: they do so in the next one too.
+    pub(crate) fn beside_the_path(&mut self, increments: [i32; A], going: bool) {
+        self.beside = going;
+        self.book(self.status.place, increments, false);
+    }
+
+    /// The axes are about to move beside the path.
+    pub(crate) fn leave_the_path(&mut self) {
+        self.beside = true;
+        self.mirror();
+    }
+
+    /// An axis stands at this count from now on.
+    pub(crate) fn set_count(&mut self, axis: usize, count: i64) {
+        if let Some(own) = self.status.counts.get_mut(axis) {
+            *own = count;
+        }
+    }
+
+    fn book(&mut self, to: Place, increments: [i32; A], short: bool) {
         let status = &mut self.status;
         status.period += 1;
+        status.rate = status.place.to(to);
         status.place = to;
-        status.rate = from.to(to);
-        status.short = step.short;
+        status.short = short;
         status.increments = increments;
         for (count, &increment) in status.counts.iter_mut().zip(&increments) {
             *count += i64::from(increment);
@@ -122,7 +270,6 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             status.reached = boundary;
         }
         self.mirror();
-        &self.status
     }
 
     /// Output actions between two places: always where they are passed for the first time, else where they are replayed.
@@ -132,15 +279,12 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             for action in self.actions.left_forward(from, to) {
                 let first_time = !before(action.place, reached);
                 if first_time || self.replay {
-                    let change = Change { channel: action.channel, value: action.after };
-                    // The table holds only channels that were checked when they were taken in.
-                    let _ = self.switching.set(change);
+                    self.outputs.set(Change { channel: action.channel, value: action.after });
                 }
             }
         } else if self.replay {
             for action in self.actions.undone_backward(from, to) {
-                let change = Change { channel: action.channel, value: action.before };
-                let _ = self.switching.set(change);
+                self.outputs.set(Change { channel: action.channel, value: action.before });
             }
         }
     }
@@ -149,9 +293,40 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         let status = &mut self.status;
         status.low = self.window.low();
         status.high = self.window.high();
-        status.at_rest = self.drive.at_rest();
+        status.at_rest = self.drive.at_rest() && !self.beside;
         status.executed = self.switching.executed();
-        status.outputs = *self.switching.outputs();
+        status.outputs = *self.outputs.values();
+    }
+}
+
+/// A road that ends at a place, where the one below is longer.
+struct Stretch<'w, R> {
+    road: &'w R,
+    high: u32,
+}
+
+impl<'w, R: Road> Stretch<'w, R> {
+    fn new(road: &'w R, end: Option<u32>) -> Self {
+        let high = end.filter(|&end| before(end, road.high())).unwrap_or(road.high());
+        Self { road, high }
+    }
+}
+
+impl<R: Road> Road for Stretch<'_, R> {
+    fn low(&self) -> u32 {
+        self.road.low()
+    }
+
+    fn high(&self) -> u32 {
+        self.high
+    }
+
+    fn rests_at(&self, place: u32) -> bool {
+        self.road.rests_at(place)
+    }
+
+    fn cap(&self, place: u32) -> RapidCap {
+        self.road.cap(place)
     }
 }
 
@@ -201,14 +376,63 @@ mod tests {
         fill(&mut player, [(5, Flags::NONE), (5, Flags::REST), (5, Flags::REST)]);
         player.take(Word::Rate { target: ONE / 2 }).expect("a rate");
         player.period();
-        let instruction = Instruction { number: 1, periods: 3, ..Instruction::default() };
-        assert_eq!(player.take(Word::Instruction(instruction)), Err(Refusal::InMotion));
+        let instruction = Instruction { number: 1, place: 2, periods: 3, ..Instruction::default() };
+        // kept while the motion is under way (it was refused then, before instructions carried their place), and the road ends there
+        player.take(Word::Instruction(instruction)).expect("a planned stop");
         while !player.period().at_rest {}
-        player.take(Word::Instruction(instruction)).expect("at rest");
+        assert_eq!((player.status().place, player.status().executed), (Place::start_of(2), 0));
         for done in [0, 0, 1] {
             let status = player.period();
             assert_eq!((status.executed, status.increments), (done, [0]));
         }
+        assert_eq!(player.period().rate, ONE / 2);
+    }
+
+    #[test]
+    fn an_instruction_that_cannot_be_executed_in_order_is_refused() {
+        let mut player = player();
+        fill(&mut player, (0..40).map(|n| (5, if n == 29 { Flags::REST } else { Flags::NONE })));
+        player.take(Word::Rate { target: ONE }).expect("a rate");
+        for _ in 0..10 {
+            player.period();
+        }
+        let at = |place| Word::Instruction(Instruction { number: 1, place, ..Instruction::default() });
+        assert_eq!(player.take(at(9)), Err(Refusal::OutOfOrder));
+        // six records are needed to stop, but for a planned stop
+        assert_eq!(player.take(at(15)), Err(Refusal::InMotion));
+        player.take(at(16)).expect("there is room");
+        assert_eq!(player.take(at(17)), Err(Refusal::Busy));
+        player.take(Word::Rate { target: -ONE }).expect("a rate");
+        for _ in 0..40 {
+            player.period();
+        }
+        assert_eq!((player.status().place, player.status().executed), (Place::start_of(0), 0));
+        player.take(Word::Rate { target: 0 }).expect("a rate");
+        player.take(Word::Rate { target: ONE }).expect("a rate");
+        let mut executed_at = None;
+        while player.status().executed == 0 {
+            let status = player.period();
+            executed_at = Some(status.place);
+            assert!(Place::start_of(16).to(status.place) <= 0 || status.executed == 1);
+        }
+        assert!(executed_at.is_some_and(|place| Place::start_of(16).to(place) <= ONE));
+    }
+
+    #[test]
+    fn a_hold_defers_an_instruction_that_has_come_to_its_place() {
+        let mut player = player();
+        let instruction = Instruction { number: 1, ..Instruction::default() };
+        player.take(Word::Instruction(instruction)).expect("at its place");
+        for _ in 0..5 {
+            assert_eq!(player.period().executed, 0);
+        }
+        player.take(Word::Rate { target: -ONE }).expect("a rate");
+        assert_eq!(player.period().executed, 0);
+        player.take(Word::Rate { target: 1 }).expect("a rate");
+        assert_eq!(player.period().executed, 1);
+        let second = Instruction { number: 2, ..Instruction::default() };
+        player.take(Word::Instruction(second)).expect("at its place");
+        assert_eq!(player.status().executed, 2, "where it may begin at once it does");
     }
 
     #[test]

@@ -1,111 +1,203 @@
-//! The executor of exclusive switching instructions, and the outputs (GMC-1, GMC-4 in the acknowledged form).
+//! The executor of exclusive switching instructions (GMC-1, GMC-4 in the acknowledged form).
 //!
-//! Invariant: one instruction at a time, in the order of their numbers; `executed` names the last one that is complete, and
-//! nothing else counts as ready.
+//! Invariant: one instruction in hand at a time, in the order of their numbers; it is kept until the cursor rests on its place, and
+//! `executed` names the last one that is complete. Nothing else counts as ready.
 
-use retrace_link::{Change, Instruction, Outputs, Refusal, channel};
+use retrace_link::{Alarm, Instruction, Refusal};
 
-/// Outputs, and the instruction being executed.
-#[derive(Clone, Debug)]
+use crate::OutputBank;
+
+/// The instruction in hand.
+#[derive(Clone, Copy, Debug)]
+struct InHand {
+    instruction: Instruction,
+    /// Control periods since it began; `None` while it is kept.
+    passed: Option<u32>,
+}
+
+/// The instruction in hand, and how far the order has come.
+#[derive(Clone, Debug, Default)]
 pub struct Switching {
-    outputs: Outputs,
-    running: Option<Instruction>,
-    left: u32,
+    in_hand: Option<InHand>,
     executed: u32,
 }
 
-impl Default for Switching {
-    fn default() -> Self {
-        Self { outputs: [0; channel::COUNT], running: None, left: 0, executed: 0 }
-    }
-}
-
 impl Switching {
-    /// The outputs as they are.
+    /// Number of the last complete instruction of the epoch; 0 for none.
     #[must_use]
-    pub fn outputs(&self) -> &Outputs {
-        &self.outputs
-    }
-
-    /// Number of the last complete instruction.
-    #[must_use]
-    pub fn executed(&self) -> u32 {
+    pub const fn executed(&self) -> u32 {
         self.executed
     }
 
     /// Is an instruction being executed?
     #[must_use]
     pub fn busy(&self) -> bool {
-        self.running.is_some()
+        self.in_hand.is_some_and(|in_hand| in_hand.passed.is_some())
     }
 
-    /// Sets an output.
-    pub fn set(&mut self, change: Change) -> Result<(), Refusal> {
-        *self.outputs.get_mut(usize::from(change.channel)).ok_or(Refusal::NoSuchChannel)? = change.value;
-        Ok(())
+    /// The place of the instruction that is kept for it.
+    #[must_use]
+    pub fn kept_for(&self) -> Option<u32> {
+        self.in_hand.filter(|in_hand| in_hand.passed.is_none()).map(|in_hand| in_hand.instruction.place)
     }
 
-    /// Begins an instruction: its changes take place at once, it is complete after its periods.
-    pub fn begin(&mut self, instruction: Instruction) -> Result<(), Refusal> {
-        if self.busy() || instruction.number != self.executed.wrapping_add(1) {
+    /// May this one be kept?
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`] where another is in hand or the number is not the next; a channel that is not there.
+    pub fn check(&self, instruction: &Instruction, outputs: &OutputBank) -> Result<(), Refusal> {
+        if self.in_hand.is_some() || instruction.number != self.executed.wrapping_add(1) {
             return Err(Refusal::Busy);
         }
-        if instruction.changes().iter().any(|c| usize::from(c.channel) >= channel::COUNT) {
+        if !instruction.changes().iter().all(|change| outputs.has(change.channel)) {
             return Err(Refusal::NoSuchChannel);
-        }
-        for &change in instruction.changes() {
-            self.set(change)?;
-        }
-        self.left = instruction.periods;
-        if self.left == 0 {
-            self.executed = instruction.number;
-        } else {
-            self.running = Some(instruction);
         }
         Ok(())
     }
 
-    /// One control period passes.
-    pub fn period(&mut self) {
-        if let Some(instruction) = self.running {
-            self.left -= 1;
-            if self.left == 0 {
-                self.executed = instruction.number;
-                self.running = None;
-            }
+    /// Keeps an instruction until its place is come to.
+    ///
+    /// # Errors
+    /// As [`Switching::check`].
+    pub fn keep(&mut self, instruction: Instruction, outputs: &OutputBank) -> Result<(), Refusal> {
+        self.check(&instruction, outputs)?;
+        self.in_hand = Some(InHand { instruction, passed: None });
+        Ok(())
+    }
+
+    /// The place of the kept instruction is come to: its changes take place at once.
+    pub fn begin(&mut self, outputs: &mut OutputBank) {
+        let Some(InHand { instruction, passed: None }) = self.in_hand else { return };
+        for &change in instruction.changes() {
+            outputs.set(change);
         }
+        if instruction.periods == 0 && instruction.until.is_none() {
+            self.complete(&instruction);
+        } else {
+            self.in_hand = Some(InHand { instruction, passed: Some(0) });
+        }
+    }
+
+    /// One control period passes, with these inputs active. `failed`: the machine says that the instruction has failed.
+    ///
+    /// An instruction that failed or took too long is not in hand any more and not executed; the reason is returned.
+    pub fn period(&mut self, active: u16, failed: bool) -> Option<Alarm> {
+        let Some(InHand { instruction, passed: Some(passed) }) = self.in_hand else { return None };
+        let passed = passed.saturating_add(1);
+        self.in_hand = Some(InHand { instruction, passed: Some(passed) });
+        let number = instruction.number;
+        if failed {
+            self.in_hand = None;
+            return Some(Alarm::Failed { instruction: number });
+        }
+        if passed < instruction.periods {
+            return None;
+        }
+        let Some(until) = instruction.until else {
+            self.complete(&instruction);
+            return None;
+        };
+        let is_active = u32::from(active) >> (until.input & 31) & 1 == 1;
+        if is_active == until.active {
+            self.complete(&instruction);
+        } else if until.at_most != 0 && passed >= instruction.periods.saturating_add(until.at_most) {
+            self.in_hand = None;
+            return Some(Alarm::TimedOut { instruction: number });
+        }
+        None
+    }
+
+    /// Whatever is in hand is given up; its number stays the next one.
+    pub const fn give_up(&mut self) {
+        self.in_hand = None;
+    }
+
+    /// A new epoch: numbers begin at 1 again.
+    pub const fn restart(&mut self) {
+        (self.in_hand, self.executed) = (None, 0);
+    }
+
+    const fn complete(&mut self, instruction: &Instruction) {
+        (self.in_hand, self.executed) = (None, instruction.number);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use retrace_link::{Await, Change, channel};
+
+    fn instruction(number: u32, periods: u32, until: Option<Await>) -> Instruction {
+        let mut instruction = Instruction { number, periods, until, count: 1, ..Instruction::default() };
+        instruction.changes[0] = Change { channel: channel::SPINDLE, value: number as i32 };
+        instruction
+    }
 
     #[test]
     fn takes_its_time_and_keeps_the_order() {
-        let mut switching = Switching::default();
-        let change = Change { channel: channel::SPINDLE, value: 1 };
-        let mut first = Instruction { number: 1, count: 1, periods: 2, ..Instruction::default() };
-        first.changes[0] = change;
-        let second = Instruction { number: 2, ..Instruction::default() };
-        assert_eq!(switching.begin(second), Err(Refusal::Busy));
-        switching.begin(first).expect("the next number");
-        assert_eq!(switching.outputs()[usize::from(channel::SPINDLE)], 1);
-        switching.period();
-        assert_eq!((switching.executed(), switching.begin(second)), (0, Err(Refusal::Busy)));
-        switching.period();
+        let (mut switching, mut outputs) = (Switching::default(), OutputBank::new(64));
+        let spindle = |outputs: &OutputBank| outputs.values()[usize::from(channel::SPINDLE)];
+        assert_eq!(switching.keep(instruction(2, 0, None), &outputs), Err(Refusal::Busy));
+        switching.keep(instruction(1, 2, None), &outputs).expect("the next number");
+        assert_eq!((switching.period(0, false), spindle(&outputs), switching.busy()), (None, 0, false));
+        switching.begin(&mut outputs);
+        assert_eq!((spindle(&outputs), switching.busy()), (1, true));
+        switching.period(0, false);
+        assert_eq!((switching.executed(), switching.keep(instruction(2, 0, None), &outputs)), (0, Err(Refusal::Busy)));
+        switching.period(0, false);
         assert_eq!(switching.executed(), 1);
-        switching.begin(second).expect("the next number");
-        assert_eq!(switching.executed(), 2);
+        switching.keep(instruction(2, 0, None), &outputs).expect("the next number");
+        switching.begin(&mut outputs);
+        assert_eq!((switching.executed(), spindle(&outputs)), (2, 2));
     }
 
     #[test]
     fn a_channel_that_is_not_there_is_refused_before_anything_is_switched() {
-        let mut switching = Switching::default();
-        let mut bad = Instruction { number: 1, count: 2, ..Instruction::default() };
-        bad.changes[0] = Change { channel: 0, value: 1 };
-        bad.changes[1] = Change { channel: 200, value: 1 };
-        assert_eq!(switching.begin(bad), Err(Refusal::NoSuchChannel));
-        assert_eq!((switching.outputs()[0], switching.executed()), (0, 0));
+        let (mut switching, outputs) = (Switching::default(), OutputBank::new(4));
+        let mut bad = instruction(1, 0, None);
+        bad.count = 2;
+        bad.changes[1] = Change { channel: 4, value: 1 };
+        assert_eq!(switching.keep(bad, &outputs), Err(Refusal::NoSuchChannel));
+        assert_eq!((switching.kept_for(), switching.executed()), (None, 0));
+    }
+
+    /// Periods after which an instruction ends, and how, where the input becomes active in period `at`.
+    fn ending(periods: u32, at_most: u32, at: u32) -> (u32, Option<Alarm>) {
+        let (mut switching, mut outputs) = (Switching::default(), OutputBank::new(64));
+        let until = Some(Await { input: 5, active: true, at_most });
+        switching.keep(instruction(1, periods, until), &outputs).expect("the next number");
+        switching.begin(&mut outputs);
+        for n in 1..100 {
+            let alarm = switching.period(u16::from(n >= at) << 5, false);
+            if alarm.is_some() || switching.executed() == 1 {
+                assert!(!switching.busy());
+                return (n, alarm);
+            }
+        }
+        (100, None)
+    }
+
+    #[test]
+    fn waits_for_its_input_and_gives_up_in_time() {
+        let late = Some(Alarm::TimedOut { instruction: 1 });
+        assert_eq!(ending(0, 0, 1), (1, None));
+        assert_eq!(ending(7, 3, 1), (7, None));
+        assert_eq!(ending(7, 3, 9), (9, None));
+        assert_eq!(ending(7, 3, 10), (10, None));
+        assert_eq!(ending(7, 3, 11), (10, late));
+        assert_eq!(ending(0, 1, 2), (1, late));
+        assert_eq!(ending(7, 0, 90), (90, None));
+        assert_eq!(ending(u32::MAX, u32::MAX, 1), (100, None));
+    }
+
+    #[test]
+    fn a_failure_that_the_machine_reports_ends_it_unexecuted() {
+        let (mut switching, mut outputs) = (Switching::default(), OutputBank::new(64));
+        switching.keep(instruction(1, 5, None), &outputs).expect("the next number");
+        assert_eq!(switching.period(0, true), None);
+        switching.begin(&mut outputs);
+        assert_eq!(switching.period(0, true), Some(Alarm::Failed { instruction: 1 }));
+        assert_eq!((switching.executed(), switching.busy(), switching.kept_for()), (0, false, None));
+        switching.keep(instruction(1, 5, None), &outputs).expect("its number stays the next");
     }
 }

@@ -28,6 +28,11 @@ impl<const A: usize, const W: usize> Window<A, W> {
         Self { records: [Record::default(); W], low: place, high: place, low_rests: true }
     }
 
+    /// Forgets everything and begins anew at `place`, where the path is at rest.
+    pub const fn restart(&mut self, place: u32) {
+        (self.low, self.high, self.low_rests) = (place, place, true);
+    }
+
     fn index(place: u32) -> usize {
         place as usize & (W - 1)
     }

@@ -22,6 +22,7 @@ mod program;
 mod run;
 mod size;
 mod subs;
+mod wired;
 
 use std::process::ExitCode;
 
@@ -43,6 +44,10 @@ fn main() -> ExitCode {
     match done {
         Ok(code) => ExitCode::from(code),
         Err(Failure::Program) => ExitCode::from(1),
+        Err(Failure::Card(refusal)) => {
+            eprintln!("{refusal}");
+            ExitCode::from(3)
+        }
         Err(Failure::Refused(refusal)) => {
             eprintln!("{refusal}");
             ExitCode::from(2)

@@ -9,6 +9,7 @@ use retrace_core::rate::Smoothing;
 use retrace_motion::{Blending, GlideRatio, Limits, RatioOf};
 use serde::Deserialize;
 
+use crate::card::{CardSettings, WrittenCard};
 use crate::law;
 use crate::refusal::{Refusal, nearest};
 use crate::switching::SwitchingTable;
@@ -141,6 +142,7 @@ struct MachineFile {
     axis: Vec<Axis>,
     blending: BlendingSettings,
     wheel: WheelSettings,
+    card: WrittenCard,
     code: BTreeMap<String, crate::switching::CodeSettings>,
 }
 
@@ -168,6 +170,7 @@ impl Default for MachineFile {
             axis: vec![axis('x'), axis('y'), axis('z')],
             blending: BlendingSettings::default(),
             wheel: WheelSettings::default(),
+            card: WrittenCard::default(),
             code: BTreeMap::new(),
         }
     }
@@ -204,13 +207,36 @@ pub struct Machine {
     pub wheel_periods: u16,
     /// Handwheel counts in that time that make rate 1.
     pub wheel_counts: u16,
+    /// What the card is told besides.
+    pub card: CardSettings,
     /// What M, S and T codes switch, how, and for how long.
     pub switching: SwitchingTable,
     /// The rate law's averages.
     pub smoothing: Smoothing,
+    /// Where the axes stand when a job begins, mm, in the order of `axes`: as the card's counts say.
+    pub stands_at_mm: Vec<f64>,
 }
 
 impl Machine {
+    /// The same machine, which stands at these counts.
+    #[must_use]
+    pub fn standing_at(mut self, counts: &[i64]) -> Self {
+        for ((mm, axis), &count) in self.stands_at_mm.iter_mut().zip(&self.axes).zip(counts) {
+            *mm = count as f64 / axis.pulses_per_mm;
+        }
+        self
+    }
+
+    /// Where it stands when a job begins, as a position of `A` axes.
+    #[must_use]
+    pub fn start_mm<const A: usize>(&self) -> [f64; A] {
+        let mut start = [0.0; A];
+        for (slot, &mm) in start.iter_mut().zip(&self.stands_at_mm) {
+            *slot = mm;
+        }
+        start
+    }
+
     /// The built-in machine: three axes, 1 000 pulses/mm, 100 mm/s, 1 000 mm/s², 20 000 mm/s³, T = 1 ms.
     ///
     /// # Errors
@@ -251,6 +277,7 @@ impl Machine {
             )
         })?;
         let look_ahead = periods(file.look_ahead_s).max(2 * u32::from(smoothing.stopping_records()) + 2);
+        let card = file.card.checked(&axes, &file.cutting_outputs, file.control_period_ms)?;
         let wheel_periods = (file.wheel.mean_over_ms / file.control_period_ms).round() as u16;
         let wheel_counts = file.wheel.counts_per_s_at_rate_1 * f64::from(wheel_periods) * period_s;
         let machine = Self {
@@ -265,10 +292,12 @@ impl Machine {
             homed: file.homed,
             retrace_outputs: file.retrace_outputs,
             cutting_outputs: file.cutting_outputs,
+            card,
             wheel_periods,
             wheel_counts: wheel_counts.round().clamp(1.0, 65_535.0) as u16,
             switching: SwitchingTable::new(&file.code, period_us)?,
             smoothing,
+            stands_at_mm: vec![0.0; axes.len()],
             axes,
         };
         machine.limits::<9>().validate().map_err(|e| {

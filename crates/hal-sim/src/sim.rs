@@ -6,7 +6,7 @@ use core::fmt;
 
 use retrace_card::Player;
 use retrace_core::rate::Smoothing;
-use retrace_link::{MotionCard, Refusal, Status, Word};
+use retrace_link::{CardFault, MotionCard, Refusal, Status, Word};
 
 use crate::{Clock, PulseCounters};
 
@@ -14,7 +14,7 @@ use crate::{Clock, PulseCounters};
 pub const WINDOW: usize = 4096;
 
 /// Longest average of its rate law, in periods.
-const MEMORY: usize = Smoothing::LONGEST as usize;
+pub(crate) const MEMORY: usize = Smoothing::LONGEST as usize;
 
 /// A simulated card for `A` axes.
 #[derive(Debug)]
@@ -35,6 +35,16 @@ pub struct TooManyPulses {
 impl fmt::Display for TooManyPulses {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "control period {}: more pulses than the card can emit in a period", self.period)
+    }
+}
+
+impl CardFault for TooManyPulses {
+    fn number(&self) -> &'static str {
+        "E3017"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period"
     }
 }
 

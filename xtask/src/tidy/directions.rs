@@ -35,7 +35,7 @@ const ARROWS: &[Arrows] = &[
     arrows("crates/motion/Cargo.toml", &["core"]),
     arrows("crates/card/Cargo.toml", &["core", "link"]),
     arrows("crates/hal-sim/Cargo.toml", &["card", "core", "link"]),
-    arrows("crates/hal-serial/Cargo.toml", &["core", "link"]),
+    arrows("crates/hal-serial/Cargo.toml", &["link"]),
     // The controller knows no backend; its tests run on the simulated card.
     Arrows { in_tests: &["hal-sim"], ..arrows("crates/controller/Cargo.toml", &["core", "gcode", "link", "motion"]) },
     arrows(

@@ -11,10 +11,11 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
+use retrace_core::place::before;
 use retrace_core::ring::Consumer;
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, Record, Travel};
-use retrace_link::{Change, MotionCard, Status, Word, channel};
+use retrace_link::{CardFault, Change, MotionCard, Status, Word, channel};
 
 use crate::event::{Event, Happening};
 use crate::item::{Ending, Item, Kind};
@@ -55,7 +56,20 @@ pub struct Manner {
     pub operator: bool,
 }
 
-/// Standing still for so long (s) in virtual time, with the operator's script at its end, ends the job: nobody will go on.
+/// What ends a job: a fault of the card or of the line to it.
+struct Fault {
+    number: &'static str,
+    cause: String,
+    remedy: String,
+}
+
+impl Fault {
+    fn of(fault: &impl CardFault) -> Self {
+        Self { number: fault.number(), cause: fault.to_string(), remedy: fault.remedy().to_string() }
+    }
+}
+
+/// Standing still for so long (s), with the operator's script at its end, ends the job: nobody will go on.
 const NOBODY_THERE_S: f64 = 10.0;
 
 /// A job being executed on a card.
@@ -84,7 +98,10 @@ pub struct Session<'r, 'o, const A: usize, C: MotionCard<A>> {
     single_stop: bool,
     single: bool,
     stopping: bool,
+    /// The road ends where the mode has it end.
     road_cut: bool,
+    /// An alarm was told.
+    alarmed: bool,
     dry: bool,
     still_periods: u64,
     target: Option<Travel>,
@@ -123,7 +140,8 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             single_stop: false,
             single: false,
             stopping: false,
-            road_cut: false,
+            road_cut: true,
+            alarmed: false,
             dry: false,
             still_periods: 0,
             target: None,
@@ -150,10 +168,11 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             match self.turn() {
                 Ok(None) => {}
                 Ok(Some(outcome)) => break outcome,
-                Err(cause) => {
-                    let remedy = "the machine stands where the card says; check card and line, then resume".to_string();
-                    self.tell(Happening::Alarm("E3001", cause.clone(), remedy.clone()));
-                    break Outcome::Alarm("E3001", cause, remedy);
+                Err(fault) => {
+                    if !self.alarmed {
+                        self.tell(Happening::Alarm(fault.number, fault.cause.clone(), fault.remedy.clone()));
+                    }
+                    break Outcome::Alarm(fault.number, fault.cause, fault.remedy);
                 }
             }
         };
@@ -161,11 +180,11 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
     }
 
     /// One control period. `Err` is a fault of the card.
-    fn turn(&mut self) -> Result<Option<Outcome>, String> {
+    fn turn(&mut self) -> Result<Option<Outcome>, Fault> {
         self.look();
         self.take_orders();
         let demand = self.demand();
-        while self.switch_what_is_due()? {
+        while self.switch_what_is_due(demand)? {
             self.look();
         }
         self.slide(demand);
@@ -173,9 +192,20 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             return Ok(Some(outcome));
         }
         self.set_rate(demand);
-        let status = *self.card.period().map_err(|fault| fault.to_string())?;
+        let status = *self.card.period().map_err(|fault| Fault::of(&fault))?;
         self.book(&status);
-        Ok(None)
+        Ok(self.alarm(&status))
+    }
+
+    /// A latched alarm: told at once, and the end of the job when the machine stands.
+    fn alarm(&mut self, status: &Status<A>) -> Option<Outcome> {
+        let alarm = status.alarm?;
+        let fault = Fault::of(&alarm);
+        if !self.alarmed {
+            self.alarmed = true;
+            self.tell(Happening::Alarm(fault.number, fault.cause.clone(), fault.remedy.clone()));
+        }
+        status.at_rest.then(|| Outcome::Alarm(fault.number, fault.cause, fault.remedy))
     }
 
     /// Looks what is planned by now. In virtual time the run must not depend on how fast the planner is: it waits until enough is.
@@ -236,19 +266,23 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         (0..channel::COUNT).filter(|&c| are[c] != want[c]).map(|c| (c as u8, are[c], want[c])).collect()
     }
 
-    /// Slides the window. Entering a mode that retraces, the road is cut at `reached` and at the oldest place first.
+    /// Slides the window. In a mode that retraces the road is cut at `reached`, and at the oldest place, before anything moves; a card
+    /// at the end of a line may have to be told more than once.
     fn slide(&mut self, demand: Demand) {
         let road = if demand.look_ahead { Road::LookAhead } else { Road::Reached };
-        if road == Road::Reached && !self.road_cut {
-            let (reached, low) = (self.card.status().reached, self.card.status().low);
+        if road == Road::Reached {
+            let Status { reached, low, high, .. } = *self.card.status();
             let oldest = self.supply.oldest();
-            // At rest, so neither can be refused; a window that begins later than the oldest place is left as it is.
-            let _ = self.card.send(Word::Trim { high: reached });
-            if retrace_core::place::before(low, oldest) {
-                let _ = self.card.send(Word::Forget { low: oldest });
+            self.road_cut = !before(reached, high);
+            if before(reached, high) {
+                self.road_cut = self.card.send(Word::Trim { high: reached }).is_ok();
             }
+            if before(low, oldest) && before(oldest, high) {
+                self.road_cut &= self.card.send(Word::Forget { low: oldest }).is_ok();
+            }
+        } else {
+            self.road_cut = true;
         }
-        self.road_cut = road == Road::Reached;
         if demand.target < 0 {
             self.supply.fill_behind(&mut self.card);
         } else {
@@ -261,7 +295,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         let cutting = self.cutting.iter().any(|&c| outputs.get(usize::from(c)).is_some_and(|&v| v != 0));
         // Rapid retrace only with the cutting outputs off.
         let target = if cutting { demand.target.clamp(-ONE, ONE) } else { demand.target };
-        let target = if self.waits_for_records() { 0 } else { target };
+        let target = if self.waits_for_records() || !self.road_cut { 0 } else { target };
         if self.target != Some(target) && self.card.send(Word::Rate { target }).is_ok() {
             self.target = Some(target);
         }
@@ -311,6 +345,10 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
 
     /// Underruns, and the end of a single block.
     fn watch_supply(&mut self, status: &Status<A>, mode: Mode) {
+        if self.single && self.supply.block_end().is_some_and(|end| before(end, self.card.status().high)) {
+            // The card could not stop there any more: at the next end of a block, then.
+            self.next_block();
+        }
         let at_block_end = self.single && self.supply.block_end() == Some(status.high);
         let dry = status.short && mode == Mode::Run && !at_block_end;
         if dry && !self.dry {
@@ -345,7 +383,10 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
                 _ => Outcome::Completed,
             });
         }
-        let nobody = !self.manner.wall_time && self.operator.finished();
+        // In wall time a feed may stall for as long as it likes; what waits for an operator who will not come does not.
+        let waits =
+            self.operation.mode() != Mode::Run || self.operation.held() || self.program_stop || self.single_stop;
+        let nobody = self.operator.finished() && (!self.manner.wall_time || (waits && self.manner.operator));
         (nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S).then_some(Outcome::Stopped)
     }
 

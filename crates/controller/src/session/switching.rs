@@ -3,18 +3,18 @@
 //! Invariant: an instruction goes to the card in normal run only, with the cursor at rest on its marker; the next one when the
 //! card has reported it complete.
 
-use retrace_core::mode::Mode;
+use retrace_core::mode::{Demand, Mode};
 use retrace_link::{Instruction, MotionCard, Word};
 
-use super::Session;
+use super::{Fault, Session};
 use crate::event::Happening;
 use crate::item::Kind;
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
     /// The instruction whose place the motion has come to, if there is one and it may be executed now (GMC-5). False where there is
-    /// nothing to do.
-    pub(super) fn switch_what_is_due(&mut self) -> Result<bool, String> {
-        if self.operation.mode() != Mode::Run || self.operation.held() {
+    /// nothing to do, and where the rate is to be zero: the card would keep it until there is one.
+    pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, Fault> {
+        if self.operation.mode() != Mode::Run || self.operation.held() || demand.target <= 0 {
             return Ok(false);
         }
         let Some(exclusive) = self.supply.due(self.card.status()) else { return Ok(false) };
@@ -29,9 +29,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
         let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place) = (self.supply.number(), exclusive.place);
         let instruction = Instruction { number, place, changes, count, periods, until: None };
-        self.card
-            .send(Word::Instruction(instruction))
-            .map_err(|refusal| format!("the card did not take {code}: {refusal:?}"))?;
+        self.card.send(Word::Instruction(instruction)).map_err(|refusal| Fault {
+            number: "E3001",
+            cause: format!("the card did not take {code}: {refusal:?}"),
+            remedy: "the machine stands where the card says; check the card, then resume".into(),
+        })?;
         (self.program_stop, self.go_on) = (false, false);
         self.supply.sent();
         self.executing = Some(kind);

@@ -1,0 +1,232 @@
+//! A whole card without its line: the player, and around it the guard, the inputs, homing and the card's identity.
+//!
+//! Invariant: while an alarm is latched the motion brakes on the path and then stands, and the outputs that the settings call safe are
+//! safe. After it was cleared nothing moves before a new word says so.
+
+use retrace_core::rate::Smoothing;
+use retrace_link::{Alarm, Deck, Homing, Identity, PROTOCOL, Refusal, Settings, Status, Word};
+
+use crate::guard::Sight;
+use crate::homing::{Ending, Search};
+use crate::{Guard, Inputs, Panel, Player, Terms};
+
+/// A card for `A` axes, a window of `W` records and averages of the rate law up to `M` periods.
+///
+/// To be called once a control period with the inputs as they are; in between it takes words. What it then says of the increments is what the
+/// step and direction outputs are to emit in the next period.
+#[derive(Clone, Debug)]
+pub struct Card<const A: usize, const W: usize, const M: usize> {
+    identity: Identity,
+    /// The epoch's; `None` before the first.
+    terms: Option<Terms<A>>,
+    player: Player<A, W, M>,
+    panel: Panel,
+    guard: Guard,
+    search: Option<Search>,
+    /// The counts have been moved off the path by homing: an epoch has to begin before anything is played.
+    off_the_path: bool,
+    failed: bool,
+}
+
+impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
+    /// A card that nobody has opened yet, at rest, all counts and outputs zero. What the type says of it (protocol, axes, window,
+    /// memory) is filled in, where the axes may be fewer. `None` where `M` is zero.
+    #[must_use]
+    pub fn new(identity: Identity) -> Option<Self> {
+        let identity = Identity {
+            protocol: PROTOCOL,
+            axes: identity.axes.min(A as u8),
+            window: W as u32,
+            memory: M.min(usize::from(u16::MAX)) as u16,
+            ..identity
+        };
+        Some(Self {
+            identity,
+            terms: None,
+            player: Player::with_outputs(0, Smoothing::new(1, 1)?, identity.outputs)?,
+            panel: Panel::default(),
+            guard: Guard::default(),
+            search: None,
+            off_the_path: false,
+            failed: false,
+        })
+    }
+
+    /// What the epoch goes by; `None` before the first.
+    #[must_use]
+    pub const fn terms(&self) -> Option<&Terms<A>> {
+        self.terms.as_ref()
+    }
+
+    /// A whole frame of the open epoch has come: the host is there. To be called before the frame's words are taken.
+    pub const fn heard(&mut self) {
+        self.guard.heard();
+    }
+
+    /// Lets one control period pass.
+    pub fn period(&mut self, inputs: Inputs) -> &Status<A> {
+        let wheel = self.panel.read(&inputs);
+        self.failed = inputs.failed;
+        let homing = self.search.as_ref().map(Search::seeks);
+        let acting = homing.is_some() || self.player.is_about_to_act();
+        if let Some(alarm) = self.guard.watch(&self.panel, Sight { acting, homing }) {
+            self.latch(alarm);
+        }
+        let alarm = match self.search.take() {
+            Some(search) => self.search_on(search),
+            None => self.player.play(self.panel.active(), inputs.failed),
+        };
+        if let Some(alarm) = alarm {
+            self.latch(alarm);
+        }
+        if homing.is_none()
+            && let Some(alarm) = self.guard.runs_into(&self.panel, &self.player.status().increments)
+        {
+            self.latch(alarm);
+        }
+        let report = self.player.report();
+        (report.inputs, report.wheel) = (self.panel.active(), wheel);
+        self.player.status()
+    }
+
+    /// One period of homing.
+    fn search_on(&mut self, mut search: Search) -> Option<Alarm> {
+        let (axis, upper) = search.seeks();
+        let closed = self.panel.active() & self.panel.home_switch(axis, upper) != 0;
+        let (increment, ending) = search.period(closed);
+        let mut increments = [0; A];
+        if let Some(axis) = increments.get_mut(usize::from(axis)) {
+            *axis = increment;
+        }
+        self.player.beside_the_path(increments, ending.is_none());
+        match ending {
+            None => self.search = Some(search),
+            Some(Ending::Found(count)) => self.player.set_count(usize::from(axis), count),
+            Some(Ending::NotFound) => return Some(Alarm::HomingFailed { axis }),
+            Some(Ending::Stopped) => {}
+        }
+        None
+    }
+
+    /// Latches an alarm and stops what is going on. A second one changes nothing: the machine stops already.
+    fn latch(&mut self, alarm: Alarm) {
+        if self.guard.latch(alarm) {
+            let safe = self.terms.as_ref().map_or(&[][..], |terms| terms.settings().safe());
+            self.player.halt(safe);
+            self.player.report().alarm = Some(alarm);
+            if let Some(search) = &mut self.search {
+                search.stop();
+            }
+        }
+    }
+
+    fn clear(&mut self) -> Result<(), Refusal> {
+        if self.guard.alarm().is_none() {
+            return Ok(());
+        }
+        if !self.stands() {
+            return Err(Refusal::InMotion);
+        }
+        if !self.guard.clear(&self.panel, self.failed) {
+            return Err(Refusal::Alarm);
+        }
+        self.player.release();
+        self.player.report().alarm = None;
+        Ok(())
+    }
+
+    fn home(&mut self, order: Homing, axes: u8, most: u16) -> Result<(), Refusal> {
+        if !self.stands() || !self.player.is_empty() {
+            return Err(Refusal::InMotion);
+        }
+        let switch = self.panel.home_switch(order.axis, order.upper);
+        if order.axis >= axes || switch == 0 {
+            return Err(Refusal::Unfit);
+        }
+        self.search = Some(Search::new(order, most).ok_or(Refusal::Unfit)?);
+        self.player.leave_the_path();
+        self.off_the_path = true;
+        Ok(())
+    }
+
+    fn stands(&self) -> bool {
+        self.search.is_none() && self.player.stands()
+    }
+
+    /// A word that moves the path, the motion or an instruction, while an epoch is open and the counts are on its path.
+    fn take_on_the_path(&mut self, word: Word<A>) -> Result<(), Refusal> {
+        if let Word::Ahead { record, .. } | Word::Behind { record, .. } = &word
+            && let Some(Err(against)) = self.terms.as_ref().map(|terms| terms.check(record))
+        {
+            if let Some(alarm) = against {
+                self.latch(alarm);
+            }
+            return Err(Refusal::Unfit);
+        }
+        if let Word::Instruction(instruction) = &word
+            && instruction.until.is_some_and(|until| until.input >= self.identity.inputs.min(16))
+        {
+            return Err(Refusal::Unfit);
+        }
+        self.player.take(word)
+    }
+}
+
+impl<const A: usize, const W: usize, const M: usize> Deck<A> for Card<A, W, M> {
+    fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    /// An alarm stays latched over it. The number of the last executed instruction is 0 again.
+    fn open(&mut self, settings: &Settings<A>) -> Result<(), Refusal> {
+        let terms = Terms::agree(settings, &self.identity)?;
+        if !self.stands() {
+            return Err(Refusal::InMotion);
+        }
+        self.player.reopen(settings.start, settings.smoothing)?;
+        self.panel.describe(&settings.inputs, self.identity.inputs);
+        self.guard.expect_host(settings.watchdog_periods);
+        if self.guard.alarm().is_some() {
+            self.player.halt(settings.safe());
+        }
+        self.terms = Some(terms);
+        self.off_the_path = false;
+        Ok(())
+    }
+
+    fn close(&mut self) -> Result<(), Refusal> {
+        if !self.stands() {
+            return Err(Refusal::InMotion);
+        }
+        self.guard.expect_host(0);
+        Ok(())
+    }
+
+    fn heard(&mut self) {
+        self.guard.heard();
+    }
+
+    fn take(&mut self, word: Word<A>) -> Result<(), Refusal> {
+        if let Word::Rate { target: 0 } = word {
+            if let Some(search) = &mut self.search {
+                search.stop();
+            }
+            return self.player.take(word);
+        }
+        let Some(terms) = &self.terms else { return Err(Refusal::Unfit) };
+        let (axes, most) = (terms.settings().axes, terms.most());
+        let latched = self.guard.alarm().is_some();
+        match word {
+            Word::ClearAlarm => self.clear(),
+            Word::Home(_) | Word::Rate { .. } | Word::Instruction(_) if latched => Err(Refusal::Alarm),
+            Word::Home(order) => self.home(order, axes, most),
+            Word::ByHand(_) | Word::Replay { .. } => self.player.take(word),
+            _ if self.off_the_path => Err(Refusal::Unfit),
+            _ => self.take_on_the_path(word),
+        }
+    }
+
+    fn status(&self) -> &Status<A> {
+        self.player.status()
+    }
+}

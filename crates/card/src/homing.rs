@@ -1,0 +1,218 @@
+//! Homing: an axis finds its home switch (LinuxCNC and grbl call the cycle so too).
+//!
+//! Fast toward the switch; where it closes, to rest; slowly back until it opens again, which is the place that the count refers to; to
+//! rest. Speeds change by the same amount a period everywhere. Positions are whole pulses and a fraction of 2⁻³², so that a slow
+//! search makes exactly the pulses that its speed says.
+//!
+//! Invariant: the increments of a search add up to what the axis has moved, none of them exceeds the faster of the order's two
+//! speeds rounded up, and a search ends at rest.
+
+use retrace_core::ONE;
+use retrace_link::Homing;
+
+/// Where a search is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// Fast toward the switch.
+    Toward,
+    /// It has closed: to rest.
+    Overrun,
+    /// Slowly back; the search went this far when it turned.
+    Back { turned: i64 },
+    /// It has opened where the axis had moved so far: to rest.
+    Settle { edge: i64 },
+    /// No further: to rest, and this is how it ends.
+    GiveUp(Ending),
+}
+
+/// How a search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// The switch was found; the axis' count is this.
+    Found(i64),
+    /// The switch did not close, or did not open again, on the farthest way.
+    NotFound,
+    /// It was stopped.
+    Stopped,
+}
+
+/// One axis on the way to its switch.
+#[derive(Clone, Debug)]
+pub struct Search {
+    order: Homing,
+    phase: Phase,
+    /// Speed toward the switch, in 2⁻³² pulses a period.
+    speed: i64,
+    /// Part of a pulse that is still to be made, in 2⁻³².
+    fraction: i64,
+    /// Whole pulses made, toward the switch.
+    moved: i64,
+}
+
+impl Search {
+    /// A search at rest. `None` where the order's speeds are not above 0, or faster than `most` pulses a period, or its count is beyond
+    /// 2⁴⁸, where no axis is.
+    #[must_use]
+    pub fn new(order: Homing, most: u16) -> Option<Self> {
+        let limit = i64::from(most) * ONE;
+        let legal = |speed: i64| 0 < speed && speed <= limit;
+        let near = order.count.unsigned_abs() <= 1 << 48;
+        let valid = near && legal(order.fast) && legal(order.slow) && order.acceleration > 0;
+        valid.then_some(Self { order, phase: Phase::Toward, speed: 0, fraction: 0, moved: 0 })
+    }
+
+    /// The axis, and whether its upper end is sought.
+    #[must_use]
+    pub const fn seeks(&self) -> (u8, bool) {
+        (self.order.axis, self.order.upper)
+    }
+
+    /// Brings the axis to rest; the search then ends as [`Ending::Stopped`], unless it has failed already.
+    pub fn stop(&mut self) {
+        if !matches!(self.phase, Phase::GiveUp(_)) {
+            self.phase = Phase::GiveUp(Ending::Stopped);
+        }
+    }
+
+    /// One control period, the switch being `closed` at its beginning: the axis' increment, and the ending where this was the last.
+    pub fn period(&mut self, closed: bool) -> (i32, Option<Ending>) {
+        self.look(closed);
+        if let (0, Some(ending)) = (self.speed, self.ending()) {
+            return (0, Some(ending));
+        }
+        let wanted = match self.phase {
+            Phase::Toward => self.order.fast,
+            Phase::Back { .. } => -self.order.slow,
+            Phase::Overrun | Phase::Settle { .. } | Phase::GiveUp(_) => 0,
+        };
+        let most = self.order.acceleration;
+        self.speed += (wanted - self.speed).clamp(-most, most);
+        self.fraction += self.speed;
+        let pulses = self.fraction.div_euclid(ONE);
+        self.fraction = self.fraction.rem_euclid(ONE);
+        self.moved += pulses;
+        // At most `most` pulses a period, which is a 32-bit number.
+        let increment = pulses as i32;
+        (if self.order.upper { increment } else { -increment }, None)
+    }
+
+    /// What the switch says, and how far it is.
+    fn look(&mut self, closed: bool) {
+        let farthest = i64::from(self.order.farthest);
+        self.phase = match self.phase {
+            Phase::Toward if closed => Phase::Overrun,
+            Phase::Toward if self.moved >= farthest => Phase::GiveUp(Ending::NotFound),
+            Phase::Back { .. } if !closed => Phase::Settle { edge: self.moved },
+            Phase::Back { turned } if turned - self.moved >= farthest => Phase::GiveUp(Ending::NotFound),
+            phase => phase,
+        };
+        if self.phase == Phase::Overrun && self.speed == 0 {
+            self.phase = Phase::Back { turned: self.moved };
+        }
+    }
+
+    fn ending(&self) -> Option<Ending> {
+        match self.phase {
+            Phase::Settle { edge } => {
+                let beyond = if self.order.upper { self.moved - edge } else { edge - self.moved };
+                Some(Ending::Found(self.order.count + beyond))
+            }
+            Phase::GiveUp(ending) => Some(ending),
+            Phase::Toward | Phase::Overrun | Phase::Back { .. } => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A switch that is closed from position `at` on, seen from the axis; ends with the position, what ended it, and the periods.
+    fn run(order: Homing, at: i64, stop: Option<u32>) -> (i64, Ending, u32) {
+        let mut search = Search::new(order, 100).expect("valid");
+        let (mut position, mut speed) = (0i64, 0i64);
+        for n in 0..1_000_000 {
+            if stop == Some(n) {
+                search.stop();
+            }
+            let closed = if order.upper { position >= at } else { position <= -at };
+            let (increment, ending) = search.period(closed);
+            position += i64::from(increment);
+            let fastest = order.fast.max(order.slow);
+            assert!(i64::from(increment.abs()) <= (fastest + ONE - 1) / ONE);
+            assert!((search.speed - speed).abs() <= order.acceleration, "a jump of the speed");
+            speed = search.speed;
+            if let Some(ending) = ending {
+                assert_eq!((increment, search.speed), (0, 0));
+                return (position, ending, n);
+            }
+        }
+        panic!("it has no end");
+    }
+
+    fn order(upper: bool, fast: i64, slow: i64, acceleration: i64) -> Homing {
+        Homing { axis: 1, upper, fast, slow, acceleration, farthest: 2000, count: -500 }
+    }
+
+    #[test]
+    fn a_search_without_speed_is_refused() {
+        let good = order(true, ONE, ONE, ONE);
+        assert!(Search::new(good, 1).is_some());
+        let bad = [
+            Homing { fast: 0, ..good },
+            Homing { slow: -1, ..good },
+            Homing { acceleration: 0, ..good },
+            Homing { fast: ONE + 1, ..good },
+        ];
+        assert!(bad.iter().all(|&order| Search::new(order, 1).is_none()));
+        let hostile = Homing { fast: i64::MAX, acceleration: i64::MAX, ..good };
+        assert!(
+            Search::new(hostile, u16::MAX).is_none() && Search::new(Homing { count: i64::MIN, ..good }, 1).is_none()
+        );
+    }
+
+    #[test]
+    fn a_switch_out_of_reach_is_not_found_and_a_switch_that_stays_closed_neither() {
+        let (position, ending, _) = run(order(true, 3 * ONE, ONE / 4, ONE / 8), 5000, None);
+        assert!(ending == Ending::NotFound && (2000..2050).contains(&position), "{position}");
+        let mut search = Search::new(order(false, 3 * ONE, ONE / 4, ONE / 8), 100).expect("valid");
+        let (mut position, mut ending) = (0, None);
+        while ending.is_none() {
+            let increment;
+            (increment, ending) = search.period(true);
+            position += increment;
+        }
+        assert!(ending == Some(Ending::NotFound) && (2000..2003).contains(&position), "{position}");
+    }
+
+    proptest! {
+        /// Wherever the switch is and however fast the order: the count says where the axis stands, as seen from the edge of the switch, to
+        /// within the way of one slow period.
+        #[test]
+        fn the_count_refers_to_the_edge(
+            upper in any::<bool>(), at in -300i64..1900, fast in 1..40 * ONE, slow in ONE / 50..3 * ONE, acceleration in ONE / 200..ONE,
+        ) {
+            let order = order(upper, fast, slow, acceleration);
+            // slow enough searches take for ever
+            prop_assume!(fast > ONE / 50);
+            let (position, ending, _) = run(order, at, None);
+            let Ending::Found(count) = ending else { panic!("{ending:?}") };
+            let from_edge = if upper { position - at } else { position + at };
+            let error = (count - order.count) - from_edge;
+            // the switch opens on the first pulse on the far side of its edge, and is seen at the end of that period
+            let far = if upper { error } else { -error };
+            prop_assert!((0..=slow / ONE + 2).contains(&far), "{far}");
+        }
+
+        /// Stopped at any moment it comes to rest within its ramp.
+        #[test]
+        fn a_stop_is_a_ramp(stop in 0u32..3000, fast in ONE / 10..40 * ONE, acceleration in ONE / 50..ONE) {
+            let order = order(true, fast, ONE / 2, acceleration);
+            let (_, ending, periods) = run(order, 1500, Some(stop));
+            let ramp = (fast / acceleration + 2) as u32;
+            prop_assert!(ending != Ending::Stopped || (stop..=stop + ramp).contains(&periods));
+            prop_assert!(ending != Ending::NotFound);
+        }
+    }
+}

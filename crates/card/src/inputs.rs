@@ -1,0 +1,118 @@
+//! The inputs of a card: what their levels mean, and the handwheel's encoder.
+//!
+//! Invariant: a level is turned into *active* in one place; inputs that the card does not have are never active.
+
+use retrace_link::{InputSetting, InputUse, MAX_INPUTS};
+
+/// What a card reads once a control period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Inputs {
+    /// Levels of the inputs, one bit each, as they are at the pins.
+    pub levels: u16,
+    /// The handwheel's quadrature count; it runs freely and wraps.
+    pub encoder: u16,
+    /// The machine says that the instruction being executed has failed.
+    pub failed: bool,
+}
+
+/// The inputs as the settings describe them.
+#[derive(Clone, Debug, Default)]
+pub struct Panel {
+    uses: [InputUse; MAX_INPUTS],
+    present: u16,
+    active_low: u16,
+    active: u16,
+    encoder: Option<u16>,
+}
+
+impl Panel {
+    /// Describes the first `count` inputs anew. What was read stays, so that a turn of the wheel is not lost.
+    pub fn describe(&mut self, settings: &[InputSetting; MAX_INPUTS], count: u8) {
+        let count = u32::from(count).min(MAX_INPUTS as u32);
+        self.present = ((1u32 << count) - 1) as u16;
+        self.active_low = 0;
+        for (number, setting) in settings.iter().enumerate() {
+            self.uses[number] = setting.used_for;
+            self.active_low |= u16::from(setting.active_low) << number;
+        }
+        self.active &= self.present;
+    }
+
+    /// Reads the inputs of a control period; how far the wheel has turned since the last one.
+    pub const fn read(&mut self, inputs: &Inputs) -> i16 {
+        self.active = (inputs.levels ^ self.active_low) & self.present;
+        let before = match self.encoder {
+            Some(before) => before,
+            None => inputs.encoder,
+        };
+        self.encoder = Some(inputs.encoder);
+        inputs.encoder.wrapping_sub(before) as i16
+    }
+
+    /// Which inputs are active, one bit each.
+    #[must_use]
+    pub const fn active(&self) -> u16 {
+        self.active
+    }
+
+    /// Is an input active that is used so?
+    #[must_use]
+    pub fn is_active(&self, used_for: InputUse) -> bool {
+        self.active & self.of(used_for) != 0
+    }
+
+    /// The limit switches that are tripped: bit, axis, and whether it is the upper end.
+    pub fn tripped(&self) -> impl Iterator<Item = (u16, u8, bool)> {
+        self.uses.iter().enumerate().filter_map(|(number, used_for)| match *used_for {
+            InputUse::Limit { axis, upper } if self.active >> number & 1 == 1 => Some((1 << number, axis, upper)),
+            _ => None,
+        })
+    }
+
+    /// The switch by which an axis is homed at an end: its home switch, else the limit switch there, as a set of bits; 0 for none.
+    #[must_use]
+    pub fn home_switch(&self, axis: u8, upper: bool) -> u16 {
+        match self.of(InputUse::Home { axis }) {
+            0 => self.of(InputUse::Limit { axis, upper }),
+            home => home,
+        }
+    }
+
+    fn of(&self, wanted: InputUse) -> u16 {
+        let used = self.uses.iter().enumerate().filter(|(_, used_for)| **used_for == wanted);
+        used.fold(0, |bits, (number, _)| bits | 1 << number) & self.present
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_become_active_inputs_and_absent_ones_never_do() {
+        let mut settings = [InputSetting::default(); MAX_INPUTS];
+        settings[0] = InputSetting { used_for: InputUse::EmergencyStop, active_low: true };
+        settings[1] = InputSetting { used_for: InputUse::Limit { axis: 1, upper: true }, active_low: false };
+        settings[15] = InputSetting { used_for: InputUse::Door, active_low: true };
+        let mut panel = Panel::default();
+        panel.describe(&settings, 4);
+        panel.read(&Inputs { levels: 0b0011, ..Inputs::default() });
+        assert_eq!((panel.active(), panel.tripped().next()), (0b0010, Some((0b10, 1, true))));
+        assert!(!panel.is_active(InputUse::EmergencyStop) && !panel.is_active(InputUse::Door));
+        panel.read(&Inputs::default());
+        assert!(panel.is_active(InputUse::EmergencyStop) && panel.tripped().next().is_none());
+        assert_eq!((panel.home_switch(1, true), panel.home_switch(1, false), panel.home_switch(0, true)), (2, 0, 0));
+        settings[2].used_for = InputUse::Home { axis: 1 };
+        panel.describe(&settings, 255);
+        assert_eq!((panel.home_switch(1, true), panel.home_switch(1, false)), (4, 4));
+        panel.read(&Inputs { levels: 0x7FFF, ..Inputs::default() });
+        assert!(panel.is_active(InputUse::Door));
+    }
+
+    #[test]
+    fn the_wheel_turns_by_wrapping_differences_and_not_at_all_at_first() {
+        let mut panel = Panel::default();
+        let mut turned = |encoder| panel.read(&Inputs { encoder, ..Inputs::default() });
+        assert_eq!([65_530, 3, 65_535, 65_535].map(&mut turned), [0, 9, -4, 0]);
+    }
+}

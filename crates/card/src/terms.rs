@@ -1,0 +1,99 @@
+//! The terms of an epoch: settings that this card can work by, and what follows from them.
+//!
+//! Invariant: what stands here was checked as a whole; whoever has terms need not look at the settings again.
+
+use retrace_core::Record;
+use retrace_link::{Alarm, Identity, InputUse, MAX_INPUTS, MAX_SAFE, Refusal, Settings};
+
+use crate::outputs;
+use crate::step_direction::StepTiming;
+
+/// Agreed settings.
+#[derive(Clone, Debug)]
+pub struct Terms<const A: usize> {
+    settings: Settings<A>,
+    timing: StepTiming,
+    most: u16,
+}
+
+impl<const A: usize> Terms<A> {
+    /// Looks the settings through: epoch, axes, control period, reports, watchdog, pulses, inputs and safe outputs. Whether the rate law
+    /// fits the memory is for the player to say.
+    ///
+    /// # Errors
+    /// [`Refusal::Unfit`] where the card cannot work by them, [`Refusal::NoSuchChannel`] for a safe output that is not there.
+    pub fn agree(settings: &Settings<A>, identity: &Identity) -> Result<Self, Refusal> {
+        let period_us = settings.period_us;
+        let numbers = settings.epoch != 0
+            && (1..=identity.axes).contains(&settings.axes)
+            && (identity.shortest_period_us..=identity.longest_period_us).contains(&period_us)
+            && settings.report_periods != 0
+            && settings.watchdog_periods != 0
+            && usize::from(settings.safe_count) <= MAX_SAFE;
+        if !numbers || !inputs_are_there(settings, identity.inputs) {
+            return Err(Refusal::Unfit);
+        }
+        if !settings.safe().iter().all(|change| outputs::has(identity.outputs, change.channel)) {
+            return Err(Refusal::NoSuchChannel);
+        }
+        let (pulse_ns, setup_ns) = (settings.pulse_ns, settings.direction_setup_ns);
+        let timing = StepTiming::of_clock(identity.tick_hz, period_us, pulse_ns, setup_ns).ok_or(Refusal::Unfit)?;
+        let fastest = u64::from(identity.most_pulses_hz) * u64::from(period_us) / 1_000_000;
+        // No more than the timing's, which is a u16.
+        let most = fastest.min(u64::from(timing.most())) as u16;
+        // One pulse is kept for the rounding where a period takes parts of two records.
+        if most < 2 { Err(Refusal::Unfit) } else { Ok(Self { settings: *settings, timing, most }) }
+    }
+
+    /// The settings.
+    #[must_use]
+    pub const fn settings(&self) -> &Settings<A> {
+        &self.settings
+    }
+
+    /// The times of every axis' step and direction output.
+    #[must_use]
+    pub const fn timing(&self) -> StepTiming {
+        self.timing
+    }
+
+    /// The most pulses of an axis in a control period.
+    #[must_use]
+    pub const fn most(&self) -> u16 {
+        self.most
+    }
+
+    /// Can every period be emitted that this record may have a part in?
+    ///
+    /// It is passed at rate 1, or at its cap where that is higher, at most. A period that lies in several records makes no more pulses than
+    /// the greatest of them would for a whole one, and one more for the rounding at either end; that one is kept back here. So no
+    /// motion that has begun ever meets the bound.
+    ///
+    /// # Errors
+    /// What stands against it: the alarm to be latched, or none where the record moves an axis that is not used.
+    pub fn check(&self, record: &Record<A>) -> Result<(), Option<Alarm>> {
+        let cap = u32::from(record.cap.get().max(16));
+        for (axis, increment) in record.increments.iter().enumerate() {
+            let magnitude = u32::from(increment.unsigned_abs());
+            if axis >= usize::from(self.settings.axes) && magnitude != 0 {
+                return Err(None);
+            }
+            if magnitude * cap > u32::from(self.most - 1) * 16 {
+                return Err(Some(Alarm::TooManyPulses { axis: axis as u8 }));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Do the inputs that mean something exist, and the axes that they name?
+fn inputs_are_there<const A: usize>(settings: &Settings<A>, inputs: u8) -> bool {
+    settings.inputs.iter().enumerate().all(|(number, setting)| {
+        let there = number < usize::from(inputs).min(MAX_INPUTS);
+        match setting.used_for {
+            InputUse::Plain => true,
+            InputUse::Limit { axis, .. } | InputUse::Home { axis } => there && axis < settings.axes,
+            InputUse::Door | InputUse::EmergencyStop | InputUse::Probe => there,
+        }
+    })
+}

@@ -1,0 +1,207 @@
+//! Host end, line, card end, card, pins and switches, all of it at once in virtual time.
+
+use std::sync::{Arc, Mutex};
+
+use retrace_core::rate::Smoothing;
+use retrace_core::{Flags, ONE, Record, Travel};
+use retrace_hal_sim::{Chance, InProcess, LineSettings, MachineSettings, Process, Rates, Rig, RigSettings, wiring};
+use retrace_link::{
+    Alarm, Await, Change, InputSetting, InputUse, Instruction, MotionCard, Patience, Settings, Status, Wired, Word,
+    channel,
+};
+
+type Host = Wired<3, InProcess<3>>;
+
+fn settings() -> Settings<3> {
+    Settings::new(0, 0, 1000, Smoothing::new(20, 10).expect("valid"))
+}
+
+fn host(rig: &RigSettings, settings: Settings<3>) -> Host {
+    let rig = Rig::new(rig).expect("a card");
+    let mut host = Host::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+    host.open(settings).expect("it takes the settings");
+    host
+}
+
+/// A path there and back in each axis, of so many records.
+fn record(place: u32, length: u32) -> Record<3> {
+    let x = (place % 90) as i16 - 44;
+    let flags = if place + 1 == length { Flags::REST } else { Flags::NONE };
+    Record {
+        increments: [x, -x / 2, if place.is_multiple_of(7) { 3 } else { 0 }],
+        line: place,
+        flags,
+        ..Record::default()
+    }
+}
+
+fn position(place: u32, length: u32) -> [i64; 3] {
+    let mut sums = [0; 3];
+    for n in 0..place {
+        let increments = record(n, length).increments;
+        for axis in 0..3 {
+            sums[axis] += i64::from(increments[axis]);
+        }
+    }
+    sums
+}
+
+/// Runs at a rate until the card rests at `to`, with the path sent as there is room; the last report.
+fn run(host: &mut Host, target: Travel, to: u32, length: u32) -> Status<3> {
+    host.send(Word::Rate { target }).expect("a rate");
+    for _ in 0..200_000 {
+        loop {
+            let high = host.status().high;
+            if high >= length || host.send(Word::Ahead { place: high, record: record(high, length) }).is_err() {
+                break;
+            }
+        }
+        let status = *host.period().expect("no fault");
+        if status.at_rest && status.place == retrace_core::Place::start_of(to) {
+            return status;
+        }
+    }
+    panic!("it does not come to {to}: {:?}", host.status());
+}
+
+fn line(baud: u32, chance: f64, seed: u64) -> LineSettings {
+    let rates = Rates { stall_us: 20_000, ..Rates::all(Chance::new(chance).expect("a probability")) };
+    LineSettings { baud, latency_us: 100, jitter_us: 500, rates, seed, script: Vec::new() }
+}
+
+#[test]
+fn there_and_back_over_lines_good_and_bad() {
+    for (seed, chance) in [(1, 0.0), (2, 1e-4), (3, 1e-3)] {
+        let (up, down) = (line(1_000_000, chance, seed), line(1_000_000, chance, seed + 100));
+        let mut host = host(&RigSettings { up, down, ..RigSettings::default() }, settings());
+        let status = run(&mut host, ONE, 700, 700);
+        assert_eq!(status.counts, position(700, 700));
+        let status = run(&mut host, -ONE / 2, 0, 700);
+        assert_eq!((status.counts, status.reached), ([0; 3], 700));
+        let rig = host.port().rig();
+        assert_eq!(rig.faults(), retrace_hal_sim::Faults::default(), "chance {chance}");
+        assert_eq!(rig.pins().positions(), &[0; 3]);
+        let all: i64 = (0..700).map(|n| 2 * i64::from(record(n, 700).increments[0].unsigned_abs())).sum();
+        // A period across a turning point makes fewer pulses than its two halves; none makes more.
+        let made = rig.pins().pulses()[0] as i64;
+        assert!(made <= all && made > all - 100, "no axis goes to and fro on its way: {made} of {all}");
+        let faults: u64 = rig.lines().iter().map(|line| line.tally().faults()).sum();
+        assert_eq!(faults > 0, chance > 0.0, "{faults} faults at {chance}");
+    }
+}
+
+/// The same seeds give the same run, to the microsecond.
+#[test]
+fn a_run_can_be_repeated() {
+    let one = || {
+        let log = Arc::new(Mutex::new(Vec::new()));
+        let into = Arc::clone(&log);
+        let (up, down) = (line(230_400, 1e-3, 5), line(230_400, 1e-3, 6));
+        let mut rig = Rig::new(&RigSettings { up, down, ..RigSettings::default() }).expect("a card");
+        rig.watch(Box::new(move |now| into.lock().expect("whole").push((now.at_us, now.status.place, *now.positions))));
+        let mut host = Host::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+        host.open(settings()).expect("it takes the settings");
+        run(&mut host, ONE, 400, 400);
+        let (tallies, now) = (host.port().rig().lines().map(|line| *line.tally()), host.port().rig().now_us());
+        drop(host);
+        (Arc::try_unwrap(log).expect("ours").into_inner().expect("whole"), tallies, now)
+    };
+    let (first, second) = (one(), one());
+    assert!(first.0.len() > 400 && first.1[0].faults() > 0);
+    assert_eq!(first, second);
+}
+
+fn done() -> Process {
+    Process {
+        channel: channel::SPINDLE,
+        input: wiring::DONE,
+        least_us: 5_000,
+        most_us: 80_000,
+        hangs: Chance::NEVER,
+        fails: Chance::NEVER,
+    }
+}
+
+/// Switches the spindle at place 0 and waits for it, then runs: the first report with an alarm, or the last one.
+fn switch_and_run(process: Process) -> (Status<3>, u64) {
+    let machine = MachineSettings { processes: vec![process], seed: 9, ..MachineSettings::default() };
+    let mut host = host(&RigSettings { machine, ..RigSettings::default() }, settings());
+    let mut instruction = Instruction { number: 1, count: 1, periods: 1, ..Instruction::default() };
+    instruction.changes[0] = Change { channel: channel::SPINDLE, value: 1 };
+    instruction.until = Some(Await { input: wiring::DONE, active: true, at_most: 100 });
+    host.send(Word::Instruction(instruction)).expect("taken");
+    host.send(Word::Rate { target: ONE }).expect("a rate");
+    for _ in 0..1000 {
+        let high = host.status().high;
+        if high < 50 && host.status().executed == 1 {
+            host.send(Word::Ahead { place: high, record: record(high, 50) }).expect("room");
+        }
+        match host.period() {
+            Ok(status) if status.place.record == 50 && status.at_rest => break,
+            Ok(_) => {}
+            Err(_) => break,
+        }
+    }
+    let rig = host.port().rig();
+    (*rig.status(), rig.now_us())
+}
+
+#[test]
+fn a_process_is_waited_for_and_one_that_hangs_or_fails_is_an_alarm() {
+    let certain = Chance::new(1.0).expect("a probability");
+    let (status, _) = switch_and_run(done());
+    assert_eq!((status.alarm, status.executed, status.counts), (None, 1, position(50, 50)));
+    let (status, _) = switch_and_run(Process { hangs: certain, ..done() });
+    assert_eq!((status.alarm, status.executed, status.counts), (Some(Alarm::TimedOut { instruction: 1 }), 0, [0; 3]));
+    let (status, _) = switch_and_run(Process { fails: certain, ..done() });
+    assert_eq!((status.alarm, status.executed, status.counts), (Some(Alarm::Failed { instruction: 1 }), 0, [0; 3]));
+}
+
+/// The axis runs onto its limit switch, which is where the pins say, not where anybody planned.
+#[test]
+fn a_limit_switch_stops_the_motion_on_the_path() {
+    let machine = MachineSettings::with_switches(&[[-10_000, 10_000], [-10_000, 10_000], [-10_000, 30]], 10);
+    let mut settings = settings();
+    settings.inputs[usize::from(wiring::UPPER + 2)] =
+        InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: false };
+    let mut host = host(&RigSettings { machine, ..RigSettings::default() }, settings);
+    host.send(Word::Rate { target: ONE }).expect("a rate");
+    for _ in 0..400 {
+        let high = host.status().high;
+        if high < 300 {
+            host.send(Word::Ahead { place: high, record: record(high, 300) }).expect("room");
+        }
+        if host.period().is_err() {
+            break;
+        }
+    }
+    let rig = host.port_mut().rig_mut();
+    let until = rig.now_us() + 200_000;
+    rig.run(until);
+    let status = *rig.status();
+    assert_eq!(status.alarm, Some(Alarm::LimitSwitch { axis: 2, upper: true }));
+    assert!(status.at_rest && status.counts[2] >= 30 && status.counts[2] < 60, "{status:?}");
+    assert_eq!((rig.pins().positions(), rig.faults().apart), (&status.counts, 0));
+}
+
+/// The host falls silent in motion: the card rests on the path by itself, and says why.
+#[test]
+fn a_silent_host_is_an_alarm() {
+    let mut host = host(&RigSettings::default(), settings());
+    host.send(Word::Rate { target: ONE }).expect("a rate");
+    while host.status().high < 2000 {
+        let high = host.status().high;
+        if host.send(Word::Ahead { place: high, record: record(high, 2000) }).is_err() {
+            host.period().expect("no fault");
+        }
+    }
+    while host.period().expect("no fault").place.record < 100 {}
+    let rig = host.port_mut().rig_mut();
+    rig.run(rig.now_us() + 600_000);
+    let status = *rig.status();
+    assert_eq!((status.alarm, status.at_rest), (Some(Alarm::HostSilent), true));
+    let at = status.place.record;
+    assert!(at > 100 && at < 1000, "{at}");
+    let under = retrace_core::playback::part(record(at, 2000).increments[0], status.place.fraction);
+    assert_eq!(status.counts[0], position(at, 2000)[0] + i64::from(under));
+}
