@@ -31,25 +31,22 @@ const fn mix(word: u32) -> u32 {
     word ^ word >> 16
 }
 
-/// What the card says of itself.
-#[must_use]
-pub fn identity(serial: u32, boot: u32) -> Identity {
-    Identity {
-        protocol: PROTOCOL,
-        name: NAME,
-        serial,
-        boot,
-        axes: AXES as u8,
-        outputs: pins::DIGITAL_OUTPUTS,
-        inputs: pins::INPUT_PINS.len() as u8,
-        window: WINDOW as u32,
-        memory: MEMORY as u16,
-        tick_hz: SLOT_HZ,
-        shortest_period_us: SHORTEST_US,
-        longest_period_us: LONGEST_US,
-        most_pulses_hz: SLOT_HZ / 2,
-    }
-}
+/// What the card says of itself, before it has a serial number and the number of a start.
+pub const IDENTITY: Identity = Identity {
+    protocol: PROTOCOL,
+    name: NAME,
+    serial: 0,
+    boot: 0,
+    axes: AXES as u8,
+    outputs: pins::DIGITAL_OUTPUTS,
+    inputs: pins::INPUT_PINS.len() as u8,
+    window: WINDOW as u32,
+    memory: MEMORY as u16,
+    tick_hz: SLOT_HZ,
+    shortest_period_us: SHORTEST_US,
+    longest_period_us: LONGEST_US,
+    most_pulses_hz: SLOT_HZ / 2,
+};
 
 #[cfg(test)]
 mod tests {

@@ -5,6 +5,7 @@
 use core::sync::atomic::{AtomicI32, AtomicU32, Ordering::Relaxed};
 
 use retrace_firmware::AXES;
+use retrace_firmware::steps::Steps;
 
 /// Says that this is it, and in which layout.
 const MARK: u32 = 0x5254_0001;
@@ -25,6 +26,8 @@ pub(crate) struct Diagnostics {
     pub(crate) late_periods: AtomicU32,
     /// Bytes that came and were not taken in.
     pub(crate) lost_bytes: AtomicU32,
+    /// Orders whose pulses did not fit their period.
+    refused: AtomicU32,
     /// Net pulses of each axis as the outputs showed them, wrapping around.
     counted: [AtomicI32; AXES],
 }
@@ -38,6 +41,7 @@ pub(crate) static DIAGNOSTICS: Diagnostics = Diagnostics {
     periods: AtomicU32::new(0),
     late_periods: AtomicU32::new(0),
     lost_bytes: AtomicU32::new(0),
+    refused: AtomicU32::new(0),
     counted: [const { AtomicI32::new(0) }; AXES],
 };
 
@@ -58,10 +62,11 @@ impl Diagnostics {
         self.in_interrupts.load(Relaxed)
     }
 
-    /// The step interrupt has counted so many pulses.
-    pub(crate) fn publish_counts(&self, counts: &[i32; AXES]) {
-        for (word, &count) in self.counted.iter().zip(counts) {
+    /// What the step interrupt has counted.
+    pub(crate) fn publish(&self, steps: &Steps) {
+        for (word, &count) in self.counted.iter().zip(steps.counted()) {
             word.store(count, Relaxed);
         }
+        self.refused.store(steps.refused(), Relaxed);
     }
 }

@@ -4,21 +4,26 @@
 
 use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering};
 
-use crate::period::Period;
+/// How steps are to be made, as the host's settings say it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// Control period in microseconds.
+    pub period_us: u32,
+    /// Least length of a step pulse, in nanoseconds.
+    pub pulse_ns: u16,
+    /// Time that the direction stands before a step, in nanoseconds.
+    pub setup_ns: u16,
+    /// Axes whose direction output is the other way round, one bit each.
+    pub inverted: u16,
+}
 
-/// Net pulses of each axis in a control period, and what must be known to make them.
+/// Net pulses of each axis in a control period, and how they are to be made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Order<const A: usize> {
     /// Net pulses of each axis.
     pub increments: [i32; A],
-    /// The period that they are spread over.
-    pub period: Period,
-    /// Slots that a step pulse is long at least, and as many that it is away, at least 1.
-    pub pulse_slots: u16,
-    /// Slots that the direction stands before the first step, at least 1.
-    pub setup_slots: u16,
-    /// Axes whose direction output is the other way round, one bit each.
-    pub inverted: u16,
+    /// How.
+    pub shape: Shape,
 }
 
 /// Room for one order: one context puts, one takes.
@@ -26,8 +31,7 @@ pub struct Handover<const A: usize> {
     /// Is there an order? Set by the putting side, cleared by the taking side; the rest belongs to whom it says.
     full: AtomicBool,
     increments: [AtomicI32; A],
-    slots: AtomicU32,
-    ticks_per_slot: AtomicU32,
+    period_us: AtomicU32,
     /// Length of a pulse in the lower half, direction set-up in the upper.
     times: AtomicU32,
     inverted: AtomicU32,
@@ -40,8 +44,7 @@ impl<const A: usize> Handover<A> {
         Self {
             full: AtomicBool::new(false),
             increments: [const { AtomicI32::new(0) }; A],
-            slots: AtomicU32::new(0),
-            ticks_per_slot: AtomicU32::new(0),
+            period_us: AtomicU32::new(0),
             times: AtomicU32::new(0),
             inverted: AtomicU32::new(0),
         }
@@ -61,10 +64,10 @@ impl<const A: usize> Handover<A> {
         for (cell, &increment) in self.increments.iter().zip(&order.increments) {
             cell.store(increment, Ordering::Relaxed);
         }
-        self.slots.store(order.period.slots, Ordering::Relaxed);
-        self.ticks_per_slot.store(order.period.ticks_per_slot, Ordering::Relaxed);
-        self.times.store(u32::from(order.pulse_slots) | u32::from(order.setup_slots) << 16, Ordering::Relaxed);
-        self.inverted.store(u32::from(order.inverted), Ordering::Relaxed);
+        let Shape { period_us, pulse_ns, setup_ns, inverted } = order.shape;
+        self.period_us.store(period_us, Ordering::Relaxed);
+        self.times.store(u32::from(pulse_ns) | u32::from(setup_ns) << 16, Ordering::Relaxed);
+        self.inverted.store(u32::from(inverted), Ordering::Relaxed);
         self.full.store(true, Ordering::Release);
         true
     }
@@ -79,18 +82,14 @@ impl<const A: usize> Handover<A> {
             *increment = cell.load(Ordering::Relaxed);
         }
         let times = self.times.load(Ordering::Relaxed);
-        let order = Order {
-            increments,
-            period: Period {
-                slots: self.slots.load(Ordering::Relaxed),
-                ticks_per_slot: self.ticks_per_slot.load(Ordering::Relaxed),
-            },
-            pulse_slots: times as u16,
-            setup_slots: (times >> 16) as u16,
+        let shape = Shape {
+            period_us: self.period_us.load(Ordering::Relaxed),
+            pulse_ns: times as u16,
+            setup_ns: (times >> 16) as u16,
             inverted: self.inverted.load(Ordering::Relaxed) as u16,
         };
         self.full.store(false, Ordering::Release);
-        Some(order)
+        Some(Order { increments, shape })
     }
 }
 
@@ -105,13 +104,9 @@ mod tests {
     use super::*;
 
     fn order(n: u32) -> Order<2> {
-        Order {
-            increments: [n as i32, -(n as i32)],
-            period: Period { slots: n ^ 5, ticks_per_slot: n.rotate_left(9) },
-            pulse_slots: n as u16,
-            setup_slots: !n as u16,
-            inverted: (n >> 3) as u16,
-        }
+        let shape =
+            Shape { period_us: n.rotate_left(9), pulse_ns: n as u16, setup_ns: !n as u16, inverted: (n >> 3) as u16 };
+        Order { increments: [n as i32, -(n as i32)], shape }
     }
 
     #[test]

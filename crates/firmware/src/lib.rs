@@ -6,11 +6,9 @@
 
 pub mod boot;
 pub mod handover;
-pub mod on_line;
 pub mod period;
 pub mod pins;
 pub mod ring;
-pub mod stepper;
 pub mod steps;
 
 /// Axes of this card.
@@ -18,4 +16,6 @@ pub const AXES: usize = 4;
 /// Records that it holds.
 pub const WINDOW: usize = 1024;
 /// Longest average of its rate law, in periods.
-pub const MEMORY: usize = 128;
+pub const MEMORY: usize = 256;
+/// Entries of reports that the host has not confirmed.
+pub const ENTRIES: usize = 256;

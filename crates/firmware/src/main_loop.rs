@@ -4,24 +4,31 @@
 
 use core::sync::atomic::Ordering::Relaxed;
 
-use retrace_firmware::handover::Order;
-use retrace_firmware::on_line::{Inputs, OnLine};
-use retrace_firmware::period::{Period, slots_of_ns};
+use retrace_card::{Inputs, OnLine};
+use retrace_firmware::handover::{Order, Shape};
 use retrace_firmware::pins::{ALL_OUTPUTS_LOW, ALL_STEPS_LOW};
-use retrace_firmware::{AXES, MEMORY, WINDOW, boot};
+use retrace_firmware::steps::Steps;
+use retrace_firmware::{AXES, ENTRIES, MEMORY, WINDOW, boot};
+use retrace_link::Settings;
 
-use crate::board::step_timer::{ORDERS, TIMER_HZ};
+use crate::board::step_timer::ORDERS;
 use crate::board::{self, registers, serial, stopwatch};
 use crate::diagnostics::DIAGNOSTICS;
 
 /// Bytes that are fetched from the card at a time.
 const CHUNK: usize = 64;
 
-type Card = OnLine<AXES, WINDOW, MEMORY>;
+type Card = OnLine<AXES, WINDOW, MEMORY, ENTRIES>;
+
+/// As a constant, so that its some 30 KiB never pass over the stack.
+const FRESH: Card = match Card::new(boot::IDENTITY) {
+    Some(card) => card,
+    None => unreachable!(),
+};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    static mut CARD: Option<Card> = None;
+    static mut CARD: Card = FRESH;
     board::start();
     let starts = board::count_start();
     DIAGNOSTICS.begin();
@@ -29,37 +36,48 @@ fn main() -> ! {
     while serial::is_silent() {}
     let boot = boot::boot_number(starts, stopwatch::now());
     let serial_number = boot::serial_number(registers::unique_number());
-    let card = CARD.insert(Card::new(boot::identity(serial_number, boot)));
+    CARD.name(serial_number, boot);
+    let mut shape = Steps::SHAPE;
     let mut sender = Sender { bytes: [0; CHUNK], at: 0, end: 0 };
     loop {
         while let Some(byte) = serial::receive() {
-            card.receive(byte);
+            CARD.receive(byte);
         }
         if ORDERS.is_free() {
-            period(card);
+            period(CARD, &mut shape);
         }
-        sender.send(card);
+        sender.send(CARD);
     }
 }
 
-/// Computes a control period and orders its pulses.
-fn period(card: &mut Card) {
+/// Computes a control period and orders its pulses. Where an opening has changed how steps are made, a period without any goes ahead of
+/// it, so that the directions stand.
+fn period(card: &mut Card, shape: &mut Shape) {
+    if let Some(wanted) = card.terms().map(|terms| shape_of(terms.settings()))
+        && wanted != *shape
+    {
+        *shape = wanted;
+        ORDERS.put(&Order { increments: [0; AXES], shape: wanted });
+        return;
+    }
     let (began, interrupts) = (stopwatch::now(), DIAGNOSTICS.in_interrupts());
-    let status = card.period(Inputs { levels: board::input_levels(), encoder: board::encoder() });
-    let increments = status.increments;
+    let inputs = Inputs { levels: board::input_levels(), encoder: board::encoder(), failed: false };
+    let status = card.period(inputs);
     board::set_outputs(&status.outputs);
-    let settings = card.settings();
-    let order = Order {
-        increments,
-        period: Period::new(settings.period_us, TIMER_HZ),
-        pulse_slots: slots_of_ns(settings.pulse_ns),
-        setup_slots: slots_of_ns(settings.direction_setup_ns),
-        inverted: settings.direction_inverted,
-    };
-    ORDERS.put(&order);
+    ORDERS.put(&Order { increments: status.increments, shape: *shape });
     let interrupted = DIAGNOSTICS.in_interrupts().wrapping_sub(interrupts);
     DIAGNOSTICS.longest_period.fetch_max(stopwatch::since(began).saturating_sub(interrupted), Relaxed);
     DIAGNOSTICS.periods.fetch_add(1, Relaxed);
+}
+
+/// How the host wants steps to be made.
+fn shape_of(settings: &Settings<AXES>) -> Shape {
+    Shape {
+        period_us: settings.period_us,
+        pulse_ns: settings.pulse_ns,
+        setup_ns: settings.direction_setup_ns,
+        inverted: settings.direction_inverted,
+    }
 }
 
 /// What the card wants to say, on its way to the transmitter.

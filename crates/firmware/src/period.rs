@@ -40,13 +40,6 @@ impl Period {
     }
 }
 
-/// Slots that last at least so many nanoseconds, at least one.
-#[must_use]
-pub const fn slots_of_ns(ns: u16) -> u16 {
-    let slots = (ns as u64 * SLOT_HZ as u64).div_ceil(1_000_000_000) as u16;
-    if slots == 0 { 1 } else { slots }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,10 +3,10 @@
 //! Invariant: all axes are on port A and all outputs on port B, so that one store to a port's bit set/reset register switches them at once
 //! (RM0090 and RM0368, 8.4.7: lower half sets, upper half resets).
 
+use retrace_card::Levels;
 use retrace_link::{Outputs, channel};
 
 use crate::AXES;
-use crate::stepper::Levels;
 
 /// An axis' two pins on port A.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,7 +76,7 @@ pub fn axes_word(levels: &[Levels; AXES], inverted: u16) -> u32 {
     let mut word = 0;
     for (axis, (levels, pins)) in levels.iter().zip(&AXIS_PINS).enumerate() {
         word |= bit(pins.step, levels.step);
-        word |= bit(pins.direction, levels.direction != (inverted >> axis & 1 == 1));
+        word |= bit(pins.direction, levels.backward == (inverted >> axis & 1 == 1));
     }
     word
 }
@@ -168,10 +168,11 @@ mod tests {
         assert_eq!(outputs_word(&on) & 0xffff, outputs & !(1 << 13), "M4: not the pin of M3");
         off[usize::from(channel::SPINDLE)] = 1;
         assert_eq!(outputs_word(&off) & 0xffff, 1 << 13);
-        let high = [Levels { step: true, direction: true }; AXES];
+        let high = [Levels { step: true, backward: false }; AXES];
         assert_eq!(axes_word(&high, 0), 0b1_1111_1110);
         assert_eq!(axes_word(&high, 0b0010) & 0xffff, 0b1_1011_1110);
-        assert_eq!(axes_word(&[Levels::default(); AXES], 0), 0b1_1111_1110 << 16);
+        let low = [Levels { step: false, backward: true }; AXES];
+        assert_eq!(axes_word(&low, 0), 0b1_1111_1110 << 16);
         assert_eq!(ALL_STEPS_LOW, 0b1_1110 << 16);
     }
 

@@ -3,20 +3,27 @@
 //! Invariant: every pulse of every order that was taken appears once at the port, in the slots of that order's period; a period that has
 //! no order yet waits, and nothing moves meanwhile.
 
+use retrace_card::{Levels, StepDirection, StepTiming};
+
 use crate::AXES;
-use crate::handover::{Handover, Order};
+use crate::handover::{Handover, Order, Shape};
+use crate::period::{Period, SLOT_HZ};
 use crate::pins::axes_word;
-use crate::stepper::{Levels, StepDirection};
 
 /// The steppers of all axes, and where in the period they are.
 pub struct Steps {
     steppers: [StepDirection; AXES],
     levels: [Levels; AXES],
+    /// How steps are made.
+    shape: Shape,
+    period: Period,
+    timer_hz: u32,
     /// Slots left of the period; 0: the next one is due.
     left: u32,
-    inverted: u16,
-    /// Rising edges less those with the direction output low, of each axis: counted at the output.
+    /// Pulses forward less pulses backward of each axis: counted at the output.
     counted: [i32; AXES],
+    /// Orders whose pulses did not fit their period and were not made: a defect.
+    refused: u32,
 }
 
 /// What a slot asks of the hardware.
@@ -29,45 +36,68 @@ pub struct Slot {
 }
 
 impl Steps {
-    /// All outputs low, nothing to do.
+    /// Before anybody has said how steps are to be made: a period of 1 ms.
+    pub const SHAPE: Shape = Shape { period_us: 1000, pulse_ns: 2000, setup_ns: 5000, inverted: 0 };
+    const TIMING: StepTiming = match timing(Self::SHAPE) {
+        Some(timing) => timing,
+        None => unreachable!(),
+    };
+
+    /// Nothing to do, for a timer of so many ticks a second.
     #[must_use]
-    pub const fn new() -> Self {
+    pub const fn new(timer_hz: u32) -> Self {
         Self {
-            steppers: [const { StepDirection::new() }; AXES],
-            levels: [Levels { step: false, direction: false }; AXES],
+            steppers: [const { StepDirection::new(Self::TIMING) }; AXES],
+            levels: [Levels { step: false, backward: false }; AXES],
+            shape: Self::SHAPE,
+            period: Period::new(Self::SHAPE.period_us, timer_hz),
+            timer_hz,
             left: 0,
-            inverted: 0,
             counted: [0; AXES],
+            refused: 0,
         }
     }
 
     /// Goes one slot on. `None` where no order is there: the outputs stay as they are, which is all steps low.
+    #[inline]
     pub fn slot(&mut self, orders: &Handover<AXES>) -> Option<Slot> {
         let mut began = None;
         if self.left == 0 {
             let order = orders.take()?;
             self.begin(&order);
-            began = Some(order.period.ticks_per_slot);
+            began = Some(self.period.ticks_per_slot);
         }
         self.left -= 1;
-        for axis in 0..AXES {
-            let now = self.steppers[axis].tick();
-            if now.step && !self.levels[axis].step {
-                let count = &mut self.counted[axis];
-                *count = if now.direction { count.wrapping_add(1) } else { count.wrapping_sub(1) };
+        for ((stepper, levels), count) in self.steppers.iter_mut().zip(&mut self.levels).zip(&mut self.counted) {
+            let now = stepper.tick();
+            if now.step && !levels.step {
+                *count = if now.backward { count.wrapping_sub(1) } else { count.wrapping_add(1) };
             }
-            self.levels[axis] = now;
+            *levels = now;
         }
-        Some(Slot { word: axes_word(&self.levels, self.inverted), began })
+        Some(Slot { word: axes_word(&self.levels, self.shape.inverted), began })
     }
 
     fn begin(&mut self, order: &Order<AXES>) {
-        let slots = order.period.slots.max(1);
-        for (stepper, &increment) in self.steppers.iter_mut().zip(&order.increments) {
-            stepper.begin(increment, slots, u32::from(order.pulse_slots), u32::from(order.setup_slots));
+        if order.shape != self.shape {
+            self.take_shape(order.shape);
         }
-        self.left = slots;
-        self.inverted = order.inverted;
+        for (stepper, &increment) in self.steppers.iter_mut().zip(&order.increments) {
+            if stepper.begin(increment).is_err() {
+                self.refused = self.refused.wrapping_add(1);
+            }
+        }
+        self.left = self.period.slots;
+    }
+
+    /// Makes steps in another way. The direction outputs go forward with it, so the order that brings a new shape is to have no pulses.
+    fn take_shape(&mut self, shape: Shape) {
+        // what the card has agreed to always has one
+        if let Some(timing) = timing(shape) {
+            self.steppers = [const { StepDirection::new(Self::TIMING) }; AXES].map(|_| StepDirection::new(timing));
+            self.period = Period::new(shape.period_us, self.timer_hz);
+        }
+        self.shape = shape;
     }
 
     /// Is a period under way?
@@ -81,18 +111,22 @@ impl Steps {
     pub const fn counted(&self) -> &[i32; AXES] {
         &self.counted
     }
+
+    /// Orders whose pulses did not fit their period: a defect.
+    #[must_use]
+    pub const fn refused(&self) -> u32 {
+        self.refused
+    }
 }
 
-impl Default for Steps {
-    fn default() -> Self {
-        Self::new()
-    }
+/// The same times in slots.
+const fn timing(shape: Shape) -> Option<StepTiming> {
+    StepTiming::of_clock(SLOT_HZ, shape.period_us, shape.pulse_ns, shape.setup_ns)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::period::Period;
     use crate::pins::AXIS_PINS;
     use proptest::prelude::*;
 
@@ -108,7 +142,8 @@ mod tests {
             self.port = (self.port & !(word >> 16)) | (word & 0xffff);
             for (axis, pins) in AXIS_PINS.iter().enumerate() {
                 let rises = !before & self.port & (1 << pins.step) != 0;
-                let up = (self.port >> pins.direction & 1 == 1) != (inverted >> axis & 1 == 1);
+                let high = self.port >> pins.direction & 1 == 1;
+                let up = high != (inverted >> axis & 1 == 1);
                 self.counts[axis] += if rises && up {
                     1
                 } else if rises {
@@ -121,30 +156,34 @@ mod tests {
     }
 
     proptest! {
-        /// Any orders: the drives have counted their sum, and so has the interrupt itself.
+        /// Any orders, of any shape: the drives have counted their sum, and so has the interrupt itself.
         #[test]
         fn drives_count_what_was_ordered(
-            orders in prop::collection::vec(prop::array::uniform4(-12i32..=12), 1..20),
-            inverted in 0u16..16,
+            runs in prop::collection::vec(
+                (0u32..4, 1u16..25_000, 1u16..25_000, 0u16..16, prop::collection::vec(prop::array::uniform4(-9i32..=9), 0..9)),
+                1..6,
+            ),
         ) {
             let handover = Handover::new();
-            let mut steps = Steps::new();
+            let mut steps = Steps::new(84_000_000);
             let mut drives = Drives { port: 0, counts: [0; AXES] };
             let mut sum = [0; AXES];
-            for increments in orders {
-                prop_assert_eq!(steps.slot(&handover), None);
-                let period = Period { slots: 100, ticks_per_slot: 840 };
-                let order = Order { increments, period, pulse_slots: 1, setup_slots: 1, inverted };
-                prop_assert!(handover.put(&order));
-                for n in 0..100 {
-                    let slot = steps.slot(&handover).expect("a period is under way");
-                    prop_assert_eq!(slot.began, (n == 0).then_some(840));
-                    drives.see(slot.word, inverted);
+            for (periods, pulse_ns, setup_ns, inverted, increments) in runs {
+                let shape = Shape { period_us: 1000 + periods * 500, pulse_ns, setup_ns, inverted };
+                for increments in [[0; AXES]].into_iter().chain(increments) {
+                    prop_assert_eq!(steps.slot(&handover), None);
+                    prop_assert!(handover.put(&Order { increments, shape }), "free");
+                    let slots = shape.period_us / 10;
+                    for n in 0..slots {
+                        let slot = steps.slot(&handover).expect("a period is under way");
+                        prop_assert_eq!(slot.began, (n == 0).then_some(840));
+                        drives.see(slot.word, inverted);
+                    }
+                    prop_assert!(!steps.in_period());
+                    for axis in 0..AXES { sum[axis] += increments[axis]; }
+                    prop_assert_eq!(drives.counts, sum);
+                    prop_assert_eq!((steps.counted(), steps.refused()), (&sum, 0));
                 }
-                prop_assert!(!steps.in_period());
-                for axis in 0..AXES { sum[axis] += increments[axis]; }
-                prop_assert_eq!(drives.counts, sum);
-                prop_assert_eq!(steps.counted(), &sum);
             }
         }
     }

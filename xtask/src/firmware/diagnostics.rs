@@ -9,7 +9,7 @@ use super::sections::RAM_BEGINS;
 /// Says that this is it, and in which layout.
 const MARK: u32 = 0x5254_0001;
 /// Words of it.
-const WORDS: usize = 11;
+const WORDS: usize = 12;
 /// Cycles a second of the firmware's stopwatch in QEMU: one a nanosecond's instruction is 168 of 1000.
 const STOPWATCH_MHZ: u64 = 168;
 
@@ -26,6 +26,8 @@ pub(super) struct Diagnostics {
     pub(super) late_periods: u32,
     /// Bytes that came and were not taken in.
     pub(super) lost_bytes: u32,
+    /// Orders whose pulses did not fit their period.
+    pub(super) refused: u32,
     /// Net pulses of each axis at the outputs.
     pub(super) counted: [i32; 4],
 }
@@ -47,7 +49,8 @@ impl Diagnostics {
             periods: words[4],
             late_periods: words[5],
             lost_bytes: words[6],
-            counted: [7, 8, 9, 10].map(|at| words[at] as i32),
+            refused: words[7],
+            counted: [8, 9, 10, 11].map(|at| words[at] as i32),
         })
     }
 }

@@ -18,7 +18,7 @@ use super::stopwatch;
 use crate::diagnostics::DIAGNOSTICS;
 
 /// Ticks of the timer a second.
-pub(crate) const TIMER_HZ: u32 = RATES.step_timer;
+const TIMER_HZ: u32 = RATES.step_timer;
 /// Are all slots of a period run at its beginning?
 const AT_ONCE: bool = cfg!(feature = "qemu");
 
@@ -38,7 +38,7 @@ pub(super) fn start() {
 /// A slot begins.
 #[chip::interrupt]
 fn TIM5() {
-    static mut STEPS: Steps = Steps::new();
+    static mut STEPS: Steps = Steps::new(TIMER_HZ);
     static mut RUNNING: bool = false;
     let entered = stopwatch::now();
     tim5().sr().write(|w| w.uif().clear_bit());
@@ -52,7 +52,7 @@ fn TIM5() {
                 }
                 // without preload: the count has only just begun anew, so the new end lies ahead of it
                 tim5().arr().write(|w| w.arr().set((ticks * slots).saturating_sub(1)));
-                DIAGNOSTICS.publish_counts(STEPS.counted());
+                DIAGNOSTICS.publish(STEPS);
                 *RUNNING = true;
             }
             set_port_a(slot.word);
