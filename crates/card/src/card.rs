@@ -182,12 +182,9 @@ impl<const A: usize, const W: usize, const M: usize> Deck<A> for Card<A, W, M> {
         &self.identity
     }
 
-    /// An alarm stays latched over it. The number of the last executed instruction is 0 again.
+    /// An alarm stays latched over it. An instruction in hand is given up, also while it is being executed. The number of the last executed instruction is 0 again.
     fn open(&mut self, settings: &Settings<A>) -> Result<(), Refusal> {
         let terms = Terms::agree(settings, &self.identity)?;
-        if !self.stands() {
-            return Err(Refusal::InMotion);
-        }
         self.player.reopen(settings.start, settings.smoothing)?;
         self.panel.describe(&settings.inputs, self.identity.inputs);
         self.guard.expect_host(settings.watchdog_periods);

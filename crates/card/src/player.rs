@@ -57,13 +57,13 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         })
     }
 
-    /// Begins an epoch: nothing on the window, which begins at `start`; counts and outputs stay as they are.
+    /// Begins an epoch: nothing on the window, which begins at `start`; counts and outputs stay as they are. An instruction in hand is
+    /// given up, also one that is being executed: so a host may end one that waits for ever.
     ///
     /// # Errors
-    /// [`Refusal::InMotion`] where the motion does not stand or an instruction is being executed, [`Refusal::Unfit`] where the
-    /// smoothing is too long; nothing has changed then.
+    /// [`Refusal::InMotion`] where the motion does not stand, [`Refusal::Unfit`] where the smoothing is too long; nothing has changed then.
     pub(crate) fn reopen(&mut self, start: u32, smoothing: Smoothing) -> Result<(), Refusal> {
-        if !self.stands() {
+        if !self.status.at_rest {
             return Err(Refusal::InMotion);
         }
         self.drive = Drive::new(smoothing).ok_or(Refusal::Unfit)?;
@@ -163,9 +163,9 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             return Err(Refusal::OutOfOrder);
         }
         let at = Place::start_of(instruction.place);
-        let stops = self.bound().to(at) >= 0;
-        let is_ahead = self.status.place.to(at) > 0;
-        if !stops && !(is_ahead && self.planned_stop_at(instruction.place)) {
+        let can_brake = self.bound().to(at) >= 0;
+        let runs_into = self.status.place.to(at) > 0 && self.planned_stop_at(instruction.place);
+        if !(can_brake || runs_into) {
             return Err(Refusal::InMotion);
         }
         self.switching.keep(instruction, &self.outputs)?;
@@ -201,7 +201,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     }
 
     fn road(&self) -> Stretch<'_, Window<A, W>> {
-        Stretch::new(&self.window, self.switching.kept_for())
+        Stretch::new(&self.window, self.switching.barrier())
     }
 
     /// Lets one control period pass. While an instruction is executed the motion stands.
@@ -218,7 +218,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         let from = self.status.place;
         let target = if self.switching.busy() { 0 } else { self.target };
         let mut alarm = self.switching.period(active, failed);
-        let road = Stretch::new(&self.window, self.switching.kept_for());
+        let road = Stretch::new(&self.window, self.switching.barrier());
         let step = self.drive.step(from, target, &road);
         // The drive never leaves the window, so the records are there; were one missing, the card would stand still.
         let (to, increments) = match emission(from, step.to, |n| self.window.record(n)) {

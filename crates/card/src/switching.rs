@@ -1,18 +1,28 @@
 //! The executor of exclusive switching instructions (GMC-1, GMC-4 in the acknowledged form).
 //!
 //! Invariant: one instruction in hand at a time, in the order of their numbers; it is kept until the cursor rests on its place, and
-//! `executed` names the last one that is complete. Nothing else counts as ready.
+//! `executed` names the last one that is complete. Nothing else counts as ready, and nothing passes the place of one that is not.
 
 use retrace_link::{Alarm, Instruction, Refusal};
 
 use crate::OutputBank;
 
+/// How far the instruction in hand has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// It waits for the cursor to come to its place.
+    Kept,
+    /// It is being executed, for so many control periods.
+    Running(u32),
+    /// An alarm has ended it. It holds its place still, until it is sent again.
+    GivenUp,
+}
+
 /// The instruction in hand.
 #[derive(Clone, Copy, Debug)]
 struct InHand {
     instruction: Instruction,
-    /// Control periods since it began; `None` while it is kept.
-    passed: Option<u32>,
+    stage: Stage,
 }
 
 /// The instruction in hand, and how far the order has come.
@@ -37,22 +47,34 @@ impl Switching {
 
     /// Is an instruction being executed?
     #[must_use]
-    pub fn busy(&self) -> bool {
-        self.in_hand.is_some_and(|in_hand| in_hand.passed.is_some())
+    pub const fn busy(&self) -> bool {
+        matches!(self.in_hand, Some(InHand { stage: Stage::Running(_), .. }))
     }
 
     /// The place of the instruction that is kept for it.
     #[must_use]
-    pub fn kept_for(&self) -> Option<u32> {
-        self.in_hand.filter(|in_hand| in_hand.passed.is_none()).map(|in_hand| in_hand.instruction.place)
+    pub const fn kept_for(&self) -> Option<u32> {
+        match self.in_hand {
+            Some(InHand { instruction, stage: Stage::Kept }) => Some(instruction.place),
+            _ => None,
+        }
+    }
+
+    /// The place that nothing may pass: that of the instruction in hand, also where an alarm has ended it.
+    #[must_use]
+    pub const fn barrier(&self) -> Option<u32> {
+        match self.in_hand {
+            Some(InHand { instruction, .. }) => Some(instruction.place),
+            None => None,
+        }
     }
 
     /// May this one be kept?
     ///
     /// # Errors
-    /// [`Refusal::Busy`] where another is in hand or the number is not the next; a channel that is not there.
+    /// [`Refusal::Busy`] where another is kept or executed, or the number is not the next; a channel that is not there.
     pub fn check(&self, instruction: &Instruction, outputs: &OutputBank) -> Result<(), Refusal> {
-        if self.in_hand.is_some() || instruction.number != self.executed.wrapping_add(1) {
+        if self.busy() || self.kept_for().is_some() || instruction.number != self.executed.wrapping_add(1) {
             return Err(Refusal::Busy);
         }
         if !instruction.changes().iter().all(|change| outputs.has(change.channel)) {
@@ -67,33 +89,33 @@ impl Switching {
     /// As [`Switching::check`].
     pub fn keep(&mut self, instruction: Instruction, outputs: &OutputBank) -> Result<(), Refusal> {
         self.check(&instruction, outputs)?;
-        self.in_hand = Some(InHand { instruction, passed: None });
+        self.in_hand = Some(InHand { instruction, stage: Stage::Kept });
         Ok(())
     }
 
     /// The place of the kept instruction is come to: its changes take place at once.
     pub fn begin(&mut self, outputs: &mut OutputBank) {
-        let Some(InHand { instruction, passed: None }) = self.in_hand else { return };
+        let Some(InHand { instruction, stage: Stage::Kept }) = self.in_hand else { return };
         for &change in instruction.changes() {
             outputs.set(change);
         }
         if instruction.periods == 0 && instruction.until.is_none() {
             self.complete(&instruction);
         } else {
-            self.in_hand = Some(InHand { instruction, passed: Some(0) });
+            self.in_hand = Some(InHand { instruction, stage: Stage::Running(0) });
         }
     }
 
     /// One control period passes, with these inputs active. `failed`: the machine says that the instruction has failed.
     ///
-    /// An instruction that failed or took too long is not in hand any more and not executed; the reason is returned.
+    /// An instruction that failed or took too long is given up; the reason is returned.
     pub fn period(&mut self, active: u16, failed: bool) -> Option<Alarm> {
-        let Some(InHand { instruction, passed: Some(passed) }) = self.in_hand else { return None };
+        let Some(InHand { instruction, stage: Stage::Running(passed) }) = self.in_hand else { return None };
         let passed = passed.saturating_add(1);
-        self.in_hand = Some(InHand { instruction, passed: Some(passed) });
+        self.in_hand = Some(InHand { instruction, stage: Stage::Running(passed) });
         let number = instruction.number;
         if failed {
-            self.in_hand = None;
+            self.give_up();
             return Some(Alarm::Failed { instruction: number });
         }
         if passed < instruction.periods {
@@ -107,15 +129,18 @@ impl Switching {
         if is_active == until.active {
             self.complete(&instruction);
         } else if until.at_most != 0 && passed >= instruction.periods.saturating_add(until.at_most) {
-            self.in_hand = None;
+            self.give_up();
             return Some(Alarm::TimedOut { instruction: number });
         }
         None
     }
 
-    /// Whatever is in hand is given up; its number stays the next one.
+    /// What is in hand is given up: it is not executed, its number stays the next one, and nothing passes its place before it was sent
+    /// again.
     pub const fn give_up(&mut self) {
-        self.in_hand = None;
+        if let Some(in_hand) = &mut self.in_hand {
+            in_hand.stage = Stage::GivenUp;
+        }
     }
 
     /// A new epoch: numbers begin at 1 again.
@@ -204,6 +229,7 @@ mod tests {
         switching.begin(&mut outputs);
         assert_eq!(switching.period(0, true), Some(Alarm::Failed { instruction: 1 }));
         assert_eq!((switching.executed(), switching.busy(), switching.kept_for()), (0, false, None));
+        assert_eq!(switching.barrier(), Some(0), "its place is held");
         switching.keep(instruction(1, 5, None), &outputs).expect("its number stays the next");
     }
 }

@@ -10,6 +10,8 @@ mod out;
 
 mod args;
 mod canon;
+mod card;
+mod card_serve;
 mod check;
 mod console;
 mod cycles;
@@ -38,6 +40,7 @@ fn main() -> ExitCode {
         Command::Canon(args) => canon::run(&args).map(|()| 0),
         Command::Plot(args) => draw::run(&args).map(|()| 0),
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
+        Command::Card(args) => card::run(&args).map(|()| 0),
         Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),
     };

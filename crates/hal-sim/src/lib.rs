@@ -17,6 +17,7 @@ mod pulses;
 mod random;
 mod rig;
 mod sim;
+mod spec;
 mod trace;
 mod vcd;
 
@@ -31,5 +32,6 @@ pub use pulses::PulseCounters;
 pub use random::{Chance, Random};
 pub use rig::{Faults, Moment, Rig, RigSettings, Watcher};
 pub use sim::{SimCard, WINDOW};
+pub use spec::faults;
 pub use trace::Trace;
 pub use vcd::{Signal, Vcd};

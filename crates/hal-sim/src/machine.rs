@@ -3,7 +3,7 @@
 //! Invariant: it knows what comes out of the card's pins and what goes into them, and nothing of what the card means by it.
 
 use retrace_card::Inputs;
-use retrace_link::{Outputs, channel};
+use retrace_link::{InputSetting, InputUse, MAX_INPUTS, Outputs, channel};
 
 use crate::random::{Chance, Random};
 
@@ -44,8 +44,8 @@ pub struct Event {
     pub at_us: u64,
     /// The input.
     pub input: u8,
-    /// Its level from then on.
-    pub level: bool,
+    /// Is it active from then on?
+    pub active: bool,
 }
 
 /// What a machine is made of.
@@ -57,6 +57,8 @@ pub struct MachineSettings {
     pub processes: Vec<Process>,
     /// What happens to inputs, in the order of its time: doors, emergency stops.
     pub events: Vec<Event>,
+    /// Inputs whose level is low while what is wired to them is active, one bit each.
+    pub active_low: u16,
     /// What all chance follows from.
     pub seed: u64,
 }
@@ -82,6 +84,31 @@ pub mod wiring {
 }
 
 impl MachineSettings {
+    /// A machine wired as the card is told that it is: limit switches at `travel` (lower and upper end of each axis, in pulses), home
+    /// switches `home[axis]` pulses before the lower one. Doors are shut and the emergency-stop chain is closed.
+    #[must_use]
+    pub fn wired_as(inputs: &[InputSetting; MAX_INPUTS], travel: &[[i64; 2]], home: &[i64]) -> Self {
+        let mut settings = Self::default();
+        for (input, setting) in (0u8..).zip(inputs) {
+            settings.active_low |= u16::from(setting.active_low) << input;
+            let ends = |axis: u8| travel.get(usize::from(axis));
+            match setting.used_for {
+                InputUse::Limit { axis, upper } => settings.switches.extend(ends(axis).map(|&[low, high]| Switch {
+                    input,
+                    axis,
+                    at: if upper { high } else { low },
+                    upper,
+                })),
+                InputUse::Home { axis } => settings.switches.extend(ends(axis).map(|&[low, _]| {
+                    let at = low + home.get(usize::from(axis)).copied().unwrap_or(0);
+                    Switch { input, axis, at, upper: false }
+                })),
+                _ => {}
+            }
+        }
+        settings
+    }
+
     /// Limit switches at `travel` (lower and upper end of each axis, in pulses) and a home switch at the lower end, `home` pulses before the
     /// limit switch, in the usual [`wiring`].
     #[must_use]
@@ -117,7 +144,8 @@ pub struct Machine<const A: usize> {
     running: Vec<Running>,
     events: std::collections::VecDeque<Event>,
     random: Random,
-    levels: u16,
+    active: u16,
+    active_low: u16,
     failed: bool,
     encoder: u16,
     /// Things that were switched, that hung, and that failed.
@@ -135,7 +163,8 @@ impl<const A: usize> Machine<A> {
             running: settings.processes.iter().map(|&process| Running { process, value: 0, due: None }).collect(),
             events: events.into(),
             random: Random::new(settings.seed),
-            levels: 0,
+            active: 0,
+            active_low: settings.active_low,
             failed: false,
             encoder: 0,
             switched: [0; 3],
@@ -147,7 +176,7 @@ impl<const A: usize> Machine<A> {
         for switch in &self.switches {
             let Some(&position) = positions.get(usize::from(switch.axis)) else { continue };
             let active = if switch.upper { position >= switch.at } else { position <= switch.at };
-            set(&mut self.levels, switch.input, active);
+            set(&mut self.active, switch.input, active);
         }
         for running in &mut self.running {
             if let Some((due, promise)) = running.due
@@ -155,17 +184,17 @@ impl<const A: usize> Machine<A> {
             {
                 running.due = None;
                 match promise {
-                    Promise::Done => set(&mut self.levels, running.process.input, true),
+                    Promise::Done => set(&mut self.active, running.process.input, true),
                     Promise::Failed => self.failed = true,
                 }
             }
         }
         while let Some(event) = self.events.front().filter(|event| event.at_us <= now_us) {
-            set(&mut self.levels, event.input, event.level);
+            set(&mut self.active, event.input, event.active);
             self.events.pop_front();
         }
         let failed = std::mem::take(&mut self.failed);
-        Inputs { levels: self.levels, encoder: self.encoder, failed }
+        Inputs { levels: self.active ^ self.active_low, encoder: self.encoder, failed }
     }
 
     /// The card's outputs are these at `now_us`.
@@ -177,7 +206,7 @@ impl<const A: usize> Machine<A> {
                 continue;
             }
             running.value = value;
-            set(&mut self.levels, process.input, false);
+            set(&mut self.active, process.input, false);
             self.switched[0] += 1;
             let us = process.least_us + self.random.up_to(process.most_us.saturating_sub(process.least_us));
             let due = now_us + u64::from(us);
@@ -188,9 +217,9 @@ impl<const A: usize> Machine<A> {
         }
     }
 
-    /// Gives an input a level by hand.
-    pub const fn press(&mut self, input: u8, level: bool) {
-        set(&mut self.levels, input, level);
+    /// Makes an input active or inactive by hand.
+    pub const fn press(&mut self, input: u8, active: bool) {
+        set(&mut self.active, input, active);
     }
 
     /// Turns the handwheel by so many counts of its encoder.
@@ -205,10 +234,10 @@ impl<const A: usize> Machine<A> {
     }
 }
 
-const fn set(levels: &mut u16, input: u8, active: bool) {
+const fn set(inputs: &mut u16, input: u8, active: bool) {
     if input < 16 {
         let bit = 1 << input;
-        *levels = if active { *levels | bit } else { *levels & !bit };
+        *inputs = if active { *inputs | bit } else { *inputs & !bit };
     }
 }
 
@@ -228,6 +257,22 @@ mod tests {
         assert_eq!(active(-100, 10), [0, 5, 8, 9]);
         assert_eq!(active(500, 0), [1, 4, 9]);
         assert_eq!(active(499, 21), [5]);
+    }
+
+    #[test]
+    fn a_machine_is_wired_as_the_card_is_told() {
+        let mut inputs = [InputSetting::default(); MAX_INPUTS];
+        inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 1, upper: true }, active_low: true };
+        inputs[5] = InputSetting { used_for: InputUse::Home { axis: 0 }, active_low: false };
+        inputs[7] = InputSetting { used_for: InputUse::EmergencyStop, active_low: true };
+        inputs[9] = InputSetting { used_for: InputUse::Limit { axis: 8, upper: true }, active_low: false };
+        let settings = MachineSettings::wired_as(&inputs, &[[-100, 100], [-50, 50]], &[10]);
+        let mut machine = Machine::<2>::new(&settings);
+        let closed = 1 << 3 | 1 << 7;
+        assert_eq!(machine.inputs(0, &[0, 49]).levels, closed);
+        assert_eq!(machine.inputs(0, &[-90, 50]).levels, 1 << 5 | 1 << 7);
+        machine.press(7, true);
+        assert_eq!(machine.inputs(0, &[0, 0]).levels, 1 << 3);
     }
 
     #[test]
@@ -275,8 +320,8 @@ mod tests {
     #[test]
     fn events_and_the_wheel() {
         let events = vec![
-            Event { at_us: 20, input: wiring::DOOR, level: false },
-            Event { at_us: 10, input: wiring::DOOR, level: true },
+            Event { at_us: 20, input: wiring::DOOR, active: false },
+            Event { at_us: 10, input: wiring::DOOR, active: true },
         ];
         let mut machine = Machine::<1>::new(&MachineSettings { events, ..MachineSettings::default() });
         let door = |machine: &mut Machine<1>, us| machine.inputs(us, &[0]).levels >> wiring::DOOR & 1;

@@ -122,14 +122,23 @@ impl<const A: usize> Rig<A> {
         while self.step(until_us.saturating_mul(1000)) {}
     }
 
+    /// When the next thing happens that is known of now, in microseconds: a control period at the latest.
+    #[must_use]
+    pub fn next_us(&self) -> u64 {
+        self.next_ns() / 1000
+    }
+
+    fn next_ns(&self) -> u64 {
+        let soon = [self.up.next_arrival(), self.more_at, self.down.next_arrival().filter(|&due| due > self.now_ns)];
+        soon.into_iter().flatten().fold(self.due_ns, u64::min).max(self.now_ns)
+    }
+
     /// On to the next thing that happens until then; false where nothing more does.
     fn step(&mut self, until: u64) -> bool {
         if self.now_ns >= until {
             return false;
         }
-        let soon = [self.up.next_arrival(), self.more_at, self.down.next_arrival().filter(|&due| due > self.now_ns)];
-        let next = soon.into_iter().flatten().fold(self.due_ns, u64::min).max(self.now_ns);
-        self.now_ns = next.min(until);
+        self.now_ns = self.next_ns().min(until);
         while let Some(byte) = self.up.receive(self.now_ns) {
             self.card.receive(byte);
         }

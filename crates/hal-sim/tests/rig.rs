@@ -4,10 +4,12 @@ use std::sync::{Arc, Mutex};
 
 use retrace_core::rate::Smoothing;
 use retrace_core::{Flags, ONE, Record, Travel};
-use retrace_hal_sim::{Chance, InProcess, LineSettings, MachineSettings, Process, Rates, Rig, RigSettings, wiring};
+use retrace_hal_sim::{
+    Chance, InProcess, LineSettings, MachineSettings, Process, Rates, Rig, RigSettings, Tally, wiring,
+};
 use retrace_link::{
-    Alarm, Await, Change, InputSetting, InputUse, Instruction, MotionCard, Patience, Settings, Status, Wired, Word,
-    channel,
+    Alarm, Await, Change, InputSetting, InputUse, Instruction, MotionCard, Patience, Port, Settings, Status, Wired,
+    Word, channel,
 };
 
 type Host = Wired<3, InProcess<3>>;
@@ -204,4 +206,92 @@ fn a_silent_host_is_an_alarm() {
     assert!(at > 100 && at < 1000, "{at}");
     let under = retrace_core::playback::part(record(at, 2000).increments[0], status.place.fraction);
     assert_eq!(status.counts[0], position(at, 2000)[0] + i64::from(under));
+}
+
+/// What the host writes, and when, in microseconds.
+type Written = Vec<(u64, Vec<u8>)>;
+
+/// A port that keeps what the host writes.
+struct Tap {
+    port: InProcess<3>,
+    written: Arc<Mutex<Written>>,
+}
+
+impl Port for Tap {
+    type Fault = <InProcess<3> as Port>::Fault;
+
+    fn now_us(&self) -> u64 {
+        self.port.now_us()
+    }
+
+    fn room(&mut self) -> usize {
+        self.port.room()
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Fault> {
+        let count = self.port.write(bytes)?;
+        self.written.lock().expect("whole").push((self.port.now_us(), bytes[..count].to_vec()));
+        Ok(count)
+    }
+
+    fn read(&mut self, bytes: &mut [u8], wait_us: u32) -> Result<usize, Self::Fault> {
+        self.port.read(bytes, wait_us)
+    }
+}
+
+/// Positions after each period, bytes for the host, and what the lines did.
+type Replay = (Vec<(u64, [i64; 3])>, Vec<u8>, [Tally; 2]);
+
+/// What a rig does when these bytes are sent to it at these times, and time passes in steps of so many microseconds.
+fn replay(settings: &RigSettings, written: &Written, step_us: u64) -> Replay {
+    let mut rig = Rig::<3>::new(settings).expect("a card");
+    let log = Arc::new(Mutex::new(Vec::new()));
+    let into = Arc::clone(&log);
+    rig.watch(Box::new(move |now| into.lock().expect("whole").push((now.at_us, *now.positions))));
+    let (mut bytes, mut buffer) = (Vec::new(), [0; 64]);
+    for (at, sent) in written {
+        while rig.now_us() < *at {
+            rig.run((rig.now_us() + step_us).min(*at));
+            let count = rig.take(&mut buffer);
+            bytes.extend_from_slice(&buffer[..count]);
+        }
+        rig.send(sent);
+    }
+    rig.run(rig.now_us() + 50_000);
+    loop {
+        match rig.take(&mut buffer) {
+            0 => break,
+            count => bytes.extend_from_slice(&buffer[..count]),
+        }
+    }
+    let tallies = rig.lines().map(|line| *line.tally());
+    drop(rig);
+    (Arc::try_unwrap(log).expect("ours").into_inner().expect("whole"), bytes, tallies)
+}
+
+#[test]
+fn the_steps_in_which_time_passes_change_nothing() {
+    for baud in [0, 115_200, 1_000_000] {
+        let (up, down) = (line(baud, 2e-4, 15), line(baud, 2e-4, 16));
+        let settings_of_rig = RigSettings { up, down, ..RigSettings::default() };
+        let written = Arc::new(Mutex::new(Vec::new()));
+        let port = InProcess::new(Rig::new(&settings_of_rig).expect("a card"));
+        let tap = Tap { port, written: Arc::clone(&written) };
+        let mut host = Wired::find(tap, 7, Patience::default()).expect("a card answers");
+        host.open(settings()).expect("it takes the settings");
+        host.send(Word::Rate { target: ONE }).expect("a rate");
+        while !(host.status().place.record == 150 && host.status().at_rest) {
+            let high = host.status().high;
+            if high < 150 {
+                let _ = host.send(Word::Ahead { place: high, record: record(high, 150) });
+            }
+            host.period().expect("no fault");
+        }
+        let written = written.lock().expect("whole").clone();
+        let whole = replay(&settings_of_rig, &written, 1_000_000);
+        assert!(whole.0.last().is_some_and(|(_, positions)| *positions == position(150, 150)), "at {baud}");
+        for step_us in [1, 37, 1000] {
+            assert!(replay(&settings_of_rig, &written, step_us) == whole, "steps of {step_us} µs at {baud}");
+        }
+    }
 }

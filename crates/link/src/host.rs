@@ -153,6 +153,8 @@ pub struct Host<const A: usize> {
     /// How many of these are sent.
     sent: u16,
     mirror: Mirror<A, CELLS>,
+    /// The end of the window that the card reported.
+    held: u32,
     target: Travel,
     /// The rate that was sent last.
     told: Travel,
@@ -210,6 +212,7 @@ impl<const A: usize> Host<A> {
             count: 0,
             sent: 0,
             mirror: Mirror::new(0, 4, 0),
+            held: 0,
             target: 0,
             told: 0,
             now_number: 0,
@@ -259,7 +262,7 @@ impl<const A: usize> Host<A> {
         (self.base, self.count, self.sent) = (0, 0, 0);
         (self.target, self.told, self.now_number, self.now_seen, self.times.number) = (0, 0, 0, 0, 0);
         (self.taken, self.waiting, self.next_entry) = (0, 0, 0);
-        self.newest = Place::start_of(start);
+        (self.newest, self.held) = (Place::start_of(start), start);
         self.status = Status { counts, ..Status::standing(start) };
         (self.echo, self.off_path, self.fault, self.alarm) = (None, false, None, None);
         self.times.asked = 0;
@@ -308,6 +311,12 @@ impl<const A: usize> Host<A> {
     #[must_use]
     pub fn status(&self) -> &Status<A> {
         &self.status
+    }
+
+    /// The place behind the last record that the card reported to hold.
+    #[must_use]
+    pub fn arrived(&self) -> u32 {
+        self.held
     }
 
     /// Records that the card can hold.
@@ -579,6 +588,7 @@ impl<const A: usize> Host<A> {
             }
         }
         self.mirror.set(low, high);
+        self.held = high;
         for k in 0..self.count {
             let word = self.queue[usize::from(self.base.wrapping_add(k)) % WORDS];
             // What was foreseen to be taken is so still; what the card refuses all the same shows in a later report.

@@ -52,6 +52,12 @@ pub trait MotionCard<const A: usize> {
 
     /// The report of the last period again.
     fn status(&self) -> &Status<A>;
+
+    /// The place behind the last record that the card is known to hold. A card at the end of a line has been told of more than that by
+    /// its status, whose window is the one that is on its way.
+    fn arrived(&self) -> u32 {
+        self.status().high
+    }
 }
 
 impl<const A: usize, C: MotionCard<A>> MotionCard<A> for &mut C {
@@ -71,5 +77,9 @@ impl<const A: usize, C: MotionCard<A>> MotionCard<A> for &mut C {
 
     fn status(&self) -> &Status<A> {
         C::status(self)
+    }
+
+    fn arrived(&self) -> u32 {
+        C::arrived(self)
     }
 }

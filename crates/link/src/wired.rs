@@ -130,6 +130,12 @@ impl<const A: usize, P: Port> Wired<A, P> {
         &self.port
     }
 
+    /// The port, without the host's end.
+    #[must_use]
+    pub fn into_port(self) -> P {
+        self.port
+    }
+
     /// The port, to be meddled with.
     pub fn port_mut(&mut self) -> &mut P {
         &mut self.port
@@ -215,5 +221,9 @@ impl<const A: usize, P: Port> MotionCard<A> for Wired<A, P> {
 
     fn status(&self) -> &Status<A> {
         self.host.status()
+    }
+
+    fn arrived(&self) -> u32 {
+        self.host.arrived()
     }
 }

@@ -301,13 +301,17 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         }
     }
 
-    /// In wall time motion begins when enough is planned to go on at full rate, or when nothing more has come for as long as the
-    /// look-ahead lasts.
+    /// Motion begins when enough is planned, and enough of it has come to the card, to go on at full rate; or when nothing more has come
+    /// for as long as the look-ahead lasts.
     fn waits_for_records(&mut self) -> bool {
         let status = self.card.status();
-        let stands = self.manner.wall_time && status.at_rest && self.operation.mode() == Mode::Run;
-        let waits = stands && self.still_periods < self.patience && !self.supply.is_enough(status, self.enough);
-        waits && status.place == Place::start_of(status.reached)
+        let stands = status.at_rest && self.operation.mode() == Mode::Run;
+        if !stands || status.place != Place::start_of(status.reached) || self.still_periods >= self.patience {
+            return false;
+        }
+        let wanted = status.place.record.wrapping_add(self.enough);
+        let wanted = if before(status.high, wanted) { status.high } else { wanted };
+        before(self.card.arrived(), wanted) || self.manner.wall_time && !self.supply.is_enough(status, self.enough)
     }
 
     fn book(&mut self, status: &Status<A>) {
@@ -350,7 +354,8 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             self.next_block();
         }
         let at_block_end = self.single && self.supply.block_end() == Some(status.high);
-        let dry = status.short && mode == Mode::Run && !at_block_end;
+        // who stands does not run dry: either there was nothing to run, or it was told on the way to rest
+        let dry = status.short && status.rate != 0 && mode == Mode::Run && !at_block_end;
         if dry && !self.dry {
             self.tally.underruns += 1;
             self.tell(Happening::Underrun);

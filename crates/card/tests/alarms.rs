@@ -1,0 +1,444 @@
+//! What stops a card, one cause after the other, and how it goes on.
+//!
+//! Invariant: every expectation here is the protocol's or the requirement's, none was read off the card.
+
+mod common;
+
+use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, STOP, STOPS_WITHIN, TestCard, UPPER_LIMIT};
+use common::{identity, levels, moved, opened, record, rests_before, settings};
+use retrace_card::{Card, Inputs};
+use retrace_core::rate::Smoothing;
+use retrace_core::{ONE, Place, RapidCap, Record};
+use retrace_link::{
+    Action, Alarm, Await, Change, Deck, Homing, InputUse, Instruction, Refusal, Settings, Word, channel,
+};
+
+/// A card in motion over 60 records at full rate, ten periods under way.
+fn running() -> TestCard {
+    let mut card = opened(0);
+    for place in 0..60 {
+        // without planned stops, so that every stop has to be braked
+        let record = Record { flags: retrace_core::Flags::NONE, ..record(place) };
+        card.take(Word::Ahead { place, record }).expect("room");
+    }
+    card.take(Word::ByHand(Change { channel: 3, value: 1 })).expect("an output");
+    card.take(Word::Rate { target: ONE }).expect("a rate");
+    for _ in 0..10 {
+        card.heard();
+        card.period(levels(0));
+    }
+    assert!(card.status().place.record >= 3 && card.status().outputs[3] == 1);
+    card
+}
+
+/// The alarm is latched in the period that `inputs` come in, and the card comes to rest on the path as the law says.
+fn brakes(card: &mut TestCard, inputs: Inputs, alarm: Alarm) {
+    let rate = card.status().rate;
+    let status = *card.period(inputs);
+    assert_eq!((status.alarm, status.outputs[3]), (Some(alarm), 0));
+    assert!(status.rate != 0 && status.rate <= rate, "braked, not cut off");
+    for _ in 1..STOPS_WITHIN {
+        card.heard();
+        assert_eq!(card.take(Word::Rate { target: ONE }), Err(Refusal::Alarm));
+        card.period(inputs);
+    }
+    assert!(card.status().at_rest);
+    assert_eq!((card.status().counts, card.status().alarm), (moved(0, card.status().place), Some(alarm)));
+}
+
+#[test]
+fn every_cause_brakes_on_the_path_and_keeps_the_outputs_safe_until_it_is_gone_and_cleared() {
+    let causes = [
+        (STOP, Alarm::EmergencyStop),
+        (DOOR, Alarm::DoorOpen),
+        (UPPER_LIMIT, Alarm::LimitSwitch { axis: 0, upper: true }),
+        (LOWER_LIMIT, Alarm::LimitSwitch { axis: 0, upper: false }),
+    ];
+    for (input, alarm) in causes {
+        let mut card = running();
+        brakes(&mut card, levels(input), alarm);
+        let is_limit = matches!(alarm, Alarm::LimitSwitch { .. });
+        if !is_limit {
+            assert_eq!(card.take(Word::ClearAlarm), Err(Refusal::Alarm));
+        }
+        assert_eq!(card.take(Word::ByHand(Change { channel: 3, value: 1 })), Err(Refusal::Alarm));
+        assert_eq!(card.take(Word::ByHand(Change { channel: 4, value: 1 })), Ok(()));
+        assert_eq!(card.take(Word::Instruction(Instruction::default())), Err(Refusal::Alarm));
+        assert_eq!(card.take(Word::Home(Homing::default())), Err(Refusal::Alarm));
+        card.take(Word::Ahead { place: 60, record: record(60) }).expect("records are taken all the same");
+        card.heard();
+        card.period(levels(0));
+        card.take(Word::ClearAlarm).expect("the cause has gone");
+        let place = card.status().place;
+        for _ in 0..20 {
+            card.heard();
+            assert_eq!((card.period(levels(0)).place, card.status().alarm), (place, None));
+        }
+        card.take(Word::Rate { target: ONE }).expect("a new word");
+        card.period(levels(0));
+        assert!(place.to(card.status().place) > 0);
+    }
+}
+
+#[test]
+fn a_silent_host_stops_the_card_also_at_rest_and_opening_anew_does_not_clear_it() {
+    let mut card = running();
+    for n in 1..=60 {
+        let silent = card.period(levels(0)).alarm == Some(Alarm::HostSilent);
+        // the last of the ten periods before had been heard in
+        assert_eq!(silent, n >= 29, "{n}");
+    }
+    assert!(card.status().at_rest && card.status().outputs[3] == 0);
+    assert_eq!(card.take(Word::ClearAlarm), Err(Refusal::Alarm));
+    card.open(&settings(2, 500)).expect("at rest");
+    assert_eq!(card.status().alarm, Some(Alarm::HostSilent));
+    assert_eq!(
+        (card.status().place, card.take(Word::Rate { target: ONE })),
+        (Place::start_of(500), Err(Refusal::Alarm))
+    );
+    card.heard();
+    card.take(Word::ClearAlarm).expect("the host is there");
+
+    let mut idle = TestCard::new(identity()).expect("a memory");
+    for _ in 0..100 {
+        assert_eq!(idle.period(levels(!0)).alarm, None, "nobody has opened it");
+    }
+    idle.open(&settings(1, 0)).expect("fit");
+    idle.take(Word::ByHand(Change { channel: 3, value: 1 })).expect("an output");
+    for _ in 0..30 {
+        idle.period(levels(0));
+    }
+    assert_eq!((idle.status().alarm, idle.status().outputs[3]), (Some(Alarm::HostSilent), 0));
+}
+
+#[test]
+fn a_door_may_be_open_while_nothing_moves_and_stops_what_is_about_to() {
+    let mut card = opened(0);
+    for place in 0..40 {
+        card.take(Word::Ahead { place, record: record(place) }).expect("room");
+        card.heard();
+        assert_eq!(card.period(levels(DOOR)).alarm, None);
+    }
+    card.take(Word::Rate { target: ONE }).expect("a rate");
+    assert_eq!((card.period(levels(DOOR)).alarm, card.status().rate), (Some(Alarm::DoorOpen), 0));
+    let mut card = opened(0);
+    card.take(Word::Rate { target: ONE }).expect("a rate");
+    assert_eq!(card.period(levels(DOOR)).alarm, None, "there is nothing to run");
+    card.take(Word::Instruction(Instruction { number: 1, periods: 3, ..Instruction::default() })).expect("in order");
+    assert_eq!(card.period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
+    assert_eq!(card.status().executed, 0);
+}
+
+#[test]
+fn a_limit_switch_that_was_cleared_lets_the_axis_leave_and_nothing_else() {
+    for (wrong, increment) in [(true, 5), (false, -5)] {
+        let mut card = opened(0);
+        let limit = Alarm::LimitSwitch { axis: 0, upper: true };
+        assert_eq!(card.period(levels(UPPER_LIMIT)).alarm, Some(limit));
+        card.take(Word::ClearAlarm).expect("at rest; only motion can open the switch");
+        for place in 0..40 {
+            let record = Record { increments: [increment, 7], ..Record::default() };
+            card.take(Word::Ahead { place, record }).expect("room");
+        }
+        card.take(Word::Rate { target: ONE }).expect("a rate");
+        card.heard();
+        let alarm = card.period(levels(UPPER_LIMIT)).alarm;
+        assert_eq!(alarm, wrong.then_some(limit));
+        card.period(levels(0));
+        assert_eq!(card.period(levels(UPPER_LIMIT)).alarm, Some(limit), "it has been open: it counts again");
+    }
+}
+
+#[test]
+fn a_record_with_too_many_pulses_is_refused_brakes_the_card_and_is_never_emitted() {
+    let mut card = running();
+    // 1000 ticks a period, 2 a pulse, 5 to set the direction up: (1000 − 9) / 4; one is kept for rounding
+    assert_eq!(card.terms().map(|terms| terms.most()), Some(247));
+    let place = card.status().high;
+    let too_many = |increment, cap| Record { increments: [0, increment], cap, ..Record::default() };
+    assert_eq!(card.take(Word::Ahead { place, record: too_many(246, RapidCap::PLANNED) }), Ok(()));
+    assert_eq!(card.status().alarm, None);
+    let fast = Word::Ahead { place: place + 1, record: too_many(130, RapidCap::sixteenths(32)) };
+    assert_eq!(card.take(fast), Err(Refusal::Unfit));
+    assert_eq!(card.status().alarm, Some(Alarm::TooManyPulses { axis: 1 }));
+    brakes(&mut card, levels(0), Alarm::TooManyPulses { axis: 1 });
+    assert_eq!(card.status().high, place + 1);
+    for increment in [247, -247, i16::MIN] {
+        let mut card = opened(0);
+        assert_eq!(
+            card.take(Word::Ahead { place: 0, record: too_many(increment, RapidCap::PLANNED) }),
+            Err(Refusal::Unfit)
+        );
+        assert_eq!(card.status().alarm, Some(Alarm::TooManyPulses { axis: 1 }));
+    }
+}
+
+#[test]
+fn an_instruction_that_fails_or_takes_too_long_is_not_executed_and_its_number_stays() {
+    let until = Some(Await { input: 5, active: true, at_most: 10 });
+    let instruction = Instruction { number: 1, periods: 5, until, ..Instruction::default() };
+    let begun = || {
+        let mut card = opened(0);
+        card.take(Word::Rate { target: ONE }).expect("a rate");
+        card.take(Word::Instruction(instruction)).expect("in order");
+        card
+    };
+    let mut card = begun();
+    for n in 1..=15 {
+        let alarm = (n == 15).then_some(Alarm::TimedOut { instruction: 1 });
+        assert_eq!((card.period(levels(0)).alarm, card.status().executed), (alarm, 0));
+    }
+    card.take(Word::ClearAlarm).expect("nothing stands against it");
+    card.heard();
+    card.take(Word::Instruction(instruction)).expect("the number is the next still");
+    for _ in 0..8 {
+        assert_eq!(card.period(levels(PLAIN)).executed, 0, "the target is 0 since the alarm");
+    }
+    card.take(Word::Rate { target: ONE }).expect("a rate");
+    for n in 1..=5 {
+        assert_eq!(card.period(levels(PLAIN)).executed, u32::from(n == 5));
+    }
+    let mut card = begun();
+    let failed = Inputs { failed: true, ..Inputs::default() };
+    card.period(levels(0));
+    assert_eq!(card.period(failed).alarm, Some(Alarm::Failed { instruction: 1 }));
+    assert_eq!((card.take(Word::ClearAlarm), card.status().executed), (Err(Refusal::Alarm), 0));
+    card.period(levels(0));
+    assert_eq!(card.take(Word::ClearAlarm), Ok(()));
+}
+
+#[test]
+fn an_action_that_is_passed_while_braking_does_not_undo_what_is_safe() {
+    let mut card = opened(0);
+    for place in 0..60 {
+        for channel in [3, 4] {
+            let action = Action { place, channel, before: 0, after: 1 };
+            card.take(Word::Action(action)).expect("room");
+        }
+        card.take(Word::Ahead { place, record: record(place) }).expect("room");
+    }
+    card.take(Word::Rate { target: ONE }).expect("a rate");
+    card.period(levels(0));
+    assert_eq!(card.status().outputs[3..5], [1, 1]);
+    card.take(Word::ByHand(Change { channel: 4, value: 0 })).expect("an output");
+    for _ in 0..STOPS_WITHIN {
+        card.period(levels(STOP));
+        assert_eq!(card.status().outputs[3], 0);
+    }
+    assert_eq!(card.status().outputs[4], 1, "only what is called safe is kept");
+}
+
+#[test]
+fn settings_that_do_not_fit_are_refused_and_change_nothing() {
+    let mut card = TestCard::new(identity()).expect("a memory");
+    assert_eq!((card.identity().window, card.identity().memory, card.identity().axes), (64, 32, 2));
+    let good = settings(1, 9);
+    let smoothing = Smoothing::new(40, 6).expect("valid");
+    let door = |number: usize| {
+        let mut bad = good;
+        bad.inputs[number].used_for = InputUse::Door;
+        bad
+    };
+    let mut no_axis = good;
+    no_axis.inputs[0].used_for = InputUse::Home { axis: 2 };
+    let mut no_output = good;
+    no_output.safe[0].channel = 8;
+    let unfit: [Settings<2>; 14] = [
+        Settings { epoch: 0, ..good },
+        Settings { axes: 0, ..good },
+        Settings { axes: 3, ..good },
+        Settings { period_us: 99, ..good },
+        Settings { period_us: 10_001, ..good },
+        Settings { smoothing, ..good },
+        Settings { report_periods: 0, ..good },
+        Settings { watchdog_periods: 0, ..good },
+        Settings { safe_count: 17, ..good },
+        Settings { pulse_ns: u16::MAX, period_us: 200, ..good },
+        Settings { direction_setup_ns: u16::MAX, period_us: 100, ..good },
+        door(6),
+        door(15),
+        no_axis,
+    ];
+    for (number, bad) in unfit.iter().enumerate() {
+        assert_eq!(card.open(bad), Err(Refusal::Unfit), "number {number}");
+    }
+    assert_eq!(card.open(&no_output), Err(Refusal::NoSuchChannel));
+    assert!(card.terms().is_none() && card.status().place == Place::start_of(0));
+    let words: [Word<2>; 5] = [
+        Word::Rate { target: 1 },
+        Word::Ahead { place: 0, record: record(0) },
+        Word::ClearAlarm,
+        Word::ByHand(Change::default()),
+        Word::Instruction(Instruction { number: 1, ..Instruction::default() }),
+    ];
+    for word in words {
+        assert_eq!(card.take(word), Err(Refusal::Unfit), "nobody has opened it");
+    }
+    card.take(Word::Rate { target: 0 }).expect("a stop is always taken");
+    card.open(&good).expect("fit");
+    card.take(Word::Rate { target: ONE }).expect("a rate");
+    let place = card.status().high;
+    card.take(Word::Ahead { place, record: record(place) }).expect("room");
+    card.take(Word::Ahead { place: place + 1, record: record(place + 1) }).expect("room");
+    card.take(Word::Rate { target: ONE / 9 }).expect("a rate");
+    card.period(levels(0));
+    assert_eq!(card.open(&settings(2, 0)), Err(Refusal::InMotion));
+    let one_axis = Settings { axes: 1, inputs: Default::default(), ..settings(3, 0) };
+    let mut card = TestCard::new(identity()).expect("a memory");
+    card.open(&one_axis).expect("fit");
+    let both = Record { increments: [1, 1], ..Record::default() };
+    assert_eq!(card.take(Word::Ahead { place: 0, record: both }), Err(Refusal::Unfit));
+    assert_eq!(card.status().alarm, None);
+}
+
+#[test]
+fn an_epoch_begins_at_the_counts_as_they_are_with_nothing_on_the_window() {
+    let mut card = opened(0);
+    for place in 0..16 {
+        card.take(Word::Ahead { place, record: record(place) }).expect("room");
+    }
+    card.take(Word::Instruction(Instruction { number: 1, ..Instruction::default() })).expect("in order");
+    card.take(Word::Rate { target: ONE }).expect("a rate");
+    card.take(Word::ByHand(Change { channel: channel::FLOOD, value: 1 })).expect("an output");
+    for _ in 0..20 {
+        card.period(levels(0));
+    }
+    let counts = moved(0, Place::start_of(16));
+    assert_eq!((card.status().counts, card.status().executed), (counts, 1));
+    let start = u32::MAX - 5;
+    card.open(&settings(2, start)).expect("at rest");
+    let status = *card.status();
+    assert_eq!((status.counts, status.low, status.high, status.reached), (counts, start, start, start));
+    assert_eq!((status.place, status.executed, status.period), (Place::start_of(start), 0, 20));
+    assert_eq!(status.outputs[usize::from(channel::FLOOD)], 1);
+    for n in 0..16 {
+        let place = start.wrapping_add(n);
+        card.take(Word::Ahead { place, record: record(place) }).expect("room");
+    }
+    card.period(levels(0));
+    assert_eq!(card.status().place, Place::start_of(start), "the rate of the last epoch is gone");
+    card.take(Word::Behind { place: start - 1, record: record(start - 1), rests: rests_before(start - 1, 0) })
+        .expect("room");
+}
+
+#[test]
+fn the_wheel_and_the_inputs_are_reported() {
+    let mut card = opened(0);
+    card.period(Inputs { levels: PLAIN, encoder: 65_530, failed: false });
+    assert_eq!((card.status().inputs, card.status().wheel), (PLAIN, 0));
+    card.period(Inputs { levels: 0xFFC0, encoder: 4, failed: false });
+    assert_eq!((card.status().inputs, card.status().wheel), (0, 10));
+}
+
+/// Homes a card whose switch closes at `at` pulses above where it stands, and returns the card and the position it moved to.
+fn home(card: &mut TestCard, at: i64, farthest: u32, mut each: impl FnMut(&mut TestCard, u32)) -> i64 {
+    let order =
+        Homing { axis: 0, upper: true, fast: 5 * ONE, slow: ONE / 4, acceleration: ONE / 4, farthest, count: 1000 };
+    card.take(Word::Home(order)).expect("at rest, nothing on the window");
+    let mut position = 0;
+    for n in 0..20_000 {
+        card.heard();
+        each(card, n);
+        // the limit switch lies right behind the home switch
+        let inputs = if position >= at { HOME | UPPER_LIMIT } else { 0 };
+        let status = card.period(levels(inputs));
+        position += i64::from(status.increments[0]);
+        assert_eq!((status.rate, status.increments[1], status.place), (0, 0, Place::start_of(0)));
+        if status.at_rest {
+            return position;
+        }
+        let path: [Word<2>; 3] = [
+            Word::Ahead { place: 0, record: record(0) },
+            Word::Rate { target: ONE },
+            Word::Instruction(Instruction { number: 1, ..Instruction::default() }),
+        ];
+        assert!(path.into_iter().all(|word| card.take(word).is_err()));
+        assert_eq!(card.open(&settings(2, 0)), Err(Refusal::InMotion));
+        assert_eq!(
+            card.take(Word::Home(order)),
+            Err(if status_alarm(card) { Refusal::Alarm } else { Refusal::InMotion })
+        );
+        assert!(!card.status().at_rest);
+    }
+    panic!("homing has no end");
+}
+
+fn status_alarm(card: &TestCard) -> bool {
+    card.status().alarm.is_some()
+}
+
+#[test]
+fn homing_sets_the_count_at_the_switch_and_asks_for_a_new_epoch() {
+    for at in [0, 1, 400] {
+        let mut card = opened(0);
+        let position = home(&mut card, at, 1000, |_, _| {});
+        assert_eq!(card.status().alarm, None);
+        assert!((-4..=0).contains(&(position - at)), "off the switch, at rest: {position}");
+        // the switch opened on the pulse below its edge, seen in the next period
+        assert!((0..=1).contains(&(card.status().counts[0] - 1000 - (position - at))), "{:?}", card.status().counts);
+        assert_eq!(card.take(Word::Rate { target: ONE }), Err(Refusal::Unfit));
+        assert_eq!(card.take(Word::Ahead { place: 0, record: record(0) }), Err(Refusal::Unfit));
+        let counts = card.status().counts;
+        card.open(&settings(2, 77)).expect("at rest");
+        assert_eq!((card.status().counts, card.status().low), (counts, 77));
+        card.take(Word::Ahead { place: 77, record: record(77) }).expect("an epoch is open");
+    }
+}
+
+#[test]
+fn homing_ends_in_an_alarm_or_cleanly_and_always_at_rest() {
+    let mut card = opened(0);
+    assert!(home(&mut card, 5000, 1000, |_, _| {}) >= 1000);
+    assert_eq!(card.status().alarm, Some(Alarm::HomingFailed { axis: 0 }));
+    card.take(Word::ClearAlarm).expect("no cause is left");
+    card.take(Word::Home(Homing { axis: 1, fast: 1, slow: 1, acceleration: 1, ..Homing::default() }))
+        .expect_err("no switch");
+
+    let mut card = opened(0);
+    let stop = |card: &mut TestCard, n: u32| {
+        if n == 50 {
+            card.take(Word::Rate { target: 0 }).expect("always taken");
+        }
+    };
+    let position = home(&mut card, 5000, 100_000, stop);
+    assert_eq!((card.status().alarm, card.status().counts[0]), (None, position));
+    assert_eq!(card.take(Word::Ahead { place: 0, record: record(0) }), Err(Refusal::Unfit));
+
+    let mut card = opened(0);
+    let order = Homing { axis: 0, upper: true, fast: 5 * ONE, slow: ONE, acceleration: ONE, farthest: 1000, count: 0 };
+    card.take(Word::Home(order)).expect("at rest");
+    for _ in 0..20 {
+        card.period(levels(0));
+    }
+    assert_eq!(card.period(levels(LOWER_LIMIT)).alarm, Some(Alarm::LimitSwitch { axis: 0, upper: false }));
+    for _ in 0..6 {
+        card.period(levels(LOWER_LIMIT));
+    }
+    assert!(card.status().at_rest && card.status().increments == [0, 0]);
+    card.take(Word::Ahead { place: 0, record: record(0) }).expect_err("a new epoch first");
+}
+
+#[test]
+fn homing_needs_an_empty_window_and_a_card_at_rest() {
+    let order = Homing { axis: 0, upper: true, fast: ONE, slow: ONE, acceleration: ONE, farthest: 10, count: 0 };
+    let mut card = running();
+    assert_eq!(card.take(Word::Home(order)), Err(Refusal::InMotion));
+    let mut card = opened(0);
+    card.take(Word::Ahead { place: 0, record: record(0) }).expect("room");
+    assert_eq!(card.take(Word::Home(order)), Err(Refusal::InMotion));
+    let mut card = opened(0);
+    assert_eq!(card.take(Word::Home(Homing { fast: 300 * ONE, ..order })), Err(Refusal::Unfit));
+    assert_eq!(card.take(Word::Home(Homing { axis: 9, ..order })), Err(Refusal::Unfit));
+    card.take(Word::Ahead { place: 0, record: record(0) }).expect("a refused order changes nothing");
+}
+
+/// What a microcontroller has to find room for.
+#[test]
+fn a_card_of_four_axes_fits_30_kib() {
+    assert!(size_of::<Card<4, 1024, 256>>() <= 30 * 1024, "{}", size_of::<Card<4, 1024, 256>>());
+    println!(
+        "Card<4, 1024, 256>: {} bytes; <…, 64>: {}",
+        size_of::<Card<4, 1024, 256>>(),
+        size_of::<Card<4, 1024, 64>>()
+    );
+}

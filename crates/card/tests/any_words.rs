@@ -1,0 +1,441 @@
+//! Any words, inputs and silences in any order: what holds of a card whatever is done to it.
+//!
+//! Invariant: the witness reckons positions, order and safety from the reports alone, with code of its own.
+
+mod common;
+
+use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, STOP, STOPS_WITHIN, TestCard, UPPER_LIMIT};
+use common::{moved, opened, record, rests_before, settings};
+use proptest::prelude::*;
+use retrace_card::{Edge, Inputs, StepDirection};
+use retrace_core::{Flags, ONE, Place, Record, Travel};
+use retrace_link::{Action, Alarm, Await, Change, Deck, Homing, Instruction, Refusal, Status, Word, channel};
+
+/// What may be done between two periods.
+#[derive(Debug, Clone)]
+enum Deed {
+    Ahead(u32),
+    Behind(u32),
+    Rate(Travel),
+    Instruct { after: u32, number: u32, periods: u32, at_most: Option<u32> },
+    Act { after: u32, channel: u8, after_value: i32 },
+    ByHand(u8, i32),
+    Replay(bool),
+    Trim(u32),
+    Forget(u32),
+    Clear,
+    Open(u32),
+    Home { upper: bool, fast: Travel, slow: Travel },
+    TooFast(i16),
+    Periods { count: u32, levels: u16, failed: bool, heard: bool },
+}
+
+/// Any but the one that shows instructions.
+fn any_channel() -> impl Strategy<Value = u8> {
+    let others = any::<u8>().prop_filter("shows instructions", |&c| c != channel::SPEED);
+    prop_oneof![Just(3u8), Just(4u8), others]
+}
+
+fn deeds() -> impl Strategy<Value = Vec<Deed>> {
+    let rate =
+        prop_oneof![Just(ONE), Just(-ONE), Just(0), Just(ONE / 3), Just(4 * ONE), -9 * ONE..9 * ONE, any::<i64>()];
+    // most of the time nothing is wrong
+    let levels = prop_oneof![
+        40 => Just(0u16), 6 => Just(PLAIN), 1 => Just(DOOR), 1 => Just(STOP), 1 => Just(UPPER_LIMIT),
+        1 => Just(LOWER_LIMIT), 2 => Just(HOME), 1 => any::<u16>(),
+    ];
+    let failed = prop_oneof![40 => Just(false), 1 => Just(true)];
+    let heard = prop_oneof![30 => Just(true), 1 => Just(false)];
+    let periods = (1u32..40, levels, failed, heard).prop_map(|(count, levels, failed, heard)| Deed::Periods {
+        count,
+        levels,
+        failed,
+        heard,
+    });
+    let at_most = prop_oneof![2 => Just(None), 1 => Just(Some(0u32)), 1 => (1u32..30).prop_map(Some)];
+    let instruct = (
+        prop_oneof![1 => Just(0u32), 1 => 0u32..40],
+        prop_oneof![9 => Just(1u32), 1 => 0u32..4],
+        prop_oneof![Just(0u32), 0u32..20],
+        at_most,
+    )
+        .prop_map(|(after, number, periods, at_most)| Deed::Instruct { after, number, periods, at_most });
+    let act = (0u32..30, any_channel(), 0i32..3).prop_map(|(after, channel, after_value)| Deed::Act {
+        after,
+        channel,
+        after_value,
+    });
+    let home = (any::<bool>(), 1..9 * ONE, 1..2 * ONE).prop_map(|(upper, fast, slow)| Deed::Home { upper, fast, slow });
+    let deed = prop_oneof![
+        6 => (1u32..50).prop_map(Deed::Ahead),
+        2 => (1u32..50).prop_map(Deed::Behind),
+        6 => rate.prop_map(Deed::Rate),
+        4 => instruct,
+        2 => act,
+        2 => (any_channel(), 0i32..3).prop_map(|(c, v)| Deed::ByHand(c, v)),
+        1 => any::<bool>().prop_map(Deed::Replay),
+        1 => (0u32..50).prop_map(Deed::Trim),
+        1 => (0u32..50).prop_map(Deed::Forget),
+        3 => Just(Deed::Clear),
+        1 => any::<u32>().prop_map(Deed::Open),
+        1 => home,
+        1 => (-280i16..280).prop_map(Deed::TooFast),
+        12 => periods,
+    ];
+    prop::collection::vec(deed, 1..200)
+}
+
+/// What is known of a card from outside.
+struct Witness {
+    card: TestCard,
+    epoch: u16,
+    start: u32,
+    /// The counts at the start of the epoch.
+    base: [i64; 2],
+    /// What was seen at the pins, without the jumps that homing makes.
+    pulses: [i64; 2],
+    outputs: [StepDirection; 2],
+    /// Homing has begun since the epoch did.
+    homed: bool,
+    /// The instruction that was taken last and is not executed.
+    instruction: Option<Instruction>,
+    /// The place of the last instruction that is not executed, whatever became of it.
+    barrier: Option<u32>,
+    /// The period after which it began.
+    begun: Option<u64>,
+    /// The value that the next instruction is known by.
+    mark: i32,
+    /// Periods since the alarm that is latched.
+    alarmed: u32,
+    /// A rate was taken since the last alarm.
+    rated: bool,
+    /// Latched, executed and begun so often: the campaign must not be empty.
+    seen: Seen,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    alarms: u32,
+    cleared: u32,
+    executed: u32,
+    homed: u32,
+    moved: u32,
+    stood_for_an_instruction: u32,
+}
+
+impl Witness {
+    fn new(start: u32) -> Self {
+        let card = opened(start);
+        let timing = card.terms().expect("opened").timing();
+        let outputs = [StepDirection::new(timing), StepDirection::new(timing)];
+        Self {
+            card,
+            epoch: 1,
+            start,
+            base: [0; 2],
+            pulses: [0; 2],
+            outputs,
+            homed: false,
+            instruction: None,
+            barrier: None,
+            begun: None,
+            mark: 1000,
+            alarmed: 0,
+            rated: false,
+            seen: Seen::default(),
+        }
+    }
+
+    fn status(&self) -> Status<2> {
+        *self.card.status()
+    }
+
+    /// Hands a word over; a refused one changes nothing but what it latches.
+    fn send(&mut self, word: Word<2>) -> bool {
+        let before = self.status();
+        let taken = self.card.take(word);
+        let mut after = self.status();
+        if taken.is_err() {
+            let too_fast = matches!(after.alarm, Some(Alarm::TooManyPulses { .. })) && before.alarm.is_none();
+            if too_fast {
+                assert_eq!(taken, Err(Refusal::Unfit));
+                (after.alarm, after.outputs) = (before.alarm, before.outputs);
+            }
+            assert_eq!(before, after, "{word:?} was refused and changed the report");
+        }
+        self.follow_alarm();
+        taken.is_ok()
+    }
+
+    fn deed(&mut self, deed: &Deed) {
+        let status = self.status();
+        match *deed {
+            Deed::Ahead(count) => {
+                for n in 0..count {
+                    let place = status.high.wrapping_add(n);
+                    self.send(Word::Ahead { place, record: record(place) });
+                }
+            }
+            Deed::Behind(count) => {
+                for n in 1..=count {
+                    let place = status.low.wrapping_sub(n);
+                    if place == self.start.wrapping_sub(1) {
+                        break;
+                    }
+                    let rests = rests_before(place, self.start);
+                    self.send(Word::Behind { place, record: record(place), rests });
+                }
+            }
+            Deed::Rate(target) => self.rated |= self.send(Word::Rate { target }) && target != 0,
+            Deed::Instruct { after, number, periods, at_most } => self.instruct(after, number, periods, at_most),
+            Deed::Act { after, channel, after_value } => {
+                let place = status.place.record.wrapping_add(after);
+                self.send(Word::Action(Action { place, channel, before: 0, after: after_value }));
+            }
+            Deed::ByHand(channel, value) => {
+                self.send(Word::ByHand(Change { channel, value }));
+            }
+            Deed::Replay(on) => {
+                self.send(Word::Replay { on });
+            }
+            Deed::Trim(n) => {
+                self.send(Word::Trim { high: status.high.wrapping_sub(n) });
+            }
+            Deed::Forget(n) => {
+                self.send(Word::Forget { low: status.low.wrapping_add(n) });
+            }
+            Deed::Clear => self.clear(),
+            Deed::Open(start) => self.open(start),
+            Deed::Home { upper, fast, slow } => {
+                let order = Homing { axis: 0, upper, fast, slow, acceleration: ONE / 5, farthest: 60, count: 77 };
+                let taken = self.send(Word::Home(order));
+                assert!(!taken || status.at_rest && status.low == status.high && status.alarm.is_none());
+                self.homed |= taken;
+                self.seen.homed += u32::from(taken);
+            }
+            Deed::TooFast(increment) => {
+                let record = Record { increments: [increment, 1], ..Record::default() };
+                if increment.unsigned_abs() > 246 {
+                    assert!(!self.send(Word::Ahead { place: status.high, record }));
+                }
+            }
+            Deed::Periods { count, levels, failed, heard } => {
+                for _ in 0..count {
+                    if heard {
+                        self.card.heard();
+                    }
+                    self.period(levels, failed);
+                }
+            }
+        }
+    }
+
+    fn instruct(&mut self, after: u32, number: u32, periods: u32, at_most: Option<u32>) {
+        let status = self.status();
+        let place = status.place.boundary_ahead().wrapping_add(after);
+        let number = status.executed.wrapping_add(number);
+        let until = at_most.map(|at_most| Await { input: 5, active: true, at_most });
+        let mut instruction = Instruction { number, place, periods, until, count: 1, ..Instruction::default() };
+        // so that its beginning is seen at the outputs; the speed is not among the safe ones
+        instruction.changes[0] = Change { channel: channel::SPEED, value: self.mark };
+        self.mark += 1;
+        let taken = self.send(Word::Instruction(instruction));
+        assert!(!taken || self.instruction.is_none() && number == status.executed.wrapping_add(1));
+        if taken {
+            (self.instruction, self.begun, self.barrier) = (Some(instruction), None, Some(place));
+            self.watch_instruction(status.period, status.place);
+        }
+    }
+
+    fn clear(&mut self) {
+        let before = self.status();
+        if self.send(Word::ClearAlarm) && before.alarm.is_some() {
+            assert!(before.at_rest && self.status().alarm.is_none());
+            assert_eq!(before.inputs & STOP, 0, "cleared beside an open chain");
+            (self.rated, self.alarmed) = (false, 0);
+            self.seen.cleared += 1;
+        }
+    }
+
+    fn open(&mut self, start: u32) {
+        let before = self.status();
+        let epoch = self.epoch.wrapping_add(1).max(1);
+        if self.card.open(&settings(epoch, start)).is_ok() {
+            let status = self.status();
+            assert!(before.at_rest && before.counts == status.counts && before.alarm == status.alarm);
+            (self.epoch, self.start, self.base, self.homed) = (epoch, start, status.counts, false);
+            (self.instruction, self.begun, self.barrier, self.rated) = (None, None, None, false);
+        } else {
+            assert_eq!(before, self.status());
+        }
+        self.follow_alarm();
+    }
+
+    fn follow_alarm(&mut self) {
+        let alarm = self.status().alarm;
+        if alarm.is_some() && self.alarmed == 0 {
+            (self.alarmed, self.instruction, self.begun, self.rated) = (1, None, None, false);
+            self.seen.alarms += 1;
+        }
+    }
+
+    fn period(&mut self, levels: u16, failed: bool) {
+        let before = self.status();
+        self.card.period(Inputs { levels, encoder: 0, failed });
+        let now = self.status();
+        assert_eq!(now.period, before.period + 1);
+        self.check_pulses(&before, &now);
+        self.check_path(&before, &now);
+        self.check_instruction(&before, &now);
+        assert!(self.barrier.is_none_or(|place| now.place.to(Place::start_of(place)) >= 0), "passed");
+        self.check_alarm(&before, &now, levels);
+        let moves = now.increments != [0; 2];
+        self.seen.moved += u32::from(moves);
+    }
+
+    /// What comes out of the pins is what is reported.
+    fn check_pulses(&mut self, before: &Status<2>, now: &Status<2>) {
+        for axis in 0..2 {
+            let increment = now.increments[axis];
+            self.outputs[axis].begin(increment).expect("a card never asks for more than a period holds");
+            let rises = self.outputs[axis].edges().filter(|(_, edge)| *edge == Edge::Rise).count();
+            assert_eq!(rises, increment.unsigned_abs() as usize);
+            self.pulses[axis] += i64::from(increment);
+        }
+        let ended = self.homed && !before.at_rest && now.at_rest;
+        let added: [i64; 2] = std::array::from_fn(|axis| before.counts[axis] + i64::from(now.increments[axis]));
+        assert!(now.counts == added || ended && now.counts[1] == added[1], "counts without pulses");
+    }
+
+    /// Counts are P(place), and the cursor stays on what is held.
+    fn check_path(&self, before: &Status<2>, now: &Status<2>) {
+        assert!(Place::start_of(now.low).to(now.place) >= 0 && now.place.to(Place::start_of(now.high)) >= 0);
+        assert_eq!(before.place.to(now.place), now.rate);
+        if self.homed {
+            assert_eq!((now.rate, now.place), (0, before.place));
+            assert!(now.increments[1] == 0 && now.increments[0].abs() <= 9);
+            return;
+        }
+        let walked = moved(self.start, now.place);
+        assert_eq!(now.counts, [self.base[0] + walked[0], self.base[1] + walked[1]], "off the path");
+        assert!(!now.at_rest || now.rate == 0 || now.place.fraction == 0 || before.rate != 0);
+    }
+
+    /// Has the instruction begun, after period `after`, or come to its end?
+    fn watch_instruction(&mut self, after: u64, place: Place) {
+        let status = self.status();
+        let Some(instruction) = self.instruction else { return };
+        let shows = status.outputs[usize::from(channel::SPEED)] == instruction.changes[0].value;
+        if shows && self.begun.is_none() {
+            assert_eq!(place, Place::start_of(instruction.place), "begun somewhere else");
+            self.begun = Some(after);
+        }
+        if status.executed == instruction.number {
+            let begun = self.begun.expect("executed without a beginning");
+            let least = u64::from(instruction.periods).max(u64::from(instruction.until.is_some()));
+            let passed = status.period - begun;
+            // one without any time begins and ends before the period's motion
+            let in_time = passed == least || instruction.until.is_some() || (least == 0 && passed == 1);
+            assert!(passed >= least && in_time, "not its time: {passed}");
+            (self.instruction, self.begun, self.barrier) = (None, None, None);
+            self.seen.executed += 1;
+        }
+    }
+
+    /// Nothing passes an instruction, and nothing moves while one is executed.
+    fn check_instruction(&mut self, before: &Status<2>, now: &Status<2>) {
+        let Some(instruction) = self.instruction else { return };
+        let stood = self.begun.is_some();
+        self.watch_instruction(before.period, before.place);
+        if stood || self.begun.is_some() {
+            assert_eq!((now.increments, now.rate), ([0; 2], 0), "motion beside an instruction");
+            self.seen.stood_for_an_instruction += 1;
+        }
+        if now.executed != instruction.number {
+            assert_eq!(now.executed, before.executed);
+        }
+    }
+
+    fn check_alarm(&mut self, before: &Status<2>, now: &Status<2>, levels: u16) {
+        if levels & STOP != 0 {
+            assert!(now.alarm.is_some(), "the chain is open");
+        }
+        if levels & DOOR != 0 && now.alarm.is_none() {
+            assert_eq!(now.increments, [0; 2], "motion beside an open door");
+        }
+        if now.alarm.is_some() {
+            assert_eq!(before.alarm.or(now.alarm), now.alarm, "the first cause is kept");
+            assert_eq!((now.outputs[3], now.outputs[usize::from(channel::SPINDLE)]), (0, 0), "not safe");
+            if before.at_rest && before.alarm.is_some() {
+                assert_eq!((now.increments, now.at_rest), ([0; 2], true), "motion under an alarm");
+            }
+            self.follow_alarm();
+            // a search has a ramp of its own: 9 pulses a period, changed by a fifth of a pulse
+            let within = if self.homed { 46 } else { STOPS_WITHIN };
+            assert!(self.alarmed <= within + 1 || now.at_rest, "not at rest in time");
+            self.alarmed += 1;
+        } else {
+            assert!(before.alarm.is_none(), "an alarm went by itself");
+            if before.at_rest && !self.rated && !self.homed {
+                assert_eq!(now.increments, [0; 2], "motion without a word");
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Counts, path, order and safety, whatever is done.
+    #[test]
+    fn holds_whatever_is_done(start in any::<u32>(), deeds in deeds()) {
+        let mut witness = Witness::new(start);
+        for deed in &deeds {
+            witness.deed(deed);
+        }
+        // whatever was done: once nothing is wrong it can be opened and run again
+        for _ in 0..700 {
+            witness.card.heard();
+            witness.period(0, false);
+            witness.send(Word::Rate { target: 0 });
+        }
+        witness.clear();
+        prop_assert_eq!(witness.status().alarm, None);
+        witness.open(start);
+        prop_assert!(witness.status().low == start && witness.status().executed == 0);
+        witness.deed(&Deed::Ahead(16));
+        witness.deed(&Deed::Rate(ONE));
+        let end = (start | 15).wrapping_add(1).wrapping_sub(start).min(16);
+        for _ in 0..60 {
+            witness.card.heard();
+            witness.period(0, false);
+        }
+        prop_assert!(Place::start_of(start).to(witness.status().place) >= Travel::from(end) * ONE);
+    }
+}
+
+/// The campaign meets what it is about.
+#[test]
+fn the_deeds_are_not_empty() {
+    use proptest::strategy::ValueTree;
+    use proptest::test_runner::TestRunner;
+    let (mut runner, mut all) = (TestRunner::deterministic(), Seen::default());
+    for _ in 0..300 {
+        let deeds = deeds().new_tree(&mut runner).expect("drawn").current();
+        let mut witness = Witness::new(5);
+        for deed in &deeds {
+            witness.deed(deed);
+        }
+        let seen = witness.seen;
+        all.alarms += seen.alarms;
+        all.cleared += seen.cleared;
+        all.executed += seen.executed;
+        all.homed += seen.homed;
+        all.moved += seen.moved;
+        all.stood_for_an_instruction += seen.stood_for_an_instruction;
+    }
+    println!("{all:?}");
+    assert!(all.alarms > 300 && all.cleared > 200 && all.executed > 100 && all.homed > 30, "{all:?}");
+    assert!(all.moved > 20_000 && all.stood_for_an_instruction > 2000, "{all:?}");
+    assert!(record(15).flags.has(Flags::REST));
+}
