@@ -32,24 +32,29 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
     /// A card that nobody has opened yet, at rest, all counts and outputs zero. What the type says of it (protocol, axes, window,
     /// memory) is filled in, where the axes may be fewer. `None` where `M` is zero.
     #[must_use]
-    pub fn new(identity: Identity) -> Option<Self> {
-        let identity = Identity {
-            protocol: PROTOCOL,
-            axes: identity.axes.min(A as u8),
-            window: W as u32,
-            memory: M.min(usize::from(u16::MAX)) as u16,
-            ..identity
-        };
+    pub const fn new(identity: Identity) -> Option<Self> {
+        // no `?`, `min` and `try_into` in a constant
+        let axes = if (identity.axes as usize) < A { identity.axes } else { A as u8 };
+        let memory = if M < u16::MAX as usize { M as u16 } else { u16::MAX };
+        let identity = Identity { protocol: PROTOCOL, axes, window: W as u32, memory, ..identity };
+        let Some(smoothing) = Smoothing::new(1, 1) else { return None };
+        let Some(player) = Player::with_outputs(0, smoothing, identity.outputs) else { return None };
         Some(Self {
             identity,
             terms: None,
-            player: Player::with_outputs(0, Smoothing::new(1, 1)?, identity.outputs)?,
-            panel: Panel::default(),
-            guard: Guard::default(),
+            player,
+            panel: Panel::new(),
+            guard: Guard::new(),
             search: None,
             off_the_path: false,
             failed: false,
         })
+    }
+
+    /// Which of the cards of its kind it is, and the number of this start: what is only known once it runs. To be called before anybody is
+    /// listening.
+    pub const fn name(&mut self, serial: u32, boot: u32) {
+        (self.identity.serial, self.identity.boot) = (serial, boot);
     }
 
     /// What the epoch goes by; `None` before the first.

@@ -16,10 +16,19 @@ pub struct OnLine<const A: usize, const W: usize, const M: usize, const E: usize
 }
 
 impl<const A: usize, const W: usize, const M: usize, const E: usize> OnLine<A, W, M, E> {
-    /// A card that nobody has opened yet; `None` as [`Card::new`].
+    /// A card that nobody has opened yet; `None` as [`Card::new`]. In a constant it is put in its place by the linker: built at run time it would
+    /// pass over the stack, twice.
     #[must_use]
-    pub fn new(identity: Identity) -> Option<Self> {
-        Some(Self { card: Card::new(identity)?, end: CardEnd::new() })
+    pub const fn new(identity: Identity) -> Option<Self> {
+        match Card::new(identity) {
+            Some(card) => Some(Self { card, end: CardEnd::new() }),
+            None => None,
+        }
+    }
+
+    /// As [`Card::name`].
+    pub const fn name(&mut self, serial: u32, boot: u32) {
+        self.card.name(serial, boot);
     }
 
     /// Takes a byte off the line.

@@ -36,17 +36,19 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     /// A card at rest at record `start`, all counts and outputs zero, with all output channels. `None` where the smoothing is longer
     /// than a card's memory.
     #[must_use]
-    pub fn new(start: u32, smoothing: Smoothing) -> Option<Self> {
+    pub const fn new(start: u32, smoothing: Smoothing) -> Option<Self> {
         Self::with_outputs(start, smoothing, channel::DIGITAL as u8)
     }
 
     /// The same with so many digital outputs.
-    pub(crate) fn with_outputs(start: u32, smoothing: Smoothing, digital: u8) -> Option<Self> {
+    pub(crate) const fn with_outputs(start: u32, smoothing: Smoothing, digital: u8) -> Option<Self> {
+        // no `?` in a constant
+        let Some(drive) = Drive::new(smoothing) else { return None };
         Some(Self {
             window: Window::new(start),
-            drive: Drive::new(smoothing)?,
-            actions: ActionTable::default(),
-            switching: Switching::default(),
+            drive,
+            actions: ActionTable::new(),
+            switching: Switching::new(),
             outputs: OutputBank::new(digital),
             target: 0,
             replay: false,

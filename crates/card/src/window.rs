@@ -23,9 +23,9 @@ impl<const A: usize, const W: usize> Window<A, W> {
 
     /// An empty window at `place`, where the path is at rest.
     #[must_use]
-    pub fn new(place: u32) -> Self {
+    pub const fn new(place: u32) -> Self {
         let () = Self::CHECKED;
-        Self { records: [Record::default(); W], low: place, high: place, low_rests: true }
+        Self { records: [Record::STILL; W], low: place, high: place, low_rests: true }
     }
 
     /// Forgets everything and begins anew at `place`, where the path is at rest.

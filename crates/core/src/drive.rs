@@ -42,8 +42,11 @@ pub struct Drive<const M: usize> {
 impl<const M: usize> Drive<M> {
     /// At rest. `None` where the smoothing is longer than `M`.
     #[must_use]
-    pub fn new(smoothing: Smoothing) -> Option<Self> {
-        Some(Self { law: RateLaw::new(smoothing)? })
+    pub const fn new(smoothing: Smoothing) -> Option<Self> {
+        match RateLaw::new(smoothing) {
+            Some(law) => Some(Self { law }),
+            None => None,
+        }
     }
 
     /// In motion already, as far as `law` is.

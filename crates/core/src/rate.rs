@@ -72,7 +72,7 @@ struct MovingSum<const M: usize> {
 }
 
 impl<const M: usize> MovingSum<M> {
-    fn new(length: u16) -> Self {
+    const fn new(length: u16) -> Self {
         Self { values: [0; M], length, at: 0, sum: 0 }
     }
 
@@ -104,7 +104,7 @@ pub struct RateLaw<const M: usize> {
 impl<const M: usize> RateLaw<M> {
     /// At rest. `None` where the smoothing is longer than the memory.
     #[must_use]
-    pub fn new(smoothing: Smoothing) -> Option<Self> {
+    pub const fn new(smoothing: Smoothing) -> Option<Self> {
         if smoothing.first as usize > M || smoothing.second as usize > M {
             return None;
         }

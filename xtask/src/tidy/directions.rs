@@ -42,6 +42,8 @@ const ARROWS: &[Arrows] = &[
         "crates/cli/Cargo.toml",
         &["controller", "core", "cycles", "gcode", "hal-serial", "hal-sim", "link", "motion"],
     ),
+    // The card on a microcontroller: outside of the workspace, since it is compiled for another machine.
+    arrows("crates/firmware/Cargo.toml", &["card", "core", "link"]),
     arrows("verification/Cargo.toml", &["card", "core", "link"]),
     arrows("verification/loom/Cargo.toml", &["core"]),
     arrows("verification/shuttle/Cargo.toml", &["core"]),

@@ -15,7 +15,7 @@ mod rows;
 mod stub;
 mod table;
 mod threads;
-mod tools;
+pub(crate) mod tools;
 
 pub(crate) use options::Options;
 
