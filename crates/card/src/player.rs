@@ -3,9 +3,9 @@
 //! Invariant: `counts` is `P(place)` at all times, P being the sum of the records before a place (core, `playback`).
 
 use retrace_core::drive::{Drive, Road};
+use retrace_core::limits::RateLimits;
 use retrace_core::place::before;
 use retrace_core::playback::emission;
-use retrace_core::rate::Smoothing;
 use retrace_core::{Place, Travel};
 use retrace_link::{Change, Refusal, Status, Word, channel};
 
@@ -14,11 +14,11 @@ use crate::{ActionTable, Switching, Window};
 /// Most output actions that a card holds at a time.
 const ACTIONS: usize = 256;
 
-/// A card's player for `A` axes, a window of `W` records, and averages of the rate law up to `M` periods.
+/// A card's player for `A` axes, a window of `W` records, and an average of the rate law of up to `M` periods.
 #[derive(Clone, Debug)]
 pub struct Player<const A: usize, const W: usize, const M: usize> {
     window: Window<A, W>,
-    drive: Drive<M>,
+    drive: Drive<A, M>,
     actions: ActionTable<ACTIONS>,
     switching: Switching,
     target: Travel,
@@ -27,9 +27,10 @@ pub struct Player<const A: usize, const W: usize, const M: usize> {
 }
 
 impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
-    /// A card at rest at record `start`, all counts and outputs zero. `None` where the smoothing is longer than a card's memory.
+    /// A card at rest at record `start`, all counts and outputs zero. `None` where the rate law's average is longer than
+    /// the card's memory, or the machine brakes too slowly.
     #[must_use]
-    pub fn new(start: u32, smoothing: Smoothing) -> Option<Self> {
+    pub fn new(start: u32, limits: RateLimits<A>) -> Option<Self> {
         let switching = Switching::default();
         let status = Status {
             period: 0,
@@ -48,7 +49,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         };
         Some(Self {
             window: Window::new(start),
-            drive: Drive::new(smoothing)?,
+            drive: Drive::new(limits)?,
             actions: ActionTable::default(),
             switching,
             target: 0,
@@ -94,12 +95,12 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
 
     /// The furthest place ahead that the cursor stands at or is bound to run to.
     fn bound(&self) -> Place {
-        self.status.place.moved(self.drive.lead().max(0))
+        self.status.place.moved(self.drive.stopping().max(0))
     }
 
     /// The furthest place behind that the cursor stands at or is bound to run to.
     fn bound_behind(&self) -> Place {
-        self.status.place.moved(self.drive.lead().min(0))
+        self.status.place.moved(self.drive.stopping().min(0))
     }
 
     /// Lets one control period pass. While an instruction is executed the motion stands.
@@ -170,11 +171,13 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use retrace_core::limits::AxisLimits;
     use retrace_core::{Flags, ONE, Record};
     use retrace_link::{Action, Instruction};
 
     fn player() -> Player<1, 64, 32> {
-        Player::new(0, Smoothing::new(8, 6).expect("valid")).expect("fits")
+        let axis = AxisLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+        Player::new(0, RateLimits::new(13, 1 << 15, [axis]).expect("valid")).expect("fits")
     }
 
     fn fill(player: &mut Player<1, 64, 32>, records: impl IntoIterator<Item = (i16, Flags)>) {

@@ -38,7 +38,7 @@ fn described(machine: &Machine) -> String {
         machine.name,
         f64::from(machine.period_us) / 1000.0,
         machine.path_velocity_mm_s,
-        f64::from(machine.smoothing.periods()) * machine.period_s(),
+        f64::from(machine.stopping.periods) * machine.period_s(),
     );
     for axis in &machine.axes {
         let [low, high] = axis.travel_mm;

@@ -71,7 +71,7 @@ impl Job<'_> {
         let show = Show::choose(args.json, program.lines());
         let mut console = Console::<A>::new(show, machine, args.records.as_deref())?;
         let clock = if args.realtime { Clock::wall(machine.period_us) } else { Clock::Virtual };
-        let card = SimCard::<A>::new(0, machine.smoothing, clock).ok_or_else(|| {
+        let card = machine.rate_limits().and_then(|limits| SimCard::<A>::new(0, limits, clock)).ok_or_else(|| {
             Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md")
         })?;
         let manner = Manner { wall_time: args.realtime, operator: args.operator.is_some() };
