@@ -71,11 +71,10 @@ mod tests {
         let limits = machine.rate_limits::<3>().expect("checked");
         assert_eq!((limits.average(), limits.share()), (51, 58_983));
         let axis = limits.axes()[2];
-        assert_eq!((axis.velocity >> 32, axis.acceleration >> 32, (50 * axis.jerk) >> 32), (100, 1, 1));
-        println!("{:?}", machine.stopping);
+        assert_eq!((axis.velocity >> 32, axis.acceleration >> 32, (50 * (axis.jerk + 1)) >> 32), (100, 1, 1));
         // the ramp under (A − αAu²)/V and the jerk's bound takes a third of a second
-        assert!((330..=450).contains(&machine.stopping.periods), "{:?}", machine.stopping);
-        assert!((200..=260).contains(&machine.stopping.foresight_records), "{:?}", machine.stopping);
+        assert!((370..=400).contains(&machine.stopping.periods), "{:?}", machine.stopping);
+        assert!((240..=250).contains(&machine.stopping.foresight_records), "{:?}", machine.stopping);
     }
 
     #[test]
@@ -87,7 +86,7 @@ mod tests {
             axis.max_acceleration_mm_per_s2 *= 4.0;
             axis.max_jerk_mm_per_s3 *= 10.0;
         }
-        assert!(stopping(&axes).expect("fits").periods * 3 < slow);
+        assert!(stopping(&axes).expect("fits").periods * 5 < 2 * slow);
         for axis in &mut axes {
             axis.max_jerk_mm_per_s3 = 100.0;
         }

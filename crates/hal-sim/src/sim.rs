@@ -14,7 +14,7 @@ use crate::{Clock, PulseCounters};
 pub const WINDOW: usize = 4096;
 
 /// Longest average of its rate law, in periods.
-pub const MEMORY: usize = 1023;
+const MEMORY: usize = 1023;
 
 /// A simulated card for `A` axes.
 #[derive(Debug)]
