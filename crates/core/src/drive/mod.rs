@@ -1,27 +1,28 @@
-//! The drive: moves the cursor along the records that are held, by the rate law, braking to a place (REV, *Rate law*).
+//! The drive: how fast the cursor moves along the records that are held, for the rate that is asked (REV, *Rate law*).
 //!
-//! The end of the road is the only stop place: what is not held cannot be run. Hold, the oldest record, `reached`, an
-//! exclusive marker and a starved buffer are all the same thing, an end at which the cursor comes to rest exactly. A
-//! *planned stop* needs no braking, as the path itself is at rest there: the cursor runs into it at full rate and starts from it
-//! at full rate, and it costs no period.
+//! The commanded rate follows what is asked with a slope that the records about to be crossed leave room for (`survey`, `slope`). It is
+//! lowered early enough before the end of the road, with slopes that are legal anywhere (`braking`), and eased into rate one so that the
+//! recorded motion comes out to the pulse (`ease`). Whatever these say, the cursor keeps to the road (`cursor`).
 //!
-//! Invariant: either the commanded place does not lie beyond the end of the road, or a planned stop lies between the cursor and
-//! that end, and the cursor will not pass the last one before the first half of this sentence holds. So the cursor
-//! never leaves the road.
+//! Invariant: a commanded rate changes by no more than the slope at it, but where the path is at rest; and its ramp fits on the road that is
+//! held, or a planned stop lies ahead.
 
 use crate::limits::RateLimits;
 use crate::rate::{RateLaw, Smoothing};
 use crate::{ONE, Place, RapidCap, Travel};
 
 mod braking;
+mod cursor;
 mod ease;
 mod slope;
 mod survey;
 mod way;
 
 pub use braking::Braking;
+pub use cursor::{Cursor, Step};
 use survey::Survey;
-use way::{Way, along};
+pub use way::Way;
+use way::along;
 
 /// The records held, as the drive sees them: numbers `low … high`, high excluded, for `A` axes.
 pub trait Road<const A: usize> {
@@ -37,19 +38,10 @@ pub trait Road<const A: usize> {
     fn increments(&self, place: u32) -> [i16; A];
 }
 
-/// Where one control period brought the cursor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Step {
-    /// The place after the period.
-    pub to: Place,
-    /// The end of the road, which was no planned stop, kept the rate below its target.
-    pub short: bool,
-}
-
-/// The cursor's motion: a rate law, the machine's limits, and how it brakes.
+/// The cursor's motion on a machine: how fast it may change, and how early it brakes, for what is asked.
 #[derive(Clone, Debug)]
 pub struct Drive<const A: usize, const M: usize> {
-    law: RateLaw<M>,
+    cursor: Cursor<M>,
     limits: RateLimits<A>,
     braking: Braking,
 }
@@ -59,79 +51,77 @@ impl<const A: usize, const M: usize> Drive<A, M> {
     #[must_use]
     pub fn new(limits: RateLimits<A>) -> Option<Self> {
         let law = RateLaw::new(Smoothing::new(1, limits.average())?)?;
-        Some(Self { law, limits, braking: Braking::new(&limits)? })
-    }
-
-    /// The same, in motion already as far as `law` is, which averages as the limits say.
-    #[must_use]
-    pub fn with_law(self, law: RateLaw<M>) -> Self {
-        Self { law, ..self }
+        Some(Self { cursor: Cursor::with_law(law), limits, braking: Braking::new(&limits)? })
     }
 
     /// Does the cursor stand, with nothing left to run?
     #[must_use]
     pub const fn at_rest(&self) -> bool {
-        self.law.at_rest()
+        self.cursor.law().at_rest()
     }
 
     /// Distance from the cursor to the commanded place; signed.
     #[must_use]
     pub const fn lead(&self) -> Travel {
-        self.law.lead()
+        self.cursor.law().lead()
     }
 
     /// How far the cursor may still run if it is stopped now, wherever it is: the lead, and the ramp of the commanded rate; signed.
     #[must_use]
     pub fn stopping(&self) -> Travel {
-        let rate = self.law.target();
-        // a rate above one falls as the ramp from one does, in proportion
-        let ramp = if rate.abs() <= ONE { self.braking.length(rate.abs()) } else { self.stopping_at(rate.abs()) };
-        self.law.lead() + along(rate, ramp)
-    }
-
-    fn stopping_at(&self, rate: Travel) -> Travel {
-        // in 1 024ths, rounded up
-        (self.braking.length(ONE) >> 10) * ((rate >> 22) + 1) + ONE
+        let rate = self.cursor.law().target();
+        let ramp = if rate.abs() <= ONE {
+            self.braking.length(rate.abs())
+        } else {
+            // a rate above one falls as the ramp from one does, in proportion; in 1 024ths, rounded up
+            (self.braking.length(ONE) >> 10) * ((rate.abs() >> 22) + 1) + ONE
+        };
+        self.lead() + along(rate, ramp)
     }
 
     /// One control period from `at` (on the road) toward the rate `target`, in records a period, signed, at most 8 either
     /// way. A change of direction goes through rest.
     pub fn step(&mut self, at: Place, target: Travel, road: &impl Road<A>) -> Step {
         let target = target.clamp(-8 * ONE, 8 * ONE);
-        let sign = if self.law.at_rest() { target.signum() } else { self.law.direction() };
+        let sign = if self.at_rest() { target.signum() } else { self.cursor.law().direction() };
         if sign == 0 {
-            return Step { to: at.moved(self.law.step(0)), short: false };
+            return self.cursor.stand(at);
         }
         let way = Way { at, sign, road };
-        let room = way.room();
         let asked = if target.signum() == sign { target.abs() } else { 0 };
-        let asked = self.within_caps(asked, room, &way);
+        let asked = self.within_caps(asked, &way);
         let mut launched_slower = false;
-        if self.law.at_rest() && at.fraction == 0 && road.rests_at(at.record) {
-            launched_slower = self.launch(asked, room, &way) < asked;
+        if self.at_rest() && way.rests() {
+            launched_slower = self.cursor.launch(self.launching(asked, way.room()), asked, &way) < asked;
         }
-        let free = room - self.law.lead().abs();
         let wished = self.toward(asked, &way);
-        let within = self.braking.within(wished, free).min(free.max(0));
-        let last_rest = if within < wished || free < 0 { way.last_rest() } else { None };
-        let allowed = if last_rest.is_some() { wished } else { within };
-        let to = at.moved(self.law.step(along(sign, allowed)));
-        if let Some(rest) = last_rest
-            && along(sign, to.to(rest)) <= 0
-        {
-            self.law.set_steady(0);
-            return Step { to: rest, short: false };
+        let braked = self.braking.within(wished, way.room() - self.lead().abs());
+        let step = self.cursor.advance(wished, braked, &way);
+        Step { short: step.short || launched_slower, ..step }
+    }
+
+    /// The largest rate up to `asked` that can be braked from again if it is jumped to where `room` is left.
+    fn launching(&self, asked: Travel, room: Travel) -> Travel {
+        let lead = Travel::from(self.cursor.law().smoothing().stopping_records());
+        let fits = |rate: Travel| self.braking.within(rate, room - rate * lead) >= rate;
+        if fits(asked) {
+            return asked;
         }
-        Step { to, short: allowed < wished || launched_slower }
+        let (mut low, mut high) = (0, asked);
+        while high - low > 1 {
+            let middle = low + (high - low) / 2;
+            if fits(middle) { low = middle } else { high = middle }
+        }
+        low
     }
 
     /// The next commanded rate on the way from the last one to `asked`, as fast as the records allow.
     fn toward(&self, asked: Travel, way: &Way<'_, A, impl Road<A>>) -> Travel {
-        let rate = self.law.target().abs();
+        let rate = self.cursor.law().target().abs();
         let least = self.braking.least_slope();
         let eased = ONE - ease::eased_from(least);
         if asked == ONE && eased <= rate && rate <= ONE {
-            let commanded = way.at.moved(self.law.lead()).fraction;
+            let commanded = way.at.moved(self.lead()).fraction;
             let passed = if way.sign > 0 { commanded } else { commanded.wrapping_neg() };
             if rate == ONE && passed == 0 {
                 return ONE;
@@ -143,7 +133,7 @@ impl<const A: usize, const M: usize> Drive<A, M> {
         }
         let survey = Survey::of(&self.limits, way, self.reach(asked.max(ONE)));
         if asked < rate {
-            let slope = slope::falling(&self.limits, &survey, rate, self.law.highest());
+            let slope = slope::falling(&self.limits, &survey, rate, self.cursor.law().highest());
             let slope = slope.max(self.braking.slope(rate, survey.least_cap));
             (rate - slope).max(asked)
         } else {
@@ -157,35 +147,18 @@ impl<const A: usize, const M: usize> Drive<A, M> {
     /// How far the cursor comes, at most, before a change of the commanded rate has left its average, no rate above `rate` being asked.
     fn reach(&self, rate: Travel) -> Travel {
         let average = Travel::from(self.limits.average());
-        self.law.lead().abs() + (average + 1) / 2 * rate.max(self.law.highest())
-    }
-
-    /// From a planned stop the rate may jump, as far as the road is long enough to brake on again: to the rate that comes back.
-    fn launch(&mut self, asked: Travel, room: Travel, way: &Way<'_, A, impl Road<A>>) -> Travel {
-        let periods = Travel::from(self.law.smoothing().stopping_records()) + 1;
-        let fits = |rate: Travel| self.braking.within(rate, room - rate * (periods - 1)) >= rate;
-        let (mut low, mut high) = (0, asked + 1);
-        if fits(asked) || way.last_rest().is_some() {
-            low = asked;
-        } else {
-            while high - low > 1 {
-                let middle = low + (high - low) / 2;
-                if fits(middle) { low = middle } else { high = middle }
-            }
-        }
-        self.law.set_steady(along(way.sign, low));
-        low
+        self.lead().abs() + (average + 1) / 2 * rate.max(self.cursor.law().highest())
     }
 
     /// Rapid retrace: the largest rate up to `asked` that no record forbids which may be crossed before that rate has fallen and left
     /// the average. What is not held yet may be as slow as planned.
-    fn within_caps(&self, asked: Travel, room: Travel, way: &Way<'_, A, impl Road<A>>) -> Travel {
+    fn within_caps(&self, asked: Travel, way: &Way<'_, A, impl Road<A>>) -> Travel {
         if asked <= ONE {
             return asked;
         }
         // The survey sees two records further than the cursor comes.
-        let memory = self.braking.periods() + Travel::from(self.law.smoothing().periods()) + 3;
-        let lead = self.law.lead().abs();
+        let memory = self.braking.periods() + Travel::from(self.limits.average()) + 3;
+        let (lead, room) = (self.lead().abs(), way.room());
         let held = (room >> 32) as u32 + 1;
         let mut rate = asked;
         for k in 0.. {

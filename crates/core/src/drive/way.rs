@@ -12,15 +12,24 @@ pub(super) const fn along(sign: Travel, distance: Travel) -> Travel {
 }
 
 /// The road from the cursor to its end in one direction.
-pub(super) struct Way<'r, const A: usize, R> {
-    pub(super) at: Place,
-    pub(super) sign: Travel,
-    pub(super) road: &'r R,
+#[derive(Debug)]
+pub struct Way<'r, const A: usize, R> {
+    /// The cursor.
+    pub at: Place,
+    /// 1 forward, −1 backward.
+    pub sign: Travel,
+    /// The records held.
+    pub road: &'r R,
 }
 
 impl<const A: usize, R: Road<A>> Way<'_, A, R> {
     fn end(&self) -> u32 {
         if self.sign > 0 { self.road.high() } else { self.road.low() }
+    }
+
+    /// Does the cursor stand where the path is at rest?
+    pub(super) fn rests(&self) -> bool {
+        self.at.fraction == 0 && self.road.rests_at(self.at.record)
     }
 
     /// Distance to the end of the road, ≥ 0.
