@@ -51,7 +51,7 @@ impl Stopping {
     /// For these limits. `None` where the machine brakes too slowly for a card.
     #[must_use]
     pub fn of<const A: usize>(limits: &RateLimits<A>) -> Option<Self> {
-        let braking = Braking::new(limits)?;
+        let braking = Braking::<32>::new(limits)?;
         let average = u32::from(limits.average());
         let braked = (braking.length(retrace_core::ONE) >> 32) as u32 + average / 2 + 4;
         // blocks of eight are surveyed, two beyond what the cursor may come to

@@ -8,40 +8,40 @@ use super::slope::{highest_acceleration, highest_jerk, ratio, scaled};
 use crate::limits::{AxisLimits, RateLimits};
 use crate::{ONE, Travel};
 
-/// Stretches of the rate over which the slope is taken as constant.
+/// Stretches of the rate over which the slope is taken as constant, where nothing else is said.
 const STRETCHES: usize = 32;
-/// Their length.
-const STRETCH: Travel = ONE / STRETCHES as Travel;
 /// The least slope that is taken: a stop from rate one within some 65 536 periods.
 const LEAST: Travel = 1 << 16;
 /// Braking length gained by rate is counted in sixteenths of a period.
 const SIXTEENTHS: Travel = 16;
 
-/// How a machine brakes wherever it is, whatever the records ask: from its limits alone.
+/// How a machine brakes wherever it is, whatever the records ask: from its limits alone. Slopes are constant over `N` stretches of the rate.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Braking {
+pub struct Braking<const N: usize = STRETCHES> {
     /// How much the commanded rate may change a period, at rates within each stretch; at most a stretch, unless it is anything.
-    slopes: [Travel; STRETCHES],
+    slopes: [Travel; N],
     /// How much longer the ramp gets with the rate, in sixteenths of a period.
-    rises: [u32; STRETCHES],
-    /// Length S of the ramp at the lower end of each stretch (that of the lowest is below zero, and counts as zero), and at rate one.
-    lengths: [Travel; STRETCHES + 1],
+    rises: [u32; N],
+    /// Length S of the ramp at the lower end of each stretch; that of the lowest is below zero, and counts as zero.
+    lengths: [Travel; N],
     periods: Travel,
 }
 
-impl Braking {
+impl<const N: usize> Braking<N> {
+    /// Length of a stretch.
+    const STRETCH: Travel = ONE / N as Travel;
+
     /// From the machine's limits. `None` where it brakes too slowly to be told in these units.
     #[must_use]
     pub fn new<const A: usize>(limits: &RateLimits<A>) -> Option<Self> {
         let slope = |rate: Travel| limits.axes().iter().map(|axis| least(limits, axis, rate)).min().unwrap_or(ONE);
-        let mut braking =
-            Self { slopes: [ONE; STRETCHES], rises: [0; STRETCHES], lengths: [0; STRETCHES + 1], periods: 1 };
+        let mut braking = Self { slopes: [ONE; N], rises: [0; N], lengths: [0; N], periods: 1 };
         if slope(ONE) >= ONE {
             // as stiff as any: the rate may jump
             return Some(braking);
         }
         for (k, slot) in braking.slopes.iter_mut().enumerate() {
-            let slope = slope((k as Travel + 1) * STRETCH).min(STRETCH);
+            let slope = slope((k as Travel + 1) * Self::STRETCH).min(Self::STRETCH);
             if slope < LEAST {
                 return None;
             }
@@ -55,8 +55,8 @@ impl Braking {
     /// a step down over the boundary is covered too.
     fn measure(&mut self) {
         let mut length = 0;
-        for k in 0..STRETCHES {
-            let (end, slope) = ((k as Travel + 1) * STRETCH, self.slopes[(k + 1).min(STRETCHES - 1)]);
+        for k in 0..N {
+            let (end, slope) = ((k as Travel + 1) * Self::STRETCH, self.slopes[(k + 1).min(N - 1)]);
             self.rises[k] = (SIXTEENTHS * end + slope - 1).div_euclid(slope) as u32;
             let rise = Travel::from(self.rises[k]);
             if k == 0 {
@@ -64,9 +64,8 @@ impl Braking {
                 length = -(self.slopes[0] * rise).div_euclid(SIXTEENTHS);
             }
             self.lengths[k] = length;
-            length += STRETCH * rise / SIXTEENTHS;
+            length += Self::STRETCH * rise / SIXTEENTHS;
         }
-        self.lengths[STRETCHES] = length;
         let (mut rate, mut periods) = (ONE, 0);
         while rate > 0 {
             rate -= self.slope(rate, 16);
@@ -84,13 +83,13 @@ impl Braking {
     /// By how much it may rise: the rate that it rises to counts.
     #[must_use]
     pub fn rising_slope(&self, rate: Travel, cap: u8) -> Travel {
-        self.slope_of_stretch(Self::stretch(rate * 16 / Travel::from(cap.max(16)) + STRETCH), cap)
+        self.slope_of_stretch(Self::stretch(rate * 16 / Travel::from(cap.max(16)) + Self::STRETCH), cap)
     }
 
     /// The least slope at any rate up to one.
     #[must_use]
     pub fn least_slope(&self) -> Travel {
-        self.slope_of_stretch(STRETCHES - 1, 16)
+        self.slope_of_stretch(N - 1, 16)
     }
 
     /// Length of the ramp from `rate`, 0 … 1, to rest, after the period at that rate, in records.
@@ -100,7 +99,7 @@ impl Braking {
             return 0;
         }
         let k = Self::stretch(rate);
-        self.lengths[k] + (rate - k as Travel * STRETCH) * Travel::from(self.rises[k]) / SIXTEENTHS + 1
+        self.lengths[k] + (rate - k as Travel * Self::STRETCH) * Travel::from(self.rises[k]) / SIXTEENTHS + 1
     }
 
     /// The largest rate up to `rate` that may be commanded where `free` is left to the end of the road.
@@ -123,13 +122,13 @@ impl Braking {
         if free <= self.slopes[0] {
             return free.clamp(0, ONE);
         }
-        let mut k = STRETCHES;
+        let mut k = N;
         while k > 0 {
             k -= 1;
-            let over = free - 1 - self.lengths[k] - k as Travel * STRETCH;
+            let over = free - 1 - self.lengths[k] - k as Travel * Self::STRETCH;
             if over >= 0 {
                 let more = over.min(1 << 56) * SIXTEENTHS / (SIXTEENTHS + Travel::from(self.rises[k]));
-                return (k as Travel * STRETCH + more.min(STRETCH)).min(free);
+                return (k as Travel * Self::STRETCH + more.min(Self::STRETCH)).min(free);
             }
         }
         0
@@ -143,7 +142,7 @@ impl Braking {
 
     fn stretch(rate: Travel) -> usize {
         // the upper end belongs to a stretch
-        ((rate - 1).max(0) / STRETCH).min(STRETCHES as Travel - 1) as usize
+        ((rate - 1).max(0) / Self::STRETCH).min(N as Travel - 1) as usize
     }
 
     fn slope_of_stretch(&self, k: usize, cap: u8) -> Travel {
@@ -165,13 +164,15 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    const STRETCH: Travel = Braking::<STRETCHES>::STRETCH;
+
     fn braking() -> impl Strategy<Value = Braking> {
         let figures = (8u32..40, 0u32..12, 0u32..8, 1u16..=u16::MAX);
         figures.prop_filter_map("too slow", |(velocity, acceleration, jerk, share)| {
             let velocity = 1 << velocity;
             let acceleration = (velocity >> acceleration).max(1 << 8);
             let axis = AxisLimits { velocity, acceleration, jerk: (acceleration >> jerk).max(1 << 8) };
-            Braking::new(&RateLimits::new(255, share, [axis])?)
+            Braking::<STRETCHES>::new(&RateLimits::new(255, share, [axis])?)
         })
     }
 
