@@ -43,6 +43,8 @@ fn fixed(axis: &Axis, period_s: f64) -> Option<AxisLimits> {
 pub struct Stopping {
     /// Periods within which the machine is at rest after a hold at rate one, wherever it is.
     pub periods: u32,
+    /// The same on a straight run at an axis' full velocity.
+    pub straight_periods: u32,
     /// Records beyond the cursor on which the rate may depend up to rate one: what it needs to brake on, and what is surveyed.
     pub foresight_records: u32,
 }
@@ -56,7 +58,9 @@ impl Stopping {
         let braked = (braking.length(retrace_core::ONE) >> 32) as u32 + average / 2 + 4;
         // blocks of eight are surveyed, two beyond what the cursor may come to
         let foresight_records = braked.max(average + 36);
-        Some(Self { periods: braking.periods() as u32 + average, foresight_records })
+        let ramp = limits.axes().iter().map(|axis| axis.velocity.div_ceil(axis.acceleration)).max().unwrap_or(0);
+        let straight_periods = u32::try_from(ramp).ok()?.checked_add(average)?;
+        Some(Self { straight_periods, periods: braking.periods() as u32 + average, foresight_records })
     }
 }
 
@@ -74,6 +78,7 @@ mod tests {
         assert_eq!((axis.velocity >> 32, axis.acceleration >> 32, (50 * (axis.jerk + 1)) >> 32), (100, 1, 1));
         // the ramp under (A − αAu²)/V and the jerk's bound takes a third of a second
         assert!((370..=400).contains(&machine.stopping.periods), "{:?}", machine.stopping);
+        assert_eq!(machine.stopping.straight_periods, 100 + 51);
         assert!((240..=250).contains(&machine.stopping.foresight_records), "{:?}", machine.stopping);
     }
 
