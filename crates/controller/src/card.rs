@@ -2,6 +2,7 @@
 //!
 //! Invariant: settings that were checked here name only inputs, outputs and axes that there can be.
 
+use retrace_core::limits::RateLimits;
 use retrace_link::{Change, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, Settings, channel};
 use serde::Deserialize;
 
@@ -146,6 +147,8 @@ impl Machine {
     #[must_use]
     pub fn card_settings<const A: usize>(&self, start: u32) -> Settings<A> {
         let card = &self.card;
+        // A checked machine has them.
+        let limits = self.rate_limits().unwrap_or(RateLimits::unknown());
         let mut settings = Settings {
             axes: self.axes.len().min(A) as u8,
             report_periods: card.report_periods,
@@ -155,7 +158,7 @@ impl Machine {
             direction_inverted: card.direction_inverted,
             inputs: card.inputs,
             safe_count: card.off_at_fault.len() as u8,
-            ..Settings::new(0, start, self.period_us, self.smoothing)
+            ..Settings::new(0, start, self.period_us, limits)
         };
         for (slot, &channel) in settings.safe.iter_mut().zip(&card.off_at_fault) {
             *slot = Change { channel, value: 0 };

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use retrace_core::rate::Smoothing;
+use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Record, Travel};
 use retrace_hal_sim::{
     Chance, InProcess, LineSettings, MachineSettings, Process, Rates, Rig, RigSettings, Tally, wiring,
@@ -15,7 +15,7 @@ use retrace_link::{
 type Host = Wired<3, InProcess<3>>;
 
 fn settings() -> Settings<3> {
-    Settings::new(0, 0, 1000, Smoothing::new(20, 10).expect("valid"))
+    Settings::new(0, 0, 1000, limits())
 }
 
 fn host(rig: &RigSettings, settings: Settings<3>) -> Host {
@@ -346,4 +346,10 @@ fn the_steps_in_which_time_passes_change_nothing() {
             assert!(replay(&settings_of_rig, &written, step_us) == whole, "steps of {step_us} µs at {baud}");
         }
     }
+}
+
+/// Limits of a machine that stops within some tens of periods.
+fn limits<const A: usize>() -> RateLimits<A> {
+    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }

@@ -72,7 +72,7 @@ impl Path {
             }
         }
         let mut rows = Rows(vec![[0; AXES]], Vec::new());
-        let card = SimCard::<AXES>::new(0, machine.smoothing, Clock::Virtual).expect("fits");
+        let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
         let manner = Manner { wall_time: false, operator: false };
         let operator = ScriptPlayer::new(Vec::new(), machine.period_us);
         let end =

@@ -14,7 +14,9 @@ mod speak;
 
 pub use fault::HostFault;
 
-use retrace_core::{Place, Travel};
+use retrace_core::drive::Braking;
+use retrace_core::limits::RateLimits;
+use retrace_core::{ONE, Place, Travel};
 
 use crate::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE};
 use crate::frame_size::FrameSize;
@@ -184,7 +186,7 @@ impl<const A: usize> Host<A> {
         };
         let window = greeting.identity.window.min(CELLS as u32 / 2);
         let (counts, start) = (greeting.counts, settings.start);
-        self.mirror = Mirror::new(start, window, u32::from(settings.smoothing.periods()));
+        self.mirror = Mirror::new(start, window, stopping(&settings.limits));
         (self.base, self.count, self.sent) = (0, 0, 0);
         (self.target, self.told, self.now_number, self.now_seen, self.times.number) = (0, 0, 0, 0, 0);
         (self.taken, self.waiting, self.next_entry) = (0, 0, 0);
@@ -302,4 +304,10 @@ impl<const A: usize> Host<A> {
     fn show_window(&mut self) {
         (self.status.low, self.status.high) = (self.mirror.low(), self.mirror.high());
     }
+}
+
+/// Records that the cursor runs at most from where it is told to stop, at rate one.
+fn stopping<const A: usize>(limits: &RateLimits<A>) -> u32 {
+    let ramp = Braking::<32>::new(limits).map_or(0, |braking| (braking.length(ONE) >> 32) as u32);
+    ramp + u32::from(limits.average()) / 2 + 4
 }
