@@ -164,7 +164,9 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             return Err(Refusal::OutOfOrder);
         }
         let at = Place::start_of(instruction.place);
-        let can_brake = self.bound().to(at) >= 0;
+        // Only a place on the window makes the road shorter than it is.
+        let is_beyond = !before(instruction.place, self.window.high());
+        let can_brake = is_beyond || self.bound().to(at) >= 0;
         let runs_into = self.status.place.to(at) > 0 && self.planned_stop_at(instruction.place);
         if !(can_brake || runs_into) {
             return Err(Refusal::InMotion);
@@ -215,9 +217,11 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
 
     /// Lets one control period pass, with these inputs active; `failed`: the machine says that the instruction has failed.
     pub(crate) fn play(&mut self, active: u16, failed: bool) -> Option<Alarm> {
+        let begins = self.is_due();
         self.begin_what_is_due();
         let from = self.status.place;
-        let target = if self.switching.busy() { 0 } else { self.target };
+        // Also where it takes no time: the host sends what follows only when it has heard that it is executed.
+        let target = if begins || self.switching.busy() { 0 } else { self.target };
         let mut alarm = self.switching.period(active, failed);
         let road = Stretch::new(&self.window, self.switching.barrier());
         let step = self.drive.step(from, target, &road);
