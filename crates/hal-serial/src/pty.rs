@@ -8,7 +8,10 @@ use std::time::Duration;
 
 use serialport::{SerialPort as _, TTYPort};
 
-/// Bytes that may wait for the host. The system keeps 4 KiB and, beyond that, lets the writer wait.
+use crate::port::WHOLE;
+
+/// Bytes that may wait for the host, as far as the system tells: it moves them on in a thread of its own and does not count those that it
+/// has yet to move, some 16 KiB at most.
 const UNREAD: usize = 2048;
 
 /// The card's end of a pseudo-terminal.
@@ -65,7 +68,7 @@ impl Pty {
         let mut sent = 0;
         self.card.set_timeout(Duration::ZERO)?;
         while sent < room {
-            match self.card.write(&bytes[sent..room]) {
+            match self.card.write(&bytes[sent..room.min(sent + WHOLE)]) {
                 Ok(count) => sent += count,
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if is_nothing(&error) => break,
