@@ -4,6 +4,7 @@
 
 use std::path::Path;
 use std::process::Command;
+use std::time::Duration;
 
 use super::build::{self, Board, Build};
 use super::diagnostics::{self, Diagnostics};
@@ -11,6 +12,7 @@ use super::elf::Image;
 use super::emulator::{self, Emulator};
 use super::sections;
 use crate::suite;
+use crate::verify::process;
 
 /// How the test ended.
 pub(crate) struct Verdict {
@@ -135,18 +137,20 @@ struct Report {
     counts: [i32; 4],
 }
 
+/// Longest time that a job may take; it takes some 20 s on a busy computer.
+const LIMIT: Duration = Duration::from_secs(300);
+
 /// Runs a job and reads its report.
 fn job(command: &mut Command) -> Result<Report, String> {
     command.args(["--machine", MACHINE, "--operator", OPERATOR, "--json"]);
-    let output = command.output().map_err(|error| format!("the command cannot be run: {error}"))?;
-    let said = String::from_utf8_lossy(&output.stdout);
-    said.lines().next_back().and_then(report_in).ok_or_else(|| {
-        format!(
-            "the job ended with {} and no report: {}",
-            output.status,
-            String::from_utf8_lossy(&output.stderr).trim_end()
-        )
-    })
+    let log = std::env::temp_dir().join(format!("retrace-xtask-firmware-{}", std::process::id()));
+    let ended = process::run(command, LIMIT, &log)?;
+    for extension in ["out", "err"] {
+        // left behind it would only take room
+        let _ = std::fs::remove_file(log.with_extension(extension));
+    }
+    let report = ended.output.lines().next_back().and_then(report_in);
+    report.ok_or_else(|| format!("the job ended without a report: {}", ended.last_words()))
 }
 
 /// The report, from the line of JSON that it is.
