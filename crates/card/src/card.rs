@@ -3,7 +3,6 @@
 //! Invariant: while an alarm is latched the motion brakes on the path and then stands, and the outputs that the settings call safe are
 //! safe. After it was cleared nothing moves before a new word says so.
 
-use retrace_core::rate::Smoothing;
 use retrace_link::{Alarm, Deck, Homing, Identity, PROTOCOL, Refusal, Settings, Status, Word};
 
 use crate::guard::Sight;
@@ -37,8 +36,7 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
         let axes = if (identity.axes as usize) < A { identity.axes } else { A as u8 };
         let memory = if M < u16::MAX as usize { M as u16 } else { u16::MAX };
         let identity = Identity { protocol: PROTOCOL, axes, window: W as u32, memory, ..identity };
-        let Some(smoothing) = Smoothing::new(1, 1) else { return None };
-        let Some(player) = Player::with_outputs(0, smoothing, identity.outputs) else { return None };
+        let Some(player) = Player::idle(0, identity.outputs) else { return None };
         Some(Self {
             identity,
             terms: None,
@@ -185,7 +183,7 @@ impl<const A: usize, const W: usize, const M: usize> Deck<A> for Card<A, W, M> {
     /// An alarm stays latched over it. An instruction in hand is given up, also while it is being executed. The number of the last executed instruction is 0 again.
     fn open(&mut self, settings: &Settings<A>) -> Result<(), Refusal> {
         let terms = Terms::agree(settings, &self.identity)?;
-        self.player.reopen(settings.start, settings.smoothing)?;
+        self.player.reopen(settings.start, settings.limits)?;
         self.panel.describe(&settings.inputs, self.identity.inputs);
         self.guard.expect_host(settings.watchdog_periods);
         if self.guard.alarm().is_some() {

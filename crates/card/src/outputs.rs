@@ -97,6 +97,8 @@ mod tests {
         assert_eq!(bank.set_by_hand(change(3, 0)), Ok(()));
         bank.set(change(4, 2));
         assert_eq!((bank.values()[3], bank.values()[4], bank.values()[64]), (0, 2, 0));
+        bank.keep_safe(&[change(3, 7)]);
+        assert_eq!((bank.values()[3], bank.set_by_hand(change(64, 1))), (7, Ok(())), "what is safe was said anew");
         bank.release();
         assert_eq!(bank.set_by_hand(change(3, 1)), Ok(()));
         assert_eq!(bank.values()[3], 1);

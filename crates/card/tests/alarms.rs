@@ -7,7 +7,7 @@ mod common;
 use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, STOP, STOPS_WITHIN, TestCard, UPPER_LIMIT};
 use common::{identity, levels, moved, opened, record, rests_before, settings};
 use retrace_card::{Card, Inputs};
-use retrace_core::rate::Smoothing;
+use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{ONE, Place, RapidCap, Record};
 use retrace_link::{
     Action, Alarm, Await, Change, Deck, Homing, InputUse, Instruction, Refusal, Settings, Word, channel,
@@ -233,7 +233,8 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
     let mut card = TestCard::new(identity()).expect("a memory");
     assert_eq!((card.identity().window, card.identity().memory, card.identity().axes), (64, 32, 2));
     let good = settings(1, 9);
-    let smoothing = Smoothing::new(40, 6).expect("valid");
+    let axis = AxisLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+    let limits = RateLimits::new(41, 1 << 15, [axis; 2]).expect("valid");
     let door = |number: usize| {
         let mut bad = good;
         bad.inputs[number].used_for = InputUse::Door;
@@ -249,7 +250,7 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
         Settings { axes: 3, ..good },
         Settings { period_us: 99, ..good },
         Settings { period_us: 10_001, ..good },
-        Settings { smoothing, ..good },
+        Settings { limits, ..good },
         Settings { report_periods: 0, ..good },
         Settings { watchdog_periods: 0, ..good },
         Settings { safe_count: 17, ..good },
@@ -319,6 +320,21 @@ fn an_epoch_begins_at_the_counts_as_they_are_with_nothing_on_the_window() {
     assert_eq!(card.status().place, Place::start_of(start), "the rate of the last epoch is gone");
     card.take(Word::Behind { place: start - 1, record: record(start - 1), rests: rests_before(start - 1, 0) })
         .expect("room");
+}
+
+#[test]
+fn actions_of_another_epoch_are_not_executed() {
+    let mut card = opened(0);
+    card.take(Word::Action(Action { place: 2, channel: 4, before: 0, after: 1 })).expect("room");
+    card.open(&settings(2, 0)).expect("at rest");
+    for place in 0..16 {
+        card.take(Word::Ahead { place, record: record(place) }).expect("room");
+    }
+    card.take(Word::Rate { target: ONE }).expect("a rate");
+    for _ in 0..20 {
+        card.period(levels(0));
+    }
+    assert_eq!((card.status().place, card.status().outputs[4]), (Place::start_of(16), 0));
 }
 
 #[test]

@@ -108,8 +108,11 @@ pub struct Serve {
     /// End by itself after so many seconds, and tell what was counted.
     #[arg(long, value_name = "S")]
     pub seconds: Option<f64>,
+    /// End when standard input does, and tell what was counted.
+    #[arg(long)]
+    pub until_eof: bool,
     /// What is told at the end as one JSON object.
-    #[arg(long, requires = "seconds")]
+    #[arg(long)]
     pub json: bool,
 }
 

@@ -137,6 +137,7 @@ fn told_as_json(address: &str, greeting: &Greeting<MOST_AXES>, latency: &Latency
         "longest_period_us": of.longest_period_us,
         "most_pulses_hz": of.most_pulses_hz,
         "epoch": greeting.epoch,
+        "last_epoch": greeting.last_epoch,
         "place": greeting.place.record,
         "fraction": greeting.place.fraction,
         "at_rest": greeting.at_rest,

@@ -1,10 +1,12 @@
 //! `retrace card serve`: a simulated card behind a pseudo-terminal, in wall time.
 //!
 //! Invariant: the card's time follows the monotonic clock; what this process was kept from for a moment is made up for. A longer absence is
-//! left out, as if the machine had stood still with it, since a card that was away has not heard its host.
+//! left out, as if the machine had stood still with it: a real card is never away, and a host is not to be blamed for it.
 
 use std::io::BufWriter;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use retrace_controller::machine::Machine;
@@ -18,7 +20,9 @@ use crate::console::unwritable;
 use crate::{args, files, wired};
 
 /// The longest absence that is made up for.
-const MADE_UP_US: u64 = 100_000;
+const MADE_UP_US: u64 = 20_000;
+/// Serial number of every simulated card: it is always the same one, started anew.
+const SERIAL: u32 = 1;
 /// The longest wait for a byte.
 const WAIT_US: u64 = 1_000;
 /// How often a trace is handed on to its file.
@@ -28,7 +32,7 @@ const OUTSIDE_MM: f64 = 1.0;
 /// Millimetres from the lower limit switch to the home switch.
 const HOME_MM: f64 = 5.0;
 
-/// Runs the command: until interrupted, or for as long as it was told to.
+/// Runs the command: until interrupted, or as long as it was told to.
 ///
 /// # Errors
 /// What keeps a card from being served.
@@ -56,9 +60,12 @@ fn serve<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<(), Re
         name(pty.path(), link)?;
     }
     say!("{}", pty.path().display());
-    let for_long = args.seconds.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX));
+    let end = End {
+        after: args.seconds.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
+        eof: args.until_eof.then(end_of_input),
+    };
     let mut served = Served { pty, started: Instant::now(), speed: args.speed, away_us: 0, alarm: None };
-    served.run(&mut rig, for_long)?;
+    served.run(&mut rig, &end)?;
     rig.flush();
     if let Some(link) = &args.link {
         let _ = std::fs::remove_file(link);
@@ -89,14 +96,15 @@ fn rig<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<Rig<A>, 
         up,
         down,
         machine: MachineSettings::wired_as(&inputs, &travel, &home),
-        serial: std::process::id(),
+        serial: SERIAL,
         boot: wired::nonce(),
     };
     let mut rig = Rig::new(&settings).ok_or_else(|| refuse("the card cannot be made", "please report this"))?;
     if let Some(path) = &args.vcd {
         let named = |error| unwritable(&path.display().to_string(), &error);
         let file = std::fs::File::create(path).map_err(named)?;
-        rig.trace(Box::new(BufWriter::with_capacity(1 << 20, file))).map_err(named)?;
+        let names: Vec<String> = machine.axes.iter().map(|axis| axis.name.to_string()).collect();
+        rig.trace(Box::new(BufWriter::with_capacity(1 << 20, file)), &names).map_err(named)?;
     }
     Ok(rig)
 }
@@ -110,6 +118,30 @@ fn name(pty: &Path, link: &Path) -> Result<(), Refusal> {
         .map_err(|error| refuse(format!("--link {}: {error}", link.display()), "a name that is not taken"))
 }
 
+/// When serving ends.
+struct End {
+    after: Option<Duration>,
+    eof: Option<Arc<AtomicBool>>,
+}
+
+impl End {
+    fn has_come(&self, started: Instant) -> bool {
+        self.after.is_some_and(|after| started.elapsed() >= after)
+            || self.eof.as_ref().is_some_and(|eof| eof.load(Ordering::Relaxed))
+    }
+}
+
+/// Becomes true when standard input ends.
+fn end_of_input() -> Arc<AtomicBool> {
+    let ended = Arc::new(AtomicBool::new(false));
+    let tell = Arc::clone(&ended);
+    std::thread::spawn(move || {
+        let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+        tell.store(true, Ordering::Relaxed);
+    });
+    ended
+}
+
 /// A card being served.
 struct Served {
     pty: Pty,
@@ -121,10 +153,10 @@ struct Served {
 }
 
 impl Served {
-    fn run<const A: usize>(&mut self, rig: &mut Rig<A>, for_long: Option<Duration>) -> Result<(), Refusal> {
+    fn run<const A: usize>(&mut self, rig: &mut Rig<A>, end: &End) -> Result<(), Refusal> {
         let mut bytes = [0; 4096];
         let mut flushed = Instant::now();
-        while for_long.is_none_or(|long| self.started.elapsed() < long) {
+        while !end.has_come(self.started) {
             let due = rig.next_us().saturating_sub(self.now_us(rig)).min(WAIT_US);
             let wait = Duration::from_secs_f64(due as f64 / 1e6 / self.speed);
             let lost = |error| refuse(format!("the pseudo-terminal fails: {error}"), "serve it again");

@@ -50,7 +50,7 @@ fn on_card<const A: usize>(args: &args::Run, machine: Machine, script: Vec<Instr
     if args.card == "sim" {
         let job = Job::open(args, &machine, script)?;
         let clock = if args.realtime { Clock::wall(machine.period_us) } else { Clock::Virtual };
-        let card = SimCard::<A>::new(0, machine.smoothing, clock).ok_or_else(|| {
+        let card = machine.rate_limits().and_then(|limits| SimCard::<A>::new(0, limits, clock)).ok_or_else(|| {
             Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md")
         })?;
         return job.run(card, args.realtime).map(|(code, _)| code);

@@ -2,6 +2,7 @@
 //!
 //! Invariant: settings that were checked here name only inputs, outputs and axes that there can be.
 
+use retrace_core::limits::RateLimits;
 use retrace_link::{Change, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, Settings, channel};
 use serde::Deserialize;
 
@@ -130,7 +131,8 @@ impl WrittenCard {
         let periods = |ms: f64| (ms / period_ms).round().max(1.0);
         Ok(CardSettings {
             watchdog_periods: periods(self.watchdog_ms) as u16,
-            report_periods: periods(self.report_every_ms).min(255.0) as u8,
+            // A report costs some thirty bytes: on a slow clock it may come a little later.
+            report_periods: periods(self.report_every_ms).max((12.0 / period_ms).floor().min(6.0)).min(255.0) as u8,
             pulse_ns: (1000.0 * self.step_pulse_us) as u16,
             direction_setup_ns: (1000.0 * self.direction_setup_us) as u16,
             direction_inverted,
@@ -145,6 +147,8 @@ impl Machine {
     #[must_use]
     pub fn card_settings<const A: usize>(&self, start: u32) -> Settings<A> {
         let card = &self.card;
+        // A checked machine has them.
+        let limits = self.rate_limits().unwrap_or(RateLimits::unknown());
         let mut settings = Settings {
             axes: self.axes.len().min(A) as u8,
             report_periods: card.report_periods,
@@ -154,7 +158,7 @@ impl Machine {
             direction_inverted: card.direction_inverted,
             inputs: card.inputs,
             safe_count: card.off_at_fault.len() as u8,
-            ..Settings::new(0, start, self.period_us, self.smoothing)
+            ..Settings::new(0, start, self.period_us, limits)
         };
         for (slot, &channel) in settings.safe.iter_mut().zip(&card.off_at_fault) {
             *slot = Change { channel, value: 0 };
@@ -178,7 +182,7 @@ mod tests {
             [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
         let settings = machine(text).expect("valid").card_settings::<4>(7);
         assert_eq!((settings.start, settings.axes, settings.period_us), (7, 3, 2000));
-        assert_eq!((settings.watchdog_periods, settings.report_periods), (150, 4));
+        assert_eq!((settings.watchdog_periods, settings.report_periods), (150, 6));
         assert_eq!((settings.pulse_ns, settings.direction_inverted), (3500, 2));
         let limit = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
         assert_eq!((settings.inputs[2], settings.inputs[13].used_for), (limit, InputUse::EmergencyStop));

@@ -5,12 +5,12 @@
 
 use std::collections::BTreeMap;
 
-use retrace_core::rate::Smoothing;
+use retrace_core::limits::RateLimits;
 use retrace_motion::{Blending, GlideRatio, Limits, RatioOf};
 use serde::Deserialize;
 
 use crate::card::{CardSettings, WrittenCard};
-use crate::law;
+use crate::law::{self, Stopping};
 use crate::refusal::{Refusal, nearest};
 use crate::switching::SwitchingTable;
 
@@ -211,8 +211,8 @@ pub struct Machine {
     pub card: CardSettings,
     /// What M, S and T codes switch, how, and for how long.
     pub switching: SwitchingTable,
-    /// The rate law's averages.
-    pub smoothing: Smoothing,
+    /// How the rate law stops this machine.
+    pub stopping: Stopping,
     /// Where the axes stand when a job begins, mm, in the order of `axes`: as the card's counts say.
     pub stands_at_mm: Vec<f64>,
 }
@@ -269,14 +269,15 @@ impl Machine {
         let period_s = f64::from(period_us) * 1e-6;
         let periods = |seconds: f64| (seconds / period_s).ceil() as u32;
         let reserve = file.reserve_percent / 100.0;
-        let smoothing = law::smoothing(&axes, reserve, period_s).ok_or_else(|| {
+        let limits = law::rate_limits::<9>(&axes, reserve, period_s);
+        let stopping = limits.as_ref().and_then(Stopping::of).ok_or_else(|| {
             Refusal::new(
                 "E2113",
                 "the axes brake too slowly for a control period this short: the rate law does not fit the card's memory",
                 "a longer control_period_ms, a lower max_velocity_mm_per_s or a higher max_acceleration_mm_per_s2",
             )
         })?;
-        let look_ahead = periods(file.look_ahead_s).max(2 * u32::from(smoothing.stopping_records()) + 2);
+        let look_ahead = periods(file.look_ahead_s).max(stopping.foresight_records);
         let card = file.card.checked(&axes, &file.cutting_outputs, file.control_period_ms)?;
         let wheel_periods = (file.wheel.mean_over_ms / file.control_period_ms).round() as u16;
         let wheel_counts = file.wheel.counts_per_s_at_rate_1 * f64::from(wheel_periods) * period_s;
@@ -296,7 +297,7 @@ impl Machine {
             wheel_periods,
             wheel_counts: wheel_counts.round().clamp(1.0, 65_535.0) as u16,
             switching: SwitchingTable::new(&file.code, period_us)?,
-            smoothing,
+            stopping,
             stands_at_mm: vec![0.0; axes.len()],
             axes,
         };
@@ -310,6 +311,13 @@ impl Machine {
     #[must_use]
     pub fn period_s(&self) -> f64 {
         f64::from(self.period_us) * 1e-6
+    }
+
+    /// The limits as a card's rate law takes them; axes that the machine does not have are those of its first axis.
+    /// Not `None` for a machine whose file was checked.
+    #[must_use]
+    pub fn rate_limits<const A: usize>(&self) -> Option<RateLimits<A>> {
+        law::rate_limits(&self.axes, self.reserve, self.period_s())
     }
 
     /// The limits as the planner takes them; axes that the machine does not have are those of its first axis.

@@ -5,10 +5,10 @@ mod wired;
 
 use std::sync::{Arc, Mutex};
 
+use retrace_controller::machine::Machine;
 use retrace_core::gate::Gates;
 use retrace_core::place::before;
 use retrace_core::{Flags, ONE, Place, Record};
-use retrace_controller::machine::Machine;
 use retrace_hal_sim::{InProcess, LineSettings, Random, Rig, RigSettings};
 use retrace_link::{Change, HostFault, Instruction, MotionCard, Patience, Wired, WiredFault, Word, channel};
 use wired::{AXES, CardLog, Path, Period, Trial, ended_well, in_order, pick, run};
@@ -146,6 +146,7 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &RigSettings) -> (Vec<Period
             place: s.place,
             rate: s.rate,
             at_rest: s.at_rest,
+            short: s.short,
             counts: s.counts,
             positions: *moment.positions,
             executed: s.executed,
@@ -189,7 +190,13 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &RigSettings) -> (Vec<Period
 
 fn delayed(random: &mut Random) -> LineSettings {
     let latency_us = pick(random, &[50, 500, 2_000, 8_000, 20_000]);
-    LineSettings { baud: 1_000_000, latency_us, jitter_us: random.up_to(10_000), seed: random.next(), ..LineSettings::default() }
+    LineSettings {
+        baud: 1_000_000,
+        latency_us,
+        jitter_us: random.up_to(10_000),
+        seed: random.next(),
+        ..LineSettings::default()
+    }
 }
 
 #[test]
@@ -213,7 +220,9 @@ fn no_motion_stands_on_the_wrong_side_of_an_instruction() {
             Ok(()) => literal_refused += u64::from(ended == End::Refused),
         }
     }
-    println!("{cases} runs in order; with the literal gates {literal_wrong} out of order, {literal_refused} with an instruction lost");
+    println!(
+        "{cases} runs in order; with the literal gates {literal_wrong} out of order, {literal_refused} with an instruction lost"
+    );
     assert!(literal_wrong > cases / 50 && literal_refused > cases / 20, "the literal gates are expected to fail");
 }
 
@@ -232,8 +241,15 @@ fn whole_jobs_stay_in_order_whatever_the_line_delays() {
         let script = wired::script(&mut random);
         let path = Path::of(&machine, &program);
         let rig = RigSettings { up: delayed(&mut random), down: delayed(&mut random), ..RigSettings::default() };
-        let done = run(Trial { machine: &machine, program: &program, script: &script, rig, pulled: Vec::new(), tapped: false })
-            .expect("opened");
+        let done = run(Trial {
+            machine: &machine,
+            program: &program,
+            script: &script,
+            rig,
+            pulled: Vec::new(),
+            tapped: false,
+        })
+        .expect("opened");
         let ends = ended_well(&path, &done);
         assert!(done.completed() && ends.is_ok(), "seed {seed}: {:?} {ends:?}\n{program}\n{script}", done.outcome);
     }

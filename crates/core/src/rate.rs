@@ -85,6 +85,11 @@ impl<const M: usize> MovingSum<M> {
         self.sum
     }
 
+    const fn newest(&self) -> Travel {
+        let at = if self.at == 0 { self.length } else { self.at };
+        self.values[at as usize - 1]
+    }
+
     fn fill(&mut self, value: Travel) {
         self.values[..self.length as usize].fill(value);
         self.sum = value * Travel::from(self.length);
@@ -135,6 +140,20 @@ impl<const M: usize> RateLaw<M> {
     #[must_use]
     pub const fn direction(&self) -> Travel {
         self.sums.sum.signum()
+    }
+
+    /// The last target.
+    #[must_use]
+    pub const fn target(&self) -> Travel {
+        self.targets.newest()
+    }
+
+    /// The highest |target| in the memory, as far as means over the first length show it: with a first length of one, exactly.
+    #[must_use]
+    pub fn highest(&self) -> Travel {
+        let sums = &self.sums.values[..self.sums.length as usize];
+        let highest = sums.iter().map(|sum| sum.abs()).max().unwrap_or(0);
+        highest / Travel::from(self.smoothing.first)
     }
 
     /// One control period: the commanded place moves by `target` (records a period, at most 8 either way, of the sign of

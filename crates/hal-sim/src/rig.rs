@@ -274,12 +274,12 @@ impl<const A: usize> Rig<A> {
         self.watcher = Some(watcher);
     }
 
-    /// Writes a trace from now on, for a wave viewer. Where its file cannot be written any more, it ends.
+    /// Writes a trace from now on, for a wave viewer, its axes under these names. Where its file cannot be written any more, it ends.
     ///
     /// # Errors
     /// What the writer reports of the beginning.
-    pub fn trace(&mut self, out: Box<dyn Write + Send>) -> io::Result<()> {
-        self.trace = Some(Trace::new(out)?);
+    pub fn trace(&mut self, out: Box<dyn Write + Send>, axes: &[String]) -> io::Result<()> {
+        self.trace = Some(Trace::new(out, axes)?);
         Ok(())
     }
 

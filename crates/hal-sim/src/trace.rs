@@ -10,9 +10,6 @@ use retrace_link::{Status, channel};
 use crate::pins::PinEdge;
 use crate::vcd::{Signal, Vcd};
 
-/// Names of the axes' groups, where nothing else is known.
-const AXES: [&str; 9] = ["x", "y", "z", "a", "b", "c", "u", "v", "w"];
-
 #[derive(Clone, Copy, Debug)]
 struct AxisSignals {
     step: Signal,
@@ -41,15 +38,15 @@ pub struct Trace<W: Write, const A: usize> {
 }
 
 impl<W: Write, const A: usize> Trace<W, A> {
-    /// Begins a trace of all axes.
+    /// Begins a trace of all axes, under these names as far as they go.
     ///
     /// # Errors
     /// What the writer reports.
-    pub fn new(out: W) -> io::Result<Self> {
+    pub fn new(out: W, names: &[String]) -> io::Result<Self> {
         let mut vcd = Vcd::new(out)?;
         let mut axes = Vec::with_capacity(A);
         for number in 0..A {
-            let name = AXES.get(number).copied().unwrap_or("axis");
+            let name = &names.get(number).cloned().unwrap_or_else(|| format!("axis{number}"));
             axes.push(AxisSignals {
                 step: vcd.signal(name, "step", 1)?,
                 backward: vcd.signal(name, "backward", 1)?,

@@ -2,20 +2,20 @@
 
 use std::sync::{Arc, Mutex};
 
-use retrace_core::rate::Smoothing;
+use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Record, Travel};
 use retrace_hal_sim::{
     Chance, InProcess, LineSettings, MachineSettings, Process, Rates, Rig, RigSettings, Tally, wiring,
 };
 use retrace_link::{
-    Alarm, Await, Change, InputSetting, InputUse, Instruction, MotionCard, Patience, Port, Settings, Status, Wired,
-    Word, channel,
+    Alarm, Await, Change, Homing, InputSetting, InputUse, Instruction, MotionCard, Patience, Port, Settings, Status,
+    Wired, Word, channel,
 };
 
 type Host = Wired<3, InProcess<3>>;
 
 fn settings() -> Settings<3> {
-    Settings::new(0, 0, 1000, Smoothing::new(20, 10).expect("valid"))
+    Settings::new(0, 0, 1000, limits())
 }
 
 fn host(rig: &RigSettings, settings: Settings<3>) -> Host {
@@ -186,6 +186,58 @@ fn a_limit_switch_stops_the_motion_on_the_path() {
     assert_eq!((rig.pins().positions(), rig.faults().apart), (&status.counts, 0));
 }
 
+/// The axis finds its switch, which counts pulses as a real one does; what homing sets is no fault of the counts.
+#[test]
+fn homing_sets_the_count_where_the_switch_is() {
+    let machine = MachineSettings::with_switches(&[[-4000, 4000], [-4000, 4000], [-4000, 4000]], 1000);
+    let mut settings = settings();
+    let home = InputSetting { used_for: InputUse::Home { axis: 1 }, active_low: false };
+    settings.inputs[usize::from(wiring::HOME + 1)] = home;
+    let mut host = host(&RigSettings { machine, ..RigSettings::default() }, settings);
+    let pulses = |n: i64| n << 32;
+    let order = Homing {
+        axis: 1,
+        upper: false,
+        fast: pulses(20),
+        slow: pulses(1) / 2,
+        acceleration: pulses(1) / 2,
+        farthest: 8000,
+        count: 50_000,
+    };
+    host.send(Word::Home(order)).expect("taken");
+    let mut status = *host.period().expect("no fault");
+    for _ in 0..20_000 {
+        if status.at_rest && status.counts[1] != 0 {
+            break;
+        }
+        status = *host.period().expect("no fault");
+    }
+    let rig = host.port().rig();
+    assert_eq!((rig.status().alarm, rig.status().at_rest), (None, true));
+    // the switch opens at −2999, and there the count is what it was told to be
+    let apart = rig.status().counts[1] - rig.pins().positions()[1];
+    assert_eq!(apart, 50_000 + 2999);
+    assert!((-2999..-2900).contains(&rig.pins().positions()[1]), "{:?}", rig.pins().positions());
+    assert_eq!(rig.faults(), retrace_hal_sim::Faults::default());
+}
+
+/// What the wheel turns by is in the reports, over a line that loses some of them, to the count.
+#[test]
+fn the_wheel_is_told_to_the_count() {
+    let (up, down) = (line(1_000_000, 5e-4, 3), line(1_000_000, 5e-4, 4));
+    let mut host = host(&RigSettings { up, down, ..RigSettings::default() }, settings());
+    let (mut turned, mut told) = (0i64, 0i64);
+    for round in 0..3000i64 {
+        if round < 2500 {
+            let counts = (round * 7 % 23 - 11) as i16;
+            host.port_mut().rig_mut().machine().turn(counts);
+            turned += i64::from(counts);
+        }
+        told += i64::from(host.period().expect("no fault").wheel);
+    }
+    assert!(turned != 0 && told == turned, "{told} of {turned}");
+}
+
 /// The host falls silent in motion: the card rests on the path by itself, and says why.
 #[test]
 fn a_silent_host_is_an_alarm() {
@@ -294,4 +346,10 @@ fn the_steps_in_which_time_passes_change_nothing() {
             assert!(replay(&settings_of_rig, &written, step_us) == whole, "steps of {step_us} µs at {baud}");
         }
     }
+}
+
+/// Limits of a machine that stops within some tens of periods.
+fn limits<const A: usize>() -> RateLimits<A> {
+    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::io::{self, Write};
 use std::sync::{Arc, Mutex};
 
-use retrace_core::rate::Smoothing;
+use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Record};
 use retrace_hal_sim::{InProcess, Rig, RigSettings};
 use retrace_link::{Change, MotionCard, Patience, Settings, Wired, Word, channel};
@@ -61,9 +61,9 @@ fn read(text: &str) -> HashMap<String, Vec<(u64, String)>> {
 fn traced() -> (String, [u64; 2]) {
     let file = Shared::default();
     let mut rig = Rig::<2>::new(&RigSettings::default()).expect("a card");
-    rig.trace(Box::new(file.clone())).expect("memory");
+    rig.trace(Box::new(file.clone()), &["x".to_owned(), "y".to_owned()]).expect("memory");
     let mut host = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
-    host.open(Settings::new(0, 0, 1000, Smoothing::new(8, 6).expect("valid"))).expect("it takes the settings");
+    host.open(Settings::new(0, 0, 1000, limits())).expect("it takes the settings");
     for place in 0..60u32 {
         let flags = if place == 59 { Flags::REST } else { Flags::NONE };
         let record = Record { increments: [5, -((place % 9) as i16)], flags, line: place, ..Record::default() };
@@ -124,4 +124,10 @@ fn the_edges_of_the_trace_are_the_pulses() {
     assert_eq!(values("outputs.spindle"), ["b0", "b11111111111111111111111111111111"]);
     assert_eq!(values("card.rate"), ["r0", "r1", "r0", "r-1", "r0"]);
     assert_eq!(values("card.alarm"), ["b0"]);
+}
+
+/// Limits of a machine that stops within some tens of periods.
+fn limits<const A: usize>() -> RateLimits<A> {
+    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }

@@ -135,6 +135,11 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
                 self.confirmed(reader.u16()?);
                 self.now(reader, deck)?;
             }
+            kind::MISSED if self.heard(&mut reader, deck)? => {
+                self.confirmed(reader.u16()?);
+                self.say_again();
+                self.now(reader, deck)?;
+            }
             kind::CLOSE if self.heard(&mut reader, deck)? => {
                 if deck.close().is_ok() {
                     self.epoch = 0;
@@ -191,6 +196,13 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         }
     }
 
+    /// From the first entry that is not confirmed.
+    fn say_again(&mut self) {
+        (self.sent, self.unconfirmed) = (self.first, 0);
+        self.frames.lost();
+        self.urgent = true;
+    }
+
     fn words(&mut self, mut reader: Reader<'_>, deck: &mut impl Deck<A>) -> Option<()> {
         let mut number = reader.u16()?;
         if (number.wrapping_sub(self.next_word) as i16) > 0 {
@@ -234,9 +246,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         if self.sent != self.first {
             self.unconfirmed += 1;
             if self.unconfirmed > self.patience {
-                (self.sent, self.unconfirmed) = (self.first, 0);
-                self.frames.lost();
-                self.urgent = true;
+                self.say_again();
             }
         }
         self.changes(status);

@@ -66,6 +66,9 @@ pub struct Wired<const A: usize, P: Port> {
     lost: Option<P::Fault>,
 }
 
+/// So long a card is told to stop by a host that gives up.
+const LET_GO_US: u64 = 40_000;
+
 /// The longest that one look at the port waits.
 const WAIT_US: u32 = 1_000;
 
@@ -156,6 +159,15 @@ impl<const A: usize, P: Port> Wired<A, P> {
         Ok(())
     }
 
+    /// Tells the card to stop, as far as the line goes; the card does it anyway when it hears no more.
+    fn let_go(&mut self) {
+        let _ = self.host.send(Word::Rate { target: 0 });
+        let begun = self.port.now_us();
+        while self.port.now_us().saturating_sub(begun) < LET_GO_US {
+            self.pump(WAIT_US);
+        }
+    }
+
     fn silent(&mut self) -> WiredFault<P::Fault> {
         self.lost.take().map_or(WiredFault::Host(HostFault::Silent), WiredFault::Port)
     }
@@ -209,6 +221,7 @@ impl<const A: usize, P: Port> MotionCard<A> for Wired<A, P> {
         self.pump(0);
         while !self.host.next_period() {
             if let Some(fault) = self.host.fault() {
+                self.let_go();
                 return Err(WiredFault::Host(fault));
             }
             if self.host.silent_us() > self.patience.silence_us {

@@ -2,7 +2,7 @@
 //! did, period by period, and every word is taken once.
 
 use proptest::prelude::*;
-use retrace_core::rate::Smoothing;
+use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_link::{
     CardEnd, Change, Deck, Host, HostFault, Identity, Instruction, PROTOCOL, Refusal, Settings, Status, Word, channel,
@@ -175,7 +175,7 @@ impl Bench {
             log: Vec::new(),
         };
         bench.until(|b| b.host.greeting().is_some());
-        let smoothing = Smoothing::new(8, 6).expect("valid");
+        let smoothing = limits();
         bench.host.open(Settings::new(0, start, 1000, smoothing));
         bench.until(|b| b.host.is_open());
         bench
@@ -354,4 +354,10 @@ fn a_record_at_constant_speed_costs_little() {
     assert_eq!((line.damaged, line.again), (0, 0));
     let outputs = bench.works.status.outputs;
     assert_eq!(outputs, [0; channel::COUNT]);
+}
+
+/// Limits of a machine that stops within some tens of periods.
+fn limits<const A: usize>() -> RateLimits<A> {
+    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }

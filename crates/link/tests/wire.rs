@@ -1,7 +1,7 @@
 //! Messages as bytes: what is written is read back, and any bytes are read as something or refused.
 
 use proptest::prelude::*;
-use retrace_core::rate::Smoothing;
+use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, Place, RapidCap, Record};
 use retrace_link::wire::{Entry, Greeting, Opening, Reader, Run, Writer, read_word, write_word};
 use retrace_link::{
@@ -179,7 +179,7 @@ fn handshakes_are_read_back() {
     bytes[0] = PROTOCOL + 1;
     assert_eq!(Greeting::<4>::read(&mut Reader::new(&bytes[..length])), Some(Err(PROTOCOL + 1)));
 
-    let mut settings = Settings::<4>::new(9, 77, 1000, Smoothing::new(8, 6).expect("valid"));
+    let mut settings = Settings::<4>::new(9, 77, 1000, limits());
     settings.inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
     settings.inputs[15] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
     settings.safe[0] = Change { channel: 64, value: 0 };
@@ -189,4 +189,10 @@ fn handshakes_are_read_back() {
     Opening(settings).write(&mut writer).expect("room");
     let length = writer.len();
     assert_eq!(Opening::read(&mut Reader::new(&bytes[..length])), Some(Opening(settings)));
+}
+
+/// Limits of a machine that stops within some tens of periods.
+fn limits<const A: usize>() -> RateLimits<A> {
+    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }

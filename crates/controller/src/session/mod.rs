@@ -130,7 +130,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             wheel: Box::new(Wheel::new(machine.wheel_periods, machine.wheel_counts)),
             manner,
             period_s: machine.period_s(),
-            enough: 2 * u32::from(machine.smoothing.stopping_records()) + 2,
+            enough: machine.stopping.foresight_records,
             patience: u64::from(machine.look_ahead_records),
             cutting: machine.cutting_outputs.clone(),
             observer,

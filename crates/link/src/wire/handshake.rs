@@ -3,12 +3,12 @@
 //! Invariant: a greeting of another version of the protocol is still read as far as its version, so that it can be told.
 
 use retrace_core::Place;
-use retrace_core::rate::Smoothing;
+use retrace_core::limits::{AxisLimits, RateLimits};
 
 use super::entry::{read_alarm, write_alarm};
 use super::message::{read_change, write_change};
 use super::{Reader, Writer};
-use crate::{Alarm, Identity, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, Settings};
+use crate::{Alarm, Identity, InputSetting, InputUse, MAX_SAFE, Settings};
 
 /// A card's answer to who is there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,13 +106,18 @@ impl<const A: usize> Opening<A> {
         writer.u32(of.start)?;
         writer.u8(of.axes)?;
         writer.count(u64::from(of.period_us))?;
-        writer.u16(of.smoothing.first())?;
-        writer.u16(of.smoothing.second())?;
+        writer.u16(of.limits.average())?;
+        writer.u16(of.limits.share())?;
+        for axis in of.limits.axes().iter().take(usize::from(of.axes)) {
+            [axis.velocity, axis.acceleration, axis.jerk].into_iter().try_for_each(|figure| writer.count(figure))?;
+        }
         writer.u8(of.report_periods)?;
         for value in [of.watchdog_periods, of.pulse_ns, of.direction_setup_ns, of.direction_inverted] {
             writer.u16(value)?;
         }
-        for input in &of.inputs {
+        let used = |input: &InputSetting| *input != InputSetting::default();
+        writer.u8(of.inputs.iter().filter(|input| used(input)).count() as u8)?;
+        for (number, input) in of.inputs.iter().enumerate().filter(|(_, input)| used(input)) {
             let (code, axis) = match input.used_for {
                 InputUse::Plain => (0, 0),
                 InputUse::Limit { axis, upper } => (1 + u8::from(upper), axis),
@@ -121,6 +126,7 @@ impl<const A: usize> Opening<A> {
                 InputUse::EmergencyStop => (5, 0),
                 InputUse::Probe => (6, 0),
             };
+            writer.u8(number as u8)?;
             writer.u8(code | axis << 3 | u8::from(input.active_low) << 7)?;
         }
         writer.u8(of.safe().len() as u8)?;
@@ -130,15 +136,16 @@ impl<const A: usize> Opening<A> {
     /// Reads it behind its kind.
     pub fn read(reader: &mut Reader<'_>) -> Option<Self> {
         let (epoch, start, axes, period_us) = (reader.u16()?, reader.u32()?, reader.u8()?, reader.count32()?);
-        let smoothing = Smoothing::new(reader.u16()?, reader.u16()?)?;
-        let mut settings = Settings::new(epoch, start, period_us, smoothing);
+        let limits = read_limits(reader, usize::from(axes))?;
+        let mut settings = Settings::new(epoch, start, period_us, limits);
         settings.axes = axes;
         settings.report_periods = reader.u8()?;
         settings.watchdog_periods = reader.u16()?;
         settings.pulse_ns = reader.u16()?;
         settings.direction_setup_ns = reader.u16()?;
         settings.direction_inverted = reader.u16()?;
-        for input in settings.inputs.iter_mut().take(MAX_INPUTS) {
+        for _ in 0..reader.u8()? {
+            let input = settings.inputs.get_mut(usize::from(reader.u8()?))?;
             let byte = reader.u8()?;
             let axis = byte >> 3 & 0x0F;
             let used_for = match byte & 7 {
@@ -161,4 +168,16 @@ impl<const A: usize> Opening<A> {
         }
         Some(Self(settings))
     }
+}
+
+/// The limits of so many axes; those that are not told are as the first.
+fn read_limits<const A: usize>(reader: &mut Reader<'_>, told: usize) -> Option<RateLimits<A>> {
+    let (average, share) = (reader.u16()?, reader.u16()?);
+    let mut axes = [AxisLimits::default(); A];
+    for slot in axes.get_mut(..told)? {
+        *slot = AxisLimits { velocity: reader.count()?, acceleration: reader.count()?, jerk: reader.count()? };
+    }
+    let (told, rest) = axes.split_at_mut(told);
+    rest.fill(*told.first()?);
+    RateLimits::new(average, share, axes)
 }

@@ -25,6 +25,8 @@ pub mod kind {
     pub const STREAM: u8 = 0x03;
     /// Host: the rate, now; and a sign of life.
     pub const NOW: u8 = 0x04;
+    /// Host: the same, and a report is missing: entries are to come again from the one that is named.
+    pub const MISSED: u8 = 0x06;
     /// Host: the epoch is over.
     pub const CLOSE: u8 = 0x05;
     /// Card: who it is and where the machine stands.
