@@ -98,7 +98,7 @@ fn rustdoc(root: &Path) -> Outcome {
 }
 
 /// Builds the `retrace` command in the tests' own profile, and returns where cargo put it.
-fn build_command(root: &Path) -> Result<PathBuf, String> {
+pub(crate) fn build_command(root: &Path) -> Result<PathBuf, String> {
     build(root, &["build", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"])
 }
 

@@ -3,27 +3,14 @@
 //! Invariant: all axes are on port A and all outputs on port B, so that one store to a port's bit set/reset register switches them at once
 //! (RM0090 and RM0368, 8.4.7: lower half sets, upper half resets).
 
-use retrace_card::Levels;
 use retrace_link::{Outputs, channel};
 
 use crate::AXES;
 
-/// An axis' two pins on port A.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct AxisPins {
-    /// Step: the drive counts the rising edge.
-    pub step: u8,
-    /// Direction: high is positive.
-    pub direction: u8,
-}
-
-/// X, Y, Z and the fourth axis, on port A.
-pub const AXIS_PINS: [AxisPins; AXES] = [
-    AxisPins { step: 1, direction: 5 },
-    AxisPins { step: 2, direction: 6 },
-    AxisPins { step: 3, direction: 7 },
-    AxisPins { step: 4, direction: 8 },
-];
+/// Step of the first axis, on port A; those of the others follow it. The drive counts the rising edge.
+pub const FIRST_STEP_PIN: u8 = 1;
+/// Direction of the first axis, on port A; those of the others follow it. High is positive.
+pub const FIRST_DIRECTION_PIN: u8 = 5;
 
 /// When an output pin is high.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,15 +57,18 @@ pub const SERIAL_PINS: [u8; 2] = [9, 10];
 /// A and B of the handwheel's encoder, on port B: channels 1 and 2 of TIM4.
 pub const ENCODER_PINS: [u8; 2] = [6, 7];
 
-/// The word for port A that sets all steps and directions. Axes of `inverted` have their direction the other way round.
+/// All axes, one bit each.
+const ALL: u32 = (1 << AXES) - 1;
+/// All pins of the axes, one bit each.
+const AXIS_PINS: u32 = ALL << FIRST_STEP_PIN | ALL << FIRST_DIRECTION_PIN;
+
+/// The word for port A that sets all steps and directions: axes whose step is high, that go backward, and whose direction output is the other
+/// way round, one bit each.
 #[must_use]
-pub fn axes_word(levels: &[Levels; AXES], inverted: u16) -> u32 {
-    let mut word = 0;
-    for (axis, (levels, pins)) in levels.iter().zip(&AXIS_PINS).enumerate() {
-        word |= bit(pins.step, levels.step);
-        word |= bit(pins.direction, levels.backward == (inverted >> axis & 1 == 1));
-    }
-    word
+pub const fn axes_word(steps: u32, backward: u32, inverted: u32) -> u32 {
+    let directions = !(backward ^ inverted) & ALL;
+    let high = (steps & ALL) << FIRST_STEP_PIN | directions << FIRST_DIRECTION_PIN;
+    high | (AXIS_PINS & !high) << 16
 }
 
 /// The word for port B that sets all output pins.
@@ -106,14 +96,7 @@ pub const ALL_OUTPUTS_LOW: u32 = {
 };
 
 /// The word for port A that sets all step pins low and leaves the directions.
-pub const ALL_STEPS_LOW: u32 = {
-    let (mut word, mut axis) = (0, 0);
-    while axis < AXES {
-        word |= bit(AXIS_PINS[axis].step, false);
-        axis += 1;
-    }
-    word
-};
+pub const ALL_STEPS_LOW: u32 = ALL << FIRST_STEP_PIN << 16;
 
 const fn bit(pin: u8, high: bool) -> u32 {
     1 << (if high { pin } else { pin + 16 })
@@ -138,9 +121,8 @@ mod tests {
 
     #[test]
     fn no_pin_is_used_twice() {
-        let mut used: Vec<(Port, u8)> = AXIS_PINS
-            .iter()
-            .flat_map(|pins| [pins.step, pins.direction])
+        let mut used: Vec<(Port, u8)> = (0..AXES as u8)
+            .flat_map(|axis| [FIRST_STEP_PIN + axis, FIRST_DIRECTION_PIN + axis])
             .chain(SERIAL_PINS)
             // 13 and 14 are the debugger's
             .chain([13, 14])
@@ -168,11 +150,10 @@ mod tests {
         assert_eq!(outputs_word(&on) & 0xffff, outputs & !(1 << 13), "M4: not the pin of M3");
         off[usize::from(channel::SPINDLE)] = 1;
         assert_eq!(outputs_word(&off) & 0xffff, 1 << 13);
-        let high = [Levels { step: true, backward: false }; AXES];
-        assert_eq!(axes_word(&high, 0), 0b1_1111_1110);
-        assert_eq!(axes_word(&high, 0b0010) & 0xffff, 0b1_1011_1110);
-        let low = [Levels { step: false, backward: true }; AXES];
-        assert_eq!(axes_word(&low, 0), 0b1_1111_1110 << 16);
+        assert_eq!(axes_word(0b1111, 0, 0), 0b1_1111_1110);
+        assert_eq!(axes_word(0b1111, 0, 0b0010), 0b1_1011_1110 | 0b0_0100_0000 << 16);
+        assert_eq!(axes_word(0b0001, 0b0010, 0b0010), 0b1_1110_0010 | 0b0_0001_1100 << 16);
+        assert_eq!(axes_word(0, 0b1111, 0), 0b1_1111_1110 << 16);
         assert_eq!(ALL_STEPS_LOW, 0b1_1110 << 16);
     }
 

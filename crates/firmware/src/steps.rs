@@ -3,7 +3,7 @@
 //! Invariant: every pulse of every order that was taken appears once at the port, in the slots of that order's period; a period that has
 //! no order yet waits, and nothing moves meanwhile.
 
-use retrace_card::{Levels, StepDirection, StepTiming};
+use retrace_card::{StepDirection, StepTiming};
 
 use crate::AXES;
 use crate::handover::{Handover, Order, Shape};
@@ -13,7 +13,9 @@ use crate::pins::axes_word;
 /// The steppers of all axes, and where in the period they are.
 pub struct Steps {
     steppers: [StepDirection; AXES],
-    levels: [Levels; AXES],
+    /// Axes whose step is high, and those that go backward, one bit each.
+    high: u32,
+    backward: u32,
     /// How steps are made.
     shape: Shape,
     period: Period,
@@ -48,7 +50,8 @@ impl Steps {
     pub const fn new(timer_hz: u32) -> Self {
         Self {
             steppers: [const { StepDirection::new(Self::TIMING) }; AXES],
-            levels: [Levels { step: false, backward: false }; AXES],
+            high: 0,
+            backward: 0,
             shape: Self::SHAPE,
             period: Period::new(Self::SHAPE.period_us, timer_hz),
             timer_hz,
@@ -68,14 +71,24 @@ impl Steps {
             began = Some(self.period.ticks_per_slot);
         }
         self.left -= 1;
-        for ((stepper, levels), count) in self.steppers.iter_mut().zip(&mut self.levels).zip(&mut self.counted) {
-            let now = stepper.tick();
-            if now.step && !levels.step {
-                *count = if now.backward { count.wrapping_sub(1) } else { count.wrapping_add(1) };
-            }
-            *levels = now;
+        let (mut high, mut backward) = (0, 0);
+        for (axis, stepper) in self.steppers.iter_mut().enumerate() {
+            let levels = stepper.tick();
+            high |= u32::from(levels.step) << axis;
+            backward |= u32::from(levels.backward) << axis;
         }
-        Some(Slot { word: axes_word(&self.levels, self.shape.inverted), began })
+        let rising = high & !self.high;
+        (self.high, self.backward) = (high, backward);
+        if rising != 0 {
+            self.count(rising);
+        }
+        Some(Slot { word: axes_word(high, backward, u32::from(self.shape.inverted)), began })
+    }
+
+    fn count(&mut self, rising: u32) {
+        for (axis, count) in self.counted.iter_mut().enumerate().filter(|(axis, _)| rising >> axis & 1 == 1) {
+            *count = if self.backward >> axis & 1 == 1 { count.wrapping_sub(1) } else { count.wrapping_add(1) };
+        }
     }
 
     fn begin(&mut self, order: &Order<AXES>) {
@@ -127,7 +140,7 @@ const fn timing(shape: Shape) -> Option<StepTiming> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pins::AXIS_PINS;
+    use crate::pins::{FIRST_DIRECTION_PIN, FIRST_STEP_PIN};
     use proptest::prelude::*;
 
     /// What a drive makes of a port's levels: counts on rising edges of its step input, by its direction input.
@@ -140,9 +153,9 @@ mod tests {
         fn see(&mut self, word: u32, inverted: u16) {
             let before = self.port;
             self.port = (self.port & !(word >> 16)) | (word & 0xffff);
-            for (axis, pins) in AXIS_PINS.iter().enumerate() {
-                let rises = !before & self.port & (1 << pins.step) != 0;
-                let high = self.port >> pins.direction & 1 == 1;
+            for axis in 0..AXES {
+                let rises = (!before & self.port) >> (usize::from(FIRST_STEP_PIN) + axis) & 1 == 1;
+                let high = self.port >> (usize::from(FIRST_DIRECTION_PIN) + axis) & 1 == 1;
                 let up = high != (inverted >> axis & 1 == 1);
                 self.counts[axis] += if rises && up {
                     1

@@ -10,7 +10,7 @@ mod native;
 mod options;
 mod outcome;
 mod page;
-mod process;
+pub(crate) mod process;
 mod rows;
 mod stub;
 mod table;

@@ -2,8 +2,10 @@
 //!
 //! Invariant: an output pin has its level before it becomes an output.
 
+use retrace_firmware::AXES;
 use retrace_firmware::pins::{
-    ALL_OUTPUTS_LOW, AXIS_PINS, ENCODER_PINS, INPUT_PINS, OUTPUT_PINS, Port, SERIAL_PINS, outputs_word,
+    ALL_OUTPUTS_LOW, ENCODER_PINS, FIRST_DIRECTION_PIN, FIRST_STEP_PIN, INPUT_PINS, OUTPUT_PINS, Port, SERIAL_PINS,
+    outputs_word,
 };
 use retrace_link::Outputs;
 
@@ -16,8 +18,8 @@ const ENCODER_FUNCTION: u8 = 2;
 /// Sets all pins up.
 pub(super) fn start() {
     rcc().ahb1enr().modify(|_, w| w.gpioaen().enabled().gpioben().enabled().gpiocen().enabled());
-    for pins in AXIS_PINS {
-        for pin in [pins.step, pins.direction] {
+    for axis in 0..AXES as u8 {
+        for pin in [FIRST_STEP_PIN + axis, FIRST_DIRECTION_PIN + axis] {
             set_port_a(1 << (pin + 16));
             port_a().moder().modify(|_, w| w.moder(pin).output());
         }
