@@ -84,3 +84,25 @@ impl Pty {
 fn is_nothing(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Instant;
+
+    /// Where the system has moved everything on, so many bytes are kept and no more.
+    #[test]
+    fn what_nobody_reads_is_dropped_beyond_what_is_kept() {
+        let mut pty = Pty::open().expect("a pseudo-terminal");
+        let mut kept = 0;
+        for _ in 0..30 {
+            pty.write(&[0xAA; 100]).expect("a line");
+            kept = (kept + 100).min(UNREAD);
+            let begun = Instant::now();
+            while pty.host.bytes_to_read().expect("a line") as usize != kept {
+                assert!(begun.elapsed() < Duration::from_secs(20), "{:?} of {kept}", pty.host.bytes_to_read());
+            }
+        }
+        assert_eq!((kept, pty.dropped()), (UNREAD, 3000 - UNREAD as u64));
+    }
+}
