@@ -8,3 +8,4 @@ pub mod limits;
 pub mod programs;
 pub mod records;
 pub mod run;
+pub mod served;

@@ -6,7 +6,7 @@ use retrace_tests::programs::examples;
 #[test]
 fn every_command_has_help_with_an_example() {
     let bench = Bench::new();
-    for command in ["", "run", "check", "canon", "plot", "size", "cycles"] {
+    for command in ["", "run", "check", "canon", "plot", "size", "cycles", "card"] {
         let arguments: Vec<&str> = [command, "--help"].into_iter().filter(|word| !word.is_empty()).collect();
         let said = bench.retrace(&arguments);
         assert_eq!(said.code, Some(0), "{command}: {}", said.err);

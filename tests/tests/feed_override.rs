@@ -36,7 +36,7 @@ fn a_raised_override_acts_within_half_a_second_and_a_lowered_one_at_once() {
         (5.6, 15.0),
         (7.9, 15.0),
         (8.6, 20.0),
-        // The rate takes 0.35 s; what it does is planned in its stead after half a second.
+        // The rate takes a tenth of a second; what it does is planned in its stead after half a second of what was planned.
         (10.36, 12.0),
         (11.3, 12.0),
         (12.36, 6.0),
@@ -49,7 +49,7 @@ fn a_raised_override_acts_within_half_a_second_and_a_lowered_one_at_once() {
     let planned: Vec<_> =
         run.of_kind("override_planned").map(|e| (e["percent"].as_f64(), e["period"].as_u64())).collect();
     // Exactly the look-ahead, at rate 1; below it the place comes later, and the rate does meanwhile what is asked for.
-    let expected = [(150.0, 5500), (200.0, 8500), (120.0, 10_750), (100.0, 12_850), (200.0, 14_600)];
+    let expected = [(150.0, 5500), (200.0, 8500), (120.0, 10_834), (100.0, 13_000), (200.0, 14_600)];
     for ((percent, period), (wanted, latest)) in planned.iter().zip(expected) {
         assert_eq!(*percent, Some(wanted), "{planned:?}");
         assert!(period.is_some_and(|period| period <= latest), "{planned:?}");

@@ -22,12 +22,12 @@ fn backing_up_changes_nothing_of_where_the_job_ends() {
     run.assert_exact_and_legal();
     assert_eq!(run.counts(), plain.counts());
     // The first passage takes as long, but for the ramps: twice it is stopped on new ground and started again, and each of
-    // these four costs half of the 341 periods that the rate takes to change.
+    // these four costs about half of the periods that the rate takes to change; and at 25 mm/s these are not a hundred.
     let ramps_s = run.number("motion_s") - plain.number("motion_s");
-    assert!((0.0..=4.0 * 0.171).contains(&ramps_s), "{ramps_s}");
-    // Of the second from hold to resume, 341 periods go by in braking.
+    assert!((0.0..=4.0 * 0.085).contains(&ramps_s), "{ramps_s}");
+    // Of the second from hold to resume, these go by in braking.
     let held_s = run.number("held_s");
-    assert!((0.65..=0.67).contains(&held_s) && run.number("retrace_s") > 8.0, "{}", run.report);
+    assert!((0.89..=0.92).contains(&held_s) && run.number("retrace_s") > 8.0, "{}", run.report);
     assert!(run.number("reversals") >= 5.0, "{}", run.report);
     assert_eq!(run.of_kind("oldest_record").count(), 1, "the end of the history is reached and told once");
     let rows = &run.records.rows;

@@ -1,13 +1,14 @@
 //! The drive: the cursor on the road, and playback's second difference (REV, *Rate law* and *Braking to a place*).
 //!
-//! Invariant: a state is any that the drive's own invariant allows: the commanded place is on the road, or a planned stop lies
-//! between the cursor and its end.
+//! Invariant: a state is any that the cursor's own invariant allows: the commanded place is on the road, or a planned stop lies
+//! between the cursor and its end. How fast the drive wants to go is any number: slopes keep limits, the cursor keeps the road.
 
 use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
-use crate::ledger::{Mutant, Row};
-use retrace_core::drive::{Drive, Road};
+use crate::ledger::{Mutant, Row, Search, Size};
+use retrace_core::drive::{Braking, Cursor, Drive, Road, Way};
+use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::playback::emission;
 use retrace_core::rate::{RateLaw, Smoothing};
 use retrace_core::{ONE, Place, RapidCap, Record, Travel};
@@ -23,7 +24,7 @@ struct Short {
     rests: u32,
 }
 
-impl Road for Short {
+impl Road<1> for Short {
     fn low(&self) -> u32 {
         self.low
     }
@@ -37,25 +38,28 @@ impl Road for Short {
     fn cap(&self, _: u32) -> RapidCap {
         RapidCap::PLANNED
     }
+    fn increments(&self, _: u32) -> [i16; 1] {
+        [1]
+    }
 }
 
-/// Where the drive may be: a road, a place on it, the way it runs, and the law's state.
+/// Where the cursor may be: a road, a place on it, the way it runs, and the law's state.
 ///
 /// Rates and places are multiples of `GRAIN`: the last bit, or a sixteenth of a record.
 struct Scene<const M: usize, const GRAIN: u32> {
-    drive: Drive<M>,
+    cursor: Cursor<M>,
     road: Short,
     at: Place,
     sign: Travel,
 }
 
 impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
-    /// Any state with two averages of `M` periods that the invariant allows, on a road of up to `records`.
-    fn any<const PERIODS: usize>(c: &mut impl Choice, records: u32) -> Option<Self> {
+    /// Any state with an average of `M` periods that the invariant allows, on a road of up to `records`.
+    fn any(c: &mut impl Choice, records: u32) -> Option<Self> {
         let sign = if c.flag() { 1 } else { -1 };
-        let mut law = RateLaw::new(Smoothing::new(M as u16, M as u16)?)?;
+        let mut law = RateLaw::new(Smoothing::new(1, M as u16)?)?;
         let mut k = 0;
-        while k < PERIODS {
+        while k < M {
             let target = c.between(0, ONE >> GRAIN) << GRAIN;
             law.step(if sign < 0 { -target } else { target });
             k += 1;
@@ -64,16 +68,16 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
         let (record, fraction) = (c.below(records + 1), c.upto(u32::MAX >> GRAIN) << GRAIN);
         c.assume(record < road.records || record == road.records && fraction == 0)?;
         let at = Place { record: road.low.wrapping_add(record), fraction };
-        let scene = Self { drive: Drive::with_law(law), road, at, sign };
+        let scene = Self { cursor: Cursor::with_law(law), road, at, sign };
         c.assume(scene.legal(records))?;
         Some(scene)
     }
 
-    /// The drive's invariant, written anew: distances in plain numbers from the road's beginning.
+    /// The cursor's invariant, written anew: distances in plain numbers from the road's beginning.
     fn legal(&self, records: u32) -> bool {
         let at = Place::start_of(self.road.low).to(self.at);
         let end = Travel::from(self.road.records) << 32;
-        let commanded = at + self.drive.lead();
+        let commanded = at + self.cursor.law().lead();
         let mut stop_ahead = false;
         let mut n = 0;
         while n <= records {
@@ -86,77 +90,122 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
     }
 }
 
-/// One period from any state toward any rate: the cursor stays on the road, the invariant holds again, and the rate is neither
-/// against the way it runs nor beyond what was asked or remembered.
-fn stays_on_the_road<const M: usize, const PERIODS: usize, const GRAIN: u32>(
-    c: &mut impl Choice,
-    records: u32,
-) -> Option<()> {
-    let mut scene = Scene::<M, GRAIN>::any::<PERIODS>(c, records)?;
-    let standing = scene.drive.at_rest();
-    let target = c.between(-ONE >> GRAIN, ONE >> GRAIN) << GRAIN;
-    let step = scene.drive.step(scene.at, target, &scene.road);
+/// One period from any state, whatever is wished for and however it is braked: the cursor stays on the road, the invariant holds again,
+/// and the rate is neither against the way it runs nor beyond what was wished or remembered.
+fn stays_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
+    let mut scene = Scene::<M, GRAIN>::any(c, records)?;
+    let wished = c.between(0, ONE >> GRAIN) << GRAIN;
+    let braked = c.between(0, ONE >> GRAIN) << GRAIN;
+    let way = Way { at: scene.at, sign: scene.sign, road: &scene.road };
+    let step = scene.cursor.advance(wished, braked, &way);
     let rate = scene.at.to(step.to);
-    if standing && !scene.drive.at_rest() || rate != 0 {
-        // from rest the way is the target's
-        let way = if standing { target.signum() } else { scene.sign };
-        holds!(if way < 0 { rate <= 0 } else { rate >= 0 });
-        scene.sign = way;
-    }
+    holds!(if scene.sign < 0 { rate <= 0 } else { rate >= 0 });
     holds!(-ONE - 1 <= rate && rate <= ONE + 1);
     scene.at = step.to;
     holds!(scene.legal(records));
     Some(())
 }
 
-/// With a target held, the cursor comes to rest exactly on the end of the road and never beyond.
-fn rests_on_the_end<const M: usize, const PERIODS: usize, const GRAIN: u32>(
-    c: &mut impl Choice,
-    records: u32,
-    periods: u32,
-) -> Option<()> {
-    let mut scene = Scene::<M, GRAIN>::any::<PERIODS>(c, records)?;
-    let mut k = 0;
-    while k < periods {
-        scene.at = scene.drive.step(scene.at, if scene.sign < 0 { -ONE } else { ONE }, &scene.road).to;
-        k += 1;
-    }
-    let end = if scene.sign > 0 { scene.road.high() } else { scene.road.low };
-    holds!(scene.at == Place::start_of(end) && scene.drive.at_rest() && scene.drive.lead() == 0);
+/// A jump of the rate at a planned stop, whatever is asked and however it is braked, keeps the invariant.
+fn starts_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
+    let road = Short { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
+    let sign = if c.flag() { 1 } else { -1 };
+    let record = c.below(records + 1);
+    c.assume(record <= road.records && road.rests >> record & 1 == 1)?;
+    let at = Place::start_of(road.low.wrapping_add(record));
+    let mut cursor = Cursor::<M>::with_law(RateLaw::new(Smoothing::new(1, M as u16)?)?);
+    let (braked, asked) = (c.between(0, ONE >> GRAIN) << GRAIN, c.between(0, ONE >> GRAIN) << GRAIN);
+    let rate = cursor.launch(braked, asked, &Way { at, sign, road: &road });
+    holds!(0 <= rate && rate <= ONE);
+    holds!(Scene::<M, GRAIN> { cursor, road, at, sign }.legal(records));
     Some(())
 }
 
-/// With a target held the commanded place goes on in every period until it stands on the end of the road, or the cursor has come to a
-/// planned stop further on; the cursor rests where the commanded place stands (row rate-rest).
-fn presses_on<const M: usize, const PERIODS: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
-    let mut scene = Scene::<M, GRAIN>::any::<PERIODS>(c, records)?;
-    let before = scene.at.moved(scene.drive.lead());
-    let to = scene.drive.step(scene.at, if scene.sign < 0 { -ONE } else { ONE }, &scene.road).to;
-    let after = to.moved(scene.drive.lead());
+/// With a rate wished for and nothing braked before it must be, the cursor comes to rest exactly on the end of the road and never beyond.
+fn rests_on_the_end<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32, periods: u32) -> Option<()> {
+    let mut scene = Scene::<M, GRAIN>::any(c, records)?;
+    let mut k = 0;
+    while k < periods {
+        let way = Way { at: scene.at, sign: scene.sign, road: &scene.road };
+        scene.at = scene.cursor.advance(ONE, ONE, &way).to;
+        k += 1;
+    }
+    let end = if scene.sign > 0 { scene.road.high() } else { scene.road.low };
+    holds!(scene.at == Place::start_of(end) && scene.cursor.law().at_rest() && scene.cursor.law().lead() == 0);
+    Some(())
+}
+
+/// As long as some rate is wished for, and braking leaves some of it where there is road, the commanded place goes on in every period
+/// until it stands on the end of the road, or the cursor has come to a planned stop further on; the cursor rests where the commanded
+/// place stands (row rate-rest).
+fn presses_on<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
+    let mut scene = Scene::<M, GRAIN>::any(c, records)?;
+    let before = scene.at.moved(scene.cursor.law().lead());
+    let wished = c.between(1, ONE >> GRAIN) << GRAIN;
+    let braked = c.between(1, ONE >> GRAIN) << GRAIN;
+    let way = Way { at: scene.at, sign: scene.sign, road: &scene.road };
+    let to = scene.cursor.advance(wished, braked, &way).to;
+    let after = to.moved(scene.cursor.law().lead());
     let end = Place::start_of(if scene.sign > 0 { scene.road.high() } else { scene.road.low });
     let (moved, gone_on) =
         if scene.sign < 0 { (-scene.at.to(to), -before.to(after)) } else { (scene.at.to(to), before.to(after)) };
-    let on_a_stop = moved > 0 && scene.drive.at_rest() && to.fraction == 0 && scene.road.rests_at(to.record);
+    let at_rest = scene.cursor.law().at_rest();
+    let on_a_stop = moved > 0 && at_rest && to.fraction == 0 && scene.road.rests_at(to.record);
     holds!(after == end || gone_on > 0 || on_a_stop);
     Some(())
 }
 
-/// A planned stop costs no period: whoever stands on one and asks for rate one, with the next one `records` further and any others
-/// between, is a record further after every period, and stands there again.
+/// A machine whose rate may change by a hundredth or so a period.
+const SOFT: AxisLimits = AxisLimits { velocity: 100 << 32, acceleration: 3 << 32, jerk: 1 << 32 };
+
+/// Braking on a machine with that axis, the plan using a share of its limits.
+fn braking(axis: AxisLimits, share: u16) -> Option<Braking<8>> {
+    Braking::new(&RateLimits::new(3, share, [axis])?)
+}
+
+/// S(u) ≥ u⁻ + S(u⁻) for any rate u up to one, u⁻ being u less the slope at it: whoever may go on at u and brake then may also go on at u⁻
+/// and brake then. Both roundings are in the last bits.
+fn braking_covers_a_step_down(c: &mut impl Choice, braking: &Braking<8>) -> Option<()> {
+    let rate = c.between(0, ONE >> 16) << 16;
+    let slope = braking.slope(rate, 16);
+    let less = if slope < rate { rate - slope } else { 0 };
+    holds!(braking.length(rate) + 2 >= less + braking.length(less));
+    Some(())
+}
+
+/// What braking allows can be braked from again, falls by no more than the slope from a rate that could, and is not nothing where there is
+/// road left.
+fn braking_keeps_its_promise(c: &mut impl Choice, braking: &Braking<8>) -> Option<()> {
+    let (rate, spare) = (c.between(0, ONE >> 20) << 20, c.between(0, 3 * ONE >> 20) << 20);
+    // where the last period at this rate has been run
+    let free = braking.length(rate) + spare;
+    let now = braking.within(ONE, free);
+    holds!(0 <= now && now <= ONE && now + braking.length(now) <= free);
+    holds!(now + 3 >= rate - braking.slope(rate, 16));
+    holds!(now > 0 || free == 0);
+    Some(())
+}
+
+/// A planned stop costs no period, however the way to it would be braked: whoever stands on one and asks for rate one, with the next one
+/// `records` further and any others between, is a record further after every period, and stands there again.
 fn planned_stops_are_free<const SIGN: Travel>(c: &mut impl Choice, records: u32) -> Option<()> {
     let low = c.word();
     let road = Short { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
-    let mut drive = Drive::<2>::new(Smoothing::new(2, 2)?)?;
+    let mut cursor = Cursor::<3>::with_law(RateLaw::new(Smoothing::new(1, 3)?)?);
     let mut at = if SIGN > 0 { road.low() } else { road.high() };
     let mut k = 0;
     while k < records {
         let next = at.wrapping_add(SIGN as u32);
-        let step = drive.step(Place::start_of(at), SIGN * ONE, &road);
+        let way = Way { at: Place::start_of(at), sign: SIGN, road: &road };
+        if cursor.law().at_rest() && road.rests_at(at) {
+            cursor.launch(c.between(0, ONE), ONE, &way);
+        }
+        let step = cursor.advance(ONE, c.between(0, ONE), &way);
         holds!(step.to == Place::start_of(next) && !step.short);
         at = next;
         k += 1;
     }
-    holds!(drive.at_rest());
+    holds!(cursor.law().at_rest());
     Some(())
 }
 
@@ -185,65 +234,217 @@ fn acceleration_is_bounded<const V: i64, const STEP: i64>(c: &mut impl Choice) -
 harnesses! {
     drive_acceleration, unwind 4 => |c| acceleration_is_bounded::<7, 2>(c);
     [without kani]
-    drive_road_1_1, unwind 7 => |c| stays_on_the_road::<1, 1, 0>(c, 2);
-    drive_road_2_2, unwind 7 => |c| stays_on_the_road::<2, 3, 28>(c, 2);
-    drive_rests_1_1, unwind 7 => |c| rests_on_the_end::<1, 1, 28>(c, 2, 3);
-    drive_presses_2_2, unwind 7 => |c| presses_on::<2, 3, 28>(c, 2);
+    drive_road_1, unwind 7 => |c| stays_on_the_road::<1, 0>(c, 2);
+    drive_road_3, unwind 7 => |c| stays_on_the_road::<3, 28>(c, 2);
+    drive_starts_3, unwind 7 => |c| starts_on_the_road::<3, 28>(c, 2);
+    drive_rests_1, unwind 7 => |c| rests_on_the_end::<1, 28>(c, 2, 3);
+    drive_presses_3, unwind 7 => |c| presses_on::<3, 28>(c, 2);
     drive_stops_forward, unwind 7 => |c| planned_stops_are_free::<1>(c, 2);
     drive_stops_backward, unwind 7 => |c| planned_stops_are_free::<-1>(c, 2);
+    braking_covers_soft, unwind 300 => |c| braking_covers_a_step_down(c, &braking(SOFT, 45_000)?);
+    braking_covers_tight, unwind 300 => |c| braking_covers_a_step_down(c, &braking(SOFT, 60_000)?);
+    braking_keeps_soft, unwind 300 => |c| braking_keeps_its_promise(c, &braking(SOFT, 45_000)?);
 }
 
 #[cfg(not(any(kani, verify_wasm)))]
-const DRIVE: &str = "crates/core/src/drive.rs";
+const CURSOR: &str = "crates/core/src/drive/cursor.rs";
+#[cfg(not(any(kani, verify_wasm)))]
+const BRAKING: &str = "crates/core/src/drive/braking.rs";
+
+/// Whatever is asked when, a change of the commanded rate times the speed of any record that the cursor comes to while that change is in
+/// its average is within the axis' acceleration, or within the slope that is legal anywhere. Judged from the places alone.
+#[cfg(not(any(kani, verify_wasm)))]
+fn slopes_leave_room(size: Size) -> String {
+    use crate::native::Draw;
+    let mut draw = Draw::new(size.seed);
+    let (runs, mut judged) = (if size.full { 4000 } else { 400 }, 0u64);
+    for _ in 0..runs {
+        let limits = RateLimits::new(2 * draw.below(16) as u16 + 3, 20_000 + 1000 * draw.below(40) as u16, [SOFT]);
+        let limits = limits.expect("valid");
+        let least = Braking::<32>::new(&limits).expect("fast enough");
+        let road = Wavy::any(&mut draw);
+        let mut drive = Drive::<1, 64>::new(limits).expect("fits");
+        let (mut at, mut track) = (Place::start_of(40), Vec::new());
+        while track.len() < 3000 {
+            let target = [ONE, 0, ONE / 3, -ONE, -ONE / 2][draw.below(5) as usize];
+            for _ in 0..=draw.below(200) {
+                let rate = at.moved(drive.lead());
+                at = drive.step(at, target, &road).to;
+                track.push((at, rate.to(at.moved(drive.lead()))));
+            }
+        }
+        let average = usize::from(limits.average());
+        for (i, change) in track.windows(2).map(|pair| pair[1].1 - pair[0].1).enumerate() {
+            let fastest = track[i + 1..].iter().take(average).map(|(at, _)| road.speed(*at)).max().unwrap_or(0);
+            let (room, slope) = (16 * (3 << 32), least.slope(track[i].1.abs().min(ONE), 16));
+            let leaves_room = change.abs() * (fastest - 1).max(0) <= room + room / 100;
+            assert!(leaves_room || change.abs() <= slope + 3, "{change} at {fastest}/16 pulses, run {:?}", track[i]);
+            judged += 1;
+        }
+    }
+    format!("{judged} periods of {runs} drawn runs")
+}
+
+/// A road of records whose increments rise and fall as an axis may.
+#[cfg(not(any(kani, verify_wasm)))]
+struct Wavy(Vec<i16>);
+
+#[cfg(not(any(kani, verify_wasm)))]
+impl Wavy {
+    fn any(draw: &mut crate::native::Draw) -> Self {
+        let (mut increments, mut speed, mut change) = (Vec::new(), draw.between(-90, 90), 0);
+        while increments.len() < 600 {
+            change = (change + draw.between(-1, 1)).clamp(-2, 2);
+            for _ in 0..=draw.below(30) {
+                speed = (speed + change).clamp(-100, 100);
+                increments.push(speed as i16);
+            }
+        }
+        Self(increments)
+    }
+
+    /// Pulses in the sixteen records around that place, from one multiple of eight to another.
+    fn speed(&self, at: Place) -> Travel {
+        let first = (at.record as usize / 8 * 8).min(self.0.len() - 16);
+        self.0[first..first + 16].iter().map(|&i| i64::from(i)).sum::<i64>().abs()
+    }
+}
+
+#[cfg(not(any(kani, verify_wasm)))]
+impl Road<1> for Wavy {
+    fn low(&self) -> u32 {
+        0
+    }
+    fn high(&self) -> u32 {
+        self.0.len() as u32
+    }
+    fn rests_at(&self, _: u32) -> bool {
+        false
+    }
+    fn cap(&self, _: u32) -> RapidCap {
+        RapidCap::PLANNED
+    }
+    fn increments(&self, place: u32) -> [i16; 1] {
+        [self.0[place as usize]]
+    }
+}
 
 /// The rows of this module.
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[
     Row {
         name: "drive-road",
-        says: "Whatever is asked when, the cursor never leaves the road, never runs against its way, and with a target held comes to rest exactly on the road's end, fraction 0",
+        says: "Whatever rates are wished for when, and however they are braked, the cursor never leaves the road, never runs against its way, and with a rate wished for comes to rest exactly on the road's end, fraction 0",
         requirement: "REV, Beyond the source, *Braking to a place*",
-        bound: "one period from any state on roads of up to 2 records with any planned stops, any target in −1 … 1: averages of 1+1 periods to the last bit, 2+2 in sixteenths of a record; to rest within 3 periods (1+1), the commanded place going on in every period (2+2), in sixteenths",
-        assumes: "the drive's invariant, which a drive at rest satisfies; the road may grow, and shrinks only behind the commanded place (the card's window refuses anything else)",
-        suffices: "one step from every state is an induction; the drive looks at the road only through its end, its last planned stop and the place it is at",
-        harnesses: &["drive_road_1_1", "drive_road_2_2", "drive_rests_1_1", "drive_presses_2_2"],
+        bound: "one period from any state on roads of up to 2 records with any planned stops, any wished and braked rates in 0 … 1: an average of 1 period to the last bit, of 3 in sixteenths of a record; a jump from a planned stop likewise; to rest within 3 periods (1), the commanded place going on in every period (3), in sixteenths",
+        assumes: "the cursor's invariant, which a cursor at rest satisfies; the road may grow, and shrinks only behind the commanded place (the card's window refuses anything else)",
+        suffices: "one step from every state is an induction; slopes, braking and easing only choose the wished and the braked rate, and any are asked about; the cursor looks at the road only through its end, its last planned stop and the place it is at",
+        harnesses: &["drive_road_1", "drive_road_3", "drive_starts_3", "drive_rests_1", "drive_presses_3"],
         searches: &[],
         models: &[],
         mutants: &[
             Mutant {
-                name: "the commanded place waits at a boundary",
-                file: DRIVE,
-                find: "(ONE, passed) if way.sign > 0 => ONE - Travel::from(passed),",
-                put: "(ONE, passed) if way.sign > 0 => (ONE >> 1) - Travel::from(passed >> 1 << 1).min(ONE >> 1),",
-                killer: "drive_presses_2_2",
-            },
-            Mutant {
                 name: "the commanded place may run over the end",
-                file: DRIVE,
-                find: "asked.min(free.max(0))",
-                put: "asked.min(free.max(1))",
-                killer: "drive_road_1_1",
+                file: CURSOR,
+                find: "wished.min(braked).min(free.max(0))",
+                put: "wished.min(braked).min(free.max(1))",
+                killer: "drive_road_1",
             },
             Mutant {
                 name: "a planned stop is passed at rate",
-                file: DRIVE,
-                find: "&& along(sign, to.to(rest)) <= 0",
-                put: "&& along(sign, to.to(rest)) < 0",
-                killer: "drive_road_2_2",
+                file: CURSOR,
+                find: "&& along(way.sign, to.to(rest)) <= 0",
+                put: "&& along(way.sign, to.to(rest)) < 0",
+                killer: "drive_road_3",
+            },
+            Mutant {
+                name: "a commanded place beyond the end is forgotten when the rate is lowered",
+                file: CURSOR,
+                find: "if within < wished || free < 0 {",
+                put: "if within < wished {",
+                killer: "drive_road_3",
+            },
+            Mutant {
+                name: "the rate jumps further than the road is long",
+                file: CURSOR,
+                find: "let rate = if rate * periods <= way.room()",
+                put: "let rate = if rate <= way.room()",
+                killer: "drive_starts_3",
             },
             Mutant {
                 name: "the stop behind the cursor counts",
-                file: DRIVE,
+                file: "crates/core/src/drive/way.rs",
                 find: "if along(self.sign, self.at.to(here)) <= 0 {",
                 put: "if along(self.sign, self.at.to(here)) < 0 {",
-                killer: "drive_presses_2_2",
+                killer: "drive_presses_3",
             },
             Mutant {
                 name: "the cursor stops a last bit early",
-                file: DRIVE,
-                find: "let free = room - self.law.lead().abs();",
-                put: "let free = room - self.law.lead().abs() - 1;",
-                killer: "drive_rests_1_1",
+                file: CURSOR,
+                find: "let free = way.room() - self.law.lead().abs();",
+                put: "let free = way.room() - self.law.lead().abs() - 1;",
+                killer: "drive_rests_1",
+            },
+        ],
+    },
+    Row {
+        name: "drive-braking",
+        says: "A commanded rate that can be braked before the end of the road can be braked by the slopes that are legal anywhere on the machine, stays so when it follows them, and comes to the end",
+        requirement: "REV, Beyond the source, *Braking to a place*",
+        bound: "any rate up to 1 in steps of 2⁻¹⁶ (of 2⁻¹² with any road left up to 3 records beyond its ramp, in the same steps), on two machines: 69 % and 92 % of the limits used by the plan",
+        assumes: "nothing",
+        suffices: "the step covers every rate between, as lengths are linear over each stretch of the rate, of which there are 8 here and 32 in a drive; machines differ by the table alone, and drawn ones are tested in the core's own tests",
+        harnesses: &["braking_covers_soft", "braking_covers_tight", "braking_keeps_soft"],
+        searches: &[],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "a step down over the end of a stretch is not covered",
+                file: BRAKING,
+                find: "self.slopes[(k + 1).min(STRETCHES - 1)]",
+                put: "self.slopes[k.saturating_sub(1)]",
+                killer: "braking_covers_tight",
+            },
+            Mutant {
+                name: "the last two periods have no length",
+                file: BRAKING,
+                find: "if rate <= self.slopes[0] {",
+                put: "if rate <= 2 * self.slopes[0] {",
+                killer: "braking_covers_soft",
+            },
+            Mutant {
+                name: "more is allowed than can be braked",
+                file: BRAKING,
+                find: "let over = free - 1 - self.lengths[k] - k as Travel * STRETCH;",
+                put: "let over = free + (1 << 24) - self.lengths[k] - k as Travel * STRETCH;",
+                killer: "braking_keeps_soft",
+            },
+        ],
+    },
+    Row {
+        name: "drive-slope",
+        says: "A change of the commanded rate, times the speed of any record that the cursor comes to while it is in the average, is within the axis' acceleration, or within the slope that is legal anywhere",
+        requirement: "REV, Beyond the source, *Rate law*",
+        bound: "drawn runs of 3 000 periods over drawn records, averages of 3 to 33 periods",
+        assumes: "nothing of the records",
+        suffices: "a sample; the judge looks at every period of every run on planned records besides",
+        harnesses: &[],
+        searches: &[Search { name: "slopes-leave-room", run: slopes_leave_room }],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "half the speed is seen",
+                file: "crates/core/src/drive/survey.rs",
+                find: "self.first = self.first.max(over(0, 2).unsigned_abs());",
+                put: "self.first = self.first.max(over(0, 1).unsigned_abs());",
+                killer: "slopes-leave-room",
+            },
+            Mutant {
+                name: "the survey ends at the commanded place",
+                file: "crates/core/src/drive/mod.rs",
+                find: "self.lead().abs() + (average + 1) / 2 * rate.max(self.cursor.law().highest())",
+                put: "self.lead().abs() + 0 * average * rate",
+                killer: "slopes-leave-room",
             },
         ],
     },
@@ -251,7 +452,7 @@ pub const ROWS: &[Row] = &[
         name: "drive-stops",
         says: "A planned stop costs no period: the cursor runs into it at rate one and goes on from it at rate one, either way",
         requirement: "REV, Beyond the source, *Braking to a place*",
-        bound: "2 records with a planned stop between or none, both ways",
+        bound: "2 records with a planned stop between or none, both ways, whatever braked rates",
         assumes: "the road ends in a planned stop",
         suffices: "from each planned stop on the drive is in the same state as at the start",
         harnesses: &["drive_stops_forward", "drive_stops_backward"],
@@ -260,14 +461,14 @@ pub const ROWS: &[Row] = &[
         mutants: &[
             Mutant {
                 name: "every stop is braked to",
-                file: DRIVE,
-                find: "let last_rest = if asked > free { way.last_rest() } else { None };",
-                put: "let last_rest = if asked > free && way.sign == 0 { way.last_rest() } else { None };",
+                file: CURSOR,
+                find: "let last_rest = if within < wished || free < 0 { way.last_rest() } else { None };",
+                put: "let last_rest = if way.sign == 0 { way.last_rest() } else { None };",
                 killer: "drive_stops_forward",
             },
             Mutant {
                 name: "every start follows the law",
-                file: DRIVE,
+                file: CURSOR,
                 find: "self.law.set_steady(along(way.sign, rate));",
                 put: "self.law.set_steady(along(way.sign, rate) * 0);",
                 killer: "drive_stops_forward",

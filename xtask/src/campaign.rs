@@ -22,6 +22,9 @@ pub(crate) struct Campaign {
 /// How the end-to-end tests are asked.
 const END_TO_END: [&str; 2] = ["RETRACE_CASES", "PROPTEST_RNG_SEED"];
 
+/// How those are asked that draw each case from a seed of its own, one after the other.
+const BY_SEED: [&str; 2] = ["RETRACE_CASES", "RETRACE_FIRST_SEED"];
+
 /// Every campaign.
 pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
@@ -47,6 +50,30 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         asked: ["RETRACE_DIFFERENTIAL", "RETRACE_DIFFERENTIAL_FIRST"],
         full: 100_000,
         slice: 400,
+    },
+    Campaign {
+        name: "line",
+        purpose: "whatever the line does, a job ends exactly or in a latched alarm, on the path; and every single fault at every frame",
+        test: ["retrace-controller", "line", ""],
+        asked: BY_SEED,
+        full: 1000,
+        slice: 100,
+    },
+    Campaign {
+        name: "order",
+        purpose: "no motion stands on the wrong side of an instruction, whatever the line delays; with the source's literal gates it does",
+        test: ["retrace-controller", "order", ""],
+        asked: BY_SEED,
+        full: 10_000,
+        slice: 500,
+    },
+    Campaign {
+        name: "decoder",
+        purpose: "any bytes and any damaged frames: no panic, and no false frame beyond the checksum's odds",
+        test: ["retrace-link", "decoder", ""],
+        asked: BY_SEED,
+        full: 100_000_000,
+        slice: 1_000_000,
     },
 ];
 

@@ -5,6 +5,7 @@
 
 mod bench;
 mod campaign;
+mod firmware;
 mod fuzz;
 mod suite;
 mod tidy;
@@ -43,9 +44,14 @@ Tasks:
   bench NAME   measure; the figures go into docs/
            --full          the full sizes
            --list          name the benches and leave
+  firmware WHAT   the card on a microcontroller; docs/firmware.md
+           build           compile it: f405, f401 and f411
+           size            the same, and hold flash and RAM to their budgets
+           --board NAME    this one only; may be given more than once
+           --crystal MHZ   the board's crystal, 8 or 25; without it the internal oscillator
+           emulate         run it in QEMU, with its line at a terminal, until interrupted
+           test            everything that can be tested here; what is missing is named
   help   this text
-
-Tasks that come with a later issue: firmware.
 
 Exit codes: 0 all passed, 1 something failed, 2 wrong usage.
 
@@ -65,7 +71,10 @@ fn main() -> ExitCode {
         Some((&"campaign", options)) => campaign(options),
         Some((&"verify", options)) => verify(options),
         Some((&"bench", options)) => bench(options),
-        Some((&"firmware", _)) => refuse("`firmware` comes with a later issue; nothing was done"),
+        Some((&"firmware", words)) => match firmware::Order::read(words) {
+            Ok(order) => with_root(|root| firmware::run(&root, &order)),
+            Err(reason) => refuse(&reason),
+        },
         Some((&unknown, _)) => refuse(&format!("there is no task `{unknown}`; see `cargo xtask help`")),
     }
 }

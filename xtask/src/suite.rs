@@ -2,7 +2,7 @@
 //!
 //! Invariant: a step passes only if its own process said so; one that fails does not hide those after it.
 
-use crate::{tidy, verify};
+use crate::{firmware, tidy, verify};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -31,6 +31,11 @@ pub(crate) const STEPS: &[Step] = &[
         name: "verify",
         purpose: "the properties of verification/ hold, as far as a quick run goes",
         run: verify_step,
+    },
+    Step {
+        name: "firmware",
+        purpose: "the card on a microcontroller: its tests here, its size, a run in QEMU",
+        run: firmware_step,
     },
     Step { name: "doctest", purpose: "the examples in the documents run", run: doc_tests },
     Step { name: "rustdoc", purpose: "the documents build without a warning", run: rustdoc },
@@ -79,6 +84,11 @@ fn verify_step(root: &Path) -> Outcome {
     }
 }
 
+fn firmware_step(root: &Path) -> Outcome {
+    let verdict = firmware::test(root);
+    Outcome { passed: verdict.passed, remark: verdict.remark }
+}
+
 fn doc_tests(root: &Path) -> Outcome {
     count_tests(&mut cargo_command(root, &["test", "--workspace", "--doc", "--no-fail-fast"]))
 }
@@ -88,16 +98,18 @@ fn rustdoc(root: &Path) -> Outcome {
 }
 
 /// Builds the `retrace` command in the tests' own profile, and returns where cargo put it.
-fn build_command(root: &Path) -> Result<PathBuf, String> {
+pub(crate) fn build_command(root: &Path) -> Result<PathBuf, String> {
     build(root, &["build", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"])
 }
 
 /// Builds with cargo, and returns where it put the last executable.
 pub(crate) fn build(root: &Path, arguments: &[&str]) -> Result<PathBuf, String> {
-    let output = cargo_command(root, arguments)
-        .stderr(Stdio::inherit())
-        .output()
-        .map_err(|error| format!("cargo cannot be run: {error}"))?;
+    build_with(&mut cargo_command(root, arguments))
+}
+
+/// Runs a build that reports in JSON, and returns where it put the last executable.
+pub(crate) fn build_with(command: &mut Command) -> Result<PathBuf, String> {
+    let output = command.stderr(Stdio::inherit()).output().map_err(|error| format!("cargo cannot be run: {error}"))?;
     if !output.status.success() {
         return Err("it does not build".to_owned());
     }

@@ -16,11 +16,17 @@ pub struct ActionTable<const N: usize> {
 
 impl<const N: usize> Default for ActionTable<N> {
     fn default() -> Self {
-        Self { actions: [Action { place: 0, channel: 0, before: 0, after: 0 }; N], count: 0 }
+        Self::new()
     }
 }
 
 impl<const N: usize> ActionTable<N> {
+    /// No actions.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { actions: [Action { place: 0, channel: 0, before: 0, after: 0 }; N], count: 0 }
+    }
+
     /// Forgets all actions.
     pub const fn clear(&mut self) {
         self.count = 0;

@@ -3,7 +3,6 @@
 //! Invariant: while an alarm is latched the motion brakes on the path and then stands, and the outputs that the settings call safe are
 //! safe. After it was cleared nothing moves before a new word says so.
 
-use retrace_core::rate::Smoothing;
 use retrace_link::{Alarm, Deck, Homing, Identity, PROTOCOL, Refusal, Settings, Status, Word};
 
 use crate::guard::Sight;
@@ -32,24 +31,28 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
     /// A card that nobody has opened yet, at rest, all counts and outputs zero. What the type says of it (protocol, axes, window,
     /// memory) is filled in, where the axes may be fewer. `None` where `M` is zero.
     #[must_use]
-    pub fn new(identity: Identity) -> Option<Self> {
-        let identity = Identity {
-            protocol: PROTOCOL,
-            axes: identity.axes.min(A as u8),
-            window: W as u32,
-            memory: M.min(usize::from(u16::MAX)) as u16,
-            ..identity
-        };
+    pub const fn new(identity: Identity) -> Option<Self> {
+        // no `?`, `min` and `try_into` in a constant
+        let axes = if (identity.axes as usize) < A { identity.axes } else { A as u8 };
+        let memory = if M < u16::MAX as usize { M as u16 } else { u16::MAX };
+        let identity = Identity { protocol: PROTOCOL, axes, window: W as u32, memory, ..identity };
+        let Some(player) = Player::idle(0, identity.outputs) else { return None };
         Some(Self {
             identity,
             terms: None,
-            player: Player::with_outputs(0, Smoothing::new(1, 1)?, identity.outputs)?,
-            panel: Panel::default(),
-            guard: Guard::default(),
+            player,
+            panel: Panel::new(),
+            guard: Guard::new(),
             search: None,
             off_the_path: false,
             failed: false,
         })
+    }
+
+    /// Which of the cards of its kind it is, and the number of this start: what is only known once it runs. To be called before anybody is
+    /// listening.
+    pub const fn name(&mut self, serial: u32, boot: u32) {
+        (self.identity.serial, self.identity.boot) = (serial, boot);
     }
 
     /// What the epoch goes by; `None` before the first.
@@ -180,7 +183,7 @@ impl<const A: usize, const W: usize, const M: usize> Deck<A> for Card<A, W, M> {
     /// An alarm stays latched over it. An instruction in hand is given up, also while it is being executed. The number of the last executed instruction is 0 again.
     fn open(&mut self, settings: &Settings<A>) -> Result<(), Refusal> {
         let terms = Terms::agree(settings, &self.identity)?;
-        self.player.reopen(settings.start, settings.smoothing)?;
+        self.player.reopen(settings.start, settings.limits)?;
         self.panel.describe(&settings.inputs, self.identity.inputs);
         self.guard.expect_host(settings.watchdog_periods);
         if self.guard.alarm().is_some() {
@@ -189,6 +192,18 @@ impl<const A: usize, const W: usize, const M: usize> Deck<A> for Card<A, W, M> {
         self.terms = Some(terms);
         self.off_the_path = false;
         Ok(())
+    }
+
+    fn close(&mut self) -> Result<(), Refusal> {
+        if !self.stands() {
+            return Err(Refusal::InMotion);
+        }
+        self.guard.expect_host(0);
+        Ok(())
+    }
+
+    fn heard(&mut self) {
+        self.guard.heard();
     }
 
     fn take(&mut self, word: Word<A>) -> Result<(), Refusal> {

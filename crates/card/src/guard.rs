@@ -28,6 +28,12 @@ pub struct Guard {
 }
 
 impl Guard {
+    /// Nothing latched, and nobody expected.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { alarm: None, silent: 0, watchdog: 0, forgiven: 0 }
+    }
+
     /// What is latched.
     #[must_use]
     pub const fn alarm(&self) -> Option<Alarm> {

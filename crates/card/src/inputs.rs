@@ -26,6 +26,12 @@ pub struct Panel {
 }
 
 impl Panel {
+    /// No inputs.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { uses: [InputUse::Plain; MAX_INPUTS], present: 0, active_low: 0, active: 0, encoder: None }
+    }
+
     /// Describes the first `count` inputs anew. What was read stays, so that a turn of the wheel is not lost.
     pub fn describe(&mut self, settings: &[InputSetting; MAX_INPUTS], count: u8) {
         let count = u32::from(count).min(MAX_INPUTS as u32);

@@ -4,9 +4,9 @@
 //! they were where the epoch began. The cursor never passes the place of an instruction that is not executed.
 
 use retrace_core::drive::{Drive, Road};
+use retrace_core::limits::RateLimits;
 use retrace_core::place::before;
 use retrace_core::playback::emission;
-use retrace_core::rate::Smoothing;
 use retrace_core::{Place, RapidCap, Travel};
 use retrace_link::{Action, Alarm, Change, Instruction, Refusal, Status, Word, channel};
 
@@ -15,13 +15,13 @@ use crate::{ActionTable, OutputBank, Switching, Window};
 /// Most output actions that a card holds at a time.
 const ACTIONS: usize = 256;
 
-/// A card's player for `A` axes, a window of `W` records, and averages of the rate law up to `M` periods.
+/// A card's player for `A` axes, a window of `W` records, and an average of the rate law of up to `M` periods.
 ///
 /// It plays what it is given and switches where it is told to. Alarms, inputs, homing and the watchdog are the [`crate::Card`]'s around it.
 #[derive(Clone, Debug)]
 pub struct Player<const A: usize, const W: usize, const M: usize> {
     window: Window<A, W>,
-    drive: Drive<M>,
+    drive: Drive<A, M>,
     actions: ActionTable<ACTIONS>,
     switching: Switching,
     outputs: OutputBank,
@@ -33,20 +33,23 @@ pub struct Player<const A: usize, const W: usize, const M: usize> {
 }
 
 impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
-    /// A card at rest at record `start`, all counts and outputs zero, with all output channels. `None` where the smoothing is longer
-    /// than a card's memory.
+    /// A card at rest at record `start`, all counts and outputs zero, with all output channels. `None` where the rate law's average is
+    /// longer than the card's memory, or the machine brakes too slowly.
     #[must_use]
-    pub fn new(start: u32, smoothing: Smoothing) -> Option<Self> {
-        Self::with_outputs(start, smoothing, channel::DIGITAL as u8)
+    pub fn new(start: u32, limits: RateLimits<A>) -> Option<Self> {
+        let drive = Drive::new(limits)?;
+        Some(Self { drive, ..Self::idle(start, channel::DIGITAL as u8)? })
     }
 
-    /// The same with so many digital outputs.
-    pub(crate) fn with_outputs(start: u32, smoothing: Smoothing, digital: u8) -> Option<Self> {
+    /// The same with so many digital outputs, and no rate law yet: nothing is to be played on it.
+    pub(crate) const fn idle(start: u32, digital: u8) -> Option<Self> {
+        // no `?` in a constant
+        let Some(drive) = Drive::idle() else { return None };
         Some(Self {
             window: Window::new(start),
-            drive: Drive::new(smoothing)?,
-            actions: ActionTable::default(),
-            switching: Switching::default(),
+            drive,
+            actions: ActionTable::new(),
+            switching: Switching::new(),
             outputs: OutputBank::new(digital),
             target: 0,
             replay: false,
@@ -59,12 +62,12 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     /// given up, also one that is being executed: so a host may end one that waits for ever.
     ///
     /// # Errors
-    /// [`Refusal::InMotion`] where the motion does not stand, [`Refusal::Unfit`] where the smoothing is too long; nothing has changed then.
-    pub(crate) fn reopen(&mut self, start: u32, smoothing: Smoothing) -> Result<(), Refusal> {
+    /// [`Refusal::InMotion`] where the motion does not stand, [`Refusal::Unfit`] where the rate law does not fit; nothing has changed then.
+    pub(crate) fn reopen(&mut self, start: u32, limits: RateLimits<A>) -> Result<(), Refusal> {
         if !self.status.at_rest {
             return Err(Refusal::InMotion);
         }
-        self.drive = Drive::new(smoothing).ok_or(Refusal::Unfit)?;
+        self.drive = Drive::new(limits).ok_or(Refusal::Unfit)?;
         self.window.restart(start);
         self.actions.clear();
         self.switching.restart();
@@ -192,12 +195,12 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
 
     /// The furthest place ahead that the cursor stands at or is bound to run to.
     fn bound(&self) -> Place {
-        self.status.place.moved(self.drive.lead().max(0))
+        self.status.place.moved(self.drive.stopping().max(0))
     }
 
     /// The furthest place behind that the cursor stands at or is bound to run to.
     fn bound_behind(&self) -> Place {
-        self.status.place.moved(self.drive.lead().min(0))
+        self.status.place.moved(self.drive.stopping().min(0))
     }
 
     fn road(&self) -> Stretch<'_, Window<A, W>> {
@@ -309,14 +312,17 @@ struct Stretch<'w, R> {
     high: u32,
 }
 
-impl<'w, R: Road> Stretch<'w, R> {
-    fn new(road: &'w R, end: Option<u32>) -> Self {
+impl<'w, R> Stretch<'w, R> {
+    fn new<const A: usize>(road: &'w R, end: Option<u32>) -> Self
+    where
+        R: Road<A>,
+    {
         let high = end.filter(|&end| before(end, road.high())).unwrap_or(road.high());
         Self { road, high }
     }
 }
 
-impl<R: Road> Road for Stretch<'_, R> {
+impl<const A: usize, R: Road<A>> Road<A> for Stretch<'_, R> {
     fn low(&self) -> u32 {
         self.road.low()
     }
@@ -332,17 +338,23 @@ impl<R: Road> Road for Stretch<'_, R> {
     fn cap(&self, place: u32) -> RapidCap {
         self.road.cap(place)
     }
+
+    fn increments(&self, place: u32) -> [i16; A] {
+        self.road.increments(place)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use retrace_core::limits::AxisLimits;
     use retrace_core::{Flags, ONE, Record};
     use retrace_link::{Action, Instruction};
 
     fn player() -> Player<1, 64, 32> {
-        Player::new(0, Smoothing::new(8, 6).expect("valid")).expect("fits")
+        let axis = AxisLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+        Player::new(0, RateLimits::new(13, 1 << 15, [axis]).expect("valid")).expect("fits")
     }
 
     fn fill(player: &mut Player<1, 64, 32>, records: impl IntoIterator<Item = (i16, Flags)>) {

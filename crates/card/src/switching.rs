@@ -33,6 +33,12 @@ pub struct Switching {
 }
 
 impl Switching {
+    /// Nothing in hand, nothing executed.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { in_hand: None, executed: 0 }
+    }
+
     /// Number of the last complete instruction of the epoch; 0 for none.
     #[must_use]
     pub const fn executed(&self) -> u32 {

@@ -23,9 +23,9 @@ impl<const A: usize, const W: usize> Window<A, W> {
 
     /// An empty window at `place`, where the path is at rest.
     #[must_use]
-    pub fn new(place: u32) -> Self {
+    pub const fn new(place: u32) -> Self {
         let () = Self::CHECKED;
-        Self { records: [Record::default(); W], low: place, high: place, low_rests: true }
+        Self { records: [Record::STILL; W], low: place, high: place, low_rests: true }
     }
 
     /// Forgets everything and begins anew at `place`, where the path is at rest.
@@ -109,7 +109,7 @@ impl<const A: usize, const W: usize> Window<A, W> {
     }
 }
 
-impl<const A: usize, const W: usize> Road for Window<A, W> {
+impl<const A: usize, const W: usize> Road<A> for Window<A, W> {
     fn low(&self) -> u32 {
         self.low
     }
@@ -127,6 +127,10 @@ impl<const A: usize, const W: usize> Road for Window<A, W> {
 
     fn cap(&self, place: u32) -> RapidCap {
         self.record(place).map_or(RapidCap::PLANNED, |r| r.cap)
+    }
+
+    fn increments(&self, place: u32) -> [i16; A] {
+        self.record(place).map_or([0; A], |r| r.increments)
     }
 }
 

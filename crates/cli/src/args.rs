@@ -53,6 +53,67 @@ pub enum Command {
         after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine check examples/02-back-up.toml"
     )]
     Machine(Machine),
+    /// Serve a simulated card behind a pseudo-terminal, list serial ports, ask who is at one.
+    #[command(subcommand, after_help = "Examples:\n  retrace card serve --pty\n  retrace card who /dev/ttyUSB0@230400")]
+    Card(Card),
+}
+
+/// `retrace card`
+#[derive(Debug, Subcommand)]
+pub enum Card {
+    /// Serve a simulated card, in wall time, until interrupted. A host may come after another has gone; the position stays.
+    #[command(after_help = "Examples:\n  retrace card serve --pty --link my-card --vcd my-card.vcd\n  \
+        retrace card serve --pty --faults baud=230400,rate=1e-5,seed=7\n  retrace run examples/01-first-cut.ngc --card my-card")]
+    Serve(Serve),
+    /// List the serial ports that are there. A pseudo-terminal is never among them.
+    #[command(after_help = "Example:\n  retrace card ports --json")]
+    Ports {
+        /// One JSON object on standard output.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Ask who is at a port, and where the machine stands.
+    #[command(after_help = "Example:\n  retrace card who /dev/ttyUSB0@230400")]
+    Who {
+        /// The port, `PATH[@BAUD]`; 1000000 baud where none is named.
+        #[arg(value_name = "PORT")]
+        port: String,
+        /// One JSON object on standard output.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// `retrace card serve`
+#[derive(Debug, Args)]
+pub struct Serve {
+    /// Behind a pseudo-terminal, whose path is printed: the only way there is.
+    #[arg(long, required = true)]
+    pub pty: bool,
+    /// Machine file: axes, travel and switches; a three-axis machine is built in.
+    #[arg(long, value_name = "FILE.toml")]
+    pub machine: Option<PathBuf>,
+    /// Name to give to the pseudo-terminal: a symbolic link, replaced where it is one.
+    #[arg(long, value_name = "PATH")]
+    pub link: Option<PathBuf>,
+    /// Trace of step, direction, outputs and place, for a wave viewer.
+    #[arg(long, value_name = "FILE.vcd")]
+    pub vcd: Option<PathBuf>,
+    /// What goes wrong on the line, as in `rate=1e-5,seed=7` or `down.drop@1000`; docs/simulated-machine.md tells all of it.
+    #[arg(long, value_name = "SPEC")]
+    pub faults: Option<String>,
+    /// How many times as fast as a clock its time passes: 0.01 to 100.
+    #[arg(long, value_name = "N", default_value_t = 1.0)]
+    pub speed: f64,
+    /// End by itself after so many seconds, and tell what was counted.
+    #[arg(long, value_name = "S")]
+    pub seconds: Option<f64>,
+    /// End when standard input does, and tell what was counted.
+    #[arg(long)]
+    pub until_eof: bool,
+    /// What is told at the end as one JSON object.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `retrace machine`

@@ -45,7 +45,8 @@ pub fn run(args: &args::Plot) -> Result<(), Failure> {
     program.check(&machine)?;
     let mut trace = Trace::new(&machine, args.profile);
     if args.profile || !script.is_empty() {
-        let card = SimCard::new(0, machine.smoothing, Clock::Virtual).ok_or_else(|| cannot_draw("the card", ""))?;
+        let card = machine.rate_limits().and_then(|limits| SimCard::new(0, limits, Clock::Virtual));
+        let card = card.ok_or_else(|| cannot_draw("the card", ""))?;
         let operator = ScriptPlayer::new(script, machine.period_us);
         let manner = Manner { wall_time: false, operator: args.operator.is_some() };
         job::run::<9, _>(&machine, program.decoder(), Begin::First, card, operator, manner, &mut trace)

@@ -34,11 +34,12 @@ pub fn run(args: &args::Machine) -> Result<(), Refusal> {
 /// A machine in a few lines.
 fn described(machine: &Machine) -> String {
     let mut text = format!(
-        "machine `{}`: T = {} ms, path velocity {} mm/s, at rest within {:.3} s of a hold",
+        "machine `{}`: T = {} ms, path velocity {} mm/s, at rest within {:.3} s of a hold, within {:.3} s on a straight run",
         machine.name,
         f64::from(machine.period_us) / 1000.0,
         machine.path_velocity_mm_s,
-        f64::from(machine.smoothing.periods()) * machine.period_s(),
+        f64::from(machine.stopping.periods) * machine.period_s(),
+        f64::from(machine.stopping.straight_periods) * machine.period_s(),
     );
     for axis in &machine.axes {
         let [low, high] = axis.travel_mm;
@@ -64,7 +65,12 @@ mod tests {
         let built_in = Machine::built_in().expect("valid");
         assert_eq!(format!("{written:?}"), format!("{built_in:?}"));
         let text = described(&built_in);
-        assert!(text.contains("at rest within 0.34") && text.contains("X: 1000 pulses/mm"), "{text}");
+        assert!(
+            text.contains("at rest within 0.39")
+                && text.contains("within 0.151 s on a straight")
+                && text.contains("X: 1000 pulses/mm"),
+            "{text}"
+        );
     }
 
     /// Each key that is shown in a comment is one that can be used.

@@ -10,6 +10,8 @@ mod out;
 
 mod args;
 mod canon;
+mod card;
+mod card_serve;
 mod check;
 mod console;
 mod cycles;
@@ -22,6 +24,7 @@ mod program;
 mod run;
 mod size;
 mod subs;
+mod wired;
 
 use std::process::ExitCode;
 
@@ -37,12 +40,17 @@ fn main() -> ExitCode {
         Command::Canon(args) => canon::run(&args).map(|()| 0),
         Command::Plot(args) => draw::run(&args).map(|()| 0),
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
+        Command::Card(args) => card::run(&args).map(|()| 0),
         Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),
     };
     match done {
         Ok(code) => ExitCode::from(code),
         Err(Failure::Program) => ExitCode::from(1),
+        Err(Failure::Card(refusal)) => {
+            eprintln!("{refusal}");
+            ExitCode::from(3)
+        }
         Err(Failure::Refused(refusal)) => {
             eprintln!("{refusal}");
             ExitCode::from(2)

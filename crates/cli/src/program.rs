@@ -27,6 +27,8 @@ use crate::subs::Folders;
 pub enum Failure {
     /// Wrong usage, machine file or script: exit code 2.
     Refused(Refusal),
+    /// The card or the line to it: exit code 3.
+    Card(Refusal),
     /// The program has errors; they have been shown: exit code 1.
     Program,
 }
@@ -58,7 +60,9 @@ impl Program {
     pub fn open(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
         let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
         let user_codes = machine.switching.user_codes().fold(UserCodes::default(), UserCodes::with);
-        let setup = Setup { axes: AxisSet::of(&axes), tools: tools_without_length(), user_codes, ..Setup::default() };
+        let position = axes.iter().zip(&machine.stands_at_mm).fold(Pose::ZERO, |at, (&axis, &mm)| at.with(axis, mm));
+        let (axes, tools) = (AxisSet::of(&axes), tools_without_length());
+        let setup = Setup { axes, tools, user_codes, position, ..Setup::default() };
         Self::with_setup(reading, setup)
     }
 

@@ -21,6 +21,7 @@ use crate::args;
 use crate::console::{Console, Show, unwritable};
 use crate::files;
 use crate::program::{Failure, Program};
+use crate::wired;
 
 /// Runs the command; its exit code.
 ///
@@ -30,31 +31,38 @@ pub fn run(args: &args::Run) -> Result<u8, Failure> {
     refuse_what_is_not_there(args)?;
     let machine = files::machine(args.machine.as_deref())?;
     let script = files::script(args.operator.as_deref())?;
-    let program = Program::open(&args.reading, &machine)?;
-    program.check(&machine)?;
-    if let (Some(line), Some(lines)) = (args.start_line, program.lines())
-        && u64::from(line) > lines
-    {
-        let what = format!("--start-line {line}: {} has {lines} lines", program.name());
-        return Err(Refusal::new("E2151", what, "a line of the program").into());
-    }
-    let job = Job { args, machine: &machine, script, program: &program };
     match machine.axes.len() {
-        0..=4 => job.run::<4>(),
-        5..=6 => job.run::<6>(),
-        _ => job.run::<9>(),
+        0..=4 => on_card::<4>(args, machine, script),
+        5..=6 => on_card::<6>(args, machine, script),
+        _ => on_card::<9>(args, machine, script),
     }
 }
 
 fn refuse_what_is_not_there(args: &args::Run) -> Result<(), Refusal> {
-    if args.card != "sim" {
-        let what = format!("--card {}: this version runs the simulated card only", args.card);
-        return Err(Refusal::new("E2141", what, "--card sim"));
-    }
     if args.tui {
         return Err(Refusal::new("E2142", "--tui: full-screen operation is not built yet", "leave it out"));
     }
     Ok(())
+}
+
+/// Finds the card, and runs the job on it.
+fn on_card<const A: usize>(args: &args::Run, machine: Machine, script: Vec<Instruction>) -> Result<u8, Failure> {
+    if args.card == "sim" {
+        let job = Job::open(args, &machine, script)?;
+        let clock = if args.realtime { Clock::wall(machine.period_us) } else { Clock::Virtual };
+        let card = machine.rate_limits().and_then(|limits| SimCard::<A>::new(0, limits, clock)).ok_or_else(|| {
+            Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md")
+        })?;
+        return job.run(card, args.realtime).map(|(code, _)| code);
+    }
+    // Everything that can be refused without the card is refused before it is asked for.
+    Job::open(args, &machine, script.clone())?;
+    let mut card = wired::open::<A>(&args.card, &machine)?;
+    let machine = machine.standing_at(&card.status().counts);
+    let (code, _) = Job::open(args, &machine, script)?.run(&mut *card, true)?;
+    // The card stands, or has an alarm that says more than this would.
+    let _ = card.close();
+    Ok(code)
 }
 
 /// A job, ready to run.
@@ -62,19 +70,29 @@ struct Job<'a> {
     args: &'a args::Run,
     machine: &'a Machine,
     script: Vec<Instruction>,
-    program: &'a Program,
+    program: Program,
 }
 
-impl Job<'_> {
-    fn run<const A: usize>(self) -> Result<u8, Failure> {
+impl<'a> Job<'a> {
+    /// Opens the program and checks it whole.
+    fn open(args: &'a args::Run, machine: &'a Machine, script: Vec<Instruction>) -> Result<Self, Failure> {
+        let program = Program::open(&args.reading, machine)?;
+        program.check(machine)?;
+        if let (Some(line), Some(lines)) = (args.start_line, program.lines())
+            && u64::from(line) > lines
+        {
+            let what = format!("--start-line {line}: {} has {lines} lines", program.name());
+            return Err(Refusal::new("E2151", what, "a line of the program").into());
+        }
+        Ok(Self { args, machine, script, program })
+    }
+
+    /// Runs it on a card, in wall time where that is how the card's time passes: its exit code, and the card.
+    fn run<const A: usize, C: MotionCard<A>>(self, card: C, wall_time: bool) -> Result<(u8, C), Failure> {
         let Self { args, machine, script, program } = self;
         let show = Show::choose(args.json, program.lines());
         let mut console = Console::<A>::new(show, machine, args.records.as_deref())?;
-        let clock = if args.realtime { Clock::wall(machine.period_us) } else { Clock::Virtual };
-        let card = SimCard::<A>::new(0, machine.smoothing, clock).ok_or_else(|| {
-            Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md")
-        })?;
-        let manner = Manner { wall_time: args.realtime, operator: args.operator.is_some() };
+        let manner = Manner { wall_time, operator: args.operator.is_some() };
         let begin = args.start_line.map_or(Begin::First, Begin::Line);
         let operator = ScriptPlayer::new(script, machine.period_us);
         let started = Instant::now();
@@ -108,7 +126,7 @@ impl Job<'_> {
         if let (Some(path), Outcome::Completed) = (&args.reading.params, &outcome) {
             last.write(path)?;
         }
-        Ok(outcome.exit_code())
+        Ok((outcome.exit_code(), card))
     }
 }
 

@@ -71,7 +71,7 @@ pub enum Begin {
     Line(u32),
 }
 
-/// Runs a program on a card that stands at the machine's zero.
+/// Runs a program on a card that stands where the machine says.
 ///
 /// # Errors
 /// What keeps the job from being set up; nothing has moved then.
@@ -91,7 +91,8 @@ pub fn run<const A: usize, C: MotionCard<A>>(
     let mut ring = Ring::new(cells, keep, look_ahead, start).map_err(|e| format!("no ring: {e:?}"))?;
     let (producer, consumer) = ring.split();
     let (sender, receiver) = mpsc::sync_channel(ITEMS);
-    let planner = Planner::new(machine.limits(), [0.0; A]).map_err(|e| e.to_string())?.blending_by(machine.blending);
+    let planner =
+        Planner::new(machine.limits(), machine.start_mm()).map_err(|e| e.to_string())?.blending_by(machine.blending);
     let cancel = AtomicBool::new(false);
     let (asking, heeding) = overrides(look_ahead);
     let feeder = Feeder::new(planner, producer, sender, card.status().outputs, &cancel).heeding(heeding);

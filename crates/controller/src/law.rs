@@ -1,63 +1,67 @@
-//! How slowly the rate must change on a given machine (REV, *Rate law*).
+//! What the rate law is told of a machine: its file's limits in pulses and control periods (REV, *Rate law*).
 //!
-//! Invariant: with the averages chosen here, `αA·r² + V·|r′| ≤ A` and `αJ·|r|³ + 3αA·|r·r′| + V·|r″| ≤ 2J` hold on every axis at
-//! every rate, whatever targets are asked when. V, the axis' highest velocity, stands for the largest increment
-//! that may come; the plan uses the share α = 1 − reserve of A and J.
+//! Invariant: nothing is told that is better than the machine file's limits, and the average is the shortest with `n ≥ A/J` on every axis.
 
-use retrace_core::rate::Smoothing;
+use retrace_core::drive::Braking;
+use retrace_core::limits::{AxisLimits, RateLimits};
 
 use crate::machine::Axis;
 
-/// Longest average that a card holds, in periods.
-const LONGEST: u16 = Smoothing::LONGEST;
+/// Longest average that a card's memory is expected to hold, in periods.
+const LONGEST: u16 = 1023;
 
-/// The shortest averages that keep every axis within its limits. `None` where none fits a card.
-///
-/// Two averages of one length are within a hundredth of the best pair, and a longer pair is gentler at every rate, so the
-/// shortest is found by halving.
+/// The limits as a card takes them, for axes that are not there those of the first. `None` where an axis is too slow to be told in
+/// [`AxisLimits`]' units, or its acceleration takes too many periods to build up for a card's memory.
 #[must_use]
-pub fn smoothing(axes: &[Axis], reserve: f64, period_s: f64) -> Option<Smoothing> {
-    let legal = |length: u16| keeps_limits(axes, reserve, period_s, length, length);
-    let (mut low, mut high) = (0, LONGEST);
-    if !legal(high) {
-        return None;
+pub fn rate_limits<const A: usize>(axes: &[Axis], reserve: f64, period_s: f64) -> Option<RateLimits<A>> {
+    let mut all = [fixed(axes.first()?, period_s)?; A];
+    for (slot, axis) in all.iter_mut().zip(axes) {
+        *slot = fixed(axis, period_s)?;
     }
-    while high - low > 1 {
-        let middle = low.midpoint(high);
-        if legal(middle) { high = middle } else { low = middle }
-    }
-    Smoothing::new(high, high)
+    let average = all.iter().map(|axis| axis.acceleration.div_ceil(axis.jerk)).max()?;
+    let average = u16::try_from(average).ok().filter(|&n| n <= LONGEST)? | 1;
+    RateLimits::new(average, ((1.0 - reserve) * 65_536.0).ceil() as u16, all)
 }
 
-/// Do averages over `first ≥ second` periods keep every axis within its limits?
-///
-/// For targets between 0 and 1 the fastest change at a rate r is the one that a plain step shows at that rate, as the
-/// trapezoid of the two averages is log-concave; a step down is a step up seen from 1. So both are looked at, period by
-/// period.
-fn keeps_limits(axes: &[Axis], reserve: f64, period_s: f64, first: u16, second: u16) -> bool {
-    let alpha = 1.0 - reserve;
-    let (n1, n2) = (f64::from(first), f64::from(second));
-    // r″ a second²; twice that of a plain step, since targets may change at any time
-    let bend = 2.0 / (n1 * n2) / (period_s * period_s);
-    let mut rate = 0.0;
-    for k in 1..first + second {
-        let height = f64::from(k.min(second).min(first + second - k)) / (n1 * n2);
-        let next = rate + height;
-        let change = height / period_s;
-        // the rate somewhere within this period, from the step up and from the step down
-        for r in [next, 1.0 - rate] {
-            for axis in axes {
-                let (v, a, j) = (axis.max_velocity_mm_per_s, axis.max_acceleration_mm_per_s2, axis.max_jerk_mm_per_s3);
-                let acceleration = alpha * a * r * r + v * change;
-                let jerk = alpha * j * r * r * r + 3.0 * alpha * a * r * change + v * bend;
-                if acceleration > a || jerk > 2.0 * j {
-                    return false;
-                }
-            }
-        }
-        rate = next;
+/// One axis in fixed point; what is more than can be told counts as that much.
+fn fixed(axis: &Axis, period_s: f64) -> Option<AxisLimits> {
+    let figure = |per_s: f64, power: i32| {
+        let pulses = per_s * axis.pulses_per_mm * period_s.powi(power);
+        // A figure that is whole on paper is not to fall short by the floats' own rounding.
+        let figure = (pulses * 4_294_967_296.0 * (1.0 + 1e-12)) as u64;
+        (figure >= AxisLimits::LEAST).then_some(figure.min(AxisLimits::MOST))
+    };
+    Some(AxisLimits {
+        velocity: figure(axis.max_velocity_mm_per_s, 1)?,
+        acceleration: figure(axis.max_acceleration_mm_per_s2, 2)?,
+        jerk: figure(axis.max_jerk_mm_per_s3, 3)?,
+    })
+}
+
+/// What follows from the limits for the host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stopping {
+    /// Periods within which the machine is at rest after a hold at rate one, wherever it is.
+    pub periods: u32,
+    /// The same on a straight run at an axis' full velocity.
+    pub straight_periods: u32,
+    /// Records beyond the cursor on which the rate may depend up to rate one: what it needs to brake on, and what is surveyed.
+    pub foresight_records: u32,
+}
+
+impl Stopping {
+    /// For these limits. `None` where the machine brakes too slowly for a card.
+    #[must_use]
+    pub fn of<const A: usize>(limits: &RateLimits<A>) -> Option<Self> {
+        let braking = Braking::<32>::new(limits)?;
+        let average = u32::from(limits.average());
+        let braked = (braking.length(retrace_core::ONE) >> 32) as u32 + average / 2 + 4;
+        // blocks of eight are surveyed, two beyond what the cursor may come to
+        let foresight_records = braked.max(average + 36);
+        let ramp = limits.axes().iter().map(|axis| axis.velocity.div_ceil(axis.acceleration)).max().unwrap_or(0);
+        let straight_periods = u32::try_from(ramp).ok()?.checked_add(average)?;
+        Some(Self { straight_periods, periods: braking.periods() as u32 + average, foresight_records })
     }
-    true
 }
 
 #[cfg(test)]
@@ -66,27 +70,31 @@ mod tests {
     use crate::machine::Machine;
 
     #[test]
-    fn the_built_in_machine_stops_within_its_published_time() {
+    fn the_built_in_machine_in_pulses_and_periods() {
         let machine = Machine::built_in().expect("valid");
-        let smoothing = machine.smoothing;
-        // by hand: ramps of about 0.17 s keep the upper end of the triangle under (A − αAr²)/V
-        assert!((340..=350).contains(&smoothing.periods()), "{smoothing:?}");
-        let (first, second) = (smoothing.first(), smoothing.second());
-        assert!(!keeps_limits(&machine.axes, 0.1, 0.001, first - 4, second - 4));
+        let limits = machine.rate_limits::<3>().expect("checked");
+        assert_eq!((limits.average(), limits.share()), (51, 58_983));
+        let axis = limits.axes()[2];
+        assert_eq!((axis.velocity >> 32, axis.acceleration >> 32, (50 * (axis.jerk + 1)) >> 32), (100, 1, 1));
+        // the ramp under (A − αAu²)/V and the jerk's bound takes a third of a second
+        assert!((370..=400).contains(&machine.stopping.periods), "{:?}", machine.stopping);
+        assert_eq!(machine.stopping.straight_periods, 100 + 51);
+        assert!((240..=250).contains(&machine.stopping.foresight_records), "{:?}", machine.stopping);
     }
 
     #[test]
     fn stiffer_machines_stop_sooner() {
         let mut axes = Machine::built_in().expect("valid").axes;
-        let slow = smoothing(&axes, 0.1, 0.001).expect("fits").periods();
+        let stopping = |axes: &[Axis]| rate_limits::<3>(axes, 0.1, 0.001).as_ref().and_then(Stopping::of);
+        let slow = stopping(&axes).expect("fits").periods;
         for axis in &mut axes {
             axis.max_acceleration_mm_per_s2 *= 4.0;
             axis.max_jerk_mm_per_s3 *= 10.0;
         }
-        assert!(smoothing(&axes, 0.1, 0.001).expect("fits").periods() * 3 < slow);
+        assert!(stopping(&axes).expect("fits").periods * 5 < 2 * slow);
         for axis in &mut axes {
-            axis.max_acceleration_mm_per_s2 = 0.1;
+            axis.max_jerk_mm_per_s3 = 100.0;
         }
-        assert_eq!(smoothing(&axes, 0.1, 0.001), None);
+        assert_eq!(stopping(&axes), None);
     }
 }

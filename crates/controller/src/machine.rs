@@ -5,11 +5,12 @@
 
 use std::collections::BTreeMap;
 
-use retrace_core::rate::Smoothing;
+use retrace_core::limits::RateLimits;
 use retrace_motion::{Blending, GlideRatio, Limits, RatioOf};
 use serde::Deserialize;
 
-use crate::law;
+use crate::card::{CardSettings, WrittenCard};
+use crate::law::{self, Stopping};
 use crate::refusal::{Refusal, nearest};
 use crate::switching::SwitchingTable;
 
@@ -141,6 +142,7 @@ struct MachineFile {
     axis: Vec<Axis>,
     blending: BlendingSettings,
     wheel: WheelSettings,
+    card: WrittenCard,
     code: BTreeMap<String, crate::switching::CodeSettings>,
 }
 
@@ -168,6 +170,7 @@ impl Default for MachineFile {
             axis: vec![axis('x'), axis('y'), axis('z')],
             blending: BlendingSettings::default(),
             wheel: WheelSettings::default(),
+            card: WrittenCard::default(),
             code: BTreeMap::new(),
         }
     }
@@ -204,13 +207,36 @@ pub struct Machine {
     pub wheel_periods: u16,
     /// Handwheel counts in that time that make rate 1.
     pub wheel_counts: u16,
+    /// What the card is told besides.
+    pub card: CardSettings,
     /// What M, S and T codes switch, how, and for how long.
     pub switching: SwitchingTable,
-    /// The rate law's averages.
-    pub smoothing: Smoothing,
+    /// How the rate law stops this machine.
+    pub stopping: Stopping,
+    /// Where the axes stand when a job begins, mm, in the order of `axes`: as the card's counts say.
+    pub stands_at_mm: Vec<f64>,
 }
 
 impl Machine {
+    /// The same machine, which stands at these counts.
+    #[must_use]
+    pub fn standing_at(mut self, counts: &[i64]) -> Self {
+        for ((mm, axis), &count) in self.stands_at_mm.iter_mut().zip(&self.axes).zip(counts) {
+            *mm = count as f64 / axis.pulses_per_mm;
+        }
+        self
+    }
+
+    /// Where it stands when a job begins, as a position of `A` axes.
+    #[must_use]
+    pub fn start_mm<const A: usize>(&self) -> [f64; A] {
+        let mut start = [0.0; A];
+        for (slot, &mm) in start.iter_mut().zip(&self.stands_at_mm) {
+            *slot = mm;
+        }
+        start
+    }
+
     /// The built-in machine: three axes, 1 000 pulses/mm, 100 mm/s, 1 000 mm/s², 20 000 mm/s³, T = 1 ms.
     ///
     /// # Errors
@@ -243,14 +269,16 @@ impl Machine {
         let period_s = f64::from(period_us) * 1e-6;
         let periods = |seconds: f64| (seconds / period_s).ceil() as u32;
         let reserve = file.reserve_percent / 100.0;
-        let smoothing = law::smoothing(&axes, reserve, period_s).ok_or_else(|| {
+        let limits = law::rate_limits::<9>(&axes, reserve, period_s);
+        let stopping = limits.as_ref().and_then(Stopping::of).ok_or_else(|| {
             Refusal::new(
                 "E2113",
                 "the axes brake too slowly for a control period this short: the rate law does not fit the card's memory",
                 "a longer control_period_ms, a lower max_velocity_mm_per_s or a higher max_acceleration_mm_per_s2",
             )
         })?;
-        let look_ahead = periods(file.look_ahead_s).max(2 * u32::from(smoothing.stopping_records()) + 2);
+        let look_ahead = periods(file.look_ahead_s).max(stopping.foresight_records);
+        let card = file.card.checked(&axes, &file.cutting_outputs, file.control_period_ms)?;
         let wheel_periods = (file.wheel.mean_over_ms / file.control_period_ms).round() as u16;
         let wheel_counts = file.wheel.counts_per_s_at_rate_1 * f64::from(wheel_periods) * period_s;
         let machine = Self {
@@ -265,10 +293,12 @@ impl Machine {
             homed: file.homed,
             retrace_outputs: file.retrace_outputs,
             cutting_outputs: file.cutting_outputs,
+            card,
             wheel_periods,
             wheel_counts: wheel_counts.round().clamp(1.0, 65_535.0) as u16,
             switching: SwitchingTable::new(&file.code, period_us)?,
-            smoothing,
+            stopping,
+            stands_at_mm: vec![0.0; axes.len()],
             axes,
         };
         machine.limits::<9>().validate().map_err(|e| {
@@ -281,6 +311,13 @@ impl Machine {
     #[must_use]
     pub fn period_s(&self) -> f64 {
         f64::from(self.period_us) * 1e-6
+    }
+
+    /// The limits as a card's rate law takes them; axes that the machine does not have are those of its first axis.
+    /// Not `None` for a machine whose file was checked.
+    #[must_use]
+    pub fn rate_limits<const A: usize>(&self) -> Option<RateLimits<A>> {
+        law::rate_limits(&self.axes, self.reserve, self.period_s())
     }
 
     /// The limits as the planner takes them; axes that the machine does not have are those of its first axis.

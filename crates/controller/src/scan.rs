@@ -59,10 +59,10 @@ const SLACK_MM: f64 = 1e-6;
 const MOST: usize = 100;
 
 impl<'m, const A: usize> Scan<'m, A> {
-    /// A scan that begins at the machine's zero.
+    /// A scan that begins where the machine stands.
     #[must_use]
     pub fn new(machine: &'m Machine) -> Self {
-        Self { machine, at: [0.0; A], extents_mm: None, beyond: Vec::new(), moves: 0 }
+        Self { machine, at: machine.start_mm(), extents_mm: None, beyond: Vec::new(), moves: 0 }
     }
 
     fn visit(&mut self, point: &[f64; A], line: u32) {

@@ -109,12 +109,14 @@ pub struct Track<'m> {
 }
 
 impl<'m> Track<'m> {
-    /// At the machine's zero, with the state in which every program begins.
+    /// Where the machine stands, with the state in which every program begins.
     #[must_use]
     pub fn new(machine: &'m Machine) -> Self {
+        let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
+        let at = axes.iter().zip(&machine.stands_at_mm).fold(Pose::ZERO, |at, (&axis, &mm)| at.with(axis, mm));
         Self {
             machine,
-            axes: machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect(),
+            axes,
             unit: LengthUnit::Millimetre,
             g5x: Pose::ZERO,
             g92: Pose::ZERO,
@@ -125,7 +127,7 @@ impl<'m> Track<'m> {
             path: PathMode::blend(machine.blend_tolerance_mm),
             path_control: PathControl::Continuous { tolerance: 0.0 },
             naive_cam_mm: 0.0,
-            at: Pose::ZERO,
+            at,
             selected_tool: 0,
         }
     }

@@ -65,7 +65,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut Feeder<'_, 3>) + 
     let (producer, consumer) = ring.split();
     let (sender, receiver) = mpsc::sync_channel(64);
     let planner = Planner::new(machine.limits(), [0.0; 3]).expect("valid");
-    let card = SimCard::<3>::new(start, machine.smoothing, Clock::Virtual).expect("fits");
+    let card = SimCard::<3>::new(start, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
     let axis = |i: usize| {
         let a = &machine.axes[i];
         AxisLimits {

@@ -8,6 +8,7 @@ pub mod drive;
 pub mod fine;
 pub mod gate;
 pub mod interruption;
+pub mod limits;
 pub mod mode;
 pub mod place;
 pub mod playback;

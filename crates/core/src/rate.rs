@@ -72,7 +72,7 @@ struct MovingSum<const M: usize> {
 }
 
 impl<const M: usize> MovingSum<M> {
-    fn new(length: u16) -> Self {
+    const fn new(length: u16) -> Self {
         Self { values: [0; M], length, at: 0, sum: 0 }
     }
 
@@ -83,6 +83,11 @@ impl<const M: usize> MovingSum<M> {
         *oldest = value;
         self.at = if self.at + 1 == self.length { 0 } else { self.at + 1 };
         self.sum
+    }
+
+    const fn newest(&self) -> Travel {
+        let at = if self.at == 0 { self.length } else { self.at };
+        self.values[at as usize - 1]
     }
 
     fn fill(&mut self, value: Travel) {
@@ -104,7 +109,7 @@ pub struct RateLaw<const M: usize> {
 impl<const M: usize> RateLaw<M> {
     /// At rest. `None` where the smoothing is longer than the memory.
     #[must_use]
-    pub fn new(smoothing: Smoothing) -> Option<Self> {
+    pub const fn new(smoothing: Smoothing) -> Option<Self> {
         if smoothing.first as usize > M || smoothing.second as usize > M {
             return None;
         }
@@ -135,6 +140,20 @@ impl<const M: usize> RateLaw<M> {
     #[must_use]
     pub const fn direction(&self) -> Travel {
         self.sums.sum.signum()
+    }
+
+    /// The last target.
+    #[must_use]
+    pub const fn target(&self) -> Travel {
+        self.targets.newest()
+    }
+
+    /// The highest |target| in the memory, as far as means over the first length show it: with a first length of one, exactly.
+    #[must_use]
+    pub fn highest(&self) -> Travel {
+        let sums = &self.sums.values[..self.sums.length as usize];
+        let highest = sums.iter().map(|sum| sum.abs()).max().unwrap_or(0);
+        highest / Travel::from(self.smoothing.first)
     }
 
     /// One control period: the commanded place moves by `target` (records a period, at most 8 either way, of the sign of

@@ -91,9 +91,14 @@ pub struct Record<const A: usize> {
     pub spare: u16,
 }
 
+impl<const A: usize> Record<A> {
+    /// A control period without motion.
+    pub const STILL: Self = Self { increments: [0; A], line: 0, flags: Flags::NONE, cap: RapidCap::PLANNED, spare: 0 };
+}
+
 impl<const A: usize> Default for Record<A> {
     fn default() -> Self {
-        Self { increments: [0; A], line: 0, flags: Flags::NONE, cap: RapidCap::PLANNED, spare: 0 }
+        Self::STILL
     }
 }
 

@@ -102,6 +102,13 @@ impl Pose {
         Pose([x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     }
 
+    /// The same, with this coordinate.
+    #[must_use]
+    pub fn with(mut self, axis: Axis, value: f64) -> Pose {
+        self[axis] = value;
+        self
+    }
+
     /// The linear coordinates times `factor`; the rotary ones stay.
     #[must_use]
     pub fn scaled_lengths(mut self, factor: f64) -> Pose {

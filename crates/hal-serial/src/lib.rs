@@ -1,2 +1,24 @@
-//! Skeleton: the serial backend comes with the wire protocol; nothing is exported yet.
+//! The serial port: a line to a card by cable, USB adapter or pseudo-terminal.
+//!
+//! It moves bytes and knows no word of the protocol: [`SerialPort`] is the host's `link::Port`, and [`Pty`] the card's side of a
+//! pseudo-terminal, behind which a simulated card looks like one on a cable.
+//!
+//! Invariant: what cannot be opened is refused with a number, the cause and what to do; nothing waits for longer than it was told to.
 #![forbid(unsafe_code)]
+
+mod address;
+mod budget;
+mod list;
+mod port;
+#[cfg(unix)]
+mod pty;
+mod quick;
+mod refused;
+
+pub use address::{Address, BAUD};
+pub use list::{FoundPort, Usb, ports};
+pub use port::{Lost, SerialPort};
+#[cfg(unix)]
+pub use pty::Pty;
+pub use quick::Latency;
+pub use refused::Refused;

@@ -5,8 +5,8 @@
 use core::fmt;
 
 use retrace_card::Player;
-use retrace_core::rate::Smoothing;
-use retrace_link::{MotionCard, Refusal, Status, Word};
+use retrace_core::limits::RateLimits;
+use retrace_link::{CardFault, MotionCard, Refusal, Status, Word};
 
 use crate::{Clock, PulseCounters};
 
@@ -14,7 +14,7 @@ use crate::{Clock, PulseCounters};
 pub const WINDOW: usize = 4096;
 
 /// Longest average of its rate law, in periods.
-const MEMORY: usize = Smoothing::LONGEST as usize;
+pub(crate) const MEMORY: usize = 1023;
 
 /// A simulated card for `A` axes.
 #[derive(Debug)]
@@ -38,11 +38,21 @@ impl fmt::Display for TooManyPulses {
     }
 }
 
+impl CardFault for TooManyPulses {
+    fn number(&self) -> &'static str {
+        "E3017"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period"
+    }
+}
+
 impl<const A: usize> SimCard<A> {
-    /// A card at rest, its first record to have the number `start`. `None` where the smoothing is too long for a card.
+    /// A card at rest, its first record to have the number `start`. `None` where the rate law's average is too long for a card.
     #[must_use]
-    pub fn new(start: u32, smoothing: Smoothing, clock: Clock) -> Option<Self> {
-        let player = Box::new(Player::new(start, smoothing)?);
+    pub fn new(start: u32, limits: RateLimits<A>, clock: Clock) -> Option<Self> {
+        let player = Box::new(Player::new(start, limits)?);
         let status = *player.status();
         Some(Self { player, clock, counters: PulseCounters::default(), status })
     }
@@ -87,12 +97,17 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use retrace_core::limits::AxisLimits;
     use retrace_core::{Flags, ONE, Record};
+
+    fn limits<const A: usize>() -> RateLimits<A> {
+        let axis = AxisLimits { velocity: 100 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+        RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
+    }
 
     #[test]
     fn counts_every_pulse_of_a_walk_there_and_back() {
-        let smoothing = Smoothing::new(8, 6).expect("valid");
-        let mut card = SimCard::<2>::new(0, smoothing, Clock::Virtual).expect("fits");
+        let mut card = SimCard::<2>::new(0, limits(), Clock::Virtual).expect("fits");
         for place in 0..100u32 {
             let flags = if place == 99 { Flags::REST } else { Flags::NONE };
             let record = Record { increments: [7, -(place as i16)], flags, ..Record::default() };
@@ -113,9 +128,8 @@ mod tests {
 
     #[test]
     fn wall_time_passes() {
-        let smoothing = Smoothing::new(8, 6).expect("valid");
         let begin = std::time::Instant::now();
-        let mut card = SimCard::<1>::new(0, smoothing, Clock::wall(1000)).expect("fits");
+        let mut card = SimCard::<1>::new(0, limits(), Clock::wall(1000)).expect("fits");
         for _ in 0..20 {
             card.period().expect("no fault");
         }

@@ -4,6 +4,8 @@
 
 use core::fmt;
 
+use crate::CardFault;
+
 /// What stopped the machine. It stays latched on the card until [`crate::Word::ClearAlarm`], and no rate moves the machine while
 /// it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,10 +80,10 @@ impl Alarm {
             _ => return None,
         })
     }
+}
 
-    /// Its number in the table of errors.
-    #[must_use]
-    pub const fn number(self) -> &'static str {
+impl CardFault for Alarm {
+    fn number(&self) -> &'static str {
         match self {
             Self::HostSilent => "E3011",
             Self::EmergencyStop => "E3012",
@@ -95,16 +97,18 @@ impl Alarm {
         }
     }
 
-    /// What to do.
-    #[must_use]
-    pub const fn remedy(self) -> &'static str {
+    fn remedy(&self) -> &'static str {
         match self {
-            Self::HostSilent => "check the cable and the computer's load; clear the alarm, check the position, then resume",
+            Self::HostSilent => {
+                "check the cable and the computer's load; clear the alarm, check the position, then resume"
+            }
             Self::EmergencyStop => "make the machine safe, close the chain, clear the alarm, then home the machine",
             Self::DoorOpen => "close the door, clear the alarm, then resume",
             Self::LimitSwitch { .. } => "clear the alarm, jog away from the switch, then home the machine",
             Self::TimedOut { .. } | Self::Failed { .. } => "see to what was switched, clear the alarm, then resume",
-            Self::TooManyPulses { .. } => "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period",
+            Self::TooManyPulses { .. } => {
+                "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period"
+            }
             Self::HomingFailed { .. } => "check the home switch and its wiring, then home again",
             Self::Defect => "home the machine; please report this",
         }

@@ -2,7 +2,18 @@
 //!
 //! Invariant: neither knows the protocol; they take words and bytes.
 
-use crate::{Identity, Refusal, Settings, Status, Word};
+use retrace_core::Place;
+
+use crate::{Identity, Refusal, Settings, Status, Word, crc};
+
+/// A check of place and counts, by which host and card see that they agree on where the machine stands.
+#[must_use]
+pub fn echo(place: Place, counts: &[i64], axes: u8) -> u32 {
+    let place = [place.record.to_le_bytes(), place.fraction.to_le_bytes()];
+    let start = place.iter().flatten().fold(crc::START, |register, &byte| crc::update(register, byte));
+    let counts = counts.iter().take(usize::from(axes)).flat_map(|count| count.to_le_bytes());
+    crc::finish(counts.fold(start, crc::update))
+}
 
 /// The card's works, as its end of the line sees them.
 pub trait Deck<const A: usize> {
@@ -14,6 +25,15 @@ pub trait Deck<const A: usize> {
     /// # Errors
     /// [`Refusal`]; nothing has changed then.
     fn open(&mut self, settings: &Settings<A>) -> Result<(), Refusal>;
+
+    /// Ends the epoch; only while the machine stands.
+    ///
+    /// # Errors
+    /// [`Refusal::InMotion`]
+    fn close(&mut self) -> Result<(), Refusal>;
+
+    /// A whole frame of the open epoch came: the host is there.
+    fn heard(&mut self);
 
     /// Takes a word.
     ///
@@ -27,8 +47,8 @@ pub trait Deck<const A: usize> {
 
 /// The host's port to a line of bytes, which may lose, change and delay them.
 pub trait Port {
-    /// The line is gone for good.
-    type Fault: core::fmt::Display;
+    /// How the line can be gone.
+    type Fault: CardFault;
 
     /// Microseconds since some moment, never going back.
     fn now_us(&self) -> u64;
@@ -47,4 +67,18 @@ pub trait Port {
     /// # Errors
     /// The line is gone.
     fn read(&mut self, bytes: &mut [u8], wait_us: u32) -> Result<usize, Self::Fault>;
+
+    /// Tries once to get a line back that is gone, and says whether it is there again. Takes some time where it is not.
+    fn revive(&mut self) -> bool {
+        false
+    }
+}
+
+/// What ends a run on a card for good.
+pub trait CardFault: core::fmt::Display {
+    /// Its number in the table of errors.
+    fn number(&self) -> &'static str;
+
+    /// What to do.
+    fn remedy(&self) -> &'static str;
 }

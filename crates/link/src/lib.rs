@@ -9,23 +9,31 @@
 #![forbid(unsafe_code)]
 
 mod alarm;
+mod card_end;
 pub mod crc;
 mod ends;
 pub mod frame;
+mod frame_size;
+mod host;
 mod message;
+mod mirror;
 mod settings;
+pub mod wire;
+mod wired;
 
 pub use alarm::Alarm;
-pub use ends::{Deck, Port};
-pub use message::{
-    Action, Await, Change, Homing, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel,
-};
+pub use card_end::CardEnd;
+pub use ends::{CardFault, Deck, Port, echo};
+pub use host::{Host, HostFault, LineCounts};
+pub use message::{Action, Await, Change, Homing, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel};
 pub use settings::{Identity, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, Settings};
+pub use wire::Greeting;
+pub use wired::{Patience, Wired, WiredFault};
 
 /// What the controller sees of a card, simulated or real.
 pub trait MotionCard<const A: usize> {
     /// What holds the line or the machine up for good.
-    type Fault: core::fmt::Display;
+    type Fault: CardFault;
 
     /// How many records the card can hold.
     fn window(&self) -> u32;
@@ -44,4 +52,34 @@ pub trait MotionCard<const A: usize> {
 
     /// The report of the last period again.
     fn status(&self) -> &Status<A>;
+
+    /// The place behind the last record that the card is known to hold. A card at the end of a line has been told of more than that by
+    /// its status, whose window is the one that is on its way.
+    fn arrived(&self) -> u32 {
+        self.status().high
+    }
+}
+
+impl<const A: usize, C: MotionCard<A>> MotionCard<A> for &mut C {
+    type Fault = C::Fault;
+
+    fn window(&self) -> u32 {
+        C::window(self)
+    }
+
+    fn send(&mut self, word: Word<A>) -> Result<(), Refusal> {
+        C::send(self, word)
+    }
+
+    fn period(&mut self) -> Result<&Status<A>, Self::Fault> {
+        C::period(self)
+    }
+
+    fn status(&self) -> &Status<A> {
+        C::status(self)
+    }
+
+    fn arrived(&self) -> u32 {
+        C::arrived(self)
+    }
 }

@@ -222,7 +222,7 @@ pub struct Status<const A: usize> {
 impl<const A: usize> Status<A> {
     /// A card at rest at record `start`, all counts and outputs zero.
     #[must_use]
-    pub fn standing(start: u32) -> Self {
+    pub const fn standing(start: u32) -> Self {
         Self {
             period: 0,
             place: Place::start_of(start),

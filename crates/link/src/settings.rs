@@ -3,7 +3,7 @@
 //! Invariant: settings take effect only while the machine stands; each opening has an epoch of its own, and what belongs to another
 //! epoch counts for nothing.
 
-use retrace_core::rate::Smoothing;
+use retrace_core::limits::RateLimits;
 
 use crate::Change;
 
@@ -91,8 +91,8 @@ pub struct Settings<const A: usize> {
     pub axes: u8,
     /// Control period in microseconds.
     pub period_us: u32,
-    /// The rate law's averages.
-    pub smoothing: Smoothing,
+    /// What the rate law is told of the machine.
+    pub limits: RateLimits<A>,
     /// A report after so many periods at the latest, at least 1.
     pub report_periods: u8,
     /// Periods without a whole frame of the host after which the card stops by itself.
@@ -115,13 +115,13 @@ impl<const A: usize> Settings<A> {
     /// All axes, T in microseconds, records from `start` on, reports every eighth period, a watchdog of 250 ms, no inputs, and all
     /// outputs left as they are at a fault.
     #[must_use]
-    pub fn new(epoch: u16, start: u32, period_us: u32, smoothing: Smoothing) -> Self {
+    pub fn new(epoch: u16, start: u32, period_us: u32, limits: RateLimits<A>) -> Self {
         Self {
             epoch,
             start,
             axes: A as u8,
             period_us,
-            smoothing,
+            limits,
             report_periods: 8,
             watchdog_periods: (250_000 / period_us.max(1)).clamp(20, 2000) as u16,
             pulse_ns: 2000,

@@ -50,7 +50,11 @@ pub(crate) struct Check {
 /// Every rule, in the order in which it is checked.
 pub(crate) const CHECKS: &[Check] = &[
     Check { name: "directions", rule: "crates use only what the table of arrows allows", find: directions::find },
-    Check { name: "unsafe", rule: "unsafe code stands in the record ring alone", find: unsafe_code::find },
+    Check {
+        name: "unsafe",
+        rule: "unsafe code stands in the record ring and the firmware's registers alone",
+        find: unsafe_code::find,
+    },
     Check {
         name: "errors",
         rule: "every error number is in docs/errors.md, and every one there is in use",

@@ -10,12 +10,12 @@ mod native;
 mod options;
 mod outcome;
 mod page;
-mod process;
+pub(crate) mod process;
 mod rows;
 mod stub;
 mod table;
 mod threads;
-mod tools;
+pub(crate) mod tools;
 
 pub(crate) use options::Options;
 

@@ -90,13 +90,14 @@ pub(crate) fn rustc_version() -> String {
 }
 
 /// The folder of optional tools, if there is one.
-fn toolbox() -> Option<PathBuf> {
+pub(crate) fn toolbox() -> Option<PathBuf> {
     let cache = || variable("XDG_CACHE_HOME").or_else(|| Some(home()?.join(".cache")));
     let folder = variable("RETRACE_TOOLBOX").or_else(|| Some(cache()?.join("retrace-toolbox")))?;
     folder.is_dir().then_some(folder)
 }
 
-fn program(name: &str) -> Option<PathBuf> {
+/// A program by its name, on PATH or in the toolbox.
+pub(crate) fn program(name: &str) -> Option<PathBuf> {
     on_path(name).or_else(|| Some(toolbox()?.join("bin").join(name)).filter(|path| path.is_file()))
 }
 
@@ -129,14 +130,16 @@ fn toolbox_core() -> Option<PathBuf> {
     Some(toolbox()?.join("core").join(WASM)).filter(|folder| folder.is_dir())
 }
 
-fn linker() -> Option<PathBuf> {
+/// rust-lld of the toolchain.
+pub(crate) fn linker() -> Option<PathBuf> {
     let verbose = said(Command::new("rustc").arg("-vV"))?;
     let host = verbose.lines().find_map(|line| line.strip_prefix("host: "))?;
     let linker = sysroot()?.join("lib/rustlib").join(host).join("bin/rust-lld");
     linker.is_file().then_some(linker)
 }
 
-fn sysroot() -> Option<PathBuf> {
+/// The folder of the toolchain.
+pub(crate) fn sysroot() -> Option<PathBuf> {
     said(Command::new("rustc").args(["--print", "sysroot"])).map(PathBuf::from)
 }
 
@@ -145,7 +148,8 @@ fn said(command: &mut Command) -> Option<String> {
     Some(String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
-fn variable(name: &str) -> Option<PathBuf> {
+/// A variable of the environment that names a path, if it is set.
+pub(crate) fn variable(name: &str) -> Option<PathBuf> {
     std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from)
 }
 

@@ -4,7 +4,7 @@
 #![allow(dead_code, reason = "not every test file uses all of it")]
 
 use retrace_card::{Card, Inputs};
-use retrace_core::rate::Smoothing;
+use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, RapidCap, Record};
 use retrace_link::{Change, Deck, Identity, InputSetting, InputUse, MAX_INPUTS, PROTOCOL, Settings, channel};
 
@@ -39,8 +39,9 @@ pub(crate) fn identity() -> Identity {
 
 /// Stops within 13 periods; a fault switches output 3 and the spindle off.
 pub(crate) fn settings(epoch: u16, start: u32) -> Settings<2> {
-    let smoothing = Smoothing::new(8, 6).expect("valid");
-    let mut settings = Settings::new(epoch, start, 1000, smoothing);
+    let axis = AxisLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+    let limits = RateLimits::new(13, 1 << 15, [axis; 2]).expect("valid");
+    let mut settings = Settings::new(epoch, start, 1000, limits);
     let uses = [
         InputUse::Limit { axis: 0, upper: true },
         InputUse::Limit { axis: 0, upper: false },

@@ -11,10 +11,11 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
+use retrace_core::place::before;
 use retrace_core::ring::Consumer;
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, Record, Travel};
-use retrace_link::{Change, MotionCard, Status, Word, channel};
+use retrace_link::{CardFault, Change, MotionCard, Status, Word, channel};
 
 use crate::event::{Event, Happening};
 use crate::item::{Ending, Item, Kind};
@@ -55,7 +56,20 @@ pub struct Manner {
     pub operator: bool,
 }
 
-/// Standing still for so long (s) in virtual time, with the operator's script at its end, ends the job: nobody will go on.
+/// What ends a job: a fault of the card or of the line to it.
+struct Fault {
+    number: &'static str,
+    cause: String,
+    remedy: String,
+}
+
+impl Fault {
+    fn of(fault: &impl CardFault) -> Self {
+        Self { number: fault.number(), cause: fault.to_string(), remedy: fault.remedy().to_string() }
+    }
+}
+
+/// Standing still for so long (s), with the operator's script at its end, ends the job: nobody will go on.
 const NOBODY_THERE_S: f64 = 10.0;
 
 /// A job being executed on a card.
@@ -84,7 +98,10 @@ pub struct Session<'r, 'o, const A: usize, C: MotionCard<A>> {
     single_stop: bool,
     single: bool,
     stopping: bool,
+    /// The road ends where the mode has it end.
     road_cut: bool,
+    /// An alarm was told.
+    alarmed: bool,
     dry: bool,
     still_periods: u64,
     target: Option<Travel>,
@@ -113,7 +130,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             wheel: Box::new(Wheel::new(machine.wheel_periods, machine.wheel_counts)),
             manner,
             period_s: machine.period_s(),
-            enough: 2 * u32::from(machine.smoothing.stopping_records()) + 2,
+            enough: machine.stopping.foresight_records,
             patience: u64::from(machine.look_ahead_records),
             cutting: machine.cutting_outputs.clone(),
             observer,
@@ -123,7 +140,8 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             single_stop: false,
             single: false,
             stopping: false,
-            road_cut: false,
+            road_cut: true,
+            alarmed: false,
             dry: false,
             still_periods: 0,
             target: None,
@@ -150,10 +168,11 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             match self.turn() {
                 Ok(None) => {}
                 Ok(Some(outcome)) => break outcome,
-                Err(cause) => {
-                    let remedy = "the machine stands where the card says; check card and line, then resume".to_string();
-                    self.tell(Happening::Alarm("E3001", cause.clone(), remedy.clone()));
-                    break Outcome::Alarm("E3001", cause, remedy);
+                Err(fault) => {
+                    if !self.alarmed {
+                        self.tell(Happening::Alarm(fault.number, fault.cause.clone(), fault.remedy.clone()));
+                    }
+                    break Outcome::Alarm(fault.number, fault.cause, fault.remedy);
                 }
             }
         };
@@ -161,7 +180,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
     }
 
     /// One control period. `Err` is a fault of the card.
-    fn turn(&mut self) -> Result<Option<Outcome>, String> {
+    fn turn(&mut self) -> Result<Option<Outcome>, Fault> {
         self.look();
         self.take_orders();
         let demand = self.demand();
@@ -173,9 +192,20 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             return Ok(Some(outcome));
         }
         self.set_rate(demand);
-        let status = *self.card.period().map_err(|fault| fault.to_string())?;
+        let status = *self.card.period().map_err(|fault| Fault::of(&fault))?;
         self.book(&status);
-        Ok(None)
+        Ok(self.alarm(&status))
+    }
+
+    /// A latched alarm: told at once, and the end of the job when the machine stands.
+    fn alarm(&mut self, status: &Status<A>) -> Option<Outcome> {
+        let alarm = status.alarm?;
+        let fault = Fault::of(&alarm);
+        if !self.alarmed {
+            self.alarmed = true;
+            self.tell(Happening::Alarm(fault.number, fault.cause.clone(), fault.remedy.clone()));
+        }
+        status.at_rest.then(|| Outcome::Alarm(fault.number, fault.cause, fault.remedy))
     }
 
     /// Looks what is planned by now. In virtual time the run must not depend on how fast the planner is: it waits until enough is.
@@ -236,19 +266,23 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         (0..channel::COUNT).filter(|&c| are[c] != want[c]).map(|c| (c as u8, are[c], want[c])).collect()
     }
 
-    /// Slides the window. Entering a mode that retraces, the road is cut at `reached` and at the oldest place first.
+    /// Slides the window. In a mode that retraces the road is cut at `reached`, and at the oldest place, before anything moves; a card
+    /// at the end of a line may have to be told more than once.
     fn slide(&mut self, demand: Demand) {
         let road = if demand.look_ahead { Road::LookAhead } else { Road::Reached };
-        if road == Road::Reached && !self.road_cut {
-            let (reached, low) = (self.card.status().reached, self.card.status().low);
+        if road == Road::Reached {
+            let Status { reached, low, high, .. } = *self.card.status();
             let oldest = self.supply.oldest();
-            // At rest, so neither can be refused; a window that begins later than the oldest place is left as it is.
-            let _ = self.card.send(Word::Trim { high: reached });
-            if retrace_core::place::before(low, oldest) {
-                let _ = self.card.send(Word::Forget { low: oldest });
+            self.road_cut = !before(reached, high);
+            if before(reached, high) {
+                self.road_cut = self.card.send(Word::Trim { high: reached }).is_ok();
             }
+            if before(low, oldest) && before(oldest, high) {
+                self.road_cut &= self.card.send(Word::Forget { low: oldest }).is_ok();
+            }
+        } else {
+            self.road_cut = true;
         }
-        self.road_cut = road == Road::Reached;
         if demand.target < 0 {
             self.supply.fill_behind(&mut self.card);
         } else {
@@ -261,19 +295,23 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         let cutting = self.cutting.iter().any(|&c| outputs.get(usize::from(c)).is_some_and(|&v| v != 0));
         // Rapid retrace only with the cutting outputs off.
         let target = if cutting { demand.target.clamp(-ONE, ONE) } else { demand.target };
-        let target = if self.waits_for_records() { 0 } else { target };
+        let target = if self.waits_for_records() || !self.road_cut { 0 } else { target };
         if self.target != Some(target) && self.card.send(Word::Rate { target }).is_ok() {
             self.target = Some(target);
         }
     }
 
-    /// In wall time motion begins when enough is planned to go on at full rate, or when nothing more has come for as long as the
-    /// look-ahead lasts.
+    /// Motion begins when enough is planned, and enough of it has come to the card, to go on at full rate; or when nothing more has come
+    /// for as long as the look-ahead lasts.
     fn waits_for_records(&mut self) -> bool {
         let status = self.card.status();
-        let stands = self.manner.wall_time && status.at_rest && self.operation.mode() == Mode::Run;
-        let waits = stands && self.still_periods < self.patience && !self.supply.is_enough(status, self.enough);
-        waits && status.place == Place::start_of(status.reached)
+        let stands = status.at_rest && self.operation.mode() == Mode::Run;
+        if !stands || status.place != Place::start_of(status.reached) || self.still_periods >= self.patience {
+            return false;
+        }
+        let wanted = status.place.record.wrapping_add(self.enough);
+        let wanted = if before(status.high, wanted) { status.high } else { wanted };
+        before(self.card.arrived(), wanted) || self.manner.wall_time && !self.supply.is_enough(status, self.enough)
     }
 
     fn book(&mut self, status: &Status<A>) {
@@ -311,8 +349,13 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
 
     /// Underruns, and the end of a single block.
     fn watch_supply(&mut self, status: &Status<A>, mode: Mode) {
+        if self.single && self.supply.block_end().is_some_and(|end| before(end, self.card.status().high)) {
+            // The card could not stop there any more: at the next end of a block, then.
+            self.next_block();
+        }
         let at_block_end = self.single && self.supply.block_end() == Some(status.high);
-        let dry = status.short && mode == Mode::Run && !at_block_end;
+        // who stands does not run dry: either there was nothing to run, or it was told on the way to rest
+        let dry = status.short && status.rate != 0 && mode == Mode::Run && !at_block_end;
         if dry && !self.dry {
             self.tally.underruns += 1;
             self.tell(Happening::Underrun);
@@ -345,7 +388,10 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
                 _ => Outcome::Completed,
             });
         }
-        let nobody = !self.manner.wall_time && self.operator.finished();
+        // In wall time a feed may stall for as long as it likes; what waits for an operator who will not come does not.
+        let waits =
+            self.operation.mode() != Mode::Run || self.operation.held() || self.program_stop || self.single_stop;
+        let nobody = self.operator.finished() && (!self.manner.wall_time || (waits && self.manner.operator));
         (nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S).then_some(Outcome::Stopped)
     }
 

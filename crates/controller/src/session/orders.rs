@@ -22,7 +22,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
                 self.tell_mode();
             }
         }
-        let counts = self.operator.wheel_counts(period);
+        // the script's wheel, and one that is wired to the card
+        let counts = self.operator.wheel_counts(period).saturating_add(self.card.status().wheel);
         self.wheel.turn(counts);
     }
 
@@ -75,7 +76,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
         .map_err(reason)
     }
 
-    fn next_block(&mut self) {
+    pub(super) fn next_block(&mut self) {
         self.single_stop = false;
         if self.single {
             // beyond what was executed already: retracing is not cut into blocks

@@ -6,14 +6,14 @@
 use retrace_core::mode::{Demand, Mode};
 use retrace_link::{Instruction, MotionCard, Word};
 
-use super::Session;
+use super::{Fault, Session};
 use crate::event::Happening;
 use crate::item::Kind;
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
     /// The instruction whose place the motion has come to, if there is one and it may be executed now (GMC-5). False where there is
     /// nothing to do, and where the rate is to be zero: the card would keep it until there is one.
-    pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, String> {
+    pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, Fault> {
         if self.operation.mode() != Mode::Run || self.operation.held() || demand.target <= 0 {
             return Ok(false);
         }
@@ -31,9 +31,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
         let instruction = Instruction { number, place, changes, count, periods, until: None };
         // First the rate: where that is zero still, the card would keep the instruction for a period.
         self.set_rate(demand);
-        self.card
-            .send(Word::Instruction(instruction))
-            .map_err(|refusal| format!("the card did not take {code}: {refusal:?}"))?;
+        self.card.send(Word::Instruction(instruction)).map_err(|refusal| Fault {
+            number: "E3001",
+            cause: format!("the card did not take {code}: {refusal:?}"),
+            remedy: "the machine stands where the card says; check the card, then resume".into(),
+        })?;
         (self.program_stop, self.go_on) = (false, false);
         self.supply.sent();
         self.executing = Some(kind);

@@ -1,0 +1,68 @@
+//! A card on its line: bytes in, bytes out, and a control period now and then. This is what a board's main loop drives, and what
+//! the simulated machine runs.
+//!
+//! Invariant: the works see words in their order only, and every period is reported.
+
+use retrace_link::{CardEnd, Deck, Identity, Status};
+
+use crate::{Card, Inputs, Terms};
+
+/// A card for `A` axes, a window of `W` records, averages up to `M` periods, and `E` entries of reports that are not confirmed (a power of
+/// two).
+#[derive(Clone, Debug)]
+pub struct OnLine<const A: usize, const W: usize, const M: usize, const E: usize> {
+    card: Card<A, W, M>,
+    end: CardEnd<A, E>,
+}
+
+impl<const A: usize, const W: usize, const M: usize, const E: usize> OnLine<A, W, M, E> {
+    /// A card that nobody has opened yet; `None` as [`Card::new`]. In a constant it is put in its place by the linker: built at run time it would
+    /// pass over the stack, twice.
+    #[must_use]
+    pub const fn new(identity: Identity) -> Option<Self> {
+        match Card::new(identity) {
+            Some(card) => Some(Self { card, end: CardEnd::new() }),
+            None => None,
+        }
+    }
+
+    /// As [`Card::name`].
+    pub const fn name(&mut self, serial: u32, boot: u32) {
+        self.card.name(serial, boot);
+    }
+
+    /// Takes a byte off the line.
+    pub fn receive(&mut self, byte: u8) {
+        self.end.receive(byte, &mut self.card);
+    }
+
+    /// Lets one control period pass: what its report says of increments and outputs is what is to be emitted.
+    pub fn period(&mut self, inputs: Inputs) -> &Status<A> {
+        self.card.period(inputs);
+        self.end.period(self.card.status());
+        self.card.status()
+    }
+
+    /// Bytes for the line, as many as there are and fit; how many.
+    pub fn transmit(&mut self, out: &mut [u8]) -> usize {
+        self.end.transmit(&self.card, out)
+    }
+
+    /// What the epoch goes by; `None` before the first.
+    #[must_use]
+    pub const fn terms(&self) -> Option<&Terms<A>> {
+        self.card.terms()
+    }
+
+    /// The last period's report.
+    #[must_use]
+    pub fn status(&self) -> &Status<A> {
+        self.card.status()
+    }
+
+    /// The card without its line.
+    #[must_use]
+    pub const fn card(&self) -> &Card<A, W, M> {
+        &self.card
+    }
+}

@@ -1,0 +1,190 @@
+//! `retrace card`: which serial ports there are, and who is at one. Serving a simulated card is `card_serve`.
+//!
+//! Invariant: asking who is there moves nothing and opens no epoch.
+
+use retrace_hal_serial::{FoundPort, Latency};
+use retrace_link::{CardFault, Greeting, Identity};
+use serde_json::{Value, json};
+
+use crate::program::Failure;
+use crate::{args, card_serve, wired};
+
+/// Axes of the largest card.
+const MOST_AXES: usize = 9;
+
+/// Runs the command.
+///
+/// # Errors
+/// What is wrong with the port or the machine file, or that nobody answers.
+pub fn run(args: &args::Card) -> Result<(), Failure> {
+    match args {
+        args::Card::Serve(args) => card_serve::run(args)?,
+        args::Card::Ports { json } => list(&retrace_hal_serial::ports(), *json),
+        args::Card::Who { port, json } => who(port, *json)?,
+    }
+    Ok(())
+}
+
+fn list(ports: &[FoundPort], json: bool) {
+    if json {
+        crate::out::line(json!({ "ports": ports.iter().map(port_json).collect::<Vec<_>>() }));
+        return;
+    }
+    if ports.is_empty() {
+        say!("no serial port is there (a pseudo-terminal is never in the list)");
+    }
+    for port in ports {
+        match &port.usb {
+            None => say!("{}", port.path),
+            Some(usb) => say!(
+                "{}  USB {:04x}:{:04x}  serial number {}  {}",
+                port.path,
+                usb.vendor,
+                usb.product,
+                usb.serial.as_deref().unwrap_or("none"),
+                usb.name
+            ),
+        }
+    }
+}
+
+fn port_json(port: &FoundPort) -> Value {
+    let usb = port.usb.as_ref().map(|usb| {
+        json!({
+            "vendor": format!("{:04x}", usb.vendor),
+            "product": format!("{:04x}", usb.product),
+            "serial": usb.serial,
+            "name": usb.name,
+        })
+    });
+    json!({ "path": port.path, "usb": usb })
+}
+
+fn who(address: &str, json: bool) -> Result<(), Failure> {
+    let card = wired::find::<MOST_AXES>(address)?;
+    // It was found by its greeting.
+    let Some(greeting) = card.greeting() else { return Ok(()) };
+    let latency = card.port().latency();
+    if json {
+        crate::out::line(told_as_json(address, greeting, latency));
+    } else {
+        crate::out::line(told(address, greeting, latency));
+    }
+    Ok(())
+}
+
+/// The card's name, as far as it is text.
+fn name(identity: &Identity) -> String {
+    String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned()
+}
+
+fn counts(greeting: &Greeting<MOST_AXES>) -> &[i64] {
+    &greeting.counts[..usize::from(greeting.identity.axes).min(MOST_AXES)]
+}
+
+/// A greeting in a few lines.
+fn told(address: &str, greeting: &Greeting<MOST_AXES>, latency: &Latency) -> String {
+    let of = &greeting.identity;
+    let mut text = format!(
+        "{address}: `{}`, serial number {}, protocol {}\n  \
+         {} axes, {} outputs, {} inputs, a window of {} records, a rate law of up to {} periods\n  \
+         periods of {} to {} µs, up to {} pulses a second, a clock of {} Hz\n  \
+         {} at place {}, counts {:?}",
+        name(of),
+        of.serial,
+        of.protocol,
+        of.axes,
+        of.outputs,
+        of.inputs,
+        of.window,
+        of.memory,
+        of.shortest_period_us,
+        of.longest_period_us,
+        of.most_pulses_hz,
+        of.tick_hz,
+        if greeting.at_rest { "at rest" } else { "in motion" },
+        greeting.place.record,
+        counts(greeting),
+    );
+    if let Some(alarm) = greeting.alarm {
+        text += &format!("\n  alarm[{}]: {alarm}\n  help: {}", alarm.number(), alarm.remedy());
+    }
+    if let Latency::Kept { ms, remedy } = latency {
+        text += &format!("\n  the adapter holds bytes back for {ms} ms; to shorten it: {remedy}");
+    }
+    text
+}
+
+fn told_as_json(address: &str, greeting: &Greeting<MOST_AXES>, latency: &Latency) -> Value {
+    let of = &greeting.identity;
+    let latency_ms = match latency {
+        Latency::None => None,
+        Latency::Set { ms } | Latency::Kept { ms, .. } => Some(ms),
+    };
+    json!({
+        "port": address,
+        "name": name(of),
+        "serial": of.serial,
+        "boot": of.boot,
+        "protocol": of.protocol,
+        "axes": of.axes,
+        "outputs": of.outputs,
+        "inputs": of.inputs,
+        "window": of.window,
+        "memory": of.memory,
+        "tick_hz": of.tick_hz,
+        "shortest_period_us": of.shortest_period_us,
+        "longest_period_us": of.longest_period_us,
+        "most_pulses_hz": of.most_pulses_hz,
+        "epoch": greeting.epoch,
+        "last_epoch": greeting.last_epoch,
+        "place": greeting.place.record,
+        "fraction": greeting.place.fraction,
+        "at_rest": greeting.at_rest,
+        "counts": counts(greeting),
+        "alarm": greeting.alarm.map(|alarm| json!({ "number": alarm.number(), "text": alarm.to_string() })),
+        "adapter_latency_ms": latency_ms,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use retrace_core::Place;
+    use retrace_hal_serial::Usb;
+    use retrace_link::Alarm;
+
+    fn greeting() -> Greeting<MOST_AXES> {
+        let mut counts = [0; MOST_AXES];
+        counts[..3].copy_from_slice(&[1, -2, 3]);
+        Greeting {
+            nonce: 1,
+            identity: Identity { axes: 4, ..retrace_hal_sim::identity::<4>(77, 5) },
+            epoch: 0,
+            last_epoch: 3,
+            place: Place::start_of(12),
+            at_rest: true,
+            counts,
+            alarm: Some(Alarm::HostSilent),
+        }
+    }
+
+    #[test]
+    fn a_greeting_says_who_where_and_what_is_wrong() {
+        let kept = Latency::Kept { ms: 16, remedy: "do this".into() };
+        let text = told("port", &greeting(), &kept);
+        for part in ["`retrace-sim`", "serial number 77", "[1, -2, 3, 0]", "place 12", "E3011", "16 ms", "do this"] {
+            assert!(text.contains(part), "{part} is not in {text}");
+        }
+        let value = told_as_json("port", &greeting(), &kept);
+        assert_eq!((&value["counts"], &value["alarm"]["number"]), (&json!([1, -2, 3, 0]), &json!("E3011")));
+    }
+
+    #[test]
+    fn a_port_is_told_as_json() {
+        let usb = Usb { vendor: 0x0403, product: 0x6001, serial: None, name: "adapter".into() };
+        let value = port_json(&FoundPort { path: "p".into(), usb: Some(usb) });
+        let expected = json!({ "vendor": "0403", "product": "6001", "serial": null, "name": "adapter" });
+        assert_eq!((&value["path"], &value["usb"]), (&json!("p"), &expected));
+    }
+}

@@ -1,0 +1,237 @@
+//! `retrace card serve`: a simulated card behind a pseudo-terminal, in wall time.
+//!
+//! Invariant: the card's time follows the monotonic clock; what this process was kept from for a moment is made up for. A longer absence is
+//! left out, as if the machine had stood still with it: a real card is never away, and a host is not to be blamed for it.
+
+use std::io::BufWriter;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use retrace_controller::machine::Machine;
+use retrace_controller::refusal::Refusal;
+use retrace_hal_serial::Pty;
+use retrace_hal_sim::{MachineSettings, Rig, RigSettings, Tally, faults};
+use retrace_link::{Alarm, CardFault};
+use serde_json::{Value, json};
+
+use crate::console::unwritable;
+use crate::{args, files, wired};
+
+/// The longest absence that is made up for.
+const MADE_UP_US: u64 = 20_000;
+/// Serial number of every simulated card: it is always the same one, started anew.
+const SERIAL: u32 = 1;
+/// The longest wait for a byte.
+const WAIT_US: u64 = 1_000;
+/// How often a trace is handed on to its file.
+const FLUSH: Duration = Duration::from_millis(200);
+/// Millimetres from a soft limit to its switch.
+const OUTSIDE_MM: f64 = 1.0;
+/// Millimetres from the lower limit switch to the home switch.
+const HOME_MM: f64 = 5.0;
+
+/// Runs the command: until interrupted, or as long as it was told to.
+///
+/// # Errors
+/// What keeps a card from being served.
+pub fn run(args: &args::Serve) -> Result<(), Refusal> {
+    if !(0.01..=100.0).contains(&args.speed) {
+        return Err(refuse(format!("--speed {}", args.speed), "a number from 0.01 to 100"));
+    }
+    let machine = files::machine(args.machine.as_deref())?;
+    match machine.axes.len() {
+        0..=4 => serve::<4>(args, &machine),
+        5..=6 => serve::<6>(args, &machine),
+        _ => serve::<9>(args, &machine),
+    }
+}
+
+fn refuse(what: impl Into<String>, remedy: impl Into<String>) -> Refusal {
+    Refusal::new("E2149", what, remedy)
+}
+
+fn serve<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<(), Refusal> {
+    let mut rig = rig::<A>(args, machine)?;
+    let pty =
+        Pty::open().map_err(|error| refuse(format!("no pseudo-terminal is to be had: {error}"), "see `man pts`"))?;
+    if let Some(link) = &args.link {
+        name(pty.path(), link)?;
+    }
+    say!("{}", pty.path().display());
+    let end = End {
+        after: args.seconds.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
+        eof: args.until_eof.then(end_of_input),
+    };
+    let mut served = Served { pty, started: Instant::now(), speed: args.speed, away_us: 0, alarm: None };
+    served.run(&mut rig, &end)?;
+    rig.flush();
+    if let Some(link) = &args.link {
+        let _ = std::fs::remove_file(link);
+    }
+    let told = told(&rig, &served);
+    if args.json {
+        crate::out::line(told);
+    } else {
+        say!("{told:#}");
+    }
+    Ok(())
+}
+
+/// The simulated machine that a machine file describes.
+fn rig<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<Rig<A>, Refusal> {
+    let spec = args.faults.as_deref().unwrap_or_default();
+    let [up, down] = faults(spec).map_err(|why| refuse(format!("--faults {spec}: {why}"), "one of these"))?;
+    let pulses = |axis: usize, mm: f64| (mm * machine.axes[axis].pulses_per_mm).round() as i64;
+    let ends = |axis: usize| {
+        let [low, high] = machine.axes[axis].travel_mm;
+        [pulses(axis, low - OUTSIDE_MM), pulses(axis, high + OUTSIDE_MM)]
+    };
+    let axes = 0..machine.axes.len();
+    let travel: Vec<[i64; 2]> = axes.clone().map(ends).collect();
+    let home: Vec<i64> = axes.map(|axis| pulses(axis, HOME_MM)).collect();
+    let inputs = machine.card_settings::<A>(0).inputs;
+    let settings = RigSettings {
+        up,
+        down,
+        machine: MachineSettings::wired_as(&inputs, &travel, &home),
+        serial: SERIAL,
+        boot: wired::nonce(),
+    };
+    let mut rig = Rig::new(&settings).ok_or_else(|| refuse("the card cannot be made", "please report this"))?;
+    if let Some(path) = &args.vcd {
+        let named = |error| unwritable(&path.display().to_string(), &error);
+        let file = std::fs::File::create(path).map_err(named)?;
+        let names: Vec<String> = machine.axes.iter().map(|axis| axis.name.to_string()).collect();
+        rig.trace(Box::new(BufWriter::with_capacity(1 << 20, file)), &names).map_err(named)?;
+    }
+    Ok(rig)
+}
+
+/// Gives the pseudo-terminal a name. Only a link is replaced.
+fn name(pty: &Path, link: &Path) -> Result<(), Refusal> {
+    if link.is_symlink() {
+        let _ = std::fs::remove_file(link);
+    }
+    std::os::unix::fs::symlink(pty, link)
+        .map_err(|error| refuse(format!("--link {}: {error}", link.display()), "a name that is not taken"))
+}
+
+/// When serving ends.
+struct End {
+    after: Option<Duration>,
+    eof: Option<Arc<AtomicBool>>,
+}
+
+impl End {
+    fn has_come(&self, started: Instant) -> bool {
+        self.after.is_some_and(|after| started.elapsed() >= after)
+            || self.eof.as_ref().is_some_and(|eof| eof.load(Ordering::Relaxed))
+    }
+}
+
+/// Becomes true when standard input ends.
+fn end_of_input() -> Arc<AtomicBool> {
+    let ended = Arc::new(AtomicBool::new(false));
+    let tell = Arc::clone(&ended);
+    std::thread::spawn(move || {
+        let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+        tell.store(true, Ordering::Relaxed);
+    });
+    ended
+}
+
+/// A card being served.
+struct Served {
+    pty: Pty,
+    started: Instant,
+    speed: f64,
+    /// Time that was left out, in microseconds of the card.
+    away_us: u64,
+    alarm: Option<Alarm>,
+}
+
+impl Served {
+    fn run<const A: usize>(&mut self, rig: &mut Rig<A>, end: &End) -> Result<(), Refusal> {
+        let mut bytes = [0; 4096];
+        let mut flushed = Instant::now();
+        while !end.has_come(self.started) {
+            let due = rig.next_us().saturating_sub(self.now_us(rig)).min(WAIT_US);
+            let wait = Duration::from_secs_f64(due as f64 / 1e6 / self.speed);
+            let lost = |error| refuse(format!("the pseudo-terminal fails: {error}"), "serve it again");
+            let count = self.pty.read(&mut bytes, wait).map_err(lost)?;
+            // The bytes came since the last look; the card takes them from there on.
+            rig.send(&bytes[..count]);
+            rig.run(self.now_us(rig));
+            loop {
+                match rig.take(&mut bytes) {
+                    0 => break,
+                    count => self.pty.write(&bytes[..count]).map_err(lost)?,
+                }
+            }
+            self.tell(rig);
+            if flushed.elapsed() >= FLUSH {
+                rig.flush();
+                flushed = Instant::now();
+            }
+        }
+        Ok(())
+    }
+
+    /// The card's time now.
+    fn now_us<const A: usize>(&mut self, rig: &Rig<A>) -> u64 {
+        let passed = (self.started.elapsed().as_secs_f64() * self.speed * 1e6) as u64;
+        let late = passed.saturating_sub(self.away_us).saturating_sub(rig.now_us());
+        let most = (MADE_UP_US as f64 * self.speed.max(1.0)) as u64;
+        self.away_us += late.saturating_sub(most);
+        passed.saturating_sub(self.away_us)
+    }
+
+    /// Tells of a new alarm.
+    fn tell<const A: usize>(&mut self, rig: &Rig<A>) {
+        let alarm = rig.status().alarm;
+        if alarm != self.alarm {
+            self.alarm = alarm;
+            match alarm {
+                Some(alarm) => eprintln!("alarm[{}]: {alarm}", alarm.number()),
+                None => eprintln!("the alarm is cleared"),
+            }
+        }
+    }
+}
+
+/// What was counted.
+fn told<const A: usize>(rig: &Rig<A>, served: &Served) -> Value {
+    let [up, down] = rig.lines().map(|line| tally(line.tally()));
+    let (pins, status, faults) = (rig.pins(), rig.status(), rig.faults());
+    json!({
+        "periods": status.period,
+        "away_s": served.away_us as f64 / 1e6,
+        "place": status.place.record,
+        "at_rest": status.at_rest,
+        "counts": status.counts.as_slice(),
+        "counted": pins.positions().as_slice(),
+        "pulses": pins.pulses().as_slice(),
+        "periods_apart": faults.apart,
+        "periods_too_fast": faults.too_many,
+        "alarm": status.alarm.map(|alarm| alarm.number()),
+        "unread_bytes": served.pty.dropped(),
+        "up": up,
+        "down": down,
+    })
+}
+
+fn tally(of: &Tally) -> Value {
+    json!({
+        "sent": of.sent,
+        "delivered": of.delivered,
+        "flipped": of.flipped,
+        "dropped": of.dropped,
+        "duplicated": of.duplicated,
+        "cuts": of.cuts,
+        "cut": of.cut,
+        "stalls": of.stalls,
+        "lost_in_stalls": of.stalled,
+    })
+}

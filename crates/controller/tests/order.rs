@@ -1,0 +1,256 @@
+//! Motion and instructions stay in order whatever the line delays: our gates on the real host end, line and card; and the source's literal
+//! gates on the same, which fail (GMC-4 … GMC-6; *First defect*, *Second defect*).
+
+mod wired;
+
+use std::sync::{Arc, Mutex};
+
+use retrace_controller::machine::Machine;
+use retrace_core::gate::Gates;
+use retrace_core::place::before;
+use retrace_core::{Flags, ONE, Place, Record};
+use retrace_hal_sim::{InProcess, LineSettings, Random, Rig, RigSettings};
+use retrace_link::{Change, HostFault, Instruction, MotionCard, Patience, Wired, WiredFault, Word, channel};
+use wired::{AXES, CardLog, Path, Period, Trial, ended_well, in_order, pick, run};
+
+fn asked(usual: u64) -> (u64, u64) {
+    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
+    (number("RETRACE_CASES").unwrap_or(usual), number("RETRACE_FIRST_SEED").unwrap_or(1))
+}
+
+/// A path with stops, some of which have instructions behind them.
+struct Tape {
+    records: Vec<Record<AXES>>,
+    /// Place and duration in periods of each instruction.
+    markers: Vec<(u32, u32)>,
+}
+
+impl Tape {
+    fn draw(random: &mut Random) -> Self {
+        let (mut records, mut markers) = (Vec::new(), Vec::new());
+        for _ in 0..1 + random.up_to(3) {
+            let length = 1 + random.up_to(30);
+            for k in 0..length {
+                let flags = if k + 1 == length { Flags::REST.with(Flags::MARKER) } else { Flags::NONE };
+                records.push(Record { increments: [2, -1, 0, 0], flags, line: 1, ..Record::default() });
+            }
+            for _ in 0..random.up_to(2) {
+                markers.push((records.len() as u32, random.up_to(12)));
+            }
+        }
+        Self { records, markers }
+    }
+
+    fn instruction(&self, number: u32) -> Instruction {
+        let (place, periods) = self.markers[number as usize - 1];
+        let mut instruction = Instruction { number, place, periods, count: 1, ..Instruction::default() };
+        instruction.changes[0] = Change { channel: channel::SPINDLE, value: number as i32 };
+        instruction
+    }
+}
+
+/// The host's gates: may a record be sent, may the instruction in hand be sent?
+trait Policy {
+    /// Looks at what is known of the card.
+    fn look(&mut self, tape: &Tape, status: &retrace_link::Status<AXES>);
+    fn record_may_go(&self, place: u32) -> bool;
+    /// The instruction that may go now.
+    fn due(&self, status: &retrace_link::Status<AXES>) -> Option<u32>;
+    fn sent(&mut self);
+}
+
+/// Ready means acknowledged.
+#[derive(Default)]
+struct Acknowledged {
+    gates: Gates,
+    next: u32,
+}
+
+impl Policy for Acknowledged {
+    fn look(&mut self, tape: &Tape, status: &retrace_link::Status<AXES>) {
+        if self.gates.acknowledge(status.executed).is_some() || self.next == 0 {
+            self.next += 1;
+        }
+        if let Some(&(place, _)) = tape.markers.get(self.next as usize - 1) {
+            self.gates.take(self.next, place);
+        }
+    }
+    fn record_may_go(&self, place: u32) -> bool {
+        self.gates.b_open(place)
+    }
+    fn due(&self, status: &retrace_link::Status<AXES>) -> Option<u32> {
+        self.gates.c_open(status.place, status.at_rest).then_some(self.next)
+    }
+    fn sent(&mut self) {
+        self.gates.sent();
+    }
+}
+
+/// The source's flags, as they are sampled: B1 shuts at the front marker and opens at the end marker, C1 the other way round; B2 and C2 are
+/// what the card's last report says: no instruction is being executed, the motion stands.
+#[derive(Default)]
+struct Sampled {
+    next: u32,
+    marker: Option<u32>,
+    /// B1; C1 is its contrary.
+    b1: bool,
+    /// B2, as last sampled.
+    ready: bool,
+}
+
+impl Policy for Sampled {
+    fn look(&mut self, tape: &Tape, status: &retrace_link::Status<AXES>) {
+        if self.next == 0 {
+            (self.next, self.b1) = (1, true);
+        }
+        // The interface is ready unless the report shows an instruction begun and not complete.
+        self.ready = status.outputs[usize::from(channel::SPINDLE)] == status.executed as i32;
+        self.marker = tape.markers.get(self.next as usize - 1).map(|&(place, _)| place);
+    }
+    fn record_may_go(&self, place: u32) -> bool {
+        // A front marker that is next shuts B1; B = B1 and B2.
+        self.marker.is_none_or(|marker| before(place, marker)) && self.b1 && self.ready
+    }
+    fn due(&self, status: &retrace_link::Status<AXES>) -> Option<u32> {
+        let marker = self.marker?;
+        // Coarse interpolation has come to the marker (C1); fine interpolation has finished (C2); ready (B2).
+        let at_marker = status.high == marker;
+        (at_marker && status.at_rest && self.ready).then_some(self.next)
+    }
+    fn sent(&mut self) {
+        // The end marker: B1 opens, the coordinator's buffer is empty, the next may come.
+        self.next += 1;
+    }
+}
+
+/// How a tape ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    /// All is played and executed.
+    Complete,
+    /// The card had to refuse an instruction, which is lost with that.
+    Refused,
+    Hangs,
+}
+
+/// Plays a tape with these gates; what the card did, and how it ended.
+fn play(tape: &Tape, policy: &mut impl Policy, rig: &RigSettings) -> (Vec<Period>, End) {
+    let machine = Machine::built_in().expect("valid");
+    let mut rig = Rig::<AXES>::new(rig).expect("a card");
+    let log = CardLog::default();
+    let sink: Arc<Mutex<Vec<Period>>> = Arc::clone(&log);
+    rig.watch(Box::new(move |moment| {
+        let s = moment.status;
+        sink.lock().expect("one thread").push(Period {
+            at_us: moment.at_us,
+            place: s.place,
+            rate: s.rate,
+            at_rest: s.at_rest,
+            short: s.short,
+            counts: s.counts,
+            positions: *moment.positions,
+            executed: s.executed,
+            outputs: s.outputs,
+            alarm: s.alarm.is_some(),
+        });
+    }));
+    let mut card = Box::new(Wired::find(InProcess::new(rig), 7, Patience::default()).expect("it answers"));
+    card.open(machine.card_settings(0)).expect("it opens");
+    card.send(Word::Rate { target: ONE }).expect("a rate");
+    let end = tape.records.len() as u32;
+    let mut ended = End::Hangs;
+    for _ in 0..6_000 {
+        let status = *card.status();
+        policy.look(tape, &status);
+        while let Some(&record) = tape.records.get(card.status().high as usize) {
+            let place = card.status().high;
+            if !policy.record_may_go(place) || card.send(Word::Ahead { place, record }).is_err() {
+                break;
+            }
+        }
+        if let Some(number) = policy.due(&status)
+            && card.send(Word::Instruction(tape.instruction(number))).is_ok()
+        {
+            policy.sent();
+        }
+        if let Err(fault) = card.period() {
+            assert!(matches!(fault, WiredFault::Host(HostFault::Refused(_))), "{fault}");
+            ended = End::Refused;
+            break;
+        }
+        let status = card.status();
+        if status.place == Place::start_of(end) && status.executed as usize == tape.markers.len() {
+            ended = End::Complete;
+            break;
+        }
+    }
+    let log = std::mem::take(&mut *log.lock().expect("one thread"));
+    (log, ended)
+}
+
+fn delayed(random: &mut Random) -> LineSettings {
+    let latency_us = pick(random, &[50, 500, 2_000, 8_000, 20_000]);
+    LineSettings {
+        baud: 1_000_000,
+        latency_us,
+        jitter_us: random.up_to(10_000),
+        seed: random.next(),
+        ..LineSettings::default()
+    }
+}
+
+#[test]
+fn no_motion_stands_on_the_wrong_side_of_an_instruction() {
+    let (cases, first) = asked(150);
+    let (mut literal_wrong, mut literal_refused) = (0, 0);
+    for seed in first..first + cases {
+        let mut random = Random::new(seed);
+        let tape = Tape::draw(&mut random);
+        let rig = RigSettings { up: delayed(&mut random), down: delayed(&mut random), ..RigSettings::default() };
+        let markers: Vec<u32> = tape.markers.iter().map(|&(place, _)| place).collect();
+        let (log, ended) = play(&tape, &mut Acknowledged::default(), &rig);
+        if let Err(what) = in_order(&markers, &log) {
+            panic!("seed {seed}: {what}");
+        }
+        assert_eq!(ended, End::Complete, "seed {seed}");
+        // What comes while another is executed, or too late, the card refuses: it is lost, and the run ended.
+        let (log, ended) = play(&tape, &mut Sampled::default(), &rig);
+        match in_order(&markers, &log) {
+            Err(_) => literal_wrong += 1,
+            Ok(()) => literal_refused += u64::from(ended == End::Refused),
+        }
+    }
+    println!(
+        "{cases} runs in order; with the literal gates {literal_wrong} out of order, {literal_refused} with an instruction lost"
+    );
+    assert!(literal_wrong > cases / 50 && literal_refused > cases / 20, "the literal gates are expected to fail");
+}
+
+/// The same with whole jobs: text, planner, motion path, and instructions that take any time.
+#[test]
+fn whole_jobs_stay_in_order_whatever_the_line_delays() {
+    let cases = asked(20).0.min(500);
+    for seed in 1..=cases {
+        let mut random = Random::new(seed);
+        let mut file = String::new();
+        for code in ["M3", "M5", "M7", "M8", "M9"] {
+            file += &format!("[code.{code}]\nduration_ms = {}\n", random.up_to(60));
+        }
+        let machine = Machine::parse(&file, "m").expect("valid");
+        let program = wired::program(&mut random, 10).replace("M62", "M64").replace("M63", "M65");
+        let script = wired::script(&mut random);
+        let path = Path::of(&machine, &program);
+        let rig = RigSettings { up: delayed(&mut random), down: delayed(&mut random), ..RigSettings::default() };
+        let done = run(Trial {
+            machine: &machine,
+            program: &program,
+            script: &script,
+            rig,
+            pulled: Vec::new(),
+            tapped: false,
+        })
+        .expect("opened");
+        let ends = ended_well(&path, &done);
+        assert!(done.completed() && ends.is_ok(), "seed {seed}: {:?} {ends:?}\n{program}\n{script}", done.outcome);
+    }
+}

@@ -1,0 +1,420 @@
+//! Whole jobs over a simulated line, in virtual time: text, planner, motion path, both line ends, card, pins.
+//!
+//! Invariant: what the card did is taken from the card's own side, never from what the host was told of it.
+// each test file uses its part
+#![allow(dead_code, unreachable_pub)]
+
+use std::sync::{Arc, Mutex};
+
+use retrace_controller::event::{Event, Happening};
+use retrace_controller::job::{self, Begin, Decode, Decoded};
+use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
+use retrace_controller::machine::Machine;
+use retrace_controller::operator;
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::{Manner, Observer, Outcome};
+use retrace_core::mode::Operation;
+use retrace_core::playback::part;
+use retrace_core::{Place, Travel};
+use retrace_gcode::{Program, Progress, Setup, Step};
+use retrace_hal_sim::{Clock, InProcess, Leftover, LineSettings, NoFault, Random, Rig, RigSettings, SimCard};
+use retrace_link::{LineCounts, MotionCard, Outputs, Patience, Port, Status, Wired};
+
+/// Axes of the card; the built-in machine uses three of them.
+pub const AXES: usize = 4;
+
+/// A program being decoded.
+pub struct Decoder(Program<&'static [u8]>);
+
+impl Decoder {
+    /// A program from its text, which lives as long as the test.
+    pub fn new(text: &str) -> Self {
+        Self(Program::new(text.to_owned().leak().as_bytes(), Setup::default()))
+    }
+}
+
+impl Decode for Decoder {
+    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+        match self.0.advance(steps) {
+            Progress::End => Decoded::End,
+            Progress::Refused => Decoded::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
+            Progress::Line => Decoded::Block,
+        }
+    }
+}
+
+/// What a program comes to on a card without a line, at rate 1: the increments of every record, and what is switched where.
+#[derive(Clone, Debug, Default)]
+pub struct Path {
+    /// Counts before each record, and after the last.
+    pub counts: Vec<[i64; AXES]>,
+    /// The place of each exclusive instruction, in their order.
+    pub markers: Vec<u32>,
+    /// Is something switched in passing?
+    pub in_passing: bool,
+}
+
+impl Path {
+    /// Runs the program on a card in this process.
+    pub fn of(machine: &Machine, text: &str) -> Self {
+        struct Rows(Vec<[i64; AXES]>, Vec<u32>);
+        impl Observer<AXES> for Rows {
+            fn period(&mut self, status: &Status<AXES>, _: &Operation) {
+                assert_eq!(status.place.fraction, 0, "at rate 1 from record to record");
+                if status.place.record as usize == self.0.len() {
+                    self.0.push(status.counts);
+                }
+            }
+            fn event(&mut self, event: &Event) {
+                if let Happening::Switching(_) = event.happening {
+                    self.1.push(event.place.record);
+                }
+            }
+        }
+        let mut rows = Rows(vec![[0; AXES]], Vec::new());
+        let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
+        let manner = Manner { wall_time: false, operator: false };
+        let operator = ScriptPlayer::new(Vec::new(), machine.period_us);
+        let end =
+            job::run(machine, Decoder::new(text), Begin::First, card, operator, manner, &mut rows).expect("a job");
+        assert_eq!(end.outcome, Outcome::Completed);
+        Self { counts: rows.0, markers: rows.1, in_passing: text.contains("M62") || text.contains("M63") }
+    }
+
+    /// Records of the path.
+    pub fn records(&self) -> u32 {
+        self.counts.len() as u32 - 1
+    }
+
+    /// Where the axes stand at a place: P(x).
+    pub fn position(&self, place: Place) -> [i64; AXES] {
+        let at = place.record as usize;
+        let mut counts = self.counts[at];
+        if place.fraction != 0 {
+            for (count, &next) in counts.iter_mut().zip(&self.counts[at + 1]) {
+                *count += i64::from(part((next - *count) as i16, place.fraction));
+            }
+        }
+        counts
+    }
+}
+
+/// A control period of the card, as the card's own side saw it.
+#[derive(Clone, Copy, Debug)]
+pub struct Period {
+    /// In the card's time, µs.
+    pub at_us: u64,
+    pub place: Place,
+    pub rate: Travel,
+    pub at_rest: bool,
+    pub short: bool,
+    pub counts: [i64; AXES],
+    /// Counted at the pins.
+    pub positions: [i64; AXES],
+    pub executed: u32,
+    pub outputs: Outputs,
+    pub alarm: bool,
+}
+
+/// Everything the card did, while a job was open on it.
+pub type CardLog = Arc<Mutex<Vec<Period>>>;
+
+/// A port to a rig, with the cable being pulled at times.
+pub struct Cable {
+    pub port: InProcess<AXES>,
+    /// When, and what becomes of the bytes on their way; the next one last.
+    pub pulled: Vec<(u64, Leftover)>,
+    /// All bytes that the host wrote, and that it read, if wanted.
+    pub taps: Option<[Vec<u8>; 2]>,
+}
+
+impl Port for Cable {
+    type Fault = NoFault;
+
+    fn now_us(&self) -> u64 {
+        self.port.now_us()
+    }
+    fn room(&mut self) -> usize {
+        self.port.room()
+    }
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, NoFault> {
+        let count = self.port.write(bytes)?;
+        if let Some([written, _]) = &mut self.taps {
+            written.extend(&bytes[..count]);
+        }
+        Ok(count)
+    }
+    fn read(&mut self, bytes: &mut [u8], wait_us: u32) -> Result<usize, NoFault> {
+        while let Some(&(at_us, leftover)) = self.pulled.last()
+            && at_us <= self.port.now_us()
+        {
+            self.port.rig_mut().reconnect(leftover);
+            self.pulled.pop();
+        }
+        let count = self.port.read(bytes, wait_us)?;
+        if let Some([_, read]) = &mut self.taps {
+            read.extend(&bytes[..count]);
+        }
+        Ok(count)
+    }
+}
+
+/// What is run, and over what.
+pub struct Trial<'a> {
+    pub machine: &'a Machine,
+    pub program: &'a str,
+    pub script: &'a str,
+    pub rig: RigSettings,
+    pub pulled: Vec<(u64, Leftover)>,
+    pub tapped: bool,
+}
+
+/// What came of it.
+pub struct Done {
+    pub outcome: Outcome,
+    pub status: Status<AXES>,
+    pub log: Vec<Period>,
+    pub line: LineCounts,
+    pub cable: Cable,
+    pub underruns: u64,
+    pub reversals: u64,
+    pub violations: u64,
+    pub first_violation: String,
+    pub periods: u64,
+    pub events: Vec<Event>,
+}
+
+impl Done {
+    pub fn completed(&self) -> bool {
+        self.outcome == Outcome::Completed
+    }
+
+    pub fn saw(&self, happening: &Happening) -> bool {
+        self.events.iter().any(|event| event.happening == *happening)
+    }
+}
+
+struct Watch {
+    periods: u64,
+    events: Vec<Event>,
+}
+
+impl Observer<AXES> for Watch {
+    fn period(&mut self, status: &Status<AXES>, _: &Operation) {
+        self.periods += 1;
+        assert!(self.periods < 4_000_000, "it hangs: {status:?}");
+    }
+    fn event(&mut self, event: &Event) {
+        self.events.push(event.clone());
+    }
+}
+
+/// The judge of a machine's limits.
+pub fn judge(machine: &Machine) -> LimitJudge<AXES> {
+    let axis = |i: usize| {
+        let a = machine.axes.get(i).unwrap_or(&machine.axes[0]);
+        AxisLimits {
+            pulses_per_mm: a.pulses_per_mm,
+            velocity_mm_s: a.max_velocity_mm_per_s,
+            acceleration_mm_s2: a.max_acceleration_mm_per_s2,
+            jerk_mm_s3: a.max_jerk_mm_per_s3,
+        }
+    };
+    LimitJudge::new(&std::array::from_fn(axis), machine.period_s())
+}
+
+/// Judges what came out of the card's pins.
+fn judged(machine: &Machine, log: &[Period]) -> Verdict<AXES> {
+    let mut judge = judge(machine);
+    let mut before = [0; AXES];
+    for period in log {
+        let increments = std::array::from_fn(|axis| (period.positions[axis] - before[axis]) as i32);
+        judge.push(&increments, period.rate);
+        before = period.positions;
+    }
+    judge.finish()
+}
+
+/// Runs a job over a line. `Err`: no job was opened on the card, and why.
+pub fn run(trial: Trial<'_>) -> Result<Done, String> {
+    let mut rig = Rig::<AXES>::new(&trial.rig).expect("a card");
+    let log = CardLog::default();
+    let sink = Arc::clone(&log);
+    rig.watch(Box::new(move |moment| {
+        let s = moment.status;
+        sink.lock().expect("one thread").push(Period {
+            at_us: moment.at_us,
+            place: s.place,
+            rate: s.rate,
+            at_rest: s.at_rest,
+            short: s.short,
+            counts: s.counts,
+            positions: *moment.positions,
+            executed: s.executed,
+            outputs: s.outputs,
+            alarm: s.alarm.is_some(),
+        });
+    }));
+    let mut pulled = trial.pulled;
+    pulled.sort_by_key(|&(at_us, _)| std::cmp::Reverse(at_us));
+    let taps = trial.tapped.then(Default::default);
+    let cable = Cable { port: InProcess::new(rig), pulled, taps };
+    let mut card = Box::new(Wired::find(cable, 7, Patience::default()).map_err(|fault| fault.to_string())?);
+    card.open(trial.machine.card_settings(0)).map_err(|fault| fault.to_string())?;
+    let mut watch = Watch { periods: 0, events: Vec::new() };
+    let script = operator::parse(trial.script, "script").expect("a script");
+    let operator = ScriptPlayer::new(script, trial.machine.period_us);
+    let manner = Manner { wall_time: false, operator: true };
+    let end =
+        job::run(trial.machine, Decoder::new(trial.program), Begin::First, &mut *card, operator, manner, &mut watch)
+            .expect("a job");
+    let (outcome, tally) = (end.outcome, end.tally);
+    if outcome == Outcome::Completed {
+        card.close().map_err(|fault| format!("not closed: {fault}"))?;
+    }
+    let (status, line) = (*card.status(), card.host().line());
+    let mut cable = card.into_port();
+    // Whatever became of the host: the card has time to come to rest by itself.
+    let now_us = cable.port.rig().now_us();
+    cable.port.rig_mut().run(now_us + 3_000_000);
+    let log = std::mem::take(&mut *log.lock().expect("one thread"));
+    let verdict = judged(trial.machine, &log);
+    Ok(Done {
+        outcome,
+        status,
+        log,
+        line,
+        cable,
+        underruns: tally.underruns,
+        reversals: tally.reversals,
+        violations: verdict.violations,
+        first_violation: format!("{:?}", verdict.first),
+        periods: watch.periods,
+        events: watch.events,
+    })
+}
+
+/// The card's own side of a run: never a pulse off the path, and at rest at the end. `Err` says what is wrong.
+pub fn on_the_path(path: &Path, done: &Done) -> Result<(), String> {
+    for period in &done.log {
+        let expected = path.position(period.place);
+        if period.counts != expected || period.positions != expected {
+            return Err(format!("off the path {expected:?}: {period:?}"));
+        }
+    }
+    let faults = done.cable.port.rig().faults();
+    if faults != Default::default() {
+        return Err(format!("at the pins: {faults:?}"));
+    }
+    match done.log.last() {
+        Some(last) if last.rate == 0 && last.at_rest => Ok(()),
+        last => Err(format!("it does not stand: {last:?}")),
+    }
+}
+
+/// In the card's own time line no motion stands on the wrong side of an instruction: nothing goes beyond the first that is not complete, and
+/// what it switches is switched, and it is completed, at rest on its place. `Err` says what is wrong.
+pub fn in_order(markers: &[u32], log: &[Period]) -> Result<(), String> {
+    let (mut executed, mut outputs) = (0, None);
+    for period in log {
+        let at = |number: u32| markers.get(number as usize - 1).map(|&place| Place::start_of(place));
+        if period.executed != executed {
+            if period.executed != executed + 1 || at(period.executed) != Some(period.place) || period.rate != 0 {
+                return Err(format!("instruction {} complete elsewhere: {period:?}", period.executed));
+            }
+            executed = period.executed;
+        }
+        if let Some(next) = at(executed + 1)
+            && next.to(period.place) > 0
+        {
+            return Err(format!("beyond instruction {}, which is not complete: {period:?}", executed + 1));
+        }
+        if outputs.is_some_and(|outputs| outputs != period.outputs) && period.rate != 0 && !period.alarm {
+            return Err(format!("switched in motion: {period:?}"));
+        }
+        outputs = Some(period.outputs);
+    }
+    Ok(())
+}
+
+/// A run ended well: with the program's exact counts, or with an alarm that is latched, the position known. `Err` says what is wrong.
+pub fn ended_well(path: &Path, done: &Done) -> Result<(), String> {
+    on_the_path(path, done)?;
+    if !path.in_passing {
+        in_order(&path.markers, &done.log)?;
+    }
+    let last = done.log.last().ok_or("the card did nothing")?;
+    match &done.outcome {
+        Outcome::Completed => {
+            let end = path.counts.last().ok_or("no path")?;
+            if last.counts != *end || done.status.counts != *end {
+                return Err(format!(
+                    "completed at {:?}, told {:?}, and not at {end:?}",
+                    last.counts, done.status.counts
+                ));
+            }
+            // An alarm may have been latched since: that the host, done, was not heard.
+            Ok(())
+        }
+        Outcome::Alarm(number, cause, _) => {
+            // Whatever ended it for the host, the card has latched an alarm by now: that it was silent at the latest.
+            last.alarm.then_some(()).ok_or(format!("{number} {cause}, and the card knows of none"))
+        }
+        other => Err(format!("{other:?}")),
+    }
+}
+
+/// A line with nothing wrong, at a baud rate.
+pub fn good_line(baud: u32) -> LineSettings {
+    LineSettings { baud, latency_us: 100, ..LineSettings::default() }
+}
+
+/// One of some things.
+pub fn pick<T: Copy>(random: &mut Random, from: &[T]) -> T {
+    from[random.up_to(from.len() as u32 - 1) as usize]
+}
+
+/// A program of so many moves, with arcs, dwells, instructions and output actions between.
+pub fn program(random: &mut Random, moves: u32) -> String {
+    use std::fmt::Write as _;
+    let mut text = format!("G21 G90 G64 P0.05\nF{}\n", pick(random, &[600, 2400, 6000]));
+    let mut at = [0.0f64; 2];
+    for _ in 0..moves {
+        let to = [0, 1].map(|_| f64::from(random.up_to(80)) / 10.0);
+        let _ = match random.up_to(9) {
+            0 => writeln!(text, "M{}", pick(random, &[3, 5, 7, 8, 9])),
+            1 => writeln!(text, "G4 P0.0{}", 1 + random.up_to(8)),
+            2 => writeln!(text, "M6{} P{}", 2 + random.up_to(1), random.up_to(5)),
+            3 if to != at => {
+                let [i, j] = [(to[0] - at[0]) / 2.0, (to[1] - at[1]) / 2.0];
+                let [x, y] = to;
+                at = to;
+                writeln!(text, "G{} X{x} Y{y} I{i} J{j}", 2 + random.up_to(1))
+            }
+            4 => writeln!(text, "G0 Z{}", random.up_to(3)),
+            _ => {
+                at = to;
+                writeln!(text, "G1 X{} Y{}", to[0], to[1])
+            }
+        };
+    }
+    text.push_str("M2\n");
+    text
+}
+
+/// An operator who holds, backs up and goes on.
+pub fn script(random: &mut Random) -> String {
+    let mut text = String::new();
+    for _ in 0..random.up_to(4) {
+        let wait = f64::from(10 + random.up_to(300)) / 1000.0;
+        let (a, b) = (20 + random.up_to(80), f64::from(50 + random.up_to(400)) / 1000.0);
+        text += &match random.up_to(4) {
+            0 => format!("after {wait}s hold\nafter {b}s resume\n"),
+            1 => format!("after {wait}s reverse {a}%\nafter {b}s leave\n"),
+            2 => format!("after {wait}s reverse {a}%\nafter {b}s forward 50%\nafter {b}s leave\n"),
+            3 => format!("after {wait}s override {a}%\n"),
+            _ => format!("after {wait}s wheel -{a} for {b}s\nafter {b}s leave\n"),
+        };
+    }
+    text
+}

@@ -1,0 +1,112 @@
+//! How fast the commanded rate may change over records that ask so much of their axes (REV, *Rate law*).
+//!
+//! Invariant: with slopes from here, `|q″|r² + |q′||r′| ≤ A` and `|q‴||r|³ + 3|q″||r·r′| + |q′||r″| ≤ 2J` hold on every axis, whatever is asked
+//! when. The cursor's r and r′ are means over n periods of the commanded u and u′:
+//!
+//! - `(A − |q″|u²)/|q′|` is concave in u, so the mean of slopes is within what it is at the mean rate.
+//! - r″ = (u′ now − u′ n periods ago)/n, so |r″| ≤ 2f/n for slopes up to f.
+//! - The jerk's bound falls as r rises. A slope down is that of the highest rate still in the average: where the rate falls at r, each of the
+//!   slopes that it falls by was taken at no less than r. A slope up is that of the highest rate that any record ahead allows.
+
+use super::survey::{Demand, Survey};
+use crate::limits::{AxisLimits, RateLimits};
+use crate::{ONE, Travel};
+
+/// The steepest fall of the commanded rate from `rate` on; `highest` is the highest rate in the average.
+pub(super) fn falling<const A: usize>(
+    limits: &RateLimits<A>,
+    survey: &Survey<A>,
+    rate: Travel,
+    highest: Travel,
+) -> Travel {
+    each(limits, survey, |axis, demand| by_acceleration(axis, demand, rate).min(by_jerk(limits, axis, demand, highest)))
+}
+
+/// The steepest rise from `rate` on.
+pub(super) fn rising<const A: usize>(limits: &RateLimits<A>, survey: &Survey<A>, rate: Travel) -> Travel {
+    let highest = Travel::from(survey.most_cap) * (ONE / 16);
+    each(limits, survey, |axis, demand| {
+        // Jensen's inequality wants the slope at the rate that is reached
+        let at_most = by_acceleration(axis, demand, rate);
+        by_acceleration(axis, demand, rate + at_most).min(by_jerk(limits, axis, demand, highest))
+    })
+}
+
+fn each<const A: usize>(
+    limits: &RateLimits<A>,
+    survey: &Survey<A>,
+    slope: impl Fn(&AxisLimits, &Demand) -> Travel,
+) -> Travel {
+    limits.axes().iter().zip(&survey.demands).map(|(axis, demand)| slope(axis, demand)).min().unwrap_or(ONE)
+}
+
+fn by_acceleration(axis: &AxisLimits, demand: &Demand, rate: Travel) -> Travel {
+    ratio(axis.acceleration.saturating_sub(scaled(demand.acceleration, rate, 2)), demand.velocity)
+}
+
+fn by_jerk<const A: usize>(limits: &RateLimits<A>, axis: &AxisLimits, demand: &Demand, highest: Travel) -> Travel {
+    let left = (2 * axis.jerk).saturating_sub(scaled(demand.jerk, highest, 3));
+    let bend = 2 * demand.velocity / u64::from(limits.average()) + 1;
+    ratio(left, scaled(demand.acceleration, highest, 1).saturating_mul(3).saturating_add(bend))
+}
+
+/// The largest second difference that the plan asks of an axis.
+pub(super) fn highest_acceleration<const A: usize>(limits: &RateLimits<A>, axis: &AxisLimits) -> u64 {
+    share(limits, axis.acceleration).min(2 * axis.velocity)
+}
+
+/// The largest third difference that the plan asks of an axis.
+pub(super) fn highest_jerk<const A: usize>(limits: &RateLimits<A>, axis: &AxisLimits) -> u64 {
+    share(limits, axis.jerk).min(4 * axis.velocity)
+}
+
+fn share<const A: usize>(limits: &RateLimits<A>, figure: u64) -> u64 {
+    // rounded up; a figure has at most 49 bits
+    (figure >> 16) * u64::from(limits.share()) + (((figure & 0xFFFF) * u64::from(limits.share())) >> 16) + 1
+}
+
+/// `figure` times `rate` to the `power`, rounded up; the rate is taken in 1 024ths. What does not fit is more than any limit.
+pub(super) fn scaled(figure: u64, rate: Travel, power: u8) -> u64 {
+    let rate = ((rate + (1 << 22) - 1) >> 22).max(0) as u64;
+    let times = |product: u64, _| product.checked_mul(rate).map(|product| product.div_ceil(1 << 10));
+    (0..power).try_fold(figure, times).unwrap_or(u64::MAX)
+}
+
+/// `numerator / denominator` as a rate, rounded down, one at most.
+pub(super) fn ratio(numerator: u64, denominator: u64) -> Travel {
+    if numerator >= denominator {
+        return ONE;
+    }
+    // Bits below the 32nd of a denominator that has more than 32 do not count.
+    let shift = numerator.leading_zeros().min(32);
+    let divisor = if shift == 32 { denominator } else { (denominator >> (32 - shift)) + 1 };
+    ((numerator << shift) / divisor) as Travel
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_ratio_is_rounded_down_and_good_to_thirty_bits(numerator in 0u64..1 << 51, bits in 0u32..40, low in any::<u64>()) {
+            let denominator = (low >> (63 - bits)).max(1);
+            for (a, b) in [(numerator, denominator), (numerator >> bits, denominator)] {
+                let exact = ((u128::from(a) << 32) / u128::from(b)).min(1 << 32) as i64;
+                let found = ratio(a, b);
+                prop_assert!(found <= exact && exact - found <= 1 + (exact >> 30), "{a}/{b}: {found} {exact}");
+            }
+        }
+
+        #[test]
+        fn a_scaled_figure_is_rounded_up(figure in 0u64..1 << 48, rate in 0..8 * ONE, power in 1u8..=3) {
+            let exact = figure as f64 * (rate as f64 / ONE as f64).powi(i32::from(power));
+            let found = scaled(figure, rate, power) as f64;
+            prop_assert!(found >= exact * (1.0 - 1e-12), "{found} {exact}");
+            // a step of the rate, and the rounding of each product
+            let above = (rate as f64 / ONE as f64 + 1.0 / 1024.0).powi(i32::from(power)) * figure as f64 + 73.0;
+            prop_assert!(found <= above || found >= u64::MAX as f64, "{found} {above}");
+        }
+    }
+}

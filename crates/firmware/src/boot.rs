@@ -1,0 +1,66 @@
+//! Who this card is, and a number for this start of it.
+//!
+//! Invariant: two starts are given the same number only by chance, at odds of about one in the cycles that the host's first byte may come
+//! earlier or later.
+
+use retrace_link::{Identity, PROTOCOL};
+
+use crate::period::{LONGEST_US, SHORTEST_US, SLOT_HZ};
+use crate::{AXES, MEMORY, WINDOW, pins};
+
+/// The card's name on the line.
+const NAME: [u8; 16] = *b"retrace-stm32f4\0";
+
+/// The words of a microcontroller's unique number mixed into one serial number, which is never 0.
+#[must_use]
+pub fn serial_number(unique: [u32; 3]) -> u32 {
+    unique.iter().fold(0, |mixed, &word| mix(mixed ^ word)).max(1)
+}
+
+/// The number of this start: from the starts counted so far, if that count outlived the last one, and from the clock's count at the host's
+/// first byte, which comes when it likes.
+#[must_use]
+pub fn boot_number(starts: u32, first_byte_at: u32) -> u32 {
+    mix(mix(starts) ^ first_byte_at)
+}
+
+/// A bijection that spreads small differences over all bits: the 32-bit finalizer of MurmurHash3 (Appleby, 2011; public domain).
+const fn mix(word: u32) -> u32 {
+    let word = (word ^ word >> 16).wrapping_mul(0x85eb_ca6b);
+    let word = (word ^ word >> 13).wrapping_mul(0xc2b2_ae35);
+    word ^ word >> 16
+}
+
+/// What the card says of itself, before it has a serial number and the number of a start.
+pub const IDENTITY: Identity = Identity {
+    protocol: PROTOCOL,
+    name: NAME,
+    serial: 0,
+    boot: 0,
+    axes: AXES as u8,
+    outputs: pins::DIGITAL_OUTPUTS,
+    inputs: pins::INPUT_PINS.len() as u8,
+    window: WINDOW as u32,
+    memory: MEMORY as u16,
+    tick_hz: SLOT_HZ,
+    shortest_period_us: SHORTEST_US,
+    longest_period_us: LONGEST_US,
+    most_pulses_hz: SLOT_HZ / 2,
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn starts_a_cycle_apart_differ() {
+        let mut numbers: Vec<u32> =
+            (0..50).flat_map(|starts| (0..1000).map(move |at| boot_number(starts, 80_000 + at))).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        // 50 000 of 2³² at random: 0.3 pairs expected
+        assert!(numbers.len() >= 49_990, "{}", numbers.len());
+        assert_ne!(serial_number([1, 2, 3]), serial_number([3, 2, 1]));
+        assert_ne!(serial_number([0; 3]), 0);
+    }
+}

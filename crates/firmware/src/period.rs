@@ -1,0 +1,61 @@
+//! The step clock: how a control period is cut into slots, the slots in which steps begin and end.
+//!
+//! Invariant: slots × reload is the control period to within half a timer tick a slot.
+
+/// Slots a second: steps begin and end on them, so an axis makes at most half as many steps a second.
+pub const SLOT_HZ: u32 = 100_000;
+/// Shortest control period that is accepted, in microseconds.
+pub const SHORTEST_US: u32 = 500;
+/// Longest control period that is accepted, in microseconds.
+pub const LONGEST_US: u32 = 20_000;
+
+/// A control period as the step timer runs it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Period {
+    /// Slots in the period, at least 1.
+    pub slots: u32,
+    /// Ticks of the timer a slot.
+    pub ticks_per_slot: u32,
+}
+
+impl Period {
+    /// The slots of a period of `us` microseconds, held to [`SHORTEST_US`] … [`LONGEST_US`], for a timer of `timer_hz`.
+    ///
+    /// A period that is a multiple of 10 µs is exact where the timer's rate is a multiple of [`SLOT_HZ`]; another one is off by at most
+    /// half a tick a slot.
+    #[must_use]
+    pub const fn new(us: u32, timer_hz: u32) -> Self {
+        let us = if us < SHORTEST_US {
+            SHORTEST_US
+        } else if us > LONGEST_US {
+            LONGEST_US
+        } else {
+            us
+        };
+        let slots = us / (1_000_000 / SLOT_HZ);
+        let ticks = us as u64 * timer_hz as u64 / 1_000_000;
+        let ticks_per_slot = (ticks + slots as u64 / 2) / slots as u64;
+        // below 2³²: a slot is some 10 µs
+        Self { slots, ticks_per_slot: ticks_per_slot as u32 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_period_is_within_half_a_tick_a_slot() {
+        for timer_hz in [84_000_000, 100_000_000, 1_000_000_000] {
+            for us in SHORTEST_US..=LONGEST_US {
+                let Period { slots, ticks_per_slot } = Period::new(us, timer_hz);
+                let wanted = u64::from(us) * u64::from(timer_hz) / 1_000_000;
+                let error = (u64::from(slots) * u64::from(ticks_per_slot)).abs_diff(wanted);
+                assert!(2 * error <= u64::from(slots), "{us} µs at {timer_hz}: {error} ticks");
+                assert!(us % 10 != 0 || error == 0, "{us} µs at {timer_hz} is exact");
+            }
+        }
+        assert_eq!(Period::new(0, 84_000_000), Period::new(SHORTEST_US, 84_000_000));
+        assert_eq!(Period::new(u32::MAX, 84_000_000), Period::new(LONGEST_US, 84_000_000));
+    }
+}

@@ -1,0 +1,167 @@
+//! Which pin is what: the wiring table of `docs/firmware.md`, as constants, and the ports' words made from it.
+//!
+//! Invariant: all axes are on port A and all outputs on port B, so that one store to a port's bit set/reset register switches them at once
+//! (RM0090 and RM0368, 8.4.7: lower half sets, upper half resets).
+
+use retrace_link::{Outputs, channel};
+
+use crate::AXES;
+
+/// Step of the first axis, on port A; those of the others follow it. The drive counts the rising edge.
+pub const FIRST_STEP_PIN: u8 = 1;
+/// Direction of the first axis, on port A; those of the others follow it. High is positive.
+pub const FIRST_DIRECTION_PIN: u8 = 5;
+
+/// When an output pin is high.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum High {
+    /// While the channel is not 0.
+    NotZero(u8),
+    /// While the channel is above 0.
+    Above(u8),
+    /// While the channel is below 0.
+    Below(u8),
+}
+
+/// Digital outputs that have a pin: channels 0 … 3.
+pub const DIGITAL_OUTPUTS: u8 = 4;
+/// The output pins, on port B. All are low from reset on.
+pub const OUTPUT_PINS: [(u8, High); 8] = [
+    (0, High::NotZero(0)),
+    (1, High::NotZero(1)),
+    (10, High::NotZero(2)),
+    (12, High::NotZero(3)),
+    (13, High::Above(channel::SPINDLE)),
+    (14, High::Below(channel::SPINDLE)),
+    (15, High::NotZero(channel::FLOOD)),
+    (2, High::NotZero(channel::MIST)),
+];
+
+/// A port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Port {
+    /// Port A.
+    A,
+    /// Port B.
+    B,
+    /// Port C.
+    C,
+}
+
+/// The pins of inputs 0 … 7, each with its pull-up.
+pub const INPUT_PINS: [(Port, u8); 8] =
+    [(Port::B, 3), (Port::B, 4), (Port::B, 5), (Port::B, 8), (Port::B, 9), (Port::A, 0), (Port::A, 15), (Port::C, 13)];
+
+/// Transmit and receive of USART1, on port A.
+pub const SERIAL_PINS: [u8; 2] = [9, 10];
+/// A and B of the handwheel's encoder, on port B: channels 1 and 2 of TIM4.
+pub const ENCODER_PINS: [u8; 2] = [6, 7];
+
+/// All axes, one bit each.
+const ALL: u32 = (1 << AXES) - 1;
+/// All pins of the axes, one bit each.
+const AXIS_PINS: u32 = ALL << FIRST_STEP_PIN | ALL << FIRST_DIRECTION_PIN;
+
+/// The word for port A that sets all steps and directions: axes whose step is high, that go backward, and whose direction output is the other
+/// way round, one bit each.
+#[must_use]
+pub const fn axes_word(steps: u32, backward: u32, inverted: u32) -> u32 {
+    let directions = !(backward ^ inverted) & ALL;
+    let high = (steps & ALL) << FIRST_STEP_PIN | directions << FIRST_DIRECTION_PIN;
+    high | (AXIS_PINS & !high) << 16
+}
+
+/// The word for port B that sets all output pins.
+#[must_use]
+pub fn outputs_word(outputs: &Outputs) -> u32 {
+    let value = |channel: u8| outputs[usize::from(channel)];
+    OUTPUT_PINS.iter().fold(0, |word, &(pin, high)| {
+        let is_high = match high {
+            High::NotZero(channel) => value(channel) != 0,
+            High::Above(channel) => value(channel) > 0,
+            High::Below(channel) => value(channel) < 0,
+        };
+        word | bit(pin, is_high)
+    })
+}
+
+/// The word for port B that sets all output pins low.
+pub const ALL_OUTPUTS_LOW: u32 = {
+    let (mut word, mut n) = (0, 0);
+    while n < OUTPUT_PINS.len() {
+        word |= bit(OUTPUT_PINS[n].0, false);
+        n += 1;
+    }
+    word
+};
+
+/// The word for port A that sets all step pins low and leaves the directions.
+pub const ALL_STEPS_LOW: u32 = ALL << FIRST_STEP_PIN << 16;
+
+const fn bit(pin: u8, high: bool) -> u32 {
+    1 << (if high { pin } else { pin + 16 })
+}
+
+/// Levels of the inputs, one bit each, from what ports A, B and C read.
+#[must_use]
+pub fn input_levels(a: u32, b: u32, c: u32) -> u16 {
+    INPUT_PINS.iter().enumerate().fold(0, |levels, (number, &(port, pin))| {
+        let read = match port {
+            Port::A => a,
+            Port::B => b,
+            Port::C => c,
+        };
+        levels | ((read >> pin & 1) as u16) << number
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_pin_is_used_twice() {
+        let mut used: Vec<(Port, u8)> = (0..AXES as u8)
+            .flat_map(|axis| [FIRST_STEP_PIN + axis, FIRST_DIRECTION_PIN + axis])
+            .chain(SERIAL_PINS)
+            // 13 and 14 are the debugger's
+            .chain([13, 14])
+            .map(|pin| (Port::A, pin))
+            .chain(OUTPUT_PINS.iter().map(|&(pin, _)| (Port::B, pin)))
+            .chain(ENCODER_PINS.map(|pin| (Port::B, pin)))
+            .chain(INPUT_PINS)
+            .collect();
+        // PB11 is not led out of the F401 and F411
+        assert!(!used.contains(&(Port::B, 11)) && used.iter().all(|&(_, pin)| pin < 16));
+        let count = used.len();
+        used.sort_by_key(|&(port, pin)| (port as u8, pin));
+        used.dedup();
+        assert_eq!(used.len(), count);
+    }
+
+    #[test]
+    fn every_pin_of_a_group_is_set_or_reset_by_its_word() {
+        let touched = |word: u32| (word | word >> 16) & 0xffff;
+        let outputs: u32 = OUTPUT_PINS.iter().map(|&(pin, _)| 1 << pin).sum();
+        let (mut off, mut on) = ([0; channel::COUNT], [1; channel::COUNT]);
+        on[usize::from(channel::SPINDLE)] = -1;
+        assert_eq!(outputs_word(&off), ALL_OUTPUTS_LOW);
+        assert_eq!((touched(outputs_word(&on)), touched(ALL_OUTPUTS_LOW)), (outputs, outputs));
+        assert_eq!(outputs_word(&on) & 0xffff, outputs & !(1 << 13), "M4: not the pin of M3");
+        off[usize::from(channel::SPINDLE)] = 1;
+        assert_eq!(outputs_word(&off) & 0xffff, 1 << 13);
+        assert_eq!(axes_word(0b1111, 0, 0), 0b1_1111_1110);
+        assert_eq!(axes_word(0b1111, 0, 0b0010), 0b1_1011_1110 | 0b0_0100_0000 << 16);
+        assert_eq!(axes_word(0b0001, 0b0010, 0b0010), 0b1_1110_0010 | 0b0_0001_1100 << 16);
+        assert_eq!(axes_word(0, 0b1111, 0), 0b1_1111_1110 << 16);
+        assert_eq!(ALL_STEPS_LOW, 0b1_1110 << 16);
+    }
+
+    #[test]
+    fn each_input_is_read_from_its_pin() {
+        for (number, &(port, pin)) in INPUT_PINS.iter().enumerate() {
+            let read = |here: Port| if here == port { 1 << pin } else { 0 };
+            assert_eq!(input_levels(read(Port::A), read(Port::B), read(Port::C)), 1 << number);
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! What the step interrupt does in a slot: four axes' steps and directions, as one word for the port.
+//!
+//! Invariant: every pulse of every order that was taken appears once at the port, in the slots of that order's period; a period that has
+//! no order yet waits, and nothing moves meanwhile.
+
+use retrace_card::{StepDirection, StepTiming};
+
+use crate::AXES;
+use crate::handover::{Handover, Order, Shape};
+use crate::period::{Period, SLOT_HZ};
+use crate::pins::axes_word;
+
+/// The steppers of all axes, and where in the period they are.
+pub struct Steps {
+    steppers: [StepDirection; AXES],
+    /// Axes whose step is high, and those that go backward, one bit each.
+    high: u32,
+    backward: u32,
+    /// How steps are made.
+    shape: Shape,
+    period: Period,
+    timer_hz: u32,
+    /// Slots left of the period; 0: the next one is due.
+    left: u32,
+    /// Pulses forward less pulses backward of each axis: counted at the output.
+    counted: [i32; AXES],
+    /// Orders whose pulses did not fit their period and were not made: a defect.
+    refused: u32,
+}
+
+/// What a slot asks of the hardware.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slot {
+    /// What is stored to the bit set/reset register of the axes' port.
+    pub word: u32,
+    /// A period began, whose slots are as many ticks of the timer long.
+    pub began: Option<u32>,
+}
+
+impl Steps {
+    /// Before anybody has said how steps are to be made: a period of 1 ms.
+    pub const SHAPE: Shape = Shape { period_us: 1000, pulse_ns: 2000, setup_ns: 5000, inverted: 0 };
+    const TIMING: StepTiming = match timing(Self::SHAPE) {
+        Some(timing) => timing,
+        None => unreachable!(),
+    };
+
+    /// Nothing to do, for a timer of so many ticks a second.
+    #[must_use]
+    pub const fn new(timer_hz: u32) -> Self {
+        Self {
+            steppers: [const { StepDirection::new(Self::TIMING) }; AXES],
+            high: 0,
+            backward: 0,
+            shape: Self::SHAPE,
+            period: Period::new(Self::SHAPE.period_us, timer_hz),
+            timer_hz,
+            left: 0,
+            counted: [0; AXES],
+            refused: 0,
+        }
+    }
+
+    /// Goes one slot on. `None` where no order is there: the outputs stay as they are, which is all steps low.
+    #[inline]
+    pub fn slot(&mut self, orders: &Handover<AXES>) -> Option<Slot> {
+        let mut began = None;
+        if self.left == 0 {
+            let order = orders.take()?;
+            self.begin(&order);
+            began = Some(self.period.ticks_per_slot);
+        }
+        self.left -= 1;
+        let (mut high, mut backward) = (0, 0);
+        for (axis, stepper) in self.steppers.iter_mut().enumerate() {
+            let levels = stepper.tick();
+            high |= u32::from(levels.step) << axis;
+            backward |= u32::from(levels.backward) << axis;
+        }
+        let rising = high & !self.high;
+        (self.high, self.backward) = (high, backward);
+        if rising != 0 {
+            self.count(rising);
+        }
+        Some(Slot { word: axes_word(high, backward, u32::from(self.shape.inverted)), began })
+    }
+
+    fn count(&mut self, rising: u32) {
+        for (axis, count) in self.counted.iter_mut().enumerate().filter(|(axis, _)| rising >> axis & 1 == 1) {
+            *count = if self.backward >> axis & 1 == 1 { count.wrapping_sub(1) } else { count.wrapping_add(1) };
+        }
+    }
+
+    fn begin(&mut self, order: &Order<AXES>) {
+        if order.shape != self.shape {
+            self.take_shape(order.shape);
+        }
+        for (stepper, &increment) in self.steppers.iter_mut().zip(&order.increments) {
+            if stepper.begin(increment).is_err() {
+                self.refused = self.refused.wrapping_add(1);
+            }
+        }
+        self.left = self.period.slots;
+    }
+
+    /// Makes steps in another way. The direction outputs go forward with it, so the order that brings a new shape is to have no pulses.
+    fn take_shape(&mut self, shape: Shape) {
+        // what the card has agreed to always has one
+        if let Some(timing) = timing(shape) {
+            self.steppers = [const { StepDirection::new(Self::TIMING) }; AXES].map(|_| StepDirection::new(timing));
+            self.period = Period::new(shape.period_us, self.timer_hz);
+        }
+        self.shape = shape;
+    }
+
+    /// Is a period under way?
+    #[must_use]
+    pub const fn in_period(&self) -> bool {
+        self.left > 0
+    }
+
+    /// Net pulses of each axis since the start, as the outputs showed them; they wrap around.
+    #[must_use]
+    pub const fn counted(&self) -> &[i32; AXES] {
+        &self.counted
+    }
+
+    /// Orders whose pulses did not fit their period: a defect.
+    #[must_use]
+    pub const fn refused(&self) -> u32 {
+        self.refused
+    }
+}
+
+/// The same times in slots.
+const fn timing(shape: Shape) -> Option<StepTiming> {
+    StepTiming::of_clock(SLOT_HZ, shape.period_us, shape.pulse_ns, shape.setup_ns)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pins::{FIRST_DIRECTION_PIN, FIRST_STEP_PIN};
+    use proptest::prelude::*;
+
+    /// What a drive makes of a port's levels: counts on rising edges of its step input, by its direction input.
+    struct Drives {
+        port: u32,
+        counts: [i32; AXES],
+    }
+
+    impl Drives {
+        fn see(&mut self, word: u32, inverted: u16) {
+            let before = self.port;
+            self.port = (self.port & !(word >> 16)) | (word & 0xffff);
+            for axis in 0..AXES {
+                let rises = (!before & self.port) >> (usize::from(FIRST_STEP_PIN) + axis) & 1 == 1;
+                let high = self.port >> (usize::from(FIRST_DIRECTION_PIN) + axis) & 1 == 1;
+                let up = high != (inverted >> axis & 1 == 1);
+                self.counts[axis] += if rises && up {
+                    1
+                } else if rises {
+                    -1
+                } else {
+                    0
+                };
+            }
+        }
+    }
+
+    proptest! {
+        /// Any orders, of any shape: the drives have counted their sum, and so has the interrupt itself.
+        #[test]
+        fn drives_count_what_was_ordered(
+            runs in prop::collection::vec(
+                (0u32..4, 1u16..25_000, 1u16..25_000, 0u16..16, prop::collection::vec(prop::array::uniform4(-9i32..=9), 0..9)),
+                1..6,
+            ),
+        ) {
+            let handover = Handover::new();
+            let mut steps = Steps::new(84_000_000);
+            let mut drives = Drives { port: 0, counts: [0; AXES] };
+            let mut sum = [0; AXES];
+            for (periods, pulse_ns, setup_ns, inverted, increments) in runs {
+                let shape = Shape { period_us: 1000 + periods * 500, pulse_ns, setup_ns, inverted };
+                for increments in [[0; AXES]].into_iter().chain(increments) {
+                    prop_assert_eq!(steps.slot(&handover), None);
+                    prop_assert!(handover.put(&Order { increments, shape }), "free");
+                    let slots = shape.period_us / 10;
+                    for n in 0..slots {
+                        let slot = steps.slot(&handover).expect("a period is under way");
+                        prop_assert_eq!(slot.began, (n == 0).then_some(840));
+                        drives.see(slot.word, inverted);
+                    }
+                    prop_assert!(!steps.in_period());
+                    for axis in 0..AXES { sum[axis] += increments[axis]; }
+                    prop_assert_eq!(drives.counts, sum);
+                    prop_assert_eq!((steps.counted(), steps.refused()), (&sum, 0));
+                }
+            }
+        }
+    }
+}

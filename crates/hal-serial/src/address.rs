@@ -1,0 +1,98 @@
+//! How a port is named: `PATH[@BAUD]`.
+//!
+//! Invariant: whatever is taken can be written again and means the same.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use crate::Refused;
+
+/// Bits a second where the address names none.
+pub const BAUD: u32 = 1_000_000;
+/// Fewest bits a second that are taken.
+const LEAST: u32 = 9_600;
+/// Most bits a second that are taken: what the fastest common USB adapters can do.
+const MOST: u32 = 12_000_000;
+
+/// Where a card is: a device file, and how fast its line is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Address {
+    /// The device file, such as `/dev/ttyUSB0`, or a link to it.
+    pub path: PathBuf,
+    /// Bits a second, ten of them to a byte: 9 600 … 12 000 000.
+    pub baud: u32,
+}
+
+impl Address {
+    /// Reads `PATH[@BAUD]`. What stands behind the last `@` is the baud rate if it is a number; else it belongs to the path, as in
+    /// some names of the folder `/dev/serial/by-id`.
+    ///
+    /// # Errors
+    /// `E2148`: no path, or no baud rate that can be.
+    pub fn parse(text: &str) -> Result<Self, Refused> {
+        let (path, baud) = match text.rsplit_once('@') {
+            Some((path, baud)) if !baud.is_empty() && baud.bytes().all(|b| b.is_ascii_digit()) => (path, Some(baud)),
+            Some((path, _)) if !Path::new(text).exists() && !path.is_empty() => {
+                return Err(Refused::address(text, "what stands behind @ is no baud rate"));
+            }
+            _ => (text, None),
+        };
+        if path.is_empty() {
+            return Err(Refused::address(text, "the path of the port is missing"));
+        }
+        let baud = match baud.map(str::parse::<u32>) {
+            None => BAUD,
+            Some(Ok(baud)) if (LEAST..=MOST).contains(&baud) => baud,
+            Some(_) => return Err(Refused::address(text, "a baud rate is a number from 9600 to 12000000")),
+        };
+        Ok(Self { path: path.into(), baud })
+    }
+
+    /// Time that a byte takes on the line, in nanoseconds: a start bit, eight bits and a stop bit.
+    #[must_use]
+    pub const fn byte_ns(&self) -> u64 {
+        10_000_000_000 / self.baud as u64
+    }
+}
+
+impl fmt::Display for Address {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}@{}", self.path.display(), self.baud)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_path_with_and_without_a_baud_rate() {
+        let plain = Address::parse("/dev/ttyUSB0").expect("a path");
+        assert_eq!((plain.path.as_path(), plain.baud), (Path::new("/dev/ttyUSB0"), BAUD));
+        let slow = Address::parse("/dev/ttyUSB0@230400").expect("a path and a rate");
+        assert_eq!((slow.path.as_path(), slow.baud, slow.byte_ns()), (Path::new("/dev/ttyUSB0"), 230_400, 43_402));
+        for bad in ["", "@115200", "/dev/ttyUSB0@", "/dev/ttyUSB0@fast", "/dev/ttyUSB0@0", "/dev/ttyUSB0@99999999999"] {
+            assert_eq!(Address::parse(bad).map_err(|r| r.number), Err("E2148"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_file_whose_name_has_an_at_sign_is_a_path() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("usb-card@left");
+        std::fs::write(&path, "").expect("a file");
+        let text = path.display().to_string();
+        assert_eq!(Address::parse(&text).expect("a path").path, path);
+        assert_eq!(Address::parse(&format!("{text}@115200")).expect("a path and a rate").baud, 115_200);
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_taken_or_refused_and_what_is_taken_says_the_same_again(text in "[/a-z@0-9 ]{0,24}") {
+            if let Ok(address) = Address::parse(&text) {
+                prop_assert_eq!(Address::parse(&address.to_string()), Ok(address));
+            }
+        }
+    }
+}

@@ -1,0 +1,278 @@
+//! The host's serial port.
+//!
+//! Invariant: no call waits for longer than it was told to, and no more than some 4 ms of bytes wait in the operating system.
+
+use std::fmt;
+use std::io::{self, ErrorKind};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use retrace_link::{CardFault, Port};
+
+use crate::list::{ports, usb_of, whereabouts};
+use crate::quick::{Latency, hasten};
+use crate::refused::{group_of, holder_of};
+use crate::{Address, Refused, Usb, budget::Budget};
+
+/// Bytes that may stay unanswered on a pseudo-terminal. Linux keeps some 18 KiB for its other end and then lets the writer
+/// wait; so what nobody reads is dropped before, as it is on a cable where nobody listens.
+const UNANSWERED: usize = 8 * 1024;
+
+/// Most bytes of one write to a pseudo-terminal. Linux takes so many whole where it says that it takes any; of more it may take a part and
+/// wait with the rest.
+pub(crate) const WHOLE: usize = 512;
+
+/// How often a port that was lost is looked for.
+const LOOK_AGAIN: Duration = Duration::from_millis(50);
+
+/// The line is gone: unplugged, or its other end closed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Lost {
+    /// The port.
+    pub port: String,
+    /// What the operating system said.
+    pub why: String,
+}
+
+impl fmt::Display for Lost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the line to {} is lost ({})", self.port, self.why)
+    }
+}
+
+impl CardFault for Lost {
+    fn number(&self) -> &'static str {
+        "E3009"
+    }
+
+    fn remedy(&self) -> &'static str {
+        "check cable and power; the card stops by itself, on the path, and says where it stands when asked again"
+    }
+}
+
+impl std::error::Error for Lost {}
+
+/// A serial port or pseudo-terminal, opened for this program alone, with eight data bits, no parity, no flow control.
+pub struct SerialPort {
+    address: Address,
+    /// None while the line is lost: what is kept open would keep its number from being given again.
+    port: Option<Box<dyn serialport::SerialPort>>,
+    usb: Option<Usb>,
+    is_pty: bool,
+    latency: Latency,
+    started: Instant,
+    budget: Budget,
+    unanswered: usize,
+}
+
+impl fmt::Debug for SerialPort {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "SerialPort({}, {})", self.address, if self.port.is_some() { "open" } else { "lost" })
+    }
+}
+
+impl SerialPort {
+    /// Opens a port, and forgets what had come before, as far as it has arrived.
+    ///
+    /// # Errors
+    /// `E2141` absent, `E2144` busy, `E2145` forbidden, `E2146` no serial port or not at this baud rate.
+    pub fn open(address: &Address) -> Result<Self, Refused> {
+        let port = open(address, &address.path)?;
+        Ok(Self {
+            usb: usb_of(&address.path),
+            is_pty: address.path.canonicalize().is_ok_and(|path| path.starts_with("/dev/pts")),
+            latency: hasten(&address.path),
+            address: address.clone(),
+            port: Some(port),
+            started: Instant::now(),
+            budget: Budget::new(address.byte_ns()),
+            unanswered: 0,
+        })
+    }
+
+    /// Where it was opened.
+    #[must_use]
+    pub const fn address(&self) -> &Address {
+        &self.address
+    }
+
+    /// What stands behind it, where it is on the USB.
+    #[must_use]
+    pub const fn usb(&self) -> Option<&Usb> {
+        self.usb.as_ref()
+    }
+
+    /// How long the adapter holds bytes back.
+    #[must_use]
+    pub const fn latency(&self) -> &Latency {
+        &self.latency
+    }
+
+    /// Is the line there, as far as the last call could tell?
+    #[must_use]
+    pub const fn is_open(&self) -> bool {
+        self.port.is_some()
+    }
+
+    /// Opens the port again after it was lost, once: under the same path, or, where the adapter tells its serial number, wherever that
+    /// is now. The clock goes on; nothing is said of the card behind it, whose place has to be asked for.
+    ///
+    /// # Errors
+    /// As [`SerialPort::open`].
+    pub fn reopen(&mut self) -> Result<(), Refused> {
+        self.port = None;
+        let path = match &self.usb {
+            None => self.address.path.clone(),
+            Some(usb) => {
+                let there = ports();
+                let names = || there.iter().map(|port| port.path.clone()).collect::<Vec<_>>();
+                let found = whereabouts(usb, &self.address.path, &there);
+                found.ok_or_else(|| Refused::absent(&self.address.path, &names()))?.into()
+            }
+        };
+        self.port = Some(open(&self.address, &path)?);
+        self.latency = hasten(&path);
+        // a link, as in /dev/serial/by-id, is kept; a number that has changed is followed
+        if !path.canonicalize().is_ok_and(|new| self.address.path.canonicalize().is_ok_and(|old| old == new)) {
+            self.address.path = path;
+        }
+        self.budget = Budget::new(self.address.byte_ns());
+        self.unanswered = 0;
+        Ok(())
+    }
+
+    /// Tries to open the port again for so long.
+    ///
+    /// # Errors
+    /// `E2147`: it did not come back, with the last reason.
+    pub fn reopen_within(&mut self, time: Duration) -> Result<(), Refused> {
+        let until = Instant::now() + time;
+        loop {
+            match self.reopen() {
+                Ok(()) => return Ok(()),
+                Err(why) if Instant::now() + LOOK_AGAIN > until => {
+                    return Err(Refused::gone(&self.address, time.as_secs_f64(), &why));
+                }
+                Err(_) => std::thread::sleep(LOOK_AGAIN),
+            }
+        }
+    }
+
+    fn now_ns(&self) -> u64 {
+        u64::try_from(self.started.elapsed().as_nanos()).unwrap_or(u64::MAX)
+    }
+
+    /// Does something with the port; 0 where it was not ready in time. An error closes it.
+    fn with(
+        &mut self,
+        wait: Duration,
+        act: impl FnOnce(&mut dyn serialport::SerialPort) -> io::Result<usize>,
+    ) -> Result<usize, Lost> {
+        let lost = |why: String| Lost { port: self.address.path.display().to_string(), why };
+        let Some(port) = self.port.as_deref_mut() else { return Err(lost("it is closed".to_owned())) };
+        let done = port.set_timeout(wait).map_err(io::Error::from).and_then(|()| act(port));
+        match done {
+            Ok(count) => Ok(count),
+            Err(error)
+                if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) =>
+            {
+                Ok(0)
+            }
+            Err(error) => {
+                self.port = None;
+                Err(lost(error.to_string()))
+            }
+        }
+    }
+}
+
+impl Port for SerialPort {
+    type Fault = Lost;
+
+    fn now_us(&self) -> u64 {
+        self.now_ns() / 1000
+    }
+
+    fn room(&mut self) -> usize {
+        let Some(port) = &self.port else { return 0 };
+        if self.is_pty && self.unanswered >= UNANSWERED {
+            // On a pseudo-terminal this empties what the other end has not read.
+            let _ = port.clear(serialport::ClearBuffer::Output);
+            self.unanswered = 0;
+        }
+        let queued = port.bytes_to_write().unwrap_or(0);
+        self.budget.room(self.now_ns(), u64::from(queued))
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Lost> {
+        let room = self.room().min(bytes.len());
+        if room == 0 && self.port.is_some() {
+            return Ok(0);
+        }
+        let room = if self.is_pty { room.min(WHOLE) } else { room };
+        let count = self.with(Duration::ZERO, |port| port.write(&bytes[..room]))?;
+        self.budget.spend(self.now_ns(), count);
+        self.unanswered += count;
+        Ok(count)
+    }
+
+    fn read(&mut self, bytes: &mut [u8], wait_us: u32) -> Result<usize, Lost> {
+        if bytes.is_empty() {
+            return Ok(0);
+        }
+        let count = self.with(Duration::from_micros(u64::from(wait_us)), |port| match port.read(bytes) {
+            // what is ready to be read and has nothing to read is gone
+            Ok(0) => Err(ErrorKind::UnexpectedEof.into()),
+            done => done,
+        })?;
+        if count > 0 {
+            self.unanswered = 0;
+        }
+        Ok(count)
+    }
+
+    fn revive(&mut self) -> bool {
+        std::thread::sleep(LOOK_AGAIN);
+        self.reopen().is_ok()
+    }
+}
+
+/// Opens the device file and forgets what had come before.
+fn open(address: &Address, path: &Path) -> Result<Box<dyn serialport::SerialPort>, Refused> {
+    look_at(address, path)?;
+    // A card that a DTR pulse resets would lose its position: the line is left as the system has it.
+    let builder = serialport::new(path.to_string_lossy(), address.baud).timeout(Duration::ZERO).preserve_dtr_on_open();
+    let port = builder.open().map_err(|error| match error.kind() {
+        // the library's word for a port that is locked
+        serialport::ErrorKind::NoDevice if path.exists() => Refused::busy(path, holder_of(path)),
+        serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(ErrorKind::NotFound) => absent(path),
+        serialport::ErrorKind::Io(ErrorKind::PermissionDenied) => Refused::forbidden(path, group_of(path).as_deref()),
+        _ => Refused::unfit(address, &error.description),
+    })?;
+    let _ = port.clear(serialport::ClearBuffer::Input);
+    Ok(port)
+}
+
+fn absent(path: &Path) -> Refused {
+    Refused::absent(path, &ports().into_iter().map(|port| port.path).collect::<Vec<_>>())
+}
+
+/// Is there a device file at all? The library would tell less of it.
+#[cfg(unix)]
+fn look_at(address: &Address, path: &Path) -> Result<(), Refused> {
+    use std::os::unix::fs::FileTypeExt;
+    match std::fs::metadata(path) {
+        Ok(file) if file.file_type().is_char_device() => Ok(()),
+        Ok(_) => Err(Refused::unfit(address, "it is no device")),
+        Err(error) if error.kind() == ErrorKind::PermissionDenied => {
+            Err(Refused::forbidden(path, group_of(path).as_deref()))
+        }
+        Err(_) => Err(absent(path)),
+    }
+}
+
+/// A port has a name here, and no file.
+#[cfg(not(unix))]
+fn look_at(_: &Address, _: &Path) -> Result<(), Refused> {
+    Ok(())
+}

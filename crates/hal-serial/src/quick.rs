@@ -1,0 +1,72 @@
+//! The low-latency setting of USB serial adapters.
+//!
+//! Adapters with FTDI's chip hold what they received back until 16 ms have passed or a packet is full. On Linux the time stands in a
+//! file that its driver makes, which the device's owner may write. Ports of a card's own USB (CDC-ACM, `/dev/ttyACM0`), UARTs of
+//! the computer and pseudo-terminals have no such time.
+//!
+//! Invariant: a setting that cannot be made keeps no port from being opened.
+
+use std::path::Path;
+
+/// How long an adapter holds bytes back.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Latency {
+    /// It has no such time.
+    None,
+    /// So many milliseconds: as it was, or as we set it.
+    Set {
+        /// Milliseconds.
+        ms: u32,
+    },
+    /// So many milliseconds, which we may not change.
+    Kept {
+        /// Milliseconds.
+        ms: u32,
+        /// What to do about it.
+        remedy: String,
+    },
+}
+
+/// Shortest time that FTDI's chips have, in milliseconds.
+const SHORTEST_MS: u32 = 1;
+
+/// Makes an adapter's time as short as can be.
+#[must_use]
+pub(crate) fn hasten(path: &Path) -> Latency {
+    path.canonicalize().map_or(Latency::None, |path| match path.file_name() {
+        Some(name) => shorten(&Path::new("/sys/bus/usb-serial/devices").join(name).join("latency_timer")),
+        None => Latency::None,
+    })
+}
+
+fn shorten(timer: &Path) -> Latency {
+    let read = || std::fs::read_to_string(timer).ok()?.trim().parse::<u32>().ok();
+    let Some(ms) = read() else { return Latency::None };
+    if ms <= SHORTEST_MS {
+        return Latency::Set { ms };
+    }
+    match std::fs::write(timer, SHORTEST_MS.to_string()) {
+        Ok(()) => Latency::Set { ms: read().unwrap_or(SHORTEST_MS) },
+        Err(_) => {
+            Latency::Kept { ms, remedy: format!("echo {SHORTEST_MS} | sudo tee {} (once a plugging)", timer.display()) }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_timer_is_set_where_there_is_one() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let timer = folder.path().join("latency_timer");
+        assert_eq!(shorten(&timer), Latency::None);
+        std::fs::write(&timer, "16\n").expect("a file");
+        assert_eq!(shorten(&timer), Latency::Set { ms: 1 });
+        assert_eq!(std::fs::read_to_string(&timer).expect("there"), "1");
+        std::fs::write(&timer, "no number").expect("a file");
+        assert_eq!(shorten(&timer), Latency::None);
+        assert_eq!(hasten(Path::new("/dev/null")), Latency::None);
+    }
+}

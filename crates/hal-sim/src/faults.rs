@@ -1,0 +1,174 @@
+//! What can happen to bytes on a line.
+//!
+//! Invariant: what happens depends on the seed and on how many bytes were sent before, on nothing else.
+
+use crate::random::{Chance, Random};
+
+/// One thing that happens to a byte, or from a byte on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// One of its bits is read wrong.
+    Flip {
+        /// The bit, 0 … 7.
+        bit: u8,
+    },
+    /// It is lost.
+    Drop,
+    /// It comes twice.
+    Duplicate,
+    /// It and what follows is lost.
+    Cut {
+        /// So many bytes; 0: until the line has been silent for a moment.
+        bytes: u32,
+    },
+    /// From it on nothing passes for a while.
+    Stall {
+        /// How long, in microseconds.
+        us: u32,
+        /// Is lost what was to arrive meanwhile, or does it come all at once at the end?
+        lost: bool,
+    },
+}
+
+/// How likely each of the faults is, for every byte.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rates {
+    /// [`Fault::Flip`] of a bit drawn.
+    pub flip: Chance,
+    /// [`Fault::Drop`].
+    pub drop: Chance,
+    /// [`Fault::Duplicate`].
+    pub duplicate: Chance,
+    /// [`Fault::Cut`] to the end of the burst, or of up to [`Rates::LONGEST_CUT`] bytes.
+    pub cut: Chance,
+    /// [`Fault::Stall`] of up to `stall_us`, half of them with loss.
+    pub stall: Chance,
+    /// The longest stall, in microseconds.
+    pub stall_us: u32,
+}
+
+impl Default for Rates {
+    fn default() -> Self {
+        Self::all(Chance::NEVER)
+    }
+}
+
+impl Rates {
+    /// The longest cut that is drawn, in bytes: longer than the longest frame.
+    pub const LONGEST_CUT: u32 = 300;
+
+    /// Each kind as likely as this; stalls up to 50 ms.
+    #[must_use]
+    pub const fn all(chance: Chance) -> Self {
+        Self { flip: chance, drop: chance, duplicate: chance, cut: chance, stall: chance, stall_us: 50_000 }
+    }
+
+    /// What happens to the next byte, if anything. At most one thing does.
+    #[must_use]
+    pub fn draw(&self, random: &mut Random) -> Option<Fault> {
+        let kinds = [self.flip, self.drop, self.duplicate, self.cut, self.stall];
+        let mut rest = random.next() & 0xFFFF_FFFF;
+        let kind = kinds.iter().position(|kind| {
+            let parts = u64::from(kind.parts());
+            let hit = rest < parts;
+            rest = rest.wrapping_sub(parts);
+            hit
+        })?;
+        Some(match kind {
+            0 => Fault::Flip { bit: random.up_to(7) as u8 },
+            1 => Fault::Drop,
+            2 => Fault::Duplicate,
+            3 => Fault::Cut { bytes: if random.up_to(1) == 0 { 0 } else { 1 + random.up_to(Self::LONGEST_CUT - 1) } },
+            _ => Fault::Stall { us: 1 + random.up_to(self.stall_us.saturating_sub(1)), lost: random.up_to(1) == 0 },
+        })
+    }
+
+    /// Can nothing happen at all?
+    #[must_use]
+    pub fn are_none(&self) -> bool {
+        [self.flip, self.drop, self.duplicate, self.cut, self.stall].iter().all(|&chance| chance == Chance::NEVER)
+    }
+}
+
+/// What a line did to the bytes that were sent over it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Bytes that were sent.
+    pub sent: u64,
+    /// Bytes that came out.
+    pub delivered: u64,
+    /// Bytes of these with a wrong bit.
+    pub flipped: u64,
+    /// Bytes that were lost one by one.
+    pub dropped: u64,
+    /// Bytes that came twice.
+    pub duplicated: u64,
+    /// Cuts, and the bytes lost in them.
+    pub cuts: u64,
+    /// Bytes lost in cuts.
+    pub cut: u64,
+    /// Stalls.
+    pub stalls: u64,
+    /// Bytes lost in stalls.
+    pub stalled: u64,
+    /// Bytes that were on their way when the connection was made anew, and lost.
+    pub cast: u64,
+    /// Bytes of an old connection that came after a new one had begun.
+    pub late: u64,
+}
+
+impl Tally {
+    /// Did the line do anything but pass bytes on?
+    #[must_use]
+    pub const fn faults(&self) -> u64 {
+        self.flipped + self.dropped + self.duplicated + self.cuts + self.stalls + self.cast + self.late
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each kind comes as often as it should, with all of its forms.
+    #[test]
+    fn every_kind_is_drawn_at_its_rate() {
+        let chance = |p| Chance::new(p).expect("a probability");
+        let rates = Rates {
+            flip: chance(0.01),
+            drop: chance(0.02),
+            duplicate: chance(0.03),
+            cut: chance(0.04),
+            stall: chance(0.05),
+            stall_us: 3,
+        };
+        let (mut random, mut seen) = (Random::new(1), [0u32; 5]);
+        let (mut bits, mut waits, mut losses, mut ends, mut longest) = (0u8, [0u32; 3], [0u32; 2], 0u32, 0);
+        for _ in 0..100_000 {
+            match rates.draw(&mut random) {
+                None => {}
+                Some(Fault::Flip { bit }) => (seen[0], bits) = (seen[0] + 1, bits | 1 << bit),
+                Some(Fault::Drop) => seen[1] += 1,
+                Some(Fault::Duplicate) => seen[2] += 1,
+                Some(Fault::Cut { bytes }) => {
+                    (seen[3], ends, longest) = (seen[3] + 1, ends + u32::from(bytes == 0), bytes.max(longest));
+                }
+                Some(Fault::Stall { us, lost }) => {
+                    seen[4] += 1;
+                    waits[us as usize - 1] += 1;
+                    losses[usize::from(lost)] += 1;
+                }
+            }
+        }
+        for (k, &count) in seen.iter().enumerate() {
+            assert!((i64::from(count) - 1000 * (k as i64 + 1)).abs() < 350, "kind {k}: {count}");
+        }
+        assert_eq!((bits, longest), (255, Rates::LONGEST_CUT));
+        assert!(ends > 1700 && ends < 2300 && waits.iter().all(|&n| n > 1400) && losses.iter().all(|&n| n > 2200));
+    }
+
+    #[test]
+    fn nothing_happens_at_no_rate() {
+        let mut random = Random::new(9);
+        assert!(Rates::default().are_none() && (0..1000).all(|_| Rates::default().draw(&mut random).is_none()));
+    }
+}

@@ -1,0 +1,38 @@
+//! The simulated card: the card crate with its end of the line, as large as a computer likes, and what it says of itself.
+//!
+//! Invariant: it is the same code that a microcontroller runs; nothing is added.
+
+use retrace_card::OnLine;
+use retrace_link::{Identity, PROTOCOL};
+
+use crate::WINDOW;
+use crate::sim::MEMORY;
+
+/// Reports that it keeps until the host has them.
+const ENTRIES: usize = 1024;
+
+/// A simulated card of `A` axes with its end of the line.
+pub type SimOnLine<const A: usize> = OnLine<A, WINDOW, MEMORY, ENTRIES>;
+
+/// Ticks a second of the simulated card's clock.
+pub const TICK_HZ: u32 = 10_000_000;
+
+/// What the simulated card says of itself: its serial number, and the number that tells this start from others.
+#[must_use]
+pub fn identity<const A: usize>(serial: u32, boot: u32) -> Identity {
+    Identity {
+        protocol: PROTOCOL,
+        name: *b"retrace-sim\0\0\0\0\0",
+        serial,
+        boot,
+        axes: A as u8,
+        outputs: 64,
+        inputs: 16,
+        window: WINDOW as u32,
+        memory: MEMORY as u16,
+        tick_hz: TICK_HZ,
+        shortest_period_us: 100,
+        longest_period_us: 100_000,
+        most_pulses_hz: 2_000_000,
+    }
+}

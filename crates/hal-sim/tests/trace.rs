@@ -1,0 +1,133 @@
+//! The trace of a run, read back as a wave viewer reads it: its edges are the pulses, and they keep their times.
+
+use std::collections::HashMap;
+use std::io::{self, Write};
+use std::sync::{Arc, Mutex};
+
+use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::{Flags, ONE, Record};
+use retrace_hal_sim::{InProcess, Rig, RigSettings};
+use retrace_link::{Change, MotionCard, Patience, Settings, Wired, Word, channel};
+
+/// A file in memory.
+#[derive(Clone, Default)]
+struct Shared(Arc<Mutex<Vec<u8>>>);
+
+impl Write for Shared {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.lock().expect("whole").extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// All changes of each signal, by its full name: time in nanoseconds, and value as it stands there.
+fn read(text: &str) -> HashMap<String, Vec<(u64, String)>> {
+    let (mut scopes, mut names, mut changes) = (Vec::new(), HashMap::new(), HashMap::new());
+    let (head, body) = text.split_once("$enddefinitions $end").expect("declarations");
+    for line in head.lines() {
+        match *line.split_whitespace().collect::<Vec<_>>() {
+            ["$scope", "module", name, "$end"] => scopes.push(name),
+            ["$upscope", "$end"] => drop(scopes.pop().expect("open")),
+            ["$var", _, _, code, name, "$end"] => {
+                let path = format!("{}.{name}", scopes.join("."));
+                assert!(names.insert(code, path).is_none(), "{code} is declared twice");
+            }
+            _ => assert!(line.is_empty() || line.starts_with("$version") || line == "$timescale 1 ns $end", "{line}"),
+        }
+    }
+    let mut now = None;
+    for line in body.lines().filter(|line| !line.is_empty()) {
+        if let Some(time) = line.strip_prefix('#') {
+            let time: u64 = time.parse().expect("a time");
+            assert!(now.is_none_or(|now| now < time), "time goes on");
+            now = Some(time);
+            continue;
+        }
+        let (value, code) = match line.split_once(' ') {
+            Some(vector) => vector,
+            None => line.split_at(1),
+        };
+        let name = names.get(code).expect("declared").clone();
+        changes.entry(name).or_insert_with(Vec::new).push((now.expect("a time first"), value.to_owned()));
+    }
+    changes
+}
+
+/// 60 periods there, 60 back at full rate, and the spindle on in the middle of it.
+fn traced() -> (String, [u64; 2]) {
+    let file = Shared::default();
+    let mut rig = Rig::<2>::new(&RigSettings::default()).expect("a card");
+    rig.trace(Box::new(file.clone()), &["x".to_owned(), "y".to_owned()]).expect("memory");
+    let mut host = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+    host.open(Settings::new(0, 0, 1000, limits())).expect("it takes the settings");
+    for place in 0..60u32 {
+        let flags = if place == 59 { Flags::REST } else { Flags::NONE };
+        let record = Record { increments: [5, -((place % 9) as i16)], flags, line: place, ..Record::default() };
+        host.send(Word::Ahead { place, record }).expect("room");
+    }
+    for (target, end) in [(ONE, 60), (-ONE, 0)] {
+        host.send(Word::Rate { target }).expect("a rate");
+        while host.period().is_ok_and(|status| status.place.record != end || !status.at_rest) {}
+        host.send(Word::ByHand(Change { channel: channel::SPINDLE, value: -1 })).expect("a channel");
+    }
+    let rig = host.port().rig();
+    assert_eq!((rig.status().counts, rig.pins().positions()), ([0, 0], &[0, 0]));
+    let pulses = *rig.pins().pulses();
+    let text = String::from_utf8(file.0.lock().expect("whole").clone()).expect("text");
+    (text, pulses)
+}
+
+#[test]
+fn the_edges_of_the_trace_are_the_pulses() {
+    let (text, pulses) = traced();
+    let changes = read(&text);
+    let of = |name: &str| &changes[name];
+    assert_eq!(pulses, [600, 2 * (0..60u64).map(|n| n % 9).sum::<u64>()]);
+    for (axis, pulses) in ["x", "y"].into_iter().zip(pulses) {
+        let step = of(&format!("{axis}.step"));
+        let (mut rises, mut high) = (Vec::new(), None);
+        for (at, value) in step {
+            match (value.as_str(), high) {
+                ("1", None) => {
+                    rises.push(*at);
+                    high = Some(*at);
+                }
+                ("0", Some(rose)) => {
+                    assert_eq!(at - rose, 2000, "a pulse of 2 µs");
+                    high = None;
+                }
+                ("0", None) if *at == 0 => {}
+                other => panic!("{other:?} at {at}"),
+            }
+        }
+        assert_eq!((rises.len() as u64, high), (pulses, None));
+        // each rising edge counts up or down with the direction wire, which has stood for 5 µs
+        let turns = of(&format!("{axis}.backward"));
+        let net: i64 = rises
+            .iter()
+            .map(|&rise| {
+                let (turned, value) = turns.iter().rev().find(|(at, _)| *at <= rise).expect("from the start on");
+                assert!(*turned == 0 || rise - turned >= 5000, "{rise} after {turned}");
+                if value == "1" { -1 } else { 1 }
+            })
+            .sum();
+        assert_eq!(net, 0);
+    }
+    let x = of("x.step");
+    let gaps: Vec<u64> = x.windows(3).filter(|w| w[0].1 == "1" && w[2].1 == "1").map(|w| w[2].0 - w[0].0).collect();
+    assert!(gaps.iter().filter(|&&gap| gap == 200_000).count() > 500, "five pulses in a millisecond are 200 µs apart");
+    let values = |name: &str| of(name).iter().map(|(_, value)| value.clone()).collect::<Vec<_>>();
+    assert_eq!(values("outputs.spindle"), ["b0", "b11111111111111111111111111111111"]);
+    assert_eq!(values("card.rate"), ["r0", "r1", "r0", "r-1", "r0"]);
+    assert_eq!(values("card.alarm"), ["b0"]);
+}
+
+/// Limits of a machine that stops within some tens of periods.
+fn limits<const A: usize>() -> RateLimits<A> {
+    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
+}

@@ -1,0 +1,397 @@
+//! The card's end of the line: bytes in, words to the card's works; what these did, in reports.
+//!
+//! Words are taken in the order of their numbers, each once; a frame that begins beyond the next number tells of a gap, and is left.
+//! A word that the works refuse counts as taken: what became of the window is in the report, so that the host sees it.
+//! Reports carry entries under numbers of their own, and are sent again until the host has said that it has them.
+//!
+//! Invariant: `first ≤ sent ≤ first + count`: entries before `first` are known to the host, those before `sent` were sent.
+
+use retrace_core::Travel;
+
+use crate::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE, encode};
+use crate::frame_size::FrameSize;
+use crate::wire::{Entry, Greeting, Opening, Reader, Run, Writer, kind, read_word};
+use crate::{Change, Deck, Outputs, Status, Word, channel, echo};
+
+/// What is left free at the end of a report, for the echo.
+const ECHO: usize = 4;
+/// Entries that are sent and not confirmed, at most. Those behind them can still grow, which keeps their number small while the line
+/// is down.
+const IN_FLIGHT: u16 = 96;
+/// A greeting to whom nobody spoke, at most so often.
+const GREETINGS_PERIODS: u32 = 50;
+
+/// The card's end, for `A` axes, keeping up to `E` entries that the host has not confirmed.
+#[derive(Clone, Debug)]
+pub struct CardEnd<const A: usize, const E: usize> {
+    decoder: Decoder<MOST_PAYLOAD>,
+    epoch: u16,
+    last_epoch: u16,
+    axes: u8,
+    /// Number of the next word.
+    next_word: u16,
+    /// Number of the last rate taken.
+    now_seen: u16,
+    gap: bool,
+    entries: [Entry; E],
+    /// Number of the oldest entry kept.
+    first: u16,
+    count: u16,
+    sent: u16,
+    /// Entries before this number were sent at least once: they never change again.
+    fixed: u16,
+    /// Entries were lost for want of room.
+    lost: bool,
+    shadow: Shadow,
+    greeting: Option<u32>,
+    since_greeting: u32,
+    report_periods: u8,
+    since_report: u32,
+    /// Periods without an entry confirmed while some are sent.
+    unconfirmed: u32,
+    patience: u32,
+    urgent: bool,
+    frames: FrameSize,
+    stage: [u8; MOST_WIRE],
+    staged: (usize, usize),
+}
+
+/// What the host knows from entries.
+#[derive(Clone, Copy, Debug)]
+struct Shadow {
+    outputs: Outputs,
+    executed: u32,
+    inputs: u16,
+    alarm: Option<crate::Alarm>,
+}
+
+impl<const A: usize, const E: usize> Default for CardEnd<A, E> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const A: usize, const E: usize> CardEnd<A, E> {
+    /// An end that nobody has opened.
+    #[must_use]
+    pub const fn new() -> Self {
+        const { assert!(E >= 16 && E <= 16384 && E.is_power_of_two(), "room for entries, and numbers that tell them apart") }
+        Self {
+            decoder: Decoder::new(),
+            epoch: 0,
+            last_epoch: 0,
+            axes: A as u8,
+            next_word: 0,
+            now_seen: 0,
+            gap: false,
+            entries: [Entry::Inputs(0); E],
+            first: 0,
+            count: 0,
+            sent: 0,
+            fixed: 0,
+            lost: false,
+            shadow: Shadow { outputs: [0; channel::COUNT], executed: 0, inputs: 0, alarm: None },
+            greeting: None,
+            since_greeting: GREETINGS_PERIODS,
+            report_periods: 1,
+            since_report: 0,
+            unconfirmed: 0,
+            patience: 50,
+            urgent: false,
+            frames: FrameSize::new(),
+            stage: [0; MOST_WIRE],
+            staged: (0, 0),
+        }
+    }
+
+    /// The epoch that is open, or 0.
+    #[must_use]
+    pub const fn epoch(&self) -> u16 {
+        self.epoch
+    }
+
+    /// Takes a byte off the line.
+    pub fn receive(&mut self, byte: u8, deck: &mut impl Deck<A>) {
+        let Some(Ok(payload)) = self.decoder.take(byte) else { return };
+        let mut copy = [0; MOST_PAYLOAD];
+        let length = payload.len();
+        copy[..length].copy_from_slice(payload);
+        // A payload that cannot be read to its end is left where it stops making sense; its words have to come again.
+        let _ = self.payload(Reader::new(&copy[..length]), deck);
+    }
+
+    fn payload(&mut self, mut reader: Reader<'_>, deck: &mut impl Deck<A>) -> Option<()> {
+        match reader.u8()? {
+            kind::HELLO => {
+                self.greeting = Some(reader.u32()?);
+                self.since_greeting = GREETINGS_PERIODS;
+            }
+            kind::OPEN => self.open(&Opening::read(&mut reader)?, deck),
+            kind::STREAM if self.heard(&mut reader, deck)? => {
+                self.confirmed(reader.u16()?);
+                self.words(reader, deck)?;
+            }
+            kind::NOW if self.heard(&mut reader, deck)? => {
+                self.confirmed(reader.u16()?);
+                self.now(reader, deck)?;
+            }
+            kind::MISSED if self.heard(&mut reader, deck)? => {
+                self.confirmed(reader.u16()?);
+                self.say_again();
+                self.now(reader, deck)?;
+            }
+            kind::CLOSE if self.heard(&mut reader, deck)? => {
+                if deck.close().is_ok() {
+                    self.epoch = 0;
+                    (self.count, self.sent) = (0, self.first);
+                }
+                self.greeting = Some(0);
+            }
+            kind::CLOSE => self.greeting = Some(0),
+            _ => {}
+        }
+        Some(())
+    }
+
+    /// Is this of the open epoch? Otherwise the host is told how things stand.
+    fn heard(&mut self, reader: &mut Reader<'_>, deck: &mut impl Deck<A>) -> Option<bool> {
+        let open = reader.u16()? == self.epoch && self.epoch != 0;
+        if open {
+            deck.heard();
+        } else if self.since_greeting >= GREETINGS_PERIODS {
+            self.greeting.get_or_insert(0);
+        }
+        Some(open)
+    }
+
+    /// An opening under a newer number begins anew; one under the same is only answered, and an older one is a straggler.
+    fn open(&mut self, opening: &Opening<A>, deck: &mut impl Deck<A>) {
+        let settings = &opening.0;
+        let newer = (settings.epoch.wrapping_sub(self.last_epoch) as i16) > 0 && settings.epoch != 0;
+        if newer && deck.open(settings).is_ok() {
+            let status = deck.status();
+            (self.epoch, self.last_epoch, self.axes) = (settings.epoch, settings.epoch, settings.axes);
+            (self.next_word, self.now_seen, self.gap) = (0, 0, false);
+            (self.first, self.count, self.sent, self.fixed, self.lost) = (0, 0, 0, 0, false);
+            (self.since_report, self.unconfirmed) = (0, 0);
+            self.report_periods = settings.report_periods.max(1);
+            self.patience = (40_000 / settings.period_us.max(1)).max(2 + 2 * u32::from(self.report_periods));
+            self.staged = (0, 0);
+            self.shadow = Shadow { outputs: [0; channel::COUNT], executed: status.executed, inputs: 0, alarm: None };
+            deck.heard();
+        }
+        self.greeting.get_or_insert(0);
+    }
+
+    /// The host has every entry before this number.
+    fn confirmed(&mut self, number: u16) {
+        let known = number.wrapping_sub(self.first);
+        if known <= self.count && known > 0 {
+            let sent = self.sent.wrapping_sub(self.first);
+            self.first = number;
+            self.count -= known;
+            self.sent = self.first.wrapping_add(sent.saturating_sub(known));
+            self.unconfirmed = 0;
+            self.frames.arrived();
+        }
+    }
+
+    /// From the first entry that is not confirmed.
+    fn say_again(&mut self) {
+        (self.sent, self.unconfirmed) = (self.first, 0);
+        self.frames.lost();
+        self.urgent = true;
+    }
+
+    fn words(&mut self, mut reader: Reader<'_>, deck: &mut impl Deck<A>) -> Option<()> {
+        let mut number = reader.u16()?;
+        if (number.wrapping_sub(self.next_word) as i16) > 0 {
+            self.gap = true;
+            self.urgent = true;
+            return None;
+        }
+        let mut run = Run::new(self.axes);
+        while !reader.is_empty() {
+            let word = read_word(&mut reader, &mut run)?;
+            if number == self.next_word {
+                self.next_word = self.next_word.wrapping_add(1);
+                self.gap = false;
+                if let (Err(_), Word::Instruction(instruction)) = (deck.take(word), word) {
+                    self.push(Entry::Refused(instruction.number));
+                }
+            }
+            number = number.wrapping_add(1);
+        }
+        Some(())
+    }
+
+    fn now(&mut self, mut reader: Reader<'_>, deck: &mut impl Deck<A>) -> Option<()> {
+        let number = reader.u16()?;
+        let target: Travel = reader.signed()?;
+        if (number.wrapping_sub(self.now_seen) as i16) > 0 {
+            self.now_seen = number;
+            // A latched alarm refuses it; the host is told of that by an entry.
+            let _ = deck.take(Word::Rate { target });
+        }
+        Some(())
+    }
+
+    /// A control period has passed.
+    pub fn period(&mut self, status: &Status<A>) {
+        self.since_greeting = self.since_greeting.saturating_add(1);
+        self.since_report = self.since_report.saturating_add(1);
+        if self.epoch == 0 {
+            return;
+        }
+        if self.sent != self.first {
+            self.unconfirmed += 1;
+            if self.unconfirmed > self.patience {
+                self.say_again();
+            }
+        }
+        self.changes(status);
+        let (travel, short, at_rest) = (status.rate, status.short, status.at_rest);
+        let newest = self.first.wrapping_add(self.count).wrapping_sub(1);
+        let unsent = self.count > 0 && newest.wrapping_sub(self.fixed) < self.count;
+        let last = &mut self.entries[usize::from(newest) % E];
+        match last {
+            Entry::Ran { travel: t, count, short: s, at_rest: r }
+                if unsent && (*t, *s, *r) == (travel, short, at_rest) && *count < u32::MAX =>
+            {
+                *count += 1;
+            }
+            _ => self.push(Entry::Ran { travel, count: 1, short, at_rest }),
+        }
+    }
+
+    /// Entries for what is not as the host knows it.
+    fn changes(&mut self, status: &Status<A>) {
+        if status.alarm != self.shadow.alarm {
+            self.shadow.alarm = status.alarm;
+            self.push(Entry::Alarm(status.alarm));
+            self.urgent = true;
+        }
+        if status.outputs != self.shadow.outputs {
+            for (number, &value) in status.outputs.iter().enumerate() {
+                if value != self.shadow.outputs[number] {
+                    self.push(Entry::Output(Change { channel: number as u8, value }));
+                }
+            }
+            self.shadow.outputs = status.outputs;
+        }
+        if status.inputs != self.shadow.inputs {
+            self.shadow.inputs = status.inputs;
+            self.push(Entry::Inputs(status.inputs));
+        }
+        if status.wheel != 0 {
+            self.push(Entry::Wheel(status.wheel));
+        }
+        if status.executed != self.shadow.executed {
+            self.shadow.executed = status.executed;
+            self.push(Entry::Executed(status.executed));
+            self.urgent = true;
+        }
+    }
+
+    fn push(&mut self, entry: Entry) {
+        if usize::from(self.count) == E {
+            self.lost = true;
+            return;
+        }
+        self.entries[usize::from(self.first.wrapping_add(self.count)) % E] = entry;
+        self.count += 1;
+    }
+
+    /// Bytes for the line, as many as there are and fit.
+    pub fn transmit(&mut self, deck: &impl Deck<A>, out: &mut [u8]) -> usize {
+        let mut given = 0;
+        while given < out.len() {
+            if self.staged.0 == self.staged.1 {
+                self.compose(deck);
+                if self.staged.1 == 0 {
+                    break;
+                }
+            }
+            let (at, end) = self.staged;
+            let count = (end - at).min(out.len() - given);
+            out[given..given + count].copy_from_slice(&self.stage[at..at + count]);
+            given += count;
+            self.staged.0 += count;
+        }
+        given
+    }
+
+    /// Stages the next frame, if one is due.
+    fn compose(&mut self, deck: &impl Deck<A>) {
+        self.staged = (0, 0);
+        let mut payload = [0; MOST_PAYLOAD];
+        let mut writer = Writer::new(&mut payload);
+        let written = if let Some(nonce) = self.greeting.take() {
+            self.since_greeting = 0;
+            self.greet(&mut writer, nonce, deck)
+        } else if self.epoch != 0 && (self.urgent || self.since_report >= u32::from(self.report_periods)) {
+            (self.urgent, self.since_report) = (false, 0);
+            self.report(&mut writer, deck.status())
+        } else {
+            None
+        };
+        let length = writer.len();
+        if written.is_some()
+            && let Some(frame) = encode(&payload[..length], &mut self.stage)
+        {
+            self.staged = (0, frame.len());
+        }
+    }
+
+    fn greet(&self, writer: &mut Writer<'_>, nonce: u32, deck: &impl Deck<A>) -> Option<()> {
+        let status = deck.status();
+        let greeting = Greeting {
+            nonce,
+            identity: *deck.identity(),
+            epoch: self.epoch,
+            last_epoch: self.last_epoch,
+            place: status.place,
+            at_rest: status.at_rest,
+            counts: status.counts,
+            alarm: status.alarm,
+        };
+        writer.u8(kind::WELCOME)?;
+        greeting.write(writer)
+    }
+
+    /// The head, entries from `sent` on as many as fit, and, if these are all, the echo of place and counts.
+    fn report(&mut self, writer: &mut Writer<'_>, status: &Status<A>) -> Option<()> {
+        writer.u8(kind::REPORT)?;
+        writer.u16(self.epoch)?;
+        writer.u16(self.next_word)?;
+        writer.u16(self.now_seen)?;
+        let flags_at = writer.len();
+        writer.u8(0)?;
+        writer.u32(status.low)?;
+        writer.count(u64::from(status.high.wrapping_sub(status.low)))?;
+        writer.u16(self.sent)?;
+        let end = self.first.wrapping_add(self.count);
+        let most = self.frames.most() - ECHO;
+        while self.sent != end && self.sent.wrapping_sub(self.first) < IN_FLIGHT {
+            let entry = self.entries[usize::from(self.sent) % E];
+            let length = writer.len();
+            if entry.write(writer).is_none() || writer.len() > most {
+                writer.back_to(length);
+                break;
+            }
+            self.sent = self.sent.wrapping_add(1);
+        }
+        if (self.sent.wrapping_sub(self.fixed) as i16) > 0 {
+            self.fixed = self.sent;
+        }
+        let all = self.sent == end;
+        writer.put_at(flags_at, u8::from(self.gap) | u8::from(all) << 1 | u8::from(self.lost) << 2);
+        if all {
+            writer.u32(echo(status.place, &status.counts, self.axes))?;
+        } else if self.sent.wrapping_sub(self.first) < IN_FLIGHT {
+            // the rest at once
+            self.urgent = true;
+        }
+        Some(())
+    }
+}

@@ -1,0 +1,159 @@
+//! What comes from the card: greetings and reports.
+//!
+//! Invariant: an entry is taken once, in its order; what cannot be read to its end leaves what was read before it.
+
+use super::{ENTRIES, Host, HostFault, Phase, Staged, WORDS};
+use crate::frame::MOST_PAYLOAD;
+use crate::wire::{Entry, Greeting, Reader, kind};
+
+/// After a gap that the card tells of words are sent again, at most so often.
+const GAP_US: u64 = 12_000;
+
+impl<const A: usize> Host<A> {
+    /// Takes bytes off the line.
+    pub fn receive(&mut self, bytes: &[u8], now_us: u64) {
+        self.times.now = now_us;
+        self.counts.read += bytes.len() as u64;
+        for &byte in bytes {
+            let mut copy = [0; MOST_PAYLOAD];
+            let length = match self.decoder.take(byte) {
+                None => continue,
+                Some(Err(_)) => {
+                    self.counts.damaged += 1;
+                    continue;
+                }
+                Some(Ok(payload)) => {
+                    copy[..payload.len()].copy_from_slice(payload);
+                    payload.len()
+                }
+            };
+            // What cannot be read to its end is left; it comes again.
+            let _ = self.payload(Reader::new(&copy[..length]));
+        }
+    }
+
+    fn payload(&mut self, mut reader: Reader<'_>) -> Option<()> {
+        match reader.u8()? {
+            kind::WELCOME => match Greeting::read(&mut reader)? {
+                Ok(greeting) => self.greeted(&greeting),
+                Err(version) => self.fault = Some(HostFault::Protocol(version)),
+            },
+            kind::REPORT => self.reported(reader)?,
+            _ => {}
+        }
+        Some(())
+    }
+
+    fn greeted(&mut self, greeting: &Greeting<A>) {
+        self.times.heard = self.times.now;
+        if greeting.nonce == self.nonce {
+            self.greeting = Some(*greeting);
+        }
+        let Some(settings) = &self.settings else { return };
+        match self.phase {
+            Phase::Opening if greeting.epoch == settings.epoch => self.phase = Phase::Open,
+            Phase::Opening if greeting.last_epoch != settings.epoch && greeting.nonce == 0 => {
+                // Answered, and not opened: in motion still, or by such settings it cannot work.
+                if greeting.at_rest {
+                    self.fault = Some(HostFault::Unfit);
+                }
+            }
+            Phase::Open if greeting.epoch != settings.epoch => self.fault = Some(HostFault::Restarted),
+            Phase::Closing if greeting.epoch != settings.epoch => self.phase = Phase::Closed,
+            _ => {}
+        }
+    }
+
+    fn reported(&mut self, mut reader: Reader<'_>) -> Option<()> {
+        let (epoch, next_word, now_seen) = (reader.u16()?, reader.u16()?, reader.u16()?);
+        if self.settings.as_ref().is_none_or(|settings| settings.epoch != epoch) {
+            return None;
+        }
+        if self.phase == Phase::Opening {
+            self.phase = Phase::Open;
+        }
+        let (flags, low, length) = (reader.u8()?, reader.u32()?, reader.count32()?);
+        let first = reader.u16()?;
+        self.times.heard = self.times.now;
+        self.entries_of(&mut reader, first, flags & 2 != 0)?;
+        if flags & 4 != 0 {
+            self.fault.get_or_insert(HostFault::ReportLost);
+        }
+        self.confirm(next_word, low, low.wrapping_add(length));
+        if now_seen.wrapping_sub(self.now_seen) as i16 > 0 {
+            self.now_seen = now_seen;
+        }
+        if flags & 1 != 0 && self.sent > 0 && self.times.now - self.times.gap >= GAP_US {
+            self.times.gap = self.times.now;
+            self.again();
+        }
+        Some(())
+    }
+
+    /// Takes the entries that are new. Those of a number that is not due yet were preceded by a report that was lost.
+    fn entries_of(&mut self, reader: &mut Reader<'_>, first: u16, all: bool) -> Option<()> {
+        let mut number = first;
+        if (number.wrapping_sub(self.next_entry) as i16) > 0 {
+            self.missing = true;
+            return Some(());
+        }
+        let tail = if all { 4 } else { 0 };
+        while reader.left() > tail {
+            let entry = Entry::read(reader)?;
+            if number == self.next_entry {
+                if usize::from(self.waiting) == ENTRIES {
+                    return Some(());
+                }
+                if let Entry::Ran { travel, count, .. } = entry {
+                    self.newest = self.newest.moved(travel.saturating_mul(i64::from(count)));
+                }
+                self.entries[usize::from(self.taken.wrapping_add(self.waiting)) % ENTRIES] = entry;
+                self.waiting += 1;
+                self.next_entry = self.next_entry.wrapping_add(1);
+            }
+            number = number.wrapping_add(1);
+        }
+        if all && number == self.next_entry {
+            self.echo = Some(reader.u32()?);
+        } else if number == self.next_entry {
+            // more is to come: what was told before is not the newest any more
+            self.echo = None;
+        }
+        Some(())
+    }
+
+    /// The card took all words before `next_word`; its window was `low … high` then.
+    fn confirm(&mut self, next_word: u16, low: u32, high: u32) {
+        let taken = next_word.wrapping_sub(self.base);
+        if taken > self.count {
+            return;
+        }
+        if taken > 0 {
+            self.frames.arrived();
+            self.times.progress = self.times.now;
+            self.base = next_word;
+            self.count -= taken;
+            self.sent = self.sent.saturating_sub(taken);
+            if let Staged::Stream(offset) = self.kind {
+                self.kind = Staged::Stream(offset.saturating_sub(taken));
+            }
+        }
+        self.mirror.set(low, high);
+        self.held = high;
+        for k in 0..self.count {
+            let word = self.queue[usize::from(self.base.wrapping_add(k)) % WORDS];
+            // What was foreseen to be taken is so still; what the card refuses all the same shows in a later report.
+            let _ = self.mirror.foresee(&word, self.newest, false);
+        }
+        self.show_window();
+    }
+
+    pub(super) fn again(&mut self) {
+        if self.sent > 0 {
+            self.counts.again += 1;
+            self.sent = 0;
+            self.frames.lost();
+        }
+        self.times.progress = self.times.now;
+    }
+}

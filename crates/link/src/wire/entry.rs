@@ -1,0 +1,158 @@
+//! What a card did, as entries of its reports, in the order in which it happened.
+//!
+//! ```text
+//! kind in three bits; of periods: t t s r n   t t: they ran 0, +1, −1, or a rate that follows; s: short; r: at rest after;
+//!                                             n: more than one; how many follows
+//! ```
+//!
+//! Invariant: an entry stands for itself. What happened in a period stands before the entry of that period.
+
+use retrace_core::{ONE, Travel};
+
+use super::{Reader, Writer};
+use crate::{Alarm, Change};
+
+/// One thing that a card did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Entry {
+    /// Control periods, all alike.
+    Ran {
+        /// Distance that the cursor moved in each.
+        travel: Travel,
+        /// How many.
+        count: u32,
+        /// Was the rate held down by the end of the window?
+        short: bool,
+        /// Did the cursor stand after it?
+        at_rest: bool,
+    },
+    /// An output took a value.
+    Output(Change),
+    /// The instruction of this number is complete.
+    Executed(u32),
+    /// What is latched now.
+    Alarm(Option<Alarm>),
+    /// The active inputs.
+    Inputs(u16),
+    /// Counts of the handwheel in the period.
+    Wheel(i16),
+    /// The instruction of this number was refused: it will never be executed.
+    Refused(u32),
+}
+
+const RAN: u8 = 0;
+const OUTPUT: u8 = 1;
+const EXECUTED: u8 = 2;
+const ALARM: u8 = 3;
+const INPUTS: u8 = 4;
+const WHEEL: u8 = 5;
+const REFUSED: u8 = 6;
+
+const SHORT: u8 = 1 << 5;
+const AT_REST: u8 = 1 << 6;
+const MANY: u8 = 1 << 7;
+
+impl Entry {
+    /// Writes the entry. `None`, and nothing written, where there is no room.
+    pub fn write(&self, writer: &mut Writer<'_>) -> Option<()> {
+        let length = writer.len();
+        let written = self.write_parts(writer);
+        if written.is_none() {
+            writer.back_to(length);
+        }
+        written
+    }
+
+    fn write_parts(&self, writer: &mut Writer<'_>) -> Option<()> {
+        match *self {
+            Self::Ran { travel, count, short, at_rest } => {
+                let how = match travel {
+                    0 => 0,
+                    ONE => 1,
+                    BACK => 2,
+                    _ => 3,
+                };
+                let flag = |flag: u8, so: bool| if so { flag } else { 0 };
+                writer.u8(RAN | how << 3 | flag(SHORT, short) | flag(AT_REST, at_rest) | flag(MANY, count != 1))?;
+                if how == 3 {
+                    writer.signed(travel)?;
+                }
+                if count != 1 {
+                    writer.count(u64::from(count))?;
+                }
+                Some(())
+            }
+            Self::Output(change) => {
+                writer.u8(OUTPUT)?;
+                super::message::write_change(writer, change)
+            }
+            Self::Executed(number) => {
+                writer.u8(EXECUTED)?;
+                writer.u32(number)
+            }
+            Self::Alarm(alarm) => {
+                writer.u8(ALARM)?;
+                write_alarm(writer, alarm)
+            }
+            Self::Inputs(inputs) => {
+                writer.u8(INPUTS)?;
+                writer.u16(inputs)
+            }
+            Self::Wheel(counts) => {
+                writer.u8(WHEEL)?;
+                writer.signed(i64::from(counts))
+            }
+            Self::Refused(number) => {
+                writer.u8(REFUSED)?;
+                writer.u32(number)
+            }
+        }
+    }
+
+    /// Reads an entry; `None` where the bytes are none.
+    pub fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        let tag = reader.u8()?;
+        Some(match tag & 7 {
+            RAN => {
+                let travel = match tag >> 3 & 3 {
+                    0 => 0,
+                    1 => ONE,
+                    2 => BACK,
+                    _ => reader.signed()?,
+                };
+                let count = if tag & MANY != 0 { reader.count32()? } else { 1 };
+                let within = travel.unsigned_abs() <= MOST_TRAVEL && count > 0;
+                return within.then_some(Self::Ran {
+                    travel,
+                    count,
+                    short: tag & SHORT != 0,
+                    at_rest: tag & AT_REST != 0,
+                });
+            }
+            OUTPUT => Self::Output(super::message::read_change(reader)?),
+            EXECUTED => Self::Executed(reader.u32()?),
+            ALARM => Self::Alarm(read_alarm(reader)?),
+            INPUTS => Self::Inputs(reader.u16()?),
+            WHEEL => Self::Wheel(i16::try_from(reader.signed()?).ok()?),
+            REFUSED => Self::Refused(reader.u32()?),
+            _ => return None,
+        })
+    }
+}
+
+const BACK: Travel = -ONE;
+/// No cursor goes farther in a period: eight records, and a little for rounding.
+const MOST_TRAVEL: u64 = 9 << 32;
+
+pub(super) fn write_alarm(writer: &mut Writer<'_>, alarm: Option<Alarm>) -> Option<()> {
+    let (code, detail) = alarm.map_or((0, 0), Alarm::to_wire);
+    writer.u8(code)?;
+    if code == 0 { Some(()) } else { writer.u32(detail) }
+}
+
+pub(super) fn read_alarm(reader: &mut Reader<'_>) -> Option<Option<Alarm>> {
+    match reader.u8()? {
+        0 => Some(None),
+        code => Some(Some(Alarm::from_wire(code, reader.u32()?)?)),
+    }
+}

@@ -1,0 +1,183 @@
+//! Who is there, where the machine stands, and how the card is to work.
+//!
+//! Invariant: a greeting of another version of the protocol is still read as far as its version, so that it can be told.
+
+use retrace_core::Place;
+use retrace_core::limits::{AxisLimits, RateLimits};
+
+use super::entry::{read_alarm, write_alarm};
+use super::message::{read_change, write_change};
+use super::{Reader, Writer};
+use crate::{Alarm, Identity, InputSetting, InputUse, MAX_SAFE, Settings};
+
+/// A card's answer to who is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Greeting<const A: usize> {
+    /// The number that the question had.
+    pub nonce: u32,
+    /// Who the card is.
+    pub identity: Identity,
+    /// The epoch that is open, or 0.
+    pub epoch: u16,
+    /// The last one that was opened.
+    pub last_epoch: u16,
+    /// Where the cursor stands.
+    pub place: Place,
+    /// Does it stand?
+    pub at_rest: bool,
+    /// Net pulses of each axis; those beyond the card's axes are zero.
+    pub counts: [i64; A],
+    /// What is latched.
+    pub alarm: Option<Alarm>,
+}
+
+impl<const A: usize> Greeting<A> {
+    /// Writes it behind its kind.
+    pub fn write(&self, writer: &mut Writer<'_>) -> Option<()> {
+        let of = &self.identity;
+        writer.u8(of.protocol)?;
+        writer.u32(self.nonce)?;
+        writer.slice(&of.name)?;
+        writer.u32(of.serial)?;
+        writer.u32(of.boot)?;
+        writer.slice(&[of.axes, of.outputs, of.inputs])?;
+        for value in [of.window, of.tick_hz, of.shortest_period_us, of.longest_period_us, of.most_pulses_hz] {
+            writer.count(u64::from(value))?;
+        }
+        writer.u16(of.memory)?;
+        writer.u16(self.epoch)?;
+        writer.u16(self.last_epoch)?;
+        writer.u32(self.place.record)?;
+        writer.u32(self.place.fraction)?;
+        writer.u8(u8::from(self.at_rest))?;
+        write_alarm(writer, self.alarm)?;
+        self.counts.iter().take(usize::from(of.axes)).try_for_each(|&count| writer.signed(count))
+    }
+
+    /// Reads it behind its kind. `Err` is another version of the protocol; `None` no greeting.
+    pub fn read(reader: &mut Reader<'_>) -> Option<Result<Self, u8>> {
+        let protocol = reader.u8()?;
+        if protocol != crate::PROTOCOL {
+            return Some(Err(protocol));
+        }
+        let nonce = reader.u32()?;
+        let name = reader.slice(16)?.try_into().ok()?;
+        let (serial, boot) = (reader.u32()?, reader.u32()?);
+        let (axes, outputs, inputs) = (reader.u8()?, reader.u8()?, reader.u8()?);
+        let identity = Identity {
+            protocol,
+            name,
+            serial,
+            boot,
+            axes,
+            outputs,
+            inputs,
+            window: reader.count32()?,
+            tick_hz: reader.count32()?,
+            shortest_period_us: reader.count32()?,
+            longest_period_us: reader.count32()?,
+            most_pulses_hz: reader.count32()?,
+            memory: reader.u16()?,
+        };
+        let (epoch, last_epoch) = (reader.u16()?, reader.u16()?);
+        let place = Place { record: reader.u32()?, fraction: reader.u32()? };
+        let at_rest = reader.u8()? != 0;
+        let alarm = read_alarm(reader)?;
+        let mut counts = [0; A];
+        for axis in 0..usize::from(axes) {
+            let count = reader.signed()?;
+            if let Some(slot) = counts.get_mut(axis) {
+                *slot = count;
+            }
+        }
+        Some(Ok(Self { nonce, identity, epoch, last_epoch, place, at_rest, counts, alarm }))
+    }
+}
+
+/// The settings of an epoch, as they are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Opening<const A: usize>(pub Settings<A>);
+
+impl<const A: usize> Opening<A> {
+    /// Writes it behind its kind.
+    pub fn write(&self, writer: &mut Writer<'_>) -> Option<()> {
+        let of = &self.0;
+        writer.u16(of.epoch)?;
+        writer.u32(of.start)?;
+        writer.u8(of.axes)?;
+        writer.count(u64::from(of.period_us))?;
+        writer.u16(of.limits.average())?;
+        writer.u16(of.limits.share())?;
+        for axis in of.limits.axes().iter().take(usize::from(of.axes)) {
+            [axis.velocity, axis.acceleration, axis.jerk].into_iter().try_for_each(|figure| writer.count(figure))?;
+        }
+        writer.u8(of.report_periods)?;
+        for value in [of.watchdog_periods, of.pulse_ns, of.direction_setup_ns, of.direction_inverted] {
+            writer.u16(value)?;
+        }
+        let used = |input: &InputSetting| *input != InputSetting::default();
+        writer.u8(of.inputs.iter().filter(|input| used(input)).count() as u8)?;
+        for (number, input) in of.inputs.iter().enumerate().filter(|(_, input)| used(input)) {
+            let (code, axis) = match input.used_for {
+                InputUse::Plain => (0, 0),
+                InputUse::Limit { axis, upper } => (1 + u8::from(upper), axis),
+                InputUse::Home { axis } => (3, axis),
+                InputUse::Door => (4, 0),
+                InputUse::EmergencyStop => (5, 0),
+                InputUse::Probe => (6, 0),
+            };
+            writer.u8(number as u8)?;
+            writer.u8(code | axis << 3 | u8::from(input.active_low) << 7)?;
+        }
+        writer.u8(of.safe().len() as u8)?;
+        of.safe().iter().try_for_each(|&change| write_change(writer, change))
+    }
+
+    /// Reads it behind its kind.
+    pub fn read(reader: &mut Reader<'_>) -> Option<Self> {
+        let (epoch, start, axes, period_us) = (reader.u16()?, reader.u32()?, reader.u8()?, reader.count32()?);
+        let limits = read_limits(reader, usize::from(axes))?;
+        let mut settings = Settings::new(epoch, start, period_us, limits);
+        settings.axes = axes;
+        settings.report_periods = reader.u8()?;
+        settings.watchdog_periods = reader.u16()?;
+        settings.pulse_ns = reader.u16()?;
+        settings.direction_setup_ns = reader.u16()?;
+        settings.direction_inverted = reader.u16()?;
+        for _ in 0..reader.u8()? {
+            let input = settings.inputs.get_mut(usize::from(reader.u8()?))?;
+            let byte = reader.u8()?;
+            let axis = byte >> 3 & 0x0F;
+            let used_for = match byte & 7 {
+                0 => InputUse::Plain,
+                code @ (1 | 2) => InputUse::Limit { axis, upper: code == 2 },
+                3 => InputUse::Home { axis },
+                4 => InputUse::Door,
+                5 => InputUse::EmergencyStop,
+                6 => InputUse::Probe,
+                _ => return None,
+            };
+            *input = InputSetting { used_for, active_low: byte & 0x80 != 0 };
+        }
+        settings.safe_count = reader.u8()?;
+        if usize::from(settings.safe_count) > MAX_SAFE {
+            return None;
+        }
+        for change in &mut settings.safe[..usize::from(settings.safe_count)] {
+            *change = read_change(reader)?;
+        }
+        Some(Self(settings))
+    }
+}
+
+/// The limits of so many axes; those that are not told are as the first.
+fn read_limits<const A: usize>(reader: &mut Reader<'_>, told: usize) -> Option<RateLimits<A>> {
+    let (average, share) = (reader.u16()?, reader.u16()?);
+    let mut axes = [AxisLimits::default(); A];
+    for slot in axes.get_mut(..told)? {
+        *slot = AxisLimits { velocity: reader.count()?, acceleration: reader.count()?, jerk: reader.count()? };
+    }
+    let (told, rest) = axes.split_at_mut(told);
+    rest.fill(*told.first()?);
+    RateLimits::new(average, share, axes)
+}

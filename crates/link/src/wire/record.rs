@@ -1,0 +1,173 @@
+//! Records, each told by what differs from the one before it on the path.
+//!
+//! ```text
+//! 1 b s s l f c r    b: behind (else ahead)      s s: size of the differences of the increments: none, 4, 8, 16 bits each
+//!                    l: the line differs; signed  f: flags follow   c: the cap differs; it follows   r: rests before it (behind)
+//! ```
+//! then the increments' differences (of 4 bits: two a byte, the first axis low), line, flags, cap. Constant speed costs one byte
+//! a record; acceleration that of its differences, which at usual limits fit four bits.
+//!
+//! Invariant: a run begins in each payload anew, with a place of its own and differences from nothing.
+
+use retrace_core::{Flags, RapidCap, Record};
+
+use super::{Reader, Writer};
+use crate::Word;
+
+/// Set in the first byte of a record, and of nothing else.
+pub(super) const RECORD: u8 = 0x80;
+const BEHIND: u8 = 0x40;
+const LINE: u8 = 0x08;
+const FLAGS: u8 = 0x04;
+const CAP: u8 = 0x02;
+const RESTS: u8 = 0x01;
+
+/// Where a run of records in a payload has come to.
+#[derive(Clone, Copy, Debug)]
+pub struct Run<const A: usize> {
+    /// Axes that are told; the others stand.
+    axes: usize,
+    last: Option<Last<A>>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Last<const A: usize> {
+    place: u32,
+    record: Record<A>,
+}
+
+impl<const A: usize> Run<A> {
+    /// At the beginning of a payload; `axes`: how many are told.
+    #[must_use]
+    pub fn new(axes: u8) -> Self {
+        Self { axes: usize::from(axes).min(A), last: None }
+    }
+
+    /// Does a record at this place need to be told where it is?
+    #[must_use]
+    pub fn needs_place(&self, place: u32, behind: bool) -> bool {
+        self.next_place(behind) != Some(place)
+    }
+
+    /// From here on the records are at `place`.
+    pub fn set_place(&mut self, place: u32, behind: bool) {
+        let before = if behind { place.wrapping_add(1) } else { place.wrapping_sub(1) };
+        self.last = Some(Last { place: before, record: Record::default() });
+    }
+
+    fn next_place(&self, behind: bool) -> Option<u32> {
+        self.last.map(|last| if behind { last.place.wrapping_sub(1) } else { last.place.wrapping_add(1) })
+    }
+
+    /// Writes a record that follows the last one. `None` where there is no room.
+    pub fn write(&mut self, writer: &mut Writer<'_>, record: &Record<A>, behind: bool, rests: bool) -> Option<()> {
+        let place = self.next_place(behind)?;
+        let last = self.last?.record;
+        let mut differences = [0i16; A];
+        for (difference, (now, before)) in differences.iter_mut().zip(record.increments.iter().zip(last.increments)) {
+            // wraps back where it is read
+            *difference = now.wrapping_sub(before);
+        }
+        let differences = &differences[..self.axes];
+        let size = size_of_differences(differences);
+        let has = |flag: u8, so: bool| if so { flag } else { 0 };
+        let line = i64::from(record.line) - i64::from(last.line);
+        let tag = RECORD
+            | has(BEHIND, behind)
+            | size << 4
+            | has(LINE, line != 0)
+            | has(FLAGS, record.flags != Flags::NONE)
+            | has(CAP, record.cap != last.cap)
+            | has(RESTS, rests);
+        writer.u8(tag)?;
+        write_differences(writer, differences, size)?;
+        if line != 0 {
+            writer.signed(line)?;
+        }
+        if record.flags != Flags::NONE {
+            writer.u8(record.flags.bits())?;
+        }
+        if record.cap != last.cap {
+            writer.u8(record.cap.get())?;
+        }
+        self.last = Some(Last { place, record: *record });
+        Some(())
+    }
+
+    /// Reads the record whose first byte was `tag`.
+    pub fn read(&mut self, reader: &mut Reader<'_>, tag: u8) -> Option<Word<A>> {
+        let behind = tag & BEHIND != 0;
+        let place = self.next_place(behind)?;
+        let last = self.last?.record;
+        let mut record = Record { line: last.line, cap: last.cap, ..Record::default() };
+        let mut differences = [0i16; A];
+        read_differences(reader, &mut differences[..self.axes], tag >> 4 & 3)?;
+        for (now, (before, difference)) in record.increments.iter_mut().zip(last.increments.iter().zip(differences)) {
+            *now = before.wrapping_add(difference);
+        }
+        if tag & LINE != 0 {
+            record.line = u32::try_from(i64::from(last.line).checked_add(reader.signed()?)?).ok()?;
+        }
+        if tag & FLAGS != 0 {
+            record.flags = Flags::from_bits(reader.u8()?);
+        }
+        if tag & CAP != 0 {
+            record.cap = RapidCap::sixteenths(reader.u8()?);
+        }
+        self.last = Some(Last { place, record });
+        let rests = tag & RESTS != 0;
+        Some(if behind { Word::Behind { place, record, rests } } else { Word::Ahead { place, record } })
+    }
+}
+
+/// 0: all zero; 1: they fit 4 bits each; 2: 8; 3: 16.
+fn size_of_differences(differences: &[i16]) -> u8 {
+    let most = differences.iter().map(|&d| if d < 0 { !d } else { d }).max().unwrap_or(0);
+    match most {
+        0 if differences.iter().all(|&d| d == 0) => 0,
+        0..8 => 1,
+        8..128 => 2,
+        _ => 3,
+    }
+}
+
+fn write_differences(writer: &mut Writer<'_>, differences: &[i16], size: u8) -> Option<()> {
+    match size {
+        0 => {}
+        1 => {
+            for pair in differences.chunks(2) {
+                let high = pair.get(1).copied().unwrap_or(0);
+                writer.u8(pair[0] as u8 & 0x0F | (high as u8) << 4)?;
+            }
+        }
+        2 => differences.iter().try_for_each(|&d| writer.u8(d as u8))?,
+        _ => differences.iter().try_for_each(|&d| writer.u16(d as u16))?,
+    }
+    Some(())
+}
+
+fn read_differences(reader: &mut Reader<'_>, differences: &mut [i16], size: u8) -> Option<()> {
+    match size {
+        0 => {}
+        1 => {
+            for pair in differences.chunks_mut(2) {
+                let byte = reader.u8()?;
+                pair[0] = i16::from((byte as i8) << 4 >> 4);
+                if let Some(high) = pair.get_mut(1) {
+                    *high = i16::from(byte as i8 >> 4);
+                }
+            }
+        }
+        2 => {
+            for difference in differences {
+                *difference = i16::from(reader.u8()? as i8);
+            }
+        }
+        _ => {
+            for difference in differences {
+                *difference = reader.u16()? as i16;
+            }
+        }
+    }
+    Some(())
+}

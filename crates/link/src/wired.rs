@@ -1,0 +1,242 @@
+//! A card at the other end of a line, as the controller sees it: the host's end of the protocol, and a port.
+//!
+//! Invariant: bytes pass only in here, between two control periods of the controller; a controller that hangs falls silent, and the card
+//! stops by itself.
+
+use core::fmt;
+
+use crate::{CardFault, Greeting, Host, HostFault, MotionCard, Port, Refusal, Settings, Status, Word};
+
+/// How long to wait, in microseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Patience {
+    /// For the first answer of a card.
+    pub answer_us: u64,
+    /// For a sign of life later on. A cable that is out for less than this may be plugged in again.
+    pub silence_us: u64,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        Self { answer_us: 3_000_000, silence_us: 5_000_000 }
+    }
+}
+
+/// What ends a run over a line for good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WiredFault<F> {
+    /// The port itself.
+    Port(F),
+    /// What was said over it, or not.
+    Host(HostFault),
+}
+
+impl<F: CardFault> CardFault for WiredFault<F> {
+    fn number(&self) -> &'static str {
+        match self {
+            Self::Port(fault) => fault.number(),
+            Self::Host(fault) => fault.number(),
+        }
+    }
+
+    fn remedy(&self) -> &'static str {
+        match self {
+            Self::Port(fault) => fault.remedy(),
+            Self::Host(fault) => fault.remedy(),
+        }
+    }
+}
+
+impl<F: fmt::Display> fmt::Display for WiredFault<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Port(fault) => fault.fmt(f),
+            Self::Host(fault) => fault.fmt(f),
+        }
+    }
+}
+
+/// A card at the other end of a line.
+#[derive(Debug)]
+pub struct Wired<const A: usize, P: Port> {
+    port: P,
+    host: Host<A>,
+    patience: Patience,
+    /// The line is gone, for all that is known; it may come back.
+    lost: Option<P::Fault>,
+}
+
+/// So long a card is told to stop by a host that gives up.
+const LET_GO_US: u64 = 40_000;
+
+/// The longest that one look at the port waits.
+const WAIT_US: u32 = 1_000;
+
+impl<const A: usize, P: Port> Wired<A, P> {
+    /// Asks at the other end of `port` who is there, until it answers. `nonce`: any number, best one that was not used lately.
+    ///
+    /// # Errors
+    /// Nobody answers, or the port is gone.
+    pub fn find(port: P, nonce: u32, patience: Patience) -> Result<Self, WiredFault<P::Fault>> {
+        let mut found = Self { port, host: Host::new(nonce), patience, lost: None };
+        found.until(|host| host.greeting().is_some())?;
+        Ok(found)
+    }
+
+    /// Who answered, and where the machine stood then.
+    #[must_use]
+    pub fn greeting(&self) -> Option<&Greeting<A>> {
+        self.host.greeting()
+    }
+
+    /// Asks again who is there and where the machine stands.
+    ///
+    /// # Errors
+    /// As [`Wired::find`].
+    pub fn ask(&mut self, nonce: u32) -> Result<(), WiredFault<P::Fault>> {
+        self.host.ask(nonce);
+        self.until(|host| host.greeting().is_some())
+    }
+
+    /// Begins an epoch with these settings, and waits for its first report.
+    ///
+    /// # Errors
+    /// The card does not take the settings, falls silent, or the port is gone. An alarm that is latched is none yet.
+    pub fn open(&mut self, settings: Settings<A>) -> Result<(), WiredFault<P::Fault>> {
+        self.host.open(settings);
+        self.until(Host::is_open)?;
+        // its outputs and its alarm come with the first period
+        while !self.host.next_period() {
+            self.pump(WAIT_US);
+        }
+        Ok(())
+    }
+
+    /// Ends the epoch; the card then needs no host any more. It has to stand.
+    ///
+    /// # Errors
+    /// The card falls silent, or the port is gone.
+    pub fn close(&mut self) -> Result<(), WiredFault<P::Fault>> {
+        self.host.close();
+        self.until(Host::is_closed)
+    }
+
+    /// The host's end.
+    #[must_use]
+    pub fn host(&self) -> &Host<A> {
+        &self.host
+    }
+
+    /// The port.
+    #[must_use]
+    pub fn port(&self) -> &P {
+        &self.port
+    }
+
+    /// The port, without the host's end.
+    #[must_use]
+    pub fn into_port(self) -> P {
+        self.port
+    }
+
+    /// The port, to be meddled with.
+    pub fn port_mut(&mut self) -> &mut P {
+        &mut self.port
+    }
+
+    fn until(&mut self, done: impl Fn(&Host<A>) -> bool) -> Result<(), WiredFault<P::Fault>> {
+        let begun = self.port.now_us();
+        while !done(&self.host) {
+            if self.port.now_us().saturating_sub(begun) > self.patience.answer_us {
+                return Err(self.silent());
+            }
+            self.pump(WAIT_US);
+            if let Some(fault @ (HostFault::Protocol(_) | HostFault::Unfit | HostFault::Restarted)) = self.host.fault()
+            {
+                return Err(WiredFault::Host(fault));
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells the card to stop, as far as the line goes; the card does it anyway when it hears no more.
+    fn let_go(&mut self) {
+        let _ = self.host.send(Word::Rate { target: 0 });
+        let begun = self.port.now_us();
+        while self.port.now_us().saturating_sub(begun) < LET_GO_US {
+            self.pump(WAIT_US);
+        }
+    }
+
+    fn silent(&mut self) -> WiredFault<P::Fault> {
+        self.lost.take().map_or(WiredFault::Host(HostFault::Silent), WiredFault::Port)
+    }
+
+    /// Puts on the line what is due, and takes off it what has come. A line that is gone may come back: a cable that is plugged in
+    /// again. Until then the card is silent, and for so long it is waited for.
+    fn pump(&mut self, wait_us: u32) {
+        match self.exchange(wait_us) {
+            Ok(()) => self.lost = None,
+            Err(fault) => {
+                self.lost = Some(fault);
+                if self.port.revive() {
+                    self.lost = None;
+                }
+            }
+        }
+    }
+
+    fn exchange(&mut self, wait_us: u32) -> Result<(), P::Fault> {
+        let mut bytes = [0; 1024];
+        let room = self.port.room().min(bytes.len());
+        let mut given = self.host.transmit(self.port.now_us(), &mut bytes[..room]);
+        let mut from = 0;
+        while given > 0 {
+            let taken = self.port.write(&bytes[from..from + given])?;
+            if taken == 0 {
+                // What the port does not take is lost like any byte on the line, and comes again.
+                break;
+            }
+            (from, given) = (from + taken, given - taken);
+        }
+        let read = self.port.read(&mut bytes, wait_us)?;
+        self.host.receive(&bytes[..read], self.port.now_us());
+        Ok(())
+    }
+}
+
+impl<const A: usize, P: Port> MotionCard<A> for Wired<A, P> {
+    type Fault = WiredFault<P::Fault>;
+
+    fn window(&self) -> u32 {
+        self.host.window()
+    }
+
+    fn send(&mut self, word: Word<A>) -> Result<(), Refusal> {
+        self.host.send(word)
+    }
+
+    fn period(&mut self) -> Result<&Status<A>, Self::Fault> {
+        // The line is served also where periods wait to be given out.
+        self.pump(0);
+        while !self.host.next_period() {
+            if let Some(fault) = self.host.fault() {
+                self.let_go();
+                return Err(WiredFault::Host(fault));
+            }
+            if self.host.silent_us() > self.patience.silence_us {
+                return Err(self.silent());
+            }
+            self.pump(WAIT_US);
+        }
+        Ok(self.host.status())
+    }
+
+    fn status(&self) -> &Status<A> {
+        self.host.status()
+    }
+
+    fn arrived(&self) -> u32 {
+        self.host.arrived()
+    }
+}

@@ -1,0 +1,198 @@
+//! Messages as bytes: what is written is read back, and any bytes are read as something or refused.
+
+use proptest::prelude::*;
+use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::{Flags, Place, RapidCap, Record};
+use retrace_link::wire::{Entry, Greeting, Opening, Reader, Run, Writer, read_word, write_word};
+use retrace_link::{
+    Action, Alarm, Await, Change, Homing, Identity, InputSetting, InputUse, Instruction, MAX_CHANGES, PROTOCOL,
+    Settings, Word,
+};
+
+fn record() -> impl Strategy<Value = Record<4>> {
+    let increment = prop_oneof![-3i16..3, -100i16..100, any::<i16>()];
+    (prop::array::uniform4(increment), any::<u32>(), 0u8..4, 0u8..=255).prop_map(|(increments, line, flags, cap)| {
+        Record {
+            increments,
+            line: line >> (line & 31),
+            flags: Flags::from_bits(flags),
+            cap: RapidCap::sixteenths(cap),
+            spare: 0,
+        }
+    })
+}
+
+fn change() -> impl Strategy<Value = Change> {
+    (0u8..69, any::<i32>()).prop_map(|(channel, value)| Change { channel, value })
+}
+
+fn instruction() -> impl Strategy<Value = Instruction> {
+    let until = prop::option::of((0u8..16, any::<bool>(), any::<u32>()));
+    (any::<[u32; 3]>(), prop::collection::vec(change(), 0..=MAX_CHANGES), until).prop_map(|(n, list, until)| {
+        let mut changes = [Change::default(); MAX_CHANGES];
+        changes[..list.len()].copy_from_slice(&list);
+        let until = until.map(|(input, active, at_most)| Await { input, active, at_most });
+        Instruction { number: n[0], place: n[1], changes, count: list.len() as u8, periods: n[2], until }
+    })
+}
+
+fn word() -> impl Strategy<Value = Word<4>> {
+    prop_oneof![
+        (any::<u32>(), record()).prop_map(|(place, record)| Word::Ahead { place, record }),
+        (any::<u32>(), record(), any::<bool>()).prop_map(|(place, record, rests)| Word::Behind {
+            place,
+            record,
+            rests
+        }),
+        any::<u32>().prop_map(|high| Word::Trim { high }),
+        any::<u32>().prop_map(|low| Word::Forget { low }),
+        (any::<u32>(), 0u8..69, any::<i32>(), any::<i32>())
+            .prop_map(|(place, channel, before, after)| Word::Action(Action { place, channel, before, after })),
+        any::<bool>().prop_map(|on| Word::Replay { on }),
+        instruction().prop_map(Word::Instruction),
+        change().prop_map(Word::ByHand),
+        Just(Word::ClearAlarm),
+        (0u8..9, any::<bool>(), any::<[i64; 4]>(), any::<u32>()).prop_map(|(axis, upper, n, farthest)| {
+            Word::Home(Homing { axis, upper, fast: n[0], slow: n[1], acceleration: n[2], farthest, count: n[3] })
+        }),
+    ]
+}
+
+fn entry() -> impl Strategy<Value = Entry> {
+    let travel = prop_oneof![Just(0i64), Just(1 << 32), Just(-(1i64 << 32)), -(8i64 << 32)..=8 << 32];
+    let alarm = (0u8..12, any::<u32>()).prop_map(|(code, detail)| Alarm::from_wire(code, detail & 0x1FF));
+    prop_oneof![
+        (travel, 1u32..u32::MAX, any::<bool>(), any::<bool>()).prop_map(|(travel, count, short, at_rest)| Entry::Ran {
+            travel,
+            count,
+            short,
+            at_rest
+        }),
+        change().prop_map(Entry::Output),
+        any::<u32>().prop_map(Entry::Executed),
+        alarm.prop_map(Entry::Alarm),
+        any::<u16>().prop_map(Entry::Inputs),
+        any::<i16>().prop_map(Entry::Wheel),
+        any::<u32>().prop_map(Entry::Refused),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn words_are_read_back(words in prop::collection::vec(word(), 1..12), follow in any::<bool>(), start in any::<u32>()) {
+        let mut words = words;
+        if follow {
+            // runs, as they usually come
+            for (place, word) in (start..).zip(&mut words) {
+                match word {
+                    Word::Ahead { place: p, .. } => *p = place,
+                    Word::Behind { place: p, .. } => *p = 0u32.wrapping_sub(place),
+                    _ => {}
+                }
+            }
+        }
+        let mut bytes = [0; 1000];
+        let (mut writer, mut run) = (Writer::new(&mut bytes), Run::new(4));
+        for word in &words {
+            prop_assert_eq!(write_word(&mut writer, &mut run, word), Some(()));
+        }
+        let length = writer.len();
+        let (mut reader, mut run) = (Reader::new(&bytes[..length]), Run::new(4));
+        for word in &words {
+            prop_assert_eq!(read_word(&mut reader, &mut run), Some(*word));
+        }
+        prop_assert!(reader.is_empty());
+    }
+
+    #[test]
+    fn entries_are_read_back(entries in prop::collection::vec(entry(), 1..12)) {
+        let mut bytes = [0; 300];
+        let mut writer = Writer::new(&mut bytes);
+        for entry in &entries {
+            prop_assert_eq!(entry.write(&mut writer), Some(()));
+        }
+        let length = writer.len();
+        let mut reader = Reader::new(&bytes[..length]);
+        for entry in &entries {
+            prop_assert_eq!(Entry::read(&mut reader), Some(*entry));
+        }
+        prop_assert!(reader.is_empty());
+    }
+
+    /// A word that does not fit leaves no trace: what comes before it is read as it was, and the next one too.
+    #[test]
+    fn a_word_without_room_leaves_no_trace(words in prop::collection::vec(word(), 1..12), room in 0usize..120) {
+        let mut bytes = [0; 120];
+        let (mut writer, mut run) = (Writer::new(&mut bytes[..room]), Run::new(4));
+        let written: Vec<&Word<4>> = words.iter().filter(|word| write_word(&mut writer, &mut run, word).is_some()).collect();
+        let length = writer.len();
+        let (mut reader, mut run) = (Reader::new(&bytes[..length]), Run::new(4));
+        for word in written {
+            prop_assert_eq!(read_word(&mut reader, &mut run), Some(*word));
+        }
+        prop_assert!(reader.is_empty());
+    }
+
+    #[test]
+    fn any_bytes_are_messages_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        let (mut reader, mut run) = (Reader::new(&bytes), Run::<4>::new(4));
+        while read_word(&mut reader, &mut run).is_some() {}
+        let mut reader = Reader::new(&bytes);
+        while Entry::read(&mut reader).is_some() {}
+        let _ = Greeting::<4>::read(&mut Reader::new(&bytes));
+        let _ = Opening::<4>::read(&mut Reader::new(&bytes));
+    }
+}
+
+#[test]
+fn handshakes_are_read_back() {
+    let identity = Identity {
+        protocol: PROTOCOL,
+        name: *b"a simulated card",
+        serial: 0xDEAD_BEEF,
+        boot: 7,
+        axes: 3,
+        outputs: 64,
+        inputs: 16,
+        window: 4096,
+        memory: 64,
+        tick_hz: 168_000_000,
+        shortest_period_us: 250,
+        longest_period_us: 20_000,
+        most_pulses_hz: 100_000,
+    };
+    let greeting = Greeting::<4> {
+        nonce: 99,
+        identity,
+        epoch: 3,
+        last_epoch: 3,
+        place: Place { record: u32::MAX, fraction: 5 },
+        at_rest: true,
+        counts: [1, -2, i64::MAX, 0],
+        alarm: Some(Alarm::LimitSwitch { axis: 2, upper: true }),
+    };
+    let mut bytes = [0; 200];
+    let mut writer = Writer::new(&mut bytes);
+    greeting.write(&mut writer).expect("room");
+    let length = writer.len();
+    assert_eq!(Greeting::read(&mut Reader::new(&bytes[..length])), Some(Ok(greeting)));
+    bytes[0] = PROTOCOL + 1;
+    assert_eq!(Greeting::<4>::read(&mut Reader::new(&bytes[..length])), Some(Err(PROTOCOL + 1)));
+
+    let mut settings = Settings::<4>::new(9, 77, 1000, limits());
+    settings.inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
+    settings.inputs[15] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
+    settings.safe[0] = Change { channel: 64, value: 0 };
+    settings.safe[1] = Change { channel: 5, value: -1 };
+    settings.safe_count = 2;
+    let mut writer = Writer::new(&mut bytes);
+    Opening(settings).write(&mut writer).expect("room");
+    let length = writer.len();
+    assert_eq!(Opening::read(&mut Reader::new(&bytes[..length])), Some(Opening(settings)));
+}
+
+/// Limits of a machine that stops within some tens of periods.
+fn limits<const A: usize>() -> RateLimits<A> {
+    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
+}

@@ -1,0 +1,74 @@
+//! A simulated card that `retrace card serve` serves, for as long as a test needs it.
+//!
+//! Invariant: it is ended with the test, however that ends.
+
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Child, ChildStdout, Command, Stdio};
+
+use serde_json::Value;
+
+use crate::command::{Bench, Said, binary};
+
+/// A card being served.
+#[derive(Debug)]
+pub struct Served {
+    child: Child,
+    out: BufReader<ChildStdout>,
+    /// The pseudo-terminal that hosts open.
+    pub port: String,
+}
+
+impl Served {
+    /// Serves a card with these arguments besides.
+    ///
+    /// # Panics
+    /// Where it says no path.
+    #[must_use]
+    pub fn with(arguments: &[&str]) -> Self {
+        let mut command = Command::new(binary());
+        command.args(["card", "serve", "--pty", "--until-eof", "--json"]).args(arguments);
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn().expect("the retrace command runs");
+        let mut out = BufReader::new(child.stdout.take().expect("a pipe"));
+        let mut port = String::new();
+        out.read_line(&mut port).expect("a line");
+        assert!(port.starts_with('/'), "a path: {port}");
+        Self { child, out, port: port.trim_end().to_owned() }
+    }
+
+    /// Who answers there, and where the machine stands.
+    ///
+    /// # Panics
+    /// Where nobody answers.
+    #[must_use]
+    pub fn who(&self, bench: &Bench) -> Value {
+        let said = bench.retrace(["card", "who", &self.port, "--json"]);
+        assert_eq!(said.code, Some(0), "{}", said.err);
+        serde_json::from_str(&said.out).expect("one JSON object")
+    }
+
+    /// Runs a program on it.
+    #[must_use]
+    pub fn run(&self, bench: &Bench, program: &str) -> Said {
+        bench.retrace(["run", program, "--card", &self.port, "--json"])
+    }
+
+    /// Ends it: what it tells at its end.
+    ///
+    /// # Panics
+    /// Where that is no JSON.
+    #[must_use]
+    pub fn told(mut self) -> Value {
+        drop(self.child.stdin.take());
+        let mut text = String::new();
+        self.out.read_to_string(&mut text).expect("text");
+        serde_json::from_str(&text).expect("one JSON object")
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

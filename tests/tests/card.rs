@@ -1,0 +1,151 @@
+//! `retrace card`: a simulated card behind a pseudo-terminal, and hosts that come and go.
+#![cfg(target_os = "linux")]
+
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use retrace_tests::command::{Bench, Said, binary};
+use retrace_tests::served::Served;
+use serde_json::Value;
+
+/// A square of 2 mm, there and back to its corner at (1, 1).
+const SQUARE: &str = "G21 G90\nG1 X1 Y1 F1200\nG1 X3\nM62 P1\nG1 Y3\nM3 S100\nG1 X1\nG1 Y1\nM2\n";
+
+fn report(said: &Said) -> Value {
+    let line = said.out.lines().last().unwrap_or_default();
+    serde_json::from_str(line).unwrap_or_else(|_| panic!("no report: {}\n{}", said.out, said.err))
+}
+
+#[test]
+fn a_program_on_a_served_card_ends_where_it_ends_in_process() {
+    let bench = Bench::new();
+    bench.file("square.ngc", SQUARE);
+    let vcd = bench.path("card.vcd");
+    let served = Served::with(&["--vcd", &vcd.display().to_string()]);
+    let before = served.who(&bench);
+    assert_eq!((&before["name"], &before["counts"][0]), (&"retrace-sim".into(), &0.into()));
+    let wired = report(&served.run(&bench, "square.ngc"));
+    let in_process = report(&bench.retrace(["run", "square.ngc", "--json"]));
+    assert_eq!(wired["position_counts"], in_process["position_counts"]);
+    assert_eq!(wired["position_counts"]["x"], 1000);
+    // another host finds the machine where it was left, and begins there
+    let after = served.who(&bench);
+    assert_eq!((&after["counts"][0], &after["at_rest"], &after["alarm"]), (&1000.into(), &true.into(), &Value::Null));
+    assert_ne!(after["last_epoch"], before["last_epoch"]);
+    let again = report(&served.run(&bench, "square.ngc"));
+    assert_eq!(again["position_counts"], in_process["position_counts"]);
+    let told = served.told();
+    assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
+    // the runs make 5 mm and 4 mm of X, at 1000 pulses a millimetre, and a little at rounded corners
+    let pulses = told["pulses"][0].as_u64().expect("a count");
+    assert!((9000..9500).contains(&pulses), "{told}");
+    let trace = std::fs::read_to_string(vcd).expect("a trace");
+    let step = trace.lines().find(|line| line.ends_with(" step $end")).expect("a step wire");
+    let code = step.split_whitespace().nth(3).expect("its short name");
+    let rises = trace.lines().filter(|line| line.strip_prefix('1') == Some(code)).count();
+    assert_eq!(rises as u64, pulses);
+}
+
+#[test]
+fn a_line_with_faults_changes_nothing_but_the_time() {
+    let bench = Bench::new();
+    bench.file("square.ngc", SQUARE);
+    let served = Served::with(&["--faults", "rate=1e-4,stall-ms=20,seed=3,baud=1000000"]);
+    let wired = report(&served.run(&bench, "square.ngc"));
+    assert_eq!((&wired["outcome"], &wired["position_counts"]["x"]), (&"completed".into(), &1000.into()), "{wired}");
+    let told = served.told();
+    assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
+}
+
+/// A host that runs a long program on the card.
+fn long_job(bench: &Bench, served: &Served) -> Child {
+    let program = bench.file("long.ngc", "G21 G90\nG1 X1000 F1200\nM2\n");
+    let mut host = Command::new(binary());
+    host.args(["run", &program.display().to_string(), "--card", &served.port]);
+    host.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the retrace command runs")
+}
+
+fn kill(mut host: Child) {
+    host.kill().expect("still running");
+    host.wait().expect("ended");
+}
+
+/// Killed in motion, the host leaves a machine that stops by itself, on the path, and says so to the next one.
+#[test]
+fn a_host_that_is_killed_leaves_a_machine_at_rest() {
+    let bench = Bench::new();
+    // a computer under load may take its time until the first motion
+    for seconds in [2, 6, 18] {
+        let served = Served::with(&[]);
+        let host = long_job(&bench, &served);
+        std::thread::sleep(Duration::from_secs(seconds));
+        kill(host);
+        let begun = Instant::now();
+        let mut who = served.who(&bench);
+        while (who["at_rest"] != true || who["alarm"].is_null()) && begun.elapsed() < Duration::from_secs(20) {
+            who = served.who(&bench);
+        }
+        let x = who["counts"][0].as_i64().expect("a count");
+        if x == 0 {
+            continue;
+        }
+        assert_eq!((&who["at_rest"], &who["alarm"]["number"]), (&true.into(), &"E3011".into()), "{who}");
+        assert!(x > 0 && x < 1_000_000, "{who}");
+        let told = served.told();
+        assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
+        return;
+    }
+    panic!("no host came to move anything");
+}
+
+#[test]
+fn a_port_that_is_in_use_or_not_there_is_refused_with_what_to_do() {
+    let bench = Bench::new();
+    let served = Served::with(&[]);
+    // who asks too early takes the port away from the host that is to have it
+    let mut asked = [1, 4, 12].into_iter().map(|seconds| {
+        let mut host = long_job(&bench, &served);
+        std::thread::sleep(Duration::from_secs(seconds));
+        let busy = bench.retrace(["card", "who", &served.port]);
+        let _ = host.kill();
+        host.wait().expect("ended");
+        busy
+    });
+    let busy = asked.find(|busy| busy.code != Some(0)).expect("a host that has the port");
+    assert_eq!(busy.code, Some(2), "{}", busy.err);
+    assert!(busy.err.contains("error[E2144]") && busy.err.contains("`retrace` (process"), "{}", busy.err);
+    for (arguments, number) in [
+        (["card", "who", "/dev/no-such-port"], "E2141"),
+        (["card", "who", "/dev/null"], "E2146"),
+        (["card", "who", "@9600"], "E2148"),
+        (["run", "long.ngc", "--card=/dev/no-such-port"], "E2141"),
+    ] {
+        let said = bench.retrace(arguments);
+        assert_eq!(said.code, Some(2), "{arguments:?}: {}", said.err);
+        assert!(said.err.contains(&format!("error[{number}]")) && said.err.contains("help: "), "{}", said.err);
+    }
+    for arguments in [["--faults", "flip=2"], ["--speed", "0"], ["--link", "long.ngc"]] {
+        let said = bench.retrace([&["card", "serve", "--pty"][..], &arguments].concat());
+        assert!(said.code == Some(2) && said.err.contains("error[E2149]"), "{arguments:?}: {}", said.err);
+    }
+}
+
+#[test]
+fn a_link_gives_the_card_a_name() {
+    let bench = Bench::new();
+    let link = bench.path("my-card").display().to_string();
+    let first = Served::with(&["--link", &link]);
+    assert_eq!(bench.retrace(["card", "who", &link]).code, Some(0));
+    drop(first);
+    let _second = Served::with(&["--link", &link]);
+    assert_eq!(bench.retrace(["card", "who", &link]).code, Some(0), "a link that was left is replaced");
+}
+
+#[test]
+fn ports_are_listed() {
+    let bench = Bench::new();
+    let said = bench.retrace(["card", "ports", "--json"]);
+    let ports: Value = serde_json::from_str(&said.out).expect("one JSON object");
+    assert!(ports["ports"].is_array());
+    assert!(!bench.retrace(["card", "ports"]).out.is_empty());
+}

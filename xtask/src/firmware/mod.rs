@@ -1,0 +1,126 @@
+//! `cargo xtask firmware`: builds the firmware, holds its size, runs it in QEMU and tests it there.
+//!
+//! Invariant: what cannot be done here for want of a tool is said, by name; it counts as passed in `test` alone, which says what it did not run.
+
+mod build;
+mod diagnostics;
+mod elf;
+mod emulator;
+mod sections;
+mod test;
+
+use std::path::Path;
+use std::time::Duration;
+
+use build::{Board, Build};
+use emulator::Emulator;
+
+/// What is asked of the task.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Order {
+    /// Build for these boards.
+    Build(Vec<Build>),
+    /// Start QEMU and stay.
+    Emulate,
+    /// Everything that can be tested here.
+    Test,
+    /// Print and hold the sizes.
+    Size(Vec<Build>),
+}
+
+impl Order {
+    /// Reads the words behind `firmware`.
+    ///
+    /// # Errors
+    /// What is wrong with them.
+    pub(crate) fn read(words: &[&str]) -> Result<Self, String> {
+        let Some((&verb, options)) = words.split_first() else {
+            return Err("`firmware` needs one of build, emulate, test, size".into());
+        };
+        let (mut boards, mut crystal) = (Vec::new(), None);
+        let mut rest = options.iter();
+        while let Some(&option) = rest.next() {
+            match (option, rest.next()) {
+                ("--board", Some(name)) => boards.push(Board::named(name)?),
+                ("--crystal", Some(&"8")) => crystal = Some(8),
+                ("--crystal", Some(&"25")) => crystal = Some(25),
+                ("--crystal", Some(other)) => return Err(format!("there is no crystal `{other}`: 8 or 25 MHz")),
+                (option @ ("--board" | "--crystal"), None) => return Err(format!("{option} needs its value")),
+                (other, _) => return Err(format!("`firmware` knows no `{other}`; see `cargo xtask help`")),
+            }
+        }
+        let boards = if boards.is_empty() { Board::ALL.to_vec() } else { boards };
+        let builds = boards.into_iter().map(|board| Build { board, crystal, emulated: false }).collect();
+        match verb {
+            "build" => Ok(Self::Build(builds)),
+            "size" => Ok(Self::Size(builds)),
+            "emulate" | "test" if !options.is_empty() => Err(format!("`firmware {verb}` takes no options")),
+            "emulate" => Ok(Self::Emulate),
+            "test" => Ok(Self::Test),
+            other => Err(format!("`firmware` knows no `{other}`: build, emulate, test, size")),
+        }
+    }
+}
+
+/// Does it, and says whether it went well.
+pub(crate) fn run(root: &Path, order: &Order) -> bool {
+    let done = match order {
+        Order::Build(builds) => each(builds, |build| {
+            println!("{:<6} {}", build.board.name(), build.run(root)?.display());
+            Ok(true)
+        }),
+        Order::Size(builds) => each(builds, |build| sections::hold(build, &build.run(root)?)),
+        Order::Emulate => emulate(root).map(|()| true),
+        Order::Test => return test::run(root).passed,
+    };
+    done.unwrap_or_else(|reason| {
+        eprintln!("firmware: {reason}");
+        false
+    })
+}
+
+/// What `test` found, as a step of the whole suite.
+pub(crate) fn test(root: &Path) -> test::Verdict {
+    test::run(root)
+}
+
+fn each(builds: &[Build], mut task: impl FnMut(&Build) -> Result<bool, String>) -> Result<bool, String> {
+    let mut passed = true;
+    for build in builds {
+        passed &= task(build)?;
+    }
+    Ok(passed)
+}
+
+/// Starts QEMU, says where its line is, and stays until QEMU ends or this process is interrupted.
+fn emulate(root: &Path) -> Result<(), String> {
+    let image = Build::EMULATED.run(root)?;
+    let mut emulator = Emulator::start(&image, &[])?;
+    println!("the card's line: {}", emulator.line());
+    println!("it runs until interrupted");
+    while emulator.runs() {
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn orders_are_read_and_nonsense_is_refused() {
+        let all = |crystal| Board::ALL.map(|board| Build { board, crystal, emulated: false }).to_vec();
+        assert_eq!(Order::read(&["build"]), Ok(Order::Build(all(None))));
+        assert_eq!(Order::read(&["size", "--crystal", "25"]), Ok(Order::Size(all(Some(25)))));
+        let one = vec![Build { board: Board::F401, crystal: Some(8), emulated: false }];
+        assert_eq!(Order::read(&["build", "--board", "f401", "--crystal", "8"]), Ok(Order::Build(one)));
+        assert_eq!(Order::read(&["emulate"]), Ok(Order::Emulate));
+        assert_eq!(Order::read(&["test"]), Ok(Order::Test));
+        for wrong in
+            [&[][..], &["flash"], &["build", "--board"], &["build", "--board", "f103"], &["test", "--board", "f405"]]
+        {
+            assert!(Order::read(wrong).is_err(), "{wrong:?}");
+        }
+    }
+}

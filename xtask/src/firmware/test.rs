@@ -1,0 +1,179 @@
+//! `cargo xtask firmware test`: what can be tested of the firmware on this machine.
+//!
+//! Invariant: the verdict names each check that ran and each that did not, with the reason.
+
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use super::build::{self, Board, Build};
+use super::diagnostics::{self, Diagnostics};
+use super::elf::Image;
+use super::emulator::{self, Emulator};
+use super::sections;
+use crate::suite;
+use crate::verify::process;
+
+/// How the test ended.
+pub(crate) struct Verdict {
+    pub(crate) passed: bool,
+    /// What ran and what did not, in a line.
+    pub(crate) remark: String,
+}
+
+/// How one check ended.
+enum Ended {
+    Passed,
+    Failed(String),
+    NotRun(String),
+}
+
+impl From<Result<bool, String>> for Ended {
+    fn from(result: Result<bool, String>) -> Self {
+        match result {
+            Ok(true) => Self::Passed,
+            Ok(false) => Self::Failed("see above".into()),
+            Err(reason) => Self::Failed(reason),
+        }
+    }
+}
+
+/// A check: its name, the tools that it needs or which of them is missing, and what does it.
+type Check<'a> = (&'a str, Result<(), String>, &'a dyn Fn(&Path) -> Result<bool, String>);
+
+pub(super) fn run(root: &Path) -> Verdict {
+    let compiler = build::can_build();
+    let qemu = compiler.clone().and_then(|()| emulator::can_emulate().map(|_| ()));
+    let checks: [Check; 5] = [
+        ("format", Ok(()), &|root| in_firmware(root, &["fmt", "--check"])),
+        ("clippy", Ok(()), &|root| in_firmware(root, &["clippy", "--locked", "--all-targets", "--", "-D", "warnings"])),
+        ("unit tests", Ok(()), &|root| in_firmware(root, &["test", "--locked", "--lib", "--quiet"])),
+        ("size", compiler, &sizes),
+        ("emulation", qemu, &emulation),
+    ];
+    let mut verdict = Verdict { passed: true, remark: String::new() };
+    for (name, tools, check) in checks {
+        let ended = match tools {
+            Ok(()) => check(root).into(),
+            Err(missing) => Ended::NotRun(missing),
+        };
+        let said = match ended {
+            Ended::Passed => format!("{name} passed"),
+            Ended::NotRun(missing) => format!("{name} not run: {missing}"),
+            Ended::Failed(reason) => {
+                verdict.passed = false;
+                format!("{name} FAILED: {reason}")
+            }
+        };
+        println!("firmware: {said}");
+        verdict.remark += if verdict.remark.is_empty() { "" } else { ", " };
+        verdict.remark += &said;
+    }
+    verdict
+}
+
+/// Runs cargo in the firmware's workspace, for this machine.
+fn in_firmware(root: &Path, arguments: &[&str]) -> Result<bool, String> {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.args(arguments).current_dir(root.join("crates/firmware"));
+    command.env("CARGO_TARGET_DIR", build::target_folder(root).join("firmware"));
+    let status = command.status().map_err(|error| format!("cargo cannot be run: {error}"))?;
+    Ok(status.success())
+}
+
+fn sizes(root: &Path) -> Result<bool, String> {
+    super::each(&Board::ALL.map(|board| Build { board, crystal: None, emulated: false }), |build| {
+        sections::hold(build, &build.run(root)?)
+    })
+}
+
+/// What an emulated job is, beside the program: the machine and the operator.
+const PROGRAM: &str = "crates/firmware/emulated.ngc";
+const MACHINE: &str = "crates/firmware/emulated.toml";
+const OPERATOR: &str = "crates/firmware/emulated.op";
+
+/// A job in QEMU, by the command, with time counted in instructions: a program with switching, a hold and a reverse run.
+fn emulation(root: &Path) -> Result<bool, String> {
+    let path = Build::EMULATED.run(root)?;
+    let command = suite::build_command(root)?;
+    let bytes = std::fs::read(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let image = Image::read(&bytes)?;
+    // a virtual nanosecond an instruction
+    let mut emulator = Emulator::start(&path, &["-icount", "shift=0"])?;
+    let report = job(Command::new(command).current_dir(root).args(["run", PROGRAM, "--card", emulator.line()]))?;
+    let found = Diagnostics::read(&image, &mut emulator)?;
+    let depth = diagnostics::stack_depth(&image, &mut emulator)?;
+    println!(
+        "emulation: {} control periods, {} late, {} bytes lost, {} orders refused; the longest took {} instructions, the \
+         step interrupt {} a slot; stack {depth} bytes",
+        found.periods,
+        found.late_periods,
+        found.lost_bytes,
+        found.refused,
+        diagnostics::instructions(found.longest_period),
+        diagnostics::instructions(found.longest_interrupt) / SLOTS,
+    );
+    println!("emulation: pulses at the outputs {:?}, counts reported {:?}", found.counted, report.counts);
+    let told = [
+        (report.outcome != "completed", format!("the job ended as `{}`", report.outcome)),
+        (report.reversals == 0, "nothing was run backward".to_owned()),
+        (found.counted != report.counts, "the outputs' pulses are not those reported".to_owned()),
+        (found.lost_bytes > 0 || found.refused > 0, "bytes were lost, or pulses did not fit".to_owned()),
+        (depth > sections::STACK, format!("{} bytes are kept for the stack", sections::STACK)),
+    ];
+    let wrong: Vec<String> = told.into_iter().filter_map(|(is_so, what)| is_so.then_some(what)).collect();
+    if wrong.is_empty() { Ok(true) } else { Err(wrong.join(", ")) }
+}
+
+/// Slots of the emulated machine's control period of 5 ms.
+const SLOTS: u64 = 500;
+
+/// What the command reported of a job.
+#[derive(Debug, PartialEq, Eq)]
+struct Report {
+    outcome: String,
+    reversals: u64,
+    /// Final counts of X, Y, Z and the axis that the machine does not have.
+    counts: [i32; 4],
+}
+
+/// Longest time that a job may take; it takes some 20 s on a busy computer.
+const LIMIT: Duration = Duration::from_secs(300);
+
+/// Runs a job and reads its report.
+fn job(command: &mut Command) -> Result<Report, String> {
+    command.args(["--machine", MACHINE, "--operator", OPERATOR, "--json"]);
+    let log = std::env::temp_dir().join(format!("retrace-xtask-firmware-{}", std::process::id()));
+    let ended = process::run(command, LIMIT, &log)?;
+    for extension in ["out", "err"] {
+        // left behind it would only take room
+        let _ = std::fs::remove_file(log.with_extension(extension));
+    }
+    let report = ended.output.lines().next_back().and_then(report_in);
+    report.ok_or_else(|| format!("the job ended without a report: {}", ended.last_words()))
+}
+
+/// The report, from the line of JSON that it is.
+fn report_in(line: &str) -> Option<Report> {
+    let report: serde_json::Value = serde_json::from_str(line).ok()?;
+    let mut counts = [0; 4];
+    for (count, axis) in counts.iter_mut().zip(["x", "y", "z"]) {
+        *count = i32::try_from(report["position_counts"][axis].as_i64()?).ok()?;
+    }
+    Some(Report { outcome: report["outcome"].as_str()?.to_owned(), reversals: report["reversals"].as_u64()?, counts })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_is_read_and_anything_else_is_not() {
+        let line =
+            "{\"outcome\":\"completed\",\"reversals\":2,\"position_counts\":{\"x\":10,\"y\":-20,\"z\":7},\"more\":[]}";
+        let report = Report { outcome: "completed".into(), reversals: 2, counts: [10, -20, 7, 0] };
+        assert_eq!(report_in(line), Some(report));
+        assert_eq!(report_in("{\"event\":\"switched\"}"), None);
+        assert_eq!(report_in("no JSON"), None);
+    }
+}
