@@ -407,19 +407,19 @@ mod tests {
     #[test]
     fn an_instruction_that_cannot_be_executed_in_order_is_refused() {
         let mut player = player();
-        fill(&mut player, (0..40).map(|n| (5, if n == 29 { Flags::REST } else { Flags::NONE })));
+        fill(&mut player, (0..60).map(|n| (5, if n == 55 { Flags::REST } else { Flags::NONE })));
         player.take(Word::Rate { target: ONE }).expect("a rate");
         for _ in 0..10 {
             player.period();
         }
         let at = |place| Word::Instruction(Instruction { number: 1, place, ..Instruction::default() });
         assert_eq!(player.take(at(9)), Err(Refusal::OutOfOrder));
-        // six records are needed to stop, but for a planned stop
-        assert_eq!(player.take(at(15)), Err(Refusal::InMotion));
-        player.take(at(16)).expect("there is room");
-        assert_eq!(player.take(at(17)), Err(Refusal::Busy));
+        // some records are needed to stop, but for a planned stop
+        let nearest = (10..55).find(|&place| player.take(at(place)).is_ok()).expect("there is room");
+        assert!((16..40).contains(&nearest), "{nearest}");
+        assert_eq!(player.take(at(nearest + 1)), Err(Refusal::Busy));
         player.take(Word::Rate { target: -ONE }).expect("a rate");
-        for _ in 0..40 {
+        for _ in 0..90 {
             player.period();
         }
         assert_eq!((player.status().place, player.status().executed), (Place::start_of(0), 0));
@@ -429,9 +429,9 @@ mod tests {
         while player.status().executed == 0 {
             let status = player.period();
             executed_at = Some(status.place);
-            assert!(Place::start_of(16).to(status.place) <= 0 || status.executed == 1);
+            assert!(Place::start_of(nearest).to(status.place) <= 0 || status.executed == 1);
         }
-        assert!(executed_at.is_some_and(|place| Place::start_of(16).to(place) <= ONE));
+        assert!(executed_at.is_some_and(|place| Place::start_of(nearest).to(place) <= ONE));
     }
 
     #[test]
