@@ -176,7 +176,7 @@ fn braking_covers_a_step_down(c: &mut impl Choice, braking: &Braking<8>) -> Opti
 /// What braking allows can be braked from again, falls by no more than the slope from a rate that could, and is not nothing where there is
 /// road left.
 fn braking_keeps_its_promise(c: &mut impl Choice, braking: &Braking<8>) -> Option<()> {
-    let (rate, spare) = (c.between(0, ONE >> 20) << 20, c.between(0, 3 * ONE >> 20) << 20);
+    let (rate, spare) = (c.between(0, ONE >> 24) << 24, c.between(0, 3 * ONE >> 24) << 24);
     // where the last period at this rate has been run
     let free = braking.length(rate) + spare;
     let now = braking.within(ONE, free);
@@ -236,7 +236,7 @@ harnesses! {
     [without kani]
     drive_road_1, unwind 7 => |c| stays_on_the_road::<1, 0>(c, 2);
     drive_road_3, unwind 7 => |c| stays_on_the_road::<3, 28>(c, 2);
-    drive_starts_3, unwind 7 => |c| starts_on_the_road::<3, 28>(c, 2);
+    drive_starts_5, unwind 7 => |c| starts_on_the_road::<5, 28>(c, 2);
     drive_rests_1, unwind 7 => |c| rests_on_the_end::<1, 28>(c, 2, 3);
     drive_presses_3, unwind 7 => |c| presses_on::<3, 28>(c, 2);
     drive_stops_forward, unwind 7 => |c| planned_stops_are_free::<1>(c, 2);
@@ -336,10 +336,10 @@ pub const ROWS: &[Row] = &[
         name: "drive-road",
         says: "Whatever rates are wished for when, and however they are braked, the cursor never leaves the road, never runs against its way, and with a rate wished for comes to rest exactly on the road's end, fraction 0",
         requirement: "REV, Beyond the source, *Braking to a place*",
-        bound: "one period from any state on roads of up to 2 records with any planned stops, any wished and braked rates in 0 … 1: an average of 1 period to the last bit, of 3 in sixteenths of a record; a jump from a planned stop likewise; to rest within 3 periods (1), the commanded place going on in every period (3), in sixteenths",
+        bound: "one period from any state on roads of up to 2 records with any planned stops, any wished and braked rates in 0 … 1: an average of 1 period to the last bit, of 3 in sixteenths of a record; a jump from a planned stop with one of 5; to rest within 3 periods (1), the commanded place going on in every period (3), in sixteenths",
         assumes: "the cursor's invariant, which a cursor at rest satisfies; the road may grow, and shrinks only behind the commanded place (the card's window refuses anything else)",
         suffices: "one step from every state is an induction; slopes, braking and easing only choose the wished and the braked rate, and any are asked about; the cursor looks at the road only through its end, its last planned stop and the place it is at",
-        harnesses: &["drive_road_1", "drive_road_3", "drive_starts_3", "drive_rests_1", "drive_presses_3"],
+        harnesses: &["drive_road_1", "drive_road_3", "drive_starts_5", "drive_rests_1", "drive_presses_3"],
         searches: &[],
         models: &[],
         mutants: &[
@@ -369,7 +369,7 @@ pub const ROWS: &[Row] = &[
                 file: CURSOR,
                 find: "let rate = if rate * periods <= way.room()",
                 put: "let rate = if rate <= way.room()",
-                killer: "drive_starts_3",
+                killer: "drive_starts_5",
             },
             Mutant {
                 name: "the stop behind the cursor counts",
@@ -391,7 +391,7 @@ pub const ROWS: &[Row] = &[
         name: "drive-braking",
         says: "A commanded rate that can be braked before the end of the road can be braked by the slopes that are legal anywhere on the machine, stays so when it follows them, and comes to the end",
         requirement: "REV, Beyond the source, *Braking to a place*",
-        bound: "any rate up to 1 in steps of 2⁻¹⁶ (of 2⁻¹² with any road left up to 3 records beyond its ramp, in the same steps), on two machines: 69 % and 92 % of the limits used by the plan",
+        bound: "any rate up to 1 in steps of 2⁻¹⁶ (of 2⁻⁸ with any road left up to 3 records beyond its ramp, in the same steps), on two machines: 69 % and 92 % of the limits used by the plan",
         assumes: "nothing",
         suffices: "the step covers every rate between, as lengths are linear over each stretch of the rate, of which there are 8 here and 32 in a drive; machines differ by the table alone, and drawn ones are tested in the core's own tests",
         harnesses: &["braking_covers_soft", "braking_covers_tight", "braking_keeps_soft"],
@@ -401,7 +401,7 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "a step down over the end of a stretch is not covered",
                 file: BRAKING,
-                find: "self.slopes[(k + 1).min(STRETCHES - 1)]",
+                find: "self.slopes[(k + 1).min(N - 1)]",
                 put: "self.slopes[k.saturating_sub(1)]",
                 killer: "braking_covers_tight",
             },
@@ -415,8 +415,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "more is allowed than can be braked",
                 file: BRAKING,
-                find: "let over = free - 1 - self.lengths[k] - k as Travel * STRETCH;",
-                put: "let over = free + (1 << 24) - self.lengths[k] - k as Travel * STRETCH;",
+                find: "let over = free - 1 - self.lengths[k] - k as Travel * Self::STRETCH;",
+                put: "let over = free + (1 << 24) - self.lengths[k] - k as Travel * Self::STRETCH;",
                 killer: "braking_keeps_soft",
             },
         ],
