@@ -70,7 +70,7 @@ impl Fault {
 }
 
 /// Records that may be on their way to the card, or that it has run since it was heard of, at a common line's latency.
-pub const ON_THE_WAY: u32 = 128;
+pub const ON_THE_WAY: u32 = 120;
 
 /// Standing still for so long (s), with the operator's script at its end, ends the job: nobody will go on.
 const NOBODY_THERE_S: f64 = 10.0;
