@@ -490,7 +490,7 @@ pub const ROWS: &[Row] = &[
         requirement: "REV, Beyond the source, *Rate law* (velocity and acceleration hold always)",
         bound: "any three records with V = 7 and a = 2, any place on them, any two rates in 0 … 1",
         assumes: "the planner keeps its share: |q| ≤ V and |Δq| ≤ αA on every axis (checked on every run by the judge)",
-        suffices: "two periods of |rate| ≤ 1 touch at most three records, and V and a only scale; with row rate-change and the controller's choice of lengths it follows that A holds, but for the rounding that the interface allows",
+        suffices: "two periods of |rate| ≤ 1 touch at most three records, and V and a only scale; with the slopes (row drive-slope; core's test that what is played keeps acceleration and jerk) it follows that A holds, but for the rounding that the interface allows",
         harnesses: &["drive_acceleration"],
         searches: &[],
         models: &[],
