@@ -71,7 +71,9 @@ fn main() {
         while latencies.len() < PRESSES {
             let high = card.status().high;
             let record = Record { increments: [50, 0, 0, 0], line: 1, ..Record::default() };
-            if high.wrapping_sub(card.status().place.record) < 1000 && card.send(Word::Ahead { place: high, record }).is_ok() {
+            if high.wrapping_sub(card.status().place.record) < 1000
+                && card.send(Word::Ahead { place: high, record }).is_ok()
+            {
                 continue;
             }
             let at = pressed.load(Ordering::Relaxed);

@@ -208,7 +208,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             self.alarmed = true;
             self.tell(Happening::Alarm(fault.number, fault.cause.clone(), fault.remedy.clone()));
         }
-        status.at_rest.then(|| Outcome::Alarm(fault.number, fault.cause, fault.remedy))
+        status.at_rest.then_some(Outcome::Alarm(fault.number, fault.cause, fault.remedy))
     }
 
     /// Looks what is planned by now. In virtual time the run must not depend on how fast the planner is: it waits until enough is.
