@@ -7,7 +7,9 @@ use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
-use retrace_core::drive::{Braking, Cursor, Drive, Road, Way};
+#[cfg(not(any(kani, verify_wasm)))]
+use retrace_core::drive::Drive;
+use retrace_core::drive::{Braking, Cursor, Road, Way};
 use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::playback::emission;
 use retrace_core::rate::{RateLaw, Smoothing};

@@ -83,7 +83,7 @@ fn deeds() -> impl Strategy<Value = Vec<(Travel, u32)>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(cases()))]
+    #![proptest_config(ProptestConfig { cases: cases(), failure_persistence: None, ..ProptestConfig::default() })]
 
     /// Whatever is asked when, on whatever path: no limit is broken, and from full speed it is at rest within 300 periods.
     #[test]
