@@ -149,3 +149,62 @@ fn ports_are_listed() {
     assert!(ports["ports"].is_array());
     assert!(!bench.retrace(["card", "ports"]).out.is_empty());
 }
+
+/// Corners, an arc, a dwell, spindle and coolant, an output in passing; two seconds of motion.
+const WORK: &str = "G21 G90 G64 P0.05\nF1800\nM3 S900\nG1 X8 Y2\nG2 X12 Y6 I0 J4\nM62 P2\nG1 X4 Y8\nM8\nG4 P0.1\nG1 X1 Y1\nM9\nM5\n\
+    G0 Z2\nG1 X0\nM2\n";
+
+/// Whatever the operator does on a card at the end of a line, the job ends on the counts that it has in this process, and every place
+/// has one position.
+#[test]
+fn holds_reversals_and_switching_on_a_served_card_end_exactly() {
+    let bench = Bench::new();
+    bench.file("work.ngc", WORK);
+    let script = "at 0.25s hold\nafter 0.2s resume\nafter 0.2s reverse 100%\nafter 0.4s forward 60%\nafter 0.1s reverse 150%\n\
+        after 0.2s leave\nafter 0.3s wheel -120 for 0.3s\nafter 0.1s leave\nat line 10 hold\nafter 0.1s resume\n";
+    bench.file("work.op", script);
+    let served = Served::with(&["--faults", "baud=1000000,latency-us=200"]);
+    let arguments = ["run", "work.ngc", "--operator", "work.op", "--records", "out.csv", "--json", "--card", &served.port];
+    let wired = report(&bench.retrace(arguments));
+    let in_process = report(&bench.retrace(["run", "work.ngc", "--json"]));
+    assert_eq!((&wired["outcome"], &wired["limit_violations"]), (&"completed".into(), &0.into()), "{wired}");
+    for field in ["position_counts", "commanded_mm", "motion_s"] {
+        assert_eq!(wired[field], in_process[field], "{field}");
+    }
+    assert!(wired["reversals"].as_u64().is_some_and(|count| count >= 2), "{wired}");
+    let records = std::fs::read_to_string(bench.path("out.csv")).expect("records");
+    let (mut at, mut positions) = ([0i64; 3], std::collections::HashMap::new());
+    for row in records.lines().skip(1) {
+        let columns: Vec<&str> = row.split(',').collect();
+        for (sum, column) in at.iter_mut().zip(&columns[5..]) {
+            *sum += column.parse::<i64>().expect("increments");
+        }
+        let place = (columns[3].to_owned(), columns[4].to_owned());
+        assert_eq!(*positions.entry(place).or_insert(at), at, "a place with two positions: {row}");
+    }
+    let told = served.told();
+    assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
+}
+
+/// A latched alarm keeps the next job from moving, and is cleared by a command.
+#[test]
+fn a_latched_alarm_is_told_and_cleared() {
+    let bench = Bench::new();
+    bench.file("square.ngc", SQUARE);
+    let served = Served::with(&[]);
+    let host = long_job(&bench, &served);
+    let begun = Instant::now();
+    // until it has come to move something
+    std::thread::sleep(Duration::from_secs(2));
+    kill(host);
+    while served.who(&bench)["alarm"].is_null() && begun.elapsed() < Duration::from_secs(20) {}
+    let refused = served.run(&bench, "square.ngc");
+    assert_eq!(refused.code, Some(3), "{}", refused.out);
+    assert!(refused.out.contains("E3011"), "{}", refused.out);
+    let cleared = bench.retrace(["card", "clear", &served.port]);
+    assert_eq!(cleared.code, Some(0), "{}", cleared.err);
+    assert!(served.who(&bench)["alarm"].is_null());
+    // It stands where it was stopped; a job begins there.
+    let after = report(&served.run(&bench, "square.ngc"));
+    assert_eq!((&after["outcome"], &after["position_counts"]["x"]), (&"completed".into(), &1000.into()), "{after}");
+}

@@ -319,7 +319,7 @@ pub const ROWS: &[Row] = &[
         requirement: "REV, Beyond the source, *Rate law*",
         bound: "averages of 2+2 and 4+2 periods in fixed point, a full rate being 63 last bits; all lengths up to 8 in exact numbers",
         assumes: "targets in 0 … 1: rapid retrace has caps of its own",
-        suffices: "the weights of two averages rise, stay and fall for all lengths alike; the controller takes its lengths from the same plain step, on which αA·r² + V·|r′| ≤ A is largest at the points (it is convex between them)",
+        suffices: "the weights of two averages rise, stay and fall for all lengths alike; the drive averages over 1 and n periods, for which this says |r′| ≤ 1/n; what the axes' limits need beyond that it takes from slopes (rows drive-slope, drive-braking)",
         harnesses: &["law_change_2_2", "law_change_4_2"],
         searches: &[Search { name: "law-corners", run: change_at_every_corner }],
         models: &[],

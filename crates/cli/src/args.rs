@@ -82,6 +82,16 @@ pub enum Card {
         #[arg(long)]
         json: bool,
     },
+    /// Clear the alarm that a card has latched, if its cause is gone. Nothing moves.
+    #[command(after_help = "Example:\n  retrace card clear /dev/ttyUSB0@230400")]
+    Clear {
+        /// The port, `PATH[@BAUD]`; 1000000 baud where none is named.
+        #[arg(value_name = "PORT")]
+        port: String,
+        /// Machine file; a three-axis machine is built in.
+        #[arg(long, value_name = "FILE.toml")]
+        machine: Option<PathBuf>,
+    },
 }
 
 /// `retrace card serve`

@@ -3,14 +3,20 @@
 //! Invariant: asking who is there moves nothing and opens no epoch.
 
 use retrace_hal_serial::{FoundPort, Latency};
-use retrace_link::{CardFault, Greeting, Identity};
+use std::path::Path;
+
+use retrace_controller::refusal::Refusal;
+use retrace_link::{CardFault, Greeting, Identity, MotionCard, Word};
 use serde_json::{Value, json};
 
 use crate::program::Failure;
-use crate::{args, card_serve, wired};
+use crate::{args, card_serve, files, wired};
 
 /// Axes of the largest card.
 const MOST_AXES: usize = 9;
+
+/// Periods within which a card has taken the word and said so.
+const CLEARED_WITHIN: u32 = 300;
 
 /// Runs the command.
 ///
@@ -21,6 +27,7 @@ pub fn run(args: &args::Card) -> Result<(), Failure> {
         args::Card::Serve(args) => card_serve::run(args)?,
         args::Card::Ports { json } => list(&retrace_hal_serial::ports(), *json),
         args::Card::Who { port, json } => who(port, *json)?,
+        args::Card::Clear { port, machine } => clear(port, machine.as_deref())?,
     }
     Ok(())
 }
@@ -71,6 +78,26 @@ fn who(address: &str, json: bool) -> Result<(), Failure> {
         crate::out::line(told(address, greeting, latency));
     }
     Ok(())
+}
+
+/// Clears what is latched: for that an epoch is opened, with the machine's switches, and closed again.
+fn clear(address: &str, machine: Option<&Path>) -> Result<(), Failure> {
+    let machine = files::machine(machine)?;
+    let mut card = wired::open::<MOST_AXES>(address, &machine)?;
+    let Some(alarm) = card.status().alarm else {
+        say!("{address}: no alarm is latched");
+        return card.close().map_err(|fault| wired::failed(address, &fault));
+    };
+    // What the card refuses shows below.
+    let _ = card.send(Word::ClearAlarm);
+    for _ in 0..CLEARED_WITHIN {
+        if card.period().is_ok_and(|status| status.alarm.is_none()) {
+            say!("{address}: cleared: {alarm}");
+            return card.close().map_err(|fault| wired::failed(address, &fault));
+        }
+    }
+    let what = format!("{address}: not cleared, its cause is still there: {alarm}");
+    Err(Failure::Card(Refusal::new(alarm.number(), what, alarm.remedy())))
 }
 
 /// The card's name, as far as it is text.

@@ -57,9 +57,13 @@ fn on_card<const A: usize>(args: &args::Run, machine: Machine, script: Vec<Instr
     }
     // Everything that can be refused without the card is refused before it is asked for.
     Job::open(args, &machine, script.clone())?;
-    let mut card = wired::open::<A>(&args.card, &machine)?;
-    let machine = machine.standing_at(&card.status().counts);
-    let (code, _) = Job::open(args, &machine, script)?.run(&mut *card, true)?;
+    let mut card = wired::find::<A>(&args.card)?;
+    let counts = card.greeting().map_or([0; A], |greeting| greeting.counts);
+    let machine = machine.standing_at(&counts);
+    let job = Job::open(args, &machine, script)?;
+    // From here on the card expects to hear of the host all the time.
+    card.open(machine.card_settings(0)).map_err(|fault| wired::failed(&args.card, &fault))?;
+    let (code, _) = job.run(&mut *card, true)?;
     // The card stands, or has an alarm that says more than this would.
     let _ = card.close();
     Ok(code)

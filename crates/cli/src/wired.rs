@@ -34,9 +34,13 @@ pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, Failure> {
 /// As [`find`]; the card does not take the machine's settings.
 pub fn open<const A: usize>(address: &str, machine: &Machine) -> Result<SerialCard<A>, Failure> {
     let mut card = find::<A>(address)?;
-    card.open(machine.card_settings(0))
-        .map_err(|fault| Failure::Card(Refusal::new(fault.number(), format!("{address}: {fault}"), fault.remedy())))?;
+    card.open(machine.card_settings(0)).map_err(|fault| failed(address, &fault))?;
     Ok(card)
+}
+
+/// The card, or the line to it.
+pub fn failed(address: &str, fault: &impl CardFault) -> Failure {
+    Failure::Card(Refusal::new(fault.number(), format!("{address}: {fault}"), fault.remedy()))
 }
 
 fn refused(refused: retrace_hal_serial::Refused) -> Failure {

@@ -12,6 +12,7 @@ use serde::Deserialize;
 use crate::card::{CardSettings, WrittenCard};
 use crate::law::{self, Stopping};
 use crate::refusal::{Refusal, nearest};
+use crate::session::ON_THE_WAY;
 use crate::switching::SwitchingTable;
 
 /// Axis letters, in the order of positions.
@@ -277,7 +278,7 @@ impl Machine {
                 "a longer control_period_ms, a lower max_velocity_mm_per_s or a higher max_acceleration_mm_per_s2",
             )
         })?;
-        let look_ahead = periods(file.look_ahead_s).max(stopping.foresight_records);
+        let look_ahead = periods(file.look_ahead_s).max(stopping.foresight_records + 2 * ON_THE_WAY);
         let card = file.card.checked(&axes, &file.cutting_outputs, file.control_period_ms)?;
         let wheel_periods = (file.wheel.mean_over_ms / file.control_period_ms).round() as u16;
         let wheel_counts = file.wheel.counts_per_s_at_rate_1 * f64::from(wheel_periods) * period_s;

@@ -71,6 +71,7 @@ fn twelve_bytes_a_period_are_enough_and_nothing_runs_dry() {
                 done.underruns
             );
             assert!(up + down <= 12.0, "{name}: {up} + {down} bytes a period");
+            if std::env::var_os("SHOW").is_some() { for p in done.log.iter().take(700) { println!("{} {} {} {} {} {}", p.at_us/1000, p.place.record, p.place.fraction, p.rate, p.short, p.held); } }
             assert_eq!(done.underruns, 0, "{name}: {:?}", done.events);
         }
     }

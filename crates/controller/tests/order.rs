@@ -147,6 +147,7 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &RigSettings) -> (Vec<Period
             rate: s.rate,
             at_rest: s.at_rest,
             short: s.short,
+            held: s.high,
             counts: s.counts,
             positions: *moment.positions,
             executed: s.executed,

@@ -57,6 +57,22 @@ fn a_hold_on_a_circle_at_full_lateral_acceleration_is_within_the_bound_on_time()
     }
 }
 
+/// Where the path turns tightly, the jerk is what bounds a change of the rate; most of all where it is turned round within the average.
+#[test]
+fn a_hold_that_is_taken_back_keeps_the_jerk_on_a_tight_circle() {
+    for v in [8.0, 12.0, 18.0, 26.0, 40.0, 60.0] {
+        for periods in [18, 30, 42, 51, 64, 90] {
+            let mut played = Played::of(records(&circle(v)));
+            played.run_to_speed();
+            for _ in 0..4 {
+                played.ask(0, periods);
+                played.ask(ONE, periods + 7);
+            }
+            assert_eq!(played.violations(), None, "{v} mm/s, turned round every {periods} periods");
+        }
+    }
+}
+
 /// What an operator does: a target, and for how many periods.
 fn deeds() -> impl Strategy<Value = Vec<(Travel, u32)>> {
     let target = prop_oneof![

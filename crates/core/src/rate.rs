@@ -1,7 +1,7 @@
 //! The rate law: how the rate follows its target (REV-12; REV, *Rate law*).
 //!
-//! A *commanded place* runs along the path at the target rate, without any smoothing, and stops where it must. The cursor is its
-//! moving average, taken twice. From this one idea follows everything that is asked of the law:
+//! A *commanded place* runs along the path at the target rate, and stops where it must. The cursor is its moving average, taken twice.
+//! From this one idea follows everything that is asked of the law:
 //!
 //! - The cursor comes to rest exactly where the commanded place stands, since the mean of equal numbers is that number, and
 //!   never beyond, since a mean never exceeds the largest of what it averages.
@@ -9,8 +9,8 @@
 //! - The distance still to run is known at all times: it is the [`RateLaw::lead`] of the commanded place over the cursor.
 //! - The two lengths alone bound how fast the rate changes, whatever is asked when: for targets in 0 … 1 the change |r′| at
 //!   a rate r is at most what a plain step from 0 to 1 shows at that rate (the trapezoid of two averages is log-concave), and
-//!   |r″| ≤ 2/(n₁·n₂) a period². They are chosen from the machine's limits, so that `αA·r² + V·|r′| ≤ A` holds at every rate
-//!   on the way (controller, `law`).
+//!   |r″| ≤ 2/(n₁·n₂) a period². The drive averages over 1 and n periods and lets the target change with a slope besides, from which
+//!   it takes what the axes' limits need ([`crate::drive`]).
 //!
 //! Invariant: all targets in the memory have one sign; the remainder is in 0 … n₁·n₂; with the memory at zero, lead and
 //! remainder are zero.

@@ -18,6 +18,10 @@ use crate::{Address, Refused, Usb, budget::Budget};
 /// wait; so what nobody reads is dropped before, as it is on a cable where nobody listens.
 const UNANSWERED: usize = 8 * 1024;
 
+/// Most bytes of one write to a pseudo-terminal. Linux takes so many whole where it says that it takes any; of more it may take a part and
+/// wait with the rest.
+pub(crate) const WHOLE: usize = 512;
+
 /// How often a port that was lost is looked for.
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
@@ -68,7 +72,7 @@ impl fmt::Debug for SerialPort {
 }
 
 impl SerialPort {
-    /// Opens a port, and forgets what had come before.
+    /// Opens a port, and forgets what had come before, as far as it has arrived.
     ///
     /// # Errors
     /// `E2141` absent, `E2144` busy, `E2145` forbidden, `E2146` no serial port or not at this baud rate.
@@ -205,6 +209,7 @@ impl Port for SerialPort {
         if room == 0 && self.port.is_some() {
             return Ok(0);
         }
+        let room = if self.is_pty { room.min(WHOLE) } else { room };
         let count = self.with(Duration::ZERO, |port| port.write(&bytes[..room]))?;
         self.budget.spend(self.now_ns(), count);
         self.unanswered += count;

@@ -8,7 +8,10 @@ use std::time::Duration;
 
 use serialport::{SerialPort as _, TTYPort};
 
-/// Bytes that may wait for the host. The system keeps 4 KiB and, beyond that, lets the writer wait.
+use crate::port::WHOLE;
+
+/// Bytes that may wait for the host, as far as the system tells: it moves them on in a thread of its own and does not count those that it
+/// has yet to move, some 16 KiB at most.
 const UNREAD: usize = 2048;
 
 /// The card's end of a pseudo-terminal.
@@ -65,7 +68,7 @@ impl Pty {
         let mut sent = 0;
         self.card.set_timeout(Duration::ZERO)?;
         while sent < room {
-            match self.card.write(&bytes[sent..room]) {
+            match self.card.write(&bytes[sent..room.min(sent + WHOLE)]) {
                 Ok(count) => sent += count,
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if is_nothing(&error) => break,
@@ -80,4 +83,26 @@ impl Pty {
 /// Does the error say no more than that nothing was ready?
 fn is_nothing(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Instant;
+
+    /// Where the system has moved everything on, so many bytes are kept and no more.
+    #[test]
+    fn what_nobody_reads_is_dropped_beyond_what_is_kept() {
+        let mut pty = Pty::open().expect("a pseudo-terminal");
+        let mut kept = 0;
+        for _ in 0..30 {
+            pty.write(&[0xAA; 100]).expect("a line");
+            kept = (kept + 100).min(UNREAD);
+            let begun = Instant::now();
+            while pty.host.bytes_to_read().expect("a line") as usize != kept {
+                assert!(begun.elapsed() < Duration::from_secs(20), "{:?} of {kept}", pty.host.bytes_to_read());
+            }
+        }
+        assert_eq!((kept, pty.dropped()), (UNREAD, 3000 - UNREAD as u64));
+    }
 }

@@ -35,9 +35,10 @@ const ARROWS: &[Arrows] = &[
     arrows("crates/motion/Cargo.toml", &["core"]),
     arrows("crates/card/Cargo.toml", &["core", "link"]),
     arrows("crates/hal-sim/Cargo.toml", &["card", "core", "link"]),
-    arrows("crates/hal-serial/Cargo.toml", &["link"]),
+    // Its example measures the way from a key to the simulated card.
+    Arrows { in_tests: &["core", "hal-sim"], ..arrows("crates/hal-serial/Cargo.toml", &["link"]) },
     // The controller knows no backend; its tests run on the simulated card.
-    Arrows { in_tests: &["hal-sim"], ..arrows("crates/controller/Cargo.toml", &["core", "gcode", "link", "motion"]) },
+    Arrows { in_tests: &["card", "hal-sim"], ..arrows("crates/controller/Cargo.toml", &["core", "gcode", "link", "motion"]) },
     arrows(
         "crates/cli/Cargo.toml",
         &["controller", "core", "cycles", "gcode", "hal-serial", "hal-sim", "link", "motion"],

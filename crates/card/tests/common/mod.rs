@@ -4,6 +4,7 @@
 #![allow(dead_code, reason = "not every test file uses all of it")]
 
 use retrace_card::{Card, Inputs};
+use retrace_core::drive::Braking;
 use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, RapidCap, Record};
 use retrace_link::{Change, Deck, Identity, InputSetting, InputUse, MAX_INPUTS, PROTOCOL, Settings, channel};
@@ -37,10 +38,12 @@ pub(crate) fn identity() -> Identity {
     }
 }
 
-/// Stops within 13 periods; a fault switches output 3 and the spindle off.
+/// Stops within [`STOPS_WITHIN`] periods; a fault switches output 3 and the spindle off.
 pub(crate) fn settings(epoch: u16, start: u32) -> Settings<2> {
     let axis = AxisLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
     let limits = RateLimits::new(13, 1 << 15, [axis; 2]).expect("valid");
+    let braking = Braking::<32>::new(&limits).expect("brakes");
+    assert_eq!(braking.periods() + 13, i64::from(STOPS_WITHIN), "what the law says of these limits");
     let mut settings = Settings::new(epoch, start, 1000, limits);
     let uses = [
         InputUse::Limit { axis: 0, upper: true },
@@ -62,7 +65,7 @@ pub(crate) fn settings(epoch: u16, start: u32) -> Settings<2> {
 }
 
 /// Periods within which the cursor stands after its target has become zero.
-pub(crate) const STOPS_WITHIN: u32 = 13;
+pub(crate) const STOPS_WITHIN: u32 = 45;
 
 /// A card that was opened at record `start`.
 pub(crate) fn opened(start: u32) -> TestCard {

@@ -69,6 +69,9 @@ impl Fault {
     }
 }
 
+/// Records that may be on their way to the card, or that it has run since it was heard of, at a common line's latency.
+pub const ON_THE_WAY: u32 = 120;
+
 /// Standing still for so long (s), with the operator's script at its end, ends the job: nobody will go on.
 const NOBODY_THERE_S: f64 = 10.0;
 
@@ -130,7 +133,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             wheel: Box::new(Wheel::new(machine.wheel_periods, machine.wheel_counts)),
             manner,
             period_s: machine.period_s(),
-            enough: machine.stopping.foresight_records,
+            enough: machine.stopping.foresight_records + ON_THE_WAY,
             patience: u64::from(machine.look_ahead_records),
             cutting: machine.cutting_outputs.clone(),
             observer,

@@ -29,6 +29,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
         let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place) = (self.supply.number(), exclusive.place);
         let instruction = Instruction { number, place, changes, count, periods, until: None };
+        // First the rate: where that is zero still, the card would keep the instruction for a period.
+        self.set_rate(demand);
         self.card.send(Word::Instruction(instruction)).map_err(|refusal| Fault {
             number: "E3001",
             cause: format!("the card did not take {code}: {refusal:?}"),

@@ -2,18 +2,18 @@
 #![allow(unreachable_pub)] // a module of a test
 
 use proptest::prelude::*;
-use retrace_card::Player;
 use retrace_controller::judge::{AxisLimits, LimitJudge};
 use retrace_controller::machine::Machine;
-use retrace_core::{ONE, Place, Record, Travel};
-use retrace_link::Word;
+use retrace_core::{Flags, ONE, Place, Record, Travel};
+use retrace_hal_sim::{Clock, SimCard};
+use retrace_link::{MotionCard, Status, Word};
 use retrace_motion::{Arc, Feed, PathMode, Planner};
 
 /// The fastest feed.
 pub const FEED_MM_S: f64 = 100.0;
 
-/// Records that the player holds: a whole path.
-const WINDOW: usize = 1 << 15;
+/// Records of a path, about, at most.
+const LONGEST: usize = 1 << 15;
 
 /// A programmed move: where it ends, around which centre if around any, and how.
 #[derive(Clone, Debug)]
@@ -73,7 +73,7 @@ pub fn records(path: &[Move]) -> Vec<Record<3>> {
     let mut planner = Planner::new(machine.limits(), [0.0; 3]).expect("valid");
     let mut records = Vec::new();
     for (k, m) in path.iter().enumerate() {
-        if records.len() > WINDOW / 4 {
+        if records.len() > LONGEST / 4 {
             break;
         }
         let (feed, tag) = (Feed::PerSecond(m.feed), k as u32 + 1);
@@ -86,9 +86,9 @@ pub fn records(path: &[Move]) -> Vec<Record<3>> {
         }
         records.extend(std::iter::from_fn(|| planner.next_record()));
     }
-    planner.stop(retrace_core::Flags::NONE);
+    planner.stop(Flags::NONE);
     records.extend(std::iter::from_fn(|| planner.next_record()));
-    assert!(records.len() < WINDOW, "{} records", records.len());
+    assert!(records.len() < LONGEST, "{} records", records.len());
     records
 }
 
@@ -105,9 +105,9 @@ pub struct Stop {
     pub length_mm: f64,
 }
 
-/// A player that holds the whole path, and its judge.
+/// A card that is fed a path, and its judge.
 pub struct Played {
-    player: Box<Player<3, WINDOW, 64>>,
+    card: SimCard<3>,
     judge: Box<LimitJudge<3>>,
     records: Vec<Record<3>>,
     log: Vec<(Place, Travel, [i32; 3])>,
@@ -127,23 +127,44 @@ impl Played {
             }
         };
         let limits = machine.rate_limits().expect("checked");
-        let mut player = Box::new(Player::new(0, limits).expect("fits"));
-        for (place, &record) in records.iter().enumerate() {
-            player.take(Word::Ahead { place: place as u32, record }).expect("room");
-        }
+        let card = SimCard::new(0, limits, Clock::Virtual).expect("fits");
         let judge = Box::new(LimitJudge::new(&std::array::from_fn(axis), machine.period_s()));
-        Self { player, judge, records, log: Vec::new(), asked: 0 }
+        Self { card, judge, records, log: Vec::new(), asked: 0 }
+    }
+
+    fn status(&self) -> &Status<3> {
+        self.card.status()
+    }
+
+    /// Slides the card's window as far as it goes to the side that is asked for.
+    fn feed(&mut self) {
+        loop {
+            let (low, high) = (self.status().low, self.status().high as usize);
+            let word = if self.asked >= 0 && high < self.records.len() {
+                Word::Ahead { place: high as u32, record: self.records[high] }
+            } else if self.asked < 0 && low > 0 {
+                let n = low as usize - 1;
+                let rests = n == 0 || self.records[n - 1].flags.has(Flags::REST);
+                Word::Behind { place: n as u32, record: self.records[n], rests }
+            } else {
+                return;
+            };
+            if self.card.send(word).is_err() {
+                return;
+            }
+        }
     }
 
     fn period(&mut self) {
-        let status = *self.player.period();
+        self.feed();
+        let status = *self.card.period().expect("no fault");
         self.judge.push(&status.increments, status.rate);
         self.log.push((status.place, status.rate, status.increments));
     }
 
     /// Asks for a rate, for so many periods.
     pub fn ask(&mut self, target: Travel, periods: u32) {
-        self.player.take(Word::Rate { target }).expect("a rate");
+        self.card.send(Word::Rate { target }).expect("a rate");
         self.asked = target;
         (0..periods).for_each(|_| self.period());
     }
@@ -152,8 +173,8 @@ impl Played {
     pub fn ask_until_rest(&mut self, target: Travel) {
         let end = if target < 0 { 0 } else { self.records.len() as u32 };
         self.ask(target, 0);
-        for _ in 0..4 * WINDOW {
-            if self.player.status().at_rest && self.player.status().place == Place::start_of(end) {
+        for _ in 0..4 * LONGEST {
+            if self.status().at_rest && self.status().place == Place::start_of(end) {
                 return;
             }
             self.period();
@@ -181,10 +202,10 @@ impl Played {
 
     /// Holds until rest.
     pub fn hold(&mut self) -> Stop {
-        let (from, asked) = (self.player.status().rate, self.asked);
+        let (from, asked) = (self.status().rate, self.asked);
         let begin = self.log.len();
         self.ask(0, 0);
-        while !self.player.status().at_rest {
+        while !self.status().at_rest {
             self.period();
             assert!(self.log.len() - begin < 5000, "never at rest");
         }
@@ -198,12 +219,12 @@ impl Played {
     }
 
     pub fn at_end(&self) -> bool {
-        self.player.status().place == Place::start_of(self.records.len() as u32)
+        self.status().place == Place::start_of(self.records.len() as u32)
     }
 
     /// What the judge has found so far.
     pub fn violations(&self) -> Option<String> {
-        if !self.player.status().at_rest {
+        if !self.status().at_rest {
             // the standstill that the judge sees behind the end would come too soon
             return (self.judge.violations() > 0).then(|| "in motion".to_string());
         }
@@ -214,7 +235,7 @@ impl Played {
     /// The judge's last word, and the counts.
     pub fn finish(self) -> [i64; 3] {
         assert_eq!(self.violations(), None);
-        self.player.status().counts
+        self.status().counts
     }
 }
 

@@ -108,6 +108,8 @@ pub struct Period {
     pub rate: Travel,
     pub at_rest: bool,
     pub short: bool,
+    /// The end of the window.
+    pub held: u32,
     pub counts: [i64; AXES],
     /// Counted at the pins.
     pub positions: [i64; AXES],
@@ -248,6 +250,7 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
             rate: s.rate,
             at_rest: s.at_rest,
             short: s.short,
+            held: s.high,
             counts: s.counts,
             positions: *moment.positions,
             executed: s.executed,

@@ -50,7 +50,7 @@ mod tests {
         #[test]
         fn a_boundary_is_hit(share in 0..=ONE, passed in 0..ONE, slope in prop_oneof![1i64 << 16..ONE / 8, Just(ONE), Just(ONE / 3)]) {
             let from = eased_from(slope);
-            let (mut lack, mut passed) = ((i128::from(from) * i128::from(share) >> 32) as Travel, passed);
+            let (mut lack, mut passed) = (((i128::from(from) * i128::from(share)) >> 32) as Travel, passed);
             let mut periods = 0;
             while (lack, passed) != (0, 0) {
                 let now = next(lack, passed, slope);

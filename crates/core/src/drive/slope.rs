@@ -88,6 +88,61 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// An axis, and records that ask of it, all over, what they are drawn to ask within what the plan may use.
+    fn scene() -> impl Strategy<Value = (RateLimits<1>, Demand)> {
+        let figures = (20u32..40, 0u32..8, 1u64..80, 20_000u16..62_000, [0.02..1.0f64, 0.0..1.0f64, 0.0..1.0f64]);
+        figures.prop_filter_map("too fast for a length of 100", |(bits, acceleration, n, share, shares)| {
+            let velocity = 1 << bits;
+            let acceleration = (velocity >> acceleration).max(1 << 10);
+            let axis = AxisLimits { velocity, acceleration, jerk: (acceleration / n).max(1 << 9) };
+            let average = axis.acceleration.div_ceil(axis.jerk).min(99) as u16 | 1;
+            let limits = RateLimits::new(average, share, [axis])?;
+            let part = |figure: u64, share: f64| (figure as f64 * share) as u64;
+            let demand = Demand {
+                velocity: part(axis.velocity, shares[0]).max(1),
+                acceleration: part(highest_acceleration(&limits, &axis), shares[1]),
+                jerk: part(highest_jerk(&limits, &axis), shares[2]),
+            };
+            Some((limits, demand))
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        /// Whatever is asked when, where records ask the same all over: acceleration and jerk of what is played.
+        #[test]
+        fn what_is_played_keeps_acceleration_and_jerk(
+            (limits, demand) in scene(), asked in prop::collection::vec((prop_oneof![Just(0), Just(ONE), 0..=ONE], 1usize..150), 1..12),
+        ) {
+            let survey = Survey { demands: [demand], least_cap: 16, most_cap: 16 };
+            let (n, axis) = (usize::from(limits.average()), limits.axes()[0]);
+            let (mut commanded, mut played) = (vec![0; n], vec![0.0; 3]);
+            for (asked, periods) in asked {
+                for _ in 0..periods {
+                    let memory = &commanded[commanded.len() - n..];
+                    let (rate, highest) = (memory[n - 1], *memory.iter().max().expect("some"));
+                    commanded.push(if asked < rate {
+                        (rate - falling(&limits, &survey, rate, highest)).max(asked)
+                    } else {
+                        (rate + rising(&limits, &survey, rate)).min(asked)
+                    });
+                    let sum: Travel = commanded[commanded.len() - n..].iter().sum();
+                    played.push(sum as f64 / n as f64 / ONE as f64);
+                }
+            }
+            let [velocity, acceleration, jerk] = [demand.velocity, demand.acceleration, demand.jerk].map(|x| x as f64);
+            for r in played.windows(3) {
+                let (rate, change, bend) = ((r[0] + r[1] + r[2]) / 3.0, (r[2] - r[1]).abs().max((r[1] - r[0]).abs()), r[2] - 2.0 * r[1] + r[0]);
+                let faster = r[1].max(r[2]);
+                let accelerated = acceleration * faster * faster + velocity * (r[2] - r[1]).abs();
+                prop_assert!(accelerated <= 1.001 * axis.acceleration as f64, "{accelerated} of {axis:?}");
+                let jerked = jerk * rate.powi(3) + 3.0 * acceleration * rate * change + velocity * bend.abs();
+                prop_assert!(jerked <= 2.002 * axis.jerk as f64, "{jerked} of {axis:?}, {demand:?}, {r:?}");
+            }
+        }
+    }
+
     proptest! {
         #[test]
         fn a_ratio_is_rounded_down_and_good_to_thirty_bits(numerator in 0u64..1 << 51, bits in 0u32..40, low in any::<u64>()) {

@@ -9,6 +9,9 @@ use crate::wire::{Entry, Greeting, Reader, kind};
 /// After a gap that the card tells of words are sent again, at most so often.
 const GAP_US: u64 = 12_000;
 
+/// A card that has answered so many openings without opening will not.
+const REFUSALS: u8 = 3;
+
 impl<const A: usize> Host<A> {
     /// Takes bytes off the line.
     pub fn receive(&mut self, bytes: &[u8], now_us: u64) {
@@ -52,9 +55,10 @@ impl<const A: usize> Host<A> {
         let Some(settings) = &self.settings else { return };
         match self.phase {
             Phase::Opening if greeting.epoch == settings.epoch => self.phase = Phase::Open,
-            Phase::Opening if greeting.last_epoch != settings.epoch && greeting.nonce == 0 => {
-                // Answered, and not opened: in motion still, or by such settings it cannot work.
-                if greeting.at_rest {
+            Phase::Opening if greeting.nonce == 0 && greeting.at_rest => {
+                // Answered, at rest, and not opened; once may be a straggler of an older connection.
+                self.refusals += 1;
+                if self.refusals >= REFUSALS {
                     self.fault = Some(HostFault::Unfit);
                 }
             }

@@ -98,6 +98,8 @@ pub struct Host<const A: usize> {
     missing: bool,
     /// The card moves by itself, off the path, until the next opening: homing.
     off_path: bool,
+    /// Openings that were answered and not followed.
+    refusals: u8,
     fault: Option<HostFault>,
     alarm: Option<Alarm>,
     times: Times,
@@ -153,6 +155,7 @@ impl<const A: usize> Host<A> {
             echo: None,
             missing: false,
             off_path: false,
+            refusals: 0,
             fault: None,
             alarm: None,
             times: Times::default(),
@@ -192,7 +195,7 @@ impl<const A: usize> Host<A> {
         (self.taken, self.waiting, self.next_entry) = (0, 0, 0);
         (self.newest, self.held) = (Place::start_of(start), start);
         self.status = Status { counts, ..Status::standing(start) };
-        (self.echo, self.off_path, self.fault, self.alarm) = (None, false, None, None);
+        (self.echo, self.off_path, self.refusals, self.fault, self.alarm) = (None, false, 0, None, None);
         self.times.asked = 0;
         self.times.heard = self.times.now;
         self.settings = Some(settings);
