@@ -18,4 +18,4 @@ pub const WINDOW: usize = 1024;
 /// Longest average of its rate law, in periods.
 pub const MEMORY: usize = 256;
 /// Entries of reports that the host has not confirmed.
-pub const ENTRIES: usize = 512;
+pub const ENTRIES: usize = 256;

@@ -4,8 +4,8 @@
 
 /// Slots a second: steps begin and end on them, so an axis makes at most half as many steps a second.
 pub const SLOT_HZ: u32 = 100_000;
-/// Shortest control period that is accepted, in microseconds.
-pub const SHORTEST_US: u32 = 500;
+/// Shortest control period that is accepted, in microseconds: what the chip has time for (docs/firmware.md, *Figures*).
+pub const SHORTEST_US: u32 = if cfg!(feature = "f405") { 500 } else { 1000 };
 /// Longest control period that is accepted, in microseconds.
 pub const LONGEST_US: u32 = 20_000;
 

@@ -12,7 +12,7 @@ const FLASH: u32 = 64 * 1024;
 /// Most bytes of RAM, with the stack.
 const RAM: u32 = 48 * 1024;
 /// Bytes of RAM that are kept for the stack; `firmware test` measures that it is enough.
-pub(super) const STACK: u32 = 6 * 1024;
+pub(super) const STACK: u32 = 10 * 1024;
 /// Where RAM begins.
 pub(super) const RAM_BEGINS: u32 = 0x2000_0000;
 
