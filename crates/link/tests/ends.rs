@@ -54,10 +54,10 @@ impl Works {
         status.period += 1;
         (status.place, status.rate) = (to, from.to(to));
         status.at_rest = status.rate == 0;
-        for axis in 0..3 {
-            status.counts[axis] += increments[axis];
-            status.increments[axis] = increments[axis] as i32;
+        for (count, increment) in status.counts.iter_mut().zip(increments) {
+            *count += increment;
         }
+        status.increments = increments.map(|pulses| pulses as i32);
         if self.open {
             self.log.push(*status);
         }
