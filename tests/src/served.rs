@@ -47,10 +47,18 @@ impl Served {
         serde_json::from_str(&said.out).expect("one JSON object")
     }
 
-    /// Runs a program on it.
+    /// Runs a program on it, with a watchdog that forgives a computer that is under load: what it does is looked at elsewhere.
     #[must_use]
     pub fn run(&self, bench: &Bench, program: &str) -> Said {
-        bench.retrace(["run", program, "--card", &self.port, "--json"])
+        self.run_with(bench, program, &[])
+    }
+
+    /// The same with further arguments.
+    #[must_use]
+    pub fn run_with(&self, bench: &Bench, program: &str, arguments: &[&str]) -> Said {
+        bench.file("patient.toml", "[card]\nwatchdog_ms = 2000\n");
+        let usual = ["run", program, "--card", &self.port, "--machine", "patient.toml", "--json"];
+        bench.retrace(usual.iter().chain(arguments))
     }
 
     /// Ends it: what it tells at its end.

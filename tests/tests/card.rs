@@ -164,12 +164,10 @@ fn holds_reversals_and_switching_on_a_served_card_end_exactly() {
         after 0.2s leave\nafter 0.3s wheel -120 for 0.3s\nafter 0.1s leave\nat line 10 hold\nafter 0.1s resume\n";
     bench.file("work.op", script);
     let served = Served::with(&["--faults", "baud=1000000,latency-us=200"]);
-    let arguments =
-        ["run", "work.ngc", "--operator", "work.op", "--records", "out.csv", "--json", "--card", &served.port];
-    let wired = report(&bench.retrace(arguments));
+    let wired = report(&served.run_with(&bench, "work.ngc", &["--operator", "work.op", "--records", "out.csv"]));
     let in_process = report(&bench.retrace(["run", "work.ngc", "--json"]));
     assert_eq!((&wired["outcome"], &wired["limit_violations"]), (&"completed".into(), &0.into()), "{wired}");
-    for field in ["position_counts", "commanded_mm", "motion_s"] {
+    for field in ["position_counts", "commanded_mm"] {
         assert_eq!(wired[field], in_process[field], "{field}");
     }
     assert!(wired["reversals"].as_u64().is_some_and(|count| count >= 2), "{wired}");

@@ -58,6 +58,7 @@ fn on_card<const A: usize>(args: &args::Run, machine: Machine, script: Vec<Instr
     // Everything that can be refused without the card is refused before it is asked for.
     Job::open(args, &machine, script.clone())?;
     let mut card = wired::find::<A>(&args.card)?;
+    card.settle(wired::nonce()).map_err(|fault| wired::failed(&args.card, &fault))?;
     let counts = card.greeting().map_or([0; A], |greeting| greeting.counts);
     let machine = machine.standing_at(&counts);
     let job = Job::open(args, &machine, script)?;

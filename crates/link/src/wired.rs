@@ -98,6 +98,23 @@ impl<const A: usize, P: Port> Wired<A, P> {
         self.until(|host| host.greeting().is_some())
     }
 
+    /// Asks until the machine stands: a card that its host left in motion brakes first.
+    ///
+    /// # Errors
+    /// As [`Wired::find`]; also where it does not come to rest in that time.
+    pub fn settle(&mut self, nonce: u32) -> Result<(), WiredFault<P::Fault>> {
+        let begun = self.port.now_us();
+        let mut question = nonce;
+        while !self.host.greeting().is_some_and(|greeting| greeting.at_rest) {
+            if self.port.now_us().saturating_sub(begun) > self.patience.answer_us {
+                return Err(WiredFault::Host(HostFault::Unfit));
+            }
+            question = question.wrapping_add(1);
+            self.ask(question)?;
+        }
+        Ok(())
+    }
+
     /// Begins an epoch with these settings, and waits for its first report.
     ///
     /// # Errors
