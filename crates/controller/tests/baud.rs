@@ -6,6 +6,7 @@ mod wired;
 use std::path::PathBuf;
 
 use retrace_controller::machine::Machine;
+use retrace_controller::session::Outcome;
 use retrace_hal_sim::RigSettings;
 use wired::{Done, Path, Trial, ended_well, good_line, run};
 
@@ -64,6 +65,11 @@ fn twelve_bytes_a_period_are_enough_and_nothing_runs_dry() {
             let text = beginning(&std::fs::read_to_string(&file).expect("a program"), 400);
             let name = file.file_name().expect("a file").to_string_lossy().into_owned();
             let done = over(&machine, &text, "", baud);
+            if let Outcome::Refused(why) = &done.outcome {
+                // its beginning alone is no program
+                println!("{name}: left out: {why}");
+                continue;
+            }
             assert!(done.completed(), "{name}: {:?}", done.outcome);
             let [up, down] = cost(&done);
             println!(
@@ -71,19 +77,6 @@ fn twelve_bytes_a_period_are_enough_and_nothing_runs_dry() {
                 done.underruns
             );
             assert!(up + down <= 12.0, "{name}: {up} + {down} bytes a period");
-            if std::env::var_os("SHOW").is_some() {
-                for p in done.log.iter().take(700) {
-                    println!(
-                        "{} {} {} {} {} {}",
-                        p.at_us / 1000,
-                        p.place.record,
-                        p.place.fraction,
-                        p.rate,
-                        p.short,
-                        p.held
-                    );
-                }
-            }
             assert_eq!(done.underruns, 0, "{name}: {:?}", done.events);
         }
     }

@@ -54,19 +54,6 @@ fn whatever_the_line_does_a_job_ends_exactly_or_in_a_latched_alarm() {
                 if let Err(what) = ended_well(&path, &done) {
                     panic!("seed {seed}, 10^{exponent} a byte: {what}\n{program}\n{script}\n{:?}", done.events);
                 }
-                if done.violations > 0 && std::env::var_os("SHOW").is_some() {
-                    for p in done.log.iter().filter(|p| p.rate != 0) {
-                        println!(
-                            "{} {:?} {} {:?} {}",
-                            p.at_us,
-                            p.place,
-                            p.rate as f64 / 4294967296.0,
-                            p.counts,
-                            p.short
-                        );
-                    }
-                    println!("{:?}\n{program}\n{script}", done.events);
-                }
                 assert_eq!(done.violations, 0, "seed {seed}: {}", done.first_violation);
                 let lines = done.cable.port.rig().lines();
                 faults += lines.iter().map(|line| line.tally().faults()).sum::<u64>();

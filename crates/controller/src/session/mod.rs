@@ -391,10 +391,13 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
                 _ => Outcome::Completed,
             });
         }
-        // In wall time a feed may stall for as long as it likes; what waits for an operator who will not come does not.
-        let waits =
-            self.operation.mode() != Mode::Run || self.operation.held() || self.program_stop || self.single_stop;
-        let nobody = self.operator.finished() && (!self.manner.wall_time || (waits && self.manner.operator));
+        // A feed or a line may stall for as long as it likes; what waits for an operator who will not come does not.
+        let waits = self.operation.mode() != Mode::Run
+            || self.operation.held()
+            || self.operation.override_rate() == 0
+            || self.program_stop
+            || self.single_stop;
+        let nobody = waits && self.operator.finished() && (!self.manner.wall_time || self.manner.operator);
         (nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S).then_some(Outcome::Stopped)
     }
 

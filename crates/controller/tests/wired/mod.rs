@@ -16,7 +16,7 @@ use retrace_controller::session::{Manner, Observer, Outcome};
 use retrace_core::mode::Operation;
 use retrace_core::playback::part;
 use retrace_core::{Place, Travel};
-use retrace_gcode::{Program, Progress, Setup, Step};
+use retrace_gcode::{AxisSet, Program, Progress, Setup, Step};
 use retrace_hal_sim::{Clock, InProcess, Leftover, LineSettings, NoFault, Random, Rig, RigSettings, SimCard};
 use retrace_link::{LineCounts, MotionCard, Outputs, Patience, Port, Status, Wired};
 
@@ -29,7 +29,8 @@ pub struct Decoder(Program<&'static [u8]>);
 impl Decoder {
     /// A program from its text, which lives as long as the test.
     pub fn new(text: &str) -> Self {
-        Self(Program::new(text.to_owned().leak().as_bytes(), Setup::default()))
+        let setup = Setup { axes: AxisSet::XYZABC, ..Setup::default() };
+        Self(Program::new(text.to_owned().leak().as_bytes(), setup))
     }
 }
 
