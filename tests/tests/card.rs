@@ -207,3 +207,18 @@ fn a_latched_alarm_is_told_and_cleared() {
     let after = report(&served.run(&bench, "square.ngc"));
     assert_eq!((&after["outcome"], &after["position_counts"]["x"]), (&"completed".into(), &1000.into()), "{after}");
 }
+
+/// What a card cannot do is said before anything is opened.
+#[test]
+fn a_machine_that_the_card_does_not_fit_is_refused() {
+    let bench = Bench::new();
+    bench.file("square.ngc", SQUARE);
+    let axis = "[[axis]]\nname = \"x\"\npulses_per_mm = 30000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+        max_jerk_mm_per_s3 = 20000\ntravel_mm = [-10, 10]\n";
+    let file = [axis.to_owned(), axis.replace("\"x\"", "\"y\"").replace("30000", "1000")].concat();
+    bench.file("fine.toml", file);
+    let served = Served::with(&[]);
+    let said = bench.retrace(["run", "square.ngc", "--machine", "fine.toml", "--card", &served.port]);
+    assert_eq!(said.code, Some(3), "{}", said.err);
+    assert!(said.err.contains("E3008") && said.err.contains("axis X") && said.err.contains("2000000"), "{}", said.err);
+}

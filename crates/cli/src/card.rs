@@ -83,7 +83,8 @@ fn who(address: &str, json: bool) -> Result<(), Failure> {
 /// Clears what is latched: for that an epoch is opened, with the machine's switches, and closed again.
 fn clear(address: &str, machine: Option<&Path>) -> Result<(), Failure> {
     let machine = files::machine(machine)?;
-    let mut card = wired::open::<MOST_AXES>(address, &machine)?;
+    let mut card = wired::find::<MOST_AXES>(address)?;
+    card.open(machine.card_settings(0)).map_err(|fault| wired::failed(address, &fault))?;
     let Some(alarm) = card.status().alarm else {
         say!("{address}: no alarm is latched");
         return card.close().map_err(|fault| wired::failed(address, &fault));

@@ -59,7 +59,11 @@ fn on_card<const A: usize>(args: &args::Run, machine: Machine, script: Vec<Instr
     Job::open(args, &machine, script.clone())?;
     let mut card = wired::find::<A>(&args.card)?;
     card.settle(wired::nonce()).map_err(|fault| wired::failed(&args.card, &fault))?;
-    let counts = card.greeting().map_or([0; A], |greeting| greeting.counts);
+    let mut counts = [0; A];
+    if let Some(greeting) = card.greeting() {
+        wired::fits(&args.card, &greeting.identity, &machine)?;
+        counts = greeting.counts;
+    }
     let machine = machine.standing_at(&counts);
     let job = Job::open(args, &machine, script)?;
     // From here on the card expects to hear of the host all the time.

@@ -7,7 +7,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_hal_serial::{Address, SerialPort};
-use retrace_link::{CardFault, Patience, Wired};
+use retrace_link::{CardFault, Identity, Patience, Wired};
 
 use crate::program::Failure;
 
@@ -28,14 +28,33 @@ pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, Failure> {
     Ok(Box::new(card))
 }
 
-/// Finds the card, and opens it for a machine.
+/// Can this card do what the machine file asks for?
 ///
 /// # Errors
-/// As [`find`]; the card does not take the machine's settings.
-pub fn open<const A: usize>(address: &str, machine: &Machine) -> Result<SerialCard<A>, Failure> {
-    let mut card = find::<A>(address)?;
-    card.open(machine.card_settings(0)).map_err(|fault| failed(address, &fault))?;
-    Ok(card)
+/// `E3008` with what it cannot.
+pub fn fits(address: &str, identity: &Identity, machine: &Machine) -> Result<(), Failure> {
+    let refuse = |what: String| {
+        let remedy = "change the machine file, or take another card; `retrace card who PORT` says what this one can";
+        Err(Failure::Card(Refusal::new("E3008", format!("{address}: {what}"), remedy)))
+    };
+    if machine.axes.len() > usize::from(identity.axes) {
+        return refuse(format!("the machine has {} axes, the card {}", machine.axes.len(), identity.axes));
+    }
+    let (least, most) = (identity.shortest_period_us, identity.longest_period_us);
+    if !(least..=most).contains(&machine.period_us) {
+        return refuse(format!("a control period of {} µs, and the card takes {least} to {most}", machine.period_us));
+    }
+    for axis in &machine.axes {
+        let pulses = axis.pulses_per_mm * axis.max_velocity_mm_per_s;
+        if pulses > f64::from(identity.most_pulses_hz) {
+            let name = axis.name.to_ascii_uppercase();
+            return refuse(format!(
+                "axis {name} makes up to {pulses:.0} pulses a second, the card {}",
+                identity.most_pulses_hz
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// The card, or the line to it.

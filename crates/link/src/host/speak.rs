@@ -9,7 +9,7 @@ use crate::wire::{Opening, Run, Writer, kind, write_word};
 
 /// Records are sent when there are so many, or when one has waited for [`GATHER_US`].
 const GATHER: usize = 8;
-const GATHER_US: u64 = 6_000;
+const GATHER_US: u64 = 12_000;
 /// A question or an opening is repeated after so long.
 const ASK_US: u64 = 40_000;
 /// A rate that is not confirmed is repeated after so long.
