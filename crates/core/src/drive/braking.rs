@@ -65,8 +65,9 @@ impl<const N: usize> Braking<N> {
             self.rises[k] = (SIXTEENTHS * end + slope - 1).div_euclid(slope) as u32;
             let rise = Travel::from(self.rises[k]);
             if k == 0 {
-                // up to one slope the ramp has no length: a single period ends it
-                length = -(self.slopes[0] * rise).div_euclid(SIXTEENTHS);
+                // Up to one slope the ramp has no length: a single period ends it. From just above the stretch the slope is that of
+                // the next one, which is less: what it leaves is to be covered too.
+                length = -(self.slopes[1.min(N - 1)] * rise).div_euclid(SIXTEENTHS);
             }
             self.lengths[k] = length;
             length += Self::STRETCH * rise / SIXTEENTHS;
@@ -133,7 +134,8 @@ impl<const N: usize> Braking<N> {
             let over = free - 1 - self.lengths[k] - k as Travel * Self::STRETCH;
             if over >= 0 {
                 let more = over.min(1 << 56) * SIXTEENTHS / (SIXTEENTHS + Travel::from(self.rises[k]));
-                return (k as Travel * Self::STRETCH + more.min(Self::STRETCH)).min(free);
+                // A single period ends what is no more than a slope.
+                return (k as Travel * Self::STRETCH + more.min(Self::STRETCH)).clamp(self.slopes[0], free);
             }
         }
         0
