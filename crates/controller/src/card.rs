@@ -132,7 +132,7 @@ impl WrittenCard {
         Ok(CardSettings {
             watchdog_periods: periods(self.watchdog_ms) as u16,
             // A report costs some thirty bytes: on a slow clock it may come a little later.
-            report_periods: periods(self.report_every_ms).max((12.0 / period_ms).floor().min(6.0)).min(255.0) as u8,
+            report_periods: periods(self.report_every_ms).max((16.0 / period_ms).floor().min(8.0)).min(255.0) as u8,
             pulse_ns: (1000.0 * self.step_pulse_us) as u16,
             direction_setup_ns: (1000.0 * self.direction_setup_us) as u16,
             direction_inverted,
@@ -182,7 +182,7 @@ mod tests {
             [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
         let settings = machine(text).expect("valid").card_settings::<4>(7);
         assert_eq!((settings.start, settings.axes, settings.period_us), (7, 3, 2000));
-        assert_eq!((settings.watchdog_periods, settings.report_periods), (150, 6));
+        assert_eq!((settings.watchdog_periods, settings.report_periods), (150, 8));
         assert_eq!((settings.pulse_ns, settings.direction_inverted), (3500, 2));
         let limit = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
         assert_eq!((settings.inputs[2], settings.inputs[13].used_for), (limit, InputUse::EmergencyStop));
