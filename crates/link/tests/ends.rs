@@ -331,6 +331,62 @@ proptest! {
     }
 }
 
+/// A stop does not wait behind a long frame: the frame is cut short, and its records come again.
+#[test]
+fn a_stop_cuts_a_long_frame_short() {
+    let mut bench = Bench::new(5, 0, 0);
+    bench.run_to(ONE, 100, 0, 150);
+    // everything that was on its way has arrived, and long records wait
+    for _ in 0..100 {
+        bench.step_period();
+    }
+    for place in 150..200 {
+        let wild = (place as i16).wrapping_mul(7919);
+        let record = Record { increments: [wild, !wild, wild / 3], line: place * 1000, ..Record::default() };
+        bench.host.send(Word::Ahead { place, record }).expect("room");
+    }
+    let mut bytes = [0; 30];
+    assert_eq!(bench.host.transmit(bench.now_us, &mut bytes), 30, "the beginning of a long frame");
+    bytes.iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
+    bench.host.send(Word::Rate { target: 0 }).expect("a rate");
+    assert_eq!(bench.host.transmit(bench.now_us, &mut bytes), 30);
+    bytes.iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
+    assert_eq!((bench.works.target, bench.works.status.high), (0, 150), "the stop is there before the records");
+    bench.until(|b| b.works.status.high == 200);
+}
+
+/// A pulse that the card has lost, or made, is seen by the next report.
+#[test]
+fn counts_that_are_not_those_of_the_path_are_noticed() {
+    let mut bench = Bench::new(5, 0, 0);
+    bench.run_to(ONE, 100, 0, 200);
+    bench.works.status.counts[1] += 1;
+    for _ in 0..300 {
+        bench.step();
+        while bench.host.next_period() {}
+    }
+    assert_eq!(bench.host.fault(), Some(HostFault::Disagrees));
+}
+
+/// What the card has taken and could not confirm comes again, and is not taken again.
+#[test]
+fn a_word_that_comes_twice_is_taken_once() {
+    let mut bench = Bench::new(5, 0, 0);
+    for value in 1..=3 {
+        bench.host.send(Word::ByHand(Change { channel: 3, value })).expect("room");
+        // no report comes through for 150 ms
+        for _ in 0..1500 {
+            bench.now_us += 100;
+            let mut bytes = [0; 10];
+            let count = bench.host.transmit(bench.now_us, &mut bytes);
+            bytes[..count].iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
+        }
+    }
+    bench.until(|b| b.host.status().outputs[3] == 3);
+    assert_eq!(bench.works.by_hand, [1, 2, 3]);
+    assert!(bench.host.line().again > 0, "words were sent again");
+}
+
 #[test]
 fn a_card_that_was_restarted_is_noticed() {
     let mut bench = Bench::new(5, 0, 0);
