@@ -3,15 +3,13 @@
 
 mod wired;
 
-use std::sync::{Arc, Mutex};
-
 use retrace_controller::machine::Machine;
 use retrace_core::gate::Gates;
 use retrace_core::place::before;
 use retrace_core::{Flags, ONE, Place, Record};
 use retrace_hal_sim::{InProcess, LineSettings, Random, Rig, RigSettings};
 use retrace_link::{Change, HostFault, Instruction, MotionCard, Patience, Wired, WiredFault, Word, channel};
-use wired::{AXES, CardLog, Path, Period, Trial, ended_well, in_order, pick, run};
+use wired::{AXES, Path, Period, Trial, ended_well, in_order, pick, run, watched};
 
 fn asked(usual: u64) -> (u64, u64) {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
@@ -137,24 +135,7 @@ enum End {
 fn play(tape: &Tape, policy: &mut impl Policy, rig: &RigSettings) -> (Vec<Period>, End) {
     let machine = Machine::built_in().expect("valid");
     let mut rig = Rig::<AXES>::new(rig).expect("a card");
-    let log = CardLog::default();
-    let sink: Arc<Mutex<Vec<Period>>> = Arc::clone(&log);
-    rig.watch(Box::new(move |moment| {
-        let s = moment.status;
-        sink.lock().expect("one thread").push(Period {
-            at_us: moment.at_us,
-            place: s.place,
-            rate: s.rate,
-            at_rest: s.at_rest,
-            short: s.short,
-            held: s.high,
-            counts: s.counts,
-            positions: *moment.positions,
-            executed: s.executed,
-            outputs: s.outputs,
-            alarm: s.alarm.is_some(),
-        });
-    }));
+    let log = watched(&mut rig);
     let mut card = Box::new(Wired::find(InProcess::new(rig), 7, Patience::default()).expect("it answers"));
     card.open(machine.card_settings(0)).expect("it opens");
     card.send(Word::Rate { target: ONE }).expect("a rate");

@@ -1,25 +1,13 @@
 //! The decoder, with frames of noise and with real ones that were damaged: no panic, and no false frame beyond the checksum's odds.
 
+mod dice;
+
+use dice::Dice;
 use retrace_link::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE, encode};
 
 fn asked(usual: u64) -> (u64, u64) {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
     (number("RETRACE_CASES").unwrap_or(usual), number("RETRACE_FIRST_SEED").unwrap_or(1))
-}
-
-/// Steele's splitmix.
-struct Dice(u64);
-
-impl Dice {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let x = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let x = (x ^ x >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        x ^ x >> 31
-    }
-    fn below(&mut self, n: usize) -> usize {
-        (self.next() % n as u64) as usize
-    }
 }
 
 /// Noise of the shape of a frame: a true length, and bytes that are not zero.

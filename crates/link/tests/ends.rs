@@ -1,6 +1,9 @@
 //! Both ends of the line, with a line between them that fails, and works that only count: what the host gives out is what the card
 //! did, period by period, and every word is taken once.
 
+mod dice;
+
+use dice::Dice;
 use proptest::prelude::*;
 use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, Record, Travel};
@@ -136,21 +139,6 @@ fn record(place: u32) -> Record<3> {
     let slow = (place / 50 % 40) as i16;
     let wild = if place.is_multiple_of(31) { (x >> 16) as i16 } else { slow / 2 };
     Record { increments: [slow, -slow * 3, wild], line: place / 20, flags, ..Record::default() }
-}
-
-/// A small generator: Steele's splitmix.
-struct Dice(u64);
-
-impl Dice {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let x = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let x = (x ^ x >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        x ^ x >> 31
-    }
-    fn one_in(&mut self, n: u64) -> bool {
-        n > 0 && self.next().is_multiple_of(n)
-    }
 }
 
 struct Bench {

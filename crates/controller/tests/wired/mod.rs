@@ -122,6 +122,29 @@ pub struct Period {
 /// Everything the card did, while a job was open on it.
 pub type CardLog = Arc<Mutex<Vec<Period>>>;
 
+/// Takes down every control period of a rig's card from now on.
+pub fn watched(rig: &mut Rig<AXES>) -> CardLog {
+    let log = CardLog::default();
+    let sink = Arc::clone(&log);
+    rig.watch(Box::new(move |moment| {
+        let s = moment.status;
+        sink.lock().expect("one thread").push(Period {
+            at_us: moment.at_us,
+            place: s.place,
+            rate: s.rate,
+            at_rest: s.at_rest,
+            short: s.short,
+            held: s.high,
+            counts: s.counts,
+            positions: *moment.positions,
+            executed: s.executed,
+            outputs: s.outputs,
+            alarm: s.alarm.is_some(),
+        });
+    }));
+    log
+}
+
 /// A port to a rig, with the cable being pulled at times.
 pub struct Cable {
     pub port: InProcess<AXES>,
@@ -241,24 +264,7 @@ fn judged(machine: &Machine, log: &[Period]) -> Verdict<AXES> {
 /// Runs a job over a line. `Err`: no job was opened on the card, and why.
 pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     let mut rig = Rig::<AXES>::new(&trial.rig).expect("a card");
-    let log = CardLog::default();
-    let sink = Arc::clone(&log);
-    rig.watch(Box::new(move |moment| {
-        let s = moment.status;
-        sink.lock().expect("one thread").push(Period {
-            at_us: moment.at_us,
-            place: s.place,
-            rate: s.rate,
-            at_rest: s.at_rest,
-            short: s.short,
-            held: s.high,
-            counts: s.counts,
-            positions: *moment.positions,
-            executed: s.executed,
-            outputs: s.outputs,
-            alarm: s.alarm.is_some(),
-        });
-    }));
+    let log = watched(&mut rig);
     let mut pulled = trial.pulled;
     pulled.sort_by_key(|&(at_us, _)| std::cmp::Reverse(at_us));
     let taps = trial.tapped.then(Default::default);
