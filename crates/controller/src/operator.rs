@@ -59,6 +59,29 @@ pub enum Deed {
     Single,
     /// Stops the job.
     Stop,
+    /// Reverse run at full rate over this length of path in mm, and then stands.
+    BackBy(f64),
+    /// Reverse run to where the block begins that the machine is in; at its beginning already, to that of the block before.
+    BackToBlock,
+    /// Reverse run to where a cutting output was switched on last.
+    BackToJet,
+    /// *Pause*: interrupts the program at a breakpoint (DNC-1).
+    Pause,
+    /// The spindle is stopped by hand (DNC-3).
+    SpindleStop,
+    /// The spindle is started by hand, in the direction and at the speed that it had (DNC-4).
+    SpindleStart,
+    /// An axis is moved by hand, so many mm (degrees).
+    Jog {
+        /// Its letter, lower case.
+        axis: char,
+        /// How far, signed.
+        mm: f64,
+    },
+    /// Back to on-line mode (DNC-5).
+    Online,
+    /// *Cycle start* (DNC-6); where nothing is paused, as [`Deed::Resume`].
+    CycleStart,
 }
 
 impl fmt::Display for Deed {
@@ -76,6 +99,15 @@ impl fmt::Display for Deed {
             Self::Output { number, on } => write!(f, "output {number} {}", if *on { "on" } else { "off" }),
             Self::Single => write!(f, "single"),
             Self::Stop => write!(f, "stop"),
+            Self::BackBy(mm) => write!(f, "back {mm} mm"),
+            Self::BackToBlock => write!(f, "back to block"),
+            Self::BackToJet => write!(f, "back to jet"),
+            Self::Pause => write!(f, "pause"),
+            Self::SpindleStop => write!(f, "spindle stop"),
+            Self::SpindleStart => write!(f, "spindle start"),
+            Self::Jog { axis, mm } => write!(f, "jog {axis} {mm}"),
+            Self::Online => write!(f, "online"),
+            Self::CycleStart => write!(f, "cycle start"),
         }
     }
 }

@@ -6,7 +6,7 @@ use core::fmt;
 
 use retrace_card::Player;
 use retrace_core::limits::RateLimits;
-use retrace_link::{CardFault, MotionCard, Refusal, Status, Word};
+use retrace_link::{CardFault, MotionCard, Refusal, Start, Status, Word};
 
 use crate::{Clock, PulseCounters};
 
@@ -87,6 +87,10 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         }
         self.status.counts = *self.counters.positions();
         Ok(&self.status)
+    }
+
+    fn begin(&mut self, _: Start) -> Result<(), TooManyPulses> {
+        todo!("the player's epochs")
     }
 
     fn status(&self) -> &Status<A> {

@@ -26,7 +26,7 @@ pub use card_end::CardEnd;
 pub use ends::{CardFault, Deck, Port, echo};
 pub use host::{Host, HostFault, LineCounts};
 pub use message::{Action, Await, Change, Homing, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel};
-pub use settings::{Identity, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, Settings};
+pub use settings::{Identity, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, Settings, Start};
 pub use wire::Greeting;
 pub use wired::{Patience, Wired, WiredFault};
 
@@ -49,6 +49,13 @@ pub trait MotionCard<const A: usize> {
     /// # Errors
     /// A fault is final: the card stands, and no word of this run will move it again.
     fn period(&mut self) -> Result<&Status<A>, Self::Fault>;
+
+    /// Begins a path anew where the machine stands: an epoch. What the card holds of the old path is forgotten, counts and outputs stay.
+    /// The machine has to stand.
+    ///
+    /// # Errors
+    /// A fault is final, as in [`MotionCard::period`].
+    fn begin(&mut self, start: Start) -> Result<(), Self::Fault>;
 
     /// The report of the last period again.
     fn status(&self) -> &Status<A>;
@@ -73,6 +80,10 @@ impl<const A: usize, C: MotionCard<A>> MotionCard<A> for &mut C {
 
     fn period(&mut self) -> Result<&Status<A>, Self::Fault> {
         C::period(self)
+    }
+
+    fn begin(&mut self, start: Start) -> Result<(), Self::Fault> {
+        C::begin(self, start)
     }
 
     fn status(&self) -> &Status<A> {

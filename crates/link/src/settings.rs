@@ -3,6 +3,7 @@
 //! Invariant: settings take effect only while the machine stands; each opening has an epoch of its own, and what belongs to another
 //! epoch counts for nothing.
 
+use retrace_core::Place;
 use retrace_core::limits::RateLimits;
 
 use crate::Change;
@@ -78,6 +79,25 @@ pub struct InputSetting {
     pub used_for: InputUse,
     /// Is it active while its level is low (a normally closed contact to ground that opens: no; a closing contact: yes)?
     pub active_low: bool,
+}
+
+/// Where an epoch begins: the place that the machine stands at on the path that is to be played, and what was done of that path before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Start {
+    /// Where the cursor stands; the counts stay as they are.
+    pub place: Place,
+    /// The furthest place ever executed, as a record boundary; not before `place`.
+    pub reached: u32,
+    /// Number of the last exclusive instruction that is complete; the next one has the number behind it.
+    pub executed: u32,
+}
+
+impl Start {
+    /// A path that begins with this record, nothing done of it.
+    #[must_use]
+    pub const fn at(record: u32) -> Self {
+        Self { place: Place::start_of(record), reached: record, executed: 0 }
+    }
 }
 
 /// How a card is to work.

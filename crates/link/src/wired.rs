@@ -5,7 +5,7 @@
 
 use core::fmt;
 
-use crate::{CardFault, Greeting, Host, HostFault, MotionCard, Port, Refusal, Settings, Status, Word};
+use crate::{CardFault, Greeting, Host, HostFault, MotionCard, Port, Refusal, Settings, Start, Status, Word};
 
 /// How long to wait, in microseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -247,6 +247,10 @@ impl<const A: usize, P: Port> MotionCard<A> for Wired<A, P> {
             self.pump(WAIT_US);
         }
         Ok(self.host.status())
+    }
+
+    fn begin(&mut self, _: Start) -> Result<(), Self::Fault> {
+        todo!("settings are kept")
     }
 
     fn status(&self) -> &Status<A> {

@@ -38,7 +38,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
                 self.next_block();
                 Ok(())
             }
-            Deed::Resume => self.operation.order(Order::Resume),
+            Deed::Resume | Deed::CycleStart => self.operation.order(Order::Resume),
+            Deed::BackBy(_)
+            | Deed::BackToBlock
+            | Deed::BackToJet
+            | Deed::Pause
+            | Deed::SpindleStop
+            | Deed::SpindleStart
+            | Deed::Jog { .. }
+            | Deed::Online => return Err("not built yet".into()),
             Deed::Override(rate) => {
                 let most = self.overrides.most();
                 let asked = self.overrides.ask(rate, self.card.status().reached);

@@ -1,0 +1,92 @@
+//! The index from places to the program, written ahead of what the card may execute (DNC, *Beyond the source*).
+//!
+//! Planning is a function of the program, the machine file, the place where the machine stood, and the overrides above 100 % with the places
+//! from which they count. So a place is found again by planning again, and a mark is what that is held against: wherever the card has
+//! stopped, a mark at or beyond it is durable.
+//!
+//! Invariant: a note about a place is handed over before the records at or beyond that place are free for the motion path; marks come
+//! in the order of their places.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use retrace_core::Travel;
+use retrace_core::place::before;
+
+/// What the program had come to where the records up to a place were planned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Mark {
+    /// The place, as a record boundary.
+    pub place: u32,
+    /// Blocks that were executed by the decoder up to the one that the record before the place belongs to: the block's instance.
+    pub block: u64,
+    /// Program line of that record.
+    pub line: u32,
+    /// Counts of the machine's axes at the place, in pulses; 0 where there is no such axis.
+    pub counts: [i64; 9],
+}
+
+/// A note for the index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Note {
+    /// A mark.
+    Mark(Mark),
+    /// From the record at `place` on the plan uses this override, [`retrace_core::ONE`] or more.
+    Override {
+        /// The first record planned so.
+        place: u32,
+        /// The factor, in units of 2⁻³².
+        planned: Travel,
+    },
+}
+
+/// Takes notes, in the planning thread. It may wait.
+pub trait Index: Send {
+    /// Takes a note.
+    fn note(&mut self, note: Note);
+}
+
+/// Nobody keeps an index: a job that needs none.
+impl Index for () {
+    fn note(&mut self, _: Note) {}
+}
+
+/// How far the index is durable: the motion path gives the card no record at or beyond this place.
+#[derive(Clone, Debug)]
+pub struct Durable(Arc<AtomicU32>);
+
+impl Durable {
+    /// Durable up to `place`, where the path begins.
+    #[must_use]
+    pub fn from(place: u32) -> Self {
+        Self(Arc::new(AtomicU32::new(place)))
+    }
+
+    /// The place up to which it is.
+    #[must_use]
+    pub fn place(&self) -> u32 {
+        self.0.load(Ordering::Acquire)
+    }
+
+    /// It is durable up to `place` now. A place that lies before changes nothing; one thread alone says this.
+    pub fn advance(&self, place: u32) {
+        if before(self.place(), place) {
+            self.0.store(place, Ordering::Release);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_only_grows_also_over_the_wrap() {
+        let durable = Durable::from(u32::MAX - 1);
+        let ahead = durable.clone();
+        for (said, is) in [(u32::MAX, u32::MAX), (3, 3), (u32::MAX, 3), (2, 3), (4, 4)] {
+            ahead.advance(said);
+            assert_eq!(durable.place(), is);
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! The operator's words on their way from the screen to the motion path.
+//!
+//! Invariant: neither side waits for the other; a word that finds no room is refused at once, and the wheel loses no count.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI32, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+use crate::operator::Deed;
+
+/// So many words may wait.
+const WORDS: usize = 64;
+
+/// The two ends.
+#[must_use]
+pub fn orders() -> (Orders, Heard) {
+    let (sender, receiver) = sync_channel(WORDS);
+    let wheel = Arc::new(AtomicI32::new(0));
+    (Orders { words: sender, wheel: Arc::clone(&wheel) }, Heard { words: receiver, wheel })
+}
+
+/// Too many words wait already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Busy;
+
+/// The screen's end; it can be had more than once.
+#[derive(Clone, Debug)]
+pub struct Orders {
+    words: SyncSender<Deed>,
+    wheel: Arc<AtomicI32>,
+}
+
+impl Orders {
+    /// Says a word.
+    ///
+    /// # Errors
+    /// [`Busy`]; the word is not on its way then.
+    pub fn say(&self, deed: Deed) -> Result<(), Busy> {
+        // A session that has ended hears nothing, and needs nothing.
+        match self.words.try_send(deed) {
+            Err(std::sync::mpsc::TrySendError::Full(_)) => Err(Busy),
+            _ => Ok(()),
+        }
+    }
+
+    /// Turns the handwheel by so many counts.
+    pub fn turn(&self, counts: i32) {
+        self.wheel.fetch_add(counts, Ordering::Relaxed);
+    }
+}
+
+/// The motion path's end.
+#[derive(Debug)]
+pub struct Heard {
+    words: Receiver<Deed>,
+    wheel: Arc<AtomicI32>,
+}
+
+impl Heard {
+    /// The next word, if one waits.
+    pub fn next_word(&mut self) -> Option<Deed> {
+        self.words.try_recv().ok()
+    }
+
+    /// What the wheel was turned by since it was asked last; what does not fit comes the next time.
+    pub fn wheel_counts(&mut self) -> i16 {
+        let turned = self.wheel.load(Ordering::Relaxed);
+        let counts = turned.clamp(i32::from(i16::MIN), i32::from(i16::MAX));
+        self.wheel.fetch_sub(counts, Ordering::Relaxed);
+        counts as i16
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_come_in_order_too_many_are_refused_and_no_count_is_lost() {
+        let (orders, mut heard) = orders();
+        let taken = (0..).take_while(|&n| orders.say(Deed::BackBy(f64::from(n))).is_ok()).count();
+        assert_eq!(taken, WORDS);
+        assert_eq!((heard.next_word(), heard.next_word()), (Some(Deed::BackBy(0.0)), Some(Deed::BackBy(1.0))));
+        orders.turn(40_000);
+        orders.turn(-3);
+        assert_eq!([heard.wheel_counts(), heard.wheel_counts(), heard.wheel_counts()], [32_767, 7_230, 0]);
+    }
+}
