@@ -90,6 +90,12 @@ impl Subs {
     pub(crate) fn get(&self, id: SubId) -> Option<&Sub> {
         self.list.get(id as usize)
     }
+
+    /// The label of a subprogram.
+    pub(crate) fn label(&self, sub: &Sub) -> Option<&Label> {
+        let is_it = |id: &SubId| self.get(*id).is_some_and(|one| (one.code, one.entry) == (sub.code, sub.entry));
+        self.by_label.iter().find(|(_, id)| is_it(id)).map(|((_, label), _)| label)
+    }
 }
 
 /// Places and lines by label, in order.

@@ -3,6 +3,7 @@
 //! Invariant: lines that are in no subprogram, loop or branch are read, carried out and forgotten; the others are compiled once,
 //! by the pre-scan, or as they arrive.
 
+use crate::active::Active;
 use crate::arriving::Arriving;
 use crate::call::CycleCall;
 use crate::canon::{Canon, Step};
@@ -14,6 +15,7 @@ use crate::flow::{Flow, Stepped};
 use crate::interp::{self, Interpreter, Read, Setup};
 use crate::lines::{Lines, Text};
 use crate::prescan::Prescan;
+use crate::whereabouts::Whereabouts;
 use retrace_cycles::Kind;
 use std::borrow::Cow;
 use std::io::BufRead;
@@ -292,6 +294,22 @@ impl<R: BufRead> Program<R> {
             Some(prescan) => String::from_utf8_lossy(prescan.line_text(diagnostic.file, diagnostic.line)),
             None => self.line_text(),
         }
+    }
+
+    /// What is in force: to be asked between two lines.
+    #[must_use]
+    pub fn active(&self) -> Active {
+        self.interpreter.state().into()
+    }
+
+    /// Where the program is: the line taken last, and the calls and loops that it is in. It allocates: to be asked now and then.
+    #[must_use]
+    pub fn whereabouts(&self) -> Whereabouts {
+        let name = |file| self.prescan.as_ref().map_or(String::new(), |prescan| prescan.file_name(file).to_owned());
+        let (file, line) = self.interpreter.place();
+        let cycle = self.flow.cycle((file, line)).or_else(|| self.interpreter.cycle());
+        let cycle = cycle.map(str::to_owned);
+        Whereabouts { file: name(file), line, within: self.flow.within(name), cycle }
     }
 
     /// The interpreter, to ask for its state and its diagnostics.

@@ -458,6 +458,11 @@ impl Interpreter {
         self.line
     }
 
+    /// File and line of the line last taken.
+    pub(crate) fn place(&self) -> (u16, u32) {
+        (self.file, self.line)
+    }
+
     /// What has been found wrong so far.
     #[must_use]
     pub fn diagnostics(&self) -> &[Diagnostic] {
