@@ -130,8 +130,7 @@ impl Prescan {
             codes: Vec::new(),
             regions: Vec::new(),
             subs: Subs::default(),
-            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone())
-                .with_fixed(&setup.fixed_values),
+            reader: LineReader::of(setup),
             contours: Vec::new(),
             labels: None,
             missed: HashSet::new(),

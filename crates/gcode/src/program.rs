@@ -7,6 +7,7 @@ use crate::active::Active;
 use crate::arriving::Arriving;
 use crate::call::CycleCall;
 use crate::canon::{Canon, Step};
+use crate::carried::check_by_hand;
 use crate::codes::Code;
 use crate::contour::{self, ContourReader};
 use crate::control::{Control, Keyword};
@@ -60,6 +61,8 @@ pub struct Program<R> {
     percent: bool,
     /// A line that was read to see how the program begins, and is still to be carried out.
     is_held: bool,
+    /// It is one block by hand, which needs no end.
+    by_hand: bool,
 }
 
 impl<R: BufRead> Program<R> {
@@ -79,6 +82,23 @@ impl<R: BufRead> Program<R> {
             phase: Phase::Opening,
             percent: false,
             is_held: false,
+            by_hand: false,
+        }
+    }
+
+    /// One block by hand (MDI), which may call a subprogram in a file of its own, or a cycle. It goes on from what
+    /// [`Setup::going_on`] has been given, and [`Interpreter::carried`] is what it leaves. What it would do is known as of any
+    /// program, by carrying it out; nothing of that is in force before its `carried` is taken over.
+    ///
+    /// # Errors
+    /// What no block by hand can be, and what the pre-scan of a program tells.
+    pub fn by_hand(text: &str, setup: Setup) -> Result<Program<R>, Vec<Diagnostic>> {
+        check_by_hand(text, &setup)?;
+        let prescan = Prescan::of("by hand", text.into(), &setup);
+        if prescan.diagnostics().is_empty() {
+            Ok(Program { by_hand: true, ..Program::prescanned(Arc::new(prescan), setup) })
+        } else {
+            Err(prescan.diagnostics().to_vec())
         }
     }
 
@@ -173,6 +193,10 @@ impl<R: BufRead> Program<R> {
     /// Carries out the next line that is in no stretch.
     fn own_line(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
         if !std::mem::take(&mut self.is_held) && !self.read_line() {
+            if self.by_hand {
+                self.interpreter.release(steps);
+                return Ok(self.close(steps));
+            }
             let code = if self.percent { Code::NoClosingPercent } else { Code::NoProgramEnd };
             self.report(Fault::plain(code, Span::default()));
             return Ok(self.close(steps));
