@@ -219,7 +219,8 @@ impl At {
     /// Where a path begins that goes on from here.
     #[must_use]
     pub fn start(&self) -> Start {
-        Start { place: self.place, reached: self.reached, executed: self.executed }
+        // Whether the path rests there the records say; a ramp is right in any case.
+        Start { place: self.place, rests: false, reached: self.reached, executed: self.executed }
     }
 }
 
