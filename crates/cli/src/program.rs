@@ -8,14 +8,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use retrace_controller::by_hand;
 use retrace_controller::job::{self, Decode, Decoded, Finding};
 use retrace_controller::machine::Machine;
 use retrace_controller::reading::Ahead;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_gcode::{
-    Axis, AxisSet, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
-    UserCodes,
+    Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
 };
 
 use crate::args::Reading;
@@ -62,11 +62,7 @@ impl Program {
     /// # Errors
     /// A file that cannot be read or understood.
     pub fn open(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
-        let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
-        let user_codes = machine.switching.user_codes().fold(UserCodes::default(), UserCodes::with);
-        let position = axes.iter().zip(&machine.stands_at_mm).fold(Pose::ZERO, |at, (&axis, &mm)| at.with(axis, mm));
-        let (axes, tools) = (AxisSet::of(&axes), tools_without_length());
-        let setup = Setup { axes, tools, user_codes, position, ..Setup::default() };
+        let setup = Setup { tools: tools_without_length(), ..by_hand::setup(machine) };
         Self::with_setup(reading, setup)
     }
 

@@ -5,6 +5,7 @@
 //! control period to its last.
 #![forbid(unsafe_code)]
 
+pub mod by_hand;
 pub mod card;
 mod decoding;
 pub mod event;
@@ -12,6 +13,7 @@ pub mod feed;
 pub mod index;
 pub mod item;
 pub mod job;
+pub mod journal;
 pub mod judge;
 pub mod law;
 pub mod machine;
