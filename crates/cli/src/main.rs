@@ -24,6 +24,7 @@ mod plot;
 mod program;
 mod run;
 mod size;
+mod socket;
 mod subs;
 mod wired;
 

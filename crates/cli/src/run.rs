@@ -14,7 +14,7 @@ use retrace_controller::report::Report;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Outcome};
 use retrace_hal_sim::{Clock, SimCard};
-use retrace_link::MotionCard;
+use retrace_link::{MotionCard, Start};
 use serde_json::Value;
 
 use crate::args;
@@ -67,7 +67,7 @@ fn on_card<const A: usize>(args: &args::Run, machine: Machine, script: Vec<Instr
     let machine = machine.standing_at(&counts);
     let job = Job::open(args, &machine, script)?;
     // From here on the card expects to hear of the host all the time.
-    card.open(machine.card_settings(0)).map_err(|fault| wired::failed(&args.card, &fault))?;
+    card.open(machine.card_settings(Start::at(0))).map_err(|fault| wired::failed(&args.card, &fault))?;
     let (code, _) = job.run(&mut *card, true)?;
     // The card stands, or has an alarm that says more than this would.
     let _ = card.close();

@@ -12,6 +12,7 @@ pub mod feed;
 pub mod index;
 pub mod item;
 pub mod job;
+pub mod journal;
 pub mod judge;
 pub mod law;
 pub mod machine;

@@ -18,7 +18,7 @@ use retrace_core::playback::part;
 use retrace_core::{Place, Travel};
 use retrace_gcode::{AxisSet, Program, Progress, Setup, Step};
 use retrace_hal_sim::{Clock, InProcess, Leftover, LineSettings, NoFault, Random, Rig, RigSettings, SimCard};
-use retrace_link::{LineCounts, MotionCard, Outputs, Patience, Port, Status, Wired};
+use retrace_link::{LineCounts, MotionCard, Outputs, Patience, Port, Start, Status, Wired};
 
 /// Axes of the card; the built-in machine uses three of them.
 pub const AXES: usize = 4;
@@ -270,7 +270,7 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     let taps = trial.tapped.then(Default::default);
     let cable = Cable { port: InProcess::new(rig), pulled, taps };
     let mut card = Box::new(Wired::find(cable, 7, Patience::default()).map_err(|fault| fault.to_string())?);
-    card.open(trial.machine.card_settings(0)).map_err(|fault| fault.to_string())?;
+    card.open(trial.machine.card_settings(Start::at(0))).map_err(|fault| fault.to_string())?;
     let mut watch = Watch { periods: 0, events: Vec::new() };
     let script = operator::parse(trial.script, "script").expect("a script");
     let operator = ScriptPlayer::new(script, trial.machine.period_us);
