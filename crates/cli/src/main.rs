@@ -13,6 +13,7 @@ mod canon;
 mod card;
 mod card_serve;
 mod check;
+mod check_told;
 mod console;
 mod cycles;
 mod draw;

@@ -34,6 +34,7 @@ pub mod spline;
 pub mod start;
 pub mod stream;
 pub mod supply;
+pub mod survey;
 pub mod switching;
 pub mod tally;
 pub mod track;
