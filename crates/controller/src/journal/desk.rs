@@ -8,7 +8,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use super::entry::{Entry, Lost};
-use crate::event::Happening;
+use crate::event::{Happening, Trouble};
 use crate::index::Durable;
 
 /// Entries that may wait where somebody can be made to wait, or entries can be lost.
@@ -176,7 +176,7 @@ impl Desk {
                 }
             };
             let cause = format!("the journal cannot be written: {why}");
-            state.news.push_back(Happening::Alarm("E3020", cause, remedy.into()));
+            state.news.push_back(Happening::Alarm(Trouble::Fault { number: "E3020", cause, remedy: remedy.into() }));
         }
         state.trouble = Some(why);
         self.0.changed.notify_all();

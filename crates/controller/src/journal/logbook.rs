@@ -277,7 +277,7 @@ mod tests {
     use super::super::reader::Entries;
     use super::super::stamp::Stamp;
     use super::*;
-    use crate::event::Happening;
+    use crate::event::{Happening, Trouble};
     use crate::index::Mark;
     use retrace_core::Place;
     use serde_json::{Value, json};
@@ -487,7 +487,8 @@ mod tests {
                 }
                 assert_eq!(durable.place(), 12);
                 let news: Vec<_> = std::iter::from_fn(|| logbook.desk().news()).collect();
-                let told = |number: &Happening| matches!(number, Happening::Alarm("E3020", ..));
+                let told =
+                    |number: &Happening| matches!(number, Happening::Alarm(Trouble::Fault { number: "E3020", .. }));
                 let failed = disk.platter().calls > first;
                 assert_eq!(news.iter().filter(|h| told(h)).count() > 0, failed);
                 assert_eq!(news.len() % 2, 0, "every alarm is followed by the message that all is well: {news:?}");

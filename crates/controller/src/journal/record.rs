@@ -123,7 +123,8 @@ impl JobRecord {
             }
             Entry::Spooled(spooled) => self.spooled = spooled,
             Entry::Resumed(resumed) => {
-                let start = Start { place: resumed.place, reached: resumed.reached, executed: resumed.executed };
+                let start =
+                    Start { place: resumed.place, rests: false, reached: resumed.reached, executed: resumed.executed };
                 self.stood = Stood { start, counts: resumed.counts.clone() };
                 (self.end, self.alarm) = (None, None);
                 self.resumed.push(*resumed);
