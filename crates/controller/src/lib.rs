@@ -5,6 +5,7 @@
 //! instruction, an action, an event), not in a plain period.
 #![forbid(unsafe_code)]
 
+pub mod approach;
 pub mod by_hand;
 pub mod card;
 pub mod event;
