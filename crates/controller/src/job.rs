@@ -163,7 +163,7 @@ fn give<const A: usize>(
         if skipped.as_ref().is_some_and(|(line, _)| step.line >= *line)
             && let Some((line, before)) = skipped.take()
         {
-            let tool_axis = machine.axes.iter().position(|a| a.name == 'z');
+            let tool_axis = machine.tool_axis();
             before.restore(feeder, track.position(), tool_axis, line).map_err(|why| (why.into(), line))?;
         }
         let result = match skipped {

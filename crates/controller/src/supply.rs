@@ -176,7 +176,9 @@ impl<'r, const A: usize> Supply<'r, A> {
             && before(action.place, status.reached)
         {
             self.expected[usize::from(action.channel)] = action.after;
-            news(News::Action(action, *line));
+            if *line > 0 {
+                news(News::Action(action, *line));
+            }
             self.passed += 1;
         }
         while let Some((place, line, text)) = self.messages.front()
