@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
 /// retrace: machines NC programs, and runs backward along the very path it took.
 #[derive(Debug, Parser)]
@@ -133,9 +133,17 @@ pub struct Serve {
 /// `retrace machine`
 #[derive(Debug, Subcommand)]
 pub enum Machine {
-    /// Write a machine file with every key and its meaning.
-    #[command(after_help = "Example:\n  retrace machine new -o mill.toml")]
+    /// Write a commented machine file: the built-in machine with every key, or one of its kind to begin with.
+    #[command(
+        after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine new waterjet -o waterjet.toml"
+    )]
     New {
+        /// What kind of machine: waterjet, plasma, router or lathe; the built-in one where none is named.
+        #[arg(value_enum)]
+        kind: Option<MachineKind>,
+        /// The same.
+        #[arg(long = "kind", value_enum, value_name = "KIND", conflicts_with = "kind")]
+        of_kind: Option<MachineKind>,
         /// File to write; standard output where none is named. A file that is there is left alone.
         #[arg(short, long, value_name = "FILE.toml")]
         output: Option<PathBuf>,
@@ -146,6 +154,19 @@ pub enum Machine {
         /// The machine file.
         file: PathBuf,
     },
+}
+
+/// Kinds of machines that there is a file for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum MachineKind {
+    /// A jet and its abrasive, with pierce times.
+    Waterjet,
+    /// A torch that waits for its arc.
+    Plasma,
+    /// A spindle, coolant, dust extraction.
+    Router,
+    /// X and Z.
+    Lathe,
 }
 
 /// `retrace cycles`
