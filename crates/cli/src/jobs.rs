@@ -341,8 +341,14 @@ mod tests {
         for (channel, value) in [(channel::SPINDLE, 1), (channel::SPEED, 12_000_000), (3, 1)] {
             keeper.told(&Told::Output(Change { channel, value }));
         }
-        let status =
-            Status::<3> { place, reached: 1300, executed: 2, line: 37, counts: [1200, 0, -5], ..Status::standing(0) };
+        let status = Status::<3> {
+            place,
+            reached: 1300,
+            executed: 2,
+            line: 37,
+            counts: [1200, 0, -5],
+            ..Status::standing(retrace_link::Start::at(0))
+        };
         keeper.told(&Told::Period(Period { mode: mode::Mode::Reverse, at_rest: true, ..Period::of(&status) }));
         drop(keeper);
         let end = End { when, outcome: Ending::Stopped, exit_code: 4, report: Value::Null };
