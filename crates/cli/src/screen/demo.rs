@@ -185,7 +185,24 @@ impl Pretended {
         }
     }
 
+    /// Does what needs no mode; says whether it was that.
+    fn by_hand(&mut self, deed: Deed) -> bool {
+        match deed {
+            Deed::Output { number, on } => self.switch(number, i32::from(on)),
+            Deed::SpindleStop => self.switch(retrace_link::channel::SPINDLE, 0),
+            Deed::SpindleStart => self.switch(retrace_link::channel::SPINDLE, 1),
+            Deed::Jog { axis, mm } => self.jog(axis, mm),
+            Deed::Stop => locked(&self.model).end("stopped by the operator"),
+            Deed::Online | Deed::Single => {}
+            _ => return false,
+        }
+        true
+    }
+
     fn deed(&mut self, deed: Deed) -> Result<(), String> {
+        if self.by_hand(deed) {
+            return Ok(());
+        }
         let order = match deed {
             Deed::Hold => Order::Hold,
             Deed::Pause => {
@@ -202,12 +219,6 @@ impl Pretended {
             Deed::Wheel { .. } => Order::Wheel,
             Deed::Leave { ask } => Order::Leave { ask },
             Deed::Agree => Order::Agree,
-            Deed::Output { number, on } => return Ok(self.switch(number, i32::from(on))),
-            Deed::SpindleStop => return Ok(self.switch(retrace_link::channel::SPINDLE, 0)),
-            Deed::SpindleStart => return Ok(self.switch(retrace_link::channel::SPINDLE, 1)),
-            Deed::Jog { axis, mm } => return Ok(self.jog(axis, mm)),
-            Deed::Stop => return Ok(locked(&self.model).end("stopped by the operator")),
-            Deed::Online | Deed::Single => return Ok(()),
             other => return Err(format!("{other}: not pretended")),
         };
         let mode = self.operation.mode();

@@ -110,6 +110,11 @@ fn retracing(model: &Model, mode: Mode) -> Guide {
     let standing =
         [Act::Leave, Act::LeaveAsk, Act::Forward, Act::Reverse, Act::Wheel, Act::BackBy, Act::Output, Act::Quit];
     match mode {
+        _ if model.standing == Standing::Hold => {
+            let acts = [Act::CycleStart, Act::Leave, Act::Forward, Act::Reverse, Act::Wheel, Act::Output, Act::Quit];
+            let word = if model.at_rest { "FEED HOLD" } else { "STOPPING" };
+            guide(Grade::Waits, word, format!("held while retracing, {back}"), &acts)
+        }
         Mode::Wheel => {
             let why = match (at_oldest, at_reached) {
                 (true, _) => "at the oldest place: no further back".into(),
@@ -130,11 +135,6 @@ fn retracing(model: &Model, mode: Mode) -> Guide {
             guide(Grade::Waits, "REVERSE", format!("at the oldest place, {back}: no further"), &standing)
         }
         Mode::Forward if at_reached => guide(Grade::Waits, "FORWARD", "at the furthest place", &standing),
-        _ if model.standing == Standing::Hold => {
-            let acts = [Act::CycleStart, Act::Leave, Act::Forward, Act::Reverse, Act::Wheel, Act::Output, Act::Quit];
-            let word = if model.at_rest { "FEED HOLD" } else { "STOPPING" };
-            guide(Grade::Waits, word, format!("held while retracing, {back}"), &acts)
-        }
         _ if model.at_rest => guide(Grade::Waits, "STANDING", back, &standing),
         Mode::Forward => {
             let acts = [Act::Hold, Act::Reverse, Act::Leave, Act::Wheel, Act::ForwardRapid, Act::Output, Act::Quit];
@@ -168,7 +168,7 @@ pub fn steps(pause: Pause) -> Vec<(&'static str, Act, bool)> {
         steps.push(("start the spindle", Act::Spindle, pause.started));
     }
     steps.push(("back on line", Act::Online, pause.online));
-    steps.push(("to the breakpoint, and on", Act::CycleStart, false));
+    steps.push(("to the breakpoint, on", Act::CycleStart, false));
     steps
 }
 

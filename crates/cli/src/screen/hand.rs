@@ -122,8 +122,11 @@ impl Hand {
     /// A key was pressed.
     #[must_use]
     pub fn key(&mut self, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
-        if model.alarm.is_none() {
-            self.alarm_aside = false;
+        match model.alarm {
+            None => self.alarm_aside = false,
+            // An alarm stands before whatever was open.
+            Some(_) if !self.alarm_aside => self.open = Open::Nothing,
+            Some(_) => {}
         }
         if self.open != Open::Nothing {
             return self.key_in_box(key, now_ms, model);
@@ -359,16 +362,16 @@ fn answer(ask: Ask, text: &str, model: &Model) -> Result<Said, String> {
     }
 }
 
-/// `3` switches output 3 over; `3 on` and `3 off` say which way.
+/// `3` switches output 3 over; `3+` and `3-` say which way. No space: that is the hold.
 fn output(text: &str, model: &Model) -> Result<Said, String> {
-    let mut words = text.split_whitespace();
-    let number = words.next().and_then(|word| word.parse::<u8>().ok()).filter(|&n| n < 64);
-    let Some(number) = number else { return Err("a number from 0 to 63, such as 3 or 3 on".into()) };
-    let on = match words.next() {
-        None => model.output(number) == 0,
-        Some("on") => true,
-        Some("off") => false,
-        Some(_) => return Err("3 switches over; 3 on, 3 off".into()),
+    let digits = text.trim_end_matches(['+', '-']);
+    let number = digits.parse::<u8>().ok().filter(|&number| number < 64);
+    let Some(number) = number else { return Err("a number from 0 to 63, such as 3, 3+ or 3-".into()) };
+    let on = match &text[digits.len()..] {
+        "" => model.output(number) == 0,
+        "+" => true,
+        "-" => false,
+        _ => return Err("3 switches it over; 3+ on, 3- off".into()),
     };
     Ok(match model.stage {
         Stage::Job => Said::Deed(Deed::Output { number, on }),

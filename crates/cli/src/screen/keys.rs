@@ -237,7 +237,7 @@ pub const TABLE: &[Row] = &[
     row(&[Key::Char('z')], "z", "zero", "work zero here, of one axis or all", SETUP, Act::WorkZero),
     row(&[Key::Char('d')], "d", "dry run", "dry run: outputs stay as they are", SETUP, Act::DryRun),
     row(&[Key::Char('T')], "T", "tools", "the tool table", ALWAYS, Act::Tools),
-    row(&[Key::Char('o')], "o", "output", "an output by hand: its number, then Enter", SETUP | JOB, Act::Output),
+    row(&[Key::Char('o')], "o", "output", "an output by hand: 3, 3+ or 3-, then Enter", SETUP | JOB, Act::Output),
     row(&[Key::Char('a')], "a", "reset", "alarm reset", ALWAYS, Act::ClearAlarm),
     row(&[Key::Char('v')], "v", "view", "the drawing from another side", ALWAYS, Act::View),
     row(&[Key::Char('g')], "g", "log", "all messages", ALWAYS, Act::Messages),

@@ -1,7 +1,7 @@
 //! A line through space, kept to so many corners however long it grows: the tool path as the screen draws it.
 //!
-//! Invariant: never more than [`MOST`] corners; no point that was added lies farther from the line than its tolerance, which doubles
-//! whenever there is no room.
+//! Invariant: never more than [`MOST`] corners. The tolerance doubles whenever there is no room, up to what nobody could see; where that
+//! is not enough, what is oldest is forgotten.
 
 /// Corners that are kept.
 pub const MOST: usize = 4096;
@@ -11,6 +11,9 @@ const WAITING: usize = 24;
 
 /// The finest tolerance, mm.
 const FINEST_MM: f32 = 0.005;
+
+/// The coarsest tolerance, as a share of the line's extent: less than a dot on the largest screen.
+const COARSEST: f32 = 0.002;
 
 /// A point of the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -68,19 +71,16 @@ impl Trail {
         self.corners.push(corner);
         if self.corners.len() + 1 >= MOST {
             let (all, extent) = (std::mem::take(&mut self.corners), self.extent);
-            let mut coarser = Self { tolerance_mm: 2.0 * self.tolerance_mm, ..Self::default() };
+            let coarsest = extent.map_or(0.0, |[least, greatest]| distance(least, greatest) * COARSEST);
+            let tolerance_mm = (2.0 * self.tolerance_mm).min(coarsest.max(self.tolerance_mm));
+            let mut coarser = Self { tolerance_mm, ..Self::default() };
             for knot in all {
                 coarser.push(knot);
             }
             coarser.corners.extend(coarser.waiting.pop());
             coarser.waiting.clear();
-            // Corners that all lie far apart would come through at every small tolerance: then each second one goes.
-            if coarser.corners.len() > MOST / 2 {
-                let mut keep = false;
-                coarser.corners.retain(|_| {
-                    keep = !keep;
-                    keep
-                });
+            if coarser.corners.len() > MOST / 4 * 3 {
+                coarser.corners.drain(..MOST / 4);
             }
             *self = Self { extent, ..coarser };
         }
@@ -148,5 +148,6 @@ mod tests {
         assert!(trail.knots().count() > MOST / 8);
         let along: Vec<f64> = trail.knots().map(|k| k.along_mm).collect();
         assert!(along.is_sorted());
+        assert!(along.last().is_some_and(|&last| last > 999_990.0), "the newest is always there");
     }
 }

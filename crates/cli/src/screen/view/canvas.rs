@@ -42,28 +42,32 @@ impl Canvas {
         self.cells.get_mut(index)
     }
 
-    fn dot(&mut self, x: f64, y: f64, style: Style) {
-        /// The bits of a cell's dots, in Unicode's order.
-        const BITS: [[u8; 2]; 4] = [[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]];
-        if let Some(cell) = self.cell(x, y) {
-            cell.bits |= BITS[y as usize % 4][x as usize % 2];
-            cell.style = style;
+    /// A line, of which one dot in `every` is drawn; or a sign in each of its cells.
+    pub(super) fn line(&mut self, from: [f64; 2], to: [f64; 2], every: usize, sign: Option<char>, style: Style) {
+        let Some([from, to]) = self.clipped(from, to) else { return };
+        let steps = (to[0] - from[0]).abs().max((to[1] - from[1]).abs()).ceil().max(1.0);
+        let step = [0, 1].map(|i| (to[i] - from[i]) / steps);
+        let [mut x, mut y] = from;
+        for _ in 0..=steps as u32 {
+            match sign {
+                Some(sign) => self.sign([x, y], sign, style),
+                None => self.dot(x as usize, y as usize, every, style),
+            }
+            (x, y) = (x + step[0], y + step[1]);
         }
     }
 
-    /// A line, of which one dot in `every` is drawn; or a sign in each of its cells.
-    pub(super) fn line(&mut self, from: [f64; 2], to: [f64; 2], every: u32, sign: Option<char>, style: Style) {
-        let Some([from, to]) = self.clipped(from, to) else { return };
-        let steps = (to[0] - from[0]).abs().max((to[1] - from[1]).abs()).ceil().max(1.0);
-        for n in 0..=steps as u32 {
-            let share = f64::from(n) / steps;
-            let (x, y) = (from[0] + share * (to[0] - from[0]), from[1] + share * (to[1] - from[1]));
-            match sign {
-                Some(sign) => self.sign([x, y], sign, style),
-                // Which dots are left out depends on where they are, so that two lines over each other look like one.
-                None if (x as u32 + y as u32).is_multiple_of(every) => self.dot(x, y, style),
-                None => {}
-            }
+    /// Which dots are left out depends on where they are, so that two lines over each other look like one.
+    fn dot(&mut self, x: usize, y: usize, every: usize, style: Style) {
+        /// The bits of a cell's dots, in Unicode's order.
+        const BITS: [[u8; 2]; 4] = [[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]];
+        let width = usize::from(self.area.width);
+        if x / 2 >= width || !(x + y).is_multiple_of(every) {
+            return;
+        }
+        if let Some(cell) = self.cells.get_mut(y / 4 * width + x / 2) {
+            cell.bits |= BITS[y % 4][x % 2];
+            cell.style = style;
         }
     }
 

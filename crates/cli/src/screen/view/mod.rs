@@ -116,15 +116,13 @@ fn head(out: &mut Buffer, area: Rect, model: &Model, guide: &Guide, look: Look) 
 /// Why it stands, and the first keys that go on, as many as have room.
 fn why(out: &mut Buffer, area: Rect, guide: &Guide, look: Look) {
     let mut text = guide.why.clone();
-    let mut named = 0;
-    for row in guide.acts.iter().filter_map(|&act| keys::row_for(act)) {
+    for (named, row) in guide.acts.iter().filter_map(|&act| keys::row_for(act)).take(3).enumerate() {
         let sign = if named == 0 { " — " } else { " · " };
         let more = format!("{sign}{} {}", row.shown, spelled(row.act, row.short));
-        if named == 3 || text.chars().count() + more.chars().count() + 2 > area.width as usize {
+        if text.chars().count() + more.chars().count() + 2 > area.width as usize {
             break;
         }
         text += &more;
-        named += 1;
     }
     put(out, area, 1, &text, look.of(guide.grade));
 }
@@ -136,7 +134,7 @@ fn spelled(act: Act, short: &'static str) -> &'static str {
         Act::Reverse => "back up",
         Act::Wheel => "handwheel",
         Act::Hold => "feed hold",
-        Act::Leave => "forward to where it was, and on",
+        Act::Leave => "forward and on",
         Act::ClearAlarm => "clears it",
         Act::Home => "homes it",
         Act::Spindle => "spindle stop, start",

@@ -16,13 +16,16 @@ use crate::screen::model::{Model, Pause};
 
 /// Draws what is to be drawn over the rest.
 pub(super) fn draw(out: &mut Buffer, path: Rect, model: &Model, hand: &Hand, guide: &Guide, look: Look) {
+    if model.alarm.is_some() && !hand.alarm_aside {
+        alarm(out, model, look);
+        return;
+    }
     match &hand.open {
         Open::Help(from) => help(out, model, *from, look),
         Open::Tools => tools(out, model, look),
         Open::Messages => log(out, model, look),
         Open::Prompt(ask, text, wrong) => prompt(out, *ask, text, wrong.as_deref(), look),
         Open::Nothing => match (&model.alarm, model.pause) {
-            (Some(_), _) if !hand.alarm_aside => alarm(out, model, look),
             (None, _) if !model.differ.is_empty() => differ(out, model, look),
             (None, Some(pause)) if guide.grade == Grade::Waits => pause_steps(out, path, pause, look),
             _ => {}
@@ -40,7 +43,7 @@ fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, look: Look) {
             (_, true) => " -->",
             _ => "    ",
         };
-        format!("{sign} {}. {what:<25} {}", n + 1, row_for(*act).map_or("", |row| row.shown))
+        format!("{sign} {}. {what:<22} {}", n + 1, row_for(*act).map_or("", |row| row.shown))
     };
     let lines: Vec<String> = steps.iter().enumerate().map(line).collect();
     let height = (lines.len() as u16 + 2).min(path.height);
@@ -116,7 +119,7 @@ fn prompt(out: &mut Buffer, ask: Ask, text: &str, wrong: Option<&str>, look: Loo
     let (title, question, keys) = match ask {
         Ask::BackBy => ("back up", "Back along the path by how many mm?", "Enter goes · Esc does not"),
         Ask::Output => {
-            ("output by hand", "Which output? 3 switches it over; 3 on, 3 off", "Enter switches · Esc does not")
+            ("output by hand", "Which output? 3 switches it over; 3+ on, 3- off", "Enter switches · Esc does not")
         }
         Ask::Mdi => ("MDI", "A block, as in a program: G0 X10", "Enter executes it · Esc does not"),
         Ask::WorkZero => ("work zero", "Zero here for which axis? all, or its letter", "Enter sets it · Esc does not"),

@@ -119,7 +119,7 @@ fn legend(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
     put_at(out, area, 2, area.height.saturating_sub(1), text, look.faint());
 }
 
-fn lines<'k>(canvas: &mut Canvas, scale: &Scale, knots: impl Iterator<Item = &'k Knot>, every: u32, style: Style) {
+fn lines<'k>(canvas: &mut Canvas, scale: &Scale, knots: impl Iterator<Item = &'k Knot>, every: usize, style: Style) {
     let mut last: Option<[f64; 2]> = None;
     for knot in knots {
         let at = scale.dot(knot.at);
