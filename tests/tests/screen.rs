@@ -65,13 +65,15 @@ fn it_follows_the_size_of_the_terminal() {
 
 #[test]
 fn without_colour_nothing_is_coloured_and_everything_is_said() {
-    let terminal = Terminal::with(PROGRAM, 80, 24, &[("NO_COLOR", "1")]);
-    terminal.until("READY");
-    terminal.keys("c");
-    terminal.until("RUNNING");
-    terminal.keys("r");
-    terminal.until("REVERSE");
-    assert!(!terminal.is_coloured());
+    for (variable, value) in [("NO_COLOR", "1"), ("TERM", "vt220")] {
+        let terminal = Terminal::with(PROGRAM, 80, 24, &[(variable, value)]);
+        terminal.until("READY");
+        terminal.keys("c");
+        terminal.until("RUNNING");
+        terminal.keys("r");
+        terminal.until("REVERSE");
+        assert!(!terminal.is_coloured(), "{variable}={value}");
+    }
 }
 
 #[test]

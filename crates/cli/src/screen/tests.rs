@@ -177,6 +177,7 @@ fn a_person_backs_up_and_goes_on() {
     bench.wait(400);
     says(&bench, "FEED HOLD");
     says(&bench, "c cycle start · r back up · w handwheel");
+    assert_eq!(bench.hand.mouse_wheel(true, &bench.picture()), None, "no handwheel yet");
     let held = bench.picture();
     bench.keys("r");
     bench.wait(1000);
