@@ -3,7 +3,7 @@
 //! Invariant: while an alarm is latched the motion brakes on the path and then stands, and the outputs that the settings call safe are
 //! safe. After it was cleared nothing moves before a new word says so.
 
-use retrace_link::{Alarm, Deck, Homing, Identity, PROTOCOL, Refusal, Settings, Status, Word};
+use retrace_link::{Alarm, Deck, Homing, Identity, Outputs, PROTOCOL, Refusal, Settings, Status, Word};
 
 use crate::guard::Sight;
 use crate::homing::{Ending, Search};
@@ -55,6 +55,12 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
         (self.identity.serial, self.identity.boot) = (serial, boot);
     }
 
+    /// The axes stand at these counts and the outputs have these values: a card that kept both over its start. To be called before
+    /// anything has moved.
+    pub fn stand_at(&mut self, counts: [i64; A], outputs: &Outputs) {
+        self.player.stand_at(counts, outputs);
+    }
+
     /// What the epoch goes by; `None` before the first.
     #[must_use]
     pub const fn terms(&self) -> Option<&Terms<A>> {
@@ -71,7 +77,8 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
         let wheel = self.panel.read(&inputs);
         self.failed = inputs.failed;
         let homing = self.search.as_ref().map(Search::seeks);
-        let acting = homing.is_some() || self.player.is_about_to_act();
+        // Only an open door asks for it.
+        let acting = self.panel.active() != 0 && (homing.is_some() || self.player.is_about_to_act());
         if let Some(alarm) = self.guard.watch(&self.panel, Sight { acting, homing }) {
             self.latch(alarm);
         }
@@ -180,7 +187,7 @@ impl<const A: usize, const W: usize, const M: usize> Deck<A> for Card<A, W, M> {
         &self.identity
     }
 
-    /// An alarm stays latched over it. An instruction in hand is given up, also while it is being executed. The number of the last executed instruction is 0 again.
+    /// An alarm stays latched over it. An instruction in hand is given up, also while it is being executed. The numbers of instructions go on where the start says.
     fn open(&mut self, settings: &Settings<A>) -> Result<(), Refusal> {
         let terms = Terms::agree(settings, &self.identity)?;
         self.player.reopen(settings.start, settings.limits)?;

@@ -8,7 +8,7 @@ use retrace_core::limits::RateLimits;
 use retrace_core::place::before;
 use retrace_core::playback::emission;
 use retrace_core::{Place, RapidCap, Travel};
-use retrace_link::{Action, Alarm, Change, Instruction, Refusal, Status, Word, channel};
+use retrace_link::{Action, Alarm, Change, Instruction, Outputs, Refusal, Start, Status, Word, channel};
 
 use crate::{ActionTable, OutputBank, Switching, Window};
 
@@ -54,30 +54,43 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             target: 0,
             replay: false,
             beside: false,
-            status: Status::standing(start),
+            status: Status::standing(Start::at(start)),
         })
     }
 
-    /// Begins an epoch: nothing on the window, which begins at `start`; counts and outputs stay as they are. An instruction in hand is
-    /// given up, also one that is being executed: so a host may end one that waits for ever.
+    /// Begins an epoch: nothing on the window, which begins with the record of `start`; counts and outputs stay as they are. An
+    /// instruction in hand is given up, also one that is being executed: so a host may end one that waits for ever.
     ///
     /// # Errors
-    /// [`Refusal::InMotion`] where the motion does not stand, [`Refusal::Unfit`] where the rate law does not fit; nothing has changed then.
-    pub(crate) fn reopen(&mut self, start: u32, limits: RateLimits<A>) -> Result<(), Refusal> {
+    /// [`Refusal::InMotion`] where the motion does not stand, [`Refusal::Unfit`] where the start is none or the rate law does not fit;
+    /// nothing has changed then.
+    pub(crate) fn reopen(&mut self, start: Start, limits: RateLimits<A>) -> Result<(), Refusal> {
         if !self.status.at_rest {
             return Err(Refusal::InMotion);
         }
+        if !start.is_valid() {
+            return Err(Refusal::Unfit);
+        }
         self.drive = Drive::new(limits).ok_or(Refusal::Unfit)?;
-        self.window.restart(start);
+        self.window.restart(start.place.record, start.rests);
         self.actions.clear();
-        self.switching.restart();
+        self.switching.restart(start.executed);
         (self.target, self.replay) = (0, false);
         let status = &mut self.status;
-        (status.place, status.reached) = (Place::start_of(start), start);
+        (status.place, status.reached) = (start.place, start.reached);
         (status.rate, status.short, status.line) = (0, false, 0);
         status.increments = [0; A];
         self.mirror();
         Ok(())
+    }
+
+    /// The axes stand at these counts, and the outputs have these values.
+    pub(crate) fn stand_at(&mut self, counts: [i64; A], outputs: &Outputs) {
+        self.status.counts = counts;
+        for (channel, &value) in (0u8..).zip(outputs) {
+            self.outputs.set(Change { channel, value });
+        }
+        self.mirror();
     }
 
     /// The last period's report.
@@ -101,6 +114,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         let (place, road) = (self.status.place, self.road());
         let way = match self.target.signum() {
             0 => 0,
+            _ if !self.has_ground() => 0,
             1 => place.to(Place::start_of(road.high())),
             _ => Place::start_of(road.low()).to(place),
         };
@@ -187,6 +201,12 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         here && self.drive.at_rest() && self.target > 0
     }
 
+    /// Is the record there that the cursor stands in? At the beginning of an epoch inside of a record it is not at first.
+    fn has_ground(&self) -> bool {
+        let place = self.status.place;
+        place.fraction == 0 || self.window.record(place.record).is_some()
+    }
+
     fn begin_what_is_due(&mut self) {
         if self.is_due() {
             self.switching.begin(&mut self.outputs);
@@ -220,8 +240,9 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         let begins = self.is_due();
         self.begin_what_is_due();
         let from = self.status.place;
+        let waits = self.target != 0 && !self.has_ground();
         // Also where it takes no time: the host sends what follows only when it has heard that it is executed.
-        let target = if begins || self.switching.busy() { 0 } else { self.target };
+        let target = if begins || self.switching.busy() || waits { 0 } else { self.target };
         let mut alarm = self.switching.period(active, failed);
         let road = Stretch::new(&self.window, self.switching.barrier());
         let step = self.drive.step(from, target, &road);
@@ -229,13 +250,14 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         let (to, increments) = match emission(from, step.to, |n| self.window.record(n)) {
             // at most eight records a period, so they fit 32 bits by far
             Some(increments) => (step.to, increments.map(|pulses| pulses as i32)),
+            None if step.to == from => (from, [0; A]),
             None => {
                 alarm = Some(Alarm::Defect);
                 (from, [0; A])
             }
         };
         self.switch_in_passing(from, to);
-        self.book(to, increments, step.short);
+        self.book(to, increments, step.short || waits);
         alarm
     }
 

@@ -39,7 +39,7 @@ impl Switching {
         Self { in_hand: None, executed: 0 }
     }
 
-    /// Number of the last complete instruction of the epoch; 0 for none.
+    /// Number of the last complete instruction; where an epoch begins, what it began with.
     #[must_use]
     pub const fn executed(&self) -> u32 {
         self.executed
@@ -143,9 +143,9 @@ impl Switching {
         }
     }
 
-    /// A new epoch: numbers begin at 1 again.
-    pub const fn restart(&mut self) {
-        (self.in_hand, self.executed) = (None, 0);
+    /// A new epoch: nothing in hand, and the numbers go on behind `executed`.
+    pub const fn restart(&mut self, executed: u32) {
+        (self.in_hand, self.executed) = (None, executed);
     }
 
     const fn complete(&mut self, instruction: &Instruction) {

@@ -1,6 +1,6 @@
 //! The records that the card holds around its cursor.
 //!
-//! Invariant: `low ≤ cursor ≤ high`, at most `W` records; the host slides the window, one record at a time, at either end. What
+//! Invariant: `low ≤ cursor ≤ high`, but at the beginning of an epoch inside of a record, until that record is there; at most `W` records; the host slides the window, one record at a time, at either end. What
 //! has to make room is taken from the far end, and never within a quarter of the window of the cursor, nor where the
 //! cursor is already bound to go.
 
@@ -28,9 +28,9 @@ impl<const A: usize, const W: usize> Window<A, W> {
         Self { records: [Record::STILL; W], low: place, high: place, low_rests: true }
     }
 
-    /// Forgets everything and begins anew at `place`, where the path is at rest.
-    pub const fn restart(&mut self, place: u32) {
-        (self.low, self.high, self.low_rests) = (place, place, true);
+    /// Forgets everything and begins anew at `place`; `rests`: the path is at rest there.
+    pub const fn restart(&mut self, place: u32, rests: bool) {
+        (self.low, self.high, self.low_rests) = (place, place, rests);
     }
 
     fn index(place: u32) -> usize {

@@ -29,7 +29,8 @@ pub enum Command {
     Run(Run),
     /// Decode and pre-scan only: every diagnostic, with line and column; nothing moves.
     #[command(
-        after_help = "Examples:\n  retrace check examples/01-first-cut.ngc\n  retrace check examples/01-first-cut.ngc --table"
+        after_help = "Examples:\n  retrace check examples/01-first-cut.ngc\n  retrace check examples/01-first-cut.ngc --table\n  \
+        retrace check examples/01-first-cut.ngc --json"
     )]
     Check(Check),
     /// Print the canonical functions, one a line, as LinuxCNC's `rs274 -g` does.
@@ -258,9 +259,12 @@ pub struct Check {
     /// Print the branch table: every jump of the program and its files, numbered, with its target.
     #[arg(long)]
     pub table: bool,
-    /// Machine file, for the soft limits; a three-axis machine is built in.
+    /// Machine file, for the soft limits and the time; a three-axis machine is built in.
     #[arg(long, value_name = "FILE.toml")]
     pub machine: Option<PathBuf>,
+    /// One JSON object on standard output.
+    #[arg(long, conflicts_with = "table")]
+    pub json: bool,
 }
 
 /// `retrace canon`

@@ -6,7 +6,7 @@ use retrace_hal_serial::{FoundPort, Latency};
 use std::path::Path;
 
 use retrace_controller::refusal::Refusal;
-use retrace_link::{CardFault, Greeting, Identity, MotionCard, Word};
+use retrace_link::{CardFault, Greeting, Identity, MotionCard, Start, Word};
 use serde_json::{Value, json};
 
 use crate::program::Failure;
@@ -84,7 +84,7 @@ fn who(address: &str, json: bool) -> Result<(), Failure> {
 fn clear(address: &str, machine: Option<&Path>) -> Result<(), Failure> {
     let machine = files::machine(machine)?;
     let mut card = wired::find::<MOST_AXES>(address)?;
-    card.open(machine.card_settings(0)).map_err(|fault| wired::failed(address, &fault))?;
+    card.open(machine.card_settings(Start::at(0))).map_err(|fault| wired::failed(address, &fault))?;
     let Some(alarm) = card.status().alarm else {
         say!("{address}: no alarm is latched");
         return card.close().map_err(|fault| wired::failed(address, &fault));
@@ -192,6 +192,8 @@ mod tests {
             last_epoch: 3,
             place: Place::start_of(12),
             at_rest: true,
+            reached: 12,
+            executed: 0,
             counts,
             alarm: Some(Alarm::HostSilent),
         }

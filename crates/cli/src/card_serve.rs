@@ -13,7 +13,7 @@ use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_hal_serial::Pty;
 use retrace_hal_sim::{MachineSettings, Rig, RigSettings, Tally, faults};
-use retrace_link::{Alarm, CardFault};
+use retrace_link::{Alarm, CardFault, Start};
 use serde_json::{Value, json};
 
 use crate::console::unwritable;
@@ -91,7 +91,7 @@ fn rig<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<Rig<A>, 
     let axes = 0..machine.axes.len();
     let travel: Vec<[i64; 2]> = axes.clone().map(ends).collect();
     let home: Vec<i64> = axes.map(|axis| pulses(axis, HOME_MM)).collect();
-    let inputs = machine.card_settings::<A>(0).inputs;
+    let inputs = machine.card_settings::<A>(Start::at(0)).inputs;
     let settings = RigSettings {
         up,
         down,

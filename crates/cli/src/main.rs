@@ -13,6 +13,7 @@ mod canon;
 mod card;
 mod card_serve;
 mod check;
+mod check_told;
 mod console;
 mod cycles;
 mod draw;
@@ -24,6 +25,7 @@ mod program;
 mod run;
 mod screen;
 mod size;
+mod socket;
 mod subs;
 mod wired;
 

@@ -6,15 +6,20 @@
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
+use retrace_controller::by_hand;
 use retrace_controller::job::{self, Decode, Decoded, Finding};
 use retrace_controller::machine::Machine;
+use retrace_controller::reading::Ahead;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
+use retrace_controller::survey::{self, Survey};
 use retrace_gcode::{
-    Axis, AxisSet, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
-    UserCodes,
+    Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
 };
+
+use retrace_motion::LimitError;
 
 use crate::args::Reading;
 use crate::cycles;
@@ -47,6 +52,8 @@ pub struct Program {
     prescan: Option<Arc<Prescan>>,
     setup: Setup,
     has_tool_table: bool,
+    /// Set when nobody waits for standard input any more.
+    given_up: Arc<AtomicBool>,
 }
 
 /// A program on its way through the interpreter.
@@ -58,11 +65,7 @@ impl Program {
     /// # Errors
     /// A file that cannot be read or understood.
     pub fn open(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
-        let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
-        let user_codes = machine.switching.user_codes().fold(UserCodes::default(), UserCodes::with);
-        let position = axes.iter().zip(&machine.stands_at_mm).fold(Pose::ZERO, |at, (&axis, &mm)| at.with(axis, mm));
-        let (axes, tools) = (AxisSet::of(&axes), tools_without_length());
-        let setup = Setup { axes, tools, user_codes, position, ..Setup::default() };
+        let setup = Setup { tools: tools_without_length(), ..by_hand::setup(machine) };
         Self::with_setup(reading, setup)
     }
 
@@ -108,13 +111,19 @@ impl Program {
             let text = files::bytes(&reading.program, "program")?;
             Some(Arc::new(Prescan::of(&name, text.into(), &setup)))
         };
-        Ok(Self { name, prescan, setup, has_tool_table: reading.tools.is_some() })
+        Ok(Self { name, prescan, setup, has_tool_table: reading.tools.is_some(), given_up: Arc::default() })
     }
 
     /// Its name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// The tool table, if one was given.
+    #[must_use]
+    pub fn tool_table(&self) -> Option<&ToolTable> {
+        self.has_tool_table.then_some(&self.setup.tools)
     }
 
     /// Number of its lines, if it is a file.
@@ -126,7 +135,9 @@ impl Program {
     /// The program from its beginning.
     #[must_use]
     pub fn decoder(&self) -> Decoder {
-        Decoder { name: self.name.clone(), program: self.source(), length_offset: false, is_told: false, left: None }
+        let given_up = self.prescan.is_none().then(|| Arc::clone(&self.given_up));
+        let (name, program) = (self.name.clone(), self.source());
+        Decoder { name, program, given_up, length_offset: false, is_told: false, left: None }
     }
 
     /// The program from its beginning, to be run: it logs, and leaves its parameters.
@@ -143,7 +154,11 @@ impl Program {
         match &self.prescan {
             Some(prescan) => Source::prescanned(Arc::clone(prescan), self.setup.clone()),
             None => {
-                let input = Box::new(BufReader::with_capacity(1 << 16, std::io::stdin()));
+                let input: Box<dyn BufRead + Send> = match Ahead::of(std::io::stdin(), Arc::clone(&self.given_up)) {
+                    Ok(ahead) => Box::new(ahead),
+                    // No thread left to read ahead: it is read as it is decoded.
+                    Err(_) => Box::new(BufReader::with_capacity(1 << 16, std::io::stdin())),
+                };
                 Source::new(input, self.setup.clone())
             }
         }
@@ -154,12 +169,28 @@ impl Program {
     ///
     /// # Errors
     /// [`Failure::Program`] where it has errors.
-    pub fn check<'m>(&self, machine: &'m Machine) -> Result<Option<Checked<'m>>, Failure> {
+    pub fn check<'m>(&self, machine: &'m Machine) -> Result<Option<Checked<Scan<'m, 9>>>, Failure> {
+        self.check_by(|decoder| Ok(job::scan::<9>(machine, decoder)))
+    }
+
+    /// The same, with all that can be told of a program before it runs: it is planned for that, so it takes longer.
+    ///
+    /// # Errors
+    /// [`Failure::Program`] where it has errors.
+    pub fn survey<'m, const A: usize>(&self, machine: &'m Machine) -> Result<Option<Checked<Survey<'m, A>>>, Failure> {
+        let why = |error: LimitError| Refusal::new("E2112", error.to_string(), "correct the machine file");
+        self.check_by(|decoder| Ok(survey::survey(machine, decoder).map_err(why)?))
+    }
+
+    fn check_by<S>(
+        &self,
+        look: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<Finding>, S), Failure>,
+    ) -> Result<Option<Checked<S>>, Failure> {
         if self.prescan.is_none() {
             return Ok(None);
         }
         let mut decoder = self.decoder();
-        let (blocks, findings, scan) = job::scan::<9>(machine, &mut decoder);
+        let (blocks, findings, found) = look(&mut decoder)?;
         decoder.program.look_behind_the_end();
         let diagnostics = decoder.program.interpreter().diagnostics();
         let mut is_refused = false;
@@ -182,7 +213,7 @@ impl Program {
         if decoder.length_offset && !self.has_tool_table {
             eprintln!("note: no tool table was given (--tools): every tool has length 0");
         }
-        Ok(Some(Checked { blocks, scan }))
+        Ok(Some(Checked { blocks, found }))
     }
 
     /// A diagnostic with its source line.
@@ -237,17 +268,19 @@ fn column_of(line: &str, letter: char) -> Option<usize> {
 
 /// What a program came to that may be run.
 #[derive(Debug)]
-pub struct Checked<'m> {
+pub struct Checked<S> {
     /// Blocks.
     pub blocks: u64,
-    /// Moves and extents.
-    pub scan: Scan<'m, 9>,
+    /// What whoever looked through it has found.
+    pub found: S,
 }
 
 /// A program being decoded.
 pub struct Decoder {
     name: String,
     program: Source,
+    /// For a program that arrives.
+    given_up: Option<Arc<AtomicBool>>,
     /// A tool length offset was called for.
     length_offset: bool,
     /// The program is at its end, and why it is there has been told.
@@ -257,6 +290,10 @@ pub struct Decoder {
 }
 
 impl Decode for Decoder {
+    fn given_up(&self) -> Option<Arc<AtomicBool>> {
+        self.given_up.clone()
+    }
+
     fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
         let first = steps.len();
         let progress = self.program.advance(steps);

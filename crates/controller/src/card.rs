@@ -3,7 +3,7 @@
 //! Invariant: settings that were checked here name only inputs, outputs and axes that there can be.
 
 use retrace_core::limits::RateLimits;
-use retrace_link::{Change, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, Settings, channel};
+use retrace_link::{Change, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, Settings, Start, channel};
 use serde::Deserialize;
 
 use crate::machine::{Axis, Machine, within};
@@ -143,9 +143,9 @@ impl WrittenCard {
 }
 
 impl Machine {
-    /// What a card is told of this machine, its first record to have the number `start`.
+    /// What a card is told of this machine, and where the path is to be taken up.
     #[must_use]
-    pub fn card_settings<const A: usize>(&self, start: u32) -> Settings<A> {
+    pub fn card_settings<const A: usize>(&self, start: Start) -> Settings<A> {
         let card = &self.card;
         // A checked machine has them.
         let limits = self.rate_limits().unwrap_or(RateLimits::unknown());
@@ -180,8 +180,8 @@ mod tests {
         let text = "control_period_ms = 2.0\ncutting_outputs = [4]\n[card]\nwatchdog_ms = 300\nstep_pulse_us = 3.5\n\
             inverted_axes = [\"Y\"]\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\nactive_low = true\n\
             [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
-        let settings = machine(text).expect("valid").card_settings::<4>(7);
-        assert_eq!((settings.start, settings.axes, settings.period_us), (7, 3, 2000));
+        let settings = machine(text).expect("valid").card_settings::<4>(Start::at(7));
+        assert_eq!((settings.start, settings.axes, settings.period_us), (Start::at(7), 3, 2000));
         assert_eq!((settings.watchdog_periods, settings.report_periods), (150, 8));
         assert_eq!((settings.pulse_ns, settings.direction_inverted), (3500, 2));
         let limit = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };

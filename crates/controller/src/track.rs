@@ -83,6 +83,38 @@ impl From<crate::feed::Cancelled> for Untrackable {
     }
 }
 
+/// What lies between machine and program coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorkOffset {
+    /// The coordinate system, 1 … 9 for G54 … G59.3.
+    pub system: u8,
+    /// Its origin with the offset of G92 and the tool's, mm and degrees; of a rotated system G92 is turned with it.
+    pub origin_mm: Pose,
+    /// Rotation about Z, degrees counter-clockwise.
+    pub rotation_deg: f64,
+}
+
+impl WorkOffset {
+    /// Are machine and program coordinates the same?
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        self.origin_mm == Pose::ZERO && self.rotation_deg == 0.0
+    }
+
+    /// What to take from each coordinate of the machine's axes, mm; none where the system is rotated.
+    #[must_use]
+    pub fn translation<const A: usize>(&self, machine: &Machine) -> Option<[f64; A]> {
+        if self.rotation_deg != 0.0 {
+            return None;
+        }
+        let mut origin = [0.0; A];
+        for (slot, axis) in origin.iter_mut().zip(&machine.axes) {
+            *slot = self.origin_mm[Axis::ALL[axis.index()]];
+        }
+        Some(origin)
+    }
+}
+
 /// The state between canonical functions.
 #[derive(Clone, Debug)]
 pub struct Track<'m> {
@@ -90,6 +122,8 @@ pub struct Track<'m> {
     /// The machine's axes, as axes of a position.
     axes: Vec<Axis>,
     unit: LengthUnit,
+    /// The coordinate system, 1 … 9 for G54 … G59.3.
+    system: u8,
     /// Offsets in mm.
     g5x: Pose,
     g92: Pose,
@@ -118,6 +152,7 @@ impl<'m> Track<'m> {
             machine,
             axes,
             unit: LengthUnit::Millimetre,
+            system: 1,
             g5x: Pose::ZERO,
             g92: Pose::ZERO,
             tool: Pose::ZERO,
@@ -148,7 +183,7 @@ impl<'m> Track<'m> {
             Canon::ArcFeed(arc) => self.arc(arc, line, sink),
             Canon::NurbsFeed(spline) => self.spline(spline, line, sink),
             Canon::UseLengthUnits(unit) => self.state(|t| t.unit = *unit),
-            Canon::SetG5xOffset { offset, .. } => self.state(|t| t.g5x = t.in_mm(offset)),
+            Canon::SetG5xOffset { system, offset } => self.state(|t| (t.system, t.g5x) = (*system, t.in_mm(offset))),
             Canon::SetG92Offset(offset) => self.state(|t| t.g92 = t.in_mm(offset)),
             Canon::UseToolLengthOffset(offset) => self.state(|t| t.tool = t.in_mm(offset)),
             Canon::SetXyRotation(degrees) => self.state(|t| {
@@ -171,6 +206,16 @@ impl<'m> Track<'m> {
             *slot = self.at[axis];
         }
         own
+    }
+
+    /// What lies between machine and program coordinates now.
+    #[must_use]
+    pub fn work_offset(&self) -> WorkOffset {
+        WorkOffset {
+            system: self.system,
+            origin_mm: self.g5x.plus(&self.g92).plus(&self.tool),
+            rotation_deg: self.rotation_deg,
+        }
     }
 
     fn state(&mut self, change: impl FnOnce(&mut Self)) -> Result<(), Untrackable> {

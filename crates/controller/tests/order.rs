@@ -8,7 +8,7 @@ use retrace_core::gate::Gates;
 use retrace_core::place::before;
 use retrace_core::{Flags, ONE, Place, Record};
 use retrace_hal_sim::{InProcess, LineSettings, Random, Rig, RigSettings};
-use retrace_link::{Change, HostFault, Instruction, MotionCard, Patience, Wired, WiredFault, Word, channel};
+use retrace_link::{Change, HostFault, Instruction, MotionCard, Patience, Start, Wired, WiredFault, Word, channel};
 use wired::{AXES, Path, Period, Trial, ended_well, in_order, pick, run, watched};
 
 fn asked(usual: u64) -> (u64, u64) {
@@ -137,7 +137,7 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &RigSettings) -> (Vec<Period
     let mut rig = Rig::<AXES>::new(rig).expect("a card");
     let log = watched(&mut rig);
     let mut card = Box::new(Wired::find(InProcess::new(rig), 7, Patience::default()).expect("it answers"));
-    card.open(machine.card_settings(0)).expect("it opens");
+    card.open(machine.card_settings(Start::at(0))).expect("it opens");
     card.send(Word::Rate { target: ONE }).expect("a rate");
     let end = tape.records.len() as u32;
     let mut ended = End::Hangs;

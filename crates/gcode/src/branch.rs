@@ -106,6 +106,6 @@ fn kind_of(jump: Jump) -> Option<(&'static str, Leads)> {
         Jump::WhileOfDo { begin } => ("do while", Leads::Line(begin)),
         Jump::Repeat { end } => ("repeat", Leads::Line(end)),
         Jump::EndRepeat { begin } => ("endrepeat", Leads::Line(begin)),
-        Jump::Leave { to, .. } => ("jump", Leads::Line(to)),
+        Jump::Leave { to } => ("jump", Leads::Line(to)),
     })
 }

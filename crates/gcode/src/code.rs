@@ -53,10 +53,9 @@ pub(crate) enum Jump {
     EndRepeat {
         begin: u32,
     },
-    /// endwhile, break, continue; loops of repeat that stay open, counted within the routine.
+    /// endwhile, break, continue: loops that do not hold the line `to` are left.
     Leave {
         to: u32,
-        repeats: u32,
     },
     /// return, endsub, M99.
     Return,

@@ -53,6 +53,7 @@ codes! {
     BadBlockNumber "E1009" "N word not understood" "N is not followed by digits, has more than 18 of them, or does not stand at the beginning of the block." "Write N and digits at the beginning of the block, or leave the N word out.";
     TooManyErrors "E1010" "too many errors" "More errors than are shown; checking has stopped." "Repair those shown and check again.";
     Unreadable "E1011" "program cannot be read on" "The operating system reported an error while reading." "Check the file and the connection that it comes through.";
+    NotByHand "E1012" "not a block by hand" "A block by hand is one line that needs no other: no loop, branch or definition of a subprogram, no MCALL, no G41 or G42, no percent sign." "Write it into a program, and run that.";
 
     NumberMissing "E1101" "number missing" "A word letter, sign, operator or equals sign is not followed by a value." "Write the value, or remove the word.";
     BadNumber "E1102" "number not understood" "A number has two decimal points or no digits." "Write it as 12, -0.5 or .5; exponents are not known in RS274/NGC.";

@@ -12,6 +12,8 @@ use crate::diag::{Fault, Outcome, Span, fault};
 use crate::interp::Interpreter;
 use crate::params::Frame;
 use crate::prescan::{Sub, Subs, wrong_call};
+use crate::rounds::Rounds;
+use crate::whereabouts::{LoopKind, Within};
 use std::sync::Arc;
 
 /// Calls that may be open at once, as in LinuxCNC.
@@ -23,7 +25,8 @@ struct Call {
     sub: Sub,
     /// The caller's own parameters.
     frame: Frame,
-    /// Rounds of M98 that are still to come.
+    /// Rounds of M98, and how many of them are still to come.
+    of: u32,
     rounds: u32,
 }
 
@@ -35,8 +38,8 @@ struct Level {
     next: u32,
     /// The line behind the stretch.
     end: u32,
-    /// Loops of repeat that were open before.
-    repeats: usize,
+    /// Loops that were open before.
+    loops: usize,
     /// What it was called with; none for a stretch of the program itself.
     call: Option<Call>,
 }
@@ -62,8 +65,8 @@ pub(crate) enum Stepped {
 #[derive(Debug, Default)]
 pub(crate) struct Flow {
     levels: Vec<Level>,
-    /// Rounds that are still to come, of each open repeat.
-    rounds: Vec<i64>,
+    /// The loops that are open, with their rounds.
+    loops: Rounds,
     /// A condition was false: the line come to decides on.
     is_undecided: bool,
     calls: usize,
@@ -90,10 +93,40 @@ impl Flow {
         self.levels.last().map(|level| (&*level.code, level.next.saturating_sub(1)))
     }
 
+    /// What the line taken last stands in, from inside to outside; `name` names a file.
+    pub(crate) fn within(&self, name: impl Fn(u16) -> String) -> Vec<Within> {
+        let mut within = Vec::new();
+        let mut open = self.loops.open();
+        for (index, level) in self.levels.iter().enumerate().rev() {
+            self.loops.within(&level.code, level.next.saturating_sub(1), level.loops..open, &mut within);
+            open = level.loops;
+            let Some(call) = &level.call else { continue };
+            let from = index.checked_sub(1).and_then(|below| self.levels.get(below));
+            let from = from.map_or((String::new(), 0), |below| {
+                (name(below.code.file), below.code.line_number(below.next.saturating_sub(1)))
+            });
+            let label = self.subs.label(&call.sub).map_or_else(String::new, ToString::to_string);
+            within.push(Within::Sub { name: label, from, time: call.of - call.rounds, of: call.of });
+        }
+        within
+    }
+
+    /// The cycle that is called in this line, if that is the line taken last.
+    pub(crate) fn cycle(&self, (file, number): (u16, u32)) -> Option<&str> {
+        let (code, line) = self.place()?;
+        if (code.file, code.line_number(line)) != (file, number) {
+            return None;
+        }
+        match code.jump(line)? {
+            Jump::Cycle { call } => code.cycles.get(call as usize).map(|(_, call)| &*call.name),
+            _ => None,
+        }
+    }
+
     /// Begins a stretch of the program itself.
     pub(crate) fn begin(&mut self, code: Arc<Code>, start: u32, end: u32) {
         self.has_jumped = true;
-        self.levels.push(Level { code, next: start, end, repeats: self.rounds.len(), call: None });
+        self.levels.push(Level { code, next: start, end, loops: self.loops.open(), call: None });
     }
 
     /// Takes the next compiled line.
@@ -102,7 +135,7 @@ impl Flow {
         let Some(level) = self.levels.last_mut() else { return Ok(Stepped::Idle) };
         let line = level.next;
         if line >= level.end {
-            self.rounds.truncate(level.repeats);
+            self.loops.end_all(level.loops);
             self.levels.pop();
             return Ok(if self.levels.is_empty() { Stepped::Idle } else { Stepped::Jumped });
         }
@@ -149,12 +182,14 @@ impl Flow {
                 }
             }
             Jump::While { end } => {
-                if interpreter.control_value()? == 0.0 {
+                let goes_on = interpreter.control_value()? != 0.0;
+                if !self.loops.decide(LoopKind::While, line..end, level.loops, goes_on) {
                     level.next = end;
                 }
             }
             Jump::WhileOfDo { begin } => {
-                if interpreter.control_value()? != 0.0 {
+                let goes_on = interpreter.control_value()? != 0.0;
+                if self.loops.decide(LoopKind::Do, begin..line + 1, level.loops, goes_on) {
                     level.next = begin;
                 }
             }
@@ -163,21 +198,16 @@ impl Flow {
                 if rounds < 1 {
                     level.next = end;
                 } else {
-                    self.rounds.push(rounds);
+                    self.loops.begin_repeat(line..end, rounds as u64);
                 }
             }
             Jump::EndRepeat { begin } => {
-                if let Some(rounds) = self.rounds.last_mut() {
-                    *rounds -= 1;
-                    if *rounds > 0 {
-                        level.next = begin;
-                    } else {
-                        self.rounds.pop();
-                    }
+                if self.loops.end_of_round(line + 1, level.loops) {
+                    level.next = begin;
                 }
             }
-            Jump::Leave { to, repeats } => {
-                self.rounds.truncate(level.repeats + repeats as usize);
+            Jump::Leave { to } => {
+                self.loops.leave(to, level.loops);
                 level.next = to;
             }
             Jump::Return => return self.leave(interpreter, steps),
@@ -251,8 +281,8 @@ impl Flow {
         self.calls += 1;
         let frame = if is_m98 { interpreter.enter_shared() } else { interpreter.enter_sub(given) };
         let (next, end) = (sub.entry, code.len());
-        let call = Some(Call { sub, frame, rounds: rounds - 1 });
-        self.levels.push(Level { code, next, end, repeats: self.rounds.len(), call });
+        let call = Some(Call { sub, frame, of: rounds, rounds: rounds - 1 });
+        self.levels.push(Level { code, next, end, loops: self.loops.open(), call });
         Ok(Stepped::Jumped)
     }
 
@@ -262,7 +292,7 @@ impl Flow {
         let value = interpreter.has_control_value().then_some(value);
         // Stretches of the program itself lie below all calls.
         let Some(level) = self.levels.last_mut() else { return Ok(Stepped::Idle) };
-        self.rounds.truncate(level.repeats);
+        self.loops.end_all(level.loops);
         let Some(mut call) = level.call.take() else { return Ok(Stepped::ProgramEnd) };
         let taken_up = interpreter.take_up_on_return(steps);
         interpreter.leave_sub(call.frame, value);
@@ -285,7 +315,7 @@ impl Flow {
         let code = Arc::clone(self.codes.get(sub.code as usize)?);
         let (next, end) = (sub.entry, code.len());
         let mut flow = Flow { codes: self.codes.clone(), subs: self.subs.clone(), ..Flow::default() };
-        flow.levels.push(Level { code, next, end, repeats: 0, call: None });
+        flow.levels.push(Level { code, next, end, loops: 0, call: None });
         Some(flow)
     }
 

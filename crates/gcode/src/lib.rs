@@ -21,6 +21,7 @@
 //! `block` (the compiled line), `interp` (carrying it out: `check`, then `execute`), [`Canon`] (what comes out).
 #![forbid(unsafe_code)]
 
+mod active;
 mod angle;
 mod arriving;
 mod block;
@@ -29,6 +30,7 @@ mod bytes;
 mod call;
 mod canon;
 mod canon_text;
+mod carried;
 mod code;
 mod codes;
 mod compensation;
@@ -54,16 +56,20 @@ mod pose;
 mod prescan;
 mod program;
 mod remark;
+mod rounds;
 mod spindle;
 mod spline;
 mod system;
 mod tool;
 mod turning;
+mod whereabouts;
 
+pub use active::{Active, system_name};
 pub use block::BlockNumber;
 pub use branch::{Branch, Target};
 pub use canon::{ArcFeed, Canon, FeedMode, Input, LengthUnit, PathControl, Plane, Probing, Step, Wait, WaitFor};
 pub use canon_text::CanonText;
+pub use carried::CarriedOver;
 pub use codes::Code;
 pub use compensation::{Compensation, Side};
 pub use cycle::{Cycle, CycleWords, Series};
@@ -80,3 +86,4 @@ pub use retrace_cycles as cycles;
 pub use spindle::SpindleTurn;
 pub use spline::{ControlPoint, Nurbs};
 pub use tool::{Tool, ToolTable};
+pub use whereabouts::{LoopKind, Whereabouts, Within};

@@ -32,8 +32,6 @@ pub(crate) struct Open {
     /// Lines that go to the end, and to the line that ends the round.
     to_end: Vec<u32>,
     to_round: Vec<u32>,
-    /// Loops of repeat around it.
-    repeats: u32,
     /// The sub that it stands in, or is, counted in what is open.
     sub: Option<usize>,
 }
@@ -119,7 +117,7 @@ impl Nest {
                 let open = self.close(control, &[Keyword::While])?;
                 code.set_jump(open.begin, Jump::While { end: at + 1 });
                 open.patch(code, at + 1, open.begin);
-                Jump::Leave { to: open.begin, repeats: open.repeats }
+                Jump::Leave { to: open.begin }
             }
             Keyword::EndRepeat => {
                 let open = self.close(control, &[Keyword::Repeat])?;
@@ -160,11 +158,6 @@ impl Nest {
             let message = format!("{} begins inside of another subprogram", control.label);
             return fault(Number::SubInSub, control.at, message);
         }
-        let repeats = self.open.last().map_or(0, |open| match open.control.keyword {
-            Keyword::Sub => 0,
-            Keyword::Repeat => open.repeats + 1,
-            _ => open.repeats,
-        });
         let is_sub = control.keyword == Keyword::Sub;
         let sub = if is_sub { Some(self.open.len()) } else { self.open.last().and_then(|open| open.sub) };
         self.open.push(Open {
@@ -174,7 +167,6 @@ impl Nest {
             decider: (control.keyword == Keyword::If).then_some(at),
             to_end: Vec::new(),
             to_round: Vec::new(),
-            repeats,
             sub,
         });
         if control.keyword != Keyword::Sub && !self.labels.insert((scope, control.label.clone())) {
@@ -226,13 +218,9 @@ impl Nest {
         let Some(open) = self.open[within..].iter_mut().rev().find(|open| open.is(control, &loops)) else {
             return nothing_open(control);
         };
-        if control.keyword == Keyword::Break {
-            open.to_end.push(at);
-            return Ok(Jump::Leave { to: 0, repeats: open.repeats });
-        }
-        open.to_round.push(at);
-        let repeats = open.repeats + u32::from(open.control.keyword == Keyword::Repeat);
-        Ok(Jump::Leave { to: 0, repeats })
+        let lines = if control.keyword == Keyword::Break { &mut open.to_end } else { &mut open.to_round };
+        lines.push(at);
+        Ok(Jump::Leave { to: 0 })
     }
 }
 
@@ -248,7 +236,7 @@ impl Open {
                 let jump = match code.jump(*line) {
                     Some(Jump::Else { .. }) => Jump::Else { end: target },
                     Some(Jump::ElseIf { otherwise, .. }) => Jump::ElseIf { otherwise, end: target },
-                    Some(Jump::Leave { repeats, .. }) => Jump::Leave { to: target, repeats },
+                    Some(Jump::Leave { .. }) => Jump::Leave { to: target },
                     Some(other) => other,
                     None => continue,
                 };

@@ -63,10 +63,10 @@ pub(crate) struct Names {
 const MOST_NAMES: usize = 50_000;
 
 impl Names {
-    /// With names whose values are given, in lower case.
-    pub(crate) fn with_fixed(values: &[(String, f64)]) -> Names {
+    /// The same, and these names have values that are given, in lower case.
+    pub(crate) fn with_fixed(self, values: &[(String, f64)]) -> Names {
         let fixed = values.iter().map(|(name, value)| (name.as_str().into(), *value)).collect();
-        Names { fixed, ..Names::default() }
+        Names { fixed, ..self }
     }
 
     /// What `#<text>` names.
@@ -189,6 +189,16 @@ impl Parameters {
         }
         self.spare = std::mem::replace(&mut self.local, frame.local);
         self.spare.clear();
+    }
+
+    /// What outlives a program: what a parameter file keeps, and nothing else.
+    #[must_use]
+    pub fn kept(&self) -> Parameters {
+        let mut kept = Parameters::default();
+        for number in KEPT.iter().flat_map(|(first, last)| *first..=*last) {
+            kept.set(number, self.get(number));
+        }
+        kept
     }
 
     /// Reads a parameter file: lines of a number and a value, in rising order, `#` and `;` begin a comment.

@@ -9,6 +9,7 @@ use crate::codes::Code;
 use crate::control;
 use crate::diag::{Outcome, Span, fault};
 use crate::expr::{Compiler, Operand, Reference};
+use crate::interp::Setup;
 use crate::lex::Cursor;
 use crate::params::Names;
 use crate::pose::{Axis, AxisSet};
@@ -36,10 +37,11 @@ impl LineReader {
         LineReader { axes, block_delete, names: Names::default(), cycles, block: Block::default() }
     }
 
-    /// With named parameters whose values are given.
-    pub(crate) fn with_fixed(mut self, values: &[(String, f64)]) -> LineReader {
-        self.names = Names::with_fixed(values);
-        self
+    /// As an interpreter of this setup has it, with the names of parameters that are known already.
+    pub(crate) fn of(setup: &Setup) -> LineReader {
+        let known = setup.carried.as_ref().map(|carried| carried.names.clone()).unwrap_or_default();
+        let names = known.with_fixed(&setup.fixed_values);
+        LineReader { names, ..LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone()) }
     }
 
     /// Compiles a line; false when it is deleted.

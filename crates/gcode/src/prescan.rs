@@ -90,6 +90,12 @@ impl Subs {
     pub(crate) fn get(&self, id: SubId) -> Option<&Sub> {
         self.list.get(id as usize)
     }
+
+    /// The label of a subprogram.
+    pub(crate) fn label(&self, sub: &Sub) -> Option<&Label> {
+        let is_it = |id: &SubId| self.get(*id).is_some_and(|one| (one.code, one.entry) == (sub.code, sub.entry));
+        self.by_label.iter().find(|(_, id)| is_it(id)).map(|((_, label), _)| label)
+    }
 }
 
 /// Places and lines by label, in order.
@@ -124,8 +130,7 @@ impl Prescan {
             codes: Vec::new(),
             regions: Vec::new(),
             subs: Subs::default(),
-            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone())
-                .with_fixed(&setup.fixed_values),
+            reader: LineReader::of(setup),
             contours: Vec::new(),
             labels: None,
             missed: HashSet::new(),

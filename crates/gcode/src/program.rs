@@ -3,9 +3,11 @@
 //! Invariant: lines that are in no subprogram, loop or branch are read, carried out and forgotten; the others are compiled once,
 //! by the pre-scan, or as they arrive.
 
+use crate::active::Active;
 use crate::arriving::Arriving;
 use crate::call::CycleCall;
 use crate::canon::{Canon, Step};
+use crate::carried::check_by_hand;
 use crate::codes::Code;
 use crate::contour::{self, ContourReader};
 use crate::control::{Control, Keyword};
@@ -14,6 +16,7 @@ use crate::flow::{Flow, Stepped};
 use crate::interp::{self, Interpreter, Read, Setup};
 use crate::lines::{Lines, Text};
 use crate::prescan::Prescan;
+use crate::whereabouts::Whereabouts;
 use retrace_cycles::Kind;
 use std::borrow::Cow;
 use std::io::BufRead;
@@ -58,6 +61,8 @@ pub struct Program<R> {
     percent: bool,
     /// A line that was read to see how the program begins, and is still to be carried out.
     is_held: bool,
+    /// It is one block by hand, which needs no end.
+    by_hand: bool,
 }
 
 impl<R: BufRead> Program<R> {
@@ -77,6 +82,23 @@ impl<R: BufRead> Program<R> {
             phase: Phase::Opening,
             percent: false,
             is_held: false,
+            by_hand: false,
+        }
+    }
+
+    /// One block by hand (MDI), which may call a subprogram in a file of its own, or a cycle. It goes on from what
+    /// [`Setup::going_on`] has been given, and [`Interpreter::carried`] is what it leaves. What it would do is known as of any
+    /// program, by carrying it out; nothing of that is in force before its `carried` is taken over.
+    ///
+    /// # Errors
+    /// What no block by hand can be, and what the pre-scan of a program tells.
+    pub fn by_hand(text: &str, setup: Setup) -> Result<Program<R>, Vec<Diagnostic>> {
+        check_by_hand(text, &setup)?;
+        let prescan = Prescan::of("by hand", text.into(), &setup);
+        if prescan.diagnostics().is_empty() {
+            Ok(Program { by_hand: true, ..Program::prescanned(Arc::new(prescan), setup) })
+        } else {
+            Err(prescan.diagnostics().to_vec())
         }
     }
 
@@ -171,6 +193,10 @@ impl<R: BufRead> Program<R> {
     /// Carries out the next line that is in no stretch.
     fn own_line(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
         if !std::mem::take(&mut self.is_held) && !self.read_line() {
+            if self.by_hand {
+                self.interpreter.release(steps);
+                return Ok(self.close(steps));
+            }
             let code = if self.percent { Code::NoClosingPercent } else { Code::NoProgramEnd };
             self.report(Fault::plain(code, Span::default()));
             return Ok(self.close(steps));
@@ -292,6 +318,22 @@ impl<R: BufRead> Program<R> {
             Some(prescan) => String::from_utf8_lossy(prescan.line_text(diagnostic.file, diagnostic.line)),
             None => self.line_text(),
         }
+    }
+
+    /// What is in force: to be asked between two lines.
+    #[must_use]
+    pub fn active(&self) -> Active {
+        self.interpreter.state().into()
+    }
+
+    /// Where the program is: the line taken last, and the calls and loops that it is in. It allocates: to be asked now and then.
+    #[must_use]
+    pub fn whereabouts(&self) -> Whereabouts {
+        let name = |file| self.prescan.as_ref().map_or(String::new(), |prescan| prescan.file_name(file).to_owned());
+        let (file, line) = self.interpreter.place();
+        let cycle = self.flow.cycle((file, line)).or_else(|| self.interpreter.cycle());
+        let cycle = cycle.map(str::to_owned);
+        Whereabouts { file: name(file), line, within: self.flow.within(name), cycle }
     }
 
     /// The interpreter, to ask for its state and its diagnostics.

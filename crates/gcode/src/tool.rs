@@ -7,6 +7,8 @@ use crate::canon::LengthUnit;
 use crate::codes::Code;
 use crate::diag::{Diagnostic, Span};
 use crate::pose::{Axis, Pose};
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
 
 /// One tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -31,6 +33,8 @@ pub struct Tool {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToolTable {
     tools: Vec<Tool>,
+    /// What the comments of the table call them, by number.
+    names: BTreeMap<u32, Box<str>>,
 }
 
 impl ToolTable {
@@ -46,7 +50,10 @@ impl ToolTable {
             diameter: diameter * inch,
             ..Tool::default()
         };
-        ToolTable { tools: vec![tool(1, 0.511, 0.125), tool(2, 0.1, 0.0625), tool(3, 1.273, 0.201)] }
+        ToolTable {
+            names: BTreeMap::new(),
+            tools: vec![tool(1, 0.511, 0.125), tool(2, 0.1, 0.0625), tool(3, 1.273, 0.201)],
+        }
     }
 
     /// The tool of this number. Number 0 is no tool, and always there.
@@ -66,6 +73,17 @@ impl ToolTable {
         }
     }
 
+    /// All tools, as the table has them.
+    pub fn tools(&self) -> impl Iterator<Item = &Tool> {
+        self.tools.iter()
+    }
+
+    /// What the table's comment calls a tool.
+    #[must_use]
+    pub fn name(&self, number: u32) -> Option<&str> {
+        self.names.get(&number).map(AsRef::as_ref)
+    }
+
     /// Which tool of the table this is, from 1; 0 when it is not there.
     pub(crate) fn index_of(&self, number: u32) -> u32 {
         if number == 0 {
@@ -82,14 +100,19 @@ impl ToolTable {
         let mut table = ToolTable::default();
         let mut diagnostics = Vec::new();
         for (index, line) in text.lines().enumerate() {
-            let content = line.split(';').next().unwrap_or_default();
+            let (content, comment) = line.split_once(';').unwrap_or((line, ""));
             if content.trim().is_empty() {
                 continue;
             }
             match tool_of_line(content) {
                 // Of several lines of one number the first counts, as in LinuxCNC.
                 Ok(tool) if table.tools.iter().any(|known| known.number == tool.number) => {}
-                Ok(tool) => table.tools.push(tool),
+                Ok(tool) => {
+                    table.tools.push(tool);
+                    if !comment.trim().is_empty() {
+                        table.names.insert(tool.number, comment.trim().into());
+                    }
+                }
                 Err((word, message)) => {
                     let start = line.find(word).unwrap_or(0);
                     diagnostics.push(Diagnostic {
@@ -103,6 +126,26 @@ impl ToolTable {
             }
         }
         if diagnostics.is_empty() { Ok(table) } else { Err(diagnostics) }
+    }
+
+    /// The text of the table, as [`ToolTable::read`] gives it back.
+    #[must_use]
+    pub fn write(&self) -> String {
+        let mut text = String::new();
+        for tool in &self.tools {
+            // Writing to a string cannot fail.
+            let _ = write!(text, "T{} P{}", tool.number, tool.pocket);
+            let lengths = Axis::ALL.map(|axis| (char::from(axis.letter()), tool.offset[axis]));
+            let rest = [('D', tool.diameter), ('I', tool.front_angle), ('J', tool.back_angle), ('Q', tool.orientation)];
+            for (letter, value) in lengths.into_iter().chain(rest).filter(|(_, value)| *value != 0.0) {
+                let _ = write!(text, " {letter}{value}");
+            }
+            let _ = match self.name(tool.number) {
+                Some(name) => writeln!(text, " ;{name}"),
+                None => writeln!(text),
+            };
+        }
+        text
     }
 }
 
@@ -153,6 +196,16 @@ mod tests {
         );
         assert_eq!(table.get(1).map(|tool| tool.offset[Axis::Z]), Some(0.511));
         assert_eq!((table.get(0), table.get(2)), (Some(Tool::default()), None));
+    }
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let text =
+            "T1 P1 Z0.511 D0.125 ;1/8 end mill\nT20 P2 X-1.1234567890123456 C30 D3 I90 J-5 Q9 ; lathe; inside \nT7\n";
+        let table = ToolTable::read(text).expect("a table");
+        assert_eq!(ToolTable::read(&table.write()), Ok(table.clone()));
+        assert_eq!((table.name(1), table.name(20), table.name(7)), (Some("1/8 end mill"), Some("lathe; inside"), None));
+        assert_eq!(table.tools().count(), 3);
     }
 
     #[test]

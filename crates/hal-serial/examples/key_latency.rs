@@ -11,7 +11,7 @@ use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{ONE, Record};
 use retrace_hal_serial::{Address, Pty, SerialPort};
 use retrace_hal_sim::{Rig, RigSettings};
-use retrace_link::{MotionCard, Patience, Settings, Wired, Word};
+use retrace_link::{MotionCard, Patience, Settings, Start, Wired, Word};
 
 const AXES: usize = 4;
 const PRESSES: usize = 200;
@@ -56,7 +56,7 @@ fn main() {
         scope.spawn(|| serve(pty, begun, &slower, &ended));
         let port = SerialPort::open(&address).expect("the pseudo-terminal");
         let mut card = Box::new(Wired::<AXES, _>::find(port, 7, Patience::default()).expect("a card"));
-        card.open(Settings::new(0, 0, 1000, limits)).expect("it opens");
+        card.open(Settings::new(0, Start::at(0), 1000, limits)).expect("it opens");
         let (ended, pressed) = (&ended, &pressed);
         scope.spawn(move || {
             let mut wait_us = 170_000;

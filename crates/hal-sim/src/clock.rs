@@ -25,6 +25,15 @@ impl Clock {
         Self::Wall { start: Instant::now(), period: Duration::from_micros(u64::from(period_us)) }
     }
 
+    /// Length of a control period in microseconds, where it takes any time.
+    #[must_use]
+    pub fn period_us(&self) -> Option<u32> {
+        match self {
+            Self::Virtual => None,
+            Self::Wall { period, .. } => u32::try_from(period.as_micros()).ok(),
+        }
+    }
+
     /// Waits for the end of period `number`.
     pub fn wait(&self, number: u64) {
         if let Self::Wall { start, period } = self {

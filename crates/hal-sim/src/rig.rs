@@ -9,6 +9,7 @@ use std::io::{self, Write};
 
 use retrace_link::Status;
 
+use crate::compared::Compared;
 use crate::line::{Leftover, Line, LineSettings};
 use crate::machine::{Machine, MachineSettings};
 use crate::on_line::{SimOnLine, TICK_HZ, identity};
@@ -72,8 +73,7 @@ pub struct Rig<const A: usize> {
     due_ns: u64,
     /// When the card's UART can take bytes again, if there are more.
     more_at: Option<u64>,
-    /// Counts less positions: what homing set.
-    homed: [i64; A],
+    compared: Compared<A>,
     faults: Faults,
     watcher: Option<Watcher<A>>,
     trace: Option<Trace<Box<dyn Write + Send>, A>>,
@@ -98,7 +98,7 @@ impl<const A: usize> Rig<A> {
             now_ns: 0,
             due_ns: IDLE_PERIOD_NS,
             more_at: None,
-            homed: [0; A],
+            compared: Compared::new([0; A]),
             faults: Faults::default(),
             watcher: None,
             trace: None,
@@ -157,7 +157,7 @@ impl<const A: usize> Rig<A> {
         if let Some(timing) = self.card.terms().map(|terms| terms.timing()) {
             self.faults.too_many += u64::from(!self.pins.emit(timing, &status.increments));
         }
-        self.compare(&before, &status);
+        self.faults.apart += u64::from(!self.compared.agrees(&before, &status, self.pins.positions()));
         self.machine.outputs(self.now_us(), &status.outputs);
         if let Some(watcher) = &mut self.watcher {
             let positions = self.pins.positions();
@@ -169,21 +169,6 @@ impl<const A: usize> Rig<A> {
             self.trace = None;
         }
         self.due_ns += self.card.terms().map_or(IDLE_PERIOD_NS, |terms| u64::from(terms.settings().period_us) * 1000);
-    }
-
-    /// Are the card's counts what was counted?
-    fn compare(&mut self, before: &[i64; A], status: &Status<A>) {
-        let positions = self.pins.positions();
-        let mut apart = false;
-        for axis in 0..A {
-            let jump = status.counts[axis] - before[axis] - i64::from(status.increments[axis]);
-            // Homing sets the count of an axis while nothing is on the window.
-            if jump != 0 && status.low == status.high {
-                self.homed[axis] += jump;
-            }
-            apart |= status.counts[axis] - self.homed[axis] != positions[axis];
-        }
-        self.faults.apart += u64::from(apart);
     }
 
     /// Fetches from the card what its UART can send now.

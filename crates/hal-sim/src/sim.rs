@@ -1,14 +1,16 @@
-//! A simulated card behind the trait that every card stands behind.
+//! A simulated card in this process, with a machine on it and no line: behind the trait that every card stands behind.
 //!
-//! Invariant: it runs `retrace_card::Player`, the same code as the firmware; it is no second card.
+//! Invariant: it runs `retrace_card::Card`, the same code as the firmware; it is no second card. An alarm is told in a period of its own,
+//! and is a fault from the next one on, as long as the card stands under it.
 
-use core::fmt;
+use std::fmt;
 
-use retrace_card::Player;
+use retrace_card::{Card, Inputs};
 use retrace_core::limits::RateLimits;
-use retrace_link::{CardFault, MotionCard, Refusal, Start, Status, Word};
+use retrace_link::{Alarm, CardFault, Deck, Identity, MotionCard, Outputs, Refusal, Settings, Start, Status, Word};
 
-use crate::{Clock, PulseCounters};
+use crate::compared::Compared;
+use crate::{Clock, Machine, MachineSettings, PulseCounters, identity};
 
 /// Records that the simulated card holds.
 pub const WINDOW: usize = 4096;
@@ -16,85 +18,180 @@ pub const WINDOW: usize = 4096;
 /// Longest average of its rate law, in periods.
 pub(crate) const MEMORY: usize = 1023;
 
-/// A simulated card for `A` axes.
+/// Ticks a second of a clock that is fine enough for every pulse that can be asked for.
+const FINE_HZ: u32 = 4_000_000_000;
+
+/// A simulated card for `A` axes, and what hangs on it.
 #[derive(Debug)]
 pub struct SimCard<const A: usize> {
-    player: Box<Player<A, WINDOW, MEMORY>>,
-    clock: Clock,
+    card: Box<Card<A, WINDOW, MEMORY>>,
+    machine: Machine<A>,
     counters: PulseCounters<A>,
-    status: Status<A>,
+    compared: Compared<A>,
+    /// Counts of the axes where the counters' positions are 0, before any homing.
+    stood_at: [i64; A],
+    settings: Settings<A>,
+    clock: Clock,
 }
 
 /// What can go wrong with a simulated card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TooManyPulses {
-    /// The control period in which it happened.
-    pub period: u64,
+pub enum SimFault {
+    /// The card latched an alarm and stands. [`Word::ClearAlarm`] may clear it.
+    Alarm(Alarm),
+    /// More pulses than the card can emit.
+    TooManyPulses {
+        /// The control period in which it happened.
+        period: u64,
+    },
+    /// The counts are not what was counted: a defect.
+    Apart {
+        /// The control period in which it happened.
+        period: u64,
+    },
+    /// The card did not begin an epoch.
+    NotBegun(Refusal),
 }
 
-impl fmt::Display for TooManyPulses {
+impl fmt::Display for SimFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "control period {}: more pulses than the card can emit in a period", self.period)
+        match self {
+            Self::Alarm(alarm) => alarm.fmt(f),
+            Self::TooManyPulses { period } => {
+                write!(f, "control period {period}: more pulses than the card can emit in a period")
+            }
+            Self::Apart { period } => {
+                write!(f, "control period {period}: the card's counts are not what was counted at its outputs")
+            }
+            Self::NotBegun(Refusal::InMotion) => write!(f, "the card is in motion, and cannot begin a path anew"),
+            Self::NotBegun(_) => write!(f, "the card cannot begin a path anew like that"),
+        }
     }
 }
 
-impl CardFault for TooManyPulses {
+impl CardFault for SimFault {
     fn number(&self) -> &'static str {
-        "E3017"
+        match self {
+            Self::Alarm(alarm) => alarm.number(),
+            Self::TooManyPulses { .. } => "E3017",
+            Self::Apart { .. } => "E3004",
+            Self::NotBegun(_) => "E3008",
+        }
     }
 
     fn remedy(&self) -> &'static str {
-        "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period"
+        match self {
+            Self::Alarm(alarm) => alarm.remedy(),
+            Self::TooManyPulses { .. } => {
+                "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period"
+            }
+            Self::Apart { .. } => "please report this",
+            Self::NotBegun(_) => "wait until the machine stands; please report this",
+        }
     }
 }
 
 impl<const A: usize> SimCard<A> {
-    /// A card at rest, its first record to have the number `start`. `None` where the rate law's average is too long for a card.
+    /// A card at rest with nothing on it, its first record to have the number `start`, a control period of 1 ms in virtual time. `None` where
+    /// the rate law's average is too long for a card.
     #[must_use]
     pub fn new(start: u32, limits: RateLimits<A>, clock: Clock) -> Option<Self> {
-        let player = Box::new(Player::new(start, limits)?);
-        let status = *player.status();
-        Some(Self { player, clock, counters: PulseCounters::default(), status })
+        let settings = Settings::new(1, Start::at(start), clock.period_us().unwrap_or(1000), limits);
+        Self::with_machine(settings, &MachineSettings::default(), clock).ok()
+    }
+
+    /// A card at rest with a machine on it. Whoever has it in hand is there: the watchdog never trips; and its clock is so fine that pulses are
+    /// as short as they have to be. Else it works by the settings; their epoch counts for nothing.
+    ///
+    /// # Errors
+    /// As [`Deck::open`].
+    pub fn with_machine(settings: Settings<A>, machine: &MachineSettings, clock: Clock) -> Result<Self, Refusal> {
+        let identity = Identity { tick_hz: FINE_HZ, most_pulses_hz: u32::MAX, ..identity::<A>(0, 0) };
+        let settings = Settings { epoch: 1, pulse_ns: 0, direction_setup_ns: 0, ..settings };
+        let mut card = Box::new(Card::new(identity).ok_or(Refusal::Unfit)?);
+        card.open(&settings)?;
+        Ok(Self {
+            card,
+            machine: Machine::new(machine),
+            counters: PulseCounters::default(),
+            compared: Compared::new([0; A]),
+            stood_at: [0; A],
+            settings,
+            clock,
+        })
+    }
+
+    /// The same, with its axes at these counts and its outputs at these values: as a card that kept its position. What hangs on it is at
+    /// these positions too. To be called before anything has moved.
+    #[must_use]
+    pub fn standing_at(mut self, counts: [i64; A], outputs: &Outputs) -> Self {
+        self.card.stand_at(counts, outputs);
+        self.compared = Compared::new(counts);
+        self.stood_at = counts;
+        self.machine.outputs(0, outputs);
+        self
     }
 
     /// The pulses that came out.
     #[must_use]
-    pub fn counters(&self) -> &PulseCounters<A> {
+    pub const fn counters(&self) -> &PulseCounters<A> {
         &self.counters
+    }
+
+    /// What hangs on the card, to be meddled with.
+    pub const fn machine(&mut self) -> &mut Machine<A> {
+        &mut self.machine
+    }
+
+    /// What the machine has on the card's inputs at the beginning of period `number`.
+    fn inputs(&mut self, now_us: u64) -> Inputs {
+        let mut positions = *self.counters.positions();
+        for (position, stood_at) in positions.iter_mut().zip(self.stood_at) {
+            *position += stood_at;
+        }
+        self.machine.inputs(now_us, &positions)
     }
 }
 
 impl<const A: usize> MotionCard<A> for SimCard<A> {
-    type Fault = TooManyPulses;
+    type Fault = SimFault;
 
     fn window(&self) -> u32 {
         WINDOW as u32
     }
 
     fn send(&mut self, word: Word<A>) -> Result<(), Refusal> {
-        self.player.take(word)?;
-        let counts = self.status.counts;
-        self.status = *self.player.status();
-        self.status.counts = counts;
-        Ok(())
+        self.card.take(word)
     }
 
-    fn period(&mut self) -> Result<&Status<A>, TooManyPulses> {
-        self.clock.wait(self.status.period + 1);
-        self.status = *self.player.period();
-        if !self.counters.emit(&self.status.increments) {
-            return Err(TooManyPulses { period: self.status.period });
+    fn period(&mut self) -> Result<&Status<A>, SimFault> {
+        let before = self.card.status();
+        let (number, counts) = (before.period + 1, before.counts);
+        let stood_under_alarm = before.alarm.is_some() && before.at_rest;
+        self.clock.wait(number);
+        let now_us = number * u64::from(self.settings.period_us);
+        let inputs = self.inputs(now_us);
+        self.card.heard();
+        let status = self.card.period(inputs);
+        if !self.counters.emit(&status.increments) {
+            return Err(SimFault::TooManyPulses { period: number });
         }
-        self.status.counts = *self.counters.positions();
-        Ok(&self.status)
+        if !self.compared.agrees(&counts, status, self.counters.positions()) {
+            return Err(SimFault::Apart { period: number });
+        }
+        self.machine.outputs(now_us, &status.outputs);
+        match status.alarm {
+            Some(alarm) if stood_under_alarm => Err(SimFault::Alarm(alarm)),
+            _ => Ok(self.card.status()),
+        }
     }
 
-    fn begin(&mut self, _: Start) -> Result<(), TooManyPulses> {
-        todo!("the player's epochs")
+    fn begin(&mut self, start: Start) -> Result<(), SimFault> {
+        self.card.open(&Settings { start, ..self.settings }).map_err(SimFault::NotBegun)
     }
 
     fn status(&self) -> &Status<A> {
-        &self.status
+        self.card.status()
     }
 }
 

@@ -8,14 +8,14 @@ use retrace_hal_sim::{
     Chance, InProcess, LineSettings, MachineSettings, Process, Rates, Rig, RigSettings, Tally, wiring,
 };
 use retrace_link::{
-    Alarm, Await, Change, Homing, InputSetting, InputUse, Instruction, MotionCard, Patience, Port, Settings, Status,
-    Wired, Word, channel,
+    Alarm, Await, Change, Homing, InputSetting, InputUse, Instruction, MotionCard, Patience, Port, Settings, Start,
+    Status, Wired, Word, channel,
 };
 
 type Host = Wired<3, InProcess<3>>;
 
 fn settings() -> Settings<3> {
-    Settings::new(0, 0, 1000, limits())
+    Settings::new(0, Start::at(0), 1000, limits())
 }
 
 fn host(rig: &RigSettings, settings: Settings<3>) -> Host {

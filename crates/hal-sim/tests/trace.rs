@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Record};
 use retrace_hal_sim::{InProcess, Rig, RigSettings};
-use retrace_link::{Change, MotionCard, Patience, Settings, Wired, Word, channel};
+use retrace_link::{Change, MotionCard, Patience, Settings, Start, Wired, Word, channel};
 
 /// A file in memory.
 #[derive(Clone, Default)]
@@ -63,7 +63,7 @@ fn traced() -> (String, [u64; 2]) {
     let mut rig = Rig::<2>::new(&RigSettings::default()).expect("a card");
     rig.trace(Box::new(file.clone()), &["x".to_owned(), "y".to_owned()]).expect("memory");
     let mut host = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
-    host.open(Settings::new(0, 0, 1000, limits())).expect("it takes the settings");
+    host.open(Settings::new(0, Start::at(0), 1000, limits())).expect("it takes the settings");
     for place in 0..60u32 {
         let flags = if place == 59 { Flags::REST } else { Flags::NONE };
         let record = Record { increments: [5, -((place % 9) as i16)], flags, line: place, ..Record::default() };

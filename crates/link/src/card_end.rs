@@ -179,6 +179,9 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
             self.staged = (0, 0);
             self.shadow = Shadow { outputs: [0; channel::COUNT], executed: status.executed, inputs: 0, alarm: None };
             deck.heard();
+        } else if settings.epoch == self.epoch && self.epoch != 0 {
+            // Its host has not heard the answer yet, and is there.
+            deck.heard();
         }
         self.greeting.get_or_insert(0);
     }
@@ -352,6 +355,8 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
             last_epoch: self.last_epoch,
             place: status.place,
             at_rest: status.at_rest,
+            reached: status.reached,
+            executed: status.executed,
             counts: status.counts,
             alarm: status.alarm,
         };

@@ -47,11 +47,15 @@ pub trait MotionCard<const A: usize> {
     /// Lets one control period pass and reports it. A card in virtual time computes it, one in wall time waits for it.
     ///
     /// # Errors
-    /// A fault is final: the card stands, and no word of this run will move it again.
+    /// A fault is final: the card stands, and no word of this run will move it again. Only an alarm can be cleared: after
+    /// [`Word::ClearAlarm`] periods pass as ever, until it is known that the alarm stays.
     fn period(&mut self) -> Result<&Status<A>, Self::Fault>;
 
-    /// Begins a path anew where the machine stands: an epoch. What the card holds of the old path is forgotten, counts and outputs stay.
-    /// The machine has to stand.
+    /// Begins a path anew where the machine stands: an epoch. What the card holds of the old path is forgotten, counts and outputs stay,
+    /// and so does an alarm. The machine has to stand.
+    ///
+    /// An instruction in hand is given up. Where the card completes one before it hears of the epoch, its number counts as executed too:
+    /// the status says which one is the last.
     ///
     /// # Errors
     /// A fault is final, as in [`MotionCard::period`].

@@ -4,7 +4,7 @@
 
 use retrace_core::{Place, Record, Travel};
 
-use crate::Alarm;
+use crate::{Alarm, Start};
 
 /// Output channels of a card and what they carry.
 pub mod channel {
@@ -207,7 +207,7 @@ pub struct Status<const A: usize> {
     pub increments: [i32; A],
     /// Net pulses of each axis since the card was started: counted at the pulse output.
     pub counts: [i64; A],
-    /// Number of the last exclusive instruction that is complete; 0 for none.
+    /// Number of the last exclusive instruction that is complete; where an epoch begins, as its start says.
     pub executed: u32,
     /// The outputs as they are.
     pub outputs: Outputs,
@@ -220,22 +220,23 @@ pub struct Status<const A: usize> {
 }
 
 impl<const A: usize> Status<A> {
-    /// A card at rest at record `start`, all counts and outputs zero.
+    /// A card at rest where an epoch begins, all counts and outputs zero.
     #[must_use]
-    pub const fn standing(start: u32) -> Self {
+    pub const fn standing(start: Start) -> Self {
+        let record = start.place.record;
         Self {
             period: 0,
-            place: Place::start_of(start),
-            reached: start,
-            low: start,
-            high: start,
+            place: start.place,
+            reached: start.reached,
+            low: record,
+            high: record,
             rate: 0,
             at_rest: true,
             short: false,
             line: 0,
             increments: [0; A],
             counts: [0; A],
-            executed: 0,
+            executed: start.executed,
             outputs: [0; channel::COUNT],
             inputs: 0,
             wheel: 0,

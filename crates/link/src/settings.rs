@@ -5,6 +5,7 @@
 
 use retrace_core::Place;
 use retrace_core::limits::RateLimits;
+use retrace_core::place::before;
 
 use crate::Change;
 
@@ -13,7 +14,7 @@ pub const MAX_INPUTS: usize = 16;
 /// Most outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
 /// Version of the protocol that this crate speaks.
-pub const PROTOCOL: u8 = 1;
+pub const PROTOCOL: u8 = 2;
 
 /// Who a card is, and what it can do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,8 +85,10 @@ pub struct InputSetting {
 /// Where an epoch begins: the place that the machine stands at on the path that is to be played, and what was done of that path before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Start {
-    /// Where the cursor stands; the counts stay as they are.
+    /// Where the cursor stands; the counts stay as they are. Inside of a record the cursor stands until that record is there.
     pub place: Place,
+    /// Is the path at rest there, as at a planned stop? Then it is left at full rate, else with a ramp. Never inside of a record.
+    pub rests: bool,
     /// The furthest place ever executed, as a record boundary; not before `place`.
     pub reached: u32,
     /// Number of the last exclusive instruction that is complete; the next one has the number behind it.
@@ -96,7 +99,13 @@ impl Start {
     /// A path that begins with this record, nothing done of it.
     #[must_use]
     pub const fn at(record: u32) -> Self {
-        Self { place: Place::start_of(record), reached: record, executed: 0 }
+        Self { place: Place::start_of(record), rests: true, reached: record, executed: 0 }
+    }
+
+    /// Does it fit together: is `reached` not behind the place, and the path in motion inside of a record?
+    #[must_use]
+    pub const fn is_valid(&self) -> bool {
+        !before(self.reached, self.place.boundary_ahead()) && (self.place.fraction == 0 || !self.rests)
     }
 }
 
@@ -105,8 +114,8 @@ impl Start {
 pub struct Settings<const A: usize> {
     /// Number of this opening, not 0.
     pub epoch: u16,
-    /// The number that the first record will have; the counts stay as they are.
-    pub start: u32,
+    /// Where the path is taken up; the counts stay as they are.
+    pub start: Start,
     /// How many of the axes are used, 1 … `A`.
     pub axes: u8,
     /// Control period in microseconds.
@@ -132,10 +141,10 @@ pub struct Settings<const A: usize> {
 }
 
 impl<const A: usize> Settings<A> {
-    /// All axes, T in microseconds, records from `start` on, reports every eighth period, a watchdog of 250 ms, no inputs, and all
+    /// All axes, T in microseconds, the path from `start` on, reports every eighth period, a watchdog of 250 ms, no inputs, and all
     /// outputs left as they are at a fault.
     #[must_use]
-    pub fn new(epoch: u16, start: u32, period_us: u32, limits: RateLimits<A>) -> Self {
+    pub fn new(epoch: u16, start: Start, period_us: u32, limits: RateLimits<A>) -> Self {
         Self {
             epoch,
             start,

@@ -64,6 +64,10 @@ pub struct Wired<const A: usize, P: Port> {
     patience: Patience,
     /// The line is gone, for all that is known; it may come back.
     lost: Option<P::Fault>,
+    /// Number of the last question.
+    nonce: u32,
+    /// What the open epoch goes by.
+    settings: Option<Settings<A>>,
 }
 
 /// So long a card is told to stop by a host that gives up.
@@ -78,7 +82,7 @@ impl<const A: usize, P: Port> Wired<A, P> {
     /// # Errors
     /// Nobody answers, or the port is gone.
     pub fn find(port: P, nonce: u32, patience: Patience) -> Result<Self, WiredFault<P::Fault>> {
-        let mut found = Self { port, host: Host::new(nonce), patience, lost: None };
+        let mut found = Self { port, host: Host::new(nonce), patience, lost: None, nonce, settings: None };
         found.until(|host| host.greeting().is_some())?;
         Ok(found)
     }
@@ -94,18 +98,24 @@ impl<const A: usize, P: Port> Wired<A, P> {
     /// # Errors
     /// As [`Wired::find`].
     pub fn ask(&mut self, nonce: u32) -> Result<(), WiredFault<P::Fault>> {
+        self.nonce = nonce;
         self.host.ask(nonce);
         self.until(|host| host.greeting().is_some())
     }
 
-    /// Asks until the machine stands: a card that its host left in motion brakes first.
+    /// Asks until the machine stands and no other host can move it: a card that its host left brakes first, and then its watchdog
+    /// latches the alarm. From then on what the card says of itself stays as it is.
     ///
     /// # Errors
-    /// As [`Wired::find`]; also where it does not come to rest in that time.
+    /// As [`Wired::find`]; also where it does not come to that in that time: another host is there.
     pub fn settle(&mut self, nonce: u32) -> Result<(), WiredFault<P::Fault>> {
+        self.ask_until(nonce, |said| said.at_rest && (said.epoch == 0 || said.alarm.is_some()))
+    }
+
+    fn ask_until(&mut self, nonce: u32, done: impl Fn(&Greeting<A>) -> bool) -> Result<(), WiredFault<P::Fault>> {
         let begun = self.port.now_us();
         let mut question = nonce;
-        while !self.host.greeting().is_some_and(|greeting| greeting.at_rest) {
+        while !self.host.greeting().is_some_and(&done) {
             if self.port.now_us().saturating_sub(begun) > self.patience.answer_us {
                 return Err(WiredFault::Host(HostFault::Unfit));
             }
@@ -115,15 +125,20 @@ impl<const A: usize, P: Port> Wired<A, P> {
         Ok(())
     }
 
-    /// Begins an epoch with these settings, and waits for its first report.
+    /// Begins an epoch with these settings, as the card was last asked where it stands, and waits for its first report.
     ///
     /// # Errors
     /// The card does not take the settings, falls silent, or the port is gone. An alarm that is latched is none yet.
     pub fn open(&mut self, settings: Settings<A>) -> Result<(), WiredFault<P::Fault>> {
         self.host.open(settings);
+        self.settings = Some(settings);
         self.until(Host::is_open)?;
         // its outputs and its alarm come with the first period
+        let begun = self.port.now_us();
         while !self.host.next_period() {
+            if self.port.now_us().saturating_sub(begun) > self.patience.answer_us {
+                return Err(self.silent());
+            }
             self.pump(WAIT_US);
         }
         Ok(())
@@ -249,8 +264,20 @@ impl<const A: usize, P: Port> MotionCard<A> for Wired<A, P> {
         Ok(self.host.status())
     }
 
-    fn begin(&mut self, _: Start) -> Result<(), Self::Fault> {
-        todo!("settings are kept")
+    fn begin(&mut self, start: Start) -> Result<(), Self::Fault> {
+        let Some(settings) = self.settings else { return Err(WiredFault::Host(HostFault::Unfit)) };
+        if let Some(fault) = self.host.fault().filter(|fault| !matches!(fault, HostFault::Alarm(_))) {
+            return Err(WiredFault::Host(fault));
+        }
+        let known = self.host.status().executed;
+        // Homing sets counts that no report tells: the card is asked where it stands, once it has all that was said to it.
+        self.until(Host::is_heard)?;
+        self.ask(self.nonce.wrapping_add(1))?;
+        self.ask_until(self.nonce, |said| said.at_rest)?;
+        // What was executed meanwhile is executed.
+        let meanwhile = self.host.greeting().map_or(0, |said| said.executed.wrapping_sub(known));
+        let start = Start { executed: start.executed.wrapping_add(meanwhile), ..start };
+        self.open(Settings { start, ..settings })
     }
 
     fn status(&self) -> &Status<A> {

@@ -8,7 +8,8 @@ use proptest::prelude::*;
 use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_link::{
-    CardEnd, Change, Deck, Host, HostFault, Identity, Instruction, PROTOCOL, Refusal, Settings, Status, Word, channel,
+    CardEnd, Change, Deck, Host, HostFault, Identity, Instruction, PROTOCOL, Refusal, Settings, Start, Status, Word,
+    channel,
 };
 
 const WINDOW: u32 = 256;
@@ -42,7 +43,7 @@ impl Works {
             most_pulses_hz: 1_000_000,
         };
         let records = vec![Record::default(); WINDOW as usize];
-        let status = Status { counts: [5, -6, 7], ..Status::standing(0) };
+        let status = Status { counts: [5, -6, 7], ..Status::standing(Start::at(0)) };
         Self { identity, status, records, target: 0, open: false, log: Vec::new(), by_hand: Vec::new() }
     }
 
@@ -164,7 +165,7 @@ impl Bench {
         };
         bench.until(|b| b.host.greeting().is_some());
         let smoothing = limits();
-        bench.host.open(Settings::new(0, start, 1000, smoothing));
+        bench.host.open(Settings::new(0, Start::at(start), 1000, smoothing));
         bench.until(|b| b.host.is_open());
         bench
     }

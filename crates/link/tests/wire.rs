@@ -6,7 +6,7 @@ use retrace_core::{Flags, Place, RapidCap, Record};
 use retrace_link::wire::{Entry, Greeting, Opening, Reader, Run, Writer, read_word, write_word};
 use retrace_link::{
     Action, Alarm, Await, Change, Homing, Identity, InputSetting, InputUse, Instruction, MAX_CHANGES, PROTOCOL,
-    Settings, Word,
+    Settings, Start, Word,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -168,6 +168,8 @@ fn handshakes_are_read_back() {
         last_epoch: 3,
         place: Place { record: u32::MAX, fraction: 5 },
         at_rest: true,
+        reached: 1,
+        executed: u32::MAX - 6,
         counts: [1, -2, i64::MAX, 0],
         alarm: Some(Alarm::LimitSwitch { axis: 2, upper: true }),
     };
@@ -179,7 +181,8 @@ fn handshakes_are_read_back() {
     bytes[0] = PROTOCOL + 1;
     assert_eq!(Greeting::<4>::read(&mut Reader::new(&bytes[..length])), Some(Err(PROTOCOL + 1)));
 
-    let mut settings = Settings::<4>::new(9, 77, 1000, limits());
+    let mut settings = Settings::<4>::new(9, Start::at(77), 1000, limits());
+    settings.start = Start { place: Place { record: 70, fraction: 1 << 31 }, rests: false, reached: 77, executed: 12 };
     settings.inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
     settings.inputs[15] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
     settings.safe[0] = Change { channel: 64, value: 0 };

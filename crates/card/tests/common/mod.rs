@@ -7,7 +7,7 @@ use retrace_card::{Card, Inputs};
 use retrace_core::drive::Braking;
 use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, RapidCap, Record};
-use retrace_link::{Change, Deck, Identity, InputSetting, InputUse, MAX_INPUTS, PROTOCOL, Settings, channel};
+use retrace_link::{Change, Deck, Identity, InputSetting, InputUse, MAX_INPUTS, PROTOCOL, Settings, Start, channel};
 
 /// Two axes, a small window.
 pub(crate) type TestCard = Card<2, 64, 32>;
@@ -44,7 +44,7 @@ pub(crate) fn settings(epoch: u16, start: u32) -> Settings<2> {
     let limits = RateLimits::new(13, 1 << 15, [axis; 2]).expect("valid");
     let braking = Braking::<32>::new(&limits).expect("brakes");
     assert_eq!(braking.periods() + 13, i64::from(STOPS_WITHIN), "what the law says of these limits");
-    let mut settings = Settings::new(epoch, start, 1000, limits);
+    let mut settings = Settings::new(epoch, Start::at(start), 1000, limits);
     let uses = [
         InputUse::Limit { axis: 0, upper: true },
         InputUse::Limit { axis: 0, upper: false },

@@ -7,18 +7,20 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use retrace_controller::event::{Event, Happening};
-use retrace_controller::job::{self, Begin};
+use retrace_controller::event::{Differing, Event, Happening};
+use retrace_controller::index::Keeping;
+use retrace_controller::job::{self, Begin, Conduct};
 use retrace_controller::machine::Machine;
 use retrace_controller::manual::Task;
-use retrace_controller::operator::Deed;
+use retrace_controller::operator::{Deed, OrderRefused};
+use retrace_controller::orders::Operators;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Observer};
-use retrace_controller::stream::{Period, Standing, Told};
+use retrace_controller::session::Manner;
+use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::mode::{Facts as ModeFacts, Mode, Operation, Order};
 use retrace_core::{ONE, Place, Travel};
 use retrace_hal_sim::{Clock, SimCard};
-use retrace_link::{Change, Status};
+use retrace_link::Change;
 
 use super::facts::Facts;
 use super::live::{Live, locked};
@@ -73,7 +75,6 @@ pub struct Tape {
     records: Vec<(u32, [i32; 9])>,
     /// Outputs that change before a record.
     changes: Vec<(u32, Change)>,
-    outputs: Vec<i32>,
 }
 
 impl Tape {
@@ -82,31 +83,24 @@ impl Tape {
         let mut tape = Self::default();
         let card = machine.rate_limits().and_then(|limits| SimCard::new(0, limits, Clock::Virtual));
         if let Some(card) = card {
-            let operator = ScriptPlayer::new(Vec::new(), machine.period_us);
+            let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
             let manner = Manner { wall_time: false, operator: false };
+            let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
             // What cannot be run leaves the tape empty.
-            let _ = job::run::<9, _>(machine, program.decoder(), Begin::First, card, operator, manner, &mut tape);
+            let _ = job::run::<9, _>(machine, program.decoder(), conduct, card, &mut tape);
         }
         tape
     }
 }
 
 impl Observer<9> for Tape {
-    fn period(&mut self, status: &Status<9>, _: &Operation) {
-        let place = self.records.len() as u32;
-        self.outputs.resize(status.outputs.len(), 0);
-        for (channel, (old, &new)) in self.outputs.iter_mut().zip(&status.outputs).enumerate() {
-            if *old != new {
-                *old = new;
-                self.changes.push((place, Change { channel: channel as u8, value: new }));
-            }
-        }
-        if status.rate != 0 {
-            self.records.push((status.line, status.increments));
+    fn told(&mut self, told: &Told<9>) {
+        match told {
+            Told::Output(change) => self.changes.push((self.records.len() as u32, *change)),
+            Told::Period(period) if period.rate != 0 => self.records.push((period.line, period.increments)),
+            _ => {}
         }
     }
-
-    fn event(&mut self, _: &Event) {}
 }
 
 /// The pretended machine.
@@ -176,7 +170,7 @@ impl Pretended {
             Said::Task(Task::Jog { axis, mm }) => self.jog(*axis, *mm),
             Said::Task(task) => self.event(Happening::Message(format!("{task:?}"))),
             Said::Deed(deed) => {
-                self.event(Happening::Operator(deed.to_string()));
+                self.event(Happening::Operator(*deed));
                 if let Err(why) = self.deed(*deed) {
                     self.event(Happening::OrderRefused(why));
                 }
@@ -199,7 +193,7 @@ impl Pretended {
         true
     }
 
-    fn deed(&mut self, deed: Deed) -> Result<(), String> {
+    fn deed(&mut self, deed: Deed) -> Result<(), OrderRefused> {
         if self.by_hand(deed) {
             return Ok(());
         }
@@ -219,10 +213,10 @@ impl Pretended {
             Deed::Wheel { .. } => Order::Wheel,
             Deed::Leave { ask } => Order::Leave { ask },
             Deed::Agree => Order::Agree,
-            other => return Err(format!("{other}: not pretended")),
+            _ => return Err(OrderRefused::NotNow("the pretended machine does not do that")),
         };
         let mode = self.operation.mode();
-        self.operation.order(order).map_err(|why| format!("{why:?}"))?;
+        self.operation.order(order)?;
         if self.operation.mode() != mode {
             self.wheel = 0;
         }
@@ -238,7 +232,7 @@ impl Pretended {
 
     fn switch(&mut self, channel: u8, value: i32) {
         self.outputs[usize::from(channel)] = value;
-        self.live.told::<9>(&Told::Output(Change { channel, value }));
+        Observer::<9>::told(&mut self.live, &Told::Output(Change { channel, value }));
     }
 
     /// What the program expects at the furthest place.
@@ -254,7 +248,7 @@ impl Pretended {
         let place = Place::start_of(0).moved(self.cursor);
         let line = self.tape.records.get(place.record as usize).map_or(0, |record| record.0);
         let event = Event { period: self.period, time_s: self.period as f64 * self.period_s, place, line, happening };
-        self.live.told::<9>(&Told::Event(event));
+        Observer::<9>::told(&mut self.live, &Told::Event(event));
     }
 
     /// A control period.
@@ -280,8 +274,9 @@ impl Pretended {
             Some(retrace_core::mode::Notice::GoesOn) => self.event(Happening::GoesOn),
             Some(retrace_core::mode::Notice::OutputsDiffer) => {
                 let differ = (0..expected.len()).filter(|&c| expected[c] != self.outputs[c]);
-                let differ = differ.map(|c| (c as u8, self.outputs[c], expected[c])).collect();
-                self.event(Happening::OutputsDiffer(differ));
+                let mut differ = differ.map(|c| (c as u8, self.outputs[c], expected[c]));
+                let some = Differing::first(&mut differ);
+                self.event(Happening::OutputsDiffer(some));
             }
             None => {}
         }

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use retrace_controller::event::{Event, Happening};
 use retrace_controller::operator::Deed;
-use retrace_controller::stream::{Period, Standing, Told};
+use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::ONE;
 use retrace_core::mode::Mode;
 use retrace_link::channel;
@@ -37,9 +37,10 @@ impl Live {
     pub const fn new(model: Arc<Mutex<Model>>) -> Self {
         Self { model, before: None }
     }
+}
 
-    /// Takes what is told.
-    pub fn told<const A: usize>(&mut self, told: &Told<A>) {
+impl<const A: usize> Observer<A> for Live {
+    fn told(&mut self, told: &Told<A>) {
         let mut model = locked(&self.model);
         model.changes += 1;
         match told {
@@ -115,24 +116,30 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
         Happening::Started => begin(model, event),
         Happening::Operator(deed) => {
             keep = model.pause;
-            if *deed == Deed::Single.to_string() {
+            if *deed == Deed::Single {
                 model.single = !model.single;
             }
             if let Some(pause) = &mut model.pause
-                && *deed == Deed::Online.to_string()
+                && *deed == Deed::Online
             {
                 pause.online = true;
             }
         }
         Happening::OrderRefused(_) if model.pause.is_some() && before.is_some() => model.pause = before,
         Happening::OverridePlanned(percent) => model.override_planned = percent / 100.0,
-        Happening::OutputsDiffer(list) => model.differ.clone_from(list),
+        Happening::OutputsDiffer(some) => {
+            // A long list comes in parts.
+            let list = some.list();
+            model.differ.retain(|(channel, _, _)| list.iter().all(|(new, _, _)| new != channel));
+            model.differ.extend(list);
+        }
         Happening::OutputsRestored | Happening::GoesOn => model.differ.clear(),
         Happening::Switching(code) => model.switching = Some(code),
         Happening::Switched(_) => model.switching = None,
         Happening::Underrun => model.underruns += 1,
-        Happening::Alarm(number, cause, remedy) => {
-            model.alarm = Some(AlarmShown { number: (*number).into(), cause: cause.clone(), remedy: remedy.clone() });
+        Happening::Alarm(trouble) => {
+            let (number, cause, remedy) = trouble.parts();
+            model.alarm = Some(AlarmShown { number: number.into(), cause, remedy });
         }
         _ => {}
     }

@@ -195,6 +195,17 @@ impl super::Interpreter {
         }
     }
 
+    /// The cycle that is in force: of MCALL at this depth of calls, or a drilling cycle.
+    pub(crate) fn cycle(&self) -> Option<&str> {
+        let level = self.core.state.call_level;
+        let modal = self.cycles.as_ref().and_then(|cycles| cycles.modal.as_ref());
+        match (modal.filter(|modal| modal.level == level), self.core.state.motion) {
+            (Some(modal), _) => Some(&modal.call.name),
+            (None, Some(Motion::Cycle(cycle))) => Some(cycle.name()),
+            _ => None,
+        }
+    }
+
     /// Whether a modal cycle is in force at this depth of calls; one of a subprogram that has ended is given up.
     #[inline]
     pub(super) fn has_modal(&mut self) -> bool {

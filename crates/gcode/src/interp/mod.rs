@@ -36,13 +36,14 @@ pub(crate) use self::cycle::{Contours, NoContours, Planned};
 pub(crate) use self::queue::{Point, Queue, UNSHIFTED};
 use crate::block::{Assignment, Words};
 use crate::canon::{Canon, LengthUnit, Step};
+use crate::carried::CarriedOver;
 use crate::code::Code as CompiledLines;
 use crate::codes::Code;
 use crate::control::{Control, Keyword, MOST_ARGUMENTS};
 use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span, fault};
 use crate::groups::GroupG;
 use crate::modal::State;
-use crate::params::{Frame, Parameters, SHOW_DEBUG};
+use crate::params::{Frame, Names, Parameters, SHOW_DEBUG};
 use crate::parse::LineReader;
 use crate::pose::{AxisSet, Pose};
 use crate::prescan::SubFiles;
@@ -79,6 +80,8 @@ pub struct Setup {
     pub user_codes: UserCodes,
     /// Named parameters that a program may read only, such as the numbers of an INI file; names in lower case.
     pub fixed_values: Vec<(String, f64)>,
+    /// What earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::going_on`] and [`Setup::following`].
+    pub carried: Option<Arc<CarriedOver>>,
 }
 
 impl Default for Setup {
@@ -96,6 +99,7 @@ impl Default for Setup {
             position: Pose::ZERO,
             user_codes: UserCodes::default(),
             fixed_values: Vec::new(),
+            carried: None,
         }
     }
 }
@@ -159,18 +163,17 @@ impl Interpreter {
     /// An interpreter before its first line.
     #[must_use]
     pub fn new(setup: Setup) -> Interpreter {
-        let mut core = Core {
-            machine_units: setup.machine_units,
-            state: State::initial(setup.program_units),
-            parameters: setup.parameters,
-            tools: setup.tools,
-            user_codes: setup.user_codes,
-            profile: None,
+        let reader = LineReader::of(&setup);
+        let (state, parameters, tools) = match setup.carried {
+            Some(carried) => (carried.state.clone(), carried.parameters.clone(), carried.tools.clone()),
+            None => (State::initial(setup.program_units), setup.parameters, setup.tools),
         };
+        let (machine_units, user_codes) = (setup.machine_units, setup.user_codes);
+        let mut core = Core { machine_units, state, parameters, tools, user_codes, profile: None };
         core.take_up_parameters(&setup.position);
         Interpreter {
             core,
-            reader: LineReader::new(setup.axes, setup.block_delete, setup.cycles).with_fixed(&setup.fixed_values),
+            reader,
             cycles: None,
             words: Words::default(),
             assignments: Vec::new(),
@@ -204,6 +207,7 @@ impl Interpreter {
         emit.call(Canon::SetG92Offset(state.g92_offset));
         emit.call(Canon::SetXyRotation(state.rotation_degrees));
         emit.call(Canon::SetFeedReference);
+        CarriedOver::announce(state, &State::initial(state.units), |canon| emit.call(canon));
     }
 
     /// Takes the next line of the program, without its end, and adds the canonical functions that it asks for to `steps`.
@@ -456,6 +460,16 @@ impl Interpreter {
     #[must_use]
     pub fn line_number(&self) -> u32 {
         self.line
+    }
+
+    /// File and line of the line last taken.
+    pub(crate) fn place(&self) -> (u16, u32) {
+        (self.file, self.line)
+    }
+
+    /// The names of parameters.
+    pub(crate) fn names(&self) -> &Names {
+        &self.reader.names
     }
 
     /// What has been found wrong so far.

@@ -2,7 +2,7 @@
 //!
 //! Invariant: an entry is taken once, in its order; what cannot be read to its end leaves what was read before it.
 
-use super::{ENTRIES, Host, HostFault, Phase, Staged, WORDS};
+use super::{Clearing, ENTRIES, Host, HostFault, Phase, Staged, WORDS};
 use crate::frame::MOST_PAYLOAD;
 use crate::wire::{Entry, Greeting, Reader, kind};
 
@@ -83,6 +83,7 @@ impl<const A: usize> Host<A> {
         if flags & 4 != 0 {
             self.fault.get_or_insert(HostFault::ReportLost);
         }
+        self.follow_clearing(next_word, flags & 2 != 0);
         self.confirm(next_word, low, low.wrapping_add(length));
         if now_seen.wrapping_sub(self.now_seen) as i16 > 0 {
             self.now_seen = now_seen;
@@ -124,6 +125,18 @@ impl<const A: usize> Host<A> {
             self.echo = None;
         }
         Some(())
+    }
+
+    /// Has the card taken an order to clear the alarm, and told what came of it? `all`: the report had every entry.
+    fn follow_clearing(&mut self, next_word: u16, all: bool) {
+        match self.clearing {
+            Some(Clearing::Asked(number)) if all && (next_word.wrapping_sub(number) as i16) > 0 => {
+                self.clearing = Some(Clearing::Taken(self.next_entry));
+            }
+            // Every period that was told of since is one that came after the word.
+            Some(Clearing::Taken(number)) if self.next_entry != number => self.clearing = None,
+            _ => {}
+        }
     }
 
     /// The card took all words before `next_word`; its window was `low … high` then.

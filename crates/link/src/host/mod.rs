@@ -22,7 +22,7 @@ use crate::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE};
 use crate::frame_size::FrameSize;
 use crate::mirror::Mirror;
 use crate::wire::{Entry, Greeting};
-use crate::{Alarm, Refusal, Settings, Status, Word, channel};
+use crate::{Alarm, Refusal, Settings, Start, Status, Word, channel};
 
 /// Words on their way, at most. So many records are in hand of the line and not of the card's window.
 const WORDS: usize = 128;
@@ -47,6 +47,15 @@ enum Staged {
     Other,
     /// Words from this offset in the queue on.
     Stream(u16),
+}
+
+/// An order to clear the alarm, on its way: until its outcome is known the alarm is no fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Clearing {
+    /// The word has this number.
+    Asked(u16),
+    /// The card took it; what became of it stands before the next control period that is reported, of this number at the least.
+    Taken(u16),
 }
 
 /// Counters of the line.
@@ -102,6 +111,7 @@ pub struct Host<const A: usize> {
     refusals: u8,
     fault: Option<HostFault>,
     alarm: Option<Alarm>,
+    clearing: Option<Clearing>,
     times: Times,
     counts: LineCounts,
     frames: FrameSize,
@@ -151,13 +161,14 @@ impl<const A: usize> Host<A> {
             waiting: 0,
             next_entry: 0,
             newest: Place::start_of(0),
-            status: Status::standing(0),
+            status: Status::standing(Start::at(0)),
             echo: None,
             missing: false,
             off_path: false,
             refusals: 0,
             fault: None,
             alarm: None,
+            clearing: None,
             times: Times::default(),
             counts: LineCounts::default(),
             frames: FrameSize::new(),
@@ -189,13 +200,15 @@ impl<const A: usize> Host<A> {
         };
         let window = greeting.identity.window.min(CELLS as u32 / 2);
         let (counts, start) = (greeting.counts, settings.start);
-        self.mirror = Mirror::new(start, window, stopping(&settings.limits));
+        self.mirror = Mirror::new(start.place.record, window, stopping(&settings.limits));
         (self.base, self.count, self.sent) = (0, 0, 0);
         (self.target, self.told, self.now_number, self.now_seen, self.times.number) = (0, 0, 0, 0, 0);
         (self.taken, self.waiting, self.next_entry) = (0, 0, 0);
-        (self.newest, self.held) = (Place::start_of(start), start);
-        self.status = Status { counts, ..Status::standing(start) };
+        (self.newest, self.held) = (start.place, start.place.record);
+        // Periods are counted on, whatever epoch they belong to.
+        self.status = Status { counts, period: self.status.period, ..Status::standing(start) };
         (self.echo, self.off_path, self.refusals, self.fault, self.alarm) = (None, false, 0, None, None);
+        self.clearing = None;
         self.times.asked = 0;
         self.times.heard = self.times.now;
         self.settings = Some(settings);
@@ -222,12 +235,21 @@ impl<const A: usize> Host<A> {
         self.phase == Phase::Closed
     }
 
-    /// What ended the run, once every period before it was given out.
+    /// Has the card taken every word and the rate?
+    #[must_use]
+    pub fn is_heard(&self) -> bool {
+        self.count == 0 && self.now_seen == self.now_number
+    }
+
+    /// What ended the run, once every period before it was given out. An alarm that is to be cleared is none before the card has
+    /// said that it stays.
     #[must_use]
     pub fn fault(&self) -> Option<HostFault> {
         match (self.fault, self.alarm) {
             (Some(fault), _) => Some(fault),
-            (None, Some(alarm)) if self.waiting == 0 && self.status.at_rest => Some(HostFault::Alarm(alarm)),
+            (None, Some(alarm)) if self.waiting == 0 && self.status.at_rest && self.clearing.is_none() => {
+                Some(HostFault::Alarm(alarm))
+            }
             _ => None,
         }
     }
@@ -293,7 +315,11 @@ impl<const A: usize> Host<A> {
         if self.count == self.sent {
             self.times.queued = self.times.now;
         }
-        self.queue[usize::from(self.base.wrapping_add(self.count)) % WORDS] = word;
+        let number = self.base.wrapping_add(self.count);
+        if matches!(word, Word::ClearAlarm) {
+            self.clearing = Some(Clearing::Asked(number));
+        }
+        self.queue[usize::from(number) % WORDS] = word;
         self.count += 1;
         self.show_window();
         Ok(())

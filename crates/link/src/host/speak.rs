@@ -11,7 +11,7 @@ use crate::wire::{Opening, Run, Writer, kind, write_word};
 const GATHER: usize = 8;
 const GATHER_US: u64 = 12_000;
 /// A question or an opening is repeated after so long.
-const ASK_US: u64 = 40_000;
+const ASK_US: u64 = 20_000;
 /// A rate that is not confirmed is repeated after so long.
 const REPEAT_US: u64 = 12_000;
 /// Two rates are at least so far apart, but for one that stops or turns.

@@ -8,7 +8,7 @@ use retrace_core::limits::{AxisLimits, RateLimits};
 use super::entry::{read_alarm, write_alarm};
 use super::message::{read_change, write_change};
 use super::{Reader, Writer};
-use crate::{Alarm, Identity, InputSetting, InputUse, MAX_SAFE, Settings};
+use crate::{Alarm, Identity, InputSetting, InputUse, MAX_SAFE, Settings, Start};
 
 /// A card's answer to who is there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +25,10 @@ pub struct Greeting<const A: usize> {
     pub place: Place,
     /// Does it stand?
     pub at_rest: bool,
+    /// The furthest place of the last epoch that was executed, as a record boundary.
+    pub reached: u32,
+    /// Number of the last exclusive instruction of that epoch that is complete.
+    pub executed: u32,
     /// Net pulses of each axis; those beyond the card's axes are zero.
     pub counts: [i64; A],
     /// What is latched.
@@ -50,6 +54,8 @@ impl<const A: usize> Greeting<A> {
         writer.u32(self.place.record)?;
         writer.u32(self.place.fraction)?;
         writer.u8(u8::from(self.at_rest))?;
+        writer.u32(self.reached)?;
+        writer.u32(self.executed)?;
         write_alarm(writer, self.alarm)?;
         self.counts.iter().take(usize::from(of.axes)).try_for_each(|&count| writer.signed(count))
     }
@@ -82,6 +88,7 @@ impl<const A: usize> Greeting<A> {
         let (epoch, last_epoch) = (reader.u16()?, reader.u16()?);
         let place = Place { record: reader.u32()?, fraction: reader.u32()? };
         let at_rest = reader.u8()? != 0;
+        let (reached, executed) = (reader.u32()?, reader.u32()?);
         let alarm = read_alarm(reader)?;
         let mut counts = [0; A];
         for axis in 0..usize::from(axes) {
@@ -90,7 +97,7 @@ impl<const A: usize> Greeting<A> {
                 *slot = count;
             }
         }
-        Some(Ok(Self { nonce, identity, epoch, last_epoch, place, at_rest, counts, alarm }))
+        Some(Ok(Self { nonce, identity, epoch, last_epoch, place, at_rest, reached, executed, counts, alarm }))
     }
 }
 
@@ -103,7 +110,7 @@ impl<const A: usize> Opening<A> {
     pub fn write(&self, writer: &mut Writer<'_>) -> Option<()> {
         let of = &self.0;
         writer.u16(of.epoch)?;
-        writer.u32(of.start)?;
+        write_start(writer, &of.start)?;
         writer.u8(of.axes)?;
         writer.count(u64::from(of.period_us))?;
         writer.u16(of.limits.average())?;
@@ -135,7 +142,8 @@ impl<const A: usize> Opening<A> {
 
     /// Reads it behind its kind.
     pub fn read(reader: &mut Reader<'_>) -> Option<Self> {
-        let (epoch, start, axes, period_us) = (reader.u16()?, reader.u32()?, reader.u8()?, reader.count32()?);
+        let (epoch, start) = (reader.u16()?, read_start(reader)?);
+        let (axes, period_us) = (reader.u8()?, reader.count32()?);
         let limits = read_limits(reader, usize::from(axes))?;
         let mut settings = Settings::new(epoch, start, period_us, limits);
         settings.axes = axes;
@@ -168,6 +176,18 @@ impl<const A: usize> Opening<A> {
         }
         Some(Self(settings))
     }
+}
+
+fn write_start(writer: &mut Writer<'_>, start: &Start) -> Option<()> {
+    for value in [start.place.record, start.place.fraction, start.reached, start.executed] {
+        writer.u32(value)?;
+    }
+    writer.u8(u8::from(start.rests))
+}
+
+fn read_start(reader: &mut Reader<'_>) -> Option<Start> {
+    let place = Place { record: reader.u32()?, fraction: reader.u32()? };
+    Some(Start { place, reached: reader.u32()?, executed: reader.u32()?, rests: reader.u8()? != 0 })
 }
 
 /// The limits of so many axes; those that are not told are as the first.

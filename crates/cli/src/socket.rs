@@ -1,0 +1,270 @@
+//! A program that another computer sends: `tcp://HOST:PORT` (DNC, *Beyond the source*).
+//!
+//! The sender is connected to and sends the program from its beginning, and again from its beginning each time the connection was lost:
+//! what has come already is held against it and left out.
+//!
+//! Invariant: the bytes that come out are those of one program, each once; a connection that stalls is waited for, one that ends before
+//! the program does is made anew.
+
+use std::io::{self, ErrorKind, Read};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use retrace_controller::refusal::Refusal;
+
+/// What such a program's name begins with.
+const SCHEME: &str = "tcp://";
+/// How long one attempt to connect takes at most.
+const ATTEMPT: Duration = Duration::from_secs(3);
+/// Between two attempts.
+const PAUSE: Duration = Duration::from_millis(200);
+/// So long a sender that has gone is looked for.
+const PATIENCE: Duration = Duration::from_secs(600);
+
+/// A program that comes over a socket.
+#[derive(Debug)]
+pub struct Socket {
+    address: String,
+    stream: Option<TcpStream>,
+    patience: Duration,
+    /// What has come.
+    received: u64,
+    check: Check,
+    line: LastLine,
+    ended: bool,
+}
+
+/// The address in a program's name, if it is one.
+#[must_use]
+pub fn address(program: &str) -> Option<&str> {
+    program.strip_prefix(SCHEME)
+}
+
+impl Socket {
+    /// Connects to a sender at `HOST:PORT`.
+    ///
+    /// # Errors
+    /// `E2107`: nobody sends there.
+    pub fn open(address: &str) -> Result<Self, Refusal> {
+        let stream = connect(address).map_err(|error| {
+            let remedy = "start the sender first; the name is tcp://HOST:PORT, as in tcp://192.168.1.10:5000";
+            Refusal::new("E2107", format!("no program can be had from {SCHEME}{address}: {error}"), remedy)
+        })?;
+        Ok(Self {
+            address: address.to_owned(),
+            stream: Some(stream),
+            patience: PATIENCE,
+            received: 0,
+            check: Check::default(),
+            line: LastLine::default(),
+            ended: false,
+        })
+    }
+
+    /// Looks for the sender again, until it is there and has sent what is known already.
+    fn reconnect(&mut self) -> io::Result<TcpStream> {
+        let lost = Instant::now();
+        loop {
+            match connect(&self.address).and_then(|mut stream| self.pass_over(&mut stream).map(|()| stream)) {
+                Ok(stream) => return Ok(stream),
+                Err(error) if error.kind() == ErrorKind::InvalidData => return Err(error),
+                Err(error) if lost.elapsed() > self.patience => return Err(error),
+                Err(_) => thread::sleep(PAUSE),
+            }
+        }
+    }
+
+    /// Reads what has come already, and holds it against what came then.
+    fn pass_over(&self, stream: &mut TcpStream) -> io::Result<()> {
+        let (mut check, mut left, mut bytes) = (Check::default(), self.received, [0; 4096]);
+        while left > 0 {
+            let most = bytes.len().min(usize::try_from(left).unwrap_or(usize::MAX));
+            match stream.read(&mut bytes[..most]) {
+                Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
+                Ok(count) => {
+                    check.take(&bytes[..count]);
+                    left -= count as u64;
+                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        if check == self.check {
+            return Ok(());
+        }
+        let what = format!("the sender at {SCHEME}{} sends another program than before", self.address);
+        Err(io::Error::new(ErrorKind::InvalidData, what))
+    }
+}
+
+impl Read for Socket {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        while !self.ended && !bytes.is_empty() {
+            let mut stream = match self.stream.take() {
+                Some(stream) => stream,
+                None => self.reconnect()?,
+            };
+            match stream.read(bytes) {
+                Ok(0) if self.line.ends_program() => self.ended = true,
+                // Lost, by its end or by an error: it is made anew.
+                Ok(0) => thread::sleep(PAUSE),
+                Ok(count) => {
+                    self.stream = Some(stream);
+                    self.received += count as u64;
+                    self.check.take(&bytes[..count]);
+                    self.line.take(&bytes[..count]);
+                    return Ok(count);
+                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => self.stream = Some(stream),
+                Err(_) => {}
+            }
+        }
+        Ok(0)
+    }
+}
+
+fn connect(address: &str) -> io::Result<TcpStream> {
+    let mut last = io::Error::new(ErrorKind::NotFound, "the name leads nowhere");
+    for socket in address.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&socket, ATTEMPT) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => last = error,
+        }
+    }
+    Err(last)
+}
+
+/// Tells two beginnings of programs apart (Fowler-Noll-Vo, variant 1a, of 64 bits).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Check(u64);
+
+impl Default for Check {
+    fn default() -> Self {
+        Self(0xCBF2_9CE4_8422_2325)
+    }
+}
+
+impl Check {
+    fn take(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3);
+        }
+    }
+}
+
+/// The last line that is not blank, as far as it takes to see whether it ends a program.
+#[derive(Debug, Default)]
+struct LastLine {
+    text: Vec<u8>,
+    /// The line is over; the next byte that is not blank begins another.
+    closed: bool,
+}
+
+/// No line of a program is longer.
+const LONGEST: usize = 512;
+
+impl LastLine {
+    fn take(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            match byte {
+                b'\n' | b'\r' => self.closed = true,
+                b' ' | b'\t' => {}
+                _ => {
+                    if std::mem::take(&mut self.closed) {
+                        self.text.clear();
+                    }
+                    if self.text.len() < LONGEST {
+                        self.text.push(byte.to_ascii_uppercase());
+                    }
+                }
+            }
+        }
+    }
+
+    /// M2, M30 or a percent sign.
+    fn ends_program(&self) -> bool {
+        let (mut code, mut in_comment) = (Vec::new(), false);
+        for &byte in &self.text {
+            match byte {
+                b'(' => in_comment = true,
+                b')' => in_comment = false,
+                b';' if !in_comment => break,
+                _ if !in_comment => code.push(byte),
+                _ => {}
+            }
+        }
+        let is_end = |at: usize| {
+            let digits: Vec<u8> = code[at + 1..].iter().copied().take_while(u8::is_ascii_digit).collect();
+            matches!(digits.as_slice(), b"2" | b"02" | b"30")
+        };
+        code == b"%" || (0..code.len()).any(|at| code[at] == b'M' && is_end(at))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+    use std::net::TcpListener;
+
+    /// A sender that gives each connection the next of `parts`, then closes it.
+    fn sender(parts: Vec<Vec<u8>>) -> String {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let address = listener.local_addr().expect("bound").to_string();
+        thread::spawn(move || {
+            for part in parts {
+                let Ok((mut stream, _)) = listener.accept() else { return };
+                let _ = stream.write_all(&part);
+            }
+        });
+        address
+    }
+
+    fn program() -> Vec<u8> {
+        let mut text: Vec<u8> = (0..5000).flat_map(|n| format!("G1 X{n} F100\n").into_bytes()).collect();
+        text.extend_from_slice(b"M30 (end)\n");
+        text
+    }
+
+    #[test]
+    fn a_program_comes_whole_however_often_the_connection_is_lost() {
+        let text = program();
+        let parts = vec![text[..10].to_vec(), text[..5].to_vec(), text[..40_000].to_vec(), Vec::new(), text.clone()];
+        let mut socket = Socket::open(&sender(parts)).expect("there");
+        let mut come = Vec::new();
+        socket.read_to_end(&mut come).expect("whole");
+        assert!(come == text);
+    }
+
+    #[test]
+    fn another_program_in_its_place_is_refused() {
+        let text = program();
+        let mut other = text.clone();
+        other[7] = b'9';
+        let mut socket = Socket::open(&sender(vec![text[..100].to_vec(), other])).expect("there");
+        let error = socket.read_to_end(&mut Vec::new()).expect_err("another");
+        assert_eq!(error.kind(), ErrorKind::InvalidData);
+    }
+
+    #[test]
+    fn nobody_there_is_refused_with_the_next_step() {
+        assert_eq!(Socket::open("127.0.0.1:1").expect_err("nobody").number, "E2107");
+        assert_eq!(Socket::open("nonsense").expect_err("no address").number, "E2107");
+    }
+
+    #[test]
+    fn the_end_of_a_program_is_seen() {
+        let ends = |text: &str| {
+            let mut line = LastLine::default();
+            line.take(text.as_bytes());
+            line.ends_program()
+        };
+        for text in ["G0 X1\nM2\n\n", "n10 m 30", "%\n", "G0 M02 (M5)", "G1 X1\nM2"] {
+            assert!(ends(text), "{text}");
+        }
+        for text in ["", "G1 X1\n", "M3\n", "M2\nG1\n", "(M2)\n", ";M2", "M20\n", "M300\n", "G1 X2"] {
+            assert!(!ends(text), "{text}");
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! Blocks by hand (MDI): one after the other, each looked at as a program is before anything moves.
+//!
+//! Invariant: what a block changes is in force for the next one, and for the program that follows, only when it has been carried
+//! out; a block that is refused has changed nothing.
+
+use retrace_gcode::{
+    Active, Axis, AxisSet, CarriedOver, Diagnostic, Interpreter, Pose, Program, Progress, Setup, Severity, Step,
+    UserCodes,
+};
+
+use crate::job::{self, Decode, Decoded};
+use crate::machine::Machine;
+
+/// What an interpreter needs to know of a machine in millimetres, which stands where it does.
+#[must_use]
+pub fn setup(machine: &Machine) -> Setup {
+    let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
+    let user_codes = machine.switching.user_codes().fold(UserCodes::default(), UserCodes::with);
+    Setup { axes: AxisSet::of(&axes), user_codes, position: position(machine), ..Setup::default() }
+}
+
+/// Where the machine stands, mm and degrees, machine coordinates.
+fn position(machine: &Machine) -> Pose {
+    let axes = machine.axes.iter().zip(&machine.stands_at_mm);
+    axes.fold(Pose::ZERO, |at, (axis, &mm)| at.with(Axis::ALL[axis.index()], mm))
+}
+
+/// What is in force at the machine between two blocks or programs.
+#[derive(Clone, Debug)]
+pub struct Desk {
+    setup: Setup,
+    carried: CarriedOver,
+}
+
+impl Desk {
+    /// Nothing has been carried out; `setup` has tools, parameters, cycles and folders of subprograms.
+    #[must_use]
+    pub fn new(setup: Setup) -> Self {
+        let carried = Interpreter::new(setup.clone()).carried();
+        Self { setup, carried }
+    }
+
+    /// The modal state.
+    #[must_use]
+    pub fn active(&self) -> Active {
+        self.carried.state().into()
+    }
+
+    /// Parameters, tools and modal state.
+    #[must_use]
+    pub fn carried(&self) -> &CarriedOver {
+        &self.carried
+    }
+
+    /// What a program is to be read with now: offsets and tools are those of the desk, the modes those of a program's beginning.
+    #[must_use]
+    pub fn setup_of_program(&self, machine: &Machine) -> Setup {
+        Setup { position: position(machine), ..self.setup.clone() }.following(&self.carried)
+    }
+
+    /// A block, for a machine that stands where `machine` says.
+    ///
+    /// # Errors
+    /// What is wrong with it, rendered: its diagnostics, and what this machine cannot run (E43…). Nothing has changed then.
+    pub fn block(&self, machine: &Machine, text: &str) -> Result<Block, Vec<String>> {
+        let begin = || {
+            let setup = Setup { position: position(machine), ..self.setup.clone() }.going_on(&self.carried);
+            let program = Program::by_hand(text, setup).map_err(|found| rendered(&found, text))?;
+            Ok::<_, Vec<String>>(Block { text: text.to_owned(), program })
+        };
+        let mut looked_at = begin()?;
+        let (_, findings, _) = job::scan::<9>(machine, &mut looked_at);
+        let mut wrong = rendered(looked_at.program.interpreter().diagnostics(), text);
+        wrong.extend(findings.iter().map(|finding| {
+            let job::Finding { number, what, remedy, .. } = finding;
+            format!("error[{number}]: {what}\n  help: {remedy}")
+        }));
+        if wrong.is_empty() { begin() } else { Err(wrong) }
+    }
+
+    /// Takes over what a block has left that was carried out.
+    pub fn done(&mut self, block: &Block) {
+        self.carried = block.program.interpreter().carried();
+    }
+
+    /// Takes over what a program has left that was carried out.
+    pub fn take_over(&mut self, left: CarriedOver) {
+        self.carried = left;
+    }
+}
+
+/// Errors with their source line.
+fn rendered(found: &[Diagnostic], text: &str) -> Vec<String> {
+    let errors = found.iter().filter(|found| found.severity() == Severity::Error);
+    errors.map(|found| found.render("by hand", if found.file == 0 { text } else { "" })).collect()
+}
+
+/// A block by hand on its way, as a program is.
+#[derive(Debug)]
+pub struct Block {
+    text: String,
+    program: Program<&'static [u8]>,
+}
+
+impl Decode for Block {
+    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+        match self.program.advance(steps) {
+            Progress::Line => Decoded::Block,
+            Progress::End => Decoded::End,
+            Progress::Refused => {
+                let found = self.program.interpreter().diagnostics();
+                Decoded::Refused(rendered(found, &self.text).pop().unwrap_or_default())
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Carries a block out, and says where the machine's axes then are, mm.
+    fn done(desk: &mut Desk, machine: &Machine, text: &str) -> Machine {
+        let mut block = desk.block(machine, text).expect(text);
+        let mut scan = crate::scan::Scan::<9>::new(machine);
+        assert_eq!(job::feed_all(machine, &mut block, &mut scan).1, [], "{text}");
+        desk.done(&block);
+        let counts = machine.axes.iter().zip(desk.carried.state().machine_position().0);
+        let counts: Vec<i64> = counts.map(|(axis, mm)| (mm * axis.pulses_per_mm).round() as i64).collect();
+        machine.clone().standing_at(&counts)
+    }
+
+    #[test]
+    fn single_blocks_build_on_each_other_and_the_program_on_them() {
+        let mut machine = Machine::built_in().expect("valid").standing_at(&[30_000, 20_000, -5_000]);
+        let mut desk = Desk::new(setup(&machine));
+        for text in ["G10 L20 P1 X0 Y0", "G92 Z3", "T1 M6", "G91", "G0 X10", "X-4"] {
+            machine = done(&mut desk, &machine, text);
+        }
+        assert_eq!(machine.stands_at_mm, [36.0, 20.0, -5.0]);
+        assert!(desk.active().to_string().starts_with("G0 G17 G21 G40 G49 G54 G64 G80 G91"), "{}", desk.active());
+        let setup = desk.setup_of_program(&machine);
+        let program = Interpreter::new(setup);
+        let state = program.state();
+        assert_eq!(state.position, Pose::xyz(6.0, 0.0, 3.0));
+        assert_eq!((state.current_tool, state.distance), (1, retrace_gcode::Distance::Absolute));
+    }
+
+    #[test]
+    fn what_the_machine_cannot_do_is_refused_before_and_nothing_has_changed() {
+        let machine = Machine::built_in().expect("valid");
+        let desk = Desk::new(setup(&machine));
+        let refused = |text: &str| desk.block(&machine, text).expect_err(text).join("\n");
+        assert!(refused("G0 X2001").contains("E4304"), "{}", refused("G0 X2001"));
+        assert!(refused("G1 X1").contains("E1508") && refused("O1 while [1]").contains("E1012"));
+        assert!(refused("G38.2 X1 F10").contains("E4302"));
+        assert_eq!(desk.active(), Desk::new(setup(&machine)).active());
+    }
+}

@@ -1,0 +1,511 @@
+//! What the journal of a job says: one entry a line, in numbers and strings that stand for themselves.
+//!
+//! Invariant: an entry is read as it was written or not at all: what a newer version has added is refused, not guessed.
+
+use retrace_core::Place;
+use retrace_link::Start;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::hash::Hash;
+use super::stamp::Stamp;
+use crate::index;
+
+/// Version of the format.
+pub const FORMAT: u32 = 1;
+
+/// Fingerprint of decoding and planning: raised whenever the same program, machine file and start come to other records. A job is
+/// resumed only by what has the fingerprint that it began with.
+pub const PLANNER: u32 = 1;
+
+/// An entry.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Entry {
+    /// What the job is. The first entry, and the first only.
+    Job(Box<Job>),
+    /// What the program had come to at a place.
+    Mark(#[serde(with = "mark")] index::Mark),
+    /// From a place on, another override was planned.
+    Override(Override),
+    /// Where the machine was.
+    At(Box<At>),
+    /// Something happened: the event as `--json` shows it.
+    Event(Value),
+    /// How much of a program that arrives has been kept.
+    Spooled(Spooled),
+    /// The job was taken up again.
+    Resumed(Box<Resumed>),
+    /// Events that were not kept, because the disk did not keep up.
+    Lost(Lost),
+    /// The job ended.
+    End(Box<End>),
+}
+
+/// What a job is: everything that is needed to decode and plan it again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Job {
+    /// Version of the format, [`FORMAT`].
+    pub format: u32,
+    /// Name of the job, which is that of its folder.
+    pub id: String,
+    /// When it began.
+    pub when: Stamp,
+    /// Version of retrace.
+    pub retrace: String,
+    /// [`PLANNER`] of that version.
+    pub planner: u32,
+    /// The program's name, for people.
+    pub program: String,
+    /// Where the program came from.
+    pub source: Source,
+    /// Lines of the program, where it is a file.
+    pub lines: Option<u64>,
+    /// Every file that decoding has read.
+    pub files: Vec<FileRead>,
+    /// The machine file, as it was.
+    pub machine: MachineFile,
+    /// What the command was given, as far as it matters to decoding and planning.
+    pub arguments: Arguments,
+    /// The card.
+    pub card: Card,
+    /// Control period in microseconds.
+    pub period_us: u32,
+    /// The place where the path begins.
+    pub origin: u32,
+    /// Counts of the machine's axes there, in pulses.
+    pub counts: Vec<i64>,
+}
+
+/// Where a program comes from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Source {
+    /// A file, by its absolute path.
+    File(String),
+    /// Standard input.
+    StandardInput,
+    /// A TCP socket, by its address.
+    Socket(String),
+}
+
+/// What a file is to the job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// The program.
+    Program,
+    /// A subprogram in a file of its own.
+    Subprogram,
+    /// All cycles that could be called, taken together.
+    Cycles,
+    /// The tool table.
+    Tools,
+    /// The parameter file, as it was before the job.
+    Parameters,
+    /// A LinuxCNC machine configuration.
+    Ini,
+}
+
+/// A file that decoding has read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FileRead {
+    /// What it is to the job.
+    pub role: Role,
+    /// Its absolute path; of the cycles, their folder or nothing.
+    pub path: String,
+    /// Of its content.
+    pub hash: Hash,
+}
+
+/// A machine file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MachineFile {
+    /// Its absolute path; none where the built-in machine was used.
+    pub path: Option<String>,
+    /// Of its text.
+    pub hash: Hash,
+    /// Its text, so that the job can be resumed after the file has been changed.
+    pub text: String,
+}
+
+/// Arguments of the command; paths are absolute.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Arguments {
+    /// Blocks that begin with `/` are left out.
+    pub block_delete: bool,
+    /// The line that the job began with.
+    pub start_line: Option<u32>,
+    /// Folders with subprograms.
+    pub subs: Vec<String>,
+    /// Folder with cycles.
+    pub cycles: Option<String>,
+    /// Tool table.
+    pub tools: Option<String>,
+    /// Parameter file.
+    pub params: Option<String>,
+    /// LinuxCNC machine configuration.
+    pub ini: Option<String>,
+}
+
+/// The card of a job.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Card {
+    /// The simulated card in the command's own process, which ends with it.
+    Sim,
+    /// A card at the end of a line.
+    Wired(WiredCard),
+}
+
+/// A card at the end of a line.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WiredCard {
+    /// As the command named it, `PATH[@BAUD]`.
+    pub address: String,
+    /// Its name.
+    pub name: String,
+    /// Its serial number; 0 where it has none.
+    pub serial: u32,
+    /// Drawn anew whenever it starts.
+    pub boot: u32,
+}
+
+/// From a place on, another override was planned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Override {
+    /// The first record planned so.
+    pub place: u32,
+    /// The factor, in units of 2⁻³².
+    pub planned: i64,
+}
+
+/// Where the machine was.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct At {
+    /// When, by the computer's clock.
+    pub when: Stamp,
+    /// Control periods since the start of the card.
+    pub period: u64,
+    /// Where the cursor stood: record, and fraction in units of 2⁻³².
+    #[serde(with = "place")]
+    pub place: Place,
+    /// The furthest place ever executed, as a record boundary.
+    pub reached: u32,
+    /// Number of the last exclusive instruction that was complete.
+    pub executed: u32,
+    /// Did the cursor stand?
+    pub at_rest: bool,
+    /// Counts of the machine's axes, in pulses.
+    pub counts: Vec<i64>,
+    /// Outputs that were not 0, channel and value: spindle, speed, coolant and tool among them.
+    pub outputs: Vec<(u8, i32)>,
+    /// Program line of the record that the cursor was in.
+    pub line: u32,
+    /// The mode of operation.
+    pub mode: Mode,
+    /// Why the machine stood in normal run, if it did.
+    pub standing: Standing,
+}
+
+impl At {
+    /// Where a path begins that goes on from here.
+    #[must_use]
+    pub fn start(&self) -> Start {
+        // Whether the path rests there the records say; a ramp is right in any case.
+        Start { place: self.place, rests: false, reached: self.reached, executed: self.executed }
+    }
+}
+
+/// [`retrace_core::mode::Mode`], as it is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "they are those of the core")]
+pub enum Mode {
+    Run,
+    Reverse,
+    Forward,
+    Wheel,
+    Return,
+    Settle,
+}
+
+/// [`crate::stream::Standing`], as it is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "they are those of the stream")]
+pub enum Standing {
+    None,
+    Hold,
+    ProgramStop,
+    SingleBlock,
+    Paused,
+}
+
+/// How much of a program that arrives has been kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spooled {
+    /// Bytes of it, from its beginning, that are as durable as this entry.
+    pub bytes: u64,
+    /// Is that all of it?
+    pub ended: bool,
+}
+
+/// The job was taken up again.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Resumed {
+    /// When.
+    pub when: Stamp,
+    /// Version of retrace that did so.
+    pub retrace: String,
+    /// The card, as it was then.
+    pub card: Card,
+    /// Where the cursor stood.
+    #[serde(with = "place")]
+    pub place: Place,
+    /// The furthest place ever executed, as a record boundary.
+    pub reached: u32,
+    /// Number of the last exclusive instruction that was complete.
+    pub executed: u32,
+    /// Counts of the machine's axes, in pulses.
+    pub counts: Vec<i64>,
+}
+
+/// Events that were not kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lost {
+    /// How many events and positions.
+    pub entries: u64,
+}
+
+/// How a job ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// The program came to its end.
+    Completed,
+    /// The operator stopped it, or a block was refused: it can be resumed.
+    Stopped,
+    /// An alarm stopped it: it can be resumed.
+    Alarm,
+}
+
+/// The job ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct End {
+    /// When.
+    pub when: Stamp,
+    /// How.
+    pub outcome: Ending,
+    /// Exit code of the command.
+    pub exit_code: u8,
+    /// The report, as `--json` prints it.
+    pub report: Value,
+}
+
+/// A mark, its counts up to the last one that is not 0.
+mod mark {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    use crate::index::Mark;
+
+    #[derive(Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Written {
+        place: u32,
+        block: u64,
+        line: u32,
+        counts: Vec<i64>,
+    }
+
+    pub(super) fn serialize<S: Serializer>(mark: &Mark, to: S) -> Result<S::Ok, S::Error> {
+        let axes = mark.counts.iter().rposition(|&count| count != 0).map_or(0, |last| last + 1);
+        let counts = mark.counts[..axes].to_vec();
+        Written { place: mark.place, block: mark.block, line: mark.line, counts }.serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Mark, D::Error> {
+        let Written { place, block, line, counts: written } = Written::deserialize(from)?;
+        let mut counts = [0; 9];
+        let there = counts.get_mut(..written.len()).ok_or_else(|| serde::de::Error::custom("more than nine axes"))?;
+        there.copy_from_slice(&written);
+        Ok(Mark { place, block, line, counts })
+    }
+}
+
+/// A place as record and fraction.
+mod place {
+    use retrace_core::Place;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(place: &Place, to: S) -> Result<S::Ok, S::Error> {
+        (place.record, place.fraction).serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Place, D::Error> {
+        let (record, fraction) = Deserialize::deserialize(from)?;
+        Ok(Place { record, fraction })
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use serde_json::json;
+
+    fn stamp() -> impl Strategy<Value = Stamp> {
+        (0..4_102_444_800_000_u64).prop_map(Stamp::from_ms)
+    }
+
+    fn a_place() -> impl Strategy<Value = Place> {
+        (any::<u32>(), any::<u32>()).prop_map(|(record, fraction)| Place { record, fraction })
+    }
+
+    fn counts() -> impl Strategy<Value = Vec<i64>> {
+        prop::collection::vec(any::<i64>(), 0..=9)
+    }
+
+    pub(crate) fn marks() -> impl Strategy<Value = index::Mark> {
+        (any::<u32>(), any::<u64>(), any::<u32>(), counts()).prop_map(|(place, block, line, some)| {
+            let mut counts = [0; 9];
+            counts[..some.len()].copy_from_slice(&some);
+            index::Mark { place, block, line, counts }
+        })
+    }
+
+    fn cards() -> impl Strategy<Value = Card> {
+        let wired = (".{0,9}", ".{0,9}", any::<u32>(), any::<u32>())
+            .prop_map(|(address, name, serial, boot)| Card::Wired(WiredCard { address, name, serial, boot }));
+        prop_oneof![Just(Card::Sim), wired]
+    }
+
+    /// A job with this machine file, hash and card.
+    pub(crate) fn job(text: &str, card: Card) -> Job {
+        Job {
+            format: FORMAT,
+            id: "20261122-004627-part".into(),
+            when: Stamp::from_ms(1_795_308_387_000),
+            retrace: "0.1.0".into(),
+            planner: PLANNER,
+            program: "part.ngc".into(),
+            source: Source::File("part.ngc".into()),
+            lines: Some(40),
+            files: vec![FileRead { role: Role::Program, path: "part.ngc".into(), hash: Hash::of(text.as_bytes()) }],
+            machine: MachineFile { path: None, hash: Hash::of(b""), text: text.into() },
+            arguments: Arguments { start_line: Some(7), subs: vec!["subs".into()], ..Arguments::default() },
+            card,
+            period_us: 1000,
+            origin: 5,
+            counts: vec![1, -2, 3],
+        }
+    }
+
+    fn ats() -> impl Strategy<Value = At> {
+        let mode = prop::sample::select(vec![
+            Mode::Run,
+            Mode::Reverse,
+            Mode::Forward,
+            Mode::Wheel,
+            Mode::Return,
+            Mode::Settle,
+        ]);
+        let standing = prop::sample::select(vec![
+            Standing::None,
+            Standing::Hold,
+            Standing::ProgramStop,
+            Standing::SingleBlock,
+            Standing::Paused,
+        ]);
+        let numbers = (any::<u64>(), any::<u32>(), any::<u32>(), any::<bool>(), any::<u32>());
+        let outputs = prop::collection::vec(any::<(u8, i32)>(), 0..5);
+        (stamp(), numbers, a_place(), counts(), outputs, mode, standing).prop_map(
+            |(when, (period, reached, executed, at_rest, line), place, counts, outputs, mode, standing)| At {
+                when,
+                period,
+                place,
+                reached,
+                executed,
+                at_rest,
+                counts,
+                outputs,
+                line,
+                mode,
+                standing,
+            },
+        )
+    }
+
+    /// Entries that may stand behind the first.
+    pub(crate) fn entries() -> impl Strategy<Value = Entry> {
+        let value =
+            (any::<f64>(), ".{0,20}", any::<i64>()).prop_map(|(x, text, n)| json!({"x": x, "text": text, "n": [n]}));
+        let report = (any::<f64>(), ".{0,20}").prop_map(|(x, text)| json!({"mm": {"x": x}, "text": text}));
+        let ending = prop::sample::select(vec![Ending::Completed, Ending::Stopped, Ending::Alarm]);
+        let resumed = (stamp(), cards(), a_place(), any::<(u32, u32)>(), counts()).prop_map(
+            |(when, card, place, (reached, executed), counts)| Resumed {
+                when,
+                retrace: "0.1.0".into(),
+                card,
+                place,
+                reached,
+                executed,
+                counts,
+            },
+        );
+        prop_oneof![
+            4 => marks().prop_map(Entry::Mark),
+            1 => any::<(u32, i64)>().prop_map(|(place, planned)| Entry::Override(Override { place, planned })),
+            2 => ats().prop_map(|at| Entry::At(Box::new(at))),
+            1 => value.prop_map(Entry::Event),
+            1 => any::<(u64, bool)>().prop_map(|(bytes, ended)| Entry::Spooled(Spooled { bytes, ended })),
+            1 => any::<u64>().prop_map(|entries| Entry::Lost(Lost { entries })),
+            1 => resumed.prop_map(|resumed| Entry::Resumed(Box::new(resumed))),
+            1 => (stamp(), ending, any::<u8>(), report)
+                .prop_map(|(when, outcome, exit_code, report)| Entry::End(Box::new(End { when, outcome, exit_code, report }))),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn every_entry_is_read_as_it_was_written(entry in entries()) {
+            let text = serde_json::to_string(&entry).expect("it can be written");
+            prop_assert!(!text.contains('\n'));
+            prop_assert_eq!(serde_json::from_str::<Entry>(&text).expect("it can be read"), entry);
+        }
+
+        #[test]
+        fn every_job_is_read_as_it_was_written(text in ".{0,80}", card in cards()) {
+            let entry = Entry::Job(Box::new(job(&text, card)));
+            let written = serde_json::to_string(&entry).expect("it can be written");
+            prop_assert!(!written.contains('\n'));
+            prop_assert_eq!(serde_json::from_str::<Entry>(&written).expect("it can be read"), entry);
+        }
+    }
+
+    #[test]
+    fn what_is_not_known_is_not_guessed() {
+        let mark = r#"{"mark":{"place":1,"block":2,"line":3,"counts":[4]}}"#;
+        assert!(serde_json::from_str::<Entry>(mark).is_ok());
+        for newer in [
+            mark.replace("}}", ",\"more\":1}}"),
+            mark.replace("mark", "marc"),
+            mark.replace("[4]", "[1,2,3,4,5,6,7,8,9,10]"),
+            mark.replace(",\"line\":3", ""),
+            r#"{"lost":{"entries":-1}}"#.into(),
+        ] {
+            assert!(serde_json::from_str::<Entry>(&newer).is_err(), "{newer}");
+        }
+    }
+}

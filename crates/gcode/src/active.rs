@@ -1,0 +1,289 @@
+//! The modal state as a person reads it, and as a breakpoint holds it (DNC, *Beyond the source*).
+//!
+//! Invariant: it is a value of a fixed size, taken between two blocks; two that are equal are in force alike, but for where the machine
+//! stands and what a program has put away for itself.
+
+use crate::canon::{FeedMode, LengthUnit, PathControl, Plane};
+use crate::compensation::Side;
+use crate::modal::{ArcCentres, Distance, Motion, Spindle, State};
+use crate::pose::Pose;
+use std::fmt;
+
+/// What is in force between two blocks. Lengths are in `units`, angles in degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Active {
+    /// The motion mode, drilling cycles included; none after G80.
+    pub motion: Option<Motion>,
+    /// The plane of arcs.
+    pub plane: Plane,
+    /// The program's length unit.
+    pub units: LengthUnit,
+    /// What axis words mean.
+    pub distance: Distance,
+    /// What centre words mean.
+    pub arc_centres: ArcCentres,
+    /// What F words mean.
+    pub feed_mode: FeedMode,
+    /// Units a minute or a turn; 0 is none.
+    pub feed_rate: f64,
+    /// The coordinate system in force, 1 … 9 for G54 … G59.3.
+    pub coordinate_system: u8,
+    /// Its origin in machine coordinates.
+    pub origin: Pose,
+    /// Its rotation about Z, degrees counter-clockwise.
+    pub rotation_degrees: f64,
+    /// The offset of G52 and G92.
+    pub g92_offset: Pose,
+    /// The tool length offset in force.
+    pub tool_offset: Pose,
+    /// The side of cutter compensation; none after G40.
+    pub compensation: Option<Side>,
+    /// How joints are run through.
+    pub path_control: PathControl,
+    /// Tolerance of the merging of nearly straight runs (G64 Q).
+    pub naivecam_tolerance: f64,
+    /// G99; else G98.
+    pub retract_to_r: bool,
+    /// G7: X words are diameters.
+    pub lathe_diameter: bool,
+    /// What the spindle was told to do.
+    pub spindle: Spindle,
+    /// Turns a minute, or under G96 metres or feet a minute.
+    pub spindle_speed: f64,
+    /// G96.
+    pub constant_surface_speed: bool,
+    /// The highest number of turns a minute that G96 allows; 0 under G97.
+    pub highest_spindle_speed: f64,
+    /// M7.
+    pub mist: bool,
+    /// M8.
+    pub flood: bool,
+    /// Whether the operator's feed override acts.
+    pub feed_override: bool,
+    /// Whether the operator's spindle speed override acts.
+    pub speed_override: bool,
+    /// M52.
+    pub adaptive_feed: bool,
+    /// M53.
+    pub feed_hold: bool,
+    /// The tool of the last T word; 0 is none.
+    pub selected_tool: u32,
+    /// The tool in the spindle; 0 is none.
+    pub current_tool: u32,
+}
+
+/// How a coordinate system, 1 … 9, is written: G54 … G59.3.
+#[must_use]
+pub fn system_name(system: u8) -> &'static str {
+    let names = ["G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"];
+    names.get(usize::from(system).wrapping_sub(1)).unwrap_or(&"G54")
+}
+
+impl From<&State> for Active {
+    fn from(state: &State) -> Active {
+        Active {
+            motion: state.motion,
+            plane: state.plane,
+            units: state.units,
+            distance: state.distance,
+            arc_centres: state.arc_centres,
+            feed_mode: state.feed_mode,
+            feed_rate: state.feed_rate,
+            coordinate_system: state.coordinate_system,
+            origin: state.origin,
+            rotation_degrees: state.rotation_degrees,
+            g92_offset: state.g92_offset,
+            tool_offset: state.tool_offset,
+            compensation: state.compensation.map(|compensation| compensation.side),
+            path_control: state.path_control,
+            naivecam_tolerance: state.naivecam_tolerance,
+            retract_to_r: state.retract_to_r,
+            lathe_diameter: state.lathe_diameter,
+            spindle: state.spindle,
+            spindle_speed: state.spindle_speed,
+            constant_surface_speed: state.constant_surface_speed,
+            highest_spindle_speed: state.highest_spindle_speed,
+            mist: state.mist,
+            flood: state.flood,
+            feed_override: state.feed_override,
+            speed_override: state.speed_override,
+            adaptive_feed: state.adaptive_feed,
+            feed_hold: state.feed_hold,
+            selected_tool: state.selected_tool,
+            current_tool: state.current_tool,
+        }
+    }
+}
+
+impl Active {
+    /// The coordinate system as it is written: G54 … G59.3.
+    #[must_use]
+    pub fn system_name(&self) -> &'static str {
+        system_name(self.coordinate_system)
+    }
+
+    /// Whether a drilling cycle is in force.
+    #[must_use]
+    pub fn is_in_cycle(&self) -> bool {
+        matches!(self.motion, Some(Motion::Cycle(_)))
+    }
+
+    /// The modes whose code a person looks for first: motion, plane, units, compensation, tool length, coordinate system.
+    fn write_geometry(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(motion) = self.motion {
+            write!(f, "{} ", motion.name())?;
+        }
+        if self.lathe_diameter {
+            f.write_str("G7 ")?;
+        }
+        f.write_str(match self.plane {
+            Plane::Xy => "G17",
+            Plane::Zx => "G18",
+            Plane::Yz => "G19",
+            Plane::Uv => "G17.1",
+            Plane::Wu => "G18.1",
+            Plane::Vw => "G19.1",
+        })?;
+        f.write_str(if self.units == LengthUnit::Inch { " G20" } else { " G21" })?;
+        f.write_str(match self.compensation {
+            None => " G40",
+            Some(Side::Left) => " G41",
+            Some(Side::Right) => " G42",
+        })?;
+        f.write_str(if self.tool_offset == Pose::ZERO { " G49 " } else { " G43 " })?;
+        f.write_str(self.system_name())
+    }
+
+    /// Path control, cycle, distances, feed mode, spindle mode.
+    fn write_modes(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.path_control {
+            PathControl::ExactPath => f.write_str(" G61")?,
+            PathControl::ExactStop => f.write_str(" G61.1")?,
+            PathControl::Continuous { tolerance } => {
+                f.write_str(" G64")?;
+                if tolerance > 0.0 {
+                    write!(f, " P{}", Figure(tolerance))?;
+                }
+                if tolerance > 0.0 && self.naivecam_tolerance != tolerance {
+                    write!(f, " Q{}", Figure(self.naivecam_tolerance))?;
+                }
+            }
+        }
+        f.write_str(match (self.is_in_cycle(), self.retract_to_r) {
+            (false, _) => " G80",
+            (true, false) => " G98",
+            (true, true) => " G99",
+        })?;
+        f.write_str(if self.distance == Distance::Absolute { " G90" } else { " G91" })?;
+        f.write_str(if self.arc_centres == ArcCentres::Absolute { " G90.1" } else { " G91.1" })?;
+        if self.g92_offset != Pose::ZERO {
+            f.write_str(" G92")?;
+        }
+        f.write_str(match self.feed_mode {
+            FeedMode::InverseTime => " G93",
+            FeedMode::UnitsPerMinute => " G94",
+            FeedMode::UnitsPerRevolution => " G95",
+        })?;
+        match self.constant_surface_speed {
+            false => f.write_str(" G97"),
+            true if self.highest_spindle_speed > 0.0 && self.highest_spindle_speed < 1e9 => {
+                write!(f, " G96 D{}", Figure(self.highest_spindle_speed))
+            }
+            true => f.write_str(" G96"),
+        }
+    }
+
+    /// Spindle, coolant, and the overrides that are not as at a program's beginning.
+    fn write_switches(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self.spindle {
+            Spindle::Stopped => " M5",
+            Spindle::Clockwise => " M3",
+            Spindle::Counterclockwise => " M4",
+        })?;
+        f.write_str(match (self.mist, self.flood) {
+            (false, false) => " M9",
+            (true, false) => " M7",
+            (false, true) => " M8",
+            (true, true) => " M7 M8",
+        })?;
+        f.write_str(match (self.feed_override, self.speed_override) {
+            (true, true) => "",
+            (false, false) => " M49",
+            (false, true) => " M50 P0",
+            (true, false) => " M51 P0",
+        })?;
+        f.write_str(if self.adaptive_feed { " M52" } else { "" })?;
+        f.write_str(if self.feed_hold { "" } else { " M53 P0" })
+    }
+}
+
+/// As the field writes it: `G1 G17 G21 G40 G49 G54 G64 G80 G90 G91.1 G94 G97 M3 M9 T2 F600 S12000`. T is the tool in the spindle.
+impl fmt::Display for Active {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.write_geometry(f)?;
+        self.write_modes(f)?;
+        self.write_switches(f)?;
+        write!(f, " T{} F{} S{}", self.current_tool, Figure(self.feed_rate), Figure(self.spindle_speed))
+    }
+}
+
+/// A number with at most four decimals, and no zeros behind them.
+struct Figure(f64);
+
+impl fmt::Display for Figure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let text = format!("{:.4}", self.0);
+        f.write_str(text.trim_end_matches('0').trim_end_matches('.'))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Interpreter, Setup};
+
+    fn after(lines: &[&str]) -> String {
+        let mut interpreter = Interpreter::new(Setup::default());
+        for line in lines {
+            interpreter.line(line.as_bytes(), &mut Vec::new()).expect("valid");
+        }
+        Active::from(interpreter.state()).to_string()
+    }
+
+    #[test]
+    fn it_is_written_as_the_field_writes_it() {
+        assert_eq!(after(&[]), "G17 G21 G40 G49 G54 G64 G80 G90 G91.1 G94 G97 M5 M9 T0 F0 S0");
+        assert_eq!(
+            after(&["T2 M6", "S12000 M3", "G1 X1 F600"]),
+            "G1 G17 G21 G40 G49 G54 G64 G80 G90 G91.1 G94 G97 M3 M9 T2 F600 S12000"
+        );
+        assert_eq!(
+            after(&[
+                "G18 G20 G7 G91 G90.1 G59.2 G64 P0.002 Q0.001",
+                "M7",
+                "M8",
+                "M49",
+                "G96 D2500 S300",
+                "M4",
+                "G95 F0.25"
+            ]),
+            "G7 G18 G20 G40 G49 G59.2 G64 P0.002 Q0.001 G80 G91 G90.1 G95 G96 D2500 M4 M7 M8 M49 T0 F0.25 S300"
+        );
+        let drilling =
+            after(&["T1 M6", "G43", "G92 X1", "F100 G98 G81 X5 Z-1 R2", "M50 P0", "M51 P1", "M52 P1", "M53 P0"]);
+        assert_eq!(
+            drilling,
+            "G81 G17 G21 G40 G43 G54 G64 G98 G90 G91.1 G92 G94 G97 M5 M9 M50 P0 M52 M53 P0 T1 F100 S0"
+        );
+        assert!(after(&["G41.1 D4"]).contains(" G41 ") && after(&["G42.1 D4"]).contains(" G42 "));
+    }
+
+    #[test]
+    fn what_is_written_brings_it_back() {
+        let lines = ["G19 G91 G61.1 G56", "G99 F321.5", "S900 M3", "M8", "M51 P0"];
+        let written = after(&lines);
+        let [codes, overrides] =
+            written.split_once(" M51 P0").map(|(codes, rest)| [codes, rest]).expect("as asked for");
+        assert_eq!(after(&[codes, "M51 P0", overrides]), written);
+    }
+}

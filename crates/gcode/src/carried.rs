@@ -1,0 +1,146 @@
+//! What blocks leave behind for those that come after them: from one block by hand to the next, and from all of them to a program.
+//!
+//! Invariant: whoever takes it over stands between two blocks, outside of all calls: no compensated path, no collected points and no
+//! cycle of MCALL goes over. To a program goes only what a parameter file keeps, the tool table, and the tool in the spindle, so that a
+//! program's meaning never hangs on modes that nobody sees in it.
+
+use crate::block::Block;
+use crate::canon::{Canon, FeedMode, PathControl, Plane};
+use crate::codes::Code;
+use crate::control::Keyword;
+use crate::diag::{Diagnostic, Fault, Outcome, Span, fault};
+use crate::groups::GroupG;
+use crate::interp::{Interpreter, Queue, Setup};
+use crate::modal::State;
+use crate::params::{Names, Parameters};
+use crate::parse::LineReader;
+use crate::pose::Pose;
+use crate::tool::ToolTable;
+use std::sync::Arc;
+
+/// Modal state, parameters and tools between two blocks.
+#[derive(Clone, Debug)]
+pub struct CarriedOver {
+    pub(crate) state: State,
+    pub(crate) parameters: Parameters,
+    pub(crate) tools: ToolTable,
+    pub(crate) names: Names,
+}
+
+impl CarriedOver {
+    pub(crate) fn new(mut state: State, parameters: &Parameters, tools: &ToolTable, names: &Names) -> CarriedOver {
+        (state.compensation, state.has_left_compensation, state.waiting) = (None, false, Queue::default());
+        (state.call_level, state.returned_value) = (0, None);
+        state.contexts.clear();
+        state.control_points.clear();
+        CarriedOver { state, parameters: parameters.clone(), tools: tools.clone(), names: names.clone() }
+    }
+
+    /// The modal state.
+    #[must_use]
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// The parameters.
+    #[must_use]
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// The tools.
+    #[must_use]
+    pub fn tools(&self) -> &ToolTable {
+        &self.tools
+    }
+
+    /// Adds the canonical functions that bring whoever follows the program to this state, where it differs from that of a program's
+    /// beginning: units, systems and the offset of G92 are told already.
+    pub(crate) fn announce(state: &State, initial: &State, mut tell: impl FnMut(Canon)) {
+        if state.plane != Plane::Xy {
+            tell(Canon::SelectPlane(state.plane));
+        }
+        if state.tool_offset != Pose::ZERO {
+            tell(Canon::UseToolLengthOffset(state.tool_offset));
+        }
+        if state.path_control != initial.path_control || state.naivecam_tolerance != initial.naivecam_tolerance {
+            tell(Canon::SetMotionControlMode(state.path_control));
+            if matches!(state.path_control, PathControl::Continuous { .. }) {
+                tell(Canon::SetNaivecamTolerance(state.naivecam_tolerance));
+            }
+        }
+        if state.feed_mode != FeedMode::UnitsPerMinute {
+            tell(Canon::SetFeedMode(state.feed_mode));
+        }
+        if state.feed_rate != 0.0 {
+            tell(Canon::SetFeedRate(state.feed_rate));
+        }
+    }
+}
+
+impl Setup {
+    /// The same for a block by hand that goes on from `carried`.
+    #[must_use]
+    pub fn going_on(self, carried: &CarriedOver) -> Setup {
+        Setup { carried: Some(Arc::new(carried.clone())), ..self }
+    }
+
+    /// The same for a program that follows: with the parameters that outlive a program, the tool table and the tool in the spindle.
+    #[must_use]
+    pub fn following(self, carried: &CarriedOver) -> Setup {
+        let state = State {
+            current_tool: carried.state.current_tool,
+            selected_tool: carried.state.selected_tool,
+            ..State::initial(self.program_units)
+        };
+        let parameters = carried.parameters.kept();
+        let carried = CarriedOver { state, parameters, tools: carried.tools.clone(), names: Names::default() };
+        self.going_on(&carried)
+    }
+}
+
+/// Whether this text is a block that can be carried out by hand: one line, which needs no other line of its own, and leaves nothing open.
+pub(crate) fn check_by_hand(text: &str, setup: &Setup) -> Result<(), Vec<Diagnostic>> {
+    let mut reader = LineReader::of(setup);
+    let Fault { code, span, message } = match legal_by_hand(text, &mut reader) {
+        Ok(()) => return Ok(()),
+        Err(fault) => *fault,
+    };
+    Err(vec![Diagnostic { code, file: 0, line: 1, span, message }])
+}
+
+fn legal_by_hand(text: &str, reader: &mut LineReader) -> Outcome<()> {
+    let whole = Span::new(0, text.len());
+    if text.trim().is_empty() {
+        return Err(Box::new(Fault::plain(Code::EmptyProgram, whole)));
+    }
+    if text.contains(['\n', '\r']) {
+        return fault(Code::NotByHand, whole, "a block by hand is one line");
+    }
+    if text.trim() == "%" {
+        return fault(Code::NotByHand, whole, "a percent sign belongs to a file");
+    }
+    if !reader.read(text.as_bytes())? {
+        return Ok(());
+    }
+    let block: &Block = &reader.block;
+    if let Some(control) = &block.control
+        && !matches!(control.keyword, Keyword::Call | Keyword::M98 | Keyword::Cycle)
+    {
+        let message = format!("{} belongs to a program", control.keyword.name());
+        return fault(Code::NotByHand, control.at, message);
+    }
+    if block.words.g(GroupG::CutterCompensation).is_some_and(|code| code != 400) {
+        let at = block.words.g_span(GroupG::CutterCompensation);
+        return fault(Code::NotByHand, at, "cutter compensation looks ahead, and no block follows one by hand");
+    }
+    Ok(())
+}
+
+impl Interpreter {
+    /// What is left for the blocks that come after these.
+    #[must_use]
+    pub fn carried(&self) -> CarriedOver {
+        CarriedOver::new(self.state().clone(), self.parameters(), self.tools(), self.names())
+    }
+}

@@ -1,0 +1,182 @@
+//! Blocks by hand, one after the other, against a program that holds the same lines; and what the program after them sees.
+
+use retrace_gcode::{
+    Active, Axis, Canon, CarriedOver, Code, Pose, Program, Progress, Setup, Severity, Step, SubFile, SubFiles, Tool,
+    ToolTable,
+};
+use std::sync::Arc;
+
+#[derive(Debug)]
+struct Folder;
+
+impl SubFiles for Folder {
+    fn find(&self, name: &str) -> Option<SubFile> {
+        let text = "O<shift> sub\nO1 repeat [#1]\nG91 G0 X1\nO1 endrepeat\nG90\n#<_shifted> = [#<_shifted> + #1]\nO<shift> endsub\nM2\n";
+        (name == "shift").then(|| SubFile { name: "shift.ngc".into(), text: Ok(text.into()) })
+    }
+}
+
+fn setup() -> Setup {
+    let mut tools = ToolTable::default();
+    tools.insert(Tool { number: 1, offset: Pose::xyz(0.0, 0.0, 50.0), ..Tool::default() });
+    Setup { tools, files: Some(Arc::new(Folder)), ..Setup::default() }
+}
+
+/// Where the machine is behind these steps, and what they came to.
+fn carried_out(mut program: Program<&'static [u8]>) -> (CarriedOver, Vec<Step>) {
+    let mut steps = Vec::new();
+    while program.advance(&mut steps) == Progress::Line {}
+    let errors: Vec<_> = program
+        .interpreter()
+        .diagnostics()
+        .iter()
+        .filter(|d| d.severity() == Severity::Error && d.code != Code::NoProgramEnd)
+        .collect();
+    assert!(errors.is_empty(), "{errors:?}");
+    (program.interpreter().carried(), steps)
+}
+
+/// Carries out blocks by hand; the machine stands each time where the block before has brought it, or where `moved` says.
+fn by_hand(lines: &[&str], moved: impl Fn(usize, Pose) -> Pose) -> (CarriedOver, Vec<Vec<Step>>) {
+    let mut carried: Option<CarriedOver> = None;
+    let mut all = Vec::new();
+    for (index, line) in lines.iter().enumerate() {
+        let position = carried.as_ref().map_or(Pose::ZERO, |carried| {
+            carried.state().machine_position().scaled_lengths(carried.state().units.millimetres())
+        });
+        let setup = Setup { position: moved(index, position), ..setup() };
+        let setup = carried.iter().fold(setup, |setup, carried| setup.going_on(carried));
+        let (left, steps) = carried_out(Program::by_hand(line, setup).expect("a block by hand"));
+        carried = Some(left);
+        all.push(steps);
+    }
+    (carried.expect("at least one"), all)
+}
+
+fn is_move(step: &Step) -> bool {
+    matches!(step.canon, Canon::StraightTraverse(_) | Canon::StraightFeed(_) | Canon::ArcFeed(_))
+}
+
+const LINES: [&str; 22] = [
+    "G0 X10 Y5 Z2",
+    "G10 L20 P1 X0 Y0",
+    "G92 Z1",
+    "T1 M6",
+    "G43",
+    "#<_shifted> = 4",
+    "G1 X3 F250",
+    "Y4",
+    "G55",
+    "G10 L2 P2 X7 R0",
+    "G2 X11 Y9 R20 F100",
+    "G20",
+    "G1 X0.5",
+    "G21 G91",
+    "G81 X1 Z-2 R1 L2",
+    "X4",
+    "G80 G90 G64 P0.02",
+    "O<shift> call [3]",
+    "G0 X#<_shifted>",
+    "G93 G1 X1 F2",
+    "G94 F100",
+    "S100 M3",
+];
+
+#[test]
+fn blocks_by_hand_do_what_the_same_lines_do_in_a_program() {
+    for count in 1..=LINES.len() {
+        let lines = &LINES[..count];
+        let text = format!("{}\nM0\n", lines.join("\n"));
+        let mut program = Program::<&[u8]>::prescanned(
+            Arc::new(retrace_gcode::Prescan::of("p", text.as_str().into(), &setup())),
+            setup(),
+        );
+        let mut steps = Vec::new();
+        while program.advance(&mut steps) == Progress::Line {}
+        let (left, by_hand) = by_hand(lines, |_, position| position);
+        assert_eq!(Active::from(left.state()).to_string(), program.active().to_string(), "{lines:?}");
+        for axis in Axis::ALL {
+            let [hand, whole] = [left.state(), program.interpreter().state()].map(|state| state.position[axis]);
+            assert!((hand - whole).abs() < 1e-9, "{lines:?}: {hand} {whole}");
+        }
+        let moves = by_hand.iter().flatten().filter(|step| is_move(step)).count();
+        assert_eq!(moves, steps.iter().filter(|step| is_move(step)).count());
+        assert_eq!(left.parameters().write(), program.interpreter().parameters().write());
+    }
+}
+
+/// What a track needs to know before the block's own steps is told again.
+#[test]
+fn each_block_tells_the_modes_that_its_moves_build_on() {
+    let (_, steps) = by_hand(&["G43.1 Z5", "G18 G64 P0.1 Q0.2", "G20 F10", "G95 F0.5", "G1 X1 S100 M3"], |_, at| at);
+    let canon: Vec<&Canon> = steps[4].iter().map(|step| &step.canon).collect();
+    let has = |wanted: &Canon| canon.contains(&wanted);
+    let length = canon
+        .iter()
+        .find_map(|canon| if let Canon::UseToolLengthOffset(length) = canon { Some(length[Axis::Z]) } else { None });
+    assert!(length.is_some_and(|length| (length - 5.0 / 25.4).abs() < 1e-12), "{canon:?}");
+    assert!(has(&Canon::SelectPlane(retrace_gcode::Plane::Zx)) && has(&Canon::SetFeedRate(0.5)), "{canon:?}");
+    assert!(has(&Canon::SetFeedMode(retrace_gcode::FeedMode::UnitsPerRevolution)), "{canon:?}");
+    assert!(canon.iter().any(|canon| matches!(canon, Canon::SetMotionControlMode(_))), "{canon:?}");
+    assert_eq!(canon[0], &Canon::UseLengthUnits(retrace_gcode::LengthUnit::Inch));
+}
+
+/// A jog between two blocks: the second one begins where the machine stands then.
+#[test]
+fn the_machine_may_have_been_moved_in_between() {
+    let jogged = Pose::xyz(100.0, 50.0, 25.0);
+    let (left, _) =
+        by_hand(&["G92 X1", "G10 L20 P1 Y0 Z0", "G91 G1 X5 F100"], |index, at| if index == 1 { jogged } else { at });
+    assert_eq!(left.state().machine_position(), Pose::xyz(105.0, 50.0, 25.0));
+    assert_eq!(left.state().position, Pose::xyz(106.0, 0.0, 0.0));
+}
+
+/// A program sees what a parameter file would keep, the tool table and the tool; no mode, no name, no local parameter.
+#[test]
+fn the_program_after_them_sees_offsets_and_tools_and_no_modes() {
+    let lines = [
+        "G10 L20 P3 X-5",
+        "G56",
+        "G92 Y2",
+        "G10 L1 P1 Z33",
+        "T1 M6",
+        "G20 G91 G18",
+        "#31 = 7",
+        "#5 = 9",
+        "#<_name> = 1",
+    ];
+    let (left, _) = by_hand(&lines, |_, position| position);
+    let text = "G43\nG1 X0 F#31\n#31 = [#5 + EXISTS[#<_name>]]\nM0\n";
+    let follow = setup().following(&left);
+    let program = Program::prescanned(Arc::new(retrace_gcode::Prescan::of("p", text.into(), &follow)), follow.clone());
+    let (after, _) = carried_out(program);
+    let told = Active::from(after.state()).to_string();
+    assert_eq!(told, "G1 G17 G21 G40 G43 G56 G64 G80 G90 G91.1 G92 G94 G97 M5 M9 T1 F7 S0");
+    assert_eq!((after.state().tool_offset[Axis::Z], after.state().origin[Axis::X]), (33.0, 5.0));
+    assert_eq!(after.parameters().get(31), 0.0);
+    // The same by way of the file.
+    let file = retrace_gcode::Parameters::read(&left.parameters().write()).expect("its own text");
+    assert_eq!(file, left.parameters().kept());
+}
+
+#[test]
+fn what_needs_more_than_a_line_is_refused_with_its_place() {
+    let refused = |text: &str| Program::<&[u8]>::by_hand(text, setup()).expect_err("refused")[0].code;
+    for text in
+        ["O1 while [1]", "O1 if [1]", "O1 endwhile", "O2 sub", "O100", "M99", "G41.1 D3", "G0 X1\nG0 X2", "%", "MCALL"]
+    {
+        assert_eq!(refused(text), Code::NotByHand, "{text}");
+    }
+    assert_eq!(
+        (refused("  "), refused("G0 G1 X1"), refused("O<none> call")),
+        (Code::EmptyProgram, Code::TwoGOfGroup, Code::NoSuchSub)
+    );
+    // In the block itself the diagnostics come as in a program.
+    let mut program = Program::<&[u8]>::by_hand("G1 X1", setup()).expect("it can be read");
+    let mut steps = Vec::new();
+    assert_eq!(program.advance(&mut steps), Progress::Refused);
+    assert_eq!(program.interpreter().diagnostics()[0].code, Code::ZeroFeed);
+    for text in ["M2", "M30", "G40", "/G0 X1", "(MSG, hello)", "#1=2"] {
+        carried_out(Program::by_hand(text, setup()).expect(text));
+    }
+}

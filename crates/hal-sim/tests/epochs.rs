@@ -1,0 +1,373 @@
+//! Jobs that are taken up where the card stands: by a host that was killed and comes back, and by one that begins the path anew itself.
+//!
+//! Invariant: what is expected is reckoned from the path alone; what is known of the card is what it says when it is asked.
+
+use std::sync::{Arc, Mutex};
+
+use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::place::before;
+use retrace_core::playback::part;
+use retrace_core::{Flags, ONE, Place, Record, Travel};
+use retrace_hal_sim::{
+    Chance, Clock, Faults, InProcess, LineSettings, MachineSettings, Random, Rates, Rig, RigSettings, SimCard,
+    SimFault, wiring,
+};
+use retrace_link::{
+    Alarm, Change, Greeting, Homing, HostFault, InputSetting, InputUse, Instruction, MotionCard, Patience, Refusal,
+    Settings, Start, Wired, WiredFault, Word, channel,
+};
+
+const RECORDS: u32 = 600;
+/// An instruction stands before every so many records, at a planned stop.
+const EVERY: u32 = 100;
+
+fn limits<const A: usize>() -> RateLimits<A> {
+    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
+}
+
+fn settings() -> Settings<3> {
+    Settings::new(0, Start::at(0), 1000, limits())
+}
+
+fn record(place: u32) -> Record<3> {
+    let x = (place % EVERY) as i16;
+    let ramp = x.min(EVERY as i16 - 1 - x);
+    let flags = if (place + 1).is_multiple_of(EVERY) { Flags::REST } else { Flags::NONE };
+    Record { increments: [ramp, -ramp / 3, (place / EVERY % 2) as i16], line: place + 1, flags, ..Record::default() }
+}
+
+/// P of a place.
+fn position(place: Place) -> [i64; 3] {
+    let mut sums = [0; 3];
+    for n in 0..place.record {
+        for (sum, increment) in sums.iter_mut().zip(record(n).increments) {
+            *sum += i64::from(increment);
+        }
+    }
+    for (sum, increment) in sums.iter_mut().zip(record(place.record).increments) {
+        *sum += i64::from(part(increment, place.fraction));
+    }
+    sums
+}
+
+/// Sends what is due and fits: the next instruction, records up to it, records behind.
+fn feed(card: &mut impl MotionCard<3>) {
+    let next = card.status().executed + 1;
+    let gate = ((next - 1) * EVERY).min(RECORDS);
+    if gate < RECORDS && !before(gate, card.status().reached) {
+        let mut instruction = Instruction { number: next, place: gate, periods: 3, count: 1, ..Instruction::default() };
+        instruction.changes[0] = Change { channel: channel::SPEED, value: next as i32 };
+        if card.status().high == gate && card.arrived() == gate {
+            // One that is kept already is refused by a card in this process; over a line it must not be said twice.
+            let _ = card.send(Word::Instruction(instruction));
+        }
+    }
+    while card.status().high < gate {
+        let place = card.status().high;
+        if card.send(Word::Ahead { place, record: record(place) }).is_err() {
+            break;
+        }
+    }
+    for _ in 0..20 {
+        let Some(place) = card.status().low.checked_sub(1) else { break };
+        let rests = place.is_multiple_of(EVERY);
+        if card.send(Word::Behind { place, record: record(place), rests }).is_err() {
+            break;
+        }
+    }
+}
+
+/// A card over a line remembers which instruction it was told, so that it is said once an epoch.
+struct Once<C> {
+    card: C,
+    told: u32,
+}
+
+impl<C: MotionCard<3>> MotionCard<3> for Once<C> {
+    type Fault = C::Fault;
+
+    fn window(&self) -> u32 {
+        self.card.window()
+    }
+
+    fn send(&mut self, word: Word<3>) -> Result<(), Refusal> {
+        if let Word::Instruction(instruction) = word {
+            if self.told == instruction.number {
+                return Ok(());
+            }
+            self.told = instruction.number;
+        }
+        self.card.send(word)
+    }
+
+    fn period(&mut self) -> Result<&retrace_link::Status<3>, C::Fault> {
+        self.card.period()
+    }
+
+    fn begin(&mut self, start: Start) -> Result<(), C::Fault> {
+        self.told = 0;
+        self.card.begin(start)
+    }
+
+    fn status(&self) -> &retrace_link::Status<3> {
+        self.card.status()
+    }
+
+    fn arrived(&self) -> u32 {
+        self.card.arrived()
+    }
+}
+
+/// Runs at a rate for so many periods, or until the end.
+fn run<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C, target: Travel, periods: u32) {
+    card.send(Word::Rate { target }).expect("a rate");
+    for _ in 0..periods {
+        feed(card);
+        let status = *card.period().expect("no fault");
+        assert_eq!(status.counts, position(status.place), "at {:?}", status.place);
+        if target > 0 && status.at_rest && status.place == Place::start_of(RECORDS) {
+            return;
+        }
+    }
+}
+
+fn start_of(place: Place, reached: u32, executed: u32) -> Start {
+    Start { place, rests: place.fraction == 0 && place.record.is_multiple_of(EVERY), reached, executed }
+}
+
+/// Stops, and begins the path anew where the machine stands.
+fn begin_anew<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C) {
+    card.send(Word::Rate { target: 0 }).expect("a rate");
+    let mut stood = 0;
+    while stood < 20 {
+        stood = if card.period().expect("no fault").at_rest { stood + 1 } else { 0 };
+    }
+    let was = *card.status();
+    card.begin(start_of(was.place, was.reached, was.executed)).expect("it stands");
+    let now = card.status();
+    assert_eq!((now.place, now.reached, now.counts), (was.place, was.reached, was.counts));
+    assert!(now.period >= was.period && now.executed >= was.executed && now.executed <= was.executed + 1);
+}
+
+fn legs(seed: u64) -> Vec<(Travel, u32)> {
+    let mut random = Random::new(seed);
+    (0..12)
+        .map(|_| {
+            let rate = [ONE, ONE / 2, -ONE, -ONE / 3][random.up_to(3) as usize];
+            (rate, 20 + random.up_to(150))
+        })
+        .collect()
+}
+
+#[test]
+fn a_path_that_is_begun_anew_goes_on_exactly() {
+    for seed in 0..20 {
+        let mut card = SimCard::<3>::new(0, limits(), Clock::Virtual).expect("fits");
+        for (rate, periods) in legs(seed) {
+            run(&mut card, rate, periods);
+            begin_anew(&mut card);
+        }
+        run(&mut card, ONE, 4000);
+        assert_eq!(
+            (card.status().counts, card.status().executed),
+            (position(Place::start_of(RECORDS)), RECORDS / EVERY)
+        );
+    }
+}
+
+/// A rig, and the numbers of the executed instructions as they follow each other on the card.
+fn watched(settings: &RigSettings) -> (Rig<3>, Arc<Mutex<Vec<u32>>>) {
+    let mut rig = Rig::<3>::new(settings).expect("a card");
+    let log = Arc::new(Mutex::new(vec![0]));
+    let into = Arc::clone(&log);
+    rig.watch(Box::new(move |now| {
+        let mut log = into.lock().expect("whole");
+        if log.last() != Some(&now.status.executed) {
+            log.push(now.status.executed);
+        }
+    }));
+    (rig, log)
+}
+
+fn line(chance: f64, seed: u64) -> LineSettings {
+    let rates = Rates { stall_us: 20_000, ..Rates::all(Chance::new(chance).expect("a probability")) };
+    LineSettings { baud: 1_000_000, latency_us: 100, jitter_us: 500, rates, seed, script: Vec::new() }
+}
+
+#[test]
+fn a_path_that_is_begun_anew_over_a_line_goes_on_exactly() {
+    for (seed, chance) in [(1, 0.0), (2, 2e-4), (3, 1e-3)] {
+        let (up, down) = (line(chance, seed), line(chance, seed + 100));
+        let (rig, log) = watched(&RigSettings { up, down, ..RigSettings::default() });
+        let mut wired = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+        wired.open(settings()).expect("it takes the settings");
+        let mut card = Once { card: wired, told: 0 };
+        for (rate, periods) in legs(seed) {
+            run(&mut card, rate, periods);
+            begin_anew(&mut card);
+        }
+        run(&mut card, ONE, 4000);
+        let rig = card.card.port().rig();
+        assert_eq!((rig.status().counts, rig.status().executed), (position(Place::start_of(RECORDS)), RECORDS / EVERY));
+        assert_eq!((rig.faults(), rig.pins().positions()), (Faults::default(), &rig.status().counts));
+        assert_eq!(*log.lock().expect("whole"), (0..=RECORDS / EVERY).collect::<Vec<_>>(), "each once, in order");
+    }
+}
+
+/// What a host that comes back does: finds the card, waits until it stands, opens at what it says, clears the alarm.
+fn come_back(mut rig: Rig<3>, nonce: u32) -> Once<Wired<3, InProcess<3>>> {
+    // sooner than the watchdog, and later
+    let until = rig.now_us() + u64::from(nonce % 4) * 200_000;
+    rig.run(until);
+    let mut wired = Wired::find(InProcess::new(rig), nonce, Patience::default()).expect("a card answers");
+    wired.settle(nonce + 1000).expect("it stands");
+    let stood = *wired.port().rig().status();
+    assert_eq!((stood.alarm, stood.at_rest), (Some(Alarm::HostSilent), true));
+    let said: Greeting<3> = *wired.greeting().expect("it was found by it");
+    assert_eq!((said.place, said.reached, said.executed), (stood.place, stood.reached, stood.executed));
+    assert_eq!((said.counts, said.counts), (stood.counts, position(said.place)));
+    let start = start_of(said.place, said.reached, said.executed);
+    wired.open(Settings { start, ..settings() }).expect("it takes the settings");
+    assert_eq!(wired.status().alarm, Some(Alarm::HostSilent));
+    wired.send(Word::ClearAlarm).expect("taken");
+    while wired.period().expect("no fault before it is known what became of it").alarm.is_some() {}
+    Once { card: wired, told: 0 }
+}
+
+/// Killed at any moment, in motion forward and backward, standing, in an instruction: the job comes to its end with exact counts, every
+/// instruction executed once.
+#[test]
+fn a_host_that_was_killed_takes_its_job_up_again() {
+    let mut inside = 0;
+    for seed in 0..12 {
+        let chance = [0.0, 2e-4][seed as usize % 2];
+        let (up, down) = (line(chance, seed), line(chance, seed + 100));
+        let (rig, log) = watched(&RigSettings { up, down, ..RigSettings::default() });
+        let mut wired = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+        wired.open(settings()).expect("it takes the settings");
+        let mut card = Once { card: wired, told: 0 };
+        for (number, (rate, periods)) in (0u32..).zip(legs(seed).into_iter().take(6)) {
+            run(&mut card, rate, periods);
+            // killed
+            card = come_back(card.card.into_port().into_rig(), 20 + number);
+            inside += u32::from(card.status().place.fraction != 0);
+        }
+        run(&mut card, ONE, 6000);
+        let rig = card.card.port().rig();
+        assert_eq!((rig.status().counts, rig.status().alarm), (position(Place::start_of(RECORDS)), None));
+        assert_eq!((rig.faults(), rig.pins().positions()), (Faults::default(), &rig.status().counts));
+        assert_eq!(*log.lock().expect("whole"), (0..=RECORDS / EVERY).collect::<Vec<_>>(), "each once, in order");
+    }
+    assert!(inside > 8, "it came to rest inside of a record {inside} times");
+}
+
+/// The host hears late of what the card does: what is executed before the new epoch counts in it.
+#[test]
+fn what_is_executed_meanwhile_is_executed() {
+    let down = LineSettings { latency_us: 30_000, ..LineSettings::default() };
+    let rig = Rig::<3>::new(&RigSettings { down, ..RigSettings::default() }).expect("a card");
+    let mut card = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+    card.open(settings()).expect("it takes the settings");
+    let mut instruction = Instruction { number: 1, periods: 20, count: 1, ..Instruction::default() };
+    instruction.changes[0] = Change { channel: channel::SPEED, value: 7 };
+    card.send(Word::Instruction(instruction)).expect("taken");
+    card.send(Word::Rate { target: ONE }).expect("a rate");
+    while card.period().expect("no fault").outputs[usize::from(channel::SPEED)] == 0 {}
+    assert_eq!((card.status().executed, card.port().rig().status().executed), (0, 1));
+    card.begin(Start { executed: 40, ..Start::at(9) }).expect("it stands");
+    assert_eq!((card.status().executed, card.port().rig().status().executed), (41, 41));
+}
+
+/// An alarm whose cause is still there stays one, and the host says so.
+#[test]
+fn an_alarm_that_cannot_be_cleared_is_a_fault_again() {
+    let rig = Rig::<3>::new(&RigSettings::default()).expect("a card");
+    let mut settings = settings();
+    settings.inputs[usize::from(wiring::EMERGENCY_STOP)].used_for = InputUse::EmergencyStop;
+    let mut card = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+    card.open(settings).expect("it takes the settings");
+    let stop = WiredFault::Host(HostFault::Alarm(Alarm::EmergencyStop));
+    card.port_mut().rig_mut().machine().press(wiring::EMERGENCY_STOP, true);
+    let until_fault = |card: &mut Wired<3, InProcess<3>>| (0..2000).find_map(|_| card.period().err());
+    assert_eq!(until_fault(&mut card), Some(stop));
+    card.send(Word::ClearAlarm).expect("taken");
+    assert!(card.period().is_ok(), "nothing is known yet");
+    assert_eq!(until_fault(&mut card), Some(stop));
+    card.port_mut().rig_mut().machine().press(wiring::EMERGENCY_STOP, false);
+    assert_eq!(until_fault(&mut card), Some(stop), "the chain is closed, and the alarm latched");
+    card.send(Word::ClearAlarm).expect("taken");
+    assert_eq!(until_fault(&mut card), None);
+    assert_eq!(card.status().alarm, None);
+}
+
+fn with_switches() -> SimCard<3> {
+    let mut settings = settings();
+    let mut wire = |input: u8, used_for| {
+        settings.inputs[usize::from(input)] = InputSetting { used_for, active_low: false };
+    };
+    wire(wiring::HOME + 1, InputUse::Home { axis: 1 });
+    wire(wiring::UPPER, InputUse::Limit { axis: 0, upper: true });
+    wire(wiring::DOOR, InputUse::Door);
+    let machine = MachineSettings::with_switches(&[[-4000, 4000]; 3], 1000);
+    SimCard::with_machine(settings, &machine, Clock::Virtual).expect("fits")
+}
+
+fn until<const A: usize>(card: &mut SimCard<A>, done: impl Fn(&retrace_link::Status<A>) -> bool) {
+    for _ in 0..20_000 {
+        if done(card.period().expect("no fault")) {
+            return;
+        }
+    }
+    panic!("it does not come to that: {:?}", card.status());
+}
+
+#[test]
+fn the_card_in_this_process_homes_stops_and_is_turned_as_a_served_one() {
+    let mut card = with_switches();
+    let order = Homing {
+        axis: 1,
+        upper: false,
+        fast: 20 << 32,
+        slow: 1 << 31,
+        acceleration: 1 << 31,
+        farthest: 8000,
+        count: 50_000,
+    };
+    card.send(Word::Home(order)).expect("taken");
+    until(&mut card, |status| status.at_rest);
+    let apart = card.status().counts[1] - card.counters().positions()[1];
+    assert_eq!(apart, 50_000 + 2999, "the switch opens at −2999");
+    card.begin(Start::at(5)).expect("it stands");
+    card.send(Word::Ahead { place: 5, record: record(1) }).expect("the path is begun anew");
+    // the wheel
+    card.machine().turn(-7);
+    assert_eq!(card.period().expect("no fault").wheel, -7);
+    // a door in motion
+    card.machine().press(wiring::DOOR, true);
+    card.send(Word::Rate { target: ONE }).expect("a rate");
+    until(&mut card, |status| status.alarm.is_some());
+    assert_eq!(card.period().expect_err("it stands"), SimFault::Alarm(Alarm::DoorOpen));
+    assert_eq!(card.send(Word::ClearAlarm), Err(Refusal::Alarm), "the door is open");
+    card.machine().press(wiring::DOOR, false);
+    card.period().expect_err("it is still latched");
+    card.send(Word::ClearAlarm).expect("the door is shut");
+    assert_eq!(card.period().expect("no fault").alarm, None);
+}
+
+#[test]
+fn a_card_that_kept_its_position_stands_there_with_all_that_hangs_on_it() {
+    let mut outputs = [0; channel::COUNT];
+    outputs[3] = 1;
+    let mut card = with_switches().standing_at([3990, -50, 7], &outputs);
+    assert_eq!((card.status().counts, card.status().outputs[3]), ([3990, -50, 7], 1));
+    card.begin(start_of(Place { record: 110, fraction: 1 << 30 }, 120, 2)).expect("it stands");
+    for place in 110..150 {
+        card.send(Word::Ahead { place, record: record(place) }).expect("room");
+    }
+    card.send(Word::Rate { target: ONE }).expect("a rate");
+    until(&mut card, |status| status.alarm.is_some());
+    let status = card.status();
+    assert_eq!(status.alarm, Some(Alarm::LimitSwitch { axis: 0, upper: true }));
+    assert!(status.counts[0] >= 4000 && status.counts[0] < 4020, "{:?}", status.counts);
+}
