@@ -57,6 +57,9 @@ pub enum Command {
         after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine check examples/02-back-up.toml"
     )]
     Machine(Machine),
+    /// The screen, with a pretended machine behind it.
+    #[command(hide = true)]
+    ScreenDemo(Check),
     /// Serve a simulated card behind a pseudo-terminal, list serial ports, ask who is at one.
     #[command(subcommand, after_help = "Examples:\n  retrace card serve --pty\n  retrace card who /dev/ttyUSB0@230400")]
     Card(Card),
