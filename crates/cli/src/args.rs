@@ -41,6 +41,9 @@ pub enum Command {
         retrace plot examples/02-back-up.ngc --operator examples/02-back-up.op -o retraced.png\n  \
         retrace plot examples/01-first-cut.ngc --profile -o profile.svg")]
     Plot(Plot),
+    /// What can be resumed, what ran, how it ended.
+    #[command(after_help = "Examples:\n  retrace jobs\n  retrace jobs show 20261122-004627-part")]
+    Jobs(Jobs),
     /// Ring size for so many axes, hours, milliseconds and bytes (REV-4), and what the machine file gives.
     #[command(after_help = "Example:\n  retrace size --axes 3 --hours 0.5 --period-ms 2.5 --bytes 2")]
     Size(Size),
@@ -267,6 +270,34 @@ pub struct Run {
     /// Folder for jobs and reports.
     #[arg(long, value_name = "DIR")]
     pub journal: Option<PathBuf>,
+}
+
+/// `retrace jobs`
+#[derive(Debug, Args)]
+pub struct Jobs {
+    /// What to do; all are listed where nothing is named.
+    #[command(subcommand)]
+    pub action: Option<JobsAction>,
+    /// Every job, what never began among them; the newest 20 otherwise.
+    #[arg(long)]
+    pub all: bool,
+    /// One JSON object on standard output.
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Folder of the jobs; by default `retrace/jobs` in the user's state folder.
+    #[arg(long, value_name = "DIR", global = true)]
+    pub journal: Option<PathBuf>,
+}
+
+/// What `retrace jobs` does.
+#[derive(Debug, Subcommand)]
+pub enum JobsAction {
+    /// Tell everything that is known of a job: how far it came, where the machine stood, what was on.
+    #[command(after_help = "Example:\n  retrace jobs show 20261122-004627-part --json")]
+    Show {
+        /// Name of the job, or how only one begins.
+        id: String,
+    },
 }
 
 /// `retrace check`

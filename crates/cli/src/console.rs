@@ -12,10 +12,8 @@ use retrace_controller::event::{Event, Happening};
 use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
-use retrace_controller::session::Observer;
-use retrace_core::mode::Operation;
+use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::{ONE, Travel};
-use retrace_link::Status;
 
 /// How a run is shown.
 pub enum Show {
@@ -53,8 +51,6 @@ pub struct Console<'m, const A: usize> {
     records: Option<(BufWriter<File>, Option<std::io::Error>)>,
     alarms: Vec<String>,
     line: u32,
-    /// The feed override that is planned where the cursor is, as a factor.
-    planned: f64,
     shown: Instant,
 }
 
@@ -78,7 +74,7 @@ impl<'m, const A: usize> Console<'m, A> {
             Some(path) => Some((create(path, machine)?, None)),
         };
         let judge = LimitJudge::new(&std::array::from_fn(axis), machine.period_s());
-        Ok(Self { show, machine, judge, records, alarms: Vec::new(), line: 0, planned: 1.0, shown: Instant::now() })
+        Ok(Self { show, machine, judge, records, alarms: Vec::new(), line: 0, shown: Instant::now() })
     }
 
     /// Ends the console: the judge's verdict, the alarms, the last line executed.
@@ -98,14 +94,14 @@ impl<'m, const A: usize> Console<'m, A> {
         Ok((self.judge.finish(), self.alarms, self.line))
     }
 
-    fn write_record(&mut self, status: &Status<A>) {
+    fn write_record(&mut self, status: &Period<A>) {
         let Some((file, error)) = &mut self.records else { return };
         if error.is_none() {
             *error = record_row(file, status, self.machine.axes.len()).err();
         }
     }
 
-    fn progress(&mut self, status: &Status<A>, operation: &Operation) {
+    fn progress(&mut self, status: &Period<A>) {
         // The clock is looked at now and then only; a period takes some tens of nanoseconds.
         let Show::Bar(bar) = &self.show else { return };
         if !status.period.is_multiple_of(64) || self.shown.elapsed() < Duration::from_millis(50) {
@@ -126,27 +122,34 @@ impl<'m, const A: usize> Console<'m, A> {
             .sum();
         let feed = step.sqrt() / self.machine.period_s() * 60.0;
         let percent = |rate: Travel| rate as f64 / ONE as f64 * 100.0;
-        let (rate, over) = (percent(status.rate), self.planned * percent(operation.override_rate()));
-        let state = if operation.held() { "hold".into() } else { format!("{:?}", operation.mode()).to_lowercase() };
+        let (rate, over) = (percent(status.rate), percent(status.override_rate));
+        let held = status.standing == Standing::Hold;
+        let state = if held { "hold".into() } else { format!("{:?}", status.mode).to_lowercase() };
         bar.set_position(u64::from(status.line));
         bar.set_message(format!("{position} F{feed:.0} mm/min  rate {rate:.0} %  override {over:.0} %  {state}"));
     }
 }
 
 impl<const A: usize> Observer<A> for Console<'_, A> {
-    fn period(&mut self, status: &Status<A>, operation: &Operation) {
-        self.judge.push(&status.increments, status.rate);
-        self.line = status.line;
-        self.write_record(status);
-        self.progress(status, operation);
-    }
-
-    fn event(&mut self, event: &Event) {
-        if let Happening::Alarm(number, cause, _) = &event.happening {
-            self.alarms.push(format!("{number}: {cause}"));
+    fn told(&mut self, told: &Told<A>) {
+        match told {
+            Told::Period(period) => {
+                self.judge.push(&period.increments, period.rate);
+                self.line = period.line;
+                self.write_record(period);
+                self.progress(period);
+            }
+            Told::Event(event) => self.event(event),
+            Told::Output(_) => {}
         }
-        if let Happening::OverridePlanned(percent) = event.happening {
-            self.planned = percent / 100.0;
+    }
+}
+
+impl<const A: usize> Console<'_, A> {
+    fn event(&mut self, event: &Event) {
+        if let Happening::Alarm(trouble) = &event.happening {
+            let (number, cause, _) = trouble.parts();
+            self.alarms.push(format!("{number}: {cause}"));
         }
         match &self.show {
             Show::Json => crate::out::line(event.to_json()),
@@ -174,7 +177,7 @@ fn create(path: &Path, machine: &Machine) -> Result<BufWriter<File>, Refusal> {
 }
 
 /// `period,line,rate,record,fraction,<axis>…`: the rate with nine decimals and never −0, the fraction in 2⁻³².
-fn record_row<const A: usize>(out: &mut impl Write, status: &Status<A>, axes: usize) -> std::io::Result<()> {
+fn record_row<const A: usize>(out: &mut impl Write, status: &Period<A>, axes: usize) -> std::io::Result<()> {
     let rate = Rate(status.rate);
     write!(out, "{},{},{rate},{},{}", status.period, status.line, status.place.record, status.place.fraction)?;
     for increment in &status.increments[..axes] {

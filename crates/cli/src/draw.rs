@@ -5,17 +5,19 @@
 
 use std::path::Path;
 
-use retrace_controller::event::Event;
 use retrace_controller::feed::{Cancelled, Refused, Switch};
-use retrace_controller::job::{self, Begin};
+use retrace_controller::index::Keeping;
+use retrace_controller::job::{self, Begin, Conduct};
 use retrace_controller::machine::Machine;
+use retrace_controller::orders::Operators;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Observer};
+use retrace_controller::session::Manner;
 use retrace_controller::sink::Sink;
-use retrace_core::mode::{Mode, Operation};
+use retrace_controller::stream::{Observer, Told};
+use retrace_core::mode::Mode;
 use retrace_hal_sim::{Clock, SimCard};
-use retrace_link::{Change, Status};
+use retrace_link::Change;
 use retrace_motion::{Arc, Feed, PathMode};
 
 use crate::args;
@@ -47,10 +49,11 @@ pub fn run(args: &args::Plot) -> Result<(), Failure> {
     if args.profile || !script.is_empty() {
         let card = machine.rate_limits().and_then(|limits| SimCard::new(0, limits, Clock::Virtual));
         let card = card.ok_or_else(|| cannot_draw("the card", ""))?;
-        let operator = ScriptPlayer::new(script, machine.period_us);
+        let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
         let manner = Manner { wall_time: false, operator: args.operator.is_some() };
-        job::run::<9, _>(&machine, program.decoder(), Begin::First, card, operator, manner, &mut trace)
-            .map_err(|why| cannot_draw(why, "a shorter history_hours in the machine file"))?;
+        let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+        job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut trace)
+            .map_err(|why| cannot_draw(why.to_string(), "a shorter history_hours in the machine file"))?;
     }
     let picture = if args.profile {
         draw_profile(&trace.profile(program.name()), size)
@@ -211,9 +214,10 @@ impl<'m> Trace<'m> {
 }
 
 impl Observer<9> for Trace<'_> {
-    fn period(&mut self, status: &Status<9>, operation: &Operation) {
+    fn told(&mut self, told: &Told<9>) {
+        let Told::Period(period) = told else { return };
         let mut mm = [0.0; 9];
-        for ((slot, axis), &count) in mm.iter_mut().zip(&self.machine.axes).zip(&status.counts) {
+        for ((slot, axis), &count) in mm.iter_mut().zip(&self.machine.axes).zip(&period.counts) {
             *slot = count as f64 / axis.pulses_per_mm;
         }
         if self.keep {
@@ -221,8 +225,8 @@ impl Observer<9> for Trace<'_> {
                 positions.push(x);
             }
         }
-        let is_retracing = operation.mode() != Mode::Run;
-        let (point, now) = (self.place.point(&mm), status.period as f64 * self.machine.period_s());
+        let is_retracing = period.mode != Mode::Run;
+        let (point, now) = (self.place.point(&mm), period.period as f64 * self.machine.period_s());
         match (is_retracing, self.is_retracing) {
             (true, false) => {
                 self.retraced.push(Stroke { kind: StrokeKind::Retraced, points: vec![point] });
@@ -238,6 +242,4 @@ impl Observer<9> for Trace<'_> {
         }
         self.is_retracing = is_retracing;
     }
-
-    fn event(&mut self, _: &Event) {}
 }

@@ -18,6 +18,7 @@ mod console;
 mod cycles;
 mod draw;
 mod files;
+mod jobs;
 mod left;
 mod machine;
 mod plot;
@@ -44,6 +45,7 @@ fn main() -> ExitCode {
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
         Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
+        Command::Jobs(args) => jobs::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),
     };
     match done {

@@ -6,10 +6,12 @@
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use retrace_controller::by_hand;
 use retrace_controller::job::{self, Decode, Decoded, Finding};
 use retrace_controller::machine::Machine;
+use retrace_controller::reading::Ahead;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_controller::survey::{self, Survey};
@@ -50,6 +52,8 @@ pub struct Program {
     prescan: Option<Arc<Prescan>>,
     setup: Setup,
     has_tool_table: bool,
+    /// Set when nobody waits for standard input any more.
+    given_up: Arc<AtomicBool>,
 }
 
 /// A program on its way through the interpreter.
@@ -107,7 +111,7 @@ impl Program {
             let text = files::bytes(&reading.program, "program")?;
             Some(Arc::new(Prescan::of(&name, text.into(), &setup)))
         };
-        Ok(Self { name, prescan, setup, has_tool_table: reading.tools.is_some() })
+        Ok(Self { name, prescan, setup, has_tool_table: reading.tools.is_some(), given_up: Arc::default() })
     }
 
     /// Its name.
@@ -131,7 +135,9 @@ impl Program {
     /// The program from its beginning.
     #[must_use]
     pub fn decoder(&self) -> Decoder {
-        Decoder { name: self.name.clone(), program: self.source(), length_offset: false, is_told: false, left: None }
+        let given_up = self.prescan.is_none().then(|| Arc::clone(&self.given_up));
+        let (name, program) = (self.name.clone(), self.source());
+        Decoder { name, program, given_up, length_offset: false, is_told: false, left: None }
     }
 
     /// The program from its beginning, to be run: it logs, and leaves its parameters.
@@ -148,7 +154,11 @@ impl Program {
         match &self.prescan {
             Some(prescan) => Source::prescanned(Arc::clone(prescan), self.setup.clone()),
             None => {
-                let input = Box::new(BufReader::with_capacity(1 << 16, std::io::stdin()));
+                let input: Box<dyn BufRead + Send> = match Ahead::of(std::io::stdin(), Arc::clone(&self.given_up)) {
+                    Ok(ahead) => Box::new(ahead),
+                    // No thread left to read ahead: it is read as it is decoded.
+                    Err(_) => Box::new(BufReader::with_capacity(1 << 16, std::io::stdin())),
+                };
                 Source::new(input, self.setup.clone())
             }
         }
@@ -269,6 +279,8 @@ pub struct Checked<S> {
 pub struct Decoder {
     name: String,
     program: Source,
+    /// For a program that arrives.
+    given_up: Option<Arc<AtomicBool>>,
     /// A tool length offset was called for.
     length_offset: bool,
     /// The program is at its end, and why it is there has been told.
@@ -278,6 +290,10 @@ pub struct Decoder {
 }
 
 impl Decode for Decoder {
+    fn given_up(&self) -> Option<Arc<AtomicBool>> {
+        self.given_up.clone()
+    }
+
     fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
         let first = steps.len();
         let progress = self.program.advance(steps);

@@ -6,9 +6,11 @@ use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
 
-use retrace_controller::job::{self, Begin, JobEnd};
+use retrace_controller::index::Keeping;
+use retrace_controller::job::{self, Begin, Conduct, JobEnd};
 use retrace_controller::machine::Machine;
 use retrace_controller::operator::Instruction;
+use retrace_controller::orders::Operators;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::report::Report;
 use retrace_controller::script::ScriptPlayer;
@@ -103,11 +105,12 @@ impl<'a> Job<'a> {
         let mut console = Console::<A>::new(show, machine, args.records.as_deref())?;
         let manner = Manner { wall_time, operator: args.operator.is_some() };
         let begin = args.start_line.map_or(Begin::First, Begin::Line);
-        let operator = ScriptPlayer::new(script, machine.period_us);
+        let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
+        let conduct = Conduct { begin, operators, manner, keeping: Keeping::default() };
         let started = Instant::now();
         let (decoder, last) = program.running();
-        let end = job::run(machine, decoder, begin, card, operator, manner, &mut console)
-            .map_err(|why| Refusal::new("E2112", why, "a shorter history_hours in the machine file"))?;
+        let end = job::run(machine, decoder, conduct, card, &mut console)
+            .map_err(|why| Refusal::new("E2112", why.to_string(), "a shorter history_hours in the machine file"))?;
         let wall_s = started.elapsed().as_secs_f64();
         let (verdict, alarms, line) = console.finish()?;
         let JobEnd { outcome, tally, summary, card } = end;

@@ -3,7 +3,71 @@
 //! Invariant: every event carries the period and the place at which it happened.
 
 use retrace_core::Place;
+use retrace_link::{Alarm, CardFault};
 use serde_json::{Value, json};
+
+use crate::operator::{Deed, OrderRefused};
+
+/// What stops the machine for good.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Trouble {
+    /// The card has latched this, and brakes on the path.
+    Latched(Alarm),
+    /// A fault of the card, or of the line to it: nothing of this run will move it again.
+    Fault {
+        /// Its number in `docs/errors.md`.
+        number: &'static str,
+        /// What is wrong.
+        cause: String,
+        /// What to do.
+        remedy: String,
+    },
+}
+
+impl Trouble {
+    /// A fault in words.
+    #[must_use]
+    pub fn of(fault: &impl CardFault) -> Self {
+        Self::Fault { number: fault.number(), cause: fault.to_string(), remedy: fault.remedy().to_string() }
+    }
+
+    /// Number in `docs/errors.md`, what is wrong, what to do.
+    #[must_use]
+    pub fn parts(&self) -> (&'static str, String, String) {
+        match self {
+            Self::Latched(alarm) => (alarm.number(), alarm.to_string(), alarm.remedy().to_string()),
+            Self::Fault { number, cause, remedy } => (number, cause.clone(), remedy.clone()),
+        }
+    }
+}
+
+/// Most outputs that one event lists.
+const LISTED: usize = 8;
+
+/// Some outputs that differ: channel, as it is, as the program expects it. Where there are more, more events say so.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Differing {
+    list: [(u8, i32, i32); LISTED],
+    count: u8,
+}
+
+impl Differing {
+    /// The first of a list; the rest is left in it.
+    pub fn first(list: &mut impl Iterator<Item = (u8, i32, i32)>) -> Self {
+        let mut some = Self::default();
+        for (slot, output) in some.list.iter_mut().zip(list) {
+            *slot = output;
+            some.count += 1;
+        }
+        some
+    }
+
+    /// The list.
+    #[must_use]
+    pub fn list(&self) -> &[(u8, i32, i32)] {
+        &self.list[..usize::from(self.count)]
+    }
+}
 
 /// What happened.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,18 +76,22 @@ pub enum Happening {
     Started,
     /// The mode of operation changed; its name.
     Mode(&'static str),
-    /// The operator did something; as it is written in a script.
-    Operator(String),
+    /// The operator did something.
+    Operator(Deed),
     /// Another feed override is planned from here on: 100 % or more.
     OverridePlanned(f64),
-    /// An order did not apply; what and why.
-    OrderRefused(String),
+    /// An order did not apply, and why.
+    OrderRefused(OrderRefused),
     /// Reverse run stands at the oldest record (REV-8).
     Oldest,
     /// Reverse run stands at a place that cannot be passed backward; the code that stands there.
     OneWay(&'static str),
-    /// The machine stands at `reached`, outputs differ: channel, as it is, as the program expects it.
-    OutputsDiffer(Vec<(u8, i32, i32)>),
+    /// Reverse run stands where it was to go.
+    There,
+    /// The handwheel has come forward to the furthest place ever executed, where it ends.
+    Reached,
+    /// The machine stands at `reached`, and outputs differ.
+    OutputsDiffer(Differing),
     /// Outputs were brought to what the program expects.
     OutputsRestored,
     /// Normal run goes on.
@@ -42,8 +110,8 @@ pub enum Happening {
     Message(String),
     /// The look-ahead ran dry.
     Underrun,
-    /// An alarm: number, cause, remedy.
-    Alarm(&'static str, String, String),
+    /// An alarm.
+    Alarm(Trouble),
 }
 
 /// An event.
@@ -68,14 +136,16 @@ impl Event {
         let mut value = match &self.happening {
             Happening::Started => json!({"event": "started"}),
             Happening::Mode(mode) => json!({"event": "mode", "mode": mode}),
-            Happening::Operator(deed) => json!({"event": "operator", "deed": deed}),
+            Happening::Operator(deed) => json!({"event": "operator", "deed": deed.to_string()}),
             Happening::OverridePlanned(percent) => json!({"event": "override_planned", "percent": percent}),
-            Happening::OrderRefused(why) => json!({"event": "order_refused", "why": why}),
+            Happening::OrderRefused(why) => json!({"event": "order_refused", "why": why.to_string()}),
             Happening::Oldest => json!({"event": "oldest_record"}),
             Happening::OneWay(code) => json!({"event": "one_way", "code": code}),
-            Happening::OutputsDiffer(list) => {
+            Happening::There => json!({"event": "there"}),
+            Happening::Reached => json!({"event": "reached"}),
+            Happening::OutputsDiffer(some) => {
                 let list: Vec<Value> =
-                    list.iter().map(|(c, is, want)| json!({"channel": c, "is": is, "program": want})).collect();
+                    some.list().iter().map(|(c, is, want)| json!({"channel": c, "is": is, "program": want})).collect();
                 json!({"event": "outputs_differ", "outputs": list})
             }
             Happening::OutputsRestored => json!({"event": "outputs_restored"}),
@@ -89,7 +159,8 @@ impl Event {
             Happening::SingleBlock => json!({"event": "single_block"}),
             Happening::Message(text) => json!({"event": "message", "text": text}),
             Happening::Underrun => json!({"event": "underrun"}),
-            Happening::Alarm(number, cause, remedy) => {
+            Happening::Alarm(trouble) => {
+                let (number, cause, remedy) = trouble.parts();
                 json!({"event": "alarm", "number": number, "cause": cause, "remedy": remedy})
             }
         };
@@ -114,8 +185,11 @@ impl Event {
             Happening::OrderRefused(why) => format!("not done: {why}"),
             Happening::Oldest => "standing at the oldest record: it goes no further back".into(),
             Happening::OneWay(code) => format!("standing behind {code}, which cannot be passed backward"),
-            Happening::OutputsDiffer(list) => {
-                let list: Vec<String> = list
+            Happening::There => "standing where it was to go".into(),
+            Happening::Reached => "standing at the furthest place executed".into(),
+            Happening::OutputsDiffer(some) => {
+                let list: Vec<String> = some
+                    .list()
                     .iter()
                     .map(|(c, is, want)| format!("{} is {is}, program wants {want}", channel_name(*c)))
                     .collect();
@@ -130,7 +204,10 @@ impl Event {
             Happening::SingleBlock => "single block: cycle start to go on".into(),
             Happening::Message(text) => format!("message: {text}"),
             Happening::Underrun => "the look-ahead ran dry: slowed down on the path".into(),
-            Happening::Alarm(number, cause, remedy) => format!("ALARM {number}: {cause}. {remedy}"),
+            Happening::Alarm(trouble) => {
+                let (number, cause, remedy) = trouble.parts();
+                format!("ALARM {number}: {cause}. {remedy}")
+            }
         };
         format!("{:10.3} s  line {:>6}  {text}", self.time_s, self.line)
     }

@@ -4,15 +4,16 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::SyncSender;
+use std::sync::mpsc::{SyncSender, TrySendError};
 use std::thread;
 use std::time::Duration;
 
 use retrace_core::ring::Producer;
-use retrace_core::{Flags, Record};
+use retrace_core::{Flags, ONE, Record};
 use retrace_link::{Action, Await, Change, MAX_CHANGES, Outputs};
 use retrace_motion::{Arc, Feed, MoveError, PathMode, Planner};
 
+use crate::index::{Index, Mark, Note};
 use crate::item::{Exclusive, Item, Kind, Summary};
 use crate::overrides::Heeding;
 
@@ -73,6 +74,18 @@ struct Waiting {
     lasts: bool,
 }
 
+/// A mark is made after so many records at the latest. As many are written together where the ring was full, so that there are no more marks
+/// than that while the ring stays full.
+const RECORDS_A_MARK: u32 = 64;
+
+/// Where a move that may still come out of the planner comes from.
+#[derive(Clone, Copy, Debug)]
+struct Origin {
+    serial: u32,
+    line: u32,
+    block: u64,
+}
+
 /// Plans a program into a ring.
 pub struct Feeder<'r, const A: usize> {
     planner: Planner<A>,
@@ -83,12 +96,21 @@ pub struct Feeder<'r, const A: usize> {
     overrides: Heeding,
     /// Serial number of the last move given to the planner; its tag.
     serial: u32,
-    /// Program line of each move that may still come out of the planner, by serial number.
-    lines: VecDeque<(u32, u32)>,
+    /// The block that the moves to come belong to.
+    block: u64,
+    /// Line and block of each move that may still come out of the planner, by serial number.
+    origins: VecDeque<Origin>,
     /// Actions that wait for the first record of the move with their serial number.
     waiting: VecDeque<Waiting>,
     /// The outputs as the program has set them, actions still waiting included.
     outputs: Outputs,
+    index: Box<dyn Index>,
+    /// Where the last mark was made.
+    marked: u32,
+    /// What a mark behind the last record would be.
+    here: Mark,
+    /// Marks of a run before, that the plan is held against.
+    was: VecDeque<Mark>,
 }
 
 impl<'r, const A: usize> Feeder<'r, A> {
@@ -101,8 +123,40 @@ impl<'r, const A: usize> Feeder<'r, A> {
         outputs: Outputs,
         cancel: &'r AtomicBool,
     ) -> Self {
-        let (lines, waiting) = (VecDeque::new(), VecDeque::new());
-        Self { planner, ring, items, cancel, overrides: Heeding::default(), serial: 0, lines, waiting, outputs }
+        let marked = ring.write();
+        Self {
+            planner,
+            ring,
+            items,
+            cancel,
+            overrides: Heeding::default(),
+            serial: 0,
+            block: 0,
+            origins: VecDeque::new(),
+            waiting: VecDeque::new(),
+            outputs,
+            index: Box::new(()),
+            marked,
+            here: Mark { place: marked, ..Mark::default() },
+            was: VecDeque::new(),
+        }
+    }
+
+    /// The same, which notes in `index` what it plans; the machine's counts are `counts` where the ring begins.
+    #[must_use]
+    pub fn noting(mut self, index: Box<dyn Index>, counts: &[i64]) -> Self {
+        for (slot, &count) in self.here.counts.iter_mut().zip(counts) {
+            *slot = count;
+        }
+        Self { index, ..self }
+    }
+
+    /// The same, which holds its plan against the marks of a run before, in the order of their places.
+    #[must_use]
+    pub fn held_against(self, marks: &[Mark]) -> Self {
+        let begins = self.here.place;
+        let behind = |mark: &&Mark| retrace_core::place::before(begins, mark.place);
+        Self { was: marks.iter().filter(behind).copied().collect(), ..self }
     }
 
     /// The same, which heeds overrides above 100 %.
@@ -121,6 +175,20 @@ impl<'r, const A: usize> Feeder<'r, A> {
     #[must_use]
     pub fn outputs(&self) -> &Outputs {
         &self.outputs
+    }
+
+    /// The moves to come belong to the decoder's block of that number.
+    pub fn block(&mut self, number: u64) {
+        self.block = number;
+    }
+
+    /// Nothing is there to be planned for now: what is planned is marked, so that it can be run.
+    ///
+    /// # Errors
+    /// [`Cancelled`], where it is of no use to wait.
+    pub fn idle(&mut self) -> Result<(), Cancelled> {
+        self.mark();
+        if self.cancel.load(Ordering::Relaxed) { Err(Cancelled) } else { Ok(()) }
     }
 
     /// A straight move of program line `line`.
@@ -143,7 +211,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
 
     fn moved(&mut self, line: u32) -> Result<(), Cancelled> {
         self.serial = self.serial.wrapping_add(1);
-        self.lines.push_back((self.serial, line));
+        self.origins.push_back(Origin { serial: self.serial, line, block: self.block });
         self.drain()
     }
 
@@ -199,7 +267,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
     pub fn rest(&mut self) -> Result<(), Cancelled> {
         self.planner.stop(Flags::NONE);
         self.drain()?;
-        self.lines.clear();
+        self.origins.clear();
         while let Some(Waiting { change, line, lasts, .. }) = self.waiting.pop_front() {
             let (code, changes) = ("M62–M65", [change]);
             self.exclusive(Switch { line, code, changes: &changes, undone: !lasts, ..Switch::default() })?;
@@ -213,6 +281,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
     /// [`Cancelled`]
     pub fn end(mut self, summary: Summary) -> Result<(), Cancelled> {
         self.rest()?;
+        self.mark();
         self.send(Item::End(summary))
     }
 
@@ -220,24 +289,61 @@ impl<'r, const A: usize> Feeder<'r, A> {
     /// so an override can still be heeded at the first place that the ring has no room for.
     fn drain(&mut self) -> Result<(), Cancelled> {
         loop {
-            self.patiently(|feeder| feeder.ring.has_room().then_some(Ok(())))?;
-            if let Some(factor) = self.overrides.due(self.ring.write()) {
-                self.planner.set_feed_override(factor);
+            if !self.ring.has_room() {
+                self.mark();
+                self.patiently(|feeder| (feeder.ring.room() >= RECORDS_A_MARK).then_some(Ok(())))?;
+            }
+            if let Some(planned) = self.overrides.due(self.ring.write()) {
+                self.index.note(Note::Override { place: self.ring.write(), planned });
+                self.planner.set_feed_override(planned as f64 / ONE as f64);
             }
             let Some(record) = self.planner.next_record() else { return Ok(()) };
             let serial = record.line;
             self.send_actions(serial)?;
-            let line = self.line_of(serial);
-            self.push(Record { line, ..record })?;
+            let origin = self.origin_of(serial);
+            self.push(Record { line: origin.line, ..record }, origin.block)?;
         }
     }
 
-    /// Program line of the move with that serial number. Moves before it will not come out of the planner again.
-    fn line_of(&mut self, serial: u32) -> u32 {
-        while self.lines.len() > 1 && self.lines.front().is_some_and(|(s, _)| retrace_core::place::before(*s, serial)) {
-            self.lines.pop_front();
+    /// Where the move with that serial number comes from. Moves before it will not come out of the planner again.
+    fn origin_of(&mut self, serial: u32) -> Origin {
+        while self.origins.len() > 1
+            && self.origins.front().is_some_and(|o| retrace_core::place::before(o.serial, serial))
+        {
+            self.origins.pop_front();
         }
-        self.lines.front().map_or(0, |(_, line)| *line)
+        self.origins.front().copied().unwrap_or(Origin { serial, line: 0, block: 0 })
+    }
+
+    /// Marks what is planned, if it is not marked yet.
+    fn mark(&mut self) {
+        if self.here.place != self.marked {
+            self.marked = self.here.place;
+            self.index.note(Note::Mark(self.here));
+        }
+    }
+
+    /// A record was pushed: what a mark behind it would be. It is made where it is due, and held against that of a run before.
+    fn count(&mut self, record: &Record<A>, block: u64) -> Result<(), Cancelled> {
+        self.here.place = self.ring.write();
+        (self.here.line, self.here.block) = (record.line, block);
+        for (count, &increment) in self.here.counts.iter_mut().zip(&record.increments) {
+            *count += i64::from(increment);
+        }
+        if self.here.place.wrapping_sub(self.marked) >= RECORDS_A_MARK {
+            self.mark();
+        }
+        while let Some(&was) = self.was.front()
+            && !retrace_core::place::before(self.here.place, was.place)
+        {
+            self.was.pop_front();
+            if was != self.here {
+                self.send(Item::Differs { was, is: self.here })?;
+            } else if self.was.is_empty() {
+                self.send(Item::MarksPassed)?;
+            }
+        }
+        Ok(())
     }
 
     /// Sends the actions that stand before the move with that serial number, or before one that left no record.
@@ -256,20 +362,23 @@ impl<'r, const A: usize> Feeder<'r, A> {
         Ok(())
     }
 
+    /// Sends an item. Where it has to wait, what is planned is marked: the motion path comes to where it takes items only over that.
     fn send(&mut self, item: Item) -> Result<(), Cancelled> {
-        let mut item = item;
-        self.patiently(|feeder| match feeder.items.try_send(item.clone()) {
+        let mut waits = Some(item);
+        self.patiently(|feeder| match feeder.items.try_send(waits.take()?) {
             Ok(()) => Some(Ok(())),
-            Err(std::sync::mpsc::TrySendError::Full(back)) => {
-                item = back;
+            Err(TrySendError::Full(back)) => {
+                feeder.mark();
+                waits = Some(back);
                 None
             }
-            Err(std::sync::mpsc::TrySendError::Disconnected(_)) => Some(Err(Cancelled)),
+            Err(TrySendError::Disconnected(_)) => Some(Err(Cancelled)),
         })
     }
 
-    fn push(&mut self, record: Record<A>) -> Result<(), Cancelled> {
-        self.patiently(|feeder| feeder.ring.push(record).is_ok().then_some(Ok(())))
+    fn push(&mut self, record: Record<A>, block: u64) -> Result<(), Cancelled> {
+        self.patiently(|feeder| feeder.ring.push(record).is_ok().then_some(Ok(())))?;
+        self.count(&record, block)
     }
 
     /// Tries until it succeeds: first at once, then with longer and longer pauses, and gives up when told to.
@@ -285,7 +394,8 @@ impl<'r, const A: usize> Feeder<'r, A> {
                 0..50 => std::hint::spin_loop(),
                 50..100 => thread::yield_now(),
                 _ if self.cancel.load(Ordering::Relaxed) => break,
-                _ => thread::sleep(Duration::from_micros(50)),
+                100..400 => thread::sleep(Duration::from_micros(50)),
+                _ => thread::sleep(Duration::from_micros(500)),
             }
         }
         Err(Cancelled)

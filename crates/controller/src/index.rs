@@ -51,6 +51,26 @@ impl Index for () {
     fn note(&mut self, _: Note) {}
 }
 
+/// Who keeps a job's index, and how far it is durable. The default keeps none.
+pub struct Keeping {
+    /// Takes the notes, in the planning thread. They come from the job's first place on, also where the job is taken up in its middle.
+    pub index: Box<dyn Index>,
+    /// How far the index is durable; `None`: the card may be given whatever is planned.
+    pub durable: Option<Durable>,
+}
+
+impl Default for Keeping {
+    fn default() -> Self {
+        Self { index: Box::new(()), durable: None }
+    }
+}
+
+impl std::fmt::Debug for Keeping {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Keeping").field("durable", &self.durable).finish_non_exhaustive()
+    }
+}
+
 /// How far the index is durable: the motion path gives the card no record at or beyond this place.
 #[derive(Clone, Debug)]
 pub struct Durable(Arc<AtomicU32>);
@@ -62,7 +82,7 @@ impl Durable {
         Self(Arc::new(AtomicU32::new(place)))
     }
 
-    /// The place up to which it is.
+    /// The place up to which it is: no record at or beyond it may be given to the card.
     #[must_use]
     pub fn place(&self) -> u32 {
         self.0.load(Ordering::Acquire)

@@ -5,6 +5,8 @@
 
 use retrace_link::{Action, Await, Change, MAX_CHANGES};
 
+use crate::index::Mark;
+
 /// What an exclusive instruction is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
@@ -78,6 +80,15 @@ pub enum Item {
         /// The text.
         text: String,
     },
+    /// A place of the plan is not as it was when the job ran before.
+    Differs {
+        /// As it was.
+        was: Mark,
+        /// As it is planned now.
+        is: Mark,
+    },
+    /// All marks that were given were passed.
+    MarksPassed,
     /// Nothing follows.
     End(Summary),
 }

@@ -1,7 +1,13 @@
-//! A job: decoding and planning in one thread, the motion path in another, the ring between them.
+//! A job: reading, decoding, planning, the motion path and the report, each in a thread of its own, with bounded queues between them.
 //!
-//! Invariant: the planning thread ends before [`run`] returns, whatever ended the job.
+//! ```text
+//! reading ─ buffers ─> decoding ─ batches of steps ─> planning ─ ring, items ─> motion path ─ stream ─> reporting
+//! ```
+//!
+//! Invariant: the threads end before [`run`] returns, whatever ended the job; the motion path is the caller's own thread.
 
+use std::fmt;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::thread;
@@ -10,25 +16,35 @@ use retrace_core::Record;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::size::ring_cells;
 use retrace_gcode::Step;
-use retrace_link::MotionCard;
+use retrace_link::{MotionCard, Outputs, Status};
 use retrace_motion::Planner;
 
+use crate::decoding::{self, Belt};
 use crate::feed::Feeder;
-use crate::item::{Ending, Summary};
+use crate::index::Keeping;
+use crate::item::Summary;
 use crate::machine::Machine;
+use crate::orders::Operators;
 use crate::overrides::overrides;
+use crate::planning;
+use crate::resume::{Prepared, Resumption, Unfound};
 use crate::scan::Scan;
-use crate::script::ScriptPlayer;
-use crate::session::{Manner, Observer, Outcome, Session};
+use crate::session::{Manner, Outcome, Session};
 use crate::sink::Sink;
-use crate::start::Skipped;
+use crate::stream::{self, Observer};
+use crate::supply::Supply;
 use crate::tally::Tally;
-use crate::track::{Track, Untrackable};
+use crate::track::Track;
 
 /// A program as a source of canonical functions.
 pub trait Decode {
     /// Decodes the next block and puts its steps behind those in `steps`.
     fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded;
+
+    /// What is to be set when nobody wants the program any more, so that a source that waits for bytes stops waiting.
+    fn given_up(&self) -> Option<Arc<AtomicBool>> {
+        None
+    }
 }
 
 /// What became of a block.
@@ -62,117 +78,165 @@ pub struct JobEnd<C> {
 }
 
 /// Where in the program a job begins.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub enum Begin {
     /// At its first block.
     #[default]
     First,
     /// At this line, with the state that the blocks before it leave.
     Line(u32),
+    /// Where it was left.
+    At(Box<Resumption>),
 }
 
-/// Runs a program on a card that stands where the machine says.
+/// How a job is run: from where, by whom, in what manner, and who keeps an index of it.
+#[derive(Debug)]
+pub struct Conduct {
+    /// Where it begins.
+    pub begin: Begin,
+    /// Who operates the machine.
+    pub operators: Operators,
+    /// Time and company.
+    pub manner: Manner,
+    /// The index.
+    pub keeping: Keeping,
+}
+
+/// What keeps a job from being begun. Nothing has moved then.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CannotBegin {
+    /// The machine's numbers do not go together; how.
+    Machine(String),
+    /// The place where it was left is not found in the program; why.
+    Unfound(Unfound),
+}
+
+impl fmt::Display for CannotBegin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Machine(why) => f.write_str(why),
+            Self::Unfound(why) => why.fmt(f),
+        }
+    }
+}
+
+/// Runs a program on a card that stands where the machine says. One that is taken up where it was left goes on if the card's counts are those
+/// of that place, and is stopped at once otherwise.
 ///
 /// # Errors
-/// What keeps the job from being set up; nothing has moved then.
+/// What keeps the job from being begun; nothing has moved then.
 pub fn run<const A: usize, C: MotionCard<A>>(
     machine: &Machine,
-    mut program: impl Decode + Send,
-    begin: Begin,
+    program: impl Decode + Send,
+    conduct: Conduct,
     card: C,
-    operator: ScriptPlayer,
-    manner: Manner,
     observer: &mut dyn Observer<A>,
-) -> Result<JobEnd<C>, String> {
+) -> Result<JobEnd<C>, CannotBegin> {
+    resume(machine, program, conduct, card, observer, Prepared::agrees)
+}
+
+/// The same; where the job is taken up where it was left, `agree` is asked before anything moves, and the job is stopped at once where it
+/// says no. The machine stood at `machine.stands_at_mm` where the job began, not where it is left.
+///
+/// # Errors
+/// As [`run`].
+pub fn resume<const A: usize, C: MotionCard<A>>(
+    machine: &Machine,
+    mut program: impl Decode + Send,
+    conduct: Conduct,
+    card: C,
+    observer: &mut dyn Observer<A>,
+    agree: impl FnOnce(&Prepared<A>) -> bool,
+) -> Result<JobEnd<C>, CannotBegin> {
+    let Conduct { begin, operators, manner, keeping } = conduct;
     let (keep, look_ahead) = (machine.history_records, machine.look_ahead_records);
-    let cells = ring_cells(keep, look_ahead).ok_or("the history is larger than any ring")?;
+    let no_ring = |why: String| CannotBegin::Machine(why);
+    let cells = ring_cells(keep, look_ahead).ok_or_else(|| no_ring("the history is larger than any ring".into()))?;
     let cells: Box<[Cell<Record<A>>]> = (0..cells).map(|_| Cell::default()).collect();
-    let start = card.status().place.record;
-    let mut ring = Ring::new(cells, keep, look_ahead, start).map_err(|e| format!("no ring: {e:?}"))?;
+    let origin = Origin::of(machine, &begin, card.status());
+    let mut ring = Ring::new(cells, keep, look_ahead, origin.place).map_err(|e| no_ring(format!("no ring: {e:?}")))?;
     let (producer, consumer) = ring.split();
     let (sender, receiver) = mpsc::sync_channel(ITEMS);
-    let planner =
-        Planner::new(machine.limits(), machine.start_mm()).map_err(|e| e.to_string())?.blending_by(machine.blending);
+    let planner = Planner::new(machine.limits(), machine.start_mm()).map_err(|e| no_ring(e.to_string()))?;
     let cancel = AtomicBool::new(false);
-    let (asking, heeding) = overrides(look_ahead);
-    let feeder = Feeder::new(planner, producer, sender, card.status().outputs, &cancel).heeding(heeding);
-    Ok(thread::scope(|scope| {
-        let planning = scope.spawn(move || plan(machine, &mut program, begin, feeder));
-        let interest = Interest(&cancel);
-        let session = Session::new(card, machine, consumer, receiver, operator, manner, observer).asking(asking);
-        let (outcome, tally, card) = session.run();
+    let (mut asking, mut heeding) = overrides(look_ahead);
+    let mut feeder = Feeder::new(planner.blending_by(machine.blending), producer, sender, origin.outputs, &cancel)
+        .noting(keeping.index, &origin.counts);
+    let (mut line, mut resumption) = (None, None);
+    match begin {
+        Begin::First => {}
+        Begin::Line(first) => line = Some(first),
+        Begin::At(at) => {
+            asking = asking.again(&at.overrides, at.start.reached);
+            heeding = heeding.again(&at.overrides);
+            feeder = feeder.held_against(&at.marks);
+            resumption = Some(at);
+        }
+    }
+    let feeder = feeder.heeding(heeding);
+    let supply =
+        Supply::new(consumer, receiver, origin.place, origin.outputs, origin.executed).durable(keeping.durable);
+    let (teller, hearing) = stream::stream(manner.wall_time, machine.period_s());
+    let (belt, batch) = Belt::new();
+    let given_up = program.given_up();
+    thread::scope(|scope| {
+        let belt = &belt;
+        let decoder = scope.spawn(move || decoding::decode(&mut program, belt));
+        let planner = scope.spawn(move || planning::plan(machine, belt, batch, line, feeder));
+        let reporter = scope.spawn(move || hearing.report(observer));
+        let interest = Interest { cancel: &cancel, given_up };
+        let session = Session::new(card, machine, supply, operators, manner, teller).asking(asking);
+        let ended = match resumption {
+            None => Ok(session.run()),
+            Some(at) => session.resume(&at, origin.counts, agree).map_err(CannotBegin::Unfound),
+        };
         drop(interest);
         // A panic over there is a defect, never an input; it is passed on.
-        let summary = planning.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        JobEnd { outcome, tally, summary, card }
-    }))
+        let passed_on = |panic| std::panic::resume_unwind(panic);
+        decoder.join().unwrap_or_else(passed_on);
+        let summary = planner.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        reporter.join().unwrap_or_else(passed_on);
+        let (outcome, tally, card) = ended?;
+        Ok(JobEnd { outcome, tally, summary, card })
+    })
+}
+
+/// Where a job's ring begins: at its own beginning, wherever it is taken up.
+struct Origin<const A: usize> {
+    place: u32,
+    counts: [i64; A],
+    outputs: Outputs,
+    /// Number of the last instruction that was executed before.
+    executed: u32,
+}
+
+impl<const A: usize> Origin<A> {
+    fn of(machine: &Machine, begin: &Begin, status: &Status<A>) -> Self {
+        let Begin::At(at) = begin else {
+            let Status { place, counts, outputs, executed, .. } = *status;
+            return Self { place: place.record, counts, outputs, executed };
+        };
+        let mut counts = [0; A];
+        for ((slot, axis), mm) in counts.iter_mut().zip(&machine.axes).zip(&machine.stands_at_mm) {
+            *slot = (mm * axis.pulses_per_mm).round() as i64;
+        }
+        Self { place: at.origin, counts, outputs: at.outputs, executed: at.executed }
+    }
 }
 
 /// The motion path's interest in what is planned; it ends with the session, however that ends.
-struct Interest<'c>(&'c AtomicBool);
+struct Interest<'c> {
+    cancel: &'c AtomicBool,
+    given_up: Option<Arc<AtomicBool>>,
+}
 
 impl Drop for Interest<'_> {
     fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
+        self.cancel.store(true, Ordering::Relaxed);
+        if let Some(given_up) = &self.given_up {
+            given_up.store(true, Ordering::Relaxed);
+        }
     }
-}
-
-/// The planning thread: decodes block by block until the program, or the interest in it, ends.
-fn plan<const A: usize>(
-    machine: &Machine,
-    program: &mut impl Decode,
-    begin: Begin,
-    mut feeder: Feeder<'_, A>,
-) -> Option<Summary> {
-    let mut track = Track::new(machine);
-    let mut steps = Vec::new();
-    let mut skipped = match begin {
-        Begin::First => None,
-        Begin::Line(line) => Some((line, Skipped::new(*feeder.outputs()))),
-    };
-    let (mut blocks, mut canonical) = (0, 0);
-    let ending = loop {
-        steps.clear();
-        let decoded = program.next_block(&mut steps);
-        match give(machine, &mut track, &steps, &mut skipped, &mut feeder) {
-            Ok(()) => canonical += steps.len() as u64,
-            Err((Untrackable::Cancelled, _)) => return None,
-            Err((why, line)) => break Ending::Refused(format!("line {line}: {}", why.explain())),
-        }
-        match decoded {
-            Decoded::Block => blocks += 1,
-            Decoded::End => break Ending::Completed,
-            Decoded::Refused(text) => break Ending::Refused(text),
-        }
-    };
-    let commanded_mm = feeder.commanded_mm()[..machine.axes.len().min(A)].to_vec();
-    let summary = Summary { ending, blocks, canonical, commanded_mm };
-    feeder.end(summary.clone()).ok()?;
-    Some(summary)
-}
-
-/// Gives steps to the feeder; those before the line to begin at are only remembered.
-fn give<const A: usize>(
-    machine: &Machine,
-    track: &mut Track<'_>,
-    steps: &[Step],
-    skipped: &mut Option<(u32, Skipped)>,
-    feeder: &mut Feeder<'_, A>,
-) -> Result<(), (Untrackable, u32)> {
-    for step in steps {
-        if skipped.as_ref().is_some_and(|(line, _)| step.line >= *line)
-            && let Some((line, before)) = skipped.take()
-        {
-            let tool_axis = machine.tool_axis();
-            before.restore(feeder, track.position(), tool_axis, line).map_err(|why| (why.into(), line))?;
-        }
-        let result = match skipped {
-            Some((_, before)) => track.run::<A>(&step.canon, step.line, before),
-            None => track.run(&step.canon, step.line, feeder),
-        };
-        result.map_err(|why| (why, step.line))?;
-    }
-    Ok(())
 }
 
 /// What a scan found that cannot be run.

@@ -1,18 +1,20 @@
-//! From program to card: decoding and planning ahead in one thread, the motion path in another.
+//! From program to card: reading, decoding and planning ahead, the motion path, and the report, each in a thread of its own.
 //!
 //! Invariant: a program that is a file is checked whole before anything of it reaches the card, one that is fed block by block as it
-//! comes. In wall time the motion path never waits for the planner, and it allocates only where something happens (an
-//! instruction, an action, an event), not in a plain period.
+//! comes. In wall time the motion path never waits for the planner; it never allocates, locks, formats or touches a file from its first
+//! control period to its last.
 #![forbid(unsafe_code)]
 
 pub mod approach;
 pub mod by_hand;
 pub mod card;
+mod decoding;
 pub mod event;
 pub mod feed;
 pub mod index;
 pub mod item;
 pub mod job;
+pub mod jobs;
 pub mod journal;
 pub mod judge;
 pub mod law;
@@ -21,8 +23,11 @@ pub mod manual;
 pub mod operator;
 pub mod orders;
 pub mod overrides;
+mod planning;
+pub mod reading;
 pub mod refusal;
 pub mod report;
+pub mod resume;
 pub mod scan;
 pub mod script;
 pub mod session;

@@ -4,8 +4,10 @@
 
 use std::fmt;
 
+use retrace_core::mode::Refused;
 use retrace_core::{ONE, Travel};
 
+use crate::machine::AXIS_LETTERS;
 use crate::refusal::{Refusal, nearest};
 
 /// When an instruction is due.
@@ -112,6 +114,48 @@ impl fmt::Display for Deed {
     }
 }
 
+/// Why a word of the operator was not taken. Nothing has changed then.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OrderRefused {
+    /// The mode of operation is another.
+    Mode(Refused),
+    /// The override asked for is above this, which is in force now.
+    MostOverride(Travel),
+    /// More changes of the override are on their way than there is room for.
+    TooManyOverrides,
+    /// The card has no such output.
+    NoOutput(u8),
+    /// No cutting output was switched on within the history that is kept.
+    NoJet,
+    /// Nothing was executed yet that could be gone back over.
+    NothingBehind,
+    /// The step is not the next in the sequence that pausing and going on has; what is.
+    NotNow(&'static str),
+}
+
+impl fmt::Display for OrderRefused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Mode(Refused::NotRetracing) => "there is nothing to leave: the machine is in normal run",
+            Self::Mode(Refused::NothingAsked) => "there is nothing to agree to",
+            Self::Mode(Refused::NotHeld) => "no feed hold is in force",
+            Self::Mode(Refused::NoRate) => "a rate above 0 % is needed",
+            Self::TooManyOverrides => "too many changes of the override are on their way already",
+            Self::NoJet => "no cutting output was switched on within the history that is kept",
+            Self::NothingBehind => "nothing was executed yet that could be gone back over",
+            Self::NotNow(why) => why,
+            Self::MostOverride(most) => return write!(f, "{:.0} % is the most", percent(*most)),
+            Self::NoOutput(number) => return write!(f, "the card has no output {number}"),
+        })
+    }
+}
+
+impl From<Refused> for OrderRefused {
+    fn from(refused: Refused) -> Self {
+        Self::Mode(refused)
+    }
+}
+
 /// One line of a script.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instruction {
@@ -175,7 +219,8 @@ fn instruction(words: &[&str]) -> Result<Instruction, Wrong> {
 fn deed(words: &[&str]) -> Result<Deed, Wrong> {
     Ok(match words {
         ["hold"] => Deed::Hold,
-        ["resume"] | ["cycle", "start"] => Deed::Resume,
+        ["resume"] => Deed::Resume,
+        ["cycle", "start"] => Deed::CycleStart,
         ["reverse", rate] => Deed::Reverse(rate_of(rate)?),
         ["forward", rate] => Deed::Forward(rate_of(rate)?),
         ["override", rate] => Deed::Override(rate_of(rate)?),
@@ -195,26 +240,66 @@ fn deed(words: &[&str]) -> Result<Deed, Wrong> {
         },
         ["single"] => Deed::Single,
         ["stop"] => Deed::Stop,
-        ["pause" | "online" | "spindle" | "jog", ..] => {
-            return wrong(
-                format!("`{}`: pausing a job to move away and back is not supported yet", words.join(" ")),
-                "use hold and resume, or stop",
-            );
-        }
+        ["back", rest @ ..] => back(rest)?,
+        ["pause"] => Deed::Pause,
+        ["online"] => Deed::Online,
+        ["spindle", "stop"] => Deed::SpindleStop,
+        ["spindle", "start"] => Deed::SpindleStart,
+        ["jog", axis, mm] => Deed::Jog { axis: axis_of(axis)?, mm: length(mm)? },
         [] => return wrong("nothing to do", "at 1.5s hold"),
         [first, ..] => {
             let known = [
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
-                "stop",
+                "stop", "back", "pause", "spindle", "jog", "online", "cycle",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
-                Some(_) => "reverse 100% · override 60% · wheel -120 for 2s · leave ask · output 3 on".into(),
+                Some(word) => example(word).into(),
                 None => format!("one of {}", known.join(", ")),
             };
             return wrong(format!("`{}` is not understood", words.join(" ")), remedy);
         }
     })
+}
+
+/// How a deed that begins with a known word is written whole.
+fn example(word: &str) -> &'static str {
+    match word {
+        "back" => "back 50 mm · back to block · back to jet",
+        "spindle" => "spindle stop · spindle start",
+        "jog" => "jog z 10",
+        "cycle" => "cycle start",
+        "pause" | "online" => "pause and online stand alone",
+        _ => "reverse 100% · override 60% · wheel -120 for 2s · leave ask · output 3 on",
+    }
+}
+
+fn back(words: &[&str]) -> Result<Deed, Wrong> {
+    match words {
+        ["to", "block"] => Ok(Deed::BackToBlock),
+        ["to", "jet"] => Ok(Deed::BackToJet),
+        [mm, "mm"] => match length(mm)? {
+            mm if mm > 0.0 => Ok(Deed::BackBy(mm)),
+            _ => wrong(format!("`back {mm} mm` goes nowhere"), "a length above 0, as in back 50 mm"),
+        },
+        _ => wrong(format!("`back {}` is not understood", words.join(" ")), example("back")),
+    }
+}
+
+/// A length in mm (degrees), signed.
+fn length(word: &str) -> Result<f64, Wrong> {
+    match number(word)? {
+        mm if mm.abs() <= 1e6 => Ok(mm),
+        _ => wrong(format!("`{word}` is farther than any machine goes"), "a length in mm, such as 10"),
+    }
+}
+
+fn axis_of(word: &str) -> Result<char, Wrong> {
+    let mut letters = word.chars().map(|letter| letter.to_ascii_lowercase());
+    match (letters.next(), letters.next()) {
+        (Some(letter), None) if AXIS_LETTERS.contains(&letter) => Ok(letter),
+        _ => wrong(format!("`{word}` is no axis"), "x, y, z, a, b, c, u, v or w, as in jog z 10"),
+    }
 }
 
 fn number(word: &str) -> Result<f64, Wrong> {
@@ -267,9 +352,23 @@ mod tests {
     }
 
     #[test]
+    fn every_deed_reads_back_as_it_is_written() {
+        let deeds = "hold|resume|reverse 100%|forward 50%|override 160%|wheel -120 for 2s|leave|leave ask|agree|output 3 on|single|\
+            stop|back 50 mm|back 0.25 mm|back to block|back to jet|pause|spindle stop|spindle start|jog z 10|jog x -0.5|online|cycle start";
+        for written in deeds.split('|') {
+            let script = parse(&format!("after 0s {written}"), "script").expect(written);
+            assert_eq!(script[0].deed.to_string(), written);
+        }
+        assert_eq!(parse("at 1s cycle start", "s").expect("known")[0].deed, Deed::CycleStart);
+        assert_eq!(parse("at 1s back 50 mm", "s").expect("known")[0].deed, Deed::BackBy(50.0));
+    }
+
+    #[test]
     fn says_where_and_what_was_meant() {
         let refusal = |text: &str| parse(text, "script").expect_err("wrong");
         assert_eq!(refusal("at 1s hold\nat 2s revers 100%").remedy, "did you mean `reverse`?");
+        assert_eq!(refusal("at 1s puase").remedy, "did you mean `pause`?");
+        assert_eq!(refusal("at 1s spindle on").remedy, "spindle stop · spindle start");
         assert!(refusal("at 1s hold\nat 2s revers 100%").what.contains("script, line 2"));
         for bad in [
             "hold",
@@ -282,7 +381,13 @@ mod tests {
             "after -1 periods hold",
             "at 1s wheel inf for 1s",
             "at line x hold",
-            "after 1s pause",
+            "after 1s pause now",
+            "after 1s back -3 mm",
+            "after 1s back to the block",
+            "after 1s back inf mm",
+            "after 1s jog q 10",
+            "after 1s jog z far",
+            "after 1s spindle",
             "at 1s",
         ] {
             assert_eq!(refusal(bad).number, "E2121", "{bad}");

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use crate::operator::Deed;
+use crate::script::ScriptPlayer;
 
 /// So many words may wait.
 const WORDS: usize = 64;
@@ -71,9 +72,62 @@ impl Heard {
     }
 }
 
+/// Who operates the machine: a script, somebody at a screen, or both, or nobody.
+#[derive(Debug)]
+pub struct Operators {
+    script: ScriptPlayer,
+    heard: Option<Heard>,
+}
+
+impl Operators {
+    /// A script; an empty one is nobody.
+    #[must_use]
+    pub fn script(script: ScriptPlayer) -> Self {
+        Self { script, heard: None }
+    }
+
+    /// The same, and somebody at a screen, who stays to the end.
+    #[must_use]
+    pub fn and(self, heard: Heard) -> Self {
+        Self { heard: Some(heard), ..self }
+    }
+
+    /// Is nobody there who has something left to say?
+    #[must_use]
+    pub fn finished(&self) -> bool {
+        self.heard.is_none() && self.script.finished()
+    }
+
+    /// The next word, if there is one now: in period `period`, with program line `line` being executed. The script's come first.
+    pub fn next_word(&mut self, period: u64, line: u32) -> Option<Deed> {
+        let scripted = self.script.due(period, line).map(|instruction| instruction.deed);
+        scripted.or_else(|| self.heard.as_mut()?.next_word())
+    }
+
+    /// Counts that the handwheels turn by in this period.
+    pub fn wheel_counts(&mut self, period: u64) -> i16 {
+        let turned = self.heard.as_mut().map_or(0, Heard::wheel_counts);
+        self.script.wheel_counts(period).saturating_add(turned)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_script_and_somebody_at_a_screen_are_both_heard() {
+        let script = crate::operator::parse("at 0.002s hold\nafter 0s wheel 1000 for 1s", "script").expect("valid");
+        let (orders, heard) = orders();
+        let mut operators = Operators::script(ScriptPlayer::new(script, 1000)).and(heard);
+        orders.say(Deed::Single).expect("room");
+        orders.turn(5);
+        assert_eq!((operators.next_word(1, 0), operators.next_word(1, 0)), (Some(Deed::Single), None));
+        orders.say(Deed::Stop).expect("room");
+        let words = [operators.next_word(2, 0), operators.next_word(2, 0), operators.next_word(2, 0)];
+        assert!(matches!(words, [Some(Deed::Hold), Some(Deed::Wheel { .. }), Some(Deed::Stop)]), "{words:?}");
+        assert_eq!((operators.wheel_counts(2), operators.wheel_counts(3), operators.finished()), (6, 1, false));
+    }
 
     #[test]
     fn words_come_in_order_too_many_are_refused_and_no_count_is_lost() {

@@ -34,7 +34,7 @@ pub fn overrides(look_ahead: u32) -> (Asking, Heeding) {
     let (changes, heard) = sync_channel(CHANGES);
     let pending = VecDeque::with_capacity(CHANGES + 1);
     let asking = Asking { changes: Some(changes), look_ahead, asked: ONE, sent: ONE, planned: ONE, pending };
-    (asking, Heeding { heard: Some(heard), next: None })
+    (asking, Heeding { again: VecDeque::new(), heard: Some(heard), next: None })
 }
 
 /// More changes are on their way than there is room for.
@@ -65,6 +65,24 @@ impl Default for Asking {
 }
 
 impl Asking {
+    /// The same for a job that is taken up in its middle, `changed` being the changes that were heeded already, by their places. The
+    /// operator asks for what is planned last.
+    #[must_use]
+    pub fn again(mut self, changed: &[(u32, Travel)], reached: u32) -> Self {
+        for &(place, planned) in changed {
+            (self.asked, self.sent) = (planned, planned);
+            self.pending.push_back(Change { place, planned });
+        }
+        self.pass(reached);
+        self
+    }
+
+    /// What the operator asks for.
+    #[must_use]
+    pub fn asked(&self) -> Travel {
+        self.asked
+    }
+
     /// The most that can be asked for.
     #[must_use]
     pub fn most(&self) -> Travel {
@@ -125,17 +143,28 @@ impl Asking {
 /// The planning thread's end.
 #[derive(Debug, Default)]
 pub struct Heeding {
+    /// Changes that were heeded already when the job ran before, by their places.
+    again: VecDeque<Change>,
     heard: Option<Receiver<Change>>,
     /// The next change, which is not due yet.
     next: Option<Change>,
 }
 
 impl Heeding {
-    /// The factor by which feeds count from the record at `place` on, where it changes there. Records are asked about in their order,
+    /// The same for a job that is taken up in its middle: changes that were heeded already, place and override, in their order.
+    #[must_use]
+    pub fn again(self, changed: &[(u32, Travel)]) -> Self {
+        Self { again: changed.iter().map(|&(place, planned)| Change { place, planned }).collect(), ..self }
+    }
+
+    /// The override by which feeds count from the record at `place` on, where it changes there. Records are asked about in their order,
     /// and only where the ring has room for them.
-    pub fn due(&mut self, place: u32) -> Option<f64> {
+    pub fn due(&mut self, place: u32) -> Option<Travel> {
         let mut due = None;
         loop {
+            if self.next.is_none() {
+                self.next = self.again.pop_front();
+            }
             if self.next.is_none() {
                 self.next = match self.heard.as_ref()?.try_recv() {
                     Ok(change) => Some(change),
@@ -143,7 +172,7 @@ impl Heeding {
                 };
             }
             let Some(next) = self.next.take_if(|next| !before(place, next.place)) else { return due };
-            due = Some(next.planned as f64 / ONE as f64);
+            due = Some(next.planned);
         }
     }
 }
@@ -160,11 +189,14 @@ mod tests {
         asking.ask(60 * PERCENT, 7).expect("room");
         assert_eq!((asking.rate(), heeding.due(600)), (60 * PERCENT, None));
         asking.ask(MOST + ONE, 10).expect("room");
-        assert_eq!((asking.rate(), heeding.due(509), heeding.due(510), heeding.due(511)), (ONE, None, Some(2.0), None));
+        assert_eq!(
+            (asking.rate(), heeding.due(509), heeding.due(510), heeding.due(511)),
+            (ONE, None, Some(MOST), None)
+        );
         assert_eq!((asking.pass(509), asking.pass(510), asking.pass(511)), (None, Some(MOST), None));
         // Half of what is planned for 200 %, until it is planned for 100 %.
         asking.ask(ONE, 600).expect("room");
-        assert_eq!((asking.rate(), heeding.due(1099), heeding.due(1100)), (ONE / 2, None, Some(1.0)));
+        assert_eq!((asking.rate(), heeding.due(1099), heeding.due(1100)), (ONE / 2, None, Some(ONE)));
         assert_eq!((asking.pass(1100), asking.rate()), (Some(ONE), ONE));
     }
 
@@ -175,9 +207,23 @@ mod tests {
         let taken = (0..).take_while(|k| asking.ask(asked(*k), u32::MAX).is_ok()).count();
         assert_eq!(taken, CHANGES);
         let last = asked(CHANGES as Travel - 1);
-        assert_eq!((heeding.due(8), heeding.due(9)), (None, Some(last as f64 / ONE as f64)));
+        assert_eq!((heeding.due(8), heeding.due(9)), (None, Some(last)));
         assert_eq!(asking.pass(9), Some(last));
         asking.ask(ONE, 20).expect("room again");
+    }
+
+    #[test]
+    fn what_was_heeded_once_is_heeded_again_at_its_place_and_what_is_new_behind_it() {
+        let (asking, heeding) = overrides(500);
+        let changed = [(100, MOST), (300, ONE + PERCENT)];
+        let (mut asking, mut heeding) = (asking.again(&changed, 200), heeding.again(&changed));
+        assert_eq!((asking.asked(), asking.rate()), (ONE + PERCENT, (ONE + PERCENT) / 2));
+        asking.ask(ONE, 250).expect("room");
+        assert_eq!(
+            [99, 100, 299, 300, 749, 750].map(|place| heeding.due(place)),
+            [None, Some(MOST), None, Some(ONE + PERCENT), None, Some(ONE)]
+        );
+        assert_eq!((asking.pass(300), asking.pass(750)), (Some(ONE + PERCENT), Some(ONE)));
     }
 
     #[test]

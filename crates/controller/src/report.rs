@@ -111,6 +111,7 @@ impl<const A: usize> Report<'_, A> {
             "underruns": t.underruns,
             "reversals": t.reversals,
             "switch_events": t.switch_events,
+            "untold": t.untold,
             "peak_rss_mib": peak_rss_mib(),
             "alarms": self.alarms,
         })

@@ -1,13 +1,27 @@
 //! What the motion path tells everybody who looks on: one stream for screen, JSON, journal and report.
 //!
+//! A queue of a fixed size leads from the motion path to a thread that reports. Neither end locks or wakes the other: one tries, the
+//! other looks now and then.
+//!
 //! Invariant: a period is of a fixed size and holds nothing that is allocated; periods, outputs and events come in the order in which
-//! they happened.
+//! they happened. What is told is dropped by who hears it.
+
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::thread;
+use std::time::Duration;
 
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Travel};
-use retrace_link::{Change, Status};
+use retrace_link::{Change, Outputs, Status, channel};
 
 use crate::event::Event;
+
+/// Seconds of machine time that the queue has room for in wall time, at one event in two periods.
+const ROOM_S: f64 = 24.0;
+/// Things told that it has room for in virtual time, where the motion path waits for room.
+const ROOM_VIRTUAL: usize = 2048;
+/// A reporter with nothing to report looks again after so long.
+const NAP: Duration = Duration::from_millis(1);
 
 /// Why the machine stands in normal run, if it does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -102,4 +116,178 @@ pub enum Told<const A: usize> {
     Output(Change),
     /// Something happened.
     Event(Event),
+}
+
+/// Who looks on, in the thread that reports: records, screen, judge, journal.
+pub trait Observer<const A: usize>: Send {
+    /// Hears what happened. It may take its time, within the queue's room.
+    fn told(&mut self, told: &Told<A>);
+}
+
+/// The two ends of the stream of a machine with a control period of `period_s` seconds. In wall time what finds no room is counted and not
+/// told; in virtual time the motion path waits for room.
+#[must_use]
+pub fn stream<const A: usize>(wall_time: bool, period_s: f64) -> (Teller<A>, Hearing<A>) {
+    let room = if wall_time { (ROOM_S / period_s).ceil() as usize } else { ROOM_VIRTUAL };
+    let (queue, heard) = sync_channel(room);
+    let teller = Teller { queue, waits: !wall_time, untold: 0, deaf: false, outputs: [0; channel::COUNT] };
+    (teller, Hearing { queue: heard, is_virtual: !wall_time })
+}
+
+/// The motion path's end.
+#[derive(Debug)]
+pub struct Teller<const A: usize> {
+    queue: SyncSender<Told<A>>,
+    waits: bool,
+    untold: u64,
+    deaf: bool,
+    /// As they were told last.
+    outputs: Outputs,
+}
+
+impl<const A: usize> Teller<A> {
+    /// Tells something.
+    pub fn tell(&mut self, told: Told<A>) {
+        let mut told = told;
+        for tries in 0u32.. {
+            told = match self.queue.try_send(told) {
+                Ok(()) => return,
+                Err(TrySendError::Full(back)) if self.waits => back,
+                Err(TrySendError::Full(_)) => {
+                    self.untold += 1;
+                    return;
+                }
+                Err(TrySendError::Disconnected(_)) => {
+                    self.deaf = true;
+                    return;
+                }
+            };
+            if tries < 20 { thread::yield_now() } else { thread::sleep(Duration::from_micros(50)) }
+        }
+    }
+
+    /// Tells which outputs have changed since this was called last; all were 0 at first.
+    pub fn outputs(&mut self, now: &Outputs) {
+        if self.outputs == *now {
+            return;
+        }
+        for at in 0..channel::COUNT {
+            if self.outputs[at] != now[at] {
+                self.outputs[at] = now[at];
+                self.tell(Told::Output(Change { channel: at as u8, value: now[at] }));
+            }
+        }
+    }
+
+    /// How much was not told for want of room.
+    #[must_use]
+    pub fn untold(&self) -> u64 {
+        self.untold
+    }
+
+    /// Has whoever was told panicked?
+    #[must_use]
+    pub fn deaf(&self) -> bool {
+        self.deaf
+    }
+}
+
+/// The reporting thread's end.
+#[derive(Debug)]
+pub struct Hearing<const A: usize> {
+    queue: Receiver<Told<A>>,
+    is_virtual: bool,
+}
+
+impl<const A: usize> Hearing<A> {
+    /// Reports everything until the motion path is gone and nothing is left.
+    pub fn report(self, observer: &mut dyn Observer<A>) {
+        let mut idle = 0u32;
+        loop {
+            match self.queue.try_recv() {
+                Ok(told) => {
+                    idle = 0;
+                    observer.told(&told);
+                }
+                Err(TryRecvError::Empty) => {
+                    idle += 1;
+                    // In virtual time it has to keep pace.
+                    let nap = if self.is_virtual && idle < 20 { Duration::from_micros(50) } else { NAP };
+                    thread::sleep(nap);
+                }
+                Err(TryRecvError::Disconnected) => return,
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::event::Happening;
+
+    struct Heard(Vec<Told<1>>, Duration);
+
+    impl Observer<1> for Heard {
+        fn told(&mut self, told: &Told<1>) {
+            self.0.push(told.clone());
+            thread::sleep(self.1);
+        }
+    }
+
+    fn event(period: u64) -> Told<1> {
+        let happening = Happening::Message(period.to_string());
+        Told::Event(Event { period, time_s: 0.0, place: Place::default(), line: 0, happening })
+    }
+
+    #[test]
+    fn in_virtual_time_all_is_told_in_order_however_slow_the_reporter_is() {
+        let (mut teller, hearing) = stream::<1>(false, 1e-3);
+        let mut heard = Heard(Vec::new(), Duration::from_micros(1));
+        thread::scope(|scope| {
+            scope.spawn(|| hearing.report(&mut heard));
+            (0..3 * ROOM_VIRTUAL as u64).for_each(|n| teller.tell(event(n)));
+            drop(teller);
+        });
+        assert_eq!(heard.0, (0..3 * ROOM_VIRTUAL as u64).map(event).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn in_wall_time_what_finds_no_room_is_counted_and_the_rest_is_told() {
+        let (mut teller, hearing) = stream::<1>(true, 0.02);
+        let room = (ROOM_S / 0.02) as u64;
+        (0..room + 7).for_each(|n| teller.tell(event(n)));
+        assert_eq!(teller.untold(), 7);
+        drop(teller);
+        let mut heard = Heard(Vec::new(), Duration::ZERO);
+        hearing.report(&mut heard);
+        assert_eq!(heard.0, (0..room).map(event).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn an_output_is_told_when_it_changes() {
+        let (mut teller, hearing) = stream::<1>(false, 1e-3);
+        let mut outputs = [0; channel::COUNT];
+        teller.outputs(&outputs);
+        (outputs[3], outputs[68]) = (1, 7);
+        teller.outputs(&outputs);
+        teller.outputs(&outputs);
+        outputs[3] = 0;
+        teller.outputs(&outputs);
+        drop(teller);
+        let mut heard = Heard(Vec::new(), Duration::ZERO);
+        hearing.report(&mut heard);
+        let told = [(3, 1), (68, 7), (3, 0)].map(|(channel, value)| Told::Output(Change { channel, value }));
+        assert_eq!(heard.0, told);
+    }
+
+    #[test]
+    fn a_period_is_small() {
+        assert!(
+            size_of::<Told<4>>() <= 192 && size_of::<Told<9>>() <= 256,
+            "{} {}",
+            size_of::<Told<4>>(),
+            size_of::<Told<9>>()
+        );
+    }
 }

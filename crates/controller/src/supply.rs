@@ -1,7 +1,8 @@
 //! The tape: slides the card's window along the ring, both ways, as far as the gates and the mode allow (design, idea 3).
 //!
 //! Invariant: no record beyond the road's end is ever sent: not behind an exclusive marker whose instruction is not
-//! acknowledged, not beyond `reached` while retracing, not before a place that cannot be passed backward.
+//! acknowledged, not beyond `reached` while retracing, not before a place that cannot be passed backward, not beyond what the index says
+//! durably. Nothing here allocates after the start: what is held of items is bounded, and where it is full the rest is left where it is.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, TryRecvError};
@@ -9,9 +10,10 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 use retrace_core::gate::Gates;
 use retrace_core::place::before;
 use retrace_core::ring::Consumer;
-use retrace_core::{Flags, Record};
+use retrace_core::{Flags, Place, Record};
 use retrace_link::{Action, MotionCard, Outputs, Status, Word};
 
+use crate::index::{Durable, Mark};
 use crate::item::{Exclusive, Item, Summary};
 
 /// How far ahead the road is open.
@@ -25,6 +27,12 @@ pub enum Road {
 
 /// So many instructions are held at a time.
 const MOST_EXCLUSIVES: usize = 64;
+/// So many output actions; the oldest that were passed make room.
+const MOST_ACTIONS: usize = 1 << 16;
+/// So many messages.
+const MOST_MESSAGES: usize = 1024;
+/// So many places where a cutting output was switched on.
+const MOST_JETS: usize = 4096;
 
 /// The consumer's side of planning: ring, items, and what of them the card has.
 #[derive(Debug)]
@@ -42,6 +50,20 @@ pub struct Supply<'r, const A: usize> {
     passed: usize,
     messages: VecDeque<(u32, u32, String)>,
     summary: Option<Summary>,
+    /// Nobody plans any more, and the program has not ended: a defect over there.
+    cut_off: bool,
+    /// Up to this place all items are known.
+    known: u32,
+    /// No more items are taken for now.
+    full: bool,
+    durable: Option<Durable>,
+    /// Actions before this place are not kept any more.
+    kept_from: Option<u32>,
+    /// Where a cutting output was switched on by the program, in path order.
+    jets: VecDeque<u32>,
+    cutting: Vec<u8>,
+    /// What became of the marks of a run before: all passed, or the first that differs.
+    marks: Option<Result<(), (Mark, Mark)>>,
     /// Behind this place nothing can be gone back to, and the code that stands there.
     one_way: Option<(u32, &'static str)>,
     /// What the program expects of the outputs at `reached`.
@@ -51,39 +73,72 @@ pub struct Supply<'r, const A: usize> {
 }
 
 impl<'r, const A: usize> Supply<'r, A> {
-    /// The supply from a ring that begins at `start`, the outputs being as given.
+    /// The supply from a ring that begins at `start`, the outputs being as given, and instruction `executed` the last before it.
     #[must_use]
-    pub fn new(ring: Consumer<'r, Record<A>>, items: Receiver<Item>, start: u32, outputs: Outputs) -> Self {
+    pub fn new(
+        ring: Consumer<'r, Record<A>>,
+        items: Receiver<Item>,
+        start: u32,
+        outputs: Outputs,
+        executed: u32,
+    ) -> Self {
         Self {
             ring,
             items,
             start,
-            exclusives: VecDeque::new(),
+            exclusives: VecDeque::with_capacity(MOST_EXCLUSIVES),
             gates: Gates::default(),
-            next_number: 1,
-            actions: VecDeque::new(),
+            next_number: executed.wrapping_add(1),
+            actions: VecDeque::with_capacity(MOST_ACTIONS),
             passed: 0,
-            messages: VecDeque::new(),
+            messages: VecDeque::with_capacity(MOST_MESSAGES),
             summary: None,
+            cut_off: false,
+            known: start,
+            full: false,
+            durable: None,
+            kept_from: None,
+            jets: VecDeque::with_capacity(MOST_JETS),
+            cutting: Vec::new(),
+            marks: None,
             one_way: None,
             expected: outputs,
             block: None,
         }
     }
 
+    /// The same, which sends no record at or beyond what is durable of the index, if one is kept.
+    #[must_use]
+    pub fn durable(self, durable: Option<Durable>) -> Self {
+        Self { durable, ..self }
+    }
+
+    /// The same on a machine with these cutting outputs.
+    #[must_use]
+    pub fn cutting(self, outputs: &[u8]) -> Self {
+        Self { cutting: outputs.to_vec(), ..self }
+    }
+
     /// Looks up what has been planned by now. `write` before the items: an item is sent before the records behind it.
     ///
-    /// Where many instructions wait, the items behind them are left where they are: they belong to places that the first one
-    /// keeps shut.
+    /// Where there is no room for more items, those behind are left where they are, and so are the records behind the last that was taken.
     pub fn look(&mut self) {
-        self.ring.write();
-        while self.exclusives.len() < MOST_EXCLUSIVES {
+        let write = self.ring.write();
+        self.full = false;
+        let mut last = self.known;
+        loop {
+            self.make_room();
+            if self.is_full() {
+                (self.full, self.known) = (true, last);
+                break;
+            }
             match self.items.try_recv() {
-                Ok(Item::Exclusive(exclusive)) => self.exclusives.push_back(exclusive),
-                Ok(Item::Action(action, line)) => self.actions.push_back((action, line)),
-                Ok(Item::Message { place, line, text }) => self.messages.push_back((place, line, text)),
-                Ok(Item::End(summary)) => self.summary = Some(summary),
-                Err(TryRecvError::Empty | TryRecvError::Disconnected) => break,
+                Ok(item) => last = self.take(item).unwrap_or(last),
+                Err(error) => {
+                    self.known = write;
+                    self.cut_off = error == TryRecvError::Disconnected && self.summary.is_none();
+                    break;
+                }
             }
         }
         if self.gates.a_open()
@@ -93,11 +148,98 @@ impl<'r, const A: usize> Supply<'r, A> {
         }
     }
 
+    /// Takes an item; its place.
+    fn take(&mut self, item: Item) -> Option<u32> {
+        match item {
+            Item::Exclusive(exclusive) => {
+                let place = exclusive.place;
+                self.exclusives.push_back(exclusive);
+                Some(place)
+            }
+            Item::Action(action, line) => {
+                self.actions.push_back((action, line));
+                Some(action.place)
+            }
+            Item::Message { place, line, text } => {
+                self.messages.push_back((place, line, text));
+                Some(place)
+            }
+            Item::Differs { was, is } => {
+                self.marks.get_or_insert(Err((was, is)));
+                None
+            }
+            Item::MarksPassed => {
+                self.marks.get_or_insert(Ok(()));
+                None
+            }
+            Item::End(summary) => {
+                self.summary = Some(summary);
+                None
+            }
+        }
+    }
+
+    /// Lets the oldest action go where there is no room for another: what lies before it cannot be gone back to any more.
+    fn make_room(&mut self) {
+        if self.actions.len() == MOST_ACTIONS && self.passed > 0 {
+            self.kept_from = self.actions.pop_front().map(|(action, _)| action.place.wrapping_add(1));
+            self.passed -= 1;
+        }
+    }
+
+    fn is_full(&self) -> bool {
+        self.exclusives.len() == MOST_EXCLUSIVES
+            || self.actions.len() == MOST_ACTIONS
+            || self.messages.len() == MOST_MESSAGES
+    }
+
+    /// The place up to which everything is known, and may be sent as far as the index goes.
+    fn sure(&self) -> u32 {
+        match &self.durable {
+            Some(durable) if before(durable.place(), self.known) => durable.place(),
+            _ => self.known,
+        }
+    }
+
     /// Is enough planned that the rate does not depend on when the planner gets on? `enough`: records ahead.
     #[must_use]
     pub fn is_enough(&mut self, status: &Status<A>, enough: u32) -> bool {
-        let planned = self.ring.write().wrapping_sub(status.place.record);
-        planned >= enough || self.summary.is_some() || !self.exclusives.is_empty()
+        let sure = self.sure();
+        sure.wrapping_sub(status.place.record) >= enough
+            || self.exclusives.front().is_some_and(|next| !before(sure, next.place))
+            || self.full && sure == self.known
+            || self.summary.is_some() && sure == self.ring.write()
+            || self.cut_off
+    }
+
+    /// Has whoever plans gone without an end of the program?
+    #[must_use]
+    pub fn cut_off(&self) -> bool {
+        self.cut_off
+    }
+
+    /// What became of the marks of a run before, once that is known: all passed, or the first that differs, as it was and as it is.
+    #[must_use]
+    pub fn marks(&self) -> Option<Result<(), (Mark, Mark)>> {
+        self.marks
+    }
+
+    /// Up to where everything that is planned is known.
+    #[must_use]
+    pub fn known(&self) -> u32 {
+        self.known
+    }
+
+    /// Where the next instruction stands, if one is known.
+    #[must_use]
+    pub fn next_exclusive(&self) -> Option<u32> {
+        self.exclusives.front().map(|next| next.place)
+    }
+
+    /// The record at `place`, if it is kept or planned.
+    #[must_use]
+    pub fn record(&self, place: u32) -> Option<Record<A>> {
+        self.ring.record(place)
     }
 
     /// The end of the program, once it is known.
@@ -114,16 +256,34 @@ impl<'r, const A: usize> Supply<'r, A> {
     /// The oldest place that can be gone back to.
     #[must_use]
     pub fn oldest(&self) -> u32 {
-        match self.one_way {
-            Some((place, _)) if before(self.ring.head(), place) => place,
-            _ => self.ring.head(),
-        }
+        let one_way = self.one_way.map(|(place, _)| place);
+        let later = |oldest, other: Option<u32>| other.filter(|&place| before(oldest, place)).unwrap_or(oldest);
+        later(later(self.ring.head(), one_way), self.kept_from)
     }
 
     /// The code that keeps reverse run from going back further, if it is one.
     #[must_use]
     pub fn barrier(&self) -> Option<&'static str> {
         self.one_way.filter(|(place, _)| *place == self.oldest()).map(|(_, code)| code)
+    }
+
+    /// The last place at or before `place` where the program switched a cutting output on, if that is kept.
+    #[must_use]
+    pub fn jet_before(&self, place: Place) -> Option<u32> {
+        let jet = self.jets.iter().rev().find(|&&jet| Place::start_of(jet).to(place) >= 0);
+        jet.copied().filter(|&jet| !before(jet, self.oldest()))
+    }
+
+    /// An output takes a value by the program, at `place`.
+    fn expect(&mut self, place: u32, channel: u8, value: i32) {
+        let expected = &mut self.expected[usize::from(channel)];
+        if *expected == 0 && value != 0 && self.cutting.contains(&channel) {
+            if self.jets.len() == MOST_JETS {
+                self.jets.pop_front();
+            }
+            self.jets.push_back(place);
+        }
+        *expected = value;
     }
 
     /// What the program expects of the outputs at `reached`.
@@ -155,7 +315,7 @@ impl<'r, const A: usize> Supply<'r, A> {
         self.next_number = self.next_number.wrapping_add(1);
         let done = self.exclusives.pop_front()?;
         for change in &done.changes[..usize::from(done.count)] {
-            self.expected[usize::from(change.channel)] = change.value;
+            self.expect(done.place, change.channel, change.value);
         }
         if done.one_way {
             self.one_way = Some((done.place, done.code));
@@ -166,31 +326,54 @@ impl<'r, const A: usize> Supply<'r, A> {
         Some(done)
     }
 
-    /// Follows the card's cursor: history, outputs and messages come up to date. Gives the actions and messages that the
-    /// cursor has passed for the first time to `news`.
-    pub fn follow(&mut self, status: &Status<A>, mut news: impl FnMut(News<'_>)) {
+    /// The place where the program ends, once everything is planned.
+    #[must_use]
+    pub fn ends_at(&mut self) -> Option<u32> {
+        (self.summary.is_some() && self.known == self.ring.write()).then_some(self.known)
+    }
+
+    /// Puts the cursor on a place, without the card.
+    pub fn stand_at(&mut self, place: u32) {
+        self.ring.follow(place);
+        self.forget_actions();
+    }
+
+    /// Follows the card's cursor: history and outputs come up to date. [`Supply::news`] has what the cursor has passed for the first time.
+    pub fn follow(&mut self, status: &Status<A>) {
         // `reached` counts a record that was only begun; it is never beyond `write`, so the ring takes it.
         self.ring.follow(status.reached);
         self.ring.follow(status.place.record);
-        while let Some((action, line)) = self.actions.get(self.passed)
-            && before(action.place, status.reached)
-        {
-            self.expected[usize::from(action.channel)] = action.after;
-            if *line > 0 {
-                news(News::Action(action, *line));
-            }
-            self.passed += 1;
-        }
-        while let Some((place, line, text)) = self.messages.front()
-            && !before(status.reached, *place)
-        {
-            news(News::Message(*line, text));
-            self.messages.pop_front();
-        }
+        self.forget_actions();
+    }
+
+    /// Forgets the actions that lie before what is kept.
+    fn forget_actions(&mut self) {
         while self.passed > 0 && self.actions.front().is_some_and(|(a, _)| before(a.place, self.ring.head())) {
             self.actions.pop_front();
             self.passed -= 1;
         }
+    }
+
+    /// The next that the cursor has passed for the first time. What undoes an exclusive instruction in reverse (line 0) is no news of its own.
+    pub fn news(&mut self) -> Option<News> {
+        let reached = self.ring.reached();
+        while let Some(&(action, line)) = self.actions.get(self.passed)
+            && before(action.place, reached)
+        {
+            self.expect(action.place, action.channel, action.after);
+            self.passed += 1;
+            if line > 0 {
+                return Some(News::Action(action, line));
+            }
+        }
+        self.messages.front().filter(|(place, ..)| !before(reached, *place))?;
+        self.messages.pop_front().map(|(_, line, text)| News::Message(line, text))
+    }
+
+    /// The card was left when it had executed instruction `number`, which is in hand: it is done, as far as the program goes.
+    pub fn done_before(&mut self, number: u32) {
+        self.gates.sent();
+        self.acknowledge(number);
     }
 
     /// Sends records ahead until the card is full or the road ends.
@@ -198,7 +381,8 @@ impl<'r, const A: usize> Supply<'r, A> {
         let (mut place, reached) = (card.status().high, card.status().reached);
         let end = self.road_end(road, reached);
         let mut action = self.actions.partition_point(|(a, _)| before(a.place, place));
-        while before(place, end) && self.gates.b_open(place) {
+        let sure = self.sure();
+        while before(place, end) && before(place, sure) && self.gates.b_open(place) {
             let Some(record) = self.ring.record(place) else { break };
             while let Some((next, _)) = self.actions.get(action)
                 && next.place == place
@@ -215,9 +399,9 @@ impl<'r, const A: usize> Supply<'r, A> {
         }
     }
 
-    /// Sends records behind until the card is full or history ends.
-    pub fn fill_behind<C: MotionCard<A>>(&mut self, card: &mut C) {
-        let (mut place, oldest) = (card.status().low, self.oldest());
+    /// Sends records behind until the card is full or `oldest` is there.
+    pub fn fill_behind<C: MotionCard<A>>(&mut self, card: &mut C, oldest: u32) {
+        let mut place = card.status().low;
         let mut action = self.actions.partition_point(|(a, _)| before(a.place, place));
         while before(oldest, place) {
             let n = place.wrapping_sub(1);
@@ -242,7 +426,8 @@ impl<'r, const A: usize> Supply<'r, A> {
         if road == Road::Reached {
             return reached;
         }
-        let write = self.ring.write();
+        // What is planned behind that may have items in front of it that were not seen.
+        let write = self.known;
         while let Some(Block { looked, ends: false }) = self.block
             && before(looked, write)
         {
@@ -301,10 +486,10 @@ struct Block {
 }
 
 /// What the cursor passed for the first time.
-#[derive(Clone, Copy, Debug)]
-pub enum News<'a> {
+#[derive(Clone, Debug)]
+pub enum News {
     /// An action and its line.
-    Action(&'a Action, u32),
+    Action(Action, u32),
     /// A message's line and text.
-    Message(u32, &'a str),
+    Message(u32, String),
 }

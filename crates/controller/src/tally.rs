@@ -28,6 +28,8 @@ pub struct Tally {
     pub reversals: u64,
     /// Exclusive instructions and synchronous actions executed.
     pub switch_events: u64,
+    /// Things that were not told for want of room in the stream.
+    pub untold: u64,
     furthest: Place,
     direction: Travel,
 }

@@ -3,16 +3,18 @@
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
 
-use retrace_controller::event::{Event, Happening};
+use retrace_controller::event::{Differing, Event, Happening};
 use retrace_controller::feed::{Feeder, Switch};
 use retrace_controller::item::{Ending, Kind, Summary};
 use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
 use retrace_controller::machine::Machine;
 use retrace_controller::operator;
+use retrace_controller::orders::Operators;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Observer, Outcome, Session};
+use retrace_controller::session::{Manner, Outcome, Session};
+use retrace_controller::stream::{Observer, Told, stream};
+use retrace_controller::supply::Supply;
 use retrace_controller::tally::Tally;
-use retrace_core::mode::Operation;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::{Place, Record, size};
 use retrace_hal_sim::{Clock, SimCard};
@@ -28,14 +30,17 @@ struct Log {
 }
 
 impl Observer<3> for Log {
-    fn period(&mut self, status: &Status<3>, _: &Operation) {
-        self.judge.push(&status.increments, status.rate);
-        self.rows.push((status.place, status.counts, status.rate));
-        let first = *self.positions.entry(status.place).or_insert(status.counts);
-        assert_eq!(first, status.counts, "place {:?} has two positions", status.place);
-    }
-    fn event(&mut self, event: &Event) {
-        self.events.push(event.clone());
+    fn told(&mut self, told: &Told<3>) {
+        match told {
+            Told::Period(period) => {
+                self.judge.push(&period.increments, period.rate);
+                self.rows.push((period.place, period.counts, period.rate));
+                let first = *self.positions.entry(period.place).or_insert(period.counts);
+                assert_eq!(first, period.counts, "place {:?} has two positions", period.place);
+            }
+            Told::Event(event) => self.events.push(event.clone()),
+            Told::Output(_) => {}
+        }
     }
 }
 
@@ -81,7 +86,8 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut Feeder<'_, 3>) + 
         rows: Vec::new(),
         events: Vec::new(),
     };
-    let operator = ScriptPlayer::new(operator::parse(script, "script").expect("valid"), machine.period_us);
+    let script = ScriptPlayer::new(operator::parse(script, "script").expect("valid"), machine.period_us);
+    let operators = Operators::script(script);
     let manner = Manner { wall_time: false, operator: true };
     let outputs = card.status().outputs;
     let cancel = AtomicBool::new(false);
@@ -94,7 +100,10 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut Feeder<'_, 3>) + 
             // a run that was stopped does not hear of the end
             let _ = feeder.end(summary);
         });
-        let session = Session::new(card, &machine, consumer, receiver, operator, manner, &mut log);
+        let (teller, hearing) = stream(false, machine.period_s());
+        scope.spawn(|| hearing.report(&mut log));
+        let supply = Supply::new(consumer, receiver, start, outputs, 0);
+        let session = Session::new(card, &machine, supply, operators, manner, teller);
         let (outcome, tally, card) = session.run();
         cancel.store(true, std::sync::atomic::Ordering::Relaxed);
         (outcome, tally, *card.status())
@@ -207,7 +216,7 @@ fn outputs_that_were_changed_by_hand_are_asked_for_at_reached() {
     let script = "at 2s reverse 100%\nafter 1s output 3 off\nafter 1s leave ask\nafter 4s agree";
     let run = run(script, 60.0, program);
     is_exact(&run);
-    let asked = run.at(&Happening::OutputsDiffer(vec![(3, 0, 1)]));
+    let asked = run.at(&Happening::OutputsDiffer(Differing::first(&mut [(3, 0, 1)].into_iter())));
     let restored = run.at(&Happening::OutputsRestored);
     assert!(restored > asked + 500);
     assert!(run.rows[asked..restored].iter().all(|(place, ..)| *place == run.rows[asked].0));

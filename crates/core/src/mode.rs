@@ -134,6 +134,12 @@ impl Default for Operation {
 }
 
 impl Operation {
+    /// On the way to `reached`, as after leaving reverse run with a question: an interrupted job is taken up so.
+    #[must_use]
+    pub fn returning() -> Self {
+        Self { mode: Mode::Return, ..Self::default() }
+    }
+
     /// The mode.
     #[must_use]
     pub const fn mode(&self) -> Mode {

@@ -34,6 +34,13 @@ impl Planned {
         self.write.wrapping_sub(self.floor) >= self.room
     }
 
+    /// How many records there is room for, as far as is known.
+    #[inline]
+    #[must_use]
+    pub const fn left(&self) -> u32 {
+        self.room.saturating_sub(self.write.wrapping_sub(self.floor))
+    }
+
     /// The floor is now known to be there.
     #[inline]
     pub const fn see(&mut self, floor: u32) {

@@ -160,6 +160,13 @@ impl<R: Copy> Producer<'_, R> {
         !self.planned.full()
     }
 
+    /// How many records there is room for now.
+    #[inline]
+    pub fn room(&mut self) -> u32 {
+        self.planned.see(self.shared.floor.load(Ordering::Acquire));
+        self.planned.left()
+    }
+
     /// The place number that the next record will have.
     #[must_use]
     pub fn write(&self) -> u32 {
@@ -317,6 +324,7 @@ mod tests {
                     0 | 1 => {
                         let full = all.len() - reached == look_ahead as usize;
                         // the producer may lag behind in what it knows, but here it always looks before it refuses
+                        prop_assert_eq!(producer.room() as usize, look_ahead as usize - (all.len() - reached));
                         prop_assert_eq!(producer.push(all.len() as u32).is_err(), full);
                         if !full { all.push(all.len() as u32); }
                     }

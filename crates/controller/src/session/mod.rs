@@ -4,35 +4,31 @@
 //! wanted, switch what is due, slide the window, set the rate, let the period pass, book it. Nothing here waits for the planner
 //! but in virtual time, where no time passes by waiting.
 
+mod back;
 mod orders;
 mod switching;
+mod telling;
+mod window;
 
 use std::thread;
 use std::time::Duration;
 
 use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
-use retrace_core::place::before;
-use retrace_core::ring::Consumer;
 use retrace_core::wheel::Wheel;
-use retrace_core::{ONE, Place, Record, Travel};
-use retrace_link::{CardFault, Change, MotionCard, Status, Word, channel};
+use retrace_core::{Place, Travel};
+use retrace_link::{Change, MotionCard, Status, Word, channel};
 
-use crate::event::{Event, Happening};
-use crate::item::{Ending, Item, Kind};
+use crate::event::{Happening, Trouble};
+use crate::item::{Ending, Kind};
 use crate::machine::{Machine, RetraceOutputs};
 use crate::operator::percent;
+use crate::orders::Operators;
 use crate::overrides::Asking;
-use crate::script::ScriptPlayer;
-use crate::supply::{News, Road, Supply};
+use crate::resume::{Following, Prepared, Resumption, Unfound};
+use crate::stream::Teller;
+use crate::supply::{News, Supply};
 use crate::tally::{Spent, Tally};
-
-/// Who looks on: records, screen, judge.
-pub trait Observer<const A: usize> {
-    /// A control period has passed.
-    fn period(&mut self, status: &Status<A>, operation: &Operation);
-    /// Something happened.
-    fn event(&mut self, event: &Event);
-}
+use back::Back;
 
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,19 +52,6 @@ pub struct Manner {
     pub operator: bool,
 }
 
-/// What ends a job: a fault of the card or of the line to it.
-struct Fault {
-    number: &'static str,
-    cause: String,
-    remedy: String,
-}
-
-impl Fault {
-    fn of(fault: &impl CardFault) -> Self {
-        Self { number: fault.number(), cause: fault.to_string(), remedy: fault.remedy().to_string() }
-    }
-}
-
 /// Records that may be on their way to the card, or that it has run since it was heard of, at a common line's latency.
 pub const ON_THE_WAY: u32 = 120;
 
@@ -76,11 +59,11 @@ pub const ON_THE_WAY: u32 = 120;
 const NOBODY_THERE_S: f64 = 10.0;
 
 /// A job being executed on a card.
-pub struct Session<'r, 'o, const A: usize, C: MotionCard<A>> {
+pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     card: C,
     supply: Supply<'r, A>,
     operation: Operation,
-    operator: ScriptPlayer,
+    operators: Operators,
     overrides: Asking,
     wheel: Box<Wheel<512>>,
     manner: Manner,
@@ -89,18 +72,24 @@ pub struct Session<'r, 'o, const A: usize, C: MotionCard<A>> {
     /// Periods to stand and wait for records in wall time.
     patience: u64,
     cutting: Vec<u8>,
-    observer: &'o mut dyn Observer<A>,
+    replays: bool,
+    mm_per_pulse: [f64; A],
+    teller: Teller<A>,
     tally: Tally,
     /// The kind of the instruction that the card is executing.
     executing: Option<Kind>,
     /// Standing at a program stop until cycle start.
     program_stop: bool,
-    /// Cycle start was given for the program stop in hand.
+    /// Cycle start was pressed there.
     go_on: bool,
     /// Standing at the end of a block until cycle start.
     single_stop: bool,
     single: bool,
     stopping: bool,
+    /// Reverse run that ends at a place.
+    back: Option<Back>,
+    /// The handwheel has been behind `reached`.
+    wheel_behind: bool,
     /// The road ends where the mode has it end.
     road_cut: bool,
     /// An alarm was told.
@@ -110,25 +99,26 @@ pub struct Session<'r, 'o, const A: usize, C: MotionCard<A>> {
     target: Option<Travel>,
 }
 
-impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
-    /// A session on `card`, which stands at the place where the ring begins.
+impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
+    /// A session on `card`, which stands at the place where the supply begins.
     pub fn new(
         card: C,
         machine: &Machine,
-        ring: Consumer<'r, Record<A>>,
-        items: std::sync::mpsc::Receiver<Item>,
-        operator: ScriptPlayer,
+        supply: Supply<'r, A>,
+        operators: Operators,
         manner: Manner,
-        observer: &'o mut dyn Observer<A>,
+        teller: Teller<A>,
     ) -> Self {
-        let status = card.status();
-        let supply = Supply::new(ring, items, status.place.record, status.outputs);
+        let mut mm_per_pulse = [0.0; A];
+        for (slot, axis) in mm_per_pulse.iter_mut().zip(&machine.axes) {
+            *slot = axis.pulses_per_mm.recip();
+        }
         Self {
-            tally: Tally::new(status.place.record),
-            supply,
+            tally: Tally::new(card.status().place.record),
+            supply: supply.cutting(&machine.cutting_outputs),
             card,
             operation: Operation::default(),
-            operator,
+            operators,
             overrides: Asking::default(),
             wheel: Box::new(Wheel::new(machine.wheel_periods, machine.wheel_counts)),
             manner,
@@ -136,20 +126,23 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             enough: machine.stopping.foresight_records + ON_THE_WAY,
             patience: u64::from(machine.look_ahead_records),
             cutting: machine.cutting_outputs.clone(),
-            observer,
+            replays: machine.retrace_outputs == RetraceOutputs::Replayed,
+            mm_per_pulse,
+            teller,
             executing: None,
             program_stop: false,
             go_on: false,
             single_stop: false,
             single: false,
             stopping: false,
+            back: None,
+            wheel_behind: false,
             road_cut: true,
             alarmed: false,
             dry: false,
             still_periods: 0,
             target: None,
         }
-        .with_outputs(machine.retrace_outputs)
     }
 
     /// The same, which asks for overrides above 100 %.
@@ -158,32 +151,62 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         Self { overrides, ..self }
     }
 
-    fn with_outputs(mut self, outputs: RetraceOutputs) -> Self {
-        // Every card takes this word; it changes nothing but what retracing does.
-        let _ = self.card.send(Word::Replay { on: outputs == RetraceOutputs::Replayed });
-        self
-    }
-
     /// Runs the job to its end.
     pub fn run(mut self) -> (Outcome, Tally, C) {
+        // Every card takes this word; it changes nothing but what retracing does.
+        let _ = self.card.send(Word::Replay { on: self.replays });
+        self.override_rate();
+        self.teller.outputs(&self.card.status().outputs);
         self.tell(Happening::Started);
+        if self.operation.mode() != Mode::Run {
+            self.tell_mode();
+        }
         let outcome = loop {
             match self.turn() {
                 Ok(None) => {}
                 Ok(Some(outcome)) => break outcome,
-                Err(fault) => {
-                    if !self.alarmed {
-                        self.tell(Happening::Alarm(fault.number, fault.cause.clone(), fault.remedy.clone()));
-                    }
-                    break Outcome::Alarm(fault.number, fault.cause, fault.remedy);
-                }
+                Err(trouble) => break self.ends_in(trouble),
             }
         };
+        self.tally.untold = self.teller.untold();
         (outcome, self.tally, self.card)
     }
 
+    /// Takes the job up where it was left, its origin having had these counts: finds the place, asks `agree`, and goes on forward to `reached`
+    /// by itself. Where `agree` says no, it is stopped at once.
+    ///
+    /// # Errors
+    /// [`Unfound`]; the card has not been told anything then.
+    pub fn resume(
+        mut self,
+        at: &Resumption,
+        counts: [i64; A],
+        agree: impl FnOnce(&Prepared<A>) -> bool,
+    ) -> Result<(Outcome, Tally, C), Unfound> {
+        let prepared = Following::new(&mut self.supply, at, counts).follow(self.card.status())?;
+        if !agree(&prepared) {
+            return Ok((Outcome::Stopped, self.tally, self.card));
+        }
+        if let Err(fault) = self.card.begin(at.start) {
+            let outcome = self.ends_in(Trouble::of(&fault));
+            return Ok((outcome, self.tally, self.card));
+        }
+        self.operation = Operation::returning();
+        self.tally = Tally::new(at.start.reached);
+        Ok(self.run())
+    }
+
+    /// The end of a job by something that is told unless an alarm was.
+    fn ends_in(&mut self, trouble: Trouble) -> Outcome {
+        let (number, cause, remedy) = trouble.parts();
+        if !self.alarmed {
+            self.tell(Happening::Alarm(trouble));
+        }
+        Outcome::Alarm(number, cause, remedy)
+    }
+
     /// One control period. `Err` is a fault of the card.
-    fn turn(&mut self) -> Result<Option<Outcome>, Fault> {
+    fn turn(&mut self) -> Result<Option<Outcome>, Trouble> {
         self.look();
         self.take_orders();
         let demand = self.demand();
@@ -195,7 +218,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             return Ok(Some(outcome));
         }
         self.set_rate(demand);
-        let status = *self.card.period().map_err(|fault| Fault::of(&fault))?;
+        let status = *self.card.period().map_err(|fault| Trouble::of(&fault))?;
         self.book(&status);
         Ok(self.alarm(&status))
     }
@@ -203,12 +226,11 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
     /// A latched alarm: told at once, and the end of the job when the machine stands.
     fn alarm(&mut self, status: &Status<A>) -> Option<Outcome> {
         let alarm = status.alarm?;
-        let fault = Fault::of(&alarm);
         if !self.alarmed {
+            self.tell(Happening::Alarm(Trouble::Latched(alarm)));
             self.alarmed = true;
-            self.tell(Happening::Alarm(fault.number, fault.cause.clone(), fault.remedy.clone()));
         }
-        status.at_rest.then_some(Outcome::Alarm(fault.number, fault.cause, fault.remedy))
+        status.at_rest.then(|| self.ends_in(Trouble::Latched(alarm)))
     }
 
     /// Looks what is planned by now. In virtual time the run must not depend on how fast the planner is: it waits until enough is.
@@ -224,6 +246,11 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             }
             self.supply.look();
         }
+        if self.supply.cut_off() || self.teller.deaf() {
+            // A defect over there, which is passed on when the machine stands.
+            self.stopping = true;
+            let _ = self.operation.order(Order::Hold);
+        }
     }
 
     fn facts(&self) -> Facts {
@@ -232,28 +259,38 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             place: status.place,
             at_rest: status.at_rest,
             reached: status.reached,
-            oldest: self.supply.oldest(),
+            oldest: self.oldest(),
             outputs_agree: status.outputs == *self.supply.expected(),
             wheel: self.wheel.rate(),
         }
     }
 
     fn demand(&mut self) -> Demand {
+        self.search_back();
         let (facts, mode) = (self.facts(), self.operation.mode());
-        let demand = self.operation.demand(&facts);
+        let mut demand = self.operation.demand(&facts);
+        if self.back.as_ref().is_some_and(Back::is_looked_for) {
+            demand.target = 0;
+        }
         match demand.notice {
-            Some(Notice::Oldest) => match self.supply.barrier() {
-                Some(code) => self.tell(Happening::OneWay(code)),
-                None => self.tell(Happening::Oldest),
-            },
-            Some(Notice::OutputsDiffer) => self.tell(Happening::OutputsDiffer(self.differing())),
+            Some(Notice::Oldest) => {
+                let there = self.back.as_ref().is_some_and(|back| back.is_there(facts.oldest));
+                self.tell(match self.supply.barrier() {
+                    _ if there => Happening::There,
+                    Some(code) => Happening::OneWay(code),
+                    None => Happening::Oldest,
+                });
+            }
+            Some(Notice::OutputsDiffer) => self.tell_differing(),
             Some(Notice::GoesOn) => self.tell(Happening::GoesOn),
             None => {}
         }
+        self.watch_wheel(&facts);
         if demand.restore_outputs {
-            for (channel, _, value) in self.differing() {
+            let (are, want) = (self.card.status().outputs, *self.supply.expected());
+            for at in (0..channel::COUNT).filter(|&at| are[at] != want[at]) {
                 // The channels come from the card's own report.
-                let _ = self.card.send(Word::ByHand(Change { channel, value }));
+                let _ = self.card.send(Word::ByHand(Change { channel: at as u8, value: want[at] }));
             }
             self.tell(Happening::OutputsRestored);
         }
@@ -263,58 +300,16 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
         demand
     }
 
-    /// Channel, value, and value that the program expects, where these differ.
-    fn differing(&self) -> Vec<(u8, i32, i32)> {
-        let (are, want) = (&self.card.status().outputs, self.supply.expected());
-        (0..channel::COUNT).filter(|&c| are[c] != want[c]).map(|c| (c as u8, are[c], want[c])).collect()
-    }
-
-    /// Slides the window. In a mode that retraces the road is cut at `reached`, and at the oldest place, before anything moves; a card
-    /// at the end of a line may have to be told more than once.
-    fn slide(&mut self, demand: Demand) {
-        let road = if demand.look_ahead { Road::LookAhead } else { Road::Reached };
-        if road == Road::Reached {
-            let Status { reached, low, high, .. } = *self.card.status();
-            let oldest = self.supply.oldest();
-            self.road_cut = !before(reached, high);
-            if before(reached, high) {
-                self.road_cut = self.card.send(Word::Trim { high: reached }).is_ok();
-            }
-            if before(low, oldest) && before(oldest, high) {
-                self.road_cut &= self.card.send(Word::Forget { low: oldest }).is_ok();
-            }
-        } else {
-            self.road_cut = true;
+    /// The handwheel's forward end is `reached`: that it stands there again is told once.
+    fn watch_wheel(&mut self, facts: &Facts) {
+        let at_reached = facts.place == Place::start_of(facts.reached);
+        if self.operation.mode() != Mode::Wheel {
+            self.wheel_behind = false;
+        } else if !at_reached {
+            self.wheel_behind = true;
+        } else if facts.at_rest && std::mem::take(&mut self.wheel_behind) {
+            self.tell(Happening::Reached);
         }
-        if demand.target < 0 {
-            self.supply.fill_behind(&mut self.card);
-        } else {
-            self.supply.fill_ahead(&mut self.card, road);
-        }
-    }
-
-    fn set_rate(&mut self, demand: Demand) {
-        let outputs = &self.card.status().outputs;
-        let cutting = self.cutting.iter().any(|&c| outputs.get(usize::from(c)).is_some_and(|&v| v != 0));
-        // Rapid retrace only with the cutting outputs off.
-        let target = if cutting { demand.target.clamp(-ONE, ONE) } else { demand.target };
-        let target = if self.waits_for_records() || !self.road_cut { 0 } else { target };
-        if self.target != Some(target) && self.card.send(Word::Rate { target }).is_ok() {
-            self.target = Some(target);
-        }
-    }
-
-    /// Motion begins when enough is planned, and enough of it has come to the card, to go on at full rate; or when nothing more has come
-    /// for as long as the look-ahead lasts.
-    fn waits_for_records(&mut self) -> bool {
-        let status = self.card.status();
-        let stands = status.at_rest && self.operation.mode() == Mode::Run;
-        if !stands || status.place != Place::start_of(status.reached) || self.still_periods >= self.patience {
-            return false;
-        }
-        let wanted = status.place.record.wrapping_add(self.enough);
-        let wanted = if before(status.high, wanted) { status.high } else { wanted };
-        before(self.card.arrived(), wanted) || self.manner.wall_time && !self.supply.is_enough(status, self.enough)
     }
 
     fn book(&mut self, status: &Status<A>) {
@@ -334,45 +329,19 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             rate: status.rate,
             place: status.place,
         });
-        let mut passed: Vec<(u32, Happening)> = Vec::new();
-        self.supply.follow(status, |news| {
-            passed.push(match news {
-                News::Action(action, line) => (line, Happening::SwitchedInPassing(action.channel, action.after)),
-                News::Message(line, text) => (line, Happening::Message(text.to_string())),
-            });
-        });
-        for (line, happening) in passed {
-            self.tally.switch_events += u64::from(matches!(happening, Happening::SwitchedInPassing(..)));
-            self.tell_at(line, happening);
+        self.supply.follow(status);
+        while let Some(news) = self.supply.news() {
+            match news {
+                News::Action(action, line) => {
+                    self.tally.switch_events += 1;
+                    self.tell_at(line, Happening::SwitchedInPassing(action.channel, action.after));
+                }
+                News::Message(line, text) => self.tell_at(line, Happening::Message(text)),
+            }
         }
         self.watch_supply(status, mode);
-        self.observer.period(status, &self.operation);
+        self.tell_period(status);
         self.still_periods = if status.rate == 0 && self.executing.is_none() { self.still_periods + 1 } else { 0 };
-    }
-
-    /// Underruns, and the end of a single block.
-    fn watch_supply(&mut self, status: &Status<A>, mode: Mode) {
-        if self.single && self.supply.block_end().is_some_and(|end| before(end, self.card.status().high)) {
-            // The card could not stop there any more: at the next end of a block, then.
-            self.next_block();
-        }
-        let at_block_end = self.single && self.supply.block_end() == Some(status.high);
-        // who stands does not run dry: either there was nothing to run, or it was told on the way to rest
-        let dry = status.short && status.rate != 0 && mode == Mode::Run && !at_block_end;
-        if dry && !self.dry {
-            self.tally.underruns += 1;
-            self.tell(Happening::Underrun);
-        }
-        self.dry = dry;
-        if at_block_end
-            && mode == Mode::Run
-            && !self.single_stop
-            && status.at_rest
-            && status.place == Place::start_of(status.high)
-        {
-            self.single_stop = true;
-            self.tell(Happening::SingleBlock);
-        }
     }
 
     /// Has the job come to its end?
@@ -397,36 +366,7 @@ impl<'r, 'o, const A: usize, C: MotionCard<A>> Session<'r, 'o, A, C> {
             || self.operation.override_rate() == 0
             || self.program_stop
             || self.single_stop;
-        let nobody = waits && self.operator.finished() && (!self.manner.wall_time || self.manner.operator);
+        let nobody = waits && self.operators.finished() && (!self.manner.wall_time || self.manner.operator);
         (nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S).then_some(Outcome::Stopped)
-    }
-
-    /// Sets the part of the override that the rate does.
-    fn override_rate(&mut self) {
-        // Never refused.
-        let _ = self.operation.order(Order::Override(self.overrides.rate()));
-    }
-
-    fn tell_mode(&mut self) {
-        let name = match self.operation.mode() {
-            Mode::Run => "run",
-            Mode::Reverse => "reverse",
-            Mode::Forward => "forward",
-            Mode::Wheel => "wheel",
-            Mode::Return => "return",
-            Mode::Settle => "settle",
-        };
-        self.tell(Happening::Mode(name));
-    }
-
-    fn tell(&mut self, happening: Happening) {
-        self.tell_at(self.card.status().line, happening);
-    }
-
-    fn tell_at(&mut self, line: u32, happening: Happening) {
-        let status = self.card.status();
-        let time_s = status.period as f64 * self.period_s;
-        let event = Event { period: status.period, time_s, place: status.place, line, happening };
-        self.observer.event(&event);
     }
 }

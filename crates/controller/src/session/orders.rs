@@ -2,86 +2,110 @@
 //!
 //! Invariant: an order that does not apply changes nothing and is answered with the reason.
 
-use retrace_core::mode::{Mode, Order, Refused};
+use retrace_core::Travel;
+use retrace_core::mode::{Mode, Order};
 use retrace_link::{Change, MotionCard, Word};
 
 use super::Session;
+use super::back::Wanted;
 use crate::event::Happening;
-use crate::operator::{Deed, percent};
+use crate::operator::{Deed, OrderRefused};
 
-impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
+impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn take_orders(&mut self) {
         let (period, line) = (self.card.status().period, self.card.status().line);
-        while let Some(instruction) = self.operator.due(period, line) {
-            self.tell(Happening::Operator(instruction.deed.to_string()));
+        while let Some(deed) = self.operators.next_word(period, line) {
+            self.tell(Happening::Operator(deed));
             let mode = self.operation.mode();
-            if let Err(why) = self.order(instruction.deed) {
+            if let Err(why) = self.order(deed) {
                 self.tell(Happening::OrderRefused(why));
             }
             if self.operation.mode() != mode {
                 self.tell_mode();
             }
         }
-        // the script's wheel, and one that is wired to the card
-        let counts = self.operator.wheel_counts(period).saturating_add(self.card.status().wheel);
+        // the script's wheel, the screen's, and one that is wired to the card
+        let counts = self.operators.wheel_counts(period).saturating_add(self.card.status().wheel);
         self.wheel.turn(counts);
     }
 
-    fn order(&mut self, deed: Deed) -> Result<(), String> {
+    fn order(&mut self, deed: Deed) -> Result<(), OrderRefused> {
         match deed {
-            Deed::Hold => self.operation.order(Order::Hold),
-            Deed::Resume if self.program_stop => {
-                self.go_on = true;
-                Ok(())
+            Deed::Resume | Deed::CycleStart => return self.cycle_start(),
+            Deed::Pause | Deed::SpindleStop | Deed::SpindleStart | Deed::Jog { .. } | Deed::Online => {
+                return self.interruption_word(deed);
             }
-            Deed::Resume if self.single_stop => {
-                self.next_block();
-                Ok(())
-            }
-            Deed::Resume | Deed::CycleStart => self.operation.order(Order::Resume),
-            Deed::BackBy(_)
-            | Deed::BackToBlock
-            | Deed::BackToJet
-            | Deed::Pause
-            | Deed::SpindleStop
-            | Deed::SpindleStart
-            | Deed::Jog { .. }
-            | Deed::Online => return Err("not built yet".into()),
-            Deed::Override(rate) => {
-                let most = self.overrides.most();
-                let asked = self.overrides.ask(rate, self.card.status().reached);
-                asked.map_err(|_| "too many changes of the override are on their way already".to_string())?;
-                self.override_rate();
-                return if rate > most { Err(format!("{:.0} % is the most", percent(most))) } else { Ok(()) };
-            }
-            Deed::Reverse(rate) => self.operation.order(Order::Reverse(rate)),
-            Deed::Forward(rate) => self.operation.order(Order::Forward(rate)),
-            Deed::Wheel { .. } if self.operation.mode() == Mode::Wheel => Ok(()),
-            Deed::Wheel { .. } => {
-                self.wheel.reset();
-                self.operation.order(Order::Wheel)
-            }
-            Deed::Leave { ask } => self.operation.order(Order::Leave { ask }),
-            Deed::Agree => self.operation.order(Order::Agree),
+            Deed::BackBy(mm) => return self.go_back(Wanted::By(mm)),
+            Deed::BackToBlock => return self.go_back(Wanted::Block),
+            Deed::BackToJet => return self.go_back(Wanted::Jet),
+            Deed::Override(rate) => return self.ask_override(rate),
             Deed::Output { number, on } => {
                 let change = Change { channel: number, value: i32::from(on) };
-                return self.card.send(Word::ByHand(change)).map_err(|_| format!("the card has no output {number}"));
+                return self.card.send(Word::ByHand(change)).map_err(|_| OrderRefused::NoOutput(number));
             }
-            Deed::Single => {
-                self.single = !self.single;
-                if self.single {
-                    self.next_block()
-                } else {
-                    self.supply.open_block()
-                }
-                Ok(())
-            }
+            Deed::Single => self.switch_single(),
+            Deed::Hold => self.operation.order(Order::Hold)?,
+            Deed::Agree => self.operation.order(Order::Agree)?,
             Deed::Stop => {
                 self.stopping = true;
-                self.operation.order(Order::Hold)
+                self.operation.order(Order::Hold)?;
             }
+            Deed::Wheel { .. } if self.operation.mode() == Mode::Wheel => {}
+            Deed::Wheel { .. } => {
+                self.wheel.reset();
+                self.retrace(Order::Wheel)?;
+            }
+            Deed::Reverse(rate) => self.retrace(Order::Reverse(rate))?,
+            Deed::Forward(rate) => self.retrace(Order::Forward(rate))?,
+            Deed::Leave { ask } => self.retrace(Order::Leave { ask })?,
         }
-        .map_err(reason)
+        Ok(())
+    }
+
+    /// A word that changes the way the path is retraced: whatever reverse run was to end somewhere ends.
+    fn retrace(&mut self, order: Order) -> Result<(), OrderRefused> {
+        self.operation.order(order)?;
+        self.back = None;
+        Ok(())
+    }
+
+    /// *Cycle start*: at a program stop, at the end of a block, after a hold.
+    fn cycle_start(&mut self) -> Result<(), OrderRefused> {
+        if self.program_stop {
+            self.go_on = true;
+        } else if self.single_stop {
+            self.next_block();
+        } else {
+            self.operation.order(Order::Resume)?;
+        }
+        Ok(())
+    }
+
+    /// A step of pausing at a breakpoint and going on there (DNC).
+    fn interruption_word(&mut self, _: Deed) -> Result<(), OrderRefused> {
+        Err(OrderRefused::NotNow("pausing to move away and back is not built yet; use hold and resume"))
+    }
+
+    fn ask_override(&mut self, rate: Travel) -> Result<(), OrderRefused> {
+        let most = self.overrides.most();
+        self.overrides.ask(rate, self.card.status().reached).map_err(|_| OrderRefused::TooManyOverrides)?;
+        self.override_rate();
+        if rate > most { Err(OrderRefused::MostOverride(most)) } else { Ok(()) }
+    }
+
+    /// Sets the part of the override that the rate does.
+    pub(super) fn override_rate(&mut self) {
+        // Never refused.
+        let _ = self.operation.order(Order::Override(self.overrides.rate()));
+    }
+
+    fn switch_single(&mut self) {
+        self.single = !self.single;
+        if self.single {
+            self.next_block();
+        } else {
+            self.supply.open_block();
+        }
     }
 
     pub(super) fn next_block(&mut self) {
@@ -94,14 +118,4 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
             self.supply.open_block();
         }
     }
-}
-
-fn reason(refused: Refused) -> String {
-    match refused {
-        Refused::NotRetracing => "there is nothing to leave: the machine is in normal run",
-        Refused::NothingAsked => "there is nothing to agree to",
-        Refused::NotHeld => "no feed hold is in force",
-        Refused::NoRate => "a rate above 0 % is needed",
-    }
-    .into()
 }

@@ -6,14 +6,14 @@
 use retrace_core::mode::{Demand, Mode};
 use retrace_link::{Instruction, MotionCard, Word};
 
-use super::{Fault, Session};
-use crate::event::Happening;
+use super::Session;
+use crate::event::{Happening, Trouble};
 use crate::item::Kind;
 
-impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
+impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// The instruction whose place the motion has come to, if there is one and it may be executed now (GMC-5). False where there is
     /// nothing to do, and where the rate is to be zero: the card would keep it until there is one.
-    pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, Fault> {
+    pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, Trouble> {
         if self.operation.mode() != Mode::Run || self.operation.held() || demand.target <= 0 {
             return Ok(false);
         }
@@ -31,7 +31,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, '_, A, C> {
         let instruction = Instruction { number, place, changes, count, periods, until };
         // First the rate: where that is zero still, the card would keep the instruction for a period.
         self.set_rate(demand);
-        self.card.send(Word::Instruction(instruction)).map_err(|refusal| Fault {
+        self.card.send(Word::Instruction(instruction)).map_err(|refusal| Trouble::Fault {
             number: "E3001",
             cause: format!("the card did not take {code}: {refusal:?}"),
             remedy: "the machine stands where the card says; check the card, then resume".into(),

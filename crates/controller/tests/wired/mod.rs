@@ -7,13 +7,15 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_controller::event::{Event, Happening};
-use retrace_controller::job::{self, Begin, Decode, Decoded};
+use retrace_controller::index::Keeping;
+use retrace_controller::job::{self, Begin, Conduct, Decode, Decoded};
 use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
 use retrace_controller::machine::Machine;
 use retrace_controller::operator;
+use retrace_controller::orders::Operators;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Observer, Outcome};
-use retrace_core::mode::Operation;
+use retrace_controller::session::{Manner, Outcome};
+use retrace_controller::stream::{Observer, Told};
 use retrace_core::playback::part;
 use retrace_core::{Place, Travel};
 use retrace_gcode::{AxisSet, Program, Progress, Setup, Step};
@@ -60,24 +62,25 @@ impl Path {
     pub fn of(machine: &Machine, text: &str) -> Self {
         struct Rows(Vec<[i64; AXES]>, Vec<u32>);
         impl Observer<AXES> for Rows {
-            fn period(&mut self, status: &Status<AXES>, _: &Operation) {
-                assert_eq!(status.place.fraction, 0, "at rate 1 from record to record");
-                if status.place.record as usize == self.0.len() {
-                    self.0.push(status.counts);
-                }
-            }
-            fn event(&mut self, event: &Event) {
-                if let Happening::Switching(_) = event.happening {
-                    self.1.push(event.place.record);
+            fn told(&mut self, told: &Told<AXES>) {
+                match told {
+                    Told::Period(period) => {
+                        assert_eq!(period.place.fraction, 0, "at rate 1 from record to record");
+                        if period.place.record as usize == self.0.len() {
+                            self.0.push(period.counts);
+                        }
+                    }
+                    Told::Event(Event { happening: Happening::Switching(_), place, .. }) => self.1.push(place.record),
+                    _ => {}
                 }
             }
         }
         let mut rows = Rows(vec![[0; AXES]], Vec::new());
         let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
         let manner = Manner { wall_time: false, operator: false };
-        let operator = ScriptPlayer::new(Vec::new(), machine.period_us);
-        let end =
-            job::run(machine, Decoder::new(text), Begin::First, card, operator, manner, &mut rows).expect("a job");
+        let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
+        let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+        let end = job::run(machine, Decoder::new(text), conduct, card, &mut rows).expect("a job");
         assert_eq!(end.outcome, Outcome::Completed);
         Self { counts: rows.0, markers: rows.1, in_passing: text.contains("M62") || text.contains("M63") }
     }
@@ -226,12 +229,15 @@ struct Watch {
 }
 
 impl Observer<AXES> for Watch {
-    fn period(&mut self, status: &Status<AXES>, _: &Operation) {
-        self.periods += 1;
-        assert!(self.periods < 4_000_000, "it hangs: {status:?}");
-    }
-    fn event(&mut self, event: &Event) {
-        self.events.push(event.clone());
+    fn told(&mut self, told: &Told<AXES>) {
+        match told {
+            Told::Period(period) => {
+                self.periods += 1;
+                assert!(self.periods < 4_000_000, "it hangs: {period:?}");
+            }
+            Told::Event(event) => self.events.push(event.clone()),
+            Told::Output(_) => {}
+        }
     }
 }
 
@@ -273,11 +279,10 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     card.open(trial.machine.card_settings(Start::at(0))).map_err(|fault| fault.to_string())?;
     let mut watch = Watch { periods: 0, events: Vec::new() };
     let script = operator::parse(trial.script, "script").expect("a script");
-    let operator = ScriptPlayer::new(script, trial.machine.period_us);
+    let operators = Operators::script(ScriptPlayer::new(script, trial.machine.period_us));
     let manner = Manner { wall_time: false, operator: true };
-    let end =
-        job::run(trial.machine, Decoder::new(trial.program), Begin::First, &mut *card, operator, manner, &mut watch)
-            .expect("a job");
+    let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+    let end = job::run(trial.machine, Decoder::new(trial.program), conduct, &mut *card, &mut watch).expect("a job");
     let (outcome, tally) = (end.outcome, end.tally);
     if outcome == Outcome::Completed {
         card.close().map_err(|fault| format!("not closed: {fault}"))?;

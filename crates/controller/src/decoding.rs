@@ -1,0 +1,183 @@
+//! Decoding in a thread of its own: blocks become steps, and these go over a belt of two batches to whoever plans.
+//!
+//! Invariant: the planning side never waits for more than the first block that there is; a batch goes to and fro, so that nothing is
+//! allocated per block; what is decoded ahead is bounded.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+use retrace_gcode::Step;
+
+use crate::item::Ending;
+use crate::job::{Decode, Decoded};
+
+/// Steps after which the decoder waits until the batch is taken. A block has as many as it has.
+const MOST_STEPS: usize = 1024;
+
+/// Steps of whole blocks, in their order.
+#[derive(Debug, Default)]
+pub(crate) struct Batch {
+    /// The steps.
+    pub(crate) steps: Vec<Step>,
+    /// Behind how many of the steps each block ends.
+    pub(crate) ends: Vec<u32>,
+    /// How the program ended, behind the last step.
+    pub(crate) ending: Option<Ending>,
+}
+
+impl Batch {
+    fn with_room() -> Self {
+        Self { steps: Vec::with_capacity(2 * MOST_STEPS), ends: Vec::with_capacity(2 * MOST_STEPS), ending: None }
+    }
+
+    /// Empties it and keeps its room.
+    pub(crate) fn clear(&mut self) {
+        self.steps.clear();
+        self.ends.clear();
+        self.ending = None;
+    }
+}
+
+/// The belt between decoder and planner.
+#[derive(Debug)]
+pub(crate) struct Belt {
+    batch: Mutex<Batch>,
+    /// The planner takes nothing any more.
+    given_up: AtomicBool,
+    /// The decoder gives nothing any more.
+    ended: AtomicBool,
+}
+
+impl Belt {
+    /// An empty belt, and the batch that the planner begins with.
+    pub(crate) fn new() -> (Self, Batch) {
+        let batch = Mutex::new(Batch::with_room());
+        (Self { batch, given_up: AtomicBool::new(false), ended: AtomicBool::new(false) }, Batch::with_room())
+    }
+
+    /// Takes what there is for `batch`, which is given back to be filled; false, and nothing changed, where there is nothing.
+    pub(crate) fn take(&self, batch: &mut Batch) -> bool {
+        // What is in a batch is whole blocks at all times, also where its holder panicked.
+        let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
+        if held.ends.is_empty() && held.ending.is_none() {
+            return false;
+        }
+        batch.clear();
+        std::mem::swap(&mut *held, batch);
+        true
+    }
+
+    /// Will nothing more come? To be asked before [`Belt::take`] finds nothing.
+    pub(crate) fn ended(&self) -> bool {
+        self.ended.load(Ordering::Acquire)
+    }
+
+    /// Nobody takes anything any more.
+    pub(crate) fn give_up(&self) {
+        self.given_up.store(true, Ordering::Relaxed);
+    }
+
+    /// Puts a block on the belt; false where nobody takes it. Waits for room, with short naps: neither side wakes the other.
+    fn put(&self, steps: &mut Vec<Step>, decoded: Decoded) -> bool {
+        while !self.given_up.load(Ordering::Relaxed) {
+            let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
+            if held.steps.len() < MOST_STEPS && held.ends.len() < MOST_STEPS {
+                held.steps.append(steps);
+                match decoded {
+                    Decoded::Block => {
+                        let end = held.steps.len() as u32;
+                        held.ends.push(end);
+                    }
+                    Decoded::End => held.ending = Some(Ending::Completed),
+                    Decoded::Refused(text) => held.ending = Some(Ending::Refused(text)),
+                }
+                return true;
+            }
+            drop(held);
+            thread::sleep(Duration::from_micros(50));
+        }
+        false
+    }
+}
+
+/// Says that nothing more comes, however the decoder ends.
+struct Ends<'b>(&'b Belt);
+
+impl Drop for Ends<'_> {
+    fn drop(&mut self) {
+        self.0.ended.store(true, Ordering::Release);
+    }
+}
+
+/// The decoding thread: block by block until the program, or the interest in it, ends.
+pub(crate) fn decode(program: &mut impl Decode, belt: &Belt) {
+    let _ends = Ends(belt);
+    let mut steps = Vec::with_capacity(MOST_STEPS);
+    loop {
+        let decoded = program.next_block(&mut steps);
+        let is_last = decoded != Decoded::Block;
+        if !belt.put(&mut steps, decoded) || is_last {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use retrace_gcode::Canon;
+
+    struct Counts(u32);
+
+    impl Decode for Counts {
+        fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+            self.0 += 1;
+            for _ in 0..self.0 % 3 {
+                steps.push(Step { line: self.0, number: None, canon: Canon::FloodOn });
+            }
+            if self.0 == 10_000 { Decoded::Refused("why".into()) } else { Decoded::Block }
+        }
+    }
+
+    #[test]
+    fn every_step_comes_once_with_its_block_and_the_end_behind_the_last() {
+        let (belt, mut batch) = Belt::new();
+        let (mut lines, mut blocks) = (Vec::new(), 0);
+        thread::scope(|scope| {
+            scope.spawn(|| decode(&mut Counts(0), &belt));
+            loop {
+                if !belt.take(&mut batch) {
+                    thread::yield_now();
+                    continue;
+                }
+                let mut first = 0;
+                for &end in &batch.ends {
+                    blocks += 1;
+                    assert!(batch.steps[first..end as usize].iter().all(|step| step.line == blocks));
+                    first = end as usize;
+                }
+                lines.extend(batch.steps.iter().map(|step| step.line));
+                assert!(batch.steps.len() < MOST_STEPS + 3 && batch.ends.len() <= MOST_STEPS);
+                if let Some(ending) = &batch.ending {
+                    assert_eq!(*ending, Ending::Refused("why".into()));
+                    break;
+                }
+            }
+        });
+        let all: Vec<u32> = (1..=10_000).flat_map(|n| (0..n % 3).map(move |_| n)).collect();
+        assert_eq!((blocks, lines), (9999, all));
+    }
+
+    #[test]
+    fn a_decoder_that_nobody_listens_to_ends() {
+        let (belt, _) = Belt::new();
+        thread::scope(|scope| {
+            let decoder = scope.spawn(|| decode(&mut Counts(0), &belt));
+            belt.give_up();
+            decoder.join().expect("it ends");
+        });
+        assert!(belt.ended());
+    }
+}

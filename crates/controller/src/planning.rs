@@ -1,0 +1,121 @@
+//! The planning thread: takes decoded blocks off the belt and gives their moves and switching to the feeder.
+//!
+//! Invariant: it ends when the program does, or nobody is there to plan for any more, whatever the decoder is doing.
+
+use std::thread;
+use std::time::Duration;
+
+use retrace_gcode::Step;
+
+use crate::decoding::{Batch, Belt};
+use crate::feed::Feeder;
+use crate::item::{Ending, Summary};
+use crate::machine::Machine;
+use crate::start::Skipped;
+use crate::track::{Track, Untrackable};
+
+/// Plans until the program, or the interest in it, ends: what the program came to, in the first case. `line`: where it begins, if not
+/// at its first block.
+pub(crate) fn plan<const A: usize>(
+    machine: &Machine,
+    belt: &Belt,
+    batch: Batch,
+    line: Option<u32>,
+    feeder: Feeder<'_, A>,
+) -> Option<Summary> {
+    let skipped = line.map(|line| (line, Skipped::new(*feeder.outputs())));
+    let _gone = Gone(belt);
+    Planning { machine, track: Track::new(machine), skipped, feeder, blocks: 0, canonical: 0 }.run(belt, batch)
+}
+
+/// Tells the decoder that nobody takes anything any more, however planning ends.
+struct Gone<'b>(&'b Belt);
+
+impl Drop for Gone<'_> {
+    fn drop(&mut self) {
+        self.0.give_up();
+    }
+}
+
+struct Planning<'m, 'r, const A: usize> {
+    machine: &'m Machine,
+    track: Track<'m>,
+    /// The line to begin at, and what the blocks before it have switched.
+    skipped: Option<(u32, Skipped)>,
+    feeder: Feeder<'r, A>,
+    blocks: u64,
+    canonical: u64,
+}
+
+impl<const A: usize> Planning<'_, '_, A> {
+    fn run(mut self, belt: &Belt, mut batch: Batch) -> Option<Summary> {
+        let ending = loop {
+            self.wait(belt, &mut batch)?;
+            match self.give_all(&batch) {
+                Ok(()) => {}
+                Err((Untrackable::Cancelled, _)) => return None,
+                Err((why, line)) => break Ending::Refused(format!("line {line}: {}", why.explain())),
+            }
+            if let Some(ending) = batch.ending.take() {
+                break ending;
+            }
+        };
+        let commanded_mm = self.feeder.commanded_mm()[..self.machine.axes.len().min(A)].to_vec();
+        let summary = Summary { ending, blocks: self.blocks, canonical: self.canonical, commanded_mm };
+        self.feeder.end(summary.clone()).ok()?;
+        Some(summary)
+    }
+
+    /// Waits for something to plan; `None` where nothing will come, or nobody wants it.
+    fn wait(&mut self, belt: &Belt, batch: &mut Batch) -> Option<()> {
+        for tries in 0u32.. {
+            let ended = belt.ended();
+            if belt.take(batch) {
+                break;
+            }
+            if ended {
+                return None;
+            }
+            self.feeder.idle().ok()?;
+            match tries {
+                0..20 => thread::yield_now(),
+                20..200 => thread::sleep(Duration::from_micros(50)),
+                _ => thread::sleep(Duration::from_millis(1)),
+            }
+        }
+        Some(())
+    }
+
+    /// Gives a batch to the feeder, block by block; where a step cannot be run, why, and its line.
+    fn give_all(&mut self, batch: &Batch) -> Result<(), (Untrackable, u32)> {
+        let mut first = 0;
+        for &end in &batch.ends {
+            self.give(&batch.steps[first..end as usize])?;
+            first = end as usize;
+            self.blocks += 1;
+        }
+        // What the last block, which ends the program, has left.
+        self.give(&batch.steps[first..])
+    }
+
+    /// Gives a block's steps to the feeder; those before the line to begin at are only remembered.
+    fn give(&mut self, steps: &[Step]) -> Result<(), (Untrackable, u32)> {
+        self.feeder.block(self.blocks + 1);
+        for step in steps {
+            if self.skipped.as_ref().is_some_and(|(line, _)| step.line >= *line)
+                && let Some((line, before)) = self.skipped.take()
+            {
+                let tool_axis = self.machine.tool_axis();
+                let position = self.track.position();
+                before.restore(&mut self.feeder, position, tool_axis, line).map_err(|why| (why.into(), line))?;
+            }
+            let result = match &mut self.skipped {
+                Some((_, before)) => self.track.run::<A>(&step.canon, step.line, before),
+                None => self.track.run(&step.canon, step.line, &mut self.feeder),
+            };
+            result.map_err(|why| (why, step.line))?;
+            self.canonical += 1;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,271 @@
+//! A job that is taken up where it was left: planned again from its beginning, followed to that place without a word to the card.
+//!
+//! What a job is planned to is a function of its program, the machine, where the machine stood, and the overrides above 100 % with their
+//! places. So the whole history is in the ring again, as far as the ring keeps it, and the place is the very same.
+//!
+//! Invariant: nothing is sent to the card before the place is found, its marks are as they were, and whoever asked for it has agreed.
+
+use std::fmt;
+use std::thread;
+use std::time::Duration;
+
+use retrace_core::place::before;
+use retrace_core::playback::part;
+use retrace_core::{ONE, Travel};
+use retrace_link::{Outputs, Start, Status, channel};
+
+use crate::index::Mark;
+use crate::supply::{News, Supply};
+
+/// Where a job was left, and what it is to be found again by.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Resumption {
+    /// Where the machine stands on the path, and what was done of it.
+    pub start: Start,
+    /// The place where the job's path began.
+    pub origin: u32,
+    /// Number of the last instruction that was executed before the job began.
+    pub executed: u32,
+    /// The outputs as they were there.
+    pub outputs: Outputs,
+    /// The overrides that the planner has heeded, with the places from which they count, in their order.
+    pub overrides: Vec<(u32, Travel)>,
+    /// What the index says, in the order of the places; all of it, or the last mark at least that lies beyond `start.place`.
+    pub marks: Vec<Mark>,
+}
+
+impl Resumption {
+    /// A job that began at `origin` with all outputs off, at 100 %, and whose index says nothing.
+    #[must_use]
+    pub fn at(start: Start, origin: u32) -> Self {
+        let outputs = [0; channel::COUNT];
+        Self { start, origin, executed: 0, outputs, overrides: Vec::new(), marks: Vec::new() }
+    }
+}
+
+/// Why the place is not found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unfound {
+    /// `reached` lies before `place`, or `place` before what history can hold.
+    NoSuchPlace,
+    /// The program ends before it.
+    Ends {
+        /// Place where it ends.
+        at: u32,
+    },
+    /// Instructions and places do not go together: instruction `number` stands at `place`, and `executed` says otherwise.
+    Instruction {
+        /// Its number.
+        number: u32,
+        /// Its place, if the program has one of that number before its end.
+        place: Option<u32>,
+    },
+    /// The program comes to something else where a mark was made.
+    Differs {
+        /// The mark.
+        was: Mark,
+        /// What it would be now.
+        is: Mark,
+    },
+    /// Planning failed; a defect.
+    CutOff,
+}
+
+impl fmt::Display for Unfound {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoSuchPlace => write!(f, "the place where the job was left is none that it can have had"),
+            Self::Ends { at } => write!(f, "the program ends at record {at}, before the place where the job was left"),
+            Self::Instruction { number, place: Some(place) } => {
+                write!(f, "instruction {number} stands at record {place}, which does not go with what was executed")
+            }
+            Self::Instruction { number, place: None } => write!(f, "the program has no instruction {number}"),
+            Self::Differs { was, is } => write!(
+                f,
+                "at record {} the program is at line {} with counts {:?}, and was at line {} with counts {:?}",
+                was.place, is.line, is.counts, was.line, was.counts
+            ),
+            Self::CutOff => write!(f, "the program could not be planned again"),
+        }
+    }
+}
+
+/// A job that is ready to go on from where it was left.
+#[derive(Clone, Debug)]
+pub struct Prepared<const A: usize> {
+    start: Start,
+    counts: [i64; A],
+    expected: Outputs,
+    oldest: u32,
+    line: u32,
+    planned: Travel,
+    card: Status<A>,
+}
+
+impl<const A: usize> Prepared<A> {
+    /// Where it was left.
+    #[must_use]
+    pub fn start(&self) -> &Start {
+        &self.start
+    }
+
+    /// The counts of that place, P(place), in pulses.
+    #[must_use]
+    pub fn counts(&self) -> [i64; A] {
+        self.counts
+    }
+
+    /// What the program expects of the outputs at `reached`.
+    #[must_use]
+    pub fn expected_outputs(&self) -> &Outputs {
+        &self.expected
+    }
+
+    /// The oldest place that can be gone back to.
+    #[must_use]
+    pub fn oldest(&self) -> u32 {
+        self.oldest
+    }
+
+    /// Program line of the record under the place.
+    #[must_use]
+    pub fn line(&self) -> u32 {
+        self.line
+    }
+
+    /// The override that is planned at `reached`.
+    #[must_use]
+    pub fn planned_override(&self) -> Travel {
+        self.planned
+    }
+
+    /// What the card says of itself.
+    #[must_use]
+    pub fn card(&self) -> &Status<A> {
+        &self.card
+    }
+
+    /// Does the machine stand at the counts of the place?
+    #[must_use]
+    pub fn agrees(&self) -> bool {
+        self.card.at_rest && self.card.counts == self.counts
+    }
+}
+
+/// Follows what is planned from the job's origin to where it was left.
+pub(crate) struct Following<'s, 'r, const A: usize> {
+    supply: &'s mut Supply<'r, A>,
+    at: &'s Resumption,
+    /// Up to here everything is followed.
+    place: u32,
+    sum: [i64; A],
+    /// At the place where it was left.
+    counts: Option<[i64; A]>,
+    line: u32,
+}
+
+impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
+    /// Follows `supply`, whose ring begins with counts of `counts` at the job's origin.
+    pub(crate) fn new(supply: &'s mut Supply<'r, A>, at: &'s Resumption, counts: [i64; A]) -> Self {
+        Self { supply, at, place: at.origin, sum: counts, counts: None, line: 0 }
+    }
+
+    /// Follows to the end; waits for the planner.
+    pub(crate) fn follow(mut self, card: &Status<A>) -> Result<Prepared<A>, Unfound> {
+        let start = self.at.start;
+        if before(start.reached, start.place.boundary_ahead()) || before(start.place.record, self.at.origin) {
+            return Err(Unfound::NoSuchPlace);
+        }
+        while !self.step()? {
+            thread::sleep(Duration::from_micros(50));
+        }
+        let (line, counts) = match (self.supply.record(start.place.record), self.counts) {
+            (record, Some(counts)) => (record.map_or(self.line, |record| record.line), counts),
+            _ => return Err(Unfound::NoSuchPlace),
+        };
+        if before(start.place.record, self.supply.oldest()) {
+            return Err(Unfound::NoSuchPlace);
+        }
+        self.supply.stand_at(start.place.record);
+        let passed = self.at.overrides.iter().take_while(|(place, _)| !before(start.reached, *place));
+        Ok(Prepared {
+            start,
+            counts,
+            expected: *self.supply.expected(),
+            oldest: self.supply.oldest(),
+            line,
+            planned: passed.last().map_or(ONE, |&(_, planned)| planned),
+            card: *card,
+        })
+    }
+
+    /// Follows what is planned by now; true at the end.
+    fn step(&mut self) -> Result<bool, Unfound> {
+        let (reached, executed) = (self.at.start.reached, self.at.start.executed);
+        self.supply.look();
+        if let Some(Err((was, is))) = self.supply.marks() {
+            return Err(Unfound::Differs { was, is });
+        }
+        let known = self.supply.known();
+        let limit = if before(known, reached) { known } else { reached };
+        while let Some(place) = self.supply.next_exclusive()
+            && !before(limit, place)
+        {
+            let number = self.supply.number();
+            self.go_to(place);
+            if before(executed, number) {
+                if place == reached {
+                    break;
+                }
+                return Err(Unfound::Instruction { number, place: Some(place) });
+            }
+            self.supply.done_before(number);
+        }
+        if self.supply.next_exclusive().is_none_or(|place| !before(place, limit)) {
+            self.go_to(limit);
+        }
+        let next = self.supply.number();
+        if let Some(place) = self.supply.next_exclusive().filter(|&place| before(reached, place))
+            && !before(executed, next)
+        {
+            return Err(Unfound::Instruction { number: next, place: Some(place) });
+        }
+        let is_there = self.place == reached && next == executed.wrapping_add(1);
+        let has_marks = self.supply.marks().is_some() || !self.at.marks.iter().any(|m| before(self.at.origin, m.place));
+        if is_there && has_marks {
+            return Ok(true);
+        }
+        if self.supply.cut_off() {
+            return Err(Unfound::CutOff);
+        }
+        match self.supply.ends_at() {
+            Some(at) if before(at, reached) => Err(Unfound::Ends { at }),
+            Some(_) if self.place == reached && !is_there => Err(Unfound::Instruction { number: next, place: None }),
+            Some(at) if is_there => Err(Unfound::Ends { at }),
+            _ => Ok(false),
+        }
+    }
+
+    /// Goes on to `place`: sums the records up to there, and passes what stands before it.
+    fn go_to(&mut self, place: u32) {
+        let left = self.at.start.place;
+        while before(self.place, place) {
+            let Some(record) = self.supply.record(self.place) else { return };
+            if self.place == left.record {
+                self.counts = Some(std::array::from_fn(|axis| {
+                    self.sum[axis] + i64::from(part(record.increments[axis], left.fraction))
+                }));
+            }
+            for (sum, &increment) in self.sum.iter_mut().zip(&record.increments) {
+                *sum += i64::from(increment);
+            }
+            self.line = record.line;
+            self.place = self.place.wrapping_add(1);
+        }
+        if self.place == left.record && left.fraction == 0 {
+            self.counts = Some(self.sum);
+        }
+        self.supply.stand_at(place);
+        while let Some(News::Action(..) | News::Message(..)) = self.supply.news() {}
+    }
+}

@@ -1,0 +1,70 @@
+//! What the session tells whoever looks on.
+//!
+//! Invariant: nothing here allocates or formats; every event has the period and the place at which it happened.
+
+use retrace_core::mode::Mode;
+use retrace_link::{MotionCard, Status, channel};
+
+use super::Session;
+use crate::event::{Differing, Event, Happening};
+use crate::stream::{Period, Standing, Told};
+
+impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
+    pub(super) fn tell_period(&mut self, status: &Status<A>) {
+        self.teller.outputs(&status.outputs);
+        let period = Period {
+            oldest: self.supply.oldest(),
+            planned: self.supply.known(),
+            mode: self.operation.mode(),
+            standing: self.standing(),
+            override_rate: self.overrides.asked(),
+            ..Period::of(status)
+        };
+        self.teller.tell(Told::Period(period));
+    }
+
+    fn standing(&self) -> Standing {
+        if self.operation.held() {
+            Standing::Hold
+        } else if self.program_stop {
+            Standing::ProgramStop
+        } else if self.single_stop {
+            Standing::SingleBlock
+        } else {
+            Standing::None
+        }
+    }
+
+    /// The outputs that differ from what the program expects, some at a time.
+    pub(super) fn tell_differing(&mut self) {
+        let (are, want) = (self.card.status().outputs, *self.supply.expected());
+        let differs = (0..channel::COUNT).filter(|&at| are[at] != want[at]);
+        let mut list = differs.map(|at| (at as u8, are[at], want[at])).peekable();
+        while list.peek().is_some() {
+            self.tell(Happening::OutputsDiffer(Differing::first(&mut list)));
+        }
+    }
+
+    pub(super) fn tell_mode(&mut self) {
+        let name = match self.operation.mode() {
+            Mode::Run => "run",
+            Mode::Reverse => "reverse",
+            Mode::Forward => "forward",
+            Mode::Wheel => "wheel",
+            Mode::Return => "return",
+            Mode::Settle => "settle",
+        };
+        self.tell(Happening::Mode(name));
+    }
+
+    pub(super) fn tell(&mut self, happening: Happening) {
+        self.tell_at(self.card.status().line, happening);
+    }
+
+    pub(super) fn tell_at(&mut self, line: u32, happening: Happening) {
+        let status = self.card.status();
+        let time_s = status.period as f64 * self.period_s;
+        let event = Event { period: status.period, time_s, place: status.place, line, happening };
+        self.teller.tell(Told::Event(event));
+    }
+}

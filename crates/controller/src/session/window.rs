@@ -1,0 +1,96 @@
+//! The card's window and the rate it is asked for.
+//!
+//! Invariant: a road that the mode has end somewhere ends there before anything moves; what was asked for and taken is not asked for again.
+
+use retrace_core::mode::{Demand, Mode};
+use retrace_core::place::before;
+use retrace_core::{ONE, Place};
+use retrace_link::{MotionCard, Status, Word};
+
+use super::Session;
+use super::back::Back;
+use crate::event::Happening;
+use crate::supply::Road;
+
+impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
+    /// The oldest place that can be gone back to, or that a reverse run of its own is to end at.
+    pub(super) fn oldest(&self) -> u32 {
+        let oldest = self.supply.oldest();
+        let there = self.back.as_ref().and_then(Back::place);
+        there.filter(|&there| before(oldest, there)).unwrap_or(oldest)
+    }
+
+    /// Slides the window. In a mode that retraces the road is cut at `reached`, and at the oldest place, before anything moves; a card
+    /// at the end of a line may have to be told more than once.
+    pub(super) fn slide(&mut self, demand: Demand) {
+        let road = if demand.look_ahead { Road::LookAhead } else { Road::Reached };
+        if road == Road::Reached {
+            let Status { reached, low, high, .. } = *self.card.status();
+            let oldest = self.oldest();
+            self.road_cut = !before(reached, high);
+            if before(reached, high) {
+                self.road_cut = self.card.send(Word::Trim { high: reached }).is_ok();
+            }
+            if before(low, oldest) && before(oldest, high) {
+                self.road_cut &= self.card.send(Word::Forget { low: oldest }).is_ok();
+            }
+        } else {
+            self.road_cut = true;
+        }
+        if demand.target < 0 {
+            let oldest = self.oldest();
+            self.supply.fill_behind(&mut self.card, oldest);
+        } else {
+            self.supply.fill_ahead(&mut self.card, road);
+        }
+    }
+
+    pub(super) fn set_rate(&mut self, demand: Demand) {
+        let outputs = &self.card.status().outputs;
+        let cutting = self.cutting.iter().any(|&c| outputs.get(usize::from(c)).is_some_and(|&v| v != 0));
+        // Rapid retrace only with the cutting outputs off.
+        let target = if cutting { demand.target.clamp(-ONE, ONE) } else { demand.target };
+        let target = if self.waits_for_records() || !self.road_cut { 0 } else { target };
+        if self.target != Some(target) && self.card.send(Word::Rate { target }).is_ok() {
+            self.target = Some(target);
+        }
+    }
+
+    /// Motion begins when enough is planned, and enough of it has come to the card, to go on at full rate; or when nothing more has come
+    /// for as long as the look-ahead lasts.
+    fn waits_for_records(&mut self) -> bool {
+        let status = self.card.status();
+        let stands = status.at_rest && self.operation.mode() == Mode::Run;
+        if !stands || status.place != Place::start_of(status.reached) || self.still_periods >= self.patience {
+            return false;
+        }
+        let wanted = status.place.record.wrapping_add(self.enough);
+        let wanted = if before(status.high, wanted) { status.high } else { wanted };
+        before(self.card.arrived(), wanted) || self.manner.wall_time && !self.supply.is_enough(status, self.enough)
+    }
+
+    /// Underruns, and the end of a single block.
+    pub(super) fn watch_supply(&mut self, status: &Status<A>, mode: Mode) {
+        if self.single && self.supply.block_end().is_some_and(|end| before(end, self.card.status().high)) {
+            // The card could not stop there any more: at the next end of a block, then.
+            self.next_block();
+        }
+        let at_block_end = self.single && self.supply.block_end() == Some(status.high);
+        // who stands does not run dry: either there was nothing to run, or it was told on the way to rest
+        let dry = status.short && status.rate != 0 && mode == Mode::Run && !at_block_end;
+        if dry && !self.dry {
+            self.tally.underruns += 1;
+            self.tell(Happening::Underrun);
+        }
+        self.dry = dry;
+        if at_block_end
+            && mode == Mode::Run
+            && !self.single_stop
+            && status.at_rest
+            && status.place == Place::start_of(status.high)
+        {
+            self.single_stop = true;
+            self.tell(Happening::SingleBlock);
+        }
+    }
+}
