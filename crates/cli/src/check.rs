@@ -1,10 +1,13 @@
-//! `retrace check`: decodes and scans a program; nothing moves.
+//! `retrace check`: decodes, scans and plans a program; nothing moves.
 //!
-//! Invariant: it says exactly what `retrace run` would say before it moves.
+//! Invariant: it refuses what `retrace run` would refuse before it moves, in the same words.
 
+use retrace_controller::machine::Machine;
+use retrace_controller::refusal::Refusal;
 use retrace_gcode::{Prescan, Target};
 
 use crate::args;
+use crate::check_told::Told;
 use crate::files;
 use crate::program::{Failure, Program};
 
@@ -20,21 +23,24 @@ pub fn run(args: &args::Check) -> Result<(), Failure> {
     {
         print_table(prescan);
     }
-    let Some(checked) = program.check(&machine)? else {
-        let refusal = retrace_controller::refusal::Refusal::new(
-            "E2142",
-            "standard input is checked as it runs",
-            "give a file, or `retrace run -`",
-        );
-        return Err(refusal.into());
+    // Planned as it is run, to the last digit.
+    match machine.axes.len() {
+        0..=4 => tell::<4>(args, &machine, &program),
+        5..=6 => tell::<6>(args, &machine, &program),
+        _ => tell::<9>(args, &machine, &program),
+    }
+}
+
+fn tell<const A: usize>(args: &args::Check, machine: &Machine, program: &Program) -> Result<(), Failure> {
+    let Some(checked) = program.survey::<A>(machine)? else {
+        let what = "standard input is checked as it runs";
+        return Err(Refusal::new("E2142", what, "give a file, or `retrace run -`").into());
     };
-    say!("{}: no errors, {} blocks, {} moves", program.name(), checked.blocks, checked.scan.moves);
-    if let Some(extents) = checked.scan.extents_mm {
-        for (axis, [least, greatest]) in machine.axes.iter().zip(extents) {
-            let [low, high] = axis.travel_mm;
-            let name = axis.name.to_ascii_uppercase();
-            say!("  {name} {least:.3} … {greatest:.3} mm, within the soft limits {low} … {high} mm");
-        }
+    let told = Told { program, machine, blocks: checked.blocks, survey: &checked.found };
+    if args.json {
+        crate::out::line(told.json());
+    } else {
+        crate::out::line(told.text());
     }
     Ok(())
 }

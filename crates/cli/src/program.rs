@@ -14,9 +14,12 @@ use retrace_controller::machine::Machine;
 use retrace_controller::reading::Ahead;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
+use retrace_controller::survey::{self, Survey};
 use retrace_gcode::{
     Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
 };
+
+use retrace_motion::LimitError;
 
 use crate::args::Reading;
 use crate::cycles;
@@ -117,6 +120,12 @@ impl Program {
         &self.name
     }
 
+    /// The tool table, if one was given.
+    #[must_use]
+    pub fn tool_table(&self) -> Option<&ToolTable> {
+        self.has_tool_table.then_some(&self.setup.tools)
+    }
+
     /// Number of its lines, if it is a file.
     #[must_use]
     pub fn lines(&self) -> Option<u64> {
@@ -160,12 +169,28 @@ impl Program {
     ///
     /// # Errors
     /// [`Failure::Program`] where it has errors.
-    pub fn check<'m>(&self, machine: &'m Machine) -> Result<Option<Checked<'m>>, Failure> {
+    pub fn check<'m>(&self, machine: &'m Machine) -> Result<Option<Checked<Scan<'m, 9>>>, Failure> {
+        self.check_by(|decoder| Ok(job::scan::<9>(machine, decoder)))
+    }
+
+    /// The same, with all that can be told of a program before it runs: it is planned for that, so it takes longer.
+    ///
+    /// # Errors
+    /// [`Failure::Program`] where it has errors.
+    pub fn survey<'m, const A: usize>(&self, machine: &'m Machine) -> Result<Option<Checked<Survey<'m, A>>>, Failure> {
+        let why = |error: LimitError| Refusal::new("E2112", error.to_string(), "correct the machine file");
+        self.check_by(|decoder| Ok(survey::survey(machine, decoder).map_err(why)?))
+    }
+
+    fn check_by<S>(
+        &self,
+        look: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<Finding>, S), Failure>,
+    ) -> Result<Option<Checked<S>>, Failure> {
         if self.prescan.is_none() {
             return Ok(None);
         }
         let mut decoder = self.decoder();
-        let (blocks, findings, scan) = job::scan::<9>(machine, &mut decoder);
+        let (blocks, findings, found) = look(&mut decoder)?;
         decoder.program.look_behind_the_end();
         let diagnostics = decoder.program.interpreter().diagnostics();
         let mut is_refused = false;
@@ -188,7 +213,7 @@ impl Program {
         if decoder.length_offset && !self.has_tool_table {
             eprintln!("note: no tool table was given (--tools): every tool has length 0");
         }
-        Ok(Some(Checked { blocks, scan }))
+        Ok(Some(Checked { blocks, found }))
     }
 
     /// A diagnostic with its source line.
@@ -243,11 +268,11 @@ fn column_of(line: &str, letter: char) -> Option<usize> {
 
 /// What a program came to that may be run.
 #[derive(Debug)]
-pub struct Checked<'m> {
+pub struct Checked<S> {
     /// Blocks.
     pub blocks: u64,
-    /// Moves and extents.
-    pub scan: Scan<'m, 9>,
+    /// What whoever looked through it has found.
+    pub found: S,
 }
 
 /// A program being decoded.

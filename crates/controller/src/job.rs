@@ -277,6 +277,16 @@ pub fn feed_all<const A: usize>(
     program: &mut impl Decode,
     sink: &mut impl Sink<A>,
 ) -> (u64, Vec<Finding>) {
+    feed_each(machine, program, sink, |_, _| ())
+}
+
+/// The same, with a look at the state behind each step.
+pub fn feed_each<const A: usize, S: Sink<A>>(
+    machine: &Machine,
+    program: &mut impl Decode,
+    sink: &mut S,
+    mut look: impl FnMut(&Track<'_>, &mut S),
+) -> (u64, Vec<Finding>) {
     let mut track = Track::new(machine);
     let (mut steps, mut findings, mut blocks) = (Vec::new(), Vec::new(), 0);
     loop {
@@ -286,6 +296,7 @@ pub fn feed_all<const A: usize>(
             if let Err(why) = track.run(&step.canon, step.line, sink) {
                 findings.push(why.finding(step.line));
             }
+            look(&track, sink);
         }
         if decoded == Decoded::End || findings.len() >= MOST_FINDINGS {
             return (blocks, findings);

@@ -5,6 +5,7 @@
 //! control period to its last.
 #![forbid(unsafe_code)]
 
+pub mod approach;
 pub mod by_hand;
 pub mod card;
 mod decoding;
@@ -13,6 +14,7 @@ pub mod feed;
 pub mod index;
 pub mod item;
 pub mod job;
+pub mod jobs;
 pub mod journal;
 pub mod judge;
 pub mod law;
@@ -34,6 +36,7 @@ pub mod spline;
 pub mod start;
 pub mod stream;
 pub mod supply;
+pub mod survey;
 pub mod switching;
 pub mod tally;
 pub mod track;

@@ -51,6 +51,8 @@ pub struct Scan<'m, const A: usize> {
     pub beyond: Vec<BeyondLimit>,
     /// Moves.
     pub moves: u64,
+    /// The same as `extents_mm` for what has not been taken yet.
+    last_mm: Option<[[f64; 2]; A]>,
 }
 
 /// So much beyond a soft limit is rounding, mm.
@@ -62,13 +64,25 @@ impl<'m, const A: usize> Scan<'m, A> {
     /// A scan that begins where the machine stands.
     #[must_use]
     pub fn new(machine: &'m Machine) -> Self {
-        Self { machine, at: machine.start_mm(), extents_mm: None, beyond: Vec::new(), moves: 0 }
+        Self { machine, at: machine.start_mm(), extents_mm: None, beyond: Vec::new(), moves: 0, last_mm: None }
+    }
+
+    /// The machine whose moves these are.
+    #[must_use]
+    pub fn machine(&self) -> &'m Machine {
+        self.machine
+    }
+
+    /// Least and greatest coordinates of the ends of moves since this was asked last, mm.
+    pub fn take_last(&mut self) -> Option<[[f64; 2]; A]> {
+        self.last_mm.take()
     }
 
     fn visit(&mut self, point: &[f64; A], line: u32) {
-        let extents = self.extents_mm.get_or_insert_with(|| point.map(|x| [x, x]));
-        for (range, &x) in extents.iter_mut().zip(point) {
-            *range = [range[0].min(x), range[1].max(x)];
+        for extents in [&mut self.extents_mm, &mut self.last_mm] {
+            for (range, &x) in extents.get_or_insert_with(|| point.map(|x| [x, x])).iter_mut().zip(point) {
+                *range = [range[0].min(x), range[1].max(x)];
+            }
         }
         for (axis, &x) in self.machine.axes.iter().zip(point) {
             let Some(limit_mm) = passed_limit(axis, x) else { continue };

@@ -13,7 +13,7 @@ use crate::job::Finding;
 use crate::machine::Machine;
 use crate::sink::Sink;
 use crate::spline::chords;
-use crate::switching::Class;
+use crate::switching::{Class, InReverse, Switching};
 
 /// Chords of splines come no nearer than this has to be, mm.
 const LEAST_DEVIATION_MM: f64 = 0.001;
@@ -83,6 +83,38 @@ impl From<crate::feed::Cancelled> for Untrackable {
     }
 }
 
+/// What lies between machine and program coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorkOffset {
+    /// The coordinate system, 1 … 9 for G54 … G59.3.
+    pub system: u8,
+    /// Its origin with the offset of G92 and the tool's, mm and degrees; of a rotated system G92 is turned with it.
+    pub origin_mm: Pose,
+    /// Rotation about Z, degrees counter-clockwise.
+    pub rotation_deg: f64,
+}
+
+impl WorkOffset {
+    /// Are machine and program coordinates the same?
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        self.origin_mm == Pose::ZERO && self.rotation_deg == 0.0
+    }
+
+    /// What to take from each coordinate of the machine's axes, mm; none where the system is rotated.
+    #[must_use]
+    pub fn translation<const A: usize>(&self, machine: &Machine) -> Option<[f64; A]> {
+        if self.rotation_deg != 0.0 {
+            return None;
+        }
+        let mut origin = [0.0; A];
+        for (slot, axis) in origin.iter_mut().zip(&machine.axes) {
+            *slot = self.origin_mm[Axis::ALL[axis.index()]];
+        }
+        Some(origin)
+    }
+}
+
 /// The state between canonical functions.
 #[derive(Clone, Debug)]
 pub struct Track<'m> {
@@ -90,6 +122,8 @@ pub struct Track<'m> {
     /// The machine's axes, as axes of a position.
     axes: Vec<Axis>,
     unit: LengthUnit,
+    /// The coordinate system, 1 … 9 for G54 … G59.3.
+    system: u8,
     /// Offsets in mm.
     g5x: Pose,
     g92: Pose,
@@ -118,6 +152,7 @@ impl<'m> Track<'m> {
             machine,
             axes,
             unit: LengthUnit::Millimetre,
+            system: 1,
             g5x: Pose::ZERO,
             g92: Pose::ZERO,
             tool: Pose::ZERO,
@@ -148,7 +183,7 @@ impl<'m> Track<'m> {
             Canon::ArcFeed(arc) => self.arc(arc, line, sink),
             Canon::NurbsFeed(spline) => self.spline(spline, line, sink),
             Canon::UseLengthUnits(unit) => self.state(|t| t.unit = *unit),
-            Canon::SetG5xOffset { offset, .. } => self.state(|t| t.g5x = t.in_mm(offset)),
+            Canon::SetG5xOffset { system, offset } => self.state(|t| (t.system, t.g5x) = (*system, t.in_mm(offset))),
             Canon::SetG92Offset(offset) => self.state(|t| t.g92 = t.in_mm(offset)),
             Canon::UseToolLengthOffset(offset) => self.state(|t| t.tool = t.in_mm(offset)),
             Canon::SetXyRotation(degrees) => self.state(|t| {
@@ -171,6 +206,16 @@ impl<'m> Track<'m> {
             *slot = self.at[axis];
         }
         own
+    }
+
+    /// What lies between machine and program coordinates now.
+    #[must_use]
+    pub fn work_offset(&self) -> WorkOffset {
+        WorkOffset {
+            system: self.system,
+            origin_mm: self.g5x.plus(&self.g92).plus(&self.tool),
+            rotation_deg: self.rotation_deg,
+        }
     }
 
     fn state(&mut self, change: impl FnOnce(&mut Self)) -> Result<(), Untrackable> {
@@ -335,11 +380,11 @@ impl<'m> Track<'m> {
             }
             Canon::SelectTool(tool) => {
                 self.selected_tool = *tool;
-                self.exclusive(Kind::Switch, "T", &[], self.machine.switching.of("T").1, line, sink)
+                self.exclusive("T", &[], self.machine.switching.of("T"), line, sink)
             }
             Canon::ChangeTool { tool, .. } => {
                 let change = Change { channel: channel::TOOL, value: *tool as i32 };
-                self.exclusive(Kind::Switch, "M6", &[change], self.machine.switching.of("M6").1, line, sink)
+                self.exclusive("M6", &[change], self.machine.switching.of("M6"), line, sink)
             }
             Canon::SetMotionOutputBit(n) => {
                 sink.action(digital(*n, 1)?, line);
@@ -349,13 +394,17 @@ impl<'m> Track<'m> {
                 sink.action(digital(*n, 0)?, line);
                 Ok(())
             }
-            Canon::SetAuxOutputBit(n) => self.exclusive(Kind::Switch, "M64", &[digital(*n, 1)?], 0, line, sink),
-            Canon::ClearAuxOutputBit(n) => self.exclusive(Kind::Switch, "M65", &[digital(*n, 0)?], 0, line, sink),
+            Canon::SetAuxOutputBit(n) => self.exclusive("M64", &[digital(*n, 1)?], Switching::AT_REST, line, sink),
+            Canon::ClearAuxOutputBit(n) => self.exclusive("M65", &[digital(*n, 0)?], Switching::AT_REST, line, sink),
             Canon::Dwell(seconds) => {
                 let periods = (seconds / self.machine.period_s()).ceil().clamp(0.0, f64::from(u32::MAX)) as u32;
-                self.exclusive(Kind::Dwell, "G4", &[], periods, line, sink)
+                let dwell = Switch { line, kind: Kind::Dwell, code: "G4", periods, ..Switch::default() };
+                Ok(sink.exclusive(dwell)?)
             }
-            Canon::ProgramStop => self.exclusive(Kind::ProgramStop, "M0", &[], 0, line, sink),
+            Canon::ProgramStop => {
+                let stop = Switch { line, kind: Kind::ProgramStop, code: "M0", ..Switch::default() };
+                Ok(sink.exclusive(stop)?)
+            }
             // the switch for optional stops is off; no pallet to move
             Canon::OptionalProgramStop | Canon::PalletShuttle => Ok(()),
             Canon::SetSpindleMode(css) if *css > 0.0 => Err(Untrackable::NotSupported("constant surface speed (G96)")),
@@ -423,13 +472,7 @@ impl<'m> Track<'m> {
             return Err(Untrackable::NotSupported("a user code that the machine file does not declare"));
         };
         let change = Change { channel: code.output, value: code.value };
-        match code.class {
-            Class::Synchronous => {
-                sink.action(change, line);
-                Ok(())
-            }
-            Class::Exclusive => self.exclusive(Kind::Switch, code.name, &[change], code.periods, line, sink),
-        }
+        self.carry_out(code.name, change, code.switching, line, sink)
     }
 
     /// Switches one output, in passing or at rest, as the machine file has it for `code`.
@@ -441,27 +484,36 @@ impl<'m> Track<'m> {
         line: u32,
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
-        let change = Change { channel, value };
-        match self.machine.switching.of(code) {
-            (Class::Synchronous, _) => {
-                sink.action(change, line);
-                Ok(())
-            }
-            (Class::Exclusive, periods) => self.exclusive(Kind::Switch, code, &[change], periods, line, sink),
+        self.carry_out(code, Change { channel, value }, self.machine.switching.of(code), line, sink)
+    }
+
+    fn carry_out<const A: usize>(
+        &self,
+        code: &'static str,
+        change: Change,
+        switching: Switching,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        match (switching.class, switching.in_reverse) {
+            (Class::Synchronous, InReverse::AsIs) => sink.lasting_action(change, line),
+            (Class::Synchronous, _) => sink.action(change, line),
+            (Class::Exclusive, _) => return self.exclusive(code, &[change], switching, line, sink),
         }
+        Ok(())
     }
 
     fn exclusive<const A: usize>(
         &self,
-        kind: Kind,
         code: &'static str,
         changes: &[Change],
-        periods: u32,
+        switching: Switching,
         line: u32,
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
-        let one_way = code == "M6";
-        Ok(sink.exclusive(Switch { line, kind, code, changes, periods, one_way })?)
+        let Switching { periods, until, in_reverse, .. } = switching;
+        let (one_way, undone) = (in_reverse == InReverse::Barrier, in_reverse == InReverse::Undone);
+        Ok(sink.exclusive(Switch { line, kind: Kind::Switch, code, changes, periods, until, one_way, undone })?)
     }
 }
 

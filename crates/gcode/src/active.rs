@@ -72,6 +72,13 @@ pub struct Active {
     pub current_tool: u32,
 }
 
+/// How a coordinate system, 1 … 9, is written: G54 … G59.3.
+#[must_use]
+pub fn system_name(system: u8) -> &'static str {
+    let names = ["G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"];
+    names.get(usize::from(system).wrapping_sub(1)).unwrap_or(&"G54")
+}
+
 impl From<&State> for Active {
     fn from(state: &State) -> Active {
         Active {
@@ -112,8 +119,7 @@ impl Active {
     /// The coordinate system as it is written: G54 … G59.3.
     #[must_use]
     pub fn system_name(&self) -> &'static str {
-        let names = ["G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"];
-        names.get(usize::from(self.coordinate_system).wrapping_sub(1)).unwrap_or(&"G54")
+        system_name(self.coordinate_system)
     }
 
     /// Whether a drilling cycle is in force.

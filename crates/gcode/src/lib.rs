@@ -64,7 +64,7 @@ mod tool;
 mod turning;
 mod whereabouts;
 
-pub use active::Active;
+pub use active::{Active, system_name};
 pub use block::BlockNumber;
 pub use branch::{Branch, Target};
 pub use canon::{ArcFeed, Canon, FeedMode, Input, LengthUnit, PathControl, Plane, Probing, Step, Wait, WaitFor};

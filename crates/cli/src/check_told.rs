@@ -1,0 +1,166 @@
+//! What `retrace check` tells of a program that can be run, for a person and for a script.
+//!
+//! Invariant: both forms hold the same figures; times are those of the plan at 100 %.
+
+use std::fmt::Write as _;
+
+use retrace_controller::machine::Machine;
+use retrace_controller::survey::{Range, Room, Survey, WorkExtents};
+use retrace_gcode::{Axis, Tool, system_name};
+use serde_json::{Map, Value, json};
+
+use crate::program::Program;
+
+/// A program that has been looked through.
+pub struct Told<'a, const A: usize> {
+    pub program: &'a Program,
+    pub machine: &'a Machine,
+    pub blocks: u64,
+    pub survey: &'a Survey<'a, A>,
+}
+
+/// Lines that are listed for a person; a script gets all of them.
+const MOST_LISTED: usize = 10;
+
+impl<const A: usize> Told<'_, A> {
+    /// In words.
+    pub fn text(&self) -> String {
+        let Self { program, blocks, survey, .. } = self;
+        let mut text = format!("{}: no errors, {blocks} blocks, {} moves", program.name(), survey.scan.moves);
+        // Writing to a string cannot fail.
+        let _ = write!(
+            text,
+            "\n  at 100 %: motion {:.3} s · dwell {:.3} s · switching {:.3} s",
+            self.seconds(survey.motion_periods),
+            self.seconds(survey.dwell_periods),
+            self.seconds(survey.switch_periods)
+        );
+        for room in survey.room() {
+            let Room { axis, extents_mm: [least, greatest], room_mm: [below, above] } = room;
+            let limits = self.machine.axes.iter().find(|one| one.name == axis).map_or([0.0; 2], |axis| axis.travel_mm);
+            let _ = write!(
+                text,
+                "\n  {} {least:.3} … {greatest:.3} mm, within the soft limits {} … {} mm: room {below:.3} below, {above:.3} above",
+                axis.to_ascii_uppercase(),
+                limits[0],
+                limits[1]
+            );
+        }
+        for work in survey.offsets() {
+            let _ = write!(text, "\n  in {}: {}", system_name(work.offset.system), self.work_text(work));
+        }
+        let tools: Vec<String> = survey.tools.iter().map(|&number| self.tool_text(number)).collect();
+        if !tools.is_empty() {
+            let _ = write!(text, "\n  tools: {}", tools.join(", "));
+        }
+        let ranges = [("feed", survey.feed_mm_per_min, "mm/min"), ("spindle", survey.speed_rpm, "turns/min")];
+        let ranges: Vec<String> =
+            ranges.iter().filter_map(|(what, range, unit)| range_text(what, *range, unit)).collect();
+        if !ranges.is_empty() {
+            let _ = write!(text, "\n  {}", ranges.join(" · "));
+        }
+        let barriers = survey.barriers.iter().map(|barrier| format!("{} of line {}", barrier.code, barrier.line));
+        text += &listed("cannot be passed backward", barriers);
+        text += &listed("stops", survey.stops.iter().map(|line| format!("line {line}")));
+        text
+    }
+
+    fn work_text(&self, work: &WorkExtents<A>) -> String {
+        let Some(extents) = work.extents_mm else {
+            return format!("rotated by {}°", work.offset.rotation_deg);
+        };
+        let axes = self.machine.axes.iter().zip(extents);
+        let ranges = axes
+            .map(|(axis, [least, greatest])| format!("{} {least:.3} … {greatest:.3}", axis.name.to_ascii_uppercase()));
+        ranges.collect::<Vec<_>>().join("  ") + " mm"
+    }
+
+    fn tool_text(&self, number: u32) -> String {
+        let table = self.program.tool_table();
+        let Some(Tool { offset, diameter, .. }) = table.and_then(|table| table.get(number)).filter(|_| number > 0)
+        else {
+            return format!("T{number}");
+        };
+        let name = table.and_then(|table| table.name(number)).map(|name| format!("{name}, ")).unwrap_or_default();
+        format!("T{number} ({name}length {:.3} mm, diameter {diameter:.3} mm)", offset[Axis::Z])
+    }
+
+    /// As one JSON object.
+    pub fn json(&self) -> Value {
+        let Self { survey, .. } = self;
+        let room = survey.room();
+        let each = |value: fn(&Room) -> [f64; 2]| -> Value {
+            room.iter().map(|room| (room.axis.to_string(), json!(value(room)))).collect::<Map<_, _>>().into()
+        };
+        let table = self.program.tool_table();
+        let tools = survey.tools.iter().map(|&number| {
+            let tool = table.and_then(|table| table.get(number));
+            json!({
+                "number": number,
+                "name": table.and_then(|table| table.name(number)),
+                "length_mm": tool.map(|tool| tool.offset[Axis::Z]),
+                "diameter_mm": tool.map(|tool| tool.diameter),
+            })
+        });
+        let range = |range: Option<Range>| range.map(|range| [range.least, range.greatest]);
+        json!({
+            "event": "check",
+            "program": self.program.name(),
+            "machine": self.machine.name,
+            "blocks": self.blocks,
+            "moves": survey.scan.moves,
+            "period_ms": f64::from(self.machine.period_us) / 1000.0,
+            "motion_s": self.seconds(survey.motion_periods),
+            "dwell_s": self.seconds(survey.dwell_periods),
+            "switch_s": self.seconds(survey.switch_periods),
+            "extents_mm": each(|room| room.extents_mm),
+            "room_mm": each(|room| room.room_mm),
+            "work": survey.offsets().map(|work| self.work_json(work)).collect::<Vec<_>>(),
+            "tools": tools.collect::<Vec<_>>(),
+            "feed_mm_per_min": range(survey.feed_mm_per_min),
+            "speed_rpm": range(survey.speed_rpm),
+            "barriers": survey.barriers.iter().map(|b| json!({ "line": b.line, "code": b.code })).collect::<Vec<_>>(),
+            "stops": survey.stops,
+        })
+    }
+
+    fn work_json(&self, work: &WorkExtents<A>) -> Value {
+        let axes = || self.machine.axes.iter();
+        let origin: Map<_, _> =
+            axes().map(|axis| (axis.name.to_string(), json!(work.offset.origin_mm[Axis::ALL[axis.index()]]))).collect();
+        let extents = work.extents_mm.map(|extents| {
+            axes().zip(extents).map(|(axis, range)| (axis.name.to_string(), json!(range))).collect::<Map<_, _>>()
+        });
+        json!({
+            "system": system_name(work.offset.system),
+            "origin_mm": origin,
+            "rotation_deg": work.offset.rotation_deg,
+            "extents_mm": extents,
+        })
+    }
+
+    /// Whole microseconds first, as the report of a run has it.
+    fn seconds(&self, periods: u64) -> f64 {
+        (u128::from(periods) * u128::from(self.machine.period_us)) as f64 / 1e6
+    }
+}
+
+fn range_text(what: &str, range: Option<Range>, unit: &str) -> Option<String> {
+    let Range { least, greatest } = range?;
+    Some(if least == greatest {
+        format!("{what} {least:.1} {unit}")
+    } else {
+        format!("{what} {least:.1} … {greatest:.1} {unit}")
+    })
+}
+
+/// A line with the first of many things, and how many more there are.
+fn listed(what: &str, things: impl ExactSizeIterator<Item = String>) -> String {
+    let more = things.len().saturating_sub(MOST_LISTED);
+    let shown: Vec<String> = things.take(MOST_LISTED).collect();
+    match (shown.is_empty(), more) {
+        (true, _) => String::new(),
+        (false, 0) => format!("\n  {what}: {}", shown.join(", ")),
+        (false, more) => format!("\n  {what}: {}, and {more} more", shown.join(", ")),
+    }
+}

@@ -1,0 +1,345 @@
+//! Keeps a program that arrives, so that it can be read again (DNC, *Beyond the source*).
+//!
+//! Invariant: no byte is given on that was not written to the spool before; what is read again is what was read the first time, byte
+//! for byte, or an error.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufRead, BufReader, Read, Seek, Take, Write};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use super::entry::Spooled;
+use crate::refusal::Refusal;
+
+/// How far the spool has come, and the file, for the logbook.
+#[derive(Debug)]
+pub struct Progress {
+    file: File,
+    marks: Arc<Marks>,
+    /// What was synced.
+    synced: Spooled,
+    /// A sync has failed: what it was for may be lost, and no later one would tell.
+    broken: Option<(io::ErrorKind, String)>,
+}
+
+#[derive(Debug, Default)]
+struct Marks {
+    bytes: AtomicU64,
+    ended: AtomicBool,
+}
+
+impl Progress {
+    /// How much has been kept. Whatever was read before this is asked is in it.
+    pub(super) fn spooled(&self) -> Spooled {
+        let ended = self.marks.ended.load(Ordering::Acquire);
+        Spooled { bytes: self.marks.bytes.load(Ordering::Acquire), ended }
+    }
+
+    /// Makes this much durable.
+    pub(super) fn sync(&mut self, spooled: Spooled) -> io::Result<()> {
+        if let Some((kind, why)) = &self.broken {
+            return Err(io::Error::new(*kind, why.clone()));
+        }
+        if self.synced != spooled {
+            let broken =
+                |error: &io::Error| self.broken = Some((error.kind(), format!("the program's spool: {error}")));
+            self.file.sync_data().inspect_err(broken)?;
+            self.synced = spooled;
+        }
+        Ok(())
+    }
+}
+
+/// Reads a program as it arrives, and keeps it.
+#[derive(Debug)]
+pub struct Spooling<R> {
+    from: R,
+    file: File,
+    marks: Arc<Marks>,
+    /// Bytes of what waits in `from` that are in the spool already.
+    ahead: usize,
+}
+
+impl<R: BufRead> Spooling<R> {
+    /// Keeps it in a new file of this name.
+    ///
+    /// # Errors
+    /// As the system says.
+    pub fn create(path: &Path, from: R) -> io::Result<(Self, Progress)> {
+        let file = OpenOptions::new().append(true).create_new(true).open(path)?;
+        Self::after(file, from, Spooled::default())
+    }
+
+    /// Goes on with a file that holds this much.
+    fn after(file: File, from: R, spooled: Spooled) -> io::Result<(Self, Progress)> {
+        let marks = Arc::new(Marks { bytes: AtomicU64::new(spooled.bytes), ended: AtomicBool::new(spooled.ended) });
+        let progress =
+            Progress { file: file.try_clone()?, marks: Arc::clone(&marks), synced: Spooled::default(), broken: None };
+        Ok((Self { from, file, marks, ahead: 0 }, progress))
+    }
+}
+
+impl<R: BufRead> BufRead for Spooling<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        let waiting = self.from.fill_buf()?;
+        if let Some(new @ [_, ..]) = waiting.get(self.ahead..) {
+            let told = |error: io::Error| {
+                io::Error::new(error.kind(), format!("it cannot be kept in the job's folder: {error}"))
+            };
+            self.file.write_all(new).map_err(told)?;
+            self.ahead = waiting.len();
+            self.marks.bytes.fetch_add(new.len() as u64, Ordering::Release);
+        }
+        if waiting.is_empty() {
+            self.marks.ended.store(true, Ordering::Release);
+        }
+        Ok(waiting)
+    }
+
+    fn consume(&mut self, count: usize) {
+        self.ahead = self.ahead.saturating_sub(count);
+        self.from.consume(count);
+    }
+}
+
+impl<R: BufRead> Read for Spooling<R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        read_buffered(self, into)
+    }
+}
+
+fn read_buffered(from: &mut impl BufRead, into: &mut [u8]) -> io::Result<usize> {
+    let waiting = from.fill_buf()?;
+    let count = waiting.len().min(into.len());
+    into[..count].copy_from_slice(&waiting[..count]);
+    from.consume(count);
+    Ok(count)
+}
+
+/// Reads a program again: first what was kept of it, then, where that is not all, on from a sender that sends it again from its
+/// beginning.
+#[derive(Debug)]
+pub struct Respooled<R> {
+    kept: Take<BufReader<File>>,
+    /// What was kept, once more, as long as it has not been compared with what is sent again.
+    compared: Option<Take<BufReader<File>>>,
+    /// None where all was kept.
+    again: Option<Spooling<R>>,
+}
+
+impl<R: BufRead> Respooled<R> {
+    /// Reads the spool of a job, of which the journal says this much. What is behind it was never needed, and is cut off.
+    ///
+    /// # Errors
+    /// `E2208` where it is not all and nobody sends it again, or there is less than the journal says; `E2104` where it cannot be read.
+    pub fn open(path: &Path, spooled: Spooled, again: Option<R>) -> Result<(Self, Progress), Refusal> {
+        let unreadable = |error: io::Error| {
+            let what = format!("the kept program {} cannot be read: {error}", path.display());
+            Refusal::new("E2104", what, "check the file and its disk")
+        };
+        let again = match again {
+            None if !spooled.ended => {
+                let what = format!("only the first {} bytes of the program had arrived and were kept", spooled.bytes);
+                return Err(Refusal::new("E2208", what, "send the program again from its beginning"));
+            }
+            again => again.filter(|_| !spooled.ended),
+        };
+        let mut file = OpenOptions::new().append(true).open(path).map_err(unreadable)?;
+        let length = file.seek(io::SeekFrom::End(0)).map_err(unreadable)?;
+        if length < spooled.bytes {
+            let what = format!("{} has {length} bytes, and the journal says {}", path.display(), spooled.bytes);
+            return Err(Refusal::new("E2208", what, "begin anew, at a line with --start-line if need be"));
+        }
+        file.set_len(spooled.bytes).map_err(unreadable)?;
+        let open = || File::open(path).map(|file| BufReader::new(file).take(spooled.bytes)).map_err(unreadable);
+        let (kept, compared) = (open()?, if again.is_some() { Some(open()?) } else { None });
+        let (again, progress) = match again {
+            Some(from) => {
+                let (again, progress) = Spooling::after(file, from, spooled).map_err(unreadable)?;
+                (Some(again), progress)
+            }
+            None => (None, Spooling::after(file, io::empty(), spooled).map_err(unreadable)?.1),
+        };
+        Ok((Self { kept, compared, again }, progress))
+    }
+}
+
+impl<R: BufRead> Respooled<R> {
+    /// Takes what is sent again up to where the spool ends, and compares it.
+    ///
+    /// # Errors
+    /// What is sent is another program, with its first line that differs; or it cannot be read.
+    pub fn compare(&mut self) -> io::Result<()> {
+        let (Some(kept), Some(again)) = (&mut self.compared, &mut self.again) else { return Ok(()) };
+        let mut line = 1;
+        loop {
+            let was = kept.fill_buf()?;
+            if was.is_empty() {
+                break;
+            }
+            // It is in the spool, and does not go there a second time.
+            let is = again.from.fill_buf()?;
+            let common = was.iter().zip(is).take_while(|(was, is)| was == is).count();
+            line += was[..common].iter().filter(|&&byte| byte == b'\n').count();
+            if common < was.len().min(is.len()) || is.is_empty() {
+                let what = if is.is_empty() { "ends before" } else { "differs in" };
+                return Err(io::Error::other(Differs { what, line }));
+            }
+            kept.consume(common);
+            again.from.consume(common);
+        }
+        self.compared = None;
+        Ok(())
+    }
+}
+
+/// Another program was sent.
+#[derive(Debug)]
+struct Differs {
+    what: &'static str,
+    line: usize,
+}
+
+impl std::fmt::Display for Differs {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { what, line } = self;
+        write!(f, "E2208: what is sent again {what} line {line} of what was sent the first time; send the same program")
+    }
+}
+
+impl std::error::Error for Differs {}
+
+impl<R: BufRead> BufRead for Respooled<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        if self.kept.limit() > 0 && self.kept.fill_buf()?.is_empty() {
+            return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the kept program has become shorter"));
+        }
+        if self.kept.limit() > 0 {
+            return self.kept.fill_buf();
+        }
+        self.compare()?;
+        self.again.as_mut().map_or(Ok(&[]), Spooling::fill_buf)
+    }
+
+    fn consume(&mut self, count: usize) {
+        if self.kept.limit() > 0 {
+            self.kept.consume(count);
+        } else if let Some(again) = &mut self.again {
+            again.consume(count);
+        }
+    }
+}
+
+impl<R: BufRead> Read for Respooled<R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        read_buffered(self, into)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const PROGRAM: &[u8] = b"G0 X0\nG1 X1 F600\nX2\nX3\nM2\n";
+
+    /// A folder of a test's own, gone with it.
+    struct Folder(tempfile::TempDir);
+
+    impl Folder {
+        fn new() -> Self {
+            Self(tempfile::tempdir().expect("a folder"))
+        }
+
+        fn file(&self) -> std::path::PathBuf {
+            self.0.path().join("stream.ngc")
+        }
+    }
+
+    /// Reads so many bytes of the program through pieces of this size, into the spool.
+    fn spooled(path: &Path, bytes: usize, piece: usize) -> Progress {
+        let (mut spooling, progress) =
+            Spooling::create(path, BufReader::with_capacity(piece, PROGRAM)).expect("a spool");
+        let mut read = vec![0; bytes];
+        spooling.read_exact(&mut read).expect("so many are there");
+        assert_eq!(read, PROGRAM[..bytes]);
+        progress
+    }
+
+    fn all(mut from: impl Read) -> io::Result<Vec<u8>> {
+        let mut read = Vec::new();
+        from.read_to_end(&mut read).map(|_| read)
+    }
+
+    #[test]
+    fn everything_that_was_read_is_kept_before() {
+        let folder = Folder::new();
+        for piece in [1, 4, 100] {
+            for bytes in [0, 1, 7, PROGRAM.len()] {
+                let _ = std::fs::remove_file(folder.file());
+                let progress = spooled(&folder.file(), bytes, piece);
+                let kept = std::fs::read(folder.file()).expect("a spool");
+                assert!(kept.len() >= bytes && PROGRAM.starts_with(&kept));
+                assert_eq!(progress.spooled(), Spooled { bytes: kept.len() as u64, ended: false });
+            }
+        }
+        let _ = std::fs::remove_file(folder.file());
+        let (mut spooling, progress) = Spooling::create(&folder.file(), PROGRAM).expect("a spool");
+        assert_eq!(all(&mut spooling).ok().as_deref(), Some(PROGRAM));
+        assert_eq!(progress.spooled(), Spooled { bytes: PROGRAM.len() as u64, ended: true });
+        assert_eq!(std::fs::read(folder.file()).ok().as_deref(), Some(PROGRAM));
+    }
+
+    #[test]
+    fn a_whole_spool_needs_nobody_to_send_again() {
+        let folder = Folder::new();
+        drop(spooled(&folder.file(), PROGRAM.len(), 3));
+        let whole = Spooled { bytes: PROGRAM.len() as u64, ended: true };
+        let (again, _) = Respooled::open(&folder.file(), whole, None::<&[u8]>).expect("it is whole");
+        assert_eq!(all(again).ok().as_deref(), Some(PROGRAM));
+        let part = Spooled { bytes: 9, ended: false };
+        assert_eq!(Respooled::open(&folder.file(), part, None::<&[u8]>).expect_err("a part").number, "E2208");
+        let more = Spooled { bytes: 99, ended: true };
+        assert_eq!(Respooled::open(&folder.file(), more, None::<&[u8]>).expect_err("too short").number, "E2208");
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn a_part_goes_on_with_the_same_program_and_with_no_other(
+            bytes in 0..PROGRAM.len(), piece in 1..40_usize, trusted in 0..=PROGRAM.len(), at in 0..PROGRAM.len(), short in 0..PROGRAM.len(),
+        ) {
+            let folder = Folder::new();
+            let path = folder.file();
+            drop(spooled(&path, bytes, piece));
+            // What the journal says may be less than what is there.
+            let length = std::fs::metadata(&path).expect("a spool").len();
+            let said = Spooled { bytes: length.min(trusted as u64), ended: false };
+            let open = |again: Vec<u8>| Respooled::open(&path, said, Some(BufReader::with_capacity(piece, io::Cursor::new(again))));
+
+            let mut other = PROGRAM.to_vec();
+            other[at] = b'#';
+            let result = all(open(other.clone()).expect("it is a part").0);
+            if (at as u64) < said.bytes {
+                let line = 1 + PROGRAM[..at].iter().filter(|&&b| b == b'\n').count();
+                let why = result.expect_err("another program").to_string();
+                prop_assert!(why.contains("E2208") && why.contains(&format!("line {line} ")), "{}", why);
+            } else {
+                prop_assert_eq!(result.expect("not seen before"), other);
+            }
+            drop(open(PROGRAM.to_vec()));
+
+            if (short as u64) < said.bytes {
+                let why = all(open(PROGRAM[..short].to_vec()).expect("it is a part").0).expect_err("too short").to_string();
+                prop_assert!(why.contains("ends before"), "{}", why);
+            }
+
+            let (mut again, progress) = open(PROGRAM.to_vec()).expect("it is a part");
+            prop_assert_eq!(progress.spooled(), said);
+            prop_assert_eq!(all(&mut again).expect("the same program"), PROGRAM);
+            prop_assert_eq!(progress.spooled(), Spooled { bytes: PROGRAM.len() as u64, ended: true });
+            prop_assert_eq!(std::fs::read(&path).expect("a spool"), PROGRAM);
+        }
+    }
+}

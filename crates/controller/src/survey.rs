@@ -1,0 +1,239 @@
+//! What a program comes to, found out without a card: extents, motion time, tools, feeds and speeds, and what cannot be passed backward.
+//!
+//! The motion time is that of the plan itself: the moves go through the same planner as in a run, and its records are counted.
+//!
+//! Invariant: the records counted are those that a run at 100 % plays, so that the time is the run's motion time to the period.
+
+use std::collections::BTreeSet;
+
+use retrace_core::Flags;
+use retrace_link::{Change, channel};
+use retrace_motion::{Arc, Feed, LimitError, PathMode, Planner};
+
+use crate::feed::{Cancelled, Refused, Switch};
+use crate::item::Kind;
+use crate::job::{self, Decode, Finding};
+use crate::machine::Machine;
+use crate::scan::Scan;
+use crate::sink::Sink;
+use crate::track::WorkOffset;
+
+/// Least and greatest of what was seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// Least.
+    pub least: f64,
+    /// Greatest.
+    pub greatest: f64,
+}
+
+impl Range {
+    fn of(value: f64) -> Self {
+        Self { least: value, greatest: value }
+    }
+
+    /// Takes a value in; a range that there was none of begins with it.
+    fn take(range: &mut Option<Self>, value: f64) {
+        let old = range.unwrap_or(Self::of(value));
+        *range = Some(Self { least: old.least.min(value), greatest: old.greatest.max(value) });
+    }
+}
+
+/// Extents in the coordinates that a program was written in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorkExtents<const A: usize> {
+    /// The coordinate system and the offsets that held.
+    pub offset: WorkOffset,
+    /// Least and greatest coordinate of each of the machine's axes, mm; none where the system is rotated.
+    pub extents_mm: Option<[[f64; 2]; A]>,
+}
+
+/// An instruction that reverse run cannot pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Barrier {
+    /// Program line.
+    pub line: u32,
+    /// As it is written in the program.
+    pub code: &'static str,
+}
+
+/// What a program comes to.
+#[derive(Debug)]
+pub struct Survey<'m, const A: usize> {
+    /// Moves and extents in machine coordinates.
+    pub scan: Scan<'m, A>,
+    /// The extents in work coordinates, one for each offset that was active over a move.
+    pub work: Vec<WorkExtents<A>>,
+    /// Control periods of motion.
+    pub motion_periods: u64,
+    /// Control periods of dwells.
+    pub dwell_periods: u64,
+    /// Control periods that switching takes, without what waits for an input.
+    pub switch_periods: u64,
+    /// Numbers of the tools that are brought into the spindle.
+    pub tools: BTreeSet<u32>,
+    /// Programmed feeds, mm/min (degrees/min where only rotary axes move).
+    pub feed_mm_per_min: Option<Range>,
+    /// Spindle speeds, turns a minute.
+    pub speed_rpm: Option<Range>,
+    /// What cannot be passed backward, by line, each once.
+    pub barriers: BTreeSet<Barrier>,
+    /// Lines with a program stop.
+    pub stops: BTreeSet<u32>,
+    planner: Planner<A>,
+}
+
+/// So many offsets are told apart; a program that sets more has the last in one.
+const MOST_OFFSETS: usize = 100;
+
+impl<'m, const A: usize> Survey<'m, A> {
+    /// A survey that begins where the machine stands.
+    ///
+    /// # Errors
+    /// Limits that the planner does not take; a checked machine has none of these.
+    pub fn new(machine: &'m Machine) -> Result<Self, LimitError> {
+        let planner = Planner::new(machine.limits(), machine.start_mm())?.blending_by(machine.blending);
+        Ok(Self {
+            scan: Scan::new(machine),
+            work: Vec::new(),
+            motion_periods: 0,
+            dwell_periods: 0,
+            switch_periods: 0,
+            tools: BTreeSet::new(),
+            feed_mm_per_min: None,
+            speed_rpm: None,
+            barriers: BTreeSet::new(),
+            stops: BTreeSet::new(),
+            planner,
+        })
+    }
+
+    fn count(&mut self) {
+        while self.planner.next_record().is_some() {
+            self.motion_periods += 1;
+        }
+    }
+
+    fn rest(&mut self) {
+        self.planner.stop(Flags::NONE);
+        self.count();
+    }
+
+    fn moved(&mut self, feed: Feed) {
+        if let Feed::PerSecond(mm_s) = feed {
+            Range::take(&mut self.feed_mm_per_min, mm_s * 60.0);
+        }
+        self.count();
+    }
+
+    fn switched(&mut self, change: Change) {
+        match change.channel {
+            channel::SPEED => Range::take(&mut self.speed_rpm, f64::from(change.value) / 1000.0),
+            channel::TOOL => drop(self.tools.insert(change.value.unsigned_abs())),
+            _ => {}
+        }
+    }
+
+    /// The moves since the last call were made with this offset.
+    fn in_work(&mut self, offset: WorkOffset) {
+        let Some(moved) = self.scan.take_last() else { return };
+        let known = self.work.iter().position(|work| work.offset == offset);
+        let index = known.unwrap_or(self.work.len().min(MOST_OFFSETS - 1));
+        if index == self.work.len() {
+            self.work.push(WorkExtents { offset, extents_mm: None });
+        }
+        let work = &mut self.work[index];
+        let Some(origin) = work.offset.translation::<A>(self.scan.machine()) else { return };
+        let extents = work.extents_mm.get_or_insert([[f64::INFINITY, f64::NEG_INFINITY]; A]);
+        for ((extent, range), origin) in extents.iter_mut().zip(moved).zip(origin) {
+            *extent = [extent[0].min(range[0] - origin), extent[1].max(range[1] - origin)];
+        }
+    }
+}
+
+impl<const A: usize> Sink<A> for Survey<'_, A> {
+    fn straight(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        self.planner.line(end_mm, feed, mode, line)?;
+        self.scan.straight(end_mm, feed, mode, line)?;
+        self.moved(feed);
+        Ok(())
+    }
+
+    fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        self.planner.arc(arc, feed, mode, line)?;
+        self.scan.arc(arc, feed, mode, line)?;
+        self.moved(feed);
+        Ok(())
+    }
+
+    fn action(&mut self, change: Change, _: u32) {
+        self.switched(change);
+    }
+
+    fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
+        self.rest();
+        let periods = u64::from(switch.periods);
+        match switch.kind {
+            Kind::Dwell => self.dwell_periods += periods,
+            Kind::Switch => self.switch_periods += periods,
+            Kind::ProgramStop => drop(self.stops.insert(switch.line)),
+        }
+        switch.changes.iter().for_each(|&change| self.switched(change));
+        if switch.one_way {
+            self.barriers.insert(Barrier { line: switch.line, code: switch.code });
+        }
+        Ok(())
+    }
+
+    fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
+        Ok(())
+    }
+}
+
+/// How near to its soft limits an axis comes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Room {
+    /// Its letter.
+    pub axis: char,
+    /// Least and greatest machine coordinate, mm.
+    pub extents_mm: [f64; 2],
+    /// What is left to the lower and to the upper limit, mm; below 0 where it would be passed.
+    pub room_mm: [f64; 2],
+}
+
+impl<const A: usize> Survey<'_, A> {
+    /// Each axis against its soft limits; empty where nothing moves.
+    #[must_use]
+    pub fn room(&self) -> Vec<Room> {
+        let Some(extents) = self.scan.extents_mm else { return Vec::new() };
+        let axes = self.scan.machine().axes.iter().zip(extents);
+        axes.map(|(axis, extents_mm)| Room {
+            axis: axis.name,
+            extents_mm,
+            room_mm: [extents_mm[0] - axis.travel_mm[0], axis.travel_mm[1] - extents_mm[1]],
+        })
+        .collect()
+    }
+
+    /// The offsets that were active over a move, but for none at all.
+    pub fn offsets(&self) -> impl Iterator<Item = &WorkExtents<A>> {
+        self.work.iter().filter(|work| !work.offset.is_none())
+    }
+}
+
+/// Goes through a whole program: how many blocks it has, what of it cannot be run, and what it comes to.
+///
+/// # Errors
+/// Limits that the planner does not take.
+pub fn survey<'m, const A: usize>(
+    machine: &'m Machine,
+    program: &mut impl Decode,
+) -> Result<(u64, Vec<Finding>, Survey<'m, A>), LimitError> {
+    let mut survey = Survey::new(machine)?;
+    let (blocks, mut findings) =
+        job::feed_each(machine, program, &mut survey, |track, survey| survey.in_work(track.work_offset()));
+    survey.rest();
+    findings.extend(survey.scan.beyond.iter().map(crate::scan::BeyondLimit::finding));
+    findings.sort_by_key(|finding| finding.line);
+    Ok((blocks, findings, survey))
+}
