@@ -21,6 +21,7 @@ mod files;
 mod jobs;
 mod left;
 mod machine;
+mod operate;
 mod plot;
 mod program;
 mod run;
