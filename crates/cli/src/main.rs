@@ -22,6 +22,7 @@ mod files;
 mod jobs;
 mod left;
 mod machine;
+mod operate;
 mod plot;
 mod program;
 mod run;
