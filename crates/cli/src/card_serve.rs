@@ -13,7 +13,7 @@ use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_hal_serial::Pty;
 use retrace_hal_sim::{MachineSettings, Rig, RigSettings, Tally, faults};
-use retrace_link::{Alarm, CardFault, Start};
+use retrace_link::{Alarm, CardFault, InputUse, Start};
 use serde_json::{Value, json};
 
 use crate::console::unwritable;
@@ -60,9 +60,11 @@ fn serve<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<(), Re
         name(pty.path(), link)?;
     }
     say!("{}", pty.path().display());
+    let inputs = machine.card_settings::<A>(Start::at(0)).inputs;
     let end = End {
         after: args.seconds.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
-        eof: args.until_eof.then(end_of_input),
+        input: args.until_eof.then(input),
+        chain: (0u8..).zip(inputs).find(|(_, input)| input.used_for == InputUse::EmergencyStop).map(|(n, _)| n),
     };
     let mut served = Served { pty, started: Instant::now(), speed: args.speed, away_us: 0, alarm: None };
     served.run(&mut rig, &end)?;
@@ -121,25 +123,40 @@ fn name(pty: &Path, link: &Path) -> Result<(), Refusal> {
 /// When serving ends.
 struct End {
     after: Option<Duration>,
-    eof: Option<Arc<AtomicBool>>,
+    input: Option<Arc<Input>>,
+    /// The card's input that the emergency-stop chain is wired to.
+    chain: Option<u8>,
 }
 
 impl End {
     fn has_come(&self, started: Instant) -> bool {
         self.after.is_some_and(|after| started.elapsed() >= after)
-            || self.eof.as_ref().is_some_and(|eof| eof.load(Ordering::Relaxed))
+            || self.input.as_ref().is_some_and(|input| input.ended.load(Ordering::Relaxed))
     }
 }
 
-/// Becomes true when standard input ends.
-fn end_of_input() -> Arc<AtomicBool> {
-    let ended = Arc::new(AtomicBool::new(false));
-    let tell = Arc::clone(&ended);
+/// What standard input says: `stop` opens the emergency-stop chain, `close` closes it again.
+#[derive(Debug, Default)]
+struct Input {
+    ended: AtomicBool,
+    stopped: AtomicBool,
+}
+
+/// Listens to standard input from now on.
+fn input() -> Arc<Input> {
+    let input = Arc::new(Input::default());
+    let tell = Arc::clone(&input);
     std::thread::spawn(move || {
-        let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
-        tell.store(true, Ordering::Relaxed);
+        for line in std::io::stdin().lines().map_while(Result::ok) {
+            match line.trim() {
+                "stop" => tell.stopped.store(true, Ordering::Relaxed),
+                "close" => tell.stopped.store(false, Ordering::Relaxed),
+                _ => {}
+            }
+        }
+        tell.ended.store(true, Ordering::Relaxed);
     });
-    ended
+    input
 }
 
 /// A card being served.
@@ -163,6 +180,9 @@ impl Served {
             let count = self.pty.read(&mut bytes, wait).map_err(lost)?;
             // The bytes came since the last look; the card takes them from there on.
             rig.send(&bytes[..count]);
+            if let (Some(input), Some(chain)) = (&end.input, end.chain) {
+                rig.machine().press(chain, input.stopped.load(Ordering::Relaxed));
+            }
             rig.run(self.now_us(rig));
             loop {
                 match rig.take(&mut bytes) {
