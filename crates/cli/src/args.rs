@@ -57,9 +57,6 @@ pub enum Command {
         after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine check examples/02-back-up.toml"
     )]
     Machine(Machine),
-    /// The screen, with a pretended machine behind it.
-    #[command(hide = true)]
-    ScreenDemo(Check),
     /// Serve a simulated card behind a pseudo-terminal, list serial ports, ask who is at one.
     #[command(subcommand, after_help = "Examples:\n  retrace card serve --pty\n  retrace card who /dev/ttyUSB0@230400")]
     Card(Card),
@@ -128,7 +125,7 @@ pub struct Serve {
     /// End by itself after so many seconds, and tell what was counted.
     #[arg(long, value_name = "S")]
     pub seconds: Option<f64>,
-    /// End when standard input does, and tell what was counted.
+    /// End when standard input does, and tell what was counted. Until then a line `stop` opens the emergency-stop chain, and `close` closes it.
     #[arg(long)]
     pub until_eof: bool,
     /// Take lines from standard input where it is a terminal, too; not for a card in the background.

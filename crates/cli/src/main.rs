@@ -46,7 +46,6 @@ fn main() -> ExitCode {
         Command::Canon(args) => canon::run(&args).map(|()| 0),
         Command::Plot(args) => draw::run(&args).map(|()| 0),
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
-        Command::ScreenDemo(args) => screen::demo::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
         Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Jobs(args) => jobs::run(&args).map_err(Failure::from).map(|()| 0),

@@ -16,7 +16,7 @@ use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_controller::survey::{self, Survey};
 use retrace_gcode::{
-    Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
+    Active, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
 };
 
 use retrace_motion::LimitError;
@@ -335,6 +335,10 @@ pub struct Decoder {
 impl Decode for Decoder {
     fn given_up(&self) -> Option<Arc<AtomicBool>> {
         self.given_up.clone()
+    }
+
+    fn active(&self) -> Option<Active> {
+        Some(self.program.interpreter().state().into())
     }
 
     fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {

@@ -3,6 +3,7 @@
 //! Invariant: an item is sent before the first record at or beyond its place, so that whoever has seen that record has seen the
 //! item (GMC-3: the front marker stands in the stream at its place).
 
+use retrace_gcode::Active;
 use retrace_link::{Action, Await, Change, MAX_CHANGES};
 
 use crate::index::Mark;
@@ -79,6 +80,13 @@ pub enum Item {
         line: u32,
         /// The text.
         text: String,
+    },
+    /// The modal state that is in force from a place on.
+    Active {
+        /// The record before which it stands.
+        place: u32,
+        /// The state.
+        active: Box<Active>,
     },
     /// A place of the plan is not as it was when the job ran before.
     Differs {

@@ -15,7 +15,7 @@ use std::thread;
 use retrace_core::Record;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::size::ring_cells;
-use retrace_gcode::Step;
+use retrace_gcode::{Active, Step};
 use retrace_link::{MotionCard, Outputs, Status};
 use retrace_motion::Planner;
 
@@ -40,6 +40,11 @@ use crate::track::Track;
 pub trait Decode {
     /// Decodes the next block and puts its steps behind those in `steps`.
     fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded;
+
+    /// The modal state behind the last block, where the source has one.
+    fn active(&self) -> Option<Active> {
+        None
+    }
 
     /// What is to be set when nobody wants the program any more, so that a source that waits for bytes stops waiting.
     fn given_up(&self) -> Option<Arc<AtomicBool>> {

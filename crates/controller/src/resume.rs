@@ -159,6 +159,8 @@ pub(crate) struct Following<'s, 'r, const A: usize> {
     /// Up to here everything is followed.
     place: u32,
     sum: [i64; A],
+    /// The modal state that is in force there.
+    active: Option<Box<Active>>,
     /// At the place where it was left.
     counts: Option<[i64; A]>,
     line: u32,
@@ -167,7 +169,7 @@ pub(crate) struct Following<'s, 'r, const A: usize> {
 impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
     /// Follows `supply`, whose ring begins with counts of `counts` at the job's origin.
     pub(crate) fn new(supply: &'s mut Supply<'r, A>, at: &'s Resumption, counts: [i64; A]) -> Self {
-        Self { supply, at, place: at.origin, sum: counts, counts: None, line: 0 }
+        Self { supply, at, place: at.origin, sum: counts, active: None, counts: None, line: 0 }
     }
 
     /// Follows to the end; waits for the planner.
@@ -189,6 +191,9 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
         self.supply.stand_at(start.place.record);
         let rests = start.place.fraction == 0 && self.supply.rests_before(start.place.record);
         let start = Start { rests, ..start };
+        if let Some(active) = self.active.take() {
+            self.supply.still_active(active);
+        }
         let passed = self.at.overrides.iter().take_while(|(place, _)| !before(start.reached, *place));
         Ok(Prepared {
             start,
@@ -267,6 +272,13 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
             self.counts = Some(self.sum);
         }
         self.supply.stand_at(place);
-        while let Some(News::Action(..) | News::Message(..)) = self.supply.news() {}
+        let mut last = None;
+        while let Some(news) = self.supply.news() {
+            if let News::Active(active) = news {
+                last = Some(active);
+            }
+        }
+        // Whoever goes on from here is told what is in force.
+        self.active = last.or(self.active.take());
     }
 }

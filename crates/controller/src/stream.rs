@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Travel};
+use retrace_gcode::Active;
 use retrace_link::{Change, Outputs, Status, channel};
 
 use crate::event::Event;
@@ -114,6 +115,8 @@ pub enum Told<const A: usize> {
     Period(Period<A>),
     /// An output has taken a value, by the program or by hand. At the start every output that is not 0 is told.
     Output(Change),
+    /// From here on this modal state is in force.
+    Active(Box<Active>),
     /// Something happened.
     Event(Event),
 }

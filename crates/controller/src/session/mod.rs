@@ -25,7 +25,7 @@ use crate::operator::percent;
 use crate::orders::Operators;
 use crate::overrides::Asking;
 use crate::resume::{Following, Prepared, Resumption, Unfound};
-use crate::stream::Teller;
+use crate::stream::{Teller, Told};
 use crate::supply::{News, Supply};
 use crate::tally::{Spent, Tally};
 use back::Back;
@@ -337,6 +337,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                     self.tell_at(line, Happening::SwitchedInPassing(action.channel, action.after));
                 }
                 News::Message(line, text) => self.tell_at(line, Happening::Message(text)),
+                News::Active(active) => self.teller.tell(Told::Active(active)),
             }
         }
         self.watch_supply(status, mode);
