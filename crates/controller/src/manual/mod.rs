@@ -2,6 +2,9 @@
 //!
 //! Invariant: every task begins and ends at rest, and moves within the soft limits.
 
+pub mod hand;
+pub(crate) mod trip;
+
 /// What the operator wants done.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Task {
