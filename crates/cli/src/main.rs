@@ -22,6 +22,7 @@ mod files;
 mod jobs;
 mod left;
 mod machine;
+mod manual;
 mod plot;
 mod program;
 mod run;
@@ -47,6 +48,9 @@ fn main() -> ExitCode {
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
         Command::ScreenDemo(args) => screen::demo::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
+        Command::Home(args) => manual::home(&args),
+        Command::Jog(args) => manual::jog(&args),
+        Command::Mdi(args) => manual::mdi(&args),
         Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Jobs(args) => jobs::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),

@@ -82,7 +82,7 @@ pub enum Step {
         mm: f64,
         /// It was to go farther: it came to its soft limit, or was stopped.
         cut_short: bool,
-        /// How far the axes stand from the breakpoint by now, in counts: the sum of all moves by hand.
+        /// How far the axes stand from the breakpoint by now, in counts: the sum of all moves by hand; of no axis where nothing is paused.
         off: AxisCounts,
     },
     /// On-line mode is restored (DNC-5).
@@ -144,8 +144,8 @@ impl fmt::Display for Dnc {
             }
             Step::Jogged { axis, mm, cut_short, off } => {
                 let short = if *cut_short { ", cut short" } else { "" };
-                let axis = axis.to_ascii_uppercase();
-                write!(f, "{axis} moved by {mm:.3} mm{short}; off the breakpoint by {:?} counts", off.get())
+                write!(f, "{} moved by {mm:.3} mm{short}", axis.to_ascii_uppercase())?;
+                if off.get().is_empty() { Ok(()) } else { write!(f, "; off the breakpoint by {:?} counts", off.get()) }
             }
             Step::OnLine => write!(f, "on line again; cycle start brings the axes back"),
             Step::Approaching => write!(f, "on the way back to the breakpoint"),
@@ -176,7 +176,9 @@ pub fn explain(refused: Refused, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         Refused::SpindleDirection => "the spindle turned in the other direction",
         Refused::NotOnline => "on-line mode is not restored: online comes first",
         Refused::AlreadyOnline => "on-line mode is restored: cycle start comes next, or pause to leave it again",
-        Refused::OtherProgram => "another program is in the place of the one that was paused: put it back, or stop the job",
+        Refused::OtherProgram => {
+            "another program is in the place of the one that was paused: put it back, or stop the job"
+        }
         Refused::NotApproaching => "the axes are not on the way to the breakpoint: cycle start comes first",
         Refused::Approaching => "the axes are on the way to the breakpoint: pause stops them",
         Refused::NotThere { axis } => return write!(f, "axis number {axis} is not at the breakpoint"),

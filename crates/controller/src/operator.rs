@@ -153,7 +153,9 @@ impl fmt::Display for OrderRefused {
             Self::Interrupted(refused) => return crate::dnc::explain(*refused, f),
             Self::NotNow(why) => why,
             Self::MostOverride(most) => return write!(f, "{:.0} % is the most", percent(*most)),
-            Self::BeyondLimit(axis) => return write!(f, "axis {} would go beyond its soft limit", axis.to_ascii_uppercase()),
+            Self::BeyondLimit(axis) => {
+                return write!(f, "axis {} would go beyond its soft limit", axis.to_ascii_uppercase());
+            }
             Self::NoAxis(axis) => return write!(f, "the machine has no axis {}", axis.to_ascii_uppercase()),
             Self::NoOutput(number) => return write!(f, "the card has no output {number}"),
         })

@@ -35,12 +35,8 @@ pub enum Standing {
     ProgramStop,
     /// Single block waits for cycle start.
     SingleBlock,
-    /// The program is paused at a breakpoint, and on-line mode is left (DNC-1, DNC-2).
+    /// The program is paused at a breakpoint, until the axes are back there (DNC-1 … DNC-7); events tell the flags.
     Paused,
-    /// It is paused still, and on-line mode is restored (DNC-5).
-    OnLine,
-    /// The axes are on their way back to the breakpoint, and reading the program is inhibited (DNC-6).
-    Approaching,
 }
 
 /// What one control period did.

@@ -103,7 +103,7 @@ fn standing_of(standing: stream::Standing) -> Standing {
         stream::Standing::Hold => Standing::Hold,
         stream::Standing::ProgramStop => Standing::ProgramStop,
         stream::Standing::SingleBlock => Standing::SingleBlock,
-        stream::Standing::Paused | stream::Standing::OnLine | stream::Standing::Approaching => Standing::Paused,
+        stream::Standing::Paused => Standing::Paused,
     }
 }
 

@@ -53,10 +53,7 @@ pub type Identify = Box<dyn FnMut() -> u64 + Send>;
 ///
 /// # Errors
 /// The machine's look-ahead is larger than any ring.
-pub(crate) fn ring<const A: usize>(
-    machine: &Machine,
-    start: u32,
-) -> Result<Ring<Box<[Cell<Record<A>>]>>, RingError> {
+pub(crate) fn ring<const A: usize>(machine: &Machine, start: u32) -> Result<Ring<Box<[Cell<Record<A>>]>>, RingError> {
     let cells = ring_cells(KEPT, machine.look_ahead_records).ok_or(RingError::TooSmall)?;
     let cells: Box<[Cell<Record<A>>]> = (0..cells).map(|_| Cell::default()).collect();
     Ring::new(cells, KEPT, machine.look_ahead_records, start)

@@ -124,12 +124,7 @@ impl<'r, const A: usize> Interrupted<'r, A> {
     }
 
     pub(super) fn standing(&self) -> Option<Standing> {
-        match Flags::of(&self.order) {
-            Flags { inhibited: true, .. } => Some(Standing::Approaching),
-            Flags { mode_changed: true, .. } => Some(Standing::Paused),
-            Flags { paused: true, .. } => Some(Standing::OnLine),
-            _ => None,
-        }
+        self.order.paused().then_some(Standing::Paused)
     }
 
     /// A place that the program's path had reached when it was left.
@@ -147,10 +142,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// A word that comes while a program is paused, or about to be. `None` where it is none of those that count otherwise then.
     pub(super) fn order_interrupted(&mut self, deed: Deed) -> Option<Result<(), OrderRefused>> {
-        let steps = matches!(
-            deed,
-            Deed::Pause | Deed::SpindleStop | Deed::SpindleStart | Deed::Jog { .. } | Deed::Online
-        );
+        let steps =
+            matches!(deed, Deed::Pause | Deed::SpindleStop | Deed::SpindleStart | Deed::Jog { .. } | Deed::Online);
         if steps || self.dnc.is_on() && matches!(deed, Deed::CycleStart | Deed::Resume) {
             return Some(self.interruption_word(deed));
         }
@@ -389,12 +382,14 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             let _ = self.pause();
             return Ok(());
         }
+        let line = self.dnc_line();
         if let Some(start) = self.dnc.left.take() {
             self.card.begin(start).map_err(|fault| Trouble::of(&fault))?;
             let _ = self.card.send(Word::Replay { on: self.replays });
         }
         self.target = None;
-        self.tell_step(Step::Arrived);
+        let flags = Flags::of(&self.dnc.order);
+        self.tell_at(line, Happening::Dnc(Dnc { step: Step::Arrived, flags }));
         // Whoever pressed cycle start wants it to go on.
         if self.operation.held() {
             let _ = self.operation.order(retrace_core::mode::Order::Resume);
