@@ -324,7 +324,7 @@ pub struct Run {
     /// Play in wall time; without it the simulated card runs as fast as it can.
     #[arg(long)]
     pub realtime: bool,
-    /// Full-screen operation (not built yet).
+    /// Full-screen operation; in wall time. The default with --realtime on a terminal.
     #[arg(long, conflicts_with = "no_tui")]
     pub tui: bool,
     /// No full-screen operation.

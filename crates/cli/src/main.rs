@@ -23,6 +23,7 @@ mod jobs;
 mod left;
 mod machine;
 mod manual;
+mod operate;
 mod plot;
 mod program;
 mod run;
