@@ -22,6 +22,7 @@ mod files;
 mod jobs;
 mod left;
 mod machine;
+mod manual;
 mod operate;
 mod plot;
 mod program;
@@ -47,6 +48,9 @@ fn main() -> ExitCode {
         Command::Plot(args) => draw::run(&args).map(|()| 0),
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
+        Command::Home(args) => manual::home(&args),
+        Command::Jog(args) => manual::jog(&args),
+        Command::Mdi(args) => manual::mdi(&args),
         Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Jobs(args) => jobs::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),

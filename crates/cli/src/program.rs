@@ -4,13 +4,15 @@
 //! block by block as it runs.
 
 use std::io::{BufRead, BufReader};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use retrace_controller::by_hand;
 use retrace_controller::job::{self, Decode, Decoded, Finding};
+use retrace_controller::journal::hash::Hash;
 use retrace_controller::machine::Machine;
+use retrace_controller::manual::hand::Identify;
 use retrace_controller::reading::Ahead;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
@@ -160,7 +162,8 @@ impl Program {
     pub fn decoder(&self) -> Decoder {
         let given_up = self.prescan.is_none().then(|| Arc::clone(&self.given_up));
         let (name, program) = (self.name.clone(), self.source());
-        Decoder { name, program, given_up, length_offset: false, is_told: false, left: None }
+        let file = self.prescan.is_some().then(|| PathBuf::from(&self.name));
+        Decoder { name, program, given_up, file, length_offset: false, is_told: false, left: None }
     }
 
     /// The program from its beginning, to be run: it logs, and leaves its parameters.
@@ -324,6 +327,8 @@ pub struct Decoder {
     program: Source,
     /// For a program that arrives.
     given_up: Option<Arc<AtomicBool>>,
+    /// The file that it is read from, to be held against what was read.
+    file: Option<PathBuf>,
     /// A tool length offset was called for.
     length_offset: bool,
     /// The program is at its end, and why it is there has been told.
@@ -339,6 +344,15 @@ impl Decode for Decoder {
 
     fn active(&self) -> Option<Active> {
         Some(self.program.interpreter().state().into())
+    }
+
+    fn identity(&self) -> Option<Identify> {
+        let file = self.file.clone()?;
+        Some(Box::new(move || {
+            let hash = std::fs::File::open(&file).and_then(Hash::of_reader);
+            // One that is not there is another one than any that is.
+            hash.map_or(0, Hash::short)
+        }))
     }
 
     fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
@@ -370,7 +384,7 @@ impl Decode for Decoder {
 }
 
 /// Reads a table; its first fault is the refusal's text.
-fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>>) -> Result<T, Refusal> {
+pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>>) -> Result<T, Refusal> {
     let text = files::text(path, what)?;
     read(&text).map_err(|faults| {
         let lines: Vec<&str> = text.lines().collect();
@@ -393,7 +407,7 @@ fn setup_of(machine: &Machine) -> Setup {
 }
 
 /// Without a tool table every tool is known, and has no length.
-fn tools_without_length() -> ToolTable {
+pub fn tools_without_length() -> ToolTable {
     let mut tools = ToolTable::default();
     for number in 1..=999 {
         tools.insert(Tool { number, offset: Pose::ZERO, ..Tool::default() });

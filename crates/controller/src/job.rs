@@ -24,6 +24,7 @@ use crate::feed::Feeder;
 use crate::index::Keeping;
 use crate::item::Summary;
 use crate::machine::Machine;
+use crate::manual::hand::{self, Identify};
 use crate::orders::Operators;
 use crate::overrides::overrides;
 use crate::planning;
@@ -48,6 +49,12 @@ pub trait Decode {
 
     /// What is to be set when nobody wants the program any more, so that a source that waits for bytes stops waiting.
     fn given_up(&self) -> Option<Arc<AtomicBool>> {
+        None
+    }
+
+    /// What tells which program would be read now, if it were read again: asked before a paused one goes on (DNC-6), in a thread of its
+    /// own. Where it cannot be read a second time there is nothing to tell.
+    fn identity(&self) -> Option<Identify> {
         None
     }
 }
@@ -161,6 +168,12 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let origin = Origin::of(machine, &begin, card.status());
     let mut ring = Ring::new(cells, keep, look_ahead, origin.place).map_err(|e| no_ring(format!("no ring: {e:?}")))?;
     let (producer, consumer) = ring.split();
+    let begins = origin.place.wrapping_add(hand::BEYOND);
+    let mut by_hand = hand::ring(machine, begins).map_err(|e| no_ring(format!("no ring: {e:?}")))?;
+    let mail = hand::Mail::default();
+    let (hand, requests) = hand::hand(by_hand.split(), &mail);
+    let mut identify = program.identity().unwrap_or_else(|| Box::new(|| 0));
+    let program_is = identify();
     let (sender, receiver) = mpsc::sync_channel(ITEMS);
     let planner = Planner::new(machine.limits(), machine.start_mm()).map_err(|e| no_ring(e.to_string()))?;
     let cancel = AtomicBool::new(false);
@@ -195,8 +208,11 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         let decoder = scope.spawn(move || decoding::decode(&mut program, belt));
         let planner = scope.spawn(move || planning::plan(machine, belt, batch, line, feeder));
         let reporter = scope.spawn(move || hearing.report(observer));
+        let moves = scope.spawn(move || requests.serve(machine, identify));
+        let hand = hand.waking(moves.thread().clone());
         let interest = Interest { cancel: &cancel, given_up };
         let session = Session::new(card, machine, supply, operators, manner, teller).asking(asking);
+        let session = session.by_hand(hand, program_is);
         let ended = match resumption {
             None => Ok(session.run()),
             Some(at) => session.resume(&at, origin.counts, agree).map_err(CannotBegin::Unfound),
@@ -207,6 +223,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         decoder.join().unwrap_or_else(passed_on);
         let summary = planner.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         reporter.join().unwrap_or_else(passed_on);
+        moves.join().unwrap_or_else(passed_on);
         let (outcome, tally, card) = ended?;
         Ok(JobEnd { outcome, tally, summary, card })
     })

@@ -12,6 +12,7 @@ use std::time::Duration;
 use retrace_core::place::before;
 use retrace_core::playback::part;
 use retrace_core::{ONE, Travel};
+use retrace_gcode::Active;
 use retrace_link::{Outputs, Start, Status, channel};
 
 use crate::index::Mark;

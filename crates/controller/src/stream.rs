@@ -36,7 +36,7 @@ pub enum Standing {
     ProgramStop,
     /// Single block waits for cycle start.
     SingleBlock,
-    /// The program is paused at a breakpoint (DNC-1).
+    /// The program is paused at a breakpoint, until the axes are back there (DNC-1 … DNC-7); events tell the flags.
     Paused,
 }
 

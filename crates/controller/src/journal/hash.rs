@@ -37,6 +37,12 @@ impl Hash {
         }
     }
 
+    /// Half of it, for where 128 bits do not fit.
+    #[must_use]
+    pub fn short(self) -> u64 {
+        (self.0 ^ (self.0 >> 64)) as u64
+    }
+
     fn then(self, bytes: &[u8]) -> Self {
         Self(bytes.iter().fold(self.0, |hash, &byte| (hash ^ u128::from(byte)).wrapping_mul(Self::PRIME)))
     }
