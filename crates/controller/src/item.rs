@@ -5,7 +5,7 @@
 
 use retrace_link::{Action, Await, Change, MAX_CHANGES};
 
-use crate::index::Mark;
+use crate::index::Difference;
 
 /// What an exclusive instruction is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -81,12 +81,7 @@ pub enum Item {
         text: String,
     },
     /// A place of the plan is not as it was when the job ran before.
-    Differs {
-        /// As it was.
-        was: Mark,
-        /// As it is planned now.
-        is: Mark,
-    },
+    Differs(Box<Difference>),
     /// All marks that were given were passed.
     MarksPassed,
     /// Nothing follows.
