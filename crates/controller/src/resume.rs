@@ -15,7 +15,7 @@ use retrace_core::{ONE, Travel};
 use retrace_gcode::Active;
 use retrace_link::{Outputs, Start, Status, channel};
 
-use crate::index::Mark;
+use crate::index::{Difference, Mark};
 use crate::supply::{News, Supply};
 
 /// Where a job was left, and what it is to be found again by.
@@ -44,8 +44,21 @@ impl Resumption {
     }
 }
 
+impl Resumption {
+    /// Can a ring that plans `look_ahead` records ahead have left such a place, and made such marks?
+    pub(crate) fn could_be(&self, look_ahead: u32) -> Result<(), Unfound> {
+        let Start { place, reached, .. } = self.start;
+        let last = self.marks.last().map_or(reached, |mark| mark.place);
+        let ahead = before(reached, last) && last.wrapping_sub(reached) > look_ahead;
+        if !self.start.is_valid() || before(place.record, self.origin) || ahead {
+            return Err(Unfound::NoSuchPlace);
+        }
+        Ok(())
+    }
+}
+
 /// Why the place is not found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Unfound {
     /// `reached` lies before `place`, or `place` before what history can hold.
     NoSuchPlace,
@@ -62,12 +75,7 @@ pub enum Unfound {
         place: Option<u32>,
     },
     /// The program comes to something else where a mark was made.
-    Differs {
-        /// The mark.
-        was: Mark,
-        /// What it would be now.
-        is: Mark,
-    },
+    Differs(Box<Difference>),
     /// Planning failed; a defect.
     CutOff,
 }
@@ -81,11 +89,14 @@ impl fmt::Display for Unfound {
                 write!(f, "instruction {number} stands at record {place}, which does not go with what was executed")
             }
             Self::Instruction { number, place: None } => write!(f, "the program has no instruction {number}"),
-            Self::Differs { was, is } => write!(
-                f,
-                "at record {} the program is at line {} with counts {:?}, and was at line {} with counts {:?}",
-                was.place, is.line, is.counts, was.line, was.counts
-            ),
+            Self::Differs(differs) => {
+                let Difference { was, is } = **differs;
+                write!(
+                    f,
+                    "at record {} the program is at line {} with counts {:?}, and was at line {} with counts {:?}",
+                    was.place, is.line, is.counts, was.line, was.counts
+                )
+            }
             Self::CutOff => write!(f, "the program could not be planned again"),
         }
     }
@@ -176,9 +187,6 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
     /// Follows to the end; waits for the planner.
     pub(crate) fn follow(mut self, card: &Status<A>) -> Result<Prepared<A>, Unfound> {
         let start = self.at.start;
-        if !start.is_valid() || before(start.place.record, self.at.origin) {
-            return Err(Unfound::NoSuchPlace);
-        }
         while !self.step()? {
             thread::sleep(Duration::from_micros(50));
         }
@@ -211,8 +219,8 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
     fn step(&mut self) -> Result<bool, Unfound> {
         let (reached, executed) = (self.at.start.reached, self.at.start.executed);
         self.supply.look();
-        if let Some(Err((was, is))) = self.supply.marks() {
-            return Err(Unfound::Differs { was, is });
+        if let Some(Err(difference)) = self.supply.marks() {
+            return Err(Unfound::Differs(difference.clone()));
         }
         let known = self.supply.known();
         let limit = if before(known, reached) { known } else { reached };
