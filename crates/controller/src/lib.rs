@@ -13,6 +13,7 @@ pub mod feed;
 pub mod index;
 pub mod item;
 pub mod job;
+pub mod jobs;
 pub mod journal;
 pub mod judge;
 pub mod law;

@@ -427,6 +427,26 @@ mod tests {
     }
 
     #[test]
+    fn what_was_synced_before_the_last_batch_is_never_taken_for_torn() {
+        let disk = Disk::default();
+        let logbook = begin(&disk, Care::Synced).expect("it works");
+        let mut notes = logbook.notes(None, &[]);
+        let mut lengths = Vec::new();
+        for place in 6..9 {
+            lengths.push(disk.platter().bytes.len());
+            notes.note(Note::Mark(mark(place)));
+            logbook.settle().expect("it works");
+        }
+        drop((notes, logbook));
+        let bytes = disk.platter().bytes.clone();
+        for at in lengths[0]..bytes.len() {
+            let mut changed = bytes.clone();
+            changed[at] ^= 4;
+            assert_eq!(found(&changed).is_err(), at < lengths[2], "byte {at}");
+        }
+    }
+
+    #[test]
     fn stopped_at_any_byte_it_is_a_beginning_of_what_was_handed_over() {
         let whole = Disk::default();
         keep_a_job(&whole).1.expect("it works");

@@ -1,0 +1,534 @@
+//! The folder of jobs: one folder a job, with its journal, the program that arrived for it, and its report.
+//!
+//! Invariant: a job's folder is made by one process only and is durable before anything moves; one process at a time holds a job; only
+//! what can never be resumed is deleted.
+
+use std::ffi::OsString;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use crate::journal::entry::Ending;
+use crate::journal::record::{Glance, JobRecord};
+use crate::journal::stamp::Stamp;
+use crate::journal::store::FileStore;
+use crate::refusal::{Refusal, nearest};
+
+/// So many jobs that came to their end are kept.
+const COMPLETED: usize = 100;
+/// And so many bytes of them.
+const COMPLETED_BYTES: u64 = 1 << 30;
+/// After so long a folder in which no job has begun is nobody's any more.
+const NEVER_BEGAN: Duration = Duration::from_secs(86_400);
+
+const JOURNAL: &str = "journal";
+const LOCK: &str = "lock";
+const STREAM: &str = "stream.ngc";
+const REPORT: &str = "report.json";
+
+/// The folder of jobs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Jobs {
+    folder: PathBuf,
+}
+
+/// The folder of a job.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct JobFolder {
+    path: PathBuf,
+    id: String,
+}
+
+/// Holds a job, until it is dropped or the process ends, however that ends.
+#[derive(Debug)]
+pub struct Held(#[expect(dead_code, reason = "the lock goes with the open file")] File);
+
+/// What is going on with a job.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum State {
+    /// A process holds it; its number where that is known.
+    Running(Option<u32>),
+    /// It began, and nobody said how it ended: the computer or the process failed. It can be resumed.
+    Interrupted,
+    /// The operator stopped it, or a block was refused. It can be resumed.
+    Stopped,
+    /// An alarm stopped it. It can be resumed.
+    Alarm,
+    /// It came to its end.
+    Completed,
+    /// Nothing has moved.
+    NeverBegan,
+    /// Its journal cannot be used.
+    Unusable(Refusal),
+}
+
+impl State {
+    /// Can it be resumed?
+    #[must_use]
+    pub fn can_resume(&self) -> bool {
+        matches!(self, Self::Interrupted | Self::Stopped | Self::Alarm)
+    }
+
+    /// In a word.
+    #[must_use]
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Running(_) => "running",
+            Self::Interrupted => "interrupted",
+            Self::Stopped => "stopped",
+            Self::Alarm => "alarm",
+            Self::Completed => "completed",
+            Self::NeverBegan => "never began",
+            Self::Unusable(_) => "unusable",
+        }
+    }
+}
+
+/// A job in the list.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Listed {
+    /// Its folder.
+    pub folder: JobFolder,
+    /// What is going on with it.
+    pub state: State,
+    /// What its journal says at a glance; none where that cannot be used.
+    pub glance: Option<Glance>,
+}
+
+impl Jobs {
+    /// The jobs of this folder, which need not be there yet.
+    #[must_use]
+    pub fn of(folder: &Path) -> Self {
+        Self { folder: folder.to_owned() }
+    }
+
+    /// The jobs of the folder that was named, or of the user's own: below `XDG_STATE_HOME` or `~/.local/state`, or what is usual on other
+    /// systems.
+    ///
+    /// # Errors
+    /// `E2201` where none was named and the user has none.
+    pub fn named(folder: Option<&Path>) -> Result<Self, Refusal> {
+        let usual = || usual(|name| std::env::var_os(name));
+        folder.map(Path::to_owned).or_else(usual).map(|folder| Self { folder }).ok_or_else(|| {
+            let what = "no folder for jobs: neither XDG_STATE_HOME nor HOME names one";
+            Refusal::new("E2201", what, "name one with --journal DIR")
+        })
+    }
+
+    /// Where they are.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Makes a folder for a job of this program, which begins at this moment.
+    ///
+    /// # Errors
+    /// `E2105`
+    pub fn create(&self, program: &str, when: Stamp) -> Result<JobFolder, Refusal> {
+        fs::create_dir_all(&self.folder).map_err(|error| unwritable(&self.folder, &error))?;
+        let first = format!("{}-{}", when.compact(), plain(program));
+        let names = (2..=9999).map(|n| format!("{first}-{n}"));
+        for id in std::iter::once(first.clone()).chain(names) {
+            let path = self.folder.join(&id);
+            match fs::create_dir(&path) {
+                Ok(()) => return Ok(JobFolder { path, id }),
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(unwritable(&path, &error)),
+            }
+        }
+        Err(unwritable(&self.folder, &io::Error::from(ErrorKind::AlreadyExists)))
+    }
+
+    /// The job of this name, or the only one whose name begins so.
+    ///
+    /// # Errors
+    /// `E2202` with the one that may have been meant.
+    pub fn find(&self, id: &str) -> Result<JobFolder, Refusal> {
+        let all = self.folders();
+        if let Some(job) = all.iter().find(|job| job.id == id) {
+            return Ok(job.clone());
+        }
+        let mut near = all.iter().filter(|job| !id.is_empty() && job.id.starts_with(id));
+        if let (Some(job), None) = (near.next(), near.next()) {
+            return Ok(job.clone());
+        }
+        let remedy = match nearest(id, all.iter().map(|job| job.id.as_str())) {
+            Some(near) => format!("did you mean {near}? `retrace jobs` lists them"),
+            None => "`retrace jobs --all` lists them; --journal names another folder".into(),
+        };
+        Err(Refusal::new("E2202", format!("there is no job {id} in {}", self.folder.display()), remedy))
+    }
+
+    /// All jobs, the newest first.
+    #[must_use]
+    pub fn list(&self) -> Vec<Listed> {
+        let mut all: Vec<Listed> = self.folders().into_iter().map(JobFolder::listed).collect();
+        let when = |job: &Listed| job.glance.as_ref().map(|glance| glance.job.when);
+        // Where a journal does not say when it began, the name does, to the second.
+        all.sort_by(|a, b| {
+            let by_name = || b.folder.id.cmp(&a.folder.id);
+            match (when(a), when(b)) {
+                (Some(a), Some(b)) => b.cmp(&a).then_with(by_name),
+                _ => by_name(),
+            }
+        });
+        all
+    }
+
+    /// The newest job that can be resumed.
+    #[must_use]
+    pub fn newest_to_resume(&self) -> Option<Listed> {
+        self.list().into_iter().find(|job| job.state.can_resume())
+    }
+
+    /// Deletes the oldest of the jobs that came to their end, where there are more than are kept, and what never began. How many; what
+    /// cannot be deleted stays.
+    pub fn prune(&self) -> usize {
+        let (mut completed, mut bytes, mut deleted) = (0, 0, 0);
+        for job in self.list() {
+            let is_kept = match job.state {
+                State::Completed => {
+                    completed += 1;
+                    bytes += job.folder.bytes();
+                    completed <= COMPLETED && bytes <= COMPLETED_BYTES
+                }
+                State::NeverBegan => !job.folder.is_older(NEVER_BEGAN),
+                _ => true,
+            };
+            if !is_kept && job.folder.hold().is_ok() && fs::remove_dir_all(&job.folder.path).is_ok() {
+                deleted += 1;
+            }
+        }
+        deleted
+    }
+
+    /// The folders that may be those of jobs.
+    fn folders(&self) -> Vec<JobFolder> {
+        let Ok(entries) = fs::read_dir(&self.folder) else { return Vec::new() };
+        let named = |entry: fs::DirEntry| {
+            let id = entry.file_name().into_string().ok()?;
+            (entry.path().is_dir() && is_id(&id)).then(|| JobFolder { path: entry.path(), id })
+        };
+        entries.filter_map(Result::ok).filter_map(named).collect()
+    }
+}
+
+impl JobFolder {
+    /// The job's name.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+
+    /// Its journal.
+    #[must_use]
+    pub fn journal(&self) -> PathBuf {
+        self.path.join(JOURNAL)
+    }
+
+    /// The program that arrived for it.
+    #[must_use]
+    pub fn stream(&self) -> PathBuf {
+        self.path.join(STREAM)
+    }
+
+    /// Its report.
+    #[must_use]
+    pub fn report(&self) -> PathBuf {
+        self.path.join(REPORT)
+    }
+
+    /// Makes its journal, empty, and makes that it is there durable.
+    ///
+    /// # Errors
+    /// `E2105`
+    pub fn new_journal(&self) -> Result<FileStore, Refusal> {
+        let path = self.journal();
+        let store = FileStore::create(&path).map_err(|error| unwritable(&path, &error))?;
+        let above = self.path.parent().unwrap_or(&self.path);
+        for folder in [&self.path, above] {
+            sync_folder(folder).map_err(|error| unwritable(folder, &error))?;
+        }
+        Ok(store)
+    }
+
+    /// Opens its journal to go on with it.
+    ///
+    /// # Errors
+    /// `E2105`
+    pub fn old_journal(&self) -> Result<FileStore, Refusal> {
+        let path = self.journal();
+        FileStore::open(&path).map_err(|error| unwritable(&path, &error))
+    }
+
+    /// Reads its journal.
+    ///
+    /// # Errors
+    /// As [`JobRecord::read`].
+    pub fn read(&self) -> Result<JobRecord, Refusal> {
+        JobRecord::read(&self.journal())
+    }
+
+    /// Holds the job, against every other process.
+    ///
+    /// # Errors
+    /// `E2206` where another one has it; `E2105` where the folder does not know locks.
+    pub fn hold(&self) -> Result<Held, Refusal> {
+        let path = self.path.join(LOCK);
+        let failed = |error: &io::Error| unwritable(&path, error);
+        let options = || OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
+        let mut file = options().map_err(|error| failed(&error))?;
+        // Whoever lists the jobs has it for a moment.
+        let mut patience = 10;
+        loop {
+            match file.try_lock() {
+                Ok(()) => break,
+                Err(TryLockError::Error(error)) => return Err(failed(&error)),
+                Err(TryLockError::WouldBlock) if patience > 0 => {
+                    patience -= 1;
+                    std::thread::sleep(Duration::from_millis(5));
+                }
+                Err(TryLockError::WouldBlock) => {
+                    let who = self.holder().map_or("another process".into(), |pid| format!("process {pid}"));
+                    let remedy = "let that one end, or stop it there";
+                    return Err(Refusal::new("E2206", format!("job {} is running: {who} has it", self.id), remedy));
+                }
+            }
+        }
+        // The number is for people; that it cannot be written stops nobody.
+        let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", std::process::id()));
+        Ok(Held(file))
+    }
+
+    /// Does a living process hold it?
+    fn is_held(&self) -> bool {
+        let lock = File::open(self.path.join(LOCK));
+        lock.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+    }
+
+    fn holder(&self) -> Option<u32> {
+        fs::read_to_string(self.path.join(LOCK)).ok()?.trim().parse().ok()
+    }
+
+    /// What is going on with it.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.clone().listed().state
+    }
+
+    fn listed(self) -> Listed {
+        let glance = Glance::at(&self.journal());
+        let state = match &glance {
+            _ if self.is_held() => State::Running(self.holder()),
+            Ok(glance) => match &glance.end {
+                None => State::Interrupted,
+                Some(end) => match end.outcome {
+                    Ending::Completed => State::Completed,
+                    Ending::Stopped => State::Stopped,
+                    Ending::Alarm => State::Alarm,
+                },
+            },
+            Err(refusal) if refusal.number == "E2204" || !self.journal().exists() => State::NeverBegan,
+            Err(refusal) => State::Unusable(refusal.clone()),
+        };
+        Listed { folder: self, state, glance: glance.ok() }
+    }
+
+    fn bytes(&self) -> u64 {
+        let sizes = fs::read_dir(&self.path).into_iter().flatten().filter_map(|entry| entry.ok()?.metadata().ok());
+        sizes.map(|of| of.len()).sum()
+    }
+
+    fn is_older(&self, than: Duration) -> bool {
+        let age = fs::metadata(&self.path).and_then(|of| of.modified()).ok().and_then(|then| then.elapsed().ok());
+        age.is_some_and(|age| age > than)
+    }
+}
+
+/// A folder's own entries arrive on the disk when the folder is synced; where it cannot be opened as a file, the system sees to that.
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
+}
+
+fn unwritable(path: &Path, error: &io::Error) -> Refusal {
+    let what = format!("{} cannot be written: {error}", path.display());
+    Refusal::new("E2105", what, "check the folder's permissions and its disk, or name another one with --journal DIR")
+}
+
+/// The folder that is usual on this system. A relative path counts for nothing, as the XDG base directory specification has it.
+fn usual(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+    let named = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let base = named("XDG_STATE_HOME").or_else(|| {
+        if cfg!(windows) {
+            named("LOCALAPPDATA")
+        } else if cfg!(target_os = "macos") {
+            named("HOME").map(|home| home.join("Library").join("Application Support"))
+        } else {
+            named("HOME").map(|home| home.join(".local").join("state"))
+        }
+    })?;
+    Some(base.join("retrace").join("jobs"))
+}
+
+/// The program's name as part of a file name that every system takes.
+fn plain(program: &str) -> String {
+    let stem = Path::new(program).file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
+    let letter = |c: char| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' };
+    let name: String = stem.chars().map(letter).take(40).collect();
+    let name = name.trim_matches('-');
+    if name.is_empty() { "program".into() } else { name.into() }
+}
+
+/// As [`Jobs::create`] names them: date, time, program.
+fn is_id(name: &str) -> bool {
+    let digits = |from: usize, to: usize| name.get(from..to).is_some_and(|s| s.bytes().all(|b| b.is_ascii_digit()));
+    let rest = name.get(16..).unwrap_or_default();
+    digits(0, 8) && name.get(8..9) == Some("-") && digits(9, 15) && name.get(15..16) == Some("-") && !rest.is_empty()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::journal::entry::tests::job;
+    use crate::journal::entry::{Card, End};
+    use crate::journal::logbook::{Care, Logbook};
+    use serde_json::Value;
+
+    fn folder() -> (tempfile::TempDir, Jobs) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let jobs = Jobs::of(&folder.path().join("jobs"));
+        (folder, jobs)
+    }
+
+    /// A job that began in this second, and how it ended.
+    fn ran(jobs: &Jobs, second: u64, ended: Option<Ending>) -> JobFolder {
+        let when = Stamp::from_ms(second * 1000);
+        let folder = jobs.create("part.ngc", when).expect("a folder");
+        let job = crate::journal::entry::Job { id: folder.id().into(), when, ..job("[machine]", Card::Sim) };
+        let store = folder.new_journal().expect("a file");
+        let logbook = Logbook::begin(store, Care::Written, job, None).expect("it works");
+        match ended {
+            None => drop(logbook),
+            Some(outcome) => {
+                logbook.end(End { when, outcome, exit_code: 0, report: Value::Null }).expect("it works");
+            }
+        }
+        folder
+    }
+
+    #[test]
+    fn a_job_has_a_folder_of_its_own() {
+        let (_folder, jobs) = folder();
+        let when = Stamp::from_ms(1_700_000_000_123);
+        let names: Vec<String> =
+            (0..3).map(|_| jobs.create("some/where/my part.ngc", when).expect("a folder").id().into()).collect();
+        assert_eq!(names, ["20231114-221320-my-part", "20231114-221320-my-part-2", "20231114-221320-my-part-3"]);
+        for (name, is) in
+            [("-", "program"), ("ä.ngc", "program"), ("", "program"), ("a.b.nc", "a-b"), ("../..", "program")]
+        {
+            assert_eq!(plain(name), is, "{name}");
+        }
+        assert!(names.iter().all(|name| is_id(name)));
+        assert!(!["", "20231114-221320-", "2023111-4221320-x", "report-1.json", "ä"].iter().any(|name| is_id(name)));
+    }
+
+    #[test]
+    fn the_list_says_what_became_of_each_the_newest_first() {
+        let (_folder, jobs) = folder();
+        assert_eq!(jobs.list(), []);
+        assert!(jobs.newest_to_resume().is_none());
+        ran(&jobs, 100, Some(Ending::Stopped));
+        ran(&jobs, 200, None);
+        ran(&jobs, 300, Some(Ending::Alarm));
+        ran(&jobs, 400, Some(Ending::Completed));
+        let running = ran(&jobs, 500, None);
+        let held = running.hold().expect("nobody has it");
+        let empty = jobs.create("x", Stamp::from_ms(600_000)).expect("a folder");
+        let damaged = ran(&jobs, 700, None);
+        let mut bytes = fs::read(damaged.journal()).expect("a file");
+        let list = |jobs: &Jobs| jobs.list().iter().map(|job| job.state.word()).collect::<Vec<_>>();
+        assert_eq!(
+            list(&jobs),
+            ["interrupted", "never began", "running", "completed", "alarm", "interrupted", "stopped"]
+        );
+        assert_eq!(running.state(), State::Running(Some(std::process::id())));
+        assert_eq!(jobs.newest_to_resume().map(|job| job.folder), Some(damaged.clone()));
+        drop(held);
+        assert_eq!(running.state(), State::Interrupted);
+        // of a newer version
+        bytes.truncate(bytes.iter().position(|&b| b == b'\n').expect("a line") + 1);
+        crate::journal::line::put(&mut bytes, 1, true, b"{\"novelty\":1}");
+        fs::write(damaged.journal(), bytes).expect("a file");
+        assert!(matches!(damaged.state(), State::Unusable(refusal) if refusal.number == "E2205"));
+        assert_eq!(empty.state(), State::NeverBegan);
+    }
+
+    #[test]
+    fn a_job_is_held_once() {
+        let (_folder, jobs) = folder();
+        let job = ran(&jobs, 100, None);
+        let held = job.hold().expect("nobody has it");
+        let refusal = job.hold().expect_err("somebody has it");
+        assert_eq!(refusal.number, "E2206");
+        assert!(refusal.what.contains(&std::process::id().to_string()));
+        drop(held);
+        assert!(job.hold().is_ok());
+    }
+
+    #[test]
+    fn a_job_is_found_by_its_name_or_its_beginning() {
+        let (_folder, jobs) = folder();
+        let first = ran(&jobs, 100, None);
+        let second = ran(&jobs, 86_500, None);
+        assert_eq!(jobs.find(first.id()), Ok(first.clone()));
+        assert_eq!(jobs.find("19700102"), Ok(second));
+        for (id, hint) in [("1970", "lists"), ("19700101-000140-parr", first.id()), ("..", "lists"), ("", "lists")] {
+            let refusal = jobs.find(id).expect_err("not one");
+            assert!(refusal.number == "E2202" && refusal.remedy.contains(hint), "{id}: {refusal}");
+        }
+    }
+
+    #[test]
+    fn only_the_oldest_that_came_to_their_end_are_deleted() {
+        let (_folder, jobs) = folder();
+        let stopped = ran(&jobs, 1, Some(Ending::Stopped));
+        let interrupted = ran(&jobs, 2, None);
+        let empty = jobs.create("x", Stamp::from_ms(3000)).expect("a folder");
+        let completed: Vec<JobFolder> =
+            (0..COMPLETED as u64 + 2).map(|n| ran(&jobs, 10 + n, Some(Ending::Completed))).collect();
+        let held = completed[0].hold().expect("nobody has it");
+        assert_eq!(jobs.prune(), 1);
+        drop(held);
+        assert_eq!(jobs.prune(), 1);
+        assert_eq!(jobs.prune(), 0);
+        let is_there = |job: &JobFolder| job.path.is_dir();
+        assert!(is_there(&stopped) && is_there(&interrupted) && is_there(&empty));
+        assert_eq!(completed.iter().map(is_there).take(3).collect::<Vec<_>>(), [false, false, true]);
+    }
+
+    #[test]
+    fn the_usual_folder() {
+        let with = |set: &[(&str, &str)]| {
+            usual(|name| set.iter().find(|(known, _)| *known == name).map(|(_, value)| OsString::from(value)))
+        };
+        let root = if cfg!(windows) { "C:\\" } else { "/" };
+        let path = |name: &str| format!("{root}{name}");
+        let jobs = |name: &str| Some(PathBuf::from(path(name)).join("retrace").join("jobs"));
+        assert_eq!(with(&[("XDG_STATE_HOME", &path("state")), ("HOME", &path("me"))]), jobs("state"));
+        assert_eq!(with(&[]), None);
+        if cfg!(target_os = "linux") {
+            assert_eq!(with(&[("XDG_STATE_HOME", "relative"), ("HOME", &path("me"))]), jobs("me/.local/state"));
+        }
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_made_is_refused() {
+        let (folder, _) = folder();
+        let file = folder.path().join("file");
+        fs::write(&file, b"").expect("a file");
+        assert_eq!(Jobs::of(&file).create("x", Stamp::from_ms(0)).expect_err("a file").number, "E2105");
+        assert_eq!(Jobs::of(&file).list(), []);
+    }
+}
