@@ -9,3 +9,4 @@ pub mod programs;
 pub mod records;
 pub mod run;
 pub mod served;
+pub mod terminal;

@@ -7,12 +7,12 @@ use retrace_link::{Alarm, Deck, Homing, Identity, Outputs, PROTOCOL, Refusal, Se
 
 use crate::guard::Sight;
 use crate::homing::{Ending, Search};
-use crate::{Guard, Inputs, Panel, Player, Terms};
+use crate::{Backlash, Guard, Inputs, Panel, Player, Terms, backlash};
 
 /// A card for `A` axes, a window of `W` records and averages of the rate law up to `M` periods.
 ///
-/// To be called once a control period with the inputs as they are; in between it takes words. What it then says of the increments is what the
-/// step and direction outputs are to emit in the next period.
+/// To be called once a control period with the inputs as they are; in between it takes words. What it then says in [`Card::pulses`] is what
+/// the step and direction outputs are to emit in the next period.
 #[derive(Clone, Debug)]
 pub struct Card<const A: usize, const W: usize, const M: usize> {
     identity: Identity,
@@ -22,6 +22,9 @@ pub struct Card<const A: usize, const W: usize, const M: usize> {
     panel: Panel,
     guard: Guard,
     search: Option<Search>,
+    backlash: Backlash<A>,
+    /// What is to come out of the pins in the period, play among it.
+    pulses: [i32; A],
     /// The counts have been moved off the path by homing: an epoch has to begin before anything is played.
     off_the_path: bool,
     failed: bool,
@@ -44,6 +47,8 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
             panel: Panel::new(),
             guard: Guard::new(),
             search: None,
+            backlash: Backlash::new(),
+            pulses: [0; A],
             off_the_path: false,
             failed: false,
         })
@@ -94,16 +99,29 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
         {
             self.latch(alarm);
         }
+        if backlash::TAKEN_UP
+            && let Some(terms) = &self.terms
+        {
+            self.pulses = self.backlash.period(&self.player.status().increments, terms);
+            self.player.turn(self.backlash.is_turning());
+        }
         let report = self.player.report();
         (report.inputs, report.wheel) = (self.panel.active(), wheel);
         self.player.status()
+    }
+
+    /// The pulses that are to come out of the pins in the last period: its increments, and what takes up play where an axis turns.
+    #[must_use]
+    pub const fn pulses(&self) -> &[i32; A] {
+        if backlash::TAKEN_UP { &self.pulses } else { &self.player.status().increments }
     }
 
     /// One period of homing.
     fn search_on(&mut self, mut search: Search) -> Option<Alarm> {
         let (axis, upper) = search.seeks();
         let closed = self.panel.active() & self.panel.home_switch(axis, upper) != 0;
-        let (increment, ending) = search.period(closed);
+        // A switch is sought by an axis that moves with its drive.
+        let (increment, ending) = if self.backlash.is_turning() { (0, None) } else { search.period(closed) };
         let mut increments = [0; A];
         if let Some(axis) = increments.get_mut(usize::from(axis)) {
             *axis = increment;

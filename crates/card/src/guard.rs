@@ -65,6 +65,10 @@ impl Guard {
         if self.watchdog != 0 {
             self.silent = self.silent.saturating_add(1);
         }
+        if panel.active() == 0 {
+            // as nearly always
+            return self.is_silent().then_some(Alarm::HostSilent);
+        }
         if panel.is_active(InputUse::EmergencyStop) {
             return Some(Alarm::EmergencyStop);
         }
@@ -84,6 +88,9 @@ impl Guard {
     /// A forgiven limit switch is left, not run further into: does one of these increments go the wrong way?
     #[must_use]
     pub fn runs_into(&self, panel: &Panel, increments: &[i32]) -> Option<Alarm> {
+        if self.forgiven == 0 {
+            return None;
+        }
         let mut limits = panel.tripped().filter(|&(bit, axis, upper)| {
             let increment = increments.get(usize::from(axis)).copied().unwrap_or(0);
             self.forgiven & bit != 0 && (if upper { increment > 0 } else { increment < 0 })

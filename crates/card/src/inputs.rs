@@ -64,13 +64,12 @@ impl Panel {
     /// Is an input active that is used so?
     #[must_use]
     pub fn is_active(&self, used_for: InputUse) -> bool {
-        self.active != 0 && self.active & self.of(used_for) != 0
+        self.active & self.of(used_for) != 0
     }
 
     /// The limit switches that are tripped: bit, axis, and whether it is the upper end.
     pub fn tripped(&self) -> impl Iterator<Item = (u16, u8, bool)> {
-        let uses = if self.active == 0 { &[][..] } else { &self.uses[..] };
-        uses.iter().enumerate().filter_map(|(number, used_for)| match *used_for {
+        self.uses.iter().enumerate().filter_map(|(number, used_for)| match *used_for {
             InputUse::Limit { axis, upper } if self.active >> number & 1 == 1 => Some((1 << number, axis, upper)),
             _ => None,
         })

@@ -13,6 +13,7 @@
 #![forbid(unsafe_code)]
 
 mod actions;
+mod backlash;
 mod card;
 mod guard;
 mod homing;
@@ -26,6 +27,7 @@ mod terms;
 mod window;
 
 pub use actions::ActionTable;
+pub use backlash::Backlash;
 pub use card::Card;
 pub use guard::{Guard, Sight};
 pub use homing::{Ending, Search};

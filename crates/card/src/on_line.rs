@@ -36,7 +36,7 @@ impl<const A: usize, const W: usize, const M: usize, const E: usize> OnLine<A, W
         self.end.receive(byte, &mut self.card);
     }
 
-    /// Lets one control period pass: what its report says of increments and outputs is what is to be emitted.
+    /// Lets one control period pass: what its report says of outputs is what is to be emitted, and [`Card::pulses`].
     pub fn period(&mut self, inputs: Inputs) -> &Status<A> {
         self.card.period(inputs);
         self.end.period(self.card.status());

@@ -29,6 +29,8 @@ pub struct Player<const A: usize, const W: usize, const M: usize> {
     replay: bool,
     /// The axes move beside the path: homing.
     beside: bool,
+    /// Play is being taken up: what is driven stands only when that is done.
+    turning: bool,
     status: Status<A>,
 }
 
@@ -54,6 +56,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             target: 0,
             replay: false,
             beside: false,
+            turning: false,
             status: Status::standing(Start::at(start)),
         })
     }
@@ -106,7 +109,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
 
     /// Does the motion stand, and is no instruction being executed?
     pub(crate) fn stands(&self) -> bool {
-        self.drive.at_rest() && !self.switching.busy()
+        self.drive.at_rest() && !self.turning && !self.switching.busy()
     }
 
     /// Would the next period move the machine or begin an instruction, or go on with either?
@@ -198,7 +201,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     /// Is the cursor at rest on the place of the kept instruction, and wants to go on?
     fn is_due(&self) -> bool {
         let here = self.switching.kept_for().is_some_and(|place| self.status.place == Place::start_of(place));
-        here && self.drive.at_rest() && self.target > 0
+        here && self.drive.at_rest() && !self.turning && self.target > 0
     }
 
     /// Is the record there that the cursor stands in? At the beginning of an epoch inside of a record it is not at first.
@@ -267,6 +270,17 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         self.book(self.status.place, increments, false);
     }
 
+    /// Is play being taken up?
+    pub(crate) fn turn(&mut self, turning: bool) {
+        self.turning = turning;
+        self.status.at_rest = self.has_stopped();
+    }
+
+    /// Do the axes stand?
+    fn has_stopped(&self) -> bool {
+        self.drive.at_rest() && !self.beside && !self.turning
+    }
+
     /// The axes are about to move beside the path.
     pub(crate) fn leave_the_path(&mut self) {
         self.beside = true;
@@ -319,10 +333,11 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     }
 
     fn mirror(&mut self) {
+        let at_rest = self.has_stopped();
         let status = &mut self.status;
+        status.at_rest = at_rest;
         status.low = self.window.low();
         status.high = self.window.high();
-        status.at_rest = self.drive.at_rest() && !self.beside;
         status.executed = self.switching.executed();
         status.outputs = *self.outputs.values();
     }

@@ -5,8 +5,8 @@
 use retrace_core::Record;
 use retrace_link::{Alarm, Identity, InputUse, MAX_INPUTS, MAX_SAFE, Refusal, Settings};
 
-use crate::outputs;
 use crate::step_direction::StepTiming;
+use crate::{backlash, outputs};
 
 /// Agreed settings.
 #[derive(Clone, Debug)]
@@ -17,7 +17,7 @@ pub struct Terms<const A: usize> {
 }
 
 impl<const A: usize> Terms<A> {
-    /// Looks the settings through: epoch, axes, control period, reports, watchdog, pulses, inputs and safe outputs. Whether the rate law
+    /// Looks the settings through: epoch, axes, control period, reports, watchdog, play, pulses, inputs and safe outputs. Whether the rate law
     /// fits the memory is for the player to say.
     ///
     /// # Errors
@@ -30,7 +30,8 @@ impl<const A: usize> Terms<A> {
             && settings.report_periods != 0
             && settings.watchdog_periods != 0
             && usize::from(settings.safe_count) <= MAX_SAFE;
-        if !numbers || !inputs_are_there(settings, identity.inputs) {
+        let play = backlash::TAKEN_UP || settings.backlash_pulses.iter().all(|&pulses| pulses == 0);
+        if !numbers || !play || !inputs_are_there(settings, identity.inputs) {
             return Err(Refusal::Unfit);
         }
         if !settings.safe().iter().all(|change| outputs::has(identity.outputs, change.channel)) {

@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
 /// retrace: machines NC programs, and runs backward along the very path it took.
 #[derive(Debug, Parser)]
@@ -41,6 +41,9 @@ pub enum Command {
         retrace plot examples/02-back-up.ngc --operator examples/02-back-up.op -o retraced.png\n  \
         retrace plot examples/01-first-cut.ngc --profile -o profile.svg")]
     Plot(Plot),
+    /// What can be resumed, what ran, how it ended.
+    #[command(after_help = "Examples:\n  retrace jobs\n  retrace jobs show 20261122-004627-part")]
+    Jobs(Jobs),
     /// Ring size for so many axes, hours, milliseconds and bytes (REV-4), and what the machine file gives.
     #[command(after_help = "Example:\n  retrace size --axes 3 --hours 0.5 --period-ms 2.5 --bytes 2")]
     Size(Size),
@@ -54,6 +57,9 @@ pub enum Command {
         after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine check examples/02-back-up.toml"
     )]
     Machine(Machine),
+    /// The screen, with a pretended machine behind it.
+    #[command(hide = true)]
+    ScreenDemo(Check),
     /// Serve a simulated card behind a pseudo-terminal, list serial ports, ask who is at one.
     #[command(subcommand, after_help = "Examples:\n  retrace card serve --pty\n  retrace card who /dev/ttyUSB0@230400")]
     Card(Card),
@@ -130,9 +136,17 @@ pub struct Serve {
 /// `retrace machine`
 #[derive(Debug, Subcommand)]
 pub enum Machine {
-    /// Write a machine file with every key and its meaning.
-    #[command(after_help = "Example:\n  retrace machine new -o mill.toml")]
+    /// Write a commented machine file: the built-in machine with every key, or one of its kind to begin with.
+    #[command(
+        after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine new waterjet -o waterjet.toml"
+    )]
     New {
+        /// What kind of machine: waterjet, plasma, router or lathe; the built-in one where none is named.
+        #[arg(value_enum)]
+        kind: Option<MachineKind>,
+        /// The same.
+        #[arg(long = "kind", value_enum, value_name = "KIND", conflicts_with = "kind")]
+        of_kind: Option<MachineKind>,
         /// File to write; standard output where none is named. A file that is there is left alone.
         #[arg(short, long, value_name = "FILE.toml")]
         output: Option<PathBuf>,
@@ -143,6 +157,19 @@ pub enum Machine {
         /// The machine file.
         file: PathBuf,
     },
+}
+
+/// Kinds of machines that there is a file for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum MachineKind {
+    /// A jet and its abrasive, with pierce times.
+    Waterjet,
+    /// A torch that waits for its arc.
+    Plasma,
+    /// A spindle, coolant, dust extraction.
+    Router,
+    /// X and Z.
+    Lathe,
 }
 
 /// `retrace cycles`
@@ -246,6 +273,34 @@ pub struct Run {
     /// Folder for jobs and reports.
     #[arg(long, value_name = "DIR")]
     pub journal: Option<PathBuf>,
+}
+
+/// `retrace jobs`
+#[derive(Debug, Args)]
+pub struct Jobs {
+    /// What to do; all are listed where nothing is named.
+    #[command(subcommand)]
+    pub action: Option<JobsAction>,
+    /// Every job, what never began among them; the newest 20 otherwise.
+    #[arg(long)]
+    pub all: bool,
+    /// One JSON object on standard output.
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Folder of the jobs; by default `retrace/jobs` in the user's state folder.
+    #[arg(long, value_name = "DIR", global = true)]
+    pub journal: Option<PathBuf>,
+}
+
+/// What `retrace jobs` does.
+#[derive(Debug, Subcommand)]
+pub enum JobsAction {
+    /// Tell everything that is known of a job: how far it came, where the machine stood, what was on.
+    #[command(after_help = "Example:\n  retrace jobs show 20261122-004627-part --json")]
+    Show {
+        /// Name of the job, or how only one begins.
+        id: String,
+    },
 }
 
 /// `retrace check`

@@ -1,16 +1,30 @@
 //! `retrace machine`: writes a commented machine file, checks one.
 //!
-//! Invariant: the file that is written describes the machine that is built in.
+//! Invariant: without a kind, the file that is written describes the machine that is built in; every key that one of them shows can be used.
+
+use std::fmt::Write as _;
 
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
+use retrace_controller::switching::{Class, InReverse, Switching};
 
 use crate::args;
 use crate::console::unwritable;
 use crate::files;
 
-/// The commented machine file.
+/// The commented machine file of the built-in machine.
 const COMMENTED: &str = include_str!("machine.toml");
+
+/// The commented file of a kind of machine.
+fn file(kind: Option<args::MachineKind>) -> &'static str {
+    match kind {
+        None => COMMENTED,
+        Some(args::MachineKind::Waterjet) => include_str!("machine/waterjet.toml"),
+        Some(args::MachineKind::Plasma) => include_str!("machine/plasma.toml"),
+        Some(args::MachineKind::Router) => include_str!("machine/router.toml"),
+        Some(args::MachineKind::Lathe) => include_str!("machine/lathe.toml"),
+    }
+}
 
 /// Runs the command.
 ///
@@ -18,13 +32,17 @@ const COMMENTED: &str = include_str!("machine.toml");
 /// What is wrong with the file.
 pub fn run(args: &args::Machine) -> Result<(), Refusal> {
     match args {
-        args::Machine::New { output: None } => crate::out::line(COMMENTED.trim_end()),
-        args::Machine::New { output: Some(path) } => {
+        args::Machine::New { kind, of_kind, output } => {
+            let text = file(kind.or(*of_kind));
+            let Some(path) = output else {
+                crate::out::line(text.trim_end());
+                return Ok(());
+            };
             let named = |error| unwritable(&path.display().to_string(), &error);
             // never over a file that somebody has made his own
             let mut file = std::fs::File::options().write(true).create_new(true).open(path).map_err(named)?;
-            std::io::Write::write_all(&mut file, COMMENTED.as_bytes()).map_err(named)?;
-            say!("{} written", path.display());
+            std::io::Write::write_all(&mut file, text.as_bytes()).map_err(named)?;
+            say!("{} written; see what it comes to: retrace machine check {0}", path.display());
         }
         args::Machine::Check { file } => crate::out::line(described(&files::machine(Some(file))?)),
     }
@@ -41,23 +59,82 @@ fn described(machine: &Machine) -> String {
         f64::from(machine.stopping.periods) * machine.period_s(),
         f64::from(machine.stopping.straight_periods) * machine.period_s(),
     );
-    for axis in &machine.axes {
+    for (axis, home) in machine.axes.iter().zip(&machine.setting_up.homes) {
         let [low, high] = axis.travel_mm;
-        text += &format!(
-            "\n  {}: {} pulses/mm, {} mm/s, {} mm/s², {} mm/s³, travel {low} … {high} mm",
+        // Writing to a string cannot fail.
+        let _ = write!(
+            text,
+            "\n  {}: {} pulses/mm, {} mm/s, {} mm/s², {} mm/s³, travel {low} … {high} mm, jog {} mm/s",
             axis.name.to_ascii_uppercase(),
             axis.pulses_per_mm,
             axis.max_velocity_mm_per_s,
             axis.max_acceleration_mm_per_s2,
             axis.max_jerk_mm_per_s3,
+            axis.jog_mm_s(),
         );
+        if axis.backlash_mm > 0.0 {
+            let _ = write!(text, ", backlash {} mm", axis.backlash_mm);
+        }
+        if let Some(home) = home {
+            let end = if home.upper { "upper" } else { "lower" };
+            let _ = write!(
+                text,
+                "\n     home: {end} switch, opens at {} mm; {} mm/s there, {} mm/s off it",
+                home.position_mm, home.fast_mm_per_s, home.slow_mm_per_s
+            );
+        }
+    }
+    text += &described_setting_up(machine);
+    for (code, switching) in machine.switching.described() {
+        let _ = write!(text, "\n  {code}: {}", described_code(switching, machine.period_s()));
     }
     text
+}
+
+/// Homing, and the way that is safe to move.
+fn described_setting_up(machine: &Machine) -> String {
+    let order: Vec<String> = machine.homing_order().iter().map(|axis| axis.to_ascii_uppercase().to_string()).collect();
+    let mut text = match (machine.needs_homing().is_empty(), order.is_empty()) {
+        (true, true) => "\n  needs no homing".into(),
+        (true, false) => format!("\n  needs no homing; can be homed in the order {}", order.join(", ")),
+        (false, _) if machine.setting_up.allow_unhomed => {
+            format!("\n  homed in the order {}; a program may move it unhomed", order.join(", "))
+        }
+        (false, _) => format!("\n  homed in the order {}; no program moves it before that", order.join(", ")),
+    };
+    if let Some(axis) = machine.tool_axis().and_then(|tool| machine.axes.get(tool)) {
+        let _ = write!(text, "\n  tool axis {}", axis.name.to_ascii_uppercase());
+        if let Some(retract) = machine.setting_up.retract_mm {
+            let _ = write!(text, ", retracted at {retract} mm");
+        }
+    }
+    text
+}
+
+/// How a code is carried out, in words.
+fn described_code(switching: Switching, period_s: f64) -> String {
+    let mut text = match switching.class {
+        Class::Synchronous => "switched in passing".to_owned(),
+        Class::Exclusive => format!("at rest, {} s", f64::from(switching.periods) * period_s),
+    };
+    if let Some(until) = switching.until {
+        let state = if until.active { "active" } else { "inactive" };
+        let _ = write!(text, ", until input {} is {state}", until.input);
+        if until.at_most > 0 {
+            let _ = write!(text, ", {} s at most", f64::from(until.at_most) * period_s);
+        }
+    }
+    text + match switching.in_reverse {
+        InReverse::AsIs => "; in reverse as it is",
+        InReverse::Undone => "; in reverse undone where outputs are replayed",
+        InReverse::Barrier => "; cannot be passed backward",
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::args::MachineKind;
 
     #[test]
     fn the_commented_file_is_the_built_in_machine() {
@@ -73,14 +150,43 @@ mod tests {
         );
     }
 
+    const KINDS: [MachineKind; 4] =
+        [MachineKind::Waterjet, MachineKind::Plasma, MachineKind::Router, MachineKind::Lathe];
+
     /// Each key that is shown in a comment is one that can be used.
     #[test]
     fn what_is_commented_out_can_be_put_in() {
-        let lines = COMMENTED.lines().map(|line| match line.strip_prefix("# ") {
-            Some(key) if key.starts_with('[') || key.contains(" = ") => key,
-            _ => line,
-        });
-        let all: Vec<&str> = lines.collect();
-        Machine::parse(&all.join("\n"), "all").expect("valid");
+        for kind in KINDS.map(Some).into_iter().chain([None]) {
+            let mut all = String::new();
+            for line in file(kind).lines() {
+                let key = line.strip_prefix("# ").filter(|key| key.starts_with('[') || key.contains(" = "));
+                all += key.unwrap_or(line);
+                all.push('\n');
+            }
+            if kind.is_none() {
+                // the one axis with a `home` needs the others to have one, or a machine that knows where it is: it does
+                all += "[[card.input]]\nnumber = 9\nuse = \"home\"\naxis = \"x\"\n";
+            }
+            Machine::parse(&all, "all").expect("valid");
+        }
+    }
+
+    #[test]
+    fn every_kind_says_what_it_is_and_what_it_needs() {
+        for kind in KINDS {
+            let machine = Machine::parse(file(Some(kind)), "kind").expect("valid");
+            let text = described(&machine);
+            let order = machine.needs_homing();
+            assert!(order.len() == machine.axes.len() && text.contains("no program moves it before that"), "{text}");
+            let tool = machine.tool_axis().expect("it has one");
+            assert_eq!(order[0], machine.axes[tool].name, "the tool first");
+            assert!(text.contains("retracted at") && text.contains("home: upper switch"), "{text}");
+            assert!((0..machine.axes.len()).all(|axis| machine.homing(axis).is_some()));
+        }
+        let plasma = described(&Machine::parse(file(Some(MachineKind::Plasma)), "kind").expect("valid"));
+        assert!(
+            plasma.contains("M3: at rest, 0.4 s, until input 5 is active, 3 s at most; in reverse as it is"),
+            "{plasma}"
+        );
     }
 }

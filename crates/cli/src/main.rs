@@ -18,11 +18,13 @@ mod console;
 mod cycles;
 mod draw;
 mod files;
+mod jobs;
 mod left;
 mod machine;
 mod plot;
 mod program;
 mod run;
+mod screen;
 mod size;
 mod socket;
 mod subs;
@@ -42,8 +44,10 @@ fn main() -> ExitCode {
         Command::Canon(args) => canon::run(&args).map(|()| 0),
         Command::Plot(args) => draw::run(&args).map(|()| 0),
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
+        Command::ScreenDemo(args) => screen::demo::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
         Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
+        Command::Jobs(args) => jobs::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),
     };
     match done {

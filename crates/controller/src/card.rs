@@ -142,6 +142,17 @@ impl WrittenCard {
     }
 }
 
+impl CardSettings {
+    /// Is there a switch to home an axis by at this end: its home switch, or the limit switch there?
+    pub(crate) fn can_home(&self, axis: usize, upper: bool) -> bool {
+        self.inputs.iter().any(|input| match input.used_for {
+            InputUse::Home { axis: of } => usize::from(of) == axis,
+            InputUse::Limit { axis: of, upper: end } => usize::from(of) == axis && end == upper,
+            _ => false,
+        })
+    }
+}
+
 impl Machine {
     /// What a card is told of this machine, and where the path is to be taken up.
     #[must_use]

@@ -177,7 +177,13 @@ impl Event {
     /// The event as a plain line for a person.
     #[must_use]
     pub fn to_line(&self) -> String {
-        let text = match &self.happening {
+        format!("{:10.3} s  line {:>6}  {}", self.time_s, self.line, self.text())
+    }
+
+    /// What happened, in words.
+    #[must_use]
+    pub fn text(&self) -> String {
+        match &self.happening {
             Happening::Started => "started".into(),
             Happening::Mode(mode) => (*mode).to_string(),
             Happening::Operator(deed) => format!("operator: {deed}"),
@@ -208,8 +214,7 @@ impl Event {
                 let (number, cause, remedy) = trouble.parts();
                 format!("ALARM {number}: {cause}. {remedy}")
             }
-        };
-        format!("{:10.3} s  line {:>6}  {text}", self.time_s, self.line)
+        }
     }
 }
 

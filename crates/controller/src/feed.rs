@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use retrace_core::ring::Producer;
 use retrace_core::{Flags, ONE, Record};
-use retrace_link::{Action, Change, MAX_CHANGES, Outputs};
+use retrace_link::{Action, Await, Change, MAX_CHANGES, Outputs};
 use retrace_motion::{Arc, Feed, MoveError, PathMode, Planner};
 
 use crate::index::{Index, Mark, Note};
@@ -43,7 +43,7 @@ impl From<MoveError> for Refused {
 }
 
 /// An exclusive instruction as the program gives it; it stands where the motion is now.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Switch<'c> {
     /// Its program line.
     pub line: u32,
@@ -53,10 +53,25 @@ pub struct Switch<'c> {
     pub code: &'static str,
     /// The outputs it switches, at most [`MAX_CHANGES`].
     pub changes: &'c [Change],
-    /// Control periods that it takes.
+    /// Control periods that it takes at least.
     pub periods: u32,
+    /// What it waits for besides.
+    pub until: Option<Await>,
     /// It cannot be passed backward.
     pub one_way: bool,
+    /// Its outputs are set back where reverse run passes it and outputs are replayed.
+    pub undone: bool,
+}
+
+/// An action that waits for a move.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    /// Serial number of the move.
+    serial: u32,
+    change: Change,
+    line: u32,
+    /// Reverse run leaves it as it is.
+    lasts: bool,
 }
 
 /// A mark is made after so many records at the latest. As many are written together where the ring was full, so that there are no more marks
@@ -85,8 +100,8 @@ pub struct Feeder<'r, const A: usize> {
     block: u64,
     /// Line and block of each move that may still come out of the planner, by serial number.
     origins: VecDeque<Origin>,
-    /// Actions that wait for the first record of the move with that serial number: serial, channel, value, line.
-    waiting: VecDeque<(u32, Change, u32)>,
+    /// Actions that wait for the first record of the move with their serial number.
+    waiting: VecDeque<Waiting>,
     /// The outputs as the program has set them, actions still waiting included.
     outputs: Outputs,
     index: Box<dyn Index>,
@@ -202,7 +217,12 @@ impl<'r, const A: usize> Feeder<'r, A> {
 
     /// A synchronous action: executed in passing, where the next move begins.
     pub fn action(&mut self, change: Change, line: u32) {
-        self.waiting.push_back((self.serial.wrapping_add(1), change, line));
+        self.waiting.push_back(Waiting { serial: self.serial.wrapping_add(1), change, line, lasts: false });
+    }
+
+    /// The same, which reverse run leaves as it is.
+    pub fn lasting_action(&mut self, change: Change, line: u32) {
+        self.waiting.push_back(Waiting { serial: self.serial.wrapping_add(1), change, line, lasts: true });
     }
 
     /// An exclusive instruction: the motion comes to rest here, also under G64.
@@ -214,13 +234,21 @@ impl<'r, const A: usize> Feeder<'r, A> {
         let mut changes = [Change::default(); MAX_CHANGES];
         let count = switch.changes.len().min(MAX_CHANGES);
         changes[..count].copy_from_slice(&switch.changes[..count]);
+        let before = self.outputs;
         for change in &changes[..count] {
             self.outputs[usize::from(change.channel)] = change.value;
         }
-        let Switch { line, kind, code, periods, one_way, .. } = switch;
+        let Switch { line, kind, code, periods, until, one_way, undone, .. } = switch;
         let place = self.ring.write();
-        let count = count as u8;
-        self.send(Item::Exclusive(Exclusive { place, line, kind, code, changes, count, periods, one_way }))
+        let exclusive = Exclusive { place, line, kind, code, changes, count: count as u8, periods, until, one_way };
+        self.send(Item::Exclusive(exclusive))?;
+        // As an action of the record behind it, it is undone and done again like any other.
+        for change in changes[..count].iter().filter(|_| undone) {
+            let Change { channel, value } = *change;
+            let action = Action { place, channel, before: before[usize::from(channel)], after: value };
+            self.send(Item::Action(action, 0))?;
+        }
+        Ok(())
     }
 
     /// A message, shown when the motion comes here.
@@ -240,9 +268,9 @@ impl<'r, const A: usize> Feeder<'r, A> {
         self.planner.stop(Flags::NONE);
         self.drain()?;
         self.origins.clear();
-        while let Some((_, change, line)) = self.waiting.pop_front() {
-            let (kind, code, changes) = (Kind::Switch, "M62–M65", [change]);
-            self.exclusive(Switch { line, kind, code, changes: &changes, periods: 0, one_way: false })?;
+        while let Some(Waiting { change, line, lasts, .. }) = self.waiting.pop_front() {
+            let (code, changes) = ("M62–M65", [change]);
+            self.exclusive(Switch { line, code, changes: &changes, undone: !lasts, ..Switch::default() })?;
         }
         Ok(())
     }
@@ -320,13 +348,14 @@ impl<'r, const A: usize> Feeder<'r, A> {
 
     /// Sends the actions that stand before the move with that serial number, or before one that left no record.
     fn send_actions(&mut self, serial: u32) -> Result<(), Cancelled> {
-        while let Some((before, change, line)) = self.waiting.front().copied()
-            && !retrace_core::place::before(serial, before)
+        while let Some(Waiting { serial: of, change, line, lasts }) = self.waiting.front().copied()
+            && !retrace_core::place::before(serial, of)
         {
             self.waiting.pop_front();
             let value = &mut self.outputs[usize::from(change.channel)];
             let (place, channel) = (self.ring.write(), change.channel);
-            let action = Action { place, channel, before: *value, after: change.value };
+            let before = if lasts { change.value } else { *value };
+            let action = Action { place, channel, before, after: change.value };
             *value = change.value;
             self.send(Item::Action(action, line))?;
         }

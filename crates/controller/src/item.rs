@@ -3,14 +3,15 @@
 //! Invariant: an item is sent before the first record at or beyond its place, so that whoever has seen that record has seen the
 //! item (GMC-3: the front marker stands in the stream at its place).
 
-use retrace_link::{Action, Change, MAX_CHANGES};
+use retrace_link::{Action, Await, Change, MAX_CHANGES};
 
 use crate::index::Mark;
 
 /// What an exclusive instruction is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
     /// An M, S or T code that switches outputs.
+    #[default]
     Switch,
     /// A dwell (G4).
     Dwell,
@@ -33,8 +34,10 @@ pub struct Exclusive {
     pub changes: [Change; MAX_CHANGES],
     /// How many of `changes` hold.
     pub count: u8,
-    /// Control periods that it takes.
+    /// Control periods that it takes at least.
     pub periods: u32,
+    /// What it waits for besides.
+    pub until: Option<Await>,
     /// It cannot be passed backward (tool change).
     pub one_way: bool,
 }
@@ -66,7 +69,7 @@ pub struct Summary {
 pub enum Item {
     /// An exclusive instruction.
     Exclusive(Exclusive),
-    /// A synchronous action and its program line.
+    /// A synchronous action and its program line; line 0 where an exclusive instruction that was told of has done it already.
     Action(Action, u32),
     /// A message of the program, to be shown when the motion comes to the place.
     Message {

@@ -5,6 +5,7 @@
 //! control period to its last.
 #![forbid(unsafe_code)]
 
+pub mod approach;
 pub mod by_hand;
 pub mod card;
 mod decoding;

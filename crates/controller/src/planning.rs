@@ -105,7 +105,7 @@ impl<const A: usize> Planning<'_, '_, A> {
             if self.skipped.as_ref().is_some_and(|(line, _)| step.line >= *line)
                 && let Some((line, before)) = self.skipped.take()
             {
-                let tool_axis = self.machine.axes.iter().position(|a| a.name == 'z');
+                let tool_axis = self.machine.tool_axis();
                 let position = self.track.position();
                 before.restore(&mut self.feeder, position, tool_axis, line).map_err(|why| (why.into(), line))?;
             }

@@ -24,6 +24,11 @@ pub trait Sink<const A: usize> {
     /// A synchronous action, executed where the next move begins.
     fn action(&mut self, change: Change, line: u32);
 
+    /// The same, which reverse run leaves as it is.
+    fn lasting_action(&mut self, change: Change, line: u32) {
+        self.action(change, line);
+    }
+
     /// An exclusive instruction, executed here at rest.
     ///
     /// # Errors
@@ -48,6 +53,10 @@ impl<const A: usize> Sink<A> for Feeder<'_, A> {
 
     fn action(&mut self, change: Change, line: u32) {
         Feeder::action(self, change, line);
+    }
+
+    fn lasting_action(&mut self, change: Change, line: u32) {
+        Feeder::lasting_action(self, change, line);
     }
 
     fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {

@@ -7,7 +7,6 @@ use retrace_link::{Change, Outputs, channel};
 use retrace_motion::{Arc, Feed, PathMode};
 
 use crate::feed::{Cancelled, Feeder, Refused, Switch};
-use crate::item::Kind;
 use crate::sink::Sink;
 
 /// Takes what is skipped: switching is remembered, motion is not made.
@@ -39,8 +38,8 @@ impl Skipped {
         for channel in first.into_iter().chain(0..channel::DIGITAL as u8) {
             let value = self.outputs[usize::from(channel)];
             if value != feeder.outputs()[usize::from(channel)] {
-                let (kind, code, changes) = (Kind::Switch, code_of(channel, value), [Change { channel, value }]);
-                feeder.exclusive(Switch { line, kind, code, changes: &changes, periods: 0, one_way: false })?;
+                let (code, changes) = (code_of(channel, value), [Change { channel, value }]);
+                feeder.exclusive(Switch { line, code, changes: &changes, ..Switch::default() })?;
             }
         }
         let at = feeder.commanded_mm();

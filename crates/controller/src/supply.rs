@@ -354,15 +354,17 @@ impl<'r, const A: usize> Supply<'r, A> {
         }
     }
 
-    /// The next that the cursor has passed for the first time.
+    /// The next that the cursor has passed for the first time. What undoes an exclusive instruction in reverse (line 0) is no news of its own.
     pub fn news(&mut self) -> Option<News> {
         let reached = self.ring.reached();
-        if let Some(&(action, line)) = self.actions.get(self.passed)
+        while let Some(&(action, line)) = self.actions.get(self.passed)
             && before(action.place, reached)
         {
             self.expect(action.place, action.channel, action.after);
             self.passed += 1;
-            return Some(News::Action(action, line));
+            if line > 0 {
+                return Some(News::Action(action, line));
+            }
         }
         self.messages.front().filter(|(place, ..)| !before(reached, *place))?;
         self.messages.pop_front().map(|(_, line, text)| News::Message(line, text))

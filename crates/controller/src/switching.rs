@@ -1,9 +1,11 @@
-//! What the M, S and T codes switch: channel, value, class and duration (GMC, *Two classes of instruction*).
+//! What the M, S and T codes switch: channel, value, class, duration, what they wait for, and what becomes of them in reverse (GMC, *Two
+//! classes of instruction*; REV-14).
 //!
 //! Invariant: every code that a program may use has an entry, so that nothing is switched that the machine file does not know.
 
 use std::collections::BTreeMap;
 
+use retrace_link::{Await, MAX_INPUTS};
 use serde::Deserialize;
 
 use crate::machine::within;
@@ -20,18 +22,76 @@ pub enum Class {
     Synchronous,
 }
 
+/// What becomes of a code where reverse run passes it, outputs being replayed (REV-14).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+pub enum InReverse {
+    /// Nothing: what it has switched stays.
+    #[serde(rename = "as is")]
+    AsIs,
+    /// Its outputs are set back to what they were before it, and forward again to what it made them.
+    #[serde(rename = "undone")]
+    Undone,
+    /// It cannot be passed backward.
+    #[serde(rename = "barrier")]
+    Barrier,
+}
+
+/// What a code waits for, as it is written.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WaitsFor {
+    /// Number of the card's input.
+    input: u8,
+    /// Is it to become active, or inactive?
+    #[serde(default = "yes")]
+    active: bool,
+    /// After so long it has failed, ms; 0: it may take for ever.
+    #[serde(default = "ten_seconds")]
+    timeout_ms: f64,
+}
+
+const fn yes() -> bool {
+    true
+}
+
+const fn ten_seconds() -> f64 {
+    10_000.0
+}
+
 /// A code's entry in the machine file, `[code.M3]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CodeSettings {
     /// How it stands to the motion.
     pub class: Class,
-    /// How long an exclusive instruction takes, in ms.
+    /// How long an exclusive instruction takes at least, in ms.
     pub duration_ms: f64,
+    /// The input that says that it is done.
+    pub waits_for: Option<WaitsFor>,
+    /// What becomes of it in reverse.
+    pub in_reverse: Option<InReverse>,
     /// The output that a user code M100 to M199 switches, 0 to 63.
     pub output: Option<u8>,
     /// Whether the user code switches it off and not on.
     pub off: bool,
+}
+
+/// How a code is carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Switching {
+    /// How it stands to the motion.
+    pub class: Class,
+    /// Control periods that it takes at least, if it is exclusive.
+    pub periods: u32,
+    /// What it waits for besides.
+    pub until: Option<Await>,
+    /// What becomes of it in reverse.
+    pub in_reverse: InReverse,
+}
+
+impl Switching {
+    /// At rest, at once, and nothing of it in reverse.
+    pub const AT_REST: Self = Self { class: Class::Exclusive, periods: 0, until: None, in_reverse: InReverse::AsIs };
 }
 
 /// A user code that the machine file declares.
@@ -43,10 +103,8 @@ pub struct UserCode {
     pub output: u8,
     /// What the output becomes: 0 or 1.
     pub value: i32,
-    /// How it stands to the motion.
-    pub class: Class,
-    /// Control periods that it takes, if it is exclusive.
-    pub periods: u32,
+    /// How it is carried out.
+    pub switching: Switching,
 }
 
 /// The user codes by their names.
@@ -67,10 +125,10 @@ const USER_CODES: [&str; 100] = [
 /// The codes of the machine file's `[code.…]` tables. M62 to M65 are synchronous and immediate by definition.
 const CODES: [&str; 9] = ["M3", "M4", "M5", "M6", "M7", "M8", "M9", "S", "T"];
 
-/// Class and duration in control periods of every code.
+/// How every code is carried out.
 #[derive(Clone, Debug, Default)]
 pub struct SwitchingTable {
-    codes: BTreeMap<&'static str, (Class, u32)>,
+    codes: BTreeMap<&'static str, Switching>,
     user_codes: BTreeMap<u8, UserCode>,
 }
 
@@ -78,7 +136,7 @@ impl SwitchingTable {
     /// Checks the machine file's `[code.…]` tables.
     ///
     /// # Errors
-    /// `E2111` for a code that is not known, `E2112` for a duration out of range or on a synchronous code.
+    /// `E2111` for a code that is not known, `E2112` for a figure out of range, or what a code cannot be.
     pub fn new(settings: &BTreeMap<String, CodeSettings>, period_us: u32) -> Result<Self, Refusal> {
         let mut codes = BTreeMap::new();
         let mut user_codes = BTreeMap::new();
@@ -96,21 +154,10 @@ impl SwitchingTable {
                 ));
             };
             if code.output.is_some() || code.off {
-                return Err(Refusal::new(
-                    "E2112",
-                    format!("[code.{name}]: only user codes, M100 to M199, name an output"),
-                    "leave `output` and `off` out",
-                ));
+                let what = format!("[code.{name}]: only user codes, M100 to M199, name an output");
+                return Err(Refusal::new("E2112", what, "leave `output` and `off` out"));
             }
-            within(&format!("code.{name}: duration_ms"), code.duration_ms, 0.0, 3.6e6)?;
-            if code.class == Class::Synchronous && (code.duration_ms > 0.0 || matches!(known, "M6" | "T")) {
-                return Err(Refusal::new(
-                    "E2112",
-                    format!("[code.{name}] is synchronous: it is executed in passing and can take no time"),
-                    "leave duration_ms out, or make it exclusive",
-                ));
-            }
-            codes.insert(known, (code.class, periods(code, period_us)));
+            codes.insert(known, switching(known, code, period_us)?);
         }
         Ok(Self { codes, user_codes })
     }
@@ -126,20 +173,65 @@ impl SwitchingTable {
         self.user_codes.get(&number).copied()
     }
 
-    /// Class and duration in control periods of a code.
+    /// How a code is carried out; at rest and at once where the machine file says nothing of it.
     #[must_use]
-    pub fn of(&self, code: &str) -> (Class, u32) {
-        self.codes.get(code).copied().unwrap_or_default()
+    pub fn of(&self, code: &str) -> Switching {
+        let silent = Switching { in_reverse: usual_in_reverse(code, Class::Exclusive), ..Switching::AT_REST };
+        self.codes.get(code).copied().unwrap_or(silent)
+    }
+
+    /// The codes that the machine file describes, by their names, in order.
+    pub fn described(&self) -> impl Iterator<Item = (&'static str, Switching)> {
+        let user_codes = self.user_codes.values().map(|code| (code.name, code.switching));
+        self.codes.iter().map(|(&name, &switching)| (name, switching)).chain(user_codes)
     }
 }
 
-fn periods(code: &CodeSettings, period_us: u32) -> u32 {
-    (code.duration_ms * 1000.0 / f64::from(period_us)).round() as u32
+/// What becomes of a code in reverse where the machine file does not say.
+fn usual_in_reverse(code: &str, class: Class) -> InReverse {
+    match (code, class) {
+        ("M6", _) => InReverse::Barrier,
+        (_, Class::Exclusive) => InReverse::AsIs,
+        (_, Class::Synchronous) => InReverse::Undone,
+    }
+}
+
+/// Checks what the table of a code has in common with all others.
+fn switching(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<Switching, Refusal> {
+    let refuse = |what: &str, remedy: &str| Err(Refusal::new("E2112", format!("[code.{name}] {what}"), remedy));
+    within(&format!("code.{name}: duration_ms"), code.duration_ms, 0.0, 3.6e6)?;
+    let until = code.waits_for.map(|waits_for| awaited(name, waits_for, period_us)).transpose()?;
+    let in_reverse = code.in_reverse.unwrap_or(usual_in_reverse(name, code.class));
+    let takes_time = code.duration_ms > 0.0 || until.is_some() || matches!(name, "M6" | "T");
+    if code.class == Class::Synchronous && takes_time {
+        let what = "is synchronous: it is executed in passing and can take no time";
+        return refuse(what, "leave duration_ms and waits_for out, or make it exclusive");
+    }
+    if code.class == Class::Synchronous && in_reverse == InReverse::Barrier {
+        return refuse("is synchronous: motion does not come to rest there, and cannot end there", "make it exclusive");
+    }
+    if name == "M6" && in_reverse != InReverse::Barrier {
+        return refuse("changes the tool, which no motion backward can undo", "leave in_reverse out");
+    }
+    Ok(Switching { class: code.class, periods: periods(code.duration_ms, period_us), until, in_reverse })
+}
+
+fn awaited(name: &str, waits_for: WaitsFor, period_us: u32) -> Result<Await, Refusal> {
+    if usize::from(waits_for.input) >= MAX_INPUTS {
+        let what = format!("[code.{name}]: waits_for.input = {}: there is no such input", waits_for.input);
+        return Err(Refusal::new("E2112", what, "an input is a number from 0 to 15"));
+    }
+    within(&format!("code.{name}: waits_for.timeout_ms"), waits_for.timeout_ms, 0.0, 3.6e6)?;
+    let at_most = periods(waits_for.timeout_ms, period_us).max(u32::from(waits_for.timeout_ms > 0.0));
+    Ok(Await { input: waits_for.input, active: waits_for.active, at_most })
+}
+
+fn periods(ms: f64, period_us: u32) -> u32 {
+    (ms * 1000.0 / f64::from(period_us)).round() as u32
 }
 
 /// Checks the table of a user code.
 fn user_code(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<UserCode, Refusal> {
-    within(&format!("code.{name}: duration_ms"), code.duration_ms, 0.0, 3.6e6)?;
     let output = code.output.filter(|output| usize::from(*output) < retrace_link::channel::DIGITAL);
     let Some(output) = output else {
         return Err(Refusal::new(
@@ -148,20 +240,13 @@ fn user_code(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<
             "write `output = 3`, with the number of the output that the code switches",
         ));
     };
-    if code.class == Class::Synchronous && code.duration_ms > 0.0 {
-        return Err(Refusal::new(
-            "E2112",
-            format!("[code.{name}] is synchronous: it is executed in passing and can take no time"),
-            "leave duration_ms out, or make it exclusive",
-        ));
-    }
-    let value = i32::from(!code.off);
-    Ok(UserCode { name, output, value, class: code.class, periods: periods(code, period_us) })
+    Ok(UserCode { name, output, value: i32::from(!code.off), switching: switching(name, code, period_us)? })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::machine::Machine;
 
     fn table(name: &str, class: Class, duration_ms: f64) -> Result<SwitchingTable, Refusal> {
         let settings = CodeSettings { class, duration_ms, ..CodeSettings::default() };
@@ -173,7 +258,7 @@ mod tests {
         let settings = |output, off| CodeSettings { output, off, duration_ms: 4.0, ..CodeSettings::default() };
         let table = |name: &str, settings| SwitchingTable::new(&BTreeMap::from([(name.to_string(), settings)]), 2000);
         let user = table("m150", settings(Some(7), true)).expect("valid").user_code(150).expect("declared");
-        assert_eq!((user.name, user.output, user.value, user.periods), ("M150", 7, 0, 2));
+        assert_eq!((user.name, user.output, user.value, user.switching.periods), ("M150", 7, 0, 2));
         assert_eq!(table("M100", settings(Some(63), false)).expect("valid").user_code(100).map(|u| u.value), Some(1));
         assert_eq!(table("M100", settings(None, false)).expect_err("no output").number, "E2112");
         assert_eq!(table("M100", settings(Some(64), false)).expect_err("no such output").number, "E2112");
@@ -183,11 +268,48 @@ mod tests {
 
     #[test]
     fn durations_become_periods_and_unknown_codes_are_refused() {
-        assert_eq!(table("m3", Class::Exclusive, 500.0).expect("valid").of("M3"), (Class::Exclusive, 250));
-        assert_eq!(table("M8", Class::Synchronous, 0.0).expect("valid").of("M8"), (Class::Synchronous, 0));
-        assert_eq!(table("M8", Class::Synchronous, 0.0).expect("valid").of("M3"), (Class::Exclusive, 0));
+        let of = |table: Result<SwitchingTable, Refusal>, code| {
+            let switching = table.expect("valid").of(code);
+            (switching.class, switching.periods)
+        };
+        assert_eq!(of(table("m3", Class::Exclusive, 500.0), "M3"), (Class::Exclusive, 250));
+        assert_eq!(of(table("M8", Class::Synchronous, 0.0), "M8"), (Class::Synchronous, 0));
+        assert_eq!(of(table("M8", Class::Synchronous, 0.0), "M3"), (Class::Exclusive, 0));
         assert_eq!(table("M33", Class::Exclusive, 0.0).expect_err("unknown").number, "E2111");
         assert_eq!(table("M3", Class::Synchronous, 1.0).expect_err("time").number, "E2112");
         assert_eq!(table("M6", Class::Synchronous, 0.0).expect_err("stops").number, "E2112");
+    }
+
+    fn code(text: &str) -> Result<Switching, Refusal> {
+        Machine::parse(text, "m.toml").map(|machine| machine.switching.of("M3"))
+    }
+
+    #[test]
+    fn a_code_waits_for_its_input_and_fails_in_time() {
+        let waits = |text: &str| code(&format!("control_period_ms = 2\n[code.M3]\nwaits_for = {{ {text} }}\n"));
+        let until = waits("input = 5, active = false, timeout_ms = 3000").expect("valid").until;
+        assert_eq!(until, Some(Await { input: 5, active: false, at_most: 1500 }));
+        let until = |text: &str| waits(text).expect("valid").until.map(|until| (until.active, until.at_most));
+        assert_eq!((until("input = 0"), until("input = 0, timeout_ms = 0")), (Some((true, 5000)), Some((true, 0))));
+        assert_eq!(until("input = 0, timeout_ms = 0.1"), Some((true, 1)));
+        assert!(waits("input = 16").expect_err("16 inputs").what.contains("waits_for.input = 16"));
+        assert!(waits("input = 1, timeout_ms = -1").expect_err("no time").what.contains("waits_for.timeout_ms"));
+        assert_eq!(waits("input = 1, timeout = 1").expect_err("misspelt").number, "E2111");
+        let passing = code("[code.M3]\nclass = \"synchronous\"\nwaits_for = { input = 1 }\n").expect_err("it waits");
+        assert!(passing.what.contains("can take no time"), "{}", passing.what);
+    }
+
+    #[test]
+    fn what_becomes_of_a_code_in_reverse_is_said_or_usual() {
+        let in_reverse = |text: &str| code(text).expect("valid").in_reverse;
+        assert_eq!((in_reverse(""), in_reverse("[code.M3]\n")), (InReverse::AsIs, InReverse::AsIs));
+        assert_eq!(in_reverse("[code.M3]\nclass = \"synchronous\"\n"), InReverse::Undone);
+        assert_eq!(in_reverse("[code.M3]\nin_reverse = \"barrier\"\n"), InReverse::Barrier);
+        assert_eq!(in_reverse("[code.M3]\nclass = \"synchronous\"\nin_reverse = \"as is\"\n"), InReverse::AsIs);
+        let table = Machine::built_in().expect("valid").switching;
+        assert_eq!((table.of("M6").in_reverse, table.of("T").in_reverse), (InReverse::Barrier, InReverse::AsIs));
+        let barrier = code("[code.M3]\nclass = \"synchronous\"\nin_reverse = \"barrier\"\n").expect_err("no rest");
+        assert!(barrier.what.contains("does not come to rest"), "{}", barrier.what);
+        assert_eq!(code("[code.M6]\nin_reverse = \"undone\"\n").expect_err("the tool is out").number, "E2112");
     }
 }

@@ -13,7 +13,7 @@ use crate::job::Finding;
 use crate::machine::Machine;
 use crate::sink::Sink;
 use crate::spline::chords;
-use crate::switching::Class;
+use crate::switching::{Class, InReverse, Switching};
 
 /// Chords of splines come no nearer than this has to be, mm.
 const LEAST_DEVIATION_MM: f64 = 0.001;
@@ -380,11 +380,11 @@ impl<'m> Track<'m> {
             }
             Canon::SelectTool(tool) => {
                 self.selected_tool = *tool;
-                self.exclusive(Kind::Switch, "T", &[], self.machine.switching.of("T").1, line, sink)
+                self.exclusive("T", &[], self.machine.switching.of("T"), line, sink)
             }
             Canon::ChangeTool { tool, .. } => {
                 let change = Change { channel: channel::TOOL, value: *tool as i32 };
-                self.exclusive(Kind::Switch, "M6", &[change], self.machine.switching.of("M6").1, line, sink)
+                self.exclusive("M6", &[change], self.machine.switching.of("M6"), line, sink)
             }
             Canon::SetMotionOutputBit(n) => {
                 sink.action(digital(*n, 1)?, line);
@@ -394,13 +394,17 @@ impl<'m> Track<'m> {
                 sink.action(digital(*n, 0)?, line);
                 Ok(())
             }
-            Canon::SetAuxOutputBit(n) => self.exclusive(Kind::Switch, "M64", &[digital(*n, 1)?], 0, line, sink),
-            Canon::ClearAuxOutputBit(n) => self.exclusive(Kind::Switch, "M65", &[digital(*n, 0)?], 0, line, sink),
+            Canon::SetAuxOutputBit(n) => self.exclusive("M64", &[digital(*n, 1)?], Switching::AT_REST, line, sink),
+            Canon::ClearAuxOutputBit(n) => self.exclusive("M65", &[digital(*n, 0)?], Switching::AT_REST, line, sink),
             Canon::Dwell(seconds) => {
                 let periods = (seconds / self.machine.period_s()).ceil().clamp(0.0, f64::from(u32::MAX)) as u32;
-                self.exclusive(Kind::Dwell, "G4", &[], periods, line, sink)
+                let dwell = Switch { line, kind: Kind::Dwell, code: "G4", periods, ..Switch::default() };
+                Ok(sink.exclusive(dwell)?)
             }
-            Canon::ProgramStop => self.exclusive(Kind::ProgramStop, "M0", &[], 0, line, sink),
+            Canon::ProgramStop => {
+                let stop = Switch { line, kind: Kind::ProgramStop, code: "M0", ..Switch::default() };
+                Ok(sink.exclusive(stop)?)
+            }
             // the switch for optional stops is off; no pallet to move
             Canon::OptionalProgramStop | Canon::PalletShuttle => Ok(()),
             Canon::SetSpindleMode(css) if *css > 0.0 => Err(Untrackable::NotSupported("constant surface speed (G96)")),
@@ -468,13 +472,7 @@ impl<'m> Track<'m> {
             return Err(Untrackable::NotSupported("a user code that the machine file does not declare"));
         };
         let change = Change { channel: code.output, value: code.value };
-        match code.class {
-            Class::Synchronous => {
-                sink.action(change, line);
-                Ok(())
-            }
-            Class::Exclusive => self.exclusive(Kind::Switch, code.name, &[change], code.periods, line, sink),
-        }
+        self.carry_out(code.name, change, code.switching, line, sink)
     }
 
     /// Switches one output, in passing or at rest, as the machine file has it for `code`.
@@ -486,27 +484,36 @@ impl<'m> Track<'m> {
         line: u32,
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
-        let change = Change { channel, value };
-        match self.machine.switching.of(code) {
-            (Class::Synchronous, _) => {
-                sink.action(change, line);
-                Ok(())
-            }
-            (Class::Exclusive, periods) => self.exclusive(Kind::Switch, code, &[change], periods, line, sink),
+        self.carry_out(code, Change { channel, value }, self.machine.switching.of(code), line, sink)
+    }
+
+    fn carry_out<const A: usize>(
+        &self,
+        code: &'static str,
+        change: Change,
+        switching: Switching,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        match (switching.class, switching.in_reverse) {
+            (Class::Synchronous, InReverse::AsIs) => sink.lasting_action(change, line),
+            (Class::Synchronous, _) => sink.action(change, line),
+            (Class::Exclusive, _) => return self.exclusive(code, &[change], switching, line, sink),
         }
+        Ok(())
     }
 
     fn exclusive<const A: usize>(
         &self,
-        kind: Kind,
         code: &'static str,
         changes: &[Change],
-        periods: u32,
+        switching: Switching,
         line: u32,
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
-        let one_way = code == "M6";
-        Ok(sink.exclusive(Switch { line, kind, code, changes, periods, one_way })?)
+        let Switching { periods, until, in_reverse, .. } = switching;
+        let (one_way, undone) = (in_reverse == InReverse::Barrier, in_reverse == InReverse::Undone);
+        Ok(sink.exclusive(Switch { line, kind: Kind::Switch, code, changes, periods, until, one_way, undone })?)
     }
 }
 

@@ -162,7 +162,9 @@ fn instructions_stand_between_the_motion_before_and_behind() {
     let switch = |feeder: &mut Feeder<'_, 3>, value, periods| {
         let changes = [Change { channel: channel::SPINDLE, value }];
         let (kind, code) = (Kind::Switch, "M3");
-        feeder.exclusive(Switch { line: 9, kind, code, changes: &changes, periods, one_way: false }).expect("running");
+        feeder
+            .exclusive(Switch { line: 9, kind, code, changes: &changes, periods, ..Switch::default() })
+            .expect("running");
     };
     let run = run("at 2s reverse 100%\nafter 1s leave", 60.0, |feeder| {
         switch(feeder, 1, 100);

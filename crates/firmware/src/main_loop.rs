@@ -64,7 +64,7 @@ fn period(card: &mut Card, shape: &mut Shape) {
     let inputs = Inputs { levels: board::input_levels(), encoder: board::encoder(), failed: false };
     let status = card.period(inputs);
     board::set_outputs(&status.outputs);
-    ORDERS.put(&Order { increments: status.increments, shape: *shape });
+    ORDERS.put(&Order { increments: *card.card().pulses(), shape: *shape });
     let interrupted = DIAGNOSTICS.in_interrupts().wrapping_sub(interrupts);
     DIAGNOSTICS.longest_period.fetch_max(stopwatch::since(began).saturating_sub(interrupted), Relaxed);
     DIAGNOSTICS.periods.fetch_add(1, Relaxed);

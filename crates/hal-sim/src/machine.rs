@@ -137,6 +137,16 @@ struct Running {
     due: Option<(u64, Promise)>,
 }
 
+/// The handwheel being turned.
+#[derive(Clone, Copy, Debug)]
+struct Turning {
+    counts_per_s: i32,
+    since_us: u64,
+    until_us: u64,
+    /// Counts turned so far.
+    turned: i64,
+}
+
 /// A machine of `A` axes.
 #[derive(Clone, Debug)]
 pub struct Machine<const A: usize> {
@@ -148,6 +158,8 @@ pub struct Machine<const A: usize> {
     active_low: u16,
     failed: bool,
     encoder: u16,
+    /// Somebody turns the wheel.
+    turning: Option<Turning>,
     /// Things that were switched, that hung, and that failed.
     switched: [u64; 3],
 }
@@ -167,6 +179,7 @@ impl<const A: usize> Machine<A> {
             active_low: settings.active_low,
             failed: false,
             encoder: 0,
+            turning: None,
             switched: [0; 3],
         }
     }
@@ -193,6 +206,7 @@ impl<const A: usize> Machine<A> {
             set(&mut self.active, event.input, event.active);
             self.events.pop_front();
         }
+        self.turn_on(now_us);
         let failed = std::mem::take(&mut self.failed);
         Inputs { levels: self.active ^ self.active_low, encoder: self.encoder, failed }
     }
@@ -225,6 +239,27 @@ impl<const A: usize> Machine<A> {
     /// Turns the handwheel by so many counts of its encoder.
     pub const fn turn(&mut self, counts: i16) {
         self.encoder = self.encoder.wrapping_add_signed(counts);
+    }
+
+    /// Turns the handwheel at so many counts a second for so many microseconds from `now_us` on; ends what is left of another turn.
+    pub const fn turn_for(&mut self, now_us: u64, counts_per_s: i32, for_us: u64) {
+        let until_us = now_us.saturating_add(for_us);
+        self.turning = Some(Turning { counts_per_s, since_us: now_us, until_us, turned: 0 });
+    }
+
+    /// What the handwheel was turned by up to now.
+    fn turn_on(&mut self, now_us: u64) {
+        let Some(turning) = &mut self.turning else { return };
+        let passed = now_us.min(turning.until_us).saturating_sub(turning.since_us);
+        // less than 2⁶³: a turn of more than some days at the highest speed is cut short
+        let due = i64::from(turning.counts_per_s) * passed.min(1 << 31) as i64 / 1_000_000;
+        // an encoder that turns by more between two looks would not be understood either
+        let counts = (due - turning.turned) as i16;
+        turning.turned = due;
+        if now_us >= turning.until_us {
+            self.turning = None;
+        }
+        self.turn(counts);
     }
 
     /// How often something was switched, hung, and failed.
@@ -330,5 +365,18 @@ mod tests {
         assert_eq!(machine.inputs(30, &[0]).encoder, u16::MAX - 4);
         machine.press(wiring::PROBE, true);
         assert_eq!(machine.inputs(30, &[0]).levels, 1 << wiring::PROBE);
+    }
+
+    #[test]
+    fn the_wheel_is_turned_evenly_and_by_as_much_as_was_said() {
+        let mut machine = Machine::<1>::new(&MachineSettings::default());
+        machine.turn_for(10_000, -120, 2_000_000);
+        let mut last = 0;
+        for now_us in (10_000..3_000_000).step_by(1000) {
+            let encoder = machine.inputs(now_us, &[0]).encoder as i16;
+            assert!((0..=1).contains(&(last - encoder)), "evenly");
+            last = encoder;
+        }
+        assert_eq!(last, -240);
     }
 }

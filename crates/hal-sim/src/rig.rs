@@ -57,7 +57,8 @@ pub type Watcher<const A: usize> = Box<dyn FnMut(&Moment<'_, A>) + Send>;
 pub struct Faults {
     /// Periods whose increments did not fit the pulses' times.
     pub too_many: u64,
-    /// Periods after which the card's counts were not what was counted at its pins. Homing, which sets counts, is none.
+    /// Periods after which the card's counts were not what was counted at its pins. Homing, which sets counts, is none, nor is play that is
+    /// taken up.
     pub apart: u64,
 }
 
@@ -154,8 +155,9 @@ impl<const A: usize> Rig<A> {
         let inputs = self.machine.inputs(self.now_us(), self.pins.positions());
         let before = self.card.status().counts;
         let status = *self.card.period(inputs);
-        if let Some(timing) = self.card.terms().map(|terms| terms.timing()) {
-            self.faults.too_many += u64::from(!self.pins.emit(timing, &status.increments));
+        if let Some(terms) = self.card.terms() {
+            self.compared.expect_play(&terms.settings().backlash_pulses, &before, self.pins.positions());
+            self.faults.too_many += u64::from(!self.pins.emit(terms.timing(), self.card.card().pulses()));
         }
         self.faults.apart += u64::from(!self.compared.agrees(&before, &status, self.pins.positions()));
         self.machine.outputs(self.now_us(), &status.outputs);

@@ -110,11 +110,13 @@ impl<const A: usize> SimCard<A> {
         let settings = Settings { epoch: 1, pulse_ns: 0, direction_setup_ns: 0, ..settings };
         let mut card = Box::new(Card::new(identity).ok_or(Refusal::Unfit)?);
         card.open(&settings)?;
+        let mut compared = Compared::new([0; A]);
+        compared.expect_play(&settings.backlash_pulses, &[0; A], &[0; A]);
         Ok(Self {
             card,
             machine: Machine::new(machine),
             counters: PulseCounters::default(),
-            compared: Compared::new([0; A]),
+            compared,
             stood_at: [0; A],
             settings,
             clock,
@@ -127,6 +129,7 @@ impl<const A: usize> SimCard<A> {
     pub fn standing_at(mut self, counts: [i64; A], outputs: &Outputs) -> Self {
         self.card.stand_at(counts, outputs);
         self.compared = Compared::new(counts);
+        self.compared.expect_play(&self.settings.backlash_pulses, &counts, &[0; A]);
         self.stood_at = counts;
         self.machine.outputs(0, outputs);
         self
@@ -172,8 +175,9 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         let now_us = number * u64::from(self.settings.period_us);
         let inputs = self.inputs(now_us);
         self.card.heard();
-        let status = self.card.period(inputs);
-        if !self.counters.emit(&status.increments) {
+        self.card.period(inputs);
+        let (status, pulses) = (self.card.status(), self.card.pulses());
+        if !self.counters.emit(pulses) {
             return Err(SimFault::TooManyPulses { period: number });
         }
         if !self.compared.agrees(&counts, status, self.counters.positions()) {

@@ -371,3 +371,63 @@ fn a_card_that_kept_its_position_stands_there_with_all_that_hangs_on_it() {
     assert_eq!(status.alarm, Some(Alarm::LimitSwitch { axis: 0, upper: true }));
     assert!(status.counts[0] >= 4000 && status.counts[0] < 4020, "{:?}", status.counts);
 }
+
+/// Axes with play, sought, walked to and fro and begun anew, over a line: the rig finds the pins where counts and play put them, and what is
+/// driven stands where the path says.
+#[test]
+fn play_is_taken_up_beside_the_counts() {
+    let rig = Rig::<3>::new(&RigSettings::default()).expect("a card");
+    let mut settings = settings();
+    settings.backlash_pulses = [37, 0, 400];
+    let mut wired = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+    wired.open(settings).expect("it takes the settings");
+    let mut card = Once { card: wired, told: 0 };
+    let mut taken = Vec::new();
+    for (rate, periods) in legs(5) {
+        run(&mut card, rate, periods);
+        begin_anew(&mut card);
+        let rig = card.card.port().rig();
+        let apart: [i64; 3] = std::array::from_fn(|axis| rig.pins().positions()[axis] - rig.status().counts[axis]);
+        taken.push(apart);
+    }
+    let rig = card.card.port().rig();
+    assert_eq!(rig.faults(), Faults::default());
+    // The first axis goes up at first, and the third hardly ever turns.
+    assert!(
+        taken.iter().all(|apart| [0, -37].contains(&apart[0]) && apart[1] == 0 && [0, -400].contains(&apart[2])),
+        "{taken:?}"
+    );
+    assert!(taken.iter().any(|apart| apart[0] != 0) && taken.iter().any(|apart| apart[2] != 0), "{taken:?}");
+}
+
+/// Homing of an axis with play: its count is that of what is driven, on whichever side of the play it went before.
+#[test]
+fn an_axis_with_play_is_homed_exactly() {
+    for (slow, play) in [(1 << 31, 60), (1 << 28, 60), (3 << 32, 7), (1 << 31, 0)] {
+        let mut settings = settings();
+        settings.inputs[usize::from(wiring::HOME)].used_for = InputUse::Home { axis: 0 };
+        settings.backlash_pulses[0] = play;
+        let mut card = SimCard::<3>::with_machine(settings, &MachineSettings::default(), Clock::Virtual).expect("fits");
+        let order =
+            Homing { axis: 0, upper: false, fast: 20 << 32, slow, acceleration: 1 << 31, farthest: 8000, count: 0 };
+        card.send(Word::Home(order)).expect("taken");
+        let (mut driven, mut edge) = (0i64, None);
+        for _ in 0..100_000 {
+            // the switch is worked by what is driven, which the drive pushes down at first
+            let closed = driven <= -1000;
+            card.machine().press(wiring::HOME, closed);
+            let at_rest = card.period().expect("no fault").at_rest;
+            let motor = card.counters().positions()[0];
+            driven = driven.clamp(motor - i64::from(play), motor);
+            if closed && driven > -1000 {
+                edge = Some(driven);
+            }
+            if at_rest {
+                break;
+            }
+        }
+        let edge = edge.expect("it came off the switch");
+        let counted = card.status().counts[0] - (driven - edge);
+        assert!((-(slow >> 32) - 1..=0).contains(&counted), "{counted} at the edge, {play} pulses of play");
+    }
+}

@@ -132,6 +132,8 @@ pub struct Settings<const A: usize> {
     pub direction_setup_ns: u16,
     /// Axes whose direction output is the other way round, one bit each.
     pub direction_inverted: u16,
+    /// Play of each axis between its drive and what that moves, in pulses, taken up beside the counts wherever the axis turns.
+    pub backlash_pulses: [u16; A],
     /// What the inputs mean.
     pub inputs: [InputSetting; MAX_INPUTS],
     /// What a fault switches, the first `safe_count` of them.
@@ -141,7 +143,7 @@ pub struct Settings<const A: usize> {
 }
 
 impl<const A: usize> Settings<A> {
-    /// All axes, T in microseconds, the path from `start` on, reports every eighth period, a watchdog of 250 ms, no inputs, and all
+    /// All axes, T in microseconds, the path from `start` on, reports every eighth period, a watchdog of 250 ms, no play, no inputs, and all
     /// outputs left as they are at a fault.
     #[must_use]
     pub fn new(epoch: u16, start: Start, period_us: u32, limits: RateLimits<A>) -> Self {
@@ -156,6 +158,7 @@ impl<const A: usize> Settings<A> {
             pulse_ns: 2000,
             direction_setup_ns: 5000,
             direction_inverted: 0,
+            backlash_pulses: [0; A],
             inputs: [InputSetting::default(); MAX_INPUTS],
             safe: [Change::default(); MAX_SAFE],
             safe_count: 0,

@@ -183,6 +183,7 @@ fn handshakes_are_read_back() {
 
     let mut settings = Settings::<4>::new(9, Start::at(77), 1000, limits());
     settings.start = Start { place: Place { record: 70, fraction: 1 << 31 }, rests: false, reached: 77, executed: 12 };
+    settings.backlash_pulses = [0, 300, u16::MAX, 7];
     settings.inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
     settings.inputs[15] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
     settings.safe[0] = Change { channel: 64, value: 0 };

@@ -27,8 +27,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return Ok(false);
         }
         let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
-        let (number, place) = (self.supply.number(), exclusive.place);
-        let instruction = Instruction { number, place, changes, count, periods, until: None };
+        let (number, place, until) = (self.supply.number(), exclusive.place, exclusive.until);
+        let instruction = Instruction { number, place, changes, count, periods, until };
         // First the rate: where that is zero still, the card would keep the instruction for a period.
         self.set_rate(demand);
         self.card.send(Word::Instruction(instruction)).map_err(|refusal| Trouble::Fault {

@@ -122,6 +122,9 @@ impl<const A: usize> Opening<A> {
         for value in [of.watchdog_periods, of.pulse_ns, of.direction_setup_ns, of.direction_inverted] {
             writer.u16(value)?;
         }
+        for &pulses in of.backlash_pulses.iter().take(usize::from(of.axes)) {
+            writer.count(u64::from(pulses))?;
+        }
         let used = |input: &InputSetting| *input != InputSetting::default();
         writer.u8(of.inputs.iter().filter(|input| used(input)).count() as u8)?;
         for (number, input) in of.inputs.iter().enumerate().filter(|(_, input)| used(input)) {
@@ -152,6 +155,9 @@ impl<const A: usize> Opening<A> {
         settings.pulse_ns = reader.u16()?;
         settings.direction_setup_ns = reader.u16()?;
         settings.direction_inverted = reader.u16()?;
+        for pulses in settings.backlash_pulses.get_mut(..usize::from(axes))? {
+            *pulses = u16::try_from(reader.count32()?).ok()?;
+        }
         for _ in 0..reader.u8()? {
             let input = settings.inputs.get_mut(usize::from(reader.u8()?))?;
             let byte = reader.u8()?;

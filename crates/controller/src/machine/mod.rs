@@ -3,179 +3,24 @@
 //! Invariant: a [`Machine`] that exists is valid: every number is in its range, the plan keeps its reserve, and the rate law fits
 //! the card.
 
-use std::collections::BTreeMap;
+mod axis;
+mod file;
+mod setting_up;
 
 use retrace_core::limits::RateLimits;
-use retrace_motion::{Blending, GlideRatio, Limits, RatioOf};
-use serde::Deserialize;
+use retrace_motion::{Blending, Limits};
 
-use crate::card::{CardSettings, WrittenCard};
+pub use self::axis::{AXIS_LETTERS, Axis, Home};
+use self::file::MachineFile;
+pub(crate) use self::file::within;
+pub use self::file::{RetraceOutputs, WheelSettings};
+pub use self::setting_up::SettingUp;
+use self::setting_up::Written;
+use crate::card::CardSettings;
 use crate::law::{self, Stopping};
-use crate::refusal::{Refusal, nearest};
+use crate::refusal::Refusal;
 use crate::session::ON_THE_WAY;
 use crate::switching::SwitchingTable;
-
-/// Axis letters, in the order of positions.
-pub const AXIS_LETTERS: [char; 9] = ['x', 'y', 'z', 'a', 'b', 'c', 'u', 'v', 'w'];
-
-/// One axis.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Axis {
-    /// Its letter: x, y, z, a, b, c, u, v or w.
-    pub name: char,
-    /// Pulses in a millimetre (degree, on a rotary axis).
-    pub pulses_per_mm: f64,
-    /// Highest velocity in mm/s.
-    pub max_velocity_mm_per_s: f64,
-    /// Highest acceleration in mm/s².
-    pub max_acceleration_mm_per_s2: f64,
-    /// Highest jerk in mm/s³.
-    pub max_jerk_mm_per_s3: f64,
-    /// Soft limits: least and greatest machine position in mm.
-    pub travel_mm: [f64; 2],
-}
-
-impl Axis {
-    /// Index of the axis in a nine-axis position.
-    #[must_use]
-    pub fn index(&self) -> usize {
-        AXIS_LETTERS.iter().position(|&l| l == self.name).unwrap_or(0)
-    }
-}
-
-/// The handwheel.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct WheelSettings {
-    /// Counts a second that make rate 1.
-    pub counts_per_s_at_rate_1: f64,
-    /// Length of the mean (REV-12) in ms.
-    pub mean_over_ms: f64,
-}
-
-impl Default for WheelSettings {
-    fn default() -> Self {
-        Self { counts_per_s_at_rate_1: 100.0, mean_over_ms: 100.0 }
-    }
-}
-
-/// What outputs do while retracing (REV-14).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RetraceOutputs {
-    /// The operator switches by hand.
-    #[default]
-    Manual,
-    /// Recorded actions are replayed, in reverse too.
-    Replayed,
-}
-
-/// How corners between lines are passed under G64 (SMO-2).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum BlendingMethod {
-    /// As fast as can be found.
-    #[default]
-    Optimum,
-    /// The source's glide, of a set ratio.
-    Source,
-}
-
-/// What a glide ratio is a ratio of.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum GlideRatioOf {
-    /// The lengths of the tracks.
-    #[default]
-    Length,
-    /// Their highest speeds.
-    Speed,
-}
-
-/// Blending as it is written.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct BlendingSettings {
-    method: BlendingMethod,
-    glide_ratio: f64,
-    ratio_of: GlideRatioOf,
-}
-
-impl Default for BlendingSettings {
-    fn default() -> Self {
-        Self { method: BlendingMethod::Optimum, glide_ratio: 0.2, ratio_of: GlideRatioOf::Length }
-    }
-}
-
-impl BlendingSettings {
-    /// The method, with its ratio checked whether or not it is used.
-    fn checked(self) -> Result<Blending, Refusal> {
-        let of = match self.ratio_of {
-            GlideRatioOf::Length => RatioOf::Length,
-            GlideRatioOf::Speed => RatioOf::Speed,
-        };
-        let ratio = GlideRatio::new(self.glide_ratio, of).map_err(|error| {
-            let what = format!("blending.glide_ratio = {}: {error}", self.glide_ratio);
-            Refusal::new("E2112", what, "a number above 0 and at most 1")
-        })?;
-        Ok(match self.method {
-            BlendingMethod::Optimum => Blending::Optimum,
-            BlendingMethod::Source => Blending::Source(ratio),
-        })
-    }
-}
-
-/// The file as it is written.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct MachineFile {
-    name: String,
-    control_period_ms: f64,
-    path_velocity_mm_per_s: f64,
-    reserve_percent: f64,
-    blend_tolerance_mm: f64,
-    history_hours: f64,
-    look_ahead_s: f64,
-    homed: bool,
-    retrace_outputs: RetraceOutputs,
-    cutting_outputs: Vec<u8>,
-    axis: Vec<Axis>,
-    blending: BlendingSettings,
-    wheel: WheelSettings,
-    card: WrittenCard,
-    code: BTreeMap<String, crate::switching::CodeSettings>,
-}
-
-impl Default for MachineFile {
-    fn default() -> Self {
-        let axis = |name| Axis {
-            name,
-            pulses_per_mm: 1000.0,
-            max_velocity_mm_per_s: 100.0,
-            max_acceleration_mm_per_s2: 1000.0,
-            max_jerk_mm_per_s3: 20_000.0,
-            travel_mm: [-2000.0, 2000.0],
-        };
-        Self {
-            name: "built-in".into(),
-            control_period_ms: 1.0,
-            path_velocity_mm_per_s: 100.0,
-            reserve_percent: 10.0,
-            blend_tolerance_mm: 0.05,
-            history_hours: 0.5,
-            look_ahead_s: 0.5,
-            homed: true,
-            retrace_outputs: RetraceOutputs::Manual,
-            cutting_outputs: Vec::new(),
-            axis: vec![axis('x'), axis('y'), axis('z')],
-            blending: BlendingSettings::default(),
-            wheel: WheelSettings::default(),
-            card: WrittenCard::default(),
-            code: BTreeMap::new(),
-        }
-    }
-}
 
 /// A machine, checked.
 #[derive(Clone, Debug)]
@@ -198,8 +43,8 @@ pub struct Machine {
     pub history_records: u32,
     /// Records planned beyond `reached` at most.
     pub look_ahead_records: u32,
-    /// Does the machine know its position at the start?
-    pub homed: bool,
+    /// How it is set up: homing, tool axis, retract plane.
+    pub setting_up: SettingUp,
     /// What outputs do while retracing.
     pub retrace_outputs: RetraceOutputs,
     /// Output channels that cut: rapid retrace only while they are off.
@@ -252,7 +97,7 @@ impl Machine {
     /// `E2111` for text that is no machine file (syntax, misspelt key, wrong type), with line, column and a suggestion; `E2112`
     /// for a number out of range.
     pub fn parse(text: &str, name: &str) -> Result<Self, Refusal> {
-        let file: MachineFile = toml::from_str(text).map_err(|e| misread(&e, name))?;
+        let file = MachineFile::read(text, name)?;
         Self::check(file).map_err(|r| Refusal { what: format!("{name}: {}", r.what), ..r })
     }
 
@@ -265,7 +110,7 @@ impl Machine {
         within("look_ahead_s", file.look_ahead_s, 0.05, 10.0)?;
         within("wheel.counts_per_s_at_rate_1", file.wheel.counts_per_s_at_rate_1, 1.0, 100_000.0)?;
         within("wheel.mean_over_ms", file.wheel.mean_over_ms, file.control_period_ms, 500.0 * file.control_period_ms)?;
-        let axes = checked_axes(file.axis)?;
+        let axes = axis::checked(file.axis)?;
         let period_us = (file.control_period_ms * 1000.0).round() as u32;
         let period_s = f64::from(period_us) * 1e-6;
         let periods = |seconds: f64| (seconds / period_s).ceil() as u32;
@@ -280,6 +125,14 @@ impl Machine {
         })?;
         let look_ahead = periods(file.look_ahead_s).max(stopping.foresight_records + 2 * ON_THE_WAY);
         let card = file.card.checked(&axes, &file.cutting_outputs, file.control_period_ms)?;
+        let written = Written {
+            homing: file.homing,
+            manual: file.manual,
+            homed: file.homed,
+            tool_axis: file.tool_axis,
+            retract_mm: file.retract_mm,
+        };
+        let setting_up = SettingUp::checked(written, &axes, &card)?;
         let wheel_periods = (file.wheel.mean_over_ms / file.control_period_ms).round() as u16;
         let wheel_counts = file.wheel.counts_per_s_at_rate_1 * f64::from(wheel_periods) * period_s;
         let machine = Self {
@@ -291,7 +144,7 @@ impl Machine {
             blending: file.blending.checked()?,
             history_records: periods(file.history_hours * 3600.0),
             look_ahead_records: look_ahead,
-            homed: file.homed,
+            setting_up,
             retrace_outputs: file.retrace_outputs,
             cutting_outputs: file.cutting_outputs,
             card,
@@ -343,63 +196,10 @@ impl Machine {
     }
 }
 
-fn checked_axes(mut axes: Vec<Axis>) -> Result<Vec<Axis>, Refusal> {
-    let refuse = |what: String| Refusal::new("E2112", what, "see `retrace machine new` for a commented machine file");
-    if axes.is_empty() {
-        return Err(refuse("the machine has no [[axis]]".into()));
-    }
-    for axis in &mut axes {
-        axis.name = axis.name.to_ascii_lowercase();
-        let name = axis.name;
-        if !AXIS_LETTERS.contains(&name) {
-            return Err(refuse(format!("axis `{name}`: an axis is x, y, z, a, b, c, u, v or w")));
-        }
-        within(&format!("axis {name}: pulses_per_mm"), axis.pulses_per_mm, 0.001, 1e6)?;
-        within(&format!("axis {name}: max_velocity_mm_per_s"), axis.max_velocity_mm_per_s, 0.001, 1e5)?;
-        within(&format!("axis {name}: max_acceleration_mm_per_s2"), axis.max_acceleration_mm_per_s2, 0.001, 1e7)?;
-        within(&format!("axis {name}: max_jerk_mm_per_s3"), axis.max_jerk_mm_per_s3, 0.001, 1e10)?;
-        let [least, greatest] = axis.travel_mm;
-        within(&format!("axis {name}: travel_mm"), least, -1e6, 1e6)?;
-        within(&format!("axis {name}: travel_mm"), greatest, -1e6, 1e6)?;
-        if least >= greatest {
-            return Err(refuse(format!("axis {name}: travel_mm = [{least}, {greatest}]: the first is the lower end")));
-        }
-    }
-    axes.sort_by_key(Axis::index);
-    if let Some(twice) = axes.windows(2).find(|w| w[0].name == w[1].name) {
-        return Err(refuse(format!("axis {} is there twice", twice[0].name)));
-    }
-    Ok(axes)
-}
-
-pub(crate) fn within(key: &str, value: f64, least: f64, greatest: f64) -> Result<(), Refusal> {
-    if (least..=greatest).contains(&value) {
-        return Ok(());
-    }
-    Err(Refusal::new("E2112", format!("{key} = {value}"), format!("a number from {least} to {greatest}")))
-}
-
-/// Says where a machine file could not be read, and what may have been meant.
-fn misread(error: &toml::de::Error, name: &str) -> Refusal {
-    let remedy = unknown_key(error.message())
-        .unwrap_or_else(|| "correct the line; `retrace machine new` shows a commented machine file".into());
-    Refusal::new("E2111", format!("{name}: {}", error.to_string().trim_end()), remedy)
-}
-
-/// From serde's "unknown field `x`, expected one of `a`, `b`": the nearest known key.
-fn unknown_key(message: &str) -> Option<String> {
-    let mut quoted = message.strip_prefix("unknown field ")?.split('`').skip(1).step_by(2);
-    let unknown = quoted.next()?;
-    let known: Vec<&str> = quoted.collect();
-    Some(match nearest(unknown, known.iter().copied()) {
-        Some(key) => format!("did you mean `{key}`?"),
-        None => format!("known keys here: {}", known.join(", ")),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use retrace_motion::{GlideRatio, RatioOf};
 
     #[test]
     fn the_built_in_machine_is_the_published_one() {

@@ -1,0 +1,414 @@
+//! `retrace jobs`: what can be resumed, what ran, how it ended.
+//!
+//! Invariant: nothing is written, and a job whose journal is damaged keeps no other from being listed.
+
+use std::path::Path;
+
+use retrace_controller::event::channel_name;
+use retrace_controller::jobs::{JobFolder, Jobs, Listed, State};
+use retrace_controller::journal::entry::{At, Card, Job, Mode, Source, Standing};
+use retrace_controller::journal::record::JobRecord;
+use retrace_controller::refusal::Refusal;
+use retrace_link::channel;
+use serde_json::{Value, json};
+
+use crate::args;
+
+/// So many jobs are listed, without --all.
+const LISTED: usize = 20;
+
+/// Runs the command.
+///
+/// # Errors
+/// There is no folder for jobs, no job of that name, or its journal cannot be used.
+pub fn run(args: &args::Jobs) -> Result<(), Refusal> {
+    let jobs = Jobs::named(args.journal.as_deref())?;
+    match &args.action {
+        None => list(&jobs, args),
+        Some(args::JobsAction::Show { id }) => show(&jobs.find(id)?, args)?,
+    }
+    Ok(())
+}
+
+fn list(jobs: &Jobs, args: &args::Jobs) {
+    let listed = jobs.list();
+    let all = listed.len();
+    // What never began, and what came to its end long ago, nobody looks for.
+    let of_interest = listed.into_iter().filter(|job| args.all || job.state != State::NeverBegan);
+    let shown: Vec<Listed> = of_interest.take(if args.all { all } else { LISTED }).collect();
+    if args.json {
+        let jobs_json: Vec<Value> = shown.iter().map(|job| listed_json(job, args.journal.as_deref())).collect();
+        crate::out::line(json!({"folder": jobs.folder().display().to_string(), "jobs": jobs_json}));
+        return;
+    }
+    if shown.is_empty() {
+        say!("no job is in {} yet; `retrace run PROGRAM` begins one", jobs.folder().display());
+        return;
+    }
+    let rows: Vec<[String; 5]> = shown.iter().map(|job| row(job, args.journal.as_deref())).collect();
+    say!("{}", table(["job", "program", "state", "how far", "what to do"], &rows).trim_end());
+    if shown.len() < all {
+        say!("{} more with --all", all - shown.len());
+    }
+}
+
+fn row(job: &Listed, journal: Option<&Path>) -> [String; 5] {
+    let (program, far) = job.glance.as_ref().map_or_else(
+        || ("?".into(), String::new()),
+        |glance| (glance.job.program.clone(), far(&glance.job, glance.at.as_ref(), &job.state)),
+    );
+    [job.folder.id().into(), program, job.state.word().into(), far, to_do(job.folder.id(), &job.state, journal)]
+}
+
+/// Columns as wide as their widest cell.
+fn table<const N: usize>(head: [&str; N], rows: &[[String; N]]) -> String {
+    let width = |column: usize| {
+        let cells = rows.iter().map(|row| row[column].chars().count());
+        cells.chain([head[column].chars().count()]).max().unwrap_or_default()
+    };
+    let widths: [usize; N] = std::array::from_fn(width);
+    let line = |cells: [&str; N]| -> String {
+        let padded: Vec<String> = cells.iter().zip(widths).map(|(cell, width)| format!("{cell:width$}")).collect();
+        format!("{}\n", padded.join("  ").trim_end())
+    };
+    let rows = rows.iter().map(|row| line(std::array::from_fn(|n| row[n].as_str())));
+    std::iter::once(line(head)).chain(rows).collect()
+}
+
+/// The line that was reached, of how many, as a share of them.
+fn far(job: &Job, at: Option<&At>, state: &State) -> String {
+    match (at.map(|at| at.line), job.lines) {
+        _ if *state == State::Completed => "to its end".into(),
+        (None, _) => "at its beginning".into(),
+        (Some(line), None) => format!("line {line}"),
+        (Some(line), Some(lines)) => {
+            format!("line {line} of {lines}, {:.0} %", 100.0 * f64::from(line) / lines.max(1) as f64)
+        }
+    }
+}
+
+fn to_do(id: &str, state: &State, journal: Option<&Path>) -> String {
+    match state {
+        State::Running(Some(pid)) => format!("process {pid} has it"),
+        State::Running(None) => "another process has it".into(),
+        State::Completed | State::NeverBegan => String::new(),
+        State::Unusable(refusal) => format!("{}: `retrace jobs show {id}` says more", refusal.number),
+        State::Interrupted | State::Stopped | State::Alarm => {
+            let journal = journal.map(|folder| format!(" --journal {}", folder.display())).unwrap_or_default();
+            format!("retrace resume {id}{journal}")
+        }
+    }
+}
+
+fn listed_json(job: &Listed, journal: Option<&Path>) -> Value {
+    let mut value = json!({
+        "id": job.folder.id(),
+        "state": job.state.word(),
+        "resumable": job.state.can_resume(),
+        "to_do": to_do(job.folder.id(), &job.state, journal),
+    });
+    if let State::Unusable(refusal) = &job.state {
+        value["error"] = json!({"number": refusal.number, "what": refusal.what, "remedy": refusal.remedy});
+    }
+    if let Some(glance) = &job.glance {
+        value["program"] = json!(glance.job.program);
+        value["source"] = json!(glance.job.source);
+        value["began"] = json!(glance.job.when);
+        value["ended"] = json!(glance.end.as_ref().map(|end| end.when));
+        value["line"] = json!(glance.at.as_ref().map(|at| at.line));
+        value["lines"] = json!(glance.job.lines);
+    }
+    value
+}
+
+fn show(folder: &JobFolder, args: &args::Jobs) -> Result<(), Refusal> {
+    let (state, record) = (folder.state(), folder.read()?);
+    if args.json {
+        crate::out::line(record_json(&record, &state));
+        return Ok(());
+    }
+    say!("{}: {}", folder.id(), state_in_words(&state));
+    for (name, text) in in_words(&record) {
+        say!("  {name:11} {text}");
+    }
+    let to_do = to_do(folder.id(), &state, args.journal.as_deref());
+    if !to_do.is_empty() {
+        say!("  {:11} {to_do}", "what to do");
+    }
+    Ok(())
+}
+
+fn state_in_words(state: &State) -> String {
+    match state {
+        State::Running(_) => "it is running".into(),
+        State::Interrupted => "interrupted, the computer or the process failed; the breakpoint is kept".into(),
+        State::Stopped => "stopped; the breakpoint is kept".into(),
+        State::Alarm => "stopped by an alarm; the breakpoint is kept".into(),
+        State::Completed => "completed".into(),
+        State::NeverBegan => "nothing has moved".into(),
+        State::Unusable(refusal) => refusal.what.clone(),
+    }
+}
+
+/// Everything that is known of a job, by name.
+fn in_words(record: &JobRecord) -> Vec<(&'static str, String)> {
+    let job = &record.job;
+    let mut words =
+        vec![("program", source_in_words(job)), ("began", format!("{}, with retrace {}", job.when, job.retrace))];
+    words.extend(
+        record.resumed.iter().map(|again| ("resumed", format!("{}, with retrace {}", again.when, again.retrace))),
+    );
+    if let Some(end) = &record.end {
+        words.push(("ended", format!("{}, exit code {}", end.when, end.exit_code)));
+    }
+    let card = record.resumed.last().map_or(&job.card, |again| &again.card);
+    let machine = job.machine.path.as_deref().unwrap_or("built in");
+    words.push(("machine", format!("{machine}, a control period of {} ms", f64::from(job.period_us) / 1000.0)));
+    words.push(("card", card_in_words(card)));
+    words.extend(breakpoint(record));
+    if record.spooled.bytes > 0 {
+        let all = if record.spooled.ended { "all of it" } else { "not all of it" };
+        words.push(("arrived", format!("{} bytes of the program are kept, {all}", record.spooled.bytes)));
+    }
+    let overrides = record.overrides().len();
+    let index = format!("{} marks, {overrides} changes of the planned override", record.marks);
+    words
+        .push(("index", record.last_mark.map_or(index.clone(), |mark| format!("{index}; up to place {}", mark.place))));
+    if let Some(alarm) = &record.alarm {
+        let text = |name: &str| alarm[name].as_str().unwrap_or_default().to_owned();
+        words.push(("alarm", format!("{}: {}. {}", text("number"), text("cause"), text("remedy"))));
+    }
+    if record.tail.torn > 0 {
+        words.push((
+            "torn",
+            format!("the last {} bytes of the journal were not whole, and count for nothing", record.tail.torn),
+        ));
+    }
+    if record.lost > 0 {
+        words.push(("lost", format!("{} entries, while the disk did not keep up", record.lost)));
+    }
+    words
+}
+
+/// Where the machine was, in words.
+fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
+    let start = record.stood.start;
+    let fraction = f64::from(start.place.fraction) / 2_f64.powi(32);
+    let mut place = format!("place {}", start.place.record);
+    if start.place.fraction != 0 {
+        place += &format!(" and {fraction:.3} of a period");
+    }
+    if start.reached != start.place.boundary_ahead() {
+        place += &format!(", retraced from place {}", start.reached);
+    }
+    let Some(at) = &record.at else {
+        return vec![("breakpoint", format!("at the beginning, {place}, counts {:?}", record.stood.counts))];
+    };
+    let rest = if at.at_rest { "at rest" } else { "in motion" };
+    let line = far(&record.job, Some(at), &State::Interrupted);
+    let mode = mode_in_words(at.mode, at.standing);
+    let outputs: Vec<String> = at.outputs.iter().map(|&(number, value)| output_in_words(number, value)).collect();
+    vec![
+        ("breakpoint", format!("{line}; {place}, {rest}; {} instructions complete", start.executed)),
+        ("counts", format!("{:?} pulses", record.stood.counts)),
+        ("mode", mode.into()),
+        ("outputs", if outputs.is_empty() { "all off".into() } else { outputs.join(", ") }),
+        ("as of", at.when.to_string()),
+    ]
+}
+
+fn source_in_words(job: &Job) -> String {
+    let lines = job.lines.map(|lines| format!(", {lines} lines")).unwrap_or_default();
+    match &job.source {
+        Source::File(path) => format!("{path}{lines}"),
+        Source::StandardInput => "from standard input".into(),
+        Source::Socket(address) => format!("from {address}"),
+    }
+}
+
+fn card_in_words(card: &Card) -> String {
+    match card {
+        Card::Sim => "simulated".into(),
+        Card::Wired(of) => format!("`{}`, serial number {}, at {}", of.name, of.serial, of.address),
+    }
+}
+
+fn mode_in_words(mode: Mode, standing: Standing) -> &'static str {
+    match (mode, standing) {
+        (Mode::Run, Standing::None) => "normal run",
+        (Mode::Run, Standing::Hold) => "held",
+        (Mode::Run, Standing::ProgramStop) => "at a program stop",
+        (Mode::Run, Standing::SingleBlock) => "single block",
+        (Mode::Run, Standing::Paused) => "paused",
+        (Mode::Reverse, _) => "reverse run",
+        (Mode::Forward, _) => "forward run",
+        (Mode::Wheel, _) => "handwheel",
+        (Mode::Return, _) => "on the way back to the furthest place",
+        (Mode::Settle, _) => "at the furthest place, outputs differ",
+    }
+}
+
+fn output_in_words(number: u8, value: i32) -> String {
+    let name = channel_name(number);
+    match number {
+        channel::SPINDLE if value > 0 => "spindle clockwise".into(),
+        channel::SPINDLE => "spindle counterclockwise".into(),
+        channel::SPEED => format!("{} rev/min", f64::from(value) / 1000.0),
+        channel::TOOL => format!("tool {value}"),
+        _ if value == 1 => format!("{name} on"),
+        _ => format!("{name} {value}"),
+    }
+}
+
+fn record_json(record: &JobRecord, state: &State) -> Value {
+    let start = record.stood.start;
+    json!({
+        "state": state.word(),
+        "resumable": state.can_resume(),
+        "job": record.job,
+        "resumed": record.resumed,
+        "breakpoint": {
+            "record": start.place.record,
+            "fraction": start.place.fraction,
+            "reached": start.reached,
+            "executed": start.executed,
+            "counts": record.stood.counts,
+            "line": record.at.as_ref().map(|at| at.line),
+        },
+        "at": record.at,
+        "spooled": record.spooled,
+        "marks": record.marks,
+        "overrides": record.overrides(),
+        "alarm": record.alarm,
+        "end": record.end,
+        "lost": record.lost,
+        "torn_bytes": record.tail.torn,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use retrace_controller::index::Durable;
+    use retrace_controller::journal::entry::{
+        Arguments, End, Ending, FORMAT, MachineFile, PLANNER, Resumed, WiredCard,
+    };
+    use retrace_controller::journal::hash::Hash;
+    use retrace_controller::journal::keeper::Keeper;
+    use retrace_controller::journal::logbook::{Care, Logbook};
+    use retrace_controller::journal::stamp::Stamp;
+    use retrace_controller::stream::{Period, Told};
+    use retrace_core::{Place, mode};
+    use retrace_link::{Change, Status};
+
+    /// A job that ran on a card, was stopped while it went back, and was taken up again once.
+    fn stopped(jobs: &Jobs) -> JobFolder {
+        let when = Stamp::from_ms(1_795_308_387_000);
+        let folder = jobs.create("part.ngc", when).expect("a folder");
+        let card = WiredCard { address: "port".into(), name: "retrace-sim".into(), serial: 77, boot: 5 };
+        let job = Job {
+            format: FORMAT,
+            id: folder.id().into(),
+            when,
+            retrace: "0.1.0".into(),
+            planner: PLANNER,
+            program: "part.ngc".into(),
+            source: Source::File("part.ngc".into()),
+            lines: Some(120),
+            files: Vec::new(),
+            machine: MachineFile { path: None, hash: Hash::of(b""), text: String::new() },
+            arguments: Arguments::default(),
+            card: Card::Wired(card.clone()),
+            period_us: 1000,
+            origin: 0,
+            counts: vec![0, 0, 0],
+        };
+        let place = Place { record: 1234, fraction: 1 << 30 };
+        let resumed = Resumed {
+            when,
+            retrace: "0.1.1".into(),
+            card: Card::Wired(card),
+            place,
+            reached: 1300,
+            executed: 2,
+            counts: vec![1200, 0, -5],
+        };
+        let store = folder.new_journal().expect("a file");
+        drop(Logbook::begin(store, Care::Written, job, None).expect("it works"));
+        let (store, tail) = (folder.old_journal().expect("a file"), folder.read().expect("whole").tail);
+        let logbook = Logbook::go_on(store, Care::Written, tail, Durable::from(0), resumed, None).expect("it works");
+        let mut keeper = Keeper::<3>::new(&logbook, 3, 1000);
+        for (channel, value) in [(channel::SPINDLE, 1), (channel::SPEED, 12_000_000), (3, 1)] {
+            keeper.told(&Told::Output(Change { channel, value }));
+        }
+        let status = Status::<3> {
+            place,
+            reached: 1300,
+            executed: 2,
+            line: 37,
+            counts: [1200, 0, -5],
+            ..Status::standing(retrace_link::Start::at(0))
+        };
+        keeper.told(&Told::Period(Period { mode: mode::Mode::Reverse, at_rest: true, ..Period::of(&status) }));
+        drop(keeper);
+        let end = End { when, outcome: Ending::Stopped, exit_code: 4, report: Value::Null };
+        logbook.end(end).expect("it works");
+        folder
+    }
+
+    #[test]
+    fn a_stopped_job_is_listed_and_told_in_words() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let jobs = Jobs::of(folder.path());
+        let job = stopped(&jobs);
+        let listed = jobs.list();
+        let name = "20261122-004627-part";
+        let expected = [name, "part.ngc", "stopped", "line 37 of 120, 31 %", &format!("retrace resume {name}")];
+        assert_eq!(row(&listed[0], None), expected);
+        let value = listed_json(&listed[0], None);
+        assert_eq!((&value["resumable"], &value["line"], &value["lines"]), (&json!(true), &json!(37), &json!(120)));
+
+        let record = job.read().expect("whole");
+        let words: Vec<String> = in_words(&record).iter().map(|(name, text)| format!("{name}: {text}")).collect();
+        for expected in [
+            "program: part.ngc, 120 lines",
+            "resumed: 2026-11-22T00:46:27.000Z, with retrace 0.1.1",
+            "ended: 2026-11-22T00:46:27.000Z, exit code 4",
+            "machine: built in, a control period of 1 ms",
+            "card: `retrace-sim`, serial number 77, at port",
+            "breakpoint: line 37 of 120, 31 %; place 1234 and 0.250 of a period, retraced from place 1300, at rest; \
+             2 instructions complete",
+            "counts: [1200, 0, -5] pulses",
+            "mode: reverse run",
+            "outputs: output 3 on, spindle clockwise, 12000 rev/min",
+        ] {
+            assert!(words.iter().any(|line| line == expected), "{expected} is not in {words:#?}");
+        }
+        let value = record_json(&record, &job.state());
+        assert_eq!((&value["breakpoint"]["record"], &value["breakpoint"]["fraction"]), (&json!(1234), &json!(1 << 30)));
+        assert_eq!((&value["state"], &value["job"]["lines"]), (&json!("stopped"), &json!(120)));
+    }
+
+    #[test]
+    fn a_table_is_as_wide_as_its_cells() {
+        let rows = [["a".to_owned(), "bb".into()], ["cccc".into(), String::new()]];
+        assert_eq!(table(["x", "y"], &rows), "x     y\na     bb\ncccc\n");
+    }
+
+    #[test]
+    fn outputs_are_said_as_an_operator_would() {
+        let said: Vec<String> =
+            [(64, -1), (65, 12_500), (66, 1), (68, 3), (5, 1), (5, 7)].map(|(n, v)| output_in_words(n, v)).into();
+        assert_eq!(
+            said,
+            ["spindle counterclockwise", "12.5 rev/min", "mist on", "tool 3", "output 5 on", "output 5 7"]
+        );
+    }
+
+    #[test]
+    fn what_to_do_can_be_typed() {
+        assert_eq!(to_do("j", &State::Stopped, None), "retrace resume j");
+        assert_eq!(to_do("j", &State::Interrupted, Some(Path::new("here"))), "retrace resume j --journal here");
+        assert_eq!(to_do("j", &State::Completed, None), "");
+    }
+}

@@ -1,0 +1,365 @@
+//! A pretended machine behind the screen: it plays a program's records as the real one would, without a card, so that the screen can be
+//! looked at and tested by itself.
+//!
+//! Invariant: modes and the way back are those of the core; only rates and outputs are pretended.
+
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use retrace_controller::event::{Differing, Event, Happening};
+use retrace_controller::index::Keeping;
+use retrace_controller::job::{self, Begin, Conduct};
+use retrace_controller::machine::Machine;
+use retrace_controller::manual::Task;
+use retrace_controller::operator::{Deed, OrderRefused};
+use retrace_controller::orders::Operators;
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::Manner;
+use retrace_controller::stream::{Observer, Period, Standing, Told};
+use retrace_core::mode::{Facts as ModeFacts, Mode, Operation, Order};
+use retrace_core::{ONE, Place, Travel};
+use retrace_hal_sim::{Clock, SimCard};
+use retrace_link::Change;
+
+use super::facts::Facts;
+use super::live::{Live, locked};
+use super::model::{Model, Stage};
+use super::preview::Preview;
+use super::{Said, Screen};
+use crate::args;
+use crate::program::{Failure, Program};
+
+/// Most by which the rate changes in a period.
+const SLOPE: Travel = ONE / 150;
+
+/// Shows a program on a pretended machine.
+///
+/// # Errors
+/// What is wrong with the program or the terminal.
+pub fn run(args: &args::Check) -> Result<(), Failure> {
+    let machine = crate::files::machine(args.machine.as_deref())?;
+    let program = Program::open(&args.reading, &machine)?;
+    program.check(&machine)?;
+    let text = std::fs::read(&args.reading.program).unwrap_or_default();
+    let tape = Tape::of(&machine, &program);
+    let facts = facts(&machine, &program, &String::from_utf8_lossy(&text), &tape);
+    let model = Arc::new(Mutex::new(Model::new(Arc::new(facts))));
+    let (sender, words) = channel();
+    let pretended = Pretended::new(tape, Arc::clone(&model), machine.period_s());
+    let playing = std::thread::spawn(move || pretended.play(&words));
+    let done = Screen::default().run(&model, |said| tell(&sender, said));
+    drop(sender);
+    let _ = playing.join();
+    done.map_err(|error| crate::console::unwritable("the screen", &error).into())
+}
+
+fn tell(sender: &Sender<Said>, said: Said) {
+    // Nobody listens any more once the machine has been left.
+    let _ = sender.send(said);
+}
+
+/// What is known of a program before it runs.
+pub fn facts(machine: &Machine, program: &Program, text: &str, tape: &Tape) -> Facts {
+    Facts {
+        planned_s: Some(tape.records.len() as f64 * machine.period_s()),
+        preview: Preview::of(machine, &mut program.decoder()),
+        ..Facts::of(machine, program.name(), text)
+    }
+}
+
+/// What a program's run emits, period by period.
+#[derive(Debug, Default)]
+pub struct Tape {
+    /// Line and increments of each record.
+    records: Vec<(u32, [i32; 9])>,
+    /// Outputs that change before a record.
+    changes: Vec<(u32, Change)>,
+}
+
+impl Tape {
+    /// Runs the program once, as fast as that goes.
+    pub fn of(machine: &Machine, program: &Program) -> Self {
+        let mut tape = Self::default();
+        let card = machine.rate_limits().and_then(|limits| SimCard::new(0, limits, Clock::Virtual));
+        if let Some(card) = card {
+            let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
+            let manner = Manner { wall_time: false, operator: false };
+            let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+            // What cannot be run leaves the tape empty.
+            let _ = job::run::<9, _>(machine, program.decoder(), conduct, card, &mut tape);
+        }
+        tape
+    }
+}
+
+impl Observer<9> for Tape {
+    fn told(&mut self, told: &Told<9>) {
+        match told {
+            Told::Output(change) => self.changes.push((self.records.len() as u32, *change)),
+            Told::Period(period) if period.rate != 0 => self.records.push((period.line, period.increments)),
+            _ => {}
+        }
+    }
+}
+
+/// The pretended machine.
+pub struct Pretended {
+    tape: Tape,
+    model: Arc<Mutex<Model>>,
+    live: Live,
+    operation: Operation,
+    period_s: f64,
+    period: u64,
+    cursor: Travel,
+    reached: u32,
+    rate: Travel,
+    counts: [i64; 9],
+    outputs: Vec<i32>,
+    wheel: i32,
+    paused: bool,
+}
+
+impl Pretended {
+    /// With this tape, for this picture.
+    pub fn new(tape: Tape, model: Arc<Mutex<Model>>, period_s: f64) -> Self {
+        let live = Live::new(Arc::clone(&model));
+        let outputs = vec![0; retrace_link::channel::COUNT];
+        Self {
+            tape,
+            model,
+            live,
+            operation: Operation::default(),
+            period_s,
+            period: 0,
+            cursor: 0,
+            reached: 0,
+            rate: 0,
+            counts: [0; 9],
+            outputs,
+            wheel: 0,
+            paused: false,
+        }
+    }
+
+    fn play(mut self, words: &Receiver<Said>) {
+        let begun = Instant::now();
+        loop {
+            loop {
+                match words.try_recv() {
+                    Ok(said) => self.hear(&said),
+                    Err(std::sync::mpsc::TryRecvError::Empty) => break,
+                    Err(std::sync::mpsc::TryRecvError::Disconnected) => return,
+                }
+            }
+            while (self.period as f64) * self.period_s < begun.elapsed().as_secs_f64() {
+                self.step();
+            }
+            std::thread::sleep(Duration::from_millis(3));
+        }
+    }
+
+    /// The operator says something.
+    pub fn hear(&mut self, said: &Said) {
+        match said {
+            Said::Start => {
+                self.event(Happening::Started);
+            }
+            Said::Turn(counts) => self.wheel += counts,
+            Said::Task(Task::ClearAlarm) => locked(&self.model).alarm_is_cleared(),
+            Said::Task(Task::Jog { axis, mm }) => self.jog(*axis, *mm),
+            Said::Task(task) => self.event(Happening::Message(format!("{task:?}"))),
+            Said::Deed(deed) => {
+                self.event(Happening::Operator(*deed));
+                if let Err(why) = self.deed(*deed) {
+                    self.event(Happening::OrderRefused(why));
+                }
+            }
+            Said::DryRun(_) | Said::Quit => {}
+        }
+    }
+
+    /// Does what needs no mode; says whether it was that.
+    fn by_hand(&mut self, deed: Deed) -> bool {
+        match deed {
+            Deed::Output { number, on } => self.switch(number, i32::from(on)),
+            Deed::SpindleStop => self.switch(retrace_link::channel::SPINDLE, 0),
+            Deed::SpindleStart => self.switch(retrace_link::channel::SPINDLE, 1),
+            Deed::Jog { axis, mm } => self.jog(axis, mm),
+            Deed::Stop => locked(&self.model).end("stopped by the operator"),
+            Deed::Online | Deed::Single => {}
+            _ => return false,
+        }
+        true
+    }
+
+    fn deed(&mut self, deed: Deed) -> Result<(), OrderRefused> {
+        if self.by_hand(deed) {
+            return Ok(());
+        }
+        let order = match deed {
+            Deed::Hold => Order::Hold,
+            Deed::Pause => {
+                self.paused = true;
+                Order::Hold
+            }
+            Deed::Resume | Deed::CycleStart => {
+                self.paused = false;
+                Order::Resume
+            }
+            Deed::Reverse(rate) => Order::Reverse(rate),
+            Deed::Forward(rate) => Order::Forward(rate),
+            Deed::Override(rate) => Order::Override(rate),
+            Deed::Wheel { .. } => Order::Wheel,
+            Deed::Leave { ask } => Order::Leave { ask },
+            Deed::Agree => Order::Agree,
+            _ => return Err(OrderRefused::NotNow("the pretended machine does not do that")),
+        };
+        let mode = self.operation.mode();
+        self.operation.order(order)?;
+        if self.operation.mode() != mode {
+            self.wheel = 0;
+        }
+        Ok(())
+    }
+
+    fn jog(&mut self, axis: char, mm: f64) {
+        let facts = Arc::clone(&locked(&self.model).facts);
+        if let Some(n) = facts.axes.iter().position(|a| a.letter == axis) {
+            self.counts[n] += (mm * facts.axes[n].pulses_per_mm).round() as i64;
+        }
+    }
+
+    fn switch(&mut self, channel: u8, value: i32) {
+        self.outputs[usize::from(channel)] = value;
+        Observer::<9>::told(&mut self.live, &Told::Output(Change { channel, value }));
+    }
+
+    /// What the program expects at the furthest place.
+    fn expected(&self) -> Vec<i32> {
+        let mut expected = vec![0; self.outputs.len()];
+        for (_, change) in self.tape.changes.iter().filter(|(place, _)| *place < self.reached) {
+            expected[usize::from(change.channel)] = change.value;
+        }
+        expected
+    }
+
+    fn event(&mut self, happening: Happening) {
+        let place = Place::start_of(0).moved(self.cursor);
+        let line = self.tape.records.get(place.record as usize).map_or(0, |record| record.0);
+        let event = Event { period: self.period, time_s: self.period as f64 * self.period_s, place, line, happening };
+        Observer::<9>::told(&mut self.live, &Told::Event(event));
+    }
+
+    /// A control period.
+    pub fn step(&mut self) {
+        self.period += 1;
+        let is_job = locked(&self.model).stage == Stage::Job;
+        let is_way_on = !matches!(self.operation.mode(), Mode::Run | Mode::Reverse | Mode::Wheel);
+        let expected = if is_way_on { self.expected() } else { Vec::new() };
+        let facts = ModeFacts {
+            place: Place::start_of(0).moved(self.cursor),
+            at_rest: self.rate == 0,
+            reached: self.reached,
+            oldest: 0,
+            outputs_agree: expected.is_empty() || expected == self.outputs,
+            wheel: Travel::from(self.wheel.clamp(-10, 10)) * ONE / 10,
+        };
+        if self.period.is_multiple_of(10) {
+            self.wheel -= self.wheel.signum() * (self.wheel.abs() / 10).max(1).min(self.wheel.abs());
+        }
+        let demand = self.operation.demand(&facts);
+        match demand.notice {
+            Some(retrace_core::mode::Notice::Oldest) => self.event(Happening::Oldest),
+            Some(retrace_core::mode::Notice::GoesOn) => self.event(Happening::GoesOn),
+            Some(retrace_core::mode::Notice::OutputsDiffer) => {
+                let differ = (0..expected.len()).filter(|&c| expected[c] != self.outputs[c]);
+                let mut differ = differ.map(|c| (c as u8, self.outputs[c], expected[c]));
+                let some = Differing::first(&mut differ);
+                self.event(Happening::OutputsDiffer(some));
+            }
+            None => {}
+        }
+        if demand.restore_outputs {
+            for (channel, value) in expected.into_iter().enumerate() {
+                self.switch(channel as u8, value);
+            }
+        }
+        let target = if is_job { demand.target } else { 0 };
+        self.rate += (target - self.rate).clamp(-SLOPE, SLOPE);
+        let increments = self.walk();
+        self.told(increments);
+        if is_job && self.reached as usize == self.tape.records.len() && self.operation.mode() == Mode::Run {
+            locked(&self.model).end("completed");
+        }
+    }
+
+    /// Walks over the tape: what it emits.
+    fn walk(&mut self) -> [i32; 9] {
+        let end = self.tape.records.len() as Travel * ONE;
+        let furthest = if self.operation.mode() == Mode::Run { end } else { Travel::from(self.reached) * ONE };
+        let from = self.cursor;
+        let mut to = (from + self.rate).clamp(0, furthest.max(from));
+        // Rest is on a boundary there, as on the real card.
+        if to == from && from % ONE != 0 && self.operation.mode() != Mode::Run && furthest - from < ONE {
+            to = furthest;
+        }
+        if to == from {
+            self.rate = 0;
+        }
+        self.cursor = to;
+        let (from, to) = ((from / ONE) as usize, (to / ONE) as usize);
+        let mut sum = [0; 9];
+        let sign = if to < from { -1 } else { 1 };
+        for (_, record) in self.tape.records.get(from.min(to)..from.max(to)).unwrap_or_default() {
+            for i in 0..9 {
+                sum[i] += sign * record[i];
+            }
+        }
+        for (count, &step) in self.counts.iter_mut().zip(&sum) {
+            *count += i64::from(step);
+        }
+        let reached = (self.cursor.div_euclid(ONE) + Travel::from(self.cursor % ONE != 0)) as u32;
+        while self.reached < reached {
+            self.reached += 1;
+            let due: Vec<Change> =
+                self.tape.changes.iter().filter(|(p, _)| *p + 1 == self.reached).map(|(_, c)| *c).collect();
+            for change in due {
+                self.switch(change.channel, change.value);
+                self.event(Happening::SwitchedInPassing(change.channel, change.value));
+            }
+        }
+        sum
+    }
+
+    fn told(&mut self, increments: [i32; 9]) {
+        let place = Place::start_of(0).moved(self.cursor);
+        let planned = (self.reached + 500).min(self.tape.records.len() as u32);
+        let standing = match (self.paused && self.rate == 0, self.operation.held()) {
+            (true, _) => Standing::Paused,
+            (_, true) => Standing::Hold,
+            _ => Standing::None,
+        };
+        let period = Period {
+            period: self.period,
+            place,
+            reached: self.reached,
+            oldest: 0,
+            planned,
+            window: [place.record.saturating_sub(200), (place.record + 250).min(planned)],
+            rate: self.rate,
+            line: self.tape.records.get(place.record as usize).map_or(0, |record| record.0),
+            increments,
+            counts: self.counts,
+            executed: 0,
+            at_rest: self.rate == 0,
+            short: false,
+            inputs: 0,
+            mode: self.operation.mode(),
+            standing,
+            override_rate: self.operation.override_rate(),
+            off_path: locked(&self.model).stage == Stage::Setup,
+        };
+        self.live.told(&Told::Period(period));
+    }
+}

@@ -1,0 +1,115 @@
+//! What the screen shows that does not change while a job runs: machine, program, plan.
+//!
+//! Invariant: nothing here depends on how many axes the code was compiled for.
+
+use retrace_controller::machine::Machine;
+
+use super::preview::Preview;
+
+/// An axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisFacts {
+    /// Its letter, lower case.
+    pub letter: char,
+    /// Pulses to the mm (degree).
+    pub pulses_per_mm: f64,
+    /// Its soft limits, mm (degrees).
+    pub travel_mm: [f64; 2],
+}
+
+/// What does not change while a job runs.
+#[derive(Clone, Debug, Default)]
+pub struct Facts {
+    /// The machine's name.
+    pub machine: String,
+    /// Its axes.
+    pub axes: Vec<AxisFacts>,
+    /// Control period, s.
+    pub period_s: f64,
+    /// The program.
+    pub program: Text,
+    /// All motion of the program at an override of 100 %, s; none where the program comes as a stream.
+    pub planned_s: Option<f64>,
+    /// The place at which the job's first record stands.
+    pub first_place: u32,
+    /// Where the program goes, and where its blocks end.
+    pub preview: Preview,
+    /// The tool table, a tool a line.
+    pub tools: Vec<String>,
+}
+
+impl Facts {
+    /// The machine's share, for a program of this name and text; a stream has no text.
+    #[must_use]
+    pub fn of(machine: &Machine, name: &str, text: &str) -> Self {
+        let axes = machine.axes.iter().map(|axis| AxisFacts {
+            letter: axis.name,
+            pulses_per_mm: axis.pulses_per_mm,
+            travel_mm: axis.travel_mm,
+        });
+        Self {
+            machine: machine.name.clone(),
+            axes: axes.collect(),
+            period_s: machine.period_s(),
+            program: Text::new(name, text),
+            ..Self::default()
+        }
+    }
+
+    /// Which axes are X, Y and Z.
+    #[must_use]
+    pub fn space(&self) -> [Option<usize>; 3] {
+        ['x', 'y', 'z'].map(|letter| self.axes.iter().position(|axis| axis.letter == letter))
+    }
+}
+
+/// A program's text, line by line.
+#[derive(Clone, Debug, Default)]
+pub struct Text {
+    /// What the program is called.
+    pub name: String,
+    text: String,
+    /// Where each line begins.
+    begins: Vec<usize>,
+}
+
+impl Text {
+    /// Of a program of this name.
+    #[must_use]
+    pub fn new(name: &str, text: &str) -> Self {
+        let begins = text.split_inclusive('\n').scan(0, |at, line| {
+            let begin = *at;
+            *at += line.len();
+            Some(begin)
+        });
+        Self { name: name.into(), begins: begins.collect(), text: text.into() }
+    }
+
+    /// How many lines there are.
+    #[must_use]
+    pub fn lines(&self) -> usize {
+        self.begins.len()
+    }
+
+    /// A line, from 1, without its end.
+    #[must_use]
+    pub fn line(&self, number: usize) -> Option<&str> {
+        let begin = *self.begins.get(number.checked_sub(1)?)?;
+        let end = self.begins.get(number).copied().unwrap_or(self.text.len());
+        self.text.get(begin..end).map(|line| line.trim_end_matches(['\n', '\r']))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_those_of_the_text() {
+        let text = Text::new("a", "G0\r\nG1 X1\n\nM2");
+        assert_eq!(text.lines(), 4);
+        let lines: Vec<_> = (0..6).map(|n| text.line(n)).collect();
+        assert_eq!(lines, [None, Some("G0"), Some("G1 X1"), Some(""), Some("M2"), None]);
+        assert_eq!(Text::default().lines(), 0);
+    }
+}

@@ -1,0 +1,380 @@
+//! What the operator is doing at the keys: from a key to the words that it says.
+//!
+//! Invariant: a pure function of the key, the time and the picture; a hold is said whatever is open, but while a line is being typed
+//! that spaces belong to, where nothing runs.
+
+use retrace_controller::manual::Task;
+use retrace_controller::operator::Deed;
+use retrace_core::mode::Mode;
+use retrace_core::{ONE, Travel};
+use retrace_link::channel;
+
+use super::Said;
+use super::keys::{self, Act, Key, Situation};
+use super::model::{Model, Stage};
+
+/// What a prompt asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ask {
+    /// So many mm back.
+    BackBy,
+    /// The number of an output.
+    Output,
+    /// A block.
+    Mdi,
+    /// An axis, or all.
+    WorkZero,
+    /// Whether to stop the job.
+    Stop,
+}
+
+/// What lies over the screen.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Open {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// All keys, from this row on.
+    Help(usize),
+    /// The tool table.
+    Tools,
+    /// All messages.
+    Messages,
+    /// A question, what was typed so far, and what was wrong with it.
+    Prompt(Ask, String, Option<String>),
+}
+
+/// From where the path is seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum View {
+    /// From above.
+    #[default]
+    Xy,
+    /// From the front.
+    Xz,
+    /// From the side.
+    Yz,
+    /// From a corner.
+    Iso,
+}
+
+/// Steps of a jog, mm; the last one goes on until it is stopped.
+pub const STEPS_MM: [Option<f64>; 5] = [Some(0.01), Some(0.1), Some(1.0), Some(10.0), None];
+
+/// The rates that a key gives when it is pressed again and again, in percent.
+const RATES: [Travel; 4] = [100, 50, 25, 10];
+
+/// How long a notice is shown, ms.
+const NOTICE_MS: u64 = 4_000;
+
+/// Arrows that come faster than this are one that is held down, ms.
+const REPEATED_MS: u64 = 150;
+
+/// The highest override that a key asks for, and the lowest, in percent.
+const OVERRIDES: [f64; 2] = [0.0, 200.0];
+
+/// What the operator is doing.
+#[derive(Clone, Debug, Default)]
+pub struct Hand {
+    /// What lies over the screen.
+    pub open: Open,
+    /// Has the operator put the alarm's box aside?
+    pub alarm_aside: bool,
+    /// From where the path is seen.
+    pub view: View,
+    /// Index of the jog step.
+    pub step: usize,
+    /// Index of the axis that is chosen.
+    pub axis: usize,
+    /// Is a dry run asked for?
+    pub dry: bool,
+    notice: Option<(String, u64)>,
+    /// Direction and index of the rate that was asked for last.
+    asked: Option<(Mode, usize)>,
+    turned: Option<(bool, u64, i32)>,
+}
+
+impl Hand {
+    /// With a jog step of 1 mm.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { step: 2, ..Self::default() }
+    }
+
+    /// What the operator should know of the last key, if it is not old.
+    #[must_use]
+    pub fn notice(&self, now_ms: u64) -> Option<&str> {
+        self.notice.as_ref().filter(|(_, until)| now_ms < *until).map(|(text, _)| text.as_str())
+    }
+
+    /// Shows a notice.
+    pub fn tell(&mut self, text: impl Into<String>, now_ms: u64) {
+        self.notice = Some((text.into(), now_ms + NOTICE_MS));
+    }
+
+    /// The mouse wheel was turned by a notch: only in handwheel mode it is one.
+    #[must_use]
+    pub fn mouse_wheel(&mut self, forward: bool, model: &Model) -> Option<Said> {
+        let is_wheel = Situation::of(model) == Situation::Wheel && self.open == Open::Nothing;
+        is_wheel.then_some(Said::Turn(if forward { 4 } else { -4 }))
+    }
+
+    /// A key was pressed.
+    #[must_use]
+    pub fn key(&mut self, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
+        match model.alarm {
+            None => self.alarm_aside = false,
+            // An alarm stands before whatever was open.
+            Some(_) if !self.alarm_aside => self.open = Open::Nothing,
+            Some(_) => {}
+        }
+        if self.open != Open::Nothing {
+            return self.key_in_box(key, now_ms, model);
+        }
+        if key == Key::Esc {
+            self.alarm_aside = true;
+            return None;
+        }
+        let Some(row) = keys::row_of(key, Situation::of(model)) else {
+            if let Some((row, when)) = keys::elsewhere(key) {
+                self.tell(format!("{} ({}) works {}", row.shown, row.short, when.words()), now_ms);
+            } else if key != Key::Enter && key != Key::Backspace {
+                self.tell("that key does nothing; ? shows all keys", now_ms);
+            }
+            return None;
+        };
+        self.act(row.act, key, now_ms, model)
+    }
+
+    fn act(&mut self, act: Act, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
+        let is_setup = model.stage == Stage::Setup;
+        let deed = match act {
+            Act::CycleStart if is_setup => return Some(Said::Start),
+            Act::CycleStart => Deed::CycleStart,
+            Act::Hold => Deed::Hold,
+            Act::Reverse => Deed::Reverse(self.stepped(Mode::Reverse, model)),
+            Act::Forward => Deed::Forward(self.stepped(Mode::Forward, model)),
+            Act::ReverseRapid => Deed::Reverse(8 * ONE),
+            Act::ForwardRapid => Deed::Forward(8 * ONE),
+            Act::Wheel => Deed::Wheel { counts_per_s: 0.0, seconds: 0.0 },
+            Act::Turn => return Some(Said::Turn(self.turn(key, now_ms))),
+            Act::Leave => Deed::Leave { ask: false },
+            Act::LeaveAsk => Deed::Leave { ask: true },
+            Act::Agree if model.differ.is_empty() => {
+                self.tell("there is nothing to agree to", now_ms);
+                return None;
+            }
+            Act::Agree => Deed::Agree,
+            Act::BackBlock => Deed::BackToBlock,
+            Act::BackJet => Deed::BackToJet,
+            Act::Faster => Deed::Override(overridden(model, 10.0)),
+            Act::Slower => Deed::Override(overridden(model, -10.0)),
+            Act::Whole => Deed::Override(ONE),
+            Act::Single => Deed::Single,
+            Act::Pause => Deed::Pause,
+            Act::Spindle if model.output(channel::SPINDLE) == 0 => Deed::SpindleStart,
+            Act::Spindle => Deed::SpindleStop,
+            Act::Online => Deed::Online,
+            Act::Jog | Act::JogDown | Act::JogUp => return self.jog(key, now_ms, model),
+            Act::ClearAlarm if model.alarm.is_none() => {
+                self.tell("there is no alarm", now_ms);
+                return None;
+            }
+            Act::ClearAlarm => return Some(Said::Task(Task::ClearAlarm)),
+            Act::Home => return Some(Said::Task(Task::Home(None))),
+            Act::DryRun => {
+                self.dry = !self.dry;
+                return Some(Said::DryRun(self.dry));
+            }
+            Act::Quit if model.stage != Stage::Job => return Some(Said::Quit),
+            _ => {
+                self.look(act, model);
+                return None;
+            }
+        };
+        Some(Said::Deed(deed))
+    }
+
+    /// Acts that say nothing: boxes, and what is shown.
+    fn look(&mut self, act: Act, model: &Model) {
+        let ask = |ask, text: &str| Open::Prompt(ask, text.into(), None);
+        self.open = match act {
+            Act::BackBy => ask(Ask::BackBy, "20"),
+            Act::Output => ask(Ask::Output, ""),
+            Act::Mdi => ask(Ask::Mdi, ""),
+            Act::WorkZero => ask(Ask::WorkZero, "all"),
+            Act::Quit => ask(Ask::Stop, ""),
+            Act::Help => Open::Help(0),
+            Act::Tools => Open::Tools,
+            Act::Messages => Open::Messages,
+            _ => Open::Nothing,
+        };
+        match act {
+            Act::View => {
+                self.view = match self.view {
+                    View::Xy => View::Xz,
+                    View::Xz => View::Yz,
+                    View::Yz => View::Iso,
+                    View::Iso => View::Xy,
+                };
+            }
+            Act::Step => self.step = (self.step + 1) % STEPS_MM.len(),
+            Act::NextAxis => self.axis = (self.axis + 1) % model.facts.axes.len().max(1),
+            _ => {}
+        }
+    }
+
+    /// The rate of a key that is pressed again and again.
+    fn stepped(&mut self, mode: Mode, model: &Model) -> Travel {
+        let index = match self.asked {
+            Some((last, index)) if last == mode && model.mode == mode => (index + 1) % RATES.len(),
+            _ => 0,
+        };
+        self.asked = Some((mode, index));
+        RATES[index] * ONE / 100
+    }
+
+    /// Counts of a key that turns the wheel: one that is held down turns it faster.
+    fn turn(&mut self, key: Key, now_ms: u64) -> i32 {
+        let (forward, counts) = match key {
+            Key::PageUp => (true, 10),
+            Key::PageDown => (false, 10),
+            Key::Right | Key::Up => (true, 1),
+            _ => (false, 1),
+        };
+        let repeated = match self.turned {
+            Some((last, at, n)) if last == forward && now_ms.saturating_sub(at) < REPEATED_MS => (n + 1).min(5),
+            _ => 1,
+        };
+        self.turned = Some((forward, now_ms, repeated));
+        let counts = if counts == 1 { repeated } else { counts };
+        if forward { counts } else { -counts }
+    }
+
+    fn jog(&mut self, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
+        let letters: Vec<char> = model.facts.axes.iter().map(|axis| axis.letter).collect();
+        // A lathe has no Y: there ↑ ↓ are X, and ← → are Z.
+        let is_lathe = !letters.contains(&'y');
+        let (letter, up) = match key {
+            Key::Left | Key::Right => (if is_lathe { 'z' } else { 'x' }, key == Key::Right),
+            Key::Up | Key::Down => (if is_lathe { 'x' } else { 'y' }, key == Key::Up),
+            Key::PageUp | Key::PageDown => ('z', key == Key::PageUp),
+            _ => (*letters.get(self.axis)?, key == Key::Char(']')),
+        };
+        if !letters.contains(&letter) {
+            self.tell(format!("this machine has no axis {}", letter.to_ascii_uppercase()), now_ms);
+            return None;
+        }
+        let step = STEPS_MM.get(self.step).copied().flatten();
+        let is_paused = model.stage == Stage::Job;
+        Some(match step {
+            // A paused program's jogs are steps: each of them is remembered.
+            _ if is_paused => {
+                let mm = step.unwrap_or(10.0);
+                Said::Deed(Deed::Jog { axis: letter, mm: if up { mm } else { -mm } })
+            }
+            Some(mm) => Said::Task(Task::Jog { axis: letter, mm: if up { mm } else { -mm } }),
+            None => Said::Task(Task::JogOn { axis: letter, up }),
+        })
+    }
+
+    /// A key while something lies over the screen.
+    fn key_in_box(&mut self, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
+        let is_job = model.stage == Stage::Job;
+        if key == Key::Char(' ') && (is_job || !matches!(self.open, Open::Prompt(..))) {
+            self.open = Open::Nothing;
+            return (!matches!(model.stage, Stage::Ended(_))).then_some(Said::Deed(Deed::Hold));
+        }
+        let Open::Prompt(ask, text, wrong) = &mut self.open else {
+            let rows = keys::TABLE.len();
+            match (&mut self.open, key) {
+                (Open::Help(from), Key::Down | Key::PageDown) => *from = (*from + 5).min(rows.saturating_sub(5)),
+                (Open::Help(from), Key::Up | Key::PageUp) => *from = from.saturating_sub(5),
+                _ => self.open = Open::Nothing,
+            }
+            return None;
+        };
+        *wrong = None;
+        let done = match (*ask, key) {
+            (Ask::Stop, Key::Char('y') | Key::Interrupt) => Ok(Said::Deed(Deed::Stop)),
+            (Ask::Stop, _) | (_, Key::Esc | Key::Interrupt) => {
+                self.open = Open::Nothing;
+                return None;
+            }
+            (ask, Key::Enter) => answer(ask, text.trim(), model),
+            (_, Key::Backspace) => {
+                text.pop();
+                return None;
+            }
+            (ask, Key::Char(c)) if text.chars().count() < 200 => {
+                // What stands there is a suggestion: the first key replaces it.
+                let suggested = matches!((ask, text.as_str()), (Ask::BackBy, "20") | (Ask::WorkZero, "all"));
+                if suggested {
+                    text.clear();
+                }
+                text.push(c);
+                return None;
+            }
+            _ => return None,
+        };
+        match done {
+            Ok(said) => {
+                self.open = Open::Nothing;
+                self.notice = None;
+                Some(said)
+            }
+            Err(why) => {
+                *wrong = Some(why);
+                self.tell("not understood", now_ms);
+                None
+            }
+        }
+    }
+}
+
+/// The override asked for, in steps of 10 %.
+fn overridden(model: &Model, by: f64) -> Travel {
+    let [least, most] = OVERRIDES;
+    let percent = ((model.override_rate * 10.0).round() * 10.0 + by).clamp(least, most);
+    (percent.round() as Travel * ONE + 50) / 100
+}
+
+/// What a prompt's answer says, or what is wrong with it.
+fn answer(ask: Ask, text: &str, model: &Model) -> Result<Said, String> {
+    match ask {
+        Ask::BackBy => match text.parse::<f64>() {
+            Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(Said::Deed(Deed::BackBy(mm))),
+            _ => Err("a length in mm above 0, such as 20".into()),
+        },
+        Ask::Output => output(text, model),
+        Ask::Mdi if text.is_empty() => Err("a block such as G0 X10".into()),
+        Ask::Mdi => Ok(Said::Task(Task::Mdi(text.into()))),
+        Ask::WorkZero => {
+            let lower = text.to_ascii_lowercase();
+            let axis = model.facts.axes.iter().find(|axis| lower == axis.letter.to_string());
+            match (lower.as_str(), axis) {
+                ("all", _) => Ok(Said::Task(Task::WorkZero(None))),
+                (_, Some(axis)) => Ok(Said::Task(Task::WorkZero(Some(axis.letter)))),
+                _ => Err("all, or the letter of an axis".into()),
+            }
+        }
+        Ask::Stop => Ok(Said::Deed(Deed::Stop)),
+    }
+}
+
+/// `3` switches output 3 over; `3+` and `3-` say which way. No space: that is the hold.
+fn output(text: &str, model: &Model) -> Result<Said, String> {
+    let digits = text.trim_end_matches(['+', '-']);
+    let number = digits.parse::<u8>().ok().filter(|&number| number < 64);
+    let Some(number) = number else { return Err("a number from 0 to 63, such as 3, 3+ or 3-".into()) };
+    let on = match &text[digits.len()..] {
+        "" => model.output(number) == 0,
+        "+" => true,
+        "-" => false,
+        _ => return Err("3 switches it over; 3+ on, 3- off".into()),
+    };
+    Ok(match model.stage {
+        Stage::Job => Said::Deed(Deed::Output { number, on }),
+        _ => Said::Task(Task::Output(number, i32::from(on))),
+    })
+}

@@ -1,0 +1,291 @@
+//! What every key does, and when: the one table that keys, key line and help are taken from.
+//!
+//! Invariant: in one situation a key does one thing.
+
+use retrace_controller::stream::Standing;
+use retrace_core::mode::Mode;
+
+use super::model::{Model, Stage};
+
+/// A key, as the screen knows it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Key {
+    /// A character.
+    Char(char),
+    /// An arrow.
+    Up,
+    /// An arrow.
+    Down,
+    /// An arrow.
+    Left,
+    /// An arrow.
+    Right,
+    /// Page up.
+    PageUp,
+    /// Page down.
+    PageDown,
+    /// Tabulator.
+    Tab,
+    /// Return.
+    Enter,
+    /// Escape.
+    Esc,
+    /// Rubs out a character.
+    Backspace,
+    /// Control and C.
+    Interrupt,
+}
+
+/// What a key does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Act {
+    /// Cycle start; begins the program where none runs.
+    CycleStart,
+    /// Feed hold.
+    Hold,
+    /// Reverse run.
+    Reverse,
+    /// Rapid reverse run.
+    ReverseRapid,
+    /// Forward run.
+    Forward,
+    /// Rapid forward run.
+    ForwardRapid,
+    /// The handwheel.
+    Wheel,
+    /// Turns the handwheel.
+    Turn,
+    /// Leaves retracing.
+    Leave,
+    /// The same, and asks where outputs differ.
+    LeaveAsk,
+    /// Agrees to the outputs.
+    Agree,
+    /// Back by a length.
+    BackBy,
+    /// Back to the beginning of the block.
+    BackBlock,
+    /// Back to where the jet came on.
+    BackJet,
+    /// More override.
+    Faster,
+    /// Less override.
+    Slower,
+    /// Override 100 %.
+    Whole,
+    /// Single block.
+    Single,
+    /// Pause.
+    Pause,
+    /// Stops the spindle, or starts it.
+    Spindle,
+    /// On-line mode.
+    Online,
+    /// Jogs an axis.
+    Jog,
+    /// Jogs the chosen axis down.
+    JogDown,
+    /// Jogs the chosen axis up.
+    JogUp,
+    /// Chooses the axis.
+    NextAxis,
+    /// Chooses the jog step.
+    Step,
+    /// An output by hand.
+    Output,
+    /// Clears the alarm.
+    ClearAlarm,
+    /// Homes.
+    Home,
+    /// A block by hand.
+    Mdi,
+    /// Sets the work zero.
+    WorkZero,
+    /// Outputs inhibited.
+    DryRun,
+    /// The tool table.
+    Tools,
+    /// Turns the drawing.
+    View,
+    /// All messages.
+    Messages,
+    /// All keys.
+    Help,
+    /// Stops the job; leaves the screen.
+    Quit,
+}
+
+/// In what situation the operator is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Situation {
+    /// No job runs.
+    Setup = 1,
+    /// Normal run, moving or standing.
+    Run = 2,
+    /// Reverse run, forward run, on the way back, or outputs to be agreed to.
+    Retrace = 4,
+    /// The handwheel.
+    Wheel = 8,
+    /// A paused program.
+    Paused = 16,
+    /// The job has ended.
+    Ended = 32,
+}
+
+impl Situation {
+    /// All of them.
+    pub const ALL: [Self; 6] = [Self::Setup, Self::Run, Self::Retrace, Self::Wheel, Self::Paused, Self::Ended];
+
+    /// The one that the picture shows.
+    #[must_use]
+    pub fn of(model: &Model) -> Self {
+        match (&model.stage, model.mode) {
+            (Stage::Setup, _) => Self::Setup,
+            (Stage::Ended(_), _) => Self::Ended,
+            (Stage::Job, _) if model.standing == Standing::Paused || model.pause.is_some() => Self::Paused,
+            (Stage::Job, Mode::Run) => Self::Run,
+            (Stage::Job, Mode::Wheel) => Self::Wheel,
+            (Stage::Job, _) => Self::Retrace,
+        }
+    }
+
+    /// When, in words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Setup => "while no program runs",
+            Self::Run => "while the program runs or is held",
+            Self::Retrace => "while retracing",
+            Self::Wheel => "in handwheel mode",
+            Self::Paused => "while the program is paused",
+            Self::Ended => "when the job has ended",
+        }
+    }
+}
+
+/// A row of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// Any of these keys.
+    pub keys: &'static [Key],
+    /// How they are shown.
+    pub shown: &'static str,
+    /// What they do, in a word.
+    pub short: &'static str,
+    /// What they do, in a line of the help.
+    pub long: &'static str,
+    /// In which situations.
+    pub when: u8,
+    /// What they do.
+    pub act: Act,
+}
+
+const SETUP: u8 = Situation::Setup as u8;
+const RUN: u8 = Situation::Run as u8;
+const RETRACE: u8 = Situation::Retrace as u8;
+const WHEEL: u8 = Situation::Wheel as u8;
+const PAUSED: u8 = Situation::Paused as u8;
+const ENDED: u8 = Situation::Ended as u8;
+const JOB: u8 = RUN | RETRACE | WHEEL | PAUSED;
+const MOVING: u8 = RUN | RETRACE | WHEEL;
+const ALWAYS: u8 = SETUP | JOB | ENDED;
+
+const ARROWS: &[Key] = &[Key::Left, Key::Right, Key::Up, Key::Down, Key::PageUp, Key::PageDown];
+
+const fn row(
+    keys: &'static [Key],
+    shown: &'static str,
+    short: &'static str,
+    long: &'static str,
+    when: u8,
+    act: Act,
+) -> Row {
+    Row { keys, shown, short, long, when, act }
+}
+
+/// The table.
+#[rustfmt::skip]
+pub const TABLE: &[Row] = &[
+    row(&[Key::Char('c')], "c", "start", "cycle start: begin, or go on after a hold or stop", SETUP | JOB, Act::CycleStart),
+    row(&[Key::Char(' '), Key::Char('h')], "Space", "hold", "feed hold, at any time (h too); stops a jog", SETUP | JOB, Act::Hold),
+    row(&[Key::Char('r')], "r", "reverse", "back along the path; again: 50, 25, 10 %, 100 %", MOVING, Act::Reverse),
+    row(&[Key::Char('R')], "R", "rapid back", "back in rapid: up to 800 % with the jet off", MOVING, Act::ReverseRapid),
+    row(&[Key::Char('f')], "f", "forward", "forward over what was cut; again: 50, 25, 10 %", RETRACE | WHEEL, Act::Forward),
+    row(&[Key::Char('F')], "F", "rapid fwd", "forward in rapid, to where it was", RETRACE | WHEEL, Act::ForwardRapid),
+    row(&[Key::Char('w')], "w", "wheel", "handwheel: arrows and mouse wheel move the machine", RUN | RETRACE, Act::Wheel),
+    row(ARROWS, "← →", "turn", "turn the wheel back, forward; PgUp PgDn ten counts", WHEEL, Act::Turn),
+    row(&[Key::Char('l')], "l", "leave", "leave: forward to where it was, then on", RETRACE | WHEEL, Act::Leave),
+    row(&[Key::Char('L')], "L", "leave, ask", "the same, but ask before outputs are restored", RETRACE | WHEEL, Act::LeaveAsk),
+    row(&[Key::Char('y')], "y", "agree", "agree to the outputs that the program wants", RETRACE | WHEEL, Act::Agree),
+    row(&[Key::Char('b')], "b", "back mm", "back by so many mm", MOVING, Act::BackBy),
+    row(&[Key::Char('B')], "B", "block", "back to the start of this block", MOVING, Act::BackBlock),
+    row(&[Key::Char('j')], "j", "jet", "back to where the jet came on", MOVING, Act::BackJet),
+    row(&[Key::Char('+'), Key::Char('=')], "+", "faster", "override 10 % up", JOB, Act::Faster),
+    row(&[Key::Char('-')], "-", "slower", "override 10 % down", JOB, Act::Slower),
+    row(&[Key::Char('0')], "0", "100 %", "override 100 %", JOB, Act::Whole),
+    row(&[Key::Char('s')], "s", "single", "single block on, off", JOB, Act::Single),
+    row(&[Key::Char('p')], "p", "pause", "pause the program, to move away and come back", RUN, Act::Pause),
+    row(&[Key::Char('x')], "x", "spindle", "stop the spindle; again: start it as it was", PAUSED, Act::Spindle),
+    row(&[Key::Char('n')], "n", "on line", "back to on-line mode", PAUSED, Act::Online),
+    row(ARROWS, "arrows", "jog", "← → X, ↑ ↓ Y, PgUp PgDn Z, by the step", SETUP | PAUSED, Act::Jog),
+    row(&[Key::Char('[')], "[", "jog -", "jog the chosen axis down", SETUP | PAUSED, Act::JogDown),
+    row(&[Key::Char(']')], "]", "jog +", "jog the chosen axis up", SETUP | PAUSED, Act::JogUp),
+    row(&[Key::Tab], "Tab", "axis", "choose the axis for [ and ]", SETUP | PAUSED, Act::NextAxis),
+    row(&[Key::Char('t')], "t", "step", "jog step: 0.01, 0.1, 1, 10 mm, on until Space", SETUP | PAUSED, Act::Step),
+    row(&[Key::Char('H')], "H", "home", "home all axes", SETUP, Act::Home),
+    row(&[Key::Char('m')], "m", "MDI", "a block by hand", SETUP, Act::Mdi),
+    row(&[Key::Char('z')], "z", "zero", "work zero here, of one axis or all", SETUP, Act::WorkZero),
+    row(&[Key::Char('d')], "d", "dry run", "dry run: outputs stay as they are", SETUP, Act::DryRun),
+    row(&[Key::Char('T')], "T", "tools", "the tool table", ALWAYS, Act::Tools),
+    row(&[Key::Char('o')], "o", "output", "an output by hand: 3, 3+ or 3-, then Enter", SETUP | JOB, Act::Output),
+    row(&[Key::Char('a')], "a", "reset", "alarm reset", ALWAYS, Act::ClearAlarm),
+    row(&[Key::Char('v')], "v", "view", "the drawing from another side", ALWAYS, Act::View),
+    row(&[Key::Char('g')], "g", "log", "all messages", ALWAYS, Act::Messages),
+    row(&[Key::Char('?')], "?", "keys", "all keys", ALWAYS, Act::Help),
+    row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, asked first; quit", ALWAYS, Act::Quit),
+];
+
+/// What a key does in a situation; the row that has it.
+#[must_use]
+pub fn row_of(key: Key, situation: Situation) -> Option<&'static Row> {
+    TABLE.iter().find(|row| row.keys.contains(&key) && row.when & situation as u8 != 0)
+}
+
+/// Where a key that does nothing here does something: its row, and when.
+#[must_use]
+pub fn elsewhere(key: Key) -> Option<(&'static Row, Situation)> {
+    let row = TABLE.iter().find(|row| row.keys.contains(&key))?;
+    Situation::ALL.into_iter().find(|&s| row.when & s as u8 != 0).map(|situation| (row, situation))
+}
+
+/// The row of an act.
+#[must_use]
+pub fn row_for(act: Act) -> Option<&'static Row> {
+    TABLE.iter().find(|row| row.act == act)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_key_does_two_things_in_one_situation_and_every_act_has_one_row() {
+        for situation in Situation::ALL {
+            let mut seen = std::collections::HashSet::new();
+            for row in TABLE.iter().filter(|row| row.when & situation as u8 != 0) {
+                for key in row.keys {
+                    assert!(seen.insert(key), "{key:?} twice {}", situation.words());
+                }
+            }
+        }
+        let acts: std::collections::HashSet<_> = TABLE.iter().map(|row| row.act).collect();
+        assert_eq!(acts.len(), TABLE.len());
+    }
+
+    #[test]
+    fn a_hold_is_one_key_away_wherever_something_may_move() {
+        for situation in Situation::ALL.into_iter().filter(|&s| s != Situation::Ended) {
+            assert_eq!(row_of(Key::Char(' '), situation).map(|row| row.act), Some(Act::Hold));
+        }
+    }
+}

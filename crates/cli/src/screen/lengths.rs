@@ -1,0 +1,112 @@
+//! How long the path is up to a place, kept at coarse steps: what the history comes to in mm.
+//!
+//! Invariant: never more than [`MOST`] steps; lengths grow with their places.
+
+use std::collections::VecDeque;
+
+use retrace_core::Place;
+use retrace_core::place::before;
+
+/// Steps that are kept.
+pub const MOST: usize = 4096;
+
+/// Lengths at places.
+#[derive(Clone, Debug)]
+pub struct Lengths {
+    steps: VecDeque<(u32, f64)>,
+    /// Records from one step to the next.
+    stride: u32,
+    /// The furthest place, and the length up to it.
+    end: (Place, f64),
+}
+
+impl Lengths {
+    /// Begins at a place, with a length of 0.
+    #[must_use]
+    pub fn from(place: Place) -> Self {
+        Self { steps: VecDeque::from([(place.record, 0.0)]), stride: 1, end: (place, 0.0) }
+    }
+
+    /// The furthest place.
+    #[must_use]
+    pub const fn furthest(&self) -> Place {
+        self.end.0
+    }
+
+    /// The length up to the furthest place, mm.
+    #[must_use]
+    pub const fn total_mm(&self) -> f64 {
+        self.end.1
+    }
+
+    /// The path has grown by `mm`, up to `place`; what lies before `oldest` is of no interest any more.
+    pub fn grow(&mut self, place: Place, mm: f64, oldest: u32) {
+        self.end = (place, self.end.1 + mm);
+        if self.steps.back().is_none_or(|&(last, _)| place.record.wrapping_sub(last) >= self.stride) {
+            self.steps.push_back((place.record, self.end.1));
+        }
+        while self.steps.get(1).is_some_and(|&(second, _)| !before(oldest, second)) {
+            self.steps.pop_front();
+        }
+        if self.steps.len() >= MOST {
+            let mut keep = false;
+            self.steps.retain(|_| {
+                keep = !keep;
+                keep
+            });
+            self.stride = self.stride.saturating_mul(2);
+        }
+    }
+
+    /// The length up to a place, mm; within what is kept.
+    #[must_use]
+    pub fn at(&self, place: Place) -> f64 {
+        let behind = self.steps.partition_point(|&(step, _)| !before(place.record, step));
+        let Some(&(from, from_mm)) = behind.checked_sub(1).and_then(|n| self.steps.get(n)) else {
+            return self.steps.front().map_or(0.0, |&(_, mm)| mm);
+        };
+        let (to, to_mm) = self
+            .steps
+            .get(behind)
+            .map_or((as_number(self.end.0, from), self.end.1), |&(step, mm)| (f64::from(step.wrapping_sub(from)), mm));
+        let share = if to > 0.0 { (as_number(place, from) / to).clamp(0.0, 1.0) } else { 0.0 };
+        from_mm + share * (to_mm - from_mm)
+    }
+}
+
+/// How far a place is from a record at or before it, in records.
+fn as_number(place: Place, from: u32) -> f64 {
+    f64::from(place.record.wrapping_sub(from)) + f64::from(place.fraction) / 4_294_967_296.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_length_is_found_again_over_the_wrap_and_the_thinning() {
+        let begin = u32::MAX - 1000;
+        let mut lengths = Lengths::from(Place::start_of(begin));
+        for n in 1..=100_000u32 {
+            lengths.grow(Place::start_of(begin.wrapping_add(n)), 0.5, begin);
+        }
+        assert!(lengths.steps.len() <= MOST);
+        assert_eq!(lengths.total_mm(), 50_000.0);
+        for n in [0u32, 1, 999, 1000, 1001, 54_321, 99_999, 100_000] {
+            let mm = lengths.at(Place::start_of(begin.wrapping_add(n)));
+            assert!((mm - 0.5 * f64::from(n)).abs() < 1e-6, "{n}: {mm}");
+        }
+        assert_eq!(lengths.at(Place { record: begin.wrapping_add(10), fraction: 1 << 31 }), 5.25);
+    }
+
+    #[test]
+    fn what_is_older_than_the_oldest_is_forgotten() {
+        let mut lengths = Lengths::from(Place::start_of(0));
+        for n in 1..=10_000u32 {
+            lengths.grow(Place::start_of(n), 1.0, n.saturating_sub(100));
+        }
+        assert!(lengths.steps.len() < 110);
+        assert_eq!(lengths.at(Place::start_of(9_950)), 9_950.0);
+        assert_eq!(lengths.at(Place::start_of(3)), 9_900.0);
+    }
+}

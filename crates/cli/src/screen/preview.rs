@@ -1,0 +1,127 @@
+//! Where a program goes before it goes there: its path for the drawing, and where each of its blocks ends.
+//!
+//! Invariant: bounded however long the program is, but for one end a line; a line that ends in more places than one has none.
+
+use retrace_controller::feed::{Cancelled, Refused, Switch};
+use retrace_controller::job::{self, Decode};
+use retrace_controller::machine::Machine;
+use retrace_controller::sink::Sink;
+use retrace_link::Change;
+use retrace_motion::{Arc, Feed, PathMode};
+
+use super::trail::{Knot, Trail};
+
+/// Lines whose ends are kept at most.
+const MOST_ENDS: usize = 1_000_000;
+
+/// A program's path and the ends of its blocks.
+#[derive(Clone, Debug, Default)]
+pub struct Preview {
+    /// The path.
+    pub path: Trail,
+    ends: Vec<End>,
+    axes: usize,
+    space: [Option<usize>; 3],
+    at_mm: [f64; 9],
+    along_mm: f64,
+    /// The line that was gone through last.
+    line: u32,
+}
+
+/// Where a line ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum End {
+    /// It moves nothing.
+    #[default]
+    Nowhere,
+    /// Machine position, mm; axes beyond the ninth there are not.
+    At([f32; 9]),
+    /// It is carried out more than once, with different ends.
+    Several,
+}
+
+impl Preview {
+    /// Goes through a program that was checked before.
+    #[must_use]
+    pub fn of(machine: &Machine, program: &mut impl Decode) -> Self {
+        let space = ['x', 'y', 'z'].map(|name| machine.axes.iter().position(|a| a.name == name));
+        let mut preview = Self { space, axes: machine.axes.len(), at_mm: machine.start_mm(), ..Self::default() };
+        preview.draw(false);
+        job::feed_all::<9>(machine, program, &mut preview);
+        preview
+    }
+
+    /// Where the block of a line ends, machine position in mm, if that is one place.
+    #[must_use]
+    pub fn end_of(&self, line: u32) -> Option<&[f32]> {
+        match self.ends.get(line as usize)? {
+            End::At(end) => end.get(..self.axes),
+            _ => None,
+        }
+    }
+
+    fn go(&mut self, to: [f64; 9], rapid: bool) {
+        self.along_mm += (0..9).map(|i| (to[i] - self.at_mm[i]).powi(2)).sum::<f64>().sqrt();
+        self.at_mm = to;
+        self.draw(rapid);
+    }
+
+    fn draw(&mut self, rapid: bool) {
+        let at = self.space.map(|axis| axis.map_or(0.0, |i| self.at_mm[i] as f32));
+        self.path.push(Knot { along_mm: self.along_mm, at, rapid });
+    }
+
+    fn end(&mut self, line: u32) {
+        let (index, end) = (line as usize, self.at_mm.map(|mm| mm as f32));
+        if index >= MOST_ENDS {
+            return;
+        }
+        if index >= self.ends.len() {
+            self.ends.resize(index + 1, End::Nowhere);
+        }
+        let slot = &mut self.ends[index];
+        // Several moves in a row are one block, of which the last one counts.
+        *slot = match *slot {
+            End::At(old) if self.line != line && old != end => End::Several,
+            End::Several => End::Several,
+            _ => End::At(end),
+        };
+        self.line = line;
+    }
+}
+
+impl Sink<9> for Preview {
+    fn straight(&mut self, end_mm: [f64; 9], feed: Feed, _: PathMode, line: u32) -> Result<(), Refused> {
+        self.go(end_mm, feed == Feed::Rapid);
+        self.end(line);
+        Ok(())
+    }
+
+    fn arc(&mut self, arc: &Arc<9>, _: Feed, _: PathMode, line: u32) -> Result<(), Refused> {
+        let ([p, q], [cp, cq], start) = (arc.plane, arc.centre_mm, self.at_mm);
+        let radius = (start[p] - cp).hypot(start[q] - cq);
+        let (from, sweep) = arc.sweep(&start);
+        let chords = (sweep.abs() / 0.1).ceil().clamp(2.0, 10_000.0);
+        for k in 1..=chords as u32 {
+            let share = f64::from(k) / chords;
+            let angle = from + sweep * share;
+            let mut point: [f64; 9] = std::array::from_fn(|i| start[i] + (arc.end_mm[i] - start[i]) * share);
+            point[p] = cp + radius * angle.cos();
+            point[q] = cq + radius * angle.sin();
+            self.go(point, false);
+        }
+        self.go(arc.end_mm, false);
+        self.end(line);
+        Ok(())
+    }
+
+    fn action(&mut self, _: Change, _: u32) {}
+
+    fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
+        Ok(())
+    }
+
+    fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
+        Ok(())
+    }
+}

@@ -1,0 +1,410 @@
+//! The screen against its pictures, and against anything that may come.
+//!
+//! The pictures in `goldens/` were looked at by eye; `RETRACE_BLESS=1` writes them anew.
+
+use std::sync::{Arc, Mutex};
+
+use clap::Parser;
+use proptest::prelude::*;
+use ratatui::Terminal;
+use ratatui::backend::TestBackend;
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+use retrace_controller::stream::Standing;
+use retrace_core::Place;
+use retrace_core::mode::Mode;
+
+use super::demo::{self, Pretended, Tape};
+use super::facts::{AxisFacts, Facts, Text};
+use super::hand::{Ask, Hand, Open};
+use super::keys::{Key, TABLE};
+use super::live::locked;
+use super::model::{AlarmShown, Model, Pause, Stage};
+use super::trail::Knot;
+use super::{Said, layout, view};
+use crate::args::{Cli, Command};
+use crate::program::Program;
+
+const PLAIN: view::Look = view::Look { colour: false };
+
+/// A person at the screen of the pretended machine.
+struct Bench {
+    machine: Pretended,
+    model: Arc<Mutex<Model>>,
+    hand: Hand,
+    now_ms: u64,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/02-back-up.ngc");
+        let Command::ScreenDemo(args) = Cli::parse_from(["retrace", "screen-demo", path]).command else {
+            unreachable!("that command was asked for")
+        };
+        let machine = crate::files::machine(None).expect("built in");
+        let program = Program::open(&args.reading, &machine).expect("a program");
+        let tape = Tape::of(&machine, &program);
+        let text = std::fs::read_to_string(path).expect("a text");
+        let facts = demo::facts(&machine, &program, &text, &tape);
+        let facts = Facts { program: Text::new("02-back-up.ngc", &text), ..facts };
+        let model = Arc::new(Mutex::new(Model::new(Arc::new(facts))));
+        let machine = Pretended::new(tape, Arc::clone(&model), 0.001);
+        Self { machine, model, hand: Hand::new(), now_ms: 0 }
+    }
+
+    fn key(&mut self, key: Key) -> Option<Said> {
+        let picture = self.picture();
+        let said = self.hand.key(key, self.now_ms, &picture);
+        if let Some(said) = &said {
+            self.machine.hear(said);
+        }
+        said
+    }
+
+    fn keys(&mut self, keys: &str) {
+        for c in keys.chars() {
+            self.key(if c == '\n' { Key::Enter } else { Key::Char(c) });
+        }
+    }
+
+    fn wait(&mut self, ms: u64) {
+        for _ in 0..ms {
+            self.machine.step();
+        }
+        self.now_ms += ms;
+    }
+
+    fn picture(&self) -> Model {
+        locked(&self.model).clone()
+    }
+
+    fn screen(&self, width: u16, height: u16) -> Buffer {
+        drawn(&self.picture(), &self.hand, width, height, self.now_ms)
+    }
+
+    /// Compares the screen with its picture.
+    fn is_as(&self, name: &str, width: u16, height: u16) {
+        let text = text(&self.screen(width, height));
+        let path = format!("{}/src/screen/goldens/{name}-{width}x{height}.txt", env!("CARGO_MANIFEST_DIR"));
+        if std::env::var_os("RETRACE_BLESS").is_some() {
+            std::fs::write(&path, &text).expect("a golden picture");
+        }
+        let golden = std::fs::read_to_string(&path).unwrap_or_default();
+        assert!(golden == text, "{name} at {width}x{height} has changed:\n{text}\nit was:\n{golden}");
+    }
+}
+
+fn drawn(model: &Model, hand: &Hand, width: u16, height: u16, now_ms: u64) -> Buffer {
+    let mut out = Buffer::empty(Rect::new(0, 0, width, height));
+    view::draw(&mut out, model, hand, PLAIN, now_ms);
+    out
+}
+
+fn rows(out: &Buffer) -> Vec<String> {
+    let row = |y| (0..out.area.width).filter_map(|x| out.cell((x, y)).map(|cell| cell.symbol())).collect::<String>();
+    (0..out.area.height).map(row).collect()
+}
+
+fn text(out: &Buffer) -> String {
+    rows(out).iter().map(|row| format!("{}\n", row.trim_end())).collect()
+}
+
+#[test]
+fn the_screens_are_as_they_were_looked_at() {
+    let mut bench = Bench::new();
+    bench.wait(5);
+    bench.is_as("1-ready", 80, 24);
+    bench.keys("c");
+    bench.wait(4200);
+    bench.is_as("2-running", 80, 24);
+    bench.is_as("2-running", 200, 60);
+    bench.keys(" ");
+    bench.wait(500);
+    bench.is_as("3-hold", 80, 24);
+    bench.keys("r");
+    bench.wait(1500);
+    bench.is_as("4-reverse", 80, 24);
+    bench.is_as("4-reverse", 200, 60);
+    bench.is_as("4-reverse", 130, 30);
+    bench.keys("o0");
+    bench.is_as("5-output", 80, 24);
+    bench.keys("\n");
+    bench.keys("w");
+    bench.wait(500);
+    for _ in 0..5 {
+        bench.key(Key::Left);
+        bench.wait(30);
+    }
+    bench.is_as("6-wheel", 80, 24);
+    bench.keys("L");
+    bench.wait(6000);
+    bench.is_as("7-outputs-differ", 80, 24);
+    bench.keys("y");
+    bench.wait(500);
+    bench.machine.hear(&Said::Deed(retrace_controller::operator::Deed::SpindleStart));
+    bench.keys("p");
+    bench.wait(500);
+    bench.keys("x");
+    bench.key(Key::PageUp);
+    bench.wait(10);
+    bench.is_as("8-paused", 80, 24);
+    bench.keys("?");
+    bench.is_as("9-keys", 80, 24);
+    bench.keys("x");
+    locked(&bench.model).alarm = Some(AlarmShown {
+        number: "E3012".into(),
+        cause: "the emergency-stop chain is open".into(),
+        remedy: "make the machine safe, close the chain, clear the alarm, then home the machine".into(),
+    });
+    bench.is_as("10-alarm", 80, 24);
+    bench.is_as("11-too-small", 60, 10);
+}
+
+/// From hold to backing up, wheel and on: what a person reads and presses, and that the machine comes back to the pulse.
+#[test]
+fn a_person_backs_up_and_goes_on() {
+    let mut bench = Bench::new();
+    let says = |bench: &Bench, words: &str| {
+        let screen = text(&bench.screen(80, 24));
+        assert!(screen.contains(words), "no `{words}` in\n{screen}");
+    };
+    says(&bench, "c cycle start");
+    bench.keys("c");
+    bench.wait(3000);
+    says(&bench, "RUNNING");
+    says(&bench, "Space feed hold");
+    bench.keys(" ");
+    bench.wait(400);
+    says(&bench, "FEED HOLD");
+    says(&bench, "c cycle start · r back up · w handwheel");
+    assert_eq!(bench.hand.mouse_wheel(true, &bench.picture()), None, "no handwheel yet");
+    let held = bench.picture();
+    bench.keys("r");
+    bench.wait(1000);
+    assert!(bench.picture().back_mm() > 20.0);
+    says(&bench, "mm back");
+    bench.keys("w");
+    bench.wait(500);
+    says(&bench, "HANDWHEEL");
+    let at_rest = bench.picture();
+    for _ in 0..10 {
+        bench.key(Key::Left);
+        bench.wait(40);
+    }
+    assert!(bench.picture().place.record < at_rest.place.record, "the arrows turn the wheel");
+    bench.hand.mouse_wheel(true, &bench.picture()).expect("the mouse wheel is one, too");
+    bench.keys("l");
+    while bench.picture().mode != Mode::Run {
+        bench.wait(1);
+    }
+    let back = bench.picture();
+    assert_eq!((back.place.record, back.counts), (held.reached, held.counts));
+    bench.wait(500);
+    says(&bench, "RUNNING");
+    bench.keys("q");
+    says(&bench, "y stops it");
+    bench.keys("n");
+    says(&bench, "RUNNING");
+    bench.keys("qy");
+    bench.wait(10);
+    says(&bench, "ENDED");
+}
+
+#[test]
+fn space_holds_whatever_is_open_while_a_job_runs() {
+    let mut bench = Bench::new();
+    bench.keys("c");
+    bench.wait(1000);
+    let hold = Some(Said::Deed(retrace_controller::operator::Deed::Hold));
+    for open in ["?", "T", "g", "b", "o", "q", "w", "r"] {
+        bench.keys(open);
+        bench.wait(300);
+        assert_eq!(bench.key(Key::Char(' ')), hold, "{open}");
+        bench.wait(300);
+        assert!(text(&bench.screen(80, 24)).contains("FEED HOLD"), "{}", text(&bench.screen(80, 24)));
+        bench.keys("c");
+    }
+}
+
+#[test]
+fn a_key_that_does_nothing_here_says_when_it_does() {
+    let mut bench = Bench::new();
+    bench.keys("r");
+    assert_eq!(bench.hand.notice(0), Some("r (reverse) works while the program runs or is held"));
+    bench.keys("b");
+    assert!(matches!(bench.hand.open, Open::Nothing));
+    bench.keys("m");
+    bench.keys("G0 X10");
+    assert_eq!(bench.hand.open, Open::Prompt(Ask::Mdi, "G0 X10".into(), None));
+    bench.key(Key::Esc);
+    bench.keys("o77\n");
+    assert!(matches!(&bench.hand.open, Open::Prompt(Ask::Output, _, Some(_))));
+}
+
+fn place() -> impl Strategy<Value = Place> {
+    (any::<u32>(), any::<u32>()).prop_map(|(record, fraction)| Place { record, fraction })
+}
+
+fn mode() -> impl Strategy<Value = Mode> {
+    prop::sample::select(vec![Mode::Run, Mode::Reverse, Mode::Forward, Mode::Wheel, Mode::Return, Mode::Settle])
+}
+
+prop_compose! {
+    /// Any picture at all.
+    fn any_model()(
+        (axes, lines, line) in (0..=9usize, 0..3000usize, 0..4000u32),
+        (place, reached, oldest, planned) in (place(), any::<u32>(), any::<u32>(), any::<u32>()),
+        counts in prop::collection::vec(any::<i64>(), 9),
+        (mode, stage, standing) in (mode(), 0..3, 0..5),
+        (rate, over) in (-8.0..8.0f64, 0.0..8.0f64),
+        words in "\\PC{0,60}|[\\x00-\\x1f]{0,9}",
+        outputs in prop::collection::btree_map(any::<u8>(), any::<i32>(), 0..80),
+        (alarm, differ, paused) in (any::<bool>(), 0..40u8, prop::option::of((-1..2, any::<bool>(), any::<bool>()))),
+        points in prop::collection::vec(prop::array::uniform3(any::<f32>()), 0..30),
+        (planned_s, feed) in (prop::option::of(0.0..1e12f64), 0.0..1e9f64),
+    ) -> Model {
+        let letters = ['x', 'y', 'z', 'a', 'b', 'c', 'u', 'v', 'w'];
+        let axis = |letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] };
+        let facts = Facts {
+            axes: letters[..axes].iter().copied().map(axis).collect(),
+            period_s: 0.001,
+            program: Text::new(&words, &format!("{words} X1\n").repeat(lines)),
+            planned_s,
+            tools: vec![words.clone(); usize::from(differ)],
+            ..Facts::default()
+        };
+        let mut model = Model::new(Arc::new(facts));
+        (model.place, model.reached, model.oldest, model.planned) = (place, reached, oldest, planned);
+        model.counts = counts[..axes].to_vec();
+        (model.mode, model.line, model.reached_line, model.rate) = (mode, line, line / 2, rate);
+        (model.override_rate, model.feed_mm_min, model.outputs) = (over, feed, outputs);
+        model.stage = [Stage::Setup, Stage::Job, Stage::Ended(words.clone())][stage as usize].clone();
+        model.standing = [
+            Standing::None, Standing::Hold, Standing::ProgramStop, Standing::SingleBlock, Standing::Paused,
+        ][standing as usize];
+        if alarm {
+            let (number, cause, remedy) = ("E3012".into(), words.clone(), words.repeat(9));
+            model.alarm = Some(AlarmShown { number, cause, remedy });
+        }
+        model.differ = (0..differ).map(|n| (n, 0, 1)).collect();
+        model.pause = paused.map(|(spindle, stopped, online)| Pause { spindle, stopped, started: online, online });
+        model.active.modal = words.repeat(3);
+        for (n, at) in points.into_iter().enumerate() {
+            model.trail.push(Knot { along_mm: n as f64, at, rapid: n % 2 == 0 });
+        }
+        for n in 0..9 {
+            model.say(f64::from(n), line, words.clone());
+        }
+        model
+    }
+}
+
+fn any_open() -> impl Strategy<Value = Open> {
+    prop_oneof![
+        Just(Open::Nothing),
+        (0..90usize).prop_map(Open::Help),
+        Just(Open::Tools),
+        Just(Open::Messages),
+        "\\PC{0,300}".prop_map(|text| Open::Prompt(Ask::Mdi, text.clone(), Some(text))),
+        Just(Open::Prompt(Ask::Stop, String::new(), None)),
+    ]
+}
+
+fn any_key() -> impl Strategy<Value = Key> {
+    let known: Vec<Key> = TABLE.iter().flat_map(|row| row.keys).copied().collect();
+    let others = vec![Key::Enter, Key::Esc, Key::Backspace, Key::Char('n'), Key::Char('3')];
+    prop_oneof![4 => prop::sample::select(known), 2 => prop::sample::select(others), 1 => any::<char>().prop_map(Key::Char)]
+}
+
+proptest! {
+    #[test]
+    fn something_is_drawn_at_every_size_whatever_the_picture(
+        model in any_model(), open in any_open(), width in 1..300u16, height in 1..100u16,
+    ) {
+        let mut hand = Hand::new();
+        hand.open = open;
+        drawn(&model, &hand, width, height, 0);
+    }
+
+    #[test]
+    fn the_active_block_is_in_view_and_no_pane_is_written_over(
+        model in any_model(), width in 80..300u16, height in 24..100u16,
+    ) {
+        let model = Model { alarm: None, differ: Vec::new(), pause: None, ..model };
+        let out = drawn(&model, &Hand::new(), width, height, 0);
+        let panes = layout::panes(width, height, model.facts.axes.len()).expect("large enough");
+        for pane in [panes.program, panes.path, panes.position, panes.motion, panes.state] {
+            let (right, bottom) = (pane.right() - 1, pane.bottom() - 1);
+            let at = |x, y| out.cell((x, y)).map_or("", |cell| cell.symbol());
+            prop_assert_eq!([at(pane.x, pane.y), at(right, pane.y), at(pane.x, bottom), at(right, bottom)], ["┌", "┐", "└", "┘"]);
+            for y in pane.y + 1..bottom {
+                prop_assert_eq!([at(pane.x, y), at(right, y)], ["│", "│"]);
+            }
+        }
+        let (line, lines) = (model.line as usize, model.facts.program.lines());
+        if model.stage != Stage::Setup && (1..=lines).contains(&line) {
+            let digits = lines.to_string().len().max(3);
+            let marked = format!("│>{line:digits$} ");
+            prop_assert!(rows(&out).iter().any(|row| row.contains(&marked)), "no {} in\n{}", marked, text(&out));
+        }
+    }
+
+    #[test]
+    fn any_keys_leave_the_screen_whole_and_space_always_holds_a_job(
+        keys in prop::collection::vec((any_key(), 0..400u64), 0..60), model in any_model(),
+    ) {
+        let mut hand = Hand::new();
+        let mut now_ms = 0;
+        for (key, ms) in keys {
+            now_ms += ms;
+            let said = hand.key(key, now_ms, &model);
+            if key == Key::Char(' ') && model.stage == Stage::Job {
+                prop_assert_eq!(said, Some(Said::Deed(retrace_controller::operator::Deed::Hold)));
+            }
+            drawn(&model, &hand, 80, 24, now_ms);
+        }
+    }
+}
+
+/// How long a picture takes, at 200 × 60 with a program of 100 000 lines and a full trail. To be looked at: `cargo test … -- --ignored
+/// --nocapture`.
+#[test]
+#[ignore = "measures, and says nothing that could be wrong"]
+fn measure_the_redraw() {
+    let lines: String = (0..100_000).map(|n| format!("N{n} G1 X{}.{n:03} Y{}.5 F2400\n", n % 97, n % 89)).collect();
+    let letters = ['x', 'y', 'z'];
+    let facts = Facts {
+        axes: letters.map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] }).to_vec(),
+        period_s: 0.001,
+        program: Text::new("long.ngc", &lines),
+        planned_s: Some(1000.0),
+        ..Facts::default()
+    };
+    let mut model = Model::new(Arc::new(facts));
+    model.stage = Stage::Job;
+    for n in 0..200_000u32 {
+        let turn = f64::from(n) * 0.07;
+        let at = [turn.cos() * 50.0, (turn * 1.37).sin() * 40.0, 0.0].map(|mm| mm as f32);
+        model.trail.push(Knot { along_mm: f64::from(n), at, rapid: false });
+        model.lengths.grow(Place::start_of(n + 1), 1.0, 0);
+    }
+    let shared = Mutex::new(model);
+    let mut terminal = Terminal::new(TestBackend::new(200, 60)).expect("a terminal in memory");
+    let (mut sum, mut most) = (0.0, 0.0f64);
+    for n in 0..200u32 {
+        {
+            let mut model = locked(&shared);
+            (model.line, model.reached_line) = (n * 499, n * 499);
+            (model.place, model.reached) = (Place::start_of(100_000), 200_000);
+            model.mode = Mode::Reverse;
+        }
+        let started = std::time::Instant::now();
+        let picture = locked(&shared).clone();
+        terminal.draw(|frame| view::draw(frame.buffer_mut(), &picture, &Hand::new(), PLAIN, 0)).expect("in memory");
+        let ms = started.elapsed().as_secs_f64() * 1e3;
+        sum += ms;
+        most = most.max(ms);
+    }
+    let knots = locked(&shared).trail.knots().count();
+    println!("200 pictures of 200 x 60, {knots} corners: mean {:.2} ms, most {most:.2} ms", sum / 200.0);
+}

@@ -1,0 +1,153 @@
+//! A line through space, kept to so many corners however long it grows: the tool path as the screen draws it.
+//!
+//! Invariant: never more than [`MOST`] corners. The tolerance doubles whenever there is no room, up to what nobody could see; where that
+//! is not enough, what is oldest is forgotten.
+
+/// Corners that are kept.
+pub const MOST: usize = 4096;
+
+/// Points that may wait between two corners, to be looked at again.
+const WAITING: usize = 24;
+
+/// The finest tolerance, mm.
+const FINEST_MM: f32 = 0.005;
+
+/// The coarsest tolerance, as a share of the line's extent: less than a dot on the largest screen.
+const COARSEST: f32 = 0.002;
+
+/// A point of the line.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Knot {
+    /// Length of the line up to here, mm.
+    pub along_mm: f64,
+    /// Where: X, Y, Z of the machine, mm; 0 for an axis that there is not.
+    pub at: [f32; 3],
+    /// Is this the end of a rapid move?
+    pub rapid: bool,
+}
+
+/// The line.
+#[derive(Clone, Debug, Default)]
+pub struct Trail {
+    corners: Vec<Knot>,
+    waiting: Vec<Knot>,
+    tolerance_mm: f32,
+    /// Least and greatest of each coordinate, once there is a point.
+    extent: Option<[[f32; 3]; 2]>,
+}
+
+impl Trail {
+    /// Goes on to this point. One that is not finite is left out.
+    pub fn push(&mut self, knot: Knot) {
+        if !knot.at.iter().all(|x| x.is_finite()) {
+            return;
+        }
+        self.tolerance_mm = self.tolerance_mm.max(FINEST_MM);
+        let [least, greatest] = self.extent.get_or_insert([knot.at; 2]);
+        for i in 0..3 {
+            least[i] = least[i].min(knot.at[i]);
+            greatest[i] = greatest[i].max(knot.at[i]);
+        }
+        let Some(last) = self.waiting.last().or(self.corners.last()) else {
+            self.corners.push(knot);
+            return;
+        };
+        if last.rapid == knot.rapid && distance(last.at, knot.at) < self.tolerance_mm {
+            return;
+        }
+        let turns = last.rapid != knot.rapid
+            || self.waiting.len() >= WAITING
+            || self.corners.last().is_some_and(|from| {
+                self.waiting.iter().any(|w| distance_to_line(w.at, from.at, knot.at) > self.tolerance_mm)
+            });
+        if turns && let Some(corner) = self.waiting.pop() {
+            self.waiting.clear();
+            self.keep(corner);
+        }
+        self.waiting.push(knot);
+    }
+
+    fn keep(&mut self, corner: Knot) {
+        self.corners.push(corner);
+        if self.corners.len() + 1 >= MOST {
+            let (all, extent) = (std::mem::take(&mut self.corners), self.extent);
+            let coarsest = extent.map_or(0.0, |[least, greatest]| distance(least, greatest) * COARSEST);
+            let tolerance_mm = (2.0 * self.tolerance_mm).min(coarsest.max(self.tolerance_mm));
+            let mut coarser = Self { tolerance_mm, ..Self::default() };
+            for knot in all {
+                coarser.push(knot);
+            }
+            coarser.corners.extend(coarser.waiting.pop());
+            coarser.waiting.clear();
+            if coarser.corners.len() > MOST / 4 * 3 {
+                coarser.corners.drain(..MOST / 4);
+            }
+            *self = Self { extent, ..coarser };
+        }
+    }
+
+    /// The corners, the last point included.
+    pub fn knots(&self) -> impl Iterator<Item = &Knot> {
+        self.corners.iter().chain(self.waiting.last())
+    }
+
+    /// Least and greatest of X, Y and Z, mm.
+    #[must_use]
+    pub const fn extent(&self) -> Option<[[f32; 3]; 2]> {
+        self.extent
+    }
+}
+
+fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
+    (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f32>().sqrt()
+}
+
+/// How far a point is from the stretch between two others.
+fn distance_to_line(point: [f32; 3], from: [f32; 3], to: [f32; 3]) -> f32 {
+    let (mut dot, mut square) = (0.0, 0.0);
+    for i in 0..3 {
+        let along = to[i] - from[i];
+        dot += (point[i] - from[i]) * along;
+        square += along * along;
+    }
+    let share = if square > 0.0 { (dot / square).clamp(0.0, 1.0) } else { 0.0 };
+    distance(point, std::array::from_fn(|i| from[i] + share * (to[i] - from[i])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn trail(points: impl IntoIterator<Item = [f32; 3]>) -> Trail {
+        let mut trail = Trail::default();
+        for (n, at) in points.into_iter().enumerate() {
+            trail.push(Knot { along_mm: n as f64, at, rapid: false });
+        }
+        trail
+    }
+
+    #[test]
+    fn a_straight_line_needs_few_corners_and_a_right_angle_is_one() {
+        let line = (0..1000).map(|n| [n as f32 * 0.1, 0.0, 0.0]);
+        let corner = (1..1000).map(|n| [99.9, n as f32 * 0.1, 0.0]);
+        let trail = trail(line.chain(corner));
+        assert!(trail.knots().count() < 100, "{}", trail.knots().count());
+        assert!(trail.knots().any(|k| distance(k.at, [99.9, 0.0, 0.0]) < 0.15));
+        assert_eq!(trail.extent(), Some([[0.0; 3], [99.9, 99.9, 0.0]]));
+    }
+
+    #[test]
+    fn a_million_points_at_random_are_bounded_and_near() {
+        let mut state = 1u32;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / 65536.0
+        };
+        let trail = trail((0..1_000_000).map(|_| [random(), random(), random()]));
+        assert!(trail.knots().count() <= MOST);
+        assert!(trail.knots().count() > MOST / 8);
+        let along: Vec<f64> = trail.knots().map(|k| k.along_mm).collect();
+        assert!(along.is_sorted());
+        assert!(along.last().is_some_and(|&last| last > 999_990.0), "the newest is always there");
+    }
+}

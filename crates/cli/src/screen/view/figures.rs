@@ -1,0 +1,192 @@
+//! The figures: positions, speeds with their bars, and what is switched.
+//!
+//! Invariant: a figure has its unit; a bar only shows what stands beside it in digits.
+
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+use ratatui::style::{Modifier, Style};
+use retrace_link::channel;
+
+use super::{Look, fitted, pane, put_at};
+use crate::screen::hand::{Hand, STEPS_MM};
+use crate::screen::model::{Model, Stage};
+
+/// Machine, work, and to go, axis by axis.
+pub(super) fn position(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, look: Look) {
+    let inside = pane(out, area, "position, mm", look);
+    let header = format!("{:>12}{:>12}{:>11}", "machine", "work", "to go");
+    put_at(out, inside, 2, 0, &header, look.faint());
+    let is_jogged = model.stage == Stage::Setup || model.pause.is_some();
+    for (axis, facts) in model.facts.axes.iter().enumerate() {
+        let row = axis as u16 + 1;
+        let to_go = model.to_go_mm(axis).map_or("-".into(), figure);
+        let line = format!("{:>12}{:>12}{to_go:>11}", figure(model.machine_mm(axis)), figure(model.work_mm(axis)));
+        let name = facts.letter.to_ascii_uppercase().to_string();
+        put_at(out, inside, 1, row, &name, Style::new().add_modifier(Modifier::BOLD));
+        if is_jogged && axis == hand.axis {
+            put_at(out, inside, 0, row, ">", look.waits());
+        }
+        put_at(out, inside, 2, row, &line, Style::new().add_modifier(Modifier::BOLD));
+    }
+}
+
+/// A length with three decimals, of at most eleven characters, and never −0.
+fn figure(mm: f64) -> String {
+    let rounded = (mm * 1000.0).round() / 1000.0 + 0.0;
+    if rounded.abs() < 999_999.5 { format!("{rounded:.3}") } else { format!("{rounded:.1e}") }
+}
+
+/// Feed, rate, override, how far back and how far ahead.
+pub(super) fn motion(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
+    let inside = pane(out, area, "motion", look);
+    let (history_s, history_mm) = model.history();
+    let asked = model.override_rate;
+    let back = model.back_mm();
+    let rows: [(&str, String, Side); 5] = [
+        ("feed", format!("{:.0} mm/min", model.feed_mm_min), Side::Text(programmed(model))),
+        ("rate", format!("{:.0} %", model.rate * 100.0), Side::Bar(model.rate)),
+        ("override", format!("{:.0} %", asked * 100.0), Side::Bar(asked)),
+        ("history", format!("{} · {}", seconds(history_s), length(history_mm)), Side::History(history_mm, back)),
+        ("ahead", seconds(model.ahead_s()), Side::Text(buffer(model))),
+    ];
+    for (row, (name, text, side)) in rows.iter().enumerate() {
+        let row = row as u16;
+        put_at(out, inside, 1, row, name, look.faint());
+        put_at(out, inside, 10, row, text, Style::new().add_modifier(Modifier::BOLD));
+        let at = 11 + text.chars().count().max(9) as u16;
+        match side {
+            Side::Text(text) => put_at(out, inside, at, row, text, Style::new()),
+            Side::History(behind, back) => {
+                let line = history_line(*behind, *back, inside.width.saturating_sub(at + 1));
+                put_at(out, inside, at, row, &line, look.waits());
+            }
+            Side::Bar(share) => {
+                let style = if *share < 0.0 { look.waits() } else { look.well() };
+                put_at(out, inside, at, row, &bar(*share, inside.width.saturating_sub(at + 1)), style);
+            }
+        }
+    }
+}
+
+/// What stands beside a figure.
+enum Side {
+    /// Words.
+    Text(String),
+    /// What lies behind, and what was gone back, mm.
+    History(f64, f64),
+    /// A bar: 1 is half of it, below 0 it points the other way.
+    Bar(f64),
+}
+
+fn programmed(model: &Model) -> String {
+    model.active.feed.map_or(String::new(), |feed| format!("of F{feed:.0}"))
+}
+
+fn buffer(model: &Model) -> String {
+    let held = model.window[1].wrapping_sub(model.window[0]);
+    match model.underruns {
+        0 => format!("card holds {held}"),
+        n => format!("card {held} · {n} x dry"),
+    }
+}
+
+/// A bar of which the half is 100 %, with a mark there.
+fn bar(share: f64, width: u16) -> String {
+    let width = usize::from(width).min(40);
+    let half = width / 2;
+    let filled = ((share.abs() * half as f64).round() as usize).min(width);
+    let sign = if share < 0.0 { '<' } else { '■' };
+    (0..width)
+        .map(|n| {
+            if n < filled {
+                sign
+            } else if n + 1 == half {
+                '|'
+            } else {
+                '·'
+            }
+        })
+        .collect()
+}
+
+/// History as a line: what can be gone back over yet, the tool, and what was gone back over.
+fn history_line(behind_mm: f64, back_mm: f64, width: u16) -> String {
+    let cells = usize::from(width.min(40)).saturating_sub(1);
+    let whole = behind_mm + back_mm;
+    let behind = if whole > 0.0 { (behind_mm / whole * cells as f64).round() as usize } else { 0 };
+    let ahead = if whole > 0.0 { cells.saturating_sub(behind) } else { 0 };
+    format!("{}@{}", "=".repeat(behind.min(cells)), "o".repeat(ahead))
+}
+
+fn seconds(s: f64) -> String {
+    match s {
+        ..10.0 => format!("{s:.2} s"),
+        ..600.0 => format!("{s:.1} s"),
+        _ => format!("{:.1} min", s / 60.0),
+    }
+}
+
+fn length(mm: f64) -> String {
+    if mm < 10_000.0 { format!("{mm:.1} mm") } else { format!("{:.1} m", mm / 1000.0) }
+}
+
+/// What is switched, and the modal state.
+pub(super) fn state(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, look: Look) {
+    let inside = pane(out, area, "state", look);
+    let width = usize::from(inside.width).saturating_sub(2);
+    let mut lines = vec![spindle(model), outputs(model)];
+    if model.stage == Stage::Setup || model.pause.is_some() {
+        let step = STEPS_MM.get(hand.step).copied().flatten();
+        lines.push(format!("jog step {}", step.map_or("on until Space".into(), |mm| format!("{mm} mm"))));
+    } else {
+        let single = if model.single { "single block ON" } else { "single block off" };
+        let inputs: Vec<String> = (0..16).filter(|n| model.inputs >> n & 1 == 1).map(|n| n.to_string()).collect();
+        let inputs = if inputs.is_empty() { "none".into() } else { inputs.join(" ") };
+        lines.push(format!("{single} · inputs {inputs}"));
+    }
+    lines.extend(wrapped(&model.active.modal, width));
+    if lines.len() < usize::from(inside.height) {
+        let redraw = model.redraw;
+        lines.push(format!("redraw {:.1} ms, most {:.0} ms", redraw.mean_ms, redraw.most_ms));
+    }
+    for (row, line) in lines.iter().enumerate() {
+        put_at(out, inside, 1, row as u16, &fitted(line, width), Style::new());
+    }
+}
+
+fn spindle(model: &Model) -> String {
+    let speed = f64::from(model.output(channel::SPEED)) / 1000.0;
+    let spindle = match model.output(channel::SPINDLE) {
+        0 => "spindle stopped".to_string(),
+        1.. => format!("spindle cw {speed:.0}/min"),
+        _ => format!("spindle ccw {speed:.0}/min"),
+    };
+    let coolant = match (model.output(channel::MIST) != 0, model.output(channel::FLOOD) != 0) {
+        (false, false) => "coolant off",
+        (true, false) => "mist ON",
+        (false, true) => "flood ON",
+        (true, true) => "mist, flood ON",
+    };
+    let tool = model.active.tool.unwrap_or(model.output(channel::TOOL));
+    format!("{spindle} · {coolant} · T{tool}")
+}
+
+fn outputs(model: &Model) -> String {
+    let on: Vec<String> = model.outputs_on().map(|n| n.to_string()).collect();
+    if on.is_empty() { "outputs all off".into() } else { format!("outputs ON: {}", on.join(" ")) }
+}
+
+/// Words in lines of so many characters.
+fn wrapped(text: &str, width: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= width => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.into()),
+        }
+    }
+    lines
+}

@@ -1,0 +1,60 @@
+//! What is read line by line: the program with the active block, and the last messages.
+//!
+//! Invariant: the active block is always in view.
+
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+use ratatui::style::{Modifier, Style};
+
+use super::{Look, fitted, pane, put_at};
+use crate::screen::model::{Model, Stage};
+
+/// The program, with `>` at the active block, and `x` at the furthest one.
+pub(super) fn program(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
+    let text = &model.facts.program;
+    let lines = text.lines();
+    let active = model.line as usize;
+    let title = match (lines, &model.stage) {
+        (0, _) => format!("program · line {active}"),
+        (_, Stage::Job) => format!("program · line {active} of {lines}"),
+        _ => format!("program · {lines} lines"),
+    };
+    let inside = pane(out, area, &title, look);
+    if lines == 0 {
+        put_at(out, inside, 1, 0, "It comes as a stream:", look.faint());
+        put_at(out, inside, 1, 1, "no text to show.", look.faint());
+        return;
+    }
+    let height = usize::from(inside.height);
+    let digits = lines.to_string().len().max(3);
+    // The block stands in the middle, but for the ends of the program.
+    let first = active.saturating_sub(height / 2).clamp(1, (lines + 1).saturating_sub(height).max(1));
+    for (row, number) in (first..=lines).take(height).enumerate() {
+        let is_active = number == active && model.stage != Stage::Setup;
+        let is_furthest = number == model.reached_line as usize && model.stage == Stage::Job;
+        let sign = match (is_active, is_furthest && active != number) {
+            (true, _) => '>',
+            (_, true) => 'x',
+            _ => ' ',
+        };
+        let style =
+            if is_active { Style::new().add_modifier(Modifier::BOLD | Modifier::REVERSED) } else { Style::new() };
+        let line = format!("{sign}{number:digits$} {}", text.line(number).unwrap_or_default());
+        let width = usize::from(inside.width);
+        put_at(out, inside, 0, row as u16, &format!("{:width$}", fitted(&line, width)), style);
+    }
+}
+
+/// The last messages, the newest below.
+pub(super) fn messages(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
+    let rows = usize::from(area.height);
+    let skip = model.messages.len().saturating_sub(rows);
+    let blank = rows.saturating_sub(model.messages.len());
+    for (row, message) in model.messages.iter().skip(skip).enumerate() {
+        let is_last = row + skip + 1 == model.messages.len();
+        let style = if is_last { Style::new() } else { look.faint() };
+        let line = format!("{:9.2} s  line {:>6}  {}", message.time_s, message.line, message.text);
+        let line = fitted(&line, usize::from(area.width).saturating_sub(2));
+        put_at(out, area, 1, (row + blank) as u16, &line, style);
+    }
+}

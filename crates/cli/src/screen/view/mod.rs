@@ -1,0 +1,209 @@
+//! From the picture of the machine to cells: the whole screen.
+//!
+//! Invariant: a pure function of picture, hand, size and time; it draws something at every size, and what colour says words and signs
+//! say too.
+
+mod canvas;
+mod figures;
+mod listing;
+mod over;
+mod path;
+
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::widgets::{Block, Widget};
+
+use super::guide::{self, Grade, Guide};
+use super::hand::Hand;
+use super::keys::{self, Act};
+use super::layout::{self, LEAST};
+use super::model::{Model, Stage};
+
+/// How things look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Look {
+    /// May colour be used?
+    pub colour: bool,
+}
+
+impl Look {
+    /// From the environment: no colour where `NO_COLOR` asks for none, or the terminal has none.
+    #[must_use]
+    pub fn of_environment() -> Self {
+        let unwanted = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+        let has_none = std::env::var("TERM").is_ok_and(|term| term == "dumb" || term.starts_with("vt"));
+        Self { colour: !unwanted && !has_none }
+    }
+
+    fn coloured(self, colour: Color) -> Style {
+        if self.colour { Style::new().fg(colour) } else { Style::new() }
+    }
+
+    fn well(self) -> Style {
+        self.coloured(Color::Green)
+    }
+
+    fn waits(self) -> Style {
+        self.coloured(Color::Yellow)
+    }
+
+    fn faint(self) -> Style {
+        self.coloured(Color::DarkGray)
+    }
+
+    fn of(self, grade: Grade) -> Style {
+        match grade {
+            Grade::Well => self.well(),
+            Grade::Waits => self.waits(),
+            Grade::Alarm => self.coloured(Color::Red).add_modifier(Modifier::BOLD),
+        }
+    }
+}
+
+/// Draws the screen.
+pub fn draw(out: &mut Buffer, model: &Model, hand: &Hand, look: Look, now_ms: u64) {
+    let area = out.area;
+    let Some(panes) = layout::panes(area.width, area.height, model.facts.axes.len()) else {
+        too_small(out, model, hand);
+        return;
+    };
+    let guide = guide::of(model, hand);
+    head(out, panes.head, model, &guide, look);
+    why(out, panes.why, &guide, look);
+    listing::program(out, panes.program, model, look);
+    path::draw(out, panes.path, model, hand.view, look);
+    figures::position(out, panes.position, model, hand, look);
+    figures::motion(out, panes.motion, model, look);
+    figures::state(out, panes.state, model, hand, look);
+    listing::messages(out, panes.messages, model, look);
+    key_line(out, panes.keys, &guide, hand.notice(now_ms), look);
+    over::draw(out, panes.path, model, hand, &guide, look);
+}
+
+/// Below the least size: what must be said all the same.
+fn too_small(out: &mut Buffer, model: &Model, hand: &Hand) {
+    let guide = guide::of(model, hand);
+    let lines =
+        [format!("{} x {} is the least", LEAST.0, LEAST.1), guide.word.to_string(), guide.why, "Space holds".into()];
+    for (y, line) in (out.area.y..out.area.bottom()).zip(lines) {
+        put(out, Rect { y, height: 1, ..out.area }, 0, &line, Style::new());
+    }
+}
+
+fn head(out: &mut Buffer, area: Rect, model: &Model, guide: &Guide, look: Look) {
+    let mut style = Style::new().add_modifier(Modifier::REVERSED | Modifier::BOLD);
+    if look.colour {
+        style = style.patch(look.of(guide.grade));
+    }
+    out.set_style(area, style);
+    let time = match (&model.stage, model.left()) {
+        (Stage::Job, Some(left)) => {
+            let about = if left.exact { "" } else { "about " };
+            format!("{} run · {about}{} left", clock(model.run_s()), clock(left.seconds))
+        }
+        (Stage::Job, None) => format!("{} run · end not known", clock(model.run_s())),
+        (Stage::Ended(_), _) => format!("{} run", clock(model.run_s())),
+        (Stage::Setup, _) => model.facts.planned_s.map_or(String::new(), |s| format!("{} of motion", clock(s))),
+    };
+    let width = area.width as usize;
+    let name = format!("{} on {}", model.facts.program.name, model.facts.machine);
+    let name = fitted(&name, width.saturating_sub(guide.word.len() + time.chars().count() + 8));
+    put(out, area, 1, &format!("{}  {name}", guide.word), style);
+    put(out, area, (width.saturating_sub(time.chars().count() + 1)) as u16, &time, style);
+}
+
+/// Why it stands, and the first keys that go on, as many as have room.
+fn why(out: &mut Buffer, area: Rect, guide: &Guide, look: Look) {
+    let mut text = guide.why.clone();
+    for (named, row) in guide.acts.iter().filter_map(|&act| keys::row_for(act)).take(3).enumerate() {
+        let sign = if named == 0 { " — " } else { " · " };
+        let more = format!("{sign}{} {}", row.shown, spelled(row.act, row.short));
+        if text.chars().count() + more.chars().count() + 2 > area.width as usize {
+            break;
+        }
+        text += &more;
+    }
+    put(out, area, 1, &text, look.of(guide.grade));
+}
+
+/// What an act is called where there is room for it.
+fn spelled(act: Act, short: &'static str) -> &'static str {
+    match act {
+        Act::CycleStart => "cycle start",
+        Act::Reverse => "back up",
+        Act::Wheel => "handwheel",
+        Act::Hold => "feed hold",
+        Act::Leave => "forward and on",
+        Act::ClearAlarm => "clears it",
+        Act::Home => "homes it",
+        Act::Spindle => "spindle stop, start",
+        _ => short,
+    }
+}
+
+/// The keys that make sense now, as many as have room; or what must be known of the last key.
+fn key_line(out: &mut Buffer, area: Rect, guide: &Guide, notice: Option<&str>, look: Look) {
+    if let Some(notice) = notice {
+        put(out, area, 1, notice, look.waits().add_modifier(Modifier::BOLD));
+        return;
+    }
+    let help = "? all keys";
+    let end = area.width.saturating_sub(help.len() as u16 + 1);
+    let mut x = 1;
+    for row in guide.acts.iter().filter_map(|&act| keys::row_for(act)) {
+        let width = (row.shown.chars().count() + row.short.chars().count() + 1) as u16;
+        if x + width + 1 > end {
+            break;
+        }
+        put(out, area, x, row.shown, Style::new().add_modifier(Modifier::REVERSED));
+        put(out, area, x + row.shown.chars().count() as u16 + 1, row.short, Style::new());
+        x += width + 2;
+    }
+    put(out, area, end, help, Style::new().add_modifier(Modifier::BOLD));
+}
+
+/// Puts a text into the first row of an area, from its column `x` on; what has no room is cut off, and what a terminal could not show is
+/// left out.
+fn put(out: &mut Buffer, area: Rect, x: u16, text: &str, style: Style) {
+    let area = area.intersection(out.area);
+    if area.height == 0 || x >= area.width {
+        return;
+    }
+    let clean: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    out.set_stringn(area.x + x, area.y, clean, usize::from(area.width - x), style);
+}
+
+/// The same in a row of the area.
+fn put_at(out: &mut Buffer, area: Rect, x: u16, row: u16, text: &str, style: Style) {
+    if row < area.height {
+        put(out, Rect { y: area.y + row, height: 1, ..area }, x, text, style);
+    }
+}
+
+/// A pane with its border and its title; what is inside.
+fn pane(out: &mut Buffer, area: Rect, title: &str, look: Look) -> Rect {
+    let block = Block::bordered().border_style(look.faint());
+    let inside = block.inner(area);
+    block.render(area, out);
+    let title = fitted(title, usize::from(area.width).saturating_sub(6));
+    put(out, area, 2, &format!(" {title} "), Style::new().add_modifier(Modifier::BOLD));
+    inside
+}
+
+/// A text cut to so many characters, with a sign that there was more.
+fn fitted(text: &str, width: usize) -> String {
+    if text.chars().count() <= width {
+        return text.into();
+    }
+    let mut cut: String = text.chars().take(width.saturating_sub(1)).collect();
+    cut.push('…');
+    cut
+}
+
+/// Minutes and seconds, or hours.
+fn clock(seconds: f64) -> String {
+    let whole = seconds.clamp(0.0, 3.6e9).round() as u64;
+    let (hours, minutes, seconds) = (whole / 3600, whole / 60 % 60, whole % 60);
+    if hours > 0 { format!("{hours}:{minutes:02}:{seconds:02}") } else { format!("{minutes}:{seconds:02}") }
+}

@@ -1,0 +1,176 @@
+//! One axis of a machine: its pulses, limits, travel, and how it finds home.
+//!
+//! Invariant: axes that were checked are in the order of [`AXIS_LETTERS`], each there once, every figure in its range.
+
+use serde::Deserialize;
+
+use super::file::within;
+use crate::refusal::Refusal;
+
+/// Axis letters, in the order of positions.
+pub const AXIS_LETTERS: [char; 9] = ['x', 'y', 'z', 'a', 'b', 'c', 'u', 'v', 'w'];
+
+/// One axis.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Axis {
+    /// Its letter: x, y, z, a, b, c, u, v or w.
+    pub name: char,
+    /// Pulses in a millimetre (degree, on a rotary axis).
+    pub pulses_per_mm: f64,
+    /// Highest velocity in mm/s.
+    pub max_velocity_mm_per_s: f64,
+    /// Highest acceleration in mm/s².
+    pub max_acceleration_mm_per_s2: f64,
+    /// Highest jerk in mm/s³.
+    pub max_jerk_mm_per_s3: f64,
+    /// Soft limits: least and greatest machine position in mm.
+    pub travel_mm: [f64; 2],
+    /// Lost motion where the axis turns round, mm.
+    #[serde(default)]
+    pub backlash_mm: f64,
+    /// Speed of jogging in mm/s, where one is given.
+    #[serde(default)]
+    jog_mm_per_s: Option<f64>,
+    /// How it finds home, as it is written.
+    #[serde(default)]
+    pub(super) home: Option<WrittenHome>,
+}
+
+/// An end of an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum End {
+    Lower,
+    Upper,
+}
+
+/// `home` of an axis, as it is written.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct WrittenHome {
+    switch: End,
+    position_mm: Option<f64>,
+    fast_mm_per_s: Option<f64>,
+    slow_mm_per_s: Option<f64>,
+    acceleration_mm_per_s2: Option<f64>,
+    farthest_mm: Option<f64>,
+}
+
+/// How an axis finds home: fast toward its switch, to rest, slowly off it again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Home {
+    /// Is the switch at the upper end?
+    pub upper: bool,
+    /// Machine position where the switch opens, mm.
+    pub position_mm: f64,
+    /// Speed toward the switch, mm/s.
+    pub fast_mm_per_s: f64,
+    /// Speed off it, mm/s.
+    pub slow_mm_per_s: f64,
+    /// Acceleration, mm/s².
+    pub acceleration_mm_per_s2: f64,
+    /// The farthest way to the switch, mm.
+    pub farthest_mm: f64,
+}
+
+impl Axis {
+    /// Three figures of a machine that nobody has described, and no more.
+    pub(super) const fn plain(name: char) -> Self {
+        Self {
+            name,
+            pulses_per_mm: 1000.0,
+            max_velocity_mm_per_s: 100.0,
+            max_acceleration_mm_per_s2: 1000.0,
+            max_jerk_mm_per_s3: 20_000.0,
+            travel_mm: [-2000.0, 2000.0],
+            backlash_mm: 0.0,
+            jog_mm_per_s: None,
+            home: None,
+        }
+    }
+
+    /// Index of the axis in a nine-axis position.
+    #[must_use]
+    pub fn index(&self) -> usize {
+        AXIS_LETTERS.iter().position(|&l| l == self.name).unwrap_or(0)
+    }
+
+    /// Does it turn, so that its positions are degrees?
+    #[must_use]
+    pub const fn is_rotary(&self) -> bool {
+        matches!(self.name, 'a' | 'b' | 'c')
+    }
+
+    /// Speed of jogging, mm/s: half of the highest where none is given.
+    #[must_use]
+    pub fn jog_mm_s(&self) -> f64 {
+        self.jog_mm_per_s.unwrap_or(self.max_velocity_mm_per_s / 2.0)
+    }
+
+    /// How it finds home; none where it has no switch.
+    ///
+    /// # Errors
+    /// `E2112` for a figure that is out of its range.
+    pub(super) fn homing(&self) -> Result<Option<Home>, Refusal> {
+        let Some(written) = &self.home else { return Ok(None) };
+        let upper = written.switch == End::Upper;
+        let [low, high] = self.travel_mm;
+        let fast = written.fast_mm_per_s.unwrap_or(self.max_velocity_mm_per_s / 5.0);
+        let home = Home {
+            upper,
+            position_mm: written.position_mm.unwrap_or(if upper { high } else { low }),
+            fast_mm_per_s: fast,
+            slow_mm_per_s: written.slow_mm_per_s.unwrap_or(fast / 20.0),
+            acceleration_mm_per_s2: written.acceleration_mm_per_s2.unwrap_or(self.max_acceleration_mm_per_s2 / 4.0),
+            farthest_mm: written.farthest_mm.unwrap_or(1.1 * (high - low)),
+        };
+        let key = |key: &str| format!("axis {}: home.{key}", self.name);
+        within(&key("position_mm"), home.position_mm, -1e6, 1e6)?;
+        within(&key("fast_mm_per_s"), fast, 0.001, self.max_velocity_mm_per_s)?;
+        within(&key("slow_mm_per_s"), home.slow_mm_per_s, 0.000_01, fast)?;
+        within(&key("acceleration_mm_per_s2"), home.acceleration_mm_per_s2, 0.000_1, self.max_acceleration_mm_per_s2)?;
+        within(&key("farthest_mm"), home.farthest_mm, 0.001, 4e9 / self.pulses_per_mm)?;
+        Ok(Some(home))
+    }
+
+    fn check(&self) -> Result<(), Refusal> {
+        let key = |key: &str| format!("axis {}: {key}", self.name);
+        within(&key("pulses_per_mm"), self.pulses_per_mm, 0.001, 1e6)?;
+        within(&key("max_velocity_mm_per_s"), self.max_velocity_mm_per_s, 0.001, 1e5)?;
+        within(&key("max_acceleration_mm_per_s2"), self.max_acceleration_mm_per_s2, 0.001, 1e7)?;
+        within(&key("max_jerk_mm_per_s3"), self.max_jerk_mm_per_s3, 0.001, 1e10)?;
+        let [least, greatest] = self.travel_mm;
+        within(&key("travel_mm"), least, -1e6, 1e6)?;
+        within(&key("travel_mm"), greatest, -1e6, 1e6)?;
+        if least >= greatest {
+            let what = format!("axis {}: travel_mm = [{least}, {greatest}]: the first is the lower end", self.name);
+            return Err(refuse(what));
+        }
+        within(&key("backlash_mm"), self.backlash_mm, 0.0, 10.0)?;
+        within(&key("jog_mm_per_s"), self.jog_mm_s(), 0.000_1, self.max_velocity_mm_per_s)
+    }
+}
+
+pub(super) fn refuse(what: String) -> Refusal {
+    Refusal::new("E2112", what, "see `retrace machine new` for a commented machine file")
+}
+
+/// Checks axes as they are written, and puts them in order.
+pub(super) fn checked(mut axes: Vec<Axis>) -> Result<Vec<Axis>, Refusal> {
+    if axes.is_empty() {
+        return Err(refuse("the machine has no [[axis]]".into()));
+    }
+    for axis in &mut axes {
+        axis.name = axis.name.to_ascii_lowercase();
+        if !AXIS_LETTERS.contains(&axis.name) {
+            return Err(refuse(format!("axis `{}`: an axis is x, y, z, a, b, c, u, v or w", axis.name)));
+        }
+        axis.check()?;
+    }
+    axes.sort_by_key(Axis::index);
+    if let Some(twice) = axes.windows(2).find(|w| w[0].name == w[1].name) {
+        return Err(refuse(format!("axis {} is there twice", twice[0].name)));
+    }
+    Ok(axes)
+}

@@ -1,0 +1,179 @@
+//! The machine file as it is written, and what is wrong with its text.
+//!
+//! Invariant: a key that is left out has the value of the built-in machine; a key that there is not is refused with the nearest one.
+
+use std::collections::BTreeMap;
+
+use retrace_motion::{Blending, GlideRatio, RatioOf};
+use serde::Deserialize;
+
+use super::axis::Axis;
+use super::setting_up::{WrittenHoming, WrittenManual};
+use crate::card::WrittenCard;
+use crate::refusal::{Refusal, nearest};
+use crate::switching::CodeSettings;
+
+/// The handwheel.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WheelSettings {
+    /// Counts a second that make rate 1.
+    pub counts_per_s_at_rate_1: f64,
+    /// Length of the mean (REV-12) in ms.
+    pub mean_over_ms: f64,
+}
+
+impl Default for WheelSettings {
+    fn default() -> Self {
+        Self { counts_per_s_at_rate_1: 100.0, mean_over_ms: 100.0 }
+    }
+}
+
+/// What outputs do while retracing (REV-14).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RetraceOutputs {
+    /// The operator switches by hand.
+    #[default]
+    Manual,
+    /// Recorded actions are replayed, in reverse too.
+    Replayed,
+}
+
+/// How corners between lines are passed under G64 (SMO-2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum BlendingMethod {
+    /// As fast as can be found.
+    #[default]
+    Optimum,
+    /// The source's glide, of a set ratio.
+    Source,
+}
+
+/// What a glide ratio is a ratio of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum GlideRatioOf {
+    /// The lengths of the tracks.
+    #[default]
+    Length,
+    /// Their highest speeds.
+    Speed,
+}
+
+/// Blending as it is written.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct BlendingSettings {
+    method: BlendingMethod,
+    glide_ratio: f64,
+    ratio_of: GlideRatioOf,
+}
+
+impl Default for BlendingSettings {
+    fn default() -> Self {
+        Self { method: BlendingMethod::Optimum, glide_ratio: 0.2, ratio_of: GlideRatioOf::Length }
+    }
+}
+
+impl BlendingSettings {
+    /// The method, with its ratio checked whether or not it is used.
+    pub(super) fn checked(self) -> Result<Blending, Refusal> {
+        let of = match self.ratio_of {
+            GlideRatioOf::Length => RatioOf::Length,
+            GlideRatioOf::Speed => RatioOf::Speed,
+        };
+        let ratio = GlideRatio::new(self.glide_ratio, of).map_err(|error| {
+            let what = format!("blending.glide_ratio = {}: {error}", self.glide_ratio);
+            Refusal::new("E2112", what, "a number above 0 and at most 1")
+        })?;
+        Ok(match self.method {
+            BlendingMethod::Optimum => Blending::Optimum,
+            BlendingMethod::Source => Blending::Source(ratio),
+        })
+    }
+}
+
+/// The file as it is written.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct MachineFile {
+    pub(super) name: String,
+    pub(super) control_period_ms: f64,
+    pub(super) path_velocity_mm_per_s: f64,
+    pub(super) reserve_percent: f64,
+    pub(super) blend_tolerance_mm: f64,
+    pub(super) history_hours: f64,
+    pub(super) look_ahead_s: f64,
+    pub(super) homed: Option<bool>,
+    pub(super) tool_axis: Option<char>,
+    pub(super) retract_mm: Option<f64>,
+    pub(super) retrace_outputs: RetraceOutputs,
+    pub(super) cutting_outputs: Vec<u8>,
+    pub(super) axis: Vec<Axis>,
+    pub(super) blending: BlendingSettings,
+    pub(super) homing: WrittenHoming,
+    pub(super) manual: WrittenManual,
+    pub(super) wheel: WheelSettings,
+    pub(super) card: WrittenCard,
+    pub(super) code: BTreeMap<String, CodeSettings>,
+}
+
+impl Default for MachineFile {
+    fn default() -> Self {
+        Self {
+            name: "built-in".into(),
+            control_period_ms: 1.0,
+            path_velocity_mm_per_s: 100.0,
+            reserve_percent: 10.0,
+            blend_tolerance_mm: 0.05,
+            history_hours: 0.5,
+            look_ahead_s: 0.5,
+            homed: None,
+            tool_axis: None,
+            retract_mm: None,
+            retrace_outputs: RetraceOutputs::Manual,
+            cutting_outputs: Vec::new(),
+            axis: ['x', 'y', 'z'].map(Axis::plain).into(),
+            blending: BlendingSettings::default(),
+            homing: WrittenHoming::default(),
+            manual: WrittenManual::default(),
+            wheel: WheelSettings::default(),
+            card: WrittenCard::default(),
+            code: BTreeMap::new(),
+        }
+    }
+}
+
+impl MachineFile {
+    /// Reads the text of the file that messages call `name`.
+    pub(super) fn read(text: &str, name: &str) -> Result<Self, Refusal> {
+        toml::from_str(text).map_err(|error| misread(&error, name))
+    }
+}
+
+pub(crate) fn within(key: &str, value: f64, least: f64, greatest: f64) -> Result<(), Refusal> {
+    if (least..=greatest).contains(&value) {
+        return Ok(());
+    }
+    Err(Refusal::new("E2112", format!("{key} = {value}"), format!("a number from {least} to {greatest}")))
+}
+
+/// Says where a machine file could not be read, and what may have been meant.
+fn misread(error: &toml::de::Error, name: &str) -> Refusal {
+    let remedy = unknown_key(error.message())
+        .unwrap_or_else(|| "correct the line; `retrace machine new` shows a commented machine file".into());
+    Refusal::new("E2111", format!("{name}: {}", error.to_string().trim_end()), remedy)
+}
+
+/// From serde's "unknown field `x`, expected one of `a`, `b`": the nearest known key.
+fn unknown_key(message: &str) -> Option<String> {
+    let mut quoted = message.strip_prefix("unknown field ")?.split('`').skip(1).step_by(2);
+    let unknown = quoted.next()?;
+    let known: Vec<&str> = quoted.collect();
+    Some(match nearest(unknown, known.iter().copied()) {
+        Some(key) => format!("did you mean `{key}`?"),
+        None => format!("known keys here: {}", known.join(", ")),
+    })
+}

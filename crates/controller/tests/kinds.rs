@@ -1,0 +1,164 @@
+//! The machine files that `retrace machine new` writes, each with a small program of its trade, on a simulated machine wired as its file says.
+//!
+//! Invariant: what is expected is written here by hand, from the machine files and the programs.
+
+use retrace_controller::by_hand::setup;
+use retrace_controller::event::{Event, Happening};
+use retrace_controller::job::{self, Begin, Decode, Decoded, JobEnd};
+use retrace_controller::machine::Machine;
+use retrace_controller::operator;
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::{Manner, Observer, Outcome};
+use retrace_core::mode::{Mode, Operation};
+use retrace_gcode::{Program, Progress, Setup, Step, Tool, ToolTable};
+use retrace_hal_sim::{Chance, Clock, MachineSettings, Process, SimCard};
+use retrace_link::{MotionCard, Outputs, Start, Status, channel};
+
+const WATERJET: &str = include_str!("../../cli/src/machine/waterjet.toml");
+const PLASMA: &str = include_str!("../../cli/src/machine/plasma.toml");
+const ROUTER: &str = include_str!("../../cli/src/machine/router.toml");
+const LATHE: &str = include_str!("../../cli/src/machine/lathe.toml");
+
+struct Decoder(Program<&'static [u8]>);
+
+impl Decode for Decoder {
+    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+        match self.0.advance(steps) {
+            Progress::Line => Decoded::Block,
+            Progress::End => Decoded::End,
+            Progress::Refused => Decoded::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
+        }
+    }
+}
+
+/// Mode and outputs of every period, and what happened.
+#[derive(Default)]
+struct Seen {
+    periods: Vec<(Mode, Outputs)>,
+    events: Vec<Happening>,
+}
+
+impl Observer<4> for Seen {
+    fn period(&mut self, status: &Status<4>, operation: &Operation) {
+        self.periods.push((operation.mode(), status.outputs));
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.events.push(event.happening.clone());
+    }
+}
+
+/// Runs a program on a simulated machine that is wired as its file says, with `processes` on it.
+fn run(machine: &Machine, program: &'static str, script: &str, processes: &[Process]) -> (JobEnd<SimCard<4>>, Seen) {
+    let settings = machine.card_settings::<4>(Start::at(0));
+    // the switches a little outside of the soft limits
+    let ends = |axis: usize| machine.axes[axis].travel_mm.map(|mm| machine.counts_of(axis, mm * 1.01));
+    let travel: Vec<[i64; 2]> =
+        (0..machine.axes.len()).map(ends).map(|[low, high]| [low - 1000, high + 1000]).collect();
+    let wired = MachineSettings {
+        processes: processes.to_vec(),
+        ..MachineSettings::wired_as(&settings.inputs, &travel, &[0; 4])
+    };
+    let card = SimCard::with_machine(settings, &wired, Clock::Virtual).expect("it opens");
+    let mut tools = ToolTable::default();
+    tools.insert(Tool { number: 1, ..Tool::default() });
+    let program = Program::new(program.as_bytes(), Setup { tools, ..setup(machine) });
+    let script = operator::parse(script, "script").expect("a script");
+    let manner = Manner { wall_time: false, operator: !script.is_empty() };
+    let player = ScriptPlayer::new(script, machine.period_us);
+    let mut seen = Seen::default();
+    let end = job::run(machine, Decoder(program), Begin::First, card, player, manner, &mut seen).expect("a job");
+    (end, seen)
+}
+
+fn machine(text: &str) -> Machine {
+    Machine::parse(text, "kind").expect("valid")
+}
+
+fn completed(text: &str, program: &'static str, processes: &[Process]) -> (JobEnd<SimCard<4>>, Seen) {
+    let (end, seen) = run(&machine(text), program, "", processes);
+    assert_eq!(end.outcome, Outcome::Completed);
+    (end, seen)
+}
+
+#[test]
+fn a_waterjet_pierces_cuts_and_lifts() {
+    let program = "G0 Z5\nG0 X20 Y20\nM103\nM101\nG64 G1 X60 F1500\nY40\nM104\nX20\nM102\nG0 Z60\nM2\n";
+    let (end, seen) = completed(WATERJET, program, &[]);
+    assert_eq!(end.tally.switching, 1500 + 300 + 200);
+    let jet = seen.periods.iter().filter(|(_, outputs)| outputs[3] == 1).count();
+    let abrasive = seen.periods.iter().filter(|(_, outputs)| outputs[4] == 1).count();
+    assert!(abrasive > 1000 && jet > 1500 && seen.periods.last().is_some_and(|(_, last)| last[3] == 0 && last[4] == 0));
+    assert_eq!(end.card.status().counts, [4_000, 8_000, 48_000, 0]);
+}
+
+/// The arc takes 600 ms: longer than the pierce, so that is how long the motion waits.
+#[test]
+fn a_plasma_torch_waits_for_its_arc_and_raises_an_alarm_where_none_comes() {
+    let program = "G0 X10 Y10 Z4\nM3 S1\nG1 X30 F3000\nM5\nM2\n";
+    let arc = |hangs| Process {
+        channel: channel::SPINDLE,
+        input: 5,
+        least_us: 600_000,
+        most_us: 600_000,
+        hangs,
+        fails: Chance::NEVER,
+    };
+    let (end, _) = completed(PLASMA, program, &[arc(Chance::NEVER)]);
+    // 600 ms of arc, 250 ms behind M5 and again behind that of M2, and a period or two in which the card looks
+    assert!((1100..=1105).contains(&end.tally.switching), "{}", end.tally.switching);
+    let (end, seen) = run(&machine(PLASMA), program, "", &[]);
+    let Outcome::Alarm(number, ..) = &end.outcome else { panic!("{:?}", end.outcome) };
+    assert!(seen.events.iter().any(|happening| matches!(happening, Happening::Alarm(told, ..) if told == number)));
+    // three seconds it waited, at the place, and the fault has put the torch out
+    assert!((3000..=3020).contains(&end.tally.switching), "{}", end.tally.switching);
+    assert_eq!((end.card.status().counts[0], end.card.status().outputs[64]), (1_600, 0));
+}
+
+#[test]
+fn a_router_spins_up_and_cools_in_passing() {
+    let program = "T1 M6\nS12000 M3\nG64 G0 Z-1\nM8\nG1 X30 F1200\nY20\nM9\nX0\nM5\nG0 Z0\nM2\n";
+    let (end, seen) = completed(ROUTER, program, &[]);
+    // M6 and M2 stop the spindle too
+    assert_eq!(end.tally.switching, 4000 + 3 * 3000);
+    assert!(seen.periods.iter().any(|(_, outputs)| outputs[usize::from(channel::FLOOD)] == 1));
+    assert_eq!(end.card.status().outputs[usize::from(channel::TOOL)], 1);
+}
+
+#[test]
+fn a_lathe_turns_a_step() {
+    let program = "G18 G7\nS800 M3\nG0 X60 Z100\nM8\nG1 X50 F400\nZ60\nX70\nM9\nG0 X200\nM5\nM2\n";
+    let (end, _) = completed(LATHE, program, &[]);
+    // M2 stops the spindle once more
+    assert_eq!(end.tally.switching, 800 + 2500 + 2 * 3000);
+    assert_eq!(end.card.status().counts, [100_000, 30_000, 0, 0]);
+}
+
+/// What each code does where reverse run passes it, outputs replayed: "undone" goes back with the path and forward again, "as is" stays,
+/// "barrier" ends the way back.
+#[test]
+fn each_code_does_in_reverse_what_its_table_says() {
+    let codes = "retrace_outputs = \"replayed\"\n\
+        [code.M101]\noutput = 1\nin_reverse = \"undone\"\n\
+        [code.M102]\noutput = 2\nin_reverse = \"as is\"\n\
+        [code.M103]\noutput = 3\nclass = \"synchronous\"\nin_reverse = \"as is\"\n\
+        [code.M104]\noutput = 4\nclass = \"synchronous\"\n\
+        [code.M105]\noutput = 5\nin_reverse = \"barrier\"\n";
+    let program = "G64 G1 X10 F3000\nM105\nX20\nM101\nX30\nM102\nX40\nM103\nX50\nM104\nX60\nX100\nM2\n";
+    // all the way back to the barrier, and on
+    let script = "at line 12 reverse 100%\nafter 6s leave\n";
+    let (end, seen) = run(&machine(codes), program, script, &[]);
+    assert_eq!(end.outcome, Outcome::Completed);
+    assert!(seen.events.iter().any(|happening| matches!(happening, Happening::OneWay("M105"))), "{:?}", seen.events);
+    let back = seen.periods.iter().rev().find(|(mode, _)| *mode == Mode::Reverse).expect("it went back").1;
+    assert_eq!(back[1..=5], [0, 1, 1, 0, 1], "at the barrier");
+    let forward = seen.periods.last().expect("there were some").1;
+    assert_eq!(forward[1..=5], [1; 5], "at the end");
+    let told = |code| {
+        seen.events.iter().filter(|happening| matches!(happening, Happening::Switched(done) if *done == code)).count()
+    };
+    assert_eq!((told("M101"), told("M102"), told("M105")), (1, 1, 1));
+    let passing = seen.events.iter().filter(|happening| matches!(happening, Happening::SwitchedInPassing(..))).count();
+    assert_eq!(passing, 2, "what an instruction has switched is not told again in passing");
+    assert_eq!(end.tally.switch_events, 6, "with the M5 of M2");
+}

@@ -1,0 +1,147 @@
+//! A person at a terminal: the command on a pseudo-terminal of a given size, keys in, cells out.
+//!
+//! Invariant: it is ended with the test, however that ends; nobody waits longer for a text than a minute.
+
+use std::io::{Read, Write};
+use std::process::Child;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use pty_process::Size;
+use pty_process::blocking::{Command, Pty};
+use vt100::Parser;
+
+use crate::command::binary;
+
+/// How long a text may be in coming.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A terminal with the command in it.
+pub struct Terminal {
+    child: Child,
+    pty: Arc<Pty>,
+    cells: Arc<Mutex<Parser>>,
+}
+
+impl Terminal {
+    /// Runs `retrace` with these arguments on a terminal of so many columns and rows.
+    ///
+    /// # Panics
+    /// Where it cannot be run.
+    #[must_use]
+    pub fn running(arguments: &[&str], columns: u16, rows: u16) -> Self {
+        Self::with(arguments, columns, rows, &[])
+    }
+
+    /// The same, with these variables in its environment.
+    ///
+    /// # Panics
+    /// Where it cannot be run.
+    #[must_use]
+    pub fn with(arguments: &[&str], columns: u16, rows: u16, environment: &[(&str, &str)]) -> Self {
+        let (pty, pts) = pty_process::blocking::open().expect("a pseudo-terminal");
+        pty.resize(Size::new(rows, columns)).expect("a size");
+        let command = Command::new(binary()).args(arguments).current_dir(crate::command::root());
+        let command = command.env("TERM", "xterm-256color").env_remove("NO_COLOR").envs(environment.iter().copied());
+        let child = command.spawn(pts).expect("the retrace command runs");
+        let (pty, cells) = (Arc::new(pty), Arc::new(Mutex::new(Parser::new(rows, columns, 0))));
+        let (from, to) = (Arc::clone(&pty), Arc::clone(&cells));
+        std::thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            // The terminal says that it is closed when the command has gone.
+            while let Ok(count @ 1..) = (&*from).read(&mut bytes) {
+                to.lock().unwrap_or_else(PoisonError::into_inner).process(&bytes[..count]);
+            }
+        });
+        Self { child, pty, cells }
+    }
+
+    /// Presses these keys, as a terminal says them.
+    ///
+    /// # Panics
+    /// Where the terminal is closed.
+    pub fn keys(&self, keys: &str) {
+        (&*self.pty).write_all(keys.as_bytes()).expect("an open terminal");
+    }
+
+    /// Makes it another size.
+    ///
+    /// # Panics
+    /// Where the terminal is closed.
+    pub fn resize(&self, columns: u16, rows: u16) {
+        let mut cells = self.cells.lock().unwrap_or_else(PoisonError::into_inner);
+        cells.screen_mut().set_size(rows, columns);
+        self.pty.resize(Size::new(rows, columns)).expect("an open terminal");
+    }
+
+    /// What stands on it.
+    #[must_use]
+    pub fn text(&self) -> String {
+        self.cells.lock().unwrap_or_else(PoisonError::into_inner).screen().contents()
+    }
+
+    /// Is it on the screen that a full-screen command takes for itself?
+    #[must_use]
+    pub fn is_full_screen(&self) -> bool {
+        self.cells.lock().unwrap_or_else(PoisonError::into_inner).screen().alternate_screen()
+    }
+
+    /// Is any cell coloured?
+    #[must_use]
+    pub fn is_coloured(&self) -> bool {
+        let cells = self.cells.lock().unwrap_or_else(PoisonError::into_inner);
+        let (rows, columns) = cells.screen().size();
+        let mut all = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
+        all.any(|(row, column)| {
+            let cell = cells.screen().cell(row, column);
+            cell.is_some_and(|cell| cell.fgcolor() != vt100::Color::Default || cell.bgcolor() != vt100::Color::Default)
+        })
+    }
+
+    /// Waits until these words stand on it; the whole of what stands there then.
+    ///
+    /// # Panics
+    /// Where they do not come.
+    pub fn until(&self, words: &str) -> String {
+        self.until_that(words, |text| text.contains(words))
+    }
+
+    /// Waits until what stands on it is so.
+    ///
+    /// # Panics
+    /// Where it does not come to that.
+    pub fn until_that(&self, what: &str, is_so: impl Fn(&str) -> bool) -> String {
+        let started = Instant::now();
+        loop {
+            let text = self.text();
+            if is_so(&text) {
+                return text;
+            }
+            assert!(started.elapsed() < PATIENCE, "`{what}` did not come:\n{text}");
+            sleep(Duration::from_millis(10));
+        }
+    }
+
+    /// Waits until the command has ended: its exit code.
+    ///
+    /// # Panics
+    /// Where it does not end.
+    pub fn ended(&mut self) -> Option<i32> {
+        let started = Instant::now();
+        while started.elapsed() < PATIENCE {
+            if let Some(status) = self.child.try_wait().expect("a child") {
+                return status.code();
+            }
+            sleep(Duration::from_millis(10));
+        }
+        panic!("the command did not end:\n{}", self.text())
+    }
+}
+
+impl Drop for Terminal {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
