@@ -11,6 +11,7 @@ pub mod card;
 mod decoding;
 pub mod event;
 pub mod feed;
+pub mod fingerprint;
 pub mod index;
 pub mod item;
 pub mod job;
