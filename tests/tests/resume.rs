@@ -35,7 +35,12 @@ fn assert_completed(said: &Said) {
 
 #[track_caller]
 fn assert_refused(said: &Said, number: &str) {
-    assert!(said.code.is_some_and(|code| code != 0) && said.err.contains(number), "{number}: {}\n{}", said.out, said.err);
+    assert!(
+        said.code.is_some_and(|code| code != 0) && said.err.contains(number),
+        "{number}: {}\n{}",
+        said.out,
+        said.err
+    );
     assert!(said.err.contains("help:"), "{}", said.err);
 }
 

@@ -12,7 +12,7 @@ use retrace_controller::job::{self, Begin, CannotBegin, Conduct, JobEnd};
 use retrace_controller::journal::keeper::Keeper;
 use retrace_controller::machine::Machine;
 use retrace_controller::operator::Instruction;
-use retrace_controller::orders::Operators;
+use retrace_controller::orders::{Heard, Operators};
 use retrace_controller::refusal::Refusal;
 use retrace_controller::report::Report;
 use retrace_controller::resume::Prepared;
@@ -25,6 +25,7 @@ use serde_json::Value;
 use crate::console::{Console, Show};
 use crate::kept::Kept;
 use crate::program::{Arriving, Failure, Program};
+use crate::screen::live::Live;
 
 /// How a job is shown and operated.
 #[derive(Debug)]
@@ -43,6 +44,25 @@ pub struct Manners<'a> {
     pub params: Option<&'a Path>,
 }
 
+/// Somebody who operates a job at a screen.
+pub struct AtScreen<'r> {
+    /// His words.
+    pub heard: Heard,
+    /// What shows him the job.
+    pub live: Live,
+    /// What he is told at its end.
+    pub ended: &'r mut Ended,
+}
+
+/// How a job ended, for a person.
+#[derive(Debug, Default)]
+pub struct Ended {
+    /// In a line.
+    pub short: String,
+    /// In some.
+    pub text: String,
+}
+
 /// A job, ready to run.
 pub struct Machining<'a> {
     /// How it is shown and operated.
@@ -57,6 +77,8 @@ pub struct Machining<'a> {
     pub begin: Begin,
     /// Its journal.
     pub kept: Option<Kept>,
+    /// Who operates it at a screen, if anybody does.
+    pub at_screen: Option<AtScreen<'a>>,
 }
 
 impl Machining<'_> {
@@ -69,10 +91,18 @@ impl Machining<'_> {
         card: C,
         agree: impl FnOnce(&Prepared<A>, Option<&mut Kept>) -> Result<(), Failure>,
     ) -> Result<(u8, C), Failure> {
-        let Self { manners, machine, program, input, begin, mut kept } = self;
-        let console = Console::<A>::new(Show::choose(manners.json, program.lines()), machine, manners.records)?;
-        let manner = Manner { wall_time: manners.wall_time, operator: manners.operator };
-        let operators = Operators::script(ScriptPlayer::new(manners.script, machine.period_us));
+        let Self { manners, machine, program, input, begin, mut kept, at_screen } = self;
+        let (heard, show, ended) = match at_screen {
+            Some(AtScreen { heard, live, ended }) => (Some(heard), Show::Screen(live), Some(ended)),
+            None => (None, Show::choose(manners.json, program.lines()), None),
+        };
+        let console = Console::<A>::new(show, machine, manners.records)?;
+        let manner = Manner { wall_time: manners.wall_time, operator: manners.operator || heard.is_some() };
+        let script = Operators::script(ScriptPlayer::new(manners.script, machine.period_us));
+        let operators = match heard {
+            Some(heard) => script.and(heard),
+            None => script,
+        };
         let keeping = kept.as_ref().map_or_else(Keeping::default, Kept::keeping);
         let conduct = Conduct { begin, operators, manner, keeping };
         let mut watching =
@@ -106,15 +136,14 @@ impl Machining<'_> {
             wall_s,
             alarms: &alarms,
         };
-        if let Outcome::Refused(text) = &outcome {
-            eprintln!("{text}");
-        }
         let mut value = report.to_json();
         value["job"] = kept.as_ref().map_or(Value::Null, |kept| kept.id().into());
-        if manners.json {
-            crate::out::line(&value);
-        } else {
-            tell(&report, &value);
+        match ended {
+            Some(ended) => {
+                let refused = if let Outcome::Refused(text) = &outcome { format!("{text}\n") } else { String::new() };
+                *ended = Ended { short: short(&report), text: refused + &told(&report) };
+            }
+            None => tell(&report, manners.json.then_some(&value)),
         }
         if let Some(kept) = kept {
             kept.end(&outcome, &value);
@@ -163,11 +192,35 @@ impl<const A: usize> Observer<A> for Watching<'_, A> {
     }
 }
 
+/// The report, as JSON for a script, else for a person.
+fn tell<const A: usize>(report: &Report<'_, A>, json: Option<&Value>) {
+    if let Outcome::Refused(text) = report.outcome {
+        eprintln!("{text}");
+    }
+    match json {
+        Some(value) => crate::out::line(value),
+        None => crate::out::line(told(report)),
+    }
+}
+
+/// How a job ended, in a line.
+fn short<const A: usize>(report: &Report<'_, A>) -> String {
+    let Report { outcome, tally, machine, .. } = report;
+    let seconds = |periods: u64| periods as f64 * machine.period_s();
+    let how = match outcome {
+        Outcome::Completed => "completed".to_owned(),
+        Outcome::Stopped => "stopped by the operator".to_owned(),
+        Outcome::Refused(_) => "stopped: a block has an error (g)".to_owned(),
+        Outcome::Alarm(number, cause, _) => format!("alarm {number}: {cause}"),
+    };
+    format!("{how} · motion {:.2} s, retraced {:.2} s", seconds(tally.motion), seconds(tally.retracing))
+}
+
 /// The report for a person.
-fn tell<const A: usize>(report: &Report<'_, A>, value: &Value) {
+fn told<const A: usize>(report: &Report<'_, A>) -> String {
+    let value = report.to_json();
     let seconds = |key: &str| value[key].as_f64().unwrap_or(0.0);
-    say!("{}: {}", report.program, report.outcome.word());
-    say!(
+    let times = format!(
         "  motion {:.3} s · dwell {:.3} s · switching {:.3} s · held {:.3} s · retracing {:.3} s · {} periods in {:.2} s of real time",
         seconds("motion_s"),
         seconds("dwell_s"),
@@ -184,15 +237,14 @@ fn tell<const A: usize>(report: &Report<'_, A>, value: &Value) {
         });
         axes.collect::<Vec<_>>().join("  ")
     };
-    say!(
+    let position = format!(
         "  position {}  ({})",
         each(|v| format!("{:.3}", v.as_f64().unwrap_or(0.0)), "position_mm"),
         each(Value::to_string, "position_counts")
     );
-    say!(
+    let counted = format!(
         "  limit violations {} · underruns {} · reversals {}",
-        report.verdict.violations,
-        report.tally.underruns,
-        report.tally.reversals
+        report.verdict.violations, report.tally.underruns, report.tally.reversals
     );
+    format!("{}: {}\n{times}\n{position}\n{counted}", report.program, report.outcome.word())
 }

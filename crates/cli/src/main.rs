@@ -9,6 +9,7 @@
 mod out;
 
 mod args;
+mod by_hand;
 mod canon;
 mod card;
 mod card_serve;
@@ -23,6 +24,7 @@ mod kept;
 mod left;
 mod machine;
 mod machining;
+mod operate;
 mod plot;
 mod program;
 mod resume;

@@ -129,7 +129,7 @@ fn from_line(args: &args::Resume, job: &Job, line: u32) -> Result<u8, Failure> {
         journal: args.journal.clone(),
         no_journal: false,
     };
-    run::run_on(&run, machine(job)?, job.machine.text.clone())
+    run::run_on(&run, machine(job)?, job.machine.text.clone(), false)
 }
 
 /// A job being taken up.
@@ -336,7 +336,8 @@ impl Taking<'_> {
             Ok(())
         };
         let begin = Begin::At(Box::new(resumption));
-        let machining = Machining { manners, machine: &machine, program, input, begin, kept: Some(kept) };
+        let machining =
+            Machining { manners, machine: &machine, program, input, begin, kept: Some(kept), at_screen: None };
         machining.run(card, agree)
     }
 }

@@ -2,8 +2,6 @@
 //!
 //! Invariant: nothing moves before machine file, script and program have been read and checked, and the job's journal has begun.
 
-use std::path::Path;
-
 use retrace_controller::job::Begin;
 use retrace_controller::journal::entry;
 use retrace_controller::journal::logbook::Care;
@@ -16,7 +14,9 @@ use retrace_link::{MotionCard, Start, Status};
 use crate::args;
 use crate::files;
 use crate::kept::{Beginning, Claimed, Kept};
+pub use crate::machining::{AtScreen, Ended};
 use crate::machining::{Machining, Manners};
+use crate::operate;
 use crate::program::{Arriving, Failure, Program};
 use crate::wired;
 
@@ -25,30 +25,23 @@ use crate::wired;
 /// # Errors
 /// What keeps the job from beginning.
 pub fn run(args: &args::Run) -> Result<u8, Failure> {
-    refuse_what_is_not_there(args)?;
+    let at_screen = operate::is_wanted(args)?;
     let machine = files::machine(args.machine.as_deref())?;
-    run_on(args, machine, files::machine_text(args.machine.as_deref())?)
+    run_on(args, machine, files::machine_text(args.machine.as_deref())?, at_screen)
 }
 
 /// Runs it on this machine, whose file had this text.
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_on(args: &args::Run, machine: Machine, text: String) -> Result<u8, Failure> {
+pub fn run_on(args: &args::Run, machine: Machine, text: String, at_screen: bool) -> Result<u8, Failure> {
     let script = files::script(args.operator.as_deref())?;
-    let with = With { args, text, script };
+    let with = With { args, text, script, at_screen };
     match machine.axes.len() {
         0..=4 => with.on_card::<4>(machine),
         5..=6 => with.on_card::<6>(machine),
         _ => with.on_card::<9>(machine),
     }
-}
-
-fn refuse_what_is_not_there(args: &args::Run) -> Result<(), Refusal> {
-    if args.tui {
-        return Err(Refusal::new("E2142", "--tui: full-screen operation is not built yet", "leave it out"));
-    }
-    Ok(())
 }
 
 /// A simulated card in this process, at rest.
@@ -69,6 +62,7 @@ struct With<'a> {
     /// Of the machine file.
     text: String,
     script: Vec<Instruction>,
+    at_screen: bool,
 }
 
 impl With<'_> {
@@ -77,7 +71,10 @@ impl With<'_> {
         let args = self.args;
         if args.card == "sim" {
             let program = self.open(&machine)?;
-            let card = simulated::<A>(&machine, args.realtime)?;
+            let mut card = simulated::<A>(&machine, args.realtime || self.at_screen)?;
+            if self.at_screen {
+                return operate::operate(args, &machine, program, self.script, &mut card);
+            }
             let (kept, input) = self.keep(&program, &machine, entry::Card::Sim, card.status())?;
             return self.machining(&machine, &program, kept, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
         }
@@ -93,6 +90,12 @@ impl With<'_> {
         let machine = machine.standing_at(&counts);
         let program = self.open(&machine)?;
         let settings = machine.card_settings(Start::at(0));
+        if self.at_screen {
+            card.open(settings).map_err(|fault| wired::failed(&args.card, &fault))?;
+            let code = operate::operate(args, &machine, program, self.script, &mut *card)?;
+            let _ = card.close();
+            return Ok(code);
+        }
         let status = wired::look(&mut card, &args.card, settings)?;
         let (kept, input) = self.keep(&program, &machine, named, &status)?;
         // From here on the card expects to hear of the host all the time.
@@ -155,9 +158,49 @@ impl With<'_> {
             script: self.script,
             operator: args.operator.is_some(),
             wall_time: args.realtime || args.card != "sim",
-            params: args.reading.params.as_deref().map(Path::new),
+            params: args.reading.params.as_deref(),
         };
         let begin = args.start_line.map_or(Begin::First, Begin::Line);
-        Machining { manners, machine, program, input, begin, kept }
+        Machining { manners, machine, program, input, begin, kept, at_screen: None }
+    }
+}
+
+/// A job that is begun at a screen, on a card that is open already; it keeps no journal yet.
+pub struct Job<'a> {
+    args: &'a args::Run,
+    machine: &'a Machine,
+    script: Vec<Instruction>,
+    program: Program,
+}
+
+impl<'a> Job<'a> {
+    /// Of a program that was opened and checked for this machine.
+    pub fn of(args: &'a args::Run, machine: &'a Machine, script: Vec<Instruction>, program: Program) -> Self {
+        Self { args, machine, script, program }
+    }
+
+    /// Runs it on a card: its exit code, and the card. `at_screen`: who operates it there.
+    ///
+    /// # Errors
+    /// What keeps it from beginning; a file that cannot be written at its end.
+    pub fn run<const A: usize, C: MotionCard<A>>(
+        self,
+        card: C,
+        wall_time: bool,
+        at_screen: Option<AtScreen<'_>>,
+    ) -> Result<(u8, C), Failure> {
+        let Self { args, machine, script, program } = self;
+        let manners = Manners {
+            json: args.json,
+            records: args.records.as_deref(),
+            script,
+            operator: args.operator.is_some(),
+            wall_time,
+            params: args.reading.params.as_deref(),
+        };
+        let begin = args.start_line.map_or(Begin::First, Begin::Line);
+        let input = program.arriving()?;
+        let machining = Machining { manners, machine, program: &program, input, begin, kept: None, at_screen };
+        machining.run(card, |_, _| Ok(()))
     }
 }

@@ -161,12 +161,18 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let cancel = AtomicBool::new(false);
     let (mut asking, mut heeding) = overrides(look_ahead);
     let mut feeder = Feeder::new(planner.blending_by(machine.blending), producer, sender, origin.outputs, &cancel)
-        .noting(keeping.index, &origin.counts);
+        .noting(keeping.index, &origin.counts)
+        .inhibiting(machine.inhibits_outputs);
     let (mut line, mut resumption) = (None, None);
     match begin {
         Begin::First => {}
         Begin::Line(first) => line = Some(first),
         Begin::At(at) => {
+            let ahead = at.marks.last().map_or(0, |mark| mark.place.wrapping_sub(at.start.reached) as i32);
+            if i64::from(ahead) > i64::from(look_ahead) {
+                // No mark can have been made there.
+                return Err(CannotBegin::Unfound(Unfound::NoSuchPlace));
+            }
             asking = asking.again(&at.overrides, at.start.reached);
             heeding = heeding.again(&at.overrides);
             feeder = feeder.held_against(&at.marks);

@@ -20,7 +20,7 @@ use crate::supply::{News, Supply};
 /// Where a job was left, and what it is to be found again by.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resumption {
-    /// Where the machine stands on the path, and what was done of it.
+    /// Where the machine stands on the path, and what was done of it. Whether the path rests there is found out.
     pub start: Start,
     /// The place where the job's path began.
     pub origin: u32,
@@ -105,7 +105,7 @@ pub struct Prepared<const A: usize> {
 }
 
 impl<const A: usize> Prepared<A> {
-    /// Where it was left.
+    /// Where it was left; whether the path rests there its records say.
     #[must_use]
     pub fn start(&self) -> &Start {
         &self.start
@@ -215,7 +215,7 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
     /// Follows to the end; waits for the planner.
     pub(crate) fn follow(mut self, card: &Status<A>) -> Result<Prepared<A>, Unfound> {
         let start = self.at.start;
-        if before(start.reached, start.place.boundary_ahead()) || before(start.place.record, self.at.origin) {
+        if !start.is_valid() || before(start.place.record, self.at.origin) {
             return Err(Unfound::NoSuchPlace);
         }
         while !self.step()? {
@@ -229,6 +229,8 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
             return Err(Unfound::NoSuchPlace);
         }
         self.supply.stand_at(start.place.record);
+        let rests = start.place.fraction == 0 && self.supply.rests_before(start.place.record);
+        let start = Start { rests, ..start };
         let oldest = self.supply.oldest();
         let into_line_mm = self.path_mm(oldest, |of| of == line);
         let history_mm = self.path_mm(oldest, |_| true);
@@ -272,10 +274,9 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
             self.go_to(limit);
         }
         let next = self.supply.number();
-        if let Some(place) = self.supply.next_exclusive().filter(|&place| before(reached, place))
-            && !before(executed, next)
-        {
-            return Err(Unfound::Instruction { number: next, place: Some(place) });
+        // Whatever stands up to `reached` came before the record there.
+        if self.place == reached && before(reached, known) && !before(executed, next) {
+            return Err(Unfound::Instruction { number: next, place: self.supply.next_exclusive() });
         }
         let is_there = self.place == reached && next == executed.wrapping_add(1);
         let has_marks = self.supply.marks().is_some() || !self.at.marks.iter().any(|m| before(self.at.origin, m.place));

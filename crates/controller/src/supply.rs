@@ -406,8 +406,7 @@ impl<'r, const A: usize> Supply<'r, A> {
         while before(oldest, place) {
             let n = place.wrapping_sub(1);
             let Some(record) = self.ring.record(n) else { break };
-            let rests =
-                n == self.start || self.ring.record(n.wrapping_sub(1)).is_some_and(|r| r.flags.has(Flags::REST));
+            let rests = self.rests_before(n);
             while action > 0 && self.actions[action - 1].0.place == n {
                 if card.send(Word::Action(self.actions[action - 1].0)).is_err() {
                     return;
@@ -419,6 +418,12 @@ impl<'r, const A: usize> Supply<'r, A> {
             }
             place = n;
         }
+    }
+
+    /// Is the path at rest before record `place`, as far as its records are kept?
+    #[must_use]
+    pub fn rests_before(&self, place: u32) -> bool {
+        place == self.start || self.ring.record(place.wrapping_sub(1)).is_some_and(|r| r.flags.has(Flags::REST))
     }
 
     /// Where the road ends ahead, gates aside.

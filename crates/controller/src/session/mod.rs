@@ -187,7 +187,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if !agree(&prepared) {
             return Ok((Outcome::Stopped, self.tally, self.card));
         }
-        if let Err(fault) = self.card.begin(at.start) {
+        if let Err(fault) = self.card.begin(*prepared.start()) {
             let outcome = self.ends_in(Trouble::of(&fault));
             return Ok((outcome, self.tally, self.card));
         }
