@@ -41,6 +41,10 @@ pub enum Command {
         retrace plot examples/02-back-up.ngc --operator examples/02-back-up.op -o retraced.png\n  \
         retrace plot examples/01-first-cut.ngc --profile -o profile.svg")]
     Plot(Plot),
+    /// Take up an interrupted job at its breakpoint.
+    #[command(after_help = "Examples:\n  retrace resume\n  retrace resume 20261122-004627-part --yes\n  \
+        retrace resume 20261122-004627-part --from-line 120")]
+    Resume(Resume),
     /// What can be resumed, what ran, how it ended.
     #[command(after_help = "Examples:\n  retrace jobs\n  retrace jobs show 20261122-004627-part")]
     Jobs(Jobs),
@@ -339,9 +343,53 @@ pub struct Run {
     /// Begin at this program line, with the modal state that holds there.
     #[arg(long, value_name = "N")]
     pub start_line: Option<u32>,
-    /// Folder for jobs and reports.
+    /// Folder for jobs: journal, breakpoint, report; by default `retrace/jobs` in the user's state folder.
     #[arg(long, value_name = "DIR")]
     pub journal: Option<PathBuf>,
+    /// Keep no journal: the job cannot be resumed.
+    #[arg(long, conflicts_with = "journal")]
+    pub no_journal: bool,
+}
+
+/// `retrace resume`
+#[derive(Debug, Args)]
+pub struct Resume {
+    /// Name of the job, or how only one begins; the newest that can be resumed where none is named.
+    #[arg(value_name = "JOB")]
+    pub job: Option<String>,
+    /// Folder of the jobs; by default `retrace/jobs` in the user's state folder.
+    #[arg(long, value_name = "DIR")]
+    pub journal: Option<PathBuf>,
+    /// The card, where it is at another port now: `sim` for a job of the simulated card, else a serial port.
+    #[arg(long, value_name = "CARD")]
+    pub card: Option<String>,
+    /// Agree to what will be done, outputs that are switched among it.
+    #[arg(short, long)]
+    pub yes: bool,
+    /// Where the program is now, or is sent again: a file, `-`, or `tcp://HOST:PORT`.
+    #[arg(long, value_name = "PROGRAM")]
+    pub program: Option<PathBuf>,
+    /// Begin at this program line instead, from where the machine stands, with the modal state that holds there: a job of its own.
+    #[arg(long, value_name = "N")]
+    pub from_line: Option<u32>,
+    /// The card was restarted, and the machine has been homed and brought back to the breakpoint: go by its counts.
+    #[arg(long, conflicts_with = "from_line")]
+    pub at_counts: bool,
+    /// Play in wall time; without it the simulated card runs as fast as it can.
+    #[arg(long)]
+    pub realtime: bool,
+    /// Scripted operator.
+    #[arg(long, value_name = "FILE")]
+    pub operator: Option<PathBuf>,
+    /// What the card executed, one row a control period.
+    #[arg(long, value_name = "FILE.csv")]
+    pub records: Option<PathBuf>,
+    /// One JSON object a line on standard output, the report last.
+    #[arg(long)]
+    pub json: bool,
+    /// Refused: a job goes on with the machine that it began with.
+    #[arg(long, value_name = "FILE.toml", hide = true)]
+    pub machine: Option<PathBuf>,
 }
 
 /// `retrace jobs`

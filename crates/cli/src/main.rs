@@ -20,12 +20,17 @@ mod cycles;
 mod draw;
 mod files;
 mod jobs;
+mod kept;
 mod left;
 mod machine;
+mod machining;
 mod manual;
 mod operate;
 mod plot;
 mod program;
+mod resume;
+mod resume_told;
+
 mod run;
 mod screen;
 mod size;
@@ -43,6 +48,7 @@ use crate::program::Failure;
 fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Run(args) => run::run(&args),
+        Command::Resume(args) => resume::run(&args),
         Command::Check(args) => check::run(&args).map(|()| 0),
         Command::Canon(args) => canon::run(&args).map(|()| 0),
         Command::Plot(args) => draw::run(&args).map(|()| 0),

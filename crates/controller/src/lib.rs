@@ -12,6 +12,7 @@ mod decoding;
 pub mod dnc;
 pub mod event;
 pub mod feed;
+pub mod fingerprint;
 pub mod index;
 pub mod item;
 pub mod job;

@@ -110,6 +110,8 @@ pub struct Prepared<const A: usize> {
     expected: Outputs,
     oldest: u32,
     line: u32,
+    into_line_mm: f64,
+    history_mm: f64,
     planned: Travel,
     card: Status<A>,
 }
@@ -145,6 +147,18 @@ impl<const A: usize> Prepared<A> {
         self.line
     }
 
+    /// How far into the line's move the place is, mm of path.
+    #[must_use]
+    pub fn into_line_mm(&self) -> f64 {
+        self.into_line_mm
+    }
+
+    /// How far back history reaches from the place, mm of path.
+    #[must_use]
+    pub fn history_mm(&self) -> f64 {
+        self.history_mm
+    }
+
     /// The override that is planned at `reached`.
     #[must_use]
     pub fn planned_override(&self) -> Travel {
@@ -176,12 +190,40 @@ pub(crate) struct Following<'s, 'r, const A: usize> {
     /// At the place where it was left.
     counts: Option<[i64; A]>,
     line: u32,
+    mm_per_pulse: [f64; A],
 }
 
 impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
     /// Follows `supply`, whose ring begins with counts of `counts` at the job's origin.
-    pub(crate) fn new(supply: &'s mut Supply<'r, A>, at: &'s Resumption, counts: [i64; A]) -> Self {
-        Self { supply, at, place: at.origin, sum: counts, active: None, counts: None, line: 0 }
+    pub(crate) fn new(
+        supply: &'s mut Supply<'r, A>,
+        at: &'s Resumption,
+        counts: [i64; A],
+        mm_per_pulse: [f64; A],
+    ) -> Self {
+        Self { supply, at, place: at.origin, sum: counts, active: None, counts: None, line: 0, mm_per_pulse }
+    }
+
+    /// Path back from where it was left to `oldest`, as long as `goes_on` with a record's line, mm.
+    fn path_mm(&self, oldest: u32, goes_on: impl Fn(u32) -> bool) -> f64 {
+        let (left, mut mm) = (self.at.start.place, 0.0);
+        let length = |increments: &[i16; A], share: f64| {
+            let each = increments.iter().zip(&self.mm_per_pulse);
+            each.map(|(&n, scale)| (f64::from(n) * scale).powi(2)).sum::<f64>().sqrt() * share
+        };
+        if let Some(record) = self.supply.record(left.record).filter(|record| left.fraction > 0 && goes_on(record.line))
+        {
+            mm += length(&record.increments, f64::from(left.fraction) / ONE as f64);
+        }
+        let mut place = left.record;
+        while before(oldest, place) {
+            place = place.wrapping_sub(1);
+            match self.supply.record(place) {
+                Some(record) if goes_on(record.line) => mm += length(&record.increments, 1.0),
+                _ => break,
+            }
+        }
+        mm
     }
 
     /// Follows to the end; waits for the planner.
@@ -203,13 +245,18 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
         if let Some(active) = self.active.take() {
             self.supply.still_active(active);
         }
+        let oldest = self.supply.oldest();
+        let into_line_mm = self.path_mm(oldest, |of| of == line);
+        let history_mm = self.path_mm(oldest, |_| true);
         let passed = self.at.overrides.iter().take_while(|(place, _)| !before(start.reached, *place));
         Ok(Prepared {
             start,
             counts,
             expected: *self.supply.expected(),
-            oldest: self.supply.oldest(),
+            oldest,
             line,
+            into_line_mm,
+            history_mm,
             planned: passed.last().map_or(ONE, |&(_, planned)| planned),
             card: *card,
         })

@@ -188,7 +188,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         counts: [i64; A],
         agree: impl FnOnce(&Prepared<A>) -> bool,
     ) -> Result<(Outcome, Tally, C), Unfound> {
-        let prepared = Following::new(&mut self.supply, at, counts).follow(self.card.status())?;
+        let prepared = Following::new(&mut self.supply, at, counts, self.mm_per_pulse).follow(self.card.status())?;
         if !agree(&prepared) {
             return Ok((Outcome::Stopped, self.tally, self.card));
         }
