@@ -2,7 +2,7 @@
 //!
 //! Invariant: it is ended with the test, however that ends.
 
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
 use serde_json::Value;
@@ -59,6 +59,15 @@ impl Served {
         bench.file("patient.toml", "[card]\nwatchdog_ms = 2000\n");
         let usual = ["run", program, "--card", &self.port, "--machine", "patient.toml", "--json"];
         bench.retrace(usual.iter().chain(arguments))
+    }
+
+    /// Says a line to it: what is done by hand to the machine.
+    ///
+    /// # Panics
+    /// Where it has gone.
+    pub fn by_hand(&mut self, line: &str) {
+        let input = self.child.stdin.as_mut().expect("a pipe");
+        writeln!(input, "{line}").expect("it listens");
     }
 
     /// Ends it: what it tells at its end.

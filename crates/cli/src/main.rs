@@ -9,6 +9,7 @@
 mod out;
 
 mod args;
+mod by_hand;
 mod canon;
 mod card;
 mod card_serve;
@@ -21,6 +22,7 @@ mod files;
 mod jobs;
 mod left;
 mod machine;
+mod operate;
 mod plot;
 mod program;
 mod run;

@@ -45,7 +45,7 @@ impl From<Refusal> for Failure {
 }
 
 /// A program, and what it is read with.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Program {
     name: String,
     /// The text, and what the pre-scan has found in it; none for standard input.
@@ -65,8 +65,15 @@ impl Program {
     /// # Errors
     /// A file that cannot be read or understood.
     pub fn open(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
-        let setup = Setup { tools: tools_without_length(), ..by_hand::setup(machine) };
-        Self::with_setup(reading, setup)
+        Self::with_setup(reading, setup_of(machine))
+    }
+
+    /// The same, of which nothing is told on standard error.
+    ///
+    /// # Errors
+    /// As [`Program::open`].
+    pub fn quietly(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
+        Self::noted(reading, setup_of(machine)).map(|(program, _)| program)
     }
 
     /// Opens what the command line names, for an interpreter set up as given; tool table and parameters come from the
@@ -74,7 +81,15 @@ impl Program {
     ///
     /// # Errors
     /// A file that cannot be read or understood.
-    pub fn with_setup(reading: &Reading, mut setup: Setup) -> Result<Self, Refusal> {
+    pub fn with_setup(reading: &Reading, setup: Setup) -> Result<Self, Refusal> {
+        let (program, notes) = Self::noted(reading, setup)?;
+        notes.iter().for_each(|note| eprintln!("note: {note}"));
+        Ok(program)
+    }
+
+    /// The same, with what is to be told of it.
+    fn noted(reading: &Reading, mut setup: Setup) -> Result<(Self, Vec<String>), Refusal> {
+        let mut notes = Vec::new();
         let is_stdin = reading.program.as_os_str() == "-";
         let name = if is_stdin { "standard input".into() } else { reading.program.display().to_string() };
         if let Some(path) = &reading.tools {
@@ -87,8 +102,8 @@ impl Program {
         if let Some(path) = &reading.ini {
             let ini = table(path, "INI file", Ini::read)?;
             if !ini.passed_over.is_empty() {
-                eprintln!("note: not taken from {}: {}", path.display(), ini.passed_over.join(", "));
-                eprintln!("note: a tool table and a parameter file are named with --tools and --params");
+                notes.push(format!("not taken from {}: {}", path.display(), ini.passed_over.join(", ")));
+                notes.push("a tool table and a parameter file are named with --tools and --params".to_owned());
             }
             setup.fixed_values = ini.values;
             let beside = path.parent().unwrap_or(Path::new(""));
@@ -101,7 +116,7 @@ impl Program {
             .iter()
             .any(|finding| finding.diagnostic.severity() == retrace_gcode::cycles::Severity::Error)
         {
-            eprintln!("note: cycle sources have errors and cannot be called; `retrace cycles check` shows them");
+            notes.push("cycle sources have errors and cannot be called; `retrace cycles check` shows them".to_owned());
         }
         setup.cycles = Some(Arc::new(cycles));
         setup.files = Some(Arc::new(Folders::of(&reading.program, &subs)));
@@ -111,13 +126,21 @@ impl Program {
             let text = files::bytes(&reading.program, "program")?;
             Some(Arc::new(Prescan::of(&name, text.into(), &setup)))
         };
-        Ok(Self { name, prescan, setup, has_tool_table: reading.tools.is_some(), given_up: Arc::default() })
+        let program = Self { name, prescan, setup, has_tool_table: reading.tools.is_some(), given_up: Arc::default() };
+        Ok((program, notes))
     }
 
     /// Its name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// Its text; empty for standard input.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let lines = 1..=self.lines().unwrap_or(0) as u32;
+        lines.map(|number| self.line(number).trim_end_matches(['\n', '\r']).to_owned() + "\n").collect()
     }
 
     /// The tool table, if one was given.
@@ -182,6 +205,38 @@ impl Program {
         self.check_by(|decoder| Ok(survey::survey(machine, decoder).map_err(why)?))
     }
 
+    /// Looks at the whole program and shows nothing.
+    ///
+    /// # Errors
+    /// What is wrong with it, where it has errors.
+    pub fn faults(&self, machine: &Machine) -> Result<(), String> {
+        if self.prescan.is_none() {
+            return Ok(());
+        }
+        let mut decoder = self.decoder();
+        let (_, findings, _) = job::scan::<9>(machine, &mut decoder);
+        let (shown, is_refused) = self.found(&mut decoder, &findings);
+        if is_refused { Err(shown.join("\n")) } else { Ok(()) }
+    }
+
+    /// All that was found in a program that was gone through, rendered in the order of its lines; is there an error in it?
+    fn found(&self, decoder: &mut Decoder, findings: &[Finding]) -> (Vec<String>, bool) {
+        decoder.program.look_behind_the_end();
+        let diagnostics = decoder.program.interpreter().diagnostics();
+        let mut is_refused = false;
+        let mut shown: Vec<((u16, u32), String)> = Vec::new();
+        for diagnostic in diagnostics {
+            is_refused |= diagnostic.severity() == Severity::Error;
+            shown.push(((diagnostic.file, diagnostic.line), self.show(diagnostic)));
+        }
+        for finding in findings {
+            is_refused = true;
+            shown.push(((0, finding.line), self.render(finding)));
+        }
+        shown.sort_by_key(|(place, _)| *place);
+        (shown.into_iter().map(|(_, text)| text).collect(), is_refused)
+    }
+
     fn check_by<S>(
         &self,
         look: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<Finding>, S), Failure>,
@@ -191,20 +246,8 @@ impl Program {
         }
         let mut decoder = self.decoder();
         let (blocks, findings, found) = look(&mut decoder)?;
-        decoder.program.look_behind_the_end();
-        let diagnostics = decoder.program.interpreter().diagnostics();
-        let mut is_refused = false;
-        let mut shown: Vec<((u16, u32), String)> = Vec::new();
-        for diagnostic in diagnostics {
-            is_refused |= diagnostic.severity() == Severity::Error;
-            shown.push(((diagnostic.file, diagnostic.line), self.show(diagnostic)));
-        }
-        for finding in &findings {
-            is_refused = true;
-            shown.push(((0, finding.line), self.render(finding)));
-        }
-        shown.sort_by_key(|(place, _)| *place);
-        for (_, text) in &shown {
+        let (shown, is_refused) = self.found(&mut decoder, &findings);
+        for text in &shown {
             eprintln!("{text}");
         }
         if is_refused {
@@ -338,6 +381,11 @@ fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>
             "correct it",
         )
     })
+}
+
+/// An interpreter for a machine in millimetres, which stands where it does.
+fn setup_of(machine: &Machine) -> Setup {
+    Setup { tools: tools_without_length(), ..by_hand::setup(machine) }
 }
 
 /// Without a tool table every tool is known, and has no length.

@@ -94,6 +94,8 @@ pub struct Feeder<'r, const A: usize> {
     cancel: &'r AtomicBool,
     /// Overrides above 100 %.
     overrides: Heeding,
+    /// A dry run: no output is switched.
+    inhibited: bool,
     /// Serial number of the last move given to the planner; its tag.
     serial: u32,
     /// The block that the moves to come belong to.
@@ -130,6 +132,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
             items,
             cancel,
             overrides: Heeding::default(),
+            inhibited: false,
             serial: 0,
             block: 0,
             origins: VecDeque::new(),
@@ -163,6 +166,12 @@ impl<'r, const A: usize> Feeder<'r, A> {
     #[must_use]
     pub fn heeding(self, overrides: Heeding) -> Self {
         Self { overrides, ..self }
+    }
+
+    /// The same, which switches no output where `inhibited` is true: a dry run.
+    #[must_use]
+    pub fn inhibiting(self, inhibited: bool) -> Self {
+        Self { inhibited, ..self }
     }
 
     /// Where the last move ends, mm.
@@ -217,12 +226,18 @@ impl<'r, const A: usize> Feeder<'r, A> {
 
     /// A synchronous action: executed in passing, where the next move begins.
     pub fn action(&mut self, change: Change, line: u32) {
-        self.waiting.push_back(Waiting { serial: self.serial.wrapping_add(1), change, line, lasts: false });
+        self.act(change, line, false);
     }
 
     /// The same, which reverse run leaves as it is.
     pub fn lasting_action(&mut self, change: Change, line: u32) {
-        self.waiting.push_back(Waiting { serial: self.serial.wrapping_add(1), change, line, lasts: true });
+        self.act(change, line, true);
+    }
+
+    fn act(&mut self, change: Change, line: u32, lasts: bool) {
+        if !self.inhibited {
+            self.waiting.push_back(Waiting { serial: self.serial.wrapping_add(1), change, line, lasts });
+        }
     }
 
     /// An exclusive instruction: the motion comes to rest here, also under G64.
@@ -231,6 +246,8 @@ impl<'r, const A: usize> Feeder<'r, A> {
     /// [`Cancelled`]
     pub fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
         self.rest()?;
+        // What would have been switched on says nothing either.
+        let switch = if self.inhibited { Switch { changes: &[], until: None, ..switch } } else { switch };
         let mut changes = [Change::default(); MAX_CHANGES];
         let count = switch.changes.len().min(MAX_CHANGES);
         changes[..count].copy_from_slice(&switch.changes[..count]);

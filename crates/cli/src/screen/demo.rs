@@ -22,7 +22,7 @@ use retrace_core::{ONE, Place, Travel};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::Change;
 
-use super::facts::Facts;
+use super::facts::{Facts, Planned};
 use super::live::{Live, locked};
 use super::model::{Model, Stage};
 use super::preview::Preview;
@@ -62,7 +62,7 @@ fn tell(sender: &Sender<Said>, said: Said) {
 /// What is known of a program before it runs.
 pub fn facts(machine: &Machine, program: &Program, text: &str, tape: &Tape) -> Facts {
     Facts {
-        planned_s: Some(tape.records.len() as f64 * machine.period_s()),
+        planned: Planned::Known(tape.records.len() as f64 * machine.period_s()),
         preview: Preview::of(machine, &mut program.decoder()),
         ..Facts::of(machine, program.name(), text)
     }
@@ -175,7 +175,7 @@ impl Pretended {
                     self.event(Happening::OrderRefused(why));
                 }
             }
-            Said::DryRun(_) | Said::Quit => {}
+            Said::DryRun(_) | Said::SetUp | Said::Quit => {}
         }
     }
 

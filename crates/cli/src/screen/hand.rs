@@ -147,9 +147,9 @@ impl Hand {
     }
 
     fn act(&mut self, act: Act, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
-        let is_setup = model.stage == Stage::Setup;
         let deed = match act {
-            Act::CycleStart if is_setup => return Some(Said::Start),
+            Act::CycleStart if model.stage != Stage::Job => return Some(Said::Start),
+            Act::SetUp => return Some(Said::SetUp),
             Act::CycleStart => Deed::CycleStart,
             Act::Hold => Deed::Hold,
             Act::Reverse => Deed::Reverse(self.stepped(Mode::Reverse, model)),

@@ -15,7 +15,7 @@ use retrace_core::Place;
 use retrace_core::mode::Mode;
 
 use super::demo::{self, Pretended, Tape};
-use super::facts::{AxisFacts, Facts, Text};
+use super::facts::{AxisFacts, Facts, Planned, Text};
 use super::hand::{Ask, Hand, Open};
 use super::keys::{Key, TABLE};
 use super::live::locked;
@@ -269,7 +269,7 @@ prop_compose! {
             axes: letters[..axes].iter().copied().map(axis).collect(),
             period_s: 0.001,
             program: Text::new(&words, &format!("{words} X1\n").repeat(lines)),
-            planned_s,
+            planned: planned_s.map_or(Planned::Unknown, Planned::Known),
             tools: vec![words.clone(); usize::from(differ)],
             ..Facts::default()
         };
@@ -377,7 +377,7 @@ fn measure_the_redraw() {
         axes: letters.map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] }).to_vec(),
         period_s: 0.001,
         program: Text::new("long.ngc", &lines),
-        planned_s: Some(1000.0),
+        planned: Planned::Known(1000.0),
         ..Facts::default()
     };
     let mut model = Model::new(Arc::new(facts));
