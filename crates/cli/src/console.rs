@@ -144,7 +144,7 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
                 self.progress(period);
             }
             Told::Event(event) => self.event(event),
-            Told::Output(_) => {}
+            Told::Output(_) | Told::Active(_) => {}
         }
         if let Show::Screen(screen) = &mut self.show {
             screen.told(told);

@@ -24,6 +24,7 @@ mod kept;
 mod left;
 mod machine;
 mod machining;
+mod manual;
 mod operate;
 mod plot;
 mod program;
@@ -52,8 +53,10 @@ fn main() -> ExitCode {
         Command::Canon(args) => canon::run(&args).map(|()| 0),
         Command::Plot(args) => draw::run(&args).map(|()| 0),
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
-        Command::ScreenDemo(args) => screen::demo::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
+        Command::Home(args) => manual::home(&args),
+        Command::Jog(args) => manual::jog(&args),
+        Command::Mdi(args) => manual::mdi(&args),
         Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Jobs(args) => jobs::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),

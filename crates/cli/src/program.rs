@@ -13,12 +13,13 @@ use retrace_controller::job::{self, Decode, Decoded, Finding};
 use retrace_controller::journal::entry::{FileRead, Role};
 use retrace_controller::journal::hash::Hash;
 use retrace_controller::machine::Machine;
+use retrace_controller::manual::hand::Identify;
 use retrace_controller::reading::Ahead;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_controller::survey::{self, Survey};
 use retrace_gcode::{
-    Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
+    Active, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
 };
 
 use retrace_motion::LimitError;
@@ -260,7 +261,8 @@ impl Program {
 
     fn decoder_of(&self, program: Source) -> Decoder {
         let given_up = self.prescan.is_none().then(|| Arc::clone(&self.given_up));
-        Decoder { name: self.name.clone(), program, given_up, length_offset: false, is_told: false, left: None }
+        let file = self.prescan.is_some().then(|| PathBuf::from(&self.name));
+        Decoder { name: self.name.clone(), program, given_up, file, length_offset: false, is_told: false, left: None }
     }
 
     /// The program from its beginning, to be run: it logs, and leaves its parameters. One that arrives is taken from `input`.
@@ -448,6 +450,8 @@ pub struct Decoder {
     program: Source,
     /// For a program that arrives.
     given_up: Option<Arc<AtomicBool>>,
+    /// The file that it is read from, to be held against what was read.
+    file: Option<PathBuf>,
     /// A tool length offset was called for.
     length_offset: bool,
     /// The program is at its end, and why it is there has been told.
@@ -459,6 +463,19 @@ pub struct Decoder {
 impl Decode for Decoder {
     fn given_up(&self) -> Option<Arc<AtomicBool>> {
         self.given_up.clone()
+    }
+
+    fn active(&self) -> Option<Active> {
+        Some(self.program.interpreter().state().into())
+    }
+
+    fn identity(&self) -> Option<Identify> {
+        let file = self.file.clone()?;
+        Some(Box::new(move || {
+            let hash = std::fs::File::open(&file).and_then(Hash::of_reader);
+            // One that is not there is another one than any that is.
+            hash.map_or(0, Hash::half)
+        }))
     }
 
     fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
@@ -495,7 +512,7 @@ fn read(role: Role, path: &Path) -> Result<FileRead, Refusal> {
 }
 
 /// Reads a table; its first fault is the refusal's text.
-fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>>) -> Result<T, Refusal> {
+pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>>) -> Result<T, Refusal> {
     let text = files::text(path, what)?;
     read(&text).map_err(|faults| {
         let lines: Vec<&str> = text.lines().collect();
@@ -518,7 +535,7 @@ fn setup_of(machine: &Machine) -> Setup {
 }
 
 /// Without a tool table every tool is known, and has no length.
-fn tools_without_length() -> ToolTable {
+pub fn tools_without_length() -> ToolTable {
     let mut tools = ToolTable::default();
     for number in 1..=999 {
         tools.insert(Tool { number, offset: Pose::ZERO, ..Tool::default() });

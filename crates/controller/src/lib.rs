@@ -9,6 +9,7 @@ pub mod approach;
 pub mod by_hand;
 pub mod card;
 mod decoding;
+pub mod dnc;
 pub mod event;
 pub mod feed;
 pub mod fingerprint;

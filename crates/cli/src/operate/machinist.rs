@@ -14,7 +14,7 @@ use retrace_controller::manual::Task;
 use retrace_controller::operator::Instruction;
 use retrace_controller::session::Outcome;
 use retrace_controller::stream::{Observer, Period, Told};
-use retrace_link::{Alarm, CardFault, Change, MotionCard, Refusal as WordRefused, Start, Word, channel};
+use retrace_link::{Alarm, Change, MotionCard, Refusal as WordRefused, Start, Word, channel};
 
 use super::desk::Desk;
 use super::picture;

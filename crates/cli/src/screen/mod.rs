@@ -5,7 +5,6 @@
 //!
 //! Invariant: the terminal is as it was before, however the loop ends.
 
-pub mod demo;
 pub mod facts;
 mod guide;
 mod hand;
@@ -14,6 +13,8 @@ mod layout;
 pub mod lengths;
 pub mod live;
 pub mod model;
+#[cfg(test)]
+mod pretended;
 pub mod preview;
 pub mod trail;
 mod view;

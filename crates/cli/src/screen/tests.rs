@@ -14,12 +14,12 @@ use retrace_controller::stream::Standing;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 
-use super::demo::{self, Pretended, Tape};
 use super::facts::{AxisFacts, Facts, Planned, Text};
 use super::hand::{Ask, Hand, Open};
 use super::keys::{Key, TABLE};
 use super::live::locked;
 use super::model::{AlarmShown, Model, Pause, Stage};
+use super::pretended::{self, Pretended, Tape};
 use super::trail::Knot;
 use super::{Said, layout, view};
 use crate::args::{Cli, Command};
@@ -38,14 +38,14 @@ struct Bench {
 impl Bench {
     fn new() -> Self {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/02-back-up.ngc");
-        let Command::ScreenDemo(args) = Cli::parse_from(["retrace", "screen-demo", path]).command else {
+        let Command::Check(args) = Cli::parse_from(["retrace", "check", path]).command else {
             unreachable!("that command was asked for")
         };
         let machine = crate::files::machine(None).expect("built in");
         let program = Program::open(&args.reading, &machine).expect("a program");
         let tape = Tape::of(&machine, &program);
         let text = std::fs::read_to_string(path).expect("a text");
-        let facts = demo::facts(&machine, &program, &text, &tape);
+        let facts = pretended::facts(&machine, &program, &text, &tape);
         let facts = Facts { program: Text::new("02-back-up.ngc", &text), ..facts };
         let model = Arc::new(Mutex::new(Model::new(Arc::new(facts))));
         let machine = Pretended::new(tape, Arc::clone(&model), 0.001);

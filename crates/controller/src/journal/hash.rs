@@ -43,6 +43,12 @@ impl Hash {
         }
     }
 
+    /// Half of it, for where 128 bits do not fit.
+    #[must_use]
+    pub fn half(self) -> u64 {
+        (self.0 ^ (self.0 >> 64)) as u64
+    }
+
     /// The hash of what this is the hash of, and these bytes behind it.
     #[must_use]
     pub fn then(self, bytes: &[u8]) -> Self {
