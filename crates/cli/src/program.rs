@@ -274,6 +274,23 @@ impl Program {
         (Decoder { left: Some(left), ..self.decoder_of(program) }, last)
     }
 
+    /// Do so many bytes of this file come to the end of a program without an error? For one that arrived.
+    #[must_use]
+    pub fn is_whole(&self, kept: &Path, bytes: u64) -> bool {
+        let Ok(file) = std::fs::File::open(kept) else { return false };
+        let mut source = self.again(Box::new(BufReader::new(file).take(bytes)));
+        let mut steps = Vec::new();
+        loop {
+            steps.clear();
+            match source.advance(&mut steps) {
+                Progress::Line => {}
+                Progress::Refused => return false,
+                Progress::End => break,
+            }
+        }
+        source.interpreter().diagnostics().iter().all(|found| found.severity() != Severity::Error)
+    }
+
     /// The program from its beginning once more, of what is kept of one that arrived.
     #[must_use]
     pub fn again(&self, kept: Arriving) -> Source {

@@ -185,7 +185,9 @@ impl Taking<'_> {
         if program.arrives().is_none() {
             return Ok(None);
         }
-        let kept = self.record.spooled;
+        let mut kept = self.record.spooled;
+        // A program that ends before its text does is not read to the end of that.
+        kept.ended |= program.is_whole(&self.folder.stream(), kept.bytes);
         let named = self.args.program.is_some() || matches!(self.record.job.source, Source::Socket(_));
         let again = if kept.ended || !named { None } else { program.arriving()? };
         let (mut input, progress) = Respooled::open(&self.folder.stream(), kept, again)?;
