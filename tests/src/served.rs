@@ -61,11 +61,11 @@ impl Served {
         bench.retrace(usual.iter().chain(arguments))
     }
 
-    /// Says a line to its standard input: `stop` opens the emergency-stop chain, `close` closes it.
+    /// Says a line to it: what is done by hand to the machine.
     ///
     /// # Panics
-    /// Where it has ended.
-    pub fn say(&mut self, line: &str) {
+    /// Where it has gone.
+    pub fn by_hand(&mut self, line: &str) {
         let input = self.child.stdin.as_mut().expect("a pipe");
         writeln!(input, "{line}").expect("it listens");
     }

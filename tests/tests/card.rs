@@ -208,6 +208,30 @@ fn a_latched_alarm_is_told_and_cleared() {
     assert_eq!((&after["outcome"], &after["position_counts"]["x"]), (&"completed".into(), &1000.into()), "{after}");
 }
 
+/// What is done by hand to the machine around the card is seen by the card.
+#[test]
+fn an_emergency_stop_is_pressed_by_hand() {
+    let bench = Bench::new();
+    bench.file("square.ngc", SQUARE);
+    bench.file("stop.toml", "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n");
+    let machine = bench.path("stop.toml").display().to_string();
+    let mut served = Served::with(&["--machine", &machine]);
+    let run = |served: &Served| {
+        bench.retrace(["run", "square.ngc", "--card", &served.port, "--machine", "stop.toml", "--json"])
+    };
+    served.by_hand("press window");
+    served.by_hand("press emergency-stop");
+    let refused = run(&served);
+    assert!(refused.code == Some(3) && refused.out.contains("E3012"), "{} {}", refused.out, refused.err);
+    let place = served.who(&bench)["place"].clone();
+    served.by_hand("release emergency-stop");
+    let cleared = bench.retrace(["card", "clear", &served.port, "--machine", "stop.toml"]);
+    assert_eq!(cleared.code, Some(0), "{}", cleared.err);
+    assert_eq!(served.who(&bench)["place"], place, "it still knows where it is");
+    let after = report(&run(&served));
+    assert_eq!((&after["outcome"], &after["position_counts"]["x"]), (&"completed".into(), &1000.into()), "{after}");
+}
+
 /// What a card cannot do is said before anything is opened.
 #[test]
 fn a_machine_that_the_card_does_not_fit_is_refused() {

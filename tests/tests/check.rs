@@ -1,6 +1,7 @@
 //! `retrace check` tells before a run what the run will come to.
 
-use retrace_tests::command::{Bench, root};
+use retrace_tests::command::Bench;
+use retrace_tests::programs::examples;
 use serde_json::Value;
 
 fn last(text: &str) -> Value {
@@ -11,11 +12,7 @@ fn last(text: &str) -> Value {
 fn the_time_told_is_the_time_run_for_every_example() {
     let bench = Bench::new();
     let mut seen = 0;
-    for entry in std::fs::read_dir(root().join("examples")).expect("examples").flatten() {
-        let path = entry.path();
-        if path.extension().is_none_or(|extension| extension != "ngc") {
-            continue;
-        }
+    for path in examples() {
         let said = bench.retrace(["check".as_ref(), path.as_os_str(), "--json".as_ref()]);
         assert_eq!(said.code, Some(0), "{}", said.err);
         let told = last(&said.out);

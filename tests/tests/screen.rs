@@ -164,6 +164,8 @@ fn back_by_so_many_mm_to_the_block_and_to_the_jet() {
     let mut terminal = ready(&bench, LINES);
     terminal.keys("c");
     until_block(&terminal, 6);
+    terminal.keys(" ");
+    terminal.until("FEED HOLD");
     terminal.keys("b7\r");
     terminal.until_that("7 mm back", |text| text.contains("STANDING") && (back_mm(text) - 7.0).abs() < 0.11);
     terminal.keys("B");
@@ -202,7 +204,7 @@ fn outputs_that_were_switched_by_hand_are_asked_about_and_restored() {
 #[test]
 fn a_program_stop_and_single_block_wait_for_cycle_start() {
     let bench = Bench::new();
-    let mut terminal = ready(&bench, "G21 G90 G17 G94\nF6000\nG1 X5\nM0\nG1 Y5\nG1 X0\nG1 Y0\nM2\n");
+    let mut terminal = ready(&bench, "G21 G90 G17 G94 G61\nF6000\nG1 X5\nM0\nG1 Y5\nG1 X0\nG1 Y0\nM2\n");
     terminal.keys("c");
     terminal.until("PROGRAM STOP");
     terminal.keys("s");
@@ -269,13 +271,13 @@ fn an_alarm_is_shown_with_its_remedy_and_cleared() {
     terminal.until("READY");
     terminal.keys("c");
     terminal.until_that("some way", |text| text.contains("RUNNING") && active(text) == 2);
-    served.say("stop");
+    served.by_hand("press emergency-stop");
     let alarm = terminal.until("E3012");
     assert!(alarm.contains("emergency"), "{alarm}");
     terminal.until_that("the end of the job", |text| text.contains(" run ") && !text.contains("left"));
     terminal.keys("a");
     terminal.until("its cause is still there");
-    served.say("close");
+    served.by_hand("release emergency-stop");
     terminal.keys("a");
     terminal.until("the alarm is cleared");
     terminal.until("ENDED");

@@ -66,8 +66,11 @@ pub enum Command {
 #[derive(Debug, Subcommand)]
 pub enum Card {
     /// Serve a simulated card, in wall time, until interrupted. A host may come after another has gone; the position stays.
-    #[command(after_help = "Examples:\n  retrace card serve --pty --link my-card --vcd my-card.vcd\n  \
-        retrace card serve --pty --faults baud=230400,rate=1e-5,seed=7\n  retrace run examples/01-first-cut.ngc --card my-card")]
+    #[command(
+        after_help = "On standard input (a pipe; a terminal with --by-hand), a line each, what is done by hand meanwhile:\n  wheel -120 for 2s     turn the handwheel, \
+        counts a second; `wheel -7` by so many at once\n  press door            also emergency-stop, probe\n  release door\n  input 5 on            an input by its number\n\nExamples:\n  retrace card serve --pty --link my-card --vcd my-card.vcd\n  \
+        retrace card serve --pty --faults baud=230400,rate=1e-5,seed=7\n  retrace run examples/01-first-cut.ngc --card my-card"
+    )]
     Serve(Serve),
     /// List the serial ports that are there. A pseudo-terminal is never among them.
     #[command(after_help = "Example:\n  retrace card ports --json")]
@@ -122,9 +125,12 @@ pub struct Serve {
     /// End by itself after so many seconds, and tell what was counted.
     #[arg(long, value_name = "S")]
     pub seconds: Option<f64>,
-    /// End when standard input does, and tell what was counted. Until then a line `stop` opens the emergency-stop chain, and `close` closes it.
+    /// End when standard input does, and tell what was counted.
     #[arg(long)]
     pub until_eof: bool,
+    /// Take lines from standard input where it is a terminal, too; not for a card in the background.
+    #[arg(long)]
+    pub by_hand: bool,
     /// What is told at the end as one JSON object.
     #[arg(long)]
     pub json: bool,

@@ -84,7 +84,15 @@ fn who(address: &str, json: bool) -> Result<(), Failure> {
 fn clear(address: &str, machine: Option<&Path>) -> Result<(), Failure> {
     let machine = files::machine(machine)?;
     let mut card = wired::find::<MOST_AXES>(address)?;
-    card.open(machine.card_settings(Start::at(0))).map_err(|fault| wired::failed(address, &fault))?;
+    card.settle(wired::nonce()).map_err(|fault| wired::failed(address, &fault))?;
+    // Where it stands on its path stays known: an interrupted job may be taken up there.
+    let start = card.greeting().map_or(Start::at(0), |said| Start {
+        place: said.place,
+        rests: false,
+        reached: said.reached,
+        executed: said.executed,
+    });
+    card.open(machine.card_settings(start)).map_err(|fault| wired::failed(address, &fault))?;
     let Some(alarm) = card.status().alarm else {
         say!("{address}: no alarm is latched");
         return card.close().map_err(|fault| wired::failed(address, &fault));

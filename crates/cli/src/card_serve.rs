@@ -1,21 +1,21 @@
-//! `retrace card serve`: a simulated card behind a pseudo-terminal, in wall time.
+//! `retrace card serve`: a simulated card behind a pseudo-terminal, in wall time, with a machine that can be taken hold of.
 //!
 //! Invariant: the card's time follows the monotonic clock; what this process was kept from for a moment is made up for. A longer absence is
 //! left out, as if the machine had stood still with it: a real card is never away, and a host is not to be blamed for it.
 
-use std::io::BufWriter;
+use std::io::{BufWriter, IsTerminal as _};
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_hal_serial::Pty;
 use retrace_hal_sim::{MachineSettings, Rig, RigSettings, Tally, faults};
-use retrace_link::{Alarm, CardFault, InputUse, Start};
+use retrace_link::{Alarm, CardFault, InputSetting, Start};
 use serde_json::{Value, json};
 
+use crate::by_hand::Deed;
 use crate::console::unwritable;
 use crate::{args, files, wired};
 
@@ -54,20 +54,20 @@ fn refuse(what: impl Into<String>, remedy: impl Into<String>) -> Refusal {
 
 fn serve<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<(), Refusal> {
     let mut rig = rig::<A>(args, machine)?;
+    let inputs = machine.card_settings::<A>(Start::at(0)).inputs;
     let pty =
         Pty::open().map_err(|error| refuse(format!("no pseudo-terminal is to be had: {error}"), "see `man pts`"))?;
     if let Some(link) = &args.link {
         name(pty.path(), link)?;
     }
     say!("{}", pty.path().display());
-    let inputs = machine.card_settings::<A>(Start::at(0)).inputs;
     let end = End {
         after: args.seconds.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
-        input: args.until_eof.then(input),
-        chain: (0u8..).zip(inputs).find(|(_, input)| input.used_for == InputUse::EmergencyStop).map(|(n, _)| n),
+        at_eof: args.until_eof,
+        lines: lines_of_input(args.until_eof || args.by_hand || !std::io::stdin().is_terminal()),
     };
     let mut served = Served { pty, started: Instant::now(), speed: args.speed, away_us: 0, alarm: None };
-    served.run(&mut rig, &end)?;
+    served.run(&mut rig, &end, &inputs)?;
     rig.flush();
     if let Some(link) = &args.link {
         let _ = std::fs::remove_file(link);
@@ -120,43 +120,46 @@ fn name(pty: &Path, link: &Path) -> Result<(), Refusal> {
         .map_err(|error| refuse(format!("--link {}: {error}", link.display()), "a name that is not taken"))
 }
 
-/// When serving ends.
+/// When serving ends, and what is said meanwhile.
 struct End {
     after: Option<Duration>,
-    input: Option<Arc<Input>>,
-    /// The card's input that the emergency-stop chain is wired to.
-    chain: Option<u8>,
+    at_eof: bool,
+    lines: Receiver<String>,
 }
 
 impl End {
-    fn has_come(&self, started: Instant) -> bool {
-        self.after.is_some_and(|after| started.elapsed() >= after)
-            || self.input.as_ref().is_some_and(|input| input.ended.load(Ordering::Relaxed))
+    /// Has it come? Does what was said on standard input.
+    fn look<const A: usize>(&self, started: Instant, rig: &mut Rig<A>, inputs: &[InputSetting]) -> bool {
+        let ended = loop {
+            match self.lines.try_recv() {
+                Ok(line) => match Deed::read(&line, inputs) {
+                    Ok(deed) => deed.into_iter().for_each(|deed| deed.to(rig)),
+                    Err(why) => eprintln!("{why}"),
+                },
+                Err(TryRecvError::Empty) => break false,
+                Err(TryRecvError::Disconnected) => break self.at_eof,
+            }
+        };
+        ended || self.after.is_some_and(|after| started.elapsed() >= after)
     }
 }
 
-/// What standard input says: `stop` opens the emergency-stop chain, `close` closes it again.
-#[derive(Debug, Default)]
-struct Input {
-    ended: AtomicBool,
-    stopped: AtomicBool,
-}
-
-/// Listens to standard input from now on.
-fn input() -> Arc<Input> {
-    let input = Arc::new(Input::default());
-    let tell = Arc::clone(&input);
+/// The lines of standard input, until it ends; none where nobody is to read them. A card in the background would be stopped for reading from
+/// its terminal.
+fn lines_of_input(read: bool) -> Receiver<String> {
+    let (tell, lines) = channel();
+    if !read {
+        return lines;
+    }
     std::thread::spawn(move || {
+        // Nobody hears what comes behind the end of serving, nor what is no text.
         for line in std::io::stdin().lines().map_while(Result::ok) {
-            match line.trim() {
-                "stop" => tell.stopped.store(true, Ordering::Relaxed),
-                "close" => tell.stopped.store(false, Ordering::Relaxed),
-                _ => {}
+            if tell.send(line).is_err() {
+                return;
             }
         }
-        tell.ended.store(true, Ordering::Relaxed);
     });
-    input
+    lines
 }
 
 /// A card being served.
@@ -170,19 +173,16 @@ struct Served {
 }
 
 impl Served {
-    fn run<const A: usize>(&mut self, rig: &mut Rig<A>, end: &End) -> Result<(), Refusal> {
+    fn run<const A: usize>(&mut self, rig: &mut Rig<A>, end: &End, inputs: &[InputSetting]) -> Result<(), Refusal> {
         let mut bytes = [0; 4096];
         let mut flushed = Instant::now();
-        while !end.has_come(self.started) {
+        while !end.look(self.started, rig, inputs) {
             let due = rig.next_us().saturating_sub(self.now_us(rig)).min(WAIT_US);
             let wait = Duration::from_secs_f64(due as f64 / 1e6 / self.speed);
             let lost = |error| refuse(format!("the pseudo-terminal fails: {error}"), "serve it again");
             let count = self.pty.read(&mut bytes, wait).map_err(lost)?;
             // The bytes came since the last look; the card takes them from there on.
             rig.send(&bytes[..count]);
-            if let (Some(input), Some(chain)) = (&end.input, end.chain) {
-                rig.machine().press(chain, input.stopped.load(Ordering::Relaxed));
-            }
             rig.run(self.now_us(rig));
             loop {
                 match rig.take(&mut bytes) {

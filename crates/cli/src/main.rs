@@ -9,6 +9,7 @@
 mod out;
 
 mod args;
+mod by_hand;
 mod canon;
 mod card;
 mod card_serve;

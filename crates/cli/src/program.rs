@@ -65,15 +65,26 @@ impl Program {
     /// # Errors
     /// A file that cannot be read or understood.
     pub fn open(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
-        Self::with_setup(reading, setup_of(machine))
+        let setup = Setup { tools: tools_without_length(), ..by_hand::setup(machine) };
+        Self::with_setup(reading, setup)
     }
 
-    /// The same, of which nothing is told on standard error.
+    /// The program as its file is now, to be read with this setup. Nothing is told on standard error.
     ///
     /// # Errors
-    /// As [`Program::open`].
-    pub fn quietly(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
-        Self::noted(reading, setup_of(machine)).map(|(program, _)| program)
+    /// The file cannot be read any more.
+    pub fn anew(&self, setup: Setup) -> Result<Self, Refusal> {
+        let prescan = match &self.prescan {
+            None => None,
+            Some(_) => Some(prescanned(&self.name, Path::new(&self.name), &setup)?),
+        };
+        Ok(Self { prescan, setup, ..self.clone() })
+    }
+
+    /// What it is read with.
+    #[must_use]
+    pub fn setup(&self) -> &Setup {
+        &self.setup
     }
 
     /// Opens what the command line names, for an interpreter set up as given; tool table and parameters come from the
@@ -81,15 +92,7 @@ impl Program {
     ///
     /// # Errors
     /// A file that cannot be read or understood.
-    pub fn with_setup(reading: &Reading, setup: Setup) -> Result<Self, Refusal> {
-        let (program, notes) = Self::noted(reading, setup)?;
-        notes.iter().for_each(|note| eprintln!("note: {note}"));
-        Ok(program)
-    }
-
-    /// The same, with what is to be told of it.
-    fn noted(reading: &Reading, mut setup: Setup) -> Result<(Self, Vec<String>), Refusal> {
-        let mut notes = Vec::new();
+    pub fn with_setup(reading: &Reading, mut setup: Setup) -> Result<Self, Refusal> {
         let is_stdin = reading.program.as_os_str() == "-";
         let name = if is_stdin { "standard input".into() } else { reading.program.display().to_string() };
         if let Some(path) = &reading.tools {
@@ -102,8 +105,8 @@ impl Program {
         if let Some(path) = &reading.ini {
             let ini = table(path, "INI file", Ini::read)?;
             if !ini.passed_over.is_empty() {
-                notes.push(format!("not taken from {}: {}", path.display(), ini.passed_over.join(", ")));
-                notes.push("a tool table and a parameter file are named with --tools and --params".to_owned());
+                eprintln!("note: not taken from {}: {}", path.display(), ini.passed_over.join(", "));
+                eprintln!("note: a tool table and a parameter file are named with --tools and --params");
             }
             setup.fixed_values = ini.values;
             let beside = path.parent().unwrap_or(Path::new(""));
@@ -116,18 +119,12 @@ impl Program {
             .iter()
             .any(|finding| finding.diagnostic.severity() == retrace_gcode::cycles::Severity::Error)
         {
-            notes.push("cycle sources have errors and cannot be called; `retrace cycles check` shows them".to_owned());
+            eprintln!("note: cycle sources have errors and cannot be called; `retrace cycles check` shows them");
         }
         setup.cycles = Some(Arc::new(cycles));
         setup.files = Some(Arc::new(Folders::of(&reading.program, &subs)));
-        let prescan = if is_stdin {
-            None
-        } else {
-            let text = files::bytes(&reading.program, "program")?;
-            Some(Arc::new(Prescan::of(&name, text.into(), &setup)))
-        };
-        let program = Self { name, prescan, setup, has_tool_table: reading.tools.is_some(), given_up: Arc::default() };
-        Ok((program, notes))
+        let prescan = if is_stdin { None } else { Some(prescanned(&name, &reading.program, &setup)?) };
+        Ok(Self { name, prescan, setup, has_tool_table: reading.tools.is_some(), given_up: Arc::default() })
     }
 
     /// Its name.
@@ -387,9 +384,10 @@ fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>
     })
 }
 
-/// An interpreter for a machine in millimetres, which stands where it does.
-fn setup_of(machine: &Machine) -> Setup {
-    Setup { tools: tools_without_length(), ..by_hand::setup(machine) }
+/// A file, gone through before it runs.
+fn prescanned(name: &str, path: &Path, setup: &Setup) -> Result<Arc<Prescan>, Refusal> {
+    let text = files::bytes(path, "program")?;
+    Ok(Arc::new(Prescan::of(name, text.into(), setup)))
 }
 
 /// Without a tool table every tool is known, and has no length.

@@ -48,7 +48,7 @@ impl Socket {
     /// `E2107`: nobody sends there.
     pub fn open(address: &str) -> Result<Self, Refusal> {
         let stream = connect(address).map_err(|error| {
-            let remedy = "start the sender first; the name is tcp://HOST:PORT, as in tcp://192.168.1.10:5000";
+            let remedy = "start the sender first; the name is tcp://HOST:PORT, as in tcp://planner:5000";
             Refusal::new("E2107", format!("no program can be had from {SCHEME}{address}: {error}"), remedy)
         })?;
         Ok(Self {

@@ -174,6 +174,10 @@ impl Machine {
         for (slot, &channel) in settings.safe.iter_mut().zip(&card.off_at_fault) {
             *slot = Change { channel, value: 0 };
         }
+        for (slot, axis) in settings.backlash_pulses.iter_mut().zip(&self.axes) {
+            // At most 10 mm; where that is more pulses than can be told, the most that can.
+            *slot = (axis.backlash_mm * axis.pulses_per_mm).round() as u16;
+        }
         settings
     }
 }
@@ -199,6 +203,18 @@ mod tests {
         assert_eq!((settings.inputs[2], settings.inputs[13].used_for), (limit, InputUse::EmergencyStop));
         let off = [4, channel::SPINDLE].map(|channel| Change { channel, value: 0 });
         assert_eq!(settings.safe(), off);
+    }
+
+    #[test]
+    fn backlash_is_told_in_pulses() {
+        let axis = |name: &str, mm: f64| {
+            format!(
+                "[[axis]]\nname = \"{name}\"\npulses_per_mm = 800\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+                max_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 100]\nbacklash_mm = {mm:?}\n"
+            )
+        };
+        let settings = machine(&(axis("x", 0.0) + &axis("z", 0.015))).expect("valid").card_settings::<4>(Start::at(0));
+        assert_eq!(settings.backlash_pulses, [0, 12, 0, 0]);
     }
 
     #[test]

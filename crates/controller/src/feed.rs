@@ -318,7 +318,9 @@ impl<'r, const A: usize> Feeder<'r, A> {
         loop {
             if !self.ring.has_room() {
                 self.mark();
-                self.patiently(|feeder| (feeder.ring.room() >= RECORDS_A_MARK).then_some(Ok(())))?;
+                // Somebody may wait for the last of the marks, and let no record go before he has it.
+                let wanted = if self.was.is_empty() { RECORDS_A_MARK } else { 1 };
+                self.patiently(|feeder| (feeder.ring.room() >= wanted).then_some(Ok(())))?;
             }
             if let Some(planned) = self.overrides.due(self.ring.write()) {
                 self.index.note(Note::Override { place: self.ring.write(), planned });

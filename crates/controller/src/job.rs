@@ -173,6 +173,11 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         Begin::First => {}
         Begin::Line(first) => line = Some(first),
         Begin::At(at) => {
+            let ahead = at.marks.last().map_or(0, |mark| mark.place.wrapping_sub(at.start.reached) as i32);
+            if i64::from(ahead) > i64::from(look_ahead) {
+                // No mark can have been made there.
+                return Err(CannotBegin::Unfound(Unfound::NoSuchPlace));
+            }
             asking = asking.again(&at.overrides, at.start.reached);
             heeding = heeding.again(&at.overrides);
             feeder = feeder.held_against(&at.marks);

@@ -12,6 +12,7 @@ use std::time::Duration;
 use retrace_core::place::before;
 use retrace_core::playback::part;
 use retrace_core::{ONE, Travel};
+use retrace_gcode::Active;
 use retrace_link::{Outputs, Start, Status, channel};
 
 use crate::index::Mark;
@@ -20,7 +21,7 @@ use crate::supply::{News, Supply};
 /// Where a job was left, and what it is to be found again by.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resumption {
-    /// Where the machine stands on the path, and what was done of it.
+    /// Where the machine stands on the path, and what was done of it. Whether the path rests there is found out.
     pub start: Start,
     /// The place where the job's path began.
     pub origin: u32,
@@ -103,7 +104,7 @@ pub struct Prepared<const A: usize> {
 }
 
 impl<const A: usize> Prepared<A> {
-    /// Where it was left.
+    /// Where it was left; whether the path rests there its records say.
     #[must_use]
     pub fn start(&self) -> &Start {
         &self.start
@@ -175,7 +176,7 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
     /// Follows to the end; waits for the planner.
     pub(crate) fn follow(mut self, card: &Status<A>) -> Result<Prepared<A>, Unfound> {
         let start = self.at.start;
-        if before(start.reached, start.place.boundary_ahead()) || before(start.place.record, self.at.origin) {
+        if !start.is_valid() || before(start.place.record, self.at.origin) {
             return Err(Unfound::NoSuchPlace);
         }
         while !self.step()? {
@@ -192,6 +193,8 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
         if let Some(active) = self.active.take() {
             self.supply.still_active(active);
         }
+        let rests = start.place.fraction == 0 && self.supply.rests_before(start.place.record);
+        let start = Start { rests, ..start };
         let passed = self.at.overrides.iter().take_while(|(place, _)| !before(start.reached, *place));
         Ok(Prepared {
             start,
@@ -230,10 +233,9 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
             self.go_to(limit);
         }
         let next = self.supply.number();
-        if let Some(place) = self.supply.next_exclusive().filter(|&place| before(reached, place))
-            && !before(executed, next)
-        {
-            return Err(Unfound::Instruction { number: next, place: Some(place) });
+        // Whatever stands up to `reached` came before the record there.
+        if self.place == reached && before(reached, known) && !before(executed, next) {
+            return Err(Unfound::Instruction { number: next, place: self.supply.next_exclusive() });
         }
         let is_there = self.place == reached && next == executed.wrapping_add(1);
         let has_marks = self.supply.marks().is_some() || !self.at.marks.iter().any(|m| before(self.at.origin, m.place));

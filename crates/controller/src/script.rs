@@ -12,8 +12,8 @@ use crate::operator::{Deed, Instruction, When};
 pub struct ScriptPlayer {
     script: VecDeque<Instruction>,
     period_s: f64,
-    /// The period in which the previous instruction ended.
-    since: u64,
+    /// The period in which the previous instruction ended; before the first, that in which it was asked for first.
+    since: Option<u64>,
     wheel: Option<Turning>,
 }
 
@@ -30,7 +30,7 @@ impl ScriptPlayer {
     /// Plays `script` on a machine with a control period of `period_us` microseconds.
     #[must_use]
     pub fn new(script: Vec<Instruction>, period_us: u32) -> Self {
-        Self { script: script.into(), period_s: f64::from(period_us) * 1e-6, since: 0, wheel: None }
+        Self { script: script.into(), period_s: f64::from(period_us) * 1e-6, since: None, wheel: None }
     }
 
     /// Is nothing left to be done?
@@ -41,6 +41,8 @@ impl ScriptPlayer {
 
     /// The next instruction, if it is due now: in period `period`, with program line `line` being executed.
     pub fn due(&mut self, period: u64, line: u32) -> Option<Instruction> {
+        // The card may have run long before.
+        let since = *self.since.get_or_insert(period);
         if self.wheel.is_some() {
             return None;
         }
@@ -48,14 +50,14 @@ impl ScriptPlayer {
         let due = match next.when {
             When::Time(seconds) => period >= self.periods(seconds),
             When::Line(wanted) => line >= wanted,
-            When::AfterSeconds(seconds) => period >= self.since + self.periods(seconds),
-            When::AfterPeriods(periods) => period >= self.since + periods,
+            When::AfterSeconds(seconds) => period >= since + self.periods(seconds),
+            When::AfterPeriods(periods) => period >= since + periods,
         };
         if !due {
             return None;
         }
         let next = self.script.pop_front()?;
-        self.since = period;
+        self.since = Some(period);
         if let Deed::Wheel { counts_per_s, seconds } = next.deed {
             let until = period + self.periods(seconds);
             self.wheel =
@@ -68,7 +70,7 @@ impl ScriptPlayer {
     pub fn wheel_counts(&mut self, period: u64) -> i16 {
         let Some(wheel) = &mut self.wheel else { return 0 };
         if period >= wheel.until {
-            self.since = period;
+            self.since = Some(period);
             self.wheel = None;
             return 0;
         }
@@ -88,6 +90,13 @@ impl ScriptPlayer {
 mod tests {
     use super::*;
     use crate::operator::parse;
+
+    #[test]
+    fn after_counts_from_where_the_script_begins() {
+        let mut player = ScriptPlayer::new(parse("after 5 periods hold", "s").expect("valid"), 1000);
+        let due = (1000..1010).find(|&period| player.due(period, 1).is_some());
+        assert_eq!(due, Some(1005));
+    }
 
     #[test]
     fn instructions_wait_for_each_other_and_the_wheel_for_its_time() {

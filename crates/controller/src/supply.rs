@@ -337,6 +337,12 @@ impl<'r, const A: usize> Supply<'r, A> {
         Some(done)
     }
 
+    /// Is there neither an instruction nor the end of the program in sight?
+    #[must_use]
+    pub fn goes_on(&self) -> bool {
+        self.summary.is_none() && self.exclusives.is_empty() && self.block.is_none()
+    }
+
     /// The place where the program ends, once everything is planned.
     #[must_use]
     pub fn ends_at(&mut self) -> Option<u32> {
@@ -425,8 +431,7 @@ impl<'r, const A: usize> Supply<'r, A> {
         while before(oldest, place) {
             let n = place.wrapping_sub(1);
             let Some(record) = self.ring.record(n) else { break };
-            let rests =
-                n == self.start || self.ring.record(n.wrapping_sub(1)).is_some_and(|r| r.flags.has(Flags::REST));
+            let rests = self.rests_before(n);
             while action > 0 && self.actions[action - 1].0.place == n {
                 if card.send(Word::Action(self.actions[action - 1].0)).is_err() {
                     return;
@@ -438,6 +443,12 @@ impl<'r, const A: usize> Supply<'r, A> {
             }
             place = n;
         }
+    }
+
+    /// Is the path at rest before record `place`, as far as its records are kept?
+    #[must_use]
+    pub fn rests_before(&self, place: u32) -> bool {
+        place == self.start || self.ring.record(place.wrapping_sub(1)).is_some_and(|r| r.flags.has(Flags::REST))
     }
 
     /// Where the road ends ahead, gates aside.

@@ -8,6 +8,7 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 use std::thread;
 use std::time::Duration;
 
+use retrace_controller::by_hand;
 use retrace_controller::event::{Event, Happening, Trouble};
 use retrace_controller::machine::Machine;
 use retrace_controller::manual::Task;
@@ -47,8 +48,11 @@ pub(super) struct Left {
 pub(super) struct Machinist<'m, const A: usize, C> {
     args: &'m args::Run,
     machine: Machine,
+    program: Arc<Program>,
     script: Vec<Instruction>,
     card: &'m mut C,
+    /// What is in force for blocks by hand, and for the next program.
+    by_hand: by_hand::Desk,
     words: Receiver<Said>,
     desk: &'m Arc<Desk>,
     live: Live,
@@ -64,14 +68,15 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     pub(super) fn new(
         args: &'m args::Run,
         machine: &Machine,
-        script: Vec<Instruction>,
+        (program, script): (Arc<Program>, Vec<Instruction>),
         card: &'m mut C,
         words: Receiver<Said>,
         desk: &'m Arc<Desk>,
     ) -> Self {
         let live = Live::new(Arc::clone(&desk.model));
         let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None };
-        Self { args, machine: machine.clone(), script, card, words, desk, live, alarm: None, failed: false, left }
+        let (by_hand, machine) = (by_hand::Desk::new(program.setup().clone()), machine.clone());
+        Self { args, machine, program, script, card, by_hand, words, desk, live, alarm: None, failed: false, left }
     }
 
     /// Works until the machine is left.
@@ -232,11 +237,11 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
 
     /// Opens the program and checks it, while periods go on passing.
     fn prepared(&mut self, machine: &Machine) -> Result<Program, String> {
-        let args = self.args;
-        let model = Arc::clone(&self.desk.model);
+        let (program, setup) = (&self.program, self.by_hand.setup_of_program(machine));
+        let (program, model) = (Arc::clone(program), Arc::clone(&self.desk.model));
         let done = thread::scope(|scope| {
             let opening = scope.spawn(move || {
-                let program = Program::quietly(&args.reading, machine).map_err(|refusal| refusal.to_string())?;
+                let program = program.anew(setup).map_err(|refusal| refusal.to_string())?;
                 program.faults(machine)?;
                 picture::look_again::<A>(&model, machine, &program);
                 Ok(program)

@@ -16,6 +16,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let (period, line) = (self.card.status().period, self.card.status().line);
         while let Some(deed) = self.operators.next_word(period, line) {
             self.tell(Happening::Operator(deed));
+            // Somebody is there.
+            self.still_periods = 0;
             let mode = self.operation.mode();
             if let Err(why) = self.order(deed) {
                 self.tell(Happening::OrderRefused(why));

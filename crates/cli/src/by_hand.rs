@@ -1,0 +1,120 @@
+//! What is done by hand to the machine around a served card, as lines say it: the handwheel, switches, doors.
+//!
+//! Invariant: a line that is not understood does nothing, and is told.
+
+use retrace_hal_sim::Rig;
+use retrace_link::{InputSetting, InputUse};
+
+/// What can be said.
+const WORDS: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press probe`, \
+    `input 5 on`, `input 5 off`";
+
+/// Something that is done by hand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Deed {
+    /// Turn the handwheel at so many counts a second, for so many microseconds.
+    Wheel { counts_per_s: i32, for_us: u64 },
+    /// Turn it by so many counts at once.
+    Notch(i16),
+    /// Make an input active or inactive; a switch that an axis works follows its axis all the same.
+    Input { number: u8, active: bool },
+}
+
+impl Deed {
+    /// Reads a line; `inputs` says what is wired where. `None` for an empty line, and for a comment behind `#`.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what can be said.
+    pub fn read(line: &str, inputs: &[InputSetting]) -> Result<Option<Self>, String> {
+        let words: Vec<&str> = line.split('#').next().unwrap_or_default().split_whitespace().collect();
+        let wrong = || format!("`{}` is nothing that can be done here; there are {WORDS}", line.trim());
+        let input = |what: &str, active: bool| -> Result<Self, String> {
+            let used_for = used_for(what).ok_or_else(wrong)?;
+            let number = inputs.iter().position(|input| input.used_for == used_for);
+            let number = number.ok_or_else(|| format!("no input is wired as {what}; see `[[card.input]]`"))?;
+            Ok(Self::Input { number: number as u8, active })
+        };
+        Ok(Some(match words[..] {
+            [] => return Ok(None),
+            ["wheel", counts, "for", time] => Self::Wheel {
+                counts_per_s: counts.parse().ok().filter(|counts: &i32| counts.abs() <= 1_000_000).ok_or_else(wrong)?,
+                for_us: microseconds(time).ok_or_else(wrong)?,
+            },
+            ["wheel", counts] => Self::Notch(counts.parse().map_err(|_| wrong())?),
+            ["press", what] => input(what, true)?,
+            ["release", what] => input(what, false)?,
+            ["input", number, level @ ("on" | "off")] => {
+                let number = number.parse().ok().filter(|&number: &u8| usize::from(number) < inputs.len());
+                Self::Input { number: number.ok_or_else(wrong)?, active: level == "on" }
+            }
+            _ => return Err(wrong()),
+        }))
+    }
+
+    /// Does it.
+    pub fn to<const A: usize>(self, rig: &mut Rig<A>) {
+        let now_us = rig.now_us();
+        let machine = rig.machine();
+        match self {
+            Self::Wheel { counts_per_s, for_us } => machine.turn_for(now_us, counts_per_s, for_us),
+            Self::Notch(counts) => machine.turn(counts),
+            Self::Input { number, active } => machine.press(number, active),
+        }
+    }
+}
+
+fn used_for(what: &str) -> Option<InputUse> {
+    Some(match what {
+        "door" => InputUse::Door,
+        "emergency-stop" => InputUse::EmergencyStop,
+        "probe" => InputUse::Probe,
+        _ => return None,
+    })
+}
+
+/// `2s` or `300ms`, of an hour at most.
+fn microseconds(text: &str) -> Option<u64> {
+    let (number, unit) = match text.strip_suffix("ms") {
+        Some(number) => (number, 1e3),
+        None => (text.strip_suffix('s')?, 1e6),
+    };
+    let us = number.parse::<f64>().ok()? * unit;
+    (0.0..=3.6e9).contains(&us).then_some(us as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_said_is_done_to_what_is_wired() {
+        let mut inputs = [InputSetting::default(); 16];
+        inputs[12].used_for = InputUse::Door;
+        let read = |line| Deed::read(line, &inputs).expect(line);
+        assert_eq!(read("wheel -120 for 2s"), Some(Deed::Wheel { counts_per_s: -120, for_us: 2_000_000 }));
+        assert_eq!(read("wheel 3 for 1.5ms # slowly"), Some(Deed::Wheel { counts_per_s: 3, for_us: 1500 }));
+        assert_eq!(read("wheel -7"), Some(Deed::Notch(-7)));
+        assert_eq!(read("press door"), Some(Deed::Input { number: 12, active: true }));
+        assert_eq!(read("release door"), Some(Deed::Input { number: 12, active: false }));
+        assert_eq!(read(" input 5 on"), Some(Deed::Input { number: 5, active: true }));
+        assert_eq!((read(""), read("# nothing")), (None, None));
+        for bad in [
+            "door",
+            "press",
+            "press window",
+            "press door 1",
+            "wheel",
+            "wheel x",
+            "wheel 1 for 2",
+            "wheel 1 for -2s",
+            "wheel 9999999 for 2s",
+            "wheel 1 for NaNs",
+            "input 16 on",
+            "input 5",
+            "wheel 40000",
+        ] {
+            assert!(Deed::read(bad, &inputs).expect_err(bad).contains("can be done"), "{bad}");
+        }
+        assert!(Deed::read("press probe", &inputs).expect_err("not wired").contains("no input is wired as probe"));
+    }
+}

@@ -1,0 +1,89 @@
+//! A job from text on a simulated card in this process, and everything it told.
+//!
+//! Invariant: time is virtual, so that a run is the same at any speed.
+#![allow(unreachable_pub)] // a module of a test
+
+use retrace_controller::event::{Event, Happening};
+use retrace_controller::index::Keeping;
+use retrace_controller::job::{self, Begin, Conduct, JobEnd};
+use retrace_controller::machine::Machine;
+use retrace_controller::operator;
+use retrace_controller::orders::Operators;
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::{Manner, Outcome};
+use retrace_controller::stream::{Observer, Period, Told};
+use retrace_core::Place;
+use retrace_hal_sim::{Clock, SimCard};
+
+pub use crate::wired::{AXES, Decoder};
+
+/// Everything that was told.
+#[derive(Default)]
+pub struct Log {
+    pub periods: Vec<Period<AXES>>,
+    pub events: Vec<Event>,
+}
+
+impl Observer<AXES> for Log {
+    fn told(&mut self, told: &Told<AXES>) {
+        match told {
+            Told::Period(period) => self.periods.push(*period),
+            Told::Event(event) => self.events.push(event.clone()),
+            Told::Output(_) => {}
+        }
+        assert!(self.periods.len() < 1_000_000, "it hangs");
+    }
+}
+
+impl Log {
+    /// The first such event.
+    pub fn event(&self, what: impl Fn(&Happening) -> bool) -> &Event {
+        let found = self.events.iter().find(|event| what(&event.happening));
+        found.unwrap_or_else(|| {
+            panic!("it is not among {:#?}", self.events.iter().map(Event::to_line).collect::<Vec<_>>())
+        })
+    }
+
+    /// How many such events.
+    pub fn count(&self, what: impl Fn(&Happening) -> bool) -> usize {
+        self.events.iter().filter(|event| what(&event.happening)).count()
+    }
+}
+
+/// A machine with an hour's history cut to so many seconds, output 1 being the jet.
+pub fn machine(history_s: f64) -> Machine {
+    let text = format!("history_hours = {}\ncutting_outputs = [1]\n", history_s / 3600.0);
+    Machine::parse(&text, "test").expect("valid")
+}
+
+/// A card at record 0, all counts 0.
+pub fn card(machine: &Machine) -> SimCard<AXES> {
+    SimCard::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits")
+}
+
+/// How a job is run from a script in virtual time.
+pub fn conduct(machine: &Machine, script: &str, begin: Begin, keeping: Keeping) -> Conduct {
+    let script = operator::parse(script, "script").expect("a script");
+    let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
+    Conduct { begin, operators, manner: Manner { wall_time: false, operator: true }, keeping }
+}
+
+/// Runs a program from its beginning.
+pub fn run(machine: &Machine, text: &str, script: &str) -> (JobEnd<SimCard<AXES>>, Log) {
+    let mut log = Log::default();
+    let conduct = conduct(machine, script, Begin::First, Keeping::default());
+    let end = job::run(machine, Decoder::new(text), conduct, card(machine), &mut log).expect("a job");
+    (end, log)
+}
+
+/// A run from its beginning to its end.
+pub fn complete(machine: &Machine, text: &str, script: &str) -> (JobEnd<SimCard<AXES>>, Log) {
+    let (end, log) = run(machine, text, script);
+    assert_eq!(end.outcome, Outcome::Completed);
+    (end, log)
+}
+
+/// Where a record boundary is.
+pub fn boundary(record: u32) -> Place {
+    Place::start_of(record)
+}

@@ -1,0 +1,222 @@
+//! A job that is cut off anywhere and taken up again runs what it would have run: from any program, at any place, as often as one likes.
+//!
+//! Invariant: the second part is held against an uninterrupted run.
+
+use std::sync::{Arc, Mutex};
+
+use retrace_controller::event::Happening;
+use retrace_controller::index::{Index, Keeping, Mark, Note};
+use retrace_controller::job::{self, Begin, CannotBegin, JobEnd};
+use retrace_controller::machine::Machine;
+use retrace_controller::resume::{Prepared, Resumption, Unfound};
+use retrace_controller::session::Outcome;
+use retrace_core::{ONE, Place, Travel};
+use retrace_hal_sim::{Random, SimCard};
+use retrace_link::{MotionCard, Outputs, Start};
+
+use crate::jobs::{AXES, Decoder, Log, card, complete, conduct, machine};
+use crate::wired::{self, Path};
+
+type Card = SimCard<AXES>;
+
+/// Keeps all notes.
+#[derive(Clone, Default)]
+struct Kept(Arc<Mutex<Vec<Note>>>);
+
+impl Index for Kept {
+    fn note(&mut self, note: Note) {
+        self.0.lock().expect("one at a time").push(note);
+    }
+}
+
+impl Kept {
+    fn marks(&self) -> Vec<Mark> {
+        let notes = self.0.lock().expect("done");
+        notes.iter().filter_map(|note| if let Note::Mark(mark) = note { Some(*mark) } else { None }).collect()
+    }
+
+    fn overrides(&self) -> Vec<(u32, Travel)> {
+        let notes = self.0.lock().expect("done");
+        let changed =
+            |note: &Note| if let Note::Override { place, planned } = note { Some((*place, *planned)) } else { None };
+        notes.iter().filter_map(changed).collect()
+    }
+
+    fn resumption(&self, left: &Card) -> Resumption {
+        let status = left.status();
+        let start = Start { place: status.place, rests: false, reached: status.reached, executed: status.executed };
+        Resumption { overrides: self.overrides(), marks: self.marks(), ..Resumption::at(start, 0) }
+    }
+}
+
+/// A run, or a part of one.
+fn part(machine: &Machine, text: &str, script: &str, begin: Begin, card: Card) -> (JobEnd<Card>, Log, Kept) {
+    let (mut log, kept) = (Log::default(), Kept::default());
+    let keeping = Keeping { index: Box::new(kept.clone()), durable: None };
+    let conduct = conduct(machine, script, begin, keeping);
+    let end = job::run(machine, Decoder::new(text), conduct, card, &mut log).expect("a job");
+    (end, log, kept)
+}
+
+/// Every period of a part stands where the path stands there, and new ground begins at `reached`.
+fn is_on(path: &Path, log: &Log) -> Result<(), String> {
+    for period in &log.periods {
+        let counts = path.position(period.place);
+        if period.counts != counts {
+            return Err(format!("off the path {counts:?}: {period:?}"));
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn whatever_is_cut_off_anywhere_goes_on_as_if_it_had_not_been() {
+    let number = |name: &str, usual| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual);
+    let (cases, first) = (number("RETRACE_CASES", 60), number("RETRACE_FIRST_SEED", 1));
+    let machine = machine(600.0);
+    let (mut inside, mut behind, mut cuts) = (0, 0, 0);
+    for seed in first..first + cases {
+        let mut random = Random::new(seed);
+        let text = wired::program(&mut random, 12);
+        let path = Path::of(&machine, &text);
+        let (mut card, mut begin) = (card(&machine), Begin::First);
+        loop {
+            let wait = f64::from(random.up_to(1500)) / 1000.0;
+            let script = match random.up_to(3) {
+                0 => String::new(),
+                1 => format!("after {wait}s hold\nafter 1s stop\n"),
+                2 => {
+                    format!("after {wait}s reverse {}%\nafter 0.{}s stop\n", 20 + random.up_to(80), 1 + random.up_to(8))
+                }
+                _ => wired::script(&mut random) + &format!("after {wait}s stop\n"),
+            };
+            let (end, log, kept) = part(&machine, &text, &script, begin, card);
+            is_on(&path, &log).unwrap_or_else(|why| panic!("seed {seed}: {why}\n{text}\n{script}"));
+            card = end.card;
+            if end.outcome == Outcome::Completed {
+                break;
+            }
+            assert_eq!(end.outcome, Outcome::Stopped, "seed {seed}");
+            let status = *card.status();
+            cuts += 1;
+            inside += u32::from(status.place.fraction != 0);
+            behind += u32::from(status.place.record.wrapping_add(1) < status.reached);
+            begin = Begin::At(Box::new(kept.resumption(&card)));
+        }
+        let status = card.status();
+        assert_eq!(Some(&status.counts), path.counts.last(), "seed {seed}");
+        assert_eq!(status.executed as usize, path.markers.len(), "seed {seed}: every instruction once");
+    }
+    assert!(cases < 60 || inside > 20 && behind > 5 && cuts > 40, "{inside} {behind} {cuts}");
+}
+
+const LAPS: &str = "G21 G64 P0.05 F2400\nM3\nG1 X20\nG1 Y20\nM62 P2\nG1 X0\nG1 Y0\nG1 X20\nG1 Y20\nG1 X0\nG1 Y0\nM2\n";
+
+/// What a job is told before it goes on: not agreed to.
+fn prepared(
+    machine: &Machine,
+    text: &str,
+    at: Resumption,
+    card: Card,
+) -> (Option<Prepared<AXES>>, Result<JobEnd<Card>, CannotBegin>) {
+    let mut seen = None;
+    let conduct = conduct(machine, "", Begin::At(Box::new(at)), Keeping::default());
+    let end = job::resume(machine, Decoder::new(text), conduct, card, &mut Log::default(), |prepared| {
+        seen = Some(prepared.clone());
+        false
+    });
+    (seen, end)
+}
+
+#[test]
+fn overrides_that_were_planned_are_planned_again_at_their_places() {
+    let machine = machine(600.0);
+    let words = "at 0.4s override 150%\nafter 0.7s override 120%\n";
+    let (_, plain) = complete(&machine, LAPS, words);
+    let (end, _, kept) = part(&machine, LAPS, &format!("{words}after 1s stop\n"), Begin::First, card(&machine));
+    let at = kept.resumption(&end.card);
+    assert_eq!(at.overrides.len(), 2);
+    let (end, log, _) = part(&machine, LAPS, "", Begin::At(Box::new(at)), end.card);
+    assert_eq!(end.outcome, Outcome::Completed);
+    let boundaries = |log: &Log| {
+        log.periods.iter().filter(|p| p.place.fraction == 0).map(|p| (p.place.record, p.counts)).collect::<Vec<_>>()
+    };
+    let whole: std::collections::HashMap<_, _> = boundaries(&plain).into_iter().collect();
+    let checked =
+        boundaries(&log).into_iter().filter(|(n, counts)| whole.get(n).inspect(|c| assert_eq!(*c, counts)).is_some());
+    assert!(checked.count() > 500);
+    assert_eq!(
+        log.periods.last().map(|p| (p.place, p.counts, p.override_rate)),
+        plain.periods.last().map(|p| (p.place, p.counts, p.override_rate))
+    );
+}
+
+#[test]
+fn what_will_be_done_is_told_before_anything_moves() {
+    let machine = machine(600.0);
+    let (end, log, kept) =
+        part(&machine, LAPS, "at 1.2s reverse 100%\nafter 0.3s stop\n", Begin::First, card(&machine));
+    let (status, at) = (*end.card.status(), kept.resumption(&end.card));
+    let (seen, again) = prepared(&machine, LAPS, at, end.card);
+    let (seen, again) = (seen.expect("it was asked"), again.expect("a job"));
+    assert_eq!((seen.counts(), seen.oldest(), seen.planned_override()), (status.counts, 0, ONE));
+    assert_eq!((seen.expected_outputs(), seen.agrees()), (&status.outputs, true));
+    assert_eq!(seen.line(), log.periods.last().expect("periods").line);
+    assert_eq!((again.outcome, again.tally.periods), (Outcome::Stopped, 0));
+    assert_eq!(again.card.status().period, status.period, "nothing has moved");
+}
+
+#[test]
+fn outputs_that_differ_are_asked_for_at_reached() {
+    let machine = machine(600.0);
+    let (end, _, kept) = part(
+        &machine,
+        LAPS,
+        "at 1.9s output 2 off\nafter 0s reverse 50%\nafter 0.5s stop\n",
+        Begin::First,
+        card(&machine),
+    );
+    let at = kept.resumption(&end.card);
+    let reached = at.start.reached;
+    let (end, log, _) = part(&machine, LAPS, "at 9s agree\n", Begin::At(Box::new(at)), end.card);
+    assert_eq!(end.outcome, Outcome::Completed);
+    assert_eq!(log.event(|h| matches!(h, Happening::OutputsDiffer(_))).place, Place::start_of(reached));
+    assert_eq!(log.event(|h| *h == Happening::OutputsRestored).place, Place::start_of(reached));
+}
+
+#[test]
+fn what_is_not_the_same_is_refused_with_the_reason() {
+    let machine = machine(600.0);
+    let (end, _, kept) = part(&machine, LAPS, "at 1.2s stop\n", Begin::First, card(&machine));
+    let at = kept.resumption(&end.card);
+    let outputs: Outputs = end.card.status().outputs;
+    let unfound = |text: &str, at: &Resumption| {
+        let standing = card(&machine).standing_at([0; AXES], &outputs);
+        match prepared(&machine, text, at.clone(), standing) {
+            (None, Err(CannotBegin::Unfound(why))) => why,
+            other => panic!("{:?}", other.0),
+        }
+    };
+    let slower = LAPS.replace("F2400", "F2300");
+    assert!(matches!(unfound(&slower, &at), Unfound::Differs { .. }));
+    let blocks = LAPS.replace("M3\n", "M3\n\n");
+    assert!(matches!(unfound(&blocks, &at), Unfound::Differs { .. }), "lines and blocks count, too");
+    let unmarked = Resumption { marks: Vec::new(), ..at.clone() };
+    assert!(matches!(unfound("G21 F2400\nM3\nG1 X1\n", &unmarked), Unfound::Ends { .. }));
+    let wrong = |executed| Resumption { start: Start { executed, ..at.start }, ..unmarked.clone() };
+    assert!(matches!(unfound(LAPS, &wrong(0)), Unfound::Instruction { number: 1, .. }));
+    assert!(
+        matches!(unfound(LAPS, &wrong(2)), Unfound::Instruction { number: 2, .. }),
+        "{:?}",
+        unfound(LAPS, &wrong(2))
+    );
+    let mut far = at.clone();
+    far.marks.push(Mark { place: at.start.reached + 501, ..Mark::default() });
+    assert_eq!(unfound(LAPS, &far), Unfound::NoSuchPlace, "farther than anything was planned");
+    let nowhere = Start { reached: at.start.place.record.wrapping_sub(1), ..at.start };
+    assert_eq!(unfound(LAPS, &Resumption { start: nowhere, ..unmarked.clone() }), Unfound::NoSuchPlace);
+    // The counts disagree: it is found, and does not go on by itself.
+    let elsewhere = card(&machine).standing_at([1, 0, 0, 0], &outputs);
+    let (end, log, _) = part(&machine, LAPS, "", Begin::At(Box::new(at)), elsewhere);
+    assert_eq!((end.outcome, log.periods.len()), (Outcome::Stopped, 0));
+}

@@ -1,0 +1,59 @@
+//! The motion path allocates nothing and frees nothing, whatever happens on it.
+//!
+//! Invariant: the count is of the motion path's own thread.
+
+use allocation_counter::{AllocationInfo, measure};
+use retrace_controller::index::Keeping;
+use retrace_controller::job::{self, Begin};
+use retrace_controller::session::Outcome;
+use retrace_controller::stream::{Observer, Told};
+
+use crate::jobs::{AXES, Decoder, card, conduct, machine};
+
+struct Counted(u64);
+
+impl Observer<AXES> for Counted {
+    fn told(&mut self, told: &Told<AXES>) {
+        self.0 += u64::from(matches!(told, Told::Event(_)));
+    }
+}
+
+/// What the caller's thread, which is the motion path's, allocates in a whole job; and how much happened.
+fn allocated(program: &str, script: &str) -> (AllocationInfo, u64) {
+    let machine = machine(60.0);
+    let (decoder, card) = (Decoder::new(program), card(&machine));
+    let conduct = conduct(&machine, script, Begin::First, Keeping::default());
+    let mut counted = Counted(0);
+    let mut end = None;
+    let info = measure(|| end = Some(job::run(&machine, decoder, conduct, card, &mut counted).expect("a job")));
+    assert_eq!(end.map(|end| end.outcome), Some(Outcome::Completed));
+    (info, counted.0)
+}
+
+/// Everything that can happen on the path, again and again.
+fn eventful(times: usize) -> (String, String) {
+    let mut program = String::from("G21 G64 P0.05 F3000\n");
+    for k in 0..times {
+        program += &format!(
+            "M3 S{}\n(MSG, lap {k})\nG1 X{}\nM62 P2\nG1 Y5\nM63 P2\nM64 P1\nG1 X0\nM65 P1\nG4 P0.01\nM8\nG1 Y0\nM9\nM5\n(MSG, done)\nM0\n",
+            1000 + k,
+            20 + k
+        );
+    }
+    program += "M2\n";
+    let once = "after 0.3s hold\nafter 0.3s resume\nafter 0.1s override 40%\nafter 0.2s override 150%\nafter 0.2s override 100%\n\
+        after 0.2s reverse 100%\nafter 0.2s output 5 on\nafter 0.1s back 1 mm\nafter 0.5s wheel -90 for 0.2s\nafter 0.2s wheel 80 for 2s\n\
+        after 0.1s leave ask\nafter 1s agree\nafter 0.1s single\nafter 1s cycle start\nafter 0.2s single\nafter 0.5s pause\n\
+        after 0.1s back to jet\nafter 0.5s back to block\nafter 0.3s leave\nafter 0.3s cycle start\nafter 0.3s resume\n";
+    (program, once.repeat(times) + &"after 0.5s cycle start\n".repeat(60))
+}
+
+#[test]
+fn what_a_job_allocates_does_not_depend_on_what_happens_in_it() {
+    let (plain, few) = allocated("G21 F3000\nG1 X20\nM2\n", "at 0s override 100%\n");
+    let (program, script) = eventful(12);
+    let (eventful, many) = allocated(&program, &script);
+    assert!(many > 500 && few < 10, "{few} {many}");
+    let counts = |info: &AllocationInfo| (info.count_total, info.bytes_total, info.count_current);
+    assert_eq!(counts(&eventful), counts(&plain), "allocations, bytes, and what was not freed");
+}
