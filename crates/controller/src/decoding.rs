@@ -14,7 +14,9 @@ use crate::item::Ending;
 use crate::job::{Decode, Decoded};
 
 /// Steps after which the decoder waits until the batch is taken. A block has as many as it has.
-const MOST_STEPS: usize = 1024;
+const MOST_STEPS: usize = 2048;
+/// So long a decoder with no room sleeps: less than a planner takes for a batch.
+const NAP: Duration = Duration::from_micros(300);
 
 /// Steps of whole blocks, in their order.
 #[derive(Debug, Default)]
@@ -31,7 +33,7 @@ pub(crate) struct Batch {
 
 impl Batch {
     fn with_room() -> Self {
-        let (steps, ends) = (Vec::with_capacity(2 * MOST_STEPS), Vec::with_capacity(2 * MOST_STEPS));
+        let (steps, ends) = (Vec::with_capacity(MOST_STEPS + 64), Vec::with_capacity(MOST_STEPS));
         Self { steps, ends, modes: Vec::with_capacity(MOST_STEPS), ending: None }
     }
 
@@ -104,7 +106,7 @@ impl Belt {
                 return true;
             }
             drop(held);
-            thread::sleep(Duration::from_micros(50));
+            thread::sleep(NAP);
         }
         false
     }
@@ -122,7 +124,7 @@ impl Drop for Ends<'_> {
 /// The decoding thread: block by block until the program, or the interest in it, ends.
 pub(crate) fn decode(program: &mut impl Decode, belt: &Belt) {
     let _ends = Ends(belt);
-    let mut steps = Vec::with_capacity(MOST_STEPS);
+    let mut steps = Vec::with_capacity(64);
     let mut told = None;
     loop {
         let decoded = program.next_block(&mut steps);

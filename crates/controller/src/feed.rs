@@ -14,7 +14,7 @@ use retrace_gcode::Active;
 use retrace_link::{Action, Await, Change, MAX_CHANGES, Outputs};
 use retrace_motion::{Arc, Feed, MoveError, PathMode, Planner};
 
-use crate::index::{Index, Mark, Note};
+use crate::index::{Difference, Index, Mark, Note};
 use crate::item::{Exclusive, Item, Kind, Summary};
 use crate::overrides::Heeding;
 
@@ -368,7 +368,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
         {
             self.was.pop_front();
             if was != self.here {
-                self.send(Item::Differs { was, is: self.here })?;
+                self.send(Item::Differs(Box::new(Difference { was, is: self.here })))?;
             } else if self.was.is_empty() {
                 self.send(Item::MarksPassed)?;
             }

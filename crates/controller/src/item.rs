@@ -6,7 +6,7 @@
 use retrace_gcode::Active;
 use retrace_link::{Action, Await, Change, MAX_CHANGES};
 
-use crate::index::Mark;
+use crate::index::Difference;
 
 /// What an exclusive instruction is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -89,12 +89,7 @@ pub enum Item {
         active: Box<Active>,
     },
     /// A place of the plan is not as it was when the job ran before.
-    Differs {
-        /// As it was.
-        was: Mark,
-        /// As it is planned now.
-        is: Mark,
-    },
+    Differs(Box<Difference>),
     /// All marks that were given were passed.
     MarksPassed,
     /// Nothing follows.

@@ -14,7 +14,7 @@ use retrace_core::{Flags, Place, Record};
 use retrace_gcode::Active;
 use retrace_link::{Action, MotionCard, Outputs, Status, Word};
 
-use crate::index::{Durable, Mark};
+use crate::index::{Difference, Durable};
 use crate::item::{Exclusive, Item, Summary};
 
 /// How far ahead the road is open.
@@ -68,7 +68,7 @@ pub struct Supply<'r, const A: usize> {
     jets: VecDeque<u32>,
     cutting: Vec<u8>,
     /// What became of the marks of a run before: all passed, or the first that differs.
-    marks: Option<Result<(), (Mark, Mark)>>,
+    marks: Option<Result<(), Box<Difference>>>,
     /// Behind this place nothing can be gone back to, and the code that stands there.
     one_way: Option<(u32, &'static str)>,
     /// What the program expects of the outputs at `reached`.
@@ -174,8 +174,8 @@ impl<'r, const A: usize> Supply<'r, A> {
                 self.modes.push_back((place, active));
                 Some(place)
             }
-            Item::Differs { was, is } => {
-                self.marks.get_or_insert(Err((was, is)));
+            Item::Differs(difference) => {
+                self.marks.get_or_insert(Err(difference));
                 None
             }
             Item::MarksPassed => {
@@ -229,10 +229,10 @@ impl<'r, const A: usize> Supply<'r, A> {
         self.cut_off
     }
 
-    /// What became of the marks of a run before, once that is known: all passed, or the first that differs, as it was and as it is.
+    /// What became of the marks of a run before, once that is known: all passed, or the first that differs.
     #[must_use]
-    pub fn marks(&self) -> Option<Result<(), (Mark, Mark)>> {
-        self.marks
+    pub fn marks(&self) -> Option<&Result<(), Box<Difference>>> {
+        self.marks.as_ref()
     }
 
     /// Up to where everything that is planned is known.

@@ -18,6 +18,8 @@ pub struct Tally {
     pub switching: u64,
     /// Feed hold, program stop, waiting for the operator.
     pub held: u64,
+    /// Paused at a breakpoint (DNC), moves by hand and the way back to it included.
+    pub paused: u64,
     /// Reverse, forward and handwheel, and the way back.
     pub retracing: u64,
     /// Standing in normal run, for want of records.
@@ -61,6 +63,12 @@ impl Tally {
     /// In a period at full rate so many records lay ahead of the cursor.
     pub fn buffered(&mut self, ahead: u32) {
         self.least_buffer = Some(self.least_buffer.map_or(ahead, |least| least.min(ahead)));
+    }
+
+    /// One period more, at a breakpoint or on the way back to it.
+    pub fn pause(&mut self) {
+        self.periods += 1;
+        self.paused += 1;
     }
 
     /// One period more.
