@@ -129,14 +129,6 @@ impl Program {
         Self::with_setup(reading, setup_of(machine))
     }
 
-    /// The same, of which nothing is told on standard error.
-    ///
-    /// # Errors
-    /// As [`Program::open`].
-    pub fn quietly(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
-        Self::noted(reading, setup_of(machine), Arrives::named(&reading.program)).map(|(program, _)| program)
-    }
-
     /// The same, for a program that arrives from there, whatever the command line names.
     ///
     /// # Errors
@@ -206,6 +198,28 @@ impl Program {
         };
         let (has_tool_table, given_up) = (reading.tools.is_some(), Arc::default());
         Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, given_up }, notes))
+    }
+
+    /// The program as its file is now, to be read with this setup. Nothing is told on standard error.
+    ///
+    /// # Errors
+    /// The file cannot be read any more.
+    pub fn anew(&self, setup: Setup) -> Result<Self, Refusal> {
+        let mut again = Self { setup, ..self.clone() };
+        if self.prescan.is_some() {
+            let text = files::bytes(Path::new(&self.name), "program")?;
+            if let Some(read) = again.files.iter_mut().find(|read| read.role == Role::Program) {
+                read.hash = Hash::of(&text);
+            }
+            again.prescan = Some(Arc::new(Prescan::of(&self.name, text.into(), &again.setup)));
+        }
+        Ok(again)
+    }
+
+    /// What it is read with.
+    #[must_use]
+    pub fn setup(&self) -> &Setup {
+        &self.setup
     }
 
     /// Every file that was read by now.
