@@ -6,7 +6,7 @@ use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -99,6 +99,19 @@ impl Bench {
         let path = self.path(name);
         fs::write(&path, text).expect("a file of the test");
         path
+    }
+
+    /// Begins `retrace` with these arguments in this folder, to be killed; what it says goes to a file of this name.
+    ///
+    /// # Panics
+    /// Where it cannot be run.
+    #[must_use]
+    pub fn begun(&self, arguments: &[&str], input: Stdio, said: &str) -> Child {
+        let mut command = Command::new(binary());
+        command.args(arguments).current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
+        command.env("XDG_CONFIG_HOME", self.path("config")).env("XDG_CACHE_HOME", self.path("cache"));
+        let out = File::create(self.path(said)).expect("a file of the test");
+        command.stdin(input).stdout(out).stderr(Stdio::null()).spawn().expect("the retrace command runs")
     }
 
     /// Runs `retrace` with these arguments in this folder.

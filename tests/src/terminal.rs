@@ -123,6 +123,16 @@ impl Terminal {
         }
     }
 
+    /// Closes it, as when its window is closed: the command is told so by a signal.
+    ///
+    /// # Panics
+    /// Where there is no `kill`.
+    pub fn hang_up(&self) {
+        let number = self.child.id().to_string();
+        let told = std::process::Command::new("kill").args(["-HUP", &number]).status();
+        assert!(told.is_ok_and(|status| status.success()));
+    }
+
     /// Waits until the command has ended: its exit code.
     ///
     /// # Panics

@@ -1,9 +1,36 @@
-//! The screen, as a person has it: keys in, cells out, through a pseudo-terminal.
+//! The screen, as a person has it: keys in, cells out, through a pseudo-terminal, with a job behind it that really runs.
+//!
+//! What is read at the end are the card's own counts: they are those of a run that nobody looked at.
+#![cfg(unix)]
 
+use std::time::{Duration, Instant};
+
+use retrace_tests::command::Bench;
+use retrace_tests::served::Served;
 use retrace_tests::terminal::Terminal;
 
-const PROGRAM: &[&str] = &["screen-demo", "examples/02-back-up.ngc"];
+const BRACKET: &str = "examples/02-back-up.ngc";
+/// Where the bracket ends.
+const BRACKET_COUNTS: &str = "X -10000  Y 0  Z 0";
 const LEFT: &str = "\x1b[D";
+const RIGHT: &str = "\x1b[C";
+const WHEEL_DOWN: &str = "\x1b[<65;10;10M";
+
+/// Long lines with the jet on between two of them; line 4 switches it on, line 7 off.
+const LINES: &str = "G21 G90 G17 G94 G61\nF3000\nG1 X60\nM62 P0\nG1 Y60\nG1 X0\nM63 P0\nG1 Y0\nM2\n";
+
+fn at(columns: u16, rows: u16, program: &str, more: &[&str]) -> Terminal {
+    let arguments = [&["run", program, "--tui"], more].concat();
+    Terminal::running(&arguments, columns, rows)
+}
+
+/// A terminal on which a program of this text is ready.
+fn ready(bench: &Bench, text: &str) -> Terminal {
+    let program = bench.file("program.ngc", text);
+    let terminal = at(80, 24, &program.display().to_string(), &[]);
+    terminal.until("READY");
+    terminal
+}
 
 /// The mm that stand before `mm back`.
 fn back_mm(text: &str) -> f64 {
@@ -11,62 +38,91 @@ fn back_mm(text: &str) -> f64 {
     before.rsplit(|c: char| !c.is_ascii_digit() && c != '.').next().and_then(|w| w.parse().ok()).unwrap_or(0.0)
 }
 
-fn run_hold_back_up_and_finish(columns: u16, rows: u16) {
-    let mut terminal = Terminal::running(PROGRAM, columns, rows);
-    terminal.until("READY");
-    assert!(terminal.is_full_screen() && terminal.is_coloured());
+/// The active block: the number behind `>`.
+fn active(text: &str) -> u32 {
+    let line = text.lines().find_map(|line| line.split("│>").nth(1).or_else(|| line.strip_prefix("│>")));
+    line.and_then(|line| line.split_whitespace().next()?.parse().ok()).unwrap_or(0)
+}
+
+fn until_block(terminal: &Terminal, line: u32) -> String {
+    terminal.until_that(&format!("block {line}"), |text| active(text) >= line)
+}
+
+/// Waits until the job has ended so, and quits; what then stands on the terminal that was there before.
+fn ends(terminal: &mut Terminal, outcome: &str, code: i32) -> String {
+    let end = terminal.until("ENDED");
+    assert!(end.contains(outcome), "{end}");
+    terminal.keys("q");
+    assert_eq!(terminal.ended(), Some(code));
+    terminal.until_that("the terminal as it was", |_| !terminal.is_full_screen());
+    terminal.until("limit violations 0")
+}
+
+/// Turns the wheel until the machine has gone back so far.
+fn turn_back(terminal: &Terminal, key: &str, mm: f64) {
+    let begun = Instant::now();
+    while back_mm(&terminal.text()) < mm {
+        assert!(begun.elapsed() < Duration::from_secs(60), "{}", terminal.text());
+        terminal.keys(key);
+        std::thread::sleep(Duration::from_millis(30));
+    }
+}
+
+fn run_hold_back_up_and_finish(columns: u16, rows: u16, resized: Option<(u16, u16)>) {
+    let mut terminal = at(columns, rows, BRACKET, &[]);
+    let ready = terminal.until("of motion");
+    assert!(ready.contains("READY") && terminal.is_full_screen() && terminal.is_coloured(), "{ready}");
     terminal.keys("c");
     terminal.until("RUNNING");
-    terminal.until_that("the second hole", |text| text.contains("> 10") || text.contains("> 13"));
+    until_block(&terminal, 10);
     terminal.keys(" ");
     let held = terminal.until("FEED HOLD");
-    assert!(held.contains("c cycle start · r back up · w handwheel"), "{held}");
+    assert!(held.contains("c cycle start · r back up · w handwheel") && held.contains("left"), "{held}");
+    if let Some((columns, rows)) = resized {
+        terminal.resize(columns, rows);
+        terminal.until_that("a screen of that size", |text| {
+            text.lines().nth(usize::from(rows) - 1).is_some_and(|line| line.contains("? all keys"))
+        });
+    }
     terminal.keys("w");
     terminal.until("HANDWHEEL");
-    let turned = std::time::Instant::now();
-    while back_mm(&terminal.text()) < 20.0 && turned.elapsed().as_secs() < 60 {
-        terminal.keys(LEFT);
-        std::thread::sleep(std::time::Duration::from_millis(30));
-    }
-    assert!(back_mm(&terminal.text()) >= 20.0, "{}", terminal.text());
+    turn_back(&terminal, LEFT, 20.0);
+    terminal.keys(RIGHT);
     terminal.keys("l");
     terminal.until("RUNNING");
-    let end = terminal.until("ENDED");
-    assert!(end.contains("completed"), "{end}");
-    terminal.keys("q");
-    assert_eq!(terminal.ended(), Some(0));
-    assert!(!terminal.is_full_screen(), "the terminal is as it was");
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains(BRACKET_COUNTS), "{end}");
 }
 
 #[test]
-fn a_job_is_run_held_backed_up_and_finished_at_80_by_24() {
-    run_hold_back_up_and_finish(80, 24);
+fn a_job_is_run_held_backed_up_by_the_wheel_and_finished_at_80_by_24() {
+    run_hold_back_up_and_finish(80, 24, None);
 }
 
 #[test]
 fn and_at_200_by_60() {
-    run_hold_back_up_and_finish(200, 60);
+    run_hold_back_up_and_finish(200, 60, None);
 }
 
 #[test]
-fn it_follows_the_size_of_the_terminal() {
-    let terminal = Terminal::running(PROGRAM, 80, 24);
+fn and_on_a_terminal_that_changes_its_size() {
+    run_hold_back_up_and_finish(80, 24, Some((200, 60)));
+}
+
+#[test]
+fn it_says_what_it_needs_where_it_has_no_room() {
+    let terminal = at(80, 24, BRACKET, &[]);
     terminal.until("READY");
     terminal.resize(60, 10);
     terminal.until("80 x 24 is the least");
-    terminal.resize(200, 60);
-    let large = terminal.until("M2");
-    assert!(large.lines().any(|line| line.chars().count() > 190), "{large}");
     terminal.resize(80, 24);
-    terminal.until_that("the last line at the foot", |text| {
-        text.lines().nth(23).is_some_and(|line| line.contains("? all keys"))
-    });
+    terminal.until("? all keys");
 }
 
 #[test]
 fn without_colour_nothing_is_coloured_and_everything_is_said() {
     for (variable, value) in [("NO_COLOR", "1"), ("TERM", "vt220")] {
-        let terminal = Terminal::with(PROGRAM, 80, 24, &[(variable, value)]);
+        let terminal = Terminal::with(&["run", BRACKET, "--tui"], 80, 24, &[(variable, value)]);
         terminal.until("READY");
         terminal.keys("c");
         terminal.until("RUNNING");
@@ -77,20 +133,184 @@ fn without_colour_nothing_is_coloured_and_everything_is_said() {
 }
 
 #[test]
-fn the_mouse_wheel_is_the_handwheel_in_its_mode_only() {
-    let terminal = Terminal::running(PROGRAM, 80, 24);
+fn reverse_forward_override_and_the_mouse_wheel() {
+    let mut terminal = at(80, 24, BRACKET, &[]);
     terminal.until("READY");
     terminal.keys("c");
-    terminal.until_that("some way", |text| text.contains(">  7") || text.contains(">  8"));
-    terminal.keys(" ");
-    let held = terminal.until("FEED HOLD");
-    let scroll_down = "\x1b[<65;10;10M";
-    terminal.keys(scroll_down);
+    until_block(&terminal, 8);
+    terminal.keys("---");
+    terminal.until("override 70 %");
+    terminal.keys("r");
+    terminal.until("REVERSE");
+    terminal.until_that("some mm back", |text| back_mm(text) > 5.0);
+    terminal.keys("f");
+    terminal.until("FORWARD");
+    terminal.until("at the furthest place");
+    // Only in handwheel mode the mouse wheel moves the machine.
+    terminal.keys(WHEEL_DOWN);
     terminal.keys("w");
-    terminal.until("HANDWHEEL");
-    assert!(!terminal.text().contains("operator: reverse"), "{held}");
-    for _ in 0..20 {
-        terminal.keys(scroll_down);
-    }
-    terminal.until_that("some mm back", |text| back_mm(text) > 0.5);
+    let stands = terminal.until("HANDWHEEL");
+    assert_eq!(back_mm(&stands), 0.0, "{stands}");
+    turn_back(&terminal, WHEEL_DOWN, 20.0);
+    terminal.keys("0l");
+    terminal.until("RUNNING");
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains(BRACKET_COUNTS), "{end}");
+}
+
+#[test]
+fn back_by_so_many_mm_to_the_block_and_to_the_jet() {
+    let bench = Bench::new();
+    let mut terminal = ready(&bench, LINES);
+    terminal.keys("c");
+    until_block(&terminal, 6);
+    terminal.keys("b7\r");
+    terminal.until_that("7 mm back", |text| text.contains("STANDING") && (back_mm(text) - 7.0).abs() < 0.11);
+    terminal.keys("B");
+    terminal.until_that("the beginning of the block", |text| {
+        text.contains("STANDING") && text.contains("Y      60.000") && text.contains("X      60.000")
+    });
+    terminal.keys("j");
+    terminal.until_that("where the jet came on", |text| {
+        text.contains("STANDING") && text.contains("Y       0.000") && text.contains("X      60.000")
+    });
+    terminal.keys("l");
+    terminal.until("RUNNING");
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
+}
+
+#[test]
+fn outputs_that_were_switched_by_hand_are_asked_about_and_restored() {
+    let bench = Bench::new();
+    let mut terminal = ready(&bench, LINES);
+    terminal.keys("c");
+    until_block(&terminal, 6);
+    terminal.keys("r");
+    terminal.until_that("some mm back", |text| back_mm(text) > 10.0);
+    terminal.keys("o0-\r");
+    terminal.until("outputs all off");
+    terminal.keys("L");
+    let differ = terminal.until("OUTPUTS DIFFER");
+    assert!(differ.contains("output 0"), "{differ}");
+    terminal.keys("y");
+    terminal.until("outputs ON: 0");
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
+}
+
+#[test]
+fn a_program_stop_and_single_block_wait_for_cycle_start() {
+    let bench = Bench::new();
+    let mut terminal = ready(&bench, "G21 G90 G17 G94\nF6000\nG1 X5\nM0\nG1 Y5\nG1 X0\nG1 Y0\nM2\n");
+    terminal.keys("c");
+    terminal.until("PROGRAM STOP");
+    terminal.keys("s");
+    terminal.until("single block ON");
+    terminal.keys("c");
+    let end_of_block = terminal.until("SINGLE BLOCK");
+    assert!(end_of_block.contains("Y       5.000") && end_of_block.contains("X       5.000"), "{end_of_block}");
+    terminal.keys("c");
+    terminal.until_that("the end of the next block", |text| {
+        text.contains("SINGLE BLOCK") && text.contains("X       0.000")
+    });
+    terminal.keys("s");
+    terminal.keys("c");
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
+}
+
+#[test]
+fn a_job_is_stopped_and_begins_again_from_where_the_machine_stands() {
+    let bench = Bench::new();
+    let mut terminal = ready(&bench, "G21 G90 G17 G94\nF6000\nG1 X40\nG1 X0 Y3\nM2\n");
+    terminal.keys("c");
+    terminal.until_that("some way", |text| text.contains("RUNNING") && active(text) == 3);
+    terminal.keys("q");
+    terminal.until("stop the job?");
+    terminal.keys("y");
+    let stopped = terminal.until("ENDED");
+    assert!(stopped.contains("stopped by the operator"), "{stopped}");
+    terminal.keys("u");
+    terminal.until("READY");
+    terminal.keys("c");
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains("X 0  Y 3000  Z 0"), "{end}");
+}
+
+/// The operator is gone with his terminal: the machine stops on its path, and the command says so.
+#[test]
+fn a_terminal_that_is_closed_stops_the_job() {
+    let bench = Bench::new();
+    let served = Served::with(&[]);
+    let machine = bench.file("patient.toml", "[card]\nwatchdog_ms = 2000\n").display().to_string();
+    let program = bench.file("long.ngc", "G21 G90\nG1 X1000 F1200\nM2\n").display().to_string();
+    let mut terminal = at(80, 24, &program, &["--card", &served.port, "--machine", &machine]);
+    terminal.until("READY");
+    terminal.keys("c");
+    terminal.until_that("some way", |text| text.contains("RUNNING") && active(text) == 2);
+    terminal.hang_up();
+    assert_eq!(terminal.ended(), Some(4));
+    let stands = served.who(&bench);
+    assert_eq!((&stands["at_rest"], &stands["alarm"]), (&true.into(), &serde_json::Value::Null));
+    let told = served.told();
+    assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
+}
+
+/// An emergency stop on a served card: its cause and its remedy are shown, it is cleared, and the program is begun again.
+#[test]
+fn an_alarm_is_shown_with_its_remedy_and_cleared() {
+    let bench = Bench::new();
+    let text = "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
+    let machine = bench.file("machine.toml", text).display().to_string();
+    let mut served = Served::with(&["--machine", &machine]);
+    let program = bench.file("line.ngc", "G21 G90\nG1 X100 F6000\nG1 X0\nM2\n").display().to_string();
+    let mut terminal = at(80, 24, &program, &["--card", &served.port, "--machine", &machine]);
+    terminal.until("READY");
+    terminal.keys("c");
+    terminal.until_that("some way", |text| text.contains("RUNNING") && active(text) == 2);
+    served.by_hand("press emergency-stop");
+    let alarm = terminal.until("E3012");
+    assert!(alarm.contains("emergency"), "{alarm}");
+    terminal.until_that("the end of the job", |text| text.contains(" run ") && !text.contains("left"));
+    terminal.keys("a");
+    terminal.until("its cause is still there");
+    served.by_hand("release emergency-stop");
+    terminal.keys("a");
+    terminal.until("the alarm is cleared");
+    terminal.until("ENDED");
+    terminal.keys("c");
+    terminal.until("RUNNING");
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
+    let told = served.told();
+    assert_eq!((&told["counted"], &told["counts"][0]), (&told["counts"], &0.into()));
+}
+
+#[test]
+fn what_cannot_be_on_a_screen_is_refused() {
+    let bench = Bench::new();
+    let said = bench.retrace(["run", "--tui", "-"]);
+    assert_eq!(said.code, Some(2));
+    assert!(said.err.contains("E2142") && said.err.contains("no terminal"), "{}", said.err);
+    let said = bench.retrace(["run", "--tui", "--json", "-"]);
+    assert!(said.code == Some(2) && said.err.contains("--json"), "{}", said.err);
+}
+
+/// A script operates beside the keys, and what the card executed is written down.
+#[test]
+fn a_scripted_operator_and_keys_side_by_side() {
+    let bench = Bench::new();
+    let script = bench.file("script.op", "at line 6 hold\n").display().to_string();
+    let program = bench.file("lines.ngc", LINES).display().to_string();
+    let records = bench.path("records.csv").display().to_string();
+    let mut terminal = at(80, 24, &program, &["--operator", &script, "--records", &records]);
+    terminal.until("READY");
+    terminal.keys("c");
+    terminal.until("FEED HOLD");
+    terminal.keys("c");
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
+    let rows = std::fs::read_to_string(&records).expect("records");
+    assert!(rows.lines().count() > 4000, "{}", rows.lines().count());
 }

@@ -41,6 +41,10 @@ pub enum Command {
         retrace plot examples/02-back-up.ngc --operator examples/02-back-up.op -o retraced.png\n  \
         retrace plot examples/01-first-cut.ngc --profile -o profile.svg")]
     Plot(Plot),
+    /// Take up an interrupted job at its breakpoint.
+    #[command(after_help = "Examples:\n  retrace resume\n  retrace resume 20261122-004627-part --yes\n  \
+        retrace resume 20261122-004627-part --from-line 120")]
+    Resume(Resume),
     /// What can be resumed, what ran, how it ended.
     #[command(after_help = "Examples:\n  retrace jobs\n  retrace jobs show 20261122-004627-part")]
     Jobs(Jobs),
@@ -57,9 +61,19 @@ pub enum Command {
         after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine check examples/02-back-up.toml"
     )]
     Machine(Machine),
-    /// The screen, with a pretended machine behind it.
-    #[command(hide = true)]
-    ScreenDemo(Check),
+    /// Home the machine over the card's switches: one axis, or all in the machine file's order.
+    #[command(
+        after_help = "Examples:\n  retrace home --card /dev/ttyUSB0 --machine mill.toml\n  retrace home z --card my-card --machine mill.toml"
+    )]
+    Home(Home),
+    /// Move an axis by hand, so many mm (degrees), at its jog speed, cut short at its soft limit.
+    #[command(after_help = "Example:\n  retrace jog x -12.5 --card /dev/ttyUSB0 --machine mill.toml")]
+    Jog(Jog),
+    /// Carry out one block by hand, as it would stand in a program.
+    #[command(
+        after_help = "Examples:\n  retrace mdi 'G0 X10' --card /dev/ttyUSB0\n  retrace mdi 'G10 L20 P1 X0 Y0' --params mill.var"
+    )]
+    Mdi(Mdi),
     /// Serve a simulated card behind a pseudo-terminal, list serial ports, ask who is at one.
     #[command(subcommand, after_help = "Examples:\n  retrace card serve --pty\n  retrace card who /dev/ttyUSB0@230400")]
     Card(Card),
@@ -128,7 +142,7 @@ pub struct Serve {
     /// End by itself after so many seconds, and tell what was counted.
     #[arg(long, value_name = "S")]
     pub seconds: Option<f64>,
-    /// End when standard input does, and tell what was counted.
+    /// End when standard input does, and tell what was counted. Until then a line `stop` opens the emergency-stop chain, and `close` closes it.
     #[arg(long)]
     pub until_eof: bool,
     /// Take lines from standard input where it is a terminal, too; not for a card in the background.
@@ -137,6 +151,59 @@ pub struct Serve {
     /// What is told at the end as one JSON object.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Which machine a task by hand is for, and how it is told.
+#[derive(Debug, Args)]
+pub struct ByHand {
+    /// `sim`, a simulated card in this process, which forgets; or a serial port, as in `/dev/ttyUSB0@230400`.
+    #[arg(long, default_value = "sim", value_name = "CARD")]
+    pub card: String,
+    /// Machine file; a three-axis machine is built in.
+    #[arg(long, value_name = "FILE.toml")]
+    pub machine: Option<PathBuf>,
+    /// One JSON object a line on standard output, what it came to last.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `retrace home`
+#[derive(Debug, Args)]
+pub struct Home {
+    /// The axis; all in the machine file's order where none is named.
+    pub axis: Option<char>,
+    #[command(flatten)]
+    pub by_hand: ByHand,
+}
+
+/// `retrace jog`
+#[derive(Debug, Args)]
+pub struct Jog {
+    /// The axis.
+    pub axis: char,
+    /// How far, mm (degrees), signed.
+    #[arg(allow_negative_numbers = true)]
+    pub mm: f64,
+    #[command(flatten)]
+    pub by_hand: ByHand,
+}
+
+/// `retrace mdi`
+#[derive(Debug, Args)]
+pub struct Mdi {
+    /// The block.
+    pub block: String,
+    /// Tool table.
+    #[arg(long, value_name = "FILE")]
+    pub tools: Option<PathBuf>,
+    /// Parameter file: offsets and parameters come from it, and it is written anew when the block is done.
+    #[arg(long, value_name = "FILE")]
+    pub params: Option<PathBuf>,
+    /// Only look whether it could be done; nothing moves.
+    #[arg(long)]
+    pub dry_run: bool,
+    #[command(flatten)]
+    pub by_hand: ByHand,
 }
 
 /// `retrace machine`
@@ -258,7 +325,7 @@ pub struct Run {
     /// Play in wall time; without it the simulated card runs as fast as it can.
     #[arg(long)]
     pub realtime: bool,
-    /// Full-screen operation (not built yet).
+    /// Full-screen operation; in wall time. The default with --realtime on a terminal.
     #[arg(long, conflicts_with = "no_tui")]
     pub tui: bool,
     /// No full-screen operation.
@@ -276,9 +343,53 @@ pub struct Run {
     /// Begin at this program line, with the modal state that holds there.
     #[arg(long, value_name = "N")]
     pub start_line: Option<u32>,
-    /// Folder for jobs and reports.
+    /// Folder for jobs: journal, breakpoint, report; by default `retrace/jobs` in the user's state folder.
     #[arg(long, value_name = "DIR")]
     pub journal: Option<PathBuf>,
+    /// Keep no journal: the job cannot be resumed.
+    #[arg(long, conflicts_with = "journal")]
+    pub no_journal: bool,
+}
+
+/// `retrace resume`
+#[derive(Debug, Args)]
+pub struct Resume {
+    /// Name of the job, or how only one begins; the newest that can be resumed where none is named.
+    #[arg(value_name = "JOB")]
+    pub job: Option<String>,
+    /// Folder of the jobs; by default `retrace/jobs` in the user's state folder.
+    #[arg(long, value_name = "DIR")]
+    pub journal: Option<PathBuf>,
+    /// The card, where it is at another port now: `sim` for a job of the simulated card, else a serial port.
+    #[arg(long, value_name = "CARD")]
+    pub card: Option<String>,
+    /// Agree to what will be done, outputs that are switched among it.
+    #[arg(short, long)]
+    pub yes: bool,
+    /// Where the program is now, or is sent again: a file, `-`, or `tcp://HOST:PORT`.
+    #[arg(long, value_name = "PROGRAM")]
+    pub program: Option<PathBuf>,
+    /// Begin at this program line instead, from where the machine stands, with the modal state that holds there: a job of its own.
+    #[arg(long, value_name = "N")]
+    pub from_line: Option<u32>,
+    /// The card was restarted, and the machine has been homed and brought back to the breakpoint: go by its counts.
+    #[arg(long, conflicts_with = "from_line")]
+    pub at_counts: bool,
+    /// Play in wall time; without it the simulated card runs as fast as it can.
+    #[arg(long)]
+    pub realtime: bool,
+    /// Scripted operator.
+    #[arg(long, value_name = "FILE")]
+    pub operator: Option<PathBuf>,
+    /// What the card executed, one row a control period.
+    #[arg(long, value_name = "FILE.csv")]
+    pub records: Option<PathBuf>,
+    /// One JSON object a line on standard output, the report last.
+    #[arg(long)]
+    pub json: bool,
+    /// Refused: a job goes on with the machine that it began with.
+    #[arg(long, value_name = "FILE.toml", hide = true)]
+    pub machine: Option<PathBuf>,
 }
 
 /// `retrace jobs`

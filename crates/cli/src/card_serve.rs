@@ -81,10 +81,8 @@ fn serve<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<(), Re
     Ok(())
 }
 
-/// The simulated machine that a machine file describes.
-fn rig<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<Rig<A>, Refusal> {
-    let spec = args.faults.as_deref().unwrap_or_default();
-    let [up, down] = faults(spec).map_err(|why| refuse(format!("--faults {spec}: {why}"), "one of these"))?;
+/// What hangs on a simulated card of a machine: its travel and its switches.
+pub fn hung_on<const A: usize>(machine: &Machine) -> MachineSettings {
     let pulses = |axis: usize, mm: f64| (mm * machine.axes[axis].pulses_per_mm).round() as i64;
     let ends = |axis: usize| {
         let [low, high] = machine.axes[axis].travel_mm;
@@ -93,14 +91,14 @@ fn rig<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<Rig<A>, 
     let axes = 0..machine.axes.len();
     let travel: Vec<[i64; 2]> = axes.clone().map(ends).collect();
     let home: Vec<i64> = axes.map(|axis| pulses(axis, HOME_MM)).collect();
-    let inputs = machine.card_settings::<A>(Start::at(0)).inputs;
-    let settings = RigSettings {
-        up,
-        down,
-        machine: MachineSettings::wired_as(&inputs, &travel, &home),
-        serial: SERIAL,
-        boot: wired::nonce(),
-    };
+    MachineSettings::wired_as(&machine.card_settings::<A>(Start::at(0)).inputs, &travel, &home)
+}
+
+/// The simulated machine that a machine file describes.
+fn rig<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<Rig<A>, Refusal> {
+    let spec = args.faults.as_deref().unwrap_or_default();
+    let [up, down] = faults(spec).map_err(|why| refuse(format!("--faults {spec}: {why}"), "one of these"))?;
+    let settings = RigSettings { up, down, machine: hung_on::<A>(machine), serial: SERIAL, boot: wired::nonce() };
     let mut rig = Rig::new(&settings).ok_or_else(|| refuse("the card cannot be made", "please report this"))?;
     if let Some(path) = &args.vcd {
         let named = |error| unwritable(&path.display().to_string(), &error);

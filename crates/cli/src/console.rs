@@ -15,6 +15,8 @@ use retrace_controller::refusal::Refusal;
 use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::{ONE, Travel};
 
+use crate::screen::live::Live;
+
 /// How a run is shown.
 pub enum Show {
     /// One JSON object a line on standard output.
@@ -23,6 +25,8 @@ pub enum Show {
     Plain,
     /// A progress bar on a terminal, events above it.
     Bar(ProgressBar),
+    /// The screen, which shows everything.
+    Screen(Live),
 }
 
 impl Show {
@@ -140,7 +144,10 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
                 self.progress(period);
             }
             Told::Event(event) => self.event(event),
-            Told::Output(_) => {}
+            Told::Output(_) | Told::Active(_) => {}
+        }
+        if let Show::Screen(screen) = &mut self.show {
+            screen.told(told);
         }
     }
 }
@@ -155,6 +162,7 @@ impl<const A: usize> Console<'_, A> {
             Show::Json => crate::out::line(event.to_json()),
             Show::Plain => crate::out::line(event.to_line()),
             Show::Bar(bar) => bar.println(event.to_line()),
+            Show::Screen(_) => {}
         }
     }
 }

@@ -49,6 +49,20 @@ pub fn text(path: &Path, what: &str) -> Result<String, Refusal> {
     })
 }
 
+/// The absolute path of a file, as text.
+#[must_use]
+pub fn absolute(path: &Path) -> String {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string()
+}
+
+/// The text of a machine file; empty for the machine that is built in.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn machine_text(path: Option<&Path>) -> Result<String, Refusal> {
+    path.map_or(Ok(String::new()), |path| text(path, "machine file"))
+}
+
 /// The machine of a machine file, or the one that is built in.
 ///
 /// # Errors

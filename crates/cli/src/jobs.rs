@@ -290,9 +290,7 @@ fn record_json(record: &JobRecord, state: &State) -> Value {
 mod tests {
     use super::*;
     use retrace_controller::index::Durable;
-    use retrace_controller::journal::entry::{
-        Arguments, End, Ending, FORMAT, MachineFile, PLANNER, Resumed, WiredCard,
-    };
+    use retrace_controller::journal::entry::{Arguments, End, Ending, FORMAT, MachineFile, Resumed, WiredCard};
     use retrace_controller::journal::hash::Hash;
     use retrace_controller::journal::keeper::Keeper;
     use retrace_controller::journal::logbook::{Care, Logbook};
@@ -311,7 +309,7 @@ mod tests {
             id: folder.id().into(),
             when,
             retrace: "0.1.0".into(),
-            planner: PLANNER,
+            planner: 1,
             program: "part.ngc".into(),
             source: Source::File("part.ngc".into()),
             lines: Some(120),
@@ -322,6 +320,8 @@ mod tests {
             period_us: 1000,
             origin: 0,
             counts: vec![0, 0, 0],
+            outputs: Vec::new(),
+            executed: 0,
         };
         let place = Place { record: 1234, fraction: 1 << 30 };
         let resumed = Resumed {

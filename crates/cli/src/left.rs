@@ -69,7 +69,16 @@ impl Last {
     /// The file cannot be written; the old one is then still there.
     pub fn write(&self, path: &Path) -> Result<(), Refusal> {
         let last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(parameters) = &*last else { return Ok(()) };
+        last.as_ref().map_or(Ok(()), |parameters| write_parameters(parameters, path))
+    }
+}
+
+/// Writes a parameter file whole.
+///
+/// # Errors
+/// The file cannot be written; the old one is then still there.
+pub fn write_parameters(parameters: &Parameters, path: &Path) -> Result<(), Refusal> {
+    {
         let mut beside = path.as_os_str().to_owned();
         beside.push(".new");
         let written = std::fs::write(&beside, parameters.write()).and_then(|()| std::fs::rename(&beside, path));

@@ -20,10 +20,17 @@ mod cycles;
 mod draw;
 mod files;
 mod jobs;
+mod kept;
 mod left;
 mod machine;
+mod machining;
+mod manual;
+mod operate;
 mod plot;
 mod program;
+mod resume;
+mod resume_told;
+
 mod run;
 mod screen;
 mod size;
@@ -41,12 +48,15 @@ use crate::program::Failure;
 fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Run(args) => run::run(&args),
+        Command::Resume(args) => resume::run(&args),
         Command::Check(args) => check::run(&args).map(|()| 0),
         Command::Canon(args) => canon::run(&args).map(|()| 0),
         Command::Plot(args) => draw::run(&args).map(|()| 0),
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
-        Command::ScreenDemo(args) => screen::demo::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
+        Command::Home(args) => manual::home(&args),
+        Command::Jog(args) => manual::jog(&args),
+        Command::Mdi(args) => manual::mdi(&args),
         Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Jobs(args) => jobs::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),

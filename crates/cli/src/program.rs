@@ -1,22 +1,25 @@
 //! A program that the command line names: read, checked, and given to whoever runs it.
 //!
-//! Invariant: a file is read once, so that what was checked is what is run. Standard input cannot be read twice: it is checked
+//! Invariant: a file is read once, so that what was checked is what is run. What arrives cannot be read twice: it is checked
 //! block by block as it runs.
 
-use std::io::{BufRead, BufReader};
-use std::path::Path;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use retrace_controller::by_hand;
 use retrace_controller::job::{self, Decode, Decoded, Finding};
+use retrace_controller::journal::entry::{FileRead, Role};
+use retrace_controller::journal::hash::Hash;
 use retrace_controller::machine::Machine;
+use retrace_controller::manual::hand::Identify;
 use retrace_controller::reading::Ahead;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_controller::survey::{self, Survey};
 use retrace_gcode::{
-    Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
+    Active, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
 };
 
 use retrace_motion::LimitError;
@@ -25,6 +28,7 @@ use crate::args::Reading;
 use crate::cycles;
 use crate::files;
 use crate::left::{Last, Left};
+use crate::socket::{self, Socket};
 use crate::subs::Folders;
 
 /// Why a command fails.
@@ -45,15 +49,72 @@ impl From<Refusal> for Failure {
 }
 
 /// A program, and what it is read with.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Program {
     name: String,
-    /// The text, and what the pre-scan has found in it; none for standard input.
+    /// The text, and what the pre-scan has found in it; none for what arrives.
     prescan: Option<Arc<Prescan>>,
+    /// Where it arrives from; none for a file.
+    arrives: Option<Arrives>,
+    /// What was read besides subprograms.
+    files: Vec<FileRead>,
+    folders: Arc<Folders>,
     setup: Setup,
     has_tool_table: bool,
     /// Set when nobody waits for standard input any more.
     given_up: Arc<AtomicBool>,
+}
+
+/// Where a program arrives from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Arrives {
+    /// Standard input.
+    StandardInput,
+    /// A TCP socket at this address.
+    Socket(String),
+    /// A file that is read as if it arrived.
+    File(PathBuf),
+}
+
+impl Arrives {
+    /// What the command line names, if that arrives.
+    #[must_use]
+    pub fn named(program: &Path) -> Option<Self> {
+        let name = program.to_str()?;
+        if name == "-" { Some(Self::StandardInput) } else { socket::address(name).map(|at| Self::Socket(at.into())) }
+    }
+
+    /// Begins to read it, ahead of whoever takes it, until `given_up`.
+    ///
+    /// # Errors
+    /// `E2107`, `E2101` …: there is nobody, or no such file.
+    pub fn open(&self, given_up: &Arc<AtomicBool>) -> Result<Arriving, Refusal> {
+        Ok(match self {
+            Self::StandardInput => ahead(std::io::stdin(), given_up),
+            Self::Socket(address) => ahead(Socket::open(address)?, given_up),
+            Self::File(path) => ahead(io::Cursor::new(files::bytes(path, "program")?), given_up),
+        })
+    }
+}
+
+/// A program as it arrives.
+pub type Arriving = Box<dyn BufRead + Send>;
+
+fn ahead(input: impl Read + Send + 'static, given_up: &Arc<AtomicBool>) -> Arriving {
+    match Ahead::of(input, Arc::clone(given_up)) {
+        Ok(ahead) => Box::new(ahead),
+        // No thread left to read ahead.
+        Err(error) => Box::new(BufReader::new(Broken(error.to_string()))),
+    }
+}
+
+/// A reader that has only this to say.
+struct Broken(String);
+
+impl Read for Broken {
+    fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
+        Err(io::Error::other(self.0.clone()))
+    }
 }
 
 /// A program on its way through the interpreter.
@@ -65,8 +126,23 @@ impl Program {
     /// # Errors
     /// A file that cannot be read or understood.
     pub fn open(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
-        let setup = Setup { tools: tools_without_length(), ..by_hand::setup(machine) };
-        Self::with_setup(reading, setup)
+        Self::with_setup(reading, setup_of(machine))
+    }
+
+    /// The same, of which nothing is told on standard error.
+    ///
+    /// # Errors
+    /// As [`Program::open`].
+    pub fn quietly(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
+        Self::noted(reading, setup_of(machine), Arrives::named(&reading.program)).map(|(program, _)| program)
+    }
+
+    /// The same, for a program that arrives from there, whatever the command line names.
+    ///
+    /// # Errors
+    /// A file that cannot be read or understood.
+    pub fn open_arriving(reading: &Reading, machine: &Machine, arrives: Option<Arrives>) -> Result<Self, Refusal> {
+        Self::noted(reading, setup_of(machine), arrives).map(|(program, _)| program)
     }
 
     /// Opens what the command line names, for an interpreter set up as given; tool table and parameters come from the
@@ -74,21 +150,35 @@ impl Program {
     ///
     /// # Errors
     /// A file that cannot be read or understood.
-    pub fn with_setup(reading: &Reading, mut setup: Setup) -> Result<Self, Refusal> {
-        let is_stdin = reading.program.as_os_str() == "-";
-        let name = if is_stdin { "standard input".into() } else { reading.program.display().to_string() };
+    pub fn with_setup(reading: &Reading, setup: Setup) -> Result<Self, Refusal> {
+        let (program, notes) = Self::noted(reading, setup, Arrives::named(&reading.program))?;
+        notes.iter().for_each(|note| eprintln!("note: {note}"));
+        Ok(program)
+    }
+
+    /// The same, with what is to be told of it, for a program that arrives from there, whatever the command line names.
+    fn noted(reading: &Reading, mut setup: Setup, arrives: Option<Arrives>) -> Result<(Self, Vec<String>), Refusal> {
+        let mut notes = Vec::new();
+        let name = match &arrives {
+            Some(Arrives::StandardInput) => "standard input".into(),
+            _ => reading.program.display().to_string(),
+        };
+        let mut files = Vec::new();
         if let Some(path) = &reading.tools {
             setup.tools = table(path, "tool table", ToolTable::read)?;
+            files.push(read(Role::Tools, path)?);
         }
         if let Some(path) = &reading.params {
             setup.parameters = table(path, "parameter file", Parameters::read)?;
+            files.push(read(Role::Parameters, path)?);
         }
         let mut subs = reading.subs.clone();
         if let Some(path) = &reading.ini {
             let ini = table(path, "INI file", Ini::read)?;
+            files.push(read(Role::Ini, path)?);
             if !ini.passed_over.is_empty() {
-                eprintln!("note: not taken from {}: {}", path.display(), ini.passed_over.join(", "));
-                eprintln!("note: a tool table and a parameter file are named with --tools and --params");
+                notes.push(format!("not taken from {}: {}", path.display(), ini.passed_over.join(", ")));
+                notes.push("a tool table and a parameter file are named with --tools and --params".to_owned());
             }
             setup.fixed_values = ini.values;
             let beside = path.parent().unwrap_or(Path::new(""));
@@ -101,23 +191,54 @@ impl Program {
             .iter()
             .any(|finding| finding.diagnostic.severity() == retrace_gcode::cycles::Severity::Error)
         {
-            eprintln!("note: cycle sources have errors and cannot be called; `retrace cycles check` shows them");
+            notes.push("cycle sources have errors and cannot be called; `retrace cycles check` shows them".to_owned());
         }
         setup.cycles = Some(Arc::new(cycles));
-        setup.files = Some(Arc::new(Folders::of(&reading.program, &subs)));
-        let prescan = if is_stdin {
+        let folders = Arc::new(Folders::of(&reading.program, &subs));
+        setup.files = Some(Arc::clone(&folders) as _);
+        let prescan = if arrives.is_some() {
             None
         } else {
             let text = files::bytes(&reading.program, "program")?;
+            let path = files::absolute(&reading.program);
+            files.insert(0, FileRead { role: Role::Program, path, hash: Hash::of(&text) });
             Some(Arc::new(Prescan::of(&name, text.into(), &setup)))
         };
-        Ok(Self { name, prescan, setup, has_tool_table: reading.tools.is_some(), given_up: Arc::default() })
+        let (has_tool_table, given_up) = (reading.tools.is_some(), Arc::default());
+        Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, given_up }, notes))
+    }
+
+    /// Every file that was read by now.
+    #[must_use]
+    pub fn files_read(&self) -> Vec<FileRead> {
+        self.files.iter().cloned().chain(self.folders.read()).collect()
+    }
+
+    /// Where it arrives from; none for a file.
+    #[must_use]
+    pub fn arrives(&self) -> Option<&Arrives> {
+        self.arrives.as_ref()
+    }
+
+    /// Begins to read a program that arrives; none for a file.
+    ///
+    /// # Errors
+    /// As [`Arrives::open`].
+    pub fn arriving(&self) -> Result<Option<Arriving>, Refusal> {
+        self.arrives.as_ref().map(|from| from.open(&self.given_up)).transpose()
     }
 
     /// Its name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// Its text; empty for standard input.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let lines = 1..=self.lines().unwrap_or(0) as u32;
+        lines.map(|number| self.line(number).trim_end_matches(['\n', '\r']).to_owned() + "\n").collect()
     }
 
     /// The tool table, if one was given.
@@ -135,17 +256,31 @@ impl Program {
     /// The program from its beginning.
     #[must_use]
     pub fn decoder(&self) -> Decoder {
-        let given_up = self.prescan.is_none().then(|| Arc::clone(&self.given_up));
-        let (name, program) = (self.name.clone(), self.source());
-        Decoder { name, program, given_up, length_offset: false, is_told: false, left: None }
+        self.decoder_of(self.source())
     }
 
-    /// The program from its beginning, to be run: it logs, and leaves its parameters.
+    fn decoder_of(&self, program: Source) -> Decoder {
+        let given_up = self.prescan.is_none().then(|| Arc::clone(&self.given_up));
+        let file = self.prescan.is_some().then(|| PathBuf::from(&self.name));
+        Decoder { name: self.name.clone(), program, given_up, file, length_offset: false, is_told: false, left: None }
+    }
+
+    /// The program from its beginning, to be run: it logs, and leaves its parameters. One that arrives is taken from `input`.
     #[must_use]
-    pub fn running(&self) -> (Decoder, Last) {
+    pub fn running(&self, input: Option<Arriving>) -> (Decoder, Last) {
         let left = Left::default();
         let last = left.last();
-        (Decoder { left: Some(left), ..self.decoder() }, last)
+        let program = input.map_or_else(|| self.source(), |input| Source::new(input, self.setup.clone()));
+        (Decoder { left: Some(left), ..self.decoder_of(program) }, last)
+    }
+
+    /// The program from its beginning once more, of what is kept of one that arrived.
+    #[must_use]
+    pub fn again(&self, kept: Arriving) -> Source {
+        match &self.prescan {
+            Some(prescan) => Source::prescanned(Arc::clone(prescan), self.setup.clone()),
+            None => Source::new(kept, self.setup.clone()),
+        }
     }
 
     /// The program from its beginning, for whoever wants its canonical functions as they are.
@@ -154,11 +289,8 @@ impl Program {
         match &self.prescan {
             Some(prescan) => Source::prescanned(Arc::clone(prescan), self.setup.clone()),
             None => {
-                let input: Box<dyn BufRead + Send> = match Ahead::of(std::io::stdin(), Arc::clone(&self.given_up)) {
-                    Ok(ahead) => Box::new(ahead),
-                    // No thread left to read ahead: it is read as it is decoded.
-                    Err(_) => Box::new(BufReader::with_capacity(1 << 16, std::io::stdin())),
-                };
+                let broken = |why: Refusal| -> Arriving { Box::new(BufReader::new(Broken(why.what))) };
+                let input = self.arriving().map_or_else(broken, |input| input.unwrap_or_else(|| Box::new(io::empty())));
                 Source::new(input, self.setup.clone())
             }
         }
@@ -182,6 +314,38 @@ impl Program {
         self.check_by(|decoder| Ok(survey::survey(machine, decoder).map_err(why)?))
     }
 
+    /// Looks at the whole program and shows nothing.
+    ///
+    /// # Errors
+    /// What is wrong with it, where it has errors.
+    pub fn faults(&self, machine: &Machine) -> Result<(), String> {
+        if self.prescan.is_none() {
+            return Ok(());
+        }
+        let mut decoder = self.decoder();
+        let (_, findings, _) = job::scan::<9>(machine, &mut decoder);
+        let (shown, is_refused) = self.found(&mut decoder, &findings);
+        if is_refused { Err(shown.join("\n")) } else { Ok(()) }
+    }
+
+    /// All that was found in a program that was gone through, rendered in the order of its lines; is there an error in it?
+    fn found(&self, decoder: &mut Decoder, findings: &[Finding]) -> (Vec<String>, bool) {
+        decoder.program.look_behind_the_end();
+        let diagnostics = decoder.program.interpreter().diagnostics();
+        let mut is_refused = false;
+        let mut shown: Vec<((u16, u32), String)> = Vec::new();
+        for diagnostic in diagnostics {
+            is_refused |= diagnostic.severity() == Severity::Error;
+            shown.push(((diagnostic.file, diagnostic.line), self.show(diagnostic)));
+        }
+        for finding in findings {
+            is_refused = true;
+            shown.push(((0, finding.line), self.render(finding)));
+        }
+        shown.sort_by_key(|(place, _)| *place);
+        (shown.into_iter().map(|(_, text)| text).collect(), is_refused)
+    }
+
     fn check_by<S>(
         &self,
         look: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<Finding>, S), Failure>,
@@ -191,20 +355,8 @@ impl Program {
         }
         let mut decoder = self.decoder();
         let (blocks, findings, found) = look(&mut decoder)?;
-        decoder.program.look_behind_the_end();
-        let diagnostics = decoder.program.interpreter().diagnostics();
-        let mut is_refused = false;
-        let mut shown: Vec<((u16, u32), String)> = Vec::new();
-        for diagnostic in diagnostics {
-            is_refused |= diagnostic.severity() == Severity::Error;
-            shown.push(((diagnostic.file, diagnostic.line), self.show(diagnostic)));
-        }
-        for finding in &findings {
-            is_refused = true;
-            shown.push(((0, finding.line), self.render(finding)));
-        }
-        shown.sort_by_key(|(place, _)| *place);
-        for (_, text) in &shown {
+        let (shown, is_refused) = self.found(&mut decoder, &findings);
+        for text in &shown {
             eprintln!("{text}");
         }
         if is_refused {
@@ -281,6 +433,8 @@ pub struct Decoder {
     program: Source,
     /// For a program that arrives.
     given_up: Option<Arc<AtomicBool>>,
+    /// The file that it is read from, to be held against what was read.
+    file: Option<PathBuf>,
     /// A tool length offset was called for.
     length_offset: bool,
     /// The program is at its end, and why it is there has been told.
@@ -292,6 +446,19 @@ pub struct Decoder {
 impl Decode for Decoder {
     fn given_up(&self) -> Option<Arc<AtomicBool>> {
         self.given_up.clone()
+    }
+
+    fn active(&self) -> Option<Active> {
+        Some(self.program.interpreter().state().into())
+    }
+
+    fn identity(&self) -> Option<Identify> {
+        let file = self.file.clone()?;
+        Some(Box::new(move || {
+            let hash = std::fs::File::open(&file).and_then(Hash::of_reader);
+            // One that is not there is another one than any that is.
+            hash.map_or(0, Hash::half)
+        }))
     }
 
     fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
@@ -322,8 +489,13 @@ impl Decode for Decoder {
     }
 }
 
+/// A file that was read, and its hash.
+fn read(role: Role, path: &Path) -> Result<FileRead, Refusal> {
+    Ok(FileRead { role, path: files::absolute(path), hash: Hash::of(&files::bytes(path, "file")?) })
+}
+
 /// Reads a table; its first fault is the refusal's text.
-fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>>) -> Result<T, Refusal> {
+pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>>) -> Result<T, Refusal> {
     let text = files::text(path, what)?;
     read(&text).map_err(|faults| {
         let lines: Vec<&str> = text.lines().collect();
@@ -340,8 +512,13 @@ fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>
     })
 }
 
+/// An interpreter for a machine in millimetres, which stands where it does.
+fn setup_of(machine: &Machine) -> Setup {
+    Setup { tools: tools_without_length(), ..by_hand::setup(machine) }
+}
+
 /// Without a tool table every tool is known, and has no length.
-fn tools_without_length() -> ToolTable {
+pub fn tools_without_length() -> ToolTable {
     let mut tools = ToolTable::default();
     for number in 1..=999 {
         tools.insert(Tool { number, offset: Pose::ZERO, ..Tool::default() });

@@ -1,28 +1,23 @@
 //! `retrace run`: machines a program.
 //!
-//! Invariant: nothing moves before machine file, script and program have been read and checked.
+//! Invariant: nothing moves before machine file, script and program have been read and checked, and the job's journal has begun.
 
-use std::io::Write;
-use std::path::Path;
-use std::time::Instant;
-
-use retrace_controller::index::Keeping;
-use retrace_controller::job::{self, Begin, Conduct, JobEnd};
+use retrace_controller::job::Begin;
+use retrace_controller::journal::entry;
+use retrace_controller::journal::logbook::Care;
 use retrace_controller::machine::Machine;
 use retrace_controller::operator::Instruction;
-use retrace_controller::orders::Operators;
 use retrace_controller::refusal::Refusal;
-use retrace_controller::report::Report;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Outcome};
 use retrace_hal_sim::{Clock, SimCard};
-use retrace_link::{MotionCard, Start};
-use serde_json::Value;
+use retrace_link::{MotionCard, Start, Status};
 
 use crate::args;
-use crate::console::{Console, Show, unwritable};
 use crate::files;
-use crate::program::{Failure, Program};
+use crate::kept::{Beginning, Claimed, Kept};
+pub use crate::machining::{AtScreen, Ended};
+use crate::machining::{Machining, Manners};
+use crate::operate;
+use crate::program::{Arriving, Failure, Program};
 use crate::wired;
 
 /// Runs the command; its exit code.
@@ -30,54 +25,148 @@ use crate::wired;
 /// # Errors
 /// What keeps the job from beginning.
 pub fn run(args: &args::Run) -> Result<u8, Failure> {
-    refuse_what_is_not_there(args)?;
+    let at_screen = operate::is_wanted(args)?;
     let machine = files::machine(args.machine.as_deref())?;
+    run_on(args, machine, files::machine_text(args.machine.as_deref())?, at_screen)
+}
+
+/// Runs it on this machine, whose file had this text.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_on(args: &args::Run, machine: Machine, text: String, at_screen: bool) -> Result<u8, Failure> {
     let script = files::script(args.operator.as_deref())?;
+    let with = With { args, text, script, at_screen };
     match machine.axes.len() {
-        0..=4 => on_card::<4>(args, machine, script),
-        5..=6 => on_card::<6>(args, machine, script),
-        _ => on_card::<9>(args, machine, script),
+        0..=4 => with.on_card::<4>(machine),
+        5..=6 => with.on_card::<6>(machine),
+        _ => with.on_card::<9>(machine),
     }
 }
 
-fn refuse_what_is_not_there(args: &args::Run) -> Result<(), Refusal> {
-    if args.tui {
-        return Err(Refusal::new("E2142", "--tui: full-screen operation is not built yet", "leave it out"));
-    }
-    Ok(())
+/// A simulated card in this process, at rest.
+///
+/// # Errors
+/// `E2113`
+pub fn simulated<const A: usize>(machine: &Machine, realtime: bool) -> Result<SimCard<A>, Refusal> {
+    let clock = if realtime { Clock::wall(machine.period_us) } else { Clock::Virtual };
+    machine
+        .rate_limits()
+        .and_then(|limits| SimCard::<A>::new(0, limits, clock))
+        .ok_or_else(|| Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
 }
 
-/// Finds the card, and runs the job on it.
-fn on_card<const A: usize>(args: &args::Run, machine: Machine, script: Vec<Instruction>) -> Result<u8, Failure> {
-    if args.card == "sim" {
-        let job = Job::open(args, &machine, script)?;
-        let clock = if args.realtime { Clock::wall(machine.period_us) } else { Clock::Virtual };
-        let card = machine.rate_limits().and_then(|limits| SimCard::<A>::new(0, limits, clock)).ok_or_else(|| {
-            Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md")
-        })?;
-        return job.run(card, args.realtime).map(|(code, _)| code);
-    }
-    // Everything that can be refused without the card is refused before it is asked for.
-    Job::open(args, &machine, script.clone())?;
-    let mut card = wired::find::<A>(&args.card)?;
-    card.settle(wired::nonce()).map_err(|fault| wired::failed(&args.card, &fault))?;
-    let mut counts = [0; A];
-    if let Some(greeting) = card.greeting() {
-        wired::fits(&args.card, &greeting.identity, &machine)?;
-        counts = greeting.counts;
-    }
-    let machine = machine.standing_at(&counts);
-    let job = Job::open(args, &machine, script)?;
-    // From here on the card expects to hear of the host all the time.
-    card.open(machine.card_settings(Start::at(0))).map_err(|fault| wired::failed(&args.card, &fault))?;
-    let (code, _) = job.run(&mut *card, true)?;
-    // The card stands, or has an alarm that says more than this would.
-    let _ = card.close();
-    Ok(code)
+/// What a job is run with.
+struct With<'a> {
+    args: &'a args::Run,
+    /// Of the machine file.
+    text: String,
+    script: Vec<Instruction>,
+    at_screen: bool,
 }
 
-/// A job, ready to run.
-struct Job<'a> {
+impl With<'_> {
+    /// Finds the card, and runs the job on it.
+    fn on_card<const A: usize>(self, machine: Machine) -> Result<u8, Failure> {
+        let args = self.args;
+        if args.card == "sim" {
+            let program = self.open(&machine)?;
+            let mut card = simulated::<A>(&machine, args.realtime || self.at_screen)?;
+            if self.at_screen {
+                return operate::operate(args, &machine, program, self.script, &mut card);
+            }
+            let (kept, input) = self.keep(&program, &machine, entry::Card::Sim, card.status())?;
+            return self.machining(&machine, &program, kept, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
+        }
+        // Everything that can be refused without the card is refused before it is asked for.
+        self.open(&machine)?;
+        let mut card = wired::find::<A>(&args.card)?;
+        card.settle(wired::nonce()).map_err(|fault| wired::failed(&args.card, &fault))?;
+        let (mut counts, mut named) = ([0; A], entry::Card::Sim);
+        if let Some(greeting) = card.greeting() {
+            wired::fits(&args.card, &greeting.identity, &machine)?;
+            (counts, named) = (greeting.counts, crate::kept::wired(&args.card, &greeting.identity));
+        }
+        let machine = machine.standing_at(&counts);
+        let program = self.open(&machine)?;
+        let settings = machine.card_settings(Start::at(0));
+        if self.at_screen {
+            card.open(settings).map_err(|fault| wired::failed(&args.card, &fault))?;
+            let code = operate::operate(args, &machine, program, self.script, &mut *card)?;
+            let _ = card.close();
+            return Ok(code);
+        }
+        let status = wired::look(&mut card, &args.card, settings)?;
+        let (kept, input) = self.keep(&program, &machine, named, &status)?;
+        // From here on the card expects to hear of the host all the time.
+        card.open(settings).map_err(|fault| wired::failed(&args.card, &fault))?;
+        let (code, _) = self.machining(&machine, &program, kept, input).run(&mut *card, |_, _| Ok(()))?;
+        // The card stands, or has an alarm that says more than this would.
+        let _ = card.close();
+        Ok(code)
+    }
+
+    /// Opens the program and checks it whole.
+    fn open(&self, machine: &Machine) -> Result<Program, Failure> {
+        let program = Program::open(&self.args.reading, machine)?;
+        program.check(machine)?;
+        if let (Some(line), Some(lines)) = (self.args.start_line, program.lines())
+            && u64::from(line) > lines
+        {
+            let what = format!("--start-line {line}: {} has {lines} lines", program.name());
+            return Err(Refusal::new("E2151", what, "a line of the program").into());
+        }
+        Ok(program)
+    }
+
+    /// Begins the job's journal, for a card of this status; and what a program that arrives is taken from.
+    fn keep<const A: usize>(
+        &self,
+        program: &Program,
+        machine: &Machine,
+        card: entry::Card,
+        status: &Status<A>,
+    ) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
+        let args = self.args;
+        let input = program.arriving()?;
+        if args.no_journal {
+            return Ok((None, input));
+        }
+        let claimed = Claimed::new(args.journal.as_deref(), program.name())?;
+        let (input, progress) = input.map(|input| claimed.spool(input)).transpose()?.unzip();
+        let care = if card == entry::Card::Sim { Care::Written } else { Care::Synced };
+        let machine_file = (args.machine.as_deref(), self.text.clone());
+        let (reading, start_line) = (&args.reading, args.start_line);
+        let job = Beginning { program, reading, start_line, machine, machine_file, card }.job(status)?;
+        Ok((Some(claimed.begin(care, job, progress)?), input))
+    }
+
+    fn machining<'m>(
+        self,
+        machine: &'m Machine,
+        program: &'m Program,
+        kept: Option<Kept>,
+        input: Option<Arriving>,
+    ) -> Machining<'m>
+    where
+        Self: 'm,
+    {
+        let args = self.args;
+        let manners = Manners {
+            json: args.json,
+            records: args.records.as_deref(),
+            script: self.script,
+            operator: args.operator.is_some(),
+            wall_time: args.realtime || args.card != "sim",
+            params: args.reading.params.as_deref(),
+        };
+        let begin = args.start_line.map_or(Begin::First, Begin::Line);
+        Machining { manners, machine, program, input, begin, kept, at_screen: None }
+    }
+}
+
+/// A job that is begun at a screen, on a card that is open already; it keeps no journal yet.
+pub struct Job<'a> {
     args: &'a args::Run,
     machine: &'a Machine,
     script: Vec<Instruction>,
@@ -85,107 +174,33 @@ struct Job<'a> {
 }
 
 impl<'a> Job<'a> {
-    /// Opens the program and checks it whole.
-    fn open(args: &'a args::Run, machine: &'a Machine, script: Vec<Instruction>) -> Result<Self, Failure> {
-        let program = Program::open(&args.reading, machine)?;
-        program.check(machine)?;
-        if let (Some(line), Some(lines)) = (args.start_line, program.lines())
-            && u64::from(line) > lines
-        {
-            let what = format!("--start-line {line}: {} has {lines} lines", program.name());
-            return Err(Refusal::new("E2151", what, "a line of the program").into());
-        }
-        Ok(Self { args, machine, script, program })
+    /// Of a program that was opened and checked for this machine.
+    pub fn of(args: &'a args::Run, machine: &'a Machine, script: Vec<Instruction>, program: Program) -> Self {
+        Self { args, machine, script, program }
     }
 
-    /// Runs it on a card, in wall time where that is how the card's time passes: its exit code, and the card.
-    fn run<const A: usize, C: MotionCard<A>>(self, card: C, wall_time: bool) -> Result<(u8, C), Failure> {
+    /// Runs it on a card: its exit code, and the card. `at_screen`: who operates it there.
+    ///
+    /// # Errors
+    /// What keeps it from beginning; a file that cannot be written at its end.
+    pub fn run<const A: usize, C: MotionCard<A>>(
+        self,
+        card: C,
+        wall_time: bool,
+        at_screen: Option<AtScreen<'_>>,
+    ) -> Result<(u8, C), Failure> {
         let Self { args, machine, script, program } = self;
-        let show = Show::choose(args.json, program.lines());
-        let mut console = Console::<A>::new(show, machine, args.records.as_deref())?;
-        let manner = Manner { wall_time, operator: args.operator.is_some() };
-        let begin = args.start_line.map_or(Begin::First, Begin::Line);
-        let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
-        let conduct = Conduct { begin, operators, manner, keeping: Keeping::default() };
-        let started = Instant::now();
-        let (decoder, last) = program.running();
-        let end = job::run(machine, decoder, conduct, card, &mut console)
-            .map_err(|why| Refusal::new("E2112", why.to_string(), "a shorter history_hours in the machine file"))?;
-        let wall_s = started.elapsed().as_secs_f64();
-        let (verdict, alarms, line) = console.finish()?;
-        let JobEnd { outcome, tally, summary, card } = end;
-        let report = Report {
-            program: program.name(),
-            machine,
-            outcome: &outcome,
-            line,
-            tally: &tally,
-            blocks: summary.as_ref().map_or(0, |s| s.blocks),
-            canonical: summary.as_ref().map_or(0, |s| s.canonical),
-            commanded_mm: summary.as_ref().map_or(&[], |s| &s.commanded_mm),
-            counts: card.status().counts,
-            verdict: &verdict,
-            wall_s,
-            alarms: &alarms,
+        let manners = Manners {
+            json: args.json,
+            records: args.records.as_deref(),
+            script,
+            operator: args.operator.is_some(),
+            wall_time,
+            params: args.reading.params.as_deref(),
         };
-        if let Outcome::Refused(text) = &outcome {
-            eprintln!("{text}");
-        }
-        tell(&report, args.json);
-        if let Some(folder) = &args.journal {
-            keep(&report.to_json(), folder)?;
-        }
-        if let (Some(path), Outcome::Completed) = (&args.reading.params, &outcome) {
-            last.write(path)?;
-        }
-        Ok((outcome.exit_code(), card))
+        let begin = args.start_line.map_or(Begin::First, Begin::Line);
+        let input = program.arriving()?;
+        let machining = Machining { manners, machine, program: &program, input, begin, kept: None, at_screen };
+        machining.run(card, |_, _| Ok(()))
     }
-}
-
-/// The report, for a script or for a person.
-fn tell<const A: usize>(report: &Report<'_, A>, json: bool) {
-    if json {
-        crate::out::line(report.to_json());
-        return;
-    }
-    let value = report.to_json();
-    let seconds = |key: &str| value[key].as_f64().unwrap_or(0.0);
-    say!("{}: {}", report.program, report.outcome.word());
-    say!(
-        "  motion {:.3} s · dwell {:.3} s · switching {:.3} s · held {:.3} s · retracing {:.3} s · {} periods in {:.2} s of real time",
-        seconds("motion_s"),
-        seconds("dwell_s"),
-        seconds("switch_s"),
-        seconds("held_s"),
-        seconds("retrace_s"),
-        report.tally.periods,
-        report.wall_s
-    );
-    let each = |f: fn(&Value) -> String, key: &str| -> String {
-        let axes = report.machine.axes.iter().map(|a| {
-            let name = a.name.to_string();
-            format!("{} {}", name.to_ascii_uppercase(), f(&value[key][&name]))
-        });
-        axes.collect::<Vec<_>>().join("  ")
-    };
-    say!(
-        "  position {}  ({})",
-        each(|v| format!("{:.3}", v.as_f64().unwrap_or(0.0)), "position_mm"),
-        each(Value::to_string, "position_counts")
-    );
-    say!(
-        "  limit violations {} · underruns {} · reversals {}",
-        report.verdict.violations,
-        report.tally.underruns,
-        report.tally.reversals
-    );
-}
-
-/// Keeps the report in the journal's folder.
-fn keep(report: &Value, folder: &Path) -> Result<(), Refusal> {
-    let named = |error| unwritable(&folder.display().to_string(), &error);
-    std::fs::create_dir_all(folder).map_err(named)?;
-    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_millis());
-    let mut file = std::fs::File::create(folder.join(format!("report-{now}.json"))).map_err(named)?;
-    writeln!(file, "{report:#}").map_err(named)
 }

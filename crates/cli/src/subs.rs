@@ -3,19 +3,37 @@
 //! Invariant: the program's own folder comes first, then those of the command line in their order; nothing outside of them is read.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
+use retrace_controller::journal::entry::{FileRead, Role};
+use retrace_controller::journal::hash::Hash;
 use retrace_gcode::{SubFile, SubFiles};
 
-/// The folders that are looked into.
+use crate::files;
+
+/// The folders that are looked into, and what was found there.
 #[derive(Debug)]
-pub struct Folders(Vec<PathBuf>);
+pub struct Folders {
+    folders: Vec<PathBuf>,
+    read: Mutex<Vec<FileRead>>,
+}
 
 impl Folders {
     /// The folder of a program, and more.
     #[must_use]
     pub fn of(program: &Path, more: &[PathBuf]) -> Self {
-        let own = if program.as_os_str() == "-" { None } else { program.parent().map(Path::to_path_buf) };
-        Self(own.into_iter().chain(more.iter().cloned()).collect())
+        let own = if crate::program::Arrives::named(program).is_some() {
+            None
+        } else {
+            program.parent().map(Path::to_path_buf)
+        };
+        Self { folders: own.into_iter().chain(more.iter().cloned()).collect(), read: Mutex::default() }
+    }
+
+    /// The files that were read by now, each once.
+    #[must_use]
+    pub fn read(&self) -> Vec<FileRead> {
+        self.read.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
@@ -25,8 +43,16 @@ impl SubFiles for Folders {
         if name.is_empty() || name.contains(['/', '\\', '\0']) || name.starts_with('.') {
             return None;
         }
-        let path = self.0.iter().map(|folder| folder.join(format!("{name}.ngc"))).find(|path| path.is_file())?;
-        let text = std::fs::read(&path).map(Into::into).map_err(|error| error.to_string());
+        let path = self.folders.iter().map(|folder| folder.join(format!("{name}.ngc"))).find(|path| path.is_file())?;
+        let text = std::fs::read(&path);
+        if let Ok(text) = &text {
+            let file = FileRead { role: Role::Subprogram, path: files::absolute(&path), hash: Hash::of(text) };
+            let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
+            if !read.contains(&file) {
+                read.push(file);
+            }
+        }
+        let text = text.map(Into::into).map_err(|error| error.to_string());
         Some(SubFile { name: path.display().to_string(), text })
     }
 }

@@ -7,7 +7,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_hal_serial::{Address, SerialPort};
-use retrace_link::{CardFault, Identity, Patience, Wired};
+use retrace_link::{
+    CardFault, HostFault, Identity, MotionCard, Patience, Settings, Start, Status, Wired, WiredFault, Word,
+};
 
 use crate::program::Failure;
 
@@ -55,6 +57,106 @@ pub fn fits(address: &str, identity: &Identity, machine: &Machine) -> Result<(),
         }
     }
     Ok(())
+}
+
+/// Looks at a card that stands, by opening it there for a moment: its outputs, its alarm. It is as it was then, and needs no host.
+///
+/// # Errors
+/// As [`Wired::open`].
+pub fn look<const A: usize>(
+    card: &mut SerialCard<A>,
+    address: &str,
+    settings: Settings<A>,
+) -> Result<Status<A>, Failure> {
+    let told = |fault| failed(address, &fault);
+    card.open(settings).map_err(told)?;
+    let status = *card.status();
+    card.close().map_err(told)?;
+    card.ask(nonce()).map_err(told)?;
+    Ok(status)
+}
+
+/// Control periods in which a card tells whether it has cleared an alarm.
+const CLEARED_WITHIN: u32 = 500;
+
+/// A card that was asked where it stands and is opened when its path is begun: until then it needs no host, however long the operator
+/// thinks.
+#[derive(Debug)]
+pub struct Greeted<const A: usize> {
+    card: SerialCard<A>,
+    settings: Settings<A>,
+    /// As it was when it was asked.
+    status: Status<A>,
+    boot: u32,
+    is_open: bool,
+}
+
+impl<const A: usize> Greeted<A> {
+    /// A card that was looked at.
+    #[must_use]
+    pub fn new(card: SerialCard<A>, settings: Settings<A>, status: Status<A>, boot: u32) -> Self {
+        Self { card, settings, status, boot, is_open: false }
+    }
+
+    /// Ends the epoch, if there is one.
+    pub fn close(mut self) {
+        if self.is_open {
+            // The card stands, or has an alarm that says more than this would.
+            let _ = self.card.close();
+        }
+    }
+
+    fn open(&mut self, start: Start) -> Result<(), Fault<A>> {
+        self.card.settle(nonce())?;
+        let same = |greeting: &retrace_link::Greeting<A>| {
+            greeting.identity.boot == self.boot && greeting.counts == self.status.counts
+        };
+        if !self.card.greeting().is_some_and(same) {
+            return Err(WiredFault::Host(HostFault::Restarted));
+        }
+        self.card.open(Settings { start, ..self.settings })?;
+        self.is_open = true;
+        if self.card.status().alarm.is_some() {
+            // What the card refuses shows in what it reports.
+            let _ = self.card.send(Word::ClearAlarm);
+            for _ in 0..CLEARED_WITHIN {
+                if self.card.period()?.alarm.is_none() {
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+type Fault<const A: usize> = <Wired<A, SerialPort> as MotionCard<A>>::Fault;
+
+impl<const A: usize> MotionCard<A> for Greeted<A> {
+    type Fault = Fault<A>;
+
+    fn window(&self) -> u32 {
+        self.card.window()
+    }
+
+    fn send(&mut self, word: Word<A>) -> Result<(), retrace_link::Refusal> {
+        if self.is_open { self.card.send(word) } else { Err(retrace_link::Refusal::Unfit) }
+    }
+
+    fn period(&mut self) -> Result<&Status<A>, Fault<A>> {
+        self.card.period()
+    }
+
+    fn begin(&mut self, start: Start) -> Result<(), Fault<A>> {
+        if self.is_open { self.card.begin(start) } else { self.open(start) }
+    }
+
+    fn status(&self) -> &Status<A> {
+        if self.is_open { self.card.status() } else { &self.status }
+    }
+
+    fn arrived(&self) -> u32 {
+        if self.is_open { self.card.arrived() } else { self.status.high }
+    }
 }
 
 /// The card, or the line to it.

@@ -3,6 +3,8 @@
 //! Invariant: what a block changes is in force for the next one, and for the program that follows, only when it has been carried
 //! out; a block that is refused has changed nothing.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use retrace_gcode::{
     Active, Axis, AxisSet, CarriedOver, Diagnostic, Interpreter, Pose, Program, Progress, Setup, Severity, Step,
     UserCodes,
@@ -66,7 +68,7 @@ impl Desk {
         let begin = || {
             let setup = Setup { position: position(machine), ..self.setup.clone() }.going_on(&self.carried);
             let program = Program::by_hand(text, setup).map_err(|found| rendered(&found, text))?;
-            Ok::<_, Vec<String>>(Block { text: text.to_owned(), program })
+            Ok::<_, Vec<String>>(Block { text: text.to_owned(), program, left: None })
         };
         let mut looked_at = begin()?;
         let (_, findings, _) = job::scan::<9>(machine, &mut looked_at);
@@ -100,13 +102,31 @@ fn rendered(found: &[Diagnostic], text: &str) -> Vec<String> {
 pub struct Block {
     text: String,
     program: Program<&'static [u8]>,
+    left: Option<Left>,
+}
+
+/// Where a block that was decoded to its end puts what it leaves.
+pub(crate) type Left = Arc<Mutex<Option<CarriedOver>>>;
+
+impl Block {
+    /// The same, which puts what it leaves where it can be had when it has been carried out by somebody else.
+    pub(crate) fn leaving(self) -> (Self, Left) {
+        let left = Left::default();
+        (Self { left: Some(Arc::clone(&left)), ..self }, left)
+    }
 }
 
 impl Decode for Block {
     fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
         match self.program.advance(steps) {
             Progress::Line => Decoded::Block,
-            Progress::End => Decoded::End,
+            Progress::End => {
+                if let Some(left) = &self.left {
+                    let carried = self.program.interpreter().carried();
+                    *left.lock().unwrap_or_else(PoisonError::into_inner) = Some(carried);
+                }
+                Decoded::End
+            }
             Progress::Refused => {
                 let found = self.program.interpreter().diagnostics();
                 Decoded::Refused(rendered(found, &self.text).pop().unwrap_or_default())

@@ -1,20 +1,22 @@
 //! Decoding in a thread of its own: blocks become steps, and these go over a belt of two batches to whoever plans.
 //!
 //! Invariant: the planning side never waits for more than the first block that there is; a batch goes to and fro, so that nothing is
-//! allocated per block; what is decoded ahead is bounded.
+//! allocated per block but a modal state that has changed; what is decoded ahead is bounded.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use retrace_gcode::Step;
+use retrace_gcode::{Active, Step};
 
 use crate::item::Ending;
 use crate::job::{Decode, Decoded};
 
 /// Steps after which the decoder waits until the batch is taken. A block has as many as it has.
-const MOST_STEPS: usize = 1024;
+const MOST_STEPS: usize = 2048;
+/// So long a decoder with no room sleeps: less than a planner takes for a batch.
+const NAP: Duration = Duration::from_micros(300);
 
 /// Steps of whole blocks, in their order.
 #[derive(Debug, Default)]
@@ -23,19 +25,23 @@ pub(crate) struct Batch {
     pub(crate) steps: Vec<Step>,
     /// Behind how many of the steps each block ends.
     pub(crate) ends: Vec<u32>,
+    /// The modal state from a block of the batch on, wherever it changes.
+    pub(crate) modes: Vec<(u32, Box<Active>)>,
     /// How the program ended, behind the last step.
     pub(crate) ending: Option<Ending>,
 }
 
 impl Batch {
     fn with_room() -> Self {
-        Self { steps: Vec::with_capacity(2 * MOST_STEPS), ends: Vec::with_capacity(2 * MOST_STEPS), ending: None }
+        let (steps, ends) = (Vec::with_capacity(MOST_STEPS + 64), Vec::with_capacity(MOST_STEPS));
+        Self { steps, ends, modes: Vec::with_capacity(MOST_STEPS), ending: None }
     }
 
     /// Empties it and keeps its room.
     pub(crate) fn clear(&mut self) {
         self.steps.clear();
         self.ends.clear();
+        self.modes.clear();
         self.ending = None;
     }
 }
@@ -79,12 +85,16 @@ impl Belt {
         self.given_up.store(true, Ordering::Relaxed);
     }
 
-    /// Puts a block on the belt; false where nobody takes it. Waits for room, with short naps: neither side wakes the other.
-    fn put(&self, steps: &mut Vec<Step>, decoded: Decoded) -> bool {
+    /// Puts a block on the belt, and the modal state where it has changed; false where nobody takes it. Waits for room, with short naps: neither side wakes the other.
+    fn put(&self, steps: &mut Vec<Step>, changed: Option<Box<Active>>, decoded: Decoded) -> bool {
         while !self.given_up.load(Ordering::Relaxed) {
             let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
             if held.steps.len() < MOST_STEPS && held.ends.len() < MOST_STEPS {
                 held.steps.append(steps);
+                if let Some(active) = changed {
+                    let block = held.ends.len() as u32;
+                    held.modes.push((block, active));
+                }
                 match decoded {
                     Decoded::Block => {
                         let end = held.steps.len() as u32;
@@ -96,7 +106,7 @@ impl Belt {
                 return true;
             }
             drop(held);
-            thread::sleep(Duration::from_micros(50));
+            thread::sleep(NAP);
         }
         false
     }
@@ -114,11 +124,15 @@ impl Drop for Ends<'_> {
 /// The decoding thread: block by block until the program, or the interest in it, ends.
 pub(crate) fn decode(program: &mut impl Decode, belt: &Belt) {
     let _ends = Ends(belt);
-    let mut steps = Vec::with_capacity(MOST_STEPS);
+    let mut steps = Vec::with_capacity(64);
+    let mut told = None;
     loop {
         let decoded = program.next_block(&mut steps);
         let is_last = decoded != Decoded::Block;
-        if !belt.put(&mut steps, decoded) || is_last {
+        let active = program.active();
+        let changed = if active == told { None } else { active.map(Box::new) };
+        told = active;
+        if !belt.put(&mut steps, changed, decoded) || is_last {
             return;
         }
     }

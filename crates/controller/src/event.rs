@@ -6,6 +6,7 @@ use retrace_core::Place;
 use retrace_link::{Alarm, CardFault};
 use serde_json::{Value, json};
 
+use crate::dnc::Dnc;
 use crate::operator::{Deed, OrderRefused};
 
 /// What stops the machine for good.
@@ -106,6 +107,8 @@ pub enum Happening {
     ProgramStop(&'static str),
     /// Single block: stands at the end of a block.
     SingleBlock,
+    /// A step of pausing at a breakpoint and going on there (DNC-1 … DNC-8).
+    Dnc(Dnc),
     /// A message of the program.
     Message(String),
     /// The look-ahead ran dry.
@@ -157,6 +160,7 @@ impl Event {
             }
             Happening::ProgramStop(code) => json!({"event": "program_stop", "code": code}),
             Happening::SingleBlock => json!({"event": "single_block"}),
+            Happening::Dnc(dnc) => dnc.to_json(),
             Happening::Message(text) => json!({"event": "message", "text": text}),
             Happening::Underrun => json!({"event": "underrun"}),
             Happening::Alarm(trouble) => {
@@ -208,6 +212,7 @@ impl Event {
             Happening::SwitchedInPassing(channel, value) => format!("{} := {value}", channel_name(*channel)),
             Happening::ProgramStop(code) => format!("program stop {code}: cycle start to go on"),
             Happening::SingleBlock => "single block: cycle start to go on".into(),
+            Happening::Dnc(dnc) => dnc.to_string(),
             Happening::Message(text) => format!("message: {text}"),
             Happening::Underrun => "the look-ahead ran dry: slowed down on the path".into(),
             Happening::Alarm(trouble) => {

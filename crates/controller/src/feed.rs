@@ -10,10 +10,11 @@ use std::time::Duration;
 
 use retrace_core::ring::Producer;
 use retrace_core::{Flags, ONE, Record};
+use retrace_gcode::Active;
 use retrace_link::{Action, Await, Change, MAX_CHANGES, Outputs};
 use retrace_motion::{Arc, Feed, MoveError, PathMode, Planner};
 
-use crate::index::{Index, Mark, Note};
+use crate::index::{Difference, Index, Mark, Note};
 use crate::item::{Exclusive, Item, Kind, Summary};
 use crate::overrides::Heeding;
 
@@ -94,6 +95,8 @@ pub struct Feeder<'r, const A: usize> {
     cancel: &'r AtomicBool,
     /// Overrides above 100 %.
     overrides: Heeding,
+    /// A dry run: no output is switched.
+    inhibited: bool,
     /// Serial number of the last move given to the planner; its tag.
     serial: u32,
     /// The block that the moves to come belong to.
@@ -102,6 +105,8 @@ pub struct Feeder<'r, const A: usize> {
     origins: VecDeque<Origin>,
     /// Actions that wait for the first record of the move with their serial number.
     waiting: VecDeque<Waiting>,
+    /// Modal states that wait for the first record of the move with that serial number.
+    modes: VecDeque<(u32, Box<Active>)>,
     /// The outputs as the program has set them, actions still waiting included.
     outputs: Outputs,
     index: Box<dyn Index>,
@@ -130,10 +135,12 @@ impl<'r, const A: usize> Feeder<'r, A> {
             items,
             cancel,
             overrides: Heeding::default(),
+            inhibited: false,
             serial: 0,
             block: 0,
             origins: VecDeque::new(),
             waiting: VecDeque::new(),
+            modes: VecDeque::new(),
             outputs,
             index: Box::new(()),
             marked,
@@ -165,6 +172,12 @@ impl<'r, const A: usize> Feeder<'r, A> {
         Self { overrides, ..self }
     }
 
+    /// The same, which switches no output where `inhibited` is true: a dry run.
+    #[must_use]
+    pub fn inhibiting(self, inhibited: bool) -> Self {
+        Self { inhibited, ..self }
+    }
+
     /// Where the last move ends, mm.
     #[must_use]
     pub fn commanded_mm(&self) -> [f64; A] {
@@ -180,6 +193,11 @@ impl<'r, const A: usize> Feeder<'r, A> {
     /// The moves to come belong to the decoder's block of that number.
     pub fn block(&mut self, number: u64) {
         self.block = number;
+    }
+
+    /// From the next move on this modal state is in force.
+    pub fn active(&mut self, active: Box<Active>) {
+        self.modes.push_back((self.serial.wrapping_add(1), active));
     }
 
     /// Nothing is there to be planned for now: what is planned is marked, so that it can be run.
@@ -217,12 +235,18 @@ impl<'r, const A: usize> Feeder<'r, A> {
 
     /// A synchronous action: executed in passing, where the next move begins.
     pub fn action(&mut self, change: Change, line: u32) {
-        self.waiting.push_back(Waiting { serial: self.serial.wrapping_add(1), change, line, lasts: false });
+        self.act(change, line, false);
     }
 
     /// The same, which reverse run leaves as it is.
     pub fn lasting_action(&mut self, change: Change, line: u32) {
-        self.waiting.push_back(Waiting { serial: self.serial.wrapping_add(1), change, line, lasts: true });
+        self.act(change, line, true);
+    }
+
+    fn act(&mut self, change: Change, line: u32, lasts: bool) {
+        if !self.inhibited {
+            self.waiting.push_back(Waiting { serial: self.serial.wrapping_add(1), change, line, lasts });
+        }
     }
 
     /// An exclusive instruction: the motion comes to rest here, also under G64.
@@ -231,6 +255,8 @@ impl<'r, const A: usize> Feeder<'r, A> {
     /// [`Cancelled`]
     pub fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
         self.rest()?;
+        // What would have been switched on says nothing either.
+        let switch = if self.inhibited { Switch { changes: &[], until: None, ..switch } } else { switch };
         let mut changes = [Change::default(); MAX_CHANGES];
         let count = switch.changes.len().min(MAX_CHANGES);
         changes[..count].copy_from_slice(&switch.changes[..count]);
@@ -268,6 +294,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
         self.planner.stop(Flags::NONE);
         self.drain()?;
         self.origins.clear();
+        self.send_active(self.serial.wrapping_add(1))?;
         while let Some(Waiting { change, line, lasts, .. }) = self.waiting.pop_front() {
             let (code, changes) = ("M62–M65", [change]);
             self.exclusive(Switch { line, code, changes: &changes, undone: !lasts, ..Switch::default() })?;
@@ -301,6 +328,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
             }
             let Some(record) = self.planner.next_record() else { return Ok(()) };
             let serial = record.line;
+            self.send_active(serial)?;
             self.send_actions(serial)?;
             let origin = self.origin_of(serial);
             self.push(Record { line: origin.line, ..record }, origin.block)?;
@@ -340,12 +368,24 @@ impl<'r, const A: usize> Feeder<'r, A> {
         {
             self.was.pop_front();
             if was != self.here {
-                self.send(Item::Differs { was, is: self.here })?;
+                self.send(Item::Differs(Box::new(Difference { was, is: self.here })))?;
             } else if self.was.is_empty() {
                 self.send(Item::MarksPassed)?;
             }
         }
         Ok(())
+    }
+
+    /// Sends the modal state that is in force from the move with that serial number on, if it is another one than before.
+    fn send_active(&mut self, serial: u32) -> Result<(), Cancelled> {
+        let mut last = None;
+        while let Some((of, _)) = self.modes.front()
+            && !retrace_core::place::before(serial, *of)
+        {
+            last = self.modes.pop_front();
+        }
+        let place = self.ring.write();
+        last.map_or(Ok(()), |(_, active)| self.send(Item::Active { place, active }))
     }
 
     /// Sends the actions that stand before the move with that serial number, or before one that left no record.

@@ -26,6 +26,15 @@ pub struct Mark {
     pub counts: [i64; 9],
 }
 
+/// A mark that is not as it was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// As it was.
+    pub was: Mark,
+    /// As it is planned now.
+    pub is: Mark,
+}
+
 /// A note for the index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Note {

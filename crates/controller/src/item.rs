@@ -3,9 +3,10 @@
 //! Invariant: an item is sent before the first record at or beyond its place, so that whoever has seen that record has seen the
 //! item (GMC-3: the front marker stands in the stream at its place).
 
+use retrace_gcode::Active;
 use retrace_link::{Action, Await, Change, MAX_CHANGES};
 
-use crate::index::Mark;
+use crate::index::Difference;
 
 /// What an exclusive instruction is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -80,13 +81,15 @@ pub enum Item {
         /// The text.
         text: String,
     },
-    /// A place of the plan is not as it was when the job ran before.
-    Differs {
-        /// As it was.
-        was: Mark,
-        /// As it is planned now.
-        is: Mark,
+    /// The modal state that is in force from a place on.
+    Active {
+        /// The record before which it stands.
+        place: u32,
+        /// The state.
+        active: Box<Active>,
     },
+    /// A place of the plan is not as it was when the job ran before.
+    Differs(Box<Difference>),
     /// All marks that were given were passed.
     MarksPassed,
     /// Nothing follows.

@@ -15,7 +15,7 @@ use std::thread;
 use retrace_core::Record;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::size::ring_cells;
-use retrace_gcode::Step;
+use retrace_gcode::{Active, Step};
 use retrace_link::{MotionCard, Outputs, Status};
 use retrace_motion::Planner;
 
@@ -24,6 +24,7 @@ use crate::feed::Feeder;
 use crate::index::Keeping;
 use crate::item::Summary;
 use crate::machine::Machine;
+use crate::manual::hand::{self, Identify};
 use crate::orders::Operators;
 use crate::overrides::overrides;
 use crate::planning;
@@ -41,8 +42,19 @@ pub trait Decode {
     /// Decodes the next block and puts its steps behind those in `steps`.
     fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded;
 
+    /// The modal state behind the last block, where the source has one.
+    fn active(&self) -> Option<Active> {
+        None
+    }
+
     /// What is to be set when nobody wants the program any more, so that a source that waits for bytes stops waiting.
     fn given_up(&self) -> Option<Arc<AtomicBool>> {
+        None
+    }
+
+    /// What tells which program would be read now, if it were read again: asked before a paused one goes on (DNC-6), in a thread of its
+    /// own. Where it cannot be read a second time there is nothing to tell.
+    fn identity(&self) -> Option<Identify> {
         None
     }
 }
@@ -150,33 +162,33 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
 ) -> Result<JobEnd<C>, CannotBegin> {
     let Conduct { begin, operators, manner, keeping } = conduct;
     let (keep, look_ahead) = (machine.history_records, machine.look_ahead_records);
-    let no_ring = |why: String| CannotBegin::Machine(why);
-    let cells = ring_cells(keep, look_ahead).ok_or_else(|| no_ring("the history is larger than any ring".into()))?;
+    let cells = ring_cells(keep, look_ahead).ok_or_else(|| unfit("the history is larger than any ring"))?;
     let cells: Box<[Cell<Record<A>>]> = (0..cells).map(|_| Cell::default()).collect();
     let origin = Origin::of(machine, &begin, card.status());
-    let mut ring = Ring::new(cells, keep, look_ahead, origin.place).map_err(|e| no_ring(format!("no ring: {e:?}")))?;
+    let mut ring = Ring::new(cells, keep, look_ahead, origin.place).map_err(|e| unfit(format!("no ring: {e:?}")))?;
     let (producer, consumer) = ring.split();
+    let begins = origin.place.wrapping_add(hand::BEYOND);
+    let mut by_hand = hand::ring(machine, begins).map_err(|e| unfit(format!("no ring: {e:?}")))?;
+    let mail = hand::Mail::default();
+    let (hand, requests) = hand::hand(by_hand.split(), &mail);
+    let mut identify = program.identity().unwrap_or_else(|| Box::new(|| 0));
+    let program_is = identify();
     let (sender, receiver) = mpsc::sync_channel(ITEMS);
-    let planner = Planner::new(machine.limits(), machine.start_mm()).map_err(|e| no_ring(e.to_string()))?;
+    let planner = Planner::new(machine.limits(), machine.start_mm()).map_err(|e| unfit(e.to_string()))?;
     let cancel = AtomicBool::new(false);
     let (mut asking, mut heeding) = overrides(look_ahead);
     let mut feeder = Feeder::new(planner.blending_by(machine.blending), producer, sender, origin.outputs, &cancel)
-        .noting(keeping.index, &origin.counts);
-    let (mut line, mut resumption) = (None, None);
-    match begin {
-        Begin::First => {}
-        Begin::Line(first) => line = Some(first),
-        Begin::At(at) => {
-            let ahead = at.marks.last().map_or(0, |mark| mark.place.wrapping_sub(at.start.reached) as i32);
-            if i64::from(ahead) > i64::from(look_ahead) {
-                // No mark can have been made there.
-                return Err(CannotBegin::Unfound(Unfound::NoSuchPlace));
-            }
-            asking = asking.again(&at.overrides, at.start.reached);
-            heeding = heeding.again(&at.overrides);
-            feeder = feeder.held_against(&at.marks);
-            resumption = Some(at);
-        }
+        .noting(keeping.index, &origin.counts)
+        .inhibiting(machine.inhibits_outputs);
+    let (line, resumption) = match begin {
+        Begin::First => (None, None),
+        Begin::Line(line) => (Some(line), None),
+        Begin::At(at) => (None, Some(at)),
+    };
+    if let Some(at) = &resumption {
+        at.could_be(look_ahead).map_err(CannotBegin::Unfound)?;
+        (asking, heeding) = (asking.again(&at.overrides, at.start.reached), heeding.again(&at.overrides));
+        feeder = feeder.held_against(&at.marks);
     }
     let feeder = feeder.heeding(heeding);
     let supply =
@@ -189,21 +201,32 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         let decoder = scope.spawn(move || decoding::decode(&mut program, belt));
         let planner = scope.spawn(move || planning::plan(machine, belt, batch, line, feeder));
         let reporter = scope.spawn(move || hearing.report(observer));
+        let moves = scope.spawn(move || requests.serve(machine, identify));
+        let hand = hand.waking(moves.thread().clone());
         let interest = Interest { cancel: &cancel, given_up };
         let session = Session::new(card, machine, supply, operators, manner, teller).asking(asking);
+        let session = session.by_hand(hand, program_is);
         let ended = match resumption {
             None => Ok(session.run()),
             Some(at) => session.resume(&at, origin.counts, agree).map_err(CannotBegin::Unfound),
         };
         drop(interest);
-        // A panic over there is a defect, never an input; it is passed on.
-        let passed_on = |panic| std::panic::resume_unwind(panic);
-        decoder.join().unwrap_or_else(passed_on);
-        let summary = planner.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        reporter.join().unwrap_or_else(passed_on);
+        joined(decoder);
+        let summary = joined(planner);
+        joined(reporter);
+        joined(moves);
         let (outcome, tally, card) = ended?;
         Ok(JobEnd { outcome, tally, summary, card })
     })
+}
+
+fn unfit(why: impl Into<String>) -> CannotBegin {
+    CannotBegin::Machine(why.into())
+}
+
+/// A panic over there is a defect, never an input; it is passed on.
+fn joined<T>(thread: thread::ScopedJoinHandle<'_, T>) -> T {
+    thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 /// Where a job's ring begins: at its own beginning, wherever it is taken up.

@@ -4,6 +4,7 @@
 
 use std::fmt;
 
+use retrace_core::interruption;
 use retrace_core::mode::Refused;
 use retrace_core::{ONE, Travel};
 
@@ -129,7 +130,13 @@ pub enum OrderRefused {
     NoJet,
     /// Nothing was executed yet that could be gone back over.
     NothingBehind,
-    /// The step is not the next in the sequence that pausing and going on has; what is.
+    /// The step is not the next in the sequence that pausing and going on has (DNC-1 … DNC-8).
+    Interrupted(interruption::Refused),
+    /// The axis stands at its soft limit already, or the place to go to lies beyond it.
+    BeyondLimit(char),
+    /// The machine has no such axis.
+    NoAxis(char),
+    /// It does not apply now; why.
     NotNow(&'static str),
 }
 
@@ -143,8 +150,13 @@ impl fmt::Display for OrderRefused {
             Self::TooManyOverrides => "too many changes of the override are on their way already",
             Self::NoJet => "no cutting output was switched on within the history that is kept",
             Self::NothingBehind => "nothing was executed yet that could be gone back over",
+            Self::Interrupted(refused) => return crate::dnc::explain(*refused, f),
             Self::NotNow(why) => why,
             Self::MostOverride(most) => return write!(f, "{:.0} % is the most", percent(*most)),
+            Self::BeyondLimit(axis) => {
+                return write!(f, "axis {} would go beyond its soft limit", axis.to_ascii_uppercase());
+            }
+            Self::NoAxis(axis) => return write!(f, "the machine has no axis {}", axis.to_ascii_uppercase()),
             Self::NoOutput(number) => return write!(f, "the card has no output {number}"),
         })
     }
@@ -153,6 +165,12 @@ impl fmt::Display for OrderRefused {
 impl From<Refused> for OrderRefused {
     fn from(refused: Refused) -> Self {
         Self::Mode(refused)
+    }
+}
+
+impl From<interruption::Refused> for OrderRefused {
+    fn from(refused: interruption::Refused) -> Self {
+        Self::Interrupted(refused)
     }
 }
 

@@ -51,7 +51,7 @@ impl<const A: usize> Planning<'_, '_, A> {
     fn run(mut self, belt: &Belt, mut batch: Batch) -> Option<Summary> {
         let ending = loop {
             self.wait(belt, &mut batch)?;
-            match self.give_all(&batch) {
+            match self.give_all(&mut batch) {
                 Ok(()) => {}
                 Err((Untrackable::Cancelled, _)) => return None,
                 Err((why, line)) => break Ending::Refused(format!("line {line}: {}", why.explain())),
@@ -87,14 +87,19 @@ impl<const A: usize> Planning<'_, '_, A> {
     }
 
     /// Gives a batch to the feeder, block by block; where a step cannot be run, why, and its line.
-    fn give_all(&mut self, batch: &Batch) -> Result<(), (Untrackable, u32)> {
+    fn give_all(&mut self, batch: &mut Batch) -> Result<(), (Untrackable, u32)> {
         let mut first = 0;
-        for &end in &batch.ends {
+        let mut modes = batch.modes.drain(..).peekable();
+        for (block, &end) in (0u32..).zip(&batch.ends) {
+            if let Some((_, active)) = modes.next_if(|(from, _)| *from == block) {
+                self.feeder.active(active);
+            }
             self.give(&batch.steps[first..end as usize])?;
             first = end as usize;
             self.blocks += 1;
         }
         // What the last block, which ends the program, has left.
+        modes.for_each(|(_, active)| self.feeder.active(active));
         self.give(&batch.steps[first..])
     }
 

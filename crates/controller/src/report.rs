@@ -95,6 +95,7 @@ impl<const A: usize> Report<'_, A> {
             "dwell_s": self.seconds(t.dwell),
             "switch_s": self.seconds(t.switching),
             "held_s": self.seconds(t.held),
+            "paused_s": self.seconds(t.paused),
             "retrace_s": self.seconds(t.retracing),
             "waiting_s": self.seconds(t.waiting),
             "wall_s": self.wall_s,

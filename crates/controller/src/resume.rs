@@ -12,9 +12,10 @@ use std::time::Duration;
 use retrace_core::place::before;
 use retrace_core::playback::part;
 use retrace_core::{ONE, Travel};
+use retrace_gcode::Active;
 use retrace_link::{Outputs, Start, Status, channel};
 
-use crate::index::Mark;
+use crate::index::{Difference, Mark};
 use crate::supply::{News, Supply};
 
 /// Where a job was left, and what it is to be found again by.
@@ -43,8 +44,21 @@ impl Resumption {
     }
 }
 
+impl Resumption {
+    /// Can a ring that plans `look_ahead` records ahead have left such a place, and made such marks?
+    pub(crate) fn could_be(&self, look_ahead: u32) -> Result<(), Unfound> {
+        let Start { place, reached, .. } = self.start;
+        let last = self.marks.last().map_or(reached, |mark| mark.place);
+        let ahead = before(reached, last) && last.wrapping_sub(reached) > look_ahead;
+        if !self.start.is_valid() || before(place.record, self.origin) || ahead {
+            return Err(Unfound::NoSuchPlace);
+        }
+        Ok(())
+    }
+}
+
 /// Why the place is not found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Unfound {
     /// `reached` lies before `place`, or `place` before what history can hold.
     NoSuchPlace,
@@ -61,12 +75,7 @@ pub enum Unfound {
         place: Option<u32>,
     },
     /// The program comes to something else where a mark was made.
-    Differs {
-        /// The mark.
-        was: Mark,
-        /// What it would be now.
-        is: Mark,
-    },
+    Differs(Box<Difference>),
     /// Planning failed; a defect.
     CutOff,
 }
@@ -80,11 +89,14 @@ impl fmt::Display for Unfound {
                 write!(f, "instruction {number} stands at record {place}, which does not go with what was executed")
             }
             Self::Instruction { number, place: None } => write!(f, "the program has no instruction {number}"),
-            Self::Differs { was, is } => write!(
-                f,
-                "at record {} the program is at line {} with counts {:?}, and was at line {} with counts {:?}",
-                was.place, is.line, is.counts, was.line, was.counts
-            ),
+            Self::Differs(differs) => {
+                let Difference { was, is } = **differs;
+                write!(
+                    f,
+                    "at record {} the program is at line {} with counts {:?}, and was at line {} with counts {:?}",
+                    was.place, is.line, is.counts, was.line, was.counts
+                )
+            }
             Self::CutOff => write!(f, "the program could not be planned again"),
         }
     }
@@ -98,6 +110,8 @@ pub struct Prepared<const A: usize> {
     expected: Outputs,
     oldest: u32,
     line: u32,
+    into_line_mm: f64,
+    history_mm: f64,
     planned: Travel,
     card: Status<A>,
 }
@@ -133,6 +147,18 @@ impl<const A: usize> Prepared<A> {
         self.line
     }
 
+    /// How far into the line's move the place is, mm of path.
+    #[must_use]
+    pub fn into_line_mm(&self) -> f64 {
+        self.into_line_mm
+    }
+
+    /// How far back history reaches from the place, mm of path.
+    #[must_use]
+    pub fn history_mm(&self) -> f64 {
+        self.history_mm
+    }
+
     /// The override that is planned at `reached`.
     #[must_use]
     pub fn planned_override(&self) -> Travel {
@@ -159,23 +185,50 @@ pub(crate) struct Following<'s, 'r, const A: usize> {
     /// Up to here everything is followed.
     place: u32,
     sum: [i64; A],
+    /// The modal state that is in force there.
+    active: Option<Box<Active>>,
     /// At the place where it was left.
     counts: Option<[i64; A]>,
     line: u32,
+    mm_per_pulse: [f64; A],
 }
 
 impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
     /// Follows `supply`, whose ring begins with counts of `counts` at the job's origin.
-    pub(crate) fn new(supply: &'s mut Supply<'r, A>, at: &'s Resumption, counts: [i64; A]) -> Self {
-        Self { supply, at, place: at.origin, sum: counts, counts: None, line: 0 }
+    pub(crate) fn new(
+        supply: &'s mut Supply<'r, A>,
+        at: &'s Resumption,
+        counts: [i64; A],
+        mm_per_pulse: [f64; A],
+    ) -> Self {
+        Self { supply, at, place: at.origin, sum: counts, active: None, counts: None, line: 0, mm_per_pulse }
+    }
+
+    /// Path back from where it was left to `oldest`, as long as `goes_on` with a record's line, mm.
+    fn path_mm(&self, oldest: u32, goes_on: impl Fn(u32) -> bool) -> f64 {
+        let (left, mut mm) = (self.at.start.place, 0.0);
+        let length = |increments: &[i16; A], share: f64| {
+            let each = increments.iter().zip(&self.mm_per_pulse);
+            each.map(|(&n, scale)| (f64::from(n) * scale).powi(2)).sum::<f64>().sqrt() * share
+        };
+        if let Some(record) = self.supply.record(left.record).filter(|record| left.fraction > 0 && goes_on(record.line))
+        {
+            mm += length(&record.increments, f64::from(left.fraction) / ONE as f64);
+        }
+        let mut place = left.record;
+        while before(oldest, place) {
+            place = place.wrapping_sub(1);
+            match self.supply.record(place) {
+                Some(record) if goes_on(record.line) => mm += length(&record.increments, 1.0),
+                _ => break,
+            }
+        }
+        mm
     }
 
     /// Follows to the end; waits for the planner.
     pub(crate) fn follow(mut self, card: &Status<A>) -> Result<Prepared<A>, Unfound> {
         let start = self.at.start;
-        if !start.is_valid() || before(start.place.record, self.at.origin) {
-            return Err(Unfound::NoSuchPlace);
-        }
         while !self.step()? {
             thread::sleep(Duration::from_micros(50));
         }
@@ -189,13 +242,21 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
         self.supply.stand_at(start.place.record);
         let rests = start.place.fraction == 0 && self.supply.rests_before(start.place.record);
         let start = Start { rests, ..start };
+        if let Some(active) = self.active.take() {
+            self.supply.still_active(active);
+        }
+        let oldest = self.supply.oldest();
+        let into_line_mm = self.path_mm(oldest, |of| of == line);
+        let history_mm = self.path_mm(oldest, |_| true);
         let passed = self.at.overrides.iter().take_while(|(place, _)| !before(start.reached, *place));
         Ok(Prepared {
             start,
             counts,
             expected: *self.supply.expected(),
-            oldest: self.supply.oldest(),
+            oldest,
             line,
+            into_line_mm,
+            history_mm,
             planned: passed.last().map_or(ONE, |&(_, planned)| planned),
             card: *card,
         })
@@ -205,8 +266,8 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
     fn step(&mut self) -> Result<bool, Unfound> {
         let (reached, executed) = (self.at.start.reached, self.at.start.executed);
         self.supply.look();
-        if let Some(Err((was, is))) = self.supply.marks() {
-            return Err(Unfound::Differs { was, is });
+        if let Some(Err(difference)) = self.supply.marks() {
+            return Err(Unfound::Differs(difference.clone()));
         }
         let known = self.supply.known();
         let limit = if before(known, reached) { known } else { reached };
@@ -267,6 +328,13 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
             self.counts = Some(self.sum);
         }
         self.supply.stand_at(place);
-        while let Some(News::Action(..) | News::Message(..)) = self.supply.news() {}
+        let mut last = None;
+        while let Some(news) = self.supply.news() {
+            if let News::Active(active) = news {
+                last = Some(active);
+            }
+        }
+        // Whoever goes on from here is told what is in force.
+        self.active = last.or(self.active.take());
     }
 }

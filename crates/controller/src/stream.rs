@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Travel};
+use retrace_gcode::Active;
 use retrace_link::{Change, Outputs, Status, channel};
 
 use crate::event::Event;
@@ -19,9 +20,10 @@ use crate::event::Event;
 /// Seconds of machine time that the queue has room for in wall time, at one event in two periods.
 const ROOM_S: f64 = 24.0;
 /// Things told that it has room for in virtual time, where the motion path waits for room.
-const ROOM_VIRTUAL: usize = 2048;
-/// A reporter with nothing to report looks again after so long.
+const ROOM_VIRTUAL: usize = 4096;
+/// A reporter with nothing to report looks again after so long; in virtual time, where it has to keep pace, sooner at first.
 const NAP: Duration = Duration::from_millis(1);
+const NAP_VIRTUAL: Duration = Duration::from_micros(300);
 
 /// Why the machine stands in normal run, if it does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,7 +37,7 @@ pub enum Standing {
     ProgramStop,
     /// Single block waits for cycle start.
     SingleBlock,
-    /// The program is paused at a breakpoint (DNC-1).
+    /// The program is paused at a breakpoint, until the axes are back there (DNC-1 … DNC-7); events tell the flags.
     Paused,
 }
 
@@ -114,6 +116,8 @@ pub enum Told<const A: usize> {
     Period(Period<A>),
     /// An output has taken a value, by the program or by hand. At the start every output that is not 0 is told.
     Output(Change),
+    /// From here on this modal state is in force.
+    Active(Box<Active>),
     /// Something happened.
     Event(Event),
 }
@@ -162,7 +166,7 @@ impl<const A: usize> Teller<A> {
                     return;
                 }
             };
-            if tries < 20 { thread::yield_now() } else { thread::sleep(Duration::from_micros(50)) }
+            if tries < 5 { thread::yield_now() } else { thread::sleep(Duration::from_micros(100)) }
         }
     }
 
@@ -171,10 +175,9 @@ impl<const A: usize> Teller<A> {
         if self.outputs == *now {
             return;
         }
-        for at in 0..channel::COUNT {
-            if self.outputs[at] != now[at] {
-                self.outputs[at] = now[at];
-                self.tell(Told::Output(Change { channel: at as u8, value: now[at] }));
+        for (channel, &value) in (0u8..).zip(now) {
+            if std::mem::replace(&mut self.outputs[usize::from(channel)], value) != value {
+                self.tell(Told::Output(Change { channel, value }));
             }
         }
     }
@@ -211,9 +214,7 @@ impl<const A: usize> Hearing<A> {
                 }
                 Err(TryRecvError::Empty) => {
                     idle += 1;
-                    // In virtual time it has to keep pace.
-                    let nap = if self.is_virtual && idle < 20 { Duration::from_micros(50) } else { NAP };
-                    thread::sleep(nap);
+                    thread::sleep(if self.is_virtual && idle < 20 { NAP_VIRTUAL } else { NAP });
                 }
                 Err(TryRecvError::Disconnected) => return,
             }

@@ -11,9 +11,10 @@ use retrace_core::gate::Gates;
 use retrace_core::place::before;
 use retrace_core::ring::Consumer;
 use retrace_core::{Flags, Place, Record};
+use retrace_gcode::Active;
 use retrace_link::{Action, MotionCard, Outputs, Status, Word};
 
-use crate::index::{Durable, Mark};
+use crate::index::{Difference, Durable};
 use crate::item::{Exclusive, Item, Summary};
 
 /// How far ahead the road is open.
@@ -31,6 +32,8 @@ const MOST_EXCLUSIVES: usize = 64;
 const MOST_ACTIONS: usize = 1 << 16;
 /// So many messages.
 const MOST_MESSAGES: usize = 1024;
+/// So many modal states.
+const MOST_MODES: usize = 1024;
 /// So many places where a cutting output was switched on.
 const MOST_JETS: usize = 4096;
 
@@ -49,6 +52,8 @@ pub struct Supply<'r, const A: usize> {
     /// How many of `actions` lie behind `reached`.
     passed: usize,
     messages: VecDeque<(u32, u32, String)>,
+    /// Modal states, each from its place on.
+    modes: VecDeque<(u32, Box<Active>)>,
     summary: Option<Summary>,
     /// Nobody plans any more, and the program has not ended: a defect over there.
     cut_off: bool,
@@ -63,7 +68,7 @@ pub struct Supply<'r, const A: usize> {
     jets: VecDeque<u32>,
     cutting: Vec<u8>,
     /// What became of the marks of a run before: all passed, or the first that differs.
-    marks: Option<Result<(), (Mark, Mark)>>,
+    marks: Option<Result<(), Box<Difference>>>,
     /// Behind this place nothing can be gone back to, and the code that stands there.
     one_way: Option<(u32, &'static str)>,
     /// What the program expects of the outputs at `reached`.
@@ -92,6 +97,7 @@ impl<'r, const A: usize> Supply<'r, A> {
             actions: VecDeque::with_capacity(MOST_ACTIONS),
             passed: 0,
             messages: VecDeque::with_capacity(MOST_MESSAGES),
+            modes: VecDeque::with_capacity(MOST_MODES),
             summary: None,
             cut_off: false,
             known: start,
@@ -164,8 +170,12 @@ impl<'r, const A: usize> Supply<'r, A> {
                 self.messages.push_back((place, line, text));
                 Some(place)
             }
-            Item::Differs { was, is } => {
-                self.marks.get_or_insert(Err((was, is)));
+            Item::Active { place, active } => {
+                self.modes.push_back((place, active));
+                Some(place)
+            }
+            Item::Differs(difference) => {
+                self.marks.get_or_insert(Err(difference));
                 None
             }
             Item::MarksPassed => {
@@ -191,6 +201,7 @@ impl<'r, const A: usize> Supply<'r, A> {
         self.exclusives.len() == MOST_EXCLUSIVES
             || self.actions.len() == MOST_ACTIONS
             || self.messages.len() == MOST_MESSAGES
+            || self.modes.len() == MOST_MODES
     }
 
     /// The place up to which everything is known, and may be sent as far as the index goes.
@@ -218,10 +229,10 @@ impl<'r, const A: usize> Supply<'r, A> {
         self.cut_off
     }
 
-    /// What became of the marks of a run before, once that is known: all passed, or the first that differs, as it was and as it is.
+    /// What became of the marks of a run before, once that is known: all passed, or the first that differs.
     #[must_use]
-    pub fn marks(&self) -> Option<Result<(), (Mark, Mark)>> {
-        self.marks
+    pub fn marks(&self) -> Option<&Result<(), Box<Difference>>> {
+        self.marks.as_ref()
     }
 
     /// Up to where everything that is planned is known.
@@ -366,8 +377,16 @@ impl<'r, const A: usize> Supply<'r, A> {
                 return Some(News::Action(action, line));
             }
         }
+        if self.modes.front().is_some_and(|(place, _)| !before(reached, *place)) {
+            return self.modes.pop_front().map(|(_, active)| News::Active(active));
+        }
         self.messages.front().filter(|(place, ..)| !before(reached, *place))?;
         self.messages.pop_front().map(|(_, line, text)| News::Message(line, text))
+    }
+
+    /// This modal state is in force where the cursor stands: it is news yet.
+    pub fn still_active(&mut self, active: Box<Active>) {
+        self.modes.push_front((self.ring.reached(), active));
     }
 
     /// The card was left when it had executed instruction `number`, which is in hand: it is done, as far as the program goes.
@@ -497,4 +516,6 @@ pub enum News {
     Action(Action, u32),
     /// A message's line and text.
     Message(u32, String),
+    /// The modal state that is in force from there on.
+    Active(Box<Active>),
 }

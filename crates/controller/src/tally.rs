@@ -18,6 +18,8 @@ pub struct Tally {
     pub switching: u64,
     /// Feed hold, program stop, waiting for the operator.
     pub held: u64,
+    /// Paused at a breakpoint (DNC), moves by hand and the way back to it included.
+    pub paused: u64,
     /// Reverse, forward and handwheel, and the way back.
     pub retracing: u64,
     /// Standing in normal run, for want of records.
@@ -54,6 +56,12 @@ impl Tally {
     #[must_use]
     pub fn new(start: u32) -> Self {
         Self { furthest: Place::start_of(start), ..Self::default() }
+    }
+
+    /// One period more, at a breakpoint or on the way back to it.
+    pub fn pause(&mut self) {
+        self.periods += 1;
+        self.paused += 1;
     }
 
     /// One period more.

@@ -47,6 +47,7 @@ impl Observer<4> for Seen {
             Told::Period(period) => self.periods.push((period.mode, self.outputs)),
             Told::Output(change) => self.outputs[usize::from(change.channel)] = change.value,
             Told::Event(Event { happening, .. }) => self.events.push(happening.clone()),
+            Told::Active(_) => {}
         }
     }
 }

@@ -39,7 +39,7 @@ impl Observer<3> for Log {
                 assert_eq!(first, period.counts, "place {:?} has two positions", period.place);
             }
             Told::Event(event) => self.events.push(event.clone()),
-            Told::Output(_) => {}
+            Told::Output(_) | Told::Active(_) => {}
         }
     }
 }

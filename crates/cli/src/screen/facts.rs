@@ -17,6 +17,29 @@ pub struct AxisFacts {
     pub travel_mm: [f64; 2],
 }
 
+/// How long all motion of a program is, from the plan itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Planned {
+    /// It is being reckoned.
+    #[default]
+    Reckoning,
+    /// So many seconds.
+    Known(f64),
+    /// Nobody can know: the program comes as a stream.
+    Unknown,
+}
+
+impl Planned {
+    /// In seconds, where it is known.
+    #[must_use]
+    pub const fn seconds(self) -> Option<f64> {
+        match self {
+            Self::Known(seconds) => Some(seconds),
+            _ => None,
+        }
+    }
+}
+
 /// What does not change while a job runs.
 #[derive(Clone, Debug, Default)]
 pub struct Facts {
@@ -28,8 +51,10 @@ pub struct Facts {
     pub period_s: f64,
     /// The program.
     pub program: Text,
-    /// All motion of the program at an override of 100 %, s; none where the program comes as a stream.
-    pub planned_s: Option<f64>,
+    /// Where the machine stands before the program, mm (degrees).
+    pub stands_at_mm: Vec<f64>,
+    /// All motion of the program at an override of 100 %.
+    pub planned: Planned,
     /// The place at which the job's first record stands.
     pub first_place: u32,
     /// Where the program goes, and where its blocks end.
@@ -52,6 +77,7 @@ impl Facts {
             axes: axes.collect(),
             period_s: machine.period_s(),
             program: Text::new(name, text),
+            stands_at_mm: machine.stands_at_mm.clone(),
             ..Self::default()
         }
     }
@@ -64,7 +90,7 @@ impl Facts {
 }
 
 /// A program's text, line by line.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Text {
     /// What the program is called.
     pub name: String,

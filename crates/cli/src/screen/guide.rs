@@ -47,7 +47,10 @@ pub fn of(model: &Model, hand: &Hand) -> Guide {
     }
     match &model.stage {
         Stage::Setup => setup(model, hand),
-        Stage::Ended(how) => guide(Grade::Waits, "ENDED", how, &[Act::Quit, Act::Messages, Act::View]),
+        Stage::Ended(how) => {
+            let acts = [Act::Quit, Act::CycleStart, Act::SetUp, Act::Messages, Act::View, Act::Tools];
+            guide(Grade::Waits, "ENDED", how, &acts)
+        }
         Stage::Job => match (model.pause, model.mode) {
             (Some(pause), _) => paused(model, pause),
             (None, Mode::Run) => normal(model),

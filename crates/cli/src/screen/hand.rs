@@ -119,6 +119,17 @@ impl Hand {
         is_wheel.then_some(Said::Turn(if forward { 4 } else { -4 }))
     }
 
+    /// What lies over the screen, if it still has a meaning: a question about a job ends with it, and one about the machine when a job begins.
+    #[must_use]
+    pub fn open(&self, model: &Model) -> &Open {
+        let is_job = model.stage == Stage::Job;
+        match &self.open {
+            Open::Prompt(Ask::Stop | Ask::BackBy, ..) if !is_job => &Open::Nothing,
+            Open::Prompt(Ask::Mdi | Ask::WorkZero, ..) if is_job => &Open::Nothing,
+            open => open,
+        }
+    }
+
     /// A key was pressed.
     #[must_use]
     pub fn key(&mut self, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
@@ -128,6 +139,7 @@ impl Hand {
             Some(_) if !self.alarm_aside => self.open = Open::Nothing,
             Some(_) => {}
         }
+        self.open = self.open(model).clone();
         if self.open != Open::Nothing {
             return self.key_in_box(key, now_ms, model);
         }
@@ -147,9 +159,9 @@ impl Hand {
     }
 
     fn act(&mut self, act: Act, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
-        let is_setup = model.stage == Stage::Setup;
         let deed = match act {
-            Act::CycleStart if is_setup => return Some(Said::Start),
+            Act::CycleStart if model.stage != Stage::Job => return Some(Said::Start),
+            Act::SetUp => return Some(Said::SetUp),
             Act::CycleStart => Deed::CycleStart,
             Act::Hold => Deed::Hold,
             Act::Reverse => Deed::Reverse(self.stepped(Mode::Reverse, model)),

@@ -95,6 +95,8 @@ pub enum Act {
     Output,
     /// Clears the alarm.
     ClearAlarm,
+    /// After a job: sets the machine up again.
+    SetUp,
     /// Homes.
     Home,
     /// A block by hand.
@@ -206,7 +208,7 @@ const fn row(
 /// The table.
 #[rustfmt::skip]
 pub const TABLE: &[Row] = &[
-    row(&[Key::Char('c')], "c", "start", "cycle start: begin, or go on after a hold or stop", SETUP | JOB, Act::CycleStart),
+    row(&[Key::Char('c')], "c", "start", "cycle start: begin, go on after a stop, begin again", ALWAYS, Act::CycleStart),
     row(&[Key::Char(' '), Key::Char('h')], "Space", "hold", "feed hold, at any time (h too); stops a jog", SETUP | JOB, Act::Hold),
     row(&[Key::Char('r')], "r", "reverse", "back along the path; again: 50, 25, 10 %, 100 %", MOVING, Act::Reverse),
     row(&[Key::Char('R')], "R", "rapid back", "back in rapid: up to 800 % with the jet off", MOVING, Act::ReverseRapid),
@@ -232,6 +234,7 @@ pub const TABLE: &[Row] = &[
     row(&[Key::Char(']')], "]", "jog +", "jog the chosen axis up", SETUP | PAUSED, Act::JogUp),
     row(&[Key::Tab], "Tab", "axis", "choose the axis for [ and ]", SETUP | PAUSED, Act::NextAxis),
     row(&[Key::Char('t')], "t", "step", "jog step: 0.01, 0.1, 1, 10 mm, on until Space", SETUP | PAUSED, Act::Step),
+    row(&[Key::Char('u')], "u", "set up", "set the machine up: home, jog, MDI, work zero", ENDED, Act::SetUp),
     row(&[Key::Char('H')], "H", "home", "home all axes", SETUP, Act::Home),
     row(&[Key::Char('m')], "m", "MDI", "a block by hand", SETUP, Act::Mdi),
     row(&[Key::Char('z')], "z", "zero", "work zero here, of one axis or all", SETUP, Act::WorkZero),

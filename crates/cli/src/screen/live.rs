@@ -5,14 +5,16 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use retrace_controller::event::{Event, Happening};
+use retrace_controller::machine::AXIS_LETTERS;
 use retrace_controller::operator::Deed;
 use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::ONE;
 use retrace_core::mode::Mode;
+use retrace_gcode::FeedMode;
 use retrace_link::channel;
 
 use super::lengths::Lengths;
-use super::model::{AlarmShown, Model, Pause, Stage};
+use super::model::{Active, AlarmShown, Model, Pause, Stage};
 use super::trail::{Knot, Trail};
 
 /// Periods over which the speed is a mean, so that it can be read.
@@ -54,6 +56,7 @@ impl<const A: usize> Observer<A> for Live {
                     pause.online &= pause.started;
                 }
             }
+            Told::Active(active) => take_active(&mut model, active),
             Told::Event(event) => self.before = take_event(&mut model, event, self.before),
         }
     }
@@ -96,6 +99,23 @@ fn take_period<const A: usize>(model: &mut Model, period: &Period<A>) {
         model.reached_line = period.line;
         let knot = Knot { along_mm: model.lengths.total_mm(), at: model.in_space(), rapid: false };
         model.trail.push(knot);
+    }
+}
+
+/// The modal state, its feed in mm/min where that is what it is, and the work zero that follows from it.
+fn take_active(model: &mut Model, active: &retrace_gcode::Active) {
+    let unit_mm = active.units.millimetres();
+    let per_minute = active.feed_mode == FeedMode::UnitsPerMinute && active.feed_rate > 0.0;
+    model.active = Active {
+        modal: active.to_string(),
+        feed: per_minute.then_some(active.feed_rate * unit_mm),
+        tool: i32::try_from(active.current_tool).ok(),
+    };
+    for (zero, axis) in model.work_zero_mm.iter_mut().zip(&model.facts.axes) {
+        let Some(index) = AXIS_LETTERS.iter().position(|&letter| letter == axis.letter) else { continue };
+        let offsets = [&active.origin, &active.g92_offset, &active.tool_offset];
+        let sum: f64 = offsets.iter().map(|offset| offset.0[index]).sum();
+        *zero = if matches!(axis.letter, 'a'..='c') { sum } else { sum * unit_mm };
     }
 }
 

@@ -5,7 +5,6 @@
 //!
 //! Invariant: the terminal is as it was before, however the loop ends.
 
-pub mod demo;
 pub mod facts;
 mod guide;
 mod hand;
@@ -14,6 +13,8 @@ mod layout;
 pub mod lengths;
 pub mod live;
 pub mod model;
+#[cfg(test)]
+mod pretended;
 pub mod preview;
 pub mod trail;
 mod view;
@@ -59,6 +60,8 @@ pub enum Said {
     Turn(i32),
     /// The program is to begin.
     Start,
+    /// The machine is to be set up again: the job has ended.
+    SetUp,
     /// A dry run is wanted, or not.
     DryRun(bool),
     /// The screen is to be left; no job runs.
@@ -94,8 +97,7 @@ impl Screen {
         // A terminal without a mouse works as well.
         let _ = execute!(io::stdout(), EnableMouseCapture);
         let done = self.show(&mut terminal, model, say);
-        let _ = execute!(io::stdout(), DisableMouseCapture);
-        ratatui::restore();
+        put_back();
         let _ = std::panic::take_hook();
         done
     }
@@ -163,6 +165,12 @@ impl Screen {
             _ => None,
         }
     }
+}
+
+/// Puts the terminal back to what it was. One that is gone takes nothing any more.
+pub fn put_back() {
+    let _ = execute!(io::stdout(), DisableMouseCapture);
+    let _ = ratatui::try_restore();
 }
 
 /// Publishes how long a picture took.

@@ -281,7 +281,7 @@ impl Model {
     pub fn left(&self) -> Option<TimeLeft> {
         let executed = f64::from(span(self.facts.first_place, self.reached)) * self.facts.period_s;
         let back = f64::from(span(self.place.record, self.reached)) * self.facts.period_s;
-        let plan = (self.facts.planned_s? - executed).max(0.0);
+        let plan = (self.facts.planned.seconds()? - executed).max(0.0);
         let factor = self.override_rate.max(0.01);
         Some(TimeLeft { seconds: (plan + back) / factor, exact: self.override_rate == 1.0 })
     }

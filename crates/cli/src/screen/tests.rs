@@ -14,12 +14,12 @@ use retrace_controller::stream::Standing;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 
-use super::demo::{self, Pretended, Tape};
-use super::facts::{AxisFacts, Facts, Text};
+use super::facts::{AxisFacts, Facts, Planned, Text};
 use super::hand::{Ask, Hand, Open};
 use super::keys::{Key, TABLE};
 use super::live::locked;
 use super::model::{AlarmShown, Model, Pause, Stage};
+use super::pretended::{self, Pretended, Tape};
 use super::trail::Knot;
 use super::{Said, layout, view};
 use crate::args::{Cli, Command};
@@ -38,14 +38,14 @@ struct Bench {
 impl Bench {
     fn new() -> Self {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/02-back-up.ngc");
-        let Command::ScreenDemo(args) = Cli::parse_from(["retrace", "screen-demo", path]).command else {
+        let Command::Check(args) = Cli::parse_from(["retrace", "check", path]).command else {
             unreachable!("that command was asked for")
         };
         let machine = crate::files::machine(None).expect("built in");
         let program = Program::open(&args.reading, &machine).expect("a program");
         let tape = Tape::of(&machine, &program);
         let text = std::fs::read_to_string(path).expect("a text");
-        let facts = demo::facts(&machine, &program, &text, &tape);
+        let facts = pretended::facts(&machine, &program, &text, &tape);
         let facts = Facts { program: Text::new("02-back-up.ngc", &text), ..facts };
         let model = Arc::new(Mutex::new(Model::new(Arc::new(facts))));
         let machine = Pretended::new(tape, Arc::clone(&model), 0.001);
@@ -269,7 +269,7 @@ prop_compose! {
             axes: letters[..axes].iter().copied().map(axis).collect(),
             period_s: 0.001,
             program: Text::new(&words, &format!("{words} X1\n").repeat(lines)),
-            planned_s,
+            planned: planned_s.map_or(Planned::Unknown, Planned::Known),
             tools: vec![words.clone(); usize::from(differ)],
             ..Facts::default()
         };
@@ -377,7 +377,7 @@ fn measure_the_redraw() {
         axes: letters.map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] }).to_vec(),
         period_s: 0.001,
         program: Text::new("long.ngc", &lines),
-        planned_s: Some(1000.0),
+        planned: Planned::Known(1000.0),
         ..Facts::default()
     };
     let mut model = Model::new(Arc::new(facts));

@@ -14,10 +14,6 @@ use crate::index;
 /// Version of the format.
 pub const FORMAT: u32 = 1;
 
-/// Fingerprint of decoding and planning: raised whenever the same program, machine file and start come to other records. A job is
-/// resumed only by what has the fingerprint that it began with.
-pub const PLANNER: u32 = 1;
-
 /// An entry.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -54,7 +50,7 @@ pub struct Job {
     pub when: Stamp,
     /// Version of retrace.
     pub retrace: String,
-    /// [`PLANNER`] of that version.
+    /// [`crate::fingerprint::of_planning`] of that version. A job is resumed only by what has the one that it began with.
     pub planner: u32,
     /// The program's name, for people.
     pub program: String,
@@ -76,6 +72,10 @@ pub struct Job {
     pub origin: u32,
     /// Counts of the machine's axes there, in pulses.
     pub counts: Vec<i64>,
+    /// Outputs that were not 0 there, channel and value.
+    pub outputs: Vec<(u8, i32)>,
+    /// Number of the last exclusive instruction that was complete there.
+    pub executed: u32,
 }
 
 /// Where a program comes from.
@@ -398,7 +398,7 @@ pub(crate) mod tests {
             id: "20261122-004627-part".into(),
             when: Stamp::from_ms(1_795_308_387_000),
             retrace: "0.1.0".into(),
-            planner: PLANNER,
+            planner: 1,
             program: "part.ngc".into(),
             source: Source::File("part.ngc".into()),
             lines: Some(40),
@@ -409,6 +409,8 @@ pub(crate) mod tests {
             period_us: 1000,
             origin: 5,
             counts: vec![1, -2, 3],
+            outputs: vec![(64, 1)],
+            executed: 0,
         }
     }
 

@@ -23,6 +23,12 @@ impl Hash {
         Self(Self::BASIS).then(bytes)
     }
 
+    /// Its last 32 bits.
+    #[must_use]
+    pub fn short(self) -> u32 {
+        self.0 as u32
+    }
+
     /// The hash of everything that can be read there.
     ///
     /// # Errors
@@ -37,7 +43,15 @@ impl Hash {
         }
     }
 
-    fn then(self, bytes: &[u8]) -> Self {
+    /// Half of it, for where 128 bits do not fit.
+    #[must_use]
+    pub fn half(self) -> u64 {
+        (self.0 ^ (self.0 >> 64)) as u64
+    }
+
+    /// The hash of what this is the hash of, and these bytes behind it.
+    #[must_use]
+    pub fn then(self, bytes: &[u8]) -> Self {
         Self(bytes.iter().fold(self.0, |hash, &byte| (hash ^ u128::from(byte)).wrapping_mul(Self::PRIME)))
     }
 }

@@ -44,6 +44,7 @@ impl<const A: usize> Keeper<A> {
                     *output = change.value;
                 }
             }
+            Told::Active(_) => {}
             Told::Event(event) => self.desk.tell(Entry::Event(event.to_json())),
         }
     }

@@ -31,8 +31,16 @@ impl Logbook {
     /// # Errors
     /// `E2207`; nothing may move then.
     pub fn begin(store: impl Store + 'static, care: Care, job: Job, spool: Option<Progress>) -> Result<Self, Refusal> {
-        let durable = Durable::from(job.origin);
-        Self::start(store, care, Entry::Job(Box::new(job)), Tail::default(), durable, spool)
+        let mut logbook = Self::waiting(care, Durable::from(job.origin));
+        logbook.start(store, Entry::Job(Box::new(job)), Tail::default(), spool)?;
+        Ok(logbook)
+    }
+
+    /// A logbook that takes notes and writes none before [`Logbook::take_up`]: for a job that may be taken up again, whose marks reach up to
+    /// `durable`. Dropped before, it leaves the journal as it is.
+    #[must_use]
+    pub fn waiting(care: Care, durable: Durable) -> Self {
+        Self { desk: Desk::new(care, durable), writer: None }
     }
 
     /// Goes on with a journal that was read up to this tail, and whose marks reach up to `durable`. What was torn is cut off.
@@ -40,28 +48,42 @@ impl Logbook {
     /// # Errors
     /// `E2207`; nothing may move then.
     pub fn go_on(
-        mut store: impl Store + 'static,
+        store: impl Store + 'static,
         care: Care,
         tail: Tail,
         durable: Durable,
         resumed: Resumed,
         spool: Option<Progress>,
     ) -> Result<Self, Refusal> {
+        let mut logbook = Self::waiting(care, durable);
+        logbook.take_up(store, tail, resumed, spool)?;
+        Ok(logbook)
+    }
+
+    /// Goes on with the journal that this logbook waits for, as [`Logbook::go_on`].
+    ///
+    /// # Errors
+    /// `E2207`; nothing may move then.
+    pub fn take_up(
+        &mut self,
+        mut store: impl Store + 'static,
+        tail: Tail,
+        resumed: Resumed,
+        spool: Option<Progress>,
+    ) -> Result<(), Refusal> {
         store.truncate(tail.whole).map_err(|error| refused(&error.to_string()))?;
-        Self::start(store, care, Entry::Resumed(Box::new(resumed)), tail, durable, spool)
+        self.start(store, Entry::Resumed(Box::new(resumed)), tail, spool)
     }
 
     fn start(
+        &mut self,
         store: impl Store + 'static,
-        care: Care,
         first: Entry,
         tail: Tail,
-        durable: Durable,
         spool: Option<Progress>,
-    ) -> Result<Self, Refusal> {
-        let desk = Desk::new(care, durable);
+    ) -> Result<(), Refusal> {
         let kept = Kept { length: tail.whole, dirty: false, store };
-        let mut writer = Writer { kept, desk: desk.clone(), next: tail.next, spool, spooled: Spooled::default() };
+        let mut writer = Writer { kept, desk: self.desk.clone(), next: tail.next, spool, spooled: Spooled::default() };
         let batch = writer.batch(vec![first]);
         writer.attempt(&batch).map_err(|error| refused(&error.to_string()))?;
         writer.next = batch.next;
@@ -69,7 +91,8 @@ impl Logbook {
             .name("journal".into())
             .spawn(move || writer.run())
             .map_err(|error| refused(&error.to_string()))?;
-        Ok(Self { desk, writer: Some(writer) })
+        self.writer = Some(writer);
+        Ok(())
     }
 
     /// The end for the planning thread: takes the notes of the index. A job that was resumed hands over `known`, the place of the last

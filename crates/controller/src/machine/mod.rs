@@ -59,6 +59,8 @@ pub struct Machine {
     pub switching: SwitchingTable,
     /// How the rate law stops this machine.
     pub stopping: Stopping,
+    /// A dry run: no output is switched.
+    pub inhibits_outputs: bool,
     /// Where the axes stand when a job begins, mm, in the order of `axes`: as the card's counts say.
     pub stands_at_mm: Vec<f64>,
 }
@@ -152,6 +154,7 @@ impl Machine {
             wheel_counts: wheel_counts.round().clamp(1.0, 65_535.0) as u16,
             switching: SwitchingTable::new(&file.code, period_us)?,
             stopping,
+            inhibits_outputs: false,
             stands_at_mm: vec![0.0; axes.len()],
             axes,
         };

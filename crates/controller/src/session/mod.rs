@@ -5,6 +5,7 @@
 //! but in virtual time, where no time passes by waiting.
 
 mod back;
+mod interruption;
 mod orders;
 mod switching;
 mod telling;
@@ -25,10 +26,11 @@ use crate::operator::percent;
 use crate::orders::Operators;
 use crate::overrides::Asking;
 use crate::resume::{Following, Prepared, Resumption, Unfound};
-use crate::stream::Teller;
+use crate::stream::{Teller, Told};
 use crate::supply::{News, Supply};
 use crate::tally::{Spent, Tally};
 use back::Back;
+use interruption::Interrupted;
 
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -86,6 +88,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     single_stop: bool,
     single: bool,
     stopping: bool,
+    /// The program is interrupted (DNC).
+    dnc: Interrupted<'r, A>,
     /// Reverse run that ends at a place.
     back: Option<Back>,
     /// The handwheel has been behind `reached`.
@@ -135,6 +139,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             single_stop: false,
             single: false,
             stopping: false,
+            dnc: Interrupted::new(machine),
             back: None,
             wheel_behind: false,
             road_cut: true,
@@ -183,7 +188,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         counts: [i64; A],
         agree: impl FnOnce(&Prepared<A>) -> bool,
     ) -> Result<(Outcome, Tally, C), Unfound> {
-        let prepared = Following::new(&mut self.supply, at, counts).follow(self.card.status())?;
+        let prepared = Following::new(&mut self.supply, at, counts, self.mm_per_pulse).follow(self.card.status())?;
         if !agree(&prepared) {
             return Ok((Outcome::Stopped, self.tally, self.card));
         }
@@ -207,6 +212,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// One control period. `Err` is a fault of the card.
     fn turn(&mut self) -> Result<Option<Outcome>, Trouble> {
+        self.watch_interruption()?;
+        if self.dnc.is_off_path() {
+            return self.turn_off_path();
+        }
         self.look();
         self.take_orders();
         let demand = self.demand();
@@ -266,10 +275,15 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     fn demand(&mut self) -> Demand {
+        if self.dnc.is_paused() {
+            return self.demand_paused();
+        }
         self.search_back();
         let (facts, mode) = (self.facts(), self.operation.mode());
         let mut demand = self.operation.demand(&facts);
-        if self.back.as_ref().is_some_and(Back::is_looked_for) {
+        // An instruction in hand is completed before a pause.
+        let pauses = self.dnc.is_pausing() && self.executing.is_none();
+        if pauses || self.back.as_ref().is_some_and(Back::is_looked_for) {
             demand.target = 0;
         }
         match demand.notice {
@@ -322,13 +336,17 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         let mode = self.operation.mode();
         let held = self.operation.held() || self.program_stop || self.single_stop;
-        self.tally.count(Spent {
-            mode,
-            held,
-            instruction: executing.map(|kind| kind == Kind::Dwell),
-            rate: status.rate,
-            place: status.place,
-        });
+        if self.dnc.is_paused() {
+            self.tally.pause();
+        } else {
+            self.tally.count(Spent {
+                mode,
+                held,
+                instruction: executing.map(|kind| kind == Kind::Dwell),
+                rate: status.rate,
+                place: status.place,
+            });
+        }
         self.supply.follow(status);
         while let Some(news) = self.supply.news() {
             match news {
@@ -337,6 +355,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                     self.tell_at(line, Happening::SwitchedInPassing(action.channel, action.after));
                 }
                 News::Message(line, text) => self.tell_at(line, Happening::Message(text)),
+                News::Active(active) => self.teller.tell(Told::Active(active)),
             }
         }
         self.watch_supply(status, mode);
@@ -354,19 +373,24 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             return Some(Outcome::Stopped);
         }
         let at_end = status.place == Place::start_of(status.reached);
-        if self.operation.mode() == Mode::Run && at_end && self.supply.all_executed(&status) {
+        if self.operation.mode() == Mode::Run && !self.dnc.is_on() && at_end && self.supply.all_executed(&status) {
             return Some(match self.supply.summary().map(|s| &s.ending) {
                 Some(Ending::Refused(text)) => Outcome::Refused(text.clone()),
                 _ => Outcome::Completed,
             });
         }
-        // A feed or a line may stall for as long as it likes; what waits for an operator who will not come does not.
+        self.nobody_goes_on().then_some(Outcome::Stopped)
+    }
+
+    /// Does it wait for an operator who will not come? A feed or a line may stall for as long as it likes.
+    fn nobody_goes_on(&self) -> bool {
         let waits = self.operation.mode() != Mode::Run
+            || self.dnc.is_paused()
             || self.operation.held()
             || self.operation.override_rate() == 0
             || self.program_stop
             || self.single_stop;
         let nobody = waits && self.operators.finished() && (!self.manner.wall_time || self.manner.operator);
-        (nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S).then_some(Outcome::Stopped)
+        nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S
     }
 }

@@ -32,11 +32,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     fn order(&mut self, deed: Deed) -> Result<(), OrderRefused> {
+        if let Some(taken) = self.order_interrupted(deed) {
+            return taken;
+        }
         match deed {
             Deed::Resume | Deed::CycleStart => return self.cycle_start(),
-            Deed::Pause | Deed::SpindleStop | Deed::SpindleStart | Deed::Jog { .. } | Deed::Online => {
-                return self.interruption_word(deed);
-            }
+            // Taken above.
+            Deed::Pause | Deed::SpindleStop | Deed::SpindleStart | Deed::Jog { .. } | Deed::Online => {}
             Deed::BackBy(mm) => return self.go_back(Wanted::By(mm)),
             Deed::BackToBlock => return self.go_back(Wanted::Block),
             Deed::BackToJet => return self.go_back(Wanted::Jet),
@@ -83,14 +85,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(())
     }
 
-    /// A step of pausing at a breakpoint and going on there (DNC).
-    fn interruption_word(&mut self, _: Deed) -> Result<(), OrderRefused> {
-        Err(OrderRefused::NotNow("pausing to move away and back is not built yet; use hold and resume"))
-    }
-
     fn ask_override(&mut self, rate: Travel) -> Result<(), OrderRefused> {
         let most = self.overrides.most();
-        self.overrides.ask(rate, self.card.status().reached).map_err(|_| OrderRefused::TooManyOverrides)?;
+        let reached = self.dnc.reached().unwrap_or(self.card.status().reached);
+        self.overrides.ask(rate, reached).map_err(|_| OrderRefused::TooManyOverrides)?;
         self.override_rate();
         if rate > most { Err(OrderRefused::MostOverride(most)) } else { Ok(()) }
     }

@@ -23,8 +23,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.teller.tell(Told::Period(period));
     }
 
-    fn standing(&self) -> Standing {
-        if self.operation.held() {
+    pub(super) fn standing(&self) -> Standing {
+        if let Some(interrupted) = self.dnc.standing() {
+            interrupted
+        } else if self.operation.held() {
             Standing::Hold
         } else if self.program_stop {
             Standing::ProgramStop

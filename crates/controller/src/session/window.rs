@@ -37,7 +37,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         } else {
             self.road_cut = true;
         }
-        if demand.target < 0 {
+        // Where a path is taken up inside of a record, that one comes first.
+        let Status { place, high, .. } = *self.card.status();
+        let stands_inside = place.fraction != 0 && high == place.record;
+        if demand.target < 0 && !stands_inside {
             let oldest = self.oldest();
             self.supply.fill_behind(&mut self.card, oldest);
         } else {
@@ -61,7 +64,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn waits_for_records(&mut self) -> bool {
         let status = self.card.status();
         let stands = status.at_rest && self.operation.mode() == Mode::Run;
-        if !stands || status.place != Place::start_of(status.reached) || self.still_periods >= self.patience {
+        if !stands || status.place.boundary_ahead() != status.reached || self.still_periods >= self.patience {
             return false;
         }
         let wanted = status.place.record.wrapping_add(self.enough);

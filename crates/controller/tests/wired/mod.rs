@@ -236,7 +236,7 @@ impl Observer<AXES> for Watch {
                 assert!(self.periods < 4_000_000, "it hangs: {period:?}");
             }
             Told::Event(event) => self.events.push(event.clone()),
-            Told::Output(_) => {}
+            Told::Output(_) | Told::Active(_) => {}
         }
     }
 }

@@ -14,6 +14,7 @@ use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::widgets::{Block, Widget};
 
+use super::facts::Planned;
 use super::guide::{self, Grade, Guide};
 use super::hand::Hand;
 use super::keys::{self, Act};
@@ -102,9 +103,16 @@ fn head(out: &mut Buffer, area: Rect, model: &Model, guide: &Guide, look: Look) 
             let about = if left.exact { "" } else { "about " };
             format!("{} run · {about}{} left", clock(model.run_s()), clock(left.seconds))
         }
+        (Stage::Job, None) if model.facts.planned == Planned::Reckoning => {
+            format!("{} run · reckoning …", clock(model.run_s()))
+        }
         (Stage::Job, None) => format!("{} run · end not known", clock(model.run_s())),
         (Stage::Ended(_), _) => format!("{} run", clock(model.run_s())),
-        (Stage::Setup, _) => model.facts.planned_s.map_or(String::new(), |s| format!("{} of motion", clock(s))),
+        (Stage::Setup, _) => match model.facts.planned {
+            Planned::Known(s) => format!("{} of motion", clock(s)),
+            Planned::Reckoning => "reckoning …".into(),
+            Planned::Unknown => String::new(),
+        },
     };
     let width = area.width as usize;
     let name = format!("{} on {}", model.facts.program.name, model.facts.machine);

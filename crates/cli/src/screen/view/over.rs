@@ -20,7 +20,7 @@ pub(super) fn draw(out: &mut Buffer, path: Rect, model: &Model, hand: &Hand, gui
         alarm(out, model, look);
         return;
     }
-    match &hand.open {
+    match hand.open(model) {
         Open::Help(from) => help(out, model, *from, look),
         Open::Tools => tools(out, model, look),
         Open::Messages => log(out, model, look),

@@ -1,11 +1,9 @@
 //! A pretended machine behind the screen: it plays a program's records as the real one would, without a card, so that the screen can be
-//! looked at and tested by itself.
+//! tested by itself, period by period.
 //!
 //! Invariant: modes and the way back are those of the core; only rates and outputs are pretended.
 
-use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
 
 use retrace_controller::event::{Differing, Event, Happening};
 use retrace_controller::index::Keeping;
@@ -22,47 +20,20 @@ use retrace_core::{ONE, Place, Travel};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::Change;
 
-use super::facts::Facts;
+use super::Said;
+use super::facts::{Facts, Planned};
 use super::live::{Live, locked};
 use super::model::{Model, Stage};
 use super::preview::Preview;
-use super::{Said, Screen};
-use crate::args;
-use crate::program::{Failure, Program};
+use crate::program::Program;
 
 /// Most by which the rate changes in a period.
 const SLOPE: Travel = ONE / 150;
 
-/// Shows a program on a pretended machine.
-///
-/// # Errors
-/// What is wrong with the program or the terminal.
-pub fn run(args: &args::Check) -> Result<(), Failure> {
-    let machine = crate::files::machine(args.machine.as_deref())?;
-    let program = Program::open(&args.reading, &machine)?;
-    program.check(&machine)?;
-    let text = std::fs::read(&args.reading.program).unwrap_or_default();
-    let tape = Tape::of(&machine, &program);
-    let facts = facts(&machine, &program, &String::from_utf8_lossy(&text), &tape);
-    let model = Arc::new(Mutex::new(Model::new(Arc::new(facts))));
-    let (sender, words) = channel();
-    let pretended = Pretended::new(tape, Arc::clone(&model), machine.period_s());
-    let playing = std::thread::spawn(move || pretended.play(&words));
-    let done = Screen::default().run(&model, |said| tell(&sender, said));
-    drop(sender);
-    let _ = playing.join();
-    done.map_err(|error| crate::console::unwritable("the screen", &error).into())
-}
-
-fn tell(sender: &Sender<Said>, said: Said) {
-    // Nobody listens any more once the machine has been left.
-    let _ = sender.send(said);
-}
-
 /// What is known of a program before it runs.
 pub fn facts(machine: &Machine, program: &Program, text: &str, tape: &Tape) -> Facts {
     Facts {
-        planned_s: Some(tape.records.len() as f64 * machine.period_s()),
+        planned: Planned::Known(tape.records.len() as f64 * machine.period_s()),
         preview: Preview::of(machine, &mut program.decoder()),
         ..Facts::of(machine, program.name(), text)
     }
@@ -142,23 +113,6 @@ impl Pretended {
         }
     }
 
-    fn play(mut self, words: &Receiver<Said>) {
-        let begun = Instant::now();
-        loop {
-            loop {
-                match words.try_recv() {
-                    Ok(said) => self.hear(&said),
-                    Err(std::sync::mpsc::TryRecvError::Empty) => break,
-                    Err(std::sync::mpsc::TryRecvError::Disconnected) => return,
-                }
-            }
-            while (self.period as f64) * self.period_s < begun.elapsed().as_secs_f64() {
-                self.step();
-            }
-            std::thread::sleep(Duration::from_millis(3));
-        }
-    }
-
     /// The operator says something.
     pub fn hear(&mut self, said: &Said) {
         match said {
@@ -175,7 +129,7 @@ impl Pretended {
                     self.event(Happening::OrderRefused(why));
                 }
             }
-            Said::DryRun(_) | Said::Quit => {}
+            Said::DryRun(_) | Said::SetUp | Said::Quit => {}
         }
     }
 

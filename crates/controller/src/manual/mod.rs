@@ -2,6 +2,12 @@
 //!
 //! Invariant: every task begins and ends at rest, and moves within the soft limits.
 
+pub mod hand;
+mod perform;
+pub(crate) mod trip;
+
+pub use perform::{Done, NotDone, perform};
+
 /// What the operator wants done.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Task {

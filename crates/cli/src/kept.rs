@@ -1,0 +1,220 @@
+//! A job's folder while the job runs: held against other processes, its journal being written.
+//!
+//! Invariant: nothing moves before the job's first entry is kept; of a job that was refused before, nothing but an empty folder is left.
+
+use std::path::Path;
+
+use retrace_controller::index::Keeping;
+use retrace_controller::jobs::{Held, JobFolder, Jobs};
+use retrace_controller::journal::entry::{
+    self, Arguments, End, Ending, FORMAT, Job, MachineFile, Override, Resumed, Source, WiredCard,
+};
+use retrace_controller::journal::hash::Hash;
+use retrace_controller::journal::keeper::Keeper;
+use retrace_controller::journal::logbook::{Care, Logbook};
+use retrace_controller::journal::record::JobRecord;
+use retrace_controller::journal::spool::{Progress, Spooling};
+use retrace_controller::journal::stamp::Stamp;
+use retrace_controller::machine::Machine;
+use retrace_controller::refusal::Refusal;
+use retrace_controller::session::Outcome;
+use retrace_link::{Identity, Outputs, Status};
+use serde_json::Value;
+
+use crate::args::Reading;
+use crate::console::unwritable;
+use crate::files;
+use crate::program::{Arrives, Arriving, Program};
+
+/// The folder of a job that has not begun.
+#[derive(Debug)]
+pub struct Claimed {
+    jobs: Jobs,
+    folder: JobFolder,
+    held: Held,
+    when: Stamp,
+}
+
+impl Claimed {
+    /// Makes a folder for a job of this program, and holds it.
+    ///
+    /// # Errors
+    /// `E2201`, `E2105`: there is no folder for jobs, or it cannot be written.
+    pub fn new(journal: Option<&Path>, program: &str) -> Result<Self, Refusal> {
+        let (jobs, when) = (Jobs::named(journal)?, Stamp::now());
+        let folder = jobs.create(program, when)?;
+        let held = folder.hold()?;
+        Ok(Self { jobs, folder, held, when })
+    }
+
+    /// Keeps a program that arrives in the folder.
+    ///
+    /// # Errors
+    /// `E2105`
+    pub fn spool(&self, from: Arriving) -> Result<(Arriving, Progress), Refusal> {
+        let path = self.folder.stream();
+        let (spooling, progress) =
+            Spooling::create(&path, from).map_err(|error| unwritable(&path.display().to_string(), &error))?;
+        Ok((Box::new(spooling), progress))
+    }
+
+    /// Begins the journal.
+    ///
+    /// # Errors
+    /// `E2105`, `E2207`: it cannot be written.
+    pub fn begin(self, care: Care, job: Job, spool: Option<Progress>) -> Result<Kept, Refusal> {
+        let Self { jobs, folder, held, when } = self;
+        let job = Job { id: folder.id().into(), when, ..job };
+        let logbook = Logbook::begin(folder.new_journal()?, care, job, spool)?;
+        Ok(Kept { jobs, folder, _held: held, logbook, known: None, overrides: Vec::new() })
+    }
+}
+
+/// A job whose journal is being written.
+#[derive(Debug)]
+pub struct Kept {
+    jobs: Jobs,
+    folder: JobFolder,
+    _held: Held,
+    logbook: Logbook,
+    /// Place of the last mark that the journal has already.
+    known: Option<u32>,
+    /// The overrides that it has already.
+    overrides: Vec<Override>,
+}
+
+impl Kept {
+    /// A job that may be taken up again; its journal is as it was until [`Kept::take_up`].
+    #[must_use]
+    pub fn waiting(jobs: Jobs, folder: JobFolder, held: Held, care: Care, record: &JobRecord) -> Self {
+        let logbook = Logbook::waiting(care, record.durable());
+        let (known, overrides) = (record.last_mark.map(|mark| mark.place), record.overrides());
+        Self { jobs, folder, _held: held, logbook, known, overrides }
+    }
+
+    /// Goes on with the journal.
+    ///
+    /// # Errors
+    /// `E2105`, `E2207`: it cannot be written.
+    pub fn take_up(&mut self, record: &JobRecord, resumed: Resumed, spool: Option<Progress>) -> Result<(), Refusal> {
+        self.logbook.take_up(self.folder.old_journal()?, record.tail, resumed, spool)
+    }
+
+    /// The job's name.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        self.folder.id()
+    }
+
+    /// Who keeps the index.
+    #[must_use]
+    pub fn keeping(&self) -> Keeping {
+        let notes = self.logbook.notes(self.known, &self.overrides);
+        Keeping { index: Box::new(notes), durable: self.logbook.durable() }
+    }
+
+    /// Who keeps events and positions.
+    #[must_use]
+    pub fn keeper<const A: usize>(&self, machine: &Machine) -> Keeper<A> {
+        Keeper::new(&self.logbook, machine.axes.len(), machine.period_us)
+    }
+
+    /// Keeps how the job ended; its keeper is gone. What cannot be kept is told, and changes nothing of what has been done.
+    pub fn end(self, outcome: &Outcome, report: &Value) {
+        let ending = match outcome {
+            Outcome::Completed => Ending::Completed,
+            Outcome::Stopped | Outcome::Refused(_) => Ending::Stopped,
+            Outcome::Alarm(..) => Ending::Alarm,
+        };
+        let end = End { when: Stamp::now(), outcome: ending, exit_code: outcome.exit_code(), report: report.clone() };
+        if let Err(refusal) = self.logbook.end(end) {
+            eprintln!("{refusal}");
+        }
+        let path = self.folder.report();
+        if let Err(error) = std::fs::write(&path, format!("{report:#}\n")) {
+            eprintln!("note: {} cannot be written: {error}", path.display());
+        }
+        if matches!(outcome.exit_code(), 3 | 4) {
+            eprintln!("the breakpoint is kept: `retrace resume {}` takes the job up there", self.folder.id());
+        }
+        self.jobs.prune();
+    }
+}
+
+/// What a job is told to be, when it begins.
+#[derive(Debug)]
+pub struct Beginning<'a> {
+    /// The program.
+    pub program: &'a Program,
+    /// What it is read with.
+    pub reading: &'a Reading,
+    /// The line to begin at.
+    pub start_line: Option<u32>,
+    /// The machine.
+    pub machine: &'a Machine,
+    /// Its file, and what was in it.
+    pub machine_file: (Option<&'a Path>, String),
+    /// The card.
+    pub card: entry::Card,
+}
+
+impl Beginning<'_> {
+    /// The first entry of its journal, for a card of this status.
+    ///
+    /// # Errors
+    /// None in practice, see [`retrace_controller::fingerprint::of_planning`].
+    pub fn job<const A: usize>(self, status: &Status<A>) -> Result<Job, Refusal> {
+        let (path, text) = self.machine_file;
+        let name = self.program.name();
+        let source = match self.program.arrives() {
+            None => Source::File(files::absolute(&self.reading.program)),
+            Some(Arrives::Socket(address)) => Source::Socket(address.clone()),
+            Some(_) => Source::StandardInput,
+        };
+        let axes = self.machine.axes.len().min(A);
+        Ok(Job {
+            format: FORMAT,
+            id: String::new(),
+            when: Stamp::now(),
+            retrace: env!("CARGO_PKG_VERSION").into(),
+            planner: retrace_controller::fingerprint::of_planning()?,
+            program: name.into(),
+            source,
+            lines: self.program.lines(),
+            files: self.program.files_read(),
+            machine: MachineFile { path: path.map(files::absolute), hash: Hash::of(text.as_bytes()), text },
+            arguments: arguments(self.reading, self.start_line),
+            card: self.card,
+            period_us: self.machine.period_us,
+            origin: status.place.record,
+            counts: status.counts[..axes].to_vec(),
+            outputs: written(&status.outputs),
+            executed: status.executed,
+        })
+    }
+}
+
+fn arguments(reading: &Reading, start_line: Option<u32>) -> Arguments {
+    let absolute = |path: &Option<std::path::PathBuf>| path.as_deref().map(files::absolute);
+    Arguments {
+        block_delete: reading.block_delete,
+        start_line,
+        subs: reading.subs.iter().map(|folder| files::absolute(folder)).collect(),
+        cycles: absolute(&reading.cycle_folders.cycles),
+        tools: absolute(&reading.tools),
+        params: absolute(&reading.params),
+        ini: absolute(&reading.ini),
+    }
+}
+
+/// A card at the end of a line, as the journal names it.
+#[must_use]
+pub fn wired(address: &str, identity: &Identity) -> entry::Card {
+    let name = String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned();
+    entry::Card::Wired(WiredCard { address: address.into(), name, serial: identity.serial, boot: identity.boot })
+}
+
+/// Outputs that are not 0.
+fn written(outputs: &Outputs) -> Vec<(u8, i32)> {
+    outputs.iter().enumerate().filter(|(_, value)| **value != 0).map(|(n, &value)| (n as u8, value)).collect()
+}

@@ -1,0 +1,250 @@
+//! A job on its way, begun or taken up: shown, recorded, judged and kept.
+//!
+//! Invariant: however the job ends there is a report, the same on the screen and in the journal; what is refused before anything moves
+//! leaves the journal as it was.
+
+use std::path::Path;
+use std::time::Instant;
+
+use retrace_controller::event::Event;
+use retrace_controller::index::Keeping;
+use retrace_controller::job::{self, Begin, CannotBegin, Conduct, JobEnd};
+use retrace_controller::journal::keeper::Keeper;
+use retrace_controller::machine::Machine;
+use retrace_controller::operator::Instruction;
+use retrace_controller::orders::{Heard, Operators};
+use retrace_controller::refusal::Refusal;
+use retrace_controller::report::Report;
+use retrace_controller::resume::Prepared;
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::{Manner, Outcome};
+use retrace_controller::stream::{Observer, Told};
+use retrace_link::MotionCard;
+use serde_json::Value;
+
+use crate::console::{Console, Show};
+use crate::kept::Kept;
+use crate::program::{Arriving, Failure, Program};
+use crate::screen::live::Live;
+
+/// How a job is shown and operated.
+#[derive(Debug)]
+pub struct Manners<'a> {
+    /// One JSON object a line.
+    pub json: bool,
+    /// File for the records.
+    pub records: Option<&'a Path>,
+    /// What the operator says.
+    pub script: Vec<Instruction>,
+    /// Is there an operator?
+    pub operator: bool,
+    /// Does the card's time pass as a clock's does?
+    pub wall_time: bool,
+    /// File for the parameters that it leaves.
+    pub params: Option<&'a Path>,
+}
+
+/// Somebody who operates a job at a screen.
+pub struct AtScreen<'r> {
+    /// His words.
+    pub heard: Heard,
+    /// What shows him the job.
+    pub live: Live,
+    /// What he is told at its end.
+    pub ended: &'r mut Ended,
+}
+
+/// How a job ended, for a person.
+#[derive(Debug, Default)]
+pub struct Ended {
+    /// In a line.
+    pub short: String,
+    /// In some.
+    pub text: String,
+}
+
+/// A job, ready to run.
+pub struct Machining<'a> {
+    /// How it is shown and operated.
+    pub manners: Manners<'a>,
+    /// The machine.
+    pub machine: &'a Machine,
+    /// The program.
+    pub program: &'a Program,
+    /// What a program that arrives is taken from.
+    pub input: Option<Arriving>,
+    /// Where it begins.
+    pub begin: Begin,
+    /// Its journal.
+    pub kept: Option<Kept>,
+    /// Who operates it at a screen, if anybody does.
+    pub at_screen: Option<AtScreen<'a>>,
+}
+
+impl Machining<'_> {
+    /// Runs it on a card: its exit code, and the card. `agree` is asked where it is taken up again, before anything moves.
+    ///
+    /// # Errors
+    /// What keeps it from beginning, and whatever `agree` answers.
+    pub fn run<const A: usize, C: MotionCard<A>>(
+        self,
+        card: C,
+        agree: impl FnOnce(&Prepared<A>, Option<&mut Kept>) -> Result<(), Failure>,
+    ) -> Result<(u8, C), Failure> {
+        let Self { manners, machine, program, input, begin, mut kept, at_screen } = self;
+        let (heard, show, ended) = match at_screen {
+            Some(AtScreen { heard, live, ended }) => (Some(heard), Show::Screen(live), Some(ended)),
+            None => (None, Show::choose(manners.json, program.lines()), None),
+        };
+        let console = Console::<A>::new(show, machine, manners.records)?;
+        let manner = Manner { wall_time: manners.wall_time, operator: manners.operator || heard.is_some() };
+        let script = Operators::script(ScriptPlayer::new(manners.script, machine.period_us));
+        let operators = match heard {
+            Some(heard) => script.and(heard),
+            None => script,
+        };
+        let keeping = kept.as_ref().map_or_else(Keeping::default, Kept::keeping);
+        let conduct = Conduct { begin, operators, manner, keeping };
+        let mut watching =
+            Watching { console, keeper: kept.as_ref().map(|kept| kept.keeper(machine)), period_s: machine.period_s() };
+        let (decoder, last) = program.running(input);
+        let (started, mut refused) = (Instant::now(), None);
+        let agree = |prepared: &Prepared<A>| {
+            refused = agree(prepared, kept.as_mut()).err();
+            refused.is_none()
+        };
+        let end = job::resume(machine, decoder, conduct, card, &mut watching, agree);
+        if let Some(refused) = refused {
+            return Err(refused);
+        }
+        let JobEnd { outcome, tally, summary, card } = end.map_err(cannot_begin)?;
+        let wall_s = started.elapsed().as_secs_f64();
+        let Watching { console, keeper, .. } = watching;
+        drop(keeper);
+        let (verdict, alarms, line) = console.finish()?;
+        let report = Report {
+            program: program.name(),
+            machine,
+            outcome: &outcome,
+            line,
+            tally: &tally,
+            blocks: summary.as_ref().map_or(0, |s| s.blocks),
+            canonical: summary.as_ref().map_or(0, |s| s.canonical),
+            commanded_mm: summary.as_ref().map_or(&[], |s| &s.commanded_mm),
+            counts: card.status().counts,
+            verdict: &verdict,
+            wall_s,
+            alarms: &alarms,
+        };
+        let mut value = report.to_json();
+        value["job"] = kept.as_ref().map_or(Value::Null, |kept| kept.id().into());
+        match ended {
+            Some(ended) => {
+                let refused = if let Outcome::Refused(text) = &outcome { format!("{text}\n") } else { String::new() };
+                *ended = Ended { short: short(&report), text: refused + &told(&report) };
+            }
+            None => tell(&report, manners.json.then_some(&value)),
+        }
+        if let Some(kept) = kept {
+            kept.end(&outcome, &value);
+        }
+        if let (Some(path), Outcome::Completed) = (manners.params, &outcome) {
+            last.write(path)?;
+        }
+        Ok((outcome.exit_code(), card))
+    }
+}
+
+fn cannot_begin(why: CannotBegin) -> Refusal {
+    match why {
+        CannotBegin::Machine(why) => Refusal::new("E2112", why, "a shorter history_hours in the machine file"),
+        CannotBegin::Unfound(why) => Refusal::new(
+            "E2216",
+            format!("the breakpoint is not found again: {why}"),
+            "program and journal do not go together; `retrace resume JOB --from-line N` begins at a line",
+        ),
+    }
+}
+
+/// Shows what happens, and keeps it.
+struct Watching<'m, const A: usize> {
+    console: Console<'m, A>,
+    keeper: Option<Keeper<A>>,
+    period_s: f64,
+}
+
+/// After so many periods it is asked whether there is news of the journal.
+const ASKED_AFTER: u64 = 64;
+
+impl<const A: usize> Observer<A> for Watching<'_, A> {
+    fn told(&mut self, told: &Told<A>) {
+        self.console.told(told);
+        let Some(keeper) = &mut self.keeper else { return };
+        keeper.told(told);
+        let Told::Period(period) = told else { return };
+        if period.period.is_multiple_of(ASKED_AFTER) {
+            while let Some(happening) = keeper.news() {
+                let time_s = period.period as f64 * self.period_s;
+                let event = Event { period: period.period, time_s, place: period.place, line: period.line, happening };
+                self.console.told(&Told::Event(event));
+            }
+        }
+    }
+}
+
+/// The report, as JSON for a script, else for a person.
+fn tell<const A: usize>(report: &Report<'_, A>, json: Option<&Value>) {
+    if let Outcome::Refused(text) = report.outcome {
+        eprintln!("{text}");
+    }
+    match json {
+        Some(value) => crate::out::line(value),
+        None => crate::out::line(told(report)),
+    }
+}
+
+/// How a job ended, in a line.
+fn short<const A: usize>(report: &Report<'_, A>) -> String {
+    let Report { outcome, tally, machine, .. } = report;
+    let seconds = |periods: u64| periods as f64 * machine.period_s();
+    let how = match outcome {
+        Outcome::Completed => "completed".to_owned(),
+        Outcome::Stopped => "stopped by the operator".to_owned(),
+        Outcome::Refused(_) => "stopped: a block has an error (g)".to_owned(),
+        Outcome::Alarm(number, cause, _) => format!("alarm {number}: {cause}"),
+    };
+    format!("{how} · motion {:.2} s, retraced {:.2} s", seconds(tally.motion), seconds(tally.retracing))
+}
+
+/// The report for a person.
+fn told<const A: usize>(report: &Report<'_, A>) -> String {
+    let value = report.to_json();
+    let seconds = |key: &str| value[key].as_f64().unwrap_or(0.0);
+    let times = format!(
+        "  motion {:.3} s · dwell {:.3} s · switching {:.3} s · held {:.3} s · retracing {:.3} s · {} periods in {:.2} s of real time",
+        seconds("motion_s"),
+        seconds("dwell_s"),
+        seconds("switch_s"),
+        seconds("held_s"),
+        seconds("retrace_s"),
+        report.tally.periods,
+        report.wall_s
+    );
+    let each = |f: fn(&Value) -> String, key: &str| -> String {
+        let axes = report.machine.axes.iter().map(|a| {
+            let name = a.name.to_string();
+            format!("{} {}", name.to_ascii_uppercase(), f(&value[key][&name]))
+        });
+        axes.collect::<Vec<_>>().join("  ")
+    };
+    let position = format!(
+        "  position {}  ({})",
+        each(|v| format!("{:.3}", v.as_f64().unwrap_or(0.0)), "position_mm"),
+        each(Value::to_string, "position_counts")
+    );
+    let counted = format!(
+        "  limit violations {} · underruns {} · reversals {}",
+        report.verdict.violations, report.tally.underruns, report.tally.reversals
+    );
+    format!("{}: {}\n{times}\n{position}\n{counted}", report.program, report.outcome.word())
+}

@@ -1,0 +1,166 @@
+//! `retrace home | jog | mdi`: a machine is set up from the shell.
+//!
+//! Invariant: nothing moves before machine file, tables and block have been read and checked; a parameter file is written only when a block
+//! was carried out.
+
+use retrace_controller::by_hand::{self, Desk};
+use retrace_controller::machine::Machine;
+use retrace_controller::manual::{Done, NotDone, Task, perform};
+use retrace_controller::orders::Operators;
+use retrace_controller::refusal::Refusal;
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::Manner;
+use retrace_gcode::{Parameters, Setup, ToolTable};
+use retrace_hal_sim::{Clock, SimCard};
+use retrace_link::{CardFault, MotionCard, Start};
+use serde_json::{Map, Value, json};
+
+use crate::console::{Console, Show};
+use crate::left::write_parameters;
+use crate::program::{Failure, table, tools_without_length};
+use crate::{args, card_serve, files, wired};
+
+/// `retrace home`: its exit code.
+///
+/// # Errors
+/// What keeps it from being done.
+pub fn home(args: &args::Home) -> Result<u8, Failure> {
+    let machine = files::machine(args.by_hand.machine.as_deref())?;
+    let mut desk = Desk::new(by_hand::setup(&machine));
+    on_machine(&args.by_hand, &machine, &Task::Home(args.axis), &mut desk)
+}
+
+/// `retrace jog`: its exit code.
+///
+/// # Errors
+/// What keeps it from being done.
+pub fn jog(args: &args::Jog) -> Result<u8, Failure> {
+    let machine = files::machine(args.by_hand.machine.as_deref())?;
+    if !args.mm.is_finite() {
+        return Err(Refusal::new("E2161", format!("{} is no length", args.mm), "mm (degrees), such as -12.5").into());
+    }
+    let mut desk = Desk::new(by_hand::setup(&machine));
+    on_machine(&args.by_hand, &machine, &Task::Jog { axis: args.axis, mm: args.mm }, &mut desk)
+}
+
+/// `retrace mdi`: its exit code.
+///
+/// # Errors
+/// What keeps it from being done.
+pub fn mdi(args: &args::Mdi) -> Result<u8, Failure> {
+    let machine = files::machine(args.by_hand.machine.as_deref())?;
+    let mut setup = Setup { tools: tools_without_length(), ..by_hand::setup(&machine) };
+    if let Some(path) = &args.tools {
+        setup.tools = table(path, "tool table", ToolTable::read)?;
+    }
+    if let Some(path) = args.params.as_ref().filter(|path| path.exists()) {
+        setup.parameters = table(path, "parameter file", Parameters::read)?;
+    }
+    let mut desk = Desk::new(setup);
+    if args.dry_run {
+        desk.block(&machine, &args.block).map_err(shown)?;
+        say!("{}: nothing is wrong with it; nothing was moved", args.block);
+        return Ok(0);
+    }
+    let code = on_machine(&args.by_hand, &machine, &Task::Mdi(args.block.clone()), &mut desk)?;
+    if let (Some(path), 0) = (&args.params, code) {
+        write_parameters(desk.carried().parameters(), path)?;
+    }
+    Ok(code)
+}
+
+/// Shows what is wrong with a block.
+fn shown(lines: Vec<String>) -> Failure {
+    lines.iter().for_each(|line| eprintln!("{line}"));
+    Failure::Program
+}
+
+fn on_machine(args: &args::ByHand, machine: &Machine, task: &Task, desk: &mut Desk) -> Result<u8, Failure> {
+    match machine.axes.len() {
+        0..=4 => on_card::<4>(args, machine, task, desk),
+        5..=6 => on_card::<6>(args, machine, task, desk),
+        _ => on_card::<9>(args, machine, task, desk),
+    }
+}
+
+fn on_card<const A: usize>(
+    args: &args::ByHand,
+    machine: &Machine,
+    task: &Task,
+    desk: &mut Desk,
+) -> Result<u8, Failure> {
+    if args.card == "sim" {
+        let settings = machine.card_settings::<A>(Start::at(0));
+        let card = SimCard::with_machine(settings, &card_serve::hung_on::<A>(machine), Clock::Virtual);
+        let mut card = card
+            .map_err(|_| Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))?;
+        eprintln!(
+            "note: a simulated card in this process forgets where it is; `retrace card serve --pty` serves one that does not"
+        );
+        return on(args, machine, task, desk, &mut card, false);
+    }
+    let mut card = wired::find::<A>(&args.card)?;
+    card.settle(wired::nonce()).map_err(|fault| wired::failed(&args.card, &fault))?;
+    if let Some(greeting) = card.greeting() {
+        wired::fits(&args.card, &greeting.identity, machine)?;
+    }
+    card.open(machine.card_settings(Start::at(0))).map_err(|fault| wired::failed(&args.card, &fault))?;
+    let code = on(args, machine, task, desk, &mut *card, true)?;
+    // The card stands, or has an alarm that says more than this would.
+    let _ = card.close();
+    Ok(code)
+}
+
+/// Carries the task out on a card, and tells where the machine stands then.
+fn on<const A: usize, C: MotionCard<A>>(
+    args: &args::ByHand,
+    machine: &Machine,
+    task: &Task,
+    desk: &mut Desk,
+    card: &mut C,
+    wall_time: bool,
+) -> Result<u8, Failure>
+where
+    C::Fault: CardFault,
+{
+    let show = if args.json { Show::Json } else { Show::Plain };
+    let mut console = Console::<A>::new(show, machine, None)?;
+    let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
+    let manner = Manner { wall_time, operator: false };
+    let done = perform(task, machine, desk, card, (operators, manner), &mut console);
+    console.finish()?;
+    let code = match done {
+        Ok(Done::Whole { .. }) => 0,
+        Ok(Done::Stopped) => 4,
+        Err(NotDone::Refused(refusal)) => return Err(refusal.into()),
+        Err(NotDone::Block(lines)) => return Err(shown(lines)),
+        Err(NotDone::Trouble(trouble)) => {
+            let (number, cause, remedy) = trouble.parts();
+            return Err(Failure::Card(Refusal::new(number, cause, remedy)));
+        }
+    };
+    stands(machine, &card.status().counts, code, args.json);
+    Ok(code)
+}
+
+/// Tells where the machine stands.
+fn stands(machine: &Machine, counts: &[i64], code: u8, json: bool) {
+    let axes = || machine.axes.iter().zip(counts);
+    let each = |value: fn(f64, i64) -> Value| {
+        let all = axes().map(|(axis, &count)| (axis.name.to_string(), value(axis.pulses_per_mm, count)));
+        Value::Object(all.collect::<Map<_, _>>())
+    };
+    if json {
+        crate::out::line(json!({
+            "event": "report",
+            "outcome": if code == 0 { "completed" } else { "stopped" },
+            "exit_code": code,
+            "position_counts": each(|_, count| json!(count)),
+            "position_mm": each(|pulses, count| json!(count as f64 / pulses)),
+        }));
+        return;
+    }
+    let told = axes()
+        .map(|(axis, &count)| format!("{} {:.3}", axis.name.to_ascii_uppercase(), count as f64 / axis.pulses_per_mm));
+    say!("stands at {} (machine, mm)", told.collect::<Vec<_>>().join("  "));
+}

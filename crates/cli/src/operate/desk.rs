@@ -1,0 +1,78 @@
+//! Where the operator's words go: to the job that runs, or to the machine that waits for one.
+//!
+//! Invariant: nobody waits for anybody here; a word that cannot be taken is answered on the screen.
+
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use retrace_controller::operator::Deed;
+use retrace_controller::orders::{Busy, Heard, Orders, orders};
+
+use crate::screen::Said;
+use crate::screen::live::locked;
+use crate::screen::model::Model;
+
+/// The operator's desk.
+#[derive(Debug)]
+pub(super) struct Desk {
+    /// What the screen shows.
+    pub(super) model: Arc<Mutex<Model>>,
+    words: Sender<Said>,
+    job: Mutex<Option<Orders>>,
+}
+
+impl Desk {
+    /// A desk before this picture, and what is said at it while no job runs.
+    pub(super) fn new(model: Arc<Mutex<Model>>) -> (Arc<Self>, Receiver<Said>) {
+        let (words, said) = channel();
+        (Arc::new(Self { model, words, job: Mutex::new(None) }), said)
+    }
+
+    /// A job, or a move by hand, begins: its end of the words.
+    pub(super) fn begins(&self) -> Heard {
+        let (said, heard) = orders();
+        *self.job() = Some(said);
+        heard
+    }
+
+    /// It has ended.
+    pub(super) fn ends(&self) {
+        *self.job() = None;
+    }
+
+    /// Takes what was said at the screen.
+    pub(super) fn say(&self, said: Said) {
+        match said {
+            Said::Deed(deed) => self.say_to_job(deed),
+            Said::Turn(counts) => {
+                if let Some(job) = &*self.job() {
+                    job.turn(counts);
+                }
+            }
+            // The machine hears everything until it is left.
+            other => drop(self.words.send(other)),
+        }
+    }
+
+    /// Says a word to whatever runs; where nothing does, there is nothing to hold and nothing to stop.
+    pub(super) fn say_to_job(&self, deed: Deed) {
+        let said = self.job().as_ref().map(|job| job.say(deed));
+        if said == Some(Err(Busy)) {
+            let mut model = locked(&self.model);
+            let (time_s, line) = (model.period as f64 * model.facts.period_s, model.line);
+            model.say(time_s, line, "too many words wait: not taken, say it again");
+        }
+    }
+
+    /// The operator is gone: what runs is stopped, and the machine left. To be said until it has come to that.
+    pub(super) fn leave(&self) {
+        self.say_to_job(Deed::Stop);
+        // Nobody hears that any more where the machine has been left already.
+        let _ = self.words.send(Said::Quit);
+    }
+
+    fn job(&self) -> std::sync::MutexGuard<'_, Option<Orders>> {
+        // Whoever panicked with it left it as it was.
+        self.job.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,275 @@
+//! The machine's thread: sets it up by hand, runs a job, and stands again.
+//!
+//! Invariant: while no job runs periods go on passing, so that the card hears of its host; a path begins anew where the machine stands
+//! before each job.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError};
+use std::thread;
+use std::time::Duration;
+
+use retrace_controller::event::{Event, Happening, Trouble};
+use retrace_controller::machine::Machine;
+use retrace_controller::manual::Task;
+use retrace_controller::operator::Instruction;
+use retrace_controller::session::Outcome;
+use retrace_controller::stream::{Observer, Period, Told};
+use retrace_link::{Alarm, Change, MotionCard, Refusal as WordRefused, Start, Word, channel};
+
+use super::desk::Desk;
+use super::picture;
+use crate::args;
+use crate::program::{Failure, Program};
+use crate::run::{AtScreen, Ended, Job};
+use crate::screen::Said;
+use crate::screen::live::{Live, locked};
+use crate::screen::model::{AlarmShown, Stage};
+
+/// What stands at the screen is told after so many periods.
+const TOLD_EVERY: u64 = 20;
+/// Within so many periods a card says whether an alarm is cleared.
+const CLEARED_WITHIN: u32 = 300;
+/// A card that is at fault is asked again after so long.
+const FAULTY: Duration = Duration::from_millis(5);
+
+/// How the machine was left.
+#[derive(Debug)]
+pub(super) struct Left {
+    /// Has any job run?
+    pub(super) ran: bool,
+    /// Exit code of the last one.
+    pub(super) code: u8,
+    /// Its report, for a person.
+    pub(super) report: Option<String>,
+}
+
+/// A machine, and who works at it.
+pub(super) struct Machinist<'m, const A: usize, C> {
+    args: &'m args::Run,
+    machine: Machine,
+    script: Vec<Instruction>,
+    card: &'m mut C,
+    words: Receiver<Said>,
+    desk: &'m Arc<Desk>,
+    live: Live,
+    /// The alarm that was told.
+    alarm: Option<Alarm>,
+    /// The card has failed for good.
+    failed: bool,
+    left: Left,
+}
+
+impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
+    /// Of a machine that stands, on an open card.
+    pub(super) fn new(
+        args: &'m args::Run,
+        machine: &Machine,
+        script: Vec<Instruction>,
+        card: &'m mut C,
+        words: Receiver<Said>,
+        desk: &'m Arc<Desk>,
+    ) -> Self {
+        let live = Live::new(Arc::clone(&desk.model));
+        let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None };
+        Self { args, machine: machine.clone(), script, card, words, desk, live, alarm: None, failed: false, left }
+    }
+
+    /// Works until the machine is left.
+    pub(super) fn work(mut self) -> Left {
+        self.tell_outputs();
+        loop {
+            match self.words.try_recv() {
+                Ok(Said::Start) => self.job(),
+                Ok(Said::SetUp) => self.set_up(),
+                Ok(Said::Task(task)) => self.task(&task),
+                Ok(Said::DryRun(on)) => self.machine.inhibits_outputs = on,
+                // Words to a job that has just ended.
+                Ok(Said::Deed(_) | Said::Turn(_)) => {}
+                Ok(Said::Quit) | Err(TryRecvError::Disconnected) => return self.left,
+                Err(TryRecvError::Empty) => self.stand(),
+            }
+        }
+    }
+
+    /// Lets a period pass in which the machine stands.
+    fn stand(&mut self) {
+        if let Err(fault) = self.card.period() {
+            let trouble = Trouble::of(&fault);
+            // A latched alarm is told below, and can be cleared.
+            if self.card.status().alarm.is_none() && !self.failed {
+                self.failed = true;
+                self.tell(Happening::Alarm(trouble));
+            }
+            thread::sleep(FAULTY);
+        }
+        let status = *self.card.status();
+        if status.alarm != self.alarm {
+            self.alarm = status.alarm;
+            match status.alarm {
+                Some(alarm) => self.tell(Happening::Alarm(Trouble::Latched(alarm))),
+                None => locked(&self.desk.model).alarm_is_cleared(),
+            }
+        }
+        if status.period.is_multiple_of(TOLD_EVERY) {
+            let period = Period { off_path: true, ..Period::of(&status) };
+            Observer::<A>::told(&mut self.live, &Told::Period(period));
+        }
+    }
+
+    fn tell(&mut self, happening: Happening) {
+        let status = self.card.status();
+        let time_s = status.period as f64 * self.machine.period_s();
+        let event = Event { period: status.period, time_s, place: status.place, line: status.line, happening };
+        Observer::<A>::told(&mut self.live, &Told::Event(event));
+    }
+
+    fn note(&mut self, text: impl Into<String>) {
+        let time_s = self.card.status().period as f64 * self.machine.period_s();
+        locked(&self.desk.model).say(time_s, 0, text);
+    }
+
+    /// Tells every output.
+    fn tell_outputs(&mut self) {
+        let outputs = self.card.status().outputs;
+        for at in 0..channel::COUNT {
+            let change = Change { channel: at as u8, value: outputs[at] };
+            if locked(&self.desk.model).output(change.channel) != change.value {
+                Observer::<A>::told(&mut self.live, &Told::Output(change));
+            }
+        }
+    }
+
+    /// After a job: the machine is set up for the next one.
+    fn set_up(&mut self) {
+        let mut model = locked(&self.desk.model);
+        if model.stage != Stage::Job {
+            model.stage = Stage::Setup;
+            model.changes += 1;
+        }
+    }
+
+    /// Work by hand.
+    fn task(&mut self, task: &Task) {
+        match task {
+            Task::ClearAlarm => self.clear_alarm(),
+            Task::Output(number, value) => {
+                let change = Change { channel: *number, value: *value };
+                match self.card.send(Word::ByHand(change)) {
+                    Ok(()) => (0..3).for_each(|_| self.stand()),
+                    Err(why) => self.note(format!("output {number}: the card does not take it: {}", in_words(why))),
+                }
+                self.tell_outputs();
+            }
+            Task::Home(_) | Task::Jog { .. } | Task::JogOn { .. } | Task::Mdi(_) | Task::WorkZero(_) => {
+                self.note("moving by hand is not built yet");
+            }
+        }
+    }
+
+    fn clear_alarm(&mut self) {
+        // What the card refuses shows below.
+        let _ = self.card.send(Word::ClearAlarm);
+        for _ in 0..CLEARED_WITHIN {
+            self.stand();
+            if self.card.status().alarm.is_none() && !self.failed {
+                locked(&self.desk.model).alarm_is_cleared();
+                return self.note("the alarm is cleared");
+            }
+        }
+        self.note("not cleared: its cause is still there");
+    }
+
+    /// Runs the program from where the machine stands.
+    fn job(&mut self) {
+        if locked(&self.desk.model).stage == Stage::Job {
+            return;
+        }
+        if let Some(why) = self.cannot_begin() {
+            return self.note(why);
+        }
+        let machine = self.machine.clone().standing_at(&self.card.status().counts);
+        let program = match self.prepared(&machine) {
+            Ok(program) => program,
+            Err(why) => return self.refused(&why),
+        };
+        if let Err(fault) = self.card.begin(Start::at(0)) {
+            return self.tell(Happening::Alarm(Trouble::of(&fault)));
+        }
+        let mut ended = Ended::default();
+        let at_screen = AtScreen { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
+        let job = Job::of(self.args, &machine, self.script.clone(), program);
+        let done = job.run(&mut *self.card, true, Some(at_screen));
+        self.desk.ends();
+        self.left.ran = true;
+        match done {
+            Ok((code, _)) => {
+                (self.left.code, self.left.report) = (code, Some(ended.text));
+                locked(&self.desk.model).end(&ended.short);
+            }
+            Err(failure) => {
+                let why = in_full(failure);
+                (self.left.code, self.left.report) = (2, None);
+                locked(&self.desk.model).end(why.lines().next().unwrap_or_default());
+                self.refused(&why);
+            }
+        }
+        // What the session told is the same alarm.
+        self.alarm = self.card.status().alarm;
+    }
+
+    /// Why no job can begin now.
+    fn cannot_begin(&self) -> Option<&'static str> {
+        if self.failed {
+            Some("the card does not answer any more: quit, and begin again")
+        } else if self.card.status().alarm.is_some() {
+            Some("first clear the alarm (a)")
+        } else if self.left.ran && self.args.reading.program.as_os_str() == "-" {
+            Some("standard input has been read: it cannot be run again")
+        } else {
+            None
+        }
+    }
+
+    /// Opens the program and checks it, while periods go on passing.
+    fn prepared(&mut self, machine: &Machine) -> Result<Program, String> {
+        let args = self.args;
+        let model = Arc::clone(&self.desk.model);
+        let done = thread::scope(|scope| {
+            let opening = scope.spawn(move || {
+                let program = Program::quietly(&args.reading, machine).map_err(|refusal| refusal.to_string())?;
+                program.faults(machine)?;
+                picture::look_again::<A>(&model, machine, &program);
+                Ok(program)
+            });
+            while !opening.is_finished() {
+                self.stand();
+            }
+            opening.join()
+        });
+        done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+
+    /// A program was refused: every line of why.
+    fn refused(&mut self, why: &str) {
+        for line in why.lines().filter(|line| !line.trim().is_empty()) {
+            self.note(line);
+        }
+        let mut model = locked(&self.desk.model);
+        let cause = why.lines().next().unwrap_or_default().to_owned();
+        let remedy = "g shows all messages; correct the program, then start it again (c)".to_owned();
+        model.alarm = Some(AlarmShown { number: "the program is refused".into(), cause, remedy });
+    }
+}
+
+/// Why a card did not take a word.
+fn in_words(refused: WordRefused) -> String {
+    format!("{refused:?}")
+}
+
+/// A failure with everything that there is to say.
+fn in_full(failure: Failure) -> String {
+    match failure {
+        Failure::Refused(refusal) | Failure::Card(refusal) => refusal.to_string(),
+        Failure::Program => "the program has errors".into(),
+    }
+}

@@ -1,0 +1,155 @@
+//! Full-screen operation: joins the screen, the machine by hand, and the jobs that run on it.
+//!
+//! Three threads: the screen, which may come to stand still with its terminal; the machine, which is set up, runs a job and stands again
+//! ([`machinist`]); and this one, which looks after both.
+//!
+//! Invariant: the machine never runs on without its operator. Where the terminal is gone, by a signal, by an error or because nothing can be
+//! shown on it any more, the job is stopped on its path and can be resumed.
+
+mod desk;
+mod machinist;
+mod picture;
+mod signals;
+
+use std::io::IsTerminal;
+use std::sync::{Arc, Mutex};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use retrace_controller::machine::Machine;
+use retrace_controller::operator::{Deed, Instruction};
+use retrace_controller::refusal::Refusal;
+use retrace_link::MotionCard;
+
+use crate::args;
+use crate::console::unwritable;
+use crate::program::{Failure, Program};
+use crate::screen::Screen;
+use crate::screen::live::locked;
+use crate::screen::model::Model;
+
+use desk::Desk;
+use machinist::Machinist;
+use signals::Signals;
+
+/// How often it is looked after.
+const LOOKS_EVERY: Duration = Duration::from_millis(20);
+/// A screen that shows nothing for so long cannot be operated: the machine is held.
+const HELD_AFTER: Duration = Duration::from_secs(5);
+/// And after so long its terminal counts as gone.
+const GONE_AFTER: Duration = Duration::from_secs(60);
+/// So long the screen may take to put the terminal back.
+const TO_LEAVE: Duration = Duration::from_secs(1);
+
+/// Is the machine to be operated at a screen?
+///
+/// # Errors
+/// `E2142` where one was asked for that there cannot be.
+pub fn is_wanted(args: &args::Run) -> Result<bool, Refusal> {
+    let is_terminal = std::io::stdout().is_terminal();
+    if !args.tui {
+        return Ok(!args.no_tui && !args.json && args.realtime && is_terminal);
+    }
+    if args.json {
+        let what = "--tui and --json both want standard output";
+        return Err(Refusal::new(
+            "E2142",
+            what,
+            "leave one out; --journal DIR keeps the report of a job at the screen",
+        ));
+    }
+    if !is_terminal {
+        let what = "--tui: standard output is no terminal";
+        return Err(Refusal::new("E2142", what, "run it in a terminal, or leave --tui out"));
+    }
+    Ok(true)
+}
+
+/// Operates a machine that stands, on an open card, until the operator quits or the terminal is gone: the exit code of the last job; that of
+/// a stopped one where none has run. `program` has been checked.
+///
+/// # Errors
+/// The terminal cannot be taken.
+pub fn operate<const A: usize, C: MotionCard<A> + Send>(
+    args: &args::Run,
+    machine: &Machine,
+    program: Program,
+    script: Vec<Instruction>,
+    card: &mut C,
+) -> Result<u8, Failure> {
+    let signals = Signals::listen().map_err(|error| unwritable("the list of signals", &error))?;
+    let program = Arc::new(program);
+    let model = Arc::new(Mutex::new(Model::new(Arc::new(picture::facts(machine, &program)))));
+    picture::reckon::<A>(&model, machine, &program);
+    let (desk, words) = Desk::new(Arc::clone(&model));
+    let mut screen = Watched::begin(&model, &desk);
+    let machinist = Machinist::<A, C>::new(args, machine, script, card, words, &desk);
+    let done = thread::scope(|scope| {
+        let machine = scope.spawn(|| machinist.work());
+        while !machine.is_finished() {
+            thread::sleep(LOOKS_EVERY);
+            if signals.came() || screen.is_gone() {
+                desk.leave();
+            } else if screen.is_stuck() {
+                desk.say_to_job(Deed::Hold);
+            }
+        }
+        // A panic over there is a defect, never an input; it is passed on when the terminal is as it was.
+        machine.join()
+    });
+    let shown = screen.end();
+    let done = done.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    if let (Err(error), false) = (shown, done.ran) {
+        return Err(unwritable("the screen", &error).into());
+    }
+    if let Some(report) = &done.report {
+        crate::out::line(report);
+    }
+    Ok(done.code)
+}
+
+/// The screen in its thread.
+struct Watched {
+    thread: Option<JoinHandle<std::io::Result<()>>>,
+    model: Arc<Mutex<Model>>,
+    /// When a picture was last seen to be drawn, and how many there were then.
+    drawn: (Instant, u64),
+    held: bool,
+}
+
+impl Watched {
+    fn begin(model: &Arc<Mutex<Model>>, desk: &Arc<Desk>) -> Self {
+        let (picture, desk) = (Arc::clone(model), Arc::clone(desk));
+        let thread = thread::spawn(move || Screen::default().run(&picture, |said| desk.say(said)));
+        Self { thread: Some(thread), model: Arc::clone(model), drawn: (Instant::now(), 0), held: false }
+    }
+
+    /// Has it been left, whatever the reason, or has its terminal gone?
+    fn is_gone(&mut self) -> bool {
+        let count = locked(&self.model).redraw.count;
+        if count != self.drawn.1 {
+            (self.drawn, self.held) = ((Instant::now(), count), false);
+        }
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished) || self.drawn.0.elapsed() > GONE_AFTER
+    }
+
+    /// Has it stood still for long? Said once.
+    fn is_stuck(&mut self) -> bool {
+        self.drawn.0.elapsed() > HELD_AFTER && !std::mem::replace(&mut self.held, true)
+    }
+
+    /// Has it leave the terminal. One that stands still with its terminal is left to itself.
+    fn end(mut self) -> std::io::Result<()> {
+        locked(&self.model).over = true;
+        let begun = Instant::now();
+        while self.thread.as_ref().is_some_and(|thread| !thread.is_finished()) {
+            if begun.elapsed() > TO_LEAVE {
+                crate::screen::put_back();
+                return Ok(());
+            }
+            thread::sleep(LOOKS_EVERY);
+        }
+        let thread = self.thread.take().map_or(Ok(Ok(())), JoinHandle::join);
+        thread.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+}

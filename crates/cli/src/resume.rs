@@ -1,0 +1,417 @@
+//! `retrace resume`: takes up an interrupted job at its breakpoint (DNC, *Beyond the source*).
+//!
+//! Invariant: nothing moves and the journal stays as it was before program, planner, card and counts have been compared with the journal
+//! and the operator has agreed.
+
+use std::path::{Path, PathBuf};
+
+use retrace_controller::fingerprint;
+use retrace_controller::job::Begin;
+use retrace_controller::jobs::{Held, JobFolder, Jobs};
+use retrace_controller::journal::entry::{self, Card, FileRead, Job, Resumed, Role, Source};
+use retrace_controller::journal::hash::Hash;
+use retrace_controller::journal::logbook::Care;
+use retrace_controller::journal::record::JobRecord;
+use retrace_controller::journal::spool::{Progress, Respooled};
+use retrace_controller::journal::stamp::Stamp;
+use retrace_controller::machine::Machine;
+use retrace_controller::operator::{self, Instruction};
+use retrace_controller::refusal::Refusal;
+use retrace_controller::resume::{Prepared, Resumption};
+use retrace_core::place::before;
+use retrace_link::{Greeting, MotionCard, Outputs, Start, channel};
+
+use crate::args::{self, CycleFolders, Reading};
+use crate::kept::{self, Kept};
+use crate::machining::{Machining, Manners};
+use crate::program::{Arrives, Arriving, Failure, Program};
+use crate::resume_told::{self, Taken};
+use crate::wired::{self, Greeted};
+use crate::{files, run};
+
+/// So many marks are held against the plan, and all that lie beyond the breakpoint.
+const MARKS: u64 = 1 << 16;
+
+/// Runs the command; its exit code.
+///
+/// # Errors
+/// What keeps the job from being taken up.
+pub fn run(args: &args::Resume) -> Result<u8, Failure> {
+    if args.machine.is_some() {
+        let what = "--machine: a job goes on with the machine that it began with, which is in its journal";
+        return Err(Refusal::new("E2142", what, "leave it out").into());
+    }
+    let jobs = Jobs::named(args.journal.as_deref())?;
+    let folder = match &args.job {
+        Some(id) => jobs.find(id)?,
+        None => newest(&jobs)?,
+    };
+    let held = folder.hold()?;
+    let record = folder.read()?;
+    if let Some(line) = args.from_line {
+        drop(held);
+        return from_line(args, &record.job, line);
+    }
+    if record.end.as_ref().is_some_and(|end| end.outcome == entry::Ending::Completed) {
+        let what = format!("job {} came to its end", folder.id());
+        return Err(Refusal::new("E2209", what, "`retrace run` runs the program again").into());
+    }
+    let machine = machine(&record.job)?;
+    let axes = machine.axes.len();
+    let taking = Taking { args, jobs, folder, held, record, machine };
+    match axes {
+        0..=4 => taking.up::<4>(),
+        5..=6 => taking.up::<6>(),
+        _ => taking.up::<9>(),
+    }
+}
+
+fn newest(jobs: &Jobs) -> Result<JobFolder, Refusal> {
+    jobs.newest_to_resume().map(|job| job.folder).ok_or_else(|| {
+        let what = format!("no job in {} can be resumed", jobs.folder().display());
+        Refusal::new("E2209", what, "`retrace jobs` lists what ran; --journal names another folder")
+    })
+}
+
+/// The machine of a job, where it stood when the job began.
+fn machine(job: &Job) -> Result<Machine, Refusal> {
+    let machine = match &job.machine.path {
+        None => Machine::built_in()?,
+        Some(path) => Machine::parse(&job.machine.text, path)?,
+    };
+    Ok(machine.standing_at(&job.counts))
+}
+
+/// What the job's program is read with; a file may be elsewhere now.
+fn reading(job: &Job, program: Option<&Path>) -> Reading {
+    let path = |path: &Option<String>| path.as_ref().map(PathBuf::from);
+    let program = match (&job.source, program) {
+        (Source::File(_), Some(elsewhere)) => elsewhere.to_owned(),
+        (Source::File(file), None) => file.into(),
+        (Source::StandardInput, _) => "-".into(),
+        (Source::Socket(address), _) => format!("tcp://{address}").into(),
+    };
+    let of = &job.arguments;
+    Reading {
+        program,
+        block_delete: of.block_delete,
+        subs: of.subs.iter().map(PathBuf::from).collect(),
+        cycle_folders: CycleFolders { cycles: path(&of.cycles), compiled: None },
+        tools: path(&of.tools),
+        params: path(&of.params),
+        ini: path(&of.ini),
+    }
+}
+
+/// A job of its own, of the same program, from a line on.
+fn from_line(args: &args::Resume, job: &Job, line: u32) -> Result<u8, Failure> {
+    let card = match (&args.card, &job.card) {
+        (Some(named), _) => named.clone(),
+        (None, Card::Sim) => "sim".into(),
+        (None, Card::Wired(card)) => card.address.clone(),
+    };
+    let program = args.program.as_deref();
+    let mut reading = reading(job, program);
+    if let (Some(program), false) = (program, matches!(job.source, Source::File(_))) {
+        reading.program = program.to_owned();
+    }
+    let run = args::Run {
+        reading,
+        card,
+        machine: job.machine.path.as_ref().map(PathBuf::from),
+        realtime: args.realtime,
+        tui: false,
+        no_tui: true,
+        operator: args.operator.clone(),
+        records: args.records.clone(),
+        json: args.json,
+        start_line: Some(line),
+        journal: args.journal.clone(),
+        no_journal: false,
+    };
+    run::run_on(&run, machine(job)?, job.machine.text.clone(), false)
+}
+
+/// A job being taken up.
+struct Taking<'a> {
+    args: &'a args::Resume,
+    jobs: Jobs,
+    folder: JobFolder,
+    held: Held,
+    record: JobRecord,
+    machine: Machine,
+}
+
+impl Taking<'_> {
+    fn up<const A: usize>(self) -> Result<u8, Failure> {
+        let program = self.program()?;
+        if fingerprint::of_planning()? != self.record.job.planner {
+            let what = format!(
+                "retrace {} plans otherwise than retrace {}, which began the job",
+                env!("CARGO_PKG_VERSION"),
+                self.record.job.retrace
+            );
+            return Err(Refusal::new("E2211", what, "use that version, or `retrace resume JOB --from-line N`").into());
+        }
+        let script = files::script(self.args.operator.as_deref())?;
+        match self.record.resumed.last().map_or(&self.record.job.card, |last| &last.card) {
+            Card::Sim => self.on_simulated::<A>(&program, script),
+            Card::Wired(card) => {
+                let card = card.clone();
+                self.on_wired::<A>(&program, script, &card)
+            }
+        }
+    }
+
+    /// The job's program, and the files that it was read with, as they were.
+    fn program(&self) -> Result<Program, Failure> {
+        let job = &self.record.job;
+        let arrives = match (&job.source, &self.args.program) {
+            (Source::File(_), _) => None,
+            (Source::Socket(address), None) => Some(Arrives::Socket(address.clone())),
+            (Source::StandardInput, None) => Some(Arrives::StandardInput),
+            (_, Some(named)) => Some(Arrives::named(named).unwrap_or_else(|| Arrives::File(named.clone()))),
+        };
+        let reading = reading(job, self.args.program.as_deref());
+        for file in &job.files {
+            let path = if file.role == Role::Program { reading.program.clone() } else { PathBuf::from(&file.path) };
+            unchanged(file, &path)?;
+        }
+        Ok(Program::open_arriving(&reading, &self.machine, arrives)?)
+    }
+
+    /// What is kept of a program that arrived, and what is sent again, if that is needed.
+    fn input(&self, program: &Program) -> Result<Option<(Arriving, Progress)>, Refusal> {
+        if program.arrives().is_none() {
+            return Ok(None);
+        }
+        let kept = self.record.spooled;
+        let named = self.args.program.is_some() || matches!(self.record.job.source, Source::Socket(_));
+        let again = if kept.ended || !named { None } else { program.arriving()? };
+        let (mut input, progress) = Respooled::open(&self.folder.stream(), kept, again)?;
+        input.compare().map_err(|error| {
+            let what = error.to_string();
+            let what = what.strip_prefix("E2208: ").unwrap_or(&what).to_owned();
+            Refusal::new("E2208", what, "send the same program again from its beginning")
+        })?;
+        Ok(Some((Box::new(input), progress)))
+    }
+
+    fn on_simulated<const A: usize>(self, program: &Program, script: Vec<Instruction>) -> Result<u8, Failure> {
+        if self.args.card.as_ref().is_some_and(|card| card != "sim") {
+            return Err(other_card("the job ran on the simulated card, which is in this process").into());
+        }
+        let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
+        let card = run::simulated::<A>(&self.machine, self.args.realtime)?
+            .standing_at(counts(&self.record.stood.counts), &outputs);
+        let start = self.record.stood.start;
+        let wall_time = self.args.realtime;
+        self.go(program, script, card, start, Card::Sim, wall_time).map(|(code, _)| code)
+    }
+
+    fn on_wired<const A: usize>(
+        self,
+        program: &Program,
+        script: Vec<Instruction>,
+        was: &entry::WiredCard,
+    ) -> Result<u8, Failure> {
+        let address = self.args.card.clone().unwrap_or_else(|| was.address.clone());
+        let mut card = wired::find::<A>(&address)?;
+        card.settle(wired::nonce()).map_err(|fault| wired::failed(&address, &fault))?;
+        let Some(greeting) = card.greeting().copied() else { return Ok(3) };
+        wired::fits(&address, &greeting.identity, &self.machine)?;
+        let start = self.start(&address, &greeting, was)?;
+        let stands =
+            Start { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
+        let settings = self.machine.card_settings(stands);
+        let status = wired::look(&mut card, &address, settings)?;
+        let named = kept::wired(&address, &greeting.identity);
+        let card = Greeted::new(card, settings, status, greeting.identity.boot);
+        let (code, card) = self.go(program, script, card, start, named, true)?;
+        card.close();
+        Ok(code)
+    }
+
+    /// Where the path is to be taken up on a card that says this of itself.
+    fn start<const A: usize>(
+        &self,
+        address: &str,
+        greeting: &Greeting<A>,
+        was: &entry::WiredCard,
+    ) -> Result<Start, Refusal> {
+        let (is, stood) = (&greeting.identity, &self.record.stood);
+        if is.serial != was.serial {
+            let what = format!("{address}: serial number {}, and the job's card has {}", is.serial, was.serial);
+            return Err(other_card(&what));
+        }
+        if self.args.at_counts {
+            return Ok(stood.start);
+        }
+        if is.boot != was.boot {
+            let what = format!("{address}: the card was restarted, so that nobody knows where the machine stands");
+            let remedy = format!(
+                "home the machine, bring it to {}, then `retrace resume {} --at-counts`",
+                resume_told::position(&self.machine, &stood.counts),
+                self.folder.id()
+            );
+            return Err(Refusal::new("E2213", what, remedy));
+        }
+        let said =
+            Start { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
+        let is_behind = before(said.reached, stood.start.reached) || before(said.executed, stood.start.executed);
+        let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == entry::Ending::Stopped);
+        if !is_behind && !was_stopped {
+            return Ok(said);
+        }
+        // The card's place is of another path, or that does not matter: the journal's is where it came to rest.
+        let axes = self.machine.axes.len();
+        if was_stopped && greeting.counts[..axes.min(A)] == stood.counts[..] {
+            return Ok(stood.start);
+        }
+        Err(self.disagree(&greeting.counts[..axes.min(A)], &stood.counts))
+    }
+
+    fn disagree(&self, card: &[i64], job: &[i64]) -> Refusal {
+        let what = format!("the card's counts are {card:?}, and the job was left at {job:?}: the machine was moved");
+        let remedy = format!(
+            "bring it back to {}, then `retrace resume {} --at-counts`; home it first if in doubt",
+            resume_told::position(&self.machine, job),
+            self.folder.id()
+        );
+        Refusal::new("E2214", what, remedy)
+    }
+
+    /// What the journal says of where it was left.
+    fn resumption(&self, start: Start) -> Result<Resumption, Refusal> {
+        let job = &self.record.job;
+        let mut marks = Vec::new();
+        let every = self.record.marks / MARKS + 1;
+        for (number, mark) in (0_u64..).zip(self.record.marks()?) {
+            let mark = mark?;
+            if number.is_multiple_of(every) || before(start.place.record, mark.place) {
+                marks.push(mark);
+            }
+        }
+        let overrides = self.record.overrides().iter().map(|of| (of.place, of.planned)).collect();
+        let outputs = outputs(&job.outputs);
+        Ok(Resumption { start, origin: job.origin, executed: job.executed, outputs, overrides, marks })
+    }
+
+    /// Finds the breakpoint, asks, and goes on.
+    fn go<const A: usize, C: MotionCard<A>>(
+        self,
+        program: &Program,
+        script: Vec<Instruction>,
+        card: C,
+        start: Start,
+        named: Card,
+        wall_time: bool,
+    ) -> Result<(u8, C), Failure> {
+        let resumption = self.resumption(start)?;
+        let (input, progress) = self.input(program)?.unzip();
+        let kept_text = self.folder.stream();
+        let Self { args, jobs, folder, held, record, machine } = self;
+        let care = if named == Card::Sim { Care::Written } else { Care::Synced };
+        let disagree = Disagree { id: folder.id().to_owned(), machine: &machine };
+        let kept = Kept::waiting(jobs, folder, held, care, &record);
+        let manners = Manners {
+            json: args.json,
+            records: args.records.as_deref(),
+            script: agreed(script)?,
+            operator: args.operator.is_some(),
+            wall_time,
+            params: record.job.arguments.params.as_deref().map(Path::new),
+        };
+        let agree = |prepared: &Prepared<A>, kept: Option<&mut Kept>| -> Result<(), Failure> {
+            if !prepared.agrees() {
+                return Err(disagree.refusal(prepared).into());
+            }
+            let taken = Taken { program, record: &record, machine: &machine, kept: &kept_text, prepared };
+            taken.show(args.json);
+            if !args.yes && !resume_told::asked()? {
+                return Err(Refusal::new("E2215", "not agreed to: nothing has moved", "--yes agrees").into());
+            }
+            let resumed = resumed(prepared, named, &machine);
+            kept.map_or(Ok(()), |kept| kept.take_up(&record, resumed, progress))?;
+            Ok(())
+        };
+        let begin = Begin::At(Box::new(resumption));
+        let machining =
+            Machining { manners, machine: &machine, program, input, begin, kept: Some(kept), at_screen: None };
+        machining.run(card, agree)
+    }
+}
+
+/// Says that counts do not go together.
+struct Disagree<'a> {
+    id: String,
+    machine: &'a Machine,
+}
+
+impl Disagree<'_> {
+    fn refusal<const A: usize>(&self, prepared: &Prepared<A>) -> Refusal {
+        let axes = self.machine.axes.len().min(A);
+        let (card, place) = (prepared.card().counts, prepared.counts());
+        let (card, place) = (&card[..axes], &place[..axes]);
+        let what =
+            format!("the card's counts are {card:?}, and those of the breakpoint are {place:?}: the machine was moved");
+        let remedy = format!(
+            "bring it back to {}, then `retrace resume {} --at-counts`; home it first if in doubt",
+            resume_told::position(self.machine, place),
+            self.id
+        );
+        Refusal::new("E2214", what, remedy)
+    }
+}
+
+fn resumed<const A: usize>(prepared: &Prepared<A>, card: Card, machine: &Machine) -> Resumed {
+    let Start { place, reached, executed, .. } = *prepared.start();
+    let counts = prepared.counts()[..machine.axes.len().min(A)].to_vec();
+    Resumed { when: Stamp::now(), retrace: env!("CARGO_PKG_VERSION").into(), card, place, reached, executed, counts }
+}
+
+/// The operator has agreed to what was shown: the outputs are restored without another question.
+fn agreed(script: Vec<Instruction>) -> Result<Vec<Instruction>, Refusal> {
+    let mut all = operator::parse("at 0s leave", "resume")?;
+    all.extend(script);
+    Ok(all)
+}
+
+fn other_card(what: &str) -> Refusal {
+    let remedy = "connect the card that the job ran on, or begin at a line with `retrace resume JOB --from-line N`";
+    Refusal::new("E2212", what, remedy)
+}
+
+/// Is the file as it was?
+fn unchanged(file: &FileRead, path: &Path) -> Result<(), Refusal> {
+    let what = match file.role {
+        Role::Program => "program",
+        Role::Subprogram => "subprogram",
+        Role::Cycles => "folder of cycles",
+        Role::Tools => "tool table",
+        Role::Parameters => "parameter file",
+        Role::Ini => "INI file",
+    };
+    if Hash::of(&files::bytes(path, what)?) == file.hash {
+        return Ok(());
+    }
+    let what = format!("the {what} {} was changed since the job began", path.display());
+    let remedy = "put the old one back, or begin at a line of the new one with `retrace resume JOB --from-line N`";
+    Err(Refusal::new("E2210", what, remedy))
+}
+
+fn counts<const A: usize>(of: &[i64]) -> [i64; A] {
+    let mut counts = [0; A];
+    counts.iter_mut().zip(of).for_each(|(slot, &count)| *slot = count);
+    counts
+}
+
+fn outputs(written: &[(u8, i32)]) -> Outputs {
+    let mut outputs = [0; channel::COUNT];
+    for &(number, value) in written {
+        if let Some(slot) = outputs.get_mut(usize::from(number)) {
+            *slot = value;
+        }
+    }
+    outputs
+}

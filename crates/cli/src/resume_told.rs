@@ -1,0 +1,182 @@
+//! What `retrace resume` will do, in words, before it does it.
+//!
+//! Invariant: it is said what was found by planning again, beside what the card says; nothing is guessed.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
+use std::path::Path;
+
+use retrace_controller::event::channel_name;
+use retrace_controller::journal::record::JobRecord;
+use retrace_controller::machine::Machine;
+use retrace_controller::refusal::Refusal;
+use retrace_controller::resume::Prepared;
+use retrace_core::ONE;
+use retrace_core::place::before;
+use retrace_gcode::Progress;
+use retrace_link::channel;
+use serde_json::{Value, json};
+
+use crate::program::{Arriving, Program};
+
+/// Blocks that are looked through for that of the breakpoint, behind the last mark before it.
+const LOOKED_THROUGH: u64 = 100_000;
+
+/// A job about to be taken up.
+pub struct Taken<'a, const A: usize> {
+    /// Its program.
+    pub program: &'a Program,
+    /// Its journal.
+    pub record: &'a JobRecord,
+    /// Its machine.
+    pub machine: &'a Machine,
+    /// The file that keeps a program that arrived.
+    pub kept: &'a Path,
+    /// What was found.
+    pub prepared: &'a Prepared<A>,
+}
+
+/// The block under the breakpoint.
+#[derive(Default)]
+struct Block {
+    whereabouts: String,
+    text: String,
+    active: String,
+}
+
+impl<const A: usize> Taken<'_, A> {
+    /// Shows it.
+    pub fn show(&self, json: bool) {
+        let block = self.block().unwrap_or_default();
+        if json {
+            crate::out::line(self.to_json(&block));
+            return;
+        }
+        for (name, text) in self.in_words(&block) {
+            say!("  {name:10} {text}");
+        }
+    }
+
+    fn in_words(&self, block: &Block) -> Vec<(&'static str, String)> {
+        let (prepared, job) = (self.prepared, &self.record.job);
+        let place = prepared.start().place;
+        let share = f64::from(place.fraction) / ONE as f64;
+        let mut words = vec![
+            ("job", format!("{}, {}", job.id, job.program)),
+            ("at", block.whereabouts.clone()),
+            ("block", block.text.clone()),
+            (
+                "place",
+                format!("{:.3} mm into it (record {:.4})", prepared.into_line_mm(), f64::from(place.record) + share),
+            ),
+            ("position", format!("{}, as the card's counters say", position(self.machine, &prepared.counts()))),
+            ("modes", block.active.clone()),
+            ("tool", prepared.expected_outputs()[usize::from(channel::TOOL)].to_string()),
+        ];
+        let differing = self.differing();
+        let restored: Vec<String> =
+            differing.iter().map(|(number, is, to)| format!("{} from {is} to {to}", channel_name(*number))).collect();
+        words.push(("switches", if restored.is_empty() { "nothing".into() } else { restored.join(", ") }));
+        let behind = prepared.start().reached.wrapping_sub(place.boundary_ahead());
+        if behind > 0 {
+            words.push(("then", format!("forward {behind} records to the furthest place executed, and on from there")));
+        }
+        words.push(("history", format!("{:.1} s, {:.3} mm back", self.history_s(), prepared.history_mm())));
+        words
+    }
+
+    fn to_json(&self, block: &Block) -> Value {
+        let prepared = self.prepared;
+        let (place, axes) = (prepared.start().place, self.machine.axes.len().min(A));
+        let outputs: Vec<Value> = self
+            .differing()
+            .iter()
+            .map(|(number, is, to)| json!({"channel": number, "is": is, "program": to}))
+            .collect();
+        json!({
+            "event": "resume",
+            "job": self.record.job.id,
+            "program": self.record.job.program,
+            "line": prepared.line(),
+            "whereabouts": block.whereabouts,
+            "block": block.text,
+            "into_line_mm": prepared.into_line_mm(),
+            "record": place.record,
+            "fraction": place.fraction,
+            "reached": prepared.start().reached,
+            "executed": prepared.start().executed,
+            "counts": prepared.counts()[..axes],
+            "card_counts": prepared.card().counts[..axes],
+            "active": block.active,
+            "tool": prepared.expected_outputs()[usize::from(channel::TOOL)],
+            "outputs": outputs,
+            "oldest": prepared.oldest(),
+            "history_s": self.history_s(),
+            "history_mm": prepared.history_mm(),
+        })
+    }
+
+    fn history_s(&self) -> f64 {
+        f64::from(self.prepared.start().place.record.wrapping_sub(self.prepared.oldest())) * self.machine.period_s()
+    }
+
+    /// Outputs that will be switched: channel, as it is, as it will be.
+    fn differing(&self) -> Vec<(u8, i32, i32)> {
+        let (is, to) = (&self.prepared.card().outputs, self.prepared.expected_outputs());
+        let each = (0..channel::COUNT).filter(|&n| is[n] != to[n]);
+        each.map(|n| (n as u8, is[n], to[n])).collect()
+    }
+
+    /// Looks up the block by decoding the program once more, up to the first of its line behind the last mark before the breakpoint.
+    fn block(&self) -> Option<Block> {
+        let place = self.prepared.start().place.record;
+        let marks = self.record.marks().ok()?.map_while(Result::ok);
+        let last = marks.take_while(|mark| !before(place, mark.place)).last();
+        let first = last.map_or(0, |mark| mark.block.saturating_sub(1));
+        let kept: Arriving = match File::open(self.kept) {
+            Ok(file) => Box::new(BufReader::new(file).take(self.record.spooled.bytes)),
+            Err(_) => Box::new(io::empty()),
+        };
+        let mut source = self.program.again(kept);
+        let mut steps = Vec::new();
+        for number in 1..=first + LOOKED_THROUGH {
+            steps.clear();
+            if source.advance(&mut steps) == Progress::End {
+                break;
+            }
+            if number > first && steps.iter().any(|step| step.line == self.prepared.line()) {
+                return Some(Block {
+                    whereabouts: source.whereabouts().to_string(),
+                    text: source.line_text().trim().to_owned(),
+                    active: source.active().to_string(),
+                });
+            }
+        }
+        None
+    }
+}
+
+/// A position in words: axis by axis, mm.
+#[must_use]
+pub fn position(machine: &Machine, counts: &[i64]) -> String {
+    let axes = machine.axes.iter().zip(counts);
+    let each = axes
+        .map(|(axis, &count)| format!("{} {:.3}", axis.name.to_ascii_uppercase(), count as f64 / axis.pulses_per_mm));
+    each.collect::<Vec<_>>().join(" ")
+}
+
+/// Asks on the terminal whether to go on.
+///
+/// # Errors
+/// `E2215` where there is no terminal.
+pub fn asked() -> Result<bool, Refusal> {
+    if !io::stdin().is_terminal() {
+        let what = "nobody is there to agree: nothing has moved";
+        return Err(Refusal::new("E2215", what, "look at what it would do, then say it again with --yes"));
+    }
+    eprint!("go on from there? [y/N] ");
+    let _ = io::stderr().flush();
+    let mut answer = String::new();
+    let _ = io::stdin().lock().read_line(&mut answer);
+    Ok(matches!(answer.trim(), "y" | "Y" | "yes"))
+}

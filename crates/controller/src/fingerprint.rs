@@ -1,0 +1,118 @@
+//! The fingerprint of planning: what a fixed program comes to, so that a change of decoder, planner or floating-point library shows.
+//!
+//! A job is resumed by planning it again, and goes on only where that comes to the very same records.
+//!
+//! Invariant: nothing but the fixed program on the built-in machine goes into it; it is reckoned each time, and kept by nobody.
+
+use retrace_core::Flags;
+use retrace_gcode::{Program, Progress, Step};
+use retrace_link::Change;
+use retrace_motion::{Arc, Feed, PathMode, Planner};
+
+use crate::by_hand;
+use crate::feed::{Cancelled, Refused, Switch};
+use crate::job::{self, Decode, Decoded};
+use crate::journal::hash::Hash;
+use crate::machine::Machine;
+use crate::refusal::Refusal;
+use crate::sink::Sink;
+
+/// Lines, arcs, a helix, a spline, blends wide and narrow, exact stops, inverse time, a loop with functions.
+const PROGRAM: &str = "G21 G17 G90 G94 F3000\nG64 P0.05\nG0 X3.7 Y-1.3 Z2\nG1 X11.3 Y4.1 Z-0.25\nX12.9 Y9.7\nX12.95 Y9.8\nX13.1\n\
+    G2 X19.3 Y3.5 I3.1 J-3.1 F5200\nG3 X16.2 Y0.4 Z-3.3 I-3.1 J0\nG5 X21.4 Y6.6 I2.2 J0.7 P-1.1 Q-2.9\nG64 P0.5\nG1 X25.1 Y-2.2\nX17.3\n\
+    #1 = 0\nO100 while [#1 LT 12]\nG1 X[17.3 + 2.9 * COS[#1 * 27.7]] Y[2.9 * SIN[#1 * 27.7]] Z[#1 / 7]\n#1 = [#1 + 1]\nO100 endwhile\n\
+    G61.1\nX1 Y1\nG61\nX2.2 Y3.3 F900\nG93 X9 Y9 F20\nG94 G64 P0.02 F6000\nG0 X0 Y0 Z0\nM2\n";
+
+/// What this version comes to.
+///
+/// # Errors
+/// None in practice: the built-in machine goes through the checks of every other.
+pub fn of_planning() -> Result<u32, Refusal> {
+    let machine = Machine::built_in()?;
+    let planner = Planner::<4>::new(machine.limits(), machine.start_mm())
+        .map_err(|why| Refusal::new("E2112", why.to_string(), "please report this"))?
+        .blending_by(machine.blending);
+    let mut planned = Planned { planner, hash: Hash::of(b"") };
+    let mut program = Fixed(Program::new(PROGRAM.as_bytes(), by_hand::setup(&machine)));
+    let (blocks, findings) = job::feed_all(&machine, &mut program, &mut planned);
+    planned.rest();
+    let outcome = format!("{blocks} {}", findings.len());
+    Ok(planned.hash.then(outcome.as_bytes()).short())
+}
+
+struct Fixed(Program<&'static [u8]>);
+
+impl Decode for Fixed {
+    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+        match self.0.advance(steps) {
+            Progress::Line => Decoded::Block,
+            Progress::Refused => Decoded::Refused(String::new()),
+            Progress::End => Decoded::End,
+        }
+    }
+}
+
+/// Plans, and takes the hash of the records.
+struct Planned {
+    planner: Planner<4>,
+    hash: Hash,
+}
+
+impl Planned {
+    fn take(&mut self) {
+        while let Some(record) = self.planner.next_record() {
+            for increment in record.increments {
+                self.hash = self.hash.then(&increment.to_le_bytes());
+            }
+            self.hash = self.hash.then(&record.line.to_le_bytes());
+        }
+    }
+
+    fn rest(&mut self) {
+        self.planner.stop(Flags::NONE);
+        self.take();
+    }
+}
+
+impl Sink<4> for Planned {
+    fn straight(&mut self, end_mm: [f64; 4], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        self.planner.line(end_mm, feed, mode, line)?;
+        self.take();
+        Ok(())
+    }
+
+    fn arc(&mut self, arc: &Arc<4>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        self.planner.arc(arc, feed, mode, line)?;
+        self.take();
+        Ok(())
+    }
+
+    fn action(&mut self, _: Change, _: u32) {}
+
+    fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
+        self.rest();
+        Ok(())
+    }
+
+    fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fixed_program_is_run_whole_and_comes_to_the_same_each_time() {
+        let machine = Machine::built_in().expect("valid");
+        let planner = Planner::<4>::new(machine.limits(), machine.start_mm()).expect("valid");
+        let mut planned = Planned { planner, hash: Hash::of(b"") };
+        let mut program = Fixed(Program::new(PROGRAM.as_bytes(), by_hand::setup(&machine)));
+        let (blocks, findings) = job::feed_all(&machine, &mut program, &mut planned);
+        planned.rest();
+        assert!(findings.is_empty() && blocks > 50, "{blocks} {findings:?}");
+        assert_eq!(program.0.interpreter().diagnostics().len(), 0, "{:?}", program.0.interpreter().diagnostics());
+        assert_eq!(of_planning(), of_planning());
+    }
+}

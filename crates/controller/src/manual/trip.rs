@@ -1,0 +1,166 @@
+//! A move by hand on the card: an epoch begun where the machine stands, played to its end or to where it is stopped.
+//!
+//! Invariant: it begins and ends at rest; what of it was not run when it is stopped is discarded, and the next one begins at the counts.
+
+use std::thread;
+use std::time::Duration;
+
+use retrace_core::place::before;
+use retrace_core::{ONE, Place};
+use retrace_link::{MotionCard, Start, Word};
+
+use super::hand::{Hand, Request};
+
+/// Over a line, what the card says of standing still may be so many periods old.
+pub(crate) const OLD_NEWS: u32 = crate::session::ON_THE_WAY;
+
+/// A move on its way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Trip {
+    /// The place that it begins at.
+    begins: u32,
+    /// Number of the last instruction that is executed: it stays.
+    executed: u32,
+    state: State,
+    /// Records ahead that are enough to go on at full rate.
+    enough: u32,
+    wall_time: bool,
+    /// Periods that it has been standing while it is stopped.
+    stood: u32,
+    /// The card has begun an epoch for it.
+    off_path: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// Until enough is planned to begin.
+    Planned,
+    /// On the way; has the card been told to move?
+    OnTheWay { told: bool },
+    /// Coming to rest before the end.
+    Stopping,
+    /// At rest.
+    Ended(Ended),
+}
+
+/// How it ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Ended {
+    /// At its end.
+    There,
+    /// Before it: it was stopped.
+    Stopped,
+    /// It could not be planned.
+    NotPlanned,
+}
+
+impl Trip {
+    /// Asks for a move. The machine stands, instruction `executed` having been the last.
+    pub(crate) fn begin<const A: usize>(
+        hand: &mut Hand<'_, A>,
+        request: Request<A>,
+        executed: u32,
+        enough: u32,
+        wall_time: bool,
+    ) -> Self {
+        let begins = hand.ring.write();
+        hand.ask(request);
+        Self { begins, executed, state: State::Planned, enough, wall_time, stood: 0, off_path: false }
+    }
+
+    /// Has the card begun an epoch for it?
+    pub(crate) fn is_off_path(&self) -> bool {
+        self.off_path
+    }
+
+    /// It is to come to rest where it is.
+    pub(crate) fn stop(&mut self) {
+        if !matches!(self.state, State::Ended(_)) {
+            (self.state, self.stood) = (State::Stopping, 0);
+        }
+    }
+
+    /// What is to be done before the next period; how it ended, once it has.
+    ///
+    /// # Errors
+    /// The card's fault.
+    pub(crate) fn turn<const A: usize, C: MotionCard<A>>(
+        &mut self,
+        hand: &mut Hand<'_, A>,
+        card: &mut C,
+    ) -> Result<Option<Ended>, C::Fault> {
+        if self.state == State::Planned && self.is_planned(hand, self.begins) {
+            if hand.is_done() && hand.ring.write() == self.begins {
+                self.state = State::Ended(if hand.failed() { Ended::NotPlanned } else { Ended::There });
+            } else {
+                let start = Start { executed: self.executed, ..Start::at(self.begins) };
+                card.begin(start)?;
+                self.off_path = true;
+                self.state = State::OnTheWay { told: false };
+            }
+        }
+        if let State::OnTheWay { told } = self.state {
+            self.fill(hand, card);
+            if !told && self.may_move(hand, card) && card.send(Word::Rate { target: ONE }).is_ok() {
+                self.state = State::OnTheWay { told: true };
+            }
+            let status = card.status();
+            if hand.is_done() && status.at_rest && status.place == Place::start_of(hand.ring.write()) {
+                self.end(hand, card, Ended::There);
+            }
+        }
+        if self.state == State::Stopping {
+            let _ = card.send(Word::Rate { target: 0 });
+            hand.give_up();
+            self.stood = if card.status().at_rest { self.stood + 1 } else { 0 };
+            if hand.is_done() && self.stood > if self.wall_time { OLD_NEWS } else { 1 } {
+                self.end(hand, card, Ended::Stopped);
+            }
+        }
+        Ok(match self.state {
+            State::Ended(how) => Some(how),
+            _ => None,
+        })
+    }
+
+    fn end<const A: usize, C: MotionCard<A>>(&mut self, hand: &mut Hand<'_, A>, card: &mut C, how: Ended) {
+        let _ = card.send(Word::Rate { target: 0 });
+        let write = hand.ring.write();
+        hand.ring.follow(write);
+        self.state = State::Ended(how);
+    }
+
+    /// Is enough planned beyond `place`, or all of it? In virtual time it must not depend on how fast that is: it is waited for.
+    fn is_planned<const A: usize>(&self, hand: &mut Hand<'_, A>, place: u32) -> bool {
+        loop {
+            let done = hand.is_done();
+            if done || hand.ring.write().wrapping_sub(place) >= self.enough {
+                return true;
+            }
+            if self.wall_time {
+                return false;
+            }
+            thread::sleep(Duration::from_micros(20));
+        }
+    }
+
+    fn fill<const A: usize, C: MotionCard<A>>(&self, hand: &mut Hand<'_, A>, card: &mut C) {
+        hand.ring.follow(card.status().place.record);
+        self.is_planned(hand, card.status().place.record);
+        let end = hand.ring.write();
+        let mut place = card.status().high;
+        while before(place, end)
+            && let Some(record) = hand.ring.record(place)
+            && card.send(Word::Ahead { place, record }).is_ok()
+        {
+            place = place.wrapping_add(1);
+        }
+    }
+
+    /// Has enough come to the card to go on at full rate?
+    fn may_move<const A: usize, C: MotionCard<A>>(&self, hand: &mut Hand<'_, A>, card: &C) -> bool {
+        let (wanted, end) = (self.begins.wrapping_add(self.enough), hand.ring.write());
+        let wanted = if before(end, wanted) { end } else { wanted };
+        !before(card.arrived(), wanted)
+    }
+}

@@ -1,0 +1,481 @@
+//! An interrupted program: the operator's steps from a breakpoint away and back (DNC-1 … DNC-8).
+//!
+//! Invariant: what may come after what is decided by [`Interruption`] alone; the program's path is left, by an epoch of its own, only after
+//! the breakpoint is latched, and taken up again only at the latched counts.
+
+use std::collections::VecDeque;
+use std::thread;
+use std::time::Duration;
+
+use retrace_core::interruption::{Direction, Effect, Interruption, Latch, Turning, Word as Said};
+use retrace_core::mode::{Demand, Mode};
+use retrace_core::{Flags as RecordFlags, Place};
+use retrace_link::{Change, MotionCard, Start, Status, Word, channel};
+
+use super::{Outcome, Session};
+use crate::dnc::{AxisCounts, Dnc, Flags, Step};
+use crate::event::{Happening, Trouble};
+use crate::machine::Machine;
+use crate::manual::hand::{Hand, Request};
+use crate::manual::trip::{Ended, OLD_NEWS, Trip};
+use crate::operator::{Deed, OrderRefused};
+use crate::stream::{Period, Standing, Told};
+
+/// So many words may wait for a move by hand to end.
+const WORDS: usize = 64;
+
+/// An axis, as far as moves by hand ask.
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    letter: char,
+    pulses_per_mm: f64,
+    /// Soft limits in counts.
+    travel: [i64; 2],
+}
+
+/// What a move by hand is for.
+#[derive(Clone, Copy, Debug)]
+enum Aim<const A: usize> {
+    Jog {
+        axis: usize,
+        from: i64,
+        to: i64,
+        /// It was to go farther than it may.
+        cut_short: bool,
+    },
+    /// Back to the breakpoint; the order as it was before.
+    Approach(Interruption<A>),
+}
+
+/// How far an interruption is.
+#[derive(Debug)]
+pub(super) struct Interrupted<'r, const A: usize> {
+    hand: Option<Hand<'r, A>>,
+    axes: Vec<Axis>,
+    /// The program that is run.
+    program: u64,
+    order: Interruption<A>,
+    /// Coming to rest, to be latched there.
+    pausing: bool,
+    /// Periods of rest in that.
+    stood: u32,
+    /// Words that wait for the machine to stand.
+    waiting: VecDeque<Deed>,
+    /// It is asked which program would be read.
+    identifying: bool,
+    trip: Option<(Trip, Aim<A>)>,
+    /// The place on the program's path, while the card's epoch is another.
+    left: Option<Start>,
+}
+
+impl<'r, const A: usize> Interrupted<'r, A> {
+    pub(super) fn new(machine: &Machine) -> Self {
+        let axis = |(index, axis): (usize, &crate::machine::Axis)| Axis {
+            letter: axis.name,
+            pulses_per_mm: axis.pulses_per_mm,
+            travel: axis.travel_mm.map(|mm| machine.counts_of(index, mm)),
+        };
+        Self {
+            hand: None,
+            axes: machine.axes.iter().enumerate().take(A).map(axis).collect(),
+            program: 0,
+            order: Interruption::reading(),
+            pausing: false,
+            stood: 0,
+            waiting: VecDeque::with_capacity(WORDS),
+            identifying: false,
+            trip: None,
+            left: None,
+        }
+    }
+
+    /// With somebody who plans moves by hand; `program` is the one that is run.
+    pub(super) fn with(self, hand: Hand<'r, A>, program: u64) -> Self {
+        Self { hand: Some(hand), program, ..self }
+    }
+
+    /// Is the program paused, or about to be?
+    pub(super) fn is_on(&self) -> bool {
+        self.pausing || self.order.paused()
+    }
+
+    /// Is the program paused?
+    pub(super) fn is_paused(&self) -> bool {
+        self.order.paused()
+    }
+
+    /// Is the machine to come to rest for it?
+    pub(super) fn is_pausing(&self) -> bool {
+        self.pausing
+    }
+
+    /// Is the card in an epoch that is none of the program's?
+    pub(super) fn is_off_path(&self) -> bool {
+        self.left.is_some()
+    }
+
+    /// Is something under way that words have to wait for?
+    fn is_busy(&self) -> bool {
+        self.pausing || self.identifying || self.is_moving()
+    }
+
+    pub(super) fn is_moving(&self) -> bool {
+        self.trip.is_some()
+    }
+
+    pub(super) fn standing(&self) -> Option<Standing> {
+        self.order.paused().then_some(Standing::Paused)
+    }
+
+    /// A place that the program's path had reached when it was left.
+    pub(super) fn reached(&self) -> Option<u32> {
+        self.left.map(|left| left.reached)
+    }
+}
+
+impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
+    /// The same, with somebody who plans moves by hand; `program` tells the one that is run from any other.
+    #[must_use]
+    pub fn by_hand(self, hand: Hand<'r, A>, program: u64) -> Self {
+        Self { dnc: self.dnc.with(hand, program), ..self }
+    }
+
+    /// A word that comes while a program is paused, or about to be. `None` where it is none of those that count otherwise then.
+    pub(super) fn order_interrupted(&mut self, deed: Deed) -> Option<Result<(), OrderRefused>> {
+        let steps =
+            matches!(deed, Deed::Pause | Deed::SpindleStop | Deed::SpindleStart | Deed::Jog { .. } | Deed::Online);
+        if steps || self.dnc.is_on() && matches!(deed, Deed::CycleStart | Deed::Resume) {
+            return Some(self.interruption_word(deed));
+        }
+        if !self.dnc.is_on() {
+            return None;
+        }
+        match deed {
+            Deed::Hold => {
+                self.halt_by_hand();
+                Some(Ok(()))
+            }
+            Deed::Stop => {
+                self.halt_by_hand();
+                None
+            }
+            Deed::Override(_) | Deed::Output { .. } => None,
+            _ => Some(Err(OrderRefused::NotNow("the program is paused: go on with it first"))),
+        }
+    }
+
+    /// A step of pausing at a breakpoint and going on there. It waits where the machine does not stand yet.
+    fn interruption_word(&mut self, deed: Deed) -> Result<(), OrderRefused> {
+        if deed == Deed::Pause {
+            return self.pause();
+        }
+        if self.dnc.is_busy() && !self.dnc.order.inhibited() {
+            if self.dnc.waiting.len() == WORDS {
+                return Err(OrderRefused::NotNow("too many words wait for the machine to stand"));
+            }
+            self.dnc.waiting.push_back(deed);
+            return Ok(());
+        }
+        self.step(deed)
+    }
+
+    fn pause(&mut self) -> Result<(), OrderRefused> {
+        if self.dnc.pausing {
+            return Err(retrace_core::interruption::Refused::AlreadyPaused.into());
+        }
+        let Some(&latch) = self.dnc.order.latch() else {
+            (self.dnc.pausing, self.dnc.stood) = (true, 0);
+            return Ok(());
+        };
+        self.dnc.order.say(Said::Pause(latch))?;
+        self.dnc.identifying = false;
+        if let Some((trip, _)) = &mut self.dnc.trip {
+            trip.stop();
+        }
+        self.tell_paused(&latch);
+        Ok(())
+    }
+
+    /// The operator wants the axes to stand, whatever moves them.
+    fn halt_by_hand(&mut self) {
+        if self.dnc.order.inhibited() {
+            // The way back ends as by *pause*; that is never refused on it.
+            let _ = self.pause();
+        } else if let Some((trip, _)) = &mut self.dnc.trip {
+            trip.stop();
+        }
+    }
+
+    /// Carries a step out.
+    fn step(&mut self, deed: Deed) -> Result<(), OrderRefused> {
+        let latched = self.dnc.order.latch().copied();
+        let turned = latched.and_then(|latch| latch.spindle);
+        let said = match deed {
+            Deed::SpindleStop => Said::StopSpindle,
+            Deed::SpindleStart => Said::StartSpindle(turned.map_or(Direction::Clockwise, |was| was.direction)),
+            Deed::Online => Said::Online,
+            Deed::Jog { axis, mm } => return self.jog(axis, mm),
+            _ => Said::CycleStart { program: latched.map_or(0, |latch| latch.program) },
+        };
+        let before = self.dnc.order;
+        match self.dnc.order.say(said)? {
+            Effect::StopSpindle => {
+                self.by_hand_now(channel::SPINDLE, 0);
+                self.tell_step(Step::SpindleStopped);
+            }
+            Effect::StartSpindle(turning) => {
+                let spindle = sign(turning.direction);
+                self.by_hand_now(channel::SPEED, i32::try_from(turning.speed).unwrap_or(i32::MAX));
+                self.by_hand_now(channel::SPINDLE, spindle);
+                self.tell_step(Step::SpindleStarted { spindle, speed: turning.speed });
+            }
+            Effect::Online => self.tell_step(Step::OnLine),
+            Effect::Approach(_) => {
+                // Not before it is known which program would be read.
+                self.dnc.order = before;
+                let hand = self.dnc.hand.as_mut().ok_or(NO_HAND)?;
+                hand.ask(Request::Identify);
+                self.dnc.identifying = true;
+            }
+            Effect::Halt | Effect::Jog | Effect::GoOn => {}
+        }
+        Ok(())
+    }
+
+    fn by_hand_now(&mut self, channel: u8, value: i32) {
+        // A card takes every channel that the messages name.
+        let _ = self.card.send(Word::ByHand(Change { channel, value }));
+    }
+
+    fn jog(&mut self, letter: char, mm: f64) -> Result<(), OrderRefused> {
+        let found = self.dnc.axes.iter().position(|axis| axis.letter == letter);
+        let mut trial = self.dnc.order;
+        trial.say(Said::Jog)?;
+        let index = found.ok_or(OrderRefused::NoAxis(letter))?;
+        let Axis { pulses_per_mm, travel: [low, high], .. } = self.dnc.axes[index];
+        let counts = self.card.status().counts;
+        let from = counts[index];
+        // Who stands beyond a limit may come back.
+        let wanted = from.saturating_add((mm * pulses_per_mm).round() as i64);
+        let to = wanted.clamp(low.min(from), high.max(from));
+        if to == from && wanted != from {
+            return Err(OrderRefused::BeyondLimit(letter));
+        }
+        let mut end = counts;
+        end[index] = to;
+        let aim = Aim::Jog { axis: index, from, to, cut_short: to != wanted };
+        self.begin_trip(Request::Straight { from: counts, to: end }, aim)
+    }
+
+    fn begin_trip(&mut self, request: Request<A>, aim: Aim<A>) -> Result<(), OrderRefused> {
+        let executed = self.dnc.left.map_or(self.card.status().executed, |left| left.executed);
+        let hand = self.dnc.hand.as_mut().ok_or(NO_HAND)?;
+        let trip = Trip::begin(hand, request, executed, self.enough, self.manner.wall_time);
+        self.dnc.trip = Some((trip, aim));
+        Ok(())
+    }
+
+    /// Goes on with whatever is under way at a breakpoint. To be called before every control period.
+    pub(super) fn watch_interruption(&mut self) -> Result<(), Trouble> {
+        if self.dnc.pausing {
+            self.watch_pausing();
+        }
+        if self.dnc.identifying {
+            self.watch_identifying();
+        }
+        self.watch_trip()?;
+        while !self.dnc.is_busy()
+            && let Some(deed) = self.dnc.waiting.pop_front()
+        {
+            if let Err(why) = self.step(deed) {
+                self.tell(Happening::OrderRefused(why));
+            }
+        }
+        Ok(())
+    }
+
+    /// Latches the breakpoint once the machine stands, with no instruction in hand (DNC-1, DNC-2).
+    fn watch_pausing(&mut self) {
+        let status = self.card.status();
+        let stands = status.at_rest && self.executing.is_none();
+        self.dnc.stood = if stands { self.dnc.stood + 1 } else { 0 };
+        if self.dnc.stood <= if self.manner.wall_time { OLD_NEWS } else { 1 } {
+            return;
+        }
+        let (way, speed) = (status.outputs[usize::from(channel::SPINDLE)], status.outputs[usize::from(channel::SPEED)]);
+        let direction = if way < 0 { Direction::Counterclockwise } else { Direction::Clockwise };
+        let spindle = (way != 0).then_some(Turning { direction, speed: speed.unsigned_abs() });
+        let latch = Latch { program: self.dnc.program, counts: status.counts, spindle };
+        self.dnc.pausing = false;
+        // Nothing is paused yet: it is not refused.
+        if self.dnc.order.say(Said::Pause(latch)).is_ok() {
+            self.tell_paused(&latch);
+        }
+    }
+
+    /// Begins the way back once it is known which program would be read (DNC-6).
+    fn watch_identifying(&mut self) {
+        let Some(hand) = &self.dnc.hand else { return };
+        // In virtual time it must not depend on how long that takes.
+        while !self.manner.wall_time && !hand.is_done() {
+            thread::sleep(Duration::from_micros(20));
+        }
+        if !hand.is_done() {
+            return;
+        }
+        let program = hand.program();
+        self.dnc.identifying = false;
+        if let Err(why) = self.approach(program) {
+            self.tell(Happening::OrderRefused(why));
+        }
+    }
+
+    fn approach(&mut self, program: u64) -> Result<(), OrderRefused> {
+        let before = self.dnc.order;
+        let mut after = before;
+        let Effect::Approach(to) = after.say(Said::CycleStart { program })? else { return Ok(()) };
+        let from = self.card.status().counts;
+        let beyond = self.dnc.axes.iter().zip(from.iter().zip(&to)).find(|(axis, (from, to))| {
+            let [low, high] = axis.travel;
+            from != to && !(low..=high).contains(*to)
+        });
+        if let Some((axis, _)) = beyond {
+            return Err(OrderRefused::BeyondLimit(axis.letter));
+        }
+        self.begin_trip(Request::Approach { from, to }, Aim::Approach(before))?;
+        self.dnc.order = after;
+        self.tell_step(Step::Approaching);
+        Ok(())
+    }
+
+    fn watch_trip(&mut self) -> Result<(), Trouble> {
+        let here = self.here();
+        let Some((trip, aim)) = &mut self.dnc.trip else { return Ok(()) };
+        let Some(hand) = &mut self.dnc.hand else { return Ok(()) };
+        let ended = trip.turn(hand, &mut self.card).map_err(|fault| Trouble::of(&fault))?;
+        if trip.is_off_path() {
+            self.dnc.left.get_or_insert(here);
+            self.target = None;
+        }
+        let Some(ended) = ended else { return Ok(()) };
+        let aim = *aim;
+        self.dnc.trip = None;
+        match aim {
+            Aim::Jog { .. } if ended == Ended::NotPlanned => self.tell(Happening::OrderRefused(NOT_PLANNED)),
+            Aim::Jog { axis, from, to, cut_short } => self.tell_jogged(axis, from, to, cut_short),
+            Aim::Approach(before) if ended == Ended::NotPlanned => {
+                self.dnc.order = before;
+                self.tell(Happening::OrderRefused(NOT_PLANNED));
+            }
+            // *Pause* has said so already.
+            Aim::Approach(_) if ended == Ended::Stopped => {}
+            Aim::Approach(_) => self.arrive()?,
+        }
+        Ok(())
+    }
+
+    /// The axes are back: the program's path is taken up where it was left (DNC-7, DNC-8).
+    fn arrive(&mut self) -> Result<(), Trouble> {
+        let counts = self.card.status().counts;
+        if let Err(why) = self.dnc.order.say(Said::Arrived(counts)) {
+            self.tell(Happening::OrderRefused(why.into()));
+            let _ = self.pause();
+            return Ok(());
+        }
+        let line = self.dnc_line();
+        if let Some(start) = self.dnc.left.take() {
+            self.card.begin(start).map_err(|fault| Trouble::of(&fault))?;
+            let _ = self.card.send(Word::Replay { on: self.replays });
+        }
+        self.target = None;
+        let flags = Flags::of(&self.dnc.order);
+        self.tell_at(line, Happening::Dnc(Dnc { step: Step::Arrived, flags }));
+        // Whoever pressed cycle start wants it to go on.
+        if self.operation.held() {
+            let _ = self.operation.order(retrace_core::mode::Order::Resume);
+        }
+        Ok(())
+    }
+
+    /// Where the program's path is, to be taken up again; the machine stands.
+    fn here(&self) -> Start {
+        let Status { place, reached, executed, .. } = *self.card.status();
+        let before = self.supply.record(place.record.wrapping_sub(1));
+        let rests = place.fraction == 0 && before.is_some_and(|record| record.flags.has(RecordFlags::REST));
+        Start { place, rests, reached, executed }
+    }
+
+    /// What is asked of the card at a breakpoint: nothing.
+    pub(super) fn demand_paused(&self) -> Demand {
+        let look_ahead = self.operation.mode() == Mode::Run;
+        Demand { target: 0, look_ahead, restore_outputs: false, notice: None }
+    }
+
+    /// A control period off the program's path.
+    pub(super) fn turn_off_path(&mut self) -> Result<Option<Outcome>, Trouble> {
+        self.take_orders();
+        let status = *self.card.period().map_err(|fault| Trouble::of(&fault))?;
+        self.tally.pause();
+        self.teller.outputs(&status.outputs);
+        let period = Period {
+            mode: self.operation.mode(),
+            standing: self.standing(),
+            override_rate: self.overrides.asked(),
+            off_path: true,
+            ..Period::of(&status)
+        };
+        self.teller.tell(Told::Period(period));
+        self.still_periods = if status.rate == 0 && !self.dnc.is_moving() { self.still_periods + 1 } else { 0 };
+        if let Some(outcome) = self.alarm(&status) {
+            return Ok(Some(outcome));
+        }
+        let is_over = self.stopping || self.nobody_goes_on();
+        Ok((is_over && status.at_rest && !self.dnc.is_moving()).then_some(Outcome::Stopped))
+    }
+
+    fn tell_step(&mut self, step: Step) {
+        let flags = Flags::of(&self.dnc.order);
+        let line = self.dnc_line();
+        self.tell_at(line, Happening::Dnc(Dnc { step, flags }));
+    }
+
+    /// The program line of the breakpoint; off the path the card knows none.
+    fn dnc_line(&self) -> u32 {
+        let status = self.card.status();
+        let left = self.dnc.left.map(|left| left.place);
+        let record = left.and_then(|Place { record, .. }| self.supply.record(record));
+        record.map_or(status.line, |record| record.line)
+    }
+
+    fn tell_paused(&mut self, latch: &Latch<A>) {
+        let (spindle, speed) = latch.spindle.map_or((0, 0), |turning| (sign(turning.direction), turning.speed));
+        let counts = AxisCounts::new(&latch.counts, self.dnc.axes.len());
+        self.tell_step(Step::Paused { counts, spindle, speed });
+    }
+
+    fn tell_jogged(&mut self, index: usize, from: i64, to: i64, cut_short: bool) {
+        let Axis { letter, pulses_per_mm, .. } = self.dnc.axes[index];
+        let counts = self.card.status().counts;
+        let mut off = counts;
+        if let Some(latch) = self.dnc.order.latch() {
+            off.iter_mut().zip(&latch.counts).for_each(|(off, &latched)| *off -= latched);
+        }
+        let step = Step::Jogged {
+            axis: letter,
+            mm: (counts[index] - from) as f64 / pulses_per_mm,
+            cut_short: cut_short || counts[index] != to,
+            off: AxisCounts::new(&off, self.dnc.axes.len()),
+        };
+        self.tell_step(step);
+    }
+}
+
+const NO_HAND: OrderRefused = OrderRefused::NotNow("nobody is there to plan moves by hand");
+const NOT_PLANNED: OrderRefused = OrderRefused::NotNow("the move by hand cannot be planned");
+
+fn sign(direction: Direction) -> i32 {
+    match direction {
+        Direction::Clockwise => 1,
+        Direction::Counterclockwise => -1,
+    }
+}

@@ -1,0 +1,156 @@
+//! Every sequence of the operator's steps over the real session, held against the order that is proved of `core::interruption`.
+//!
+//! `RETRACE_WORDS` sets how long the sequences get; six are the campaign `dnc`.
+
+use retrace_controller::dnc::{Dnc, Step};
+use retrace_controller::event::{Event, Happening};
+use retrace_controller::index::Keeping;
+use retrace_controller::job::{self, Begin, Conduct, Decode, Decoded};
+use retrace_controller::machine::Machine;
+use retrace_controller::operator::{self, OrderRefused};
+use retrace_controller::orders::Operators;
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::{Manner, Outcome};
+use retrace_controller::stream::{Observer, Told};
+use retrace_core::interruption::{Direction, Effect, Interruption, Latch, Refused, Turning, Word};
+use retrace_gcode::{Program, Progress, Setup, Step as Decodes};
+use retrace_hal_sim::{Clock, SimCard};
+use retrace_link::MotionCard;
+
+const AXES: usize = 3;
+const PROGRAM: &str = "G21 G90 G64 P0.05\nS1000 M3\nG1 X60 F3000\nG1 Y5\nG1 X0\nM5\nM2\n";
+const WORDS: [&str; 6] = ["pause", "spindle stop", "spindle start", "jog z 0.1", "online", "cycle start"];
+
+struct Decoder(Program<&'static [u8]>);
+
+impl Decode for Decoder {
+    fn next_block(&mut self, steps: &mut Vec<Decodes>) -> Decoded {
+        match self.0.advance(steps) {
+            Progress::End => Decoded::End,
+            Progress::Refused => Decoded::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
+            Progress::Line => Decoded::Block,
+        }
+    }
+}
+
+/// What came of the words: done (the latch, where it was a pause), or refused.
+#[derive(Default)]
+struct Heard {
+    events: Vec<Event>,
+}
+
+impl Observer<AXES> for Heard {
+    fn told(&mut self, told: &Told<AXES>) {
+        if let Told::Event(event) = told {
+            self.events.push(event.clone());
+        }
+    }
+}
+
+/// Counts at the end, and the events.
+fn run(machine: &Machine, script: &str) -> ([i64; AXES], Vec<Event>) {
+    let mut heard = Heard::default();
+    let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
+    let script = operator::parse(script, "script").expect("known words");
+    let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
+    let manner = Manner { wall_time: false, operator: true };
+    let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+    let decoder = Decoder(Program::new(PROGRAM.as_bytes(), Setup::default()));
+    let end = job::run(machine, decoder, conduct, card, &mut heard).expect("a job");
+    assert!(matches!(end.outcome, Outcome::Completed | Outcome::Stopped), "{:?}", end.outcome);
+    (end.card.status().counts, heard.events)
+}
+
+/// What the model says of the same words, each said when the machine stands again: taken or refused.
+fn model(words: &[&str]) -> (Vec<Result<(), Refused>>, bool) {
+    let latch = Latch {
+        program: 0,
+        counts: [0; AXES],
+        spindle: Some(Turning { direction: Direction::Clockwise, speed: 1_000_000 }),
+    };
+    let mut order = Interruption::<AXES>::reading();
+    let said = words.iter().map(|&word| {
+        let effect = order.say(match word {
+            "pause" => Word::Pause(latch),
+            "spindle stop" => Word::StopSpindle,
+            "spindle start" => Word::StartSpindle(Direction::Clockwise),
+            "online" => Word::Online,
+            "cycle start" => Word::CycleStart { program: 0 },
+            _ => Word::Jog,
+        })?;
+        if let Effect::Approach(to) = effect {
+            order.say(Word::Arrived(to))?;
+        }
+        Ok(())
+    });
+    let said = said.collect();
+    (said, order.may_read())
+}
+
+/// A sequence of words, each some time after the one before; true where the program went on to its end.
+fn check(machine: &Machine, words: &[&str], plain: [i64; AXES]) -> bool {
+    let script =
+        words.iter().fold("at 0.3s jog z 0.1\n".to_owned(), |script, word| script + &format!("after 0.25s {word}\n"));
+    // Where nobody goes on, the job is ended without the wait for somebody who will.
+    let (counts, events) = run(machine, &(script + "after 0.25s output 1 on\n"));
+    let (said, reads) = model(words);
+    let refused: Vec<&OrderRefused> = events
+        .iter()
+        .filter_map(|event| match &event.happening {
+            Happening::OrderRefused(why) => Some(why),
+            _ => None,
+        })
+        .collect();
+    // The jog before anything is paused, and what the model refuses. After a cycle start that is none of these steps, a hold is asked for.
+    let mut wanted = vec![OrderRefused::Interrupted(Refused::NotPaused)];
+    wanted.extend(words.iter().zip(&said).filter_map(|(word, said)| match said {
+        Err(Refused::NotPaused) if *word == "cycle start" => Some(retrace_core::mode::Refused::NotHeld.into()),
+        Err(why) => Some(OrderRefused::Interrupted(*why)),
+        Ok(()) => None,
+    }));
+    assert_eq!(refused, wanted.iter().collect::<Vec<_>>(), "{words:?}");
+    let breakpoints: Vec<&Event> = events
+        .iter()
+        .filter(|e| matches!(e.happening, Happening::Dnc(Dnc { step: Step::Paused { .. }, .. })))
+        .collect();
+    let arrivals: Vec<&Event> =
+        events.iter().filter(|e| matches!(e.happening, Happening::Dnc(Dnc { step: Step::Arrived, .. }))).collect();
+    for arrival in &arrivals {
+        let left = breakpoints.iter().rfind(|paused| paused.period < arrival.period).expect("paused before");
+        assert_eq!(left.place, arrival.place, "{words:?}");
+    }
+    assert_eq!(counts == plain, reads, "{words:?}: it ends where it would have ended, if it ends");
+    reads
+}
+
+/// All sequences of so many words at most.
+fn all(longest: usize) -> Vec<Vec<&'static str>> {
+    let mut every: Vec<Vec<&str>> = vec![Vec::new()];
+    let mut first = 0;
+    for _ in 0..longest {
+        let end = every.len();
+        for at in first..end {
+            for word in WORDS {
+                let mut longer = every[at].clone();
+                longer.push(word);
+                every.push(longer);
+            }
+        }
+        first = end;
+    }
+    every
+}
+
+#[test]
+fn every_sequence_of_steps_is_taken_and_refused_as_the_order_says() {
+    let longest = std::env::var("RETRACE_WORDS").ok().and_then(|text| text.parse().ok()).unwrap_or(3);
+    let text = "history_hours = 0.001\nlook_ahead_s = 0.05\n";
+    let machine = Machine::parse(text, "m.toml").expect("valid");
+    let (plain, _) = run(&machine, "");
+    let gone_on = all(longest).iter().filter(|words| check(&machine, words, plain)).count();
+    assert!(gone_on >= 6_usize.pow(longest as u32 / 2), "{gone_on}");
+    let whole = ["pause", "spindle stop", "jog z 0.1", "spindle start", "online", "cycle start"];
+    assert!(check(&machine, &whole, plain));
+    let again = ["pause", "spindle stop", "spindle start", "online", "cycle start", "pause"];
+    assert!(!check(&machine, &again, plain));
+}

@@ -1,0 +1,88 @@
+//! `retrace home`, `jog` and `mdi`: a machine is set up from the shell, one task after the other.
+
+use retrace_tests::command::{Bench, Said};
+use serde_json::Value;
+
+fn counts(said: &Said) -> Vec<i64> {
+    let last = said.out.lines().last().unwrap_or_default();
+    let report: Value = serde_json::from_str(last).unwrap_or_else(|_| panic!("no report: {}\n{}", said.out, said.err));
+    ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64().expect("a count")).to_vec()
+}
+
+#[test]
+fn an_axis_is_jogged_to_the_pulse_and_no_further_than_its_soft_limit() {
+    let bench = Bench::new();
+    let there = bench.retrace(["jog", "x", "-12.5", "--json"]);
+    assert_eq!((there.code, counts(&there)), (Some(0), vec![-12_500, 0, 0]), "{}", there.err);
+    assert!(there.err.contains("forgets"), "{}", there.err);
+    let limit = bench.retrace(["jog", "Y", "2000.5", "--json"]);
+    assert_eq!((limit.code, counts(&limit)), (Some(0), vec![0, 2_000_000, 0]), "{}", limit.err);
+    assert!(limit.out.contains("\"cut_short\":true"), "{}", limit.out);
+    for (axis, mm) in [("q", "1"), ("a", "1"), ("x", "inf"), ("x", "far")] {
+        let refused = bench.retrace(["jog", axis, mm]);
+        assert_eq!((refused.code, refused.out.as_str()), (Some(2), ""), "{axis} {mm}: {}", refused.err);
+    }
+}
+
+#[test]
+fn blocks_by_hand_go_on_from_each_other_over_the_parameter_file() {
+    let bench = Bench::new();
+    let mdi = |block: &str| bench.retrace(["mdi", block, "--params", "mill.var", "--json"]);
+    assert_eq!(mdi("G10 L2 P1 X5 Y-3").code, Some(0));
+    let there = mdi("G0 X1 Y1");
+    assert_eq!((there.code, counts(&there)), (Some(0), vec![6_000, -2_000, 0]), "{}", there.err);
+    bench.file("part.ngc", "G0 X2 Y2\nM2\n");
+    let run = bench.retrace(["run", "part.ngc", "--params", "mill.var", "--json"]);
+    assert_eq!(counts(&run), [7_000, -1_000, 0]);
+
+    let wrong = mdi("G1 X1");
+    assert_eq!(wrong.code, Some(1), "no feed: {}", wrong.err);
+    assert_eq!(mdi("G0 X2001").code, Some(1));
+    let dry = bench.retrace(["mdi", "G0 X10", "--dry-run"]);
+    assert!(dry.code == Some(0) && dry.out.contains("nothing was moved"), "{}{}", dry.out, dry.err);
+}
+
+/// A machine whose axes x and z have home switches.
+const HOMED: &str = "homed = true\n[[axis]]\nname = \"x\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+    max_jerk_mm_per_s3 = 20000\ntravel_mm = [-20, 300]\nhome = { switch = \"lower\", position_mm = -2.5 }\n\
+    [[axis]]\nname = \"y\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+    max_jerk_mm_per_s3 = 20000\ntravel_mm = [-20, 300]\n\
+    [[axis]]\nname = \"z\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+    max_jerk_mm_per_s3 = 20000\ntravel_mm = [-100, 20]\nhome = { switch = \"upper\" }\n\
+    [[card.input]]\nnumber = 1\nuse = \"home\"\naxis = \"x\"\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\n";
+
+#[test]
+fn an_axis_without_a_switch_is_not_homed() {
+    let bench = Bench::new();
+    let none = bench.retrace(["home"]);
+    assert!(none.code == Some(2) && none.err.contains("E2161"), "{}", none.err);
+    bench.file("mill.toml", HOMED);
+    let all = bench.retrace(["home", "--machine", "mill.toml", "--json"]);
+    assert_eq!(all.code, Some(0), "{}\n{}", all.out, all.err);
+    let y = bench.retrace(["home", "y", "--machine", "mill.toml"]);
+    assert!(y.code == Some(2) && y.err.contains("axis Y has no home switch"), "{}", y.err);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_served_card_is_homed_jogged_and_moved_by_a_block_and_keeps_its_position() {
+    use retrace_tests::served::Served;
+    let bench = Bench::new();
+    let path = bench.file("mill.toml", format!("{HOMED}[card]\nwatchdog_ms = 2000\n"));
+    let path = path.to_string_lossy().into_owned();
+    let served = Served::with(&["--machine", &path]);
+    let said = |arguments: &[&str]| {
+        let usual = ["--card", served.port.as_str(), "--machine", &path, "--json"];
+        let said = bench.retrace(arguments.iter().chain(&usual));
+        assert_eq!(said.code, Some(0), "{arguments:?}: {}\n{}", said.out, said.err);
+        counts(&said)
+    };
+    let homed = said(&["home"]);
+    // The switch opens at its count; the axis rests a little beyond.
+    assert!((homed[0] - -2_500).abs() < 1_000 && (homed[2] - 20_000).abs() < 1_000 && homed[1] == 0, "{homed:?}");
+    let jogged = said(&["jog", "x", "7.25"]);
+    assert_eq!(jogged, [homed[0] + 7_250, 0, homed[2]]);
+    let moved = said(&["mdi", "G0 X10 Y4"]);
+    assert_eq!(moved, [10_000, 4_000, homed[2]]);
+    assert_eq!(said(&["jog", "z", "-3"]), [10_000, 4_000, homed[2] - 3_000]);
+}

@@ -1,0 +1,166 @@
+//! A job that was interrupted is taken up again: the counts at its end are those of a run without an interruption, or it is refused with
+//! the reason.
+
+use std::fs;
+use std::process::Stdio;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use retrace_tests::command::{Bench, Said};
+use retrace_tests::served::Served;
+use serde_json::Value;
+
+/// Straight runs, blends, a loop in a subprogram, switching with a duration.
+const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.1\nM3 S1000\nG1 X20\nX25 Y5\nX5 Y9\nO100 sub\nO101 repeat [4]\nG91\nG1 X3 Y1\nX-3 Y2 Z-0.5\nG90\n\
+    O101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X30 Y-4\nG3 X40 Y6 I0 J10\nO100 call\nM9\nG1 X0 Y0 Z0\nX11.111 Y7.007 Z-3.3\nM5\nM2\n";
+/// Where it ends, in pulses.
+const END: [i64; 3] = [11_111, 7_007, -3_300];
+const PATIENT: &str = "[card]\nwatchdog_ms = 2000\n";
+
+fn report(said: &Said) -> Value {
+    let last = said.out.lines().last().unwrap_or_default();
+    serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
+}
+
+fn counts(report: &Value) -> [i64; 3] {
+    ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64().unwrap_or_else(|| panic!("counts in {report}")))
+}
+
+fn assert_completed(said: &Said) {
+    assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
+    let report = report(said);
+    assert_eq!((report["outcome"].as_str(), counts(&report)), (Some("completed"), END));
+    assert_eq!(report["limit_violations"], 0);
+}
+
+#[track_caller]
+fn assert_refused(said: &Said, number: &str) {
+    assert!(
+        said.code.is_some_and(|code| code != 0) && said.err.contains(number),
+        "{number}: {}\n{}",
+        said.out,
+        said.err
+    );
+    assert!(said.err.contains("help:"), "{}", said.err);
+}
+
+/// Runs the program on the card and kills the host after so many control periods of motion are likely to have passed.
+fn killed(bench: &Bench, arguments: &[&str], input: Stdio, after: Duration) {
+    let mut child = bench.begun(arguments, input, "killed.txt");
+    let begun = Instant::now();
+    while !fs::read_to_string(bench.path("killed.txt")).unwrap_or_default().contains("started") {
+        assert!(begun.elapsed() < Duration::from_secs(50), "it begins");
+        sleep(Duration::from_millis(1));
+    }
+    sleep(after);
+    child.kill().expect("it is killed");
+    child.wait().expect("it ends");
+}
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.file("part.ngc", PROGRAM);
+    bench.file("patient.toml", PATIENT);
+    bench
+}
+
+#[test]
+fn a_simulated_job_that_was_stopped_goes_on_any_number_of_times() {
+    let bench = bench();
+    bench.file("stop.op", "at 0.9s stop\n");
+    let said = bench.retrace(["run", "part.ngc", "--operator", "stop.op", "--json"]);
+    assert_eq!(said.code, Some(4), "{}", said.err);
+    assert!(said.err.contains("retrace resume "), "{}", said.err);
+    for _ in 0..2 {
+        let said = bench.retrace(["resume", "--yes", "--json", "--operator", "stop.op"]);
+        assert_eq!(said.code, Some(4), "{}\n{}", said.out, said.err);
+        assert!(said.out.contains("\"event\":\"resume\""), "{}", said.out);
+    }
+    // what can be gone back over reaches to the job's beginning
+    bench.file("back.op", "at 0.2s hold\nafter 0.5s reverse 100%\nafter 8s leave\n");
+    let said = bench.retrace(["resume", "--yes", "--json", "--operator", "back.op"]);
+    assert_completed(&said);
+    assert!(said.out.contains("oldest_record"), "{}", said.out);
+    let said = bench.retrace(["resume"]);
+    assert_refused(&said, "E2209");
+}
+
+#[test]
+fn nobody_who_agrees_means_nothing_moves() {
+    let bench = bench();
+    bench.file("stop.op", "at 0.9s stop\n");
+    let _ = bench.retrace(["run", "part.ngc", "--operator", "stop.op", "--json"]);
+    let said = bench.retrace(["resume"]);
+    assert_eq!(said.code, Some(2));
+    assert_refused(&said, "E2215");
+    assert!(said.out.contains("history") && said.out.contains("line"), "{}", said.out);
+    // and the journal is as it was
+    assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
+}
+
+#[test]
+fn a_changed_program_is_refused() {
+    let bench = bench();
+    bench.file("stop.op", "at 0.9s stop\n");
+    let _ = bench.retrace(["run", "part.ngc", "--operator", "stop.op", "--json"]);
+    bench.file("part.ngc", PROGRAM.replace("X20", "X21"));
+    assert_refused(&bench.retrace(["resume", "--yes"]), "E2210");
+    bench.file("part.ngc", PROGRAM);
+    assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
+}
+
+#[test]
+fn a_host_that_is_killed_leaves_a_job_that_goes_on_exactly() {
+    let (bench, card) = (bench(), Served::with(&[]));
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "patient.toml", "--json"];
+    // in the spindle's start, a straight run, a blend, the loop, the dwell
+    for after in [30, 400, 700, 1200, 2300] {
+        killed(&bench, &run, Stdio::null(), Duration::from_millis(after));
+        assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
+    }
+}
+
+#[test]
+fn a_job_is_killed_again_while_it_goes_back() {
+    let (bench, card) = (bench(), Served::with(&[]));
+    bench.file("back.op", "at 0.8s hold\nafter 0.2s reverse 50%\n");
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "patient.toml", "--json", "--operator", "back.op"];
+    killed(&bench, &run, Stdio::null(), Duration::from_millis(1500));
+    killed(&bench, &["resume", "--yes", "--json"], Stdio::null(), Duration::from_millis(200));
+    assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
+}
+
+#[test]
+fn a_stream_is_taken_up_from_what_was_kept_of_it_and_sent_again_where_that_is_not_all() {
+    let (bench, card) = (bench(), Served::with(&[]));
+    let run = ["run", "-", "--card", &card.port, "--machine", "patient.toml", "--json"];
+    let whole = fs::File::open(bench.path("part.ngc")).expect("a file");
+    killed(&bench, &run, whole.into(), Duration::from_millis(700));
+    assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
+    // half of it, and then nothing comes
+    let mut child = bench.begun(&run, Stdio::piped(), "half.txt");
+    let mut pipe = child.stdin.take().expect("a pipe");
+    std::io::Write::write_all(&mut pipe, &PROGRAM.as_bytes()[..PROGRAM.len() / 2]).expect("it is taken");
+    sleep(Duration::from_millis(1500));
+    child.kill().expect("it is killed");
+    child.wait().expect("it ends");
+    assert_refused(&bench.retrace(["resume", "--yes", "--json"]), "E2208");
+    bench.file("other.ngc", PROGRAM.replace("X20", "X21"));
+    assert_refused(&bench.retrace(["resume", "--yes", "--json", "--program", "other.ngc"]), "E2208");
+    assert_completed(&bench.retrace(["resume", "--yes", "--json", "--program", "part.ngc"]));
+}
+
+#[test]
+fn another_card_and_a_machine_that_was_moved_are_refused() {
+    let (bench, card) = (bench(), Served::with(&[]));
+    bench.file("away.ngc", "G21 G91 F1000\nG1 X1\nM2\n");
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "patient.toml", "--json"];
+    killed(&bench, &run, Stdio::null(), Duration::from_millis(700));
+    let id = bench.retrace(["jobs", "--json"]);
+    let jobs: Value = serde_json::from_str(&id.out).expect("one JSON object");
+    let id = jobs["jobs"][0]["id"].as_str().expect("a name").to_owned();
+    assert_eq!(card.run(&bench, "away.ngc").code, Some(0));
+    assert_refused(&bench.retrace(["resume", &id, "--yes", "--json"]), "E2214");
+    let other = Served::with(&[]);
+    assert_refused(&bench.retrace(["resume", &id, "--yes", "--json", "--card", &other.port]), "E2213");
+}
