@@ -68,6 +68,22 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 500,
     },
     Campaign {
+        name: "wheel",
+        purpose: "whatever the handwheel is turned like, motion follows the mean of its counts between the ends of the history, within the limits",
+        test: ["retrace-controller", "wheel", ""],
+        asked: BY_SEED,
+        full: 3000,
+        slice: 200,
+    },
+    Campaign {
+        name: "drip",
+        purpose: "so many lines from a socket that stalls, is cut and comes again: bounded memory, exact counts, pauses taken up exactly",
+        test: ["retrace-tests", "drip", ""],
+        asked: BY_SEED,
+        full: 1_000_000,
+        slice: 100_000,
+    },
+    Campaign {
         name: "decoder",
         purpose: "any bytes and any damaged frames: no panic, and no false frame beyond the checksum's odds",
         test: ["retrace-link", "decoder", ""],
