@@ -162,7 +162,10 @@ fn reverse_forward_override_and_the_mouse_wheel() {
 #[test]
 fn back_by_so_many_mm_to_the_block_and_to_the_jet() {
     let bench = Bench::new();
-    let mut terminal = ready(&bench, LINES);
+    let program = bench.file("program.ngc", LINES).display().to_string();
+    let machine = bench.file("jet.toml", "cutting_outputs = [0]\n").display().to_string();
+    let mut terminal = at(80, 24, &program, &["--machine", &machine]);
+    terminal.until("READY");
     terminal.keys("c");
     until_block(&terminal, 6);
     terminal.keys(" ");

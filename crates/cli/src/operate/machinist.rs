@@ -17,7 +17,7 @@ use retrace_controller::orders::Operators;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Period, Told};
-use retrace_link::{Alarm, Change, MotionCard, Start, channel};
+use retrace_link::{Alarm, Change, MotionCard, Start};
 
 use super::desk::Desk;
 use super::picture;
@@ -138,8 +138,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     /// Tells every output.
     fn tell_outputs(&mut self) {
         let outputs = self.card.status().outputs;
-        for at in 0..channel::COUNT {
-            let change = Change { channel: at as u8, value: outputs[at] };
+        for (channel, &value) in (0u8..).zip(&outputs) {
+            let change = Change { channel, value };
             if locked(&self.desk.model).output(change.channel) != change.value {
                 Observer::<A>::told(&mut self.live, &Told::Output(change));
             }
