@@ -138,7 +138,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     /// Tells every output.
     fn tell_outputs(&mut self) {
         let outputs = self.card.status().outputs;
-        for (channel, &value) in (0..).zip(&outputs) {
+        for (channel, &value) in (0u8..).zip(&outputs) {
             let change = Change { channel, value };
             if locked(&self.desk.model).output(change.channel) != change.value {
                 Observer::<A>::told(&mut self.live, &Told::Output(change));
