@@ -41,7 +41,9 @@ pub enum Command {
         retrace plot examples/02-back-up.ngc --operator examples/02-back-up.op -o retraced.png\n  \
         retrace plot examples/01-first-cut.ngc --profile -o profile.svg\n  \
         retrace plot --job -o history.png")]
-    #[command(mut_arg("program", |program| program.required(false).required_unless_present("job")))]
+    #[command(mut_arg("program", |program| {
+        program.required(false).required_unless_present("job").default_value("-").hide_default_value(true)
+    }))]
     Plot(Plot),
     /// Take up an interrupted job at its breakpoint.
     #[command(after_help = "Examples:\n  retrace resume\n  retrace resume 20261122-004627-part --yes\n  \
@@ -449,7 +451,7 @@ pub struct Canon {
 #[derive(Debug, Args)]
 pub struct Plot {
     #[command(flatten)]
-    pub reading: Option<Reading>,
+    pub reading: Reading,
     /// What became of a job, from its journal, in place of a program: its name, or how only one begins; the newest where none is named.
     #[arg(long, value_name = "JOB", num_args = 0..=1, conflicts_with_all = ["program", "machine", "operator", "profile"])]
     pub job: Option<Option<String>>,

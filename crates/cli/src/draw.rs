@@ -43,13 +43,12 @@ pub fn run(args: &args::Plot) -> Result<(), Failure> {
         return Err(cannot_draw(format!("{} is neither .svg nor .png", args.output.display()), "-o path.svg").into());
     }
     let view = args.view.as_deref().map(view).transpose()?;
-    let picture = match (&args.job, &args.reading) {
-        (Some(id), _) => {
+    let picture = match &args.job {
+        Some(id) => {
             let history = draw_job::history(id.as_deref(), args.journal.as_deref())?;
             draw_history(&history, view.unwrap_or_else(|| View::fitting(&history.path)), size)
         }
-        (None, Some(reading)) => of_program(args, reading, view, size)?,
-        (None, None) => return Err(cannot_draw("neither a program nor a job", "name a program, or --job").into()),
+        None => of_program(args, view, size)?,
     };
     write(&picture, &args.output)?;
     say!("{} written", args.output.display());
@@ -57,10 +56,10 @@ pub fn run(args: &args::Plot) -> Result<(), Failure> {
 }
 
 /// The path of a program, or its profile.
-fn of_program(args: &args::Plot, reading: &args::Reading, view: Option<View>, size: Size) -> Result<Picture, Failure> {
+fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Picture, Failure> {
     let machine = crate::files::machine(args.machine.as_deref())?;
     let script = crate::files::script(args.operator.as_deref())?;
-    let program = Program::open(reading, &machine)?;
+    let program = Program::open(&args.reading, &machine)?;
     program.check(&machine)?;
     let mut trace = Trace::new(&machine, args.profile);
     if args.profile || !script.is_empty() {

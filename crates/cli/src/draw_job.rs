@@ -289,8 +289,7 @@ mod tests {
         let machine = Machine::parse(&text, "02-back-up.toml").expect("a machine");
         let plot = ["retrace", "plot", &example("02-back-up.ngc"), "-o", "x.svg"];
         let Command::Plot(args) = Cli::parse_from(plot).command else { panic!("it is a plot") };
-        let program =
-            Program::open(&args.reading.expect("a program"), &machine).unwrap_or_else(|_| panic!("a program"));
+        let program = Program::open(&args.reading, &machine).unwrap_or_else(|_| panic!("a program"));
         let script = crate::files::script(Some(Path::new(&example("02-back-up.op")))).expect("a script");
         let job_folder = Jobs::of(folder).create("02-back-up.ngc", Stamp::from_ms(0)).expect("a folder");
         let entry = Job {

@@ -266,7 +266,7 @@ mod tests {
         let remark = |rank, words: &str| Remark { time_s: 50.0, rank, words: words.into() };
         history.remarks = (0..30).map(|_| remark(Rank::Passing, "passing")).collect();
         history.remarks.push(remark(Rank::Ending, "ALARM"));
-        let picture = draw_history(&history, View::Xy, Size::pixels(480, 320).expect("allowed"));
+        let picture = draw_history(&history, View::Xy, Size::pixels(800, 600).expect("allowed"));
         let words: Vec<&str> = picture
             .items
             .iter()

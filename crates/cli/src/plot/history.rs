@@ -117,8 +117,9 @@ impl History {
     /// The place at a time, in seconds of programmed motion.
     pub(super) fn place_s(&self, time_s: f64) -> Option<f64> {
         let next = self.course.partition_point(|moment| moment.time_s <= time_s);
-        let before = self.course.get(next.checked_sub(1)?)?;
-        let Some(after) = self.course.get(next) else { return Some(before.place_s) };
+        // What is told before the first position happened there.
+        let before = self.course.get(next.saturating_sub(1))?;
+        let Some(after) = self.course.get(next).filter(|_| next > 0) else { return Some(before.place_s) };
         let share = (time_s - before.time_s) / (after.time_s - before.time_s);
         Some(before.place_s + (after.place_s - before.place_s) * share)
     }
@@ -150,7 +151,7 @@ mod tests {
         let course = vec![moment(1.0, 2.0, Doing::Run), moment(3.0, 4.0, Doing::Reverse), moment(4.0, 3.0, Doing::Run)];
         let history = History { course, ..History::default() };
         let at = [0.5, 1.0, 2.0, 3.0, 3.5, 9.0].map(|time| history.place_s(time));
-        assert_eq!(at, [None, Some(2.0), Some(3.0), Some(4.0), Some(3.5), Some(3.0)]);
+        assert_eq!(at, [Some(2.0), Some(2.0), Some(3.0), Some(4.0), Some(3.5), Some(3.0)]);
         assert_eq!(history.stretches(), [(Doing::Run, [1.0, 3.0]), (Doing::Reverse, [3.0, 4.0])]);
         assert!((history.duration_s() - 4.0).abs() < 1e-12);
     }

@@ -38,7 +38,7 @@ pub(super) const AXES: [Pen; 4] = [
 /// Letter sizes in pixels.
 pub(super) const TITLE_SIZE: f32 = 17.0;
 pub(super) const LABEL_SIZE: f32 = 13.0;
-pub(super) const TICK_SIZE: f32 = 12.0;
+pub(super) const TICK_SIZE: f32 = 12.1;
 
 /// Ordinary text with its base line through `at`.
 pub(super) fn text(at: Point, words: impl Into<String>, size: f32, anchor: Anchor) -> Text {
