@@ -18,6 +18,36 @@ fn every_example_ends_exactly_and_within_the_limits() {
     }
 }
 
+/// What stands beside an example, under its name with another ending: its operator, its machine.
+#[test]
+fn every_example_ends_where_it_would_have_on_its_own_machine_and_with_its_own_operator() {
+    let mut operated = 0;
+    for program in examples() {
+        let beside = |ending: &str| Some(program.with_extension(ending)).filter(|path| path.is_file());
+        let given = |flag: &str, path: &Option<PathBuf>| -> Vec<String> {
+            path.iter().flat_map(|path| [flag.to_owned(), path.to_string_lossy().into_owned()]).collect()
+        };
+        let (machine, operator) = (beside("toml"), beside("op"));
+        if machine.is_none() && operator.is_none() {
+            continue;
+        }
+        let alone = given("--machine", &machine);
+        let with = [alone.clone(), given("--operator", &operator)].concat();
+        let run = |options: &[String]| {
+            let options: Vec<&str> = options.iter().map(String::as_str).collect();
+            Run::of(&Bench::new(), &program, &options)
+        };
+        let (alone, with) = (run(&alone), run(&with));
+        alone.assert_exact_and_legal();
+        if operator.is_some() && with.report["outcome"] != "stopped" {
+            with.assert_exact_and_legal();
+            assert_eq!(with.counts(), alone.counts(), "{}", program.display());
+            operated += 1;
+        }
+    }
+    assert!(operated >= 3, "{operated}");
+}
+
 #[test]
 fn a_program_runs_the_same_every_time_and_from_standard_input() -> std::io::Result<()> {
     let mut compared = 0;

@@ -5,6 +5,7 @@
 
 mod bench;
 mod campaign;
+mod figures;
 mod firmware;
 mod fuzz;
 mod suite;
@@ -44,6 +45,8 @@ Tasks:
   bench NAME   measure; the figures go into docs/
            --full          the full sizes
            --list          name the benches and leave
+  figures [FILE …]   make every picture of README and docs anew, or those that are named
+           --list          name them and leave
   firmware WHAT   the card on a microcontroller; docs/firmware.md
            build           compile it: f405, f401 and f411
            size            the same, and hold flash and RAM to their budgets
@@ -71,6 +74,7 @@ fn main() -> ExitCode {
         Some((&"campaign", options)) => campaign(options),
         Some((&"verify", options)) => verify(options),
         Some((&"bench", options)) => bench(options),
+        Some((&"figures", words)) => figures(words),
         Some((&"firmware", words)) => match firmware::Order::read(words) {
             Ok(order) => with_root(|root| firmware::run(&root, &order)),
             Err(reason) => refuse(&reason),
@@ -178,6 +182,26 @@ fn bench(options: &[&str]) -> ExitCode {
     match bench::BENCHES.iter().find(|bench| bench.name == name) {
         Some(bench) => with_root(|root| bench::run(&root, bench, full)),
         None => refuse(&format!("there is no bench `{name}`; see `cargo xtask bench --list`")),
+    }
+}
+
+fn figures(words: &[&str]) -> ExitCode {
+    match words {
+        ["--help" | "-h"] => {
+            print!("{HELP}");
+            return ExitCode::SUCCESS;
+        }
+        ["--list"] => {
+            for figure in figures::FIGURES {
+                println!("{}", figure.file);
+            }
+            return ExitCode::SUCCESS;
+        }
+        _ => {}
+    }
+    match words.iter().find(|name| !figures::FIGURES.iter().any(|figure| figure.file == **name)) {
+        Some(unknown) => refuse(&format!("there is no figure `{unknown}`; see `cargo xtask figures --list`")),
+        None => with_root(|root| figures::run(&root, words)),
     }
 }
 

@@ -36,10 +36,14 @@ pub enum Command {
     /// Print the canonical functions, one a line, as LinuxCNC's `rs274 -g` does.
     #[command(after_help = "Example:\n  retrace canon examples/01-first-cut.ngc")]
     Canon(Canon),
-    /// Draw the tool path, or velocity, acceleration and jerk over time, as SVG or PNG.
+    /// Draw the tool path, velocity, acceleration and jerk over time, or what became of a job, as SVG or PNG.
     #[command(after_help = "Examples:\n  retrace plot examples/01-first-cut.ngc -o path.svg\n  \
         retrace plot examples/02-back-up.ngc --operator examples/02-back-up.op -o retraced.png\n  \
-        retrace plot examples/01-first-cut.ngc --profile -o profile.svg")]
+        retrace plot examples/01-first-cut.ngc --profile -o profile.svg\n  \
+        retrace plot --job -o history.png")]
+    #[command(mut_arg("program", |program| {
+        program.required(false).required_unless_present("job").default_value("-").hide_default_value(true)
+    }))]
     Plot(Plot),
     /// Take up an interrupted job at its breakpoint.
     #[command(after_help = "Examples:\n  retrace resume\n  retrace resume 20261122-004627-part --yes\n  \
@@ -448,6 +452,12 @@ pub struct Canon {
 pub struct Plot {
     #[command(flatten)]
     pub reading: Reading,
+    /// What became of a job, from its journal, in place of a program: its name, or how only one begins; the newest where none is named.
+    #[arg(long, value_name = "JOB", num_args = 0..=1, conflicts_with_all = ["program", "machine", "operator", "profile"])]
+    pub job: Option<Option<String>>,
+    /// Folder of the jobs, for --job; by default `retrace/jobs` in the user's state folder.
+    #[arg(long, value_name = "DIR", requires = "job")]
+    pub journal: Option<PathBuf>,
     /// Picture to write: `.svg` or `.png`.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,

@@ -1,4 +1,4 @@
-//! `retrace plot`: the tool path, or velocity, acceleration and jerk over time, as SVG or PNG.
+//! `retrace plot`: the tool path, velocity, acceleration and jerk over time, or the history of a job, as SVG or PNG.
 //!
 //! Invariant: the path is the program's own, with the stretches that the card really retraced; the profile is taken from what the card
 //! emitted.
@@ -22,8 +22,10 @@ use retrace_motion::{Arc, Feed, PathMode};
 
 use crate::args;
 use crate::console::unwritable;
+use crate::draw_job;
 use crate::plot::{
-    AxisTrack, Derivatives, Picture, Profile, Size, Stroke, StrokeKind, ToolPath, View, draw_path, draw_profile,
+    AxisTrack, Derivatives, Picture, Profile, Size, Stroke, StrokeKind, ToolPath, View, draw_history, draw_path,
+    draw_profile,
 };
 use crate::program::{Failure, Program};
 
@@ -35,14 +37,28 @@ const STRIDE: usize = 16;
 /// # Errors
 /// What is wrong with the program, the files or the picture.
 pub fn run(args: &args::Plot) -> Result<(), Failure> {
-    let machine = crate::files::machine(args.machine.as_deref())?;
-    let script = crate::files::script(args.operator.as_deref())?;
     let size = size(&args.size)?;
     let ending = args.output.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     if !matches!(ending.as_deref(), Some("svg" | "png")) {
         return Err(cannot_draw(format!("{} is neither .svg nor .png", args.output.display()), "-o path.svg").into());
     }
     let view = args.view.as_deref().map(view).transpose()?;
+    let picture = match &args.job {
+        Some(id) => {
+            let history = draw_job::history(id.as_deref(), args.journal.as_deref())?;
+            draw_history(&history, view.unwrap_or_else(|| View::fitting(&history.path)), size)
+        }
+        None => of_program(args, view, size)?,
+    };
+    write(&picture, &args.output)?;
+    say!("{} written", args.output.display());
+    Ok(())
+}
+
+/// The path of a program, or its profile.
+fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Picture, Failure> {
+    let machine = crate::files::machine(args.machine.as_deref())?;
+    let script = crate::files::script(args.operator.as_deref())?;
     let program = Program::open(&args.reading, &machine)?;
     program.check(&machine)?;
     let mut trace = Trace::new(&machine, args.profile);
@@ -55,17 +71,13 @@ pub fn run(args: &args::Plot) -> Result<(), Failure> {
         job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut trace)
             .map_err(|why| cannot_draw(why.to_string(), "a shorter history_hours in the machine file"))?;
     }
-    let picture = if args.profile {
-        draw_profile(&trace.profile(program.name()), size)
-    } else {
-        let mut path = ToolPath { title: program.name().into(), strokes: trace.retraced };
-        path.strokes.extend(programmed(&machine, &program));
-        let view = view.unwrap_or_else(|| View::fitting(&path));
-        draw_path(&path, view, size)
-    };
-    write(&picture, &args.output)?;
-    say!("{} written", args.output.display());
-    Ok(())
+    if args.profile {
+        return Ok(draw_profile(&trace.profile(program.name()), size));
+    }
+    let mut path = ToolPath { title: program.name().into(), strokes: trace.retraced };
+    path.strokes.extend(programmed(&machine, &program));
+    let view = view.unwrap_or_else(|| View::fitting(&path));
+    Ok(draw_path(&path, view, size))
 }
 
 fn write(picture: &Picture, output: &Path) -> Result<(), Refusal> {

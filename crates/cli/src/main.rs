@@ -18,6 +18,7 @@ mod check_told;
 mod console;
 mod cycles;
 mod draw;
+mod draw_job;
 mod files;
 mod jobs;
 mod kept;

@@ -4,6 +4,7 @@
 
 mod directions;
 mod error_numbers;
+mod figures;
 mod links;
 mod machine_names;
 mod module_docs;
@@ -64,6 +65,11 @@ pub(crate) const CHECKS: &[Check] = &[
     Check { name: "sizes", rule: "a file stays short enough to be one noun", find: sizes::find },
     Check { name: "machine", rule: "no path or host of one machine is in the tree", find: machine_names::find },
     Check { name: "links", rule: "every relative link in Markdown leads somewhere", find: links::find },
+    Check {
+        name: "figures",
+        rule: "the pictures in the documents are those that a command makes",
+        find: figures::find,
+    },
     Check { name: "requirements", rule: "every requirement number cited exists", find: requirements::find },
 ];
 

@@ -1,23 +1,28 @@
-//! Drawings of a job: its tool path, and its velocity, acceleration and jerk over time, as SVG or PNG.
+//! Drawings of a job: its tool path, its velocity, acceleration and jerk over time, and its history, as SVG or PNG.
 //!
 //! Invariant: what is drawn depends on the data and the size alone. Both formats are written from one display list, and
 //! the letters are strokes of our own, so that a drawing needs no fonts and looks the same everywhere.
 
 mod decimate;
+mod draw_history;
 mod draw_path;
 mod draw_profile;
 mod font;
+mod history;
 mod picture;
 mod png;
 mod profile;
 mod scale;
+mod sheet;
 mod style;
 mod svg;
 mod tool_path;
 mod view;
 
+pub use draw_history::draw_history;
 pub use draw_path::draw_path;
 pub use draw_profile::draw_profile;
+pub use history::{Doing, History, Moment, Rank, Remark};
 pub use picture::{Picture, Size};
 pub use profile::{AxisTrack, Derivatives, Profile};
 pub use tool_path::{Stroke, StrokeKind, ToolPath};

@@ -1,8 +1,11 @@
-//! The display list: everything a drawing consists of, in pixels, in drawing order.
+//! The display list: everything a drawing consists of, in the pixels that it is laid out in, in drawing order.
 //!
 //! Invariant: x grows to the right and y downward from the upper left corner; every coordinate is finite.
 
 use thiserror::Error;
+
+/// Where a drawing has more pixels than these in both width and height, it is laid out in fewer and seen larger.
+const LAID_OUT: [f32; 2] = [800.0, 320.0];
 
 /// The size of a drawing, within 480 × 320 … 8 000 × 8 000 pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,16 +34,28 @@ impl Size {
         }
     }
 
-    /// The width in pixels.
-    #[must_use]
-    pub fn width(self) -> f32 {
-        f32::from(self.width)
+    /// Width and height in pixels of the finished drawing.
+    pub(super) fn in_pixels(self) -> [u32; 2] {
+        [self.width, self.height].map(u32::from)
     }
 
-    /// The height in pixels.
+    /// Pixels of the finished drawing for one that it is laid out in. A large drawing is a small one seen larger, so that letters are 9 pt
+    /// high where it is printed across a sheet of A4, whatever its size; unless it is too flat for that.
+    pub(super) fn scale(self) -> f32 {
+        let [width, height] = [self.width, self.height].map(f32::from);
+        (width / LAID_OUT[0]).min(height / LAID_OUT[1]).max(1.0)
+    }
+
+    /// The width in pixels that it is laid out in.
+    #[must_use]
+    pub fn width(self) -> f32 {
+        f32::from(self.width) / self.scale()
+    }
+
+    /// The height in pixels that it is laid out in.
     #[must_use]
     pub fn height(self) -> f32 {
-        f32::from(self.height)
+        f32::from(self.height) / self.scale()
     }
 }
 
@@ -130,6 +145,17 @@ impl Picture {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn letters_are_as_large_on_paper_whatever_the_size() {
+        for (width, height) in [(800, 600), (1200, 900), (4800, 3600)] {
+            let size = Size::pixels(width, height).expect("allowed");
+            let paper_mm = 210.0 * crate::plot::style::TICK_SIZE * size.scale() / width as f32;
+            // 9 pt are 3.175 mm; a letter's size is reckoned with the space around it.
+            assert!((3.1..3.2).contains(&paper_mm), "{width}: {paper_mm}");
+        }
+        assert_eq!(Size::pixels(8000, 320).map(Size::scale), Ok(1.0));
+    }
 
     #[test]
     fn a_drawing_too_small_or_too_large_is_refused() {

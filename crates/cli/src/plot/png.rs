@@ -32,20 +32,21 @@ impl Picture {
     /// # Errors
     /// Where the image cannot be held in memory or written.
     pub fn to_png(&self) -> Result<Vec<u8>, PngError> {
-        let (width, height) = (self.size.width() as u32, self.size.height() as u32);
+        let [width, height] = self.size.in_pixels();
+        let scale = Transform::from_scale(self.size.scale(), self.size.scale());
         let mut image = Pixmap::new(width, height).ok_or(PngError::TooLarge { width, height })?;
         image.fill(colour(PAPER));
         for item in &self.items {
             match item {
-                Item::Lines { lines, pen } => draw_lines(&mut image, lines, pen),
+                Item::Lines { lines, pen } => draw_lines(&mut image, lines, pen, scale),
                 Item::Area { corners, fill } => {
                     if let Some(path) = path(&[corners], true) {
-                        image.fill_path(&path, &paint(*fill), FillRule::Winding, Transform::identity(), None);
+                        image.fill_path(&path, &paint(*fill), FillRule::Winding, scale, None);
                     }
                 }
                 Item::Text(text) => {
                     let pen = Pen { colour: text.colour, width: font::pen_width(text.size, text.is_bold), dash: None };
-                    draw_lines(&mut image, &placed(text), &pen);
+                    draw_lines(&mut image, &placed(text), &pen, scale);
                 }
             }
         }
@@ -53,7 +54,7 @@ impl Picture {
     }
 }
 
-fn draw_lines(image: &mut Pixmap, lines: &[Vec<Point>], pen: &Pen) {
+fn draw_lines(image: &mut Pixmap, lines: &[Vec<Point>], pen: &Pen, scale: Transform) {
     let stroke = Stroke {
         width: pen.width,
         line_cap: if pen.dash.is_some() { LineCap::Butt } else { LineCap::Round },
@@ -63,7 +64,7 @@ fn draw_lines(image: &mut Pixmap, lines: &[Vec<Point>], pen: &Pen) {
     };
     let mut draw = |lines: &[&[Point]]| {
         if let Some(path) = path(lines, false) {
-            image.stroke_path(&path, &paint(pen.colour), &stroke, Transform::identity(), None);
+            image.stroke_path(&path, &paint(pen.colour), &stroke, scale, None);
         }
     };
     // Stretches meet in a shared point, which only a translucent or dashed pen shows.

@@ -11,12 +11,19 @@ pub(super) const PAPER: Colour = Colour([0xff, 0xff, 0xff, 0xff]);
 pub(super) const START: Colour = Colour([0x00, 0x9e, 0x73, 0xff]);
 pub(super) const END: Colour = Colour([0xd5, 0x5e, 0x00, 0xff]);
 pub(super) const RETRACED_BAND: Colour = Colour([0xe6, 0x9f, 0x00, 0x40]);
+pub(super) const STANDING_BAND: Colour = Colour([0x88, 0x88, 0x88, 0x38]);
 
 pub(super) const FRAME: Pen = Pen { colour: INK, width: 1.0, dash: None };
 pub(super) const GRID: Pen = Pen { colour: Colour([0xe4, 0xe4, 0xe4, 0xff]), width: 1.0, dash: None };
 pub(super) const FEED: Pen = Pen { colour: Colour([0x00, 0x4f, 0x8c, 0xff]), width: 1.5, dash: None };
 pub(super) const RAPID: Pen = Pen { colour: Colour([0x8c, 0x8c, 0x8c, 0xff]), width: 1.0, dash: Some([5.0, 4.0]) };
 pub(super) const RETRACED: Pen = Pen { colour: Colour([0xe6, 0x9f, 0x00, 0x90]), width: 8.0, dash: None };
+/// What was retraced, over time; heavier than what was run, so that it is told apart in print.
+pub(super) const GONE_OVER: Pen = Pen { colour: Colour([0xb3, 0x5c, 0x00, 0xff]), width: 2.8, dash: Some([7.0, 3.5]) };
+/// The furthest place ever executed.
+pub(super) const REACHED: Pen = Pen { colour: PALE_INK, width: 1.0, dash: Some([2.0, 3.0]) };
+/// From words to what they speak of.
+pub(super) const LEADER: Pen = Pen { colour: Colour([0x77, 0x77, 0x77, 0xff]), width: 0.8, dash: None };
 pub(super) const LIMIT: Pen = Pen { colour: INK, width: 1.2, dash: Some([7.0, 4.0]) };
 pub(super) const PATH_SPEED: Pen = Pen { colour: INK, width: 1.8, dash: None };
 
@@ -31,7 +38,7 @@ pub(super) const AXES: [Pen; 4] = [
 /// Letter sizes in pixels.
 pub(super) const TITLE_SIZE: f32 = 17.0;
 pub(super) const LABEL_SIZE: f32 = 13.0;
-pub(super) const TICK_SIZE: f32 = 12.0;
+pub(super) const TICK_SIZE: f32 = 12.1;
 
 /// Ordinary text with its base line through `at`.
 pub(super) fn text(at: Point, words: impl Into<String>, size: f32, anchor: Anchor) -> Text {

@@ -11,12 +11,12 @@ impl Picture {
     /// The drawing as a complete SVG 1.1 document.
     #[must_use]
     pub fn to_svg(&self) -> String {
-        let (width, height) = (self.size.width(), self.size.height());
+        let ([across, down], width, height) = (self.size.in_pixels(), self.size.width(), self.size.height());
         let mut svg = String::new();
         // Writing to a string cannot fail.
         let _ = writeln!(
             svg,
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{across}\" height=\"{down}\" \
              viewBox=\"0 0 {width} {height}\" fill=\"none\" stroke-linejoin=\"round\" stroke-linecap=\"round\">\n\
              <title>{}</title>\n<rect width=\"{width}\" height=\"{height}\" {}/>",
             escaped(&self.title),

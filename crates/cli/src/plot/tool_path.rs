@@ -9,6 +9,8 @@ pub enum StrokeKind {
     Rapid,
     /// Machining (G1, G2, G3).
     Feed,
+    /// Motion that was executed, of whatever kind.
+    Executed,
     /// Motion that was run backward or repeated forward; it is laid under the stroke that it repeats.
     Retraced,
 }

@@ -1,0 +1,405 @@
+//! `retrace plot --job`: what became of a job, from its journal: path, place over time, and what happened.
+//!
+//! Invariant: nothing is taken from anywhere but the journal, so that a job is drawn as it was, whatever has become of its program since.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use retrace_controller::event::channel_name;
+use retrace_controller::jobs::{JobFolder, Jobs, State};
+use retrace_controller::journal::entry::{At, Entry, Mode, Standing};
+use retrace_controller::journal::reader::Entries;
+use retrace_controller::journal::record::JobRecord;
+use retrace_controller::machine::Machine;
+use retrace_controller::refusal::Refusal;
+use serde_json::Value;
+
+use crate::plot::{Doing, History, Moment, Rank, Remark, Stroke, StrokeKind, ToolPath};
+
+/// The history of this job; of the newest where none is named.
+///
+/// # Errors
+/// There is no such job, or its journal cannot be used.
+pub fn history(id: Option<&str>, journal: Option<&Path>) -> Result<History, Refusal> {
+    let jobs = Jobs::named(journal)?;
+    let folder = match id {
+        Some(id) => jobs.find(id)?,
+        None => newest(&jobs)?,
+    };
+    let record = folder.read()?;
+    let machine = match record.job.machine.text.as_str() {
+        "" => Machine::built_in()?,
+        text => Machine::parse(text, record.job.machine.path.as_deref().unwrap_or("the built-in machine"))?,
+    };
+    Telling::of(&record, &machine).tell(&folder)
+}
+
+fn newest(jobs: &Jobs) -> Result<JobFolder, Refusal> {
+    let newest = jobs.list().into_iter().find(|job| job.state != State::NeverBegan && job.glance.is_some());
+    newest.map(|job| job.folder).ok_or_else(|| {
+        let what = format!("no job is in {} yet", jobs.folder().display());
+        Refusal::new("E2202", what, "`retrace run PROGRAM` begins one; --journal names another folder")
+    })
+}
+
+/// A journal, being told.
+struct Telling<'r> {
+    record: &'r JobRecord,
+    machine: &'r Machine,
+    clock: MachineTime,
+    history: History,
+    /// Of the positions that were kept: place in periods since the job's beginning, and where that is.
+    points: Vec<(f64, [f64; 3])>,
+    /// Places in periods between which was retraced, in the order of time.
+    gone_over: Vec<[f64; 2]>,
+    /// The last position: place, and what was done from there on.
+    last: Option<(f64, Doing)>,
+    reached: f64,
+}
+
+impl<'r> Telling<'r> {
+    fn of(record: &'r JobRecord, machine: &'r Machine) -> Self {
+        let clock = MachineTime { period_s: f64::from(record.job.period_us) * 1e-6, ..MachineTime::default() };
+        let mut telling = Self {
+            record,
+            machine,
+            clock,
+            history: History::default(),
+            points: Vec::new(),
+            gone_over: Vec::new(),
+            last: None,
+            reached: 0.0,
+        };
+        telling.points.push((0.0, telling.point(&record.job.counts)));
+        telling
+    }
+
+    fn tell(mut self, folder: &JobFolder) -> Result<History, Refusal> {
+        let path = folder.journal();
+        let file = File::open(&path).map_err(|error| {
+            Refusal::new("E2104", format!("{} cannot be read: {error}", path.display()), "check the file and its disk")
+        })?;
+        for entry in Entries::new(BufReader::new(file)) {
+            match entry.map_err(|flaw| flaw.refusal(&path))?.1 {
+                Entry::At(at) => self.position(&at),
+                Entry::Event(event) => self.event(&event),
+                Entry::Resumed(_) => {
+                    self.remark(Rank::Ending, "taken up again".into());
+                    self.clock.begins_anew = true;
+                    self.last = None;
+                }
+                Entry::Lost(lost) => self.remark(Rank::Standing, format!("{} entries lost", lost.entries)),
+                Entry::Job(_) | Entry::Mark(_) | Entry::Override(_) | Entry::Spooled(_) | Entry::End(_) => {}
+            }
+        }
+        let state = folder.state();
+        if state == State::Interrupted {
+            self.remark(Rank::Ending, "interrupted".into());
+        }
+        for mark in self.record.marks()? {
+            let mark = mark?;
+            self.points.push((self.periods(mark.place, 0), self.point(&mark.counts)));
+        }
+        Ok(self.finished(&state))
+    }
+
+    /// Periods from the job's beginning to a place.
+    fn periods(&self, record: u32, fraction: u32) -> f64 {
+        f64::from(record.wrapping_sub(self.record.job.origin)) + f64::from(fraction) / 2_f64.powi(32)
+    }
+
+    fn point(&self, counts: &[i64]) -> [f64; 3] {
+        ['x', 'y', 'z'].map(|name| {
+            let axis = self.machine.axes.iter().position(|axis| axis.name == name);
+            let mm = axis.and_then(|n| Some(*counts.get(n)? as f64 / self.machine.axes[n].pulses_per_mm));
+            mm.unwrap_or_default()
+        })
+    }
+
+    fn position(&mut self, at: &At) {
+        let time_s = self.clock.seconds(at.period);
+        let place = self.periods(at.place.record, at.place.fraction);
+        self.reached = self.reached.max(self.periods(at.reached, 0)).max(place);
+        if let Some((from, doing)) = self.last
+            && doing.is_retracing()
+            && from != place
+        {
+            self.gone_over.push([from, place]);
+        }
+        let doing = doing(at.mode, at.standing);
+        self.last = Some((place, doing));
+        self.points.push((place, self.point(&at.counts)));
+        let [place_s, reached_s] = [place, self.reached].map(|periods| periods * self.clock.period_s);
+        self.history.course.push(Moment { time_s, place_s, reached_s, doing });
+    }
+
+    fn event(&mut self, event: &Value) {
+        if let Some(period) = event["period"].as_u64() {
+            self.clock.seconds(period);
+        }
+        if let Some((rank, words)) = in_words(event) {
+            self.remark(rank, words);
+        }
+    }
+
+    fn remark(&mut self, rank: Rank, words: String) {
+        self.history.remarks.push(Remark { time_s: self.clock.now_s, rank, words });
+    }
+
+    fn finished(mut self, state: &State) -> History {
+        let reached = self.reached;
+        self.points.retain(|(place, _)| *place <= reached);
+        self.points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let executed = self.points.iter().map(|(_, point)| *point).collect();
+        let mut strokes = vec![Stroke { kind: StrokeKind::Executed, points: executed }];
+        strokes.extend(self.gone_over.iter().map(|&[from, to]| self.stretch(from.min(to), from.max(to))));
+        let job = &self.record.job;
+        self.history.path = ToolPath { title: job.program.clone(), strokes };
+        self.history.stands_mm = Some(self.point(&self.record.stood.counts));
+        let line = self.record.at.as_ref().map_or(0, |at| at.line);
+        let lines = job.lines.map(|lines| format!(" of {lines}")).unwrap_or_default();
+        let far = if *state == State::Completed { String::new() } else { format!(" at line {line}{lines}") };
+        self.history.summary = format!("{}{far} · {} · began {}", state.word(), job.id, job.when);
+        self.history
+    }
+
+    /// The path between two places.
+    fn stretch(&self, low: f64, high: f64) -> Stroke {
+        let first = self.points.partition_point(|(place, _)| *place < low);
+        let behind = self.points.partition_point(|(place, _)| *place <= high);
+        let points = self.points[first..behind.max(first)].iter().map(|(_, point)| *point).collect();
+        Stroke { kind: StrokeKind::Retraced, points }
+    }
+}
+
+/// Machine time over a whole job. A card that was started anew counts its periods from 0 again.
+#[derive(Clone, Copy, Debug, Default)]
+struct MachineTime {
+    period_s: f64,
+    /// Periods before those that the card counts now.
+    before: u64,
+    /// Periods since the job's beginning, at most so far.
+    now: u64,
+    now_s: f64,
+    first: Option<u64>,
+    /// Was the job taken up again, and nothing told since?
+    begins_anew: bool,
+}
+
+impl MachineTime {
+    fn seconds(&mut self, period: u64) -> f64 {
+        // The card may have been running for days before the job.
+        let first = *self.first.get_or_insert(period);
+        let counted = period.saturating_sub(first);
+        if self.begins_anew {
+            self.begins_anew = false;
+            if self.before + counted < self.now {
+                self.first = Some(period);
+                self.before = self.now;
+                return self.now_s;
+            }
+        }
+        self.now = self.now.max(self.before + counted);
+        self.now_s = self.now as f64 * self.period_s;
+        self.now_s
+    }
+}
+
+fn doing(mode: Mode, standing: Standing) -> Doing {
+    match (mode, standing) {
+        (Mode::Run, Standing::None) => Doing::Run,
+        (Mode::Run, Standing::Hold) => Doing::Hold,
+        (Mode::Run, Standing::ProgramStop) => Doing::ProgramStop,
+        (Mode::Run, Standing::SingleBlock) => Doing::SingleBlock,
+        (Mode::Run, Standing::Paused) => Doing::Paused,
+        (Mode::Reverse, _) => Doing::Reverse,
+        (Mode::Forward, _) => Doing::Forward,
+        (Mode::Wheel, _) => Doing::Wheel,
+        (Mode::Return, _) => Doing::Return,
+        (Mode::Settle, _) => Doing::Settle,
+    }
+}
+
+/// An event in a few words, and how much it matters; none where the drawing shows it anyway.
+fn in_words(event: &Value) -> Option<(Rank, String)> {
+    let text = |name: &str| event[name].as_str().unwrap_or_default().to_owned();
+    Some(match event["event"].as_str()? {
+        "alarm" => (Rank::Ending, format!("ALARM {}: {}", text("number"), text("cause"))),
+        "oldest_record" => (Rank::Standing, "oldest record".into()),
+        "one_way" => (Rank::Standing, format!("behind {}", text("code"))),
+        "outputs_differ" => (Rank::Standing, "outputs differ".into()),
+        "outputs_restored" => (Rank::Standing, "outputs restored".into()),
+        "program_stop" => (Rank::Standing, format!("{} waits", text("code"))),
+        "underrun" => (Rank::Standing, "look-ahead ran dry".into()),
+        "operator" => (Rank::Operator, text("deed")),
+        "order_refused" => (Rank::Operator, format!("refused: {}", text("why"))),
+        "switching" => (Rank::Switching, text("code")),
+        "switched_in_passing" => (Rank::Switching, switched(event)),
+        "message" => (Rank::Passing, format!("\u{201c}{}\u{201d}", text("text"))),
+        _ => return None,
+    })
+}
+
+fn switched(event: &Value) -> String {
+    let channel = event["channel"].as_u64().and_then(|channel| u8::try_from(channel).ok()).unwrap_or_default();
+    match event["value"].as_i64() {
+        Some(0) => format!("{} off", channel_name(channel)),
+        Some(1) => format!("{} on", channel_name(channel)),
+        value => format!("{} {}", channel_name(channel), value.unwrap_or_default()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use retrace_controller::index::Keeping;
+    use retrace_controller::job::{self, Begin, Conduct};
+    use retrace_controller::journal::entry::{Arguments, Card, End, Ending, FORMAT, Job, MachineFile, Source};
+    use retrace_controller::journal::hash::Hash;
+    use retrace_controller::journal::keeper::Keeper;
+    use retrace_controller::journal::logbook::{Care, Logbook};
+    use retrace_controller::journal::stamp::Stamp;
+    use retrace_controller::orders::Operators;
+    use retrace_controller::script::ScriptPlayer;
+    use retrace_controller::session::Manner;
+    use retrace_controller::stream::{Observer, Told};
+    use retrace_hal_sim::{Clock, SimCard};
+    use serde_json::json;
+
+    use crate::args::{Cli, Command};
+    use crate::program::Program;
+
+    struct Kept(Keeper<9>);
+
+    impl Observer<9> for Kept {
+        fn told(&mut self, told: &Told<9>) {
+            self.0.told(told);
+        }
+    }
+
+    fn example(name: &str) -> String {
+        format!("{}/../../examples/{name}", env!("CARGO_MANIFEST_DIR"))
+    }
+
+    /// Example 2, backed up over as its operator does, with a journal; it ends in this way, or nobody says how.
+    fn backed_up(folder: &Path, ended: Option<Ending>) {
+        let text = std::fs::read_to_string(example("02-back-up.toml")).expect("a machine file");
+        let machine = Machine::parse(&text, "02-back-up.toml").expect("a machine");
+        let plot = ["retrace", "plot", &example("02-back-up.ngc"), "-o", "x.svg"];
+        let Command::Plot(args) = Cli::parse_from(plot).command else { panic!("it is a plot") };
+        let program = Program::open(&args.reading, &machine).unwrap_or_else(|_| panic!("a program"));
+        let script = crate::files::script(Some(Path::new(&example("02-back-up.op")))).expect("a script");
+        let job_folder = Jobs::of(folder).create("02-back-up.ngc", Stamp::from_ms(0)).expect("a folder");
+        let entry = Job {
+            format: FORMAT,
+            id: job_folder.id().into(),
+            when: Stamp::from_ms(0),
+            retrace: String::new(),
+            planner: 1,
+            program: "02-back-up.ngc".into(),
+            source: Source::StandardInput,
+            lines: program.lines(),
+            files: Vec::new(),
+            machine: MachineFile { path: None, hash: Hash::of(text.as_bytes()), text },
+            arguments: Arguments::default(),
+            card: Card::Sim,
+            period_us: 1000,
+            origin: 0,
+            counts: vec![0, 0, 0],
+            outputs: Vec::new(),
+            executed: 0,
+        };
+        let store = job_folder.new_journal().expect("a file");
+        let logbook = Logbook::begin(store, Care::Written, entry, None).expect("it works");
+        let mut kept = Kept(Keeper::new(&logbook, 3, 1000));
+        let keeping = Keeping { index: Box::new(logbook.notes(None, &[])), durable: logbook.durable() };
+        let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
+        let conduct =
+            Conduct { begin: Begin::First, operators, manner: Manner { wall_time: false, operator: true }, keeping };
+        let card = SimCard::new(0, machine.rate_limits().expect("limits"), Clock::Virtual).expect("a card");
+        job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut kept).expect("it runs");
+        drop(kept);
+        match ended {
+            Some(outcome) => {
+                let end = End { when: Stamp::from_ms(0), outcome, exit_code: 0, report: Value::Null };
+                logbook.end(end).expect("it works");
+            }
+            None => drop(logbook),
+        }
+    }
+
+    #[test]
+    fn a_history_is_where_the_job_was_and_what_happened() {
+        let folder = tempfile::tempdir().expect("a folder");
+        backed_up(folder.path(), Some(Ending::Completed));
+        let history = history(None, Some(folder.path())).expect("a journal");
+        if let Some(file) = std::env::var_os("DUMP") {
+            for (w, h, n) in [(1200, 900, "big"), (560, 420, "small")] {
+                let size = crate::plot::Size::pixels(w, h).expect("size");
+                let png = crate::plot::draw_history(&history, crate::plot::View::Xy, size).to_png().expect("png");
+                std::fs::write(Path::new(&file).join(n).with_extension("png"), png).expect("f");
+            }
+        }
+        assert!(history.summary.starts_with("completed · 19700101-000000-02-back-up"), "{}", history.summary);
+        assert!(history.course.is_sorted_by(|a, b| a.time_s <= b.time_s && a.reached_s <= b.reached_s));
+        assert!(history.course.iter().all(|moment| moment.place_s <= moment.reached_s));
+        let last = history.course.last().expect("it moved");
+        assert_eq!((last.doing, last.place_s), (Doing::Run, last.reached_s));
+        // It keeps 4 s of motion, and goes back to the oldest of it.
+        let deepest = history.course.iter().map(|moment| moment.reached_s - moment.place_s).fold(0.0, f64::max);
+        assert!((3.9..=4.2).contains(&deepest), "{deepest}");
+        let words: Vec<&str> = history.remarks.iter().map(|remark| remark.words.as_str()).collect();
+        for expected in ["hold", "reverse 100%", "oldest record", "leave", "output 0 on"] {
+            assert!(words.contains(&expected), "{expected} is not in {words:?}");
+        }
+        assert!(history.remarks.is_sorted_by_key(|remark| remark.time_s));
+        // The bracket's 600 mm; what the marks leave out of arcs is next to nothing.
+        let executed = history.path.strokes.first().expect("a path");
+        let ends = [executed.points.first(), executed.points.last()].map(|point| point.copied());
+        assert_eq!(ends, [Some([0.0; 3]), Some([-10.0, 0.0, 0.0])]);
+        assert_eq!(history.stands_mm, Some([-10.0, 0.0, 0.0]));
+    }
+
+    #[test]
+    fn an_interrupted_job_says_so() {
+        let folder = tempfile::tempdir().expect("a folder");
+        assert_eq!(history(None, Some(folder.path())).expect_err("no job").number, "E2202");
+        backed_up(folder.path(), None);
+        let history = history(Some("1970"), Some(folder.path())).expect("a journal");
+        assert!(history.summary.starts_with("interrupted at line"), "{}", history.summary);
+        assert_eq!(
+            history.remarks.last().map(|remark| (remark.rank, remark.words.as_str())),
+            Some((Rank::Ending, "interrupted"))
+        );
+    }
+
+    #[test]
+    fn machine_time_goes_on_where_a_card_begins_anew() {
+        let mut clock = MachineTime { period_s: 0.5, ..MachineTime::default() };
+        let told = [100, 102, 110].map(|period| clock.seconds(period));
+        assert_eq!(told, [0.0, 1.0, 5.0], "a card may have run before");
+        clock.begins_anew = true;
+        assert_eq!([0, 2].map(|period| clock.seconds(period)), [5.0, 6.0]);
+        clock.begins_anew = true;
+        assert!((clock.seconds(40) - 25.0).abs() < 1e-9, "a card that kept its count");
+    }
+
+    #[test]
+    fn events_are_said_in_a_few_words() {
+        let said = |event: Value| in_words(&event).map(|(_, words)| words);
+        assert_eq!(said(json!({"event": "operator", "deed": "override 60%"})).as_deref(), Some("override 60%"));
+        assert_eq!(
+            said(json!({"event": "switched_in_passing", "channel": 3, "value": 0})).as_deref(),
+            Some("output 3 off")
+        );
+        assert_eq!(
+            said(json!({"event": "switched_in_passing", "channel": 65, "value": 7})).as_deref(),
+            Some("spindle speed 7")
+        );
+        assert_eq!(said(json!({"event": "alarm", "number": "E3001", "cause": "x"})).as_deref(), Some("ALARM E3001: x"));
+        assert_eq!(said(json!({"event": "mode", "mode": "reverse"})), None);
+        assert_eq!(said(json!({})), None);
+    }
+}

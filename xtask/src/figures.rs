@@ -1,0 +1,103 @@
+//! `cargo xtask figures`: makes every picture of README and docs anew.
+//!
+//! Invariant: a picture that is not measured depends on this checkout alone, so that making it again changes nothing.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// Where the pictures are.
+pub(crate) const FOLDER: &str = "docs/figures";
+
+/// A picture.
+pub(crate) struct Figure {
+    /// Its name in [`FOLDER`].
+    pub(crate) file: &'static str,
+    made: Made,
+}
+
+/// What makes a picture.
+enum Made {
+    /// `retrace plot` with these arguments.
+    Plot(&'static [&'static str]),
+    /// `retrace plot --job` with these arguments, after `retrace run` with those.
+    Job { run: &'static [&'static str], plot: &'static [&'static str] },
+    /// An example of a package prints it.
+    Example { package: &'static str, example: &'static str },
+    /// A bench draws what it measured; it is left as it is here.
+    Bench(&'static str),
+}
+
+/// Every picture, in the order of their names.
+pub(crate) const FIGURES: &[Figure] = &[
+    Figure {
+        file: "02-back-up.svg",
+        made: Made::Plot(&[
+            "examples/02-back-up.ngc",
+            "--operator",
+            "examples/02-back-up.op",
+            "--machine",
+            "examples/02-back-up.toml",
+        ]),
+    },
+    Figure { file: "12-corners-profile.svg", made: Made::Plot(&["examples/12-corners.ngc", "--profile"]) },
+    Figure { file: "corner.svg", made: Made::Example { package: "retrace-motion", example: "corner_figure" } },
+    Figure { file: "pre-scan.svg", made: Made::Bench("pre9") },
+];
+
+/// Makes them, or those that are named, and says whether all could be made.
+pub(crate) fn run(root: &Path, names: &[&str]) -> bool {
+    let mut passed = true;
+    for figure in FIGURES.iter().filter(|figure| names.is_empty() || names.contains(&figure.file)) {
+        let path = format!("{FOLDER}/{}", figure.file);
+        let before = fs::read(root.join(&path)).unwrap_or_default();
+        match figure.make(root, &path) {
+            Ok(None) => {
+                let is_same = fs::read(root.join(&path)).is_ok_and(|now| now == before);
+                println!("{path:<36} {}", if is_same { "as it was" } else { "made anew" });
+            }
+            Ok(Some(remark)) => println!("{path:<36} {remark}"),
+            Err(reason) => {
+                println!("{path:<36} FAILED: {reason}");
+                passed = false;
+            }
+        }
+    }
+    passed
+}
+
+impl Figure {
+    /// Makes it; what is to be said where it was left alone.
+    fn make(&self, root: &Path, path: &str) -> Result<Option<String>, String> {
+        match &self.made {
+            Made::Plot(arguments) => retrace(root, &[&["plot"], *arguments, &["-o", path]].concat()),
+            Made::Job { run, plot } => {
+                let jobs = root.join("target/figures");
+                // Only what an earlier call has left there.
+                let _ = fs::remove_dir_all(&jobs);
+                let folder = jobs.to_string_lossy().into_owned();
+                retrace(root, &[&["run"], *run, &["--journal", &folder]].concat())?;
+                retrace(root, &[&["plot", "--job", "--journal", &folder, "-o", path], *plot].concat())
+            }
+            Made::Example { package, example } => {
+                let picture = printed(root, &["-p", package, "--example", example])?;
+                fs::write(root.join(path), picture).map_err(|error| error.to_string())
+            }
+            Made::Bench(name) => return Ok(Some(format!("measured: `cargo xtask bench {name}` draws it"))),
+        }
+        .map(|()| None)
+    }
+}
+
+fn retrace(root: &Path, arguments: &[&str]) -> Result<(), String> {
+    printed(root, &[&["-p", "retrace-cli", "--bin", "retrace", "--"], arguments].concat()).map(|_| ())
+}
+
+/// What `cargo run` prints.
+fn printed(root: &Path, arguments: &[&str]) -> Result<Vec<u8>, String> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new(cargo);
+    command.args(["run", "-q", "--release"]).args(arguments).current_dir(root).stdin(Stdio::null());
+    let output = command.stderr(Stdio::inherit()).output().map_err(|error| format!("cargo cannot be run: {error}"))?;
+    if output.status.success() { Ok(output.stdout) } else { Err(output.status.to_string()) }
+}
