@@ -11,3 +11,4 @@ pub mod run;
 pub mod sender;
 pub mod served;
 pub mod terminal;
+pub mod trace;

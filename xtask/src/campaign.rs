@@ -84,6 +84,14 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 100_000,
     },
     Campaign {
+        name: "kill",
+        purpose: "a host killed at any moment of a job: taken up again it ends exactly, every instruction once, or is refused with the reason",
+        test: ["retrace-tests", "kill", ""],
+        asked: BY_SEED,
+        full: 1000,
+        slice: 30,
+    },
+    Campaign {
         name: "decoder",
         purpose: "any bytes and any damaged frames: no panic, and no false frame beyond the checksum's odds",
         test: ["retrace-link", "decoder", ""],
