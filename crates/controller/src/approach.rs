@@ -137,9 +137,9 @@ mod tests {
                     prop_assert_eq!(here[tool], end[tool]);
                     prop_assert_eq!(here[tool], least);
                 }
-                for axis in 0..3 {
+                for (axis, count) in end.iter().enumerate().take(3) {
                     let [low, high] = machine.axes[axis].travel_mm.map(|mm| machine.counts_of(axis, mm));
-                    prop_assert!((low..=high).contains(&end[axis]));
+                    prop_assert!((low..=high).contains(count));
                 }
                 here = end;
             }
