@@ -116,7 +116,7 @@ impl Signal {
             Self::Step(rate) => rate,
             Self::Ramp(from, to) => from + (to - from) * f64::from(n) / f64::from(periods),
             Self::Square(rate, every) => {
-                if n / every % 2 == 0 {
+                if (n / every).is_multiple_of(2) {
                     rate
                 } else {
                     -rate
