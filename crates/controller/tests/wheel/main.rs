@@ -200,7 +200,7 @@ impl Case {
                 came.at_the_wheel += 1;
                 came.saturated += usize::from(mean.abs() == ONE);
                 if stood {
-                    self.is_between_the_ends(period, came);
+                    self.is_between_the_ends(period);
                     let reached = *reached_at_wheel.get_or_insert(period.reached);
                     assert_eq!(reached, period.reached, "the wheel executes nothing for the first time");
                 }
@@ -223,21 +223,21 @@ impl Case {
             usize::from(periods.iter().any(|p| p.mode == Mode::Wheel && p.place == Place::start_of(p.oldest)));
     }
 
-    fn is_between_the_ends(&self, period: &Period<AXES>, came: &mut Came) {
+    fn is_between_the_ends(&self, period: &Period<AXES>) {
         let (reached, oldest) = (Place::start_of(period.reached), Place::start_of(period.oldest));
         assert!(oldest.to(period.place) >= 0 && period.place.to(reached) >= 0, "{period:?}");
         // as far back as the machine file promises, and no further than a record beyond
         let depth = period.reached - period.oldest;
         let promised = self.machine.history_records.min(period.reached);
         assert!((promised..=promised + 1).contains(&depth), "{depth} records of {promised}: {period:?}");
-        let _ = came;
     }
 
     /// The rate is never beyond what was asked for in the time that a change takes, and far from the ends it is not short of it either.
     fn is_within_what_was_asked(&self, turn: usize) {
         let period = &self.log.periods[turn];
         let asked = &self.asked[(turn + 1).saturating_sub(ROUND)..=turn];
-        let low = asked.iter().copied().min().unwrap_or(0).min(if turn < ROUND { 0 } else { Travel::MAX });
+        // before the first turn nothing was asked for
+        let low = asked.iter().copied().chain((turn < ROUND).then_some(0)).min().unwrap_or(0);
         let high = asked.iter().copied().max().unwrap_or(0);
         let rate = period.rate;
         assert!((low.min(0) - 2..=high.max(0) + 2).contains(&rate), "{rate} of {low}…{high}: {period:?}");
@@ -298,7 +298,7 @@ fn asked(usual: u64) -> (u64, u64) {
 
 #[test]
 fn motion_follows_the_mean_of_the_wheel_whatever_it_is_turned_like() {
-    let (cases, first) = asked(24);
+    let (cases, first) = asked(16);
     let mut came = Came::default();
     for seed in first..first + cases {
         let judged = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
@@ -312,5 +312,5 @@ fn motion_follows_the_mean_of_the_wheel_whatever_it_is_turned_like() {
     println!("{cases} cases: {came:?}");
     let some = [came.at_the_wheel, came.saturated, came.longest_stop];
     assert!(some.iter().all(|&n| n > 0), "{came:?}");
-    assert!(cases < 20 || came.at_oldest > 0 && came.at_reached > 0, "both ends are come to: {came:?}");
+    assert!(cases < 16 || came.at_oldest > 0 && came.at_reached > 0, "both ends are come to: {came:?}");
 }
