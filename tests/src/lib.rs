@@ -8,5 +8,7 @@ pub mod limits;
 pub mod programs;
 pub mod records;
 pub mod run;
+pub mod sender;
 pub mod served;
 pub mod terminal;
+pub mod trace;

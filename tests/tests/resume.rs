@@ -159,6 +159,7 @@ fn another_card_and_a_machine_that_was_moved_are_refused() {
     let id = bench.retrace(["jobs", "--json"]);
     let jobs: Value = serde_json::from_str(&id.out).expect("one JSON object");
     let id = jobs["jobs"][0]["id"].as_str().expect("a name").to_owned();
+    assert_eq!(bench.retrace(["card", "clear", &card.port, "--machine", "patient.toml"]).code, Some(0));
     assert_eq!(card.run(&bench, "away.ngc").code, Some(0));
     assert_refused(&bench.retrace(["resume", &id, "--yes", "--json"]), "E2214");
     let other = Served::with(&[]);

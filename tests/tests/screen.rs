@@ -145,7 +145,8 @@ fn reverse_forward_override_and_the_mouse_wheel() {
     terminal.until_that("some mm back", |text| back_mm(text) > 5.0);
     terminal.keys("f");
     terminal.until("FORWARD");
-    terminal.until("at the furthest place");
+    // Behind the furthest place the program goes on (REV-7).
+    terminal.until("RUNNING");
     // Only in handwheel mode the mouse wheel moves the machine.
     terminal.keys(WHEEL_DOWN);
     terminal.keys("w");
@@ -161,14 +162,21 @@ fn reverse_forward_override_and_the_mouse_wheel() {
 #[test]
 fn back_by_so_many_mm_to_the_block_and_to_the_jet() {
     let bench = Bench::new();
-    let mut terminal = ready(&bench, LINES);
+    let program = bench.file("program.ngc", LINES).display().to_string();
+    let machine = bench.file("jet.toml", "cutting_outputs = [0]\n").display().to_string();
+    let mut terminal = at(80, 24, &program, &["--machine", &machine]);
+    terminal.until("READY");
     terminal.keys("c");
     until_block(&terminal, 6);
-    terminal.keys("b7\r");
-    terminal.until_that("7 mm back", |text| text.contains("STANDING") && (back_mm(text) - 7.0).abs() < 0.11);
+    terminal.keys(" ");
+    terminal.until("FEED HOLD");
     terminal.keys("B");
     terminal.until_that("the beginning of the block", |text| {
         text.contains("STANDING") && text.contains("Y      60.000") && text.contains("X      60.000")
+    });
+    terminal.keys("b7\r");
+    terminal.until_that("7 mm before it", |text| {
+        text.contains("STANDING") && (text.contains("Y      53.0") || text.contains("Y      52.9"))
     });
     terminal.keys("j");
     terminal.until_that("where the jet came on", |text| {
@@ -202,7 +210,7 @@ fn outputs_that_were_switched_by_hand_are_asked_about_and_restored() {
 #[test]
 fn a_program_stop_and_single_block_wait_for_cycle_start() {
     let bench = Bench::new();
-    let mut terminal = ready(&bench, "G21 G90 G17 G94\nF6000\nG1 X5\nM0\nG1 Y5\nG1 X0\nG1 Y0\nM2\n");
+    let mut terminal = ready(&bench, "G21 G90 G17 G94 G61\nF6000\nG1 X5\nM0\nG1 Y5\nG1 X0\nG1 Y0\nM2\n");
     terminal.keys("c");
     terminal.until("PROGRAM STOP");
     terminal.keys("s");
@@ -313,4 +321,56 @@ fn a_scripted_operator_and_keys_side_by_side() {
     assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
     let rows = std::fs::read_to_string(&records).expect("records");
     assert!(rows.lines().count() > 4000, "{}", rows.lines().count());
+}
+
+/// Set up by hand: a jog, a block, the work zero; then a dry run, which goes from there and switches nothing.
+#[test]
+fn a_machine_is_set_up_by_hand_and_the_program_goes_from_its_work_zero() {
+    let bench = Bench::new();
+    let mut terminal = ready(&bench, "G21 G90 G17 G94 G61\nF6000\nM62 P0\nG1 X10\nM3 S100\nG1 X1\nM2\n");
+    terminal.keys(RIGHT);
+    terminal.until("X       1.000       1.000");
+    terminal.keys("t");
+    terminal.until("jog step 10 mm");
+    terminal.keys("\x1b[A");
+    terminal.until("Y      10.000      10.000");
+    terminal.keys("mG0 X5 Y2\r");
+    terminal.until("Y       2.000       2.000");
+    terminal.keys("mG0 X9999\r");
+    terminal.until("E4304");
+    terminal.keys("z\r");
+    terminal.until("X       5.000       0.000");
+    terminal.keys("d");
+    terminal.until("DRY RUN: no output will switch");
+    terminal.keys("c");
+    terminal.until_that("the end, with nothing switched", |text| {
+        assert!(!text.contains("outputs ON") && !text.contains("spindle cw"), "{text}");
+        text.contains("ENDED")
+    });
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains("X 6000  Y 2000  Z 0"), "{end}");
+}
+
+/// A paused program: the steps are shown, each leads to the next, and the job goes on at the very place.
+#[test]
+fn a_program_is_paused_the_tool_moved_away_and_the_job_goes_on() {
+    let bench = Bench::new();
+    let mut terminal = ready(&bench, "G21 G90 G17 G94 G61\nF3000\nM3 S1000\nG1 X60\nG1 X0\nM5\nM2\n");
+    terminal.keys("c");
+    until_block(&terminal, 4);
+    terminal.keys("p");
+    let paused = terminal.until("PAUSED: the steps back");
+    assert!(paused.contains("stop the spindle"), "{paused}");
+    terminal.keys("x");
+    terminal.until("spindle stopped");
+    terminal.keys("\x1b[5~");
+    terminal.until("Z       1.000");
+    terminal.keys("x");
+    terminal.until("spindle cw");
+    terminal.keys("n");
+    terminal.until("step 5 of 5");
+    terminal.keys("c");
+    terminal.until("RUNNING");
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
 }

@@ -146,7 +146,7 @@ pub struct Serve {
     /// End by itself after so many seconds, and tell what was counted.
     #[arg(long, value_name = "S")]
     pub seconds: Option<f64>,
-    /// End when standard input does, and tell what was counted. Until then a line `stop` opens the emergency-stop chain, and `close` closes it.
+    /// End when standard input does, and tell what was counted.
     #[arg(long)]
     pub until_eof: bool,
     /// Take lines from standard input where it is a terminal, too; not for a card in the background.

@@ -129,14 +129,6 @@ impl Program {
         Self::with_setup(reading, setup_of(machine))
     }
 
-    /// The same, of which nothing is told on standard error.
-    ///
-    /// # Errors
-    /// As [`Program::open`].
-    pub fn quietly(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
-        Self::noted(reading, setup_of(machine), Arrives::named(&reading.program)).map(|(program, _)| program)
-    }
-
     /// The same, for a program that arrives from there, whatever the command line names.
     ///
     /// # Errors
@@ -208,6 +200,28 @@ impl Program {
         Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, given_up }, notes))
     }
 
+    /// The program as its file is now, to be read with this setup. Nothing is told on standard error.
+    ///
+    /// # Errors
+    /// The file cannot be read any more.
+    pub fn anew(&self, setup: Setup) -> Result<Self, Refusal> {
+        let mut again = Self { setup, ..self.clone() };
+        if self.prescan.is_some() {
+            let text = files::bytes(Path::new(&self.name), "program")?;
+            if let Some(read) = again.files.iter_mut().find(|read| read.role == Role::Program) {
+                read.hash = Hash::of(&text);
+            }
+            again.prescan = Some(Arc::new(Prescan::of(&self.name, text.into(), &again.setup)));
+        }
+        Ok(again)
+    }
+
+    /// What it is read with.
+    #[must_use]
+    pub fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
     /// Every file that was read by now.
     #[must_use]
     pub fn files_read(&self) -> Vec<FileRead> {
@@ -272,6 +286,23 @@ impl Program {
         let last = left.last();
         let program = input.map_or_else(|| self.source(), |input| Source::new(input, self.setup.clone()));
         (Decoder { left: Some(left), ..self.decoder_of(program) }, last)
+    }
+
+    /// Do so many bytes of this file come to the end of a program without an error? For one that arrived.
+    #[must_use]
+    pub fn is_whole(&self, kept: &Path, bytes: u64) -> bool {
+        let Ok(file) = std::fs::File::open(kept) else { return false };
+        let mut source = self.again(Box::new(BufReader::new(file).take(bytes)));
+        let mut steps = Vec::new();
+        loop {
+            steps.clear();
+            match source.advance(&mut steps) {
+                Progress::Line => {}
+                Progress::Refused => return false,
+                Progress::End => break,
+            }
+        }
+        source.interpreter().diagnostics().iter().all(|found| found.severity() != Severity::Error)
     }
 
     /// The program from its beginning once more, of what is kept of one that arrived.

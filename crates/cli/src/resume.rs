@@ -185,7 +185,9 @@ impl Taking<'_> {
         if program.arrives().is_none() {
             return Ok(None);
         }
-        let kept = self.record.spooled;
+        let mut kept = self.record.spooled;
+        // A program that ends before its text does is not read to the end of that.
+        kept.ended |= program.is_whole(&self.folder.stream(), kept.bytes);
         let named = self.args.program.is_some() || matches!(self.record.job.source, Source::Socket(_));
         let again = if kept.ended || !named { None } else { program.arriving()? };
         let (mut input, progress) = Respooled::open(&self.folder.stream(), kept, again)?;
@@ -284,10 +286,16 @@ impl Taking<'_> {
     /// What the journal says of where it was left.
     fn resumption(&self, start: Start) -> Result<Resumption, Refusal> {
         let job = &self.record.job;
+        // Where it was the journal says once a second: marks that were made since come again with the plan, and are too far ahead to wait for.
+        let is_old = start == self.record.stood.start;
+        let farthest = start.reached.wrapping_add(self.machine.look_ahead_records);
         let mut marks = Vec::new();
         let every = self.record.marks / MARKS + 1;
         for (number, mark) in (0_u64..).zip(self.record.marks()?) {
             let mark = mark?;
+            if is_old && before(farthest, mark.place) {
+                break;
+            }
             if number.is_multiple_of(every) || before(start.place.record, mark.place) {
                 marks.push(mark);
             }

@@ -11,14 +11,13 @@ use retrace_controller::refusal::Refusal;
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{MotionCard, Start, Status};
 
-use crate::args;
 use crate::files;
 use crate::kept::{Beginning, Claimed, Kept};
 pub use crate::machining::{AtScreen, Ended};
 use crate::machining::{Machining, Manners};
 use crate::operate;
 use crate::program::{Arriving, Failure, Program};
-use crate::wired;
+use crate::{args, card_serve, wired};
 
 /// Runs the command; its exit code.
 ///
@@ -50,10 +49,11 @@ pub fn run_on(args: &args::Run, machine: Machine, text: String, at_screen: bool)
 /// `E2113`
 pub fn simulated<const A: usize>(machine: &Machine, realtime: bool) -> Result<SimCard<A>, Refusal> {
     let clock = if realtime { Clock::wall(machine.period_us) } else { Clock::Virtual };
-    machine
-        .rate_limits()
-        .and_then(|limits| SimCard::<A>::new(0, limits, clock))
-        .ok_or_else(|| Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
+    machine.rate_limits().and_then(|limits| SimCard::<A>::new(0, limits, clock)).ok_or_else(no_card)
+}
+
+fn no_card() -> Refusal {
+    Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md")
 }
 
 /// What a job is run with.
@@ -71,10 +71,14 @@ impl With<'_> {
         let args = self.args;
         if args.card == "sim" {
             let program = self.open(&machine)?;
-            let mut card = simulated::<A>(&machine, args.realtime || self.at_screen)?;
             if self.at_screen {
+                let settings = machine.card_settings::<A>(Start::at(0));
+                let clock = Clock::wall(machine.period_us);
+                let card = SimCard::with_machine(settings, &card_serve::hung_on::<A>(&machine), clock);
+                let mut card = card.map_err(|_| no_card())?;
                 return operate::operate(args, &machine, program, self.script, &mut card);
             }
+            let card = simulated::<A>(&machine, args.realtime)?;
             let (kept, input) = self.keep(&program, &machine, entry::Card::Sim, card.status())?;
             return self.machining(&machine, &program, kept, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
         }

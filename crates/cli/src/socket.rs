@@ -159,6 +159,8 @@ struct LastLine {
     text: Vec<u8>,
     /// The line is over; the next byte that is not blank begins another.
     closed: bool,
+    /// There was another before it.
+    is_later: bool,
 }
 
 /// No line of a program is longer.
@@ -171,8 +173,9 @@ impl LastLine {
                 b'\n' | b'\r' => self.closed = true,
                 b' ' | b'\t' => {}
                 _ => {
-                    if std::mem::take(&mut self.closed) {
+                    if std::mem::take(&mut self.closed) && !self.text.is_empty() {
                         self.text.clear();
+                        self.is_later = true;
                     }
                     if self.text.len() < LONGEST {
                         self.text.push(byte.to_ascii_uppercase());
@@ -182,7 +185,7 @@ impl LastLine {
         }
     }
 
-    /// M2, M30 or a percent sign.
+    /// M2, M30 or a percent sign; the one that a program may begin with ends nothing.
     fn ends_program(&self) -> bool {
         let (mut code, mut in_comment) = (Vec::new(), false);
         for &byte in &self.text {
@@ -198,7 +201,7 @@ impl LastLine {
             let digits: Vec<u8> = code[at + 1..].iter().copied().take_while(u8::is_ascii_digit).collect();
             matches!(digits.as_slice(), b"2" | b"02" | b"30")
         };
-        code == b"%" || (0..code.len()).any(|at| code[at] == b'M' && is_end(at))
+        self.is_later && code == b"%" || (0..code.len()).any(|at| code[at] == b'M' && is_end(at))
     }
 }
 
@@ -260,10 +263,23 @@ mod tests {
             line.take(text.as_bytes());
             line.ends_program()
         };
-        for text in ["G0 X1\nM2\n\n", "n10 m 30", "%\n", "G0 M02 (M5)", "G1 X1\nM2"] {
+        for text in ["G0 X1\nM2\n\n", "n10 m 30", "%\nG0 X1\n%\n", "G1 X1\n%", "G0 M02 (M5)", "G1 X1\nM2"] {
             assert!(ends(text), "{text}");
         }
-        for text in ["", "G1 X1\n", "M3\n", "M2\nG1\n", "(M2)\n", ";M2", "M20\n", "M300\n", "G1 X2"] {
+        for text in [
+            "",
+            "%\n",
+            "\n %",
+            "%\nG1 X1\n",
+            "G1 X1\n",
+            "M3\n",
+            "M2\nG1\n",
+            "(M2)\n",
+            ";M2",
+            "M20\n",
+            "M300\n",
+            "G1 X2",
+        ] {
             assert!(!ends(text), "{text}");
         }
     }

@@ -110,6 +110,7 @@ impl<const A: usize> Report<'_, A> {
             "limit_violations": self.verdict.violations,
             "first_violation": self.first_violation(),
             "underruns": t.underruns,
+            "least_buffer": t.least_buffer,
             "reversals": t.reversals,
             "switch_events": t.switch_events,
             "untold": t.untold,

@@ -337,6 +337,12 @@ impl<'r, const A: usize> Supply<'r, A> {
         Some(done)
     }
 
+    /// Is there neither an instruction nor the end of the program in sight?
+    #[must_use]
+    pub fn goes_on(&self) -> bool {
+        self.summary.is_none() && self.exclusives.is_empty() && self.block.is_none()
+    }
+
     /// The place where the program ends, once everything is planned.
     #[must_use]
     pub fn ends_at(&mut self) -> Option<u32> {

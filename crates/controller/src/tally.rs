@@ -30,6 +30,8 @@ pub struct Tally {
     pub reversals: u64,
     /// Exclusive instructions and synchronous actions executed.
     pub switch_events: u64,
+    /// Fewest records that the card held ahead of the cursor, at rate 1 and with more to come; none where that never was.
+    pub least_buffer: Option<u32>,
     /// Things that were not told for want of room in the stream.
     pub untold: u64,
     furthest: Place,
@@ -56,6 +58,11 @@ impl Tally {
     #[must_use]
     pub fn new(start: u32) -> Self {
         Self { furthest: Place::start_of(start), ..Self::default() }
+    }
+
+    /// In a period at full rate so many records lay ahead of the cursor.
+    pub fn buffered(&mut self, ahead: u32) {
+        self.least_buffer = Some(self.least_buffer.map_or(ahead, |least| least.min(ahead)));
     }
 
     /// One period more, at a breakpoint or on the way back to it.

@@ -49,6 +49,8 @@ impl Desk {
                     job.turn(counts);
                 }
             }
+            // A key that is held down does not heap up moves.
+            Said::Task(_) if self.job().is_some() => {}
             // The machine hears everything until it is left.
             other => drop(self.words.send(other)),
         }

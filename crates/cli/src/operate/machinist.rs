@@ -8,13 +8,16 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 use std::thread;
 use std::time::Duration;
 
+use retrace_controller::by_hand;
 use retrace_controller::event::{Event, Happening, Trouble};
 use retrace_controller::machine::Machine;
-use retrace_controller::manual::Task;
+use retrace_controller::manual::{Done, NotDone, Task, perform};
 use retrace_controller::operator::Instruction;
-use retrace_controller::session::Outcome;
+use retrace_controller::orders::Operators;
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Period, Told};
-use retrace_link::{Alarm, Change, MotionCard, Refusal as WordRefused, Start, Word, channel};
+use retrace_link::{Alarm, Change, MotionCard, Start};
 
 use super::desk::Desk;
 use super::picture;
@@ -27,8 +30,6 @@ use crate::screen::model::{AlarmShown, Stage};
 
 /// What stands at the screen is told after so many periods.
 const TOLD_EVERY: u64 = 20;
-/// Within so many periods a card says whether an alarm is cleared.
-const CLEARED_WITHIN: u32 = 300;
 /// A card that is at fault is asked again after so long.
 const FAULTY: Duration = Duration::from_millis(5);
 
@@ -47,8 +48,11 @@ pub(super) struct Left {
 pub(super) struct Machinist<'m, const A: usize, C> {
     args: &'m args::Run,
     machine: Machine,
+    program: Arc<Program>,
     script: Vec<Instruction>,
     card: &'m mut C,
+    /// What is in force for blocks by hand, and for the next program.
+    by_hand: by_hand::Desk,
     words: Receiver<Said>,
     desk: &'m Arc<Desk>,
     live: Live,
@@ -64,19 +68,22 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     pub(super) fn new(
         args: &'m args::Run,
         machine: &Machine,
-        script: Vec<Instruction>,
+        (program, script): (Arc<Program>, Vec<Instruction>),
         card: &'m mut C,
         words: Receiver<Said>,
         desk: &'m Arc<Desk>,
     ) -> Self {
         let live = Live::new(Arc::clone(&desk.model));
         let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None };
-        Self { args, machine: machine.clone(), script, card, words, desk, live, alarm: None, failed: false, left }
+        let (by_hand, machine) = (by_hand::Desk::new(program.setup().clone()), machine.clone());
+        Self { args, machine, program, script, card, by_hand, words, desk, live, alarm: None, failed: false, left }
     }
 
     /// Works until the machine is left.
     pub(super) fn work(mut self) -> Left {
         self.tell_outputs();
+        let active = Box::new(self.by_hand.active());
+        Observer::<A>::told(&mut self.live, &Told::Active(active));
         loop {
             match self.words.try_recv() {
                 Ok(Said::Start) => self.job(),
@@ -131,8 +138,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     /// Tells every output.
     fn tell_outputs(&mut self) {
         let outputs = self.card.status().outputs;
-        for at in 0..channel::COUNT {
-            let change = Change { channel: at as u8, value: outputs[at] };
+        for (channel, &value) in (0u8..).zip(&outputs) {
+            let change = Change { channel, value };
             if locked(&self.desk.model).output(change.channel) != change.value {
                 Observer::<A>::told(&mut self.live, &Told::Output(change));
             }
@@ -150,33 +157,33 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
 
     /// Work by hand.
     fn task(&mut self, task: &Task) {
-        match task {
-            Task::ClearAlarm => self.clear_alarm(),
-            Task::Output(number, value) => {
-                let change = Change { channel: *number, value: *value };
-                match self.card.send(Word::ByHand(change)) {
-                    Ok(()) => (0..3).for_each(|_| self.stand()),
-                    Err(why) => self.note(format!("output {number}: the card does not take it: {}", in_words(why))),
-                }
-                self.tell_outputs();
+        let machine = self.machine.clone().standing_at(&self.card.status().counts);
+        let script = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
+        let operators = script.and(self.desk.begins());
+        let manner = Manner { wall_time: true, operator: true };
+        let mut shown = ByHand(self.live.clone());
+        let done = perform(task, &machine, &mut self.by_hand, self.card, (operators, manner), &mut shown);
+        self.desk.ends();
+        match done {
+            Ok(Done::Whole { cut_short: false }) if *task == Task::ClearAlarm => self.note("the alarm is cleared"),
+            Ok(Done::Whole { cut_short: true }) => self.note("at the soft limit: no farther"),
+            Ok(Done::Whole { .. }) => {}
+            Ok(Done::Stopped) => self.note("stopped"),
+            Err(NotDone::Refused(refusal)) => {
+                self.note(format!("{}: {} · {}", refusal.number, refusal.what, refusal.remedy))
             }
-            Task::Home(_) | Task::Jog { .. } | Task::JogOn { .. } | Task::Mdi(_) | Task::WorkZero(_) => {
-                self.note("moving by hand is not built yet");
-            }
+            Err(NotDone::Block(lines)) => lines.iter().flat_map(|text| text.lines()).for_each(|line| self.note(line)),
+            Err(NotDone::Trouble(_)) if *task == Task::ClearAlarm => self.note("not cleared: its cause is still there"),
+            // An alarm is told where the machine stands.
+            Err(NotDone::Trouble(Trouble::Latched(_))) => {}
+            Err(NotDone::Trouble(trouble)) => self.tell(Happening::Alarm(trouble)),
         }
-    }
-
-    fn clear_alarm(&mut self) {
-        // What the card refuses shows below.
-        let _ = self.card.send(Word::ClearAlarm);
-        for _ in 0..CLEARED_WITHIN {
-            self.stand();
-            if self.card.status().alarm.is_none() && !self.failed {
-                locked(&self.desk.model).alarm_is_cleared();
-                return self.note("the alarm is cleared");
-            }
+        if self.card.status().alarm.is_none() {
+            locked(&self.desk.model).alarm_is_cleared();
         }
-        self.note("not cleared: its cause is still there");
+        let active = Box::new(self.by_hand.active());
+        Observer::<A>::told(&mut self.live, &Told::Active(active));
+        self.tell_outputs();
     }
 
     /// Runs the program from where the machine stands.
@@ -232,11 +239,11 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
 
     /// Opens the program and checks it, while periods go on passing.
     fn prepared(&mut self, machine: &Machine) -> Result<Program, String> {
-        let args = self.args;
-        let model = Arc::clone(&self.desk.model);
+        let (program, setup) = (&self.program, self.by_hand.setup_of_program(machine));
+        let (program, model) = (Arc::clone(program), Arc::clone(&self.desk.model));
         let done = thread::scope(|scope| {
             let opening = scope.spawn(move || {
-                let program = Program::quietly(&args.reading, machine).map_err(|refusal| refusal.to_string())?;
+                let program = program.anew(setup).map_err(|refusal| refusal.to_string())?;
                 program.faults(machine)?;
                 picture::look_again::<A>(&model, machine, &program);
                 Ok(program)
@@ -261,9 +268,17 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     }
 }
 
-/// Why a card did not take a word.
-fn in_words(refused: WordRefused) -> String {
-    format!("{refused:?}")
+/// Shows work by hand: a block is a small job of its own, and none to the screen.
+struct ByHand(Live);
+
+impl<const A: usize> Observer<A> for ByHand {
+    fn told(&mut self, told: &Told<A>) {
+        match told {
+            Told::Event(Event { happening: Happening::Started, .. }) => {}
+            Told::Period(period) => self.0.told(&Told::Period(Period { off_path: true, ..*period })),
+            told => self.0.told(told),
+        }
+    }
 }
 
 /// A failure with everything that there is to say.

@@ -83,7 +83,7 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     picture::reckon::<A>(&model, machine, &program);
     let (desk, words) = Desk::new(Arc::clone(&model));
     let mut screen = Watched::begin(&model, &desk);
-    let machinist = Machinist::<A, C>::new(args, machine, script, card, words, &desk);
+    let machinist = Machinist::<A, C>::new(args, machine, (program, script), card, words, &desk);
     let done = thread::scope(|scope| {
         let machine = scope.spawn(|| machinist.work());
         while !machine.is_finished() {

@@ -92,6 +92,8 @@ pub struct Hand {
     /// Direction and index of the rate that was asked for last.
     asked: Option<(Mode, usize)>,
     turned: Option<(bool, u64, i32)>,
+    /// The override that was asked for last, in percent, and when: it may not be in the picture yet.
+    overridden: Option<(f64, u64)>,
 }
 
 impl Hand {
@@ -179,9 +181,12 @@ impl Hand {
             Act::Agree => Deed::Agree,
             Act::BackBlock => Deed::BackToBlock,
             Act::BackJet => Deed::BackToJet,
-            Act::Faster => Deed::Override(overridden(model, 10.0)),
-            Act::Slower => Deed::Override(overridden(model, -10.0)),
-            Act::Whole => Deed::Override(ONE),
+            Act::Faster => Deed::Override(self.overridden(model, 10.0, now_ms)),
+            Act::Slower => Deed::Override(self.overridden(model, -10.0, now_ms)),
+            Act::Whole => {
+                self.overridden = Some((100.0, now_ms));
+                Deed::Override(ONE)
+            }
             Act::Single => Deed::Single,
             Act::Pause => Deed::Pause,
             Act::Spindle if model.output(channel::SPINDLE) == 0 => Deed::SpindleStart,
@@ -244,6 +249,19 @@ impl Hand {
         };
         self.asked = Some((mode, index));
         RATES[index] * ONE / 100
+    }
+
+    /// The override asked for, in steps of 10 %: keys that follow each other quickly build on each other.
+    fn overridden(&mut self, model: &Model, by: f64, now_ms: u64) -> Travel {
+        let [least, most] = OVERRIDES;
+        let shown = model.override_rate * 100.0;
+        let from = match self.overridden {
+            Some((asked, at)) if now_ms.saturating_sub(at) < REPEATED_MS => asked,
+            _ => shown,
+        };
+        let percent = ((from / 10.0).round() * 10.0 + by).clamp(least, most);
+        self.overridden = Some((percent, now_ms));
+        (percent.round() as Travel * ONE + 50) / 100
     }
 
     /// Counts of a key that turns the wheel: one that is held down turns it faster.
@@ -342,13 +360,6 @@ impl Hand {
             }
         }
     }
-}
-
-/// The override asked for, in steps of 10 %.
-fn overridden(model: &Model, by: f64) -> Travel {
-    let [least, most] = OVERRIDES;
-    let percent = ((model.override_rate * 10.0).round() * 10.0 + by).clamp(least, most);
-    (percent.round() as Travel * ONE + 50) / 100
 }
 
 /// What a prompt's answer says, or what is wrong with it.

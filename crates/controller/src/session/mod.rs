@@ -16,7 +16,7 @@ use std::time::Duration;
 
 use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
 use retrace_core::wheel::Wheel;
-use retrace_core::{Place, Travel};
+use retrace_core::{ONE, Place, Travel};
 use retrace_link::{Change, MotionCard, Status, Word, channel};
 
 use crate::event::{Happening, Trouble};
@@ -359,6 +359,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             }
         }
         self.watch_supply(status, mode);
+        // Before a stop, and before the end, it runs out by itself.
+        if mode == Mode::Run && status.rate == ONE && self.supply.goes_on() {
+            self.tally.buffered(self.card.arrived().wrapping_sub(status.place.record));
+        }
         self.tell_period(status);
         self.still_periods = if status.rate == 0 && self.executing.is_none() { self.still_periods + 1 } else { 0 };
     }

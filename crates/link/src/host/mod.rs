@@ -189,6 +189,9 @@ impl<const A: usize> Host<A> {
     pub fn ask(&mut self, nonce: u32) {
         (self.nonce, self.greeting) = (nonce.max(1), None);
         self.times.asked = 0;
+        if self.phase == Phase::Closed {
+            self.phase = Phase::Asking;
+        }
     }
 
     /// Begins an epoch with these settings; its number is set here.

@@ -1,0 +1,316 @@
+//! The handwheel, whatever it is turned like: motion follows the mean of REV-12 within the rate law, between the ends of the history.
+//!
+//! What is asked of the card is reckoned here once more, from the turns of the wheel alone; limits are judged by the controller's judge and
+//! by the tests' own.
+
+#[path = "../wired/mod.rs"]
+mod wired;
+// The tests' own judge, and the rows that it judges.
+#[allow(dead_code, unreachable_pub)]
+#[path = "../../../../tests/src/limits.rs"]
+mod limits;
+#[allow(dead_code, unreachable_pub)]
+#[path = "../../../../tests/src/records.rs"]
+mod records;
+
+mod hand;
+
+use std::collections::{HashMap, VecDeque};
+
+use hand::{Moment, Setting, moments};
+use retrace_controller::event::Happening;
+use retrace_controller::index::Keeping;
+use retrace_controller::job::{self, Begin, Conduct};
+use retrace_controller::machine::Machine;
+use retrace_controller::operator::Deed;
+use retrace_controller::orders::{Operators, Orders, orders};
+use retrace_controller::script::ScriptPlayer;
+use retrace_controller::session::{Manner, Outcome};
+use retrace_controller::stream::{Observer, Period, Standing, Told};
+use retrace_core::mode::Mode;
+use retrace_core::{ONE, Place, Travel};
+use retrace_hal_sim::{Clock, Random, SimCard, SimFault};
+use retrace_link::{MotionCard, Refusal, Start, Status, Word};
+use wired::{AXES, Decoder, Path, pick};
+
+/// From full rate the machine rests within so many periods of the word, wherever it is (docs/rate-law.md).
+const REST: usize = 300;
+/// From full rate one way to full rate the other, at most.
+const ROUND: usize = 2 * REST;
+/// Records in which the machine comes to rest from full rate, at most.
+const NEAR: u32 = 400;
+
+/// A card whose operator is at the wheel: what he does in a turn is done while the period before it passes.
+struct Turned {
+    card: SimCard<AXES>,
+    orders: Orders,
+    moments: VecDeque<Moment>,
+    /// The rate that the card was asked for last.
+    asked: Travel,
+    /// The same in each period, from the first on.
+    log: Vec<Travel>,
+    /// Counts that the card has told.
+    told: i64,
+}
+
+impl Turned {
+    fn say(&self, moment: Moment) {
+        if let Some(word) = moment.word {
+            self.orders.say(word).expect("room");
+        }
+        self.orders.turn(i32::from(moment.screen));
+    }
+}
+
+impl MotionCard<AXES> for Turned {
+    type Fault = SimFault;
+
+    fn window(&self) -> u32 {
+        self.card.window()
+    }
+
+    fn send(&mut self, word: Word<AXES>) -> Result<(), Refusal> {
+        let rate = if let Word::Rate { target } = word { target } else { self.asked };
+        self.card.send(word)?;
+        self.asked = rate;
+        Ok(())
+    }
+
+    fn period(&mut self) -> Result<&Status<AXES>, SimFault> {
+        self.log.push(self.asked);
+        let moment = self.moments.pop_front().unwrap_or_default();
+        self.card.machine().turn(moment.encoder);
+        self.say(moment);
+        self.told += i64::from(self.card.period()?.wheel);
+        Ok(self.card.status())
+    }
+
+    fn begin(&mut self, start: Start) -> Result<(), SimFault> {
+        self.card.begin(start)
+    }
+
+    fn status(&self) -> &Status<AXES> {
+        self.card.status()
+    }
+}
+
+#[derive(Default)]
+struct Log {
+    periods: Vec<Period<AXES>>,
+    reached: usize,
+}
+
+impl Observer<AXES> for Log {
+    fn told(&mut self, told: &Told<AXES>) {
+        match told {
+            Told::Period(period) => self.periods.push(*period),
+            Told::Event(event) => self.reached += usize::from(event.happening == Happening::Reached),
+            _ => {}
+        }
+        assert!(self.periods.len() < 200_000, "it hangs");
+    }
+}
+
+/// One case, run.
+struct Case {
+    machine: Machine,
+    setting: Setting,
+    path: Path,
+    moments: Vec<Moment>,
+    log: Log,
+    asked: Vec<Travel>,
+}
+
+/// What the cases came to.
+#[derive(Default, Debug)]
+struct Came {
+    periods: usize,
+    at_the_wheel: usize,
+    saturated: usize,
+    at_oldest: usize,
+    at_reached: usize,
+    /// Periods from the first with a mean of zero to rest, at most.
+    longest_stop: usize,
+}
+
+fn run(seed: u64) -> Case {
+    let mut random = Random::new(seed);
+    let setting = Setting::any(&mut random);
+    let history_s = pick(&mut random, &[0.8, 2.0, 5.0, 60.0]);
+    let Setting { counts_per_s, mean_ms } = setting;
+    let text = format!(
+        "history_hours = {}\n[wheel]\ncounts_per_s_at_rate_1 = {counts_per_s}.0\nmean_over_ms = {mean_ms}.0\n",
+        history_s / 3600.0
+    );
+    let machine = Machine::parse(&text, "test").expect("valid");
+    let program = wired::program(&mut random, 24);
+    let path = Path::of(&machine, &program);
+    let moments = moments(&mut random, setting);
+    let mut card = SimCard::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
+    // wherever the free-running counter is, next to where it wraps more often than not
+    card.machine().turn(pick(&mut random, &[0, -1, -6, 300, 32_760, -32_760]));
+    let (orders, heard) = orders();
+    let mut waits = VecDeque::from(moments.clone());
+    let first = waits.pop_front().unwrap_or_default();
+    let card = Turned { card, orders, moments: waits, asked: 0, log: Vec::new(), told: 0 };
+    card.say(first);
+    let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us)).and(heard);
+    let manner = Manner { wall_time: false, operator: true };
+    let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+    let mut log = Log::default();
+    let end = job::run(&machine, Decoder::new(&program), conduct, card, &mut log).expect("a job");
+    assert_eq!(end.outcome, Outcome::Completed);
+    assert_eq!(end.tally.underruns, 0);
+    assert_eq!(Some(&end.card.status().counts), path.counts.last(), "where it ends without an operator");
+    let turned: i64 = moments.iter().take(log.periods.len() + 1).map(|m| i64::from(m.encoder)).sum();
+    assert_eq!(end.card.told, turned, "no count of the encoder is lost where it wraps");
+    Case { machine, setting, path, moments, log, asked: end.card.log }
+}
+
+impl Case {
+    /// The mean of REV-12 in the turn, as a rate, from the turns of the wheel since turn `since`.
+    fn mean(&self, turn: usize, since: usize) -> Travel {
+        let Setting { counts_per_s, mean_ms } = self.setting;
+        let first = since.max((turn + 1).saturating_sub(mean_ms as usize));
+        let counts = |m: &Moment| i64::from(m.screen.saturating_add(m.encoder));
+        let sum: i64 = self.moments.iter().take(turn + 1).skip(first).map(counts).sum();
+        let at_one = (i64::from(counts_per_s * mean_ms) + 500) / 1000;
+        let at_one = at_one.max(1);
+        sum.clamp(-at_one, at_one) * ONE / at_one
+    }
+
+    /// Commanded rate, ends and standstill, period by period.
+    fn follows(&self, came: &mut Came) {
+        let periods = &self.log.periods;
+        let (mut since, mut stood, mut last_mode, mut was_at_rest) = (0, true, Mode::Run, true);
+        let mut asked_for_rest = 0;
+        let mut reached_at_wheel = None;
+        for (turn, period) in periods.iter().enumerate() {
+            assert_eq!(period.period, turn as u64 + 1);
+            let is_entered = matches!(self.moments.get(turn), Some(Moment { word: Some(Deed::Wheel { .. }), .. }));
+            if is_entered && last_mode != Mode::Wheel {
+                since = turn;
+            }
+            stood = last_mode != Mode::Run && stood || was_at_rest;
+            asked_for_rest = if self.asked[turn] == 0 { asked_for_rest + 1 } else { 0 };
+            if period.mode == Mode::Wheel {
+                let is_free = stood && period.standing != Standing::Hold;
+                let mean = if is_free { self.mean(turn, since) } else { 0 };
+                assert_eq!(self.asked[turn], mean, "in turn {turn}, at the wheel since {since}: {period:?}");
+                came.at_the_wheel += 1;
+                came.saturated += usize::from(mean.abs() == ONE);
+                if stood {
+                    self.is_between_the_ends(period, came);
+                    let reached = *reached_at_wheel.get_or_insert(period.reached);
+                    assert_eq!(reached, period.reached, "the wheel executes nothing for the first time");
+                }
+            } else {
+                reached_at_wheel = None;
+            }
+            assert!(
+                asked_for_rest <= REST || period.at_rest,
+                "no rest {asked_for_rest} periods after the word: {period:?}"
+            );
+            if asked_for_rest > 0 && period.at_rest && !was_at_rest {
+                came.longest_stop = came.longest_stop.max(asked_for_rest);
+            }
+            self.is_within_what_was_asked(turn);
+            (last_mode, was_at_rest) = (period.mode, period.at_rest);
+        }
+        came.periods += periods.len();
+        came.at_reached += usize::from(self.log.reached > 0);
+        came.at_oldest +=
+            usize::from(periods.iter().any(|p| p.mode == Mode::Wheel && p.place == Place::start_of(p.oldest)));
+    }
+
+    fn is_between_the_ends(&self, period: &Period<AXES>, came: &mut Came) {
+        let (reached, oldest) = (Place::start_of(period.reached), Place::start_of(period.oldest));
+        assert!(oldest.to(period.place) >= 0 && period.place.to(reached) >= 0, "{period:?}");
+        // as far back as the machine file promises, and no further than a record beyond
+        let depth = period.reached - period.oldest;
+        let promised = self.machine.history_records.min(period.reached);
+        assert!((promised..=promised + 1).contains(&depth), "{depth} records of {promised}: {period:?}");
+        let _ = came;
+    }
+
+    /// The rate is never beyond what was asked for in the time that a change takes, and far from the ends it is not short of it either.
+    fn is_within_what_was_asked(&self, turn: usize) {
+        let period = &self.log.periods[turn];
+        let asked = &self.asked[(turn + 1).saturating_sub(ROUND)..=turn];
+        let low = asked.iter().copied().min().unwrap_or(0).min(if turn < ROUND { 0 } else { Travel::MAX });
+        let high = asked.iter().copied().max().unwrap_or(0);
+        let rate = period.rate;
+        assert!((low.min(0) - 2..=high.max(0) + 2).contains(&rate), "{rate} of {low}…{high}: {period:?}");
+        let record = period.place.record;
+        let is_near = period.reached.wrapping_sub(record) < NEAR || record.wrapping_sub(period.oldest) < NEAR;
+        if period.mode == Mode::Wheel && !is_near {
+            assert!((low - 2..=high + 2).contains(&rate), "{rate} of {low}…{high}: {period:?}");
+        }
+    }
+
+    /// Every place has one position, and it is the program's own.
+    fn returns(&self) {
+        let mut positions: HashMap<Place, [i64; AXES]> = HashMap::new();
+        for period in &self.log.periods {
+            let first = *positions.entry(period.place).or_insert(period.counts);
+            assert_eq!(first, period.counts, "two positions of one place: {period:?}");
+            assert_eq!(self.path.position(period.place), period.counts, "off the path: {period:?}");
+        }
+    }
+
+    /// Both judges.
+    fn is_legal(&self) {
+        let mut judge = wired::judge(&self.machine);
+        self.log.periods.iter().for_each(|period| judge.push(&period.increments, period.rate));
+        let verdict = judge.finish();
+        assert_eq!(verdict.violations, 0, "{:?}", verdict.first);
+        let axes: Vec<limits::Axis> = self.machine.axes.iter().map(axis).collect();
+        let audit = limits::audit(&self.rows(), &axes, self.machine.period_s());
+        assert_eq!(audit.violations, [0; 3], "{:?}", audit.first);
+    }
+
+    fn rows(&self) -> records::Records {
+        let row = |period: &Period<AXES>| records::Row {
+            period: period.period,
+            line: u64::from(period.line),
+            rate_nano: ((i128::from(period.rate) * 1_000_000_000) >> 32) as i64,
+            record: u64::from(period.place.record),
+            fraction: u64::from(period.place.fraction),
+            increments: period.increments.iter().take(self.machine.axes.len()).map(|&i| i64::from(i)).collect(),
+        };
+        let axes = self.machine.axes.iter().map(|axis| axis.name.to_string()).collect();
+        records::Records { axes, rows: self.log.periods.iter().map(row).collect() }
+    }
+}
+
+fn axis(axis: &retrace_controller::machine::Axis) -> limits::Axis {
+    limits::Axis {
+        pulses_per_mm: axis.pulses_per_mm,
+        limits: [axis.max_velocity_mm_per_s, axis.max_acceleration_mm_per_s2, axis.max_jerk_mm_per_s3],
+    }
+}
+
+/// How many cases, and the seed of the first: `cargo xtask campaign wheel`.
+fn asked(usual: u64) -> (u64, u64) {
+    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
+    (number("RETRACE_CASES").unwrap_or(usual), number("RETRACE_FIRST_SEED").unwrap_or(1))
+}
+
+#[test]
+fn motion_follows_the_mean_of_the_wheel_whatever_it_is_turned_like() {
+    let (cases, first) = asked(24);
+    let mut came = Came::default();
+    for seed in first..first + cases {
+        let judged = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            let case = run(seed);
+            case.follows(&mut came);
+            case.returns();
+            case.is_legal();
+        }));
+        assert!(judged.is_ok(), "that was seed {seed}: RETRACE_CASES=1 RETRACE_FIRST_SEED={seed} runs it alone");
+    }
+    println!("{cases} cases: {came:?}");
+    let some = [came.at_the_wheel, came.saturated, came.longest_stop];
+    assert!(some.iter().all(|&n| n > 0), "{came:?}");
+    assert!(cases < 20 || came.at_oldest > 0 && came.at_reached > 0, "both ends are come to: {came:?}");
+}

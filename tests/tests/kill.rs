@@ -1,0 +1,261 @@
+//! The host is killed at any moment of a job: taken up again, the job ends on the counts of a run without an interruption, with every
+//! instruction executed once, or it is refused with the reason. Never is there a silent difference.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::process::Stdio;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use retrace_tests::command::{Bench, Said, cases};
+use retrace_tests::sender::Chance;
+use retrace_tests::served::Served;
+use retrace_tests::trace::{Switched, piped};
+use serde_json::Value;
+
+/// A straight run, blends, a loop in a subprogram, codes with a duration and in passing, a dwell, an arc.
+const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.1\nM3 S1000\nG1 X20\nM62 P10\nX25 Y5\nX12 Y9\nM63 P10\nO100 sub\nO101 repeat [3]\nG91\nM62 P12\nG1 X3 Y1\n\
+    M101\nX-3 Y2 Z-0.5\nM63 P12\nM102\nX1\nG90\nO101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X30 Y-4\nM64 P14\nG3 X36 Y2 I0 J6\nO100 call\n\
+    M9\nM62 P11\nG1 X15 Y5 Z0\nX11.111 Y7.007 Z-3.3\nM65 P14\nM5\nM2\n";
+/// The time of codes, and a watchdog that forgives a computer under load.
+const MACHINE: &str = "[card]\nwatchdog_ms = 2000\n[code.M3]\nduration_ms = 200\n[code.M8]\nduration_ms = 150\n[code.M101]\noutput = 20\n\
+    class = \"synchronous\"\n[code.M102]\noutput = 20\noff = true\nduration_ms = 60\n";
+/// An operator who goes back and comes forward again, in a straight run and in the loop's second call.
+const OPERATOR: &str =
+    "at 1s hold\nafter 0.2s reverse 100%\nafter 0.5s leave\nat 4s hold\nafter 0.1s reverse 60%\nafter 0.5s leave\n";
+/// Where the program ends, in pulses.
+const END: [i64; 3] = [11_111, 7_007, -3_300];
+/// So many times as fast as a clock the card's time passes: the host has the watchdog's 2 s in 0.4 s, and still keeps up.
+const SPEED: &str = "5";
+/// So many hosts and cards at a time.
+const AT_A_TIME: usize = 3;
+/// So often a job is taken up, at most, where it ends in an alarm: a computer under load may be silent for longer than the watchdog allows.
+const TRIES: u32 = 6;
+
+/// The seed of the campaign.
+fn first_seed() -> u64 {
+    std::env::var("RETRACE_FIRST_SEED").ok().and_then(|text| text.parse().ok()).unwrap_or(1)
+}
+
+/// How a job is begun.
+#[derive(Clone, Copy, Debug)]
+struct Kind {
+    streamed: bool,
+    operated: bool,
+}
+
+/// So many commands were killed while they ran.
+static KILLS: AtomicU32 = AtomicU32::new(0);
+
+/// A card, and a folder for the jobs on it.
+struct Place {
+    bench: Bench,
+    card: Served,
+    reading: retrace_tests::trace::Reading,
+}
+
+impl Place {
+    fn new() -> Self {
+        let bench = Bench::new();
+        bench.file("part.ngc", PROGRAM);
+        bench.file("machine.toml", MACHINE);
+        bench.file("back.op", OPERATOR);
+        let trace = bench.path("trace.vcd");
+        let reading = piped(trace.clone());
+        let card = Served::with(&["--speed", SPEED, "--vcd", &trace.to_string_lossy()]);
+        Self { bench, card, reading }
+    }
+
+    fn run(&self, kind: Kind) -> Vec<&str> {
+        let program = if kind.streamed { "-" } else { "part.ngc" };
+        let mut run = vec!["run", program, "--card", &self.card.port, "--machine", "machine.toml", "--json"];
+        if kind.operated {
+            run.extend(["--operator", "back.op"]);
+        }
+        run
+    }
+
+    /// Begins the command and kills it after this time; did it end by itself before?
+    fn killed(&self, arguments: &[&str], kind: Kind, after: Duration) -> bool {
+        let input = || File::open(self.bench.path("part.ngc")).expect("the program");
+        let input = if kind.streamed { input().into() } else { Stdio::null() };
+        let begun = Instant::now();
+        let mut child = self.bench.begun(arguments, input, "killed.txt");
+        thread::sleep(after.saturating_sub(begun.elapsed()));
+        let had_ended = child.try_wait().expect("a child").is_some();
+        KILLS.fetch_add(u32::from(!had_ended), Ordering::Relaxed);
+        child.kill().expect("it is killed");
+        child.wait().expect("it ends");
+        had_ended
+    }
+
+    /// Ends the card: the counts that it reports, those at its step wires, and what it switched.
+    fn ended(self) -> (Value, Switched) {
+        let told = self.card.told();
+        assert_eq!((&told["counts"], &told["periods_apart"]), (&told["counted"], &0.into()), "{told}");
+        (told["counts"].clone(), self.reading.ended())
+    }
+}
+
+/// A run without an interruption: how long it takes, and what the card switched.
+struct Whole {
+    takes: Duration,
+    switched: Switched,
+}
+
+fn whole(kind: Kind) -> Whole {
+    for _ in 0..TRIES {
+        let (place, begun) = (Place::new(), Instant::now());
+        let input = if kind.streamed { PROGRAM } else { "" };
+        let said = place.bench.retrace_reading(place.run(kind), input.as_bytes());
+        let takes = begun.elapsed();
+        let (counts, switched) = place.ended();
+        if said.code == Some(0) {
+            assert_eq!(ends_at(&counts), END);
+            return Whole { takes, switched };
+        }
+        // the load of a moment; nothing else is a reason not to come to the end
+        assert_eq!(said.code, Some(3), "{}\n{}", said.out, said.err);
+    }
+    panic!("no run came to its end")
+}
+
+fn ends_at(counts: &Value) -> [i64; 3] {
+    [0, 1, 2].map(|axis| counts[axis].as_i64().expect("a count"))
+}
+
+/// The number of a refusal or an alarm in what was said.
+fn number(said: &Said) -> String {
+    let text = format!("{}\n{}", said.err, said.out.lines().last().unwrap_or_default());
+    let at = text.match_indices('E').map(|(at, _)| at + 1);
+    let mut digits = at.filter_map(|at| text.get(at..at + 4)).filter(|four| four.bytes().all(|b| b.is_ascii_digit()));
+    digits.next().map_or_else(|| format!("no number: {text}"), |four| format!("E{four}"))
+}
+
+/// One job, killed and taken up; what came of it. An answer in the error is a silent difference, or no answer at all.
+fn case(seed: u64, wholes: &BTreeMap<(bool, bool), Whole>) -> Result<String, String> {
+    let mut chance = Chance::new(seed);
+    let kind = Kind { streamed: chance.below(4) == 0, operated: chance.below(2) == 0 };
+    let whole = &wholes[&(kind.streamed, kind.operated)];
+    let mut moment = || whole.takes.mul_f64(chance.below(1 << 20) as f64 / f64::from(1 << 20));
+    let (first, second) = (moment(), moment());
+    let again = chance.below(3) == 0;
+    let place = Place::new();
+    let mut ended = place.killed(&place.run(kind), kind, first);
+    let file = Kind { streamed: false, operated: false };
+    if again {
+        ended |= place.killed(&["resume", "--yes", "--json"], file, second);
+    }
+    let mut notes = String::new();
+    let mut said = place.bench.retrace(["resume", "--yes", "--json"]);
+    for _ in 0..TRIES {
+        let what = number(&said);
+        match (said.code, what.as_str()) {
+            (Some(0), _) => break,
+            (Some(3), _) => said = place.bench.retrace(["resume", "--yes", "--json"]),
+            (_, "E2208") if kind.streamed => {
+                said = place.bench.retrace(["resume", "--yes", "--json", "--program", "part.ngc"]);
+            }
+            // whoever was killed keeps the folder for a moment
+            (_, "E2206") => said = place.bench.retrace(["resume", "--yes", "--json"]),
+            _ => break,
+        }
+        notes = format!(", after {what}");
+    }
+    let how = format!(
+        "{kind:?}, killed at {first:?}{}",
+        if again { format!(", again at {second:?}") } else { String::new() }
+    );
+    let detail = format!("seed {seed}: {how}{notes}\n{}\n{}", said.out.lines().last().unwrap_or_default(), said.err);
+    let (counts, switched) = place.ended();
+    let counts = ends_at(&counts);
+    let is_whole = counts == END && switched.outputs == whole.switched.outputs && in_order(&switched, &whole.switched);
+    let wrong = || {
+        let numbers = |of: &Switched| of.executed.iter().map(u64::to_string).collect::<Vec<_>>().join(" ");
+        Err(format!(
+            "{detail}\ncounts {counts:?}\nexecuted {}\nand not  {}\nswitched {:?}\nand not  {:?}",
+            numbers(&switched),
+            numbers(&whole.switched),
+            switched.outputs,
+            whole.switched.outputs
+        ))
+    };
+    match (said.code, number(&said).as_str()) {
+        (Some(0), _) if is_whole => Ok(format!("completed{notes}")),
+        (Some(0), _) => wrong(),
+        // it had come to its end, or it had not begun
+        (Some(2), "E2209") if ended || is_whole => {
+            if is_whole {
+                Ok("had come to its end".into())
+            } else {
+                wrong()
+            }
+        }
+        (Some(2), number @ ("E2209" | "E2204")) => {
+            let nothing = counts == [0; 3] && switched.executed.iter().all(|&number| number == 0);
+            if nothing { Ok(format!("refused with {number}, nothing had moved")) } else { wrong() }
+        }
+        (_, number) if number.starts_with("E2") && said.err.contains("help:") => {
+            Ok(format!("refused with {number}\n{detail}"))
+        }
+        _ => Err(detail),
+    }
+}
+
+/// What the jobs so far came to.
+fn summary(jobs: u32, begun: Instant, counted: &Mutex<BTreeMap<String, u32>>) -> String {
+    let (kills, counted) = (KILLS.load(Ordering::Relaxed), counted.lock().expect("no panic"));
+    format!("{jobs} jobs, {kills} kills in {:.0} s: {counted:?}", begun.elapsed().as_secs_f64())
+}
+
+/// Is every instruction executed once, in order, up to the same one?
+fn in_order(is: &Switched, whole: &Switched) -> bool {
+    is.executed.is_sorted() && is.executed.last() == whole.executed.last()
+}
+
+#[test]
+fn a_host_that_is_killed_at_any_moment_leaves_a_job_that_goes_on_exactly() {
+    let mut wholes = BTreeMap::new();
+    for (streamed, operated) in [(false, false), (false, true), (true, false), (true, true)] {
+        wholes.insert((streamed, operated), whole(Kind { streamed, operated }));
+    }
+    let outputs = |whole: &Whole| whole.switched.outputs.clone();
+    assert!(
+        wholes.values().all(|whole| outputs(whole) == outputs(&wholes[&(false, false)])),
+        "the operator changes nothing"
+    );
+    let (next, of, begun) = (AtomicU32::new(0), cases(3), Instant::now());
+    let counted: Mutex<BTreeMap<String, u32>> = Mutex::new(BTreeMap::new());
+    let wrong = Mutex::new(Vec::new());
+    thread::scope(|scope| {
+        for _ in 0..AT_A_TIME {
+            scope.spawn(|| {
+                while let number = next.fetch_add(1, Ordering::Relaxed)
+                    && number < of
+                {
+                    match case(first_seed() + u64::from(number), &wholes) {
+                        Ok(what) => {
+                            let kind = what.lines().next().unwrap_or_default().to_owned();
+                            if what.contains('\n') {
+                                println!("{what}");
+                            }
+                            *counted.lock().expect("no panic").entry(kind).or_default() += 1;
+                        }
+                        Err(what) => {
+                            println!("WRONG {what}");
+                            wrong.lock().expect("no panic").push(what);
+                        }
+                    }
+                    if number % 20 == 19 {
+                        println!("{}", summary(number + 1, begun, &counted));
+                    }
+                }
+            });
+        }
+    });
+    println!("{}", summary(of, begun, &counted));
+    let wrong = wrong.into_inner().expect("no panic");
+    assert!(wrong.is_empty(), "{} of {of} differ:\n{}", wrong.len(), wrong.join("\n\n"));
+}
