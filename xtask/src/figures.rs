@@ -20,8 +20,6 @@ pub(crate) struct Figure {
 enum Made {
     /// `retrace plot` with these arguments.
     Plot(&'static [&'static str]),
-    /// `retrace plot --job` with these arguments, after `retrace run` with those.
-    Job { run: &'static [&'static str], plot: &'static [&'static str] },
     /// An example of a package prints it.
     Example { package: &'static str, example: &'static str },
     /// A bench draws what it measured; it is left as it is here.
@@ -71,14 +69,6 @@ impl Figure {
     fn make(&self, root: &Path, path: &str) -> Result<Option<String>, String> {
         match &self.made {
             Made::Plot(arguments) => retrace(root, &[&["plot"], *arguments, &["-o", path]].concat()),
-            Made::Job { run, plot } => {
-                let jobs = root.join("target/figures");
-                // Only what an earlier call has left there.
-                let _ = fs::remove_dir_all(&jobs);
-                let folder = jobs.to_string_lossy().into_owned();
-                retrace(root, &[&["run"], *run, &["--journal", &folder]].concat())?;
-                retrace(root, &[&["plot", "--job", "--journal", &folder, "-o", path], *plot].concat())
-            }
             Made::Example { package, example } => {
                 let picture = printed(root, &["-p", package, "--example", example])?;
                 fs::write(root.join(path), picture).map_err(|error| error.to_string())

@@ -335,13 +335,6 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         backed_up(folder.path(), Some(Ending::Completed));
         let history = history(None, Some(folder.path())).expect("a journal");
-        if let Some(file) = std::env::var_os("DUMP") {
-            for (w, h, n) in [(1200, 900, "big"), (560, 420, "small")] {
-                let size = crate::plot::Size::pixels(w, h).expect("size");
-                let png = crate::plot::draw_history(&history, crate::plot::View::Xy, size).to_png().expect("png");
-                std::fs::write(Path::new(&file).join(n).with_extension("png"), png).expect("f");
-            }
-        }
         assert!(history.summary.starts_with("completed · 19700101-000000-02-back-up"), "{}", history.summary);
         assert!(history.course.is_sorted_by(|a, b| a.time_s <= b.time_s && a.reached_s <= b.reached_s));
         assert!(history.course.iter().all(|moment| moment.place_s <= moment.reached_s));
