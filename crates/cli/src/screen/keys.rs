@@ -208,7 +208,7 @@ const fn row(
 /// The table.
 #[rustfmt::skip]
 pub const TABLE: &[Row] = &[
-    row(&[Key::Char('c')], "c", "start", "cycle start: begin, go on after a stop, begin again", ALWAYS, Act::CycleStart),
+    row(&[Key::Char('c')], "c", "start", "cycle start: begin, or go on after a hold or stop", ALWAYS, Act::CycleStart),
     row(&[Key::Char(' '), Key::Char('h')], "Space", "hold", "feed hold, at any time (h too); stops a jog", SETUP | JOB, Act::Hold),
     row(&[Key::Char('r')], "r", "reverse", "back along the path; again: 50, 25, 10 %, 100 %", MOVING, Act::Reverse),
     row(&[Key::Char('R')], "R", "rapid back", "back in rapid: up to 800 % with the jet off", MOVING, Act::ReverseRapid),
