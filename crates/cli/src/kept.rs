@@ -7,7 +7,7 @@ use std::path::Path;
 use retrace_controller::index::Keeping;
 use retrace_controller::jobs::{Held, JobFolder, Jobs};
 use retrace_controller::journal::entry::{
-    self, Arguments, End, Ending, FORMAT, Job, MachineFile, Override, Resumed, Source, WiredCard,
+    self, Arguments, End, Ending, FORMAT, FileRead, Job, MachineFile, Override, Resumed, Role, Source, WiredCard,
 };
 use retrace_controller::journal::hash::Hash;
 use retrace_controller::journal::keeper::Keeper;
@@ -18,6 +18,7 @@ use retrace_controller::journal::stamp::Stamp;
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::session::Outcome;
+use retrace_gcode::Setup;
 use retrace_link::{Identity, Outputs, Status};
 use serde_json::Value;
 
@@ -56,6 +57,24 @@ impl Claimed {
         let (spooling, progress) =
             Spooling::create(&path, from).map_err(|error| unwritable(&path.display().to_string(), &error))?;
         Ok((Box::new(spooling), progress))
+    }
+
+    /// Keeps tables as they are when the job begins, which no file has: what was set by hand. The job's entry names them.
+    ///
+    /// # Errors
+    /// `E2105`
+    pub fn tables(&self, setup: &Setup, job: &mut Job) -> Result<(), Refusal> {
+        let (parameters, tools) = (self.folder.table("parameters.var"), self.folder.table("tools.tbl"));
+        for (role, path, text) in
+            [(Role::Parameters, &parameters, setup.parameters.write()), (Role::Tools, &tools, setup.tools.write())]
+        {
+            std::fs::write(path, &text).map_err(|error| unwritable(&path.display().to_string(), &error))?;
+            job.files.retain(|file| file.role != role);
+            job.files.push(FileRead { role, path: files::absolute(path), hash: Hash::of(text.as_bytes()) });
+        }
+        (job.arguments.params, job.arguments.tools) =
+            (Some(files::absolute(&parameters)), Some(files::absolute(&tools)));
+        Ok(())
     }
 
     /// Begins the journal.
@@ -119,8 +138,10 @@ impl Kept {
         Keeper::new(&self.logbook, machine.axes.len(), machine.period_us)
     }
 
-    /// Keeps how the job ended; its keeper is gone. What cannot be kept is told, and changes nothing of what has been done.
-    pub fn end(self, outcome: &Outcome, report: &Value) {
+    /// Keeps how the job ended; its keeper is gone. What there is to say of it comes back, a line each; what cannot be kept changes nothing
+    /// of what has been done.
+    pub fn end(self, outcome: &Outcome, report: &Value) -> Vec<String> {
+        let mut said = Vec::new();
         let ending = match outcome {
             Outcome::Completed => Ending::Completed,
             Outcome::Stopped | Outcome::Refused(_) => Ending::Stopped,
@@ -128,16 +149,17 @@ impl Kept {
         };
         let end = End { when: Stamp::now(), outcome: ending, exit_code: outcome.exit_code(), report: report.clone() };
         if let Err(refusal) = self.logbook.end(end) {
-            eprintln!("{refusal}");
+            said.push(refusal.to_string());
         }
         let path = self.folder.report();
         if let Err(error) = std::fs::write(&path, format!("{report:#}\n")) {
-            eprintln!("note: {} cannot be written: {error}", path.display());
+            said.push(format!("note: {} cannot be written: {error}", path.display()));
         }
         if matches!(outcome.exit_code(), 3 | 4) {
-            eprintln!("the breakpoint is kept: `retrace resume {}` takes the job up there", self.folder.id());
+            said.push(format!("the breakpoint is kept: `retrace resume {}` takes the job up there", self.folder.id()));
         }
         self.jobs.prune();
+        said
     }
 }
 

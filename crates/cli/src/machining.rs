@@ -138,15 +138,17 @@ impl Machining<'_> {
         };
         let mut value = report.to_json();
         value["job"] = kept.as_ref().map_or(Value::Null, |kept| kept.id().into());
+        let said = kept.map_or_else(Vec::new, |kept| kept.end(&outcome, &value));
         match ended {
             Some(ended) => {
                 let refused = if let Outcome::Refused(text) = &outcome { format!("{text}\n") } else { String::new() };
-                *ended = Ended { short: short(&report), text: refused + &told(&report) };
+                let text = said.iter().fold(refused + &told(&report), |text, line| format!("{text}\n{line}"));
+                *ended = Ended { short: short(&report), text };
             }
-            None => tell(&report, manners.json.then_some(&value)),
-        }
-        if let Some(kept) = kept {
-            kept.end(&outcome, &value);
+            None => {
+                tell(&report, manners.json.then_some(&value));
+                said.iter().for_each(|line| eprintln!("{line}"));
+            }
         }
         if let (Some(path), Outcome::Completed) = (manners.params, &outcome) {
             last.write(path)?;

@@ -61,6 +61,8 @@ pub struct Program {
     folders: Arc<Folders>,
     setup: Setup,
     has_tool_table: bool,
+    /// Parameters or tools were set by hand.
+    by_hand: bool,
     /// Set when nobody waits for standard input any more.
     given_up: Arc<AtomicBool>,
 }
@@ -197,7 +199,8 @@ impl Program {
             Some(Arc::new(Prescan::of(&name, text.into(), &setup)))
         };
         let (has_tool_table, given_up) = (reading.tools.is_some(), Arc::default());
-        Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, given_up }, notes))
+        let by_hand = false;
+        Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, by_hand, given_up }, notes))
     }
 
     /// The program as its file is now, to be read with this setup. Nothing is told on standard error.
@@ -205,7 +208,10 @@ impl Program {
     /// # Errors
     /// The file cannot be read any more.
     pub fn anew(&self, setup: Setup) -> Result<Self, Refusal> {
-        let mut again = Self { setup, ..self.clone() };
+        let by_hand = self.by_hand
+            || setup.parameters.write() != self.setup.parameters.write()
+            || setup.tools.write() != self.setup.tools.write();
+        let mut again = Self { setup, by_hand, ..self.clone() };
         if self.prescan.is_some() {
             let text = files::bytes(Path::new(&self.name), "program")?;
             if let Some(read) = again.files.iter_mut().find(|read| read.role == Role::Program) {
@@ -214,6 +220,12 @@ impl Program {
             again.prescan = Some(Arc::new(Prescan::of(&self.name, text.into(), &again.setup)));
         }
         Ok(again)
+    }
+
+    /// Is it read with tables that were set by hand, and that no file has?
+    #[must_use]
+    pub fn is_set_by_hand(&self) -> bool {
+        self.by_hand
     }
 
     /// What it is read with.

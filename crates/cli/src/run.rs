@@ -76,10 +76,11 @@ impl With<'_> {
                 let clock = Clock::wall(machine.period_us);
                 let card = SimCard::with_machine(settings, &card_serve::hung_on::<A>(&machine), clock);
                 let mut card = card.map_err(|_| no_card())?;
-                return operate::operate(args, &machine, program, self.script, &mut card);
+                let at = (self.text, entry::Card::Sim);
+                return operate::operate(args, &machine, program, (self.script, at), &mut card);
             }
             let card = simulated::<A>(&machine, args.realtime)?;
-            let (kept, input) = self.keep(&program, &machine, entry::Card::Sim, card.status())?;
+            let (kept, input) = keep(args, &program, &machine, (&self.text, entry::Card::Sim), card.status())?;
             return self.machining(&machine, &program, kept, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
         }
         // Everything that can be refused without the card is refused before it is asked for.
@@ -96,12 +97,12 @@ impl With<'_> {
         let settings = machine.card_settings(Start::at(0));
         if self.at_screen {
             card.open(settings).map_err(|fault| wired::failed(&args.card, &fault))?;
-            let code = operate::operate(args, &machine, program, self.script, &mut *card)?;
+            let code = operate::operate(args, &machine, program, (self.script, (self.text, named)), &mut *card)?;
             let _ = card.close();
             return Ok(code);
         }
         let status = wired::look(&mut card, &args.card, settings)?;
-        let (kept, input) = self.keep(&program, &machine, named, &status)?;
+        let (kept, input) = keep(args, &program, &machine, (&self.text, named), &status)?;
         // From here on the card expects to hear of the host all the time.
         card.open(settings).map_err(|fault| wired::failed(&args.card, &fault))?;
         let (code, _) = self.machining(&machine, &program, kept, input).run(&mut *card, |_, _| Ok(()))?;
@@ -121,28 +122,6 @@ impl With<'_> {
             return Err(Refusal::new("E2151", what, "a line of the program").into());
         }
         Ok(program)
-    }
-
-    /// Begins the job's journal, for a card of this status; and what a program that arrives is taken from.
-    fn keep<const A: usize>(
-        &self,
-        program: &Program,
-        machine: &Machine,
-        card: entry::Card,
-        status: &Status<A>,
-    ) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
-        let args = self.args;
-        let input = program.arriving()?;
-        if args.no_journal {
-            return Ok((None, input));
-        }
-        let claimed = Claimed::new(args.journal.as_deref(), program.name())?;
-        let (input, progress) = input.map(|input| claimed.spool(input)).transpose()?.unzip();
-        let care = if card == entry::Card::Sim { Care::Written } else { Care::Synced };
-        let machine_file = (args.machine.as_deref(), self.text.clone());
-        let (reading, start_line) = (&args.reading, args.start_line);
-        let job = Beginning { program, reading, start_line, machine, machine_file, card }.job(status)?;
-        Ok((Some(claimed.begin(care, job, progress)?), input))
     }
 
     fn machining<'m>(
@@ -169,18 +148,62 @@ impl With<'_> {
     }
 }
 
-/// A job that is begun at a screen, on a card that is open already; it keeps no journal yet.
+/// Text of the machine file, and the card: what a job's journal says of the machine.
+pub type At = (String, entry::Card);
+
+/// Begins the job's journal, for a card of this status; and what a program that arrives is taken from.
+fn keep<const A: usize>(
+    args: &args::Run,
+    program: &Program,
+    machine: &Machine,
+    (text, card): (&str, entry::Card),
+    status: &Status<A>,
+) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
+    let input = program.arriving()?;
+    // What was run without its outputs is not to be taken up with them.
+    if args.no_journal || machine.inhibits_outputs {
+        return Ok((None, input));
+    }
+    let claimed = Claimed::new(args.journal.as_deref(), program.name())?;
+    let (input, progress) = input.map(|input| claimed.spool(input)).transpose()?.unzip();
+    let care = if card == entry::Card::Sim { Care::Written } else { Care::Synced };
+    let machine_file = (args.machine.as_deref(), text.to_owned());
+    let (reading, start_line) = (&args.reading, args.start_line);
+    let mut job = Beginning { program, reading, start_line, machine, machine_file, card }.job(status)?;
+    if program.is_set_by_hand() {
+        claimed.tables(program.setup(), &mut job)?;
+    }
+    Ok((Some(claimed.begin(care, job, progress)?), input))
+}
+
+/// A job that is begun at a screen, on a card that is open already.
 pub struct Job<'a> {
     args: &'a args::Run,
     machine: &'a Machine,
     script: Vec<Instruction>,
     program: Program,
+    at: &'a At,
 }
 
 impl<'a> Job<'a> {
     /// Of a program that was opened and checked for this machine.
-    pub fn of(args: &'a args::Run, machine: &'a Machine, script: Vec<Instruction>, program: Program) -> Self {
-        Self { args, machine, script, program }
+    pub fn of(
+        args: &'a args::Run,
+        machine: &'a Machine,
+        script: Vec<Instruction>,
+        program: Program,
+        at: &'a At,
+    ) -> Self {
+        Self { args, machine, script, program, at }
+    }
+
+    /// Begins its journal, on a card of this status; and what a program that arrives is taken from. That takes as long as the disk takes.
+    ///
+    /// # Errors
+    /// The journal cannot be written, or the program cannot be had.
+    pub fn keep<const A: usize>(&self, status: &Status<A>) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
+        let (text, named) = self.at;
+        keep(self.args, &self.program, self.machine, (text, named.clone()), status)
     }
 
     /// Runs it on a card: its exit code, and the card. `at_screen`: who operates it there.
@@ -190,21 +213,20 @@ impl<'a> Job<'a> {
     pub fn run<const A: usize, C: MotionCard<A>>(
         self,
         card: C,
-        wall_time: bool,
+        (kept, input): (Option<Kept>, Option<Arriving>),
         at_screen: Option<AtScreen<'_>>,
     ) -> Result<(u8, C), Failure> {
-        let Self { args, machine, script, program } = self;
+        let Self { args, machine, script, program, .. } = self;
         let manners = Manners {
             json: args.json,
             records: args.records.as_deref(),
             script,
             operator: args.operator.is_some(),
-            wall_time,
+            wall_time: true,
             params: args.reading.params.as_deref(),
         };
         let begin = args.start_line.map_or(Begin::First, Begin::Line);
-        let input = program.arriving()?;
-        let machining = Machining { manners, machine, program: &program, input, begin, kept: None, at_screen };
+        let machining = Machining { manners, machine, program: &program, input, begin, kept, at_screen };
         machining.run(card, |_, _| Ok(()))
     }
 }

@@ -234,6 +234,12 @@ impl JobFolder {
         self.path.join(STREAM)
     }
 
+    /// A table that was set by hand before it.
+    #[must_use]
+    pub fn table(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
     /// Its report.
     #[must_use]
     pub fn report(&self) -> PathBuf {

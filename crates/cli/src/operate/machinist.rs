@@ -22,8 +22,9 @@ use retrace_link::{Alarm, Change, MotionCard, Start};
 use super::desk::Desk;
 use super::picture;
 use crate::args;
-use crate::program::{Failure, Program};
-use crate::run::{AtScreen, Ended, Job};
+use crate::kept::Kept;
+use crate::program::{Arriving, Failure, Program};
+use crate::run::{At, AtScreen, Ended, Job};
 use crate::screen::Said;
 use crate::screen::live::{Live, locked};
 use crate::screen::model::{AlarmShown, Stage};
@@ -50,6 +51,7 @@ pub(super) struct Machinist<'m, const A: usize, C> {
     machine: Machine,
     program: Arc<Program>,
     script: Vec<Instruction>,
+    at: At,
     card: &'m mut C,
     /// What is in force for blocks by hand, and for the next program.
     by_hand: by_hand::Desk,
@@ -68,7 +70,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     pub(super) fn new(
         args: &'m args::Run,
         machine: &Machine,
-        (program, script): (Arc<Program>, Vec<Instruction>),
+        (program, script, at): (Arc<Program>, Vec<Instruction>, At),
         card: &'m mut C,
         words: Receiver<Said>,
         desk: &'m Arc<Desk>,
@@ -76,7 +78,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let live = Live::new(Arc::clone(&desk.model));
         let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None };
         let (by_hand, machine) = (by_hand::Desk::new(program.setup().clone()), machine.clone());
-        Self { args, machine, program, script, card, by_hand, words, desk, live, alarm: None, failed: false, left }
+        Self { args, machine, program, script, at, card, by_hand, words, desk, live, alarm: None, failed: false, left }
     }
 
     /// Works until the machine is left.
@@ -204,8 +206,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         }
         let mut ended = Ended::default();
         let at_screen = AtScreen { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
-        let job = Job::of(self.args, &machine, self.script.clone(), program);
-        let done = job.run(&mut *self.card, true, Some(at_screen));
+        let at = self.at.clone();
+        let job = Job::of(self.args, &machine, self.script.clone(), program, &at);
+        let done = self.begun(&job).and_then(|kept| job.run(&mut *self.card, kept, Some(at_screen)));
         self.desk.ends();
         self.left.ran = true;
         match done {
@@ -222,6 +225,19 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         }
         // What the session told is the same alarm.
         self.alarm = self.card.status().alarm;
+    }
+
+    /// Begins a job's journal, while periods go on passing: the disk may take longer than the card waits for its host.
+    fn begun(&mut self, job: &Job<'_>) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
+        let status = *self.card.status();
+        let begun = thread::scope(|scope| {
+            let beginning = scope.spawn(move || job.keep(&status));
+            while !beginning.is_finished() {
+                self.stand();
+            }
+            beginning.join()
+        });
+        begun.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 
     /// Why no job can begin now.

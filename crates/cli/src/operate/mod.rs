@@ -24,6 +24,7 @@ use retrace_link::MotionCard;
 use crate::args;
 use crate::console::unwritable;
 use crate::program::{Failure, Program};
+use crate::run::At;
 use crate::screen::Screen;
 use crate::screen::live::locked;
 use crate::screen::model::Model;
@@ -74,7 +75,7 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     args: &args::Run,
     machine: &Machine,
     program: Program,
-    script: Vec<Instruction>,
+    (script, at): (Vec<Instruction>, At),
     card: &mut C,
 ) -> Result<u8, Failure> {
     let signals = Signals::listen().map_err(|error| unwritable("the list of signals", &error))?;
@@ -83,7 +84,7 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     picture::reckon::<A>(&model, machine, &program);
     let (desk, words) = Desk::new(Arc::clone(&model));
     let mut screen = Watched::begin(&model, &desk);
-    let machinist = Machinist::<A, C>::new(args, machine, (program, script), card, words, &desk);
+    let machinist = Machinist::<A, C>::new(args, machine, (program, script, at), card, words, &desk);
     let done = thread::scope(|scope| {
         let machine = scope.spawn(|| machinist.work());
         while !machine.is_finished() {
