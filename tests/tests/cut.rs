@@ -83,7 +83,7 @@ impl Left {
     /// Cuts it everywhere.
     fn cut_everywhere(&self, name: &str) {
         let mut counted: BTreeMap<String, u32> = BTreeMap::new();
-        for length in cuts(&self.journal, cases(12) as usize) {
+        for length in cuts(&self.journal, cases(6) as usize) {
             *counted.entry(self.taken_up(length)).or_default() += 1;
         }
         println!("{name}: {} bytes, {counted:?}", self.journal.len());
