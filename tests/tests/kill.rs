@@ -128,8 +128,9 @@ fn whole(kind: Kind) -> Whole {
             assert_eq!(ends_at(&counts), END);
             return Whole { takes, switched };
         }
-        // the load of a moment; nothing else is a reason not to come to the end
-        assert_eq!(said.code, Some(3), "{}\n{}", said.out, said.err);
+        // The load of a moment, or somebody who still has the card open that had this port's name before; nothing else is a reason not to come
+        // to the end.
+        assert!(said.code == Some(3) || said.err.contains("E2144"), "{}\n{}", said.out, said.err);
     }
     panic!("no run came to its end")
 }
