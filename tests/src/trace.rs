@@ -66,8 +66,12 @@ fn take(line: &[u8], names: &mut HashMap<Vec<u8>, String>, switched: &mut Switch
             }
         }
         [value @ (b'0' | b'1'), code @ ..] => {
-            if let Some(name) = names.get(code) {
-                switched.outputs.push((name.clone(), *value == b'1'));
+            let is_on = *value == b'1';
+            // all are off at first
+            if let Some(name) = names.get(code)
+                && (is_on || switched.outputs.iter().any(|(known, _)| known == name))
+            {
+                switched.outputs.push((name.clone(), is_on));
             }
         }
         [b'b', rest @ ..] => {
@@ -90,9 +94,9 @@ mod tests {
     fn instructions_and_outputs_are_told_from_the_rest() {
         let (mut names, mut switched) = (HashMap::new(), Switched::default());
         let text = "$scope module x $end\n$var wire 1 ! step $end\n$var integer 32 \" executed $end\n$var wire 1 # out7 $end\n\
-            $var integer 32 $ line $end\n#0\n0!\n0#\nb0 \"\n#5\n1!\nb11 $\nb10 \"\n1#\n";
+            $var integer 32 $ line $end\n#0\n0!\n0#\nb0 \"\n#5\n1!\nb11 $\nb10 \"\n1#\n0#\n";
         text.lines().for_each(|line| take(line.as_bytes(), &mut names, &mut switched));
-        let outputs = [("out7", false), ("out7", true)].map(|(name, on)| (name.to_owned(), on)).to_vec();
+        let outputs = [("out7", true), ("out7", false)].map(|(name, on)| (name.to_owned(), on)).to_vec();
         assert_eq!(switched, Switched { executed: vec![0, 2], outputs });
     }
 }

@@ -39,13 +39,16 @@ fn left(program: &str, operator: &str, stood: &str) -> Left {
     Left { bench, folder, journal }
 }
 
-/// The lengths that the journal is cut to: the end of every line, and every byte of the last three: of a job that was killed, of where it
-/// was, and of how it ended. As many of them as are wanted, evenly.
+/// The lengths that the journal is cut to: the end of every line, every byte of the last two before the one that says how the job ended,
+/// which a job that was killed does not have, and some of that one. As many of them as are wanted, evenly.
 fn cuts(journal: &[u8], wanted: usize) -> Vec<usize> {
     let ends: Vec<usize> = (0..journal.len()).filter(|&at| journal[at] == b'\n').map(|at| at + 1).collect();
-    let bytes_from = ends[ends.len().saturating_sub(4)];
-    let all: Vec<usize> =
-        ends.into_iter().filter(|&end| end <= bytes_from).chain(bytes_from + 1..=journal.len()).collect();
+    let last = ends.len() - 1;
+    let bytes = ends[last - 3]..=ends[last - 1];
+    let mut all: Vec<usize> =
+        ends.into_iter().chain(bytes.clone()).chain((*bytes.end()..journal.len()).step_by(50)).collect();
+    all.sort_unstable();
+    all.dedup();
     let every = all.len().div_ceil(wanted.max(1));
     all.into_iter().rev().step_by(every).collect()
 }
@@ -83,7 +86,7 @@ impl Left {
     /// Cuts it everywhere.
     fn cut_everywhere(&self, name: &str) {
         let mut counted: BTreeMap<String, u32> = BTreeMap::new();
-        for length in cuts(&self.journal, cases(12) as usize) {
+        for length in cuts(&self.journal, cases(6) as usize) {
             *counted.entry(self.taken_up(length)).or_default() += 1;
         }
         println!("{name}: {} bytes, {counted:?}", self.journal.len());

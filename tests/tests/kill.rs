@@ -2,7 +2,7 @@
 //! instruction executed once, or it is refused with the reason. Never is there a silent difference.
 
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::fs::{self, File};
 use std::process::Stdio;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -77,8 +77,8 @@ impl Place {
         run
     }
 
-    /// Begins the command and kills it after this time; did it end by itself before?
-    fn killed(&self, arguments: &[&str], kind: Kind, after: Duration) -> bool {
+    /// Begins the command and kills it after this time.
+    fn killed(&self, arguments: &[&str], kind: Kind, after: Duration) {
         let input = || File::open(self.bench.path("part.ngc")).expect("the program");
         let input = if kind.streamed { input().into() } else { Stdio::null() };
         let begun = Instant::now();
@@ -88,7 +88,19 @@ impl Place {
         KILLS.fetch_add(u32::from(!had_ended), Ordering::Relaxed);
         child.kill().expect("it is killed");
         child.wait().expect("it ends");
-        had_ended
+    }
+
+    /// Cuts bytes off the last line of the journal, as a power cut may leave it: so many.
+    fn tear(&self, chance: &mut Chance) -> Option<usize> {
+        let mut jobs = fs::read_dir(self.bench.path("state/retrace/jobs")).ok()?;
+        let journal = jobs.next()?.ok()?.path().join("journal");
+        let bytes = fs::read(&journal).ok()?;
+        let line = bytes.trim_ascii_end().rsplit(|&byte| byte == b'\n').next()?.len() + 1;
+        // the first line is durable before anything moves
+        let first = bytes.iter().position(|&byte| byte == b'\n')? + 1;
+        let off = (1 + chance.below(line)).min(bytes.len().saturating_sub(first));
+        fs::write(&journal, &bytes[..bytes.len() - off]).ok()?;
+        Some(off)
     }
 
     /// Ends the card: the counts that it reports, those at its step wires, and what it switched.
@@ -116,8 +128,9 @@ fn whole(kind: Kind) -> Whole {
             assert_eq!(ends_at(&counts), END);
             return Whole { takes, switched };
         }
-        // the load of a moment; nothing else is a reason not to come to the end
-        assert_eq!(said.code, Some(3), "{}\n{}", said.out, said.err);
+        // The load of a moment, or somebody who still has the card open that had this port's name before; nothing else is a reason not to come
+        // to the end.
+        assert!(said.code == Some(3) || said.err.contains("E2144"), "{}\n{}", said.out, said.err);
     }
     panic!("no run came to its end")
 }
@@ -143,12 +156,13 @@ fn case(seed: u64, wholes: &BTreeMap<(bool, bool), Whole>) -> Result<String, Str
     let (first, second) = (moment(), moment());
     let again = chance.below(3) == 0;
     let place = Place::new();
-    let mut ended = place.killed(&place.run(kind), kind, first);
+    place.killed(&place.run(kind), kind, first);
+    let torn = (chance.below(4) == 0).then(|| place.tear(&mut chance)).flatten();
     let file = Kind { streamed: false, operated: false };
     if again {
-        ended |= place.killed(&["resume", "--yes", "--json"], file, second);
+        place.killed(&["resume", "--yes", "--json"], file, second);
     }
-    let mut notes = String::new();
+    let mut notes = torn.map_or(String::new(), |_| " with a torn journal".to_owned());
     let mut said = place.bench.retrace(["resume", "--yes", "--json"]);
     for _ in 0..TRIES {
         let what = number(&said);
@@ -162,7 +176,7 @@ fn case(seed: u64, wholes: &BTreeMap<(bool, bool), Whole>) -> Result<String, Str
             (_, "E2206") => said = place.bench.retrace(["resume", "--yes", "--json"]),
             _ => break,
         }
-        notes = format!(", after {what}");
+        notes = format!("{notes}, after {what}");
     }
     let how = format!(
         "{kind:?}, killed at {first:?}{}",
@@ -185,14 +199,7 @@ fn case(seed: u64, wholes: &BTreeMap<(bool, bool), Whole>) -> Result<String, Str
     match (said.code, number(&said).as_str()) {
         (Some(0), _) if is_whole => Ok(format!("completed{notes}")),
         (Some(0), _) => wrong(),
-        // it had come to its end, or it had not begun
-        (Some(2), "E2209") if ended || is_whole => {
-            if is_whole {
-                Ok("had come to its end".into())
-            } else {
-                wrong()
-            }
-        }
+        (Some(2), "E2209") if is_whole => Ok("had come to its end".into()),
         (Some(2), number @ ("E2209" | "E2204")) => {
             let nothing = counts == [0; 3] && switched.executed.iter().all(|&number| number == 0);
             if nothing { Ok(format!("refused with {number}, nothing had moved")) } else { wrong() }
@@ -236,13 +243,7 @@ fn a_host_that_is_killed_at_any_moment_leaves_a_job_that_goes_on_exactly() {
                     && number < of
                 {
                     match case(first_seed() + u64::from(number), &wholes) {
-                        Ok(what) => {
-                            let kind = what.lines().next().unwrap_or_default().to_owned();
-                            if what.contains('\n') {
-                                println!("{what}");
-                            }
-                            *counted.lock().expect("no panic").entry(kind).or_default() += 1;
-                        }
+                        Ok(what) => *counted.lock().expect("no panic").entry(what).or_default() += 1,
                         Err(what) => {
                             println!("WRONG {what}");
                             wrong.lock().expect("no panic").push(what);

@@ -92,6 +92,14 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 30,
     },
     Campaign {
+        name: "cut",
+        purpose: "a journal cut at every write and every byte of its last records: the job is taken up and ends exactly",
+        test: ["retrace-tests", "cut", ""],
+        asked: BY_SEED,
+        full: 1000,
+        slice: 20,
+    },
+    Campaign {
         name: "decoder",
         purpose: "any bytes and any damaged frames: no panic, and no false frame beyond the checksum's odds",
         test: ["retrace-link", "decoder", ""],
