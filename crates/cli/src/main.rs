@@ -19,6 +19,8 @@ mod console;
 mod cycles;
 mod draw;
 mod files;
+mod homed;
+mod hung;
 mod jobs;
 mod kept;
 mod left;
@@ -30,7 +32,6 @@ mod plot;
 mod program;
 mod resume;
 mod resume_told;
-
 mod run;
 mod screen;
 mod size;

@@ -266,7 +266,20 @@ mod tests {
         for text in ["G0 X1\nM2\n\n", "n10 m 30", "%\nG0 X1\n%\n", "G1 X1\n%", "G0 M02 (M5)", "G1 X1\nM2"] {
             assert!(ends(text), "{text}");
         }
-        for text in ["", "%\n", "\n %", "%\nG1 X1\n", "G1 X1\n", "M3\n", "M2\nG1\n", "(M2)\n", ";M2", "M20\n", "M300\n", "G1 X2"] {
+        for text in [
+            "",
+            "%\n",
+            "\n %",
+            "%\nG1 X1\n",
+            "G1 X1\n",
+            "M3\n",
+            "M2\nG1\n",
+            "(M2)\n",
+            ";M2",
+            "M20\n",
+            "M300\n",
+            "G1 X2",
+        ] {
             assert!(!ends(text), "{text}");
         }
     }
