@@ -86,3 +86,82 @@ fn a_served_card_is_homed_jogged_and_moved_by_a_block_and_keeps_its_position() {
     assert_eq!(moved, [10_000, 4_000, homed[2]]);
     assert_eq!(said(&["jog", "z", "-3"]), [10_000, 4_000, homed[2] - 3_000]);
 }
+
+/// The same, which has to be homed: all of its axes can be.
+fn unhomed() -> String {
+    let y = "name = \"y\"\n";
+    let at = HOMED.find(y).expect("axis y");
+    let (before, after) = HOMED.split_at(at);
+    let after =
+        after.replacen("travel_mm = [-20, 300]\n", "travel_mm = [-20, 300]\nhome = { switch = \"lower\" }\n", 1);
+    format!(
+        "{}{after}[[card.input]]\nnumber = 3\nuse = \"home\"\naxis = \"y\"\n[card]\nwatchdog_ms = 2000\n",
+        before.replace("homed = true\n", "")
+    )
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn no_program_moves_a_machine_before_it_was_homed_since_its_card_was_switched_on() {
+    use retrace_tests::served::Served;
+    let bench = Bench::new();
+    let path = bench.file("mill.toml", unhomed()).to_string_lossy().into_owned();
+    bench.file("part.ngc", "G0 X5 Y5\nM2\n");
+    let said = |served: &Served, arguments: &[&str], file: &str| {
+        bench.retrace(arguments.iter().chain(&["--card", served.port.as_str(), "--machine", file, "--json"]))
+    };
+    let refused = |served: &Served, arguments: &[&str], axes: &str| {
+        let said = said(served, arguments, &path);
+        assert_eq!(said.code, Some(2), "{arguments:?}: {}\n{}", said.out, said.err);
+        assert!(said.err.contains("E2162") && said.err.contains(axes), "{arguments:?}: {}", said.err);
+        assert!(said.err.contains(&format!("retrace home --card {}", served.port)), "{}", said.err);
+    };
+    let done = |served: &Served, arguments: &[&str], file: &str| {
+        let said = said(served, arguments, file);
+        assert_eq!(said.code, Some(0), "{arguments:?}: {}\n{}", said.out, said.err);
+    };
+    let served = Served::with(&["--machine", &path]);
+    refused(&served, &["run", "part.ngc"], "axes Z, X, Y were");
+    refused(&served, &["mdi", "G0 X1"], "axes Z, X, Y were");
+    // What moves nothing, and what moves by hand, is done all the same.
+    done(&served, &["mdi", "G10 L2 P1 X1"], &path);
+    done(&served, &["jog", "x", "1"], &path);
+    done(&served, &["home", "X"], &path);
+    refused(&served, &["run", "part.ngc"], "axes Z, Y were");
+    done(&served, &["home"], &path);
+    done(&served, &["run", "part.ngc"], &path);
+    done(&served, &["mdi", "G0 X1"], &path);
+    drop(served);
+
+    let again = Served::with(&["--machine", &path]);
+    refused(&again, &["run", "part.ngc"], "axes Z, X, Y were");
+    let allowing = bench.file("allowing.toml", format!("{}[manual]\nallow_unhomed = true\n", unhomed()));
+    done(&again, &["run", "part.ngc"], &allowing.to_string_lossy());
+    // The simulated card in the process counts as homed.
+    let sim = bench.retrace(["run", "part.ngc", "--machine", &path]);
+    assert_eq!(sim.code, Some(0), "{}", sim.err);
+}
+
+#[test]
+fn a_written_machine_file_is_enough_to_home_and_to_run_on_the_simulated_card() {
+    let bench = Bench::new();
+    for kind in ["waterjet", "plasma", "router", "lathe"] {
+        let file = format!("{kind}.toml");
+        assert_eq!(bench.retrace(["machine", "new", kind, "-o", &file]).code, Some(0));
+        let home = bench.retrace(["home", "--machine", &file]);
+        assert_eq!(home.code, Some(0), "{kind}: {}\n{}", home.out, home.err);
+    }
+    // The torch is lit twice and put out: the arc comes each time, and goes.
+    bench.file("cut.ngc", "G0 X10 Y10 Z4\nM3 S1\nG1 X30 F3000\nM5\nG0 X40\nM3\nG1 X60\nM5\nM2\n");
+    let run = bench.retrace(["run", "cut.ngc", "--machine", "plasma.toml", "--json"]);
+    assert_eq!((run.code, counts(&run)), (Some(0), vec![9_600, 1_600, 2_560]), "{}\n{}", run.out, run.err);
+    let plot = bench.retrace(["plot", "cut.ngc", "--machine", "plasma.toml", "--profile", "-o", "cut.svg"]);
+    assert_eq!(plot.code, Some(0), "{}", plot.err);
+
+    // Where M5 waits until the same contact has opened, it does.
+    let text = std::fs::read_to_string(bench.path("plasma.toml")).expect("written");
+    let text = text.replace("[code.M5]\n", "[code.M5]\nwaits_for = { input = 5, active = false, timeout_ms = 500 }\n");
+    bench.file("waits.toml", text);
+    let run = bench.retrace(["run", "cut.ngc", "--machine", "waits.toml", "--json"]);
+    assert_eq!((run.code, counts(&run)), (Some(0), vec![9_600, 1_600, 2_560]), "{}\n{}", run.out, run.err);
+}

@@ -11,12 +11,13 @@ use std::time::{Duration, Instant};
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_hal_serial::Pty;
-use retrace_hal_sim::{MachineSettings, Rig, RigSettings, Tally, faults};
+use retrace_hal_sim::{Rig, RigSettings, Tally, faults};
 use retrace_link::{Alarm, CardFault, InputSetting, Start};
 use serde_json::{Value, json};
 
 use crate::by_hand::Deed;
 use crate::console::unwritable;
+use crate::hung::hung_on;
 use crate::{args, files, wired};
 
 /// The longest absence that is made up for.
@@ -27,10 +28,6 @@ const SERIAL: u32 = 1;
 const WAIT_US: u64 = 1_000;
 /// How often a trace is handed on to its file.
 const FLUSH: Duration = Duration::from_millis(200);
-/// Millimetres from a soft limit to its switch.
-const OUTSIDE_MM: f64 = 1.0;
-/// Millimetres from the lower limit switch to the home switch.
-const HOME_MM: f64 = 5.0;
 
 /// Runs the command: until interrupted, or as long as it was told to.
 ///
@@ -79,19 +76,6 @@ fn serve<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<(), Re
         say!("{told:#}");
     }
     Ok(())
-}
-
-/// What hangs on a simulated card of a machine: its travel and its switches.
-pub fn hung_on<const A: usize>(machine: &Machine) -> MachineSettings {
-    let pulses = |axis: usize, mm: f64| (mm * machine.axes[axis].pulses_per_mm).round() as i64;
-    let ends = |axis: usize| {
-        let [low, high] = machine.axes[axis].travel_mm;
-        [pulses(axis, low - OUTSIDE_MM), pulses(axis, high + OUTSIDE_MM)]
-    };
-    let axes = 0..machine.axes.len();
-    let travel: Vec<[i64; 2]> = axes.clone().map(ends).collect();
-    let home: Vec<i64> = axes.map(|axis| pulses(axis, HOME_MM)).collect();
-    MachineSettings::wired_as(&machine.card_settings::<A>(Start::at(0)).inputs, &travel, &home)
 }
 
 /// The simulated machine that a machine file describes.

@@ -16,13 +16,14 @@ use retrace_controller::session::Manner;
 use retrace_controller::sink::Sink;
 use retrace_controller::stream::{Observer, Told};
 use retrace_core::mode::Mode;
-use retrace_hal_sim::{Clock, SimCard};
+use retrace_hal_sim::Clock;
 use retrace_link::Change;
 use retrace_motion::{Arc, Feed, PathMode};
 
 use crate::args;
 use crate::console::unwritable;
 use crate::draw_job;
+use crate::hung::simulated;
 use crate::plot::{
     AxisTrack, Derivatives, Picture, Profile, Size, Stroke, StrokeKind, ToolPath, View, draw_history, draw_path,
     draw_profile,
@@ -63,8 +64,7 @@ fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Pictu
     program.check(&machine)?;
     let mut trace = Trace::new(&machine, args.profile);
     if args.profile || !script.is_empty() {
-        let card = machine.rate_limits().and_then(|limits| SimCard::new(0, limits, Clock::Virtual));
-        let card = card.ok_or_else(|| cannot_draw("the card", ""))?;
+        let card = simulated::<9>(&machine, Clock::Virtual)?;
         let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
         let manner = Manner { wall_time: false, operator: args.operator.is_some() };
         let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };

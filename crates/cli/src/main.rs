@@ -20,6 +20,8 @@ mod cycles;
 mod draw;
 mod draw_job;
 mod files;
+mod homed;
+mod hung;
 mod jobs;
 mod kept;
 mod left;
@@ -31,7 +33,6 @@ mod plot;
 mod program;
 mod resume;
 mod resume_told;
-
 mod run;
 mod screen;
 mod size;

@@ -11,14 +11,16 @@ use retrace_controller::refusal::Refusal;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::Manner;
 use retrace_gcode::{Parameters, Setup, ToolTable};
-use retrace_hal_sim::{Clock, SimCard};
+use retrace_hal_sim::Clock;
 use retrace_link::{CardFault, MotionCard, Start};
 use serde_json::{Map, Value, json};
 
 use crate::console::{Console, Show};
+use crate::homed::Homing;
+use crate::hung::simulated;
 use crate::left::write_parameters;
 use crate::program::{Failure, table, tools_without_length};
-use crate::{args, card_serve, files, wired};
+use crate::{args, files, wired};
 
 /// `retrace home`: its exit code.
 ///
@@ -90,22 +92,25 @@ fn on_card<const A: usize>(
     desk: &mut Desk,
 ) -> Result<u8, Failure> {
     if args.card == "sim" {
-        let settings = machine.card_settings::<A>(Start::at(0));
-        let card = SimCard::with_machine(settings, &card_serve::hung_on::<A>(machine), Clock::Virtual);
-        let mut card = card
-            .map_err(|_| Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))?;
+        let mut card = simulated::<A>(machine, Clock::Virtual)?;
         eprintln!(
             "note: a simulated card in this process forgets where it is; `retrace card serve --pty` serves one that does not"
         );
-        return on(args, machine, task, desk, &mut card, false);
+        return on(args, machine, task, desk, &mut card, &Homing::simulated());
     }
     let mut card = wired::find::<A>(&args.card)?;
     card.settle(wired::nonce()).map_err(|fault| wired::failed(&args.card, &fault))?;
-    if let Some(greeting) = card.greeting() {
-        wired::fits(&args.card, &greeting.identity, machine)?;
+    let Some(greeting) = card.greeting().copied() else { return Ok(3) };
+    wired::fits(&args.card, &greeting.identity, machine)?;
+    let homing = Homing::of(&args.card, &greeting.identity);
+    let stands = machine.clone().standing_at(&greeting.counts);
+    if let Task::Mdi(block) = task
+        && desk.block(&stands, block).is_ok_and(|block| block.moves())
+    {
+        homing.check(machine)?;
     }
     card.open(machine.card_settings(Start::at(0))).map_err(|fault| wired::failed(&args.card, &fault))?;
-    let code = on(args, machine, task, desk, &mut *card, true)?;
+    let code = on(args, machine, task, desk, &mut *card, &homing)?;
     // The card stands, or has an alarm that says more than this would.
     let _ = card.close();
     Ok(code)
@@ -118,7 +123,7 @@ fn on<const A: usize, C: MotionCard<A>>(
     task: &Task,
     desk: &mut Desk,
     card: &mut C,
-    wall_time: bool,
+    homing: &Homing,
 ) -> Result<u8, Failure>
 where
     C::Fault: CardFault,
@@ -126,8 +131,9 @@ where
     let show = if args.json { Show::Json } else { Show::Plain };
     let mut console = Console::<A>::new(show, machine, None)?;
     let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
-    let manner = Manner { wall_time, operator: false };
-    let done = perform(task, machine, desk, card, (operators, manner), &mut console);
+    let manner = Manner { wall_time: args.card != "sim", operator: false };
+    let carry_out = || perform(task, machine, desk, card, (operators, manner), &mut console);
+    let done = homing.noting(task, machine, carry_out);
     console.finish()?;
     let code = match done {
         Ok(Done::Whole { .. }) => 0,

@@ -22,6 +22,8 @@ use retrace_core::place::before;
 use retrace_link::{Greeting, MotionCard, Outputs, Start, channel};
 
 use crate::args::{self, CycleFolders, Reading};
+use crate::homed::Homing;
+use crate::hung::simulated;
 use crate::kept::{self, Kept};
 use crate::machining::{Machining, Manners};
 use crate::program::{Arrives, Arriving, Failure, Program};
@@ -204,7 +206,7 @@ impl Taking<'_> {
             return Err(other_card("the job ran on the simulated card, which is in this process").into());
         }
         let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
-        let card = run::simulated::<A>(&self.machine, self.args.realtime)?
+        let card = simulated::<A>(&self.machine, run::clock(&self.machine, self.args.realtime))?
             .standing_at(counts(&self.record.stood.counts), &outputs);
         let start = self.record.stood.start;
         let wall_time = self.args.realtime;
@@ -247,6 +249,7 @@ impl Taking<'_> {
             return Err(other_card(&what));
         }
         if self.args.at_counts {
+            Homing::of(address, is).check(&self.machine)?;
             return Ok(stood.start);
         }
         if is.boot != was.boot {

@@ -8,16 +8,18 @@ use retrace_controller::journal::logbook::Care;
 use retrace_controller::machine::Machine;
 use retrace_controller::operator::Instruction;
 use retrace_controller::refusal::Refusal;
-use retrace_hal_sim::{Clock, SimCard};
+use retrace_hal_sim::Clock;
 use retrace_link::{MotionCard, Start, Status};
 
 use crate::files;
+use crate::homed::Homing;
+use crate::hung::simulated;
 use crate::kept::{Beginning, Claimed, Kept};
 pub use crate::machining::{AtScreen, Ended};
 use crate::machining::{Machining, Manners};
 use crate::operate;
 use crate::program::{Arriving, Failure, Program};
-use crate::{args, card_serve, wired};
+use crate::{args, wired};
 
 /// Runs the command; its exit code.
 ///
@@ -43,17 +45,9 @@ pub fn run_on(args: &args::Run, machine: Machine, text: String, at_screen: bool)
     }
 }
 
-/// A simulated card in this process, at rest.
-///
-/// # Errors
-/// `E2113`
-pub fn simulated<const A: usize>(machine: &Machine, realtime: bool) -> Result<SimCard<A>, Refusal> {
-    let clock = if realtime { Clock::wall(machine.period_us) } else { Clock::Virtual };
-    machine.rate_limits().and_then(|limits| SimCard::<A>::new(0, limits, clock)).ok_or_else(no_card)
-}
-
-fn no_card() -> Refusal {
-    Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md")
+/// The simulated card's time.
+pub fn clock(machine: &Machine, realtime: bool) -> Clock {
+    if realtime { Clock::wall(machine.period_us) } else { Clock::Virtual }
 }
 
 /// What a job is run with.
@@ -72,14 +66,11 @@ impl With<'_> {
         if args.card == "sim" {
             let program = self.open(&machine)?;
             if self.at_screen {
-                let settings = machine.card_settings::<A>(Start::at(0));
-                let clock = Clock::wall(machine.period_us);
-                let card = SimCard::with_machine(settings, &card_serve::hung_on::<A>(&machine), clock);
-                let mut card = card.map_err(|_| no_card())?;
-                let at = (self.text, entry::Card::Sim);
-                return operate::operate(args, &machine, program, (self.script, at), &mut card);
+                let mut card = simulated::<A>(&machine, clock(&machine, true))?;
+                let (work, homing) = ((self.script, (self.text, entry::Card::Sim)), Homing::simulated());
+                return operate::operate(args, &machine, program, work, &mut card, &homing);
             }
-            let card = simulated::<A>(&machine, args.realtime)?;
+            let card = simulated::<A>(&machine, clock(&machine, args.realtime))?;
             let (kept, input) = keep(args, &program, &machine, (&self.text, entry::Card::Sim), card.status())?;
             return self.machining(&machine, &program, kept, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
         }
@@ -87,17 +78,20 @@ impl With<'_> {
         self.open(&machine)?;
         let mut card = wired::find::<A>(&args.card)?;
         card.settle(wired::nonce()).map_err(|fault| wired::failed(&args.card, &fault))?;
-        let (mut counts, mut named) = ([0; A], entry::Card::Sim);
-        if let Some(greeting) = card.greeting() {
-            wired::fits(&args.card, &greeting.identity, &machine)?;
-            (counts, named) = (greeting.counts, crate::kept::wired(&args.card, &greeting.identity));
+        let Some(greeting) = card.greeting().copied() else { return Ok(3) };
+        wired::fits(&args.card, &greeting.identity, &machine)?;
+        let (counts, named) = (greeting.counts, crate::kept::wired(&args.card, &greeting.identity));
+        let homing = Homing::of(&args.card, &greeting.identity);
+        if !self.at_screen {
+            homing.check(&machine)?;
         }
         let machine = machine.standing_at(&counts);
         let program = self.open(&machine)?;
         let settings = machine.card_settings(Start::at(0));
         if self.at_screen {
             card.open(settings).map_err(|fault| wired::failed(&args.card, &fault))?;
-            let code = operate::operate(args, &machine, program, (self.script, (self.text, named)), &mut *card)?;
+            let (homing, work) = (homing.at_screen(), (self.script, (self.text, named)));
+            let code = operate::operate(args, &machine, program, work, &mut *card, &homing)?;
             let _ = card.close();
             return Ok(code);
         }

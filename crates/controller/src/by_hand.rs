@@ -68,16 +68,16 @@ impl Desk {
         let begin = || {
             let setup = Setup { position: position(machine), ..self.setup.clone() }.going_on(&self.carried);
             let program = Program::by_hand(text, setup).map_err(|found| rendered(&found, text))?;
-            Ok::<_, Vec<String>>(Block { text: text.to_owned(), program, left: None })
+            Ok::<_, Vec<String>>(Block { text: text.to_owned(), program, left: None, moves: false })
         };
         let mut looked_at = begin()?;
-        let (_, findings, _) = job::scan::<9>(machine, &mut looked_at);
+        let (_, findings, scan) = job::scan::<9>(machine, &mut looked_at);
         let mut wrong = rendered(looked_at.program.interpreter().diagnostics(), text);
         wrong.extend(findings.iter().map(|finding| {
             let job::Finding { number, what, remedy, .. } = finding;
             format!("error[{number}]: {what}\n  help: {remedy}")
         }));
-        if wrong.is_empty() { begin() } else { Err(wrong) }
+        if wrong.is_empty() { Ok(Block { moves: scan.moves > 0, ..begin()? }) } else { Err(wrong) }
     }
 
     /// Takes over what a block has left that was carried out.
@@ -103,12 +103,19 @@ pub struct Block {
     text: String,
     program: Program<&'static [u8]>,
     left: Option<Left>,
+    moves: bool,
 }
 
 /// Where a block that was decoded to its end puts what it leaves.
 pub(crate) type Left = Arc<Mutex<Option<CarriedOver>>>;
 
 impl Block {
+    /// Does it move the machine?
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        self.moves
+    }
+
     /// The same, which puts what it leaves where it can be had when it has been carried out by somebody else.
     pub(crate) fn leaving(self) -> (Self, Left) {
         let left = Left::default();

@@ -13,6 +13,7 @@ pub mod dnc;
 pub mod event;
 pub mod feed;
 pub mod fingerprint;
+pub mod homed;
 pub mod index;
 pub mod item;
 pub mod job;

@@ -26,7 +26,7 @@ pub use clock::Clock;
 pub use faults::{Fault, Rates, Tally};
 pub use in_process::{InProcess, NoFault};
 pub use line::{Leftover, Line, LineSettings};
-pub use machine::{Event, Machine, MachineSettings, Process, Switch, wiring};
+pub use machine::{Event, Machine, MachineSettings, Process, Reply, Switch, wiring};
 pub use on_line::{SimOnLine, TICK_HZ, identity};
 pub use pins::{PinEdge, Pins};
 pub use pulses::PulseCounters;

@@ -37,6 +37,20 @@ pub struct Process {
     pub fails: Chance,
 }
 
+/// Something that says in which state it is: an arc, a brake, a chuck. From a change of its output on its input denies the new state, and says
+/// it after the time that it takes; that of output 0 before anything was switched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reply {
+    /// The output channel.
+    pub channel: u8,
+    /// The input that says the state.
+    pub input: u8,
+    /// Is it active where the channel is 0, and where it is not?
+    pub active: [bool; 2],
+    /// How long it takes, in microseconds.
+    pub after_us: u32,
+}
+
 /// What happens to an input at a time, whatever else does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event {
@@ -55,6 +69,8 @@ pub struct MachineSettings {
     pub switches: Vec<Switch>,
     /// What takes time to switch.
     pub processes: Vec<Process>,
+    /// What says in which state it is.
+    pub replies: Vec<Reply>,
     /// What happens to inputs, in the order of its time: doors, emergency stops.
     pub events: Vec<Event>,
     /// Inputs whose level is low while what is wired to them is active, one bit each.
@@ -137,6 +153,20 @@ struct Running {
     due: Option<(u64, Promise)>,
 }
 
+#[derive(Clone, Debug)]
+struct Replying {
+    reply: Reply,
+    value: i32,
+    due_us: Option<u64>,
+}
+
+impl Replying {
+    /// What its input says of its state.
+    const fn says(&self) -> bool {
+        self.reply.active[(self.value != 0) as usize]
+    }
+}
+
 /// The handwheel being turned.
 #[derive(Clone, Copy, Debug)]
 struct Turning {
@@ -152,6 +182,7 @@ struct Turning {
 pub struct Machine<const A: usize> {
     switches: Vec<Switch>,
     running: Vec<Running>,
+    replying: Vec<Replying>,
     events: std::collections::VecDeque<Event>,
     random: Random,
     active: u16,
@@ -170,12 +201,19 @@ impl<const A: usize> Machine<A> {
     pub fn new(settings: &MachineSettings) -> Self {
         let mut events = settings.events.clone();
         events.sort_by_key(|event| event.at_us);
+        let replying = settings.replies.iter().map(|&reply| Replying { reply, value: 0, due_us: None });
+        let replying: Vec<Replying> = replying.collect();
+        let mut active = 0;
+        for each in replying.iter().filter(|each| each.says()) {
+            set(&mut active, each.reply.input, true);
+        }
         Self {
             switches: settings.switches.clone(),
             running: settings.processes.iter().map(|&process| Running { process, value: 0, due: None }).collect(),
+            replying,
             events: events.into(),
             random: Random::new(settings.seed),
-            active: 0,
+            active,
             active_low: settings.active_low,
             failed: false,
             encoder: 0,
@@ -200,6 +238,12 @@ impl<const A: usize> Machine<A> {
                     Promise::Done => set(&mut self.active, running.process.input, true),
                     Promise::Failed => self.failed = true,
                 }
+            }
+        }
+        for each in &mut self.replying {
+            if each.due_us.is_some_and(|due| due <= now_us) {
+                each.due_us = None;
+                set(&mut self.active, each.reply.input, each.says());
             }
         }
         while let Some(event) = self.events.front().filter(|event| event.at_us <= now_us) {
@@ -228,6 +272,14 @@ impl<const A: usize> Machine<A> {
             self.switched[1] += u64::from(hangs);
             self.switched[2] += u64::from(fails && !hangs);
             running.due = (!hangs).then_some((due, if fails { Promise::Failed } else { Promise::Done }));
+        }
+        for each in &mut self.replying {
+            let Some(&value) = outputs.get(usize::from(each.reply.channel)) else { continue };
+            if value != each.value {
+                each.value = value;
+                set(&mut self.active, each.reply.input, !each.says());
+                each.due_us = Some(now_us + u64::from(each.reply.after_us));
+            }
         }
     }
 
@@ -334,6 +386,26 @@ mod tests {
         assert!(times.iter().all(|&us| (500..=900).contains(&us)), "{times:?}");
         assert!(times.iter().max() > times.iter().min());
         assert_eq!(machine.switched(), [50, 0, 0]);
+    }
+
+    #[test]
+    fn a_reply_denies_the_new_state_until_it_is_come_to() {
+        let arc = Reply { channel: channel::SPINDLE, input: 5, active: [false, true], after_us: 500 };
+        let still = Reply { input: 6, active: [true, false], ..arc };
+        let changed = Reply { input: 7, active: [true, true], ..arc };
+        let settings = MachineSettings { replies: vec![arc, still, changed], ..MachineSettings::default() };
+        let mut machine = Machine::<1>::new(&settings);
+        let mut outputs = [0; channel::COUNT];
+        let levels = |machine: &mut Machine<1>, us| machine.inputs(us, &[0]).levels >> 5;
+        machine.outputs(0, &outputs);
+        assert_eq!(levels(&mut machine, 9_999), 0b110, "nothing is switched: it stands");
+        outputs[usize::from(channel::SPINDLE)] = 1;
+        machine.outputs(10_000, &outputs);
+        machine.outputs(10_400, &outputs);
+        assert_eq!((levels(&mut machine, 10_499), levels(&mut machine, 10_500)), (0b010, 0b101));
+        outputs[usize::from(channel::SPINDLE)] = 0;
+        machine.outputs(20_000, &outputs);
+        assert_eq!((levels(&mut machine, 20_499), levels(&mut machine, 20_500)), (0b001, 0b110));
     }
 
     #[test]

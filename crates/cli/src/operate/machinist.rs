@@ -14,6 +14,7 @@ use retrace_controller::machine::Machine;
 use retrace_controller::manual::{Done, NotDone, Task, perform};
 use retrace_controller::operator::Instruction;
 use retrace_controller::orders::Operators;
+use retrace_controller::refusal::Refusal;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Period, Told};
@@ -22,6 +23,7 @@ use retrace_link::{Alarm, Change, MotionCard, Start};
 use super::desk::Desk;
 use super::picture;
 use crate::args;
+use crate::homed::Homing;
 use crate::kept::Kept;
 use crate::program::{Arriving, Failure, Program};
 use crate::run::{At, AtScreen, Ended, Job};
@@ -49,6 +51,7 @@ pub(super) struct Left {
 pub(super) struct Machinist<'m, const A: usize, C> {
     args: &'m args::Run,
     machine: Machine,
+    homing: &'m Homing,
     program: Arc<Program>,
     script: Vec<Instruction>,
     at: At,
@@ -69,7 +72,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     /// Of a machine that stands, on an open card.
     pub(super) fn new(
         args: &'m args::Run,
-        machine: &Machine,
+        (machine, homing): (&Machine, &'m Homing),
         (program, script, at): (Arc<Program>, Vec<Instruction>, At),
         card: &'m mut C,
         words: Receiver<Said>,
@@ -78,12 +81,28 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let live = Live::new(Arc::clone(&desk.model));
         let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None };
         let (by_hand, machine) = (by_hand::Desk::new(program.setup().clone()), machine.clone());
-        Self { args, machine, program, script, at, card, by_hand, words, desk, live, alarm: None, failed: false, left }
+        Self {
+            args,
+            machine,
+            homing,
+            program,
+            script,
+            at,
+            card,
+            by_hand,
+            words,
+            desk,
+            live,
+            alarm: None,
+            failed: false,
+            left,
+        }
     }
 
     /// Works until the machine is left.
     pub(super) fn work(mut self) -> Left {
         self.tell_outputs();
+        self.tell_homed();
         let active = Box::new(self.by_hand.active());
         Observer::<A>::told(&mut self.live, &Told::Active(active));
         loop {
@@ -148,6 +167,21 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         }
     }
 
+    /// Tells whether a program may move the machine.
+    fn tell_homed(&mut self) {
+        let homed = self.homing.check(&self.machine).is_ok();
+        let mut model = locked(&self.desk.model);
+        if model.homed != homed {
+            model.homed = homed;
+            model.changes += 1;
+        }
+    }
+
+    /// Is it a block that moves the machine?
+    fn moves(&self, task: &Task, machine: &Machine) -> bool {
+        matches!(task, Task::Mdi(block) if self.by_hand.block(machine, block).is_ok_and(|block| block.moves()))
+    }
+
     /// After a job: the machine is set up for the next one.
     fn set_up(&mut self) {
         let mut model = locked(&self.desk.model);
@@ -164,8 +198,15 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let operators = script.and(self.desk.begins());
         let manner = Manner { wall_time: true, operator: true };
         let mut shown = ByHand(self.live.clone());
-        let done = perform(task, &machine, &mut self.by_hand, self.card, (operators, manner), &mut shown);
+        let unhomed = self.moves(task, &machine).then(|| self.homing.check(&machine).err()).flatten();
+        let done = match unhomed {
+            Some(refusal) => Err(refusal.into()),
+            None => self.homing.noting(task, &machine, || {
+                perform(task, &machine, &mut self.by_hand, self.card, (operators, manner), &mut shown)
+            }),
+        };
         self.desk.ends();
+        self.tell_homed();
         match done {
             Ok(Done::Whole { cut_short: false }) if *task == Task::ClearAlarm => self.note("the alarm is cleared"),
             Ok(Done::Whole { cut_short: true }) => self.note("at the soft limit: no farther"),
@@ -195,6 +236,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         }
         if let Some(why) = self.cannot_begin() {
             return self.note(why);
+        }
+        if let Err(Refusal { number, what, remedy }) = self.homing.check(&self.machine) {
+            return self.note(format!("{number}: {what} · {remedy}"));
         }
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
         let program = match self.prepared(&machine) {

@@ -23,6 +23,7 @@ use retrace_link::MotionCard;
 
 use crate::args;
 use crate::console::unwritable;
+use crate::homed::Homing;
 use crate::program::{Failure, Program};
 use crate::run::At;
 use crate::screen::Screen;
@@ -77,6 +78,7 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     program: Program,
     (script, at): (Vec<Instruction>, At),
     card: &mut C,
+    homing: &Homing,
 ) -> Result<u8, Failure> {
     let signals = Signals::listen().map_err(|error| unwritable("the list of signals", &error))?;
     let program = Arc::new(program);
@@ -84,7 +86,7 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     picture::reckon::<A>(&model, machine, &program);
     let (desk, words) = Desk::new(Arc::clone(&model));
     let mut screen = Watched::begin(&model, &desk);
-    let machinist = Machinist::<A, C>::new(args, machine, (program, script, at), card, words, &desk);
+    let machinist = Machinist::<A, C>::new(args, (machine, homing), (program, script, at), card, words, &desk);
     let done = thread::scope(|scope| {
         let machine = scope.spawn(|| machinist.work());
         while !machine.is_finished() {

@@ -17,7 +17,7 @@ use retrace_controller::session::Manner;
 use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::mode::{Facts as ModeFacts, Mode, Operation, Order};
 use retrace_core::{ONE, Place, Travel};
-use retrace_hal_sim::{Clock, SimCard};
+use retrace_hal_sim::Clock;
 use retrace_link::Change;
 
 use super::Said;
@@ -25,6 +25,7 @@ use super::facts::{Facts, Planned};
 use super::live::{Live, locked};
 use super::model::{Model, Stage};
 use super::preview::Preview;
+use crate::hung::simulated;
 use crate::program::Program;
 
 /// Most by which the rate changes in a period.
@@ -52,8 +53,7 @@ impl Tape {
     /// Runs the program once, as fast as that goes.
     pub fn of(machine: &Machine, program: &Program) -> Self {
         let mut tape = Self::default();
-        let card = machine.rate_limits().and_then(|limits| SimCard::new(0, limits, Clock::Virtual));
-        if let Some(card) = card {
+        if let Ok(card) = simulated::<9>(machine, Clock::Virtual) {
             let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
             let manner = Manner { wall_time: false, operator: false };
             let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };

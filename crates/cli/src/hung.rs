@@ -1,0 +1,106 @@
+//! What hangs on a simulated card: switches and contacts where the machine file says that they are.
+//!
+//! Invariant: whatever a machine file has a card wait for comes, so that a program that is right ends on the simulated machine; homing finds
+//! each switch at the position that the file gives it.
+
+use retrace_controller::machine::Machine;
+use retrace_controller::refusal::Refusal;
+use retrace_controller::switching::Switching;
+use retrace_hal_sim::{Clock, MachineSettings, Reply, SimCard};
+use retrace_link::{Await, InputUse, Start, channel};
+
+/// Millimetres from a soft limit to its switch.
+const OUTSIDE_MM: f64 = 1.0;
+/// Millimetres from a home switch to the limit switch behind it: room to brake in.
+const BEHIND_MM: f64 = 5.0;
+/// So long whatever a code waits for takes, in microseconds; less where the machine file does not wait so long.
+const TAKES_US: u32 = 50_000;
+
+/// A simulated card in this process, at rest, with the machine of the file on it.
+///
+/// # Errors
+/// `E2113`
+pub fn simulated<const A: usize>(machine: &Machine, clock: Clock) -> Result<SimCard<A>, Refusal> {
+    SimCard::with_machine(machine.card_settings(Start::at(0)), &hung_on::<A>(machine), clock)
+        .map_err(|_| Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
+}
+
+/// What hangs on a simulated card of a machine that stands at 0: switches, and what says that it is done.
+pub fn hung_on<const A: usize>(machine: &Machine) -> MachineSettings {
+    let inputs = machine.card_settings::<A>(Start::at(0)).inputs;
+    let travel: Vec<[i64; 2]> = (0..machine.axes.len()).map(|axis| limits(machine, axis)).collect();
+    let mut settings = MachineSettings::wired_as(&inputs, &travel, &[]);
+    for switch in &mut settings.switches {
+        let axis = usize::from(switch.axis);
+        let Some(Some(home)) = machine.setting_up.homes.get(axis) else { continue };
+        let used_for = |input: u8| inputs.get(usize::from(input)).map(|input| input.used_for);
+        let of_its_own = inputs.iter().any(|input| input.used_for == InputUse::Home { axis: switch.axis });
+        let is_limit = matches!(used_for(switch.input), Some(InputUse::Limit { .. }));
+        if !is_limit || (!of_its_own && switch.upper == home.upper) {
+            (switch.at, switch.upper) = (machine.counts_of(axis, home.position_mm), home.upper);
+        }
+    }
+    settings.replies = replies(machine);
+    settings
+}
+
+/// Positions of the limit switches of an axis, in pulses: outside the soft limits, and behind the home switch.
+fn limits(machine: &Machine, axis: usize) -> [i64; 2] {
+    let [low, high] = machine.axes[axis].travel_mm;
+    let [mut low, mut high] = [low - OUTSIDE_MM, high + OUTSIDE_MM];
+    if let Some(home) = machine.setting_up.homes[axis] {
+        if home.upper {
+            high = high.max(home.position_mm + BEHIND_MM);
+        } else {
+            low = low.min(home.position_mm - BEHIND_MM);
+        }
+    }
+    [machine.counts_of(axis, low), machine.counts_of(axis, high)]
+}
+
+/// What says that a code is done, for every input that a code waits for.
+fn replies(machine: &Machine) -> Vec<Reply> {
+    let mut replies: Vec<Reply> = Vec::new();
+    for (code, Switching { until, .. }) in machine.switching.described() {
+        let Some(Await { input, active, at_most }) = until else { continue };
+        let waits_us = match at_most {
+            0 => u32::MAX,
+            periods => periods.saturating_mul(machine.period_us) / 2,
+        };
+        for (channel, states) in switched(machine, code) {
+            let at = replies.iter().position(|reply| (reply.channel, reply.input) == (channel, input));
+            let at = at.unwrap_or_else(|| {
+                // Whatever no code waits for is the other way round.
+                replies.push(Reply { channel, input, active: [!active; 2], after_us: TAKES_US });
+                replies.len() - 1
+            });
+            let reply = &mut replies[at];
+            for state in [0, 1].into_iter().filter(|&state| states[state]) {
+                reply.active[state] = active;
+            }
+            reply.after_us = reply.after_us.min(waits_us);
+        }
+    }
+    replies
+}
+
+/// The channels that a code switches, and whether it makes them 0, and other than 0.
+fn switched(machine: &Machine, code: &str) -> Vec<(u8, [bool; 2])> {
+    const OFF: [bool; 2] = [true, false];
+    const ON: [bool; 2] = [false, true];
+    match code {
+        "M3" | "M4" => vec![(channel::SPINDLE, ON)],
+        "M5" => vec![(channel::SPINDLE, OFF)],
+        "M7" => vec![(channel::MIST, ON)],
+        "M8" => vec![(channel::FLOOD, ON)],
+        "M9" => vec![(channel::MIST, OFF), (channel::FLOOD, OFF)],
+        "S" => vec![(channel::SPEED, [true; 2])],
+        // T switches nothing: what it waits for is there.
+        "M6" | "T" => vec![(channel::TOOL, [true; 2])],
+        user => {
+            let number = user.strip_prefix('M').and_then(|number| number.parse().ok());
+            let code = number.and_then(|number| machine.switching.user_code(number));
+            code.map(|code| (code.output, if code.value == 0 { OFF } else { ON })).into_iter().collect()
+        }
+    }
+}
