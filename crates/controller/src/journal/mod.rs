@@ -1,6 +1,6 @@
 //! The journal of a job: what is needed to take it up again after the computer has failed (DNC, *Beyond the source*).
 //!
-//! Text that is only appended to, one JSON object a line behind a checksum and a number ([`line`]); what it says is in [`entry`]. A
+//! Text that is only appended to, one JSON object a line behind a checksum and a number ([`mod@line`]); what it says is in [`entry`]. A
 //! [`logbook::Logbook`] writes it in a thread of its own, a [`record::JobRecord`] is what it comes to when it is read.
 //!
 //! Invariant: what was said to be durable is read again, whole and in its order, or the journal is refused with the place of the flaw.
