@@ -155,7 +155,7 @@ impl<R: Copy> Producer<'_, R> {
     #[inline]
     pub fn has_room(&mut self) -> bool {
         if self.planned.full() {
-            self.planned.see(self.shared.floor.load(Ordering::Acquire));
+            self.look();
         }
         !self.planned.full()
     }
@@ -163,8 +163,14 @@ impl<R: Copy> Producer<'_, R> {
     /// How many records there is room for now.
     #[inline]
     pub fn room(&mut self) -> u32 {
-        self.planned.see(self.shared.floor.load(Ordering::Acquire));
+        self.look();
         self.planned.left()
+    }
+
+    /// Looks up what the consumer has let go.
+    #[inline]
+    fn look(&mut self) {
+        self.planned.see(self.shared.floor.load(Ordering::Acquire));
     }
 
     /// The place number that the next record will have.
