@@ -263,8 +263,8 @@ impl Program {
     /// Its text; empty for standard input.
     #[must_use]
     pub fn text(&self) -> String {
-        let lines = 1..=self.lines().unwrap_or(0) as u32;
-        lines.map(|number| self.line(number).trim_end_matches(['\n', '\r']).to_owned() + "\n").collect()
+        let lines = self.prescan().into_iter().flat_map(Prescan::texts);
+        lines.map(|line| String::from_utf8_lossy(line).trim_end_matches(['\n', '\r']).to_owned() + "\n").collect()
     }
 
     /// The tool table, if one was given.

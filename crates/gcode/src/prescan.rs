@@ -177,6 +177,11 @@ impl Prescan {
         Split::new(text).nth(line.saturating_sub(1) as usize).unwrap_or_default()
     }
 
+    /// The program's lines, without their ends, in their order.
+    pub fn texts(&self) -> impl Iterator<Item = &[u8]> {
+        Split::new(self.files.first().map_or(&[][..], |file| &file.text))
+    }
+
     /// Whether a line of the program is read as a contour.
     pub(crate) fn is_contour(&self, line: u32) -> bool {
         let behind = self.contours.partition_point(|(first, _)| *first <= line);
