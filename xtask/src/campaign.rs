@@ -84,6 +84,14 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 100_000,
     },
     Campaign {
+        name: "dnc",
+        purpose: "every sequence of up to so many words of a pause: what the order allows is done and ends exactly, all else is refused",
+        test: ["retrace-controller", "interruption", ""],
+        asked: ["RETRACE_WORDS", "RETRACE_FIRST_SEED"],
+        full: 6,
+        slice: 4,
+    },
+    Campaign {
         name: "kill",
         purpose: "a host killed at any moment of a job: taken up again it ends exactly, every instruction once, or is refused with the reason",
         test: ["retrace-tests", "kill", ""],
