@@ -21,6 +21,8 @@ const ATTEMPT: Duration = Duration::from_secs(3);
 const PAUSE: Duration = Duration::from_millis(200);
 /// So long a sender that has gone is looked for.
 const PATIENCE: Duration = Duration::from_secs(600);
+/// A sender that has sent nothing new over so many whole connections has nothing more, whatever the program lacks at its end.
+const NO_MORE: u32 = 3;
 
 /// A program that comes over a socket.
 #[derive(Debug)]
@@ -32,6 +34,8 @@ pub struct Socket {
     received: u64,
     check: Check,
     line: LastLine,
+    /// Connections that were closed without anything new, one after the other.
+    barren: u32,
     ended: bool,
 }
 
@@ -58,6 +62,7 @@ impl Socket {
             received: 0,
             check: Check::default(),
             line: LastLine::default(),
+            barren: 0,
             ended: false,
         })
     }
@@ -108,9 +113,14 @@ impl Read for Socket {
             match stream.read(bytes) {
                 Ok(0) if self.line.ends_program() => self.ended = true,
                 // Lost, by its end or by an error: it is made anew.
-                Ok(0) => thread::sleep(PAUSE),
+                Ok(0) if self.barren < NO_MORE => {
+                    self.barren += 1;
+                    thread::sleep(PAUSE);
+                }
+                Ok(0) => self.ended = true,
                 Ok(count) => {
                     self.stream = Some(stream);
+                    self.barren = 0;
                     self.received += count as u64;
                     self.check.take(&bytes[..count]);
                     self.line.take(&bytes[..count]);
@@ -248,6 +258,15 @@ mod tests {
         let mut socket = Socket::open(&sender(vec![text[..100].to_vec(), other])).expect("there");
         let error = socket.read_to_end(&mut Vec::new()).expect_err("another");
         assert_eq!(error.kind(), ErrorKind::InvalidData);
+    }
+
+    #[test]
+    fn a_program_without_an_end_ends_where_its_sender_has_nothing_more() {
+        let text = b"G21 G1 X1 F100\nX2\n".to_vec();
+        let mut socket = Socket::open(&sender(vec![text.clone(); 6])).expect("there");
+        let mut come = Vec::new();
+        socket.read_to_end(&mut come).expect("its end");
+        assert_eq!(come, text);
     }
 
     #[test]
