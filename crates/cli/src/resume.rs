@@ -25,6 +25,7 @@ use crate::args::{self, CycleFolders, Reading};
 use crate::homed::Homing;
 use crate::hung::simulated;
 use crate::kept::{self, Kept};
+use crate::machine_tables::{self, TableFiles};
 use crate::machining::{Machining, Manners};
 use crate::program::{Arrives, Arriving, Failure, Program};
 use crate::resume_told::{self, Taken};
@@ -102,6 +103,7 @@ fn reading(job: &Job, program: Option<&Path>) -> Reading {
         tools: path(&of.tools),
         params: path(&of.params),
         ini: path(&of.ini),
+        machine_tables: of.machine_tables.clone(),
     }
 }
 
@@ -175,11 +177,13 @@ impl Taking<'_> {
             (_, Some(named)) => Some(Arrives::named(named).unwrap_or_else(|| Arrives::File(named.clone()))),
         };
         let reading = reading(job, self.args.program.as_deref());
-        for file in &job.files {
+        let is_latched = |file: &&FileRead| matches!(file.role, Role::Tools | Role::Parameters) && job.tables.is_some();
+        for file in job.files.iter().filter(|file| !is_latched(file)) {
             let path = if file.role == Role::Program { reading.program.clone() } else { PathBuf::from(&file.path) };
             unchanged(file, &path)?;
         }
-        Ok(Program::open_arriving(&reading, &self.machine, arrives)?)
+        let latched = job.tables.as_ref().map(machine_tables::unlatched).transpose()?;
+        Ok(Program::open_arriving(&reading, &self.machine, arrives, latched)?)
     }
 
     /// What is kept of a program that arrived, and what is sent again, if that is needed.
@@ -331,13 +335,14 @@ impl Taking<'_> {
             script: agreed(script)?,
             operator: args.operator.is_some(),
             wall_time,
-            params: record.job.arguments.params.as_deref().map(Path::new),
+            tables: TableFiles::of_job(&record.job.arguments),
         };
         let agree = |prepared: &Prepared<A>, kept: Option<&mut Kept>| -> Result<(), Failure> {
             if !prepared.agrees() {
                 return Err(disagree.refusal(prepared).into());
             }
-            let taken = Taken { program, record: &record, machine: &machine, kept: &kept_text, prepared };
+            let differences = table_differences(program, &record.job);
+            let taken = Taken { program, record: &record, machine: &machine, kept: &kept_text, prepared, differences };
             taken.show(args.json);
             if !args.yes && !resume_told::asked()? {
                 return Err(Refusal::new("E2215", "not agreed to: nothing has moved", "--yes agrees").into());
@@ -372,6 +377,17 @@ impl Disagree<'_> {
             self.id
         );
         Refusal::new("E2214", what, remedy)
+    }
+}
+
+/// What the job's tables say otherwise than their files by now, a line each. A file that cannot be read any more is a difference, too.
+fn table_differences(program: &Program, job: &Job) -> Vec<String> {
+    if job.tables.is_none() {
+        return Vec::new();
+    }
+    match TableFiles::of_job(&job.arguments).read() {
+        Ok(now) => machine_tables::differences(&program.setup().start_tables(), &now),
+        Err(refusal) => vec![refusal.what],
     }
 }
 

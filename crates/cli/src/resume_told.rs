@@ -34,6 +34,8 @@ pub struct Taken<'a, const A: usize> {
     pub kept: &'a Path,
     /// What was found.
     pub prepared: &'a Prepared<A>,
+    /// How offsets and tool data differ by now from those that the job began with, a line each.
+    pub differences: Vec<String>,
 }
 
 /// The block under the breakpoint.
@@ -54,6 +56,10 @@ impl<const A: usize> Taken<'_, A> {
         }
         for (name, text) in self.in_words(&block) {
             say!("  {name:10} {text}");
+        }
+        if !self.differences.is_empty() {
+            say!("offsets and tool data changed since the job began; it goes on with its own:");
+            self.differences.iter().for_each(|line| say!("  {line}"));
         }
     }
 
@@ -113,6 +119,7 @@ impl<const A: usize> Taken<'_, A> {
             "oldest": prepared.oldest(),
             "history_s": self.history_s(),
             "history_mm": prepared.history_mm(),
+            "changed_tables": self.differences,
         })
     }
 

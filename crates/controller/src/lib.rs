@@ -37,6 +37,7 @@ pub mod session;
 pub mod sink;
 pub mod spline;
 pub mod start;
+pub mod state_file;
 pub mod stream;
 pub mod supply;
 pub mod survey;
