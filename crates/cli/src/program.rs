@@ -18,6 +18,7 @@ use retrace_controller::reading::Ahead;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_controller::survey::{self, Survey};
+use retrace_gcode::cycles::Library;
 use retrace_gcode::{
     Active, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, StartTables, Step, Tool,
     ToolTable,
@@ -200,6 +201,7 @@ impl Program {
         {
             notes.push("cycle sources have errors and cannot be called; `retrace cycles check` shows them".to_owned());
         }
+        files.extend(cycle_files(&cycles));
         setup.cycles = Some(Arc::new(cycles));
         let folders = Arc::new(Folders::of(&reading.program, &subs));
         setup.files = Some(Arc::clone(&folders) as _);
@@ -221,6 +223,7 @@ impl Program {
     /// The file cannot be read any more.
     pub fn anew(&self, setup: Setup) -> Result<Self, Refusal> {
         let mut again = Self { setup, ..self.clone() };
+        again.folders.forget();
         if self.prescan.is_some() {
             let text = files::bytes(Path::new(&self.name), "program")?;
             if let Some(read) = again.files.iter_mut().find(|read| read.role == Role::Program) {
@@ -555,6 +558,14 @@ fn read_tables(reading: &Reading, setup: &mut Setup, files: &mut Vec<FileRead>) 
         setup.parameters = machine_tables::parameters(Path::new(path))?;
     }
     Ok(has_tool_lengths)
+}
+
+/// The sources of the cycles that can be called: each of the user's, and the shipped ones together.
+fn cycle_files(library: &Library) -> Vec<FileRead> {
+    let file =
+        |path: String, number: u128| FileRead { role: Role::Cycles, path, hash: Hash::of(&number.to_le_bytes()) };
+    let users = library.source_files().iter().map(|(path, number)| file(files::absolute(path), *number));
+    std::iter::once(file(String::new(), Library::shipped_identity())).chain(users).collect()
 }
 
 /// A file that was read, and its hash.

@@ -27,7 +27,16 @@ impl Folders {
         } else {
             program.parent().map(Path::to_path_buf)
         };
-        Self { folders: own.into_iter().chain(more.iter().cloned()).collect(), read: Mutex::default() }
+        Self {
+            folders: own.into_iter().chain(more.iter().cloned()).collect(),
+            read: Mutex::default(),
+            notes: Mutex::default(),
+        }
+    }
+
+    /// Forgets what was read: the program is opened again, for another job.
+    pub fn forget(&self) {
+        self.read.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }
 
     /// The files that were read by now, each once.

@@ -22,6 +22,7 @@ pub mod journal;
 pub mod judge;
 pub mod law;
 pub mod machine;
+pub mod machine_changes;
 pub mod manual;
 pub mod operator;
 pub mod orders;

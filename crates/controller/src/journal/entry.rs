@@ -101,7 +101,7 @@ pub enum Role {
     Program,
     /// A subprogram in a file of its own.
     Subprogram,
-    /// All cycles that could be called, taken together.
+    /// The source of a cycle that could be called; without a path, the shipped cycles taken together.
     Cycles,
     /// The tool table.
     Tools,
@@ -117,7 +117,7 @@ pub enum Role {
 pub struct FileRead {
     /// What it is to the job.
     pub role: Role,
-    /// Its absolute path; of the cycles, their folder or nothing.
+    /// Its absolute path; empty for the shipped cycles.
     pub path: String,
     /// Of its content.
     pub hash: Hash,
