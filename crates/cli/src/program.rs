@@ -207,6 +207,9 @@ impl Program {
         setup.files = Some(Arc::clone(&folders) as _);
         let prescan = if arrives.is_some() {
             None
+        } else if name.is_empty() {
+            // The screen opens without a program.
+            Some(Arc::new(Prescan::of(&name, Vec::new().into(), &setup)))
         } else {
             let text = files::bytes(&reading.program, "program")?;
             let path = files::absolute(&reading.program);
@@ -217,14 +220,37 @@ impl Program {
         Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, has_tool_lengths, given_up }, notes))
     }
 
+    /// Another program with the same tables, subprograms and cycles, to be read with this setup: `reading` names it. Nothing is told on standard
+    /// error.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn loaded(&self, reading: &Reading, setup: Setup) -> Result<Self, Refusal> {
+        // Tools and parameters are those of the setup.
+        let without_tables = Reading { tools: None, params: None, machine_tables: None, ..reading.clone() };
+        let (mut other, _) = Self::noted(&without_tables, setup, Arrives::named(&reading.program), None)?;
+        let tables = self.files.iter().filter(|file| matches!(file.role, Role::Tools | Role::Parameters));
+        other.files.extend(tables.cloned());
+        let Self { has_tool_table, has_tool_lengths, .. } = *self;
+        Ok(Self { has_tool_table, has_tool_lengths, ..other })
+    }
+
+    /// Does it stand for a program at all? The screen opens without one.
+    #[must_use]
+    pub fn is_loaded(&self) -> bool {
+        !self.name.is_empty()
+    }
+
     /// The program as its file is now, to be read with this setup. Nothing is told on standard error.
     ///
     /// # Errors
     /// The file cannot be read any more.
     pub fn anew(&self, setup: Setup) -> Result<Self, Refusal> {
+        // Subprograms are looked for beside this program, not beside the one that the setup is of.
+        let setup = Setup { files: self.setup.files.clone(), ..setup };
         let mut again = Self { setup, ..self.clone() };
         again.folders.forget();
-        if self.prescan.is_some() {
+        if self.prescan.is_some() && self.is_loaded() {
             let text = files::bytes(Path::new(&self.name), "program")?;
             if let Some(read) = again.files.iter_mut().find(|read| read.role == Role::Program) {
                 read.hash = Hash::of(&text);

@@ -27,11 +27,7 @@ impl Folders {
         } else {
             program.parent().map(Path::to_path_buf)
         };
-        Self {
-            folders: own.into_iter().chain(more.iter().cloned()).collect(),
-            read: Mutex::default(),
-            notes: Mutex::default(),
-        }
+        Self { folders: own.into_iter().chain(more.iter().cloned()).collect(), read: Mutex::default() }
     }
 
     /// Forgets what was read: the program is opened again, for another job.
