@@ -36,6 +36,9 @@ pub struct Taken<'a, const A: usize> {
     pub prepared: &'a Prepared<A>,
 }
 
+/// Shows what will be done, and asks whether to do it.
+pub type Asking<'f, const A: usize> = dyn FnMut(&Taken<'_, A>) -> Result<bool, Refusal> + 'f;
+
 /// The block under the breakpoint.
 #[derive(Default)]
 struct Block {
@@ -52,9 +55,17 @@ impl<const A: usize> Taken<'_, A> {
             crate::out::line(self.to_json(&block));
             return;
         }
-        for (name, text) in self.in_words(&block) {
-            say!("  {name:10} {text}");
-        }
+        self.lines_of(&block).iter().for_each(|line| say!("  {line}"));
+    }
+
+    /// What will be done, a line each.
+    #[must_use]
+    pub fn lines(&self) -> Vec<String> {
+        self.lines_of(&self.block().unwrap_or_default())
+    }
+
+    fn lines_of(&self, block: &Block) -> Vec<String> {
+        self.in_words(block).iter().map(|(name, text)| format!("{name:10} {text}")).collect()
     }
 
     fn in_words(&self, block: &Block) -> Vec<(&'static str, String)> {
