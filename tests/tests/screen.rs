@@ -495,7 +495,7 @@ fn what_is_shown_is_that_of_the_block_under_the_tool() {
     let mut terminal = ready(&bench, "G21 G90 G17 G94 G61\nG1 F1800 X30\nG0 X100\nG1 F900 G55 X110\nG1 X120\nM2\n");
     terminal.keys("c");
     terminal.until("of F1800");
-    terminal.until_that("a rapid move", |text| text.contains("mm/min  rapid") && active(text) == 3);
+    terminal.until_that("a rapid move", |text| text.contains("mm/min rapid") && active(text) == 3);
     let ahead = terminal.until("of F900");
     assert!(ahead.contains("G55"), "{ahead}");
     terminal.keys("r");

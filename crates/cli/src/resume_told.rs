@@ -34,6 +34,10 @@ pub struct Taken<'a, const A: usize> {
     pub kept: &'a Path,
     /// What was found.
     pub prepared: &'a Prepared<A>,
+    /// How offsets and tool data differ by now from those that the job began with, a line each.
+    pub differences: Vec<String>,
+    /// How the machine file differs by now from the job's copy, a line each; none where it does not.
+    pub machine_changes: Option<Vec<String>>,
 }
 
 /// Shows what will be done, and asks whether to do it.
@@ -65,7 +69,23 @@ impl<const A: usize> Taken<'_, A> {
     }
 
     fn lines_of(&self, block: &Block) -> Vec<String> {
-        self.in_words(block).iter().map(|(name, text)| format!("{name:10} {text}")).collect()
+        let mut lines: Vec<String> =
+            self.in_words(block).iter().map(|(name, text)| format!("{name:10} {text}")).collect();
+        let changed = |lines: &mut Vec<String>, what: String, changes: &[String]| {
+            lines.push(what);
+            lines.extend(changes.iter().map(|line| format!("  {line}")));
+        };
+        if let Some(changes) = &self.machine_changes {
+            let path = self.record.job.machine.path.as_deref().unwrap_or_default();
+            let what =
+                format!("the machine file {path} was changed since the job began; it goes on with its own copy:");
+            changed(&mut lines, what, changes);
+        }
+        if !self.differences.is_empty() {
+            let what = "offsets and tool data changed since the job began; it goes on with its own:".to_owned();
+            changed(&mut lines, what, &self.differences);
+        }
+        lines
     }
 
     fn in_words(&self, block: &Block) -> Vec<(&'static str, String)> {
@@ -124,6 +144,8 @@ impl<const A: usize> Taken<'_, A> {
             "oldest": prepared.oldest(),
             "history_s": self.history_s(),
             "history_mm": prepared.history_mm(),
+            "changed_tables": self.differences,
+            "changed_machine": self.machine_changes.as_deref().unwrap_or_default(),
         })
     }
 

@@ -26,6 +26,7 @@ use super::{Resuming, picture};
 use crate::args::{self, Reading};
 use crate::homed::Homing;
 use crate::kept::Kept;
+use crate::machine_tables::TableKeeper;
 use crate::program::{Arriving, Failure, Program};
 use crate::resume_told::Taken;
 use crate::run::{At, AtScreen, Ended, Job};
@@ -65,6 +66,7 @@ pub(super) struct Machinist<'m, const A: usize, C> {
     card: &'m mut C,
     /// What is in force for blocks by hand, and for the next program.
     by_hand: by_hand::Desk,
+    table_keeper: TableKeeper,
     words: Receiver<Said>,
     desk: &'m Arc<Desk>,
     live: Live,
@@ -90,6 +92,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let live = Live::new(Arc::clone(&desk.model));
         let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
         let (by_hand, machine) = (by_hand::Desk::new(program.setup().clone()), machine.clone());
+        let table_keeper = TableKeeper::new(&args.reading, program.setup());
         Self {
             args,
             machine,
@@ -99,6 +102,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             at,
             card,
             by_hand,
+            table_keeper,
             words,
             desk,
             live,
@@ -250,6 +254,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             Err(NotDone::Trouble(Trouble::Latched(_))) => {}
             Err(NotDone::Trouble(trouble)) => self.tell(Happening::Alarm(trouble)),
         }
+        if let Err(refusal) = self.table_keeper.keep(self.by_hand.carried()) {
+            self.note(format!("{}: {} · {}", refusal.number, refusal.what, refusal.remedy));
+        }
         if self.card.status().alarm.is_none() {
             locked(&self.desk.model).alarm_is_cleared();
         }
@@ -331,8 +338,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         self.left.ran = true;
         match done {
             Ok((code, _)) => {
-                (self.left.code, self.left.report) = (code, Some(ended.text));
-                locked(&self.desk.model).end(&ended.short);
+                self.take_over(code, ended);
             }
             Err(failure) => {
                 let why = in_full(failure);
@@ -343,6 +349,16 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         }
         // What the session told is the same alarm.
         self.alarm = self.card.status().alarm;
+    }
+
+    /// A job has ended with this exit code: takes over what it leaves.
+    fn take_over(&mut self, code: u8, ended: Ended) {
+        if let Some((parameters, tools)) = ended.tables {
+            self.by_hand.set_tables(parameters, tools);
+            self.table_keeper.is_kept(self.by_hand.carried());
+        }
+        (self.left.code, self.left.report) = (code, Some(ended.text));
+        locked(&self.desk.model).end(&ended.short);
     }
 
     /// Runs a job that was interrupted, from its breakpoint on.
@@ -357,9 +373,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         };
         let done = (resumed.resume)(&mut *self.card, at_screen, &mut ask);
         self.desk.ends();
-        self.left.code = done?;
-        (self.left.ran, self.left.report) = (true, Some(ended.text));
-        locked(&self.desk.model).end(&ended.short);
+        let code = done?;
+        self.left.ran = true;
+        self.take_over(code, ended);
         self.alarm = self.card.status().alarm;
         Ok(())
     }

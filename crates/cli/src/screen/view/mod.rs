@@ -99,6 +99,7 @@ fn head(out: &mut Buffer, area: Rect, model: &Model, guide: &Guide, look: Look) 
     }
     out.set_style(area, style);
     let time = match (&model.stage, model.left()) {
+        (Stage::Job, _) if model.is_at_program_end() => format!("{} run", clock(model.run_s())),
         (Stage::Job, Some(left)) => {
             let about = if left.exact { "" } else { "about " };
             format!("{} run · {about}{} left", clock(model.run_s()), clock(left.seconds))
