@@ -155,6 +155,14 @@ impl Kept {
         if let Err(error) = std::fs::write(&path, format!("{report:#}\n")) {
             said.push(format!("note: {} cannot be written: {error}", path.display()));
         }
+        if let Outcome::Refused(_) = outcome
+            && self.folder.stream().exists()
+        {
+            said.push(format!(
+                "the breakpoint is kept: `retrace resume {} --program FILE` continues with the whole program",
+                self.folder.id()
+            ));
+        }
         if matches!(outcome.exit_code(), 3 | 4) {
             said.push(format!("the breakpoint is kept: `retrace resume {}` takes the job up there", self.folder.id()));
         }

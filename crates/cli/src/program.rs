@@ -94,7 +94,14 @@ impl Arrives {
         Ok(match self {
             Self::StandardInput => ahead(std::io::stdin(), given_up),
             Self::Socket(address) => ahead(Socket::open(address)?, given_up),
-            Self::File(path) => ahead(io::Cursor::new(files::bytes(path, "program")?), given_up),
+            Self::File(path) => {
+                let mut text = files::bytes(path, "program")?;
+                // A file is whole also where its last line is not terminated.
+                if text.last().is_some_and(|&last| last != b'\n') {
+                    text.push(b'\n');
+                }
+                ahead(io::Cursor::new(text), given_up)
+            }
         })
     }
 }

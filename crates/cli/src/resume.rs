@@ -305,7 +305,8 @@ impl Taking<'_> {
         }
         let overrides = self.record.overrides().iter().map(|of| (of.place, of.planned)).collect();
         let outputs = outputs(&job.outputs);
-        Ok(Resumption { start, origin: job.origin, executed: job.executed, outputs, overrides, marks })
+        let rests = self.record.rests().to_vec();
+        Ok(Resumption { start, origin: job.origin, executed: job.executed, outputs, overrides, marks, rests })
     }
 
     /// Finds the breakpoint, asks, and goes on.

@@ -11,6 +11,7 @@ use std::net::{TcpStream, ToSocketAddrs};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use retrace_controller::program_end::ProgramEndDetector;
 use retrace_controller::refusal::Refusal;
 
 /// What such a program's name begins with.
@@ -33,7 +34,7 @@ pub struct Socket {
     /// What has come.
     received: u64,
     check: Check,
-    line: LastLine,
+    end: ProgramEndDetector,
     /// Connections that were closed without anything new, one after the other.
     barren: u32,
     ended: bool,
@@ -61,7 +62,7 @@ impl Socket {
             patience: PATIENCE,
             received: 0,
             check: Check::default(),
-            line: LastLine::default(),
+            end: ProgramEndDetector::default(),
             barren: 0,
             ended: false,
         })
@@ -82,13 +83,20 @@ impl Socket {
 
     /// Reads what has come already, and holds it against what came then.
     fn pass_over(&self, stream: &mut TcpStream) -> io::Result<()> {
-        let (mut check, mut left, mut bytes) = (Check::default(), self.received, [0; 4096]);
+        let (mut check, mut end) = (Check::default(), ProgramEndDetector::default());
+        let (mut left, mut bytes) = (self.received, [0; 4096]);
         while left > 0 {
             let most = bytes.len().min(usize::try_from(left).unwrap_or(usize::MAX));
             match stream.read(&mut bytes[..most]) {
+                Ok(0) if end.is_reached() => {
+                    let had_come = self.received - left;
+                    let what = format!("it ends after {had_come} bytes, and {} had arrived before", self.received);
+                    return Err(self.differs(&what));
+                }
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
                 Ok(count) => {
                     check.take(&bytes[..count]);
+                    end.push(&bytes[..count]);
                     left -= count as u64;
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
@@ -98,8 +106,14 @@ impl Socket {
         if check == self.check {
             return Ok(());
         }
-        let what = format!("the sender at {SCHEME}{} sends another program than before", self.address);
-        Err(io::Error::new(ErrorKind::InvalidData, what))
+        Err(self.differs(&format!("its first {} bytes are not those that had arrived before", self.received)))
+    }
+
+    /// That the sender sends a different program after the connection was lost.
+    fn differs(&self, how: &str) -> io::Error {
+        let what =
+            format!("the sender at {SCHEME}{} sends a different program after reconnecting: {how}", self.address);
+        io::Error::new(ErrorKind::InvalidData, what)
     }
 }
 
@@ -111,7 +125,7 @@ impl Read for Socket {
                 None => self.reconnect()?,
             };
             match stream.read(bytes) {
-                Ok(0) if self.line.ends_program() => self.ended = true,
+                Ok(0) if self.end.is_reached() => self.ended = true,
                 // Lost, by its end or by an error: it is made anew.
                 Ok(0) if self.barren < NO_MORE => {
                     self.barren += 1;
@@ -123,7 +137,7 @@ impl Read for Socket {
                     self.barren = 0;
                     self.received += count as u64;
                     self.check.take(&bytes[..count]);
-                    self.line.take(&bytes[..count]);
+                    self.end.push(&bytes[..count]);
                     return Ok(count);
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => self.stream = Some(stream),
@@ -160,58 +174,6 @@ impl Check {
         for &byte in bytes {
             self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3);
         }
-    }
-}
-
-/// The last line that is not blank, as far as it takes to see whether it ends a program.
-#[derive(Debug, Default)]
-struct LastLine {
-    text: Vec<u8>,
-    /// The line is over; the next byte that is not blank begins another.
-    closed: bool,
-    /// There was another before it.
-    is_later: bool,
-}
-
-/// No line of a program is longer.
-const LONGEST: usize = 512;
-
-impl LastLine {
-    fn take(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            match byte {
-                b'\n' | b'\r' => self.closed = true,
-                b' ' | b'\t' => {}
-                _ => {
-                    if std::mem::take(&mut self.closed) && !self.text.is_empty() {
-                        self.text.clear();
-                        self.is_later = true;
-                    }
-                    if self.text.len() < LONGEST {
-                        self.text.push(byte.to_ascii_uppercase());
-                    }
-                }
-            }
-        }
-    }
-
-    /// M2, M30 or a percent sign; the one that a program may begin with ends nothing.
-    fn ends_program(&self) -> bool {
-        let (mut code, mut in_comment) = (Vec::new(), false);
-        for &byte in &self.text {
-            match byte {
-                b'(' => in_comment = true,
-                b')' => in_comment = false,
-                b';' if !in_comment => break,
-                _ if !in_comment => code.push(byte),
-                _ => {}
-            }
-        }
-        let is_end = |at: usize| {
-            let digits: Vec<u8> = code[at + 1..].iter().copied().take_while(u8::is_ascii_digit).collect();
-            matches!(digits.as_slice(), b"2" | b"02" | b"30")
-        };
-        self.is_later && code == b"%" || (0..code.len()).any(|at| code[at] == b'M' && is_end(at))
     }
 }
 
@@ -261,6 +223,15 @@ mod tests {
     }
 
     #[test]
+    fn a_different_program_that_is_shorter_is_refused_at_its_end() {
+        let parts = vec![program()[..100].to_vec(), b"G21\nM2\n".to_vec()];
+        let mut socket = Socket::open(&sender(parts)).expect("there");
+        let error = socket.read_to_end(&mut Vec::new()).expect_err("another");
+        assert!(error.to_string().contains("different program"), "{error}");
+        assert!(error.to_string().contains("ends after 7 bytes, and 100"), "{error}");
+    }
+
+    #[test]
     fn a_program_without_an_end_ends_where_its_sender_has_nothing_more() {
         let text = b"G21 G1 X1 F100\nX2\n".to_vec();
         let mut socket = Socket::open(&sender(vec![text.clone(); 6])).expect("there");
@@ -273,33 +244,5 @@ mod tests {
     fn nobody_there_is_refused_with_the_next_step() {
         assert_eq!(Socket::open("127.0.0.1:1").expect_err("nobody").number, "E2107");
         assert_eq!(Socket::open("nonsense").expect_err("no address").number, "E2107");
-    }
-
-    #[test]
-    fn the_end_of_a_program_is_seen() {
-        let ends = |text: &str| {
-            let mut line = LastLine::default();
-            line.take(text.as_bytes());
-            line.ends_program()
-        };
-        for text in ["G0 X1\nM2\n\n", "n10 m 30", "%\nG0 X1\n%\n", "G1 X1\n%", "G0 M02 (M5)", "G1 X1\nM2"] {
-            assert!(ends(text), "{text}");
-        }
-        for text in [
-            "",
-            "%\n",
-            "\n %",
-            "%\nG1 X1\n",
-            "G1 X1\n",
-            "M3\n",
-            "M2\nG1\n",
-            "(M2)\n",
-            ";M2",
-            "M20\n",
-            "M300\n",
-            "G1 X2",
-        ] {
-            assert!(!ends(text), "{text}");
-        }
     }
 }

@@ -27,6 +27,7 @@ pub mod operator;
 pub mod orders;
 pub mod overrides;
 mod planning;
+pub mod program_end;
 pub mod reading;
 pub mod refusal;
 pub mod report;
