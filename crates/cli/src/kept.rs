@@ -199,7 +199,9 @@ impl Beginning<'_> {
         let source = match self.program.arrives() {
             None => Source::File(files::absolute(&self.reading.program)),
             Some(Arrives::Socket(address)) => Source::Socket(address.clone()),
-            Some(_) => Source::StandardInput,
+            Some(Arrives::Serial(address)) => Source::Serial(address.clone()),
+            Some(Arrives::Device(path)) => Source::Device(files::absolute(path)),
+            Some(Arrives::StandardInput | Arrives::File(_)) => Source::StandardInput,
         };
         let axes = self.machine.axes.len().min(A);
         Ok(Job {

@@ -3,6 +3,10 @@
 //! The sender is connected to and sends the program from its beginning, and again from its beginning each time the connection was lost:
 //! what has come already is held against it and left out.
 //!
+//! A sender that is connected and silent is waited for, ten minutes unless `?silence_timeout_s=` says otherwise; one that has vanished
+//! without a word is noticed by keepalive probes within half a minute. Whoever can send to that address moves the machine: nothing is
+//! encrypted and nobody is asked who he is.
+//!
 //! Invariant: the bytes that come out are those of one program, each once; a connection that stalls is waited for, one that ends before
 //! the program does is made anew.
 
@@ -18,6 +22,10 @@ use retrace_controller::refusal::Refusal;
 const SCHEME: &str = "tcp://";
 /// How long one attempt to connect takes at most.
 const ATTEMPT: Duration = Duration::from_secs(3);
+/// The longest silence of a sender that is connected, where its address says nothing else.
+const SILENCE: Duration = Duration::from_secs(600);
+/// So often a silent sender is looked at.
+const LOOKS_EVERY: Duration = Duration::from_millis(500);
 /// Between two attempts.
 const PAUSE: Duration = Duration::from_millis(200);
 /// So long a sender that has gone is looked for.
@@ -31,6 +39,8 @@ pub struct Socket {
     address: String,
     stream: Option<TcpStream>,
     patience: Duration,
+    /// Longest silence of a sender that is connected; none: for ever.
+    silence: Option<Duration>,
     /// What has come.
     received: u64,
     check: Check,
@@ -46,12 +56,34 @@ pub fn address(program: &str) -> Option<&str> {
     program.strip_prefix(SCHEME)
 }
 
+/// The host and port of an address, and the longest silence that its `silence_timeout_s` allows; none where that is 0, for ever.
+fn parse(address: &str) -> Result<(&str, Option<Duration>), Refusal> {
+    let refused = |what: String| {
+        Refusal::new("E2301", what, "tcp://HOST:PORT, or tcp://HOST:PORT?silence_timeout_s=600 (seconds, 0 for ever)")
+    };
+    let Some((host, parameters)) = address.split_once('?') else { return Ok((address, Some(SILENCE))) };
+    let seconds = parameters
+        .strip_prefix("silence_timeout_s=")
+        .and_then(|value| value.parse::<f64>().ok())
+        .filter(|seconds| (0.0..=86_400.0).contains(seconds))
+        .ok_or_else(|| refused(format!("{SCHEME}{address}: the parameter `{parameters}` is not known")))?;
+    Ok((host, (seconds > 0.0).then(|| Duration::from_secs_f64(seconds))))
+}
+
+/// Whether an address is on another computer, as far as its name can be resolved.
+#[must_use]
+pub fn is_remote(address: &str) -> bool {
+    let host = address.split_once('?').map_or(address, |(host, _)| host);
+    host.to_socket_addrs().is_ok_and(|mut addresses| addresses.any(|address| !address.ip().is_loopback()))
+}
+
 impl Socket {
     /// Connects to a sender at `HOST:PORT`.
     ///
     /// # Errors
-    /// `E2107`: nobody sends there.
+    /// `E2107`: nobody sends there. `E2301`: a parameter that is not known.
     pub fn open(address: &str) -> Result<Self, Refusal> {
+        let (address, silence) = parse(address)?;
         let stream = connect(address).map_err(|error| {
             let remedy = "start the sender first; the name is tcp://HOST:PORT, as in tcp://planner:5000";
             Refusal::new("E2107", format!("no program can be had from {SCHEME}{address}: {error}"), remedy)
@@ -60,6 +92,7 @@ impl Socket {
             address: address.to_owned(),
             stream: Some(stream),
             patience: PATIENCE,
+            silence,
             received: 0,
             check: Check::default(),
             end: ProgramEndDetector::default(),
@@ -84,7 +117,7 @@ impl Socket {
     /// Reads what has come already, and holds it against what came then.
     fn pass_over(&self, stream: &mut TcpStream) -> io::Result<()> {
         let (mut check, mut end) = (Check::default(), ProgramEndDetector::default());
-        let (mut left, mut bytes) = (self.received, [0; 4096]);
+        let (mut left, mut bytes, begun) = (self.received, [0; 4096], Instant::now());
         while left > 0 {
             let most = bytes.len().min(usize::try_from(left).unwrap_or(usize::MAX));
             match stream.read(&mut bytes[..most]) {
@@ -100,6 +133,11 @@ impl Socket {
                     left -= count as u64;
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if is_time_out(&error) => {
+                    if self.silence.is_some_and(|silence| begun.elapsed() >= silence) {
+                        return Err(self.silent(begun.elapsed()));
+                    }
+                }
                 Err(error) => return Err(error),
             }
         }
@@ -107,6 +145,16 @@ impl Socket {
             return Ok(());
         }
         Err(self.differs(&format!("its first {} bytes are not those that had arrived before", self.received)))
+    }
+
+    /// That the sender has been silent for too long.
+    fn silent(&self, silent: Duration) -> io::Error {
+        let what = format!(
+            "E2304: {SCHEME}{} has been silent for {:.0} s inside the program; check the sender and the network",
+            self.address,
+            silent.as_secs_f64()
+        );
+        io::Error::new(ErrorKind::TimedOut, what)
     }
 
     /// That the sender sends a different program after the connection was lost.
@@ -119,6 +167,7 @@ impl Socket {
 
 impl Read for Socket {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let begun = Instant::now();
         while !self.ended && !bytes.is_empty() {
             let mut stream = match self.stream.take() {
                 Some(stream) => stream,
@@ -141,6 +190,12 @@ impl Read for Socket {
                     return Ok(count);
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => self.stream = Some(stream),
+                Err(error) if is_time_out(&error) => {
+                    if self.silence.is_some_and(|silence| begun.elapsed() >= silence) {
+                        return Err(self.silent(begun.elapsed()));
+                    }
+                    self.stream = Some(stream);
+                }
                 Err(_) => {}
             }
         }
@@ -152,11 +207,35 @@ fn connect(address: &str) -> io::Result<TcpStream> {
     let mut last = io::Error::new(ErrorKind::NotFound, "the name leads nowhere");
     for socket in address.to_socket_addrs()? {
         match TcpStream::connect_timeout(&socket, ATTEMPT) {
-            Ok(stream) => return Ok(stream),
+            Ok(stream) => {
+                stream.set_read_timeout(Some(LOOKS_EVERY))?;
+                keep_alive(&stream)?;
+                return Ok(stream);
+            }
             Err(error) => last = error,
         }
     }
     Err(last)
+}
+
+fn is_time_out(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock)
+}
+
+/// Notices a sender that has vanished: after 10 s of silence it is probed every 5 s, and is gone after three probes.
+#[cfg(unix)]
+fn keep_alive(stream: &TcpStream) -> io::Result<()> {
+    use rustix::net::sockopt;
+    sockopt::set_socket_keepalive(stream, true)?;
+    sockopt::set_tcp_keepidle(stream, Duration::from_secs(10))?;
+    sockopt::set_tcp_keepintvl(stream, Duration::from_secs(5))?;
+    Ok(sockopt::set_tcp_keepcnt(stream, 3)?)
+}
+
+/// Elsewhere the read time-out alone notices.
+#[cfg(not(unix))]
+fn keep_alive(_: &TcpStream) -> io::Result<()> {
+    Ok(())
 }
 
 /// Tells two beginnings of programs apart (Fowler-Noll-Vo, variant 1a, of 64 bits).
@@ -238,6 +317,23 @@ mod tests {
         let mut come = Vec::new();
         socket.read_to_end(&mut come).expect("its end");
         assert_eq!(come, text);
+    }
+
+    #[test]
+    fn a_sender_that_is_silent_for_too_long_is_given_up() {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let address = format!("{}?silence_timeout_s=1", listener.local_addr().expect("bound"));
+        let sender = thread::spawn(move || {
+            let (mut stream, _) = listener.accept().expect("a connection");
+            stream.write_all(b"G0 X1\n").expect("sent");
+            thread::sleep(Duration::from_secs(4));
+        });
+        let mut socket = Socket::open(&address).expect("there");
+        let mut come = Vec::new();
+        let error = socket.read_to_end(&mut come).expect_err("silent");
+        assert!(come == b"G0 X1\n" && error.to_string().contains("E2304"), "{error}");
+        sender.join().expect("it ends");
+        assert_eq!(Socket::open("127.0.0.1:1?patience=1").expect_err("unknown").number, "E2301");
     }
 
     #[test]

@@ -43,4 +43,5 @@ pub mod supply;
 pub mod survey;
 pub mod switching;
 pub mod tally;
+pub mod tape;
 pub mod track;

@@ -44,13 +44,23 @@ impl ProgramEndDetector {
         if !self.is_terminated && !is_program_end(&self.line) {
             return false;
         }
-        let code = code_of(&self.line);
-        let is_end = |at: usize| {
-            let digits: Vec<u8> = code[at + 1..].iter().copied().take_while(u8::is_ascii_digit).collect();
-            matches!(digits.as_slice(), b"2" | b"02" | b"30")
-        };
-        self.is_later && code == b"%" || (0..code.len()).any(|at| code[at] == b'M' && is_end(at))
+        self.is_later && code_of(&self.line) == b"%" || program_end_of(&self.line).is_some()
     }
+}
+
+/// The number of the M word in a line that ends the program: 2 or 30; none where there is none outside of comments.
+#[must_use]
+pub fn program_end_of(line: &[u8]) -> Option<u32> {
+    let code = code_of(line);
+    let number = |at: usize| -> Option<u32> {
+        let digits: Vec<u8> = code[at + 1..].iter().copied().take_while(u8::is_ascii_digit).collect();
+        match digits.as_slice() {
+            b"2" | b"02" => Some(2),
+            b"30" => Some(30),
+            _ => None,
+        }
+    };
+    (0..code.len()).filter(|&at| code[at].eq_ignore_ascii_case(&b'M')).find_map(number)
 }
 
 /// A line without its comments and blanks.

@@ -13,6 +13,9 @@ use std::sync::Arc;
 /// Bytes of a line that are held: one more than the longest shows that it is too long, two are its end.
 const MOST_HELD: usize = LONGEST_LINE + 3;
 
+/// Bytes of a line that are passed over at most: more is no program.
+const MAX_SKIPPED: usize = 1 << 20;
+
 /// The text of a file, shared.
 #[derive(Clone, Debug, Default)]
 pub struct Text(Arc<Vec<u8>>);
@@ -162,11 +165,32 @@ fn arrive(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Arrived> {
             line.pop();
         }
     } else if line.len() == MOST_HELD {
-        input.skip_until(b'\n')?;
+        skip_line(input)?;
     } else if !is_program_end(line) {
         return Ok(Arrived::CutOff);
     }
     Ok(Arrived::Line)
+}
+
+/// Passes over the rest of a line that is too long.
+fn skip_line(input: &mut impl BufRead) -> io::Result<()> {
+    let mut skipped = 0;
+    loop {
+        let waiting = input.fill_buf()?;
+        let (count, is_over) = match line_feed(waiting) {
+            Some(at) => (at + 1, true),
+            None => (waiting.len(), waiting.is_empty()),
+        };
+        input.consume(count);
+        skipped += count;
+        if is_over {
+            return Ok(());
+        }
+        if skipped > MAX_SKIPPED {
+            let what = "E2311: a line of more than a mebibyte; the input is not a program";
+            return Err(io::Error::new(io::ErrorKind::InvalidData, what));
+        }
+    }
 }
 
 /// Whether a last line without its end is whole all the same: exactly `M2`, `M30` or `%`, so that nothing can be missing that matters.
@@ -241,6 +265,12 @@ mod tests {
             prop_assert!(!at_hand.advance().expect("a text"));
             prop_assert_eq!(all(&text), Split::new(&text).map(<[u8]>::to_vec).collect::<Vec<_>>());
         }
+    }
+
+    #[test]
+    fn a_line_that_never_ends_is_refused() {
+        let mut lines = Lines::new(io::BufReader::new(io::repeat(0)));
+        assert!(lines.advance().expect_err("endless").to_string().contains("E2311"));
     }
 
     #[test]

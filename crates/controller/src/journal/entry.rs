@@ -90,6 +90,10 @@ pub enum Source {
     StandardInput,
     /// A TCP socket, by its address.
     Socket(String),
+    /// A serial line, as it was named, without `serial:`.
+    Serial(String),
+    /// A FIFO or a character device, by its absolute path.
+    Device(String),
 }
 
 /// What a file is to the job.

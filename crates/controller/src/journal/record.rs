@@ -415,7 +415,7 @@ mod tests {
 
     #[test]
     fn a_mark_stands_behind_what_was_kept_of_the_program_it_is_of() {
-        const PROGRAM: &[u8] = b"G1 X1\nG1 X2\n";
+        const PROGRAM: &[u8] = b"G1 X1\nM2   \n";
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("journal");
         let store = FileStore::create(&path).expect("a file");
