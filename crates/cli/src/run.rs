@@ -105,10 +105,12 @@ impl With<'_> {
         Ok(code)
     }
 
-    /// Opens the program and checks it whole.
+    /// Opens the program and checks it whole; at the screen it is checked there, where what keeps it from running can be put right.
     fn open(&self, machine: &Machine) -> Result<Program, Failure> {
         let program = Program::open(&self.args.reading, machine)?;
-        program.check(machine)?;
+        if !self.at_screen {
+            program.check(machine)?;
+        }
         if let (Some(line), Some(lines)) = (self.args.start_line, program.lines())
             && u64::from(line) > lines
         {

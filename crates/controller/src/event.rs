@@ -98,6 +98,8 @@ pub enum Happening {
     OutputsRestored,
     /// Normal run goes on.
     GoesOn,
+    /// The program has come to its end, and the job waits for its release: reverse run is still possible.
+    ProgramEnd,
     /// An exclusive instruction begins.
     Switching(&'static str),
     /// An exclusive instruction is complete.
@@ -168,6 +170,7 @@ impl Event {
             }
             Happening::OutputsRestored => json!({"event": "outputs_restored"}),
             Happening::GoesOn => json!({"event": "goes_on"}),
+            Happening::ProgramEnd => json!({"event": "program_end"}),
             Happening::Switching(code) => json!({"event": "switching", "code": code}),
             Happening::Switched(code) => json!({"event": "switched", "code": code}),
             Happening::SwitchedInPassing(channel, value) => {
@@ -228,6 +231,7 @@ impl Event {
             }
             Happening::OutputsRestored => "outputs restored".into(),
             Happening::GoesOn => "normal run goes on".into(),
+            Happening::ProgramEnd => "end of the program; reverse run is possible until the job is released".into(),
             Happening::Switching(code) => format!("{code} begins"),
             Happening::Switched(code) => format!("{code} done"),
             Happening::SwitchedInPassing(channel, value) => format!("{} := {value}", channel_name(*channel)),
