@@ -337,7 +337,7 @@ mod tests {
         #[test]
         fn a_damaged_character_lets_nothing_behind_it_through(at in 2_usize..24, bit in 0..8) {
             let mut tape: Vec<u8> = PROGRAM.bytes().map(|byte| with_parity(byte, false)).collect();
-            tape[at] ^= 1 << bit;
+            tape[at] ^= 1_u8 << bit;
             let (text, result) = read(settings("7e2", CharacterCode::Iso), tape);
             prop_assert_eq!(text.as_str(), &PROGRAM[..at]);
             prop_assert_eq!(result, Err(TapeError::Damaged));
