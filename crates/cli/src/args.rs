@@ -55,7 +55,8 @@ pub enum Command {
     Plot(Plot),
     /// Take up an interrupted job at its breakpoint.
     #[command(after_help = "Examples:\n  retrace resume\n  retrace resume 20261122-004627-part --yes\n  \
-        retrace resume 20261122-004627-part --from-line 120")]
+        retrace resume 20261122-004627-part --from-line 120\n  \
+        retrace resume --tui")]
     Resume(Resume),
     /// What can be resumed, what ran, how it ended.
     #[command(after_help = "Examples:\n  retrace jobs\n  retrace jobs show 20261122-004627-part")]
@@ -390,12 +391,16 @@ pub struct Resume {
     /// Begin at this program line instead, from where the machine stands, with the modal state that holds there: a job of its own.
     #[arg(long, value_name = "N")]
     pub from_line: Option<u32>,
-    /// The card was restarted, and the machine has been homed and brought back to the breakpoint: go by its counts.
+    /// The card was restarted, and the machine stands where its counts say: confirms that where no home switch does, and goes back from there
+    /// to the breakpoint that the journal kept last.
     #[arg(long, conflicts_with = "from_line")]
     pub at_counts: bool,
     /// Play in wall time; without it the simulated card runs as fast as it can.
     #[arg(long)]
     pub realtime: bool,
+    /// Full-screen operation; in wall time.
+    #[arg(long, conflicts_with = "json")]
+    pub tui: bool,
     /// Scripted operator.
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,

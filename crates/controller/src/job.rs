@@ -148,7 +148,7 @@ pub fn run<const A: usize, C: MotionCard<A>>(
 }
 
 /// The same; where the job is taken up where it was left, `agree` is asked before anything moves, and the job is stopped at once where it
-/// says no. The machine stood at `machine.stands_at_mm` where the job began, not where it is left.
+/// says no. Where the card's counts are others than those of the place, the axes then go there in the order of DNC-6. The machine stood at `machine.stands_at_mm` where the job began, not where it is left.
 ///
 /// # Errors
 /// As [`run`].
@@ -185,10 +185,12 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         Begin::Line(line) => (Some(line), None),
         Begin::At(at) => (None, Some(at)),
     };
+    let mut rests = Vec::new();
     if let Some(at) = &resumption {
         at.could_be(look_ahead).map_err(CannotBegin::Unfound)?;
         (asking, heeding) = (asking.again(&at.overrides, at.start.reached), heeding.again(&at.overrides));
         feeder = feeder.held_against(&at.marks);
+        rests.clone_from(&at.rests);
     }
     let feeder = feeder.heeding(heeding);
     let supply =
@@ -199,7 +201,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     thread::scope(|scope| {
         let belt = &belt;
         let decoder = scope.spawn(move || decoding::decode(&mut program, belt));
-        let planner = scope.spawn(move || planning::plan(machine, belt, batch, line, feeder));
+        let planner = scope.spawn(move || planning::plan(machine, belt, batch, (line, rests), feeder));
         let reporter = scope.spawn(move || hearing.report(observer));
         let moves = scope.spawn(move || requests.serve(machine, identify));
         let hand = hand.waking(moves.thread().clone());
