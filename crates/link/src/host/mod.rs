@@ -246,6 +246,12 @@ impl<const A: usize> Host<A> {
         self.phase == Phase::Open && self.next_entry != 0
     }
 
+    /// Does the card's answer say that it stands where the last period given out left it? Homing leaves the path, so that it says nothing.
+    #[must_use]
+    pub fn is_where_reported(&self) -> bool {
+        self.off_path || self.greeting.as_ref().is_none_or(|said| said.place == self.status.place)
+    }
+
     /// Has the card confirmed that the epoch is over?
     #[must_use]
     pub fn is_closed(&self) -> bool {
