@@ -98,6 +98,8 @@ fn reading(job: &Job, program: Option<&Path>) -> Reading {
         (Source::File(file), None) => file.into(),
         (Source::StandardInput, _) => "-".into(),
         (Source::Socket(address), _) => format!("tcp://{address}").into(),
+        (Source::Serial(address), _) => format!("serial:{address}").into(),
+        (Source::Device(path), _) => path.into(),
     };
     let of = &job.arguments;
     Reading {
@@ -192,6 +194,8 @@ impl Taking<'_> {
             (Source::File(_), _) => None,
             (Source::Socket(address), None) => Some(Arrives::Socket(address.clone())),
             (Source::StandardInput, None) => Some(Arrives::StandardInput),
+            (Source::Serial(address), None) => Some(Arrives::Serial(address.clone())),
+            (Source::Device(path), None) => Some(Arrives::Device(path.into())),
             (_, Some(named)) => Some(Arrives::named(named).unwrap_or_else(|| Arrives::File(named.clone()))),
         };
         let reading = reading(job, self.args.program.as_deref());
@@ -371,7 +375,8 @@ impl Taking<'_> {
         }
         let overrides = self.record.overrides().iter().map(|of| (of.place, of.planned)).collect();
         let outputs = outputs(&job.outputs);
-        Ok(Resumption { start, origin: job.origin, executed: job.executed, outputs, overrides, marks })
+        let rests = self.record.rests().to_vec();
+        Ok(Resumption { start, origin: job.origin, executed: job.executed, outputs, overrides, marks, rests })
     }
 
     /// Finds the breakpoint, asks, and goes on.

@@ -8,6 +8,7 @@ use retrace_motion::{Blending, GlideRatio, RatioOf};
 use serde::Deserialize;
 
 use super::axis::Axis;
+use super::serial::WrittenSerial;
 use super::setting_up::{WrittenHoming, WrittenManual};
 use crate::card::WrittenCard;
 use crate::refusal::{Refusal, nearest};
@@ -117,6 +118,7 @@ pub(super) struct MachineFile {
     pub(super) manual: WrittenManual,
     pub(super) wheel: WheelSettings,
     pub(super) card: WrittenCard,
+    pub(super) serial: WrittenSerial,
     pub(super) code: BTreeMap<String, CodeSettings>,
 }
 
@@ -141,6 +143,7 @@ impl Default for MachineFile {
             manual: WrittenManual::default(),
             wheel: WheelSettings::default(),
             card: WrittenCard::default(),
+            serial: WrittenSerial::default(),
             code: BTreeMap::new(),
         }
     }

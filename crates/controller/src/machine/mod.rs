@@ -5,6 +5,7 @@
 
 mod axis;
 mod file;
+mod serial;
 mod setting_up;
 
 use retrace_core::limits::RateLimits;
@@ -14,6 +15,7 @@ pub use self::axis::{AXIS_LETTERS, Axis, Home};
 use self::file::MachineFile;
 pub(crate) use self::file::within;
 pub use self::file::{RetraceOutputs, WheelSettings};
+pub use self::serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
 pub use self::setting_up::SettingUp;
 use self::setting_up::Written;
 use crate::card::CardSettings;
@@ -53,6 +55,8 @@ pub struct Machine {
     pub wheel_periods: u16,
     /// Handwheel counts in that time that make rate 1.
     pub wheel_counts: u16,
+    /// How programs come over a serial line.
+    pub serial: SerialSettings,
     /// What the card is told besides.
     pub card: CardSettings,
     /// What M, S and T codes switch, how, and for how long.
@@ -150,6 +154,7 @@ impl Machine {
             retrace_outputs: file.retrace_outputs,
             cutting_outputs: file.cutting_outputs,
             card,
+            serial: file.serial.checked()?,
             wheel_periods,
             wheel_counts: wheel_counts.round().clamp(1.0, 65_535.0) as u16,
             switching: SwitchingTable::new(&file.code, period_us)?,
