@@ -215,15 +215,17 @@ fn the_drawing_is_enlarged_moved_and_fitted_to_the_table() {
     };
     let dots = |c: char| if ('\u{2800}'..'\u{2900}').contains(&c) { (c as u32 & 0xff).count_ones() } else { 0 };
     let count = |pane: &str| pane.chars().map(dots).sum::<u32>();
+    // The legend has one, too.
+    let shows_tool = |pane: &str| pane.matches('@').count() == 2;
     let fitted = pane(&hand);
     assert!(fitted.contains("10 × 10 mm"), "{fitted}");
     let _ = hand.key(Key::Char('>'), 0, &model);
     let enlarged = pane(&hand);
-    assert!(enlarged.contains("×2") && !enlarged.contains('@'), "{enlarged}");
+    assert!(enlarged.contains("×2") && !shows_tool(&enlarged), "{enlarged}");
     for key in [Key::ShiftLeft, Key::ShiftDown] {
         (0..4).for_each(|_| drop(hand.key(key, 0, &model)));
     }
-    assert!(pane(&hand).contains('@'), "panned to the tool\n{}", pane(&hand));
+    assert!(shows_tool(&pane(&hand)), "panned to the tool\n{}", pane(&hand));
     let _ = hand.key(Key::Char('<'), 0, &model);
     assert_eq!(pane(&hand), fitted);
     let _ = hand.key(Key::Char('e'), 0, &model);
@@ -231,6 +233,15 @@ fn the_drawing_is_enlarged_moved_and_fitted_to_the_table() {
     assert!(table.contains("10 × 10 mm") && table != fitted && count(&table) > 40, "the soft limits\n{table}");
     let _ = hand.key(Key::Char('e'), 0, &model);
     assert_eq!(pane(&hand), fitted);
+}
+
+#[test]
+fn a_program_that_does_not_come_is_waited_for_by_name_and_time() {
+    let mut model = with_messages(&[]);
+    Arc::make_mut(&mut model.facts).period_s = 0.001;
+    (model.stage, model.period, model.waiting) = (Stage::Job, 14_000, Some(("tcp://10.0.0.2:7000".into(), 3_000)));
+    let shown = text(&drawn(&model, &Hand::new(), 80, 24, 0));
+    assert!(shown.contains("WAITING") && shown.contains("waiting for tcp://10.0.0.2:7000 since 12 s"), "{shown}");
 }
 
 #[test]
