@@ -495,7 +495,7 @@ fn the_planned_path_moves_with_the_work_zero() {
     let terminal = ready(&bench, "G21 G90 G17 G94\nF6000\nG1 X10\nG1 X0\nM2\n");
     terminal.until("path X Y · 10 × 0 mm");
     terminal.keys("mG0 X50 Y20\r");
-    terminal.until("path X Y · 50 × 20 mm");
+    terminal.until("path X Y · 50 × 0 mm");
     terminal.keys("z\r");
     terminal.until("path X Y · 10 × 0 mm");
 }
