@@ -13,6 +13,7 @@ use retrace_controller::journal::keeper::Keeper;
 use retrace_controller::machine::Machine;
 use retrace_controller::operator::Instruction;
 use retrace_controller::orders::{Heard, Operators};
+use retrace_controller::real_time;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::report::Report;
 use retrace_controller::resume::Prepared;
@@ -45,6 +46,8 @@ pub struct Manners<'a> {
     pub operator: bool,
     /// Does the card's time pass as a clock's does?
     pub wall_time: bool,
+    /// Is the card at the end of a line, so that the motion thread has to be prompt?
+    pub real_time: bool,
     /// The files that its parameters and tools come from, and go to.
     pub tables: TableFiles,
 }
@@ -104,7 +107,11 @@ impl Machining<'_> {
             None => (None, Show::choose(manners.json, program.lines()), None),
         };
         let console = Console::<A>::new(show, machine, manners.records)?;
-        let manner = Manner { wall_time: manners.wall_time, operator: manners.operator || heard.is_some() };
+        let manner = Manner {
+            wall_time: manners.wall_time,
+            operator: manners.operator || heard.is_some(),
+            real_time: manners.real_time,
+        };
         let script = Operators::script(ScriptPlayer::new(manners.script, machine.period_us));
         let operators = match heard {
             Some(heard) => script.and(heard).releasing_the_end(),
@@ -119,6 +126,9 @@ impl Machining<'_> {
             period_s: machine.period_s(),
             last: None,
         };
+        if manners.real_time {
+            prepare_real_time();
+        }
         let (decoder, last) = program.running(input);
         let (started, mut refused) = (Instant::now(), None);
         let agree = |prepared: &Prepared<A>| {
@@ -196,6 +206,17 @@ impl Machining<'_> {
             }
         };
         Ok((code, card))
+    }
+}
+
+/// Keeps the memory resident and says, once a run, how real-time scheduling is permitted where it is not.
+fn prepare_real_time() {
+    match real_time::permitted() {
+        // Memory that may not be locked is no reason for another word.
+        Ok(()) => _ = real_time::lock_memory(),
+        Err(denied) => {
+            eprintln!("note: {denied}: the motion thread may be late on a busy computer\n  {}", crate::doctor::GRANT)
+        }
     }
 }
 

@@ -17,6 +17,7 @@ mod check;
 mod check_told;
 mod console;
 mod cycles;
+mod doctor;
 mod draw;
 mod draw_job;
 mod files;
@@ -59,6 +60,7 @@ fn main() -> ExitCode {
         Command::Plot(args) => draw::run(&args).map(|()| 0),
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
+        Command::Doctor(args) => doctor::run(&args).map(|()| 0),
         Command::Home(args) => manual::home(&args),
         Command::Jog(args) => manual::jog(&args),
         Command::Mdi(args) => manual::mdi(&args),

@@ -445,6 +445,7 @@ impl Taking<'_> {
             script: agreed(script.clone())?,
             operator: args.operator.is_some(),
             wall_time,
+            real_time: !matches!(named, Card::Sim),
             tables: TableFiles::of_job(&record.job.arguments),
         };
         let (of_job, of_job_entry, on) = (&record, &record.job, &machine);

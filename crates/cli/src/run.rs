@@ -141,6 +141,7 @@ impl With<'_> {
             script: self.script,
             operator: args.operator.is_some(),
             wall_time: args.realtime || args.card != "sim",
+            real_time: args.card != "sim",
             tables: TableFiles::of(&args.reading),
         };
         let begin = args.start_line.map_or(Begin::First, Begin::Line);
@@ -220,6 +221,7 @@ impl<'a> Job<'a> {
             script,
             operator: args.operator.is_some(),
             wall_time: true,
+            real_time: args.card != "sim",
             tables: TableFiles::of(&args.reading),
         };
         let begin = args.start_line.map_or(Begin::First, Begin::Line);
