@@ -19,8 +19,11 @@ const CLASSES_US: [u64; 12] = [10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 1
 /// A wake-up that is later than this is listed, up to so many.
 const LISTED_US: u64 = 1_000;
 const MAX_LISTED: usize = 200;
-/// Questions to the card.
-const QUESTIONS: u32 = 200;
+/// Questions to the card at least, and the pause between two.
+const QUESTIONS: usize = 200;
+const PAUSE: Duration = Duration::from_millis(2);
+/// A round trip that is longer than this is the system's doing, not the line's, in microseconds.
+const LATE_LINE_US: u64 = 20_000;
 
 /// How late a thread wakes that sleeps from period to period.
 #[derive(Clone, Debug, Default)]
@@ -93,7 +96,7 @@ pub fn run(args: &args::Doctor) -> Result<(), Failure> {
         std::thread::Builder::new().name("wake-ups".into()).spawn(measure).ok().and_then(|it| it.join().ok());
     let wake_ups = wake_ups.unwrap_or_default();
     let stolen = steal_ticks().zip(stolen).map(|(after, before)| after.saturating_sub(before));
-    let line = args.port.as_deref().map(|port| line::<9>(port)).transpose()?;
+    let line = args.port.as_deref().map(|port| line::<9>(port, seconds)).transpose()?;
     let verdict = Verdict::of(&machine, &wake_ups, line.as_ref());
     if args.json {
         crate::out::line(json!({
@@ -134,6 +137,9 @@ pub fn run(args: &args::Doctor) -> Result<(), Failure> {
             line.latency
         );
     }
+    if line.as_ref().is_some_and(|line| line.worst_us > LATE_LINE_US && wake_ups.worst_us < LATE_LINE_US) {
+        say!("  {LATE_LINE}");
+    }
     say!("{}", verdict.text(&machine));
     Ok(())
 }
@@ -141,6 +147,10 @@ pub fn run(args: &args::Doctor) -> Result<(), Failure> {
 /// How to permit real-time scheduling, in one line.
 pub const GRANT: &str = "to permit it: a file in /etc/security/limits.d with `@realtime - rtprio 90` and `@realtime - memlock unlimited`, \
     and your user in the group realtime; or `sudo setcap cap_sys_nice,cap_ipc_lock+ep` on the retrace binary";
+
+/// Why a line is late on a computer that is not.
+const LATE_LINE: &str = "the line is late although this computer wakes promptly: on Linux the bytes of every tty are handed on by an ordinary kernel \
+    worker (kworker/u…, events_unbound); run fewer programs, keep a core free, or raise the workers' priority (`chrt -f -p 45 PID`)";
 
 /// Sleeps from period to period, under SCHED_FIFO where that is permitted.
 fn wake_ups(period: Duration, length: Duration) -> WakeUps {
@@ -162,14 +172,16 @@ fn wake_ups(period: Duration, length: Duration) -> WakeUps {
 }
 
 /// Asks a card again and again how it is.
-fn line<const A: usize>(port: &str) -> Result<Line, Failure> {
+fn line<const A: usize>(port: &str, seconds: f64) -> Result<Line, Failure> {
     let mut card = wired::find::<A>(port)?;
     let _ = real_time::enter();
     let mut trips = Vec::new();
-    for _ in 0..QUESTIONS {
+    let begun = Instant::now();
+    while trips.len() < QUESTIONS || begun.elapsed().as_secs_f64() < seconds {
         let asked = Instant::now();
         card.ask(wired::nonce()).map_err(|fault| wired::failed(port, &fault))?;
         trips.push(asked.elapsed().as_micros() as u64);
+        std::thread::sleep(PAUSE);
     }
     let _ = real_time::leave();
     trips.sort_unstable();

@@ -126,9 +126,6 @@ impl Machining<'_> {
             period_s: machine.period_s(),
             last: None,
         };
-        if manners.real_time {
-            prepare_real_time();
-        }
         let (decoder, last) = program.running(input);
         let (started, mut refused) = (Instant::now(), None);
         let agree = |prepared: &Prepared<A>| {
@@ -209,11 +206,15 @@ impl Machining<'_> {
     }
 }
 
-/// Keeps the memory resident and says, once a run, how real-time scheduling is permitted where it is not.
-fn prepare_real_time() {
+/// Keeps the memory resident and schedules this thread in real time, before a card expects to hear of its host; says, once a run, how that is
+/// permitted where it is not. Threads that this one begins later are to leave it.
+pub fn prepare_real_time() {
     match real_time::permitted() {
-        // Memory that may not be locked is no reason for another word.
-        Ok(()) => _ = real_time::lock_memory(),
+        Ok(()) => {
+            // Memory that may not be locked is no reason for another word.
+            let _ = real_time::lock_memory();
+            let _ = real_time::enter();
+        }
         Err(denied) => {
             eprintln!("note: {denied}: the motion thread may be late on a busy computer\n  {}", crate::doctor::GRANT)
         }

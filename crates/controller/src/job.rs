@@ -201,15 +201,16 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let given_up = program.given_up();
     thread::scope(|scope| {
         let belt = &belt;
-        let decoder = named(scope, "decoding", move || decoding::decode(&mut program, belt));
-        let planner = named(scope, "planning", move || planning::plan(machine, belt, batch, (line, rests), feeder));
-        let reporter = named(scope, "reporting", move || hearing.report(observer));
-        let moves = named(scope, "manual moves", move || requests.serve(machine, identify));
+        let decoder = named(scope, ("decoding", manner.real_time), move || decoding::decode(&mut program, belt));
+        let planner = named(scope, ("planning", manner.real_time), move || {
+            planning::plan(machine, belt, batch, (line, rests), feeder)
+        });
+        let reporter = named(scope, ("reporting", manner.real_time), move || hearing.report(observer));
+        let moves = named(scope, ("manual moves", manner.real_time), move || requests.serve(machine, identify));
         let hand = hand.waking(moves.thread().clone());
         let interest = Interest { cancel: &cancel, given_up };
         let session = Session::new(card, machine, supply, operators, manner, teller).asking(asking);
         let session = session.by_hand(hand, program_is);
-        // All other threads have begun: they are scheduled as usual.
         let is_real_time = manner.real_time && real_time::enter().is_ok();
         let ended = match resumption {
             None => Ok(session.run()),
@@ -236,9 +237,16 @@ fn unfit(why: impl Into<String>) -> CannotBegin {
 /// Begins a thread with a name, as [`thread::Scope::spawn`] does without one.
 fn named<'scope, T: Send + 'scope>(
     scope: &'scope thread::Scope<'scope, '_>,
-    name: &str,
+    (name, is_real_time): (&str, bool),
     work: impl FnOnce() -> T + Send + 'scope,
 ) -> thread::ScopedJoinHandle<'scope, T> {
+    let work = move || {
+        // It may have been begun by a thread that is scheduled in real time.
+        if is_real_time {
+            let _ = real_time::leave();
+        }
+        work()
+    };
     let begun = thread::Builder::new().name(name.into()).spawn_scoped(scope, work);
     begun.unwrap_or_else(|error| panic!("the system has no thread left: {error}"))
 }

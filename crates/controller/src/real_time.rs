@@ -1,6 +1,6 @@
 //! Real-time scheduling of the motion thread (SCHED_FIFO), and memory that stays resident.
 //!
-//! Invariant: without permission everything works as before; a thread that leaves real-time scheduling is scheduled as it was.
+//! Invariant: without permission everything works as before; a thread that leaves real-time scheduling is scheduled as usual.
 
 use std::fmt;
 
@@ -59,30 +59,20 @@ pub fn lock_memory() -> Result<(), RealTimeDenied> {
     platform::lock_memory()
 }
 
-#[cfg(unix)]
+#[cfg(target_os = "linux")]
 mod platform {
     use super::RealTimeDenied;
     use rustix::mm::{MlockAllFlags, mlockall};
     use rustix::process::{Resource, getrlimit};
-    use thread_priority::unix::{
-        NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy,
-        thread_native_id,
-    };
-    use thread_priority::{ThreadPriority, ThreadPriorityValue};
+    use scheduler::{Policy, set_self_policy};
 
     pub(super) fn schedule(priority: Option<u8>) -> Result<(), RealTimeDenied> {
-        let denied = |why: String| RealTimeDenied { what: "SCHED_FIFO", why };
-        let (priority, policy) = match priority {
-            Some(priority) => (
-                ThreadPriority::Crossplatform(
-                    ThreadPriorityValue::try_from(priority).map_err(|why| denied(why.to_string()))?,
-                ),
-                ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
-            ),
-            None => (ThreadPriority::Min, ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other)),
+        let set = match priority {
+            Some(priority) => set_self_policy(Policy::Fifo, priority.into()),
+            None => set_self_policy(Policy::Other, 0),
         };
-        set_thread_priority_and_policy(thread_native_id(), priority, policy)
-            .map_err(|error| denied(format!("{error:?}")))
+        let why = || std::io::Error::last_os_error().to_string();
+        set.map_err(|()| RealTimeDenied { what: "SCHED_FIFO", why: why() })
     }
 
     pub(super) fn lock_memory() -> Result<(), RealTimeDenied> {
@@ -95,16 +85,16 @@ mod platform {
     }
 }
 
-#[cfg(not(unix))]
+#[cfg(not(target_os = "linux"))]
 mod platform {
     use super::RealTimeDenied;
 
     pub(super) fn schedule(_: Option<u8>) -> Result<(), RealTimeDenied> {
-        Err(RealTimeDenied { what: "SCHED_FIFO", why: "this system has none".into() })
+        Err(RealTimeDenied { what: "SCHED_FIFO", why: "it is used on Linux only".into() })
     }
 
     pub(super) fn lock_memory() -> Result<(), RealTimeDenied> {
-        Err(RealTimeDenied { what: "locking memory", why: "this system is not asked".into() })
+        Err(RealTimeDenied { what: "locking memory", why: "it is used on Linux only".into() })
     }
 }
 
