@@ -19,6 +19,7 @@ mod console;
 mod cycles;
 mod draw;
 mod draw_job;
+mod escape;
 mod files;
 mod homed;
 mod hung;
@@ -39,6 +40,7 @@ mod screen;
 mod serial_source;
 mod size;
 mod socket;
+mod stop_signals;
 mod subs;
 mod waiting;
 mod wired;
@@ -70,11 +72,11 @@ fn main() -> ExitCode {
         Ok(code) => ExitCode::from(code),
         Err(Failure::Program) => ExitCode::from(1),
         Err(Failure::Card(refusal)) => {
-            eprintln!("{refusal}");
+            eprintln!("{}", escape::lines(&refusal.to_string()));
             ExitCode::from(3)
         }
         Err(Failure::Refused(refusal)) => {
-            eprintln!("{refusal}");
+            eprintln!("{}", escape::lines(&refusal.to_string()));
             ExitCode::from(2)
         }
     }
