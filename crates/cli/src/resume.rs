@@ -239,7 +239,7 @@ impl Taking<'_> {
         let is_checked_here = |file: &&FileRead| !is_latched(file) && file.role != Role::Cycles;
         for file in job.files.iter().filter(is_checked_here) {
             let path = if file.role == Role::Program { reading.program.clone() } else { PathBuf::from(&file.path) };
-            let read = Hash::of(&files::bytes(&path, role_name(file.role))?);
+            let read = files::hash(&path, role_name(file.role))?;
             if read != file.hash {
                 let what = format!("the {} {} was changed since the job began", role_name(file.role), path.display());
                 return Err(self.changed(what).into());
@@ -303,7 +303,7 @@ impl Taking<'_> {
             let what = what.strip_prefix("E2208: ").unwrap_or(&what).to_owned();
             Refusal::new("E2208", what, "send the same program again from its beginning")
         })?;
-        Ok(Some((Box::new(input), progress)))
+        Ok(Some((Box::new(input.limited_to(self.machine.stream_quota_bytes)), progress)))
     }
 
     fn on_simulated<const A: usize>(self, program: &Program, script: Vec<Instruction>) -> Result<u8, Failure> {
