@@ -28,6 +28,7 @@ use retrace_motion::LimitError;
 
 use crate::args::Reading;
 use crate::cycles;
+use crate::escape;
 use crate::files;
 use crate::left::{Last, Left};
 use crate::machine_tables;
@@ -499,7 +500,7 @@ impl Program {
         let (blocks, findings, found) = look(&mut decoder)?;
         let (shown, is_refused) = self.found(&mut decoder, &findings);
         for text in &shown {
-            eprintln!("{text}");
+            eprintln!("{}", escape::lines(text));
         }
         if is_refused {
             return Err(Failure::Program);
@@ -516,7 +517,7 @@ impl Program {
             Some(prescan) => (prescan.file_name(diagnostic.file), prescan.line_text(diagnostic.file, diagnostic.line)),
             None => (self.name.as_str(), Vec::new()),
         };
-        diagnostic.render(name, &String::from_utf8_lossy(&line))
+        diagnostic.render(&escape::name(name), &String::from_utf8_lossy(&line))
     }
 
     /// What the pre-scan has found; none for standard input.
@@ -540,7 +541,7 @@ impl Program {
         format!(
             "error[{number}]: {what}\n{gutter}--> {}:{line}:{column}\n{gutter} |\n{line} | {source}\n{gutter} | {mark}^\n{gutter} |\n\
              {gutter} = help: {remedy}",
-            self.name
+            escape::name(&self.name)
         )
     }
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use retrace_controller::fingerprint;
 use retrace_controller::homed::required;
 use retrace_controller::job::Begin;
-use retrace_controller::jobs::{Held, JobFolder, Jobs};
+use retrace_controller::jobs::{Held, JobFolder, Jobs, Listed, State};
 use retrace_controller::journal::entry::{self, Card, FileRead, Job, Resumed, Role, Source};
 use retrace_controller::journal::hash::Hash;
 use retrace_controller::journal::logbook::Care;
@@ -100,10 +100,19 @@ fn attempt(args: &args::Resume, breakpoint: Breakpoint, by_card: &Cell<bool>) ->
 }
 
 fn newest(jobs: &Jobs) -> Result<JobFolder, Refusal> {
-    jobs.newest_to_resume().map(|job| job.folder).ok_or_else(|| {
+    let of_interest = |job: &Listed| job.state.can_resume() || matches!(job.state, State::Unusable(_));
+    let Some(job) = jobs.list().into_iter().find(of_interest) else {
         let what = format!("no job in {} can be resumed", jobs.folder().display());
-        Refusal::new("E2209", what, "`retrace jobs` lists what ran; --journal names another folder")
-    })
+        return Err(Refusal::new("E2209", what, "`retrace jobs` lists what ran; --journal names another folder"));
+    };
+    match job.state {
+        // It may well be the one that was meant: an older one is resumed by its name only.
+        State::Unusable(Refusal { number, what, remedy }) => {
+            let what = format!("job {} is the newest, and cannot be resumed: {what}", job.folder.id());
+            Err(Refusal::new(number, what, format!("{remedy}; `retrace resume JOB` resumes an older job")))
+        }
+        _ => Ok(job.folder),
+    }
 }
 
 /// The machine of a job, where it stood when the job began.

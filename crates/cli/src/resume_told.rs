@@ -17,6 +17,7 @@ use retrace_gcode::Progress;
 use retrace_link::channel;
 use serde_json::{Value, json};
 
+use crate::escape;
 use crate::program::{Arriving, Program};
 
 /// Blocks that are looked through for that of the breakpoint, behind the last mark before it.
@@ -95,7 +96,7 @@ impl<const A: usize> Taken<'_, A> {
         let place = prepared.start().place;
         let share = f64::from(place.fraction) / ONE as f64;
         let mut words = vec![
-            ("job", format!("{}, {}", job.id, job.program)),
+            ("job", format!("{}, {}", job.id, escape::name(&job.program))),
             ("at", block.whereabouts.clone()),
             ("block", block.text.clone()),
             (
