@@ -165,6 +165,7 @@ fn another_card_is_refused_and_a_machine_that_was_moved_goes_back_to_the_breakpo
     assert_refused(&bench.retrace(["resume", &id, "--yes", "--json", "--card", &other.port]), "E2213");
     let said = bench.retrace(["resume", &id]);
     assert!(said.code == Some(2) && said.out.contains("way back"), "{}\n{}", said.out, said.err);
+    assert!(said.out.contains("this place the last one in the journal"), "{}", said.out);
     assert_completed(&bench.retrace(["resume", &id, "--yes", "--json"]));
 }
 
