@@ -9,6 +9,7 @@
 mod out;
 
 mod args;
+mod arrives;
 mod by_hand;
 mod canon;
 mod card;
@@ -17,6 +18,7 @@ mod check;
 mod check_told;
 mod console;
 mod cycles;
+mod decoder;
 mod doctor;
 mod draw;
 mod draw_job;

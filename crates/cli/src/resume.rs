@@ -448,6 +448,7 @@ impl Taking<'_> {
         let kept_text = self.folder.stream();
         let Self { args, by_card, jobs, folder, held, record, machine, .. } = self;
         let is_cards_place = by_card.get();
+        let is_older_place = !is_cards_place && named != Card::Sim && record.end.is_none();
         let care = if named == Card::Sim { Care::Written } else { Care::Synced };
         let disagree = Disagree { id: folder.id().to_owned(), machine: &machine };
         let kept = Kept::waiting(jobs, folder, held, care, &record);
@@ -477,6 +478,7 @@ impl Taking<'_> {
                     differences: table_differences(program, of_job_entry),
                     machine_changes: changed_machine(of_job_entry),
                     way_back: prepared.way_back(on)?,
+                    is_older_place,
                 };
                 if !ask(&taken)? {
                     return Err(Refusal::new("E2215", "not agreed to: nothing has moved", "--yes agrees").into());

@@ -80,7 +80,7 @@ impl<const A: usize> Report<'_, A> {
     #[must_use]
     pub fn counts(&self) -> Option<&[i64; A]> {
         // A fault of the card or its line ends the run without a word from the card; an alarm that the card latched is one.
-        let is_fault = matches!(self.outcome, Outcome::Alarm(number, ..) if ("E3001"..="E3010").contains(number))
+        let is_fault = matches!(self.outcome, Outcome::Alarm(number, ..) if ("E3001"..="E3009").contains(number))
             && self.card.alarm.is_none();
         (self.card.at_rest && !is_fault).then_some(&self.card.counts)
     }
