@@ -50,7 +50,10 @@ impl CardFault for HostFault {
             Self::Silent => {
                 "check cable and power; the card stops by itself, and says where it stands when asked again"
             }
-            Self::Restarted | Self::Disagrees | Self::ReportLost => "home the machine before it is moved again",
+            Self::Restarted | Self::Disagrees => "home the machine before it is moved again",
+            Self::ReportLost => {
+                "check the cable and the computer's load; `retrace resume` goes on where the card says that it stands"
+            }
             Self::Refused(_) => "see what the card's alarm says, and run the program again; please report this",
             Self::Protocol(_) => "put the card's firmware and this program on versions that belong together",
             Self::Moved => "resume the job; check the line if it happens again",
