@@ -22,6 +22,9 @@ pub struct Rules {
     pub standing_ms: Option<f64>,
 }
 
+/// A machine that is cutting comes to rest within this time.
+const BRAKES_MS: f64 = 300.0;
+
 /// What was seen.
 #[derive(Clone, Debug, Default)]
 pub struct Seen {
@@ -101,6 +104,8 @@ pub struct Observer {
     furthest: f64,
     /// When the cutter came on, until the first step behind it.
     ignited_ms: Option<f64>,
+    /// When it went off last.
+    off_ms: f64,
     /// The last step or ignition.
     last_ms: f64,
     seen: Seen,
@@ -122,6 +127,7 @@ impl Observer {
             stepped: false,
             furthest: 0.0,
             ignited_ms: None,
+            off_ms: f64::NEG_INFINITY,
             last_ms: 0.0,
             seen: Seen::default(),
         }
@@ -180,7 +186,7 @@ impl Observer {
                     (self.ignited_ms, self.last_ms) = (Some(self.now_ms), self.now_ms);
                 } else if !on && self.on {
                     self.stood();
-                    self.ignited_ms = None;
+                    (self.ignited_ms, self.off_ms) = (None, self.now_ms);
                 }
                 self.on = on;
             }
@@ -211,8 +217,11 @@ impl Observer {
         let is_cut = self.rules.cut_lines.contains(&self.line);
         self.seen.steps_back += u64::from(self.rate < 0.0);
         if !self.on {
-            let first_time = self.rate > 0.0 && self.place > self.furthest.max(0.0);
-            if is_cut && first_time && !self.alarm {
+            // Retracing ends at the boundary of the record that was reached.
+            let first_time = self.rate > 0.0 && self.place > self.furthest.max(0.0).ceil();
+            // Where the operator puts it out in the cut, the machine brakes on the path.
+            let brakes = self.now_ms - self.off_ms < BRAKES_MS;
+            if is_cut && first_time && !self.alarm && !brakes {
                 self.wrong("feed along a cut with the cutter off".to_owned());
             }
             return;
