@@ -179,7 +179,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let (mut asking, mut heeding) = overrides(look_ahead);
     let mut feeder = Feeder::new(planner.blending_by(machine.blending), producer, sender, origin.outputs, &cancel)
         .noting(keeping.index, &origin.counts)
-        .inhibiting(machine.inhibits_outputs);
+        .inhibiting(machine.inhibited_channels());
     let (line, resumption) = match begin {
         Begin::First => (None, None),
         Begin::Line(line) => (Some(line), None),

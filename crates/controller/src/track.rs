@@ -386,16 +386,10 @@ impl<'m> Track<'m> {
                 let change = Change { channel: channel::TOOL, value: *tool as i32 };
                 self.exclusive("M6", &[change], self.machine.switching.of("M6"), line, sink)
             }
-            Canon::SetMotionOutputBit(n) => {
-                sink.action(digital(*n, 1)?, line);
-                Ok(())
-            }
-            Canon::ClearMotionOutputBit(n) => {
-                sink.action(digital(*n, 0)?, line);
-                Ok(())
-            }
-            Canon::SetAuxOutputBit(n) => self.exclusive("M64", &[digital(*n, 1)?], Switching::AT_REST, line, sink),
-            Canon::ClearAuxOutputBit(n) => self.exclusive("M65", &[digital(*n, 0)?], Switching::AT_REST, line, sink),
+            Canon::SetMotionOutputBit(n) => self.switch_output("M62", digital(*n, 1)?, line, sink),
+            Canon::ClearMotionOutputBit(n) => self.switch_output("M63", digital(*n, 0)?, line, sink),
+            Canon::SetAuxOutputBit(n) => self.switch_output("M64", digital(*n, 1)?, line, sink),
+            Canon::ClearAuxOutputBit(n) => self.switch_output("M65", digital(*n, 0)?, line, sink),
             Canon::Dwell(seconds) => {
                 let periods = (seconds / self.machine.period_s()).ceil().clamp(0.0, f64::from(u32::MAX)) as u32;
                 let dwell = Switch { line, kind: Kind::Dwell, code: "G4", periods, ..Switch::default() };
@@ -485,6 +479,17 @@ impl<'m> Track<'m> {
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
         self.carry_out(code, Change { channel, value }, self.machine.switching.of(code), line, sink)
+    }
+
+    /// Switches a digital output by M62 … M65.
+    fn switch_output<const A: usize>(
+        &self,
+        code: &'static str,
+        change: Change,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        self.carry_out(code, change, self.machine.switching.of(code), line, sink)
     }
 
     fn carry_out<const A: usize>(
