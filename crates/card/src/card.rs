@@ -191,9 +191,12 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
             }
             return Err(Refusal::Unfit);
         }
-        if let Word::Instruction(instruction) = &word
-            && instruction.until.is_some_and(|until| until.input >= self.identity.inputs.min(16))
-        {
+        let until = match &word {
+            Word::Instruction(instruction) => instruction.until,
+            Word::Repeat(repeated) => repeated.until,
+            _ => None,
+        };
+        if until.is_some_and(|until| until.input >= self.identity.inputs.min(16)) {
             return Err(Refusal::Unfit);
         }
         self.player.take(word)
@@ -243,7 +246,9 @@ impl<const A: usize, const W: usize, const M: usize> Deck<A> for Card<A, W, M> {
         let latched = self.guard.alarm().is_some();
         match word {
             Word::ClearAlarm => self.clear(),
-            Word::Home(_) | Word::Rate { .. } | Word::Instruction(_) if latched => Err(Refusal::Alarm),
+            Word::Home(_) | Word::Rate { .. } | Word::Instruction(_) | Word::Repeat(_) if latched => {
+                Err(Refusal::Alarm)
+            }
             Word::Home(order) => self.home(order, axes, most),
             Word::ByHand(_) | Word::Replay { .. } => self.player.take(word),
             _ if self.off_the_path => Err(Refusal::Unfit),

@@ -8,12 +8,24 @@ use retrace_core::limits::RateLimits;
 use retrace_core::place::before;
 use retrace_core::playback::emission;
 use retrace_core::{Place, RapidCap, Travel};
-use retrace_link::{Action, Alarm, Change, Instruction, Outputs, Refusal, Start, Status, Word, channel};
+use retrace_link::{
+    Action, Alarm, Change, Instruction, Outputs, Refusal, RepeatedInstruction, Start, Status, Word, channel,
+};
 
 use crate::{ActionTable, OutputBank, Switching, Window};
 
 /// Most output actions that a card holds at a time.
 const ACTIONS: usize = 256;
+
+/// What keeps the motion from starting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Block {
+    None,
+    /// A restart, until the repeated instruction of this number is complete.
+    Restart {
+        last: u32,
+    },
+}
 
 /// A card's player for `A` axes, a window of `W` records, and an average of the rate law of up to `M` periods.
 ///
@@ -31,6 +43,8 @@ pub struct Player<const A: usize, const W: usize, const M: usize> {
     beside: bool,
     /// Play is being taken up: what is driven stands only when that is done.
     turning: bool,
+    /// Motion is blocked until a restart is complete.
+    block: Block,
     status: Status<A>,
 }
 
@@ -57,6 +71,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             replay: false,
             beside: false,
             turning: false,
+            block: Block::None,
             status: Status::standing(Start::at(start)),
         })
     }
@@ -78,7 +93,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         self.window.restart(start.place.record, start.rests);
         self.actions.clear();
         self.switching.restart(start.executed);
-        (self.target, self.replay) = (0, false);
+        (self.target, self.replay, self.block) = (0, false, Block::None);
         let status = &mut self.status;
         (status.place, status.reached) = (start.place, start.reached);
         (status.rate, status.short, status.line) = (0, false, 0);
@@ -115,7 +130,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     /// Would the next period move the machine or begin an instruction, or go on with either?
     pub(crate) fn is_about_to_act(&self) -> bool {
         let (place, road) = (self.status.place, self.road());
-        let way = match self.target.signum() {
+        let way = match self.unblocked_target().signum() {
             0 => 0,
             _ if !self.has_ground() => 0,
             1 => place.to(Place::start_of(road.high())),
@@ -160,6 +175,8 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             Word::ByHand(change) => self.outputs.set_by_hand(change)?,
             Word::ClearAlarm => {}
             Word::Home(_) => return Err(Refusal::Unfit),
+            Word::Restart { last } => self.restart(last),
+            Word::Repeat(repeated) => self.repeat(repeated)?,
         }
         self.mirror();
         Ok(())
@@ -193,6 +210,36 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         Ok(())
     }
 
+    /// Blocks motion until the repeated instruction `last` is complete; releases the block where it is complete already.
+    fn restart(&mut self, last: u32) {
+        self.block = Block::Restart { last };
+        self.release_block();
+    }
+
+    /// Executes switching again, where the machine stands.
+    fn repeat(&mut self, repeated: RepeatedInstruction) -> Result<(), Refusal> {
+        if !self.has_stopped() {
+            return Err(Refusal::InMotion);
+        }
+        self.switching.repeat(repeated, &mut self.outputs)?;
+        self.release_block();
+        Ok(())
+    }
+
+    /// Releases the block where its last repeated instruction is complete.
+    fn release_block(&mut self) {
+        if let Block::Restart { last } = self.block
+            && last.wrapping_sub(self.switching.repeated()) as i32 <= 0
+        {
+            self.block = Block::None;
+        }
+    }
+
+    /// The rate asked for, as far as the block lets it pass.
+    fn unblocked_target(&self) -> Travel {
+        if self.block == Block::None { self.target } else { 0 }
+    }
+
     fn planned_stop_at(&self, place: u32) -> bool {
         let held = !before(place, self.window.low()) && !before(self.window.high(), place);
         held && self.window.rests_at(place)
@@ -201,7 +248,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     /// Is the cursor at rest on the place of the kept instruction, and wants to go on?
     fn is_due(&self) -> bool {
         let here = self.switching.kept_for().is_some_and(|place| self.status.place == Place::start_of(place));
-        here && self.drive.at_rest() && !self.turning && self.target > 0
+        here && self.drive.at_rest() && !self.turning && self.unblocked_target() > 0 && !self.switching.busy()
     }
 
     /// Is the record there that the cursor stands in? At the beginning of an epoch inside of a record it is not at first.
@@ -243,10 +290,11 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         let begins = self.is_due();
         self.begin_what_is_due();
         let from = self.status.place;
-        let waits = self.target != 0 && !self.has_ground();
+        let waits = self.unblocked_target() != 0 && !self.has_ground();
         // Also where it takes no time: the host sends what follows only when it has heard that it is executed.
-        let target = if begins || self.switching.busy() || waits { 0 } else { self.target };
+        let target = if begins || self.switching.busy() || waits { 0 } else { self.unblocked_target() };
         let mut alarm = self.switching.period(active, failed);
+        self.release_block();
         let road = Stretch::new(&self.window, self.switching.barrier());
         let step = self.drive.step(from, target, &road);
         // The drive never leaves the window, so the records are there; were one missing, the card would stand still.
@@ -339,6 +387,8 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         status.low = self.window.low();
         status.high = self.window.high();
         status.executed = self.switching.executed();
+        status.repeated = self.switching.repeated();
+        status.blocked = self.block != Block::None;
         status.outputs = *self.outputs.values();
     }
 }
@@ -487,6 +537,39 @@ mod tests {
         let second = Instruction { number: 2, ..Instruction::default() };
         player.take(Word::Instruction(second)).expect("at its place");
         assert_eq!(player.status().executed, 2, "where it may begin at once it does");
+    }
+
+    #[test]
+    fn a_restart_blocks_motion_until_its_last_repeat_is_complete() {
+        let mut player = player();
+        fill(&mut player, (0..40).map(|n| (4, if n == 39 { Flags::REST } else { Flags::NONE })));
+        player.take(Word::Rate { target: ONE * 5 / 9 }).expect("a rate");
+        for _ in 0..20 {
+            player.period();
+        }
+        player.take(Word::Restart { last: 2 }).expect("any time");
+        let repeat = |number, periods| RepeatedInstruction {
+            number,
+            periods,
+            changes: [Change { channel: 3, value: number as i32 }; 4],
+            count: 1,
+            until: None,
+        };
+        assert_eq!(player.take(Word::Repeat(repeat(1, 3))), Err(Refusal::InMotion));
+        while !player.period().at_rest {}
+        let place = player.status().place;
+        assert!(place.fraction != 0 && player.status().blocked);
+        assert_eq!(player.take(Word::Repeat(repeat(2, 3))), Err(Refusal::Busy), "out of its order");
+        player.take(Word::Repeat(repeat(1, 3))).expect("at rest");
+        for repeated in [0, 0, 1, 1] {
+            let status = player.period();
+            assert_eq!((status.repeated, status.place, status.outputs[3]), (repeated, place, 1));
+        }
+        player.take(Word::Repeat(repeat(2, 0))).expect("at rest");
+        assert_eq!((player.status().repeated, player.status().blocked), (2, false));
+        assert!(player.period().place != place);
+        player.take(Word::Restart { last: 2 }).expect("any time");
+        assert!(!player.status().blocked, "it is complete already");
     }
 
     #[test]

@@ -1,9 +1,9 @@
-//! The executor of exclusive switching instructions (GMC-1, GMC-4 in the acknowledged form).
+//! The executor of exclusive switching instructions (GMC-1, GMC-4 in the acknowledged form), and of those that a restart repeats.
 //!
 //! Invariant: one instruction in hand at a time, in the order of their numbers; it is kept until the cursor rests on its place, and
 //! `executed` names the last one that is complete. Nothing else counts as ready, and nothing passes the place of one that is not.
 
-use retrace_link::{Alarm, Instruction, Refusal};
+use retrace_link::{Alarm, Await, Instruction, Refusal, RepeatedInstruction};
 
 use crate::OutputBank;
 
@@ -25,18 +25,50 @@ struct InHand {
     stage: Stage,
 }
 
-/// The instruction in hand, and how far the order has come.
+/// The repeated instruction that is being executed, for so many control periods.
+#[derive(Clone, Copy, Debug)]
+struct RepeatInHand {
+    instruction: RepeatedInstruction,
+    passed: u32,
+}
+
+/// The instruction in hand, the repeated one, and how far the order of both has come.
 #[derive(Clone, Debug, Default)]
 pub struct Switching {
     in_hand: Option<InHand>,
     executed: u32,
+    repeat: Option<RepeatInHand>,
+    repeated: u32,
+}
+
+/// What a control period of an instruction leads to.
+enum Progress {
+    Goes,
+    Complete,
+    TimedOut,
+}
+
+/// `passed` control periods of an instruction that takes `periods` and waits for `until`, with these inputs active.
+fn progress(passed: u32, periods: u32, until: Option<Await>, active: u16) -> Progress {
+    if passed < periods {
+        return Progress::Goes;
+    }
+    let Some(until) = until else { return Progress::Complete };
+    let is_active = u32::from(active) >> (until.input & 31) & 1 == 1;
+    if is_active == until.active {
+        Progress::Complete
+    } else if until.at_most != 0 && passed >= periods.saturating_add(until.at_most) {
+        Progress::TimedOut
+    } else {
+        Progress::Goes
+    }
 }
 
 impl Switching {
     /// Nothing in hand, nothing executed.
     #[must_use]
     pub const fn new() -> Self {
-        Self { in_hand: None, executed: 0 }
+        Self { in_hand: None, executed: 0, repeat: None, repeated: 0 }
     }
 
     /// Number of the last complete instruction; where an epoch begins, what it began with.
@@ -45,10 +77,26 @@ impl Switching {
         self.executed
     }
 
-    /// Is an instruction being executed?
+    /// Number of the last complete repeated instruction; 0 where an epoch begins.
+    #[must_use]
+    pub const fn repeated(&self) -> u32 {
+        self.repeated
+    }
+
+    /// Is an instruction being executed, a repeated one included?
     #[must_use]
     pub const fn busy(&self) -> bool {
-        matches!(self.in_hand, Some(InHand { stage: Stage::Running(_), .. }))
+        self.repeat.is_some() || matches!(self.in_hand, Some(InHand { stage: Stage::Running(_), .. }))
+    }
+
+    /// Is an instruction being executed during which standing is not counted: a repeated one, or one that says so?
+    #[must_use]
+    pub const fn keeps_cutter(&self) -> bool {
+        let by_itself = match self.in_hand {
+            Some(InHand { instruction, stage: Stage::Running(_) }) => instruction.keeps_cutter,
+            _ => false,
+        };
+        self.repeat.is_some() || by_itself
     }
 
     /// The place of the instruction that is kept for it.
@@ -106,10 +154,35 @@ impl Switching {
         }
     }
 
+    /// Begins a repeated instruction: its changes take place at once.
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`] while an instruction is being executed, or where the number is not the next; a channel that is not there.
+    pub fn repeat(&mut self, instruction: RepeatedInstruction, outputs: &mut OutputBank) -> Result<(), Refusal> {
+        if self.busy() || instruction.number != self.repeated.wrapping_add(1) {
+            return Err(Refusal::Busy);
+        }
+        if !instruction.changes().iter().all(|change| outputs.has(change.channel)) {
+            return Err(Refusal::NoSuchChannel);
+        }
+        for &change in instruction.changes() {
+            outputs.set(change);
+        }
+        if instruction.periods == 0 && instruction.until.is_none() {
+            self.repeated = instruction.number;
+        } else {
+            self.repeat = Some(RepeatInHand { instruction, passed: 0 });
+        }
+        Ok(())
+    }
+
     /// One control period passes, with these inputs active. `failed`: the machine says that the instruction has failed.
     ///
-    /// An instruction that failed or took too long is given up; the reason is returned.
+    /// An instruction that failed or took too long is given up; the reason is returned, with its number in its own sequence.
     pub fn period(&mut self, active: u16, failed: bool) -> Option<Alarm> {
+        if let Some(RepeatInHand { instruction, passed }) = self.repeat {
+            return self.repeat_period(instruction, passed.saturating_add(1), active, failed);
+        }
         let Some(InHand { instruction, stage: Stage::Running(passed) }) = self.in_hand else { return None };
         let passed = passed.saturating_add(1);
         self.in_hand = Some(InHand { instruction, stage: Stage::Running(passed) });
@@ -118,19 +191,33 @@ impl Switching {
             self.give_up();
             return Some(Alarm::Failed { instruction: number });
         }
-        if passed < instruction.periods {
-            return None;
+        match progress(passed, instruction.periods, instruction.until, active) {
+            Progress::Goes => {}
+            Progress::Complete => self.complete(&instruction),
+            Progress::TimedOut => {
+                self.give_up();
+                return Some(Alarm::TimedOut { instruction: number });
+            }
         }
-        let Some(until) = instruction.until else {
-            self.complete(&instruction);
-            return None;
-        };
-        let is_active = u32::from(active) >> (until.input & 31) & 1 == 1;
-        if is_active == until.active {
-            self.complete(&instruction);
-        } else if until.at_most != 0 && passed >= instruction.periods.saturating_add(until.at_most) {
-            self.give_up();
-            return Some(Alarm::TimedOut { instruction: number });
+        None
+    }
+
+    fn repeat_period(
+        &mut self,
+        instruction: RepeatedInstruction,
+        passed: u32,
+        active: u16,
+        failed: bool,
+    ) -> Option<Alarm> {
+        self.repeat = None;
+        let number = instruction.number;
+        if failed {
+            return Some(Alarm::Failed { instruction: number });
+        }
+        match progress(passed, instruction.periods, instruction.until, active) {
+            Progress::Goes => self.repeat = Some(RepeatInHand { instruction, passed }),
+            Progress::Complete => self.repeated = number,
+            Progress::TimedOut => return Some(Alarm::TimedOut { instruction: number }),
         }
         None
     }
@@ -138,6 +225,7 @@ impl Switching {
     /// What is in hand is given up: it is not executed, its number stays the next one, and nothing passes its place before it was sent
     /// again.
     pub const fn give_up(&mut self) {
+        self.repeat = None;
         if let Some(in_hand) = &mut self.in_hand {
             in_hand.stage = Stage::GivenUp;
         }
@@ -146,6 +234,7 @@ impl Switching {
     /// A new epoch: nothing in hand, and the numbers go on behind `executed`.
     pub const fn restart(&mut self, executed: u32) {
         (self.in_hand, self.executed) = (None, executed);
+        (self.repeat, self.repeated) = (None, 0);
     }
 
     const fn complete(&mut self, instruction: &Instruction) {

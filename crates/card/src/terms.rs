@@ -3,7 +3,7 @@
 //! Invariant: what stands here was checked as a whole; whoever has terms need not look at the settings again.
 
 use retrace_core::Record;
-use retrace_link::{Alarm, Identity, InputUse, MAX_INPUTS, MAX_SAFE, Refusal, Settings};
+use retrace_link::{Alarm, Identity, InputUse, MAX_CUTTING_CHANNELS, MAX_INPUTS, MAX_SAFE, Refusal, Settings};
 
 use crate::step_direction::StepTiming;
 use crate::{backlash, outputs};
@@ -21,7 +21,7 @@ impl<const A: usize> Terms<A> {
     /// fits the memory is for the player to say.
     ///
     /// # Errors
-    /// [`Refusal::Unfit`] where the card cannot work by them, [`Refusal::NoSuchChannel`] for a safe output that is not there.
+    /// [`Refusal::Unfit`] where the card cannot work by them, [`Refusal::NoSuchChannel`] for a safe output or a cutting channel that is not there.
     pub fn agree(settings: &Settings<A>, identity: &Identity) -> Result<Self, Refusal> {
         let period_us = settings.period_us;
         let numbers = settings.epoch != 0
@@ -29,12 +29,16 @@ impl<const A: usize> Terms<A> {
             && (identity.shortest_period_us..=identity.longest_period_us).contains(&period_us)
             && settings.report_periods != 0
             && settings.watchdog_periods != 0
-            && usize::from(settings.safe_count) <= MAX_SAFE;
+            && usize::from(settings.safe_count) <= MAX_SAFE
+            && usize::from(settings.cutting.count) <= MAX_CUTTING_CHANNELS;
         let play = backlash::TAKEN_UP || settings.backlash_pulses.iter().all(|&pulses| pulses == 0);
         if !numbers || !play || !inputs_are_there(settings, identity.inputs) {
             return Err(Refusal::Unfit);
         }
         if !settings.safe().iter().all(|change| outputs::has(identity.outputs, change.channel)) {
+            return Err(Refusal::NoSuchChannel);
+        }
+        if !settings.cutting.channels().iter().all(|of| outputs::has(identity.outputs, of.channel)) {
             return Err(Refusal::NoSuchChannel);
         }
         let (pulse_ns, setup_ns) = (settings.pulse_ns, settings.direction_setup_ns);

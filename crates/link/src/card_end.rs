@@ -63,6 +63,15 @@ struct Shadow {
     executed: u32,
     inputs: u16,
     alarm: Option<crate::Alarm>,
+    repeated: u32,
+    blocked: bool,
+}
+
+impl Shadow {
+    /// What the host knows when an epoch begins.
+    const fn new(executed: u32) -> Self {
+        Self { outputs: [0; channel::COUNT], executed, inputs: 0, alarm: None, repeated: 0, blocked: false }
+    }
 }
 
 impl<const A: usize, const E: usize> Default for CardEnd<A, E> {
@@ -90,7 +99,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
             sent: 0,
             fixed: 0,
             lost: false,
-            shadow: Shadow { outputs: [0; channel::COUNT], executed: 0, inputs: 0, alarm: None },
+            shadow: Shadow::new(0),
             greeting: None,
             since_greeting: GREETINGS_PERIODS,
             report_periods: 1,
@@ -177,7 +186,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
             self.report_periods = settings.report_periods.max(1);
             self.patience = (40_000 / settings.period_us.max(1)).max(2 + 2 * u32::from(self.report_periods));
             self.staged = (0, 0);
-            self.shadow = Shadow { outputs: [0; channel::COUNT], executed: status.executed, inputs: 0, alarm: None };
+            self.shadow = Shadow::new(status.executed);
             deck.heard();
         } else if settings.epoch == self.epoch && self.epoch != 0 {
             // Its host has not heard the answer yet, and is there.
@@ -219,8 +228,10 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
             if number == self.next_word {
                 self.next_word = self.next_word.wrapping_add(1);
                 self.gap = false;
-                if let (Err(_), Word::Instruction(instruction)) = (deck.take(word), word) {
-                    self.push(Entry::Refused(instruction.number));
+                match (deck.take(word), word) {
+                    (Err(_), Word::Instruction(instruction)) => self.push(Entry::Refused(instruction.number)),
+                    (Err(_), Word::Repeat(repeated)) => self.push(Entry::RepeatRefused(repeated.number)),
+                    _ => {}
                 }
             }
             number = number.wrapping_add(1);
@@ -282,6 +293,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
             }
             self.shadow.outputs = status.outputs;
         }
+        self.cutting_changes(status);
         if status.inputs != self.shadow.inputs {
             self.shadow.inputs = status.inputs;
             self.push(Entry::Inputs(status.inputs));
@@ -292,6 +304,24 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         if status.executed != self.shadow.executed {
             self.shadow.executed = status.executed;
             self.push(Entry::Executed(status.executed));
+            self.urgent = true;
+        }
+    }
+
+    /// Entries for what is new of the cutting outputs, of repeated instructions and of the block.
+    fn cutting_changes(&mut self, status: &Status<A>) {
+        if let Some(off) = status.cutter_off {
+            self.push(Entry::CutterOff(off));
+            self.urgent = true;
+        }
+        if status.repeated != self.shadow.repeated {
+            self.shadow.repeated = status.repeated;
+            self.push(Entry::Repeated(status.repeated));
+            self.urgent = true;
+        }
+        if status.blocked != self.shadow.blocked {
+            self.shadow.blocked = status.blocked;
+            self.push(Entry::Blocked(status.blocked));
             self.urgent = true;
         }
     }

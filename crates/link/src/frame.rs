@@ -38,7 +38,7 @@
 use crate::crc;
 
 /// Most bytes in the payload of a frame between host and card.
-pub const MOST_PAYLOAD: usize = 200;
+pub const MOST_PAYLOAD: usize = 240;
 /// Bytes of the check: 32 bits, seven a byte.
 const CHECK: u8 = 5;
 /// Bytes that a frame has besides its payload: length, one of stuffing, check, and the zero byte.

@@ -2,8 +2,8 @@
 //!
 //! Invariant: between the least and the most payload.
 
-use crate::frame::MOST_PAYLOAD;
-
+/// What words and reports are gathered to at most; an opening may be longer.
+const MOST: usize = 200;
 /// A head, and an entry or two.
 const LEAST: usize = 40;
 /// By how much a frame may be longer after one that arrived.
@@ -16,7 +16,7 @@ pub(crate) struct FrameSize(usize);
 impl FrameSize {
     /// As long as there is.
     pub(crate) const fn new() -> Self {
-        Self(MOST_PAYLOAD)
+        Self(MOST)
     }
 
     /// Bytes of payload.
@@ -31,6 +31,6 @@ impl FrameSize {
 
     /// What was sent is confirmed.
     pub(crate) fn arrived(&mut self) {
-        self.0 = (self.0 + GROWTH).min(MOST_PAYLOAD);
+        self.0 = (self.0 + GROWTH).min(MOST);
     }
 }

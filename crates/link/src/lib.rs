@@ -11,6 +11,7 @@
 mod alarm;
 mod card_end;
 pub mod crc;
+mod cutting;
 mod ends;
 pub mod frame;
 mod frame_size;
@@ -23,6 +24,9 @@ mod wired;
 
 pub use alarm::Alarm;
 pub use card_end::CardEnd;
+pub use cutting::{
+    CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, RepeatedInstruction,
+};
 pub use ends::{CardFault, Deck, Port, echo};
 pub use host::{Host, HostFault, LineCounts};
 pub use message::{Action, Await, Change, Homing, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel};

@@ -4,7 +4,7 @@
 
 use retrace_core::{Place, Record, Travel};
 
-use crate::{Alarm, Start};
+use crate::{Alarm, CutterOff, RepeatedInstruction, Start};
 
 /// Output channels of a card and what they carry.
 pub mod channel {
@@ -81,6 +81,8 @@ pub struct Instruction {
     pub periods: u32,
     /// What it waits for besides.
     pub until: Option<Await>,
+    /// Standing with a cutting output on is not counted while it is executed: a pierce, a dwell, a pause at a contour's end.
+    pub keeps_cutter: bool,
 }
 
 /// Brings an axis to its home switch, while the motion stands and nothing is on the window.
@@ -161,6 +163,14 @@ pub enum Word<const A: usize> {
     ClearAlarm,
     /// Bring an axis to its home switch.
     Home(Homing),
+    /// Blocks motion: the rate asked for counts as 0 and no instruction begins, until the repeated instruction of this number is complete.
+    /// Where it is complete already, the block is released at once.
+    Restart {
+        /// Number of the last repeated instruction of the restart.
+        last: u32,
+    },
+    /// Executes switching again that was complete before. Only at rest, and not while an alarm is latched.
+    Repeat(RepeatedInstruction),
 }
 
 /// Why a card did not take a word.
@@ -217,6 +227,12 @@ pub struct Status<const A: usize> {
     pub wheel: i16,
     /// What is latched.
     pub alarm: Option<Alarm>,
+    /// Motion is blocked until [`Word::Restart`] releases it: a restart is under way, or the grace ran out with a cutting output on.
+    pub blocked: bool,
+    /// Number of the last repeated instruction that is complete; 0 where an epoch begins.
+    pub repeated: u32,
+    /// Cutting outputs that the card switched off in the period.
+    pub cutter_off: Option<CutterOff>,
 }
 
 impl<const A: usize> Status<A> {
@@ -241,6 +257,9 @@ impl<const A: usize> Status<A> {
             inputs: 0,
             wheel: 0,
             alarm: None,
+            blocked: false,
+            repeated: 0,
+            cutter_off: None,
         }
     }
 }

@@ -7,14 +7,14 @@ use retrace_core::Place;
 use retrace_core::limits::RateLimits;
 use retrace_core::place::before;
 
-use crate::Change;
+use crate::{Change, CuttingSettings};
 
 /// Most inputs that a card reads.
 pub const MAX_INPUTS: usize = 16;
 /// Most outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
 /// Version of the protocol that this crate speaks.
-pub const PROTOCOL: u8 = 2;
+pub const PROTOCOL: u8 = 3;
 
 /// Who a card is, and what it can do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -140,11 +140,13 @@ pub struct Settings<const A: usize> {
     pub safe: [Change; MAX_SAFE],
     /// How many of `safe` hold.
     pub safe_count: u8,
+    /// The cutting outputs.
+    pub cutting: CuttingSettings,
 }
 
 impl<const A: usize> Settings<A> {
-    /// All axes, T in microseconds, the path from `start` on, reports every eighth period, a watchdog of 250 ms, no play, no inputs, and all
-    /// outputs left as they are at a fault.
+    /// All axes, T in microseconds, the path from `start` on, reports every eighth period, a watchdog of 250 ms, no play, no inputs, all
+    /// outputs left as they are at a fault, and no cutting outputs.
     #[must_use]
     pub fn new(epoch: u16, start: Start, period_us: u32, limits: RateLimits<A>) -> Self {
         Self {
@@ -162,6 +164,7 @@ impl<const A: usize> Settings<A> {
             inputs: [InputSetting::default(); MAX_INPUTS],
             safe: [Change::default(); MAX_SAFE],
             safe_count: 0,
+            cutting: CuttingSettings::default(),
         }
     }
 

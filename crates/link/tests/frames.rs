@@ -9,7 +9,7 @@ use retrace_link::frame::{Damage, Decoder, MOST_PAYLOAD, MOST_WIRE, OVERHEAD, en
 const LONGEST: usize = 253;
 
 fn frame(payload: &[u8]) -> Vec<u8> {
-    encode(payload, &mut [0; MOST_WIRE]).expect("a payload of 1 to 200 bytes").to_vec()
+    encode(payload, &mut [0; MOST_WIRE]).expect("a payload of 1 to 240 bytes").to_vec()
 }
 
 fn decoded(bytes: &[u8]) -> Vec<Result<Vec<u8>, Damage>> {

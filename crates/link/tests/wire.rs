@@ -3,10 +3,12 @@
 use proptest::prelude::*;
 use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, Place, RapidCap, Record};
+use retrace_link::frame::MOST_PAYLOAD;
 use retrace_link::wire::{Entry, Greeting, Opening, Reader, Run, Writer, read_word, write_word};
 use retrace_link::{
-    Action, Alarm, Await, Change, Homing, Identity, InputSetting, InputUse, Instruction, MAX_CHANGES, PROTOCOL,
-    Settings, Start, Word,
+    Action, Alarm, Await, Change, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, Homing, Identity,
+    InputSetting, InputUse, Instruction, MAX_CHANGES, MAX_CUTTING_CHANNELS, PROTOCOL, RepeatedInstruction, Settings,
+    Start, Word,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -28,11 +30,12 @@ fn change() -> impl Strategy<Value = Change> {
 
 fn instruction() -> impl Strategy<Value = Instruction> {
     let until = prop::option::of((0u8..16, any::<bool>(), any::<u32>()));
-    (any::<[u32; 3]>(), prop::collection::vec(change(), 0..=MAX_CHANGES), until).prop_map(|(n, list, until)| {
+    let changes = prop::collection::vec(change(), 0..=MAX_CHANGES);
+    (any::<[u32; 3]>(), changes, until, any::<bool>()).prop_map(|(n, list, until, keeps_cutter)| {
         let mut changes = [Change::default(); MAX_CHANGES];
         changes[..list.len()].copy_from_slice(&list);
         let until = until.map(|(input, active, at_most)| Await { input, active, at_most });
-        Instruction { number: n[0], place: n[1], changes, count: list.len() as u8, periods: n[2], until }
+        Instruction { number: n[0], place: n[1], changes, count: list.len() as u8, periods: n[2], until, keeps_cutter }
     })
 }
 
@@ -52,6 +55,10 @@ fn word() -> impl Strategy<Value = Word<4>> {
         instruction().prop_map(Word::Instruction),
         change().prop_map(Word::ByHand),
         Just(Word::ClearAlarm),
+        any::<u32>().prop_map(|last| Word::Restart { last }),
+        instruction().prop_map(|Instruction { number, changes, count, periods, until, .. }| {
+            Word::Repeat(RepeatedInstruction { number, changes, count, periods, until })
+        }),
         (0u8..9, any::<bool>(), any::<[i64; 4]>(), any::<u32>()).prop_map(|(axis, upper, n, farthest)| {
             Word::Home(Homing { axis, upper, fast: n[0], slow: n[1], acceleration: n[2], farthest, count: n[3] })
         }),
@@ -74,6 +81,12 @@ fn entry() -> impl Strategy<Value = Entry> {
         any::<u16>().prop_map(Entry::Inputs),
         any::<i16>().prop_map(Entry::Wheel),
         any::<u32>().prop_map(Entry::Refused),
+        (any::<u8>(), 0u8..7).prop_map(|(channels, cause)| {
+            Entry::CutterOff(CutterOff { channels, cause: CutterOffCause::from_wire(cause).expect("a cause") })
+        }),
+        any::<u32>().prop_map(Entry::Repeated),
+        any::<bool>().prop_map(Entry::Blocked),
+        any::<u32>().prop_map(Entry::RepeatRefused),
     ]
 }
 
@@ -189,10 +202,33 @@ fn handshakes_are_read_back() {
     settings.safe[0] = Change { channel: 64, value: 0 };
     settings.safe[1] = Change { channel: 5, value: -1 };
     settings.safe_count = 2;
+    settings.cutting.channels[0] =
+        CuttingChannel { channel: 64, fires: true, standing_periods: u16::MAX, lit_in_reverse: true };
+    settings.cutting.channels[1] =
+        CuttingChannel { channel: 3, fires: false, standing_periods: 0, lit_in_reverse: false };
+    (settings.cutting.count, settings.cutting.handover_periods, settings.cutting.inhibit) = (2, 100, true);
     let mut writer = Writer::new(&mut bytes);
     Opening(settings).write(&mut writer).expect("room");
     let length = writer.len();
     assert_eq!(Opening::read(&mut Reader::new(&bytes[..length])), Some(Opening(settings)));
+}
+
+/// The longest opening that a card of four axes can get fits a frame.
+#[test]
+fn the_longest_opening_of_four_axes_fits_a_frame() {
+    let axis = AxisLimits { velocity: 2000 << 32, acceleration: 2000 << 32, jerk: 2000 << 32 };
+    let limits = RateLimits::new(255, 1 << 15, [axis; 4]).expect("valid");
+    let mut settings = Settings::<4>::new(9, Start::at(77), 10_000, limits);
+    settings.backlash_pulses = [u16::MAX; 4];
+    settings.inputs = [InputSetting { used_for: InputUse::Door, active_low: true }; 16];
+    settings.safe_count = 16;
+    let channel = CuttingChannel { channel: 64, fires: true, standing_periods: 20_000, lit_in_reverse: true };
+    settings.cutting =
+        CuttingSettings { channels: [channel; MAX_CUTTING_CHANNELS], count: 8, handover_periods: 400, inhibit: true };
+    // kind and epoch binding besides
+    let mut bytes = [0; MOST_PAYLOAD - 1];
+    let mut writer = Writer::new(&mut bytes);
+    Opening(settings).write(&mut writer).expect("room");
 }
 
 /// Limits of a machine that stops within some tens of periods.

@@ -28,7 +28,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place, until) = (self.supply.number(), exclusive.place, exclusive.until);
-        let instruction = Instruction { number, place, changes, count, periods, until };
+        let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter: false };
         // First the rate: where that is zero still, the card would keep the instruction for a period.
         self.set_rate(demand);
         self.card.send(Word::Instruction(instruction)).map_err(|refusal| Trouble::Fault {

@@ -306,6 +306,11 @@ impl<const A: usize> Host<A> {
             Word::ByHand(change) if usize::from(change.channel) >= channel::COUNT => {
                 return Err(Refusal::NoSuchChannel);
             }
+            Word::Repeat(repeated)
+                if repeated.changes().iter().any(|change| usize::from(change.channel) >= channel::COUNT) =>
+            {
+                return Err(Refusal::NoSuchChannel);
+            }
             _ => {}
         }
         // A few places are kept for what is no record, so that it never has to wait behind records.

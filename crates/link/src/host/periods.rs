@@ -14,7 +14,7 @@ impl<const A: usize> Host<A> {
     /// Gives out the next control period that the card reported: [`Host::status`] is that of its end. False where there is none yet.
     pub fn next_period(&mut self) -> bool {
         if self.waiting > 0 {
-            self.status.wheel = 0;
+            (self.status.wheel, self.status.cutter_off) = (0, None);
         }
         while self.waiting > 0 && self.fault.is_none() {
             let at = usize::from(self.taken) % ENTRIES;
@@ -53,7 +53,10 @@ impl<const A: usize> Host<A> {
             }
             Entry::Inputs(inputs) => self.status.inputs = inputs,
             Entry::Wheel(counts) => self.status.wheel = self.status.wheel.saturating_add(counts),
-            Entry::Refused(number) => {
+            Entry::CutterOff(off) => self.status.cutter_off = Some(off),
+            Entry::Repeated(number) => self.status.repeated = number,
+            Entry::Blocked(blocked) => self.status.blocked = blocked,
+            Entry::Refused(number) | Entry::RepeatRefused(number) => {
                 // While an alarm is latched that is what is to be told.
                 if self.alarm.is_none() {
                     self.fault = Some(HostFault::Refused(number));

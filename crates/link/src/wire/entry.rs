@@ -10,7 +10,7 @@
 use retrace_core::{ONE, Travel};
 
 use super::{Reader, Writer};
-use crate::{Alarm, Change};
+use crate::{Alarm, Change, CutterOff, CutterOffCause};
 
 /// One thing that a card did.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +38,14 @@ pub enum Entry {
     Wheel(i16),
     /// The instruction of this number was refused: it will never be executed.
     Refused(u32),
+    /// Cutting outputs that the permit switched off.
+    CutterOff(CutterOff),
+    /// The repeated instruction of this number is complete.
+    Repeated(u32),
+    /// Motion is blocked until a restart is complete, or not any more.
+    Blocked(bool),
+    /// The repeated instruction of this number was refused: it will never be executed.
+    RepeatRefused(u32),
 }
 
 const RAN: u8 = 0;
@@ -47,6 +55,15 @@ const ALARM: u8 = 3;
 const INPUTS: u8 = 4;
 const WHEEL: u8 = 5;
 const REFUSED: u8 = 6;
+/// The next byte says what: 00–1F are of cutting.
+const EXTENDED: u8 = 7;
+
+mod extended {
+    pub(super) const CUTTER_OFF: u8 = 0x00;
+    pub(super) const REPEATED: u8 = 0x01;
+    pub(super) const BLOCKED: u8 = 0x02;
+    pub(super) const REPEAT_REFUSED: u8 = 0x03;
+}
 
 const SHORT: u8 = 1 << 5;
 const AT_REST: u8 = 1 << 6;
@@ -106,6 +123,16 @@ impl Entry {
                 writer.u8(REFUSED)?;
                 writer.u32(number)
             }
+            Self::CutterOff(off) => writer.slice(&[EXTENDED, extended::CUTTER_OFF, off.channels, off.cause.to_wire()]),
+            Self::Repeated(number) => {
+                writer.slice(&[EXTENDED, extended::REPEATED])?;
+                writer.u32(number)
+            }
+            Self::Blocked(blocked) => writer.slice(&[EXTENDED, extended::BLOCKED, u8::from(blocked)]),
+            Self::RepeatRefused(number) => {
+                writer.slice(&[EXTENDED, extended::REPEAT_REFUSED])?;
+                writer.u32(number)
+            }
         }
     }
 
@@ -135,6 +162,19 @@ impl Entry {
             INPUTS => Self::Inputs(reader.u16()?),
             WHEEL => Self::Wheel(i16::try_from(reader.signed()?).ok()?),
             REFUSED => Self::Refused(reader.u32()?),
+            _ => return Self::read_extended(reader),
+        })
+    }
+
+    fn read_extended(reader: &mut Reader<'_>) -> Option<Self> {
+        Some(match reader.u8()? {
+            extended::CUTTER_OFF => {
+                let channels = reader.u8()?;
+                Self::CutterOff(CutterOff { channels, cause: CutterOffCause::from_wire(reader.u8()?)? })
+            }
+            extended::REPEATED => Self::Repeated(reader.u32()?),
+            extended::BLOCKED => Self::Blocked(reader.u8()? != 0),
+            extended::REPEAT_REFUSED => Self::RepeatRefused(reader.u32()?),
             _ => return None,
         })
     }

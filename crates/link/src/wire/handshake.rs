@@ -8,7 +8,10 @@ use retrace_core::limits::{AxisLimits, RateLimits};
 use super::entry::{read_alarm, write_alarm};
 use super::message::{read_change, write_change};
 use super::{Reader, Writer};
-use crate::{Alarm, Identity, InputSetting, InputUse, MAX_SAFE, Settings, Start};
+use crate::{
+    Alarm, CuttingChannel, CuttingSettings, Identity, InputSetting, InputUse, MAX_CUTTING_CHANNELS, MAX_SAFE, Settings,
+    Start,
+};
 
 /// A card's answer to who is there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -140,7 +143,8 @@ impl<const A: usize> Opening<A> {
             writer.u8(code | axis << 3 | u8::from(input.active_low) << 7)?;
         }
         writer.u8(of.safe().len() as u8)?;
-        of.safe().iter().try_for_each(|&change| write_change(writer, change))
+        of.safe().iter().try_for_each(|&change| write_change(writer, change))?;
+        write_cutting(writer, &of.cutting)
     }
 
     /// Reads it behind its kind.
@@ -180,8 +184,46 @@ impl<const A: usize> Opening<A> {
         for change in &mut settings.safe[..usize::from(settings.safe_count)] {
             *change = read_change(reader)?;
         }
+        settings.cutting = read_cutting(reader)?;
         Some(Self(settings))
     }
+}
+
+/// Set beside the number of channels: dry run.
+const INHIBIT: u8 = 0x80;
+/// Set beside a cutting channel's number: it fires.
+const FIRES: u8 = 0x80;
+
+fn write_cutting(writer: &mut Writer<'_>, cutting: &CuttingSettings) -> Option<()> {
+    writer.u8(cutting.channels().len() as u8 | if cutting.inhibit { INHIBIT } else { 0 })?;
+    writer.count(u64::from(cutting.handover_periods))?;
+    cutting.channels().iter().try_for_each(|of| {
+        writer.u8(of.channel & !FIRES | if of.fires { FIRES } else { 0 })?;
+        writer.count(u64::from(of.standing_periods) << 1 | u64::from(of.lit_in_reverse))
+    })
+}
+
+fn read_cutting(reader: &mut Reader<'_>) -> Option<CuttingSettings> {
+    let (count, handover) = (reader.u8()?, reader.count32()?);
+    let mut cutting = CuttingSettings {
+        count: count & !INHIBIT,
+        handover_periods: u16::try_from(handover).ok()?,
+        inhibit: count & INHIBIT != 0,
+        ..CuttingSettings::default()
+    };
+    if usize::from(cutting.count) > MAX_CUTTING_CHANNELS {
+        return None;
+    }
+    for slot in cutting.channels.get_mut(..usize::from(cutting.count))? {
+        let (channel, standing) = (reader.u8()?, reader.count32()?);
+        *slot = CuttingChannel {
+            channel: channel & !FIRES,
+            fires: channel & FIRES != 0,
+            standing_periods: u16::try_from(standing >> 1).ok()?,
+            lit_in_reverse: standing & 1 == 1,
+        };
+    }
+    Some(cutting)
 }
 
 fn write_start(writer: &mut Writer<'_>, start: &Start) -> Option<()> {

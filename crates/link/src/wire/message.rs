@@ -4,7 +4,7 @@
 
 use super::record::RECORD;
 use super::{Reader, Run, Writer};
-use crate::{Action, Await, Change, Homing, Instruction, MAX_CHANGES, Word};
+use crate::{Action, Await, Change, Homing, Instruction, MAX_CHANGES, RepeatedInstruction, Word};
 
 mod tag {
     pub(super) const PLACE_AHEAD: u8 = 0x01;
@@ -17,6 +17,8 @@ mod tag {
     pub(super) const BY_HAND: u8 = 0x08;
     pub(super) const CLEAR_ALARM: u8 = 0x09;
     pub(super) const HOME: u8 = 0x0A;
+    pub(super) const RESTART: u8 = 0x20;
+    pub(super) const REPEAT: u8 = 0x21;
 }
 
 /// Writes a word behind the others of a payload. `None` where there is no room, or for a rate, which has a frame of its own.
@@ -73,6 +75,15 @@ fn write<const A: usize>(writer: &mut Writer<'_>, run: &mut Run<A>, word: &Word<
             writer.u8(tag::HOME)?;
             write_homing(writer, homing)
         }
+        Word::Restart { last } => {
+            writer.u8(tag::RESTART)?;
+            writer.u32(*last)
+        }
+        Word::Repeat(repeated) => {
+            writer.u8(tag::REPEAT)?;
+            writer.u32(repeated.number)?;
+            write_switching(writer, repeated.periods, repeated.changes(), repeated.until, false)
+        }
     }
 }
 
@@ -109,6 +120,8 @@ pub fn read_word<const A: usize>(reader: &mut Reader<'_>, run: &mut Run<A>) -> O
             tag::BY_HAND => Word::ByHand(read_change(reader)?),
             tag::CLEAR_ALARM => Word::ClearAlarm,
             tag::HOME => Word::Home(read_homing(reader)?),
+            tag::RESTART => Word::Restart { last: reader.u32()? },
+            tag::REPEAT => Word::Repeat(read_repeated(reader)?),
             _ => return None,
         });
     }
@@ -126,11 +139,27 @@ pub(super) fn read_change(reader: &mut Reader<'_>) -> Option<Change> {
 fn write_instruction(writer: &mut Writer<'_>, instruction: &Instruction) -> Option<()> {
     writer.u32(instruction.number)?;
     writer.u32(instruction.place)?;
-    writer.count(u64::from(instruction.periods))?;
-    let awaits = instruction.until.is_some();
-    writer.u8(instruction.changes().len() as u8 | u8::from(awaits) << 7)?;
-    instruction.changes().iter().try_for_each(|&change| write_change(writer, change))?;
-    if let Some(Await { input, active, at_most }) = instruction.until {
+    let Instruction { periods, until, keeps_cutter, .. } = *instruction;
+    write_switching(writer, periods, instruction.changes(), until, keeps_cutter)
+}
+
+/// Set in the count of changes: an input follows them.
+const AWAITS: u8 = 0x80;
+/// Set in the count of changes: standing is not counted.
+const KEEPS_CUTTER: u8 = 0x40;
+
+fn write_switching(
+    writer: &mut Writer<'_>,
+    periods: u32,
+    changes: &[Change],
+    until: Option<Await>,
+    keeps_cutter: bool,
+) -> Option<()> {
+    writer.count(u64::from(periods))?;
+    let flag = |flag: u8, so: bool| if so { flag } else { 0 };
+    writer.u8(changes.len() as u8 | flag(AWAITS, until.is_some()) | flag(KEEPS_CUTTER, keeps_cutter))?;
+    changes.iter().try_for_each(|&change| write_change(writer, change))?;
+    if let Some(Await { input, active, at_most }) = until {
         writer.u8(input | u8::from(active) << 7)?;
         writer.count(u64::from(at_most))?;
     }
@@ -139,18 +168,35 @@ fn write_instruction(writer: &mut Writer<'_>, instruction: &Instruction) -> Opti
 
 fn read_instruction(reader: &mut Reader<'_>) -> Option<Instruction> {
     let (number, place, periods, counts) = (reader.u32()?, reader.u32()?, reader.count32()?, reader.u8()?);
-    let mut instruction = Instruction { number, place, periods, count: counts & 0x7F, ..Instruction::default() };
-    if usize::from(instruction.count) > MAX_CHANGES {
-        return None;
-    }
-    for change in &mut instruction.changes[..usize::from(instruction.count)] {
+    let count = counts & !(AWAITS | KEEPS_CUTTER);
+    let changes = read_changes(reader, count)?;
+    let until = read_until(reader, counts)?;
+    Some(Instruction { number, place, changes, count, periods, until, keeps_cutter: counts & KEEPS_CUTTER != 0 })
+}
+
+fn read_repeated(reader: &mut Reader<'_>) -> Option<RepeatedInstruction> {
+    let (number, periods, counts) = (reader.u32()?, reader.count32()?, reader.u8()?);
+    let count = counts & !(AWAITS | KEEPS_CUTTER);
+    let changes = read_changes(reader, count)?;
+    Some(RepeatedInstruction { number, changes, count, periods, until: read_until(reader, counts)? })
+}
+
+fn read_changes(reader: &mut Reader<'_>, count: u8) -> Option<[Change; MAX_CHANGES]> {
+    let mut changes = [Change::default(); MAX_CHANGES];
+    for change in changes.get_mut(..usize::from(count))? {
         *change = read_change(reader)?;
     }
-    if counts & 0x80 != 0 {
-        let input = reader.u8()?;
-        instruction.until = Some(Await { input: input & 0x7F, active: input & 0x80 != 0, at_most: reader.count32()? });
+    Some(changes)
+}
+
+/// The input that is waited for, where the count of changes says that there is one. `None` where the bytes are cut short.
+#[allow(clippy::option_option)]
+fn read_until(reader: &mut Reader<'_>, counts: u8) -> Option<Option<Await>> {
+    if counts & AWAITS == 0 {
+        return Some(None);
     }
-    Some(instruction)
+    let input = reader.u8()?;
+    Some(Some(Await { input: input & 0x7F, active: input & 0x80 != 0, at_most: reader.count32()? }))
 }
 
 fn write_homing(writer: &mut Writer<'_>, homing: &Homing) -> Option<()> {

@@ -1,0 +1,120 @@
+//! Cutting outputs: what the card is told of the channels that light a torch, open a jet or enable a beam, and what it reports of them.
+//!
+//! Invariant: the settings alone say which channel fires; the card applies its permit to them whatever the words ask for.
+
+use crate::{Await, Change, MAX_CHANGES};
+
+/// Maximum number of cutting channels of a card.
+pub const MAX_CUTTING_CHANNELS: usize = 8;
+
+/// One output channel of a cutter.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CuttingChannel {
+    /// Output channel, below [`crate::channel::COUNT`].
+    pub channel: u8,
+    /// Lights the torch, opens the jet or enables the beam: subject to the card's permit. False for an auxiliary channel (arm, assist,
+    /// abrasive), which only [`CuttingSettings::inhibit`] keeps off.
+    pub fires: bool,
+    /// Grace, in control periods: how long the machine may stand with the channel on. 0 for a torch or a beam.
+    pub standing_periods: u16,
+    /// Stays on, and may be lit, while the path runs backward: a jet with `retrace_cut = true`.
+    pub lit_in_reverse: bool,
+}
+
+/// Cutting channels of an epoch, and the rules that the card applies to them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CuttingSettings {
+    /// Channels; the first `count` are valid.
+    pub channels: [CuttingChannel; MAX_CUTTING_CHANNELS],
+    /// Number of valid `channels`, at most [`MAX_CUTTING_CHANNELS`].
+    pub count: u8,
+    /// Control periods that the machine may stand while a rate above 0 is asked for, before standing is counted; also the longest pause
+    /// between two repeated instructions.
+    pub handover_periods: u16,
+    /// Dry run: every channel of the list stays 0.
+    pub inhibit: bool,
+}
+
+impl CuttingSettings {
+    /// The valid channels.
+    #[must_use]
+    pub fn channels(&self) -> &[CuttingChannel] {
+        &self.channels[..usize::from(self.count).min(MAX_CUTTING_CHANNELS)]
+    }
+}
+
+/// Switching that was complete before and is executed again, at rest, wherever the cursor stands and whatever rate is asked for.
+///
+/// Standing is not counted while it is executed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RepeatedInstruction {
+    /// Its number: 1 for the first one of an epoch, and on from there.
+    pub number: u32,
+    /// What it switches; the first `count` are valid.
+    pub changes: [Change; MAX_CHANGES],
+    /// Number of valid `changes`.
+    pub count: u8,
+    /// Shortest duration, in control periods.
+    pub periods: u32,
+    /// Input that it waits for besides.
+    pub until: Option<Await>,
+}
+
+impl RepeatedInstruction {
+    /// The valid changes.
+    #[must_use]
+    pub fn changes(&self) -> &[Change] {
+        &self.changes[..usize::from(self.count).min(MAX_CHANGES)]
+    }
+}
+
+/// Why the card switched a cutting output off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CutterOffCause {
+    /// The machine stood for longer than the grace. The card blocks motion until [`crate::Word::Restart`].
+    Standing,
+    /// The path is about to run backward.
+    Reverse,
+    /// Dry run.
+    Inhibited,
+    /// An alarm is latched.
+    Alarm,
+    /// The host was silent for as long as the watchdog allows.
+    HostSilent,
+    /// The epoch was closed.
+    EpochClosed,
+    /// An epoch was opened.
+    EpochOpened,
+}
+
+impl CutterOffCause {
+    /// Code on the wire.
+    #[must_use]
+    pub const fn to_wire(self) -> u8 {
+        self as u8
+    }
+
+    /// From the code on the wire; `None` for an unknown one.
+    #[must_use]
+    pub const fn from_wire(code: u8) -> Option<Self> {
+        Some(match code {
+            0 => Self::Standing,
+            1 => Self::Reverse,
+            2 => Self::Inhibited,
+            3 => Self::Alarm,
+            4 => Self::HostSilent,
+            5 => Self::EpochClosed,
+            6 => Self::EpochOpened,
+            _ => return None,
+        })
+    }
+}
+
+/// Cutting outputs that were on, and that the card switched off in a control period because the permit was missing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CutterOff {
+    /// The channels, one bit for each index in [`CuttingSettings::channels`].
+    pub channels: u8,
+    /// Why; the first cause where several apply in one period.
+    pub cause: CutterOffCause,
+}
