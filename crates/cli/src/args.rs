@@ -218,7 +218,7 @@ pub enum Machine {
         after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine new waterjet -o waterjet.toml"
     )]
     New {
-        /// What kind of machine: waterjet, plasma, router or lathe; the built-in one where none is named.
+        /// What kind of machine: waterjet, plasma, laser, router or lathe; the built-in one where none is named.
         #[arg(value_enum)]
         kind: Option<MachineKind>,
         /// The same.
@@ -243,6 +243,8 @@ pub enum MachineKind {
     Waterjet,
     /// A torch that waits for its arc.
     Plasma,
+    /// A beam, its assist gas and exhaust.
+    Laser,
     /// A spindle, coolant, dust extraction.
     Router,
     /// X and Z.

@@ -3,7 +3,7 @@
 //! Invariant: every event carries the period and the place at which it happened.
 
 use retrace_core::Place;
-use retrace_link::{Alarm, CardFault};
+use retrace_link::{Alarm, CardFault, CutterOffCause};
 use serde_json::{Value, json};
 
 use crate::dnc::Dnc;
@@ -70,6 +70,54 @@ impl Differing {
     }
 }
 
+/// Why a cutting output, or the spindle at the end of a job, was switched off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OffReason {
+    /// The card did it by itself.
+    Card(CutterOffCause),
+    /// The operator did.
+    Operator,
+    /// The path is about to be retraced.
+    Retrace,
+    /// The program has ended.
+    ProgramEnd,
+    /// The job has ended before its program.
+    JobStopped,
+}
+
+impl OffReason {
+    /// As an identifier, for JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Card(CutterOffCause::Standing) => "standing",
+            Self::Card(CutterOffCause::Reverse) | Self::Retrace => "reverse",
+            Self::Card(CutterOffCause::Inhibited) => "dry_run",
+            Self::Card(CutterOffCause::Alarm) => "alarm",
+            Self::Card(CutterOffCause::HostSilent) => "host_silent",
+            Self::Card(CutterOffCause::EpochClosed | CutterOffCause::EpochOpened) => "epoch",
+            Self::Operator => "operator",
+            Self::ProgramEnd => "program_end",
+            Self::JobStopped => "job_stopped",
+        }
+    }
+
+    /// In words, behind "off: ".
+    const fn text(self) -> &'static str {
+        match self {
+            Self::Card(CutterOffCause::Standing) => "the machine stands; `recover` starts it again and goes on",
+            Self::Card(CutterOffCause::Reverse) | Self::Retrace => "the path is retraced",
+            Self::Card(CutterOffCause::Inhibited) => "dry run",
+            Self::Card(CutterOffCause::Alarm) => "alarm",
+            Self::Card(CutterOffCause::HostSilent) => "the card has not heard from the computer",
+            Self::Card(CutterOffCause::EpochClosed | CutterOffCause::EpochOpened) => "the path was left",
+            Self::Operator => "by the operator",
+            Self::ProgramEnd => "the program has ended",
+            Self::JobStopped => "the job has ended",
+        }
+    }
+}
+
 /// What happened.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Happening {
@@ -95,6 +143,21 @@ pub enum Happening {
     OutputsDiffer(Differing),
     /// Outputs were brought to what the program expects.
     OutputsRestored,
+    /// A restart carries an instruction out again: its code.
+    RestartSwitching(&'static str),
+    /// It is complete.
+    RestartSwitched(&'static str),
+    /// A cutting output, or the spindle at the end of a job, was switched off.
+    CutterOff {
+        /// Its channel.
+        channel: u8,
+        /// Why.
+        reason: OffReason,
+    },
+    /// The operator has switched a cutter on: its channel.
+    CutterOn(u8),
+    /// An output was switched where the path is retraced: channel and new value.
+    RetraceSwitched(u8, i32),
     /// Normal run goes on.
     GoesOn,
     /// An exclusive instruction begins.
@@ -152,6 +215,15 @@ impl Event {
                 json!({"event": "outputs_differ", "outputs": list})
             }
             Happening::OutputsRestored => json!({"event": "outputs_restored"}),
+            Happening::RestartSwitching(code) => json!({"event": "restart_switching", "code": code}),
+            Happening::RestartSwitched(code) => json!({"event": "restart_switched", "code": code}),
+            Happening::CutterOff { channel, reason } => {
+                json!({"event": "cutter_off", "channel": channel, "reason": reason.name()})
+            }
+            Happening::CutterOn(channel) => json!({"event": "cutter_on", "channel": channel}),
+            Happening::RetraceSwitched(channel, value) => {
+                json!({"event": "retrace_switched", "channel": channel, "value": value})
+            }
             Happening::GoesOn => json!({"event": "goes_on"}),
             Happening::Switching(code) => json!({"event": "switching", "code": code}),
             Happening::Switched(code) => json!({"event": "switched", "code": code}),
@@ -203,9 +275,16 @@ impl Event {
                     .iter()
                     .map(|(c, is, want)| format!("{} is {is}, program wants {want}", channel_name(*c)))
                     .collect();
-                format!("outputs differ: {}; waiting for agree", list.join("; "))
+                format!("outputs differ: {}; waiting for agree or recover", list.join("; "))
             }
             Happening::OutputsRestored => "outputs restored".into(),
+            Happening::RestartSwitching(code) => format!("restart: {code} begins"),
+            Happening::RestartSwitched(code) => format!("restart: {code} done"),
+            Happening::CutterOff { channel, reason } => format!("{} off: {}", channel_name(*channel), reason.text()),
+            Happening::CutterOn(channel) => format!("{} on by the operator", channel_name(*channel)),
+            Happening::RetraceSwitched(channel, value) => {
+                format!("retrace: {} := {value}", channel_name(*channel))
+            }
             Happening::GoesOn => "normal run goes on".into(),
             Happening::Switching(code) => format!("{code} begins"),
             Happening::Switched(code) => format!("{code} done"),

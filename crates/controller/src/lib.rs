@@ -30,6 +30,7 @@ mod planning;
 pub mod reading;
 pub mod refusal;
 pub mod report;
+pub mod restart;
 pub mod resume;
 pub mod scan;
 pub mod script;

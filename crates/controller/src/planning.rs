@@ -23,7 +23,7 @@ pub(crate) fn plan<const A: usize>(
     line: Option<u32>,
     feeder: Feeder<'_, A>,
 ) -> Option<Summary> {
-    let skipped = line.map(|line| (line, Skipped::new(*feeder.outputs())));
+    let skipped = line.map(|line| (line, Skipped::new(*feeder.outputs(), &machine.cutting_outputs)));
     let _gone = Gone(belt);
     Planning { machine, track: Track::new(machine), skipped, feeder, blocks: 0, canonical: 0 }.run(belt, batch)
 }

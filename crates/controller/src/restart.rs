@@ -42,16 +42,16 @@ impl RestartStep {
     }
 }
 
-/// Which instruction switched each output last.
+/// Which instruction switched each output last, off and on.
 #[derive(Clone, Debug)]
 pub struct OutputOrigins {
-    of: [Origin; channel::COUNT],
+    of: [[Origin; 2]; channel::COUNT],
     sequence: u32,
 }
 
 impl Default for OutputOrigins {
     fn default() -> Self {
-        Self { of: [Origin::default(); channel::COUNT], sequence: 0 }
+        Self { of: [[Origin::default(); 2]; channel::COUNT], sequence: 0 }
     }
 }
 
@@ -68,7 +68,7 @@ impl OutputOrigins {
         let origin = Origin { sequence: self.sequence, code, line, place, periods, until };
         for change in changes {
             if let Some(slot) = self.of.get_mut(usize::from(change.channel)) {
-                *slot = origin;
+                slot[usize::from(change.value != 0)] = origin;
             }
         }
     }
@@ -85,7 +85,7 @@ impl OutputOrigins {
     pub fn dwelt(&mut self, place: u32, periods: u32, expected: &Outputs, cutting: &[u8]) {
         for &channel in cutting {
             let at = usize::from(channel);
-            if let (Some(origin), Some(&value)) = (self.of.get_mut(at), expected.get(at))
+            if let (Some([_, origin]), Some(&value)) = (self.of.get_mut(at), expected.get(at))
                 && value != 0
                 && origin.sequence != 0
                 && origin.place == place
@@ -115,8 +115,12 @@ impl OutputOrigins {
                 count += 1;
             }
         }
+        let origin_of = |channel: u8| {
+            let at = usize::from(channel);
+            self.of[at][usize::from(wants[at] != 0)]
+        };
         let key = |channel: u8| {
-            let (sequence, fires) = (self.of[usize::from(channel)].sequence, cutting.contains(&channel));
+            let (sequence, fires) = (origin_of(channel).sequence, cutting.contains(&channel));
             match wants[usize::from(channel)] {
                 0 => (false, !fires, u32::MAX - sequence),
                 _ => (true, fires, sequence),
@@ -127,7 +131,7 @@ impl OutputOrigins {
         let mut last = None;
         for &channel in &*channels {
             let change = Change { channel, value: wants[usize::from(channel)] };
-            let origin = self.of[usize::from(channel)];
+            let origin = origin_of(channel);
             match steps.last_mut() {
                 Some(step)
                     if last == Some(key(channel))

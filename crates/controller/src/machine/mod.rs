@@ -58,7 +58,7 @@ pub struct Machine {
     /// Who changes the tool.
     pub tool_change: ToolChange,
     /// Names of outputs, by channel, besides those of the cutters.
-    output_names: BTreeMap<u8, String>,
+    pub(crate) output_names: BTreeMap<u8, String>,
     /// Length of the handwheel's mean in periods.
     pub wheel_periods: u16,
     /// Handwheel counts in that time that make rate 1.
@@ -203,6 +203,22 @@ impl Machine {
     #[must_use]
     pub fn inhibited_channels(&self) -> Vec<u8> {
         if self.inhibits_outputs { cutter::inhibited(&self.cutters) } else { Vec::new() }
+    }
+
+    /// The channels of the cutters in the order of the card's settings.
+    #[must_use]
+    pub(crate) fn cutting_channels(&self) -> Vec<u8> {
+        cutter::inhibited(&self.cutters)
+    }
+
+    /// The channels that the end of a job switches off: those of every cutter, and the spindle.
+    #[must_use]
+    pub(crate) fn off_at_end(&self) -> Vec<u8> {
+        let mut channels = cutter::inhibited(&self.cutters);
+        if !channels.contains(&retrace_link::channel::SPINDLE) {
+            channels.push(retrace_link::channel::SPINDLE);
+        }
+        channels
     }
 
     /// Control period in seconds.

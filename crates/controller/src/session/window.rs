@@ -64,7 +64,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn waits_for_records(&mut self) -> bool {
         let status = self.card.status();
         let stands = status.at_rest && self.operation.mode() == Mode::Run;
-        if !stands || status.place.boundary_ahead() != status.reached || self.still_periods >= self.patience {
+        // A cutter that is lit burns where the machine stands: what has come is enough to begin with.
+        let lit = self.cutting.iter().any(|&c| status.outputs.get(usize::from(c)).is_some_and(|&value| value != 0));
+        if !stands || lit || status.place.boundary_ahead() != status.reached || self.still_periods >= self.patience {
             return false;
         }
         let wanted = status.place.record.wrapping_add(self.enough);
