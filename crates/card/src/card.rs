@@ -3,7 +3,7 @@
 //! Invariant: while an alarm is latched the motion brakes on the path and then stands, and the outputs that the settings call safe are
 //! safe. After it was cleared nothing moves before a new word says so.
 
-use retrace_link::{Alarm, Deck, Homing, Identity, Outputs, PROTOCOL, Refusal, Settings, Status, Word};
+use retrace_link::{Alarm, CutterOffCause, Deck, Homing, Identity, Outputs, PROTOCOL, Refusal, Settings, Status, Word};
 
 use crate::guard::Sight;
 use crate::homing::{Ending, Search};
@@ -27,6 +27,7 @@ pub struct Card<const A: usize, const W: usize, const M: usize> {
     pulses: [i32; A],
     /// The counts have been moved off the path by homing: an epoch has to begin before anything is played.
     off_the_path: bool,
+    is_open: bool,
     failed: bool,
 }
 
@@ -50,6 +51,7 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
             backlash: Backlash::new(),
             pulses: [0; A],
             off_the_path: false,
+            is_open: false,
             failed: false,
         })
     }
@@ -83,7 +85,8 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
         self.failed = inputs.failed;
         let homing = self.search.as_ref().map(Search::seeks);
         // Only an open door asks for it.
-        let acting = self.panel.active() != 0 && (homing.is_some() || self.player.is_about_to_act());
+        let acting =
+            self.panel.active() != 0 && (homing.is_some() || self.player.is_lit() || self.player.is_about_to_act());
         if let Some(alarm) = self.guard.watch(&self.panel, Sight { acting, homing }) {
             self.latch(alarm);
         }
@@ -105,9 +108,20 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
             self.pulses = self.backlash.period(&self.player.status().increments, terms);
             self.player.turn(self.backlash.is_turning());
         }
+        self.player.apply_permit(self.denied());
         let report = self.player.report();
         (report.inputs, report.wheel) = (self.panel.active(), wheel);
         self.player.status()
+    }
+
+    /// Why no cutting output may be on, whatever the path does.
+    fn denied(&self) -> Option<CutterOffCause> {
+        match self.guard.alarm() {
+            Some(Alarm::HostSilent) => Some(CutterOffCause::HostSilent),
+            Some(_) => Some(CutterOffCause::Alarm),
+            None if !self.is_open || self.off_the_path => Some(CutterOffCause::EpochClosed),
+            None => None,
+        }
     }
 
     /// The pulses that are to come out of the pins in the last period: its increments, and what takes up play where an axis turns.
@@ -211,7 +225,8 @@ impl<const A: usize, const W: usize, const M: usize> Deck<A> for Card<A, W, M> {
     /// An alarm stays latched over it. An instruction in hand is given up, also while it is being executed. The numbers of instructions go on where the start says.
     fn open(&mut self, settings: &Settings<A>) -> Result<(), Refusal> {
         let terms = Terms::agree(settings, &self.identity)?;
-        self.player.reopen(settings.start, settings.limits)?;
+        self.player.reopen(settings.start, settings.limits, &settings.cutting)?;
+        self.is_open = true;
         self.panel.describe(&settings.inputs, self.identity.inputs);
         self.guard.expect_host(settings.watchdog_periods);
         if self.guard.alarm().is_some() {
@@ -227,6 +242,8 @@ impl<const A: usize, const W: usize, const M: usize> Deck<A> for Card<A, W, M> {
             return Err(Refusal::InMotion);
         }
         self.guard.expect_host(0);
+        self.is_open = false;
+        self.player.put_out(CutterOffCause::EpochClosed);
         Ok(())
     }
 
@@ -250,6 +267,7 @@ impl<const A: usize, const W: usize, const M: usize> Deck<A> for Card<A, W, M> {
                 Err(Refusal::Alarm)
             }
             Word::Home(order) => self.home(order, axes, most),
+            Word::ByHand(change) if !self.player.may_switch(change, self.denied()) => Err(Refusal::Unfit),
             Word::ByHand(_) | Word::Replay { .. } => self.player.take(word),
             _ if self.off_the_path => Err(Refusal::Unfit),
             _ => self.take_on_the_path(word),

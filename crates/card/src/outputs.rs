@@ -29,6 +29,11 @@ impl OutputBank {
         &self.values
     }
 
+    /// The values, for the permit, which no alarm's safe value outranks.
+    pub(crate) const fn values_mut(&mut self) -> &mut Outputs {
+        &mut self.values
+    }
+
     /// Is there such a channel?
     #[must_use]
     pub const fn has(&self, channel: u8) -> bool {

@@ -9,10 +9,12 @@ use retrace_core::place::before;
 use retrace_core::playback::emission;
 use retrace_core::{Place, RapidCap, Travel};
 use retrace_link::{
-    Action, Alarm, Change, Instruction, Outputs, Refusal, RepeatedInstruction, Start, Status, Word, channel,
+    Action, Alarm, Change, CutterOffCause, CuttingSettings, Instruction, Outputs, Refusal, RepeatedInstruction, Start,
+    Status, Word, channel,
 };
 
-use crate::{ActionTable, OutputBank, Switching, Window};
+use crate::permit::Conditions;
+use crate::{ActionTable, OutputBank, Permit, Switching, Window};
 
 /// Most output actions that a card holds at a time.
 const ACTIONS: usize = 256;
@@ -24,7 +26,11 @@ enum Block {
     /// A restart, until the repeated instruction of this number is complete.
     Restart {
         last: u32,
+        /// One of its repeated instructions was taken.
+        begun: bool,
     },
+    /// The grace ran out with a cutting output on, until a restart.
+    Standing,
 }
 
 /// A card's player for `A` axes, a window of `W` records, and an average of the rate law of up to `M` periods.
@@ -45,6 +51,9 @@ pub struct Player<const A: usize, const W: usize, const M: usize> {
     turning: bool,
     /// Motion is blocked until a restart is complete.
     block: Block,
+    permit: Permit,
+    /// What the last period was like, as far as the player knows.
+    conditions: Conditions,
     status: Status<A>,
 }
 
@@ -72,17 +81,25 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             beside: false,
             turning: false,
             block: Block::None,
+            permit: Permit::new(),
+            conditions: Conditions { denied: None, backward: false, moving: false, awaits: false, keeps: false },
             status: Status::standing(Start::at(start)),
         })
     }
 
-    /// Begins an epoch: nothing on the window, which begins with the record of `start`; counts and outputs stay as they are. An
+    /// Begins an epoch: nothing on the window, which begins with the record of `start`; counts and outputs stay as they are, but for
+    /// cutting outputs, which are switched off. An
     /// instruction in hand is given up, also one that is being executed: so a host may end one that waits for ever.
     ///
     /// # Errors
     /// [`Refusal::InMotion`] where the motion does not stand, [`Refusal::Unfit`] where the start is none or the rate law does not fit;
     /// nothing has changed then.
-    pub(crate) fn reopen(&mut self, start: Start, limits: RateLimits<A>) -> Result<(), Refusal> {
+    pub(crate) fn reopen(
+        &mut self,
+        start: Start,
+        limits: RateLimits<A>,
+        cutting: &CuttingSettings,
+    ) -> Result<(), Refusal> {
         if !self.status.at_rest {
             return Err(Refusal::InMotion);
         }
@@ -92,6 +109,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         self.drive = Drive::new(limits).ok_or(Refusal::Unfit)?;
         self.window.restart(start.place.record, start.rests);
         self.actions.clear();
+        self.permit.open(cutting, self.outputs.values_mut());
         self.switching.restart(start.executed);
         (self.target, self.replay, self.block) = (0, false, Block::None);
         let status = &mut self.status;
@@ -108,7 +126,30 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         for (channel, &value) in (0u8..).zip(outputs) {
             self.outputs.set(Change { channel, value });
         }
+        self.put_out(CutterOffCause::EpochOpened);
+    }
+
+    /// Switches the cutting outputs off.
+    pub(crate) fn put_out(&mut self, cause: CutterOffCause) {
+        self.permit.put_out(self.outputs.values_mut(), cause);
         self.mirror();
+    }
+
+    /// Switches off every cutting output whose permit is missing, at the end of a period. `denied`: why none may be on whatever the
+    /// path does.
+    pub(crate) fn apply_permit(&mut self, denied: Option<CutterOffCause>) {
+        let conditions = Conditions { denied, ..self.conditions };
+        let outcome = self.permit.period(self.outputs.values_mut(), &conditions);
+        self.status.cutter_off = outcome.off;
+        if outcome.blocks {
+            self.block = Block::Standing;
+        }
+        self.mirror();
+    }
+
+    /// Is a cutting output on?
+    pub(crate) fn is_lit(&self) -> bool {
+        self.permit.is_lit(self.outputs.values())
     }
 
     /// The last period's report.
@@ -210,9 +251,22 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         Ok(())
     }
 
+    /// May this change be made by hand? A cutting output is not lit where it would be put out at once.
+    pub(crate) fn may_switch(&self, change: Change, denied: Option<CutterOffCause>) -> bool {
+        let status = &self.status;
+        let now = Conditions {
+            denied,
+            backward: status.rate < 0 || status.at_rest && self.unblocked_target() < 0,
+            moving: !status.at_rest,
+            awaits: self.awaits(),
+            keeps: self.switching.keeps_cutter(),
+        };
+        change.value == 0 || self.permit.may_light(change.channel, &now)
+    }
+
     /// Blocks motion until the repeated instruction `last` is complete; releases the block where it is complete already.
     fn restart(&mut self, last: u32) {
-        self.block = Block::Restart { last };
+        self.block = Block::Restart { last, begun: false };
         self.release_block();
     }
 
@@ -222,17 +276,25 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             return Err(Refusal::InMotion);
         }
         self.switching.repeat(repeated, &mut self.outputs)?;
+        if let Block::Restart { begun, .. } = &mut self.block {
+            *begun = true;
+        }
         self.release_block();
         Ok(())
     }
 
     /// Releases the block where its last repeated instruction is complete.
     fn release_block(&mut self) {
-        if let Block::Restart { last } = self.block
+        if let Block::Restart { last, .. } = self.block
             && last.wrapping_sub(self.switching.repeated()) as i32 <= 0
         {
             self.block = Block::None;
         }
+    }
+
+    /// Is motion about to begin, or is a restart between two repeated instructions?
+    fn awaits(&self) -> bool {
+        self.unblocked_target() != 0 || matches!(self.block, Block::Restart { begun: true, .. })
     }
 
     /// The rate asked for, as far as the block lets it pass.
@@ -292,7 +354,12 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         let from = self.status.place;
         let waits = self.unblocked_target() != 0 && !self.has_ground();
         // Also where it takes no time: the host sends what follows only when it has heard that it is executed.
-        let target = if begins || self.switching.busy() || waits { 0 } else { self.unblocked_target() };
+        let wanted = if begins || self.switching.busy() || waits { 0 } else { self.unblocked_target() };
+        // The path comes to rest, and cutting outputs go off, before it runs backward.
+        let turns = wanted < 0 && self.permit.is_lit_forward_only(self.outputs.values());
+        let target = if turns { 0 } else { wanted };
+        let keeps = self.switching.keeps_cutter();
+        let ran = !self.drive.at_rest();
         let mut alarm = self.switching.period(active, failed);
         self.release_block();
         let road = Stretch::new(&self.window, self.switching.barrier());
@@ -309,6 +376,9 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         };
         self.switch_in_passing(from, to);
         self.book(to, increments, step.short || waits);
+        let rate = self.status.rate;
+        let backward = rate < 0 || rate == 0 && wanted < 0;
+        self.conditions = Conditions { backward, moving: ran || rate != 0, awaits: self.awaits(), keeps, denied: None };
         alarm
     }
 
@@ -316,6 +386,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     pub(crate) fn beside_the_path(&mut self, increments: [i32; A], going: bool) {
         self.beside = going;
         self.book(self.status.place, increments, false);
+        self.conditions = Conditions::default();
     }
 
     /// Is play being taken up?
@@ -369,13 +440,15 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         if from.to(to) > 0 {
             for action in self.actions.left_forward(from, to) {
                 let first_time = !before(action.place, reached);
-                if first_time || self.replay {
+                if first_time {
                     self.outputs.set(Change { channel: action.channel, value: action.after });
+                } else if self.replay {
+                    replay(&self.permit, &mut self.outputs, Change { channel: action.channel, value: action.after });
                 }
             }
         } else if self.replay {
             for action in self.actions.undone_backward(from, to) {
-                self.outputs.set(Change { channel: action.channel, value: action.before });
+                replay(&self.permit, &mut self.outputs, Change { channel: action.channel, value: action.before });
             }
         }
     }
@@ -390,6 +463,13 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         status.repeated = self.switching.repeated();
         status.blocked = self.block != Block::None;
         status.outputs = *self.outputs.values();
+    }
+}
+
+/// An action that is passed again: it puts a cutting output out, and lights it only where that may be on in reverse.
+fn replay(permit: &Permit, outputs: &mut OutputBank, change: Change) {
+    if change.value == 0 || !permit.is_forward_only(change.channel) {
+        outputs.set(change);
     }
 }
 

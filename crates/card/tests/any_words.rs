@@ -5,11 +5,30 @@
 mod common;
 
 use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, STOP, STOPS_WITHIN, TestCard, UPPER_LIMIT};
-use common::{moved, opened, record, rests_before, settings};
+use common::{identity, moved, record, rests_before, settings};
 use proptest::prelude::*;
 use retrace_card::{Edge, Inputs, StepDirection};
 use retrace_core::{Flags, ONE, Place, Record, Travel};
-use retrace_link::{Action, Alarm, Await, Change, Deck, Homing, Instruction, Refusal, Status, Word, channel};
+use retrace_link::{
+    Action, Alarm, Await, Change, CutterOffCause, CuttingChannel, CuttingSettings, Deck, Homing, Instruction, Refusal,
+    RepeatedInstruction, Settings, Status, Word, channel,
+};
+
+/// The cutting channels: a torch, a jet that may be on in reverse, and an auxiliary one.
+const CUTTING: [CuttingChannel; 3] = [
+    CuttingChannel { channel: 3, fires: true, standing_periods: 0, lit_in_reverse: false },
+    CuttingChannel { channel: 4, fires: true, standing_periods: 7, lit_in_reverse: true },
+    CuttingChannel { channel: 6, fires: false, standing_periods: 0, lit_in_reverse: false },
+];
+const HANDOVER: u16 = 5;
+
+/// Settings with these cutting channels; a dry run where the number of the epoch is a multiple of eight.
+fn cutting_settings(epoch: u16, start: u32) -> Settings<2> {
+    let mut cutting = CuttingSettings { count: 3, handover_periods: HANDOVER, ..CuttingSettings::default() };
+    cutting.channels[..3].copy_from_slice(&CUTTING);
+    cutting.inhibit = epoch.is_multiple_of(8);
+    Settings { cutting, ..settings(epoch, start) }
+}
 
 /// What may be done between two periods.
 #[derive(Debug, Clone)]
@@ -17,7 +36,10 @@ enum Deed {
     Ahead(u32),
     Behind(u32),
     Rate(Travel),
-    Instruct { after: u32, number: u32, periods: u32, at_most: Option<u32> },
+    Instruct { after: u32, number: u32, periods: u32, at_most: Option<u32>, lights: Lights },
+    Repeat { number: u32, channel: u8, value: i32, periods: u32, at_most: Option<u32> },
+    Restart(u32),
+    Close,
     Act { after: u32, channel: u8, after_value: i32 },
     ByHand(u8, i32),
     Replay(bool),
@@ -28,6 +50,14 @@ enum Deed {
     Home { upper: bool, fast: Travel, slow: Travel },
     TooFast(i16),
     Periods { count: u32, levels: u16, failed: bool, heard: bool },
+}
+
+/// What an instruction does to a cutting channel besides, and whether it needs the cutter.
+#[derive(Debug, Clone, Copy)]
+struct Lights {
+    channel: u8,
+    value: i32,
+    keeps: bool,
 }
 
 /// Any but the one that shows instructions.
@@ -57,9 +87,20 @@ fn deeds() -> impl Strategy<Value = Vec<Deed>> {
         prop_oneof![1 => Just(0u32), 1 => 0u32..40],
         prop_oneof![9 => Just(1u32), 1 => 0u32..4],
         prop_oneof![Just(0u32), 0u32..20],
-        at_most,
+        at_most.clone(),
+        (3u8..5, 0i32..2, any::<bool>()).prop_map(|(channel, value, keeps)| Lights { channel, value, keeps }),
     )
-        .prop_map(|(after, number, periods, at_most)| Deed::Instruct { after, number, periods, at_most });
+        .prop_map(|(after, number, periods, at_most, lights)| Deed::Instruct {
+            after,
+            number,
+            periods,
+            at_most,
+            lights,
+        });
+    let number = prop_oneof![6 => Just(1u32), 1 => 0u32..4];
+    let repeat = (number, prop_oneof![3 => 3u8..7, 1 => any_channel()], 0i32..2, 0u32..12, at_most).prop_map(
+        |(number, channel, value, periods, at_most)| Deed::Repeat { number, channel, value, periods, at_most },
+    );
     let act = (0u32..30, any_channel(), 0i32..3).prop_map(|(after, channel, after_value)| Deed::Act {
         after,
         channel,
@@ -71,6 +112,9 @@ fn deeds() -> impl Strategy<Value = Vec<Deed>> {
         2 => (1u32..50).prop_map(Deed::Behind),
         6 => rate.prop_map(Deed::Rate),
         4 => instruct,
+        3 => repeat,
+        3 => prop_oneof![7 => Just(0u32), 1 => 1u32..3].prop_map(Deed::Restart),
+        1 => Just(Deed::Close),
         2 => act,
         2 => (any_channel(), 0i32..3).prop_map(|(c, v)| Deed::ByHand(c, v)),
         1 => any::<bool>().prop_map(Deed::Replay),
@@ -109,6 +153,7 @@ struct Witness {
     alarmed: u32,
     /// A rate was taken since the last alarm.
     rated: bool,
+    cutting: CuttingWitness,
     /// Latched, executed and begun so often: the campaign must not be empty.
     seen: Seen,
 }
@@ -121,11 +166,46 @@ struct Seen {
     homed: u32,
     moved: u32,
     stood_for_an_instruction: u32,
+    lit: u32,
+    lit_backward: u32,
+    put_out: u32,
+    blocked: u32,
+    repeated: u32,
+}
+
+/// What is known of the cutting channels from the words and the reports.
+#[derive(Clone, Debug, Default)]
+struct CuttingWitness {
+    closed: bool,
+    off_the_path: bool,
+    inhibit: bool,
+    replay: bool,
+    /// Periods since the host was heard of.
+    silent: u32,
+    /// The rate that was taken last.
+    target: Travel,
+    /// A restart was taken, and the last of its repeats is not complete.
+    restarting: bool,
+    /// The repeat that was taken and is not complete.
+    repeat: Option<RepeatedInstruction>,
+    /// Actions of the epoch.
+    actions: Vec<Action>,
+    /// A word or an instruction may have lit the channel since the last period.
+    asked: [bool; 2],
+    stood: [Stood; 2],
+}
+
+/// Periods that a channel was on, at rest, without an instruction that needs it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stood {
+    at_rate_0: u32,
+    waiting: u32,
 }
 
 impl Witness {
     fn new(start: u32) -> Self {
-        let card = opened(start);
+        let mut card = TestCard::new(identity()).expect("a memory");
+        card.open(&cutting_settings(1, start)).expect("fit");
         let timing = card.terms().expect("opened").timing();
         let outputs = [StepDirection::new(timing), StepDirection::new(timing)];
         Self {
@@ -142,6 +222,7 @@ impl Witness {
             mark: 1000,
             alarmed: 0,
             rated: false,
+            cutting: CuttingWitness::default(),
             seen: Seen::default(),
         }
     }
@@ -186,17 +267,48 @@ impl Witness {
                     self.send(Word::Behind { place, record: record(place), rests });
                 }
             }
-            Deed::Rate(target) => self.rated |= self.send(Word::Rate { target }) && target != 0,
-            Deed::Instruct { after, number, periods, at_most } => self.instruct(after, number, periods, at_most),
+            Deed::Rate(target) => {
+                let taken = self.send(Word::Rate { target });
+                self.rated |= taken && target != 0;
+                if taken {
+                    self.cutting.target = target;
+                }
+            }
+            Deed::Instruct { after, number, periods, at_most, lights } => {
+                self.instruct(after, number, periods, at_most, lights);
+            }
+            Deed::Repeat { number, channel, value, periods, at_most } => {
+                self.repeat(number, Change { channel, value }, periods, at_most);
+            }
+            Deed::Restart(last) => {
+                let last = status.repeated.wrapping_add(last);
+                if self.send(Word::Restart { last }) {
+                    assert_eq!(self.status().blocked, last != status.repeated);
+                    self.cutting.restarting = self.status().blocked;
+                }
+            }
+            Deed::Close => {
+                if self.card.close().is_ok() {
+                    self.cutting.closed = true;
+                    assert_eq!((self.value(0), self.value(1)), (0, 0), "lit behind a closing");
+                }
+            }
             Deed::Act { after, channel, after_value } => {
                 let place = status.place.record.wrapping_add(after);
-                self.send(Word::Action(Action { place, channel, before: 0, after: after_value }));
+                let action = Action { place, channel, before: i32::from(after_value == 0), after: after_value };
+                if self.send(Word::Action(action)) {
+                    self.cutting.actions.push(action);
+                }
             }
             Deed::ByHand(channel, value) => {
-                self.send(Word::ByHand(Change { channel, value }));
+                if self.send(Word::ByHand(Change { channel, value })) {
+                    self.asks(Change { channel, value });
+                }
             }
             Deed::Replay(on) => {
-                self.send(Word::Replay { on });
+                if self.send(Word::Replay { on }) {
+                    self.cutting.replay = on;
+                }
             }
             Deed::Trim(n) => {
                 self.send(Word::Trim { high: status.high.wrapping_sub(n) });
@@ -211,6 +323,7 @@ impl Witness {
                 let taken = self.send(Word::Home(order));
                 assert!(!taken || status.at_rest && status.low == status.high && status.alarm.is_none());
                 self.homed |= taken;
+                self.cutting.off_the_path |= taken;
                 self.seen.homed += u32::from(taken);
             }
             Deed::TooFast(increment) => {
@@ -222,7 +335,7 @@ impl Witness {
             Deed::Periods { count, levels, failed, heard } => {
                 for _ in 0..count {
                     if heard {
-                        self.card.heard();
+                        self.heard();
                     }
                     self.period(levels, failed);
                 }
@@ -230,12 +343,115 @@ impl Witness {
         }
     }
 
-    fn instruct(&mut self, after: u32, number: u32, periods: u32, at_most: Option<u32>) {
+    fn heard(&mut self) {
+        self.card.heard();
+        self.cutting.silent = 0;
+    }
+
+    fn value(&self, index: usize) -> i32 {
+        self.status().outputs[usize::from(CUTTING[index].channel)]
+    }
+
+    /// This change was taken.
+    fn asks(&mut self, change: Change) {
+        for (of, asked) in CUTTING.iter().zip(&mut self.cutting.asked) {
+            *asked |= change.channel == of.channel && change.value != 0;
+        }
+    }
+
+    fn repeat(&mut self, number: u32, change: Change, periods: u32, at_most: Option<u32>) {
+        let status = self.status();
+        let number = status.repeated.wrapping_add(number);
+        let until = at_most.map(|at_most| Await { input: 5, active: true, at_most });
+        let mut repeated = RepeatedInstruction { number, periods, until, count: 1, ..RepeatedInstruction::default() };
+        repeated.changes[0] = change;
+        if self.send(Word::Repeat(repeated)) {
+            assert!(status.at_rest && status.alarm.is_none() && number == status.repeated.wrapping_add(1));
+            self.asks(change);
+            self.cutting.repeat = (self.status().repeated != number).then_some(repeated);
+            self.seen.repeated += 1;
+        }
+    }
+
+    /// No cutting output is on without the permit, and none is lit by anything but what may light it.
+    fn check_cutting(&mut self, before: &Status<2>, now: &Status<2>, kept: bool) {
+        self.cutting.silent += 1;
+        self.seen.blocked += u32::from(now.blocked);
+        self.seen.put_out += u32::from(now.cutter_off.is_some());
+        for (index, of) in CUTTING[..2].iter().enumerate() {
+            let channel = usize::from(of.channel);
+            let (was, is) = (before.outputs[channel] != 0, now.outputs[channel] != 0);
+            let witness = &mut self.cutting;
+            let asked = std::mem::take(&mut witness.asked[index]);
+            if let Some(off) = now.cutter_off
+                && off.channels >> index & 1 == 1
+            {
+                // an opening may be followed at once by what lights again
+                let opened = matches!(off.cause, CutterOffCause::EpochOpened | CutterOffCause::EpochClosed);
+                assert!(!is || opened, "reported off");
+            }
+            if !is {
+                witness.stood[index] = Stood::default();
+                continue;
+            }
+            self.seen.lit += 1;
+            self.seen.lit_backward += u32::from(now.rate < 0);
+            assert!(
+                !witness.closed && !witness.off_the_path && !witness.inhibit,
+                "lit without an epoch, or in a dry run"
+            );
+            assert!(now.alarm.is_none() && witness.silent < 30, "lit under an alarm or without a host");
+            assert!(of.lit_in_reverse || now.rate >= 0, "lit in reverse");
+            if !was && !asked {
+                let passed = witness.actions.iter().any(|action| {
+                    let at = Place::start_of(action.place);
+                    let lights = action.channel == of.channel && action.after != 0;
+                    let forward = before.place.to(at) >= 0 && at.to(now.place) > 0;
+                    let first = lights && forward && before.reached.wrapping_sub(action.place) as i32 <= 0;
+                    let backward = now.place.to(at) >= 0 && at.to(before.place) > 0;
+                    let again = lights && forward || action.channel == of.channel && action.before != 0 && backward;
+                    first || again && witness.replay && of.lit_in_reverse
+                });
+                assert!(passed, "nothing lit channel {channel}");
+            }
+            let waits = witness.target != 0 && !(before.blocked && now.blocked) || witness.restarting;
+            let stood = &mut witness.stood[index];
+            if !before.at_rest || now.rate != 0 || kept || (asked && !was) {
+                *stood = Stood::default();
+            } else if waits {
+                stood.waiting += 1;
+            } else {
+                stood.at_rate_0 += 1;
+            }
+            let grace = u32::from(of.standing_periods);
+            assert!(stood.at_rate_0 <= grace, "channel {channel} stood: {stood:?}");
+            assert!(
+                stood.at_rate_0 + stood.waiting <= grace + u32::from(HANDOVER),
+                "channel {channel} stood: {stood:?}"
+            );
+        }
+        if now.rate < 0 {
+            assert_eq!(before.outputs[usize::from(CUTTING[0].channel)], 0, "lit in the period before");
+        }
+        assert!(!self.cutting.inhibit || now.outputs[6] == 0, "an auxiliary channel in a dry run");
+        if before.blocked && now.blocked && before.at_rest {
+            assert_eq!(now.rate, 0, "motion while blocked");
+        }
+        if now.repeated != before.repeated || now.alarm.is_some() {
+            self.cutting.repeat = None;
+        }
+        self.cutting.restarting &= now.blocked;
+    }
+
+    fn instruct(&mut self, after: u32, number: u32, periods: u32, at_most: Option<u32>, lights: Lights) {
         let status = self.status();
         let place = status.place.boundary_ahead().wrapping_add(after);
         let number = status.executed.wrapping_add(number);
         let until = at_most.map(|at_most| Await { input: 5, active: true, at_most });
-        let mut instruction = Instruction { number, place, periods, until, count: 1, ..Instruction::default() };
+        let keeps_cutter = lights.keeps;
+        let mut instruction =
+            Instruction { number, place, periods, until, count: 2, keeps_cutter, ..Instruction::default() };
+        instruction.changes[1] = Change { channel: lights.channel, value: lights.value };
         // so that its beginning is seen at the outputs; the speed is not among the safe ones
         instruction.changes[0] = Change { channel: channel::SPEED, value: self.mark };
         self.mark += 1;
@@ -244,6 +460,9 @@ impl Witness {
         if taken {
             (self.instruction, self.begun, self.barrier) = (Some(instruction), None, Some(place));
             self.watch_instruction(status.period, status.place);
+            if self.begun.is_some() || self.instruction.is_none() {
+                self.asks(instruction.changes[1]);
+            }
         }
     }
 
@@ -260,7 +479,10 @@ impl Witness {
     fn open(&mut self, start: u32) {
         let before = self.status();
         let epoch = self.epoch.wrapping_add(1).max(1);
-        if self.card.open(&settings(epoch, start)).is_ok() {
+        if self.card.open(&cutting_settings(epoch, start)).is_ok() {
+            assert_eq!((self.value(0), self.value(1)), (0, 0), "lit behind an opening");
+            let inhibit = epoch.is_multiple_of(8);
+            self.cutting = CuttingWitness { inhibit, ..CuttingWitness::default() };
             let status = self.status();
             assert!(before.at_rest && before.counts == status.counts && before.alarm == status.alarm);
             (self.epoch, self.start, self.base, self.homed) = (epoch, start, status.counts, false);
@@ -275,18 +497,29 @@ impl Witness {
         let alarm = self.status().alarm;
         if alarm.is_some() && self.alarmed == 0 {
             (self.alarmed, self.instruction, self.begun, self.rated) = (1, None, None, false);
+            (self.cutting.target, self.cutting.repeat) = (0, None);
             self.seen.alarms += 1;
         }
     }
 
     fn period(&mut self, levels: u16, failed: bool) {
         let before = self.status();
+        let kept = self.cutting.repeat.is_some()
+            || self.begun.is_some() && self.instruction.is_some_and(|instruction| instruction.keeps_cutter);
+        let lights = self.instruction;
+        let begun = self.begun.is_some();
         self.card.period(Inputs { levels, encoder: 0, failed });
         let now = self.status();
         assert_eq!(now.period, before.period + 1);
         self.check_pulses(&before, &now);
         self.check_path(&before, &now);
         self.check_instruction(&before, &now);
+        let begins = !begun && (self.begun.is_some() || lights.is_some_and(|of| of.number == now.executed));
+        assert!(!(begins && before.blocked && now.blocked), "begun while blocked");
+        if let Some(of) = lights.filter(|_| begins) {
+            self.asks(of.changes[1]);
+        }
+        self.check_cutting(&before, &now, kept || begins && lights.is_some_and(|of| of.keeps_cutter));
         assert!(self.barrier.is_none_or(|place| now.place.to(Place::start_of(place)) >= 0), "passed");
         self.check_alarm(&before, &now, levels);
         let moves = now.increments != [0; 2];
@@ -395,9 +628,9 @@ proptest! {
         }
         // whatever was done: once nothing is wrong it can be opened and run again
         for _ in 0..700 {
-            witness.card.heard();
+            witness.heard();
             witness.period(0, false);
-            witness.send(Word::Rate { target: 0 });
+            witness.deed(&Deed::Rate(0));
         }
         witness.clear();
         prop_assert_eq!(witness.status().alarm, None);
@@ -407,7 +640,7 @@ proptest! {
         witness.deed(&Deed::Rate(ONE));
         let end = (start | 15).wrapping_add(1).wrapping_sub(start).min(16);
         for _ in 0..60 {
-            witness.card.heard();
+            witness.heard();
             witness.period(0, false);
         }
         prop_assert!(Place::start_of(start).to(witness.status().place) >= Travel::from(end) * ONE);
@@ -431,11 +664,18 @@ fn the_deeds_are_not_empty() {
         all.cleared += seen.cleared;
         all.executed += seen.executed;
         all.homed += seen.homed;
+        all.lit += seen.lit;
+        all.lit_backward += seen.lit_backward;
+        all.put_out += seen.put_out;
+        all.blocked += seen.blocked;
+        all.repeated += seen.repeated;
         all.moved += seen.moved;
         all.stood_for_an_instruction += seen.stood_for_an_instruction;
     }
     println!("{all:?}");
     assert!(all.alarms > 300 && all.cleared > 200 && all.executed > 100 && all.homed > 30, "{all:?}");
     assert!(all.moved > 20_000 && all.stood_for_an_instruction > 2000, "{all:?}");
+    assert!(all.lit > 5000 && all.lit_backward > 50 && all.put_out > 150, "{all:?}");
+    assert!(all.blocked > 5000 && all.repeated > 300, "{all:?}");
     assert!(record(15).flags.has(Flags::REST));
 }

@@ -7,7 +7,9 @@ use std::sync::{Arc, Mutex};
 use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Record};
 use retrace_hal_sim::{InProcess, Rig, RigSettings};
-use retrace_link::{Change, MotionCard, Patience, Settings, Start, Wired, Word, channel};
+use retrace_link::{
+    Change, CuttingChannel, CuttingSettings, Instruction, MotionCard, Patience, Settings, Start, Wired, Word, channel,
+};
 
 /// A file in memory.
 #[derive(Clone, Default)]
@@ -124,6 +126,74 @@ fn the_edges_of_the_trace_are_the_pulses() {
     assert_eq!(values("outputs.spindle"), ["b0", "b11111111111111111111111111111111"]);
     assert_eq!(values("card.rate"), ["r0", "r1", "r0", "r-1", "r0"]);
     assert_eq!(values("card.alarm"), ["b0"]);
+}
+
+/// A torch without a grace, lit by the first instruction, and a path that runs for a second; what the pins show from when
+/// `stops` has had the host and after half a second more.
+fn torch(stops: impl Fn(&mut Wired<2, InProcess<2>>)) -> HashMap<String, Vec<(u64, String)>> {
+    let file = Shared::default();
+    let mut rig = Rig::<2>::new(&RigSettings::default()).expect("a card");
+    rig.trace(Box::new(file.clone()), &["x".to_owned(), "y".to_owned()]).expect("memory");
+    let mut host = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+    let mut settings = Settings::new(0, Start::at(0), 1000, limits());
+    settings.watchdog_periods = 100;
+    let torch = CuttingChannel { channel: channel::SPINDLE, fires: true, ..CuttingChannel::default() };
+    settings.cutting = CuttingSettings { count: 1, handover_periods: 100, ..CuttingSettings::default() };
+    settings.cutting.channels[0] = torch;
+    host.open(settings).expect("it takes the settings");
+    let mut instruction =
+        Instruction { number: 1, count: 1, periods: 20, keeps_cutter: true, ..Instruction::default() };
+    instruction.changes[0] = Change { channel: channel::SPINDLE, value: 1 };
+    host.send(Word::Rate { target: ONE }).expect("a rate");
+    host.send(Word::Instruction(instruction)).expect("room");
+    while host.period().is_ok_and(|status| status.place.record < 200) {
+        while host.status().executed == 1 && host.status().high < 1000 {
+            let place = host.status().high;
+            let record = Record { increments: [5, 0], line: place, ..Record::default() };
+            if host.send(Word::Ahead { place, record }).is_err() {
+                break;
+            }
+        }
+    }
+    stops(&mut host);
+    let mut rig = host.into_port().into_rig();
+    rig.run(rig.now_us() + 500_000);
+    rig.flush();
+    let text = String::from_utf8(file.0.lock().expect("whole").clone()).expect("text");
+    read(&text)
+}
+
+/// When the torch was lit and went out, and the last rising edge of X.
+fn lit(changes: &HashMap<String, Vec<(u64, String)>>) -> (u64, u64, u64) {
+    let spindle = &changes["outputs.spindle"];
+    assert_eq!(spindle.iter().map(|(_, value)| value.as_str()).collect::<Vec<_>>(), ["b0", "b1", "b0"]);
+    let last = changes["x.step"].iter().rev().find(|(_, value)| value == "1").expect("it moved").0;
+    (spindle[1].0, spindle[2].0, last)
+}
+
+#[test]
+fn a_hold_puts_the_torch_out_at_the_pins_as_soon_as_the_machine_rests() {
+    let changes = torch(|host| {
+        host.send(Word::Rate { target: 0 }).expect("a rate");
+        while host.period().is_ok_and(|status| !status.at_rest) {}
+        for _ in 0..20 {
+            host.period().expect("no fault");
+        }
+    });
+    let (on, off, last_step) = lit(&changes);
+    assert!(on + 20_000_000 < last_step && off > last_step, "lit while braking");
+    let at_rest = changes["card.at_rest"].iter().find(|(at, value)| *at > on + 200_000_000 && value == "1");
+    assert!(off - at_rest.expect("it rests").0 <= 1_000_000, "within a period");
+}
+
+#[test]
+fn a_host_that_vanishes_leaves_the_torch_lit_for_the_watchdog_and_no_longer() {
+    let mut gone_at = std::sync::atomic::AtomicU64::new(0);
+    let changes = torch(|host| gone_at.store(host.port().rig().now_us(), std::sync::atomic::Ordering::Relaxed));
+    let (_, off, last_step) = lit(&changes);
+    let gone_ns = *gone_at.get_mut() * 1000;
+    assert!(off > gone_ns && off - gone_ns <= 102_000_000, "{} ns", off - gone_ns);
+    assert!(last_step > off, "it brakes on the path");
 }
 
 /// Limits of a machine that stops within some tens of periods.
