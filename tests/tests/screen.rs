@@ -374,3 +374,79 @@ fn a_program_is_paused_the_tool_moved_away_and_the_job_goes_on() {
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
 }
+
+/// The screen opens without a program; one is opened at its prompt, by a name that is completed.
+#[test]
+fn it_opens_without_a_program_and_loads_one() {
+    let bench = Bench::new();
+    let program = bench.file("only-one.ngc", "G21 G90 G17 G94\nF6000\nG1 X3\nM2\n").display().to_string();
+    let mut terminal = Terminal::running(&["run", "--tui"], 80, 24);
+    terminal.until("NO PROGRAM");
+    terminal.keys("c");
+    terminal.until("no program is loaded");
+    terminal.keys("O/nowhere/part.ngc\r");
+    terminal.until("E2101");
+    terminal.keys("O");
+    terminal.keys(program.trim_end_matches("one.ngc"));
+    terminal.keys("\t");
+    terminal.until("only-one.ngc_");
+    terminal.keys("\r");
+    terminal.until("only-one.ngc is ready");
+    terminal.keys("c");
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains("X 3000  Y 0  Z 0"), "{end}");
+    let said = bench.retrace(["run", "--realtime"]);
+    assert!(said.code == Some(2) && said.err.contains("PROGRAM"), "{}", said.err);
+}
+
+/// A program that would leave the soft limits opens the screen, where the work zero is moved until it fits.
+#[test]
+fn a_program_beyond_the_limits_is_checked_again_when_the_work_zero_moves() {
+    let bench = Bench::new();
+    let program = bench.file("far.ngc", "G21 G90 G17 G94\nF6000\nG1 X1\nG1 X2001\nG1 X3\nM2\n");
+    let program = program.display().to_string();
+    let mut terminal = at(80, 24, &program, &[]);
+    let refused = terminal.until("NOT READY");
+    assert!(refused.contains("E4304: axis X would go to 2001.000 mm"), "{refused}");
+    terminal.keys("c");
+    terminal.until("THE PROGRAM IS REFUSED");
+    terminal.keys("a");
+    terminal.until("NOT READY");
+    terminal.keys("mG0 X-10\r");
+    terminal.until("X     -10.000     -10.000");
+    assert!(terminal.text().contains("NOT READY"));
+    terminal.keys("z\r");
+    terminal.until("far.ngc is ready");
+    // It was checked only: what it would do there takes too long.
+    terminal.keys("q");
+    assert_eq!(terminal.ended(), Some(4));
+    let mut terminal = at(80, 24, &program, &[]);
+    terminal.until("NOT READY");
+    terminal.keys("q");
+    assert_eq!(terminal.ended(), Some(1));
+}
+
+/// At the end of the program the part is still clamped: what was cut can be gone back over until the job is released.
+#[test]
+fn reverse_run_is_possible_at_the_end_of_the_program_until_the_job_is_released() {
+    let bench = Bench::new();
+    let mut terminal = ready(&bench, "G21 G90 G17 G94\nF3000\nG1 X30\nM2\n");
+    terminal.keys("c");
+    let ended = terminal.until("ENDED");
+    let clock = |text: &str| text.lines().next().and_then(|line| line.rsplit("  ").next().map(str::to_owned));
+    std::thread::sleep(Duration::from_millis(1200));
+    assert_eq!(clock(&ended), clock(&terminal.text()), "the clock stops");
+    terminal.keys("b12\r");
+    terminal.until_that("12 mm back", |text| text.contains("STANDING") && text.contains("12.0 mm back"));
+    terminal.keys("l");
+    terminal.until("ENDED");
+    // Released: the job is over, and the machine can be set up.
+    terminal.keys("u");
+    terminal.until("READY");
+    terminal.keys("r");
+    terminal.until("works while");
+    terminal.keys(RIGHT);
+    terminal.until("X      31.000");
+    terminal.keys("q");
+    assert_eq!(terminal.ended(), Some(0));
+}

@@ -98,6 +98,7 @@ const MODULES: &[Module] = &[
     (crate::fine::ROWS, crate::fine::HARNESSES),
     (crate::frames::ROWS, crate::frames::HARNESSES),
     (crate::steps::ROWS, crate::steps::HARNESSES),
+    (crate::permit::ROWS, crate::permit::HARNESSES),
 ];
 
 #[cfg(test)]

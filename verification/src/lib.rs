@@ -21,6 +21,7 @@ pub mod literal_ring;
 pub mod modes;
 #[cfg(not(any(kani, verify_wasm)))]
 pub mod native;
+pub mod permit;
 pub mod playback;
 pub mod rate;
 pub mod ring;

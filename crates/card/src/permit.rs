@@ -11,7 +11,7 @@
 //! Invariant: after [`Permit::period`] a channel of the settings is 0, or its permit holds; a channel that is on has stood for at most its
 //! grace.
 
-use retrace_link::{CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, Outputs};
+use retrace_link::{CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS};
 
 /// What a control period was like, as far as the permit depends on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -82,14 +82,14 @@ impl Permit {
     }
 
     /// Switches every channel off that fires, with this cause.
-    pub fn put_out(&mut self, outputs: &mut Outputs, cause: CutterOffCause) {
+    pub fn put_out(&mut self, outputs: &mut [i32], cause: CutterOffCause) {
         let everything = Conditions { denied: Some(cause), ..Conditions::default() };
         let off = self.apply(outputs, &everything).off;
         self.pending = self.pending.or(off);
     }
 
     /// An epoch begins: the channels that fire are switched off, those of the old settings and those of the new ones.
-    pub fn open(&mut self, settings: &CuttingSettings, outputs: &mut Outputs) {
+    pub fn open(&mut self, settings: &CuttingSettings, outputs: &mut [i32]) {
         let mut opened = Self { settings: *settings, ..Self::new() };
         opened.lit = opened.lit_now(outputs, |_| true);
         opened.put_out(outputs, CutterOffCause::EpochOpened);
@@ -98,12 +98,12 @@ impl Permit {
     }
 
     /// One control period: switches off every channel whose permit is missing.
-    pub fn period(&mut self, outputs: &mut Outputs, conditions: &Conditions) -> Outcome {
+    pub fn period(&mut self, outputs: &mut [i32], conditions: &Conditions) -> Outcome {
         let outcome = self.apply(outputs, conditions);
         Outcome { off: self.pending.take().or(outcome.off), ..outcome }
     }
 
-    fn apply(&mut self, outputs: &mut Outputs, conditions: &Conditions) -> Outcome {
+    fn apply(&mut self, outputs: &mut [i32], conditions: &Conditions) -> Outcome {
         let mut outcome = Outcome::default();
         let Self { settings, timers, lit, .. } = self;
         for (index, (of, timer)) in settings.channels().iter().zip(timers).enumerate() {
@@ -148,17 +148,17 @@ impl Permit {
 
     /// Is a channel on that must be off before the path runs backward?
     #[must_use]
-    pub fn is_lit_forward_only(&self, outputs: &Outputs) -> bool {
+    pub fn is_lit_forward_only(&self, outputs: &[i32]) -> bool {
         self.lit_now(outputs, |of| !of.lit_in_reverse) != 0
     }
 
     /// Is a channel on that fires?
     #[must_use]
-    pub fn is_lit(&self, outputs: &Outputs) -> bool {
+    pub fn is_lit(&self, outputs: &[i32]) -> bool {
         self.lit_now(outputs, |_| true) != 0
     }
 
-    fn lit_now(&self, outputs: &Outputs, which: impl Fn(&CuttingChannel) -> bool) -> u8 {
+    fn lit_now(&self, outputs: &[i32], which: impl Fn(&CuttingChannel) -> bool) -> u8 {
         let channels = self.settings.channels().iter().enumerate();
         let lit = channels.filter(|(_, of)| {
             of.fires && which(of) && outputs.get(usize::from(of.channel)).is_some_and(|&value| value != 0)

@@ -4,6 +4,7 @@
 
 use std::path::PathBuf;
 
+use clap::builder::TypedValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 /// retrace: machines NC programs, and runs backward along the very path it took.
@@ -24,8 +25,14 @@ pub struct Cli {
 pub enum Command {
     /// Machine a program: on the simulated card unless --card says otherwise.
     #[command(
-        after_help = "Example:\n  retrace run examples/02-back-up.ngc --operator examples/02-back-up.op --records out.csv --json"
+        after_help = "Examples:\n  retrace run examples/02-back-up.ngc --operator examples/02-back-up.op --records out.csv --json\n  \
+        retrace run --tui --card /dev/ttyUSB0 --machine mill.toml"
     )]
+    #[command(mut_arg("program", |program| {
+        let any_text = clap::builder::OsStringValueParser::new().map(PathBuf::from);
+        let help = "NC program; `-` is standard input; with --tui it can be loaded at the screen";
+        program.value_parser(any_text).required(false).required_unless_present("tui").default_value_if("tui", "true", "").help(help)
+    }))]
     Run(Run),
     /// Decode and pre-scan only: every diagnostic, with line and column; nothing moves.
     #[command(
@@ -282,7 +289,7 @@ pub enum CyclesAction {
 }
 
 /// The two folders of cycles.
-#[derive(Debug, Default, Args)]
+#[derive(Clone, Debug, Default, Args)]
 pub struct CycleFolders {
     /// Folder with sources of cycles, `*.SPF`; by default `retrace/cycles` in the user's configuration folder.
     #[arg(long, value_name = "DIR", global = true)]
@@ -293,9 +300,10 @@ pub struct CycleFolders {
 }
 
 /// What a program is read with, for every command that reads one.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct Reading {
     /// NC program; `-` is standard input.
+    // Empty where the screen opens without one.
     pub program: PathBuf,
     /// Leave out blocks that begin with `/`.
     #[arg(long)]
@@ -318,7 +326,7 @@ pub struct Reading {
 }
 
 /// `retrace run`
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct Run {
     #[command(flatten)]
     pub reading: Reading,
@@ -343,6 +351,9 @@ pub struct Run {
     /// What the card executed, one row a control period.
     #[arg(long, value_name = "FILE.csv")]
     pub records: Option<PathBuf>,
+    /// With the simulated card: its pins, outputs and inputs as a trace for wave viewers.
+    #[arg(long, value_name = "FILE.vcd")]
+    pub vcd: Option<PathBuf>,
     /// One JSON object a line on standard output, the report last.
     #[arg(long)]
     pub json: bool,

@@ -100,7 +100,7 @@ impl Machining<'_> {
         let manner = Manner { wall_time: manners.wall_time, operator: manners.operator || heard.is_some() };
         let script = Operators::script(ScriptPlayer::new(manners.script, machine.period_us));
         let operators = match heard {
-            Some(heard) => script.and(heard),
+            Some(heard) => script.and(heard).releasing_the_end(),
             None => script,
         };
         let keeping = kept.as_ref().map_or_else(Keeping::default, Kept::keeping);

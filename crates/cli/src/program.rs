@@ -192,6 +192,9 @@ impl Program {
         setup.files = Some(Arc::clone(&folders) as _);
         let prescan = if arrives.is_some() {
             None
+        } else if name.is_empty() {
+            // The screen opens without a program.
+            Some(Arc::new(Prescan::of(&name, Vec::new().into(), &setup)))
         } else {
             let text = files::bytes(&reading.program, "program")?;
             let path = files::absolute(&reading.program);
@@ -203,16 +206,44 @@ impl Program {
         Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, by_hand, given_up }, notes))
     }
 
+    /// Another program with the same tables, subprograms and cycles, to be read with this setup: `reading` names it. Nothing is told on standard
+    /// error.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn loaded(&self, reading: &Reading, setup: Setup) -> Result<Self, Refusal> {
+        let by_hand = self.is_changed_by(&setup);
+        // Tools and parameters are those of the setup.
+        let without_tables = Reading { tools: None, params: None, ..reading.clone() };
+        let (mut other, _) = Self::noted(&without_tables, setup, Arrives::named(&reading.program))?;
+        let tables = self.files.iter().filter(|file| matches!(file.role, Role::Tools | Role::Parameters));
+        other.files.extend(tables.cloned());
+        Ok(Self { has_tool_table: self.has_tool_table, by_hand, ..other })
+    }
+
+    /// Does it stand for a program at all? The screen opens without one.
+    #[must_use]
+    pub fn is_loaded(&self) -> bool {
+        !self.name.is_empty()
+    }
+
+    /// Has a setup other tables than those that it was read with?
+    fn is_changed_by(&self, setup: &Setup) -> bool {
+        self.by_hand
+            || setup.parameters.write() != self.setup.parameters.write()
+            || setup.tools.write() != self.setup.tools.write()
+    }
+
     /// The program as its file is now, to be read with this setup. Nothing is told on standard error.
     ///
     /// # Errors
     /// The file cannot be read any more.
     pub fn anew(&self, setup: Setup) -> Result<Self, Refusal> {
-        let by_hand = self.by_hand
-            || setup.parameters.write() != self.setup.parameters.write()
-            || setup.tools.write() != self.setup.tools.write();
+        let by_hand = self.is_changed_by(&setup);
+        // Subprograms are looked for beside this program, not beside the one that the setup is of.
+        let setup = Setup { files: self.setup.files.clone(), ..setup };
         let mut again = Self { setup, by_hand, ..self.clone() };
-        if self.prescan.is_some() {
+        if self.prescan.is_some() && self.is_loaded() {
             let text = files::bytes(Path::new(&self.name), "program")?;
             if let Some(read) = again.files.iter_mut().find(|read| read.role == Role::Program) {
                 read.hash = Hash::of(&text);

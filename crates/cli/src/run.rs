@@ -13,7 +13,7 @@ use retrace_link::{MotionCard, Start, Status};
 
 use crate::files;
 use crate::homed::Homing;
-use crate::hung::simulated;
+use crate::hung::{simulated, traced};
 use crate::kept::{Beginning, Claimed, Kept};
 pub use crate::machining::{AtScreen, Ended};
 use crate::machining::{Machining, Manners};
@@ -66,13 +66,18 @@ impl With<'_> {
         if args.card == "sim" {
             let program = self.open(&machine)?;
             if self.at_screen {
-                let mut card = simulated::<A>(&machine, clock(&machine, true))?;
+                let mut card = traced(simulated::<A>(&machine, clock(&machine, true))?, &machine, args.vcd.as_deref())?;
                 let (work, homing) = ((self.script, (self.text, entry::Card::Sim)), Homing::simulated());
                 return operate::operate(args, &machine, program, work, &mut card, &homing);
             }
             let card = simulated::<A>(&machine, clock(&machine, args.realtime))?;
+            let card = traced(card, &machine, args.vcd.as_deref())?;
             let (kept, input) = keep(args, &program, &machine, (&self.text, entry::Card::Sim), card.status())?;
             return self.machining(&machine, &program, kept, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
+        }
+        if args.vcd.is_some() {
+            let what = "--vcd: only the simulated card in this process can write a trace of its pins";
+            return Err(Refusal::new("E2152", what, "retrace card serve --vcd FILE writes that of a served card").into());
         }
         // Everything that can be refused without the card is refused before it is asked for.
         self.open(&machine)?;
@@ -105,10 +110,12 @@ impl With<'_> {
         Ok(code)
     }
 
-    /// Opens the program and checks it whole.
+    /// Opens the program and checks it whole; at the screen it is checked there, where what keeps it from running can be put right.
     fn open(&self, machine: &Machine) -> Result<Program, Failure> {
         let program = Program::open(&self.args.reading, machine)?;
-        program.check(machine)?;
+        if !self.at_screen {
+            program.check(machine)?;
+        }
         if let (Some(line), Some(lines)) = (self.args.start_line, program.lines())
             && u64::from(line) > lines
         {

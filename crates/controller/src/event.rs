@@ -160,6 +160,8 @@ pub enum Happening {
     RetraceSwitched(u8, i32),
     /// Normal run goes on.
     GoesOn,
+    /// The program has come to its end, and the job waits for its release: reverse run is still possible.
+    ProgramEnd,
     /// An exclusive instruction begins.
     Switching(&'static str),
     /// An exclusive instruction is complete.
@@ -225,6 +227,7 @@ impl Event {
                 json!({"event": "retrace_switched", "channel": channel, "value": value})
             }
             Happening::GoesOn => json!({"event": "goes_on"}),
+            Happening::ProgramEnd => json!({"event": "program_end"}),
             Happening::Switching(code) => json!({"event": "switching", "code": code}),
             Happening::Switched(code) => json!({"event": "switched", "code": code}),
             Happening::SwitchedInPassing(channel, value) => {
@@ -286,6 +289,7 @@ impl Event {
                 format!("retrace: {} := {value}", channel_name(*channel))
             }
             Happening::GoesOn => "normal run goes on".into(),
+            Happening::ProgramEnd => "end of the program; reverse run is possible until the job is released".into(),
             Happening::Switching(code) => format!("{code} begins"),
             Happening::Switched(code) => format!("{code} done"),
             Happening::SwitchedInPassing(channel, value) => format!("{} := {value}", channel_name(*channel)),

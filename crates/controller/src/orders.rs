@@ -77,19 +77,33 @@ impl Heard {
 pub struct Operators {
     script: ScriptPlayer,
     heard: Option<Heard>,
+    /// The job is over only when the operator says so.
+    releases: bool,
 }
 
 impl Operators {
     /// A script; an empty one is nobody.
     #[must_use]
     pub fn script(script: ScriptPlayer) -> Self {
-        Self { script, heard: None }
+        Self { script, heard: None, releases: false }
     }
 
     /// The same, and somebody at a screen, who stays to the end.
     #[must_use]
     pub fn and(self, heard: Heard) -> Self {
         Self { heard: Some(heard), ..self }
+    }
+
+    /// The same; a program that has come to its end stays open for reverse run until the operator releases it with [`Deed::Stop`].
+    #[must_use]
+    pub fn releasing_the_end(self) -> Self {
+        Self { releases: true, ..self }
+    }
+
+    /// Does a program that has come to its end wait for the operator to release it?
+    #[must_use]
+    pub fn releases_the_end(&self) -> bool {
+        self.releases
     }
 
     /// Is nobody there who has something left to say?

@@ -193,7 +193,7 @@ mod tests {
             ("M101", vec![change(3, 1)], 1500),
         ];
         assert_eq!(all, expected);
-        // what agrees already is left alone
+        // what agrees is left alone
         let are = outputs(&[(3, 1), (SPEED, 900_000), (SPINDLE, 1), (FLOOD, 1)]);
         assert_eq!(steps(&origins, &are, &wants), vec![("M3", vec![change(4, 1)], 800)]);
     }
@@ -206,7 +206,7 @@ mod tests {
         let wants = outputs(&[(SPINDLE, 1)]);
         let all = steps(&origins, &outputs(&[(3, 1), (FLOOD, 1), (5, 1)]), &wants);
         let codes: Vec<_> = all.iter().map(|(code, ..)| *code).collect();
-        assert_eq!(codes, ["output", "output", "M9", "M3"], "{all:?}");
+        assert_eq!(codes, ["output", "M9", "output", "M3"], "{all:?}");
         assert_eq!(all[0].1, vec![change(3, 0)]);
     }
 

@@ -37,6 +37,8 @@ pub enum Standing {
     ProgramStop,
     /// Single block waits for cycle start.
     SingleBlock,
+    /// The program has come to its end, and the operator has not released it: reverse run is still possible.
+    Ended,
     /// The program is paused at a breakpoint, until the axes are back there (DNC-1 … DNC-7); events tell the flags.
     Paused,
 }

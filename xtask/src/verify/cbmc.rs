@@ -100,7 +100,10 @@ pub(super) fn build(root: &Path, tools: &CbmcTools, folder: &Path) -> Result<Har
     };
     rustc("retrace_core", "crates/core/src/lib.rs", "rlib", &[])?;
     rustc("retrace_link", "crates/link/src/lib.rs", "rlib", &["--extern", "retrace_core"])?;
-    let mut last = vec!["--extern", "retrace_core", "--extern", "retrace_link", "-C", "lto=fat"];
+    let both = ["--extern", "retrace_core", "--extern", "retrace_link"];
+    rustc("retrace_card", "crates/card/src/lib.rs", "rlib", &both)?;
+    let mut last = both.to_vec();
+    last.extend(["--extern", "retrace_card", "-C", "lto=fat"]);
     last.extend(UNROLLED.iter().flat_map(|option| ["-C", *option]));
     rustc("harnesses", "verification/src/lib.rs", "staticlib", &last)?;
     let environment = "verification/cbmc/environment.c";

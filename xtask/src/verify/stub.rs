@@ -64,7 +64,10 @@ fn compile(job: &Job<'_>, listed: &[&Harness]) -> Result<PathBuf, String> {
     rustc("kani", Path::new("verification/kani-stub/lib.rs"), &[&library[..], &uses(&["kani_macros"])].concat())?;
     rustc("retrace_core", Path::new("crates/core/src/lib.rs"), &library)?;
     rustc("retrace_link", Path::new("crates/link/src/lib.rs"), &[&library[..], &uses(&["retrace_core"])].concat())?;
-    let proofs = [&library[..], &["--cfg", "kani"], &uses(&["kani", "retrace_core", "retrace_link"])].concat();
+    let both = uses(&["retrace_core", "retrace_link"]);
+    rustc("retrace_card", Path::new("crates/card/src/lib.rs"), &[&library[..], &both].concat())?;
+    let used = uses(&["kani", "retrace_core", "retrace_link", "retrace_card"]);
+    let proofs = [&library[..], &["--cfg", "kani"], &used].concat();
     rustc("retrace_verification", Path::new("verification/src/lib.rs"), &proofs)?;
     same_list(&std::fs::read_to_string(&notes).unwrap_or_default(), listed)?;
     let driver = folder.join("driver.rs");

@@ -52,7 +52,13 @@ impl Desk {
             // A key that is held down does not heap up moves.
             Said::Task(_) if self.job().is_some() => {}
             // The machine hears everything until it is left.
-            other => drop(self.words.send(other)),
+            other => {
+                if locked(&self.model).is_at_program_end() {
+                    // Whatever comes next releases the job, whose program has come to its end.
+                    self.say_to_job(Deed::Stop);
+                }
+                drop(self.words.send(other));
+            }
         }
     }
 

@@ -3,6 +3,7 @@
 //! Invariant: while no job runs periods go on passing, so that the card hears of its host; a path begins anew where the machine stands
 //! before each job.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::thread;
@@ -22,12 +23,14 @@ use retrace_link::{Alarm, Change, MotionCard, Start};
 
 use super::desk::Desk;
 use super::picture;
-use crate::args;
+use crate::args::{self, Reading};
 use crate::homed::Homing;
 use crate::kept::Kept;
 use crate::program::{Arriving, Failure, Program};
 use crate::run::{At, AtScreen, Ended, Job};
 use crate::screen::Said;
+use crate::screen::diagnostic_text;
+use crate::screen::facts::ProgramCheck;
 use crate::screen::live::{Live, locked};
 use crate::screen::model::{AlarmShown, Stage};
 
@@ -49,7 +52,8 @@ pub(super) struct Left {
 
 /// A machine, and who works at it.
 pub(super) struct Machinist<'m, const A: usize, C> {
-    args: &'m args::Run,
+    /// With the program that is loaded now.
+    args: args::Run,
     machine: Machine,
     homing: &'m Homing,
     program: Arc<Program>,
@@ -71,7 +75,7 @@ pub(super) struct Machinist<'m, const A: usize, C> {
 impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     /// Of a machine that stands, on an open card.
     pub(super) fn new(
-        args: &'m args::Run,
+        args: args::Run,
         (machine, homing): (&Machine, &'m Homing),
         (program, script, at): (Arc<Program>, Vec<Instruction>, At),
         card: &'m mut C,
@@ -110,13 +114,22 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
                 Ok(Said::Start) => self.job(),
                 Ok(Said::SetUp) => self.set_up(),
                 Ok(Said::Task(task)) => self.task(&task),
+                Ok(Said::Load(path)) => self.load(path),
+                Ok(Said::CloseRefusal) => self.close_refusal(),
                 Ok(Said::DryRun(on)) => self.machine.inhibits_outputs = on,
                 // Words to a job that has just ended.
                 Ok(Said::Deed(_) | Said::Turn(_)) => {}
-                Ok(Said::Quit) | Err(TryRecvError::Disconnected) => return self.left,
+                Ok(Said::Quit) | Err(TryRecvError::Disconnected) => return self.leave(),
                 Err(TryRecvError::Empty) => self.stand(),
             }
         }
+    }
+
+    /// How the machine is left: where none was run because the program has errors, that is what the exit code says.
+    fn leave(self) -> Left {
+        let is_refused = matches!(locked(&self.desk.model).facts.check, ProgramCheck::Refused(_));
+        let code = if is_refused && !self.left.ran { 1 } else { self.left.code };
+        Left { code, ..self.left }
     }
 
     /// Lets a period pass in which the machine stands.
@@ -215,7 +228,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             Err(NotDone::Refused(refusal)) => {
                 self.note(format!("{}: {} · {}", refusal.number, refusal.what, refusal.remedy))
             }
-            Err(NotDone::Block(lines)) => lines.iter().flat_map(|text| text.lines()).for_each(|line| self.note(line)),
+            Err(NotDone::Block(lines)) => {
+                lines.iter().flat_map(|text| diagnostic_text::in_words(text)).for_each(|line| self.note(line));
+            }
             Err(NotDone::Trouble(_)) if *task == Task::ClearAlarm => self.note("not cleared: its cause is still there"),
             // An alarm is told where the machine stands.
             Err(NotDone::Trouble(Trouble::Latched(_))) => {}
@@ -227,6 +242,50 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let active = Box::new(self.by_hand.active());
         Observer::<A>::told(&mut self.live, &Told::Active(active));
         self.tell_outputs();
+        self.check_again();
+    }
+
+    /// Has the program checked, and its path drawn, for where the machine stands and for the offsets in force now.
+    fn check_again(&self) {
+        let machine = self.machine.clone().standing_at(&self.card.status().counts);
+        let setup = self.by_hand.setup_of_program(&machine);
+        picture::check_again::<A>(&self.desk.model, machine, &self.program, setup);
+    }
+
+    /// Loads another program. Where its file cannot be read the one before stays.
+    fn load(&mut self, path: PathBuf) {
+        if locked(&self.desk.model).stage == Stage::Job {
+            return;
+        }
+        let machine = self.machine.clone().standing_at(&self.card.status().counts);
+        let reading = Reading { program: path, ..self.args.reading.clone() };
+        let (program, setup) = (Arc::clone(&self.program), self.by_hand.setup_of_program(&machine));
+        let loaded = self.while_standing({
+            let reading = reading.clone();
+            move || program.loaded(&reading, setup)
+        });
+        match loaded {
+            Ok(program) => {
+                self.program = Arc::new(program);
+                // A line to begin at was one of the program before.
+                self.args = args::Run { reading, start_line: None, ..self.args.clone() };
+                locked(&self.desk.model).stage = Stage::Setup;
+                picture::show_program::<A>(&self.desk.model, machine, &self.program);
+            }
+            Err(Refusal { number, what, remedy }) => self.note(format!("{number}: {what}. {remedy}")),
+        }
+    }
+
+    /// Does something that may take long, while periods go on passing, so that the card hears of its host.
+    fn while_standing<T: Send>(&mut self, work: impl FnOnce() -> T + Send) -> T {
+        let done = thread::scope(|scope| {
+            let working = scope.spawn(work);
+            while !working.is_finished() {
+                self.stand();
+            }
+            working.join()
+        });
+        done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 
     /// Runs the program from where the machine stands.
@@ -251,7 +310,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let mut ended = Ended::default();
         let at_screen = AtScreen { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
         let at = self.at.clone();
-        let job = Job::of(self.args, &machine, self.script.clone(), program, &at);
+        let args = self.args.clone();
+        let job = Job::of(&args, &machine, self.script.clone(), program, &at);
         let done = self.begun(&job).and_then(|kept| job.run(&mut *self.card, kept, Some(at_screen)));
         self.desk.ends();
         self.left.ran = true;
@@ -274,14 +334,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     /// Begins a job's journal, while periods go on passing: the disk may take longer than the card waits for its host.
     fn begun(&mut self, job: &Job<'_>) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
         let status = *self.card.status();
-        let begun = thread::scope(|scope| {
-            let beginning = scope.spawn(move || job.keep(&status));
-            while !beginning.is_finished() {
-                self.stand();
-            }
-            beginning.join()
-        });
-        begun.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        self.while_standing(move || job.keep(&status))
     }
 
     /// Why no job can begin now.
@@ -292,6 +345,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             Some("first clear the alarm (a)")
         } else if self.left.ran && self.args.reading.program.as_os_str() == "-" {
             Some("standard input has been read: it cannot be run again")
+        } else if !self.program.is_loaded() {
+            Some("no program is loaded: O opens one")
         } else {
             None
         }
@@ -301,30 +356,30 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     fn prepared(&mut self, machine: &Machine) -> Result<Program, String> {
         let (program, setup) = (&self.program, self.by_hand.setup_of_program(machine));
         let (program, model) = (Arc::clone(program), Arc::clone(&self.desk.model));
-        let done = thread::scope(|scope| {
-            let opening = scope.spawn(move || {
-                let program = program.anew(setup).map_err(|refusal| refusal.to_string())?;
-                program.faults(machine)?;
-                picture::look_again::<A>(&model, machine, &program);
-                Ok(program)
-            });
-            while !opening.is_finished() {
-                self.stand();
-            }
-            opening.join()
-        });
-        done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        self.while_standing(move || {
+            let program = program.anew(setup).map_err(|refusal| refusal.to_string())?;
+            program.faults(machine)?;
+            picture::look_again::<A>(&model, machine, &program);
+            Ok(program)
+        })
     }
 
-    /// A program was refused: every line of why.
-    fn refused(&mut self, why: &str) {
-        for line in why.lines().filter(|line| !line.trim().is_empty()) {
-            self.note(line);
-        }
+    /// The operator has read why the program is refused.
+    fn close_refusal(&mut self) {
         let mut model = locked(&self.desk.model);
-        let cause = why.lines().next().unwrap_or_default().to_owned();
-        let remedy = "g shows all messages; correct the program, then start it again (c)".to_owned();
-        model.alarm = Some(AlarmShown { number: "the program is refused".into(), cause, remedy });
+        if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) {
+            model.alarm_is_cleared();
+        }
+    }
+
+    /// A program was refused: says why, a line for each finding.
+    fn refused(&mut self, why: &str) {
+        let findings = diagnostic_text::in_words(why);
+        let cause = findings.first().cloned().unwrap_or_default();
+        findings.into_iter().for_each(|finding| self.note(finding));
+        let remedy = "g shows all messages; correct the program or its work zero, then start it again (c)".to_owned();
+        let mut model = locked(&self.desk.model);
+        model.alarm = Some(AlarmShown { number: "program refused".into(), cause, remedy, is_refusal: true });
     }
 }
 

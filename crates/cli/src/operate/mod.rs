@@ -68,7 +68,7 @@ pub fn is_wanted(args: &args::Run) -> Result<bool, Refusal> {
 }
 
 /// Operates a machine that stands, on an open card, until the operator quits or the terminal is gone: the exit code of the last job; that of
-/// a stopped one where none has run. `program` has been checked.
+/// a stopped one where none has run. `program` is checked here, and may have errors.
 ///
 /// # Errors
 /// The terminal cannot be taken.
@@ -83,10 +83,10 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     let signals = Signals::listen().map_err(|error| unwritable("the list of signals", &error))?;
     let program = Arc::new(program);
     let model = Arc::new(Mutex::new(Model::new(Arc::new(picture::facts(machine, &program)))));
-    picture::reckon::<A>(&model, machine, &program);
+    picture::show_program::<A>(&model, machine.clone(), &program);
     let (desk, words) = Desk::new(Arc::clone(&model));
     let mut screen = Watched::begin(&model, &desk);
-    let machinist = Machinist::<A, C>::new(args, (machine, homing), (program, script, at), card, words, &desk);
+    let machinist = Machinist::<A, C>::new(args.clone(), (machine, homing), (program, script, at), card, words, &desk);
     let done = thread::scope(|scope| {
         let machine = scope.spawn(|| machinist.work());
         while !machine.is_finished() {

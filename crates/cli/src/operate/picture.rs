@@ -3,16 +3,17 @@
 //! Invariant: whatever takes time is done in a thread of its own; the picture says "reckoning" until it is there.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use retrace_controller::job::{Decode, Decoded};
 use retrace_controller::machine::Machine;
 use retrace_controller::survey;
-use retrace_gcode::Step;
+use retrace_gcode::{Setup, Step};
 
 use crate::program::{Decoder, Program};
-use crate::screen::facts::{Facts, Planned};
+use crate::screen::diagnostic_text;
+use crate::screen::facts::{Facts, Planned, ProgramCheck};
 use crate::screen::live::locked;
 use crate::screen::model::Model;
 use crate::screen::preview::Preview;
@@ -26,17 +27,41 @@ pub(super) fn facts(machine: &Machine, program: &Program) -> Facts {
         };
         table.tools().map(tool).collect()
     });
-    Facts { tools, ..Facts::of(machine, &file_name(program.name()), &program.text()) }
+    let check = if program.is_loaded() { ProgramCheck::Checking } else { ProgramCheck::NotLoaded };
+    Facts { tools, check, ..Facts::of(machine, &file_name(program.name()), &program.text()) }
 }
 
-/// The program has been opened again, for a machine that may stand elsewhere now: what changed is reckoned again.
+/// Shows another program on a machine that stands there: its text now, and its check, path and time when they are known.
+pub(super) fn show_program<const A: usize>(model: &Arc<Mutex<Model>>, machine: Machine, program: &Arc<Program>) {
+    let facts = Arc::new(facts(&machine, program));
+    {
+        let mut model = locked(model);
+        (model.facts, model.line, model.reached_line) = (facts, 0, 0);
+        model.changes += 1;
+    }
+    reckon::<A>(model, Reckoning { machine, program: Arc::clone(program), setup: None, is_checked: false });
+}
+
+/// The machine stands elsewhere now, or its offsets are others: the program is checked again with this setup, and drawn where it would go.
+pub(super) fn check_again<const A: usize>(
+    model: &Arc<Mutex<Model>>,
+    machine: Machine,
+    program: &Arc<Program>,
+    setup: Setup,
+) {
+    reckon::<A>(model, Reckoning { machine, program: Arc::clone(program), setup: Some(setup), is_checked: false });
+}
+
+/// The program has been opened and checked again, for a machine that may stand elsewhere now: what changed is reckoned again.
 pub(super) fn look_again<const A: usize>(model: &Arc<Mutex<Model>>, machine: &Machine, program: &Program) {
     let (new, old) = (facts(machine, program), Arc::clone(&locked(model).facts));
-    if new.program == old.program && new.stands_at_mm == old.stands_at_mm {
+    let is_same = new.program == old.program && new.stands_at_mm == old.stands_at_mm;
+    if is_same && old.check == ProgramCheck::Ready {
         return;
     }
     locked(model).facts = Arc::new(new);
-    reckon::<A>(model, machine, &Arc::new(program.clone()));
+    let (machine, program) = (machine.clone(), Arc::new(program.clone()));
+    reckon::<A>(model, Reckoning { machine, program, setup: None, is_checked: true });
 }
 
 /// The last part of a path: what has room on a screen.
@@ -47,24 +72,71 @@ fn file_name(name: &str) -> String {
 
 /// The reckoning that counts: a later one makes the earlier ones end.
 static LATEST: AtomicU64 = AtomicU64::new(0);
+/// One is at work at a time, so that they do not heap up while an axis is jogged step by step.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-/// Reckons path and time of a program on a machine that stands where it does, and has them shown when they are known.
-pub(super) fn reckon<const A: usize>(model: &Arc<Mutex<Model>>, machine: &Machine, program: &Arc<Program>) {
+/// What is to be reckoned.
+struct Reckoning {
+    /// Where it stands.
+    machine: Machine,
+    program: Arc<Program>,
+    /// What the program is to be read with, where that is not what it was read with.
+    setup: Option<Setup>,
+    /// It has been checked already, and may be run.
+    is_checked: bool,
+}
+
+/// Reckons check, path and time of a program, and has them shown when they are known.
+fn reckon<const A: usize>(model: &Arc<Mutex<Model>>, reckoning: Reckoning) {
     let number = LATEST.fetch_add(1, Ordering::Relaxed) + 1;
-    if program.lines().is_none() {
-        return publish(model, number, |facts| Facts { planned: Planned::Unknown, ..facts });
+    let program = &reckoning.program;
+    if !program.is_loaded() {
+        return publish(model, number, |facts| Facts { check: ProgramCheck::NotLoaded, ..facts });
     }
-    let (model, machine, program) = (Arc::clone(model), machine.clone(), Arc::clone(program));
+    if program.lines().is_none() {
+        let check = ProgramCheck::CheckedAsItRuns;
+        return publish(model, number, |facts| Facts { planned: Planned::Unknown, check, ..facts });
+    }
+    let model = Arc::clone(model);
     thread::spawn(move || {
-        let wanted = |decoder| Wanted { decoder, number };
-        let preview = Preview::of(&machine, &mut wanted(program.decoder()));
-        publish(&model, number, |facts| Facts { preview, ..facts });
-        let surveyed = survey::survey::<A>(&machine, &mut wanted(program.decoder()));
-        let planned = surveyed.map_or(Planned::Unknown, |(_, _, survey)| {
-            Planned::Known(survey.motion_periods as f64 * machine.period_s())
-        });
-        publish(&model, number, |facts| Facts { planned, ..facts });
+        let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+        if LATEST.load(Ordering::Relaxed) == number {
+            reckoned::<A>(&model, number, reckoning);
+        }
     });
+}
+
+fn reckoned<const A: usize>(model: &Mutex<Model>, number: u64, reckoning: Reckoning) {
+    let Reckoning { machine, program, setup, is_checked } = reckoning;
+    let refused = |why: String| {
+        let findings = diagnostic_text::in_words(&why);
+        let check = ProgramCheck::Refused(findings.clone());
+        let is_known = locked(model).facts.check == check;
+        publish(model, number, |facts| Facts { check, ..facts });
+        if !is_known {
+            let mut model = locked(model);
+            let time_s = model.period as f64 * model.facts.period_s;
+            findings.into_iter().for_each(|finding| model.say(time_s, 0, finding));
+        }
+    };
+    let stands_at_mm = machine.stands_at_mm.clone();
+    let program = match setup.map(|setup| program.anew(setup)) {
+        None => program,
+        Some(Ok(program)) => Arc::new(program),
+        Some(Err(why)) => return refused(why.to_string()),
+    };
+    if !is_checked && let Err(why) = program.faults(&machine) {
+        refused(why);
+    } else {
+        publish(model, number, |facts| Facts { check: ProgramCheck::Ready, ..facts });
+    }
+    let wanted = |decoder| Wanted { decoder, number };
+    let preview = Preview::of(&machine, &mut wanted(program.decoder()));
+    publish(model, number, |facts| Facts { preview, stands_at_mm, ..facts });
+    let surveyed = survey::survey::<A>(&machine, &mut wanted(program.decoder()));
+    let planned = surveyed
+        .map_or(Planned::Unknown, |(_, _, survey)| Planned::Known(survey.motion_periods as f64 * machine.period_s()));
+    publish(model, number, |facts| Facts { planned, ..facts });
 }
 
 /// Has the picture show facts that are changed like that. They are copied outside of the picture's lock.

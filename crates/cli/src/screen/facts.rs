@@ -40,6 +40,22 @@ impl Planned {
     }
 }
 
+/// What checking the program has come to. A cycle start checks it again.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum ProgramCheck {
+    /// It is being checked.
+    #[default]
+    Checking,
+    /// There is none: the screen was opened without one.
+    NotLoaded,
+    /// It can be run from where the machine stands.
+    Ready,
+    /// It cannot; why, a line for each finding, never empty.
+    Refused(Vec<String>),
+    /// It comes as a stream, and is checked block by block as it runs.
+    CheckedAsItRuns,
+}
+
 /// What does not change while a job runs.
 #[derive(Clone, Debug, Default)]
 pub struct Facts {
@@ -59,6 +75,8 @@ pub struct Facts {
     pub first_place: u32,
     /// Where the program goes, and where its blocks end.
     pub preview: Preview,
+    /// What checking the program has come to.
+    pub check: ProgramCheck,
     /// The tool table, a tool a line.
     pub tools: Vec<String>,
 }

@@ -6,6 +6,7 @@ use retrace_controller::stream::Standing;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 
+use super::facts::ProgramCheck;
 use super::hand::Hand;
 use super::keys::Act;
 use super::model::{Model, Pause, Stage};
@@ -42,13 +43,16 @@ fn guide(grade: Grade, word: &'static str, why: impl Into<String>, acts: &[Act])
 #[must_use]
 pub fn of(model: &Model, hand: &Hand) -> Guide {
     if let Some(alarm) = &model.alarm {
+        if alarm.is_refusal {
+            return guide(Grade::Waits, "REFUSED", alarm.cause.as_str(), &[Act::ClearAlarm, Act::Messages, Act::Quit]);
+        }
         let why = format!("{}: {}", alarm.number, alarm.cause);
         return guide(Grade::Alarm, "ALARM", why, &[Act::ClearAlarm, Act::Messages, Act::Quit]);
     }
     match &model.stage {
         Stage::Setup => setup(model, hand),
         Stage::Ended(how) => {
-            let acts = [Act::Quit, Act::CycleStart, Act::SetUp, Act::Messages, Act::View, Act::Tools];
+            let acts = [Act::Quit, Act::CycleStart, Act::SetUp, Act::OpenProgram, Act::Messages, Act::View, Act::Tools];
             guide(Grade::Waits, "ENDED", how, &acts)
         }
         Stage::Job => match (model.pause, model.mode) {
@@ -63,14 +67,41 @@ fn setup(model: &Model, hand: &Hand) -> Guide {
     if !model.at_rest {
         return guide(Grade::Well, "MOVING", "by hand; Space stops it", &[Act::Hold]);
     }
-    let rest = [Act::Jog, Act::Step, Act::Mdi, Act::WorkZero, Act::DryRun, Act::Tools, Act::Output, Act::Quit];
+    let rest = [
+        Act::Jog,
+        Act::Step,
+        Act::Mdi,
+        Act::WorkZero,
+        Act::DryRun,
+        Act::OpenProgram,
+        Act::Tools,
+        Act::Output,
+        Act::Quit,
+    ];
     let mut acts = if model.homed { vec![Act::CycleStart, Act::Home] } else { vec![Act::Home] };
     acts.extend(rest);
     if !model.homed {
         return guide(Grade::Waits, "NOT HOMED", "the machine does not know where it is", &acts);
     }
     let name = &model.facts.program.name;
-    let why = if hand.dry { format!("{name}, DRY RUN: no output will switch") } else { format!("{name} is ready") };
+    match &model.facts.check {
+        ProgramCheck::NotLoaded => {
+            acts[0] = Act::OpenProgram;
+            return guide(Grade::Waits, "NO PROGRAM", "the machine can be set up", &acts);
+        }
+        ProgramCheck::Refused(why) => {
+            let first = why.first().map_or("", String::as_str);
+            acts = vec![Act::Messages, Act::WorkZero, Act::Jog, Act::Step, Act::Mdi, Act::OpenProgram, Act::CycleStart];
+            acts.extend([Act::Home, Act::Output, Act::Quit]);
+            return guide(Grade::Waits, "NOT READY", first, &acts);
+        }
+        _ => {}
+    }
+    let why = match (hand.dry, &model.facts.check) {
+        (true, _) => format!("{name}, DRY RUN: no output will switch"),
+        (false, ProgramCheck::Checking) => format!("{name} is being checked"),
+        (false, _) => format!("{name} is ready"),
+    };
     guide(Grade::Waits, if hand.dry { "READY (DRY)" } else { "READY" }, why, &acts)
 }
 
@@ -92,6 +123,20 @@ fn normal(model: &Model) -> Guide {
         Standing::Hold => guide(Grade::Waits, "FEED HOLD", "held by the operator", &held),
         Standing::ProgramStop => guide(Grade::Waits, "PROGRAM STOP", "the program asked for a stop", &held),
         Standing::SingleBlock => guide(Grade::Waits, "SINGLE BLOCK", "at the end of a block", &held),
+        Standing::Ended => {
+            let acts = [
+                Act::Quit,
+                Act::Reverse,
+                Act::SetUp,
+                Act::Wheel,
+                Act::BackBy,
+                Act::BackJet,
+                Act::CycleStart,
+                Act::OpenProgram,
+                Act::Output,
+            ];
+            guide(Grade::Waits, "ENDED", "program completed; reverse run is still possible", &acts)
+        }
         Standing::Paused => guide(Grade::Waits, "PAUSED", "at the breakpoint", &[Act::CycleStart, Act::Quit]),
         Standing::None => match model.switching {
             Some(code) => guide(Grade::Well, "RUNNING", format!("waits until {code} is done"), &running),

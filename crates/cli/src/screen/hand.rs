@@ -10,6 +10,7 @@ use retrace_core::{ONE, Travel};
 use retrace_link::channel;
 
 use super::Said;
+use super::files;
 use super::keys::{self, Act, Key, Situation};
 use super::model::{Model, Stage};
 
@@ -26,6 +27,8 @@ pub enum Ask {
     WorkZero,
     /// Whether to stop the job.
     Stop,
+    /// The file of another program.
+    Program,
 }
 
 /// What lies over the screen.
@@ -126,6 +129,7 @@ impl Hand {
     pub fn open(&self, model: &Model) -> &Open {
         let is_job = model.stage == Stage::Job;
         match &self.open {
+            Open::Prompt(Ask::Program, ..) if is_job && !model.is_at_program_end() => &Open::Nothing,
             Open::Prompt(Ask::Stop | Ask::BackBy, ..) if !is_job => &Open::Nothing,
             Open::Prompt(Ask::Mdi | Ask::WorkZero, ..) if is_job => &Open::Nothing,
             open => open,
@@ -147,7 +151,8 @@ impl Hand {
         }
         if key == Key::Esc {
             self.alarm_aside = true;
-            return None;
+            let is_refusal = model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal);
+            return is_refusal.then_some(Said::CloseRefusal);
         }
         let Some(row) = keys::row_of(key, Situation::of(model)) else {
             if let Some((row, when)) = keys::elsewhere(key) {
@@ -161,8 +166,10 @@ impl Hand {
     }
 
     fn act(&mut self, act: Act, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
+        // A program that has come to its end is released by whatever comes next.
+        let is_job = model.stage == Stage::Job && !model.is_at_program_end();
         let deed = match act {
-            Act::CycleStart if model.stage != Stage::Job => return Some(Said::Start),
+            Act::CycleStart if !is_job => return Some(Said::Start),
             Act::SetUp => return Some(Said::SetUp),
             Act::CycleStart => Deed::CycleStart,
             Act::Hold => Deed::Hold,
@@ -197,13 +204,16 @@ impl Hand {
                 self.tell("there is no alarm", now_ms);
                 return None;
             }
+            Act::ClearAlarm if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) => {
+                return Some(Said::CloseRefusal);
+            }
             Act::ClearAlarm => return Some(Said::Task(Task::ClearAlarm)),
             Act::Home => return Some(Said::Task(Task::Home(None))),
             Act::DryRun => {
                 self.dry = !self.dry;
                 return Some(Said::DryRun(self.dry));
             }
-            Act::Quit if model.stage != Stage::Job => return Some(Said::Quit),
+            Act::Quit if !is_job => return Some(Said::Quit),
             _ => {
                 self.look(act, model);
                 return None;
@@ -220,6 +230,7 @@ impl Hand {
             Act::Output => ask(Ask::Output, ""),
             Act::Mdi => ask(Ask::Mdi, ""),
             Act::WorkZero => ask(Ask::WorkZero, "all"),
+            Act::OpenProgram => ask(Ask::Program, ""),
             Act::Quit => ask(Ask::Stop, ""),
             Act::Help => Open::Help(0),
             Act::Tools => Open::Tools,
@@ -310,7 +321,8 @@ impl Hand {
 
     /// A key while something lies over the screen.
     fn key_in_box(&mut self, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
-        let is_job = model.stage == Stage::Job;
+        // At the end of the program nothing moves, and names of files have spaces.
+        let is_job = model.stage == Stage::Job && !model.is_at_program_end();
         if key == Key::Char(' ') && (is_job || !matches!(self.open, Open::Prompt(..))) {
             self.open = Open::Nothing;
             return (!matches!(model.stage, Stage::Ended(_))).then_some(Said::Deed(Deed::Hold));
@@ -331,12 +343,16 @@ impl Hand {
                 self.open = Open::Nothing;
                 return None;
             }
+            (Ask::Program, Key::Tab) => {
+                *wrong = files::complete(text);
+                return None;
+            }
             (ask, Key::Enter) => answer(ask, text.trim(), model),
             (_, Key::Backspace) => {
                 text.pop();
                 return None;
             }
-            (ask, Key::Char(c)) if text.chars().count() < 200 => {
+            (ask, Key::Char(c)) if text.chars().count() < 500 => {
                 // What stands there is a suggestion: the first key replaces it.
                 let suggested = matches!((ask, text.as_str()), (Ask::BackBy, "20") | (Ask::WorkZero, "all"));
                 if suggested {
@@ -382,6 +398,8 @@ fn answer(ask: Ask, text: &str, model: &Model) -> Result<Said, String> {
             }
         }
         Ask::Stop => Ok(Said::Deed(Deed::Stop)),
+        Ask::Program if text.is_empty() => Err("the path of a program file".into()),
+        Ask::Program => Ok(Said::Load(files::expanded(text))),
     }
 }
 

@@ -105,6 +105,8 @@ pub enum Act {
     WorkZero,
     /// Outputs inhibited.
     DryRun,
+    /// Opens another program.
+    OpenProgram,
     /// The tool table.
     Tools,
     /// Turns the drawing.
@@ -132,11 +134,14 @@ pub enum Situation {
     Paused = 16,
     /// The job has ended.
     Ended = 32,
+    /// At the end of the program, which has not been released: reverse run is possible.
+    ProgramEnd = 64,
 }
 
 impl Situation {
     /// All of them.
-    pub const ALL: [Self; 6] = [Self::Setup, Self::Run, Self::Retrace, Self::Wheel, Self::Paused, Self::Ended];
+    pub const ALL: [Self; 7] =
+        [Self::Setup, Self::Run, Self::Retrace, Self::Wheel, Self::Paused, Self::Ended, Self::ProgramEnd];
 
     /// The one that the picture shows.
     #[must_use]
@@ -145,6 +150,7 @@ impl Situation {
             (Stage::Setup, _) => Self::Setup,
             (Stage::Ended(_), _) => Self::Ended,
             (Stage::Job, _) if model.standing == Standing::Paused || model.pause.is_some() => Self::Paused,
+            (Stage::Job, Mode::Run) if model.is_at_program_end() => Self::ProgramEnd,
             (Stage::Job, Mode::Run) => Self::Run,
             (Stage::Job, Mode::Wheel) => Self::Wheel,
             (Stage::Job, _) => Self::Retrace,
@@ -161,6 +167,7 @@ impl Situation {
             Self::Wheel => "in handwheel mode",
             Self::Paused => "while the program is paused",
             Self::Ended => "when the job has ended",
+            Self::ProgramEnd => "at the end of the program",
         }
     }
 }
@@ -188,9 +195,12 @@ const RETRACE: u8 = Situation::Retrace as u8;
 const WHEEL: u8 = Situation::Wheel as u8;
 const PAUSED: u8 = Situation::Paused as u8;
 const ENDED: u8 = Situation::Ended as u8;
-const JOB: u8 = RUN | RETRACE | WHEEL | PAUSED;
-const MOVING: u8 = RUN | RETRACE | WHEEL;
+const PROGRAM_END: u8 = Situation::ProgramEnd as u8;
+const JOB: u8 = RUN | RETRACE | WHEEL | PAUSED | PROGRAM_END;
+const MOVING: u8 = RUN | RETRACE | WHEEL | PROGRAM_END;
 const ALWAYS: u8 = SETUP | JOB | ENDED;
+/// No job runs, or the one that does can be released.
+const FREE: u8 = SETUP | ENDED | PROGRAM_END;
 
 const ARROWS: &[Key] = &[Key::Left, Key::Right, Key::Up, Key::Down, Key::PageUp, Key::PageDown];
 
@@ -214,7 +224,7 @@ pub const TABLE: &[Row] = &[
     row(&[Key::Char('R')], "R", "rapid back", "back in rapid: up to 800 % with the jet off", MOVING, Act::ReverseRapid),
     row(&[Key::Char('f')], "f", "forward", "forward over what was cut; again: 50, 25, 10 %", RETRACE | WHEEL, Act::Forward),
     row(&[Key::Char('F')], "F", "rapid fwd", "forward in rapid, to where it was", RETRACE | WHEEL, Act::ForwardRapid),
-    row(&[Key::Char('w')], "w", "wheel", "handwheel: arrows and mouse wheel move the machine", RUN | RETRACE, Act::Wheel),
+    row(&[Key::Char('w')], "w", "wheel", "handwheel: arrows and mouse wheel move the machine", RUN | RETRACE | PROGRAM_END, Act::Wheel),
     row(ARROWS, "← →", "turn", "turn the wheel back, forward; PgUp PgDn ten counts", WHEEL, Act::Turn),
     row(&[Key::Char('l')], "l", "leave", "leave: forward to where it was, then on", RETRACE | WHEEL, Act::Leave),
     row(&[Key::Char('L')], "L", "leave, ask", "the same, but ask before outputs are restored", RETRACE | WHEEL, Act::LeaveAsk),
@@ -234,7 +244,8 @@ pub const TABLE: &[Row] = &[
     row(&[Key::Char(']')], "]", "jog +", "jog the chosen axis up", SETUP | PAUSED, Act::JogUp),
     row(&[Key::Tab], "Tab", "axis", "choose the axis for [ and ]", SETUP | PAUSED, Act::NextAxis),
     row(&[Key::Char('t')], "t", "step", "jog step: 0.01, 0.1, 1, 10 mm, on until Space", SETUP | PAUSED, Act::Step),
-    row(&[Key::Char('u')], "u", "set up", "set the machine up: home, jog, MDI, work zero", ENDED, Act::SetUp),
+    row(&[Key::Char('u')], "u", "set up", "release the job; set up: home, jog, MDI, work zero", ENDED | PROGRAM_END, Act::SetUp),
+    row(&[Key::Char('O')], "O", "open", "open another program; Tab completes its name", FREE, Act::OpenProgram),
     row(&[Key::Char('H')], "H", "home", "home all axes", SETUP, Act::Home),
     row(&[Key::Char('m')], "m", "MDI", "a block by hand", SETUP, Act::Mdi),
     row(&[Key::Char('z')], "z", "zero", "work zero here, of one axis or all", SETUP, Act::WorkZero),

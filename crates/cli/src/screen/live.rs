@@ -156,10 +156,13 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
         Happening::OutputsRestored | Happening::GoesOn => model.differ.clear(),
         Happening::Switching(code) => model.switching = Some(code),
         Happening::Switched(_) => model.switching = None,
+        Happening::ProgramEnd => {
+            model.ended.get_or_insert(event.period);
+        }
         Happening::Underrun => model.underruns += 1,
         Happening::Alarm(trouble) => {
             let (number, cause, remedy) = trouble.parts();
-            model.alarm = Some(AlarmShown { number: number.into(), cause, remedy });
+            model.alarm = Some(AlarmShown { number: number.into(), cause, remedy, is_refusal: false });
         }
         _ => {}
     }
@@ -170,6 +173,7 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
 /// A job begins: what an earlier one left is forgotten, but for its messages.
 fn begin(model: &mut Model, event: &Event) {
     (model.stage, model.began, model.alarm) = (Stage::Job, event.period, None);
+    (model.ended, model.standing) = (None, Standing::None);
     (model.single, model.underruns, model.override_planned) = (false, 0, 1.0);
     (model.trail, model.lengths) = (Trail::default(), Lengths::from(event.place));
     let at = model.in_space();

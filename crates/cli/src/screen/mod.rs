@@ -5,7 +5,9 @@
 //!
 //! Invariant: the terminal is as it was before, however the loop ends.
 
+pub mod diagnostic_text;
 pub mod facts;
+mod files;
 mod guide;
 mod hand;
 mod keys;
@@ -23,6 +25,7 @@ mod view;
 mod tests;
 
 use std::io;
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
@@ -62,6 +65,10 @@ pub enum Said {
     Start,
     /// The machine is to be set up again: the job has ended.
     SetUp,
+    /// Another program is to be loaded, from this file.
+    Load(PathBuf),
+    /// The operator has read why the program is refused.
+    CloseRefusal,
     /// A dry run is wanted, or not.
     DryRun(bool),
     /// The screen is to be left; no job runs.

@@ -39,6 +39,8 @@ pub struct AlarmShown {
     pub cause: String,
     /// What to do.
     pub remedy: String,
+    /// The program is refused; the machine has nothing.
+    pub is_refusal: bool,
 }
 
 /// Something that was told.
@@ -109,6 +111,8 @@ pub struct Model {
     pub period: u64,
     /// The period in which the job began.
     pub began: u64,
+    /// The period in which the program came to its end, or the job ended before; none while it goes on. The job's clock stops there.
+    pub ended: Option<u64>,
     /// Counts of the axes, pulses.
     pub counts: Vec<i64>,
     /// Machine position of the work zero, mm (degrees).
@@ -187,6 +191,7 @@ impl Model {
             homed: true,
             period: 0,
             began: 0,
+            ended: None,
             counts: vec![0; axes],
             work_zero_mm: vec![0.0; axes],
             place: Place::start_of(first),
@@ -270,10 +275,10 @@ impl Model {
         f64::from(span(self.place.record, self.planned)) * self.facts.period_s
     }
 
-    /// Machine time that the job has run, s.
+    /// Machine time that the job has run, up to the end of its program, s.
     #[must_use]
     pub fn run_s(&self) -> f64 {
-        self.period.saturating_sub(self.began) as f64 * self.facts.period_s
+        self.ended.unwrap_or(self.period).saturating_sub(self.began) as f64 * self.facts.period_s
     }
 
     /// Time that is left, where it is known.
@@ -306,8 +311,15 @@ impl Model {
         self.changes += 1;
     }
 
+    /// Does the machine stand at the end of the program, with reverse run still possible?
+    #[must_use]
+    pub fn is_at_program_end(&self) -> bool {
+        self.stage == Stage::Job && self.standing == Standing::Ended && self.mode == Mode::Run
+    }
+
     /// The job has ended; how, in words.
     pub fn end(&mut self, how: &str) {
+        self.ended.get_or_insert(self.period);
         (self.stage, self.pause) = (Stage::Ended(how.into()), None);
         self.differ.clear();
         self.say(self.period as f64 * self.facts.period_s, self.line, how);

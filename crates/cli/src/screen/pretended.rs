@@ -21,7 +21,7 @@ use retrace_hal_sim::Clock;
 use retrace_link::Change;
 
 use super::Said;
-use super::facts::{Facts, Planned};
+use super::facts::{Facts, Planned, ProgramCheck};
 use super::live::{Live, locked};
 use super::model::{Model, Stage};
 use super::preview::Preview;
@@ -35,6 +35,7 @@ const SLOPE: Travel = ONE / 150;
 pub fn facts(machine: &Machine, program: &Program, text: &str, tape: &Tape) -> Facts {
     Facts {
         planned: Planned::Known(tape.records.len() as f64 * machine.period_s()),
+        check: ProgramCheck::Ready,
         preview: Preview::of(machine, &mut program.decoder()),
         ..Facts::of(machine, program.name(), text)
     }
@@ -129,7 +130,7 @@ impl Pretended {
                     self.event(Happening::OrderRefused(why));
                 }
             }
-            Said::DryRun(_) | Said::SetUp | Said::Quit => {}
+            Said::DryRun(_) | Said::SetUp | Said::Load(_) | Said::CloseRefusal | Said::Quit => {}
         }
     }
 

@@ -155,6 +155,7 @@ fn the_screens_are_as_they_were_looked_at() {
         number: "E3012".into(),
         cause: "the emergency-stop chain is open".into(),
         remedy: "make the machine safe, close the chain, clear the alarm, then home the machine".into(),
+        is_refusal: false,
     });
     bench.is_as("10-alarm", 80, 24);
     bench.is_as("11-too-small", 60, 10);
@@ -255,7 +256,7 @@ prop_compose! {
         (axes, lines, line) in (0..=9usize, 0..3000usize, 0..4000u32),
         (place, reached, oldest, planned) in (place(), any::<u32>(), any::<u32>(), any::<u32>()),
         counts in prop::collection::vec(any::<i64>(), 9),
-        (mode, stage, standing) in (mode(), 0..3, 0..5),
+        (mode, stage, standing) in (mode(), 0..3, 0..6),
         (rate, over) in (-8.0..8.0f64, 0.0..8.0f64),
         words in "\\PC{0,60}|[\\x00-\\x1f]{0,9}",
         outputs in prop::collection::btree_map(any::<u8>(), any::<i32>(), 0..80),
@@ -280,11 +281,11 @@ prop_compose! {
         (model.override_rate, model.feed_mm_min, model.outputs) = (over, feed, outputs);
         model.stage = [Stage::Setup, Stage::Job, Stage::Ended(words.clone())][stage as usize].clone();
         model.standing = [
-            Standing::None, Standing::Hold, Standing::ProgramStop, Standing::SingleBlock, Standing::Paused,
+            Standing::None, Standing::Hold, Standing::ProgramStop, Standing::SingleBlock, Standing::Paused, Standing::Ended,
         ][standing as usize];
         if alarm {
             let (number, cause, remedy) = ("E3012".into(), words.clone(), words.repeat(9));
-            model.alarm = Some(AlarmShown { number, cause, remedy });
+            model.alarm = Some(AlarmShown { number, cause, remedy, is_refusal: differ > 20 });
         }
         model.differ = (0..differ).map(|n| (n, 0, 1)).collect();
         model.pause = paused.map(|(spindle, stopped, online)| Pause { spindle, stopped, started: online, online });
@@ -358,7 +359,7 @@ proptest! {
         for (key, ms) in keys {
             now_ms += ms;
             let said = hand.key(key, now_ms, &model);
-            if key == Key::Char(' ') && model.stage == Stage::Job {
+            if key == Key::Char(' ') && model.stage == Stage::Job && !model.is_at_program_end() {
                 prop_assert_eq!(said, Some(Said::Deed(retrace_controller::operator::Deed::Hold)));
             }
             drawn(&model, &hand, 80, 24, now_ms);

@@ -100,7 +100,8 @@ fn mode_of(mode: mode::Mode) -> Mode {
 
 fn standing_of(standing: stream::Standing) -> Standing {
     match standing {
-        stream::Standing::None => Standing::None,
+        // Where a program has come to its end, nothing is waited for that resuming would have to know.
+        stream::Standing::None | stream::Standing::Ended => Standing::None,
         stream::Standing::Hold => Standing::Hold,
         stream::Standing::ProgramStop => Standing::ProgramStop,
         stream::Standing::SingleBlock => Standing::SingleBlock,

@@ -106,6 +106,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     single_stop: bool,
     single: bool,
     stopping: bool,
+    /// Everything was executed once, and the job waits for its release.
+    program_ended: bool,
     /// The program is interrupted (DNC).
     dnc: Interrupted<'r, A>,
     /// Reverse run that ends at a place.
@@ -165,6 +167,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             single_stop: false,
             single: false,
             stopping: false,
+            program_ended: false,
             dnc: Interrupted::new(machine),
             back: None,
             wheel_behind: false,
@@ -377,7 +380,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.cutter_went_off(off);
         }
         let mode = self.operation.mode();
-        let held = self.operation.held() || self.program_stop || self.single_stop;
+        let held = self.operation.held() || self.program_stop || self.single_stop || self.waits_for_release();
         let executing = executing.or(self.restart.is_active().then_some(Kind::Switch));
         if self.dnc.is_paused() {
             self.tally.pause();
@@ -417,7 +420,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             return None;
         }
         if self.stopping {
-            return Some(Outcome::Stopped);
+            // Everything was executed, wherever the operator has gone back to since.
+            return Some(if self.program_ended { Outcome::Completed } else { Outcome::Stopped });
         }
         if self.restart.is_active() {
             return None;
@@ -426,10 +430,28 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.operation.mode() == Mode::Run && !self.dnc.is_on() && at_end && self.supply.all_executed(&status) {
             return Some(match self.supply.summary().map(|s| &s.ending) {
                 Some(Ending::Refused(text)) => Outcome::Refused(text.clone()),
+                _ if self.operators.releases_the_end() => {
+                    self.wait_for_release();
+                    return None;
+                }
                 _ => Outcome::Completed,
             });
         }
         self.nobody_goes_on().then_some(Outcome::Stopped)
+    }
+
+    /// The program has come to its end: the job stays open, so that reverse run is possible while the part is still clamped.
+    fn wait_for_release(&mut self) {
+        if !self.program_ended {
+            self.program_ended = true;
+            self.tell(Happening::ProgramEnd);
+            self.switch_off_at_end(OffReason::ProgramEnd);
+        }
+    }
+
+    /// Does it stand at the end of the program, until the operator releases the job or goes back?
+    fn waits_for_release(&self) -> bool {
+        self.program_ended && self.operation.mode() == Mode::Run && !self.dnc.is_on()
     }
 
     /// Does it wait for an operator who will not come? A feed or a line may stall for as long as it likes.

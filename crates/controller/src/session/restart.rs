@@ -166,11 +166,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    /// The end of a job: every channel of a cutter goes off, and the spindle (CUT-4, CUT-10); waits until the card has reported it.
-    pub(super) fn end_switched_off(&mut self, reason: OffReason) {
+    /// Switches off what the end of a program switches off, now.
+    pub(super) fn switch_off_at_end(&mut self, reason: OffReason) {
         for at in 0..self.off_at_end.len() {
             self.switch_off(self.off_at_end[at], reason);
         }
+    }
+
+    /// The end of a job: every channel of a cutter goes off, and the spindle (CUT-4, CUT-10); waits until the card has reported it.
+    pub(super) fn end_switched_off(&mut self, reason: OffReason) {
+        self.switch_off_at_end(reason);
         for _ in 0..MAX_PERIODS_TO_REPORT {
             let outputs = self.card.status().outputs;
             if self.off_at_end.iter().all(|&c| outputs.get(usize::from(c)).is_none_or(|&value| value == 0)) {

@@ -26,6 +26,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn standing(&self) -> Standing {
         if let Some(interrupted) = self.dnc.standing() {
             interrupted
+        } else if self.waits_for_release() {
+            Standing::Ended
         } else if self.operation.held() {
             Standing::Hold
         } else if self.program_stop {

@@ -132,7 +132,7 @@ fn why(out: &mut Buffer, area: Rect, guide: &Guide, look: Look) {
         }
         text += &more;
     }
-    put(out, area, 1, &text, look.of(guide.grade));
+    put(out, area, 1, &fitted(&text, usize::from(area.width).saturating_sub(2)), look.of(guide.grade));
 }
 
 /// What an act is called where there is room for it.

@@ -123,6 +123,7 @@ fn prompt(out: &mut Buffer, ask: Ask, text: &str, wrong: Option<&str>, look: Loo
         }
         Ask::Mdi => ("MDI", "A block, as in a program: G0 X10", "Enter executes it · Esc does not"),
         Ask::WorkZero => ("work zero", "Zero here for which axis? all, or its letter", "Enter sets it · Esc does not"),
+        Ask::Program => ("open a program", "Which file? Tab completes its name", "Enter opens it · Esc does not"),
         Ask::Stop => ("stop the job?", "It stops here; the breakpoint is kept.", "y stops it · any other key goes on"),
     };
     let mut lines = vec![question.to_string()];
@@ -142,8 +143,13 @@ fn alarm(out: &mut Buffer, model: &Model, look: Look) {
     let mut lines = folded("What: ", &alarm.cause, width);
     lines.extend(folded("Do:   ", &alarm.remedy, width));
     lines.push(String::new());
-    lines.push("a clears the alarm · Esc puts this box aside".into());
-    boxed(out, &format!("ALARM {}", alarm.number), &lines, look);
+    if alarm.is_refusal {
+        lines.push("a or Esc closes this box".into());
+        boxed(out, "THE PROGRAM IS REFUSED", &lines, look);
+    } else {
+        lines.push("a clears the alarm · Esc puts this box aside".into());
+        boxed(out, &format!("ALARM {}", alarm.number), &lines, look);
+    }
 }
 
 fn folded(label: &str, text: &str, width: usize) -> Vec<String> {

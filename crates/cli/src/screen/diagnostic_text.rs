@@ -1,0 +1,73 @@
+//! Diagnostics in words: from the form that shows the source line with a mark below it to a line that a message can have.
+//!
+//! Invariant: number, what is wrong, place and remedy are kept; frames and marks are left out, whatever the text is.
+
+/// Says each diagnostic of a rendered text in a line; any other text stays as it is, line by line. Never empty where the text is not.
+#[must_use]
+pub fn in_words(rendered: &str) -> Vec<String> {
+    let mut said: Vec<String> = Vec::new();
+    for line in rendered.lines().map(str::trim_end).filter(|line| !line.trim().is_empty()) {
+        let bare = line.trim_start();
+        if let Some((number, what)) = heading(line) {
+            said.push(format!("{number}: {what}"));
+        } else if let Some(at) = bare.strip_prefix("--> ") {
+            if let (Some(last), Some(place)) = (said.last_mut(), place_of(at)) {
+                *last = format!("{last} ({place})");
+            }
+        } else if let Some(help) = bare.strip_prefix("= help: ").or_else(|| bare.strip_prefix("help: ")) {
+            match said.last_mut() {
+                Some(last) => *last = format!("{last} · {help}"),
+                None => said.push(help.to_owned()),
+            }
+        } else if !is_frame(bare) {
+            said.push(bare.to_owned());
+        }
+    }
+    said
+}
+
+/// Number and text of a heading, as in `error[E1101]: what is wrong` or `E1101: what is wrong`.
+fn heading(line: &str) -> Option<(&str, &str)> {
+    let (head, what) = line.split_once(": ")?;
+    let number = ["error[", "warning["].iter().find_map(|level| head.strip_prefix(level)?.strip_suffix(']'));
+    Some((number?, what))
+}
+
+/// File and line of a place such as `folder/part.ngc:12:4`. A block by hand has none.
+fn place_of(at: &str) -> Option<String> {
+    let mut parts = at.rsplitn(3, ':');
+    let (_column, line, file) = (parts.next()?, parts.next()?, parts.next()?);
+    let name = file.rsplit(['/', '\\']).next().unwrap_or(file);
+    let is_line = line.bytes().all(|digit| digit.is_ascii_digit());
+    (is_line && name != "by hand").then(|| format!("{name} line {line}"))
+}
+
+/// Is it the source line, the mark below it, or the frame around them?
+fn is_frame(bare: &str) -> bool {
+    bare.trim_start_matches(|c: char| c.is_ascii_digit()).trim_start().starts_with('|')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_diagnostic_is_a_line_without_frame_and_mark() {
+        let rendered = "error[E4304]: axis X would go too far\n --> a:/b.ngc:3:4\n  |\n3 | G1 X9999\n  |    ^\n  |\n  = help: move it\n\
+            error[E1508]: no feed\n  --> by hand:12:1\n   |\n12 | G1 X1\n   | ^^\n   |\n   = help: F before it";
+        let said = in_words(rendered);
+        assert_eq!(said, ["E4304: axis X would go too far (b.ngc line 3) · move it", "E1508: no feed · F before it"]);
+    }
+
+    #[test]
+    fn other_texts_stay_as_they_are() {
+        assert_eq!(
+            in_words("E2101: there is no program a\n  help: check the name"),
+            ["E2101: there is no program a · check the name"]
+        );
+        assert_eq!(in_words("\n\n"), Vec::<String>::new());
+        for text in ["|", "-->", "error[", "--> 1:2", "= help: x", "3 | x"] {
+            assert!(in_words(text).len() <= 1);
+        }
+    }
+}

@@ -1,0 +1,267 @@
+//! The permit of the cutting outputs (CUT-3, CUT-4, CUT-6, CUT-8): no state and no word sequence has one on without it.
+//!
+//! Invariant: what a permit is stands here as the requirements have it, and shares no decision with the card.
+
+use crate::choice::Choice;
+use crate::harness::{harnesses, holds};
+#[cfg(not(any(kani, verify_wasm)))]
+use crate::ledger::{Mutant, Row, Search, Size};
+#[cfg(not(any(kani, verify_wasm)))]
+use retrace_card::permit::Permit;
+use retrace_card::permit::{Conditions, Timer, check};
+#[cfg(not(any(kani, verify_wasm)))]
+use retrace_link::MAX_CUTTING_CHANNELS;
+use retrace_link::{CutterOffCause, CuttingChannel, CuttingSettings};
+
+fn any_conditions(c: &mut impl Choice) -> Conditions {
+    let denied = match c.below(4) {
+        0 => Some(CutterOffCause::Alarm),
+        1 => Some(CutterOffCause::HostSilent),
+        2 => Some(CutterOffCause::EpochClosed),
+        _ => None,
+    };
+    Conditions { denied, backward: c.flag(), moving: c.flag(), awaits: c.flag(), keeps: c.flag() }
+}
+
+fn any_channel(c: &mut impl Choice, number: u8, most: u32) -> CuttingChannel {
+    let standing_periods = c.upto(most) as u16;
+    CuttingChannel { channel: number, fires: c.flag(), standing_periods, lit_in_reverse: c.flag() }
+}
+
+fn any_timer(c: &mut impl Choice, of: &CuttingChannel, settings: &CuttingSettings) -> Timer {
+    let handover = c.upto(u32::from(settings.handover_periods)) as u16;
+    Timer { handover, standing: c.upto(u32::from(of.standing_periods)) as u16 }
+}
+
+/// What the requirements say of a channel that fires: may it be on in this period, with so long a standing before it?
+fn is_permitted(of: &CuttingChannel, settings: &CuttingSettings, timer: Timer, now: &Conditions) -> bool {
+    let stands = !now.moving && !now.keeps;
+    let waits = now.awaits && timer.handover < settings.handover_periods;
+    let stood_too_long = stands && !waits && timer.standing >= of.standing_periods;
+    now.denied.is_none() && !settings.inhibit && (of.lit_in_reverse || !now.backward) && !stood_too_long
+}
+
+/// One channel, from any state: it is let through exactly where the requirements permit it, and its timer stays within its bounds.
+fn one_channel(c: &mut impl Choice) -> Option<()> {
+    let of = any_channel(c, 3, u32::from(u16::MAX));
+    let handover_periods = c.upto(u32::from(u16::MAX)) as u16;
+    let settings = CuttingSettings { handover_periods, inhibit: c.flag(), ..CuttingSettings::default() };
+    let timer = any_timer(c, &of, &settings);
+    let now = any_conditions(c);
+    match check(&of, &settings, timer, &now) {
+        Ok(after) => {
+            holds!(!of.fires && !settings.inhibit || of.fires && is_permitted(&of, &settings, timer, &now));
+            holds!(after.standing <= of.standing_periods && after.handover <= settings.handover_periods);
+            let counted = u32::from(after.standing) + u32::from(after.handover);
+            let before = u32::from(timer.standing) + u32::from(timer.handover);
+            let stands = of.fires && !now.moving && !now.keeps;
+            holds!(!stands || counted == before + 1);
+        }
+        Err(_) => holds!(settings.inhibit || of.fires && !is_permitted(&of, &settings, timer, &now)),
+    }
+    Some(())
+}
+
+/// Two channels, drawn outputs, any state: after a period each of them is 0 or permitted, no other output has changed, and a block
+/// comes with every channel that stood for too long.
+#[cfg(not(any(kani, verify_wasm)))]
+fn outputs_of_a_period(c: &mut impl Choice) -> Option<()> {
+    let mut settings = CuttingSettings { count: 2, handover_periods: c.upto(3) as u16, ..CuttingSettings::default() };
+    settings.inhibit = c.flag();
+    settings.channels[0] = any_channel(c, 0, 3);
+    settings.channels[1] = any_channel(c, 2, 3);
+    let mut timers = [Timer::default(); MAX_CUTTING_CHANNELS];
+    timers[0] = any_timer(c, &settings.channels[0], &settings);
+    timers[1] = any_timer(c, &settings.channels[1], &settings);
+    let lit = c.below(4) as u8;
+    let mut permit = Permit::with_state(settings, timers, lit);
+    let now = any_conditions(c);
+    let (asked, other) = ([c.word() as i32, c.word() as i32], c.word() as i32);
+    let mut outputs = [asked[0], other, asked[1]];
+    let outcome = permit.period(&mut outputs, &now);
+    holds!(outputs[1] == other);
+    let after = [outputs[0], outputs[2]];
+    let (mut off, mut blocks, mut k) = (0, false, 0);
+    while k < 2 {
+        let of = settings.channels[k];
+        let was_lit = lit >> k & 1 == 1;
+        let before = if was_lit { timers[k] } else { Timer::default() };
+        let permitted = if of.fires { is_permitted(&of, &settings, before, &now) } else { !settings.inhibit };
+        holds!(after[k] == if permitted { asked[k] } else { 0 });
+        if of.fires && asked[k] != 0 && !permitted {
+            off |= u8::from(was_lit) << k;
+            let allowed = now.denied.is_none() && !settings.inhibit && (of.lit_in_reverse || !now.backward);
+            blocks |= allowed;
+        }
+        k += 1;
+    }
+    holds!(outcome.off.map_or(0, |off| off.channels) == off);
+    holds!(outcome.blocks == blocks);
+    Some(())
+}
+
+/// `PERIODS` of anything, from power-on, of one channel: with it on the machine stands for at most handover and grace, and it is off
+/// wherever a condition is missing.
+fn a_history<const PERIODS: usize>(c: &mut impl Choice) -> Option<()> {
+    let of = CuttingChannel { fires: true, ..any_channel(c, 0, 2) };
+    let handover_periods = c.upto(2) as u16;
+    let settings = CuttingSettings { handover_periods, inhibit: c.flag(), ..CuttingSettings::default() };
+    let most = u32::from(of.standing_periods) + u32::from(settings.handover_periods);
+    let (mut lit, mut timer) = (false, Timer::default());
+    let (mut stood, mut k) = (0, 0);
+    while k < PERIODS {
+        let now = any_conditions(c);
+        // whatever a word, an action, an instruction or a repeat asks for; or the value stays
+        if c.flag() {
+            lit = c.flag();
+        }
+        let after = check(&of, &settings, timer, &now);
+        lit &= after.is_ok();
+        timer = if let (true, Ok(after)) = (lit, after) { after } else { Timer::default() };
+        holds!(!lit || now.denied.is_none() && !settings.inhibit && (of.lit_in_reverse || !now.backward));
+        stood = if lit && !now.moving && !now.keeps { stood + 1 } else { 0 };
+        holds!(stood <= most);
+        k += 1;
+    }
+    Some(())
+}
+
+harnesses! {
+    permit_one_channel, unwind 2 => |c| one_channel(c);
+    permit_history_6, unwind 7 => |c| a_history::<6>(c);
+}
+
+/// Long runs of drawn words on a whole card.
+#[cfg(not(any(kani, verify_wasm)))]
+mod card;
+
+#[cfg(not(any(kani, verify_wasm)))]
+fn drawn_outputs(size: Size) -> String {
+    let mut draw = crate::native::Draw::new(size.seed);
+    let runs = if size.full { 4_000_000 } else { 400_000 };
+    for _ in 0..runs {
+        outputs_of_a_period(&mut draw);
+    }
+    format!("{runs} drawn periods of two channels")
+}
+
+#[cfg(not(any(kani, verify_wasm)))]
+fn long_histories(size: Size) -> String {
+    let mut draw = crate::native::Draw::new(size.seed);
+    let runs = if size.full { 200_000 } else { 20_000 };
+    for _ in 0..runs {
+        a_history::<60>(&mut draw);
+    }
+    format!("{runs} runs of 60 drawn periods")
+}
+
+#[cfg(not(any(kani, verify_wasm)))]
+const PERMIT: &str = "crates/card/src/permit.rs";
+#[cfg(not(any(kani, verify_wasm)))]
+const PLAYER: &str = "crates/card/src/player.rs";
+#[cfg(not(any(kani, verify_wasm)))]
+const CARD: &str = "crates/card/src/card.rs";
+
+/// The rows of this module.
+#[cfg(not(any(kani, verify_wasm)))]
+pub const ROWS: &[Row] = &[Row {
+    name: "permit",
+    says: "No state and no word sequence has a cutting output on without the permit: epoch open, no alarm, host heard of, no dry run, not backward, not standing for longer than handover and grace; and where the grace ran out nothing moves before a restart",
+    requirement: "CUT-3, CUT-4, CUT-6, CUT-8",
+    bound: "one period of any channel from any state, and any six periods from power-on; drawn states of two channels and their outputs, drawn words on a whole card",
+    assumes: "a timer within its bounds, which every period keeps; that the card applies the rule to each channel, last in every period, is drawn at and not proved",
+    suffices: "one step from every state is an induction; the channels of a card do not depend on each other",
+    harnesses: &["permit_one_channel", "permit_history_6"],
+    searches: &[
+        Search { name: "permit-outputs", run: drawn_outputs },
+        Search { name: "permit-long", run: long_histories },
+        Search { name: "permit-card", run: card::drawn_words },
+    ],
+    models: &[],
+    mutants: &[
+        Mutant {
+            name: "an alarm does not put out",
+            file: PERMIT,
+            find: "if let Some(cause) = now.denied {",
+            put: "if let (Some(cause), false) = (now.denied, now.keeps) {",
+            killer: "permit_one_channel",
+        },
+        Mutant {
+            name: "a dry run lets a lit channel burn",
+            file: PERMIT,
+            find: "    if settings.inhibit {\n        return Err",
+            put: "    if settings.inhibit && !now.moving {\n        return Err",
+            killer: "permit-outputs",
+        },
+        Mutant {
+            name: "a torch is lit in reverse",
+            file: PERMIT,
+            find: "if now.backward && !of.lit_in_reverse {",
+            put: "if now.backward && of.lit_in_reverse {",
+            killer: "permit_one_channel",
+        },
+        Mutant {
+            name: "one period more than the grace",
+            file: PERMIT,
+            find: "if timer.standing >= of.standing_periods {",
+            put: "if timer.standing > of.standing_periods {",
+            killer: "permit_history_6",
+        },
+        Mutant {
+            name: "asking for motion gives the grace anew",
+            file: PERMIT,
+            find: "return Ok(Timer { handover: timer.handover + 1, ..timer });",
+            put: "return Ok(Timer { handover: timer.handover + 1, standing: 0 });",
+            killer: "permit_one_channel",
+        },
+        Mutant {
+            name: "a lit channel begins its grace anew",
+            file: PERMIT,
+            find: "let before = if was_lit { *timer } else { Timer::default() };",
+            put: "let before = if was_lit && !conditions.awaits { *timer } else { Timer::default() };",
+            killer: "permit-outputs",
+        },
+        Mutant {
+            name: "the grace runs out and nothing is blocked",
+            file: PERMIT,
+            find: "outcome.blocks |= cause == CutterOffCause::Standing;",
+            put: "outcome.blocks |= cause == CutterOffCause::Standing && !was_lit;",
+            killer: "permit-outputs",
+        },
+        Mutant {
+            name: "the path turns while the torch is lit",
+            file: PLAYER,
+            find: "let target = if turns { 0 } else { wanted };",
+            put: "let target = wanted;",
+            killer: "permit-card",
+        },
+        Mutant {
+            name: "records that come late start motion",
+            file: PLAYER,
+            find: "self.block = Block::Standing;",
+            put: "self.block = Block::None;",
+            killer: "permit-card",
+        },
+        Mutant {
+            name: "a replayed action lights the torch",
+            file: PLAYER,
+            find: "if change.value == 0 || !permit.is_forward_only(change.channel) {",
+            put: "if change.value == 0 || !permit.is_forward_only(change.channel) || change.value > 0 {",
+            killer: "permit-card",
+        },
+        Mutant {
+            name: "the permit is applied before the alarms of the period",
+            file: CARD,
+            find: "self.player.apply_permit(self.denied());",
+            put: "self.player.apply_permit(None);",
+            killer: "permit-card",
+        },
+        Mutant {
+            name: "a closed epoch lets a channel burn",
+            file: CARD,
+            find: "None if !self.is_open || self.off_the_path => Some(CutterOffCause::EpochClosed),",
+            put: "None if self.off_the_path => Some(CutterOffCause::EpochClosed),",
+            killer: "permit-card",
+        },
+    ],
+}];

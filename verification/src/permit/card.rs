@@ -1,0 +1,228 @@
+//! Drawn words on a whole card, with an observer of its reports that knows the requirements alone.
+//!
+//! Invariant: the observer looks at reports and at the words that were taken, never into the card.
+
+use crate::choice::Choice;
+use crate::ledger::Size;
+use crate::native::Draw;
+use retrace_card::{Card, Inputs};
+use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::{Flags, ONE, Place, Record};
+use retrace_link::{
+    Action, Change, CutterOffCause, CuttingChannel, CuttingSettings, Deck, Identity, InputSetting, InputUse,
+    Instruction, PROTOCOL, RepeatedInstruction, Settings, Start, Status, Word,
+};
+
+const TORCH: u8 = 3;
+const GRACE: u16 = 4;
+const HANDOVER: u16 = 6;
+const WATCHDOG: u16 = 30;
+const STOP: u16 = 1;
+
+type TestCard = Card<1, 64, 32>;
+
+struct Observer {
+    card: TestCard,
+    closed: bool,
+    inhibit: bool,
+    epoch: u16,
+    silent: u32,
+    /// Periods that the torch was on with the machine at rest and nothing that keeps it.
+    stood: u32,
+    /// A place that was passed in the epoch, and a torch that only a first pass, a word or an instruction may light.
+    asked: bool,
+    /// An instruction that lights the torch, which is not complete.
+    pending: Option<u32>,
+    /// The torch went out because the machine stood, and no restart was taken since.
+    blocked: bool,
+    /// An instruction or a repeat that keeps the torch was taken in this epoch: so long standing says nothing.
+    keeps: bool,
+    /// Places of actions that light the torch.
+    actions: Vec<u32>,
+    lit: u64,
+    put_out: u64,
+}
+
+impl Observer {
+    fn new() -> Self {
+        let identity = Identity {
+            protocol: PROTOCOL,
+            name: *b"drawn words\0\0\0\0\0",
+            serial: 0,
+            boot: 0,
+            axes: 1,
+            outputs: 8,
+            inputs: 1,
+            window: 0,
+            memory: 0,
+            tick_hz: 1_000_000,
+            shortest_period_us: 100,
+            longest_period_us: 10_000,
+            most_pulses_hz: 250_000,
+        };
+        let mut observer = Self {
+            card: TestCard::new(identity).expect("a memory"),
+            closed: true,
+            inhibit: false,
+            epoch: 0,
+            silent: 0,
+            stood: 0,
+            asked: false,
+            pending: None,
+            blocked: false,
+            keeps: false,
+            actions: Vec::new(),
+            lit: 0,
+            put_out: 0,
+        };
+        observer.open();
+        observer
+    }
+
+    fn status(&self) -> Status<1> {
+        *self.card.status()
+    }
+
+    fn open(&mut self) {
+        let axis = AxisLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+        let limits = RateLimits::new(13, 1 << 15, [axis]).expect("valid");
+        let epoch = self.epoch + 1;
+        let mut settings = Settings::new(epoch, Start::at(0), 1000, limits);
+        settings.watchdog_periods = WATCHDOG;
+        settings.inputs[0] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
+        settings.cutting = CuttingSettings { count: 1, handover_periods: HANDOVER, ..CuttingSettings::default() };
+        settings.cutting.channels[0] =
+            CuttingChannel { channel: TORCH, fires: true, standing_periods: GRACE, lit_in_reverse: false };
+        settings.cutting.inhibit = epoch.is_multiple_of(8);
+        if self.card.open(&settings).is_ok() {
+            (self.epoch, self.closed, self.inhibit, self.silent) = (epoch, false, settings.cutting.inhibit, 0);
+            (self.stood, self.asked, self.pending, self.blocked, self.keeps) = (0, false, None, false, false);
+            self.actions.clear();
+            assert_eq!(self.torch(), 0, "lit behind an opening");
+        }
+    }
+
+    fn torch(&self) -> i32 {
+        self.status().outputs[usize::from(TORCH)]
+    }
+
+    fn word(&mut self, draw: &mut Draw) {
+        let (status, value) = (self.status(), draw.below(2) as i32);
+        let mut changes = [Change::default(); 4];
+        changes[0] = Change { channel: TORCH, value };
+        let rates = [ONE, ONE, -ONE, 0, ONE / 3, -ONE / 5];
+        let word = match draw.below(12) {
+            0..=2 => Word::Rate { target: rates[draw.below(rates.len() as u32) as usize] },
+            3 => {
+                let (number, place) = (status.executed.wrapping_add(1), status.place.record + draw.below(8));
+                let (periods, keeps_cutter) = (draw.below(9), draw.flag());
+                Word::Instruction(Instruction { number, place, changes, count: 1, periods, until: None, keeps_cutter })
+            }
+            4 | 5 => {
+                let (number, periods) = (status.repeated.wrapping_add(1), draw.below(9));
+                Word::Repeat(RepeatedInstruction { number, changes, count: 1, periods, until: None })
+            }
+            6 => Word::Restart { last: status.repeated.wrapping_add(draw.below(2)) },
+            7 => Word::ByHand(Change { channel: TORCH, value }),
+            8 => Word::Replay { on: draw.below(4) != 0 },
+            9 => {
+                let place = status.place.record + draw.below(12);
+                Word::Action(Action { place, channel: TORCH, before: 1 - value, after: value })
+            }
+            10 => Word::ClearAlarm,
+            _ => {
+                for _ in 0..draw.below(30) {
+                    let place = self.status().high;
+                    let flags = if place % 16 == 15 { Flags::REST } else { Flags::NONE };
+                    let record = Record { increments: [3], flags, ..Record::default() };
+                    let _ = self.card.take(Word::Ahead { place, record });
+                }
+                return;
+            }
+        };
+        if self.card.take(word).is_err() {
+            return;
+        }
+        match word {
+            Word::Instruction(instruction) if value != 0 => {
+                self.asked = true;
+                self.pending = Some(instruction.number).filter(|&number| number != self.status().executed);
+            }
+            Word::Repeat(_) | Word::ByHand(_) if value != 0 => self.asked = true,
+            Word::Action(action) if value != 0 => self.actions.push(action.place),
+            Word::Restart { .. } => self.blocked = false,
+            _ => {}
+        }
+        self.keeps |= matches!(word, Word::Repeat(_) | Word::Instruction(Instruction { keeps_cutter: true, .. }));
+    }
+
+    fn period(&mut self, levels: u16, heard: bool) {
+        let before = self.status();
+        if heard {
+            self.card.heard();
+            self.silent = 0;
+        }
+        self.card.period(Inputs { levels, ..Inputs::default() });
+        self.silent += 1;
+        let now = self.status();
+        let (was, is) = (before.outputs[usize::from(TORCH)] != 0, now.outputs[usize::from(TORCH)] != 0);
+        assert!(now.rate >= 0 || !was && !is, "lit in reverse, or in the period before it");
+        assert!(!(self.blocked && before.at_rest && now.rate != 0), "motion with the cutter out");
+        if let Some(off) = now.cutter_off {
+            self.put_out += 1;
+            self.blocked |= off.cause == CutterOffCause::Standing;
+        }
+        if is {
+            self.lit += 1;
+            assert!(!self.closed && !self.inhibit && levels & STOP == 0, "lit without an epoch, dry, or in a stop");
+            assert!(now.alarm.is_none() && self.silent < u32::from(WATCHDOG), "lit under an alarm or without a host");
+            assert!(
+                was || self.asked || self.pending.is_some() || self.passes_first(&before, now.place),
+                "lit by nothing"
+            );
+        }
+        let stands = is && before.at_rest && now.rate == 0 && !(self.asked && !was);
+        self.stood = if stands && !self.keeps { self.stood + 1 } else { 0 };
+        assert!(self.stood <= u32::from(GRACE + HANDOVER), "stood for {} periods", self.stood);
+        self.asked &= !is;
+        self.pending = self.pending.filter(|&number| number != now.executed && now.alarm.is_none());
+    }
+
+    fn passes_first(&self, before: &Status<1>, to: Place) -> bool {
+        self.actions.iter().any(|&place| {
+            let at = Place::start_of(place);
+            place >= before.reached && before.place.to(at) >= 0 && at.to(to) > 0
+        })
+    }
+}
+
+/// Runs of drawn words, openings, closings, stops and silences.
+pub(super) fn drawn_words(size: Size) -> String {
+    let mut draw = Draw::new(size.seed);
+    let runs = if size.full { 30_000 } else { 3_000 };
+    let (mut periods, mut lit, mut put_out) = (0u64, 0, 0);
+    for _ in 0..runs {
+        let mut observer = Observer::new();
+        for _ in 0..60 {
+            match draw.below(24) {
+                0 => observer.open(),
+                1 => {
+                    if observer.card.close().is_ok() {
+                        observer.closed = true;
+                    }
+                }
+                _ => observer.word(&mut draw),
+            }
+            let levels = if draw.below(80) == 0 { STOP } else { 0 };
+            let heard = draw.below(40) != 0;
+            for _ in 0..draw.below(24) {
+                observer.period(levels, heard);
+                periods += 1;
+            }
+        }
+        lit += observer.lit;
+        put_out += observer.put_out;
+    }
+    assert!(lit > periods / 50 && put_out > runs / 4, "the torch was lit in {lit} periods and put out {put_out} times");
+    format!("{runs} runs, {periods} periods, lit in {lit} of them, put out {put_out} times")
+}
