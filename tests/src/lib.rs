@@ -5,6 +5,7 @@
 
 pub mod command;
 pub mod limits;
+pub mod pins;
 pub mod programs;
 pub mod records;
 pub mod run;

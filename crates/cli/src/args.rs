@@ -354,6 +354,9 @@ pub struct Run {
     /// With the simulated card: its pins, outputs and inputs as a trace for wave viewers.
     #[arg(long, value_name = "FILE.vcd")]
     pub vcd: Option<PathBuf>,
+    /// Dry run: the axes move, and every cutter is kept off.
+    #[arg(long)]
+    pub dry_run: bool,
     /// One JSON object a line on standard output, the report last.
     #[arg(long)]
     pub json: bool,

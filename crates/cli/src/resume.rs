@@ -118,6 +118,8 @@ fn from_line(args: &args::Resume, job: &Job, line: u32) -> Result<u8, Failure> {
         reading.program = program.to_owned();
     }
     let run = args::Run {
+            vcd: None,
+        dry_run: false,
         reading,
         card,
         machine: job.machine.path.as_ref().map(PathBuf::from),

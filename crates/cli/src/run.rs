@@ -27,7 +27,8 @@ use crate::{args, wired};
 /// What keeps the job from beginning.
 pub fn run(args: &args::Run) -> Result<u8, Failure> {
     let at_screen = operate::is_wanted(args)?;
-    let machine = files::machine(args.machine.as_deref())?;
+    let mut machine = files::machine(args.machine.as_deref())?;
+    machine.inhibits_outputs = args.dry_run;
     run_on(args, machine, files::machine_text(args.machine.as_deref())?, at_screen)
 }
 

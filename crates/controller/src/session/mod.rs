@@ -18,7 +18,7 @@ use std::time::Duration;
 use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, Travel};
-use retrace_link::{MotionCard, Status, Word};
+use retrace_link::{MotionCard, Outputs, Status, Word, channel};
 
 use crate::event::{Happening, OffReason, Trouble};
 use crate::item::{Ending, Kind};
@@ -93,6 +93,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     /// M1 stops.
     optional_stop: bool,
     replays: bool,
+    /// The outputs as they were reported last.
+    outputs: Outputs,
     mm_per_pulse: [f64; A],
     teller: Teller<A>,
     tally: Tally,
@@ -159,6 +161,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             retrace_cuts: machine.cutters.iter().any(|cutter| cutter.retrace_cut),
             optional_stop: false,
             replays: machine.retrace_outputs == RetraceOutputs::Replayed,
+            outputs: [0; channel::COUNT],
             mm_per_pulse,
             teller,
             executing: None,
@@ -393,6 +396,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 place: status.place,
             });
         }
+        self.watch_replayed_outputs(status);
         self.supply.follow(status);
         while let Some(news) = self.supply.news() {
             match news {
@@ -462,7 +466,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             || self.operation.override_rate() == 0
             || self.program_stop
             || self.single_stop;
-        let nobody = waits && self.operators.finished() && (!self.manner.wall_time || self.manner.operator);
+        let nobody = waits && self.operators.waits_for_motion() && (!self.manner.wall_time || self.manner.operator);
         nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S
     }
 }
