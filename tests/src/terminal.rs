@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use pty_process::Size;
 use pty_process::blocking::{Command, Pty};
+use tempfile::TempDir;
 use vt100::Parser;
 
 use crate::command::binary;
@@ -22,6 +23,8 @@ pub struct Terminal {
     child: Child,
     pty: Arc<Pty>,
     cells: Arc<Mutex<Parser>>,
+    /// Its state folder, unless the environment names another one.
+    _state: TempDir,
 }
 
 impl Terminal {
@@ -43,7 +46,9 @@ impl Terminal {
         let (pty, pts) = pty_process::blocking::open().expect("a pseudo-terminal");
         pty.resize(Size::new(rows, columns)).expect("a size");
         let command = Command::new(binary()).args(arguments).current_dir(crate::command::root());
-        let command = command.env("TERM", "xterm-256color").env_remove("NO_COLOR").envs(environment.iter().copied());
+        let state = TempDir::new().expect("a temporary folder");
+        let command = command.env("TERM", "xterm-256color").env_remove("NO_COLOR").env("XDG_STATE_HOME", state.path());
+        let command = command.envs(environment.iter().copied());
         let child = command.spawn(pts).expect("the retrace command runs");
         let (pty, cells) = (Arc::new(pty), Arc::new(Mutex::new(Parser::new(rows, columns, 0))));
         let (from, to) = (Arc::clone(&pty), Arc::clone(&cells));
@@ -54,7 +59,7 @@ impl Terminal {
                 to.lock().unwrap_or_else(PoisonError::into_inner).process(&bytes[..count]);
             }
         });
-        Self { child, pty, cells }
+        Self { child, pty, cells, _state: state }
     }
 
     /// Presses these keys, as a terminal says them.

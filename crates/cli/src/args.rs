@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use clap::builder::TypedValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use retrace_controller::journal::entry::MachineTables;
 
 /// retrace: machines NC programs, and runs backward along the very path it took.
 #[derive(Debug, Parser)]
@@ -207,7 +208,8 @@ pub struct Mdi {
     /// Tool table.
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,
-    /// Parameter file: offsets and parameters come from it, and it is written anew when the block is done.
+    /// Parameter file: offsets and parameters come from it, and it is rewritten when the block is done. With --machine or --card the
+    /// machine's own in the user's state folder is the default.
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,
     /// Only look whether it could be done; nothing moves.
@@ -317,12 +319,16 @@ pub struct Reading {
     /// Tool table.
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,
-    /// Parameter file; a run that comes to its end writes it anew.
+    /// Parameter file; a run that comes to its end rewrites it. By default `run` uses the machine's own in the user's state folder: with
+    /// --machine, and with --card.
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,
     /// LinuxCNC machine configuration: what `rs274` takes of it, its numbers as `#<_ini[section]name>` among it.
     #[arg(long, value_name = "FILE.ini")]
     pub ini: Option<PathBuf>,
+    /// The machine's own tables in the state folder, where they are used for what is not named above.
+    #[arg(skip)]
+    pub machine_tables: Option<MachineTables>,
 }
 
 /// `retrace run`

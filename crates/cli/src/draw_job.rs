@@ -304,6 +304,7 @@ mod tests {
             files: Vec::new(),
             machine: MachineFile { path: None, hash: Hash::of(text.as_bytes()), text },
             arguments: Arguments::default(),
+            tables: None,
             card: Card::Sim,
             period_us: 1000,
             origin: 0,

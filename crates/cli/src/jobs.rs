@@ -316,6 +316,7 @@ mod tests {
             files: Vec::new(),
             machine: MachineFile { path: None, hash: Hash::of(b""), text: String::new() },
             arguments: Arguments::default(),
+            tables: None,
             card: Card::Wired(card.clone()),
             period_us: 1000,
             origin: 0,

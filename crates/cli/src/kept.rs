@@ -7,7 +7,7 @@ use std::path::Path;
 use retrace_controller::index::Keeping;
 use retrace_controller::jobs::{Held, JobFolder, Jobs};
 use retrace_controller::journal::entry::{
-    self, Arguments, End, Ending, FORMAT, FileRead, Job, MachineFile, Override, Resumed, Role, Source, WiredCard,
+    self, Arguments, End, Ending, FORMAT, Job, MachineFile, Override, Resumed, Source, WiredCard,
 };
 use retrace_controller::journal::hash::Hash;
 use retrace_controller::journal::keeper::Keeper;
@@ -18,13 +18,14 @@ use retrace_controller::journal::stamp::Stamp;
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::session::Outcome;
-use retrace_gcode::Setup;
+use retrace_controller::state_file::{self, Access};
 use retrace_link::{Identity, Outputs, Status};
 use serde_json::Value;
 
 use crate::args::Reading;
 use crate::console::unwritable;
 use crate::files;
+use crate::machine_tables;
 use crate::program::{Arrives, Arriving, Program};
 
 /// The folder of a job that has not begun.
@@ -57,24 +58,6 @@ impl Claimed {
         let (spooling, progress) =
             Spooling::create(&path, from).map_err(|error| unwritable(&path.display().to_string(), &error))?;
         Ok((Box::new(spooling), progress))
-    }
-
-    /// Keeps tables as they are when the job begins, which no file has: what was set by hand. The job's entry names them.
-    ///
-    /// # Errors
-    /// `E2105`
-    pub fn tables(&self, setup: &Setup, job: &mut Job) -> Result<(), Refusal> {
-        let (parameters, tools) = (self.folder.table("parameters.var"), self.folder.table("tools.tbl"));
-        for (role, path, text) in
-            [(Role::Parameters, &parameters, setup.parameters.write()), (Role::Tools, &tools, setup.tools.write())]
-        {
-            std::fs::write(path, &text).map_err(|error| unwritable(&path.display().to_string(), &error))?;
-            job.files.retain(|file| file.role != role);
-            job.files.push(FileRead { role, path: files::absolute(path), hash: Hash::of(text.as_bytes()) });
-        }
-        (job.arguments.params, job.arguments.tools) =
-            (Some(files::absolute(&parameters)), Some(files::absolute(&tools)));
-        Ok(())
     }
 
     /// Begins the journal.
@@ -152,7 +135,7 @@ impl Kept {
             said.push(refusal.to_string());
         }
         let path = self.folder.report();
-        if let Err(error) = std::fs::write(&path, format!("{report:#}\n")) {
+        if let Err(error) = state_file::replace(&path, format!("{report:#}\n").as_bytes(), Access::Private) {
             said.push(format!("note: {} cannot be written: {error}", path.display()));
         }
         if matches!(outcome.exit_code(), 3 | 4) {
@@ -206,6 +189,7 @@ impl Beginning<'_> {
             files: self.program.files_read(),
             machine: MachineFile { path: path.map(files::absolute), hash: Hash::of(text.as_bytes()), text },
             arguments: arguments(self.reading, self.start_line),
+            tables: Some(machine_tables::latched(&self.program.setup().start_tables())),
             card: self.card,
             period_us: self.machine.period_us,
             origin: status.place.record,
@@ -226,6 +210,7 @@ fn arguments(reading: &Reading, start_line: Option<u32>) -> Arguments {
         tools: absolute(&reading.tools),
         params: absolute(&reading.params),
         ini: absolute(&reading.ini),
+        machine_tables: reading.machine_tables.clone(),
     }
 }
 

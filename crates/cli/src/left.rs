@@ -1,34 +1,29 @@
 //! What a run leaves behind: the lines of its log, and the parameters that outlive a program.
 //!
-//! Invariant: only a run leaves anything, a check never does. Parameters are written when the program has come to its end, and then
-//! whole: their file is never half a file.
+//! Invariant: only a run leaves anything, a check never does. Parameters and tools are left by a program that has come to its end.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use retrace_controller::refusal::Refusal;
-use retrace_gcode::{Canon, Parameters, Step};
-
-use crate::console::unwritable;
+use retrace_gcode::{Canon, Parameters, Step, ToolTable};
 
 /// Gathers it while a program is decoded.
 #[derive(Debug, Default)]
 pub struct Left {
     log: Option<BufWriter<File>>,
-    parameters: Arc<Mutex<Option<Parameters>>>,
+    tables: Arc<Mutex<Option<(Parameters, ToolTable)>>>,
 }
 
-/// The parameters of a program that has come to its end.
+/// The parameters and tools of a program that has come to its end.
 #[derive(Debug)]
-pub struct Last(Arc<Mutex<Option<Parameters>>>);
+pub struct Last(Arc<Mutex<Option<(Parameters, ToolTable)>>>);
 
 impl Left {
-    /// Where the parameters will be found.
+    /// Where the parameters and tools will be found.
     #[must_use]
     pub fn last(&self) -> Last {
-        Last(Arc::clone(&self.parameters))
+        Last(Arc::clone(&self.tables))
     }
 
     /// Writes what a block logs (LOGOPEN, LOGAPPEND, LOG, LOGCLOSE).
@@ -55,33 +50,17 @@ impl Left {
         Ok(())
     }
 
-    /// Notes the parameters at the program's end.
-    pub fn end(&mut self, parameters: &Parameters) {
-        let mut last = self.parameters.lock().unwrap_or_else(PoisonError::into_inner);
-        *last = Some(parameters.clone());
+    /// Notes the parameters and tools at the program's end.
+    pub fn end(&mut self, parameters: &Parameters, tools: &ToolTable) {
+        let mut last = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
+        *last = Some((parameters.clone(), tools.clone()));
     }
 }
 
 impl Last {
-    /// Writes the parameters to their file, if the program has come to its end.
-    ///
-    /// # Errors
-    /// The file cannot be written; the old one is then still there.
-    pub fn write(&self, path: &Path) -> Result<(), Refusal> {
-        let last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        last.as_ref().map_or(Ok(()), |parameters| write_parameters(parameters, path))
-    }
-}
-
-/// Writes a parameter file whole.
-///
-/// # Errors
-/// The file cannot be written; the old one is then still there.
-pub fn write_parameters(parameters: &Parameters, path: &Path) -> Result<(), Refusal> {
-    {
-        let mut beside = path.as_os_str().to_owned();
-        beside.push(".new");
-        let written = std::fs::write(&beside, parameters.write()).and_then(|()| std::fs::rename(&beside, path));
-        written.map_err(|error| unwritable(&path.display().to_string(), &error))
+    /// What the program has left; none where it has not come to its end.
+    #[must_use]
+    pub fn tables(&self) -> Option<(Parameters, ToolTable)> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }

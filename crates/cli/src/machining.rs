@@ -3,7 +3,7 @@
 //! Invariant: however the job ends there is a report, the same on the screen and in the journal; what is refused before anything moves
 //! leaves the journal as it was.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use retrace_controller::event::Event;
@@ -19,11 +19,14 @@ use retrace_controller::resume::Prepared;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Told};
+use retrace_gcode::{Parameters, ToolTable};
 use retrace_link::MotionCard;
 use serde_json::Value;
 
 use crate::console::{Console, Show};
+use crate::files;
 use crate::kept::Kept;
+use crate::machine_tables::TableFiles;
 use crate::program::{Arriving, Failure, Program};
 use crate::screen::live::Live;
 
@@ -40,8 +43,8 @@ pub struct Manners<'a> {
     pub operator: bool,
     /// Does the card's time pass as a clock's does?
     pub wall_time: bool,
-    /// File for the parameters that it leaves.
-    pub params: Option<&'a Path>,
+    /// The files that its parameters and tools come from, and go to.
+    pub tables: TableFiles,
 }
 
 /// Somebody who operates a job at a screen.
@@ -61,6 +64,8 @@ pub struct Ended {
     pub short: String,
     /// In some.
     pub text: String,
+    /// Parameters and tools that the program has left; none where it did not come to its end.
+    pub tables: Option<(Parameters, ToolTable)>,
 }
 
 /// A job, ready to run.
@@ -138,20 +143,29 @@ impl Machining<'_> {
         };
         let mut value = report.to_json();
         value["job"] = kept.as_ref().map_or(Value::Null, |kept| kept.id().into());
+        let path = |path: &Option<PathBuf>| path.as_deref().map_or(Value::Null, |path| files::absolute(path).into());
+        value["parameter_file"] = path(&manners.tables.parameters);
+        value["tool_table"] = path(&manners.tables.tools);
         let said = kept.map_or_else(Vec::new, |kept| kept.end(&outcome, &value));
         match ended {
             Some(ended) => {
                 let refused = if let Outcome::Refused(text) = &outcome { format!("{text}\n") } else { String::new() };
-                let text = said.iter().fold(refused + &told(&report), |text, line| format!("{text}\n{line}"));
-                *ended = Ended { short: short(&report), text };
+                let text =
+                    said.iter().fold(refused + &told(&report, &manners.tables), |text, line| format!("{text}\n{line}"));
+                let tables = last.tables().filter(|_| outcome == Outcome::Completed);
+                *ended = Ended { short: short(&report), text, tables };
             }
             None => {
-                tell(&report, manners.json.then_some(&value));
+                tell(&report, &manners.tables, manners.json.then_some(&value));
                 said.iter().for_each(|line| eprintln!("{line}"));
             }
         }
-        if let (Some(path), Outcome::Completed) = (manners.params, &outcome) {
-            last.write(path)?;
+        if let (Some((parameters, tools)), Outcome::Completed) = (last.tables(), &outcome) {
+            let began = program.setup().start_tables();
+            manners.tables.write_parameters(&began.parameters, &parameters)?;
+            if manners.tables.has_own_tools() {
+                manners.tables.write_tools(&began.tools, &tools)?;
+            }
         }
         Ok((outcome.exit_code(), card))
     }
@@ -195,13 +209,13 @@ impl<const A: usize> Observer<A> for Watching<'_, A> {
 }
 
 /// The report, as JSON for a script, else for a person.
-fn tell<const A: usize>(report: &Report<'_, A>, json: Option<&Value>) {
+fn tell<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Option<&Value>) {
     if let Outcome::Refused(text) = report.outcome {
         eprintln!("{text}");
     }
     match json {
         Some(value) => crate::out::line(value),
-        None => crate::out::line(told(report)),
+        None => crate::out::line(told(report, tables)),
     }
 }
 
@@ -219,7 +233,7 @@ fn short<const A: usize>(report: &Report<'_, A>) -> String {
 }
 
 /// The report for a person.
-fn told<const A: usize>(report: &Report<'_, A>) -> String {
+fn told<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
     let value = report.to_json();
     let seconds = |key: &str| value[key].as_f64().unwrap_or(0.0);
     let times = format!(
@@ -248,5 +262,6 @@ fn told<const A: usize>(report: &Report<'_, A>) -> String {
         "  limit violations {} · underruns {} · reversals {}",
         report.verdict.violations, report.tally.underruns, report.tally.reversals
     );
-    format!("{}: {}\n{times}\n{position}\n{counted}", report.program, report.outcome.word())
+    let offsets = tables.parameters.as_ref().map_or(String::new(), |path| format!("\n  offsets {}", path.display()));
+    format!("{}: {}\n{times}\n{position}\n{counted}{offsets}", report.program, report.outcome.word())
 }

@@ -26,6 +26,7 @@ mod jobs;
 mod kept;
 mod left;
 mod machine;
+mod machine_tables;
 mod machining;
 mod manual;
 mod operate;
@@ -49,7 +50,7 @@ use crate::program::Failure;
 
 fn main() -> ExitCode {
     let done = match Cli::parse().command {
-        Command::Run(args) => run::run(&args),
+        Command::Run(args) => run::run(args),
         Command::Resume(args) => resume::run(&args),
         Command::Check(args) => check::run(&args).map(|()| 0),
         Command::Canon(args) => canon::run(&args).map(|()| 0),

@@ -10,7 +10,6 @@ use retrace_controller::orders::Operators;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::Manner;
-use retrace_gcode::{Parameters, Setup, ToolTable};
 use retrace_hal_sim::Clock;
 use retrace_link::{CardFault, MotionCard, Start};
 use serde_json::{Map, Value, json};
@@ -18,8 +17,8 @@ use serde_json::{Map, Value, json};
 use crate::console::{Console, Show};
 use crate::homed::Homing;
 use crate::hung::simulated;
-use crate::left::write_parameters;
-use crate::program::{Failure, table, tools_without_length};
+use crate::machine_tables::{self, TableFiles};
+use crate::program::Failure;
 use crate::{args, files, wired};
 
 /// `retrace home`: its exit code.
@@ -51,22 +50,21 @@ pub fn jog(args: &args::Jog) -> Result<u8, Failure> {
 /// What keeps it from being done.
 pub fn mdi(args: &args::Mdi) -> Result<u8, Failure> {
     let machine = files::machine(args.by_hand.machine.as_deref())?;
-    let mut setup = Setup { tools: tools_without_length(), ..by_hand::setup(&machine) };
-    if let Some(path) = &args.tools {
-        setup.tools = table(path, "tool table", ToolTable::read)?;
-    }
-    if let Some(path) = args.params.as_ref().filter(|path| path.exists()) {
-        setup.parameters = table(path, "parameter file", Parameters::read)?;
-    }
-    let mut desk = Desk::new(setup);
+    let of = &args.by_hand;
+    let (params, tools) = (args.params.as_deref(), args.tools.as_deref());
+    let own = machine_tables::of_machine(&of.card, of.machine.as_deref(), params, tools);
+    let files = TableFiles::choose(params, tools, own.as_ref());
+    let began = files.read()?;
+    let mut desk = Desk::new(by_hand::setup(&machine).with_start_tables(began.clone()));
     if args.dry_run {
         desk.block(&machine, &args.block).map_err(shown)?;
         say!("{}: nothing is wrong with it; nothing was moved", args.block);
         return Ok(0);
     }
     let code = on_machine(&args.by_hand, &machine, &Task::Mdi(args.block.clone()), &mut desk)?;
-    if let (Some(path), 0) = (&args.params, code) {
-        write_parameters(desk.carried().parameters(), path)?;
+    if code == 0 {
+        files.write_parameters(&began.parameters, desk.carried().parameters())?;
+        files.write_tools(&began.tools, desk.carried().tools())?;
     }
     Ok(code)
 }

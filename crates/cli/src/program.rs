@@ -18,8 +18,10 @@ use retrace_controller::reading::Ahead;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_controller::survey::{self, Survey};
+use retrace_gcode::cycles::Library;
 use retrace_gcode::{
-    Active, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, Step, Tool, ToolTable,
+    Active, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, StartTables, Step, Tool,
+    ToolTable,
 };
 
 use retrace_motion::LimitError;
@@ -28,6 +30,7 @@ use crate::args::Reading;
 use crate::cycles;
 use crate::files;
 use crate::left::{Last, Left};
+use crate::machine_tables;
 use crate::socket::{self, Socket};
 use crate::subs::Folders;
 
@@ -61,8 +64,8 @@ pub struct Program {
     folders: Arc<Folders>,
     setup: Setup,
     has_tool_table: bool,
-    /// Parameters or tools were set by hand.
-    by_hand: bool,
+    /// A table says how long the tools are.
+    has_tool_lengths: bool,
     /// Set when nobody waits for standard input any more.
     given_up: Arc<AtomicBool>,
 }
@@ -131,12 +134,18 @@ impl Program {
         Self::with_setup(reading, setup_of(machine))
     }
 
-    /// The same, for a program that arrives from there, whatever the command line names.
+    /// The same, for a program that arrives from there, whatever the command line names. `latched`: what it begins with, in place of the
+    /// tables that the command line names.
     ///
     /// # Errors
     /// A file that cannot be read or understood.
-    pub fn open_arriving(reading: &Reading, machine: &Machine, arrives: Option<Arrives>) -> Result<Self, Refusal> {
-        Self::noted(reading, setup_of(machine), arrives).map(|(program, _)| program)
+    pub fn open_arriving(
+        reading: &Reading,
+        machine: &Machine,
+        arrives: Option<Arrives>,
+        latched: Option<StartTables>,
+    ) -> Result<Self, Refusal> {
+        Self::noted(reading, setup_of(machine), arrives, latched).map(|(program, _)| program)
     }
 
     /// Opens what the command line names, for an interpreter set up as given; tool table and parameters come from the
@@ -145,27 +154,32 @@ impl Program {
     /// # Errors
     /// A file that cannot be read or understood.
     pub fn with_setup(reading: &Reading, setup: Setup) -> Result<Self, Refusal> {
-        let (program, notes) = Self::noted(reading, setup, Arrives::named(&reading.program))?;
+        let (program, notes) = Self::noted(reading, setup, Arrives::named(&reading.program), None)?;
         notes.iter().for_each(|note| eprintln!("note: {note}"));
         Ok(program)
     }
 
     /// The same, with what is to be told of it, for a program that arrives from there, whatever the command line names.
-    fn noted(reading: &Reading, mut setup: Setup, arrives: Option<Arrives>) -> Result<(Self, Vec<String>), Refusal> {
+    fn noted(
+        reading: &Reading,
+        mut setup: Setup,
+        arrives: Option<Arrives>,
+        latched: Option<StartTables>,
+    ) -> Result<(Self, Vec<String>), Refusal> {
         let mut notes = Vec::new();
         let name = match &arrives {
             Some(Arrives::StandardInput) => "standard input".into(),
             _ => reading.program.display().to_string(),
         };
         let mut files = Vec::new();
-        if let Some(path) = &reading.tools {
-            setup.tools = table(path, "tool table", ToolTable::read)?;
-            files.push(read(Role::Tools, path)?);
-        }
-        if let Some(path) = &reading.params {
-            setup.parameters = table(path, "parameter file", Parameters::read)?;
-            files.push(read(Role::Parameters, path)?);
-        }
+        let has_tool_table = reading.tools.is_some();
+        let has_tool_lengths = match latched {
+            Some(tables) => {
+                setup = setup.with_start_tables(tables);
+                true
+            }
+            None => read_tables(reading, &mut setup, &mut files)?,
+        };
         let mut subs = reading.subs.clone();
         if let Some(path) = &reading.ini {
             let ini = table(path, "INI file", Ini::read)?;
@@ -187,6 +201,7 @@ impl Program {
         {
             notes.push("cycle sources have errors and cannot be called; `retrace cycles check` shows them".to_owned());
         }
+        files.extend(cycle_files(&cycles));
         setup.cycles = Some(Arc::new(cycles));
         let folders = Arc::new(Folders::of(&reading.program, &subs));
         setup.files = Some(Arc::clone(&folders) as _);
@@ -201,9 +216,8 @@ impl Program {
             files.insert(0, FileRead { role: Role::Program, path, hash: Hash::of(&text) });
             Some(Arc::new(Prescan::of(&name, text.into(), &setup)))
         };
-        let (has_tool_table, given_up) = (reading.tools.is_some(), Arc::default());
-        let by_hand = false;
-        Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, by_hand, given_up }, notes))
+        let given_up = Arc::default();
+        Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, has_tool_lengths, given_up }, notes))
     }
 
     /// Another program with the same tables, subprograms and cycles, to be read with this setup: `reading` names it. Nothing is told on standard
@@ -212,13 +226,13 @@ impl Program {
     /// # Errors
     /// A file that cannot be read.
     pub fn loaded(&self, reading: &Reading, setup: Setup) -> Result<Self, Refusal> {
-        let by_hand = self.is_changed_by(&setup);
         // Tools and parameters are those of the setup.
-        let without_tables = Reading { tools: None, params: None, ..reading.clone() };
-        let (mut other, _) = Self::noted(&without_tables, setup, Arrives::named(&reading.program))?;
+        let without_tables = Reading { tools: None, params: None, machine_tables: None, ..reading.clone() };
+        let (mut other, _) = Self::noted(&without_tables, setup, Arrives::named(&reading.program), None)?;
         let tables = self.files.iter().filter(|file| matches!(file.role, Role::Tools | Role::Parameters));
         other.files.extend(tables.cloned());
-        Ok(Self { has_tool_table: self.has_tool_table, by_hand, ..other })
+        let Self { has_tool_table, has_tool_lengths, .. } = *self;
+        Ok(Self { has_tool_table, has_tool_lengths, ..other })
     }
 
     /// Does it stand for a program at all? The screen opens without one.
@@ -227,22 +241,15 @@ impl Program {
         !self.name.is_empty()
     }
 
-    /// Has a setup other tables than those that it was read with?
-    fn is_changed_by(&self, setup: &Setup) -> bool {
-        self.by_hand
-            || setup.parameters.write() != self.setup.parameters.write()
-            || setup.tools.write() != self.setup.tools.write()
-    }
-
     /// The program as its file is now, to be read with this setup. Nothing is told on standard error.
     ///
     /// # Errors
     /// The file cannot be read any more.
     pub fn anew(&self, setup: Setup) -> Result<Self, Refusal> {
-        let by_hand = self.is_changed_by(&setup);
         // Subprograms are looked for beside this program, not beside the one that the setup is of.
         let setup = Setup { files: self.setup.files.clone(), ..setup };
-        let mut again = Self { setup, by_hand, ..self.clone() };
+        let mut again = Self { setup, ..self.clone() };
+        again.folders.forget();
         if self.prescan.is_some() && self.is_loaded() {
             let text = files::bytes(Path::new(&self.name), "program")?;
             if let Some(read) = again.files.iter_mut().find(|read| read.role == Role::Program) {
@@ -251,12 +258,6 @@ impl Program {
             again.prescan = Some(Arc::new(Prescan::of(&self.name, text.into(), &again.setup)));
         }
         Ok(again)
-    }
-
-    /// Is it read with tables that were set by hand, and that no file has?
-    #[must_use]
-    pub fn is_set_by_hand(&self) -> bool {
-        self.by_hand
     }
 
     /// What it is read with.
@@ -436,7 +437,7 @@ impl Program {
         if is_refused {
             return Err(Failure::Program);
         }
-        if decoder.length_offset && !self.has_tool_table {
+        if decoder.length_offset && !self.has_tool_lengths {
             eprintln!("note: no tool table was given (--tools): every tool has length 0");
         }
         Ok(Some(Checked { blocks, found }))
@@ -542,7 +543,8 @@ impl Decode for Decoder {
         if let Some(left) = &mut self.left {
             left.take(&steps[first..]);
             if progress == Progress::End {
-                left.end(self.program.interpreter().parameters());
+                let interpreter = self.program.interpreter();
+                left.end(interpreter.parameters(), interpreter.tools());
             }
         }
         let refused = || {
@@ -561,6 +563,35 @@ impl Decode for Decoder {
             }
         }
     }
+}
+
+/// Reads the tables that a program begins with; whether one of them says how long the tools are.
+fn read_tables(reading: &Reading, setup: &mut Setup, files: &mut Vec<FileRead>) -> Result<bool, Refusal> {
+    let own = reading.machine_tables.clone().unwrap_or_default();
+    let mut has_tool_lengths = true;
+    if let Some(path) = &reading.tools {
+        setup.tools = table(path, "tool table", ToolTable::read)?;
+        files.push(read(Role::Tools, path)?);
+    } else if let Some(path) = &own.tools {
+        (setup.tools, has_tool_lengths) = machine_tables::tools(Path::new(path))?;
+    } else {
+        has_tool_lengths = false;
+    }
+    if let Some(path) = &reading.params {
+        setup.parameters = table(path, "parameter file", Parameters::read)?;
+        files.push(read(Role::Parameters, path)?);
+    } else if let Some(path) = &own.parameters {
+        setup.parameters = machine_tables::parameters(Path::new(path))?;
+    }
+    Ok(has_tool_lengths)
+}
+
+/// The sources of the cycles that can be called: each of the user's, and the shipped ones together.
+fn cycle_files(library: &Library) -> Vec<FileRead> {
+    let file =
+        |path: String, number: u128| FileRead { role: Role::Cycles, path, hash: Hash::of(&number.to_le_bytes()) };
+    let users = library.source_files().iter().map(|(path, number)| file(files::absolute(path), *number));
+    std::iter::once(file(String::new(), Library::shipped_identity())).chain(users).collect()
 }
 
 /// A file that was read, and its hash.

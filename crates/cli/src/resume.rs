@@ -15,6 +15,7 @@ use retrace_controller::journal::record::JobRecord;
 use retrace_controller::journal::spool::{Progress, Respooled};
 use retrace_controller::journal::stamp::Stamp;
 use retrace_controller::machine::Machine;
+use retrace_controller::machine_changes;
 use retrace_controller::operator::{self, Instruction};
 use retrace_controller::refusal::Refusal;
 use retrace_controller::resume::{Prepared, Resumption};
@@ -25,6 +26,7 @@ use crate::args::{self, CycleFolders, Reading};
 use crate::homed::Homing;
 use crate::hung::simulated;
 use crate::kept::{self, Kept};
+use crate::machine_tables::{self, TableFiles};
 use crate::machining::{Machining, Manners};
 use crate::program::{Arrives, Arriving, Failure, Program};
 use crate::resume_told::{self, Taken};
@@ -102,6 +104,7 @@ fn reading(job: &Job, program: Option<&Path>) -> Reading {
         tools: path(&of.tools),
         params: path(&of.params),
         ini: path(&of.ini),
+        machine_tables: of.machine_tables.clone(),
     }
 }
 
@@ -133,7 +136,15 @@ fn from_line(args: &args::Resume, job: &Job, line: u32) -> Result<u8, Failure> {
         journal: args.journal.clone(),
         no_journal: false,
     };
-    run::run_on(&run, machine(job)?, job.machine.text.clone(), false)
+    let machine = files::machine(run.machine.as_deref())?;
+    if let Some(changes) = changed_machine(job) {
+        eprintln!(
+            "note: the machine file was changed since the job began; the new one is used\n{}",
+            changes.join("\n")
+        );
+    }
+    let text = files::machine_text(run.machine.as_deref())?;
+    run::run_on(&run, machine, text, false)
 }
 
 /// A job being taken up.
@@ -177,11 +188,56 @@ impl Taking<'_> {
             (_, Some(named)) => Some(Arrives::named(named).unwrap_or_else(|| Arrives::File(named.clone()))),
         };
         let reading = reading(job, self.args.program.as_deref());
-        for file in &job.files {
+        let is_latched = |file: &&FileRead| matches!(file.role, Role::Tools | Role::Parameters) && job.tables.is_some();
+        let is_checked_here = |file: &&FileRead| !is_latched(file) && file.role != Role::Cycles;
+        for file in job.files.iter().filter(is_checked_here) {
             let path = if file.role == Role::Program { reading.program.clone() } else { PathBuf::from(&file.path) };
-            unchanged(file, &path)?;
+            let read = Hash::of(&files::bytes(&path, role_name(file.role))?);
+            if read != file.hash {
+                let what = format!("the {} {} was changed since the job began", role_name(file.role), path.display());
+                return Err(self.changed(what).into());
+            }
         }
-        Ok(Program::open_arriving(&reading, &self.machine, arrives)?)
+        let latched = job.tables.as_ref().map(machine_tables::unlatched).transpose()?;
+        let program = Program::open_arriving(&reading, &self.machine, arrives, latched)?;
+        self.same_files(&program.files_read())?;
+        Ok(program)
+    }
+
+    /// Refuses cycles that are not as they were, and subprograms and cycles that are read now and were not when the job began.
+    fn same_files(&self, read: &[FileRead]) -> Result<(), Refusal> {
+        let was = &self.record.job.files;
+        // The journal of an older version names no cycles.
+        let roles: &[Role] = if was.iter().any(|file| file.role == Role::Cycles) {
+            &[Role::Subprogram, Role::Cycles]
+        } else {
+            &[Role::Subprogram]
+        };
+        let same = |a: &FileRead, b: &FileRead| (a.role, &a.path) == (b.role, &b.path);
+        for file in was.iter().filter(|file| file.role == Role::Cycles) {
+            let Some(now) = read.iter().find(|now| same(now, file)) else {
+                return Err(self.changed(format!("the cycle {} is not there any more", file.path)));
+            };
+            if now.hash != file.hash {
+                return Err(match file.path.as_str() {
+                    "" => self.changed("the cycles that this version of retrace ships are not those of the job".into()),
+                    path => self.changed(format!("the cycle {path} was changed since the job began")),
+                });
+            }
+        }
+        let new = read.iter().find(|now| roles.contains(&now.role) && !was.iter().any(|file| same(now, file)));
+        new.map_or(Ok(()), |file| {
+            let (role, path) = (role_name(file.role), &file.path);
+            Err(self.changed(format!("the {role} {path} would be read now, and was not when the job began")))
+        })
+    }
+
+    /// A file is not as it was.
+    fn changed(&self, what: String) -> Refusal {
+        let id = self.folder.id();
+        let remedy =
+            format!("put the files back as they were, or begin at a line with `retrace resume {id} --from-line N`");
+        Refusal::new("E2210", what, remedy)
     }
 
     /// What is kept of a program that arrived, and what is sent again, if that is needed.
@@ -333,13 +389,22 @@ impl Taking<'_> {
             script: agreed(script)?,
             operator: args.operator.is_some(),
             wall_time,
-            params: record.job.arguments.params.as_deref().map(Path::new),
+            tables: TableFiles::of_job(&record.job.arguments),
         };
         let agree = |prepared: &Prepared<A>, kept: Option<&mut Kept>| -> Result<(), Failure> {
             if !prepared.agrees() {
                 return Err(disagree.refusal(prepared).into());
             }
-            let taken = Taken { program, record: &record, machine: &machine, kept: &kept_text, prepared };
+            let differences = table_differences(program, &record.job);
+            let taken = Taken {
+                program,
+                record: &record,
+                machine: &machine,
+                kept: &kept_text,
+                prepared,
+                differences,
+                machine_changes: changed_machine(&record.job),
+            };
             taken.show(args.json);
             if !args.yes && !resume_told::asked()? {
                 return Err(Refusal::new("E2215", "not agreed to: nothing has moved", "--yes agrees").into());
@@ -377,6 +442,27 @@ impl Disagree<'_> {
     }
 }
 
+/// How the job's machine file differs by now from the job's copy of it, a line each; none where it is the same.
+fn changed_machine(job: &Job) -> Option<Vec<String>> {
+    let path = job.machine.path.as_ref()?;
+    match files::text(Path::new(path), "machine file") {
+        Ok(text) if Hash::of(text.as_bytes()) == job.machine.hash => None,
+        Ok(text) => Some(machine_changes::changes(&job.machine.text, &text)),
+        Err(refusal) => Some(vec![refusal.what]),
+    }
+}
+
+/// What the job's tables say otherwise than their files by now, a line each. A file that cannot be read any more is a difference, too.
+fn table_differences(program: &Program, job: &Job) -> Vec<String> {
+    if job.tables.is_none() {
+        return Vec::new();
+    }
+    match TableFiles::of_job(&job.arguments).read() {
+        Ok(now) => machine_tables::differences(&program.setup().start_tables(), &now),
+        Err(refusal) => vec![refusal.what],
+    }
+}
+
 fn resumed<const A: usize>(prepared: &Prepared<A>, card: Card, machine: &Machine) -> Resumed {
     let Start { place, reached, executed, .. } = *prepared.start();
     let counts = prepared.counts()[..machine.axes.len().min(A)].to_vec();
@@ -395,22 +481,16 @@ fn other_card(what: &str) -> Refusal {
     Refusal::new("E2212", what, remedy)
 }
 
-/// Is the file as it was?
-fn unchanged(file: &FileRead, path: &Path) -> Result<(), Refusal> {
-    let what = match file.role {
+/// What a file is to a job, in words.
+fn role_name(role: Role) -> &'static str {
+    match role {
         Role::Program => "program",
         Role::Subprogram => "subprogram",
-        Role::Cycles => "folder of cycles",
+        Role::Cycles => "cycle",
         Role::Tools => "tool table",
         Role::Parameters => "parameter file",
         Role::Ini => "INI file",
-    };
-    if Hash::of(&files::bytes(path, what)?) == file.hash {
-        return Ok(());
     }
-    let what = format!("the {what} {} was changed since the job began", path.display());
-    let remedy = "put the old one back, or begin at a line of the new one with `retrace resume JOB --from-line N`";
-    Err(Refusal::new("E2210", what, remedy))
 }
 
 fn counts<const A: usize>(of: &[i64]) -> [i64; A] {

@@ -34,6 +34,10 @@ pub struct Taken<'a, const A: usize> {
     pub kept: &'a Path,
     /// What was found.
     pub prepared: &'a Prepared<A>,
+    /// How offsets and tool data differ by now from those that the job began with, a line each.
+    pub differences: Vec<String>,
+    /// How the machine file differs by now from the job's copy, a line each; none where it does not.
+    pub machine_changes: Option<Vec<String>>,
 }
 
 /// The block under the breakpoint.
@@ -54,6 +58,15 @@ impl<const A: usize> Taken<'_, A> {
         }
         for (name, text) in self.in_words(&block) {
             say!("  {name:10} {text}");
+        }
+        if let Some(changes) = &self.machine_changes {
+            let path = self.record.job.machine.path.as_deref().unwrap_or_default();
+            say!("the machine file {path} was changed since the job began; it goes on with its own copy:");
+            changes.iter().for_each(|line| say!("  {line}"));
+        }
+        if !self.differences.is_empty() {
+            say!("offsets and tool data changed since the job began; it goes on with its own:");
+            self.differences.iter().for_each(|line| say!("  {line}"));
         }
     }
 
@@ -113,6 +126,8 @@ impl<const A: usize> Taken<'_, A> {
             "oldest": prepared.oldest(),
             "history_s": self.history_s(),
             "history_mm": prepared.history_mm(),
+            "changed_tables": self.differences,
+            "changed_machine": self.machine_changes.as_deref().unwrap_or_default(),
         })
     }
 

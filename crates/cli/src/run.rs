@@ -15,6 +15,7 @@ use crate::files;
 use crate::homed::Homing;
 use crate::hung::{simulated, traced};
 use crate::kept::{Beginning, Claimed, Kept};
+use crate::machine_tables::{self, TableFiles};
 pub use crate::machining::{AtScreen, Ended};
 use crate::machining::{Machining, Manners};
 use crate::operate;
@@ -25,7 +26,10 @@ use crate::{args, wired};
 ///
 /// # Errors
 /// What keeps the job from beginning.
-pub fn run(args: &args::Run) -> Result<u8, Failure> {
+pub fn run(mut args: args::Run) -> Result<u8, Failure> {
+    let (params, tools) = (args.reading.params.as_deref(), args.reading.tools.as_deref());
+    args.reading.machine_tables = machine_tables::of_machine(&args.card, args.machine.as_deref(), params, tools);
+    let args = &args;
     let at_screen = operate::is_wanted(args)?;
     let mut machine = files::machine(args.machine.as_deref())?;
     machine.inhibits_outputs = args.dry_run;
@@ -143,7 +147,7 @@ impl With<'_> {
             script: self.script,
             operator: args.operator.is_some(),
             wall_time: args.realtime || args.card != "sim",
-            params: args.reading.params.as_deref(),
+            tables: TableFiles::of(&args.reading),
         };
         let begin = args.start_line.map_or(Begin::First, Begin::Line);
         Machining { manners, machine, program, input, begin, kept, at_screen: None }
@@ -171,10 +175,7 @@ fn keep<const A: usize>(
     let care = if card == entry::Card::Sim { Care::Written } else { Care::Synced };
     let machine_file = (args.machine.as_deref(), text.to_owned());
     let (reading, start_line) = (&args.reading, args.start_line);
-    let mut job = Beginning { program, reading, start_line, machine, machine_file, card }.job(status)?;
-    if program.is_set_by_hand() {
-        claimed.tables(program.setup(), &mut job)?;
-    }
+    let job = Beginning { program, reading, start_line, machine, machine_file, card }.job(status)?;
     Ok((Some(claimed.begin(care, job, progress)?), input))
 }
 
@@ -225,7 +226,7 @@ impl<'a> Job<'a> {
             script,
             operator: args.operator.is_some(),
             wall_time: true,
-            params: args.reading.params.as_deref(),
+            tables: TableFiles::of(&args.reading),
         };
         let begin = args.start_line.map_or(Begin::First, Begin::Line);
         let machining = Machining { manners, machine, program: &program, input, begin, kept, at_screen };

@@ -30,6 +30,11 @@ impl Folders {
         Self { folders: own.into_iter().chain(more.iter().cloned()).collect(), read: Mutex::default() }
     }
 
+    /// Forgets what was read: the program is opened again, for another job.
+    pub fn forget(&self) {
+        self.read.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
     /// The files that were read by now, each once.
     #[must_use]
     pub fn read(&self) -> Vec<FileRead> {

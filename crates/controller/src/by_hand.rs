@@ -6,8 +6,8 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use retrace_gcode::{
-    Active, Axis, AxisSet, CarriedOver, Diagnostic, Interpreter, Pose, Program, Progress, Setup, Severity, Step,
-    UserCodes,
+    Active, Axis, AxisSet, CarriedOver, Diagnostic, Interpreter, Parameters, Pose, Program, Progress, Setup, Severity,
+    Step, ToolTable, UserCodes,
 };
 
 use crate::job::{self, Decode, Decoded};
@@ -83,6 +83,12 @@ impl Desk {
     /// Takes over what a block has left that was carried out.
     pub fn done(&mut self, block: &Block) {
         self.carried = block.program.interpreter().carried();
+    }
+
+    /// Replaces parameters and tools by those that a program has left; the modes stay.
+    pub fn set_tables(&mut self, parameters: Parameters, tools: ToolTable) {
+        let carried = self.carried.clone().with_tables(parameters, tools);
+        self.carried = Interpreter::new(self.setup.clone().going_on(&carried)).carried();
     }
 
     /// Takes over what a program has left that was carried out.

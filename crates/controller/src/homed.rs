@@ -3,8 +3,8 @@
 //! Invariant: an axis counts as homed only on the card, and since the start of that card, where it was, and only while the machine file gives it the
 //! home that it had; a note is there whole or not at all, and one that cannot be read says that nothing was homed.
 
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use retrace_link::Identity;
@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::jobs::Jobs;
 use crate::machine::Machine;
 use crate::refusal::Refusal;
+use crate::state_file::{self, Access};
 
 const NOTES: &str = "homed.json";
 const LOCK: &str = "homed.lock";
@@ -128,8 +129,8 @@ impl Homed {
     /// Changes what is noted of a card, one process after the other.
     fn change(&self, card: &CardOn, change: impl FnOnce(&mut Vec<Axis>)) -> Result<(), Refusal> {
         let change = || {
-            fs::create_dir_all(&self.folder)?;
-            let lock = File::options().create(true).truncate(false).write(true).open(self.folder.join(LOCK))?;
+            state_file::create_private_folder(&self.folder)?;
+            let lock = state_file::open_lock(&self.folder.join(LOCK))?;
             lock.lock()?;
             let mut notes = self.read();
             let mut note = Note { card: card.clone(), axes: notes.of(card).to_vec() };
@@ -147,11 +148,8 @@ impl Homed {
 
     /// Whole, or not at all.
     fn write(&self, notes: &Notes) -> io::Result<()> {
-        let (path, beside) = (self.folder.join(NOTES), self.folder.join("homed.json.new"));
-        let mut file = File::create(&beside)?;
-        file.write_all(&serde_json::to_vec_pretty(notes)?)?;
-        file.sync_all()?;
-        fs::rename(beside, path)
+        let text = serde_json::to_vec_pretty(notes)?;
+        state_file::replace(&self.folder.join(NOTES), &text, Access::Private)
     }
 }
 

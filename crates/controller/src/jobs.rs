@@ -4,7 +4,7 @@
 //! what can never be resumed is deleted.
 
 use std::ffi::OsString;
-use std::fs::{self, File, OpenOptions, TryLockError};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -14,6 +14,7 @@ use crate::journal::record::{Glance, JobRecord};
 use crate::journal::stamp::Stamp;
 use crate::journal::store::FileStore;
 use crate::refusal::{Refusal, nearest};
+use crate::state_file;
 
 /// So many jobs that came to their end are kept.
 const COMPLETED: usize = 100;
@@ -116,6 +117,12 @@ impl Jobs {
         })
     }
 
+    /// The user's folder for everything that outlives a command, as that of the jobs is found; none where the user has none.
+    #[must_use]
+    pub fn state_folder() -> Option<PathBuf> {
+        usual(|name| std::env::var_os(name))?.parent().map(Path::to_owned)
+    }
+
     /// Where they are.
     #[must_use]
     pub fn folder(&self) -> &Path {
@@ -127,12 +134,12 @@ impl Jobs {
     /// # Errors
     /// `E2105`
     pub fn create(&self, program: &str, when: Stamp) -> Result<JobFolder, Refusal> {
-        fs::create_dir_all(&self.folder).map_err(|error| unwritable(&self.folder, &error))?;
-        let first = format!("{}-{}", when.compact(), plain(program));
+        state_file::create_private_folder(&self.folder).map_err(|error| unwritable(&self.folder, &error))?;
+        let first = format!("{}-{}", when.compact(), plain_name(program));
         let names = (2..=9999).map(|n| format!("{first}-{n}"));
         for id in std::iter::once(first.clone()).chain(names) {
             let path = self.folder.join(&id);
-            match fs::create_dir(&path) {
+            match state_file::create_new_private_folder(&path) {
                 Ok(()) => return Ok(JobFolder { path, id }),
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(unwritable(&path, &error)),
@@ -234,12 +241,6 @@ impl JobFolder {
         self.path.join(STREAM)
     }
 
-    /// A table that was set by hand before it.
-    #[must_use]
-    pub fn table(&self, name: &str) -> PathBuf {
-        self.path.join(name)
-    }
-
     /// Its report.
     #[must_use]
     pub fn report(&self) -> PathBuf {
@@ -284,8 +285,7 @@ impl JobFolder {
     pub fn hold(&self) -> Result<Held, Refusal> {
         let path = self.path.join(LOCK);
         let failed = |error: &io::Error| unwritable(&path, error);
-        let options = || OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path);
-        let mut file = options().map_err(|error| failed(&error))?;
+        let mut file = state_file::open_lock(&path).map_err(|error| failed(&error))?;
         // Whoever lists the jobs has it for a moment.
         let mut patience = 10;
         loop {
@@ -310,8 +310,9 @@ impl JobFolder {
 
     /// Does a living process hold it?
     fn is_held(&self) -> bool {
-        let lock = File::open(self.path.join(LOCK));
-        lock.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+        let path = self.path.join(LOCK);
+        let is_plain = fs::symlink_metadata(&path).is_ok_and(|found| found.is_file());
+        is_plain && File::open(path).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
     }
 
     fn holder(&self) -> Option<u32> {
@@ -378,8 +379,9 @@ fn usual(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
     Some(base.join("retrace").join("jobs"))
 }
 
-/// The program's name as part of a file name that every system takes.
-fn plain(program: &str) -> String {
+/// The name of a file, without folders and ending, as part of a file name that every system takes.
+#[must_use]
+pub fn plain_name(program: &str) -> String {
     let stem = Path::new(program).file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
     let letter = |c: char| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' };
     let name: String = stem.chars().map(letter).take(40).collect();
@@ -434,7 +436,7 @@ mod tests {
         for (name, is) in
             [("-", "program"), ("ä.ngc", "program"), ("", "program"), ("a.b.nc", "a-b"), ("../..", "program")]
         {
-            assert_eq!(plain(name), is, "{name}");
+            assert_eq!(plain_name(name), is, "{name}");
         }
         assert!(names.iter().all(|name| is_id(name)));
         assert!(!["", "20231114-221320-", "2023111-4221320-x", "report-1.json", "ä"].iter().any(|name| is_id(name)));

@@ -30,6 +30,7 @@ pub struct Library {
     cycles: Vec<Cycle>,
     findings: Vec<Finding>,
     identity: u128,
+    source_files: Vec<(PathBuf, u128)>,
 }
 
 impl Library {
@@ -45,10 +46,11 @@ impl Library {
     pub fn open(folders: Folders<'_>) -> Self {
         let mut findings = Vec::new();
         let mut sources = folders.users(&mut findings);
+        let source_files = sources.iter().map(Source::identified).collect();
         let shipped = shipped::SOURCES.iter();
         sources
             .extend(shipped.map(|(name, text)| Source::new(Path::new(name), Origin::Shipped, text.as_bytes().into())));
-        Self::of(sources, folders, findings)
+        Self { source_files, ..Self::of(sources, folders, findings) }
     }
 
     /// A library of these cycles alone, names of files and sources, as if they were a user's; for tests and tools.
@@ -72,7 +74,7 @@ impl Library {
         let keys: Vec<u8> = forms.iter().flat_map(|form| form.key.to_le_bytes()).collect();
         let cycles = join::join(forms, &mut findings);
         findings.sort_by(|a, b| (&a.source, a.diagnostic.line).cmp(&(&b.source, b.diagnostic.line)));
-        Self { cycles, findings, identity: stored::hash(&[&keys]) }
+        Self { cycles, findings, identity: stored::hash(&[&keys]), source_files: Vec::new() }
     }
 
     /// The cycle of this name, in capitals or not. Does not allocate.
@@ -98,6 +100,20 @@ impl Library {
     #[must_use]
     pub fn findings(&self) -> &[Finding] {
         &self.findings
+    }
+
+    /// Every source of the user's folder that was read, with a number that changes with its text; those with errors are among them.
+    #[must_use]
+    pub fn source_files(&self) -> &[(PathBuf, u128)] {
+        &self.source_files
+    }
+
+    /// A number that changes with the shipped cycles and with how this version compiles them.
+    #[must_use]
+    pub fn shipped_identity() -> u128 {
+        let keys: Vec<u8> =
+            shipped::SOURCES.iter().flat_map(|(name, text)| stored::key(text.as_bytes(), name).to_le_bytes()).collect();
+        stored::hash(&[&keys])
     }
 
     /// A number that changes with any cycle: the key for what is derived from a program and these cycles.

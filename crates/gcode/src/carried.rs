@@ -54,6 +54,14 @@ impl CarriedOver {
         &self.tools
     }
 
+    /// The same with other parameters and tools; the offsets in force follow from them when the next block is read.
+    #[must_use]
+    pub fn with_tables(mut self, parameters: Parameters, tools: ToolTable) -> Self {
+        (self.parameters, self.tools) = (parameters, tools);
+        self.state.g92_offset = Pose::ZERO;
+        self
+    }
+
     /// Adds the canonical functions that bring whoever follows the program to this state, where it differs from that of a program's
     /// beginning: units, systems and the offset of G92 are told already.
     pub(crate) fn announce(state: &State, initial: &State, mut tell: impl FnMut(Canon)) {
@@ -78,7 +86,45 @@ impl CarriedOver {
     }
 }
 
+/// What a program begins with that is not in its text: parameters, tools, and the tool in the spindle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StartTables {
+    /// The parameters, offsets among them.
+    pub parameters: Parameters,
+    /// The tools.
+    pub tools: ToolTable,
+    /// The tool in the spindle; 0 is none.
+    pub current_tool: u32,
+    /// The tool of the last T word; 0 is none.
+    pub selected_tool: u32,
+}
+
 impl Setup {
+    /// What an interpreter with this setup begins with.
+    #[must_use]
+    pub fn start_tables(&self) -> StartTables {
+        let (parameters, tools) = match &self.carried {
+            Some(carried) => (&carried.parameters, &carried.tools),
+            None => (&self.parameters, &self.tools),
+        };
+        let (current_tool, selected_tool) =
+            self.carried.as_ref().map_or((0, 0), |carried| (carried.state.current_tool, carried.state.selected_tool));
+        StartTables { parameters: parameters.clone(), tools: tools.clone(), current_tool, selected_tool }
+    }
+
+    /// The same setup for a program that begins with these tables.
+    #[must_use]
+    pub fn with_start_tables(self, tables: StartTables) -> Setup {
+        let StartTables { parameters, tools, current_tool, selected_tool } = tables;
+        let setup = Setup { parameters, tools, carried: None, ..self };
+        if (current_tool, selected_tool) == (0, 0) {
+            return setup;
+        }
+        let state = State { current_tool, selected_tool, ..State::initial(setup.program_units) };
+        let (parameters, tools) = (setup.parameters.clone(), setup.tools.clone());
+        setup.going_on(&CarriedOver { state, parameters, tools, names: Names::default() })
+    }
+
     /// The same for a block by hand that goes on from `carried`.
     #[must_use]
     pub fn going_on(self, carried: &CarriedOver) -> Setup {

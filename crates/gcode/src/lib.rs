@@ -69,7 +69,7 @@ pub use block::BlockNumber;
 pub use branch::{Branch, Target};
 pub use canon::{ArcFeed, Canon, FeedMode, Input, LengthUnit, PathControl, Plane, Probing, Step, Wait, WaitFor};
 pub use canon_text::CanonText;
-pub use carried::CarriedOver;
+pub use carried::{CarriedOver, StartTables};
 pub use codes::Code;
 pub use compensation::{Compensation, Side};
 pub use cycle::{Cycle, CycleWords, Series};

@@ -195,10 +195,35 @@ impl Parameters {
     #[must_use]
     pub fn kept(&self) -> Parameters {
         let mut kept = Parameters::default();
-        for number in KEPT.iter().flat_map(|(first, last)| *first..=*last) {
+        for number in Self::kept_numbers() {
             kept.set(number, self.get(number));
         }
         kept
+    }
+
+    /// Numbers of the parameters that a parameter file keeps, in rising order.
+    pub fn kept_numbers() -> impl Iterator<Item = usize> {
+        KEPT.iter().flat_map(|(first, last)| *first..=*last)
+    }
+
+    /// Whether a numbered parameter is an offset that belongs to the machine: coordinate systems, G52 and G92, the positions of G28
+    /// and G30. Those below are variables of programs.
+    #[must_use]
+    pub fn is_machine_offset(number: usize) -> bool {
+        number >= G28_HOME && Self::kept_numbers().any(|kept| kept == number)
+    }
+
+    /// Every numbered parameter that differs from its initial value, in the format of a parameter file, with as many digits as give
+    /// the same values back.
+    #[must_use]
+    pub fn write_all(&self) -> String {
+        let initial = Parameters::default();
+        let mut text = String::new();
+        for number in (1..=LAST).filter(|&number| self.get(number) != initial.get(number)) {
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "{number}\t{}", Exact(self.get(number)));
+        }
+        text
     }
 
     /// Reads a parameter file: lines of a number and a value, in rising order, `#` and `;` begin a comment.

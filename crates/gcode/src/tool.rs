@@ -133,13 +133,8 @@ impl ToolTable {
     pub fn write(&self) -> String {
         let mut text = String::new();
         for tool in &self.tools {
+            text += &words_of(tool);
             // Writing to a string cannot fail.
-            let _ = write!(text, "T{} P{}", tool.number, tool.pocket);
-            let lengths = Axis::ALL.map(|axis| (char::from(axis.letter()), tool.offset[axis]));
-            let rest = [('D', tool.diameter), ('I', tool.front_angle), ('J', tool.back_angle), ('Q', tool.orientation)];
-            for (letter, value) in lengths.into_iter().chain(rest).filter(|(_, value)| *value != 0.0) {
-                let _ = write!(text, " {letter}{value}");
-            }
             let _ = match self.name(tool.number) {
                 Some(name) => writeln!(text, " ;{name}"),
                 None => writeln!(text),
@@ -147,6 +142,48 @@ impl ToolTable {
         }
         text
     }
+
+    /// The text of a tool table with these tools as they are now: their lines are replaced, comments kept, and every other line left
+    /// as it is; a tool without a line gets one at the end.
+    #[must_use]
+    pub fn rewrite(text: &str, tools: &[Tool]) -> String {
+        let mut left: Vec<&Tool> = tools.iter().collect();
+        let mut rewritten = String::with_capacity(text.len());
+        for line in text.split_inclusive('\n') {
+            let (content, comment) = line.split_once(';').map_or((line, None), |(content, rest)| (content, Some(rest)));
+            let number = tool_of_line(content).ok().filter(|_| !content.trim().is_empty()).map(|tool| tool.number);
+            match left.iter().position(|tool| Some(tool.number) == number) {
+                None => rewritten += line,
+                Some(index) => {
+                    rewritten += &words_of(left.remove(index));
+                    match comment {
+                        Some(comment) => rewritten.extend([" ;", comment]),
+                        None => rewritten.push('\n'),
+                    }
+                }
+            }
+        }
+        for tool in left {
+            if !rewritten.is_empty() && !rewritten.ends_with('\n') {
+                rewritten.push('\n');
+            }
+            rewritten += &words_of(tool);
+            rewritten.push('\n');
+        }
+        rewritten
+    }
+}
+
+/// A tool's line of the table, without its comment.
+fn words_of(tool: &Tool) -> String {
+    let mut text = format!("T{} P{}", tool.number, tool.pocket);
+    let lengths = Axis::ALL.map(|axis| (char::from(axis.letter()), tool.offset[axis]));
+    let rest = [('D', tool.diameter), ('I', tool.front_angle), ('J', tool.back_angle), ('Q', tool.orientation)];
+    for (letter, value) in lengths.into_iter().chain(rest).filter(|(_, value)| *value != 0.0) {
+        // Writing to a string cannot fail.
+        let _ = write!(text, " {letter}{value}");
+    }
+    text
 }
 
 /// The tool that a line tells of, or the word that is wrong and why.
@@ -184,6 +221,18 @@ fn tool_of_line(line: &str) -> Result<Tool, (&str, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_changed_tool_is_rewritten_and_every_other_line_stays() {
+        let text = "; my tools\nT1 P1 Z5 ;end mill\nT2 P2 Z7";
+        let tool = |number, z| Tool { number, pocket: number, offset: Pose::xyz(0.0, 0.0, z), ..Tool::default() };
+        assert_eq!(
+            ToolTable::rewrite(text, &[tool(1, 5.5), tool(9, -2.0)]),
+            "; my tools\nT1 P1 Z5.5 ;end mill\nT2 P2 Z7\nT9 P9 Z-2\n"
+        );
+        assert_eq!(ToolTable::rewrite("", &[tool(3, 1.0)]), "T3 P3 Z1\n");
+        assert_eq!(ToolTable::rewrite(text, &[]), text);
+    }
 
     #[test]
     fn a_table_is_read_by_words_in_any_order() {

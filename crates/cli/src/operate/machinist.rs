@@ -26,6 +26,7 @@ use super::picture;
 use crate::args::{self, Reading};
 use crate::homed::Homing;
 use crate::kept::Kept;
+use crate::machine_tables::TableKeeper;
 use crate::program::{Arriving, Failure, Program};
 use crate::run::{At, AtScreen, Ended, Job};
 use crate::screen::Said;
@@ -62,6 +63,7 @@ pub(super) struct Machinist<'m, const A: usize, C> {
     card: &'m mut C,
     /// What is in force for blocks by hand, and for the next program.
     by_hand: by_hand::Desk,
+    table_keeper: TableKeeper,
     words: Receiver<Said>,
     desk: &'m Arc<Desk>,
     live: Live,
@@ -85,6 +87,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let live = Live::new(Arc::clone(&desk.model));
         let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None };
         let (by_hand, machine) = (by_hand::Desk::new(program.setup().clone()), machine.clone());
+        let table_keeper = TableKeeper::new(&args.reading, program.setup());
         Self {
             args,
             machine,
@@ -94,6 +97,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             at,
             card,
             by_hand,
+            table_keeper,
             words,
             desk,
             live,
@@ -236,6 +240,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             Err(NotDone::Trouble(Trouble::Latched(_))) => {}
             Err(NotDone::Trouble(trouble)) => self.tell(Happening::Alarm(trouble)),
         }
+        if let Err(refusal) = self.table_keeper.keep(self.by_hand.carried()) {
+            self.note(format!("{}: {} · {}", refusal.number, refusal.what, refusal.remedy));
+        }
         if self.card.status().alarm.is_none() {
             locked(&self.desk.model).alarm_is_cleared();
         }
@@ -317,6 +324,10 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         self.left.ran = true;
         match done {
             Ok((code, _)) => {
+                if let Some((parameters, tools)) = ended.tables {
+                    self.by_hand.set_tables(parameters, tools);
+                    self.table_keeper.is_kept(self.by_hand.carried());
+                }
                 (self.left.code, self.left.report) = (code, Some(ended.text));
                 locked(&self.desk.model).end(&ended.short);
             }

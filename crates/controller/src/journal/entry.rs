@@ -64,6 +64,9 @@ pub struct Job {
     pub machine: MachineFile,
     /// What the command was given, as far as it matters to decoding and planning.
     pub arguments: Arguments,
+    /// Offsets and tool data as they were when the job began; none in the journal of an older version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tables: Option<LatchedTables>,
     /// The card.
     pub card: Card,
     /// Control period in microseconds.
@@ -98,7 +101,7 @@ pub enum Role {
     Program,
     /// A subprogram in a file of its own.
     Subprogram,
-    /// All cycles that could be called, taken together.
+    /// The source of a cycle that could be called; without a path, the shipped cycles taken together.
     Cycles,
     /// The tool table.
     Tools,
@@ -114,7 +117,7 @@ pub enum Role {
 pub struct FileRead {
     /// What it is to the job.
     pub role: Role,
-    /// Its absolute path; of the cycles, their folder or nothing.
+    /// Its absolute path; empty for the shipped cycles.
     pub path: String,
     /// Of its content.
     pub hash: Hash,
@@ -130,6 +133,30 @@ pub struct MachineFile {
     pub hash: Hash,
     /// Its text, so that the job can be resumed after the file has been changed.
     pub text: String,
+}
+
+/// Offsets and tool data as they were when a job began. The job is resumed with these, whatever has become of their files.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LatchedTables {
+    /// Every numbered parameter that is not at its initial value, in the format of a parameter file.
+    pub parameters: String,
+    /// The tool table, in its file's format.
+    pub tools: String,
+    /// Number of the tool in the spindle; 0 is none.
+    pub current_tool: u32,
+    /// Number of the tool of the last T word; 0 is none.
+    pub selected_tool: u32,
+}
+
+/// The tables that are kept for a machine in the state folder; absolute paths. The files need not exist.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MachineTables {
+    /// Parameter file; none where the command named one.
+    pub parameters: Option<String>,
+    /// Tool table; none where the command named one.
+    pub tools: Option<String>,
 }
 
 /// Arguments of the command; paths are absolute.
@@ -150,6 +177,9 @@ pub struct Arguments {
     pub params: Option<String>,
     /// LinuxCNC machine configuration.
     pub ini: Option<String>,
+    /// The machine's own tables, where the job used them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine_tables: Option<MachineTables>,
 }
 
 /// The card of a job.
@@ -405,6 +435,11 @@ pub(crate) mod tests {
             files: vec![FileRead { role: Role::Program, path: "part.ngc".into(), hash: Hash::of(text.as_bytes()) }],
             machine: MachineFile { path: None, hash: Hash::of(b""), text: text.into() },
             arguments: Arguments { start_line: Some(7), subs: vec!["subs".into()], ..Arguments::default() },
+            tables: Some(LatchedTables {
+                parameters: "5221\t1.5\n".into(),
+                current_tool: 3,
+                ..LatchedTables::default()
+            }),
             card,
             period_us: 1000,
             origin: 5,

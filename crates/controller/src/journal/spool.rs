@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::entry::Spooled;
 use crate::refusal::Refusal;
+use crate::state_file;
 
 /// How far the spool has come, and the file, for the logbook.
 #[derive(Debug)]
@@ -67,7 +68,7 @@ impl<R: BufRead> Spooling<R> {
     /// # Errors
     /// As the system says.
     pub fn create(path: &Path, from: R) -> io::Result<(Self, Progress)> {
-        let file = OpenOptions::new().append(true).create_new(true).open(path)?;
+        let file = state_file::private().append(true).create_new(true).open(path)?;
         Self::after(file, from, Spooled::default())
     }
 

@@ -6,6 +6,8 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::path::Path;
 
+use crate::state_file;
+
 /// Keeps bytes.
 pub trait Store: Send {
     /// Appends these bytes. Where it fails, any part of them may be there.
@@ -32,12 +34,12 @@ pub trait Store: Send {
 pub struct FileStore(File);
 
 impl FileStore {
-    /// A new file; there must be none of that name.
+    /// A new file, private to its user; there must be none of that name.
     ///
     /// # Errors
     /// As the system says.
     pub fn create(path: &Path) -> io::Result<Self> {
-        OpenOptions::new().append(true).create_new(true).open(path).map(Self)
+        state_file::private().append(true).create_new(true).open(path).map(Self)
     }
 
     /// A file that is there, to be gone on with.

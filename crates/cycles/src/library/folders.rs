@@ -53,6 +53,11 @@ impl Source {
         Self { path: path.to_owned(), origin, text: Cow::Owned(text) }
     }
 
+    /// Its path, and a number that changes with its text.
+    pub(super) fn identified(&self) -> (PathBuf, u128) {
+        (self.path.clone(), stored::hash(&[&self.text]))
+    }
+
     /// The name of the file without its ending, in capitals.
     fn stem(&self) -> String {
         self.path.file_stem().unwrap_or_default().to_string_lossy().to_ascii_uppercase()

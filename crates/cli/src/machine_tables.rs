@@ -1,0 +1,355 @@
+//! Offsets and tool data of a machine: which files they come from, and how they are written.
+//!
+//! Each machine file has a parameter file and a tool table of its own in the state folder; `--params` and `--tools` replace them.
+//!
+//! Invariant: only values that were changed are written, over whatever the file says by then, so that nothing that was set meanwhile is lost.
+//! The machine's own parameter file keeps offsets, not the variables of programs.
+
+use std::fmt::Write as _;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use retrace_controller::jobs::{Jobs, plain_name};
+use retrace_controller::journal::entry::{Arguments, LatchedTables, MachineTables};
+use retrace_controller::journal::hash::Hash;
+use retrace_controller::refusal::Refusal;
+use retrace_controller::state_file::{self, Access};
+use retrace_gcode::{Axis, CarriedOver, Parameters, Pose, Setup, StartTables, Tool, ToolTable};
+
+use crate::args::Reading;
+use crate::console::unwritable;
+use crate::files;
+use crate::program::{table, tools_without_length};
+
+/// First parameter of the origin of coordinate system 1; those of the next are 20 further on each.
+const FIRST_ORIGIN: usize = 5221;
+
+/// The tables of this machine in the state folder, for what the command line does not name; none for the in-process simulated card of the
+/// built-in machine, and where the user has no state folder.
+#[must_use]
+pub fn of_machine(
+    card: &str,
+    machine: Option<&Path>,
+    params: Option<&Path>,
+    tools: Option<&Path>,
+) -> Option<MachineTables> {
+    let is_simulated = card == "sim";
+    if is_simulated && machine.is_none() {
+        return None;
+    }
+    let mut name = machine.map_or_else(
+        || "built-in".to_owned(),
+        |path| {
+            let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+            let hash = Hash::of(whole.as_os_str().as_encoded_bytes()).short();
+            format!("{}-{hash:08x}", plain_name(&whole.display().to_string()))
+        },
+    );
+    // The simulated machine stands elsewhere: what is measured there says nothing of the real one.
+    if is_simulated {
+        name += "-simulated";
+    }
+    let folder = Jobs::state_folder()?.join("machines");
+    let file = |ending: &str| files::absolute(&folder.join(format!("{name}.{ending}")));
+    Some(MachineTables {
+        parameters: params.is_none().then(|| file("var")),
+        tools: tools.is_none().then(|| file("tbl")),
+    })
+}
+
+/// The parameters of a machine's own file; the initial ones where it does not exist yet.
+///
+/// # Errors
+/// It cannot be read or understood.
+pub fn parameters(path: &Path) -> Result<Parameters, Refusal> {
+    if path.exists() { table(path, "parameter file", Parameters::read) } else { Ok(Parameters::default()) }
+}
+
+/// The tools of a machine's own table over those that have no length; false where the table does not exist yet.
+///
+/// # Errors
+/// It cannot be read or understood.
+pub fn tools(path: &Path) -> Result<(ToolTable, bool), Refusal> {
+    let mut tools = tools_without_length();
+    if !path.exists() {
+        return Ok((tools, false));
+    }
+    for tool in table(path, "tool table", ToolTable::read)?.tools() {
+        tools.insert(*tool);
+    }
+    Ok((tools, true))
+}
+
+/// The files that offsets and tool data go to.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TableFiles {
+    /// The parameter file, if there is one.
+    pub parameters: Option<PathBuf>,
+    /// The tool table, if there is one.
+    pub tools: Option<PathBuf>,
+    /// The parameter file is the machine's own.
+    parameters_are_own: bool,
+    /// The tool table is the machine's own.
+    tools_are_own: bool,
+}
+
+impl TableFiles {
+    /// Those that a program is read with.
+    #[must_use]
+    pub fn of(reading: &Reading) -> Self {
+        Self::choose(reading.params.as_deref(), reading.tools.as_deref(), reading.machine_tables.as_ref())
+    }
+
+    /// Those that a job was read with.
+    #[must_use]
+    pub fn of_job(arguments: &Arguments) -> Self {
+        let path = |path: &Option<String>| path.as_ref().map(PathBuf::from);
+        let (params, tools) = (path(&arguments.params), path(&arguments.tools));
+        Self::choose(params.as_deref(), tools.as_deref(), arguments.machine_tables.as_ref())
+    }
+
+    /// Those that are named, else the machine's own.
+    #[must_use]
+    pub fn choose(params: Option<&Path>, tools: Option<&Path>, own: Option<&MachineTables>) -> Self {
+        let own_file =
+            |of: fn(&MachineTables) -> &Option<String>| own.and_then(|own| of(own).as_ref()).map(PathBuf::from);
+        Self {
+            parameters: params.map(Path::to_owned).or_else(|| own_file(|own| &own.parameters)),
+            tools: tools.map(Path::to_owned).or_else(|| own_file(|own| &own.tools)),
+            parameters_are_own: params.is_none(),
+            tools_are_own: tools.is_none(),
+        }
+    }
+
+    /// Is the tool table the machine's own, so that a program's changes go to it?
+    #[must_use]
+    pub fn has_own_tools(&self) -> bool {
+        self.tools_are_own
+    }
+
+    /// What the files say now.
+    ///
+    /// # Errors
+    /// One cannot be read or understood.
+    pub fn read(&self) -> Result<StartTables, Refusal> {
+        let parameters = self.parameters.as_deref().map_or_else(|| Ok(Parameters::default()), parameters)?;
+        let tools = match &self.tools {
+            Some(path) if self.tools_are_own => tools(path)?.0,
+            Some(path) => table(path, "tool table", ToolTable::read)?,
+            None => tools_without_length(),
+        };
+        Ok(StartTables { parameters, tools, current_tool: 0, selected_tool: 0 })
+    }
+
+    /// Writes the parameters that differ between `began` and `ended`. A file that the command line names is written in any case.
+    ///
+    /// # Errors
+    /// It cannot be read, understood or written; it is as it was then.
+    pub fn write_parameters(&self, began: &Parameters, ended: &Parameters) -> Result<(), Refusal> {
+        let Some(path) = &self.parameters else { return Ok(()) };
+        let is_kept = |number: &usize| !self.parameters_are_own || Parameters::is_machine_offset(*number);
+        let changed: Vec<usize> = Parameters::kept_numbers()
+            .filter(is_kept)
+            .filter(|&number| began.get(number).to_bits() != ended.get(number).to_bits())
+            .collect();
+        if changed.is_empty() && self.parameters_are_own {
+            return Ok(());
+        }
+        let mut now = parameters(path)?;
+        for number in changed {
+            now.set(number, ended.get(number));
+        }
+        write(path, now.write().as_bytes(), self.parameters_are_own)
+    }
+
+    /// Writes the tools that differ between `began` and `ended`; the other lines of the table stay as they are.
+    ///
+    /// # Errors
+    /// The table cannot be read or written; it is as it was then.
+    pub fn write_tools(&self, began: &ToolTable, ended: &ToolTable) -> Result<(), Refusal> {
+        let Some(path) = &self.tools else { return Ok(()) };
+        let changed: Vec<Tool> = ended.tools().filter(|tool| began.get(tool.number) != Some(**tool)).copied().collect();
+        if changed.is_empty() {
+            return Ok(());
+        }
+        let text = match std::fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
+            Err(error) => return Err(unwritable(&path.display().to_string(), &error)),
+        };
+        write(path, ToolTable::rewrite(&text, &changed).as_bytes(), self.tools_are_own)
+    }
+}
+
+/// Writes what is set by hand at a screen to its files, whenever it changes.
+#[derive(Debug)]
+pub struct TableKeeper {
+    files: TableFiles,
+    parameters: Parameters,
+    tools: ToolTable,
+}
+
+impl TableKeeper {
+    /// Of a screen that begins with this.
+    #[must_use]
+    pub fn new(reading: &Reading, setup: &Setup) -> Self {
+        let StartTables { parameters, tools, .. } = setup.start_tables();
+        Self { files: TableFiles::of(reading), parameters, tools }
+    }
+
+    /// Writes what has changed since the last time.
+    ///
+    /// # Errors
+    /// A file cannot be read or written; it is tried again with the next change.
+    pub fn keep(&mut self, carried: &CarriedOver) -> Result<(), Refusal> {
+        if self.parameters.kept() != carried.parameters().kept() {
+            self.files.write_parameters(&self.parameters, carried.parameters())?;
+            self.parameters = carried.parameters().clone();
+        }
+        if self.tools != *carried.tools() {
+            self.files.write_tools(&self.tools, carried.tools())?;
+            self.tools = carried.tools().clone();
+        }
+        Ok(())
+    }
+
+    /// Notes that this has been written already, or is not to be: it is what a program has left.
+    pub fn is_kept(&mut self, carried: &CarriedOver) {
+        (self.parameters, self.tools) = (carried.parameters().clone(), carried.tools().clone());
+    }
+}
+
+/// Writes a table; one of the machine's own is private.
+fn write(path: &Path, bytes: &[u8], is_own: bool) -> Result<(), Refusal> {
+    let folder = path.parent().filter(|_| is_own).map_or(Ok(()), state_file::create_private_folder);
+    let access = if is_own { Access::Private } else { Access::Usual };
+    folder
+        .and_then(|()| state_file::replace(path, bytes, access))
+        .map_err(|error| unwritable(&path.display().to_string(), &error))
+}
+
+/// The tables that a job begins with, for its journal.
+#[must_use]
+pub fn latched(tables: &StartTables) -> LatchedTables {
+    LatchedTables {
+        parameters: tables.parameters.write_all(),
+        tools: tables.tools.write(),
+        current_tool: tables.current_tool,
+        selected_tool: tables.selected_tool,
+    }
+}
+
+/// The tables of a journal.
+///
+/// # Errors
+/// `E2205`: they are not as this version writes them.
+pub fn unlatched(latched: &LatchedTables) -> Result<StartTables, Refusal> {
+    let unknown = |what: &str| {
+        let what = format!("the journal's {what} cannot be understood");
+        Refusal::new("E2205", what, "use the version of retrace that has written it")
+    };
+    Ok(StartTables {
+        parameters: Parameters::read(&latched.parameters).map_err(|_| unknown("parameters"))?,
+        tools: ToolTable::read(&latched.tools).map_err(|_| unknown("tool data"))?,
+        current_tool: latched.current_tool,
+        selected_tool: latched.selected_tool,
+    })
+}
+
+/// How tables differ, a line each: `G54 Z: 3.000 in the job, 2.500 now`. Variables of programs are left out.
+#[must_use]
+pub fn differences(job: &StartTables, now: &StartTables) -> Vec<String> {
+    let mut lines = Vec::new();
+    for number in Parameters::kept_numbers().filter(|&number| Parameters::is_machine_offset(number)) {
+        let (was, is) = (job.parameters.get(number), now.parameters.get(number));
+        if was.to_bits() != is.to_bits() {
+            lines.push(format!("{}: {was:.4} in the job, {is:.4} now", parameter_name(number)));
+        }
+    }
+    let numbers: std::collections::BTreeSet<u32> =
+        job.tools.tools().chain(now.tools.tools()).map(|tool| tool.number).collect();
+    for number in numbers {
+        let (was, is) = (job.tools.get(number), now.tools.get(number));
+        if was != is {
+            lines.push(format!("tool {number}: {} in the job, {} now", tool_text(was), tool_text(is)));
+        }
+    }
+    lines
+}
+
+/// A parameter's name on the machine: `G54 X`, `G92 Z`, else its number.
+fn parameter_name(number: usize) -> String {
+    let of = |name: &str, index: usize| match Axis::ALL.get(index) {
+        Some(axis) => format!("{name} {}", char::from(axis.letter())),
+        None => format!("{name} rotation"),
+    };
+    match number {
+        5161..=5169 => of("G28", number - 5161),
+        5181..=5189 => of("G30", number - 5181),
+        5210 => "G92 in force".into(),
+        5211..=5219 => of("G92", number - 5211),
+        5220 => "coordinate system".into(),
+        FIRST_ORIGIN.. => {
+            let (system, index) = ((number - FIRST_ORIGIN) / 20, (number - FIRST_ORIGIN) % 20);
+            let name = ["G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"].get(system);
+            name.filter(|_| index <= 9).map_or_else(|| format!("#{number}"), |name| of(name, index))
+        }
+        _ => format!("#{number}"),
+    }
+}
+
+/// A tool in a few words: `Z 12.500 D 6.000`.
+fn tool_text(tool: Option<Tool>) -> String {
+    let Some(tool) = tool else { return "not in the table".into() };
+    let mut text = String::new();
+    for axis in Axis::ALL.into_iter().filter(|&axis| tool.offset[axis] != Pose::ZERO[axis]) {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{} {:.4} ", char::from(axis.letter()), tool.offset[axis]);
+    }
+    if tool.diameter != 0.0 {
+        let _ = write!(text, "D {:.4} ", tool.diameter);
+    }
+    if text.is_empty() { "no length".into() } else { text.trim_end().to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn latched_tables_come_back_to_the_bit() {
+        let mut tables = StartTables {
+            parameters: Parameters::default(),
+            tools: tools_without_length(),
+            current_tool: 2,
+            selected_tool: 7,
+        };
+        for (number, value) in [(1, 0.1), (5070, 1.0), (5220, 2.0), (5221, 1.0 / 3.0), (5599, 0.0)] {
+            tables.parameters.set(number, value);
+        }
+        tables.tools.insert(Tool { number: 2, pocket: 2, offset: Pose::xyz(0.0, 0.0, 0.1 + 0.2), ..Tool::default() });
+        assert_eq!(unlatched(&latched(&tables)), Ok(tables));
+    }
+
+    #[test]
+    fn differences_are_named_as_the_operator_knows_them() {
+        let job = StartTables {
+            parameters: Parameters::default(),
+            tools: ToolTable::default(),
+            current_tool: 0,
+            selected_tool: 0,
+        };
+        let mut now = job.clone();
+        for number in [5161, 5211, 5223, 5230, 5241, 100] {
+            now.parameters.set(number, 2.5);
+        }
+        now.tools.insert(Tool { number: 4, offset: Pose::xyz(0.0, 0.0, 7.0), ..Tool::default() });
+        let all = differences(&job, &now);
+        assert_eq!(all.len(), 6, "{all:?}");
+        let starts =
+            ["G28 X: 0.0000 in the job, 2.5000 now", "G92 X", "G54 Z", "G54 rotation", "G55 X", "tool 4: not in"];
+        for (line, start) in all.iter().zip(starts) {
+            assert!(line.starts_with(start), "{line}");
+        }
+    }
+}
