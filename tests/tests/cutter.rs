@@ -30,11 +30,12 @@ const JET_PROGRAM: &str = "G21 G90 F1800\nG0 X10\nM64 P3\nG4 P0.3\nG1 X70\nM65 P
 fn run(machine: &str, program: &str, script: &str, more: &[&str]) -> (Run, Vec<Sample>) {
     let bench = Bench::new();
     let program = bench.file("part.ngc", program);
-    let (machine, script) = (bench.file("m.toml", machine), bench.file("s.op", script));
-    let (machine, script, vcd) = (machine.display(), script.display(), bench.path("pins.vcd"));
-    let (machine, script) = (machine.to_string(), script.to_string());
-    let trace = vcd.display().to_string();
-    let mut arguments = vec!["--machine", &machine, "--operator", &script, "--vcd", &trace];
+    let (machine, vcd) = (bench.file("m.toml", machine).display().to_string(), bench.path("pins.vcd"));
+    let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+    let mut arguments = vec!["--machine", &machine, "--vcd", &trace];
+    if !script.is_empty() {
+        arguments.extend(["--operator", &operator]);
+    }
     arguments.extend(more);
     let run = Run::of(&bench, &program, &arguments);
     (run, samples(&vcd))
@@ -130,7 +131,11 @@ fn every_other_stop_puts_the_torch_out_as_well() {
     let cases = [
         (m0.as_str(), "at line 4 override 100%\nafter 5s recover\n", "M0"),
         (m0.as_str(), "at line 4 override 100%\nafter 5s resume\nafter 1s agree\n", "M0"),
-        (TORCH_PROGRAM, "at line 4 override 100%\nafter 0.3s override 0%\nafter 2s override 100%\nafter 0s recover\n", "override"),
+        (
+            TORCH_PROGRAM,
+            "at line 4 override 100%\nafter 0.3s override 0%\nafter 2s override 100%\nafter 0s recover\n",
+            "override",
+        ),
         (TORCH_PROGRAM, "at line 4 single\nafter 3s single\nafter 0s recover\n", "single"),
         (
             TORCH_PROGRAM,
@@ -157,17 +162,23 @@ fn a_script_that_waits_for_a_line_that_cannot_come_ends_the_job() {
 
 #[test]
 fn feed_begins_again_only_when_the_tool_is_ready() {
-    for (cutter, program, ready_ms) in [(TORCH, TORCH_PROGRAM, 400), (JET, JET_PROGRAM, 300), (SPINDLE, TORCH_PROGRAM, 800)] {
+    for (cutter, program, ready_ms) in
+        [(TORCH, TORCH_PROGRAM, 400), (JET, JET_PROGRAM, 300), (SPINDLE, TORCH_PROGRAM, 800)]
+    {
         let pause = "spindle stop\nafter 0s spindle start\nafter 0s online\nafter 0s cycle start\n";
         let script = match cutter {
             SPINDLE => format!("at line 4 override 100%\nafter 0.3s pause\nafter 1s {pause}"),
-            _ => "at line 5 override 100%\nafter 0.3s hold\nafter 2s recover\n".replace("line 5", if cutter == TORCH { "line 4" } else { "line 5" }),
+            _ => "at line 5 override 100%\nafter 0.3s hold\nafter 2s recover\n"
+                .replace("line 5", if cutter == TORCH { "line 4" } else { "line 5" }),
         };
         let (run, pins) = run(&machine(cutter, ""), program, &script, &[]);
         run.assert_exact_and_legal();
         let begun = time_ms(run.of_kind("restart_switching").next().expect("the instruction is carried out again"));
         let moves = first_motion_ms(&pins, begun);
-        assert!((begun + ready_ms..begun + ready_ms + 20).contains(&moves), "{cutter}: {begun} ms, moves at {moves} ms");
+        assert!(
+            (begun + ready_ms..begun + ready_ms + 20).contains(&moves),
+            "{cutter}: {begun} ms, moves at {moves} ms"
+        );
         let output = if cutter == JET { "out3" } else { "spindle" };
         let moving = pins.iter().find(|sample| sample.at_us / 1000 >= moves).expect("a sample");
         assert!(moving.is_on(output), "{cutter}: {moving:?}");
@@ -229,7 +240,8 @@ fn reverse_run_puts_the_cutter_out_and_the_end_of_it_lights_it_again() {
 #[test]
 fn replayed_outputs_go_back_and_forth_with_m64_and_never_light_the_cutter() {
     // output 5 belongs to no cutter; the way back goes over everything
-    let program = "G21 G90 F3000\nG1 X10\nM64 P5\nG1 X20\nM64 P3\nG1 X40\nM65 P3\nG1 X60\nM65 P5\nG1 X80\nG1 X100\nM2\n";
+    let program =
+        "G21 G90 F3000\nG1 X10\nM64 P5\nG1 X20\nM64 P3\nG1 X40\nM65 P3\nG1 X60\nM65 P5\nG1 X80\nG1 X100\nM2\n";
     let script = "at line 11 reverse 100%\nafter 4s leave\n";
     let (run, pins) = run(&machine(JET, "retrace_outputs = \"replayed\"\n"), program, script, &[]);
     run.assert_exact_and_legal();
@@ -257,18 +269,91 @@ fn a_cutter_is_switched_off_by_hand_at_any_time_and_on_only_where_it_may_cut() {
         after 0.5s cutter on\nafter 0.3s output 3 off\nafter 0s leave\n";
     let (run, pins) = run(&machine(&cutting_jet, ""), JET_PROGRAM, script, &[]);
     run.assert_exact_and_legal();
-    let refused: Vec<_> = run.of_kind("order_refused").map(|event| event["why"].as_str().unwrap_or("").to_owned()).collect();
+    let refused: Vec<_> =
+        run.of_kind("order_refused").map(|event| event["why"].as_str().unwrap_or("").to_owned()).collect();
     assert_eq!(refused.len(), 2, "{refused:?}");
     assert!(refused.iter().all(|why| why.contains("recover")), "{refused:?}");
     assert!(pins.iter().any(|sample| sample.rate < 0.0 && sample.is_on("out3")), "on while it goes back");
     let offs: Vec<_> = run.of_kind("cutter_off").map(|event| event["reason"].clone()).collect();
     assert_eq!(offs, ["operator", "operator"], "{offs:?}");
     // a torch is not lit where the path is retraced
-    let script = "at line 4 override 100%\nafter 0.3s reverse 50%\nafter 1s cutter on\nafter 0s output 64 on\nafter 0s leave\n";
+    let script =
+        "at line 4 override 100%\nafter 0.3s reverse 50%\nafter 1s cutter on\nafter 0s output 64 on\nafter 0s leave\n";
     let (torch, pins) = self::run(&machine(TORCH, ""), TORCH_PROGRAM, script, &[]);
     torch.assert_exact_and_legal();
     assert_eq!(torch.of_kind("order_refused").count(), 2);
     assert!(pins.iter().all(|sample| sample.rate >= 0.0 || !sample.is_on("spindle")));
+}
+
+#[test]
+fn what_a_program_does_with_its_cutter_is_checked_before_the_run() {
+    let check = |machine: Option<String>, program: &str| {
+        let bench = Bench::new();
+        let program = bench.file("part.ngc", program).display().to_string();
+        let machine = machine.map(|text| bench.file("m.toml", text).display().to_string());
+        let mut arguments = vec!["check", &program];
+        if let Some(machine) = &machine {
+            arguments.extend(["--machine", machine]);
+        }
+        bench.retrace(arguments)
+    };
+    // a rapid with the jet on, and on a machine that allows it
+    let rapid = "G21 G90 F1800\nM64 P3\nG1 X10\nG0 X20\nM65 P3\nM2\n";
+    let said = check(Some(machine(JET, "")), rapid);
+    assert!(said.code == Some(1) && said.err.contains("E4306") && said.err.contains(":4:"), "{}", said.err);
+    assert_eq!(check(Some(machine(&format!("{JET}rapid_lit = true\n"), "")), rapid).code, Some(0));
+    // left on at the end
+    let said = check(Some(machine(JET, "")), "G21 G90 F1800\nM64 P3\nG1 X10\nM2\n");
+    assert!(
+        said.code == Some(0) && said.err.contains("warning[W4101]: jet") && said.err.contains(":2:"),
+        "{}",
+        said.err
+    );
+    // an output that cuts, perhaps, and a machine that declares nothing
+    let said = check(None, JET_PROGRAM);
+    assert!(said.code == Some(0) && said.err.contains("warning[W4102]: output 3"), "{}", said.err);
+    assert!(!check(Some(machine(JET, "")), JET_PROGRAM).err.contains("W410"));
+    let named = machine("", "[[output]]\nnumber = 3\nname = \"air\"\n");
+    assert!(!check(Some(named), JET_PROGRAM).err.contains("W410"));
+}
+
+#[test]
+fn a_beam_is_off_in_rapids_and_on_again_behind_them() {
+    let beam = "[[cutter]]\nname = \"beam\"\nkind = \"beam\"\nfire = 64\n";
+    let program = "G21 G90 G64 F3000\nM3\nG1 X10\nG0 X30\nG0 X40\nG1 X50\nM5\nG0 X0\nM2\n";
+    let (run, pins) = run(&machine(beam, ""), program, "", &[]);
+    run.assert_exact_and_legal();
+    for sample in pins.iter().filter(|sample| sample.rate != 0.0) {
+        // the sample of a period shows the line and the outputs at its end
+        let cuts = matches!(sample.line, 3 | 6);
+        assert!(sample.is_on("spindle") == cuts || sample.place.fract() == 0.0, "{sample:?}");
+    }
+    assert!(pins.iter().any(|sample| sample.line == 6 && sample.is_on("spindle")));
+    assert!(pins.iter().all(|sample| !matches!(sample.line, 5 | 8) || !sample.is_on("spindle")));
+}
+
+#[test]
+fn a_tool_change_and_an_optional_stop_wait_for_the_operator() {
+    let router = machine(SPINDLE, "tool_change = \"manual\"\n");
+    let program = "G21 G90 F1800\nG1 X10\nT3 M6\nG1 X20\nM1\nG1 X30\nM2\n";
+    let (alone, _) = run(&router, program, "", &[]);
+    alone.assert_exact_and_legal();
+    assert_eq!(alone.of_kind("tool_change").count() + alone.of_kind("program_stop").count(), 0, "nobody is there");
+    let script = "at 0s optional stop on\nat 4s cycle start\nat 9s cycle start\n";
+    let (asked, pins) = run(&router, program, script, &[]);
+    asked.assert_exact_and_legal();
+    let change = asked.of_kind("tool_change").next().expect("it asks");
+    assert_eq!(change["tool"], 3);
+    assert!(
+        asked.of_kind("message").any(|message| message["text"].as_str().is_some_and(|text| text.contains("tool 3")))
+    );
+    assert!(first_motion_ms(&pins, time_ms(change) + 1) >= 4000);
+    let stop = asked.of_kind("program_stop").next().expect("M1 stops");
+    assert!(first_motion_ms(&pins, time_ms(stop) + 1) >= 9000);
+    let (off, _) =
+        run(&router, program, &script.replace("stop on", "stop off").replace("at 9s cycle start\n", ""), &[]);
+    off.assert_exact_and_legal();
+    assert_eq!(off.of_kind("program_stop").count(), 0);
 }
 
 #[test]
@@ -279,7 +364,11 @@ fn a_wrong_cutter_is_refused_by_name() {
         ("[[cutter]]\nname = \"t\"\nkind = \"torch\"\nfire = 64\nretrace_cut = true\n", "E2112", "only a jet"),
         ("[[cutter]]\nname = \"t\"\nkind = \"torch\"\nfire = 3\narm = 3\n", "E2112", "uses it too"),
         ("[[cutter]]\nname = \"t\"\nkind = \"torch\"\nfire = 3\nstanding_ms = 9000\n", "E2112", "standing_ms"),
-        ("[[output]]\nnumber = 3\nname = \"pump\"\n[[cutter]]\nname = \"t\"\nkind = \"torch\"\nfire = 3\n", "E2112", "names it"),
+        (
+            "[[output]]\nnumber = 3\nname = \"pump\"\n[[cutter]]\nname = \"t\"\nkind = \"torch\"\nfire = 3\n",
+            "E2112",
+            "names it",
+        ),
     ];
     for (text, number, what) in cases {
         let bench = Bench::new();

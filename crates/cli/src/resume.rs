@@ -121,7 +121,7 @@ fn from_line(args: &args::Resume, job: &Job, line: u32) -> Result<u8, Failure> {
         reading.program = program.to_owned();
     }
     let run = args::Run {
-            vcd: None,
+        vcd: None,
         dry_run: false,
         reading,
         card,

@@ -82,7 +82,9 @@ impl With<'_> {
         }
         if args.vcd.is_some() {
             let what = "--vcd: only the simulated card in this process can write a trace of its pins";
-            return Err(Refusal::new("E2152", what, "retrace card serve --vcd FILE writes that of a served card").into());
+            return Err(
+                Refusal::new("E2152", what, "retrace card serve --vcd FILE writes that of a served card").into()
+            );
         }
         // Everything that can be refused without the card is refused before it is asked for.
         self.open(&machine)?;

@@ -170,6 +170,8 @@ pub enum Happening {
     SwitchedInPassing(u8, i32),
     /// A program stop waits for cycle start.
     ProgramStop(&'static str),
+    /// A tool change by hand waits for cycle start: the number of the tool, 0 for none.
+    ToolChange(i32),
     /// Single block: stands at the end of a block.
     SingleBlock,
     /// A step of pausing at a breakpoint and going on there (DNC-1 … DNC-8).
@@ -234,6 +236,7 @@ impl Event {
                 json!({"event": "switched_in_passing", "channel": channel, "value": value})
             }
             Happening::ProgramStop(code) => json!({"event": "program_stop", "code": code}),
+            Happening::ToolChange(tool) => json!({"event": "tool_change", "tool": tool}),
             Happening::SingleBlock => json!({"event": "single_block"}),
             Happening::Dnc(dnc) => dnc.to_json(),
             Happening::Message(text) => json!({"event": "message", "text": text}),
@@ -294,6 +297,7 @@ impl Event {
             Happening::Switched(code) => format!("{code} done"),
             Happening::SwitchedInPassing(channel, value) => format!("{} := {value}", channel_name(*channel)),
             Happening::ProgramStop(code) => format!("program stop {code}: cycle start to go on"),
+            Happening::ToolChange(tool) => format!("tool change: tool {tool}; cycle start to go on"),
             Happening::SingleBlock => "single block: cycle start to go on".into(),
             Happening::Dnc(dnc) => dnc.to_string(),
             Happening::Message(text) => format!("message: {text}"),

@@ -271,7 +271,12 @@ fn deed(words: &[&str]) -> Result<Deed, Wrong> {
         ["optional", "stop", state @ ("on" | "off")] => Deed::OptionalStop(*state == "on"),
         ["output", word, state @ ("on" | "off")] => match word.parse() {
             Ok(number @ 0..=channel::SPINDLE) => Deed::Output { number, on: *state == "on" },
-            _ => return wrong(format!("`{word}` is not an output"), "an output is a number from 0 to 63, or 64 for that of M3"),
+            _ => {
+                return wrong(
+                    format!("`{word}` is not an output"),
+                    "an output is a number from 0 to 63, or 64 for that of M3",
+                );
+            }
         },
         ["single"] => Deed::Single,
         ["stop"] => Deed::Stop,

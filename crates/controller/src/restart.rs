@@ -134,9 +134,7 @@ impl OutputOrigins {
             let origin = origin_of(channel);
             match steps.last_mut() {
                 Some(step)
-                    if last == Some(key(channel))
-                        && origin.sequence != 0
-                        && usize::from(step.count) < MAX_CHANGES =>
+                    if last == Some(key(channel)) && origin.sequence != 0 && usize::from(step.count) < MAX_CHANGES =>
                 {
                     step.changes[usize::from(step.count)] = change;
                     step.count += 1;

@@ -15,8 +15,8 @@ use retrace_motion::{Blending, Limits};
 
 pub use self::axis::{AXIS_LETTERS, Axis, Home};
 pub use self::cutter::{Cutter, CutterKind};
-use self::file::{MachineFile, WrittenOutput};
 pub(crate) use self::file::within;
+use self::file::{MachineFile, WrittenOutput};
 pub use self::file::{RetraceOutputs, ToolChange, WheelSettings};
 pub use self::setting_up::SettingUp;
 use self::setting_up::Written;

@@ -175,7 +175,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// The end of a job: every channel of a cutter goes off, and the spindle (CUT-4, CUT-10); waits until the card has reported it.
     pub(super) fn end_switched_off(&mut self, reason: OffReason) {
-        let is_on = |outputs: &Outputs, channel: &u8| outputs.get(usize::from(*channel)).is_some_and(|&value| value != 0);
+        let is_on =
+            |outputs: &Outputs, channel: &u8| outputs.get(usize::from(*channel)).is_some_and(|&value| value != 0);
         let mut outputs = self.card.status().outputs;
         self.switch_off_at_end(reason);
         for _ in 0..MAX_PERIODS_TO_REPORT {

@@ -4,7 +4,7 @@
 //! card has reported it complete.
 
 use retrace_core::mode::{Demand, Mode};
-use retrace_link::{Change, Instruction, MotionCard, Word};
+use retrace_link::{Change, Instruction, MotionCard, Word, channel};
 
 use super::Session;
 use crate::event::{Happening, Trouble};
@@ -20,10 +20,20 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let Some(exclusive) = self.supply.due(self.card.status()) else { return Ok(false) };
         let (kind, code, line) = (exclusive.kind, exclusive.code, exclusive.line);
-        if kind == Kind::ProgramStop && !self.go_on && self.manner.operator {
+        let stops = match kind {
+            Kind::ProgramStop | Kind::ToolChange => true,
+            Kind::OptionalStop => self.optional_stop,
+            Kind::Switch | Kind::Dwell => false,
+        };
+        if stops && !self.go_on && self.manner.operator {
             if !self.program_stop {
                 self.program_stop = true;
-                self.tell_at(line, Happening::ProgramStop(code));
+                let tool = exclusive.changes.iter().find(|change| change.channel == channel::TOOL);
+                let happening = match (kind, tool) {
+                    (Kind::ToolChange, Some(change)) => Happening::ToolChange(change.value),
+                    _ => Happening::ProgramStop(code),
+                };
+                self.tell_at(line, happening);
             }
             return Ok(false);
         }
