@@ -450,3 +450,57 @@ fn reverse_run_is_possible_at_the_end_of_the_program_until_the_job_is_released()
     terminal.keys("q");
     assert_eq!(terminal.ended(), Some(0));
 }
+
+/// A job that was stopped is resumed at the screen: what will be done is shown and agreed to, and every key works from there on.
+#[test]
+fn a_job_is_resumed_at_the_screen_with_all_its_keys() {
+    let bench = Bench::new();
+    let program = bench.file("program.ngc", "G21 G90 G17 G94 G61\nF2400\nG1 X60\nG1 X0 Y3\nM2\n").display().to_string();
+    let journal = bench.path("jobs").display().to_string();
+    let mut terminal = at(80, 24, &program, &["--journal", &journal]);
+    terminal.until("READY");
+    terminal.keys("c");
+    terminal.until_that("some way", |text| text.contains("RUNNING") && active(text) == 3);
+    std::thread::sleep(Duration::from_millis(500));
+    terminal.keys("q");
+    terminal.until("stop the job?");
+    terminal.keys("y");
+    terminal.until("ENDED");
+    terminal.keys("q");
+    assert_eq!(terminal.ended(), Some(4));
+    let resumed = || Terminal::running(&["resume", "--tui", "--journal", &journal], 80, 24);
+    let mut terminal = resumed();
+    let asked = terminal.until("y agrees");
+    assert!(asked.contains("G1 X60") && asked.contains("mm into it") && asked.contains("history"), "{asked}");
+    terminal.keys("n");
+    assert_eq!(terminal.ended(), Some(2));
+    terminal.until("E2215");
+    let mut terminal = resumed();
+    terminal.until("y agrees");
+    terminal.keys("y");
+    terminal.until("RUNNING");
+    terminal.keys("r");
+    // Back over what was cut before the interruption, to its beginning.
+    terminal.until_that("the beginning", |text| text.contains("REVERSE") && text.contains("at the oldest place"));
+    terminal.until("X       0.000");
+    terminal.keys("l");
+    let end = ends(&mut terminal, "completed", 0);
+    assert!(end.contains("X 0  Y 3000  Z 0"), "{end}");
+}
+
+/// Feed, modal line and tool are those of the block under the tool, also where the machine has gone back; a rapid move has no feed to show.
+#[test]
+fn what_is_shown_is_that_of_the_block_under_the_tool() {
+    let bench = Bench::new();
+    let mut terminal = ready(&bench, "G21 G90 G17 G94 G61\nG1 F1800 X30\nG0 X100\nG1 F900 G55 X110\nG1 X120\nM2\n");
+    terminal.keys("c");
+    terminal.until("of F1800");
+    terminal.until_that("a rapid move", |text| text.contains("mm/min rapid") && active(text) == 3);
+    let ahead = terminal.until("of F900");
+    assert!(ahead.contains("G55"), "{ahead}");
+    terminal.keys("r");
+    let behind = terminal.until_that("the first feed", |text| text.contains("of F1800") && active(text) == 2);
+    assert!(behind.contains("G54") && behind.contains("REVERSE"), "{behind}");
+    terminal.keys("l");
+    ends(&mut terminal, "completed", 0);
+}

@@ -3,10 +3,12 @@
 //! Invariant: while an alarm is latched the motion brakes on the path and then stands, and the outputs that the settings call safe are
 //! safe. After it was cleared nothing moves before a new word says so.
 
+use retrace_core::Record;
 use retrace_link::{Alarm, CutterOffCause, Deck, Homing, Identity, Outputs, PROTOCOL, Refusal, Settings, Status, Word};
 
 use crate::guard::Sight;
 use crate::homing::{Ending, Search};
+use crate::window::Records;
 use crate::{Backlash, Guard, Inputs, Panel, Player, Terms, backlash};
 
 /// A card for `A` axes, a window of `W` records and averages of the rate law up to `M` periods.
@@ -14,11 +16,11 @@ use crate::{Backlash, Guard, Inputs, Panel, Player, Terms, backlash};
 /// To be called once a control period with the inputs as they are; in between it takes words. What it then says in [`Card::pulses`] is what
 /// the step and direction outputs are to emit in the next period.
 #[derive(Clone, Debug)]
-pub struct Card<const A: usize, const W: usize, const M: usize> {
+pub struct Card<const A: usize, const W: usize, const M: usize, S = [Record<A>; W]> {
     identity: Identity,
     /// The epoch's; `None` before the first.
     terms: Option<Terms<A>>,
-    player: Player<A, W, M>,
+    player: Player<A, W, M, S>,
     panel: Panel,
     guard: Guard,
     search: Option<Search>,
@@ -36,12 +38,33 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
     /// memory) is filled in, where the axes may be fewer. `None` where `M` is zero.
     #[must_use]
     pub const fn new(identity: Identity) -> Option<Self> {
-        // no `?`, `min` and `try_into` in a constant
+        // no `?` in a constant
+        let Some(player) = Player::idle(0, identity.outputs) else { return None };
+        Some(Self::with_player(identity, player))
+    }
+}
+
+impl<const A: usize, const W: usize, const M: usize> Card<A, W, M, &'static mut [Record<A>]> {
+    /// As [`Card::new`], with a window whose records [`Card::lend`] brings.
+    #[must_use]
+    pub const fn without_records(identity: Identity) -> Option<Self> {
+        let Some(player) = Player::idle_without_records(identity.outputs) else { return None };
+        Some(Self::with_player(identity, player))
+    }
+
+    /// Where the window's records are to stand, `W` of them. To be called before anybody is listening.
+    pub fn lend(&mut self, records: &'static mut [Record<A>; W]) {
+        self.player.lend(records);
+    }
+}
+
+impl<const A: usize, const W: usize, const M: usize, S> Card<A, W, M, S> {
+    const fn with_player(identity: Identity, player: Player<A, W, M, S>) -> Self {
+        // no `min` and `try_into` in a constant
         let axes = if (identity.axes as usize) < A { identity.axes } else { A as u8 };
         let memory = if M < u16::MAX as usize { M as u16 } else { u16::MAX };
         let identity = Identity { protocol: PROTOCOL, axes, window: W as u32, memory, ..identity };
-        let Some(player) = Player::idle(0, identity.outputs) else { return None };
-        Some(Self {
+        Self {
             identity,
             terms: None,
             player,
@@ -53,7 +76,7 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
             off_the_path: false,
             is_open: false,
             failed: false,
-        })
+        }
     }
 
     /// Which of the cards of its kind it is, and the number of this start: what is only known once it runs. To be called before anybody is
@@ -61,7 +84,9 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
     pub const fn name(&mut self, serial: u32, boot: u32) {
         (self.identity.serial, self.identity.boot) = (serial, boot);
     }
+}
 
+impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Card<A, W, M, S> {
     /// The axes stand at these counts and the outputs have these values: a card that kept both over its start. To be called before
     /// anything has moved.
     pub fn stand_at(&mut self, counts: [i64; A], outputs: &Outputs) {
@@ -217,7 +242,7 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
     }
 }
 
-impl<const A: usize, const W: usize, const M: usize> Deck<A> for Card<A, W, M> {
+impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Deck<A> for Card<A, W, M, S> {
     fn identity(&self) -> &Identity {
         &self.identity
     }

@@ -40,7 +40,7 @@ pub use player::Player;
 pub use step_direction::{DoesNotFit, Edge, Levels, StepDirection, StepTiming};
 pub use switching::Switching;
 pub use terms::Terms;
-pub use window::Window;
+pub use window::{Records, Window};
 
 /// A card of four axes leaves a microcontroller of 64 KiB room for everything else.
 const _: () = assert!(size_of::<Card<4, 1024, 256>>() <= 30 * 1024);

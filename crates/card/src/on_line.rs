@@ -3,15 +3,17 @@
 //!
 //! Invariant: the works see words in their order only, and every period is reported.
 
+use retrace_core::Record;
 use retrace_link::{CardEnd, Deck, Identity, Status};
 
+use crate::window::Records;
 use crate::{Card, Inputs, Terms};
 
 /// A card for `A` axes, a window of `W` records, averages up to `M` periods, and `E` entries of reports that are not confirmed (a power of
 /// two).
 #[derive(Clone, Debug)]
-pub struct OnLine<const A: usize, const W: usize, const M: usize, const E: usize> {
-    card: Card<A, W, M>,
+pub struct OnLine<const A: usize, const W: usize, const M: usize, const E: usize, S = [Record<A>; W]> {
+    card: Card<A, W, M, S>,
     end: CardEnd<A, E>,
 }
 
@@ -25,7 +27,25 @@ impl<const A: usize, const W: usize, const M: usize, const E: usize> OnLine<A, W
             None => None,
         }
     }
+}
 
+impl<const A: usize, const W: usize, const M: usize, const E: usize> OnLine<A, W, M, E, &'static mut [Record<A>]> {
+    /// As [`OnLine::new`], with a window whose records [`OnLine::lend`] brings.
+    #[must_use]
+    pub const fn without_records(identity: Identity) -> Option<Self> {
+        match Card::without_records(identity) {
+            Some(card) => Some(Self { card, end: CardEnd::new() }),
+            None => None,
+        }
+    }
+
+    /// As [`Card::lend`].
+    pub fn lend(&mut self, records: &'static mut [Record<A>; W]) {
+        self.card.lend(records);
+    }
+}
+
+impl<const A: usize, const W: usize, const M: usize, const E: usize, S: Records<A>> OnLine<A, W, M, E, S> {
     /// As [`Card::name`].
     pub const fn name(&mut self, serial: u32, boot: u32) {
         self.card.name(serial, boot);
@@ -62,7 +82,7 @@ impl<const A: usize, const W: usize, const M: usize, const E: usize> OnLine<A, W
 
     /// The card without its line.
     #[must_use]
-    pub const fn card(&self) -> &Card<A, W, M> {
+    pub const fn card(&self) -> &Card<A, W, M, S> {
         &self.card
     }
 }

@@ -7,13 +7,14 @@ use retrace_core::drive::{Drive, Road};
 use retrace_core::limits::RateLimits;
 use retrace_core::place::before;
 use retrace_core::playback::emission;
-use retrace_core::{Place, RapidCap, Travel};
+use retrace_core::{Place, RapidCap, Record, Travel};
 use retrace_link::{
     Action, Alarm, Change, CutterOffCause, CuttingSettings, Instruction, Outputs, Refusal, RepeatedInstruction, Start,
     Status, Word, channel,
 };
 
 use crate::permit::Conditions;
+use crate::window::Records;
 use crate::{ActionTable, OutputBank, Permit, Switching, Window};
 
 /// Most output actions that a card holds at a time.
@@ -37,8 +38,8 @@ enum Block {
 ///
 /// It plays what it is given and switches where it is told to. Alarms, inputs, homing and the watchdog are the [`crate::Card`]'s around it.
 #[derive(Clone, Debug)]
-pub struct Player<const A: usize, const W: usize, const M: usize> {
-    window: Window<A, W>,
+pub struct Player<const A: usize, const W: usize, const M: usize, S = [Record<A>; W]> {
+    window: Window<A, W, S>,
     drive: Drive<A, M>,
     actions: ActionTable<ACTIONS>,
     switching: Switching,
@@ -70,8 +71,27 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     pub(crate) const fn idle(start: u32, digital: u8) -> Option<Self> {
         // no `?` in a constant
         let Some(drive) = Drive::idle() else { return None };
-        Some(Self {
-            window: Window::new(start),
+        Some(Self::with_window(Window::new(start), drive, start, digital))
+    }
+}
+
+impl<const A: usize, const W: usize, const M: usize> Player<A, W, M, &'static mut [Record<A>]> {
+    /// The same, whose records are to be lent.
+    pub(crate) const fn idle_without_records(digital: u8) -> Option<Self> {
+        let Some(drive) = Drive::idle() else { return None };
+        Some(Self::with_window(Window::with_records(0, &mut []), drive, 0, digital))
+    }
+
+    /// Where the records are to stand: `W` of them.
+    pub(crate) fn lend(&mut self, records: &'static mut [Record<A>]) {
+        self.window.lend(records);
+    }
+}
+
+impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
+    const fn with_window(window: Window<A, W, S>, drive: Drive<A, M>, start: u32, digital: u8) -> Self {
+        Self {
+            window,
             drive,
             actions: ActionTable::new(),
             switching: Switching::new(),
@@ -84,9 +104,11 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
             permit: Permit::new(),
             conditions: Conditions { denied: None, backward: false, moving: false, awaits: false, keeps: false },
             status: Status::standing(Start::at(start)),
-        })
+        }
     }
+}
 
+impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W, M, S> {
     /// Begins an epoch: nothing on the window, which begins with the record of `start`; counts and outputs stay as they are, but for
     /// cutting outputs, which are switched off. An
     /// instruction in hand is given up, also one that is being executed: so a host may end one that waits for ever.
@@ -335,7 +357,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
         self.status.place.moved(self.drive.stopping().min(0))
     }
 
-    fn road(&self) -> Stretch<'_, Window<A, W>> {
+    fn road(&self) -> Stretch<'_, Window<A, W, S>> {
         Stretch::new(&self.window, self.switching.barrier())
     }
 
@@ -516,7 +538,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use retrace_core::limits::AxisLimits;
-    use retrace_core::{Flags, ONE, Record};
+    use retrace_core::{Flags, ONE};
     use retrace_link::{Action, Instruction};
 
     fn player() -> Player<1, 64, 32> {

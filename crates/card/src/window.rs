@@ -9,10 +9,16 @@ use retrace_core::place::before;
 use retrace_core::{Flags, Place, RapidCap, Record};
 use retrace_link::Refusal;
 
-/// A window of at most `W` records (a power of two, at least 4).
+/// Storage for the records of a window: an array, or one that is lent.
+pub trait Records<const A: usize>: AsRef<[Record<A>]> + AsMut<[Record<A>]> {}
+
+impl<const A: usize, S: AsRef<[Record<A>]> + AsMut<[Record<A>]>> Records<A> for S {}
+
+/// A window of at most `W` records (a power of two, at least 4), which stand in `S`: its own array as a rule. On a microcontroller they are
+/// lent, so that the card's first value in flash is without them.
 #[derive(Clone, Debug)]
-pub struct Window<const A: usize, const W: usize> {
-    records: [Record<A>; W],
+pub struct Window<const A: usize, const W: usize, S = [Record<A>; W]> {
+    records: S,
     low: u32,
     high: u32,
     low_rests: bool,
@@ -25,14 +31,28 @@ impl<const A: usize, const W: usize> Window<A, W> {
     #[must_use]
     pub const fn new(place: u32) -> Self {
         let () = Self::CHECKED;
-        Self { records: [Record::STILL; W], low: place, high: place, low_rests: true }
+        Self::with_records(place, [Record::STILL; W])
+    }
+}
+
+impl<const A: usize, const W: usize, S> Window<A, W, S> {
+    /// The same, with its records in `records`.
+    pub(crate) const fn with_records(place: u32, records: S) -> Self {
+        Self { records, low: place, high: place, low_rests: true }
+    }
+
+    /// Where its records are to stand, before there are any: `W` of them.
+    pub(crate) fn lend(&mut self, records: S) {
+        self.records = records;
     }
 
     /// Forgets everything and begins anew at `place`; `rests`: the path is at rest there.
     pub const fn restart(&mut self, place: u32, rests: bool) {
         (self.low, self.high, self.low_rests) = (place, place, rests);
     }
+}
 
+impl<const A: usize, const W: usize, S: Records<A>> Window<A, W, S> {
     fn index(place: u32) -> usize {
         place as usize & (W - 1)
     }
@@ -44,7 +64,7 @@ impl<const A: usize, const W: usize> Window<A, W> {
     /// The record of that number, if held.
     #[must_use]
     pub fn record(&self, place: u32) -> Option<&Record<A>> {
-        (place.wrapping_sub(self.low) < self.len()).then(|| &self.records[Self::index(place)])
+        (place.wrapping_sub(self.low) < self.len()).then(|| &self.records.as_ref()[Self::index(place)])
     }
 
     /// Takes the next record ahead. `cursor` is where the card stands.
@@ -56,10 +76,10 @@ impl<const A: usize, const W: usize> Window<A, W> {
             if (cursor.record.wrapping_sub(self.low) as usize) <= W / 4 {
                 return Err(Refusal::Full);
             }
-            self.low_rests = self.records[Self::index(self.low)].flags.has(Flags::REST);
+            self.low_rests = self.records.as_ref()[Self::index(self.low)].flags.has(Flags::REST);
             self.low = self.low.wrapping_add(1);
         }
-        self.records[Self::index(place)] = record;
+        self.records.as_mut()[Self::index(place)] = record;
         self.high = self.high.wrapping_add(1);
         Ok(())
     }
@@ -77,7 +97,7 @@ impl<const A: usize, const W: usize> Window<A, W> {
             }
             self.high = self.high.wrapping_sub(1);
         }
-        self.records[Self::index(place)] = record;
+        self.records.as_mut()[Self::index(place)] = record;
         self.low = place;
         self.low_rests = rests;
         Ok(())
@@ -109,7 +129,7 @@ impl<const A: usize, const W: usize> Window<A, W> {
     }
 }
 
-impl<const A: usize, const W: usize> Road<A> for Window<A, W> {
+impl<const A: usize, const W: usize, S: Records<A>> Road<A> for Window<A, W, S> {
     fn low(&self) -> u32 {
         self.low
     }

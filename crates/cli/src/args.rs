@@ -55,7 +55,8 @@ pub enum Command {
     Plot(Plot),
     /// Take up an interrupted job at its breakpoint.
     #[command(after_help = "Examples:\n  retrace resume\n  retrace resume 20261122-004627-part --yes\n  \
-        retrace resume 20261122-004627-part --from-line 120")]
+        retrace resume 20261122-004627-part --from-line 120\n  \
+        retrace resume --tui")]
     Resume(Resume),
     /// What can be resumed, what ran, how it ended.
     #[command(after_help = "Examples:\n  retrace jobs\n  retrace jobs show 20261122-004627-part")]
@@ -404,6 +405,9 @@ pub struct Resume {
     /// Play in wall time; without it the simulated card runs as fast as it can.
     #[arg(long)]
     pub realtime: bool,
+    /// Full-screen operation; in wall time.
+    #[arg(long, conflicts_with = "json")]
+    pub tui: bool,
     /// Scripted operator.
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,

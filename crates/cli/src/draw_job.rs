@@ -90,7 +90,12 @@ impl<'r> Telling<'r> {
                     self.last = None;
                 }
                 Entry::Lost(lost) => self.remark(Rank::Standing, format!("{} entries lost", lost.entries)),
-                Entry::Job(_) | Entry::Mark(_) | Entry::Override(_) | Entry::Spooled(_) | Entry::End(_) => {}
+                Entry::Job(_)
+                | Entry::Mark(_)
+                | Entry::Override(_)
+                | Entry::Rest(_)
+                | Entry::Spooled(_)
+                | Entry::End(_) => {}
             }
         }
         let state = folder.state();

@@ -2,12 +2,53 @@
 //!
 //! Invariant: a file that cannot be read is refused with its name, the reason and what to do; nothing has moved then.
 
-use std::io::ErrorKind;
-use std::path::Path;
+use std::fs::File;
+use std::io::{self, ErrorKind, Read};
+use std::path::{Path, PathBuf};
 
 use retrace_controller::machine::Machine;
 use retrace_controller::operator::{self, Instruction};
 use retrace_controller::refusal::Refusal;
+
+/// Whether a path leads to a FIFO or a character device, which is read as a stream.
+#[cfg(unix)]
+#[must_use]
+pub fn is_stream(path: &Path) -> bool {
+    use std::os::unix::fs::FileTypeExt;
+    std::fs::metadata(path).is_ok_and(|file| file.file_type().is_fifo() || file.file_type().is_char_device())
+}
+
+/// Elsewhere a stream is named otherwise.
+#[cfg(not(unix))]
+#[must_use]
+pub fn is_stream(_: &Path) -> bool {
+    false
+}
+
+/// A file that is opened when it is read for the first time: a FIFO is there only when somebody writes to it.
+#[derive(Debug)]
+pub struct Opened {
+    path: PathBuf,
+    file: Option<File>,
+}
+
+impl Opened {
+    /// Opens nothing yet.
+    #[must_use]
+    pub fn on_demand(path: &Path) -> Self {
+        Self { path: path.to_owned(), file: None }
+    }
+}
+
+impl Read for Opened {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let file = match &mut self.file {
+            Some(file) => file,
+            None => self.file.insert(File::open(&self.path)?),
+        };
+        file.read(into)
+    }
+}
 
 /// Reads a file whole; `what` says what it is meant to be.
 ///

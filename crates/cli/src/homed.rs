@@ -9,6 +9,8 @@ use retrace_controller::manual::{Done, NotDone, Task};
 use retrace_controller::refusal::Refusal;
 use retrace_link::Identity;
 
+use crate::screen::model::AxisHoming;
+
 /// A card, and what was homed over it.
 #[derive(Clone, Debug)]
 pub struct Homing {
@@ -54,6 +56,18 @@ impl Homing {
         let (axes, were) = if letters.len() == 1 { ("axis", "was") } else { ("axes", "were") };
         let what = format!("{axes} {} {were} not homed since the card was switched on", letters.join(", "));
         Err(Refusal::new("E2162", what, self.remedy.clone()))
+    }
+
+    /// Which axes are homed, in the order of the axes.
+    #[must_use]
+    pub fn axes(&self, machine: &Machine) -> Vec<AxisHoming> {
+        let notes = self.card.as_ref().and_then(|card| Some((card, Homed::usual().ok()?)));
+        let homing = |letter| match notes.as_ref().and_then(|(card, homed)| homed.is_homed(card, machine, letter)) {
+            None => AxisHoming::NotNeeded,
+            Some(true) => AxisHoming::Homed,
+            Some(false) => AxisHoming::NotHomed,
+        };
+        machine.axes.iter().map(|axis| homing(axis.name)).collect()
     }
 
     /// Carries a task out; of homing, notes that it has begun and that it is done.

@@ -223,6 +223,8 @@ fn source_in_words(job: &Job) -> String {
         Source::File(path) => format!("{path}{lines}"),
         Source::StandardInput => "from standard input".into(),
         Source::Socket(address) => format!("from {address}"),
+        Source::Serial(address) => format!("from serial:{address}"),
+        Source::Device(path) => format!("from {path}"),
     }
 }
 

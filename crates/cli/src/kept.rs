@@ -138,6 +138,14 @@ impl Kept {
         if let Err(error) = state_file::replace(&path, format!("{report:#}\n").as_bytes(), Access::Private) {
             said.push(format!("note: {} cannot be written: {error}", path.display()));
         }
+        if let Outcome::Refused(_) = outcome
+            && self.folder.stream().exists()
+        {
+            said.push(format!(
+                "the breakpoint is kept: `retrace resume {} --program FILE` continues with the whole program",
+                self.folder.id()
+            ));
+        }
         if matches!(outcome.exit_code(), 3 | 4) {
             said.push(format!("the breakpoint is kept: `retrace resume {}` takes the job up there", self.folder.id()));
         }
@@ -174,7 +182,9 @@ impl Beginning<'_> {
         let source = match self.program.arrives() {
             None => Source::File(files::absolute(&self.reading.program)),
             Some(Arrives::Socket(address)) => Source::Socket(address.clone()),
-            Some(_) => Source::StandardInput,
+            Some(Arrives::Serial(address)) => Source::Serial(address.clone()),
+            Some(Arrives::Device(path)) => Source::Device(files::absolute(path)),
+            Some(Arrives::StandardInput | Arrives::File(_)) => Source::StandardInput,
         };
         let axes = self.machine.axes.len().min(A);
         Ok(Job {

@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use retrace_controller::event::Event;
+use retrace_controller::event::{Event, Happening};
 use retrace_controller::index::Keeping;
 use retrace_controller::job::{self, Begin, CannotBegin, Conduct, JobEnd};
 use retrace_controller::journal::keeper::Keeper;
@@ -19,6 +19,7 @@ use retrace_controller::resume::Prepared;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Told};
+use retrace_core::Place;
 use retrace_gcode::{Parameters, ToolTable};
 use retrace_link::MotionCard;
 use serde_json::Value;
@@ -29,6 +30,7 @@ use crate::kept::Kept;
 use crate::machine_tables::TableFiles;
 use crate::program::{Arriving, Failure, Program};
 use crate::screen::live::Live;
+use crate::waiting::WaitWatch;
 
 /// How a job is shown and operated.
 #[derive(Debug)]
@@ -110,8 +112,13 @@ impl Machining<'_> {
         };
         let keeping = kept.as_ref().map_or_else(Keeping::default, Kept::keeping);
         let conduct = Conduct { begin, operators, manner, keeping };
-        let mut watching =
-            Watching { console, keeper: kept.as_ref().map(|kept| kept.keeper(machine)), period_s: machine.period_s() };
+        let mut watching = Watching {
+            console,
+            keeper: kept.as_ref().map(|kept| kept.keeper(machine)),
+            waits: WaitWatch::new(program.source_status()),
+            period_s: machine.period_s(),
+            last: None,
+        };
         let (decoder, last) = program.running(input);
         let (started, mut refused) = (Instant::now(), None);
         let agree = |prepared: &Prepared<A>| {
@@ -119,6 +126,8 @@ impl Machining<'_> {
             refused.is_none()
         };
         let end = job::resume(machine, decoder, conduct, card, &mut watching, agree);
+        let happening = watching.waits.poll_now();
+        watching.report_wait(happening);
         if let Some(refused) = refused {
             return Err(refused);
         }
@@ -186,7 +195,11 @@ fn cannot_begin(why: CannotBegin) -> Refusal {
 struct Watching<'m, const A: usize> {
     console: Console<'m, A>,
     keeper: Option<Keeper<A>>,
+    /// Whether the program that arrives is waited for.
+    waits: WaitWatch,
     period_s: f64,
+    /// The last period that was told: its number, place and line.
+    last: Option<(u64, Place, u32)>,
 }
 
 /// After so many periods it is asked whether there is news of the journal.
@@ -195,15 +208,41 @@ const ASKED_AFTER: u64 = 64;
 impl<const A: usize> Observer<A> for Watching<'_, A> {
     fn told(&mut self, told: &Told<A>) {
         self.console.told(told);
-        let Some(keeper) = &mut self.keeper else { return };
-        keeper.told(told);
+        if let Some(keeper) = &mut self.keeper {
+            keeper.told(told);
+        }
         let Told::Period(period) = told else { return };
+        self.last = Some((period.period, period.place, period.line));
         if period.period.is_multiple_of(ASKED_AFTER) {
-            while let Some(happening) = keeper.news() {
-                let time_s = period.period as f64 * self.period_s;
-                let event = Event { period: period.period, time_s, place: period.place, line: period.line, happening };
+            while let Some(happening) = self.keeper.as_mut().and_then(|keeper| keeper.news()) {
+                let event = self.event(happening);
                 self.console.told(&Told::Event(event));
             }
+            let happening = self.waits.poll();
+            self.report_wait(happening);
+        }
+    }
+
+    fn idle(&mut self) {
+        let happening = self.waits.poll();
+        self.report_wait(happening);
+    }
+}
+
+impl<const A: usize> Watching<'_, A> {
+    /// An event of the last period that was told.
+    fn event(&self, happening: Happening) -> Event {
+        let (period, place, line) = self.last.unwrap_or_default();
+        Event { period, time_s: period as f64 * self.period_s, place, line, happening }
+    }
+
+    /// Shows and keeps that the program that arrives is waited for, or arrives again.
+    fn report_wait(&mut self, happening: Option<Happening>) {
+        let Some(happening) = happening else { return };
+        let event = Told::Event(self.event(happening));
+        self.console.told(&event);
+        if let Some(keeper) = &mut self.keeper {
+            keeper.told(&event);
         }
     }
 }

@@ -36,9 +36,11 @@ mod resume;
 mod resume_told;
 mod run;
 mod screen;
+mod serial_source;
 mod size;
 mod socket;
 mod subs;
+mod waiting;
 mod wired;
 
 use std::process::ExitCode;

@@ -12,9 +12,9 @@ use retrace_controller::by_hand;
 use retrace_controller::job::{self, Decode, Decoded, Finding};
 use retrace_controller::journal::entry::{FileRead, Role};
 use retrace_controller::journal::hash::Hash;
-use retrace_controller::machine::Machine;
+use retrace_controller::machine::{Machine, SerialSettings};
 use retrace_controller::manual::hand::Identify;
-use retrace_controller::reading::Ahead;
+use retrace_controller::reading::{Ahead, SourceStatus};
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_controller::survey::{self, Survey};
@@ -31,6 +31,7 @@ use crate::cycles;
 use crate::files;
 use crate::left::{Last, Left};
 use crate::machine_tables;
+use crate::serial_source::{self, SerialSource};
 use crate::socket::{self, Socket};
 use crate::subs::Folders;
 
@@ -66,8 +67,8 @@ pub struct Program {
     has_tool_table: bool,
     /// A table says how long the tools are.
     has_tool_lengths: bool,
-    /// Set when nobody waits for standard input any more.
-    given_up: Arc<AtomicBool>,
+    /// What it is read with, where it arrives.
+    opening: Opening,
 }
 
 /// Where a program arrives from.
@@ -77,6 +78,10 @@ pub enum Arrives {
     StandardInput,
     /// A TCP socket at this address.
     Socket(String),
+    /// A serial line at this address, with its settings.
+    Serial(String),
+    /// A FIFO or a character device.
+    Device(PathBuf),
     /// A file that is read as if it arrived.
     File(PathBuf),
 }
@@ -85,19 +90,41 @@ impl Arrives {
     /// What the command line names, if that arrives.
     #[must_use]
     pub fn named(program: &Path) -> Option<Self> {
-        let name = program.to_str()?;
-        if name == "-" { Some(Self::StandardInput) } else { socket::address(name).map(|at| Self::Socket(at.into())) }
+        let Some(name) = program.to_str() else { return Self::device(program) };
+        if name == "-" {
+            return Some(Self::StandardInput);
+        }
+        socket::address(name)
+            .map(|at| Self::Socket(at.into()))
+            .or_else(|| serial_source::address(name).map(|at| Self::Serial(at.into())))
+            .or_else(|| Self::device(program))
+    }
+
+    fn device(path: &Path) -> Option<Self> {
+        files::is_stream(path).then(|| Self::Device(path.to_owned()))
     }
 
     /// Begins to read it, ahead of whoever takes it, until `given_up`.
     ///
     /// # Errors
     /// `E2107`, `E2101` …: there is nobody, or no such file.
-    pub fn open(&self, given_up: &Arc<AtomicBool>) -> Result<Arriving, Refusal> {
+    pub fn open(&self, opening: &Opening) -> Result<Arriving, Refusal> {
         Ok(match self {
-            Self::StandardInput => ahead(std::io::stdin(), given_up),
-            Self::Socket(address) => ahead(Socket::open(address)?, given_up),
-            Self::File(path) => ahead(io::Cursor::new(files::bytes(path, "program")?), given_up),
+            Self::StandardInput => ahead(std::io::stdin(), opening),
+            Self::Socket(address) => ahead(Socket::open(address)?, opening),
+            Self::Serial(address) => {
+                let Opening { serial, given_up, status } = opening;
+                Box::new(SerialSource::open(address, *serial, given_up, status)?)
+            }
+            Self::Device(path) => ahead(files::Opened::on_demand(path), opening),
+            Self::File(path) => {
+                let mut text = files::bytes(path, "program")?;
+                // A file is whole also where its last line is not terminated.
+                if text.last().is_some_and(|&last| last != b'\n') {
+                    text.push(b'\n');
+                }
+                ahead(io::Cursor::new(text), opening)
+            }
         })
     }
 }
@@ -105,9 +132,20 @@ impl Arrives {
 /// A program as it arrives.
 pub type Arriving = Box<dyn BufRead + Send>;
 
-fn ahead(input: impl Read + Send + 'static, given_up: &Arc<AtomicBool>) -> Arriving {
-    match Ahead::of(input, Arc::clone(given_up)) {
-        Ok(ahead) => Box::new(ahead),
+/// What a program that arrives is read with.
+#[derive(Clone, Debug)]
+pub struct Opening {
+    /// The machine file's settings of serial lines.
+    pub serial: SerialSettings,
+    /// Set when nobody waits for the program any more.
+    pub given_up: Arc<AtomicBool>,
+    /// Shows whether its sender is waited for.
+    pub status: Arc<SourceStatus>,
+}
+
+fn ahead(input: impl Read + Send + 'static, opening: &Opening) -> Arriving {
+    match Ahead::of(input, Arc::clone(&opening.given_up)) {
+        Ok(ahead) => Box::new(ahead.showing(Arc::clone(&opening.status))),
         // No thread left to read ahead.
         Err(error) => Box::new(BufReader::new(Broken(error.to_string()))),
     }
@@ -131,7 +169,7 @@ impl Program {
     /// # Errors
     /// A file that cannot be read or understood.
     pub fn open(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
-        Self::with_setup(reading, setup_of(machine))
+        Self::open_arriving(reading, machine, Arrives::named(&reading.program), None)
     }
 
     /// The same, for a program that arrives from there, whatever the command line names. `latched`: what it begins with, in place of the
@@ -145,7 +183,18 @@ impl Program {
         arrives: Option<Arrives>,
         latched: Option<StartTables>,
     ) -> Result<Self, Refusal> {
-        Self::noted(reading, setup_of(machine), arrives, latched).map(|(program, _)| program)
+        let (mut program, notes) = Self::noted(reading, setup_of(machine), arrives, latched)?;
+        notes.iter().for_each(|note| eprintln!("note: {note}"));
+        program.opening.serial = machine.serial;
+        match &program.arrives {
+            Some(Arrives::Serial(address)) => _ = serial_source::parse(address, machine.serial)?,
+            Some(Arrives::Socket(address)) if socket::is_remote(address) => eprintln!(
+                "warning: {} is not on this computer: whoever can send from there moves this machine",
+                program.name
+            ),
+            _ => {}
+        }
+        Ok(program)
     }
 
     /// Opens what the command line names, for an interpreter set up as given; tool table and parameters come from the
@@ -216,8 +265,12 @@ impl Program {
             files.insert(0, FileRead { role: Role::Program, path, hash: Hash::of(&text) });
             Some(Arc::new(Prescan::of(&name, text.into(), &setup)))
         };
-        let given_up = Arc::default();
-        Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, has_tool_lengths, given_up }, notes))
+        let opening = Opening {
+            serial: SerialSettings::default(),
+            given_up: Arc::default(),
+            status: Arc::new(SourceStatus::new(&name)),
+        };
+        Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, has_tool_lengths, opening }, notes))
     }
 
     /// Another program with the same tables, subprograms and cycles, to be read with this setup: `reading` names it. Nothing is told on standard
@@ -232,6 +285,7 @@ impl Program {
         let tables = self.files.iter().filter(|file| matches!(file.role, Role::Tools | Role::Parameters));
         other.files.extend(tables.cloned());
         let Self { has_tool_table, has_tool_lengths, .. } = *self;
+        other.opening.serial = self.opening.serial;
         Ok(Self { has_tool_table, has_tool_lengths, ..other })
     }
 
@@ -283,7 +337,13 @@ impl Program {
     /// # Errors
     /// As [`Arrives::open`].
     pub fn arriving(&self) -> Result<Option<Arriving>, Refusal> {
-        self.arrives.as_ref().map(|from| from.open(&self.given_up)).transpose()
+        self.arrives.as_ref().map(|from| from.open(&self.opening)).transpose()
+    }
+
+    /// Whether its sender is waited for; none for a file.
+    #[must_use]
+    pub fn source_status(&self) -> Option<Arc<SourceStatus>> {
+        self.arrives.as_ref().map(|_| Arc::clone(&self.opening.status))
     }
 
     /// Its name.
@@ -318,7 +378,7 @@ impl Program {
     }
 
     fn decoder_of(&self, program: Source) -> Decoder {
-        let given_up = self.prescan.is_none().then(|| Arc::clone(&self.given_up));
+        let given_up = self.prescan.is_none().then(|| Arc::clone(&self.opening.given_up));
         let file = self.prescan.is_some().then(|| PathBuf::from(&self.name));
         Decoder { name: self.name.clone(), program, given_up, file, length_offset: false, is_told: false, left: None }
     }

@@ -27,9 +27,10 @@ use crate::homed::Homing;
 use crate::hung::simulated;
 use crate::kept::{self, Kept};
 use crate::machine_tables::{self, TableFiles};
-use crate::machining::{Machining, Manners};
+use crate::machining::{AtScreen, Machining, Manners};
+use crate::operate::{self, Resuming};
 use crate::program::{Arrives, Arriving, Failure, Program};
-use crate::resume_told::{self, Taken};
+use crate::resume_told::{self, Asking, Taken};
 use crate::wired::{self, Greeted};
 use crate::{files, run};
 
@@ -44,6 +45,9 @@ pub fn run(args: &args::Resume) -> Result<u8, Failure> {
     if args.machine.is_some() {
         let what = "--machine: a job goes on with the machine that it began with, which is in its journal";
         return Err(Refusal::new("E2142", what, "leave it out").into());
+    }
+    if args.tui {
+        operate::needs_terminal()?;
     }
     let jobs = Jobs::named(args.journal.as_deref())?;
     let folder = match &args.job {
@@ -94,6 +98,8 @@ fn reading(job: &Job, program: Option<&Path>) -> Reading {
         (Source::File(file), None) => file.into(),
         (Source::StandardInput, _) => "-".into(),
         (Source::Socket(address), _) => format!("tcp://{address}").into(),
+        (Source::Serial(address), _) => format!("serial:{address}").into(),
+        (Source::Device(path), _) => path.into(),
     };
     let of = &job.arguments;
     Reading {
@@ -110,6 +116,20 @@ fn reading(job: &Job, program: Option<&Path>) -> Reading {
 
 /// A job of its own, of the same program, from a line on.
 fn from_line(args: &args::Resume, job: &Job, line: u32) -> Result<u8, Failure> {
+    let run = args::Run { start_line: Some(line), ..run_args(args, job) };
+    let machine = files::machine(run.machine.as_deref())?;
+    if let Some(changes) = changed_machine(job) {
+        eprintln!(
+            "note: the machine file was changed since the job began; the new one is used\n{}",
+            changes.join("\n")
+        );
+    }
+    let text = files::machine_text(run.machine.as_deref())?;
+    run::run_on(&run, machine, text, args.tui)
+}
+
+/// What `retrace run` would have been given for the program of a job.
+fn run_args(args: &args::Resume, job: &Job) -> args::Run {
     let card = match (&args.card, &job.card) {
         (Some(named), _) => named.clone(),
         (None, Card::Sim) => "sim".into(),
@@ -120,31 +140,22 @@ fn from_line(args: &args::Resume, job: &Job, line: u32) -> Result<u8, Failure> {
     if let (Some(program), false) = (program, matches!(job.source, Source::File(_))) {
         reading.program = program.to_owned();
     }
-    let run = args::Run {
+    args::Run {
         vcd: None,
         dry_run: false,
         reading,
         card,
         machine: job.machine.path.as_ref().map(PathBuf::from),
         realtime: args.realtime,
-        tui: false,
-        no_tui: true,
+        tui: args.tui,
+        no_tui: !args.tui,
         operator: args.operator.clone(),
         records: args.records.clone(),
         json: args.json,
-        start_line: Some(line),
+        start_line: None,
         journal: args.journal.clone(),
         no_journal: false,
-    };
-    let machine = files::machine(run.machine.as_deref())?;
-    if let Some(changes) = changed_machine(job) {
-        eprintln!(
-            "note: the machine file was changed since the job began; the new one is used\n{}",
-            changes.join("\n")
-        );
     }
-    let text = files::machine_text(run.machine.as_deref())?;
-    run::run_on(&run, machine, text, false)
 }
 
 /// A job being taken up.
@@ -185,6 +196,8 @@ impl Taking<'_> {
             (Source::File(_), _) => None,
             (Source::Socket(address), None) => Some(Arrives::Socket(address.clone())),
             (Source::StandardInput, None) => Some(Arrives::StandardInput),
+            (Source::Serial(address), None) => Some(Arrives::Serial(address.clone())),
+            (Source::Device(path), None) => Some(Arrives::Device(path.into())),
             (_, Some(named)) => Some(Arrives::named(named).unwrap_or_else(|| Arrives::File(named.clone()))),
         };
         let reading = reading(job, self.args.program.as_deref());
@@ -264,11 +277,11 @@ impl Taking<'_> {
             return Err(other_card("the job ran on the simulated card, which is in this process").into());
         }
         let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
-        let card = simulated::<A>(&self.machine, run::clock(&self.machine, self.args.realtime))?
+        let wall_time = self.args.realtime || self.args.tui;
+        let card = simulated::<A>(&self.machine, run::clock(&self.machine, wall_time))?
             .standing_at(counts(&self.record.stood.counts), &outputs);
         let start = self.record.stood.start;
-        let wall_time = self.args.realtime;
-        self.go(program, script, card, start, Card::Sim, wall_time).map(|(code, _)| code)
+        self.go(program, script, (card, Homing::simulated()), start, Card::Sim, wall_time).map(|(code, _)| code)
     }
 
     fn on_wired<const A: usize>(
@@ -289,7 +302,8 @@ impl Taking<'_> {
         let status = wired::look(&mut card, &address, settings)?;
         let named = kept::wired(&address, &greeting.identity);
         let card = Greeted::new(card, settings, status, greeting.identity.boot);
-        let (code, card) = self.go(program, script, card, start, named, true)?;
+        let homing = Homing::of(&address, &greeting.identity).at_screen();
+        let (code, card) = self.go(program, script, (card, homing), start, named, true)?;
         card.close();
         Ok(code)
     }
@@ -363,15 +377,16 @@ impl Taking<'_> {
         }
         let overrides = self.record.overrides().iter().map(|of| (of.place, of.planned)).collect();
         let outputs = outputs(&job.outputs);
-        Ok(Resumption { start, origin: job.origin, executed: job.executed, outputs, overrides, marks })
+        let rests = self.record.rests().to_vec();
+        Ok(Resumption { start, origin: job.origin, executed: job.executed, outputs, overrides, marks, rests })
     }
 
     /// Finds the breakpoint, asks, and goes on.
-    fn go<const A: usize, C: MotionCard<A>>(
+    fn go<const A: usize, C: MotionCard<A> + Send>(
         self,
         program: &Program,
         script: Vec<Instruction>,
-        card: C,
+        (mut card, homing): (C, Homing),
         start: Start,
         named: Card,
         wall_time: bool,
@@ -386,37 +401,53 @@ impl Taking<'_> {
         let manners = Manners {
             json: args.json,
             records: args.records.as_deref(),
-            script: agreed(script)?,
+            script: agreed(script.clone())?,
             operator: args.operator.is_some(),
             wall_time,
             tables: TableFiles::of_job(&record.job.arguments),
         };
-        let agree = |prepared: &Prepared<A>, kept: Option<&mut Kept>| -> Result<(), Failure> {
-            if !prepared.agrees() {
-                return Err(disagree.refusal(prepared).into());
-            }
-            let differences = table_differences(program, &record.job);
-            let taken = Taken {
-                program,
-                record: &record,
-                machine: &machine,
-                kept: &kept_text,
-                prepared,
-                differences,
-                machine_changes: changed_machine(&record.job),
+        let (of_job, of_job_entry, on) = (&record, &record.job, &machine);
+        let card_named = named.clone();
+        let resume = move |card: &mut C, at_screen: Option<AtScreen<'_>>, ask: &mut Asking<'_, A>| {
+            let agree = |prepared: &Prepared<A>, kept: Option<&mut Kept>| -> Result<(), Failure> {
+                if !prepared.agrees() {
+                    return Err(disagree.refusal(prepared).into());
+                }
+                let taken = Taken {
+                    program,
+                    record: of_job,
+                    machine: on,
+                    kept: &kept_text,
+                    prepared,
+                    differences: table_differences(program, of_job_entry),
+                    machine_changes: changed_machine(of_job_entry),
+                };
+                if !ask(&taken)? {
+                    return Err(Refusal::new("E2215", "not agreed to: nothing has moved", "--yes agrees").into());
+                }
+                let resumed = resumed(prepared, card_named, on);
+                kept.map_or(Ok(()), |kept| kept.take_up(of_job, resumed, progress))?;
+                Ok(())
             };
-            taken.show(args.json);
-            if !args.yes && !resume_told::asked()? {
-                return Err(Refusal::new("E2215", "not agreed to: nothing has moved", "--yes agrees").into());
-            }
-            let resumed = resumed(prepared, named, &machine);
-            kept.map_or(Ok(()), |kept| kept.take_up(&record, resumed, progress))?;
-            Ok(())
+            let begin = Begin::At(Box::new(resumption));
+            let machining = Machining { manners, machine: on, program, input, begin, kept: Some(kept), at_screen };
+            machining.run(card, agree).map(|(code, _)| code)
         };
-        let begin = Begin::At(Box::new(resumption));
-        let machining =
-            Machining { manners, machine: &machine, program, input, begin, kept: Some(kept), at_screen: None };
-        machining.run(card, agree)
+        let code = if args.tui {
+            let resume = Resuming {
+                origin: record.job.origin,
+                is_agreed: args.yes,
+                resume: Box::new(|card, at_screen, ask| resume(card, Some(at_screen), ask)),
+            };
+            let (run, at) = (run_args(args, &record.job), (record.job.machine.text.clone(), named));
+            operate::operate(&run, &machine, program.clone(), (script, at), &mut card, &homing, Some(resume))?
+        } else {
+            resume(&mut card, None, &mut |taken| {
+                taken.show(args.json);
+                Ok(args.yes || resume_told::asked()?)
+            })?
+        };
+        Ok((code, card))
     }
 }
 

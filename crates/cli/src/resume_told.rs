@@ -40,6 +40,9 @@ pub struct Taken<'a, const A: usize> {
     pub machine_changes: Option<Vec<String>>,
 }
 
+/// Shows what will be done, and asks whether to do it.
+pub type Asking<'f, const A: usize> = dyn FnMut(&Taken<'_, A>) -> Result<bool, Refusal> + 'f;
+
 /// The block under the breakpoint.
 #[derive(Default)]
 struct Block {
@@ -56,18 +59,33 @@ impl<const A: usize> Taken<'_, A> {
             crate::out::line(self.to_json(&block));
             return;
         }
-        for (name, text) in self.in_words(&block) {
-            say!("  {name:10} {text}");
-        }
+        self.lines_of(&block).iter().for_each(|line| say!("  {line}"));
+    }
+
+    /// What will be done, a line each.
+    #[must_use]
+    pub fn lines(&self) -> Vec<String> {
+        self.lines_of(&self.block().unwrap_or_default())
+    }
+
+    fn lines_of(&self, block: &Block) -> Vec<String> {
+        let mut lines: Vec<String> =
+            self.in_words(block).iter().map(|(name, text)| format!("{name:10} {text}")).collect();
+        let changed = |lines: &mut Vec<String>, what: String, changes: &[String]| {
+            lines.push(what);
+            lines.extend(changes.iter().map(|line| format!("  {line}")));
+        };
         if let Some(changes) = &self.machine_changes {
             let path = self.record.job.machine.path.as_deref().unwrap_or_default();
-            say!("the machine file {path} was changed since the job began; it goes on with its own copy:");
-            changes.iter().for_each(|line| say!("  {line}"));
+            let what =
+                format!("the machine file {path} was changed since the job began; it goes on with its own copy:");
+            changed(&mut lines, what, changes);
         }
         if !self.differences.is_empty() {
-            say!("offsets and tool data changed since the job began; it goes on with its own:");
-            self.differences.iter().for_each(|line| say!("  {line}"));
+            let what = "offsets and tool data changed since the job began; it goes on with its own:".to_owned();
+            changed(&mut lines, what, &self.differences);
         }
+        lines
     }
 
     fn in_words(&self, block: &Block) -> Vec<(&'static str, String)> {

@@ -73,7 +73,7 @@ impl With<'_> {
             if self.at_screen {
                 let mut card = traced(simulated::<A>(&machine, clock(&machine, true))?, &machine, args.vcd.as_deref())?;
                 let (work, homing) = ((self.script, (self.text, entry::Card::Sim)), Homing::simulated());
-                return operate::operate(args, &machine, program, work, &mut card, &homing);
+                return operate::operate(args, &machine, program, work, &mut card, &homing, None);
             }
             let card = simulated::<A>(&machine, clock(&machine, args.realtime))?;
             let card = traced(card, &machine, args.vcd.as_deref())?;
@@ -103,7 +103,7 @@ impl With<'_> {
         if self.at_screen {
             card.open(settings).map_err(|fault| wired::failed(&args.card, &fault))?;
             let (homing, work) = (homing.at_screen(), (self.script, (self.text, named)));
-            let code = operate::operate(args, &machine, program, work, &mut *card, &homing)?;
+            let code = operate::operate(args, &machine, program, work, &mut *card, &homing, None)?;
             let _ = card.close();
             return Ok(code);
         }

@@ -3,6 +3,10 @@
 //! The sender is connected to and sends the program from its beginning, and again from its beginning each time the connection was lost:
 //! what has come already is held against it and left out.
 //!
+//! A sender that is connected and silent is waited for, ten minutes unless `?silence_timeout_s=` says otherwise; one that has vanished
+//! without a word is noticed by keepalive probes within half a minute. Whoever can send to that address moves the machine: nothing is
+//! encrypted and nobody is asked who he is.
+//!
 //! Invariant: the bytes that come out are those of one program, each once; a connection that stalls is waited for, one that ends before
 //! the program does is made anew.
 
@@ -11,12 +15,17 @@ use std::net::{TcpStream, ToSocketAddrs};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use retrace_controller::program_end::ProgramEndDetector;
 use retrace_controller::refusal::Refusal;
 
 /// What such a program's name begins with.
 const SCHEME: &str = "tcp://";
 /// How long one attempt to connect takes at most.
 const ATTEMPT: Duration = Duration::from_secs(3);
+/// The longest silence of a sender that is connected, where its address says nothing else.
+const SILENCE: Duration = Duration::from_secs(600);
+/// So often a silent sender is looked at.
+const LOOKS_EVERY: Duration = Duration::from_millis(500);
 /// Between two attempts.
 const PAUSE: Duration = Duration::from_millis(200);
 /// So long a sender that has gone is looked for.
@@ -30,10 +39,12 @@ pub struct Socket {
     address: String,
     stream: Option<TcpStream>,
     patience: Duration,
+    /// Longest silence of a sender that is connected; none: for ever.
+    silence: Option<Duration>,
     /// What has come.
     received: u64,
     check: Check,
-    line: LastLine,
+    end: ProgramEndDetector,
     /// Connections that were closed without anything new, one after the other.
     barren: u32,
     ended: bool,
@@ -45,12 +56,34 @@ pub fn address(program: &str) -> Option<&str> {
     program.strip_prefix(SCHEME)
 }
 
+/// The host and port of an address, and the longest silence that its `silence_timeout_s` allows; none where that is 0, for ever.
+fn parse(address: &str) -> Result<(&str, Option<Duration>), Refusal> {
+    let refused = |what: String| {
+        Refusal::new("E2301", what, "tcp://HOST:PORT, or tcp://HOST:PORT?silence_timeout_s=600 (seconds, 0 for ever)")
+    };
+    let Some((host, parameters)) = address.split_once('?') else { return Ok((address, Some(SILENCE))) };
+    let seconds = parameters
+        .strip_prefix("silence_timeout_s=")
+        .and_then(|value| value.parse::<f64>().ok())
+        .filter(|seconds| (0.0..=86_400.0).contains(seconds))
+        .ok_or_else(|| refused(format!("{SCHEME}{address}: the parameter `{parameters}` is not known")))?;
+    Ok((host, (seconds > 0.0).then(|| Duration::from_secs_f64(seconds))))
+}
+
+/// Whether an address is on another computer, as far as its name can be resolved.
+#[must_use]
+pub fn is_remote(address: &str) -> bool {
+    let host = address.split_once('?').map_or(address, |(host, _)| host);
+    host.to_socket_addrs().is_ok_and(|mut addresses| addresses.any(|address| !address.ip().is_loopback()))
+}
+
 impl Socket {
     /// Connects to a sender at `HOST:PORT`.
     ///
     /// # Errors
-    /// `E2107`: nobody sends there.
+    /// `E2107`: nobody sends there. `E2301`: a parameter that is not known.
     pub fn open(address: &str) -> Result<Self, Refusal> {
+        let (address, silence) = parse(address)?;
         let stream = connect(address).map_err(|error| {
             let remedy = "start the sender first; the name is tcp://HOST:PORT, as in tcp://planner:5000";
             Refusal::new("E2107", format!("no program can be had from {SCHEME}{address}: {error}"), remedy)
@@ -59,9 +92,10 @@ impl Socket {
             address: address.to_owned(),
             stream: Some(stream),
             patience: PATIENCE,
+            silence,
             received: 0,
             check: Check::default(),
-            line: LastLine::default(),
+            end: ProgramEndDetector::default(),
             barren: 0,
             ended: false,
         })
@@ -82,36 +116,65 @@ impl Socket {
 
     /// Reads what has come already, and holds it against what came then.
     fn pass_over(&self, stream: &mut TcpStream) -> io::Result<()> {
-        let (mut check, mut left, mut bytes) = (Check::default(), self.received, [0; 4096]);
+        let (mut check, mut end) = (Check::default(), ProgramEndDetector::default());
+        let (mut left, mut bytes, begun) = (self.received, [0; 4096], Instant::now());
         while left > 0 {
             let most = bytes.len().min(usize::try_from(left).unwrap_or(usize::MAX));
             match stream.read(&mut bytes[..most]) {
+                Ok(0) if end.is_reached() => {
+                    let had_come = self.received - left;
+                    let what = format!("it ends after {had_come} bytes, and {} had arrived before", self.received);
+                    return Err(self.differs(&what));
+                }
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
                 Ok(count) => {
                     check.take(&bytes[..count]);
+                    end.push(&bytes[..count]);
                     left -= count as u64;
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if is_time_out(&error) => {
+                    if self.silence.is_some_and(|silence| begun.elapsed() >= silence) {
+                        return Err(self.silent(begun.elapsed()));
+                    }
+                }
                 Err(error) => return Err(error),
             }
         }
         if check == self.check {
             return Ok(());
         }
-        let what = format!("the sender at {SCHEME}{} sends another program than before", self.address);
-        Err(io::Error::new(ErrorKind::InvalidData, what))
+        Err(self.differs(&format!("its first {} bytes are not those that had arrived before", self.received)))
+    }
+
+    /// That the sender has been silent for too long.
+    fn silent(&self, silent: Duration) -> io::Error {
+        let what = format!(
+            "E2304: {SCHEME}{} has been silent for {:.0} s inside the program; check the sender and the network",
+            self.address,
+            silent.as_secs_f64()
+        );
+        io::Error::new(ErrorKind::TimedOut, what)
+    }
+
+    /// That the sender sends a different program after the connection was lost.
+    fn differs(&self, how: &str) -> io::Error {
+        let what =
+            format!("the sender at {SCHEME}{} sends a different program after reconnecting: {how}", self.address);
+        io::Error::new(ErrorKind::InvalidData, what)
     }
 }
 
 impl Read for Socket {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let begun = Instant::now();
         while !self.ended && !bytes.is_empty() {
             let mut stream = match self.stream.take() {
                 Some(stream) => stream,
                 None => self.reconnect()?,
             };
             match stream.read(bytes) {
-                Ok(0) if self.line.ends_program() => self.ended = true,
+                Ok(0) if self.end.is_reached() => self.ended = true,
                 // Lost, by its end or by an error: it is made anew.
                 Ok(0) if self.barren < NO_MORE => {
                     self.barren += 1;
@@ -123,10 +186,16 @@ impl Read for Socket {
                     self.barren = 0;
                     self.received += count as u64;
                     self.check.take(&bytes[..count]);
-                    self.line.take(&bytes[..count]);
+                    self.end.push(&bytes[..count]);
                     return Ok(count);
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => self.stream = Some(stream),
+                Err(error) if is_time_out(&error) => {
+                    if self.silence.is_some_and(|silence| begun.elapsed() >= silence) {
+                        return Err(self.silent(begun.elapsed()));
+                    }
+                    self.stream = Some(stream);
+                }
                 Err(_) => {}
             }
         }
@@ -138,11 +207,35 @@ fn connect(address: &str) -> io::Result<TcpStream> {
     let mut last = io::Error::new(ErrorKind::NotFound, "the name leads nowhere");
     for socket in address.to_socket_addrs()? {
         match TcpStream::connect_timeout(&socket, ATTEMPT) {
-            Ok(stream) => return Ok(stream),
+            Ok(stream) => {
+                stream.set_read_timeout(Some(LOOKS_EVERY))?;
+                keep_alive(&stream)?;
+                return Ok(stream);
+            }
             Err(error) => last = error,
         }
     }
     Err(last)
+}
+
+fn is_time_out(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock)
+}
+
+/// Notices a sender that has vanished: after 10 s of silence it is probed every 5 s, and is gone after three probes.
+#[cfg(unix)]
+fn keep_alive(stream: &TcpStream) -> io::Result<()> {
+    use rustix::net::sockopt;
+    sockopt::set_socket_keepalive(stream, true)?;
+    sockopt::set_tcp_keepidle(stream, Duration::from_secs(10))?;
+    sockopt::set_tcp_keepintvl(stream, Duration::from_secs(5))?;
+    Ok(sockopt::set_tcp_keepcnt(stream, 3)?)
+}
+
+/// Elsewhere the read time-out alone notices.
+#[cfg(not(unix))]
+fn keep_alive(_: &TcpStream) -> io::Result<()> {
+    Ok(())
 }
 
 /// Tells two beginnings of programs apart (Fowler-Noll-Vo, variant 1a, of 64 bits).
@@ -160,58 +253,6 @@ impl Check {
         for &byte in bytes {
             self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3);
         }
-    }
-}
-
-/// The last line that is not blank, as far as it takes to see whether it ends a program.
-#[derive(Debug, Default)]
-struct LastLine {
-    text: Vec<u8>,
-    /// The line is over; the next byte that is not blank begins another.
-    closed: bool,
-    /// There was another before it.
-    is_later: bool,
-}
-
-/// No line of a program is longer.
-const LONGEST: usize = 512;
-
-impl LastLine {
-    fn take(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            match byte {
-                b'\n' | b'\r' => self.closed = true,
-                b' ' | b'\t' => {}
-                _ => {
-                    if std::mem::take(&mut self.closed) && !self.text.is_empty() {
-                        self.text.clear();
-                        self.is_later = true;
-                    }
-                    if self.text.len() < LONGEST {
-                        self.text.push(byte.to_ascii_uppercase());
-                    }
-                }
-            }
-        }
-    }
-
-    /// M2, M30 or a percent sign; the one that a program may begin with ends nothing.
-    fn ends_program(&self) -> bool {
-        let (mut code, mut in_comment) = (Vec::new(), false);
-        for &byte in &self.text {
-            match byte {
-                b'(' => in_comment = true,
-                b')' => in_comment = false,
-                b';' if !in_comment => break,
-                _ if !in_comment => code.push(byte),
-                _ => {}
-            }
-        }
-        let is_end = |at: usize| {
-            let digits: Vec<u8> = code[at + 1..].iter().copied().take_while(u8::is_ascii_digit).collect();
-            matches!(digits.as_slice(), b"2" | b"02" | b"30")
-        };
-        self.is_later && code == b"%" || (0..code.len()).any(|at| code[at] == b'M' && is_end(at))
     }
 }
 
@@ -261,6 +302,15 @@ mod tests {
     }
 
     #[test]
+    fn a_different_program_that_is_shorter_is_refused_at_its_end() {
+        let parts = vec![program()[..100].to_vec(), b"G21\nM2\n".to_vec()];
+        let mut socket = Socket::open(&sender(parts)).expect("there");
+        let error = socket.read_to_end(&mut Vec::new()).expect_err("another");
+        assert!(error.to_string().contains("different program"), "{error}");
+        assert!(error.to_string().contains("ends after 7 bytes, and 100"), "{error}");
+    }
+
+    #[test]
     fn a_program_without_an_end_ends_where_its_sender_has_nothing_more() {
         let text = b"G21 G1 X1 F100\nX2\n".to_vec();
         let mut socket = Socket::open(&sender(vec![text.clone(); 6])).expect("there");
@@ -270,36 +320,25 @@ mod tests {
     }
 
     #[test]
-    fn nobody_there_is_refused_with_the_next_step() {
-        assert_eq!(Socket::open("127.0.0.1:1").expect_err("nobody").number, "E2107");
-        assert_eq!(Socket::open("nonsense").expect_err("no address").number, "E2107");
+    fn a_sender_that_is_silent_for_too_long_is_given_up() {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let address = format!("{}?silence_timeout_s=1", listener.local_addr().expect("bound"));
+        let sender = thread::spawn(move || {
+            let (mut stream, _) = listener.accept().expect("a connection");
+            stream.write_all(b"G0 X1\n").expect("sent");
+            thread::sleep(Duration::from_secs(4));
+        });
+        let mut socket = Socket::open(&address).expect("there");
+        let mut come = Vec::new();
+        let error = socket.read_to_end(&mut come).expect_err("silent");
+        assert!(come == b"G0 X1\n" && error.to_string().contains("E2304"), "{error}");
+        sender.join().expect("it ends");
+        assert_eq!(Socket::open("127.0.0.1:1?patience=1").expect_err("unknown").number, "E2301");
     }
 
     #[test]
-    fn the_end_of_a_program_is_seen() {
-        let ends = |text: &str| {
-            let mut line = LastLine::default();
-            line.take(text.as_bytes());
-            line.ends_program()
-        };
-        for text in ["G0 X1\nM2\n\n", "n10 m 30", "%\nG0 X1\n%\n", "G1 X1\n%", "G0 M02 (M5)", "G1 X1\nM2"] {
-            assert!(ends(text), "{text}");
-        }
-        for text in [
-            "",
-            "%\n",
-            "\n %",
-            "%\nG1 X1\n",
-            "G1 X1\n",
-            "M3\n",
-            "M2\nG1\n",
-            "(M2)\n",
-            ";M2",
-            "M20\n",
-            "M300\n",
-            "G1 X2",
-        ] {
-            assert!(!ends(text), "{text}");
-        }
+    fn nobody_there_is_refused_with_the_next_step() {
+        assert_eq!(Socket::open("127.0.0.1:1").expect_err("nobody").number, "E2107");
+        assert_eq!(Socket::open("nonsense").expect_err("no address").number, "E2107");
     }
 }

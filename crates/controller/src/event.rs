@@ -7,6 +7,7 @@ use retrace_link::{Alarm, CardFault, CutterOffCause};
 use serde_json::{Value, json};
 
 use crate::dnc::Dnc;
+use crate::journal::stamp::Stamp;
 use crate::operator::{Deed, OrderRefused};
 
 /// What stops the machine for good.
@@ -178,6 +179,20 @@ pub enum Happening {
     Dnc(Dnc),
     /// A message of the program.
     Message(String),
+    /// The program that arrives is waited for.
+    WaitingForProgram {
+        /// Who is to send it.
+        source: String,
+        /// Since when.
+        since: Stamp,
+    },
+    /// The program that was waited for goes on or has ended.
+    ProgramArrives {
+        /// Who sends it.
+        source: String,
+        /// How long it was waited for, s.
+        waited_s: f64,
+    },
     /// The look-ahead ran dry.
     Underrun,
     /// An alarm.
@@ -240,6 +255,12 @@ impl Event {
             Happening::SingleBlock => json!({"event": "single_block"}),
             Happening::Dnc(dnc) => dnc.to_json(),
             Happening::Message(text) => json!({"event": "message", "text": text}),
+            Happening::WaitingForProgram { source, since } => {
+                json!({"event": "waiting_for_program", "source": source, "since": since})
+            }
+            Happening::ProgramArrives { source, waited_s } => {
+                json!({"event": "program_arrives", "source": source, "waited_s": waited_s})
+            }
             Happening::Underrun => json!({"event": "underrun"}),
             Happening::Alarm(trouble) => {
                 let (number, cause, remedy) = trouble.parts();
@@ -301,6 +322,12 @@ impl Event {
             Happening::SingleBlock => "single block: cycle start to go on".into(),
             Happening::Dnc(dnc) => dnc.to_string(),
             Happening::Message(text) => format!("message: {text}"),
+            Happening::WaitingForProgram { source, since } => {
+                format!("waiting for the program from {source} since {since}")
+            }
+            Happening::ProgramArrives { source, waited_s } => {
+                format!("the program from {source} arrives again, after {waited_s:.1} s")
+            }
             Happening::Underrun => "the look-ahead ran dry: slowed down on the path".into(),
             Happening::Alarm(trouble) => {
                 let (number, cause, remedy) = trouble.parts();

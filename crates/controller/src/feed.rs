@@ -306,6 +306,11 @@ impl<'r, const A: usize> Feeder<'r, A> {
         Ok(())
     }
 
+    /// Notes that the program ends early, behind that block: the path is to rest there also when it is planned again.
+    pub fn rest_behind(&mut self, block: u64) {
+        self.index.note(Note::Rest { block });
+    }
+
     /// The end of the program.
     ///
     /// # Errors

@@ -102,6 +102,13 @@ impl Homed {
             .collect()
     }
 
+    /// Was an axis homed since this card was switched on? None where it has no home switch.
+    #[must_use]
+    pub fn is_homed(&self, card: &CardOn, machine: &Machine, letter: char) -> Option<bool> {
+        let axis = axis_of(machine, letter)?;
+        Some(self.read().of(card).contains(&axis))
+    }
+
     /// These axes are about to be homed: until that is done they are not.
     ///
     /// # Errors
@@ -199,7 +206,10 @@ mod tests {
         for other in [CardOn { serial: 8, ..card(1) }, CardOn { name: "other".into(), ..card(1) }] {
             assert_eq!(homed.unhomed(&other, &machine), ['z', 'x'], "{other:?}");
         }
+        let is_homed = |letter| homed.is_homed(&card(1), &machine, letter);
+        assert_eq!(['x', 'z', 'y'].map(is_homed), [Some(true), Some(true), None]);
         homed.begin(&card(1), &['z']).expect("noted");
+        assert_eq!(['x', 'z', 'y'].map(is_homed), [Some(true), Some(false), None]);
         assert_eq!(homed.unhomed(&card(1), &machine), ['z'], "homing that has begun has not been done");
     }
 

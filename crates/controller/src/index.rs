@@ -47,6 +47,12 @@ pub enum Note {
         /// The factor, in units of 2⁻³².
         planned: Travel,
     },
+    /// The program that arrives was cut off or refused behind this block: the path rests there. Noted before the records of that stop are
+    /// free for the motion path; a plan of the whole program rests there again.
+    Rest {
+        /// Number of the last block that was planned, from 1; 0 where there was none.
+        block: u64,
+    },
 }
 
 /// Takes notes, in the planning thread. It may wait.

@@ -185,10 +185,12 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         Begin::Line(line) => (Some(line), None),
         Begin::At(at) => (None, Some(at)),
     };
+    let mut rests = Vec::new();
     if let Some(at) = &resumption {
         at.could_be(look_ahead).map_err(CannotBegin::Unfound)?;
         (asking, heeding) = (asking.again(&at.overrides, at.start.reached), heeding.again(&at.overrides));
         feeder = feeder.held_against(&at.marks);
+        rests.clone_from(&at.rests);
     }
     let feeder = feeder.heeding(heeding);
     let supply =
@@ -199,7 +201,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     thread::scope(|scope| {
         let belt = &belt;
         let decoder = scope.spawn(move || decoding::decode(&mut program, belt));
-        let planner = scope.spawn(move || planning::plan(machine, belt, batch, line, feeder));
+        let planner = scope.spawn(move || planning::plan(machine, belt, batch, (line, rests), feeder));
         let reporter = scope.spawn(move || hearing.report(observer));
         let moves = scope.spawn(move || requests.serve(machine, identify));
         let hand = hand.waking(moves.thread().clone());

@@ -15,17 +15,17 @@ use crate::start::Skipped;
 use crate::track::{Track, Untrackable};
 
 /// Plans until the program, or the interest in it, ends: what the program came to, in the first case. `line`: where it begins, if not
-/// at its first block.
+/// at its first block. `rests`: the blocks behind which the path rests, because a run before ended there.
 pub(crate) fn plan<const A: usize>(
     machine: &Machine,
     belt: &Belt,
     batch: Batch,
-    line: Option<u32>,
+    (line, rests): (Option<u32>, Vec<u64>),
     feeder: Feeder<'_, A>,
 ) -> Option<Summary> {
     let skipped = line.map(|line| (line, Skipped::new(*feeder.outputs(), &machine.cutting_outputs)));
     let _gone = Gone(belt);
-    Planning { machine, track: Track::new(machine), skipped, feeder, blocks: 0, canonical: 0 }.run(belt, batch)
+    Planning { machine, track: Track::new(machine), skipped, feeder, rests, blocks: 0, canonical: 0 }.run(belt, batch)
 }
 
 /// Tells the decoder that nobody takes anything any more, however planning ends.
@@ -43,6 +43,7 @@ struct Planning<'m, 'r, const A: usize> {
     /// The line to begin at, and what the blocks before it have switched.
     skipped: Option<(u32, Skipped)>,
     feeder: Feeder<'r, A>,
+    rests: Vec<u64>,
     blocks: u64,
     canonical: u64,
 }
@@ -60,6 +61,9 @@ impl<const A: usize> Planning<'_, '_, A> {
                 break ending;
             }
         };
+        if let Ending::Refused(_) = ending {
+            self.feeder.rest_behind(self.blocks);
+        }
         let commanded_mm = self.feeder.commanded_mm()[..self.machine.axes.len().min(A)].to_vec();
         let summary = Summary { ending, blocks: self.blocks, canonical: self.canonical, commanded_mm };
         self.feeder.end(summary.clone()).ok()?;
@@ -97,6 +101,9 @@ impl<const A: usize> Planning<'_, '_, A> {
             self.give(&batch.steps[first..end as usize])?;
             first = end as usize;
             self.blocks += 1;
+            if self.rests.contains(&self.blocks) {
+                self.feeder.rest().map_err(|cancelled| (cancelled.into(), 0))?;
+            }
         }
         // What the last block, which ends the program, has left.
         modes.for_each(|(_, active)| self.feeder.active(active));

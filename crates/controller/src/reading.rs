@@ -4,11 +4,11 @@
 //! bounded, however long the program is.
 
 use std::io::{self, BufRead, Read};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 /// Bytes of a buffer.
 const BYTES: usize = 1 << 16;
@@ -16,6 +16,43 @@ const BYTES: usize = 1 << 16;
 const BUFFERS: usize = 4;
 /// So often whoever waits looks whether the program is still wanted.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
+
+/// Whether whoever decodes a program that arrives waits for its sender, and since when.
+#[derive(Debug)]
+pub struct SourceStatus {
+    name: String,
+    waiting_since: Mutex<Option<SystemTime>>,
+}
+
+impl SourceStatus {
+    /// The status of a source of this name, which nobody waits for.
+    #[must_use]
+    pub fn new(name: impl Into<String>) -> Self {
+        Self { name: name.into(), waiting_since: Mutex::default() }
+    }
+
+    /// The name of the source.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Since when the decoder waits for the source; none where it does not wait.
+    #[must_use]
+    pub fn waiting_since(&self) -> Option<SystemTime> {
+        *self.waiting_since.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The decoder waits; a wait that has begun goes on.
+    pub fn begin_wait(&self) {
+        self.waiting_since.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(SystemTime::now);
+    }
+
+    /// The decoder does not wait any more.
+    pub fn end_wait(&self) {
+        *self.waiting_since.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+}
 
 /// A reader in front of which another thread reads.
 #[derive(Debug)]
@@ -26,6 +63,7 @@ pub struct Ahead {
     at: usize,
     ended: bool,
     given_up: Arc<AtomicBool>,
+    status: Option<Arc<SourceStatus>>,
 }
 
 impl Ahead {
@@ -42,7 +80,13 @@ impl Ahead {
             let _ = empty.try_send(Vec::with_capacity(BYTES));
         }
         thread::Builder::new().name("reading".into()).spawn(move || read(input, &takes_empty, &sends_full))?;
-        Ok(Self { full, empty, held: Vec::with_capacity(BYTES), at: 0, ended: false, given_up })
+        Ok(Self { full, empty, held: Vec::with_capacity(BYTES), at: 0, ended: false, given_up, status: None })
+    }
+
+    /// The same, which shows in `status` whether its source is waited for.
+    #[must_use]
+    pub fn showing(self, status: Arc<SourceStatus>) -> Self {
+        Self { status: Some(status), ..self }
     }
 
     /// Changes the buffer that was read for one with more bytes; none at the end.
@@ -50,10 +94,13 @@ impl Ahead {
         let buffer = loop {
             match self.full.recv_timeout(LOOKS_EVERY) {
                 Ok(buffer) => break buffer?,
-                Err(RecvTimeoutError::Timeout) if !self.given_up.load(Ordering::Relaxed) => {}
+                Err(RecvTimeoutError::Timeout) if !self.given_up.load(Ordering::Relaxed) => {
+                    self.status.iter().for_each(|status| status.begin_wait());
+                }
                 Err(_) => break Vec::new(),
             }
         };
+        self.status.iter().for_each(|status| status.end_wait());
         self.ended = buffer.is_empty();
         self.at = 0;
         let read = std::mem::replace(&mut self.held, buffer);

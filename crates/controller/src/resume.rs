@@ -33,6 +33,8 @@ pub struct Resumption {
     pub overrides: Vec<(u32, Travel)>,
     /// What the index says, in the order of the places; all of it, or the last mark at least that lies beyond `start.place`.
     pub marks: Vec<Mark>,
+    /// Numbers of the blocks behind which the path rests because the program was cut off or refused there in a run before.
+    pub rests: Vec<u64>,
 }
 
 impl Resumption {
@@ -40,7 +42,7 @@ impl Resumption {
     #[must_use]
     pub fn at(start: Start, origin: u32) -> Self {
         let outputs = [0; channel::COUNT];
-        Self { start, origin, executed: 0, outputs, overrides: Vec::new(), marks: Vec::new() }
+        Self { start, origin, executed: 0, outputs, overrides: Vec::new(), marks: Vec::new(), rests: Vec::new() }
     }
 }
 

@@ -128,6 +128,9 @@ pub enum Told<const A: usize> {
 pub trait Observer<const A: usize>: Send {
     /// Hears what happened. It may take its time, within the queue's room.
     fn told(&mut self, told: &Told<A>);
+
+    /// There is nothing to hear now: called about once a millisecond until there is.
+    fn idle(&mut self) {}
 }
 
 /// The two ends of the stream of a machine with a control period of `period_s` seconds. In wall time what finds no room is counted and not
@@ -216,6 +219,7 @@ impl<const A: usize> Hearing<A> {
                 }
                 Err(TryRecvError::Empty) => {
                     idle += 1;
+                    observer.idle();
                     thread::sleep(if self.is_virtual && idle < 20 { NAP_VIRTUAL } else { NAP });
                 }
                 Err(TryRecvError::Disconnected) => return,

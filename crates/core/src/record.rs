@@ -42,30 +42,35 @@ impl Flags {
 
 /// The highest |rate| at which a record may be retraced with the cutting outputs off, in sixteenths (1/16 … 8).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct RapidCap(u8);
+pub struct RapidCap(
+    /// Sixteenths above [`RapidCap::PLANNED`], so that a record without motion is all zeros.
+    u8,
+);
+
+const PLANNED_SIXTEENTHS: u8 = 16;
 
 impl RapidCap {
     /// As recorded: no faster than planned.
-    pub const PLANNED: Self = Self(16);
+    pub const PLANNED: Self = Self(0);
     /// The largest cap there is: eight times as planned.
-    pub const MAX: Self = Self(128);
+    pub const MAX: Self = Self(128 - PLANNED_SIXTEENTHS);
 
     /// A cap of `n` sixteenths, held within 1 … 8.
     #[must_use]
     pub const fn sixteenths(n: u8) -> Self {
-        if n < Self::PLANNED.0 {
+        if n < PLANNED_SIXTEENTHS {
             Self::PLANNED
-        } else if n > Self::MAX.0 {
+        } else if n > Self::MAX.get() {
             Self::MAX
         } else {
-            Self(n)
+            Self(n - PLANNED_SIXTEENTHS)
         }
     }
 
     /// The cap in sixteenths.
     #[must_use]
     pub const fn get(self) -> u8 {
-        self.0
+        self.0 + PLANNED_SIXTEENTHS
     }
 }
 

@@ -5,6 +5,7 @@
 use core::sync::atomic::Ordering::Relaxed;
 
 use retrace_card::{Inputs, OnLine};
+use retrace_core::Record;
 use retrace_firmware::handover::{Order, Shape};
 use retrace_firmware::pins::{ALL_OUTPUTS_LOW, ALL_STEPS_LOW};
 use retrace_firmware::steps::Steps;
@@ -18,10 +19,10 @@ use crate::diagnostics::DIAGNOSTICS;
 /// Bytes that are fetched from the card at a time.
 const CHUNK: usize = 64;
 
-type Card = OnLine<AXES, WINDOW, MEMORY, ENTRIES>;
+type Card = OnLine<AXES, WINDOW, MEMORY, ENTRIES, &'static mut [Record<AXES>]>;
 
-/// As a constant, so that its some 30 KiB never pass over the stack.
-const FRESH: Card = match Card::new(boot::IDENTITY) {
+/// As a constant, so that it never passes over the stack. Its window's records stand apart: they are zeros, which need no flash.
+const FRESH: Card = match Card::without_records(boot::IDENTITY) {
     Some(card) => card,
     None => unreachable!(),
 };
@@ -29,6 +30,8 @@ const FRESH: Card = match Card::new(boot::IDENTITY) {
 #[cortex_m_rt::entry]
 fn main() -> ! {
     static mut CARD: Card = FRESH;
+    static mut RECORDS: [Record<AXES>; WINDOW] = [Record::STILL; WINDOW];
+    CARD.lend(RECORDS);
     board::start();
     let starts = board::count_start();
     DIAGNOSTICS.begin();

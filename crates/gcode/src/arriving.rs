@@ -11,6 +11,7 @@ use crate::interp::Interpreter;
 use crate::lines::Lines;
 use crate::nest::Nest;
 use crate::prescan::Sub;
+use crate::program::unreadable;
 use std::io::BufRead;
 use std::sync::Arc;
 
@@ -54,7 +55,17 @@ impl Arriving {
         self.nest.take(&mut code, first, lines.text(), &interpreter.reader_mut().block);
         self.report(interpreter);
         while !self.nest.is_closed() {
-            let more = lines.advance().unwrap_or(false);
+            let more = match lines.advance() {
+                Ok(more) => more,
+                Err(error) => {
+                    interpreter.set_line(0, lines.number().saturating_add(1));
+                    return Err(Box::new(unreadable(&error)));
+                }
+            };
+            if let Some(cut_off) = lines.cut_off_fault() {
+                interpreter.set_line(0, lines.number().saturating_add(1));
+                return Err(cut_off);
+            }
             if !more || self.kept + code.text_len() > MOST_KEPT {
                 return Err(self.unfinished(more, interpreter));
             }

@@ -47,7 +47,7 @@ codes! {
     BadCharacter "E1003" "character not understood" "A character begins no word." "Remove it, or put it into a comment.";
     UnclosedComment "E1004" "comment not closed" "An opening parenthesis has no closing one in its line." "Close the comment in the same line, or begin it with a semicolon.";
     NestedComment "E1005" "comment inside a comment" "A comment in parentheses holds an opening parenthesis." "Use brackets or nothing inside the comment.";
-    NoProgramEnd "E1006" "program has no end" "The file ends without M2, M30 or a closing percent sign." "End the program with M2 or M30.";
+    NoProgramEnd "E1006" "program has no end" "The program ends without M2, M30 or a closing percent sign. A program that arrives ends inside a line: nothing of that line is executed." "End the program with M2 or M30 in a line of its own. Where the sender was cut off, `retrace resume --program FILE` continues with the whole program.";
     EmptyProgram "E1007" "program is empty" "There is no line in it that is not blank." "Check that this is the file you meant.";
     NoClosingPercent "E1008" "closing percent sign missing" "The program opens with a percent sign and ends without one, and without M2 or M30." "Add a line with a percent sign, or M2, at the end.";
     BadBlockNumber "E1009" "N word not understood" "N is not followed by digits, has more than 18 of them, or does not stand at the beginning of the block." "Write N and digits at the beginning of the block, or leave the N word out.";

@@ -76,7 +76,7 @@ pub use cycle::{Cycle, CycleWords, Series};
 pub use diag::{Diagnostic, Severity, Span};
 pub use ini::Ini;
 pub use interp::{BlockRefused, Flow, Interpreter, Setup, UserCodes};
-pub use lines::Text;
+pub use lines::{Text, is_program_end};
 pub use modal::{ArcCentres, Distance, Motion, Spindle, State};
 pub use params::Parameters;
 pub use pose::{Axis, AxisSet, Pose};

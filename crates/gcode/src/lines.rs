@@ -1,14 +1,20 @@
 //! The lines of a program, one after the other.
 //!
-//! Invariant: one line is held; a line that is too long is never held whole.
+//! Invariant: one line is held; a line that is too long is never held whole. Of a program that arrives, a line without its end is given
+//! only where it ends the program: the sender may have been cut off inside it (DNC-10).
 
 use crate::bytes::line_feed;
+use crate::codes::Code;
+use crate::diag::{Fault, Span};
 use crate::parse::LONGEST_LINE;
 use std::io::{self, BufRead, Read as _};
 use std::sync::Arc;
 
 /// Bytes of a line that are held: one more than the longest shows that it is too long, two are its end.
 const MOST_HELD: usize = LONGEST_LINE + 3;
+
+/// Bytes of a line that are passed over at most: more is no program.
+const MAX_SKIPPED: usize = 1 << 20;
 
 /// The text of a file, shared.
 #[derive(Clone, Debug, Default)]
@@ -57,16 +63,18 @@ pub(crate) struct Lines<R> {
     current: u32,
     /// Where it stands in a text that is at hand.
     place: (usize, usize),
+    /// A program that arrives ended inside a line.
+    is_cut_off: bool,
 }
 
 impl<R: BufRead> Lines<R> {
     pub(crate) fn new(input: R) -> Lines<R> {
-        Lines { input: Input::Arriving(input, Vec::new()), current: 0, place: (0, 0) }
+        Lines { input: Input::Arriving(input, Vec::new()), current: 0, place: (0, 0), is_cut_off: false }
     }
 
     /// The lines of a text.
     pub(crate) fn of_text(text: Text) -> Lines<R> {
-        Lines { input: Input::Text(text, 0), current: 0, place: (0, 0) }
+        Lines { input: Input::Text(text, 0), current: 0, place: (0, 0), is_cut_off: false }
     }
 
     /// Takes the next line; false when there is none.
@@ -84,7 +92,14 @@ impl<R: BufRead> Lines<R> {
                 }
                 None => false,
             },
-            Input::Arriving(input, line) => arrive(input, line)?,
+            Input::Arriving(input, line) => match arrive(input, line)? {
+                Arrived::Line => true,
+                Arrived::Nothing => false,
+                Arrived::CutOff => {
+                    self.is_cut_off = true;
+                    false
+                }
+            },
         };
         self.current = self.current.saturating_add(u32::from(found));
         Ok(found)
@@ -108,16 +123,41 @@ impl<R: BufRead> Lines<R> {
         }
     }
 
+    /// The beginning of the line inside which a program that arrives has ended; it is not executed.
+    pub(crate) fn cut_off(&self) -> Option<&[u8]> {
+        match &self.input {
+            Input::Arriving(_, line) if self.is_cut_off => Some(line),
+            _ => None,
+        }
+    }
+
+    /// That it ended inside a line, if it did.
+    pub(crate) fn cut_off_fault(&self) -> Option<Box<Fault>> {
+        let cut_off = String::from_utf8_lossy(self.cut_off()?);
+        let message = format!("the program that arrives ends inside a line: nothing of \"{cut_off}\" is executed");
+        Some(Box::new(Fault::new(Code::NoProgramEnd, Span::default(), message)))
+    }
+
     /// The number of the line taken last, from 1.
     pub(crate) fn number(&self) -> u32 {
         self.current
     }
 }
 
-fn arrive(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<bool> {
+/// What came of a program that arrives.
+enum Arrived {
+    /// A line.
+    Line,
+    /// Its end, behind a line.
+    Nothing,
+    /// Its end, inside a line.
+    CutOff,
+}
+
+fn arrive(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Arrived> {
     line.clear();
     if input.by_ref().take(MOST_HELD as u64).read_until(b'\n', line)? == 0 {
-        return Ok(false);
+        return Ok(Arrived::Nothing);
     }
     if line.last() == Some(&b'\n') {
         line.pop();
@@ -125,9 +165,39 @@ fn arrive(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<bool> {
             line.pop();
         }
     } else if line.len() == MOST_HELD {
-        input.skip_until(b'\n')?;
+        skip_line(input)?;
+    } else if !is_program_end(line) {
+        return Ok(Arrived::CutOff);
     }
-    Ok(true)
+    Ok(Arrived::Line)
+}
+
+/// Passes over the rest of a line that is too long.
+fn skip_line(input: &mut impl BufRead) -> io::Result<()> {
+    let mut skipped = 0;
+    loop {
+        let waiting = input.fill_buf()?;
+        let (count, is_over) = match line_feed(waiting) {
+            Some(at) => (at + 1, true),
+            None => (waiting.len(), waiting.is_empty()),
+        };
+        input.consume(count);
+        skipped += count;
+        if is_over {
+            return Ok(());
+        }
+        if skipped > MAX_SKIPPED {
+            let what = "E2311: a line of more than a mebibyte; the input is not a program";
+            return Err(io::Error::new(io::ErrorKind::InvalidData, what));
+        }
+    }
+}
+
+/// Whether a last line without its end is whole all the same: exactly `M2`, `M30` or `%`, so that nothing can be missing that matters.
+#[must_use]
+pub fn is_program_end(line: &[u8]) -> bool {
+    let line = line.strip_suffix(b"\r").unwrap_or(line);
+    line == b"%" || line.eq_ignore_ascii_case(b"M2") || line.eq_ignore_ascii_case(b"M30")
 }
 
 /// Length of the first line, without its end and cut off when it is too long, and with all of it; none of an empty text.
@@ -186,7 +256,7 @@ mod tests {
     proptest! {
         #[test]
         fn a_text_has_the_same_lines_at_once_and_as_it_arrives(text in prop::collection::vec(prop::sample::select(b"\r\nab".to_vec()), 0..40), long in 0_usize..600) {
-            let text = [&text[..], &vec![b'x'; long], b"\r\n", &text].concat();
+            let text = [&text[..], &vec![b'x'; long], b"\r\n", &text, b"\n"].concat();
             let mut at_hand = Lines::<&[u8]>::of_text(text.as_slice().into());
             for line in all(&text) {
                 prop_assert!(at_hand.advance().expect("a text"));
@@ -194,6 +264,26 @@ mod tests {
             }
             prop_assert!(!at_hand.advance().expect("a text"));
             prop_assert_eq!(all(&text), Split::new(&text).map(<[u8]>::to_vec).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn a_line_that_never_ends_is_refused() {
+        let mut lines = Lines::new(io::BufReader::new(io::repeat(0)));
+        assert!(lines.advance().expect_err("endless").to_string().contains("E2311"));
+    }
+
+    #[test]
+    fn a_last_line_without_its_end_is_given_only_where_it_ends_the_program() {
+        for end in ["M2", "m30", "%", "M30\r"] {
+            assert_eq!(all(format!("G0 X1\n{end}").as_bytes()).len(), 2, "{end:?}");
+        }
+        for cut in ["G0 Z1", "M3", "M", " ", "N9 M30", "M2 "] {
+            let text = format!("G0 X1\n{cut}");
+            let mut lines = Lines::new(text.as_bytes());
+            assert!(lines.advance().expect("a line") && lines.cut_off().is_none());
+            assert!(!lines.advance().expect("the end"));
+            assert_eq!((lines.number(), lines.cut_off()), (1, Some(cut.as_bytes())));
         }
     }
 

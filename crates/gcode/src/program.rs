@@ -63,6 +63,8 @@ pub struct Program<R> {
     is_held: bool,
     /// It is one block by hand, which needs no end.
     by_hand: bool,
+    /// It could not be read to its end, and that has been reported.
+    is_unreadable: bool,
 }
 
 impl<R: BufRead> Program<R> {
@@ -83,6 +85,7 @@ impl<R: BufRead> Program<R> {
             percent: false,
             is_held: false,
             by_hand: false,
+            is_unreadable: false,
         }
     }
 
@@ -197,8 +200,7 @@ impl<R: BufRead> Program<R> {
                 self.interpreter.release(steps);
                 return Ok(self.close(steps));
             }
-            let code = if self.percent { Code::NoClosingPercent } else { Code::NoProgramEnd };
-            self.report(Fault::plain(code, Span::default()));
+            self.report_no_end(if self.percent { Code::NoClosingPercent } else { Code::NoProgramEnd });
             return Ok(self.close(steps));
         }
         if self.enter_region() {
@@ -351,7 +353,7 @@ impl<R: BufRead> Program<R> {
     fn open(&mut self) -> bool {
         loop {
             if !self.read_line() {
-                self.report(Fault::plain(Code::EmptyProgram, Span::default()));
+                self.report_no_end(Code::EmptyProgram);
                 return false;
             }
             if is_percent(self.lines.text()) {
@@ -385,10 +387,27 @@ impl<R: BufRead> Program<R> {
         }
     }
 
+    /// Reports that the program ends too early: inside a line, or else as `code` says.
+    #[cold]
+    fn report_no_end(&mut self, code: Code) {
+        match self.lines.cut_off_fault() {
+            // Why there are no more lines has been reported.
+            _ if self.is_unreadable => {}
+            Some(cut_off) => self.report_next(*cut_off),
+            None => self.report(Fault::plain(code, Span::default())),
+        }
+    }
+
     #[cold]
     fn report_unreadable(&mut self, error: &std::io::Error) {
-        let message = format!("{}: {error}", Code::Unreadable.title());
-        self.report(Fault::new(Code::Unreadable, Span::default(), message));
+        self.is_unreadable = true;
+        self.report_next(unreadable(error));
+    }
+
+    /// Notes something about the line behind the one last taken.
+    fn report_next(&mut self, fault: Fault) {
+        self.interpreter.set_line(0, self.lines.number().saturating_add(1));
+        self.interpreter.report(fault);
     }
 
     /// Notes something about the line last taken.
@@ -396,6 +415,11 @@ impl<R: BufRead> Program<R> {
         self.interpreter.set_line(0, self.lines.number());
         self.interpreter.report(fault);
     }
+}
+
+/// That the program cannot be read any further.
+pub(crate) fn unreadable(error: &std::io::Error) -> Fault {
+    Fault::new(Code::Unreadable, Span::default(), format!("{}: {error}", Code::Unreadable.title()))
 }
 
 fn emit(steps: &mut Vec<Step>, canon: Canon) {

@@ -10,6 +10,7 @@ mod address;
 mod budget;
 mod list;
 mod port;
+mod program_port;
 #[cfg(unix)]
 mod pty;
 mod quick;
@@ -18,6 +19,7 @@ mod refused;
 pub use address::{Address, BAUD};
 pub use list::{FoundPort, Usb, ports};
 pub use port::{Lost, SerialPort};
+pub use program_port::{Character, CharacterFormat, ParityBit, ProgramPort};
 #[cfg(unix)]
 pub use pty::Pty;
 pub use quick::Latency;

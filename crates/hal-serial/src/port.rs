@@ -239,9 +239,18 @@ impl Port for SerialPort {
 
 /// Opens the device file and forgets what had come before.
 fn open(address: &Address, path: &Path) -> Result<Box<dyn serialport::SerialPort>, Refused> {
-    look_at(address, path)?;
     // A card that a DTR pulse resets would lose its position: the line is left as the system has it.
-    let builder = serialport::new(path.to_string_lossy(), address.baud).timeout(Duration::ZERO).preserve_dtr_on_open();
+    open_with(address, path, serialport::SerialPortBuilder::preserve_dtr_on_open)
+}
+
+/// Opens the device file with more settings, and forgets what had come before.
+pub(crate) fn open_with(
+    address: &Address,
+    path: &Path,
+    set: impl FnOnce(serialport::SerialPortBuilder) -> serialport::SerialPortBuilder,
+) -> Result<Box<dyn serialport::SerialPort>, Refused> {
+    look_at(address, path)?;
+    let builder = set(serialport::new(path.to_string_lossy(), address.baud).timeout(Duration::ZERO));
     let port = builder.open().map_err(|error| match error.kind() {
         // the library's word for a port that is locked
         serialport::ErrorKind::NoDevice if path.exists() => Refused::busy(path, holder_of(path)),

@@ -4,8 +4,8 @@
 //! before each job.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
@@ -22,18 +22,19 @@ use retrace_controller::stream::{Observer, Period, Told};
 use retrace_link::{Alarm, Change, MotionCard, Start};
 
 use super::desk::Desk;
-use super::picture;
+use super::{Resuming, picture};
 use crate::args::{self, Reading};
 use crate::homed::Homing;
 use crate::kept::Kept;
 use crate::machine_tables::TableKeeper;
 use crate::program::{Arriving, Failure, Program};
+use crate::resume_told::Taken;
 use crate::run::{At, AtScreen, Ended, Job};
 use crate::screen::Said;
 use crate::screen::diagnostic_text;
 use crate::screen::facts::ProgramCheck;
 use crate::screen::live::{Live, locked};
-use crate::screen::model::{AlarmShown, Stage};
+use crate::screen::model::{AlarmShown, Model, Question, Stage};
 
 /// What stands at the screen is told after so many periods.
 const TOLD_EVERY: u64 = 20;
@@ -49,6 +50,8 @@ pub(super) struct Left {
     pub(super) code: u8,
     /// Its report, for a person.
     pub(super) report: Option<String>,
+    /// Why the job that was to be resumed was not.
+    pub(super) failure: Option<Failure>,
 }
 
 /// A machine, and who works at it.
@@ -71,6 +74,8 @@ pub(super) struct Machinist<'m, const A: usize, C> {
     alarm: Option<Alarm>,
     /// The card has failed for good.
     failed: bool,
+    /// The job that it begins with.
+    resumed: Option<Resuming<'m, A, C>>,
     left: Left,
 }
 
@@ -85,7 +90,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         desk: &'m Arc<Desk>,
     ) -> Self {
         let live = Live::new(Arc::clone(&desk.model));
-        let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None };
+        let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
         let (by_hand, machine) = (by_hand::Desk::new(program.setup().clone()), machine.clone());
         let table_keeper = TableKeeper::new(&args.reading, program.setup());
         Self {
@@ -103,8 +108,14 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             live,
             alarm: None,
             failed: false,
+            resumed: None,
             left,
         }
+    }
+
+    /// The same, which begins with a job that is resumed.
+    pub(super) fn resuming(self, resumed: Option<Resuming<'m, A, C>>) -> Self {
+        Self { resumed, ..self }
     }
 
     /// Works until the machine is left.
@@ -113,6 +124,11 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         self.tell_homed();
         let active = Box::new(self.by_hand.active());
         Observer::<A>::told(&mut self.live, &Told::Active(active));
+        if let Some(resumed) = self.resumed.take() {
+            if let Err(failure) = self.resume(resumed) {
+                return Left { failure: Some(failure), ..self.left };
+            }
+        }
         loop {
             match self.words.try_recv() {
                 Ok(Said::Start) => self.job(),
@@ -121,8 +137,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
                 Ok(Said::Load(path)) => self.load(path),
                 Ok(Said::CloseRefusal) => self.close_refusal(),
                 Ok(Said::DryRun(on)) => self.machine.inhibits_outputs = on,
-                // Words to a job that has just ended.
-                Ok(Said::Deed(_) | Said::Turn(_)) => {}
+                // Words to a job that has just ended, and an answer to a question of its.
+                Ok(Said::Deed(_) | Said::Turn(_) | Said::Answer(_)) => {}
                 Ok(Said::Quit) | Err(TryRecvError::Disconnected) => return self.leave(),
                 Err(TryRecvError::Empty) => self.stand(),
             }
@@ -186,12 +202,10 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
 
     /// Tells whether a program may move the machine.
     fn tell_homed(&mut self) {
-        let homed = self.homing.check(&self.machine).is_ok();
+        let (homed, homing) = (self.homing.check(&self.machine).is_ok(), self.homing.axes(&self.machine));
         let mut model = locked(&self.desk.model);
-        if model.homed != homed {
-            model.homed = homed;
-            model.changes += 1;
-        }
+        (model.homed, model.homing) = (homed, homing);
+        model.changes += 1;
     }
 
     /// Is it a block that moves the machine?
@@ -324,12 +338,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         self.left.ran = true;
         match done {
             Ok((code, _)) => {
-                if let Some((parameters, tools)) = ended.tables {
-                    self.by_hand.set_tables(parameters, tools);
-                    self.table_keeper.is_kept(self.by_hand.carried());
-                }
-                (self.left.code, self.left.report) = (code, Some(ended.text));
-                locked(&self.desk.model).end(&ended.short);
+                self.take_over(code, ended);
             }
             Err(failure) => {
                 let why = in_full(failure);
@@ -340,6 +349,35 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         }
         // What the session told is the same alarm.
         self.alarm = self.card.status().alarm;
+    }
+
+    /// A job has ended with this exit code: takes over what it leaves.
+    fn take_over(&mut self, code: u8, ended: Ended) {
+        if let Some((parameters, tools)) = ended.tables {
+            self.by_hand.set_tables(parameters, tools);
+            self.table_keeper.is_kept(self.by_hand.carried());
+        }
+        (self.left.code, self.left.report) = (code, Some(ended.text));
+        locked(&self.desk.model).end(&ended.short);
+    }
+
+    /// Runs a job that was interrupted, from its breakpoint on.
+    fn resume(&mut self, resumed: Resuming<'m, A, C>) -> Result<(), Failure> {
+        let mut ended = Ended::default();
+        let at_screen = AtScreen { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
+        let (words, model) = (&self.words, &self.desk.model);
+        let mut ask = |taken: &Taken<'_, A>| {
+            let prepared = taken.prepared;
+            locked(model).history_before = Some((prepared.oldest(), prepared.history_mm()));
+            Ok(resumed.is_agreed || ask(model, words, "resume the job?", taken.lines()))
+        };
+        let done = (resumed.resume)(&mut *self.card, at_screen, &mut ask);
+        self.desk.ends();
+        let code = done?;
+        self.left.ran = true;
+        self.take_over(code, ended);
+        self.alarm = self.card.status().alarm;
+        Ok(())
     }
 
     /// Begins a job's journal, while periods go on passing: the disk may take longer than the card waits for its host.
@@ -392,6 +430,20 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let mut model = locked(&self.desk.model);
         model.alarm = Some(AlarmShown { number: "program refused".into(), cause, remedy, is_refusal: true });
     }
+}
+
+/// Asks the operator, who agrees or not; who leaves the screen does not.
+fn ask(model: &Mutex<Model>, words: &Receiver<Said>, title: &str, lines: Vec<String>) -> bool {
+    locked(model).ask(Some(Question { title: title.into(), lines }));
+    let is_agreed = loop {
+        match words.recv() {
+            Ok(Said::Answer(is_agreed)) => break is_agreed,
+            Ok(Said::Quit) | Err(_) => break false,
+            Ok(_) => {}
+        }
+    };
+    locked(model).ask(None);
+    is_agreed
 }
 
 /// Shows work by hand: a block is a small job of its own, and none to the screen.

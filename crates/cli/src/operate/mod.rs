@@ -25,7 +25,8 @@ use crate::args;
 use crate::console::unwritable;
 use crate::homed::Homing;
 use crate::program::{Failure, Program};
-use crate::run::At;
+use crate::resume_told::Asking;
+use crate::run::{At, AtScreen};
 use crate::screen::Screen;
 use crate::screen::live::locked;
 use crate::screen::model::Model;
@@ -60,15 +61,39 @@ pub fn is_wanted(args: &args::Run) -> Result<bool, Refusal> {
             "leave one out; --journal DIR keeps the report of a job at the screen",
         ));
     }
-    if !is_terminal {
-        let what = "--tui: standard output is no terminal";
-        return Err(Refusal::new("E2142", what, "run it in a terminal, or leave --tui out"));
-    }
+    needs_terminal()?;
     Ok(true)
 }
 
+/// The screen needs a terminal.
+///
+/// # Errors
+/// `E2142` where standard output is none.
+pub fn needs_terminal() -> Result<(), Refusal> {
+    if std::io::stdout().is_terminal() {
+        return Ok(());
+    }
+    let what = "--tui: standard output is no terminal";
+    Err(Refusal::new("E2142", what, "run it in a terminal, or leave --tui out"))
+}
+
+/// Runs a job that is resumed, on a card, at a screen; asks before anything moves. Its exit code.
+pub type Resume<'f, const A: usize, C> =
+    Box<dyn FnOnce(&mut C, AtScreen<'_>, &mut Asking<'_, A>) -> Result<u8, Failure> + Send + 'f>;
+
+/// A job that the screen begins with: it was interrupted, and is resumed.
+pub struct Resuming<'f, const A: usize, C> {
+    /// Place of its first record.
+    pub origin: u32,
+    /// The operator has agreed already to what will be done.
+    pub is_agreed: bool,
+    /// Runs it.
+    pub resume: Resume<'f, A, C>,
+}
+
 /// Operates a machine that stands, on an open card, until the operator quits or the terminal is gone: the exit code of the last job; that of
-/// a stopped one where none has run. `program` is checked here, and may have errors.
+/// a stopped one where none has run. `program` is checked here, and may have errors. It begins with a job that is `resumed`, if there is one, and is
+/// left at once where that cannot be.
 ///
 /// # Errors
 /// The terminal cannot be taken.
@@ -79,14 +104,19 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     (script, at): (Vec<Instruction>, At),
     card: &mut C,
     homing: &Homing,
+    resumed: Option<Resuming<'_, A, C>>,
 ) -> Result<u8, Failure> {
     let signals = Signals::listen().map_err(|error| unwritable("the list of signals", &error))?;
     let program = Arc::new(program);
     let model = Arc::new(Mutex::new(Model::new(Arc::new(picture::facts(machine, &program)))));
     picture::show_program::<A>(&model, machine.clone(), &program);
+    if let Some(resumed) = &resumed {
+        picture::show_resuming(&model, resumed.origin);
+    }
     let (desk, words) = Desk::new(Arc::clone(&model));
     let mut screen = Watched::begin(&model, &desk);
     let machinist = Machinist::<A, C>::new(args.clone(), (machine, homing), (program, script, at), card, words, &desk);
+    let machinist = machinist.resuming(resumed);
     let done = thread::scope(|scope| {
         let machine = scope.spawn(|| machinist.work());
         while !machine.is_finished() {
@@ -102,6 +132,9 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     });
     let shown = screen.end();
     let done = done.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    if let Some(failure) = done.failure {
+        return Err(failure);
+    }
     if let (Err(error), false) = (shown, done.ran) {
         return Err(unwritable("the screen", &error).into());
     }

@@ -15,7 +15,7 @@ use crate::program::{Decoder, Program};
 use crate::screen::diagnostic_text;
 use crate::screen::facts::{Facts, Planned, ProgramCheck};
 use crate::screen::live::locked;
-use crate::screen::model::Model;
+use crate::screen::model::{Model, Stage};
 use crate::screen::preview::Preview;
 
 /// What is known at once.
@@ -42,6 +42,14 @@ pub(super) fn show_program<const A: usize>(model: &Arc<Mutex<Model>>, machine: M
     reckon::<A>(model, Reckoning { machine, program: Arc::clone(program), setup: None, is_checked: false });
 }
 
+/// A job is about to be resumed, whose path began at this place.
+pub(super) fn show_resuming(model: &Mutex<Model>, origin: u32) {
+    let facts = Facts { first_place: origin, ..(*locked(model).facts).clone() };
+    let mut model = locked(model);
+    (model.facts, model.stage) = (Arc::new(facts), Stage::Resuming);
+    model.changes += 1;
+}
+
 /// The machine stands elsewhere now, or its offsets are others: the program is checked again with this setup, and drawn where it would go.
 pub(super) fn check_again<const A: usize>(
     model: &Arc<Mutex<Model>>,
@@ -55,7 +63,7 @@ pub(super) fn check_again<const A: usize>(
 /// The program has been opened and checked again, for a machine that may stand elsewhere now: what changed is reckoned again.
 pub(super) fn look_again<const A: usize>(model: &Arc<Mutex<Model>>, machine: &Machine, program: &Program) {
     let (new, old) = (facts(machine, program), Arc::clone(&locked(model).facts));
-    let is_same = new.program == old.program && new.stands_at_mm == old.stands_at_mm;
+    let is_same = new.program == old.program && new.stands_at_mm == old.stands_at_mm && old.first_place == 0;
     if is_same && old.check == ProgramCheck::Ready {
         return;
     }

@@ -2,6 +2,7 @@
 //!
 //! Invariant: nothing here depends on how many axes the code was compiled for.
 
+use retrace_controller::event::channel_name;
 use retrace_controller::machine::Machine;
 
 use super::preview::Preview;
@@ -98,6 +99,12 @@ impl Facts {
             stands_at_mm: machine.stands_at_mm.clone(),
             ..Self::default()
         }
+    }
+
+    /// What an output channel is called.
+    #[must_use]
+    pub fn output_name(&self, channel: u8) -> String {
+        channel_name(channel)
     }
 
     /// Which axes are X, Y and Z.

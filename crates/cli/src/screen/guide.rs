@@ -51,6 +51,7 @@ pub fn of(model: &Model, hand: &Hand) -> Guide {
     }
     match &model.stage {
         Stage::Setup => setup(model, hand),
+        Stage::Resuming => resuming(model),
         Stage::Ended(how) => {
             let acts = [Act::Quit, Act::CycleStart, Act::SetUp, Act::OpenProgram, Act::Messages, Act::View, Act::Tools];
             guide(Grade::Waits, "ENDED", how, &acts)
@@ -103,6 +104,16 @@ fn setup(model: &Model, hand: &Hand) -> Guide {
         (false, _) => format!("{name} is ready"),
     };
     guide(Grade::Waits, if hand.dry { "READY (DRY)" } else { "READY" }, why, &acts)
+}
+
+fn resuming(model: &Model) -> Guide {
+    match &model.question {
+        Some(question) => {
+            let acts = [Act::Agree, Act::Decline, Act::View, Act::Quit];
+            guide(Grade::Waits, "RESUME", question.title.as_str(), &acts)
+        }
+        None => guide(Grade::Well, "RESUMING", "planning up to the breakpoint; nothing moves", &[Act::Quit]),
+    }
 }
 
 fn normal(model: &Model) -> Guide {

@@ -37,12 +37,12 @@ pub enum Open {
     /// Nothing.
     #[default]
     Nothing,
-    /// All keys, from this row on.
+    /// All keys, this page of them; pages begin again behind the last.
     Help(usize),
     /// The tool table.
     Tools,
-    /// All messages.
-    Messages,
+    /// All messages, so many lines above the newest.
+    Messages(usize),
     /// A question, what was typed so far, and what was wrong with it.
     Prompt(Ask, String, Option<String>),
 }
@@ -66,6 +66,9 @@ pub const STEPS_MM: [Option<f64>; 5] = [Some(0.01), Some(0.1), Some(1.0), Some(1
 
 /// The rates that a key gives when it is pressed again and again, in percent.
 const RATES: [Travel; 4] = [100, 50, 25, 10];
+
+/// Lines that all messages may come to, and more.
+const MAX_SCROLL: usize = 2_000;
 
 /// How long a notice is shown, ms.
 const NOTICE_MS: u64 = 4_000;
@@ -181,6 +184,12 @@ impl Hand {
             Act::Turn => return Some(Said::Turn(self.turn(key, now_ms))),
             Act::Leave => Deed::Leave { ask: false },
             Act::LeaveAsk => Deed::Leave { ask: true },
+            Act::Agree if model.question.is_some() => return Some(Said::Answer(true)),
+            Act::Decline if model.question.is_some() => return Some(Said::Answer(false)),
+            Act::Decline => {
+                self.tell("nothing is asked", now_ms);
+                return None;
+            }
             Act::Agree if model.differ.is_empty() => {
                 self.tell("there is nothing to agree to", now_ms);
                 return None;
@@ -234,7 +243,7 @@ impl Hand {
             Act::Quit => ask(Ask::Stop, ""),
             Act::Help => Open::Help(0),
             Act::Tools => Open::Tools,
-            Act::Messages => Open::Messages,
+            Act::Messages => Open::Messages(0),
             _ => Open::Nothing,
         };
         match act {
@@ -328,10 +337,13 @@ impl Hand {
             return (!matches!(model.stage, Stage::Ended(_))).then_some(Said::Deed(Deed::Hold));
         }
         let Open::Prompt(ask, text, wrong) = &mut self.open else {
-            let rows = keys::TABLE.len();
             match (&mut self.open, key) {
-                (Open::Help(from), Key::Down | Key::PageDown) => *from = (*from + 5).min(rows.saturating_sub(5)),
-                (Open::Help(from), Key::Up | Key::PageUp) => *from = from.saturating_sub(5),
+                (Open::Help(page), Key::Down | Key::PageDown | Key::Tab | Key::Char('?')) => *page += 1,
+                (Open::Help(page), Key::Up | Key::PageUp) => *page = page.saturating_sub(1),
+                (Open::Messages(back), Key::Up) => *back = (*back + 1).min(MAX_SCROLL),
+                (Open::Messages(back), Key::PageUp) => *back = (*back + 15).min(MAX_SCROLL),
+                (Open::Messages(back), Key::Down) => *back = back.saturating_sub(1),
+                (Open::Messages(back), Key::PageDown) => *back = back.saturating_sub(15),
                 _ => self.open = Open::Nothing,
             }
             return None;

@@ -61,6 +61,8 @@ pub enum Act {
     LeaveAsk,
     /// Agrees to the outputs.
     Agree,
+    /// Does not agree to what is asked.
+    Decline,
     /// Back by a length.
     BackBy,
     /// Back to the beginning of the block.
@@ -136,12 +138,22 @@ pub enum Situation {
     Ended = 32,
     /// At the end of the program, which has not been released: reverse run is possible.
     ProgramEnd = 64,
+    /// A job is about to be resumed.
+    Resuming = 128,
 }
 
 impl Situation {
     /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::Setup, Self::Run, Self::Retrace, Self::Wheel, Self::Paused, Self::Ended, Self::ProgramEnd];
+    pub const ALL: [Self; 8] = [
+        Self::Setup,
+        Self::Run,
+        Self::Retrace,
+        Self::Wheel,
+        Self::Paused,
+        Self::Ended,
+        Self::ProgramEnd,
+        Self::Resuming,
+    ];
 
     /// The one that the picture shows.
     #[must_use]
@@ -149,6 +161,7 @@ impl Situation {
         match (&model.stage, model.mode) {
             (Stage::Setup, _) => Self::Setup,
             (Stage::Ended(_), _) => Self::Ended,
+            (Stage::Resuming, _) => Self::Resuming,
             (Stage::Job, _) if model.standing == Standing::Paused || model.pause.is_some() => Self::Paused,
             (Stage::Job, Mode::Run) if model.is_at_program_end() => Self::ProgramEnd,
             (Stage::Job, Mode::Run) => Self::Run,
@@ -168,6 +181,7 @@ impl Situation {
             Self::Paused => "while the program is paused",
             Self::Ended => "when the job has ended",
             Self::ProgramEnd => "at the end of the program",
+            Self::Resuming => "before a job is resumed",
         }
     }
 }
@@ -199,6 +213,9 @@ const PROGRAM_END: u8 = Situation::ProgramEnd as u8;
 const JOB: u8 = RUN | RETRACE | WHEEL | PAUSED | PROGRAM_END;
 const MOVING: u8 = RUN | RETRACE | WHEEL | PROGRAM_END;
 const ALWAYS: u8 = SETUP | JOB | ENDED;
+const RESUMING: u8 = Situation::Resuming as u8;
+/// Whatever the situation.
+const EVER: u8 = ALWAYS | RESUMING;
 /// No job runs, or the one that does can be released.
 const FREE: u8 = SETUP | ENDED | PROGRAM_END;
 
@@ -219,7 +236,7 @@ const fn row(
 #[rustfmt::skip]
 pub const TABLE: &[Row] = &[
     row(&[Key::Char('c')], "c", "start", "cycle start: begin, or go on after a hold or stop", ALWAYS, Act::CycleStart),
-    row(&[Key::Char(' '), Key::Char('h')], "Space", "hold", "feed hold, at any time (h too); stops a jog", SETUP | JOB, Act::Hold),
+    row(&[Key::Char(' '), Key::Char('h')], "Space", "hold", "feed hold, at any time (h too); stops a jog", SETUP | JOB | RESUMING, Act::Hold),
     row(&[Key::Char('r')], "r", "reverse", "back along the path; again: 50, 25, 10 %, 100 %", MOVING, Act::Reverse),
     row(&[Key::Char('R')], "R", "rapid back", "back in rapid: up to 800 % with the jet off", MOVING, Act::ReverseRapid),
     row(&[Key::Char('f')], "f", "forward", "forward over what was cut; again: 50, 25, 10 %", RETRACE | WHEEL, Act::Forward),
@@ -228,7 +245,8 @@ pub const TABLE: &[Row] = &[
     row(ARROWS, "← →", "turn", "turn the wheel back, forward; PgUp PgDn ten counts", WHEEL, Act::Turn),
     row(&[Key::Char('l')], "l", "leave", "leave: forward to where it was, then on", RETRACE | WHEEL, Act::Leave),
     row(&[Key::Char('L')], "L", "leave, ask", "the same, but ask before outputs are restored", RETRACE | WHEEL, Act::LeaveAsk),
-    row(&[Key::Char('y')], "y", "agree", "agree to the outputs that the program wants", RETRACE | WHEEL, Act::Agree),
+    row(&[Key::Char('y')], "y", "agree", "agree to what is asked, as to the outputs", RETRACE | WHEEL | RESUMING, Act::Agree),
+    row(&[Key::Char('n')], "n", "no", "do not agree to what is asked", RESUMING, Act::Decline),
     row(&[Key::Char('b')], "b", "back mm", "back by so many mm", MOVING, Act::BackBy),
     row(&[Key::Char('B')], "B", "block", "back to the start of this block", MOVING, Act::BackBlock),
     row(&[Key::Char('j')], "j", "jet", "back to where the jet came on", MOVING, Act::BackJet),
@@ -250,13 +268,13 @@ pub const TABLE: &[Row] = &[
     row(&[Key::Char('m')], "m", "MDI", "a block by hand", SETUP, Act::Mdi),
     row(&[Key::Char('z')], "z", "zero", "work zero here, of one axis or all", SETUP, Act::WorkZero),
     row(&[Key::Char('d')], "d", "dry run", "dry run: outputs stay as they are", SETUP, Act::DryRun),
-    row(&[Key::Char('T')], "T", "tools", "the tool table", ALWAYS, Act::Tools),
+    row(&[Key::Char('T')], "T", "tools", "the tool table", EVER, Act::Tools),
     row(&[Key::Char('o')], "o", "output", "an output by hand: 3, 3+ or 3-, then Enter", SETUP | JOB, Act::Output),
     row(&[Key::Char('a')], "a", "reset", "alarm reset", ALWAYS, Act::ClearAlarm),
-    row(&[Key::Char('v')], "v", "view", "the drawing from another side", ALWAYS, Act::View),
-    row(&[Key::Char('g')], "g", "log", "all messages", ALWAYS, Act::Messages),
-    row(&[Key::Char('?')], "?", "keys", "all keys", ALWAYS, Act::Help),
-    row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, asked first; quit", ALWAYS, Act::Quit),
+    row(&[Key::Char('v')], "v", "view", "the drawing from another side", EVER, Act::View),
+    row(&[Key::Char('g')], "g", "log", "all messages", EVER, Act::Messages),
+    row(&[Key::Char('?')], "?", "keys", "all keys", EVER, Act::Help),
+    row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, asked first; quit", EVER, Act::Quit),
 ];
 
 /// What a key does in a situation; the row that has it.

@@ -27,6 +27,16 @@ impl Lengths {
         Self { steps: VecDeque::from([(place.record, 0.0)]), stride: 1, end: (place, 0.0) }
     }
 
+    /// The same with a path of so many mm before it, from this place on.
+    #[must_use]
+    pub fn behind(mut self, oldest: u32, mm: f64) -> Self {
+        if before(oldest, self.end.0.record) {
+            self.end.1 += mm;
+            self.steps = VecDeque::from([(oldest, 0.0), (self.end.0.record, self.end.1)]);
+        }
+        self
+    }
+
     /// The furthest place.
     #[must_use]
     pub const fn furthest(&self) -> Place {
@@ -97,6 +107,14 @@ mod tests {
             assert!((mm - 0.5 * f64::from(n)).abs() < 1e-6, "{n}: {mm}");
         }
         assert_eq!(lengths.at(Place { record: begin.wrapping_add(10), fraction: 1 << 31 }), 5.25);
+    }
+
+    #[test]
+    fn a_path_before_the_first_place_counts() {
+        let mut lengths = Lengths::from(Place::start_of(500)).behind(100, 40.0);
+        lengths.grow(Place::start_of(501), 1.0, 100);
+        let at = [100, 300, 500, 501].map(|place| lengths.at(Place::start_of(place)));
+        assert_eq!((at, lengths.total_mm()), ([0.0, 20.0, 40.0, 41.0], 41.0));
     }
 
     #[test]

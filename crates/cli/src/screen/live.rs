@@ -2,6 +2,7 @@
 //!
 //! Invariant: what is told is taken in the order in which it is told; the lock is held for the time of one of them at most.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use retrace_controller::event::{Event, Happening};
@@ -10,11 +11,13 @@ use retrace_controller::operator::Deed;
 use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::ONE;
 use retrace_core::mode::Mode;
-use retrace_gcode::FeedMode;
+use retrace_core::place::before;
+use retrace_gcode::{FeedMode, Motion};
 use retrace_link::channel;
 
+use super::event_text;
 use super::lengths::Lengths;
-use super::model::{Active, AlarmShown, Model, Pause, Stage};
+use super::model::{Active, AlarmShown, Model, MotionKind, Pause, Stage};
 use super::trail::{Knot, Trail};
 
 /// Periods over which the speed is a mean, so that it can be read.
@@ -31,13 +34,70 @@ pub struct Live {
     model: Arc<Mutex<Model>>,
     /// The pause as it was before the operator's last word, should that be refused.
     before: Option<Pause>,
+    modes: Modes,
+}
+
+/// Modal states that are kept at most.
+const MAX_MODES: usize = 4096;
+
+/// The modal states along the path of a job, so that the one under the tool is shown wherever the machine goes back to.
+#[derive(Clone, Debug, Default)]
+struct Modes {
+    /// Each from its place on, in the order of the path.
+    states: VecDeque<(u32, ActiveAt)>,
+    /// What was told since the last period.
+    news: Option<ActiveAt>,
+    /// Place of the one that is shown.
+    shown: Option<u32>,
+}
+
+/// A modal state, and the work zero that goes with it.
+#[derive(Clone, Debug, Default)]
+struct ActiveAt {
+    active: Active,
+    work_zero_mm: Vec<f64>,
+}
+
+impl Modes {
+    /// Begins with what is shown, from this place on.
+    fn from(place: u32, model: &Model) -> Self {
+        let now = ActiveAt { active: model.active.clone(), work_zero_mm: model.work_zero_mm.clone() };
+        Self { states: VecDeque::from([(place, now)]), news: None, shown: None }
+    }
+
+    /// A period has come to an end with the cursor at `place`, and `reached` the furthest: shows the state there.
+    fn pass(&mut self, place: u32, reached: u32, model: &mut Model) {
+        if let Some(new) = self.news.take() {
+            if self.states.back().is_some_and(|&(at, _)| at == reached) {
+                self.states.pop_back();
+                self.shown = None;
+            }
+            if self.states.len() >= MAX_MODES {
+                self.states.pop_front();
+            }
+            self.states.push_back((reached, new));
+        }
+        let behind = self.states.partition_point(|&(at, _)| !before(place, at));
+        let Some((at, state)) = self.states.get(behind.saturating_sub(1)) else { return };
+        if self.shown != Some(*at) {
+            self.shown = Some(*at);
+            state.show(model);
+        }
+    }
+}
+
+impl ActiveAt {
+    fn show(&self, model: &mut Model) {
+        model.active = self.active.clone();
+        model.work_zero_mm.clone_from(&self.work_zero_mm);
+    }
 }
 
 impl Live {
     /// Of this picture.
     #[must_use]
-    pub const fn new(model: Arc<Mutex<Model>>) -> Self {
-        Self { model, before: None }
+    pub fn new(model: Arc<Mutex<Model>>) -> Self {
+        Self { model, before: None, modes: Modes::default() }
     }
 }
 
@@ -46,7 +106,12 @@ impl<const A: usize> Observer<A> for Live {
         let mut model = locked(&self.model);
         model.changes += 1;
         match told {
-            Told::Period(period) => take_period(&mut model, period),
+            Told::Period(period) => {
+                take_period(&mut model, period);
+                if !period.off_path {
+                    self.modes.pass(period.place.record, period.reached, &mut model);
+                }
+            }
             Told::Output(change) => {
                 model.outputs.insert(change.channel, change.value);
                 let turns = model.output(channel::SPINDLE);
@@ -56,8 +121,19 @@ impl<const A: usize> Observer<A> for Live {
                     pause.online &= pause.started;
                 }
             }
-            Told::Active(active) => take_active(&mut model, active),
-            Told::Event(event) => self.before = take_event(&mut model, event, self.before),
+            Told::Active(active) => {
+                let news = active_at(&model, active);
+                if model.stage != Stage::Job {
+                    news.show(&mut model);
+                }
+                self.modes.news = Some(news);
+            }
+            Told::Event(event) => {
+                self.before = take_event(&mut model, event, self.before);
+                if event.happening == Happening::Started {
+                    self.modes = Modes::from(event.place.record, &model);
+                }
+            }
         }
     }
 }
@@ -97,26 +173,34 @@ fn take_period<const A: usize>(model: &mut Model, period: &Period<A>) {
     if model.lengths.furthest().to(period.place) > 0 {
         model.lengths.grow(period.place, step_mm, period.oldest);
         model.reached_line = period.line;
-        let knot = Knot { along_mm: model.lengths.total_mm(), at: model.in_space(), rapid: false };
+        let knot = Knot { along_mm: model.lengths.total_mm(), at: model.in_space(), rapid: model.is_rapid() };
         model.trail.push(knot);
     }
 }
 
 /// The modal state, its feed in mm/min where that is what it is, and the work zero that follows from it.
-fn take_active(model: &mut Model, active: &retrace_gcode::Active) {
+fn active_at(model: &Model, active: &retrace_gcode::Active) -> ActiveAt {
     let unit_mm = active.units.millimetres();
     let per_minute = active.feed_mode == FeedMode::UnitsPerMinute && active.feed_rate > 0.0;
-    model.active = Active {
+    let motion = match active.motion {
+        Some(Motion::Traverse) => MotionKind::Rapid,
+        Some(Motion::Cycle(_)) => MotionKind::Cycle,
+        _ => MotionKind::Feed,
+    };
+    let shown = Active {
         modal: active.to_string(),
         feed: per_minute.then_some(active.feed_rate * unit_mm),
         tool: i32::try_from(active.current_tool).ok(),
+        motion,
     };
-    for (zero, axis) in model.work_zero_mm.iter_mut().zip(&model.facts.axes) {
+    let mut work_zero_mm = model.work_zero_mm.clone();
+    for (zero, axis) in work_zero_mm.iter_mut().zip(&model.facts.axes) {
         let Some(index) = AXIS_LETTERS.iter().position(|&letter| letter == axis.letter) else { continue };
         let offsets = [&active.origin, &active.g92_offset, &active.tool_offset];
         let sum: f64 = offsets.iter().map(|offset| offset.0[index]).sum();
         *zero = if matches!(axis.letter, 'a'..='c') { sum } else { sum * unit_mm };
     }
+    ActiveAt { active: shown, work_zero_mm }
 }
 
 /// How far the machine moved in a period: along its linear axes, or where none of them moves, along the others.
@@ -166,7 +250,9 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
         }
         _ => {}
     }
-    model.say(event.time_s, event.line, event.text());
+    for text in event_text::lines(model, event) {
+        model.say(event.time_s, event.line, text);
+    }
     keep
 }
 
@@ -175,7 +261,9 @@ fn begin(model: &mut Model, event: &Event) {
     (model.stage, model.began, model.alarm) = (Stage::Job, event.period, None);
     (model.ended, model.standing) = (None, Standing::None);
     (model.single, model.underruns, model.override_planned) = (false, 0, 1.0);
-    (model.trail, model.lengths) = (Trail::default(), Lengths::from(event.place));
+    let lengths = Lengths::from(event.place);
+    let lengths = model.history_before.take().map_or(lengths.clone(), |(oldest, mm)| lengths.behind(oldest, mm));
+    (model.trail, model.lengths) = (Trail::default(), lengths);
     let at = model.in_space();
     model.trail.push(Knot { along_mm: 0.0, at, rapid: false });
 }

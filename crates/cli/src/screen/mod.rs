@@ -6,6 +6,7 @@
 //! Invariant: the terminal is as it was before, however the loop ends.
 
 pub mod diagnostic_text;
+mod event_text;
 pub mod facts;
 mod files;
 mod guide;
@@ -67,6 +68,8 @@ pub enum Said {
     SetUp,
     /// Another program is to be loaded, from this file.
     Load(PathBuf),
+    /// What was asked is agreed to, or not.
+    Answer(bool),
     /// The operator has read why the program is refused.
     CloseRefusal,
     /// A dry run is wanted, or not.

@@ -24,6 +24,8 @@ pub enum Stage {
     /// None runs: the machine is being set up.
     #[default]
     Setup,
+    /// One that was interrupted is about to be resumed: its breakpoint is looked for, or the operator is asked.
+    Resuming,
     /// One runs.
     Job,
     /// It has ended; how, in words.
@@ -43,6 +45,15 @@ pub struct AlarmShown {
     pub is_refusal: bool,
 }
 
+/// A question that is answered with yes or no.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Question {
+    /// In a few words.
+    pub title: String,
+    /// What there is to know before it is answered.
+    pub lines: Vec<String>,
+}
+
 /// Something that was told.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Message {
@@ -52,6 +63,23 @@ pub struct Message {
     pub line: u32,
     /// What.
     pub text: String,
+    /// How often it was told, lately.
+    pub times: u32,
+}
+
+/// A message that was told so few messages ago is counted, and not repeated.
+const REPEATED_WITHIN: usize = 8;
+
+/// Is an axis homed?
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AxisHoming {
+    /// It has no home switch, or the card is one that needs none.
+    #[default]
+    NotNeeded,
+    /// Since the card was switched on.
+    Homed,
+    /// Not since the card was switched on.
+    NotHomed,
 }
 
 /// How far a pause has come (DNC-1 … DNC-6).
@@ -76,6 +104,20 @@ pub struct Active {
     pub feed: Option<f64>,
     /// Number of the tool.
     pub tool: Option<i32>,
+    /// What moves along the path.
+    pub motion: MotionKind,
+}
+
+/// What kind of motion a block commands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MotionKind {
+    /// At the programmed feed.
+    #[default]
+    Feed,
+    /// A rapid move.
+    Rapid,
+    /// A canned cycle: some of its moves are rapid.
+    Cycle,
 }
 
 /// How long the screen takes to draw itself, ms.
@@ -107,6 +149,8 @@ pub struct Model {
     pub stage: Stage,
     /// Has every axis been homed? Where it has not, no program moves.
     pub homed: bool,
+    /// Which axes have been homed, in the order of the axes.
+    pub homing: Vec<AxisHoming>,
     /// Control periods since the card started, and when the job began.
     pub period: u64,
     /// The period in which the job began.
@@ -165,6 +209,10 @@ pub struct Model {
     pub differ: Vec<(u8, i32, i32)>,
     /// How far a pause has come.
     pub pause: Option<Pause>,
+    /// What the operator is asked.
+    pub question: Option<Question>,
+    /// Of a job that is resumed: the oldest place that can be gone back to, and the length of the path from there, mm.
+    pub history_before: Option<(u32, f64)>,
     /// What was told last, the newest at the end.
     pub messages: VecDeque<Message>,
     /// Where the machine went.
@@ -189,6 +237,7 @@ impl Model {
         Self {
             stage: Stage::Setup,
             homed: true,
+            homing: vec![AxisHoming::default(); axes],
             period: 0,
             began: 0,
             ended: None,
@@ -218,6 +267,8 @@ impl Model {
             alarm: None,
             differ: Vec::new(),
             pause: None,
+            question: None,
+            history_before: None,
             messages: VecDeque::new(),
             trail: Trail::default(),
             lengths: Lengths::from(Place::start_of(first)),
@@ -275,6 +326,19 @@ impl Model {
         f64::from(span(self.place.record, self.planned)) * self.facts.period_s
     }
 
+    /// Does the machine move in rapid? In a canned cycle, whatever is faster than the programmed feed.
+    #[must_use]
+    pub fn is_rapid(&self) -> bool {
+        let fastest = self.active.feed.unwrap_or(0.0) * self.override_rate.max(1.0) * 1.02;
+        !self.at_rest
+            && !self.off_path
+            && match self.active.motion {
+                MotionKind::Rapid => true,
+                MotionKind::Cycle => self.feed_mm_min > fastest,
+                MotionKind::Feed => false,
+            }
+    }
+
     /// Machine time that the job has run, up to the end of its program, s.
     #[must_use]
     pub fn run_s(&self) -> f64 {
@@ -302,12 +366,17 @@ impl Model {
         self.outputs.iter().filter(|&(&c, &v)| usize::from(c) < channel::DIGITAL && v != 0).map(|(&c, _)| c)
     }
 
-    /// Adds a message.
+    /// Adds a message. One that was told a moment ago is counted.
     pub fn say(&mut self, time_s: f64, line: u32, text: impl Into<String>) {
+        let text = text.into();
+        let recent = self.messages.len().saturating_sub(REPEATED_WITHIN);
+        let same =
+            (recent..self.messages.len()).find(|&at| self.messages[at].text == text && self.messages[at].line == line);
+        let times = same.and_then(|at| self.messages.remove(at)).map_or(1, |before| before.times.saturating_add(1));
         if self.messages.len() >= MESSAGES {
             self.messages.pop_front();
         }
-        self.messages.push_back(Message { time_s, line, text: text.into() });
+        self.messages.push_back(Message { time_s, line, text, times });
         self.changes += 1;
     }
 
@@ -323,6 +392,12 @@ impl Model {
         (self.stage, self.pause) = (Stage::Ended(how.into()), None);
         self.differ.clear();
         self.say(self.period as f64 * self.facts.period_s, self.line, how);
+    }
+
+    /// The operator is asked something, or nothing any more.
+    pub fn ask(&mut self, question: Option<Question>) {
+        self.question = question;
+        self.changes += 1;
     }
 
     /// The alarm has been cleared.

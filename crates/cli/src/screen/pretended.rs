@@ -130,7 +130,7 @@ impl Pretended {
                     self.event(Happening::OrderRefused(why));
                 }
             }
-            Said::DryRun(_) | Said::SetUp | Said::Load(_) | Said::CloseRefusal | Said::Quit => {}
+            Said::DryRun(_) | Said::SetUp | Said::Load(_) | Said::Answer(_) | Said::CloseRefusal | Said::Quit => {}
         }
     }
 

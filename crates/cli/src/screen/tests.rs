@@ -18,7 +18,7 @@ use super::facts::{AxisFacts, Facts, Planned, Text};
 use super::hand::{Ask, Hand, Open};
 use super::keys::{Key, TABLE};
 use super::live::locked;
-use super::model::{AlarmShown, Model, Pause, Stage};
+use super::model::{AlarmShown, AxisHoming, Model, Pause, Stage};
 use super::pretended::{self, Pretended, Tape};
 use super::trail::Knot;
 use super::{Said, layout, view};
@@ -159,6 +159,52 @@ fn the_screens_are_as_they_were_looked_at() {
     });
     bench.is_as("10-alarm", 80, 24);
     bench.is_as("11-too-small", 60, 10);
+}
+
+fn with_messages(texts: &[&str]) -> Model {
+    let letters = ['x', 'y', 'z'];
+    let axes = letters.map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] }).to_vec();
+    let mut model = Model::new(Arc::new(Facts { axes, ..Facts::default() }));
+    texts.iter().for_each(|message| model.say(1.0, 0, *message));
+    model
+}
+
+#[test]
+fn a_fault_that_comes_again_and_again_is_one_message() {
+    let model = with_messages(&["one", "E1", "E2", "E1", "E2", "E1"]);
+    let messages: Vec<_> = model.messages.iter().map(|message| (message.text.as_str(), message.times)).collect();
+    assert_eq!(messages, [("one", 1), ("E2", 2), ("E1", 3)]);
+    assert!(text(&drawn(&model, &Hand::new(), 80, 24, 0)).contains("E1  ×3"));
+}
+
+#[test]
+fn all_messages_are_shown_whole_and_all_keys_on_pages() {
+    let long = "word ".repeat(60) + "end of it";
+    let model = with_messages(&[&long, "the last"]);
+    let mut hand = Hand::new();
+    let _ = hand.key(Key::Char('g'), 0, &model);
+    let shown = text(&drawn(&model, &hand, 80, 24, 0));
+    assert!(shown.contains("end of it") && shown.contains("the last") && !shown.contains("word…"), "{shown}");
+    let _ = hand.key(Key::Esc, 0, &model);
+    let _ = hand.key(Key::Char('?'), 0, &model);
+    let mut pages = String::new();
+    for _ in 0..6 {
+        pages += &text(&drawn(&model, &hand, 80, 24, 0));
+        let _ = hand.key(Key::Down, 0, &model);
+    }
+    for row in TABLE {
+        // A long line may go on in the next one.
+        let begins: String = row.long.chars().take(40).collect();
+        assert!(pages.contains(&begins), "{} is on no page", row.long);
+    }
+}
+
+#[test]
+fn every_axis_says_whether_it_is_homed() {
+    let mut model = with_messages(&[]);
+    model.homing = vec![AxisHoming::Homed, AxisHoming::NotHomed, AxisHoming::NotNeeded];
+    let shown = text(&drawn(&model, &Hand::new(), 80, 24, 0));
+    assert!(shown.contains("X ✓") && shown.contains("Y ?") && shown.contains("Z   "), "{shown}");
 }
 
 /// From hold to backing up, wheel and on: what a person reads and presses, and that the machine comes back to the pulse.
@@ -305,7 +351,7 @@ fn any_open() -> impl Strategy<Value = Open> {
         Just(Open::Nothing),
         (0..90usize).prop_map(Open::Help),
         Just(Open::Tools),
-        Just(Open::Messages),
+        (0..300usize).prop_map(Open::Messages),
         "\\PC{0,300}".prop_map(|text| Open::Prompt(Ask::Mdi, text.clone(), Some(text))),
         Just(Open::Prompt(Ask::Stop, String::new(), None)),
     ]

@@ -24,6 +24,8 @@ pub enum Entry {
     Mark(#[serde(with = "mark")] index::Mark),
     /// From a place on, another override was planned.
     Override(Override),
+    /// The program was cut off or refused: the path rests behind this block.
+    Rest(Rest),
     /// Where the machine was.
     At(Box<At>),
     /// Something happened: the event as `--json` shows it.
@@ -91,6 +93,10 @@ pub enum Source {
     StandardInput,
     /// A TCP socket, by its address.
     Socket(String),
+    /// A serial line, as it was named, without `serial:`.
+    Serial(String),
+    /// A FIFO or a character device, by its absolute path.
+    Device(String),
 }
 
 /// What a file is to the job.
@@ -214,6 +220,14 @@ pub struct Override {
     pub place: u32,
     /// The factor, in units of 2⁻³².
     pub planned: i64,
+}
+
+/// The program was cut off or refused, and the path was planned to rest there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rest {
+    /// Number of the last block that was planned, from 1.
+    pub block: u64,
 }
 
 /// Where the machine was.
@@ -504,6 +518,7 @@ pub(crate) mod tests {
         prop_oneof![
             4 => marks().prop_map(Entry::Mark),
             1 => any::<(u32, i64)>().prop_map(|(place, planned)| Entry::Override(Override { place, planned })),
+            1 => any::<u64>().prop_map(|block| Entry::Rest(Rest { block })),
             2 => ats().prop_map(|at| Entry::At(Box::new(at))),
             1 => value.prop_map(Entry::Event),
             1 => any::<(u64, bool)>().prop_map(|(bytes, ended)| Entry::Spooled(Spooled { bytes, ended })),

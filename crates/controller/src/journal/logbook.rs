@@ -10,7 +10,7 @@ use std::thread::{self, JoinHandle};
 
 pub use super::desk::Care;
 use super::desk::{Desk, State};
-use super::entry::{End, Entry, Job, Override, Resumed, Spooled};
+use super::entry::{End, Entry, Job, Override, Rest, Resumed, Spooled};
 use super::line;
 use super::reader::Tail;
 use super::spool::Progress;
@@ -181,6 +181,7 @@ impl Index for Notes {
                     self.desk.note(Entry::Mark(mark));
                 }
             }
+            Note::Rest { block } => self.desk.note(Entry::Rest(Rest { block })),
             Note::Override { place, planned } => {
                 let noted = Override { place, planned };
                 if self.overrides.front() == Some(&noted) {

@@ -47,6 +47,8 @@ pub struct JobRecord {
     path: PathBuf,
     /// With the number of its line, each.
     overrides: Vec<(u64, Override)>,
+    /// Blocks behind which the path rests because the program was cut off or refused.
+    rests: Vec<u64>,
 }
 
 /// Where a machine was.
@@ -96,6 +98,7 @@ impl JobRecord {
             tail: Tail::default(),
             path: path.to_owned(),
             overrides: Vec::new(),
+            rests: Vec::new(),
         }
     }
 
@@ -111,6 +114,11 @@ impl JobRecord {
                 // What was planned beyond is of a plan that has been given up.
                 self.overrides.retain(|(_, old)| before(old.place, new.place));
                 self.overrides.push((number, new));
+            }
+            Entry::Rest(rest) => {
+                if self.rests.last() != Some(&rest.block) {
+                    self.rests.push(rest.block);
+                }
             }
             Entry::At(at) => {
                 self.stood = Stood { start: at.start(), counts: at.counts.clone() };
@@ -151,6 +159,12 @@ impl JobRecord {
     #[must_use]
     pub fn overrides(&self) -> Vec<Override> {
         self.overrides.iter().map(|(_, planned)| *planned).collect()
+    }
+
+    /// The blocks behind which the path was planned to rest because the program was cut off or refused there, in the order of the runs.
+    #[must_use]
+    pub fn rests(&self) -> &[u64] {
+        &self.rests
     }
 
     /// Reads the marks that count again, in the order of their places.
@@ -401,7 +415,7 @@ mod tests {
 
     #[test]
     fn a_mark_stands_behind_what_was_kept_of_the_program_it_is_of() {
-        const PROGRAM: &[u8] = b"G1 X1\nG1 X2\n";
+        const PROGRAM: &[u8] = b"G1 X1\nM2   \n";
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("journal");
         let store = FileStore::create(&path).expect("a file");

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::entry::Spooled;
+use crate::program_end::ProgramEndDetector;
 use crate::refusal::Refusal;
 use crate::state_file;
 
@@ -60,6 +61,8 @@ pub struct Spooling<R> {
     marks: Arc<Marks>,
     /// Bytes of what waits in `from` that are in the spool already.
     ahead: usize,
+    /// Whether what is in the spool comes to a program end.
+    end: ProgramEndDetector,
 }
 
 impl<R: BufRead> Spooling<R> {
@@ -77,7 +80,7 @@ impl<R: BufRead> Spooling<R> {
         let marks = Arc::new(Marks { bytes: AtomicU64::new(spooled.bytes), ended: AtomicBool::new(spooled.ended) });
         let progress =
             Progress { file: file.try_clone()?, marks: Arc::clone(&marks), synced: Spooled::default(), broken: None };
-        Ok((Self { from, file, marks, ahead: 0 }, progress))
+        Ok((Self { from, file, marks, ahead: 0, end: ProgramEndDetector::default() }, progress))
     }
 }
 
@@ -91,8 +94,10 @@ impl<R: BufRead> BufRead for Spooling<R> {
             self.file.write_all(new).map_err(told)?;
             self.ahead = waiting.len();
             self.marks.bytes.fetch_add(new.len() as u64, Ordering::Release);
+            self.end.push(new);
         }
-        if waiting.is_empty() {
+        // A sender that was cut off has not sent all of the program.
+        if waiting.is_empty() && self.end.is_reached() {
             self.marks.ended.store(true, Ordering::Release);
         }
         Ok(waiting)
@@ -142,7 +147,8 @@ impl<R: BufRead> Respooled<R> {
         let again = match again {
             None if !spooled.ended => {
                 let what = format!("only the first {} bytes of the program had arrived and were kept", spooled.bytes);
-                return Err(Refusal::new("E2208", what, "send the program again from its beginning"));
+                let remedy = "send the program again from its beginning: name its file with --program FILE";
+                return Err(Refusal::new("E2208", what, remedy));
             }
             again => again.filter(|_| !spooled.ended),
         };
@@ -187,6 +193,7 @@ impl<R: BufRead> Respooled<R> {
                 let what = if is.is_empty() { "ends before" } else { "differs in" };
                 return Err(io::Error::other(Differs { what, line }));
             }
+            again.end.push(&was[..common]);
             kept.consume(common);
             again.from.consume(common);
         }
@@ -290,6 +297,25 @@ mod tests {
         assert_eq!(all(&mut spooling).ok().as_deref(), Some(PROGRAM));
         assert_eq!(progress.spooled(), Spooled { bytes: PROGRAM.len() as u64, ended: true });
         assert_eq!(std::fs::read(folder.file()).ok().as_deref(), Some(PROGRAM));
+    }
+
+    #[test]
+    fn a_sender_that_was_cut_off_has_not_ended_the_program() {
+        let folder = Folder::new();
+        for (sent, ended) in [("G0 X1\nM2\n", true), ("G0 X1\nM2", true), ("G0 X1\nM3", false), ("G0 X1\n", false)] {
+            let _ = std::fs::remove_file(folder.file());
+            let (spooling, progress) = Spooling::create(&folder.file(), sent.as_bytes()).expect("a spool");
+            all(spooling).expect("readable");
+            assert_eq!(progress.spooled(), Spooled { bytes: sent.len() as u64, ended }, "{sent:?}");
+        }
+        // the end of the program lies on both sides of what was kept
+        for kept in 0..PROGRAM.len() as u64 {
+            std::fs::write(folder.file(), PROGRAM).expect("written");
+            let spooled = Spooled { bytes: kept, ended: false };
+            let (again, progress) = Respooled::open(&folder.file(), spooled, Some(PROGRAM)).expect("a part");
+            all(again).expect("readable");
+            assert_eq!(progress.spooled(), Spooled { bytes: PROGRAM.len() as u64, ended: true }, "{kept}");
+        }
     }
 
     #[test]

@@ -9,6 +9,7 @@ use serde::Deserialize;
 
 use super::axis::Axis;
 use super::cutter::WrittenCutter;
+use super::serial::WrittenSerial;
 use super::setting_up::{WrittenHoming, WrittenManual};
 use crate::card::WrittenCard;
 use crate::refusal::{Refusal, nearest};
@@ -140,6 +141,7 @@ pub(super) struct MachineFile {
     pub(super) manual: WrittenManual,
     pub(super) wheel: WheelSettings,
     pub(super) card: WrittenCard,
+    pub(super) serial: WrittenSerial,
     pub(super) code: BTreeMap<String, CodeSettings>,
 }
 
@@ -167,6 +169,7 @@ impl Default for MachineFile {
             manual: WrittenManual::default(),
             wheel: WheelSettings::default(),
             card: WrittenCard::default(),
+            serial: WrittenSerial::default(),
             code: BTreeMap::new(),
         }
     }

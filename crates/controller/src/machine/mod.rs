@@ -6,6 +6,7 @@
 mod axis;
 pub(crate) mod cutter;
 mod file;
+mod serial;
 mod setting_up;
 
 use std::collections::BTreeMap;
@@ -18,6 +19,7 @@ pub use self::cutter::{Cutter, CutterKind};
 pub(crate) use self::file::within;
 use self::file::{MachineFile, WrittenOutput};
 pub use self::file::{RetraceOutputs, ToolChange, WheelSettings};
+pub use self::serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
 pub use self::setting_up::SettingUp;
 use self::setting_up::Written;
 use crate::card::CardSettings;
@@ -63,6 +65,8 @@ pub struct Machine {
     pub wheel_periods: u16,
     /// Handwheel counts in that time that make rate 1.
     pub wheel_counts: u16,
+    /// How programs come over a serial line.
+    pub serial: SerialSettings,
     /// What the card is told besides.
     pub card: CardSettings,
     /// What M, S and T codes switch, how, and for how long.
@@ -166,6 +170,7 @@ impl Machine {
             tool_change: file.tool_change,
             output_names,
             card,
+            serial: file.serial.checked()?,
             wheel_periods,
             wheel_counts: wheel_counts.round().clamp(1.0, 65_535.0) as u16,
             switching: SwitchingTable::new(&file.code, period_us)?,

@@ -9,11 +9,18 @@ use retrace_link::channel;
 
 use super::{Look, fitted, pane, put_at};
 use crate::screen::hand::{Hand, STEPS_MM};
-use crate::screen::model::{Model, Stage};
+use crate::screen::model::{AxisHoming, Model, Stage};
 
 /// Machine, work, and to go, axis by axis.
 pub(super) fn position(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, look: Look) {
-    let inside = pane(out, area, "position, mm", look);
+    let marks = if model.homing.contains(&AxisHoming::NotHomed) {
+        " · ✓ homed  ? not"
+    } else if model.homing.contains(&AxisHoming::Homed) {
+        " · ✓ homed"
+    } else {
+        ""
+    };
+    let inside = pane(out, area, &format!("position, mm{marks}"), look);
     let header = format!("{:>12}{:>12}{:>11}", "machine", "work", "to go");
     put_at(out, inside, 2, 0, &header, look.faint());
     let is_jogged = model.stage == Stage::Setup || model.pause.is_some();
@@ -22,11 +29,16 @@ pub(super) fn position(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand,
         let to_go = model.to_go_mm(axis).map_or("-".into(), figure);
         let line = format!("{:>12}{:>12}{to_go:>11}", figure(model.machine_mm(axis)), figure(model.work_mm(axis)));
         let name = facts.letter.to_ascii_uppercase().to_string();
+        put_at(out, inside, 2, row, &line, Style::new().add_modifier(Modifier::BOLD));
         put_at(out, inside, 1, row, &name, Style::new().add_modifier(Modifier::BOLD));
+        match model.homing.get(axis) {
+            Some(AxisHoming::Homed) => put_at(out, inside, 3, row, "✓", look.well()),
+            Some(AxisHoming::NotHomed) => put_at(out, inside, 3, row, "?", look.waits()),
+            _ => {}
+        }
         if is_jogged && axis == hand.axis {
             put_at(out, inside, 0, row, ">", look.waits());
         }
-        put_at(out, inside, 2, row, &line, Style::new().add_modifier(Modifier::BOLD));
     }
 }
 
@@ -79,6 +91,9 @@ enum Side {
 }
 
 fn programmed(model: &Model) -> String {
+    if model.is_rapid() {
+        return "rapid".into();
+    }
     model.active.feed.map_or(String::new(), |feed| format!("of F{feed:.0}"))
 }
 

@@ -7,7 +7,7 @@ use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 
 use super::{Look, fitted, pane, put_at};
-use crate::screen::model::{Model, Stage};
+use crate::screen::model::{Message, Model, Stage};
 
 /// The program, with `>` at the active block, and `x` at the furthest one.
 pub(super) fn program(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
@@ -53,8 +53,15 @@ pub(super) fn messages(out: &mut Buffer, area: Rect, model: &Model, look: Look) 
     for (row, message) in model.messages.iter().skip(skip).enumerate() {
         let is_last = row + skip + 1 == model.messages.len();
         let style = if is_last { Style::new() } else { look.faint() };
-        let line = format!("{:9.2} s  line {:>6}  {}", message.time_s, message.line, message.text);
+        let line = told(message);
         let line = fitted(&line, usize::from(area.width).saturating_sub(2));
         put_at(out, area, 1, (row + blank) as u16, &line, style);
     }
+}
+
+/// A message in a line, with its time and, where it has one, its program line.
+pub(super) fn told(message: &Message) -> String {
+    let line = if message.line == 0 { String::new() } else { format!("line {}", message.line) };
+    let times = if message.times > 1 { format!("  ×{}", message.times) } else { String::new() };
+    format!("{:9.2} s  {line:<11}  {}{times}", message.time_s, message.text)
 }

@@ -99,6 +99,7 @@ fn head(out: &mut Buffer, area: Rect, model: &Model, guide: &Guide, look: Look) 
     }
     out.set_style(area, style);
     let time = match (&model.stage, model.left()) {
+        (Stage::Job, _) if model.is_at_program_end() => format!("{} run", clock(model.run_s())),
         (Stage::Job, Some(left)) => {
             let about = if left.exact { "" } else { "about " };
             format!("{} run · {about}{} left", clock(model.run_s()), clock(left.seconds))
@@ -108,7 +109,7 @@ fn head(out: &mut Buffer, area: Rect, model: &Model, guide: &Guide, look: Look) 
         }
         (Stage::Job, None) => format!("{} run · end not known", clock(model.run_s())),
         (Stage::Ended(_), _) => format!("{} run", clock(model.run_s())),
-        (Stage::Setup, _) => match model.facts.planned {
+        (Stage::Setup | Stage::Resuming, _) => match model.facts.planned {
             Planned::Known(s) => format!("{} of motion", clock(s)),
             Planned::Reckoning => "reckoning …".into(),
             Planned::Unknown => String::new(),
@@ -197,6 +198,22 @@ fn pane(out: &mut Buffer, area: Rect, title: &str, look: Look) -> Rect {
     let title = fitted(title, usize::from(area.width).saturating_sub(6));
     put(out, area, 2, &format!(" {title} "), Style::new().add_modifier(Modifier::BOLD));
     inside
+}
+
+/// A text in lines of at most so many characters, broken between words where that is possible; lines behind the first are indented.
+fn folded(text: &str, width: usize, indent: usize) -> Vec<String> {
+    let (width, indent) = (width.max(8), indent.min(width / 2));
+    let mut lines = Vec::new();
+    let mut rest: Vec<char> = text.trim_end().chars().collect();
+    while rest.len() > width {
+        let first_word = if lines.is_empty() { 0 } else { indent };
+        let end = (first_word + 1..=width).rev().find(|&at| rest[at] == ' ' && rest[at - 1] != ' ').unwrap_or(width);
+        let behind: Vec<char> = rest.split_off(end).into_iter().skip_while(|&c| c == ' ').collect();
+        lines.push(rest.iter().collect());
+        rest = std::iter::repeat_n(' ', indent).chain(behind).collect();
+    }
+    lines.push(rest.into_iter().collect());
+    lines
 }
 
 /// A text cut to so many characters, with a sign that there was more.

@@ -8,7 +8,8 @@ use ratatui::style::{Modifier, Style};
 use ratatui::widgets::{Clear, Widget};
 use retrace_controller::event::channel_name;
 
-use super::{Look, fitted, pane, put_at};
+use super::listing::told;
+use super::{Look, fitted, folded, pane, put_at};
 use crate::screen::guide::{self, Grade, Guide};
 use crate::screen::hand::{Ask, Hand, Open};
 use crate::screen::keys::{Act, Situation, TABLE, row_for};
@@ -23,9 +24,10 @@ pub(super) fn draw(out: &mut Buffer, path: Rect, model: &Model, hand: &Hand, gui
     match hand.open(model) {
         Open::Help(from) => help(out, model, *from, look),
         Open::Tools => tools(out, model, look),
-        Open::Messages => log(out, model, look),
+        Open::Messages(back) => log(out, model, *back, look),
         Open::Prompt(ask, text, wrong) => prompt(out, *ask, text, wrong.as_deref(), look),
         Open::Nothing => match (&model.alarm, model.pause) {
+            (None, _) if model.question.is_some() => question(out, model, look),
             (None, _) if !model.differ.is_empty() => differ(out, model, look),
             (None, Some(pause)) if guide.grade == Grade::Waits => pause_steps(out, path, pause, look),
             _ => {}
@@ -71,24 +73,44 @@ fn fill(out: &mut Buffer, at: Rect, title: &str, lines: &[String], look: Look) {
     put_at(out, at, 2, 0, &format!(" {} ", fitted(title, usize::from(at.width).saturating_sub(6))), waits);
 }
 
-fn help(out: &mut Buffer, model: &Model, from: usize, look: Look) {
-    let situation = Situation::of(model);
-    // The keys of this situation come first.
-    let here = TABLE.iter().filter(|row| row.when & situation as u8 != 0);
-    let others = TABLE.iter().filter(|row| row.when & situation as u8 == 0);
-    let mut lines = vec![format!("Now, {}:", situation.words())];
-    lines.extend(here.map(|row| format!("  {:<7} {}", row.shown, row.long)));
-    lines.push(String::new());
-    lines.push("At other times:".into());
-    lines.extend(others.map(|row| {
-        let when = Situation::ALL.into_iter().find(|&s| row.when & s as u8 != 0).map_or("", Situation::words);
-        format!("  {:<7} {} ({when})", row.shown, row.long)
-    }));
-    let room = usize::from(out.area.height.saturating_sub(4));
-    let from = from.min(lines.len().saturating_sub(room));
-    let more = if from + room < lines.len() { "↓ more · " } else { "" };
-    let shown: Vec<String> = lines.into_iter().skip(from).take(room).collect();
-    boxed(out, &format!("keys · {more}any other key closes"), &shown, look);
+/// All keys, a page at a time: those of this situation first, then the others by situation.
+fn help(out: &mut Buffer, model: &Model, page: usize, look: Look) {
+    let width = usize::from(out.area.width).saturating_sub(5);
+    let lines: Vec<String> = help_lines(Situation::of(model), width);
+    let room = usize::from(out.area.height.saturating_sub(4)).max(1);
+    let pages = lines.len().div_ceil(room);
+    let page = page % pages.max(1);
+    let mut shown: Vec<String> = lines.into_iter().skip(page * room).take(room).collect();
+    // Every page is as large as the first, so that the box stays where it is.
+    shown.resize(room.min(shown.len().max(room)), String::new());
+    let longest = shown.iter().map(|line| line.chars().count()).max().unwrap_or(0);
+    if let Some(first) = shown.first_mut() {
+        *first = format!("{first:width$}", width = longest.max(60).min(width));
+    }
+    boxed(out, &format!("keys · page {} of {pages} · ↓ next  ↑ back  Esc closes", page + 1), &shown, look);
+}
+
+/// The help, by situation: each key under the first in which it works.
+fn help_lines(situation: Situation, width: usize) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut listed: u128 = 0;
+    let others = Situation::ALL.into_iter().filter(|&other| other != situation);
+    for (number, section) in std::iter::once(situation).chain(others).enumerate() {
+        let mut rows = Vec::new();
+        for (bit, row) in TABLE.iter().enumerate() {
+            if row.when & section as u8 != 0 && listed >> bit & 1 == 0 {
+                listed |= 1 << bit;
+                rows.extend(folded(&format!("  {:<7} {}", row.shown, row.long), width, 10));
+            }
+        }
+        if rows.is_empty() {
+            continue;
+        }
+        let now = if number == 0 { "Now, " } else { "Also " };
+        lines.push(format!("{now}{}:", section.words()));
+        lines.append(&mut rows);
+    }
+    lines
 }
 
 fn tools(out: &mut Buffer, model: &Model, look: Look) {
@@ -100,19 +122,17 @@ fn tools(out: &mut Buffer, model: &Model, look: Look) {
     boxed(out, "tools · any key closes", &lines, look);
 }
 
-fn log(out: &mut Buffer, model: &Model, look: Look) {
-    let room = usize::from(out.area.height.saturating_sub(4));
-    let skip = model.messages.len().saturating_sub(room);
-    let mut lines: Vec<String> = model
-        .messages
-        .iter()
-        .skip(skip)
-        .map(|m| format!("{:9.2} s  line {:>6}  {}", m.time_s, m.line, m.text))
-        .collect();
+/// All messages, each as long as it is, the newest below; `back`: lines above the newest.
+fn log(out: &mut Buffer, model: &Model, back: usize, look: Look) {
+    let room = usize::from(out.area.height.saturating_sub(4)).max(1);
+    let width = usize::from(out.area.width).saturating_sub(5);
+    let all: Vec<String> = model.messages.iter().flat_map(|message| folded(&told(message), width, 26)).collect();
+    let end = all.len().saturating_sub(back).max(room.min(all.len()));
+    let mut lines = all[end.saturating_sub(room)..end].to_vec();
     if lines.is_empty() {
         lines.push("Nothing yet.".into());
     }
-    boxed(out, "messages, the newest below · any key closes", &lines, look);
+    boxed(out, "messages, the newest below · ↑ ↓ PgUp PgDn · any other key closes", &lines, look);
 }
 
 fn prompt(out: &mut Buffer, ask: Ask, text: &str, wrong: Option<&str>, look: Look) {
@@ -140,8 +160,8 @@ fn prompt(out: &mut Buffer, ask: Ask, text: &str, wrong: Option<&str>, look: Loo
 fn alarm(out: &mut Buffer, model: &Model, look: Look) {
     let Some(alarm) = &model.alarm else { return };
     let width = usize::from(out.area.width.clamp(20, 90)) - 6;
-    let mut lines = folded("What: ", &alarm.cause, width);
-    lines.extend(folded("Do:   ", &alarm.remedy, width));
+    let mut lines = folded(&format!("What: {}", alarm.cause), width, 6);
+    lines.extend(folded(&format!("Do:   {}", alarm.remedy), width, 6));
     lines.push(String::new());
     if alarm.is_refusal {
         lines.push("a or Esc closes this box".into());
@@ -152,20 +172,13 @@ fn alarm(out: &mut Buffer, model: &Model, look: Look) {
     }
 }
 
-fn folded(label: &str, text: &str, width: usize) -> Vec<String> {
-    let mut lines = vec![label.to_string()];
-    for word in text.split_whitespace() {
-        match lines.last_mut() {
-            Some(line) if line.chars().count() + word.chars().count() < width => {
-                if !line.ends_with(' ') {
-                    line.push(' ');
-                }
-                line.push_str(word);
-            }
-            _ => lines.push(format!("      {word}")),
-        }
-    }
-    lines
+fn question(out: &mut Buffer, model: &Model, look: Look) {
+    let Some(question) = &model.question else { return };
+    let width = usize::from(out.area.width.clamp(20, 110)) - 6;
+    let mut lines: Vec<String> = question.lines.iter().flat_map(|line| folded(line, width, 11)).collect();
+    lines.push(String::new());
+    lines.push("y agrees · n does not".into());
+    boxed(out, &question.title, &lines, look);
 }
 
 fn differ(out: &mut Buffer, model: &Model, look: Look) {

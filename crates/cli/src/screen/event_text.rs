@@ -1,0 +1,88 @@
+//! Events in words for the operator at the screen: what he did and what the machine did, without the syntax of scripts.
+//!
+//! Invariant: whatever has no words of its own here is shown as everywhere else.
+
+use retrace_controller::dnc::Step;
+use retrace_controller::event::{Event, Happening};
+use retrace_controller::operator::{Deed, percent};
+use retrace_link::channel;
+
+use super::diagnostic_text;
+use super::model::Model;
+
+/// An event in words, a line each; none where it is no news for an operator.
+#[must_use]
+pub fn lines(model: &Model, event: &Event) -> Vec<String> {
+    let text = match &event.happening {
+        Happening::Started => "the program begins".into(),
+        Happening::Mode(mode) => match mode_words(mode) {
+            Some(words) => words.into(),
+            None => return Vec::new(),
+        },
+        Happening::Operator(deed) => format!("you: {}", deed_words(model, deed)),
+        Happening::OrderRefused(why) => format!("not possible: {why}"),
+        Happening::SwitchedInPassing(number, value) => output_words(model, *number, *value),
+        Happening::Dnc(dnc) => match dnc.step {
+            Step::Paused { .. } => "paused: the breakpoint is kept".into(),
+            Step::Jogged { axis, mm, cut_short, .. } => {
+                let short = if cut_short { ", cut short" } else { "" };
+                format!("{} moved by {mm:.3} mm{short}", axis.to_ascii_uppercase())
+            }
+            _ => event.text(),
+        },
+        Happening::Alarm(_) => return diagnostic_text::in_words(&event.text()),
+        _ => event.text(),
+    };
+    vec![text]
+}
+
+/// A mode of operation. The way back to the furthest place and the wait there are said by what follows.
+fn mode_words(mode: &str) -> Option<&'static str> {
+    Some(match mode {
+        "run" => "along the program",
+        "reverse" => "reverse run",
+        "forward" => "forward run",
+        "wheel" => "handwheel",
+        _ => return None,
+    })
+}
+
+fn deed_words(model: &Model, deed: &Deed) -> String {
+    match deed {
+        Deed::Hold => "feed hold".into(),
+        Deed::Resume | Deed::CycleStart => "cycle start".into(),
+        Deed::Reverse(rate) => format!("reverse run, {:.0} %", percent(*rate)),
+        Deed::Forward(rate) => format!("forward run, {:.0} %", percent(*rate)),
+        Deed::Override(rate) => format!("override {:.0} %", percent(*rate)),
+        Deed::Wheel { .. } => "handwheel".into(),
+        Deed::Leave { ask: false } => "forward and on with the program".into(),
+        Deed::Leave { ask: true } => "forward and on, asking before outputs change".into(),
+        Deed::Agree => "agreed".into(),
+        Deed::Output { number, on } => format!("{} by hand", output_words(model, *number, i32::from(*on))),
+        Deed::Single => format!("single block {}", if model.single { "on" } else { "off" }),
+        Deed::Stop => "stop the job".into(),
+        Deed::BackBy(mm) => format!("back by {mm} mm"),
+        Deed::BackToBlock => "back to the start of the block".into(),
+        Deed::BackToJet => "back to where the jet came on".into(),
+        Deed::Pause => "pause".into(),
+        Deed::SpindleStop => "stop the spindle".into(),
+        Deed::SpindleStart => "start the spindle".into(),
+        Deed::Jog { axis, mm } => format!("jog {} by {mm} mm", axis.to_ascii_uppercase()),
+        Deed::Online => "back to on-line mode".into(),
+    }
+}
+
+/// An output that was switched: `output 3 on`, `spindle clockwise`.
+fn output_words(model: &Model, number: u8, value: i32) -> String {
+    let name = model.facts.output_name(number);
+    match number {
+        channel::SPINDLE => match value {
+            0 => "spindle stopped".into(),
+            1.. => "spindle clockwise".into(),
+            _ => "spindle counterclockwise".into(),
+        },
+        channel::SPEED => format!("spindle speed {:.0}/min", f64::from(value) / 1000.0),
+        channel::TOOL => format!("tool T{value}"),
+        _ => format!("{name} {}", if value == 0 { "off" } else { "on" }),
+    }
+}

@@ -1,0 +1,334 @@
+//! A program that comes over an RS-232 line: `serial:PATH?baud=9600&format=7e2` (SHP-30 … SHP-33).
+//!
+//! A thread serves the port, so that the sender is told to pause in time whatever the decoder does.
+//!
+//! Invariant: of what arrives whole, every line is given on once; behind a damaged character, an overrun or a silence nothing is.
+
+use std::collections::VecDeque;
+use std::io::{self, BufRead, Read};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use retrace_controller::machine::{Parity, SerialSettings};
+use retrace_controller::program_end::ProgramEndDetector;
+use retrace_controller::reading::SourceStatus;
+use retrace_controller::refusal::Refusal;
+use retrace_controller::tape::{Received, TapeReader};
+use retrace_hal_serial::{Character, CharacterFormat, ParityBit, ProgramPort};
+
+/// What such a program's name begins with.
+const SCHEME: &str = "serial:";
+/// Bytes that may wait for the decoder.
+const SPACE: usize = 16 << 10;
+/// The sender is told to pause where a quarter of the space is left, and to send again where three quarters are free.
+const PAUSE_AT: usize = SPACE / 4 * 3;
+const RESUME_AT: usize = SPACE / 4;
+/// More than that is an overrun: besides the space, characters may be on their way before the sender notices that it is to pause.
+const OVERRUN_AT: usize = SPACE + (2 << 10);
+/// Bytes that the decoder takes at a time.
+const TAKEN: usize = 1024;
+/// The longest wait for the port.
+const SERVED_EVERY: Duration = Duration::from_millis(10);
+/// DC1 is repeated after so long without a character.
+const REPEATED_AFTER: Duration = Duration::from_secs(5);
+const DC1: u8 = 0x11;
+const DC3: u8 = 0x13;
+
+/// The address in a program's name, if it is one: `PATH?setting=value&…`.
+#[must_use]
+pub fn address(program: &str) -> Option<&str> {
+    program.strip_prefix(SCHEME)
+}
+
+/// The path of an address, and its settings over those of the machine file.
+///
+/// # Errors
+/// `E2301`: no path, or a setting that is not known.
+pub fn parse(address: &str, mut settings: SerialSettings) -> Result<(PathBuf, SerialSettings), Refusal> {
+    let (path, parameters) = address.split_once('?').unwrap_or((address, ""));
+    if path.is_empty() {
+        let what = format!("{SCHEME}{address} names no port");
+        return Err(Refusal::new("E2301", what, "serial:PATH, as in serial:/dev/ttyUSB0?baud=9600&format=7e2"));
+    }
+    for parameter in parameters.split('&').filter(|parameter| !parameter.is_empty()) {
+        let (key, value) = parameter.split_once('=').unwrap_or((parameter, ""));
+        settings.set(key, value)?;
+    }
+    Ok((path.into(), settings))
+}
+
+/// What has arrived and was not taken yet.
+#[derive(Debug, Default)]
+struct Queue {
+    text: VecDeque<u8>,
+    ended: bool,
+    error: Option<io::Error>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    queue: Mutex<Queue>,
+    changed: Condvar,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A program that comes over a serial line.
+#[derive(Debug)]
+pub struct SerialSource {
+    shared: Arc<Shared>,
+    taken: Vec<u8>,
+    at: usize,
+    given_up: Arc<AtomicBool>,
+    status: Arc<SourceStatus>,
+}
+
+impl SerialSource {
+    /// Opens the port of an address, and asks the sender to send.
+    ///
+    /// # Errors
+    /// `E2301`, and what keeps the port from being opened.
+    pub fn open(
+        address: &str,
+        settings: SerialSettings,
+        given_up: &Arc<AtomicBool>,
+        status: &Arc<SourceStatus>,
+    ) -> Result<Self, Refusal> {
+        let (path, settings) = parse(address, settings)?;
+        let SerialSettings { baud, bits, stop, .. } = settings;
+        let parity = match settings.parity {
+            Parity::Even => ParityBit::Even,
+            Parity::Odd => ParityBit::Odd,
+            Parity::None => ParityBit::None,
+        };
+        let port = ProgramPort::open(&path, CharacterFormat { baud, bits, parity, stop })
+            .map_err(|refused| Refusal::new(refused.number, refused.what, refused.remedy))?;
+        let shared = Arc::<Shared>::default();
+        let (given_up, status) = (Arc::clone(given_up), Arc::clone(status));
+        let receiver = Receiver {
+            name: format!("{SCHEME}{}", path.display()),
+            port,
+            settings,
+            reader: TapeReader::new(settings),
+            end: ProgramEndDetector::default(),
+            shared: Arc::clone(&shared),
+            given_up: Arc::clone(&given_up),
+            is_asking: false,
+            heard: Instant::now(),
+            asked: Instant::now(),
+            has_begun: false,
+        };
+        thread::Builder::new()
+            .name("serial source".into())
+            .spawn(move || receiver.run())
+            .map_err(|error| Refusal::new("E2104", format!("no thread for the port: {error}"), "end other programs"))?;
+        Ok(Self { shared, taken: Vec::new(), at: 0, given_up, status })
+    }
+}
+
+impl BufRead for SerialSource {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        if self.at == self.taken.len() {
+            (self.at, self.taken) = (0, Vec::new());
+            let mut queue = self.shared.lock();
+            while queue.text.is_empty()
+                && !queue.ended
+                && queue.error.is_none()
+                && !self.given_up.load(Ordering::Relaxed)
+            {
+                self.status.begin_wait();
+                queue = self
+                    .shared
+                    .changed
+                    .wait_timeout(queue, Duration::from_millis(20))
+                    .map_or_else(|poisoned| poisoned.into_inner().0, |waited| waited.0);
+            }
+            self.status.end_wait();
+            let count = queue.text.len().min(TAKEN);
+            self.taken.extend(queue.text.drain(..count));
+            if count == 0
+                && let Some(error) = queue.error.take()
+            {
+                queue.ended = true;
+                return Err(error);
+            }
+        }
+        Ok(&self.taken[self.at..])
+    }
+
+    fn consume(&mut self, amount: usize) {
+        self.at = (self.at + amount).min(self.taken.len());
+    }
+}
+
+impl Read for SerialSource {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let count = self.fill_buf()?.read(into)?;
+        self.consume(count);
+        Ok(count)
+    }
+}
+
+/// The thread that serves the port.
+struct Receiver {
+    name: String,
+    port: ProgramPort,
+    settings: SerialSettings,
+    reader: TapeReader,
+    end: ProgramEndDetector,
+    shared: Arc<Shared>,
+    given_up: Arc<AtomicBool>,
+    /// The sender has been told to send.
+    is_asking: bool,
+    /// When a character came last, or the sender was told to send again.
+    heard: Instant,
+    /// When the sender was told to send last.
+    asked: Instant,
+    has_begun: bool,
+}
+
+impl Receiver {
+    fn run(mut self) {
+        let result = self.receive();
+        // The sender is told to pause whatever has happened; a line that is gone needs nothing.
+        let _ = self.ask(false);
+        let mut queue = self.shared.lock();
+        match result {
+            Ok(()) => queue.ended = true,
+            Err(error) => queue.error = Some(error),
+        }
+        drop(queue);
+        self.shared.changed.notify_all();
+    }
+
+    /// Receives until the end of the program, or nobody wants it.
+    fn receive(&mut self) -> io::Result<()> {
+        let (mut characters, mut text) = (Vec::new(), Vec::new());
+        while !self.given_up.load(Ordering::Relaxed) {
+            let waiting = self.shared.lock().text.len();
+            if self.is_asking && waiting >= PAUSE_AT {
+                self.ask(false)?;
+            } else if !self.is_asking && waiting <= RESUME_AT {
+                self.ask(true)?;
+            }
+            characters.clear();
+            self.port.read(&mut characters, SERVED_EVERY).map_err(|lost| io::Error::other(format!("E2309: {lost}")))?;
+            if characters.is_empty() {
+                if self.silence()? {
+                    return Ok(());
+                }
+                continue;
+            }
+            (self.heard, self.has_begun) = (Instant::now(), true);
+            let mut result = Ok(());
+            for character in &characters {
+                let received = match character {
+                    Character::Byte(byte) => Received::Byte(*byte),
+                    Character::Damaged => Received::Damaged,
+                };
+                result = result.and_then(|()| self.reader.push(received, &mut text));
+            }
+            self.give(&mut text)?;
+            result.map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))?;
+            if self.reader.has_ended() {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives text to the decoder, as far as there is space for it.
+    fn give(&mut self, text: &mut Vec<u8>) -> io::Result<()> {
+        let mut queue = self.shared.lock();
+        let room = OVERRUN_AT.saturating_sub(queue.text.len());
+        let is_overrun = text.len() > room;
+        text.truncate(room);
+        self.end.push(text);
+        queue.text.extend(text.drain(..));
+        drop(queue);
+        self.shared.changed.notify_all();
+        if !is_overrun {
+            return Ok(());
+        }
+        let what = format!(
+            "E2306: {} sends although it was told to pause, and characters were lost; use the same handshake on both sides",
+            self.name
+        );
+        Err(io::Error::new(io::ErrorKind::InvalidData, what))
+    }
+
+    /// Nothing has come: true where the program may end so, an error where it has been too long.
+    fn silence(&mut self) -> io::Result<bool> {
+        if !self.is_asking {
+            return Ok(false);
+        }
+        let silent = self.heard.elapsed();
+        let is_over = |limit_s: f64| limit_s > 0.0 && silent.as_secs_f64() >= limit_s;
+        let timed_out = |what: String| Err(io::Error::new(io::ErrorKind::TimedOut, what));
+        if !self.has_begun && is_over(self.settings.start_timeout_s) {
+            return timed_out(format!(
+                "E2303: no character came from {} within {} s; start the sender, check the cable and the settings",
+                self.name, self.settings.start_timeout_s
+            ));
+        }
+        if self.has_begun && is_over(self.settings.silence_timeout_s) {
+            if self.end.is_reached() {
+                return Ok(true);
+            }
+            return timed_out(format!(
+                "E2304: {} has been silent for {} s inside the program; check the sender and the cable",
+                self.name, self.settings.silence_timeout_s
+            ));
+        }
+        if self.settings.dc_codes && self.settings.handshake.has_xon_xoff() {
+            let last = self.heard.max(self.asked);
+            if last.elapsed() >= REPEATED_AFTER {
+                self.ask(true)?;
+            }
+        }
+        Ok(false)
+    }
+
+    /// Tells the sender to send, or to pause.
+    fn ask(&mut self, sends: bool) -> io::Result<()> {
+        let lost = |lost: retrace_hal_serial::Lost| io::Error::other(format!("E2309: {lost}"));
+        let handshake = self.settings.handshake;
+        if handshake.has_rts_cts() {
+            self.port.set_request_to_send(sends).map_err(lost)?;
+        }
+        if handshake.has_xon_xoff() {
+            // With both, this end sends only where CTS allows it; it is tried again the next time round.
+            let may_send = !handshake.has_rts_cts() || self.port.is_clear_to_send();
+            if !may_send || !self.port.send(if sends { DC1 } else { DC3 }).map_err(lost)? {
+                return Ok(());
+            }
+        }
+        if sends && !self.is_asking {
+            self.heard = Instant::now();
+        }
+        (self.is_asking, self.asked) = (sends, Instant::now());
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_names_a_port_and_its_settings() {
+        let (path, settings) = parse("/dev/ttyUSB0?baud=9600&format=7e2", SerialSettings::default()).expect("known");
+        assert_eq!((path.to_str(), settings.baud, settings.bits, settings.stop), (Some("/dev/ttyUSB0"), 9600, 7, 2));
+        assert_eq!(parse("/dev/ttyS0", SerialSettings::default()).expect("no settings").1, SerialSettings::default());
+        for bad in ["", "?baud=9600", "/dev/ttyS0?baud", "/dev/ttyS0?speed=9600", "/dev/ttyS0?format=7q2"] {
+            assert_eq!(parse(bad, SerialSettings::default()).expect_err("refused").number, "E2301", "{bad}");
+        }
+    }
+}

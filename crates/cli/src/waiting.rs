@@ -1,0 +1,87 @@
+//! Watches whether the sender of a program is waited for.
+//!
+//! Invariant: a wait of a second or longer is reported once when it is that long, and once when it ends; asking costs next to nothing.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use retrace_controller::event::Happening;
+use retrace_controller::journal::stamp::Stamp;
+use retrace_controller::reading::SourceStatus;
+
+/// A wait is reported after so long.
+const REPORTED_AFTER: Duration = Duration::from_secs(1);
+/// The source is looked at so often.
+const LOOKS_EVERY: Duration = Duration::from_millis(100);
+
+/// Watches one source; none for a program that is a file.
+#[derive(Debug)]
+pub struct WaitWatch {
+    source: Option<Arc<SourceStatus>>,
+    looked: Option<Instant>,
+    /// The wait that has been reported: when it began.
+    reported: Option<SystemTime>,
+}
+
+impl WaitWatch {
+    /// Watches this source.
+    #[must_use]
+    pub fn new(source: Option<Arc<SourceStatus>>) -> Self {
+        Self { source, looked: None, reported: None }
+    }
+
+    /// What there is to report by now, asked as often as you like.
+    pub fn poll(&mut self) -> Option<Happening> {
+        if self.looked.is_some_and(|looked| looked.elapsed() < LOOKS_EVERY) {
+            return None;
+        }
+        self.poll_now()
+    }
+
+    /// What there is to report at this moment.
+    pub fn poll_now(&mut self) -> Option<Happening> {
+        let source = self.source.as_ref()?;
+        self.looked = Some(Instant::now());
+        let age = |since: SystemTime| since.elapsed().unwrap_or_default();
+        let (now, name) = (source.waiting_since(), source.name().to_owned());
+        match (self.reported, now) {
+            (Some(since), now) if now != Some(since) => {
+                self.reported = None;
+                Some(Happening::ProgramArrives { source: name, waited_s: age(since).as_secs_f64() })
+            }
+            (None, Some(since)) if age(since) >= REPORTED_AFTER => {
+                self.reported = Some(since);
+                let ms = since.duration_since(UNIX_EPOCH).unwrap_or_default().as_millis();
+                Some(Happening::WaitingForProgram { source: name, since: Stamp::from_ms(ms as u64) })
+            }
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_wait_is_reported_when_it_begins_and_when_it_ends() {
+        let source = Arc::new(SourceStatus::new("serial:/dev/ttyS0"));
+        let mut watch = WaitWatch::new(Some(Arc::clone(&source)));
+        let mut poll = || {
+            std::thread::sleep(LOOKS_EVERY);
+            watch.poll()
+        };
+        source.begin_wait();
+        assert_eq!(poll(), None);
+        source.end_wait();
+        std::thread::sleep(REPORTED_AFTER);
+        assert_eq!(poll(), None);
+        source.begin_wait();
+        std::thread::sleep(REPORTED_AFTER);
+        assert!(matches!(poll(), Some(Happening::WaitingForProgram { source, .. }) if source == "serial:/dev/ttyS0"));
+        assert_eq!(poll(), None);
+        source.end_wait();
+        assert!(matches!(poll(), Some(Happening::ProgramArrives { waited_s, .. }) if waited_s >= 1.0));
+        assert_eq!(poll(), None);
+    }
+}

@@ -1,0 +1,335 @@
+//! `[serial]`: how programs come over an RS-232 line (SHP-31). A program's address may override each key.
+//!
+//! Invariant: settings that exist are in their ranges.
+
+use serde::Deserialize;
+
+use super::within;
+use crate::refusal::{Refusal, nearest};
+
+/// Parity of the characters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Parity {
+    /// The number of ones is even.
+    Even,
+    /// The number of ones is odd.
+    Odd,
+    /// There is no parity bit.
+    None,
+}
+
+/// How the sender is told to pause.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Handshake {
+    /// By DC3 (XOFF) and DC1 (XON).
+    XonXoff,
+    /// By the RTS and CTS lines.
+    RtsCts,
+    /// By both.
+    Both,
+    /// Not at all.
+    None,
+}
+
+impl Handshake {
+    /// Whether DC1 and DC3 are sent.
+    #[must_use]
+    pub fn has_xon_xoff(self) -> bool {
+        matches!(self, Self::XonXoff | Self::Both)
+    }
+
+    /// Whether RTS is switched.
+    #[must_use]
+    pub fn has_rts_cts(self) -> bool {
+        matches!(self, Self::RtsCts | Self::Both)
+    }
+}
+
+/// The code of the characters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CharacterCode {
+    /// ISO 646 (ASCII).
+    Iso,
+    /// EIA RS-244.
+    Eia,
+    /// Whichever the first end of block belongs to.
+    Auto,
+}
+
+/// What ends a program besides the second percent sign.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ProgramEnds {
+    /// The second percent sign.
+    pub percent: bool,
+    /// EOT (04h).
+    pub eot: bool,
+    /// ETX (03h).
+    pub etx: bool,
+    /// A block with M02.
+    pub m02: bool,
+    /// A block with M30.
+    pub m30: bool,
+}
+
+/// `end` as it is written.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(untagged)]
+enum WrittenEnds {
+    One(String),
+    Several(Vec<String>),
+}
+
+/// The settings of a serial program source.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SerialSettings {
+    /// Bits a second, 110 … 115 200.
+    pub baud: u32,
+    /// Data bits, 7 or 8.
+    pub bits: u8,
+    /// Parity.
+    pub parity: Parity,
+    /// Stop bits, 1 or 2.
+    pub stop: u8,
+    /// How the sender is told to pause.
+    pub handshake: Handshake,
+    /// The code of the characters.
+    pub code: CharacterCode,
+    /// Longest wait for the first character, s; 0: for ever.
+    pub start_timeout_s: f64,
+    /// Longest wait for the next character, s; 0: for ever.
+    pub silence_timeout_s: f64,
+    /// What ends the program.
+    pub end: ProgramEnds,
+    /// Whether DC1 is repeated while nothing comes.
+    pub dc_codes: bool,
+    /// NULs that are sent before and behind a program, where this control is the sender.
+    pub leader: u32,
+}
+
+impl Default for SerialSettings {
+    fn default() -> Self {
+        Self {
+            baud: 4800,
+            bits: 7,
+            parity: Parity::Even,
+            stop: 2,
+            handshake: Handshake::XonXoff,
+            code: CharacterCode::Auto,
+            start_timeout_s: 60.0,
+            silence_timeout_s: 30.0,
+            end: ProgramEnds { percent: true, ..ProgramEnds::default() },
+            dc_codes: true,
+            leader: 100,
+        }
+    }
+}
+
+/// `[serial]` as it is written: a key that is left out keeps its default.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct WrittenSerial {
+    baud: Option<u32>,
+    bits: Option<u8>,
+    parity: Option<Parity>,
+    stop: Option<u8>,
+    handshake: Option<Handshake>,
+    code: Option<CharacterCode>,
+    start_timeout_s: Option<f64>,
+    silence_timeout_s: Option<f64>,
+    end: Option<WrittenEnds>,
+    dc_codes: Option<bool>,
+    leader: Option<u32>,
+}
+
+impl WrittenSerial {
+    /// The settings, with every key in its range.
+    pub(super) fn checked(self) -> Result<SerialSettings, Refusal> {
+        let mut settings = SerialSettings::default();
+        let end = match self.end {
+            None => settings.end,
+            Some(WrittenEnds::One(one)) => ends(&one)?,
+            Some(WrittenEnds::Several(several)) => ends(&several.join(","))?,
+        };
+        settings = SerialSettings {
+            baud: self.baud.unwrap_or(settings.baud),
+            bits: self.bits.unwrap_or(settings.bits),
+            parity: self.parity.unwrap_or(settings.parity),
+            stop: self.stop.unwrap_or(settings.stop),
+            handshake: self.handshake.unwrap_or(settings.handshake),
+            code: self.code.unwrap_or(settings.code),
+            start_timeout_s: self.start_timeout_s.unwrap_or(settings.start_timeout_s),
+            silence_timeout_s: self.silence_timeout_s.unwrap_or(settings.silence_timeout_s),
+            end,
+            dc_codes: self.dc_codes.unwrap_or(settings.dc_codes),
+            leader: self.leader.unwrap_or(settings.leader),
+        };
+        settings.check()?;
+        Ok(settings)
+    }
+}
+
+/// The names of the settings, as the machine file and a program's address write them.
+const KEYS: [&str; 12] = [
+    "baud",
+    "bits",
+    "parity",
+    "stop",
+    "handshake",
+    "code",
+    "start_timeout_s",
+    "silence_timeout_s",
+    "end",
+    "dc_codes",
+    "leader",
+    "format",
+];
+
+impl SerialSettings {
+    fn check(&self) -> Result<(), Refusal> {
+        within("serial.baud", f64::from(self.baud), 110.0, 115_200.0)?;
+        within("serial.bits", f64::from(self.bits), 7.0, 8.0)?;
+        within("serial.stop", f64::from(self.stop), 1.0, 2.0)?;
+        within("serial.start_timeout_s", self.start_timeout_s, 0.0, 86_400.0)?;
+        within("serial.silence_timeout_s", self.silence_timeout_s, 0.0, 86_400.0)?;
+        within("serial.leader", f64::from(self.leader), 0.0, 10_000.0)
+    }
+
+    /// Sets one setting from the parameter `key=value` of a program's address; `format=7e2` sets bits, parity and stop bits.
+    ///
+    /// # Errors
+    /// `E2301`: no such setting, or no such value.
+    pub fn set(&mut self, key: &str, value: &str) -> Result<(), Refusal> {
+        let refuse =
+            |remedy: &str| Refusal::new("E2301", format!("the serial setting {key}={value} is not known"), remedy);
+        let number = || value.parse::<u32>().map_err(|_| refuse("write a whole number"));
+        let seconds = || value.parse::<f64>().map_err(|_| refuse("write seconds, 0 for ever"));
+        match key {
+            "baud" => self.baud = number()?,
+            "bits" => self.bits = number()?.min(255) as u8,
+            "stop" => self.stop = number()?.min(255) as u8,
+            "leader" => self.leader = number()?,
+            "start_timeout_s" => self.start_timeout_s = seconds()?,
+            "silence_timeout_s" => self.silence_timeout_s = seconds()?,
+            "parity" => self.parity = parity(value).ok_or_else(|| refuse("even, odd or none"))?,
+            "handshake" => {
+                self.handshake = match value {
+                    "xon-xoff" => Handshake::XonXoff,
+                    "rts-cts" => Handshake::RtsCts,
+                    "both" => Handshake::Both,
+                    "none" => Handshake::None,
+                    _ => return Err(refuse("xon-xoff, rts-cts, both or none")),
+                }
+            }
+            "code" => {
+                self.code = match value {
+                    "iso" => CharacterCode::Iso,
+                    "eia" => CharacterCode::Eia,
+                    "auto" => CharacterCode::Auto,
+                    _ => return Err(refuse("iso, eia or auto")),
+                }
+            }
+            "dc_codes" => {
+                self.dc_codes = match value {
+                    "on" | "true" => true,
+                    "off" | "false" => false,
+                    _ => return Err(refuse("on or off")),
+                }
+            }
+            "end" => self.end = ends(value)?,
+            "format" => {
+                let [bits @ (b'7' | b'8'), letter, stop @ (b'1' | b'2')] = value.as_bytes() else {
+                    return Err(refuse("bits, parity and stop bits, as in 7e2 or 8n1"));
+                };
+                let named = match letter.to_ascii_lowercase() {
+                    b'e' => Parity::Even,
+                    b'o' => Parity::Odd,
+                    b'n' => Parity::None,
+                    _ => return Err(refuse("bits, parity and stop bits, as in 7e2 or 8n1")),
+                };
+                (self.bits, self.parity, self.stop) = (bits - b'0', named, stop - b'0');
+            }
+            _ => {
+                let remedy = match nearest(key, KEYS.iter().copied()) {
+                    Some(key) => format!("did you mean `{key}`?"),
+                    None => format!("the settings are {}", KEYS.join(", ")),
+                };
+                return Err(refuse(&remedy));
+            }
+        }
+        self.check().map_err(|refusal| Refusal { number: "E2301", ..refusal })
+    }
+}
+
+fn parity(value: &str) -> Option<Parity> {
+    match value {
+        "even" => Some(Parity::Even),
+        "odd" => Some(Parity::Odd),
+        "none" => Some(Parity::None),
+        _ => None,
+    }
+}
+
+/// `percent`, or a list of what ends a program, separated by commas.
+fn ends(text: &str) -> Result<ProgramEnds, Refusal> {
+    let mut ends = ProgramEnds::default();
+    for name in text.split(',') {
+        match name.trim() {
+            "percent" | "%" => ends.percent = true,
+            "EOT" => ends.eot = true,
+            "ETX" => ends.etx = true,
+            "M02" | "M2" => ends.m02 = true,
+            "M30" => ends.m30 = true,
+            other => {
+                let what = format!("the serial setting end={other} is not known");
+                return Err(Refusal::new("E2301", what, "percent, or a list of %, EOT, ETX, M02, M30"));
+            }
+        }
+    }
+    Ok(ends)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_sets_what_the_machine_file_sets() {
+        let mut settings = SerialSettings::default();
+        for (key, value) in [
+            ("baud", "9600"),
+            ("format", "8n1"),
+            ("handshake", "both"),
+            ("code", "eia"),
+            ("end", "EOT,M30"),
+            ("dc_codes", "off"),
+            ("silence_timeout_s", "0"),
+        ] {
+            settings.set(key, value).expect("known");
+        }
+        let text = "baud = 9600\nbits = 8\nparity = \"none\"\nstop = 1\nhandshake = \"both\"\ncode = \"eia\"\n\
+            end = [\"EOT\", \"M30\"]\ndc_codes = false\nsilence_timeout_s = 0.0\n";
+        let written: WrittenSerial = toml::from_str(text).expect("a table");
+        assert_eq!(written.checked(), Ok(settings));
+        assert_eq!(WrittenSerial::default().checked(), Ok(SerialSettings::default()));
+    }
+
+    #[test]
+    fn what_is_not_known_is_refused_with_what_is() {
+        let refused = |key: &str, value: &str| SerialSettings::default().set(key, value).expect_err("not known");
+        for (key, value) in [
+            ("baud", "50"),
+            ("baud", "fast"),
+            ("format", "9e1"),
+            ("format", "7x1"),
+            ("end", "STX"),
+            ("parity", "mark"),
+            ("bits", "5"),
+        ] {
+            assert_eq!(refused(key, value).number, "E2301", "{key}={value}");
+        }
+        assert_eq!(refused("boud", "9600").remedy, "did you mean `baud`?");
+    }
+}

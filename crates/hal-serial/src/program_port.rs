@@ -1,0 +1,221 @@
+//! A serial port that a program is received over: any character format, the modem lines, and damage told apart from data.
+//!
+//! Seven bits with a parity bit are received as eight bits without one: on the line these are the same, and whoever decodes them can tell
+//! which character was damaged, also on a pseudo-terminal.
+//!
+//! Invariant: no character with wrong parity or framing is given as data; nothing waits for longer than it was told to.
+
+use std::io::{self, ErrorKind};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use crate::port::{Lost, open_with};
+use crate::{Address, Refused};
+
+/// Parity of the port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParityBit {
+    /// The number of ones is even.
+    Even,
+    /// The number of ones is odd.
+    Odd,
+    /// No parity bit.
+    None,
+}
+
+/// The format of the characters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CharacterFormat {
+    /// Bits a second.
+    pub baud: u32,
+    /// Data bits, 7 or 8.
+    pub bits: u8,
+    /// Parity.
+    pub parity: ParityBit,
+    /// Stop bits, 1 or 2.
+    pub stop: u8,
+}
+
+/// A character that was received.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Character {
+    /// Its eight bits: of seven with parity, the parity bit is the eighth.
+    Byte(u8),
+    /// Its parity or framing was wrong.
+    Damaged,
+}
+
+/// A port that a program is received over, opened for this program alone.
+pub struct ProgramPort {
+    path: PathBuf,
+    port: Box<dyn serialport::SerialPort>,
+    marks: Option<Marks>,
+    is_pty: bool,
+}
+
+impl std::fmt::Debug for ProgramPort {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "ProgramPort({})", self.path.display())
+    }
+}
+
+impl ProgramPort {
+    /// Opens a port and forgets what had come before.
+    ///
+    /// # Errors
+    /// `E2141` absent, `E2144` busy, `E2145` forbidden, `E2146` not a serial port, or not with this format.
+    pub fn open(path: &Path, format: CharacterFormat) -> Result<Self, Refused> {
+        use serialport::{DataBits, Parity, StopBits};
+        let is_pty = path.canonicalize().is_ok_and(|path| path.starts_with("/dev/pts"));
+        let (data_bits, parity) = match (format.bits, format.parity) {
+            (7, ParityBit::None) => (DataBits::Seven, Parity::None),
+            (8, ParityBit::Even) => (DataBits::Eight, Parity::Even),
+            (8, ParityBit::Odd) => (DataBits::Eight, Parity::Odd),
+            _ => (DataBits::Eight, Parity::None),
+        };
+        // A pseudo-terminal carries eight bits, whatever it is told.
+        let (data_bits, parity) = if is_pty { (DataBits::Eight, Parity::None) } else { (data_bits, parity) };
+        let stop_bits = if format.stop == 2 { StopBits::Two } else { StopBits::One };
+        let address = Address { path: path.to_owned(), baud: format.baud };
+        // Opened before the port is this program's alone.
+        let marking = if is_pty { None } else { Marking::of(path) };
+        let set =
+            |builder: serialport::SerialPortBuilder| builder.data_bits(data_bits).parity(parity).stop_bits(stop_bits);
+        let port = open_with(&address, path, set)?;
+        let marks = marking.map(|marking| marking.switch_on().map(|()| Marks::default())).transpose();
+        let marks = marks.map_err(|error| Refused::unfit(&address, &format!("damage cannot be marked: {error}")))?;
+        Ok(Self { path: path.to_owned(), port, marks, is_pty })
+    }
+
+    fn lost(&self, why: impl ToString) -> Lost {
+        Lost { port: self.path.display().to_string(), why: why.to_string() }
+    }
+
+    /// Adds what has been received to `characters`, after a wait of at most `wait` for the first; at most some hundred at a time.
+    ///
+    /// # Errors
+    /// The line is gone.
+    pub fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), Lost> {
+        let mut bytes = [0; 256];
+        self.port.set_timeout(wait).map_err(|error| self.lost(error))?;
+        let count = match self.port.read(&mut bytes) {
+            Ok(0) => return Err(self.lost("the other end was closed")),
+            Ok(count) => count,
+            Err(error) if is_nothing(&error) => return Ok(()),
+            Err(error) => return Err(self.lost(error)),
+        };
+        match &mut self.marks {
+            Some(marks) => bytes[..count].iter().for_each(|&byte| characters.extend(marks.take(byte))),
+            None => characters.extend(bytes[..count].iter().map(|&byte| Character::Byte(byte))),
+        }
+        Ok(())
+    }
+
+    /// Sends a control character, without a wait for the line; false where there is no room for it now.
+    ///
+    /// # Errors
+    /// The line is gone.
+    pub fn send(&mut self, byte: u8) -> Result<bool, Lost> {
+        self.port.set_timeout(Duration::ZERO).map_err(|error| self.lost(error))?;
+        match self.port.write(&[byte]) {
+            Ok(count) => Ok(count == 1),
+            Err(error) if is_nothing(&error) => Ok(false),
+            Err(error) => Err(self.lost(error)),
+        }
+    }
+
+    /// Switches RTS: may the other end send? A pseudo-terminal has no such line.
+    ///
+    /// # Errors
+    /// The line is gone, or has no RTS.
+    pub fn set_request_to_send(&mut self, level: bool) -> Result<(), Lost> {
+        match self.port.write_request_to_send(level) {
+            Err(error) if !self.is_pty => Err(self.lost(error)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether CTS allows this end to send. A pseudo-terminal has no such line, and always allows it.
+    #[must_use]
+    pub fn is_clear_to_send(&mut self) -> bool {
+        self.is_pty || self.port.read_clear_to_send().unwrap_or(true)
+    }
+}
+
+fn is_nothing(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
+}
+
+/// The system's marks of damage: a wrong character comes as FF 00 and itself, the character FF as FF FF.
+#[derive(Clone, Copy, Debug, Default)]
+enum Marks {
+    #[default]
+    Data,
+    Escaped,
+    Damaged,
+}
+
+impl Marks {
+    fn take(&mut self, byte: u8) -> Option<Character> {
+        let (next, character) = match (*self, byte) {
+            (Self::Data, 0xFF) => (Self::Escaped, None),
+            (Self::Escaped, 0) => (Self::Damaged, None),
+            (Self::Data | Self::Escaped, byte) => (Self::Data, Some(Character::Byte(byte))),
+            (Self::Damaged, _) => (Self::Data, Some(Character::Damaged)),
+        };
+        *self = next;
+        character
+    }
+}
+
+/// Lets the system mark damaged characters, which it would drop otherwise.
+#[cfg(unix)]
+struct Marking(std::os::fd::OwnedFd);
+
+#[cfg(unix)]
+impl Marking {
+    fn of(path: &Path) -> Option<Self> {
+        use rustix::fs::{Mode, OFlags};
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        rustix::fs::open(path, flags, Mode::empty()).ok().map(Self)
+    }
+
+    fn switch_on(self) -> io::Result<()> {
+        use rustix::termios::{InputModes, OptionalActions, tcgetattr, tcsetattr};
+        let mut settings = tcgetattr(&self.0)?;
+        settings.input_modes.remove(InputModes::IGNPAR | InputModes::IGNBRK | InputModes::ISTRIP);
+        settings.input_modes.insert(InputModes::INPCK | InputModes::PARMRK);
+        Ok(tcsetattr(&self.0, OptionalActions::Now, &settings)?)
+    }
+}
+
+/// Elsewhere the port's own parity is all there is.
+#[cfg(not(unix))]
+struct Marking;
+
+#[cfg(not(unix))]
+impl Marking {
+    fn of(_: &Path) -> Option<Self> {
+        None
+    }
+
+    fn switch_on(self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn marked_characters_are_told_apart_from_data() {
+        let mut marks = Marks::default();
+        let received: Vec<Character> = [0x41, 0xFF, 0xFF, 0xFF, 0, 0x42, 0, 0xFF, 0, 0xFF, 0x43]
+            .into_iter()
+            .filter_map(|byte| marks.take(byte))
+            .collect();
+        use Character::{Byte, Damaged};
+        assert_eq!(received, [Byte(0x41), Byte(0xFF), Damaged, Byte(0), Damaged, Byte(0x43)]);
+    }
+}

@@ -1,0 +1,203 @@
+//! Programs over RS-232, FIFOs and devices: what arrives well is executed, what does not stops before its line.
+
+use std::fs;
+use std::io::{Read, Write};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use retrace_tests::command::{Bench, Said, binary};
+use serde_json::Value;
+use serialport::{SerialPort, TTYPort};
+
+/// A line between a sender and the command: a pseudo-terminal pair.
+struct Line {
+    sender: TTYPort,
+    /// Kept open, so that the other end stays.
+    _receiver: TTYPort,
+    path: String,
+}
+
+impl Line {
+    fn new() -> Self {
+        let (sender, receiver) = TTYPort::pair().expect("a pseudo-terminal");
+        let path = receiver.name().expect("a name");
+        Self { sender, _receiver: receiver, path }
+    }
+}
+
+/// What a sender did.
+#[derive(Debug, Default)]
+struct Sent {
+    pauses: u32,
+    /// Bytes that were sent although the other end had asked for a pause.
+    overran: usize,
+}
+
+/// Sends a tape: waits for DC1, obeys DC3 only after `overrun` more bytes, and ends when all is sent.
+fn send(mut line: TTYPort, tape: Vec<u8>, overrun: usize, gap: Duration) -> thread::JoinHandle<(TTYPort, Sent)> {
+    thread::spawn(move || {
+        let (mut at, mut may_send, mut late, mut sent) = (0, false, 0, Sent::default());
+        let begun = Instant::now();
+        while at < tape.len() && begun.elapsed() < Duration::from_secs(50) {
+            let mut codes = [0; 16];
+            line.set_timeout(if may_send { Duration::ZERO } else { Duration::from_millis(5) }).expect("a line");
+            let heard = line.read(&mut codes).unwrap_or(0);
+            for code in &codes[..heard] {
+                match code {
+                    0x11 => (may_send, late) = (true, 0),
+                    0x13 => (may_send, late, sent.pauses) = (false, overrun, sent.pauses + 1),
+                    other => panic!("the sender was sent {other:02X}h"),
+                }
+            }
+            if !may_send && late == 0 {
+                continue;
+            }
+            let most = if may_send { 128 } else { late.min(128) };
+            let end = tape.len().min(at + most);
+            line.set_timeout(Duration::from_secs(20)).expect("a line");
+            line.write_all(&tape[at..end]).expect("a line");
+            if !may_send {
+                late -= end - at;
+                sent.overran += end - at;
+            }
+            at = end;
+            thread::sleep(gap);
+        }
+        (line, sent)
+    })
+}
+
+fn with_parity(byte: u8) -> u8 {
+    if byte.count_ones().is_multiple_of(2) { byte } else { byte | 0x80 }
+}
+
+/// A tape in seven bits with even parity: leader, program, trailer.
+fn tape(program: &str) -> Vec<u8> {
+    let text = format!("\0\0\0\0part\0%\r\n{}%\r\n\0\0", program.replace('\n', "\r\n"));
+    text.bytes().map(with_parity).collect()
+}
+
+fn program(lines: u32) -> String {
+    let mut text = String::from("G21 G90 F6000\n");
+    (0..lines).for_each(|n| text += &format!("G1 X{}.{:03} Y{} (line {n}, 50%)\n", n % 90, n % 1000, n % 7));
+    text + "M30\n"
+}
+
+fn counts(said: &Said) -> (Value, [Option<i64>; 3]) {
+    let last = said.out.lines().last().unwrap_or_default();
+    let report: Value =
+        serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err));
+    let counts = ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64());
+    (report, counts)
+}
+
+#[test]
+fn a_sender_that_overruns_by_4_kib_loses_nothing() {
+    let (line, text, bench) = (Line::new(), program(2000), Bench::new());
+    let normalized = bench.file("same.ngc", format!("%\n{text}%\n"));
+    let whole = bench.retrace(["canon", &normalized.to_string_lossy()]);
+    let sender = send(line.sender, tape(&text), 4096, Duration::from_millis(5));
+    let mut command = Command::new(binary());
+    command.args(["canon", &format!("serial:{}?baud=9600&format=7e2", line.path)]);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("the command runs");
+    let mut out = String::new();
+    let mut pipe = child.stdout.take().expect("its output");
+    // nobody takes what is decoded for a while: the line has to wait
+    thread::sleep(Duration::from_secs(2));
+    pipe.read_to_string(&mut out).expect("text");
+    let output = child.wait_with_output().expect("it ends");
+    let (_line, sent) = sender.join().expect("it sends");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(out == whole.out && whole.code == Some(0), "{} and {} bytes", out.len(), whole.out.len());
+    assert!(sent.pauses > 0 && sent.overran >= 4096, "{sent:?}");
+}
+
+#[test]
+fn damage_stops_before_its_line_and_the_whole_program_goes_on() {
+    let (line, bench) = (Line::new(), Bench::new());
+    let text = "G21 G90 F3000\nG1 X5\nG1 X7 Y2\nG1 X9\nM30\n";
+    let mut tape = tape(text);
+    // a bit of the 7 in the fourth line, counted from the percent sign
+    let at = tape.iter().position(|&byte| byte & 0x7F == b'7').expect("there");
+    tape[at] ^= 0x08;
+    bench.file("m.toml", "[serial]\nbaud = 9600\nbits = 7\nparity = \"even\"\nstop = 2\n");
+    let sender = send(line.sender, tape, 0, Duration::from_millis(20));
+    let said = bench.retrace(["run", &format!("serial:{}", line.path), "--machine", "m.toml", "--json"]);
+    sender.join().expect("it sends");
+    assert_eq!(said.code, Some(1), "{}", said.err);
+    assert!(said.err.contains("E2305") && said.err.contains(":4:"), "{}", said.err);
+    assert_eq!(counts(&said).1, [Some(5000), Some(0), Some(0)]);
+    bench.file("whole.ngc", format!("%\n{text}%\n"));
+    let said = bench.retrace(["resume", "--yes", "--json", "--program", "whole.ngc"]);
+    assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
+    assert_eq!(counts(&said).1, [Some(9000), Some(2000), Some(0)]);
+}
+
+#[test]
+fn a_sender_that_does_not_begin_or_falls_silent_is_reported() {
+    let (line, bench) = (Line::new(), Bench::new());
+    let said = bench.retrace(["run", &format!("serial:{}?start_timeout_s=1", line.path), "--json"]);
+    assert!(said.code == Some(1) && said.err.contains("E2303"), "{}", said.err);
+    let sender = send(line.sender, with_silence(), 0, Duration::ZERO);
+    let said = bench.retrace(["run", &format!("serial:{}?silence_timeout_s=2", line.path), "--json"]);
+    sender.join().expect("it sends");
+    assert!(said.code == Some(1) && said.err.contains("E2304"), "{}", said.err);
+    assert_eq!(counts(&said).1, [Some(5000), Some(0), Some(0)]);
+    let waiting = said.out.lines().find(|line| line.contains("waiting_for_program")).expect("an event");
+    let waiting: Value = serde_json::from_str(waiting).expect("JSON");
+    assert!(waiting["source"].as_str().is_some_and(|source| source.contains(&line.path)), "{waiting}");
+    assert!(waiting["since"].as_str().is_some_and(|since| since.contains('T')), "{waiting}");
+}
+
+/// A tape whose sender stops inside a line.
+fn with_silence() -> Vec<u8> {
+    tape("G21 G90 F3000\nG1 X5\nG1 X70\n").into_iter().take_while(|&byte| byte & 0x7F != b'7').collect()
+}
+
+#[test]
+fn settings_that_are_not_known_are_refused_before_anything_is_opened() {
+    let bench = Bench::new();
+    for bad in ["serial:/dev/ttyNONE?boud=9600", "serial:", "serial:/dev/ttyNONE?format=9n1"] {
+        let said = bench.retrace(["run", bad]);
+        assert!(said.code == Some(2) && said.err.contains("E2301"), "{bad}: {}", said.err);
+    }
+    let said = bench.retrace(["run", "serial:/dev/ttyNONE"]);
+    assert!(said.code == Some(2) && said.err.contains("E2141"), "{}", said.err);
+    bench.file("m.toml", "[serial]\nbaud = 10\n");
+    let said = bench.retrace(["run", "serial:/dev/ttyNONE", "--machine", "m.toml"]);
+    assert!(said.code == Some(2) && said.err.contains("serial.baud"), "{}", said.err);
+}
+
+#[test]
+fn a_fifo_is_a_stream_and_shows_that_it_waits() {
+    let _ = binary();
+    let bench = Bench::new();
+    let fifo = bench.path("program.fifo");
+    assert!(Command::new("mkfifo").arg(&fifo).status().expect("mkfifo").success());
+    let written = Arc::new(AtomicBool::new(false));
+    let writer = thread::spawn({
+        let (fifo, written) = (fifo.clone(), Arc::clone(&written));
+        move || {
+            thread::sleep(Duration::from_millis(2500));
+            let mut file = fs::File::options().write(true).open(fifo).expect("somebody reads");
+            file.write_all(b"G21 G90 F3000\nG1 X5\nM2\n").expect("it is taken");
+            written.store(true, Ordering::Relaxed);
+        }
+    });
+    let said = bench.retrace(["run", &fifo.to_string_lossy(), "--json"]);
+    writer.join().expect("it writes");
+    assert!(written.load(Ordering::Relaxed));
+    assert_eq!((said.code, counts(&said).1), (Some(0), [Some(5000), Some(0), Some(0)]), "{}", said.err);
+    for event in ["waiting_for_program", "program_arrives"] {
+        assert!(said.out.contains(event), "{event}: {}", said.out);
+    }
+    // a character device is a stream too: one that is empty, and one without end
+    let said = bench.retrace(["run", "/dev/null"]);
+    assert!(said.code == Some(1) && said.err.contains("E1007"), "{}", said.err);
+    let said = bench.retrace(["run", "/dev/zero"]);
+    assert!(said.code == Some(1) && said.err.contains("E2311"), "{}", said.err);
+}

@@ -1,0 +1,79 @@
+//! Programs that arrive: what is executed of a stream that is cut off, and how it continues.
+
+use retrace_tests::command::{Bench, Said};
+use retrace_tests::run::Run;
+use serde_json::Value;
+
+const WHOLE: &str = "G21 G90 F3000\nM3 S1000\nG1 X5\nG0 Z10\nG1 X8\nM5\nM30\n";
+
+fn report(said: &Said) -> Value {
+    let last = said.out.lines().last().unwrap_or_default();
+    serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
+}
+
+/// The only job in the journal of a bench.
+fn job(bench: &Bench) -> String {
+    let said = bench.retrace(["jobs", "--json"]);
+    let jobs: Value = serde_json::from_str(&said.out).expect("one JSON object");
+    jobs["jobs"][0]["id"].as_str().expect("a name").to_owned()
+}
+
+#[test]
+fn nothing_is_executed_of_a_line_that_did_not_arrive_whole() {
+    for (at, line) in [("G0 Z10", 4), ("G1 X8", 5), ("M5", 6), ("M30", 7)] {
+        let begins = WHOLE.find(at).expect("a line");
+        for bytes in 1..=at.len() {
+            let sent = &WHOLE[..begins + bytes];
+            if sent.ends_with("M30") {
+                continue;
+            }
+            let bench = Bench::new();
+            let run = Run::of_input(&bench, sent.as_bytes(), &[]);
+            assert_eq!(run.said.code, Some(1), "{sent:?}: {}", run.said.err);
+            assert!(run.said.err.contains("E1006") && run.said.err.contains(&format!(":{line}:")), "{}", run.said.err);
+            assert_eq!(run.report["outcome"], "stopped", "{sent:?}");
+            let [x, z] = [if line > 5 { 8_000 } else { 5_000 }, if line > 4 { 10_000 } else { 0 }];
+            assert_eq!(run.counts(), [x, 0, z], "{sent:?}");
+            let id = job(&bench);
+            assert!(run.said.err.contains(&format!("retrace resume {id} --program")), "{}", run.said.err);
+            let kept = bench.retrace(["jobs", "show", &id]);
+            assert!(kept.out.contains("not all of it"), "{sent:?}: {}", kept.out);
+        }
+    }
+}
+
+#[test]
+fn a_last_line_that_is_exactly_the_program_end_needs_no_line_feed() {
+    for end in ["M2", "M30", "%"] {
+        let text = WHOLE.replace("M30\n", end);
+        let text = if end == "%" { format!("%\n{text}") } else { text };
+        let run = Run::of_input(&Bench::new(), text.as_bytes(), &[]);
+        run.assert_exact_and_legal();
+        assert_eq!(run.counts(), [8_000, 0, 10_000]);
+    }
+    let run = Run::of_input(&Bench::new(), WHOLE.replace("M30\n", "N7 M30").as_bytes(), &[]);
+    assert_eq!(run.said.code, Some(1), "{}", run.said.err);
+}
+
+#[test]
+fn a_stream_that_was_cut_off_continues_with_the_whole_program() {
+    for sent in [WHOLE.find("0\nG1 X8").expect("in a line"), WHOLE.find("M5").expect("between lines")] {
+        let bench = Bench::new();
+        let run = Run::of_input(&bench, &WHOLE.as_bytes()[..sent], &[]);
+        assert_eq!(run.said.code, Some(1), "{}", run.said.err);
+        let said = bench.retrace(["resume", "--yes", "--json"]);
+        assert_eq!(said.code, Some(2), "{}", said.err);
+        assert!(said.err.contains("E2208") && said.err.contains("--program"), "{}", said.err);
+        bench.file("other.ngc", WHOLE.replace("X5", "X6"));
+        let said = bench.retrace(["resume", "--yes", "--json", "--program", "other.ngc"]);
+        assert!(said.err.contains("E2208") && said.err.contains("differs in line 3"), "{}", said.err);
+        // a file is whole, whether or not its last line is terminated
+        bench.file("whole.ngc", WHOLE.trim_end());
+        let said = bench.retrace(["resume", "--yes", "--json", "--program", "whole.ngc"]);
+        assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
+        let report = report(&said);
+        assert_eq!((&report["outcome"], &report["limit_violations"]), (&"completed".into(), &0.into()));
+        let counts = ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64());
+        assert_eq!(counts, [Some(8_000), Some(0), Some(10_000)]);
+    }
+}
