@@ -286,6 +286,27 @@ fn a_cutter_is_switched_off_by_hand_at_any_time_and_on_only_where_it_may_cut() {
 }
 
 #[test]
+fn backing_with_the_jet_on_stops_with_a_question_where_the_program_switched_it() {
+    let cutting_jet = format!("{JET}retrace_cut = true\n");
+    // line 8 is the second cut, from X80 on
+    let program = "G21 G90 F1800\nM64 P3\nG1 X60\nM65 P3\nG0 X80\nM64 P3\nG4 P0.1\nG1 X140\nM65 P3\nM2\n";
+    let back = "at line 8 override 100%\nafter 1s reverse 100%\nafter 0.3s cutter on\n";
+    for (script, passes) in [
+        ("after 1.1s cutter off\nafter 0s reverse 100%\nafter 2s leave\n", false),
+        ("after 1.1s reverse 50%\nafter 0.2s cutter off\nafter 1s leave\n", true),
+    ] {
+        let (run, pins) = run(&machine(&cutting_jet, ""), program, &format!("{back}{script}"), &[]);
+        run.assert_exact_and_legal();
+        let asked = time_ms(run.of_kind("cutter_boundary").next().expect("it asks"));
+        let there = pins.iter().find(|sample| sample.at_us / 1000 >= asked).expect("a sample");
+        assert!(there.at_rest && there.place.fract() == 0.0, "{there:?}");
+        let lit_before = pins.iter().any(|s| s.rate < 0.0 && s.is_on("out3") && s.place < there.place);
+        assert_eq!(lit_before, passes, "{script}");
+        assert!(pins.iter().any(|s| s.rate < 0.0 && s.place < there.place), "it went on backward");
+    }
+}
+
+#[test]
 fn what_a_program_does_with_its_cutter_is_checked_before_the_run() {
     let check = |machine: Option<String>, program: &str| {
         let bench = Bench::new();

@@ -136,6 +136,8 @@ pub enum Happening {
     Oldest,
     /// Reverse run stands at a place that cannot be passed backward; the code that stands there.
     OneWay(&'static str),
+    /// Reverse run stands where the program switched the cutter, with the cutter on by hand.
+    CutterBoundary,
     /// Reverse run stands where it was to go.
     There,
     /// The handwheel has come forward to the furthest place ever executed, where it ends.
@@ -226,6 +228,7 @@ impl Event {
             Happening::OrderRefused(why) => json!({"event": "order_refused", "why": why.to_string()}),
             Happening::Oldest => json!({"event": "oldest_record"}),
             Happening::OneWay(code) => json!({"event": "one_way", "code": code}),
+            Happening::CutterBoundary => json!({"event": "cutter_boundary"}),
             Happening::There => json!({"event": "there"}),
             Happening::Reached => json!({"event": "reached"}),
             Happening::OutputsDiffer(some) => {
@@ -294,6 +297,9 @@ impl Event {
             Happening::OrderRefused(why) => format!("not done: {why}"),
             Happening::Oldest => "standing at the oldest record: it goes no further back".into(),
             Happening::OneWay(code) => format!("standing behind {code}, which cannot be passed backward"),
+            Happening::CutterBoundary => {
+                "standing where the program switched the cutter, and it is on: `cutter off`, or `reverse` again to cut on".into()
+            }
             Happening::There => "standing where it was to go".into(),
             Happening::Reached => "standing at the furthest place executed".into(),
             Happening::OutputsDiffer(some) => {

@@ -67,6 +67,8 @@ pub struct Supply<'r, const A: usize> {
     kept_from: Option<u32>,
     /// Where a cutting output was switched on by the program, in path order.
     jets: VecDeque<u32>,
+    /// Where a cutting output was switched on or off by the program, in path order.
+    cut_changes: VecDeque<u32>,
     cutting: Vec<u8>,
     last_lit: Option<u8>,
     /// What became of the marks of a run before: all passed, or the first that differs.
@@ -109,6 +111,7 @@ impl<'r, const A: usize> Supply<'r, A> {
             durable: None,
             kept_from: None,
             jets: VecDeque::with_capacity(MOST_JETS),
+            cut_changes: VecDeque::with_capacity(MOST_JETS),
             cutting: Vec::new(),
             last_lit: None,
             marks: None,
@@ -294,6 +297,12 @@ impl<'r, const A: usize> Supply<'r, A> {
     /// An output takes a value by the program, at `place`.
     fn expect(&mut self, place: u32, channel: u8, value: i32) {
         let expected = &mut self.expected[usize::from(channel)];
+        if (*expected == 0) != (value == 0) && self.cutting.contains(&channel) {
+            if self.cut_changes.len() == MOST_JETS {
+                self.cut_changes.pop_front();
+            }
+            self.cut_changes.push_back(place);
+        }
         if *expected == 0 && value != 0 && self.cutting.contains(&channel) {
             self.last_lit = Some(channel);
             if self.jets.len() == MOST_JETS {
@@ -320,6 +329,13 @@ impl<'r, const A: usize> Supply<'r, A> {
         steps: &mut Vec<RestartStep>,
     ) {
         self.origins.steps(are, wants, &self.cutting, concerned, steps);
+    }
+
+    /// The last place at or before `place`, but for `passed`, where the program switched a cutting output, if that is kept.
+    #[must_use]
+    pub fn cut_change_before(&self, place: Place, passed: Option<u32>) -> Option<u32> {
+        let behind = |&&change: &&u32| Place::start_of(change).to(place) >= 0 && Some(change) != passed;
+        self.cut_changes.iter().rev().find(behind).copied()
     }
 
     /// The cutting channel that the program has lit last; none where it has lit none.

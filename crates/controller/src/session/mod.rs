@@ -86,6 +86,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     /// The cutter went out because the machine stood, and was not brought back yet.
     cutter_is_out: bool,
     leaving_run: LeavingRun,
+    /// The place where the cutter was switched that the operator has agreed to pass backward with the cutter on.
+    passed_boundary: Option<u32>,
     /// A dry run.
     inhibits_outputs: bool,
     /// A jet may cut while the path is retraced.
@@ -157,6 +159,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             restart: Restart::new(),
             cutter_is_out: false,
             leaving_run: LeavingRun::No,
+            passed_boundary: None,
             inhibits_outputs: machine.inhibits_outputs,
             retrace_cuts: machine.cutters.iter().any(|cutter| cutter.retrace_cut),
             optional_stop: false,
@@ -334,6 +337,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 let there = self.back.as_ref().is_some_and(|back| back.is_there(facts.oldest));
                 self.tell(match self.supply.barrier() {
                     _ if there => Happening::There,
+                    _ if self.cutter_boundary() == Some(facts.oldest) => Happening::CutterBoundary,
                     Some(code) => Happening::OneWay(code),
                     None => Happening::Oldest,
                 });

@@ -2,8 +2,8 @@
 //!
 //! Invariant: an order that does not apply changes nothing and is answered with the reason.
 
-use retrace_core::Travel;
 use retrace_core::mode::{Mode, Order};
+use retrace_core::{Place, Travel};
 use retrace_link::{Change, MotionCard, Word, channel};
 
 use super::Session;
@@ -73,7 +73,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// A word that changes the way the path is retraced: whatever reverse run was to end somewhere ends.
     fn retrace(&mut self, order: Order) -> Result<(), OrderRefused> {
+        // Whoever goes back again from where the cutter was switched agrees to pass it.
+        let boundary = self.cutter_boundary();
+        let status = self.card.status();
+        let stands_there = status.at_rest && boundary.is_some_and(|boundary| status.place == Place::start_of(boundary));
         self.operation.order(order)?;
+        if stands_there {
+            self.passed_boundary = boundary;
+        }
         self.back = None;
         if !matches!(order, Order::Leave { .. } | Order::Forward(_)) {
             self.cancel_restart();
