@@ -151,7 +151,7 @@ fn a_stream_is_taken_up_from_what_was_kept_of_it_and_sent_again_where_that_is_no
 }
 
 #[test]
-fn another_card_and_a_machine_that_was_moved_are_refused() {
+fn another_card_is_refused_and_a_machine_that_was_moved_goes_back_to_the_breakpoint() {
     let (bench, card) = (bench(), Served::with(&[]));
     bench.file("away.ngc", "G21 G91 F1000\nG1 X1\nM2\n");
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "patient.toml", "--json"];
@@ -161,7 +161,131 @@ fn another_card_and_a_machine_that_was_moved_are_refused() {
     let id = jobs["jobs"][0]["id"].as_str().expect("a name").to_owned();
     assert_eq!(bench.retrace(["card", "clear", &card.port, "--machine", "patient.toml"]).code, Some(0));
     assert_eq!(card.run(&bench, "away.ngc").code, Some(0));
-    assert_refused(&bench.retrace(["resume", &id, "--yes", "--json"]), "E2214");
     let other = Served::with(&[]);
     assert_refused(&bench.retrace(["resume", &id, "--yes", "--json", "--card", &other.port]), "E2213");
+    let said = bench.retrace(["resume", &id]);
+    assert!(said.code == Some(2) && said.out.contains("way back"), "{}\n{}", said.out, said.err);
+    assert_completed(&bench.retrace(["resume", &id, "--yes", "--json"]));
+}
+
+/// A machine with a retract plane.
+const RETRACTS: &str = "retract_mm = 10\n[card]\nwatchdog_ms = 2000\n";
+
+/// The rows of a records file: increments of X, Y and Z.
+fn rows(bench: &Bench) -> Vec<[i64; 3]> {
+    let text = fs::read_to_string(bench.path("records.csv")).expect("records");
+    let row = |line: &str| {
+        let all: Vec<i64> = line.rsplit(',').take(3).map(|cell| cell.parse().expect("a count")).collect();
+        [all[2], all[1], all[0]]
+    };
+    text.lines().skip(1).map(row).collect()
+}
+
+/// While X or Y moves before the tool has come down to `down` for good, Z stands at `height`; all from these counts on.
+fn assert_safe_order(rows: &[[i64; 3]], from: [i64; 3], height: i64, start: [i64; 3]) {
+    let (mut at, mut was_there) = (from, false);
+    for row in rows {
+        if at == start {
+            was_there = true;
+            break;
+        }
+        if row[0] != 0 || row[1] != 0 {
+            assert_eq!((at[2], row[2]), (height, 0), "at {at:?}");
+        }
+        (0..3).for_each(|axis| at[axis] += row[axis]);
+    }
+    assert!(was_there, "it comes to {start:?}: {at:?}");
+}
+
+#[test]
+fn a_tool_that_was_moved_away_in_a_pause_goes_back_in_the_safe_order() {
+    let (bench, card) = (bench(), Served::with(&[]));
+    bench.file("mill.toml", RETRACTS);
+    bench.file("away.op", "at line 6 pause\nafter 0.1s jog z 2\nafter 0s jog x 3\nafter 0s jog y -1\nafter 1s stop\n");
+    let on_card = ["--card", &card.port, "--machine", "mill.toml", "--json", "--operator", "away.op"];
+    let said = bench.retrace(["run", "part.ngc"].iter().chain(&on_card));
+    assert_eq!(said.code, Some(4), "{}\n{}", said.out, said.err);
+    let stands = counts(&report(&said));
+    assert_eq!(stands[2], 2_000, "{}", said.out);
+    let said = bench.retrace(["resume"]);
+    assert!(
+        said.code == Some(2) && said.out.contains("way back   Z to 10.000, then X to"),
+        "{}\n{}",
+        said.out,
+        said.err
+    );
+    let said = bench.retrace(["resume", "--yes", "--json", "--records", "records.csv"]);
+    assert_completed(&said);
+    let shown: Value = serde_json::from_str(said.out.lines().next().expect("a line")).expect("JSON");
+    let back: Vec<[i64; 3]> = serde_json::from_value(shown["way_back"].clone()).expect("counts");
+    assert_eq!((back.len(), back[0], back[2][2]), (3, [stands[0], stands[1], 10_000], 0), "{shown}");
+    assert_safe_order(&rows(&bench), stands, 10_000, back[2]);
+}
+
+#[test]
+fn a_machine_that_was_jogged_after_its_host_was_killed_goes_back() {
+    let (bench, card) = (bench(), Served::with(&[]));
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "patient.toml", "--json"];
+    killed(&bench, &run, Stdio::null(), Duration::from_millis(1200));
+    assert_eq!(bench.retrace(["card", "clear", &card.port, "--machine", "patient.toml"]).code, Some(0));
+    for (axis, mm) in [("z", "4"), ("x", "-7.5")] {
+        let said = bench.retrace(["jog", axis, mm, "--card", &card.port, "--machine", "patient.toml"]);
+        assert_eq!(said.code, Some(0), "{}", said.err);
+    }
+    assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
+}
+
+#[test]
+fn a_stop_on_the_way_back_keeps_the_breakpoint() {
+    let (bench, card) = (bench(), Served::with(&[]));
+    bench.file("mill.toml", RETRACTS);
+    bench.file("away.op", "at line 6 pause\nafter 0.1s jog z 40\nafter 1s stop\n");
+    let on_card = ["--card", &card.port, "--machine", "mill.toml", "--json", "--operator", "away.op"];
+    assert_eq!(bench.retrace(["run", "part.ngc"].iter().chain(&on_card)).code, Some(4));
+    // The host goes on the way back.
+    let mut child = bench.begun(&["resume", "--yes", "--json"], Stdio::null(), "killed.txt");
+    while !fs::read_to_string(bench.path("killed.txt")).unwrap_or_default().contains("approach") {
+        sleep(Duration::from_millis(1));
+    }
+    sleep(Duration::from_millis(100));
+    child.kill().expect("it is killed");
+    child.wait().expect("it ends");
+    assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
+}
+
+#[test]
+fn after_a_restart_of_the_card_the_position_has_to_be_confirmed() {
+    let bench = bench();
+    bench.file("mill.toml", RETRACTS);
+    let card = Served::with(&[]);
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "mill.toml", "--json"];
+    killed(&bench, &run, Stdio::null(), Duration::from_millis(1200));
+    drop(card);
+    let card = Served::with(&[]);
+    let resume = ["resume", "--yes", "--json", "--card", &card.port];
+    let said = bench.retrace(resume);
+    assert_refused(&said, "E2213");
+    assert!(said.err.contains("--at-counts") && said.err.contains("X 0.000 Y 0.000 Z 0.000"), "{}", said.err);
+    let said = bench.retrace(resume.iter().chain(&["--at-counts", "--records", "records.csv"]));
+    assert_completed(&said);
+    let shown: Value = serde_json::from_str(said.out.lines().next().expect("a line")).expect("JSON");
+    let back: Vec<[i64; 3]> = serde_json::from_value(shown["way_back"].clone()).expect("counts");
+    assert_safe_order(&rows(&bench), [0; 3], 10_000, *back.last().expect("moves"));
+}
+
+#[test]
+fn a_program_that_begins_at_a_line_comes_to_its_start_in_the_safe_order() {
+    let bench = Bench::new();
+    bench.file("mill.toml", RETRACTS);
+    bench.file("part.ngc", "G21 G90 F3000\nG1 X20 Y10\nZ-3\nX30\nM2\n");
+    let run = ["run", "part.ngc", "--machine", "mill.toml", "--json", "--records", "records.csv", "--start-line", "4"];
+    let said = bench.retrace(run);
+    assert_eq!((said.code, counts(&report(&said))), (Some(0), [30_000, 10_000, -3_000]), "{}", said.err);
+    assert_safe_order(&rows(&bench), [0; 3], 10_000, [20_000, 10_000, -3_000]);
+    bench.file("stop.op", "at line 4 stop\n");
+    let said = bench.retrace(["run", "part.ngc", "--machine", "mill.toml", "--json", "--operator", "stop.op"]);
+    assert_eq!(said.code, Some(4), "{}", said.err);
+    let said = bench.retrace(["resume", "--from-line", "4", "--yes", "--json", "--records", "records.csv"]);
+    assert_eq!(said.code, Some(0), "{}", said.err);
+    assert_safe_order(&rows(&bench), [0; 3], 10_000, [20_000, 10_000, -3_000]);
 }

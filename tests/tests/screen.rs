@@ -488,6 +488,18 @@ fn a_job_is_resumed_at_the_screen_with_all_its_keys() {
     assert!(end.contains("X 0  Y 3000  Z 0"), "{end}");
 }
 
+/// The planned path moves with the work zero, at once.
+#[test]
+fn the_planned_path_moves_with_the_work_zero() {
+    let bench = Bench::new();
+    let terminal = ready(&bench, "G21 G90 G17 G94\nF6000\nG1 X10\nG1 X0\nM2\n");
+    terminal.until("path X Y · 10 × 0 mm");
+    terminal.keys("mG0 X50 Y20\r");
+    terminal.until("path X Y · 50 × 0 mm");
+    terminal.keys("z\r");
+    terminal.until("path X Y · 10 × 0 mm");
+}
+
 /// Feed, modal line and tool are those of the block under the tool, also where the machine has gone back; a rapid move has no feed to show.
 #[test]
 fn what_is_shown_is_that_of_the_block_under_the_tool() {

@@ -399,7 +399,8 @@ pub struct Resume {
     /// Begin at this program line instead, from where the machine stands, with the modal state that holds there: a job of its own.
     #[arg(long, value_name = "N")]
     pub from_line: Option<u32>,
-    /// The card was restarted, and the machine has been homed and brought back to the breakpoint: go by its counts.
+    /// The card was restarted, and the machine stands where its counts say: confirms that where no home switch does, and goes back from there
+    /// to the breakpoint that the journal kept last.
     #[arg(long, conflicts_with = "from_line")]
     pub at_counts: bool,
     /// Play in wall time; without it the simulated card runs as fast as it can.

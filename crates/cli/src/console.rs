@@ -81,21 +81,17 @@ impl<'m, const A: usize> Console<'m, A> {
         Ok(Self { show, machine, judge, records, alarms: Vec::new(), line: 0, shown: Instant::now() })
     }
 
-    /// Ends the console: the judge's verdict, the alarms, the last line executed.
-    ///
-    /// # Errors
-    /// `E2105` where the records could not be written whole.
-    pub fn finish(self) -> Result<(Verdict<A>, Vec<String>, u32), Refusal> {
-        if let Some((mut file, error)) = self.records {
+    /// Ends the console: the judge's verdict, the alarms, the last line executed; and `E2105` where the records could not be written
+    /// whole.
+    pub fn finish(self) -> (Verdict<A>, Vec<String>, u32, Option<Refusal>) {
+        let lost = self.records.and_then(|(mut file, error)| {
             let flushed = file.flush();
-            if let Some(error) = error.or(flushed.err()) {
-                return Err(unwritable("the records", &error));
-            }
-        }
+            error.or(flushed.err()).map(|error| unwritable("the records", &error))
+        });
         if let Show::Bar(bar) = &self.show {
             bar.finish_and_clear();
         }
-        Ok((self.judge.finish(), self.alarms, self.line))
+        (self.judge.finish(), self.alarms, self.line, lost)
     }
 
     fn write_record(&mut self, status: &Period<A>) {

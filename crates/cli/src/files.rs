@@ -6,9 +6,11 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
+use retrace_controller::journal::hash::Hash;
 use retrace_controller::machine::Machine;
 use retrace_controller::operator::{self, Instruction};
 use retrace_controller::refusal::Refusal;
+use retrace_gcode::Text;
 
 /// Whether a path leads to a FIFO or a character device, which is read as a stream.
 #[cfg(unix)]
@@ -50,11 +52,14 @@ impl Read for Opened {
     }
 }
 
-/// Reads a file whole; `what` says what it is meant to be.
+/// The longest file that is read whole: a table, a machine file, a script.
+const MAX_WHOLE: u64 = 64 << 20;
+
+/// Opens a file; `what` says what it is meant to be.
 ///
 /// # Errors
-/// `E2101` … `E2104`: absent, a folder, not allowed, not readable.
-pub fn bytes(path: &Path, what: &str) -> Result<Vec<u8>, Refusal> {
+/// `E2101` … `E2104`: absent, a folder, not allowed, not readable. `E2312`: a device.
+pub fn open(path: &Path, what: &str) -> Result<File, Refusal> {
     if path.is_dir() {
         return Err(Refusal::new(
             "E2102",
@@ -62,22 +67,74 @@ pub fn bytes(path: &Path, what: &str) -> Result<Vec<u8>, Refusal> {
             "name a file in it",
         ));
     }
-    std::fs::read(path).map_err(|error| {
-        let shown = path.display();
-        match error.kind() {
-            ErrorKind::NotFound => {
-                Refusal::new("E2101", format!("there is no {what} {shown}"), "check the name and the folder you are in")
-            }
-            ErrorKind::PermissionDenied => {
-                Refusal::new("E2103", format!("the {what} {shown} may not be read"), "check its permissions")
-            }
-            _ => Refusal::new(
-                "E2104",
-                format!("the {what} {shown} cannot be read: {error}"),
-                "check the file and its disk",
-            ),
+    if is_device(path) {
+        return Err(Refusal::new("E2312", format!("{} is a device, not a {what}", path.display()), "name a file"));
+    }
+    File::open(path).map_err(|error| unreadable(path, what, &error))
+}
+
+/// Reads a program: its text, which is held where it is small, and its hash.
+///
+/// # Errors
+/// As [`open`].
+pub fn program(path: &Path) -> Result<(Text, Hash), Refusal> {
+    let mut hash = Hash::of(b"");
+    let text = Text::read(open(path, "program")?, |part| hash = hash.then(part));
+    text.map(|text| (text, hash)).map_err(|error| unreadable(path, "program", &error))
+}
+
+/// The hash of a file, which is not held.
+///
+/// # Errors
+/// As [`open`].
+pub fn hash(path: &Path, what: &str) -> Result<Hash, Refusal> {
+    Hash::of_reader(open(path, what)?).map_err(|error| unreadable(path, what, &error))
+}
+
+/// Reads a file whole; `what` says what it is meant to be.
+///
+/// # Errors
+/// As [`open`]; `E2312` for one of more than 64 MiB.
+pub fn bytes(path: &Path, what: &str) -> Result<Vec<u8>, Refusal> {
+    let mut bytes = Vec::new();
+    let file = open(path, what)?;
+    let length = file.metadata().map_or(0, |file| file.len());
+    let read = if length > MAX_WHOLE { Ok(0) } else { file.take(MAX_WHOLE + 1).read_to_end(&mut bytes) };
+    read.map_err(|error| unreadable(path, what, &error))?;
+    if length.max(bytes.len() as u64) > MAX_WHOLE {
+        let what = format!("{} has more than {} MiB: it is no {what}", path.display(), MAX_WHOLE >> 20);
+        return Err(Refusal::new("E2312", what, "name the right file"));
+    }
+    Ok(bytes)
+}
+
+/// Whether a path leads to a character or block device.
+#[cfg(unix)]
+fn is_device(path: &Path) -> bool {
+    use std::os::unix::fs::FileTypeExt;
+    std::fs::metadata(path).is_ok_and(|file| file.file_type().is_char_device() || file.file_type().is_block_device())
+}
+
+/// Elsewhere devices have no files.
+#[cfg(not(unix))]
+fn is_device(_: &Path) -> bool {
+    false
+}
+
+/// Why a file cannot be read.
+fn unreadable(path: &Path, what: &str, error: &io::Error) -> Refusal {
+    let shown = path.display();
+    match error.kind() {
+        ErrorKind::NotFound => {
+            Refusal::new("E2101", format!("there is no {what} {shown}"), "check the name and the folder you are in")
         }
-    })
+        ErrorKind::PermissionDenied => {
+            Refusal::new("E2103", format!("the {what} {shown} may not be read"), "check its permissions")
+        }
+        _ => {
+            Refusal::new("E2104", format!("the {what} {shown} cannot be read: {error}"), "check the file and its disk")
+        }
+    }
 }
 
 /// Reads a text file whole.
@@ -111,7 +168,14 @@ pub fn machine_text(path: Option<&Path>) -> Result<String, Refusal> {
 pub fn machine(path: Option<&Path>) -> Result<Machine, Refusal> {
     match path {
         None => Machine::built_in(),
-        Some(path) => Machine::parse(&text(path, "machine file")?, &path.display().to_string()),
+        Some(path) => {
+            let text = text(path, "machine file")?;
+            if text.trim().is_empty() {
+                let what = format!("the machine file {} is empty", path.display());
+                return Err(Refusal::new("E2114", what, "`retrace machine new -o FILE` writes a commented one"));
+            }
+            Machine::parse(&text, &path.display().to_string())
+        }
     }
 }
 

@@ -49,15 +49,15 @@ impl Claimed {
         Ok(Self { jobs, folder, held, when })
     }
 
-    /// Keeps a program that arrives in the folder.
+    /// Keeps a program that arrives in the folder, up to `quota` bytes.
     ///
     /// # Errors
     /// `E2105`
-    pub fn spool(&self, from: Arriving) -> Result<(Arriving, Progress), Refusal> {
+    pub fn spool(&self, from: Arriving, quota: u64) -> Result<(Arriving, Progress), Refusal> {
         let path = self.folder.stream();
         let (spooling, progress) =
             Spooling::create(&path, from).map_err(|error| unwritable(&path.display().to_string(), &error))?;
-        Ok((Box::new(spooling), progress))
+        Ok((Box::new(spooling.limited_to(quota)), progress))
     }
 
     /// Begins the journal.
@@ -130,7 +130,8 @@ impl Kept {
             Outcome::Stopped | Outcome::Refused(_) => Ending::Stopped,
             Outcome::Alarm(..) => Ending::Alarm,
         };
-        let end = End { when: Stamp::now(), outcome: ending, exit_code: outcome.exit_code(), report: report.clone() };
+        let exit_code = report["exit_code"].as_u64().map_or(outcome.exit_code(), |code| code as u8);
+        let end = End { when: Stamp::now(), outcome: ending, exit_code, report: report.clone() };
         if let Err(refusal) = self.logbook.end(end) {
             said.push(refusal.to_string());
         }

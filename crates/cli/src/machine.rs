@@ -3,6 +3,9 @@
 //! Invariant: without a kind, the file that is written describes the machine that is built in; every key that one of them shows can be used.
 
 use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, ErrorKind, Write as _};
+use std::path::Path;
 
 use retrace_controller::machine::{Cutter, Machine};
 use retrace_controller::refusal::Refusal;
@@ -40,15 +43,30 @@ pub fn run(args: &args::Machine) -> Result<(), Refusal> {
                 crate::out::line(text.trim_end());
                 return Ok(());
             };
-            let named = |error| unwritable(&path.display().to_string(), &error);
-            // never over a file that somebody has made his own
-            let mut file = std::fs::File::options().write(true).create_new(true).open(path).map_err(named)?;
-            std::io::Write::write_all(&mut file, text.as_bytes()).map_err(named)?;
+            create(path, text).map_err(|error| unwritable(&path.display().to_string(), &error))?;
             say!("{} written; see what it comes to: retrace machine check {0}", path.display());
         }
         args::Machine::Check { file } => crate::out::line(described(&files::machine(Some(file))?)),
     }
     Ok(())
+}
+
+/// Creates a file with this text, whole or not at all, and never over one that somebody has made his own.
+fn create(path: &Path, text: &str) -> io::Result<()> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let draft = path.with_file_name(format!(".{name}.{}", std::process::id()));
+    let written = File::options().write(true).create_new(true).open(&draft).and_then(|mut file| {
+        file.write_all(text.as_bytes())?;
+        file.sync_all()
+    });
+    let placed = written.and_then(|()| match std::fs::hard_link(&draft, path) {
+        // Not every file system has links.
+        Err(error) if error.kind() != ErrorKind::AlreadyExists && !path.exists() => std::fs::rename(&draft, path),
+        placed => placed,
+    });
+    // It is gone where it was renamed.
+    let _ = std::fs::remove_file(&draft);
+    placed
 }
 
 /// A machine in a few lines.

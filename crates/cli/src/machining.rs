@@ -135,7 +135,7 @@ impl Machining<'_> {
         let wall_s = started.elapsed().as_secs_f64();
         let Watching { console, keeper, .. } = watching;
         drop(keeper);
-        let (verdict, alarms, line) = console.finish()?;
+        let (verdict, alarms, line, lost_records) = console.finish();
         let report = Report {
             program: program.name(),
             machine,
@@ -155,6 +155,17 @@ impl Machining<'_> {
         let path = |path: &Option<PathBuf>| path.as_deref().map_or(Value::Null, |path| files::absolute(path).into());
         value["parameter_file"] = path(&manners.tables.parameters);
         value["tool_table"] = path(&manners.tables.tools);
+        if ended.is_none() {
+            tell(&report, &manners.tables, manners.json.then_some(&value));
+        }
+        // The report itself may be what is lost: the journal has it, and says so.
+        let lost = lost_records.clone().or_else(crate::out::lost);
+        if let Some(lost) = &lost {
+            value["output_lost"] = lost.what.as_str().into();
+            if outcome == Outcome::Completed {
+                value["exit_code"] = 2.into();
+            }
+        }
         let said = kept.map_or_else(Vec::new, |kept| kept.end(&outcome, &value));
         match ended {
             Some(ended) => {
@@ -164,10 +175,7 @@ impl Machining<'_> {
                 let tables = last.tables().filter(|_| outcome == Outcome::Completed);
                 *ended = Ended { short: short(&report), text, tables };
             }
-            None => {
-                tell(&report, &manners.tables, manners.json.then_some(&value));
-                said.iter().for_each(|line| eprintln!("{line}"));
-            }
+            None => said.iter().for_each(|line| eprintln!("{line}")),
         }
         if let (Some((parameters, tools)), Outcome::Completed) = (last.tables(), &outcome) {
             let began = program.setup().start_tables();
@@ -176,7 +184,18 @@ impl Machining<'_> {
                 manners.tables.write_tools(&began.tools, &tools)?;
             }
         }
-        Ok((outcome.exit_code(), card))
+        let code = match (&outcome, lost_records) {
+            (outcome, None) => outcome.exit_code(),
+            (Outcome::Completed, Some(lost)) => {
+                eprintln!("{lost}");
+                2
+            }
+            (outcome, Some(lost)) => {
+                eprintln!("{lost}");
+                outcome.exit_code()
+            }
+        };
+        Ok((code, card))
     }
 }
 

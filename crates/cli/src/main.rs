@@ -66,16 +66,24 @@ fn main() -> ExitCode {
         Command::Jobs(args) => jobs::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),
     };
-    match done {
-        Ok(code) => ExitCode::from(code),
-        Err(Failure::Program) => ExitCode::from(1),
+    let code = match done {
+        Ok(code) => code,
+        Err(Failure::Program) => 1,
         Err(Failure::Card(refusal)) => {
             eprintln!("{refusal}");
-            ExitCode::from(3)
+            3
         }
         Err(Failure::Refused(refusal)) => {
             eprintln!("{refusal}");
-            ExitCode::from(2)
+            2
         }
+    };
+    // Whatever was done is done; who reads the exit code alone is not to believe that he has all of the output.
+    match out::lost() {
+        Some(refusal) => {
+            eprintln!("{refusal}");
+            ExitCode::from(if code == 0 { 2 } else { code })
+        }
+        None => ExitCode::from(code),
     }
 }

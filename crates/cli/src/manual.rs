@@ -132,7 +132,9 @@ where
     let manner = Manner { wall_time: args.card != "sim", operator: false };
     let carry_out = || perform(task, machine, desk, card, (operators, manner), &mut console);
     let done = homing.noting(task, machine, carry_out);
-    console.finish()?;
+    if let (.., Some(lost)) = console.finish() {
+        return Err(lost.into());
+    }
     let code = match done {
         Ok(Done::Whole { .. }) => 0,
         Ok(Done::Stopped) => 4,

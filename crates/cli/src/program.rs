@@ -52,6 +52,9 @@ impl From<Refusal> for Failure {
     }
 }
 
+/// Bytes of a program's text that are shown at most.
+const MAX_SHOWN: usize = 32 << 20;
+
 /// A program, and what it is read with.
 #[derive(Clone, Debug)]
 pub struct Program {
@@ -118,12 +121,8 @@ impl Arrives {
             }
             Self::Device(path) => ahead(files::Opened::on_demand(path), opening),
             Self::File(path) => {
-                let mut text = files::bytes(path, "program")?;
                 // A file is whole also where its last line is not terminated.
-                if text.last().is_some_and(|&last| last != b'\n') {
-                    text.push(b'\n');
-                }
-                ahead(io::Cursor::new(text), opening)
+                ahead(files::open(path, "program")?.chain(&b"\n"[..]), opening)
             }
         })
     }
@@ -260,10 +259,10 @@ impl Program {
             // The screen opens without a program.
             Some(Arc::new(Prescan::of(&name, Vec::new().into(), &setup)))
         } else {
-            let text = files::bytes(&reading.program, "program")?;
+            let (text, hash) = files::program(&reading.program)?;
             let path = files::absolute(&reading.program);
-            files.insert(0, FileRead { role: Role::Program, path, hash: Hash::of(&text) });
-            Some(Arc::new(Prescan::of(&name, text.into(), &setup)))
+            files.insert(0, FileRead { role: Role::Program, path, hash });
+            Some(Arc::new(Prescan::of(&name, text, &setup)))
         };
         let opening = Opening {
             serial: SerialSettings::default(),
@@ -305,11 +304,11 @@ impl Program {
         let mut again = Self { setup, ..self.clone() };
         again.folders.forget();
         if self.prescan.is_some() && self.is_loaded() {
-            let text = files::bytes(Path::new(&self.name), "program")?;
+            let (text, hash) = files::program(Path::new(&self.name))?;
             if let Some(read) = again.files.iter_mut().find(|read| read.role == Role::Program) {
-                read.hash = Hash::of(&text);
+                read.hash = hash;
             }
-            again.prescan = Some(Arc::new(Prescan::of(&self.name, text.into(), &again.setup)));
+            again.prescan = Some(Arc::new(Prescan::of(&self.name, text, &again.setup)));
         }
         Ok(again)
     }
@@ -352,11 +351,19 @@ impl Program {
         &self.name
     }
 
-    /// Its text; empty for standard input.
+    /// Its text, up to 32 MiB of it; empty for a program that arrives.
     #[must_use]
     pub fn text(&self) -> String {
-        let lines = self.prescan().into_iter().flat_map(Prescan::texts);
-        lines.map(|line| String::from_utf8_lossy(line).trim_end_matches(['\n', '\r']).to_owned() + "\n").collect()
+        let mut text = String::new();
+        for line in self.prescan().into_iter().flat_map(Prescan::texts) {
+            if text.len() > MAX_SHOWN {
+                text += "; the rest of the program is not shown\n";
+                break;
+            }
+            text += String::from_utf8_lossy(&line).trim_end_matches(['\n', '\r']);
+            text.push('\n');
+        }
+        text
     }
 
     /// The tool table, if one was given.
@@ -507,9 +514,9 @@ impl Program {
     fn show(&self, diagnostic: &Diagnostic) -> String {
         let (name, line) = match &self.prescan {
             Some(prescan) => (prescan.file_name(diagnostic.file), prescan.line_text(diagnostic.file, diagnostic.line)),
-            None => (self.name.as_str(), &[][..]),
+            None => (self.name.as_str(), Vec::new()),
         };
-        diagnostic.render(name, &String::from_utf8_lossy(line))
+        diagnostic.render(name, &String::from_utf8_lossy(&line))
     }
 
     /// What the pre-scan has found; none for standard input.
@@ -519,8 +526,8 @@ impl Program {
     }
 
     fn line(&self, number: u32) -> String {
-        let text = self.prescan().map_or(&[][..], |prescan| prescan.line_text(0, number));
-        String::from_utf8_lossy(text).into_owned()
+        let text = self.prescan().map_or_else(Vec::new, |prescan| prescan.line_text(0, number));
+        String::from_utf8_lossy(&text).into_owned()
     }
 
     /// A finding with its source line, in the form of the diagnostics.
@@ -657,7 +664,7 @@ fn cycle_files(library: &Library) -> Vec<FileRead> {
 
 /// A file that was read, and its hash.
 fn read(role: Role, path: &Path) -> Result<FileRead, Refusal> {
-    Ok(FileRead { role, path: files::absolute(path), hash: Hash::of(&files::bytes(path, "file")?) })
+    Ok(FileRead { role, path: files::absolute(path), hash: files::hash(path, "file")? })
 }
 
 /// Reads a table; its first fault is the refusal's text.

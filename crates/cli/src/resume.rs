@@ -3,9 +3,11 @@
 //! Invariant: nothing moves and the journal stays as it was before program, planner, card and counts have been compared with the journal
 //! and the operator has agreed.
 
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
 use retrace_controller::fingerprint;
+use retrace_controller::homed::required;
 use retrace_controller::job::Begin;
 use retrace_controller::jobs::{Held, JobFolder, Jobs};
 use retrace_controller::journal::entry::{self, Card, FileRead, Job, Resumed, Role, Source};
@@ -16,6 +18,7 @@ use retrace_controller::journal::spool::{Progress, Respooled};
 use retrace_controller::journal::stamp::Stamp;
 use retrace_controller::machine::Machine;
 use retrace_controller::machine_changes;
+use retrace_controller::manual::hand::BEYOND;
 use retrace_controller::operator::{self, Instruction};
 use retrace_controller::refusal::Refusal;
 use retrace_controller::resume::{Prepared, Resumption};
@@ -42,6 +45,28 @@ const MARKS: u64 = 1 << 16;
 /// # Errors
 /// What keeps the job from being taken up.
 pub fn run(args: &args::Resume) -> Result<u8, Failure> {
+    let by_card = Cell::new(false);
+    match attempt(args, Breakpoint::OfCard, &by_card) {
+        // The card was moved since, so that its place is not one of the job's path: the journal's counts then.
+        Err(Failure::Refused(refusal)) if by_card.get() && matches!(refusal.number, "E2214" | "E2216") => {
+            attempt(args, Breakpoint::OfJournal, &by_card)
+        }
+        done => done,
+    }
+}
+
+/// Where the breakpoint is taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Breakpoint {
+    /// Where the card says that it is, if that can be a place of the job.
+    OfCard,
+    /// The last place in the journal: up to a second of motion before the machine stopped, where nobody could keep it any more.
+    OfJournal,
+}
+
+/// Takes the job up at a breakpoint; `by_card` says whether it was the card's.
+fn attempt(args: &args::Resume, breakpoint: Breakpoint, by_card: &Cell<bool>) -> Result<u8, Failure> {
+    by_card.set(false);
     if args.machine.is_some() {
         let what = "--machine: a job goes on with the machine that it began with, which is in its journal";
         return Err(Refusal::new("E2142", what, "leave it out").into());
@@ -66,7 +91,7 @@ pub fn run(args: &args::Resume) -> Result<u8, Failure> {
     }
     let machine = machine(&record.job)?;
     let axes = machine.axes.len();
-    let taking = Taking { args, jobs, folder, held, record, machine };
+    let taking = Taking { args, breakpoint, by_card, jobs, folder, held, record, machine };
     match axes {
         0..=4 => taking.up::<4>(),
         5..=6 => taking.up::<6>(),
@@ -161,6 +186,8 @@ fn run_args(args: &args::Resume, job: &Job) -> args::Run {
 /// A job being taken up.
 struct Taking<'a> {
     args: &'a args::Resume,
+    breakpoint: Breakpoint,
+    by_card: &'a Cell<bool>,
     jobs: Jobs,
     folder: JobFolder,
     held: Held,
@@ -205,7 +232,7 @@ impl Taking<'_> {
         let is_checked_here = |file: &&FileRead| !is_latched(file) && file.role != Role::Cycles;
         for file in job.files.iter().filter(is_checked_here) {
             let path = if file.role == Role::Program { reading.program.clone() } else { PathBuf::from(&file.path) };
-            let read = Hash::of(&files::bytes(&path, role_name(file.role))?);
+            let read = files::hash(&path, role_name(file.role))?;
             if read != file.hash {
                 let what = format!("the {} {} was changed since the job began", role_name(file.role), path.display());
                 return Err(self.changed(what).into());
@@ -269,7 +296,7 @@ impl Taking<'_> {
             let what = what.strip_prefix("E2208: ").unwrap_or(&what).to_owned();
             Refusal::new("E2208", what, "send the same program again from its beginning")
         })?;
-        Ok(Some((Box::new(input), progress)))
+        Ok(Some((Box::new(input.limited_to(self.machine.stream_quota_bytes)), progress)))
     }
 
     fn on_simulated<const A: usize>(self, program: &Program, script: Vec<Instruction>) -> Result<u8, Failure> {
@@ -320,42 +347,57 @@ impl Taking<'_> {
             let what = format!("{address}: serial number {}, and the job's card has {}", is.serial, was.serial);
             return Err(other_card(&what));
         }
+        if is.boot != was.boot {
+            self.know_position(address, greeting)?;
+            return Ok(stood.start);
+        }
         if self.args.at_counts {
             Homing::of(address, is).check(&self.machine)?;
             return Ok(stood.start);
         }
-        if is.boot != was.boot {
-            let what = format!("{address}: the card was restarted, so that nobody knows where the machine stands");
-            let remedy = format!(
-                "home the machine, bring it to {}, then `retrace resume {} --at-counts`",
-                resume_told::position(&self.machine, &stood.counts),
-                self.folder.id()
-            );
-            return Err(Refusal::new("E2213", what, remedy));
-        }
         let said =
             Start { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
         let is_behind = before(said.reached, stood.start.reached) || before(said.executed, stood.start.executed);
+        let is_off_path = said.place.record.wrapping_sub(self.record.job.origin) >= BEYOND;
         let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == entry::Ending::Stopped);
-        if !is_behind && !was_stopped {
-            return Ok(said);
-        }
         // The card's place is of another path, or that does not matter: the journal's is where it came to rest.
-        let axes = self.machine.axes.len();
-        if was_stopped && greeting.counts[..axes.min(A)] == stood.counts[..] {
+        if is_behind || is_off_path || was_stopped || self.breakpoint == Breakpoint::OfJournal {
             return Ok(stood.start);
         }
-        Err(self.disagree(&greeting.counts[..axes.min(A)], &stood.counts))
+        self.by_card.set(true);
+        Ok(said)
     }
 
-    fn disagree(&self, card: &[i64], job: &[i64]) -> Refusal {
-        let what = format!("the card's counts are {card:?}, and the job was left at {job:?}: the machine was moved");
-        let remedy = format!(
-            "bring it back to {}, then `retrace resume {} --at-counts`; home it first if in doubt",
-            resume_told::position(&self.machine, job),
-            self.folder.id()
-        );
-        Refusal::new("E2214", what, remedy)
+    /// The card was restarted: its counts say where the machine stands only where every axis was homed since, or the operator confirms it.
+    fn know_position<const A: usize>(&self, address: &str, greeting: &Greeting<A>) -> Result<(), Refusal> {
+        let homing = Homing::of(address, &greeting.identity);
+        let id = self.folder.id();
+        let refuse = |what: String, remedy: String| Err(Refusal::new("E2213", what, remedy));
+        if let Err(unhomed) = homing.check(&self.machine) {
+            if self.args.at_counts {
+                return Err(unhomed);
+            }
+            let what = format!("{address}: the card was restarted, and {}", unhomed.what);
+            let remedy = format!(
+                "{}, then `retrace resume {id}`: the axes go back to the breakpoint by themselves",
+                unhomed.remedy
+            );
+            return refuse(what, remedy);
+        }
+        let homed = required(&self.machine);
+        let is_homed = self.machine.axes.iter().all(|axis| homed.contains(&axis.name));
+        let stands = resume_told::position(&self.machine, &greeting.counts);
+        if is_homed || self.args.at_counts || resume_told::position_is_confirmed(&stands) {
+            return Ok(());
+        }
+        refuse(
+            format!(
+                "{address}: the card was restarted, and says that the machine stands at {stands}, which no home switch confirms"
+            ),
+            format!(
+                "check that, or bring the machine there and set it; then `retrace resume {id} --at-counts` confirms it"
+            ),
+        )
     }
 
     /// What the journal says of where it was left.
@@ -394,7 +436,8 @@ impl Taking<'_> {
         let resumption = self.resumption(start)?;
         let (input, progress) = self.input(program)?.unzip();
         let kept_text = self.folder.stream();
-        let Self { args, jobs, folder, held, record, machine } = self;
+        let Self { args, by_card, jobs, folder, held, record, machine, .. } = self;
+        let is_cards_place = by_card.get();
         let care = if named == Card::Sim { Care::Written } else { Care::Synced };
         let disagree = Disagree { id: folder.id().to_owned(), machine: &machine };
         let kept = Kept::waiting(jobs, folder, held, care, &record);
@@ -410,7 +453,8 @@ impl Taking<'_> {
         let card_named = named.clone();
         let resume = move |card: &mut C, at_screen: Option<AtScreen<'_>>, ask: &mut Asking<'_, A>| {
             let agree = |prepared: &Prepared<A>, kept: Option<&mut Kept>| -> Result<(), Failure> {
-                if !prepared.agrees() {
+                // The machine moves, or the card's place is not of this path.
+                if !prepared.card().at_rest || (is_cards_place && !prepared.agrees()) {
                     return Err(disagree.refusal(prepared).into());
                 }
                 let taken = Taken {
@@ -421,6 +465,7 @@ impl Taking<'_> {
                     prepared,
                     differences: table_differences(program, of_job_entry),
                     machine_changes: changed_machine(of_job_entry),
+                    way_back: prepared.way_back(on)?,
                 };
                 if !ask(&taken)? {
                     return Err(Refusal::new("E2215", "not agreed to: nothing has moved", "--yes agrees").into());
@@ -462,13 +507,10 @@ impl Disagree<'_> {
         let axes = self.machine.axes.len().min(A);
         let (card, place) = (prepared.card().counts, prepared.counts());
         let (card, place) = (&card[..axes], &place[..axes]);
-        let what =
-            format!("the card's counts are {card:?}, and those of the breakpoint are {place:?}: the machine was moved");
-        let remedy = format!(
-            "bring it back to {}, then `retrace resume {} --at-counts`; home it first if in doubt",
-            resume_told::position(self.machine, place),
-            self.id
+        let what = format!(
+            "the card's counts are {card:?}, and those of the breakpoint are {place:?}: the machine moves, or was moved"
         );
+        let remedy = format!("wait until it stands, then `retrace resume {}`; home it first if in doubt", self.id);
         Refusal::new("E2214", what, remedy)
     }
 }

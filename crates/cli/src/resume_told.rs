@@ -38,6 +38,8 @@ pub struct Taken<'a, const A: usize> {
     pub differences: Vec<String>,
     /// How the machine file differs by now from the job's copy, a line each; none where it does not.
     pub machine_changes: Option<Vec<String>>,
+    /// The moves that bring the axes to the breakpoint first, each by its end in counts.
+    pub way_back: Vec<[i64; A]>,
 }
 
 /// Shows what will be done, and asks whether to do it.
@@ -100,13 +102,16 @@ impl<const A: usize> Taken<'_, A> {
                 "place",
                 format!("{:.3} mm into it (record {:.4})", prepared.into_line_mm(), f64::from(place.record) + share),
             ),
-            ("position", format!("{}, as the card's counters say", position(self.machine, &prepared.counts()))),
+            ("position", self.position_words()),
             ("modes", block.active.clone()),
             ("tool", prepared.expected_outputs()[usize::from(channel::TOOL)].to_string()),
         ];
         let differing = self.differing();
         let restored: Vec<String> =
             differing.iter().map(|(number, is, to)| format!("{} from {is} to {to}", channel_name(*number))).collect();
+        if !self.way_back.is_empty() {
+            words.push(("way back", self.way_back_words()));
+        }
         words.push(("switches", if restored.is_empty() { "nothing".into() } else { restored.join(", ") }));
         let behind = prepared.start().reached.wrapping_sub(place.boundary_ahead());
         if behind > 0 {
@@ -114,6 +119,29 @@ impl<const A: usize> Taken<'_, A> {
         }
         words.push(("history", format!("{:.1} s, {:.3} mm back", self.history_s(), prepared.history_mm())));
         words
+    }
+
+    fn position_words(&self) -> String {
+        let there = position(self.machine, &self.prepared.counts());
+        if self.prepared.agrees() {
+            return format!("{there}, as the card's counters say");
+        }
+        format!("{there}; the machine stands at {}", position(self.machine, &self.prepared.card().counts))
+    }
+
+    /// `Z to 5.000, then X to 10.000 Y to 2.000, then Z to -3.000`.
+    fn way_back_words(&self) -> String {
+        let mut from = self.prepared.card().counts;
+        let mut moves = Vec::new();
+        for to in &self.way_back {
+            let axes = self.machine.axes.iter().zip(from.iter().zip(to)).filter(|(_, (from, to))| from != to);
+            let words = axes.map(|(axis, (_, &count))| {
+                format!("{} to {:.3}", axis.name.to_ascii_uppercase(), count as f64 / axis.pulses_per_mm)
+            });
+            moves.push(words.collect::<Vec<_>>().join(" "));
+            from = *to;
+        }
+        moves.join(", then ")
     }
 
     fn to_json(&self, block: &Block) -> Value {
@@ -138,6 +166,7 @@ impl<const A: usize> Taken<'_, A> {
             "executed": prepared.start().executed,
             "counts": prepared.counts()[..axes],
             "card_counts": prepared.card().counts[..axes],
+            "way_back": self.way_back.iter().map(|end| &end[..axes]).collect::<Vec<_>>(),
             "active": block.active,
             "tool": prepared.expected_outputs()[usize::from(channel::TOOL)],
             "outputs": outputs,
@@ -198,6 +227,11 @@ pub fn position(machine: &Machine, counts: &[i64]) -> String {
     each.collect::<Vec<_>>().join(" ")
 }
 
+/// Asks on the terminal whether the machine really stands at this position; no where there is no terminal.
+pub fn position_is_confirmed(stands: &str) -> bool {
+    io::stdin().is_terminal() && answer(&format!("the card was restarted: does the machine stand at {stands}? [y/N] "))
+}
+
 /// Asks on the terminal whether to go on.
 ///
 /// # Errors
@@ -207,9 +241,13 @@ pub fn asked() -> Result<bool, Refusal> {
         let what = "nobody is there to agree: nothing has moved";
         return Err(Refusal::new("E2215", what, "look at what it would do, then say it again with --yes"));
     }
-    eprint!("go on from there? [y/N] ");
+    Ok(answer("go on from there? [y/N] "))
+}
+
+fn answer(question: &str) -> bool {
+    eprint!("{question}");
     let _ = io::stderr().flush();
     let mut answer = String::new();
     let _ = io::stdin().lock().read_line(&mut answer);
-    Ok(matches!(answer.trim(), "y" | "Y" | "yes"))
+    matches!(answer.trim(), "y" | "Y" | "yes")
 }

@@ -173,7 +173,7 @@ fn keep<const A: usize>(
         return Ok((None, input));
     }
     let claimed = Claimed::new(args.journal.as_deref(), program.name())?;
-    let (input, progress) = input.map(|input| claimed.spool(input)).transpose()?.unzip();
+    let (input, progress) = input.map(|input| claimed.spool(input, machine.stream_quota_bytes)).transpose()?.unzip();
     let care = if card == entry::Card::Sim { Care::Written } else { Care::Synced };
     let machine_file = (args.machine.as_deref(), text.to_owned());
     let (reading, start_line) = (&args.reading, args.start_line);

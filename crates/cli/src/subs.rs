@@ -2,12 +2,13 @@
 //!
 //! Invariant: the program's own folder comes first, then those of the command line in their order; nothing outside of them is read.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use retrace_controller::journal::entry::{FileRead, Role};
 use retrace_controller::journal::hash::Hash;
-use retrace_gcode::{SubFile, SubFiles};
+use retrace_gcode::{SubFile, SubFiles, Text};
 
 use crate::files;
 
@@ -49,15 +50,16 @@ impl SubFiles for Folders {
             return None;
         }
         let path = self.folders.iter().map(|folder| folder.join(format!("{name}.ngc"))).find(|path| path.is_file())?;
-        let text = std::fs::read(&path);
-        if let Ok(text) = &text {
-            let file = FileRead { role: Role::Subprogram, path: files::absolute(&path), hash: Hash::of(text) };
+        let mut hash = Hash::of(b"");
+        let text = File::open(&path).and_then(|file| Text::read(file, |part| hash = hash.then(part)));
+        if text.is_ok() {
+            let file = FileRead { role: Role::Subprogram, path: files::absolute(&path), hash };
             let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
             if !read.contains(&file) {
                 read.push(file);
             }
         }
-        let text = text.map(Into::into).map_err(|error| error.to_string());
+        let text = text.map_err(|error| error.to_string());
         Some(SubFile { name: path.display().to_string(), text })
     }
 }

@@ -148,7 +148,7 @@ pub fn run<const A: usize, C: MotionCard<A>>(
 }
 
 /// The same; where the job is taken up where it was left, `agree` is asked before anything moves, and the job is stopped at once where it
-/// says no. The machine stood at `machine.stands_at_mm` where the job began, not where it is left.
+/// says no. Where the card's counts are others than those of the place, the axes then go there in the order of DNC-6. The machine stood at `machine.stands_at_mm` where the job began, not where it is left.
 ///
 /// # Errors
 /// As [`run`].

@@ -124,6 +124,11 @@ impl Operators {
         scripted.or_else(|| self.heard.as_mut()?.next_word())
     }
 
+    /// The next word of somebody who is there; a script says none here.
+    pub fn live_word(&mut self) -> Option<Deed> {
+        self.heard.as_mut()?.next_word()
+    }
+
     /// Counts that the handwheels turn by in this period.
     pub fn wheel_counts(&mut self, period: u64) -> i16 {
         let turned = self.heard.as_mut().map_or(0, Heard::wheel_counts);

@@ -117,9 +117,8 @@ impl<const A: usize> Planning<'_, '_, A> {
             if self.skipped.as_ref().is_some_and(|(line, _)| step.line >= *line)
                 && let Some((line, before)) = self.skipped.take()
             {
-                let tool_axis = self.machine.tool_axis();
                 let position = self.track.position();
-                before.restore(&mut self.feeder, position, tool_axis, line).map_err(|why| (why.into(), line))?;
+                before.restore(&mut self.feeder, position, self.machine, line).map_err(|why| (why.into(), line))?;
             }
             let result = match &mut self.skipped {
                 Some((_, before)) => self.track.run::<A>(&step.canon, step.line, before),

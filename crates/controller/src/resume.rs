@@ -15,7 +15,10 @@ use retrace_core::{ONE, Travel};
 use retrace_gcode::Active;
 use retrace_link::{Outputs, Start, Status, channel};
 
+use crate::approach::approach;
 use crate::index::{Difference, Mark};
+use crate::machine::Machine;
+use crate::refusal::Refusal;
 use crate::supply::{News, Supply};
 
 /// Where a job was left, and what it is to be found again by.
@@ -171,6 +174,14 @@ impl<const A: usize> Prepared<A> {
     #[must_use]
     pub fn card(&self) -> &Status<A> {
         &self.card
+    }
+
+    /// The moves that bring the machine to the place in the safe order, each by its end in counts; none where it stands there.
+    ///
+    /// # Errors
+    /// `E4305` where an axis would go beyond its soft limits.
+    pub fn way_back(&self, machine: &Machine) -> Result<Vec<[i64; A]>, Refusal> {
+        approach(machine, self.card.counts, self.counts)
     }
 
     /// Does the machine stand at the counts of the place?

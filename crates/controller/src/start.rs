@@ -1,14 +1,15 @@
 //! Beginning in the middle of a program, at a line (`--start-line`).
 //!
 //! Invariant: what the skipped blocks switched is switched by their own instructions, with the time that these take: everything but the
-//! cutters before the first move, the cutters where the skipped motion ended (CUT-17). The tool comes there from above, the work axes first
-//! unless it has to rise.
+//! cutters before the first move, the cutters where the skipped motion ended (CUT-17). The axes come there in the order of DNC-6, tool axis
+//! up to the retract plane or higher, other axes, tool axis down.
 
 use retrace_link::{Action, Change, Outputs};
 use retrace_motion::{Arc, Feed, PathMode};
 
 use crate::feed::{Cancelled, Feeder, Refused, Switch};
 use crate::item::Kind;
+use crate::machine::Machine;
 use crate::restart::OutputOrigins;
 use crate::sink::Sink;
 
@@ -31,7 +32,7 @@ impl Skipped {
     }
 
     /// Brings a machine at rest to the state behind what was skipped: outputs first, then to `target_mm`, where the skipped
-    /// motion ended. `tool_axis` is the index of the axis that goes up and down, if there is one.
+    /// motion ended, in the order of DNC-6 for this machine.
     ///
     /// # Errors
     /// What the planner refuses.
@@ -39,21 +40,12 @@ impl Skipped {
         &self,
         feeder: &mut Feeder<'_, A>,
         target_mm: [f64; A],
-        tool_axis: Option<usize>,
+        machine: &Machine,
         line: u32,
     ) -> Result<(), Refused> {
         self.switch(feeder, line, |channel| !self.cutting.contains(&channel))?;
         let at = feeder.commanded_mm();
-        let mut corner = target_mm;
-        if let Some(tool) = tool_axis {
-            if target_mm[tool] > at[tool] {
-                corner = at;
-                corner[tool] = target_mm[tool];
-            } else {
-                corner[tool] = at[tool];
-            }
-        }
-        for end in [corner, target_mm] {
+        for end in ends_mm(machine, at, target_mm) {
             feeder.straight(end, Feed::Rapid, PathMode::ExactStop, line)?;
         }
         feeder.rest()?;
@@ -76,6 +68,17 @@ impl Skipped {
         }
         Ok(())
     }
+}
+
+/// The ends of the moves from one place to another, mm, as [`crate::approach`] orders them.
+fn ends_mm<const A: usize>(machine: &Machine, at: [f64; A], target: [f64; A]) -> Vec<[f64; A]> {
+    let tool = machine.tool_axis().filter(|&tool| tool < A);
+    let others_move = (0..A).any(|axis| Some(axis) != tool && at[axis] != target[axis]);
+    let (Some(tool), true) = (tool, others_move) else { return vec![target] };
+    let height = at[tool].max(target[tool]).max(machine.setting_up.retract_mm.unwrap_or(f64::NEG_INFINITY));
+    let (mut up, mut across) = (at, target);
+    (up[tool], across[tool]) = (height, height);
+    vec![up, across, target]
 }
 
 impl<const A: usize> Sink<A> for Skipped {

@@ -94,7 +94,7 @@ impl ContourReader<'_> {
         if let Some((start, end)) = name.split_once(':') {
             let lines = self.prescan.and_then(|prescan| prescan.between(start, end));
             let lines = lines.ok_or_else(|| no_contour(name))?;
-            return between(lines.0, lines.1, &mut scratch, contour);
+            return between(lines.0, &lines.1, &mut scratch, contour);
         }
         if let Some(sub) = self.flow.subs.find(0, &label(name)) {
             return self.subprogram(self.flow.alone(sub), &mut scratch, contour);

@@ -7,25 +7,30 @@ use crate::code::{Code, Jump};
 use crate::codes::Code as Number;
 use crate::control::{Control, Keyword, Label, may_be};
 use crate::diag::{Fault, Span};
-use crate::lines::Split;
 use crate::nest::Nest;
 use crate::parse::LineReader;
 use crate::prescan::{Prescan, Region, Sub};
+use crate::program::unreadable;
+use crate::text::{Text, TextLines};
+use std::io;
 
 /// Lines of O numbers that M98 calls, with the line of the M99 that follows.
-fn called_starts(text: &[u8], called: Option<u64>) -> Vec<(u32, u32)> {
+fn called_starts(text: &Text, called: Option<u64>) -> io::Result<Vec<(u32, u32)>> {
     let mut reader = LineReader::new(crate::pose::AxisSet::ALL, false, None);
     let mut called: Vec<Option<u64>> = called.into_iter().map(Some).collect();
     let (mut starts, mut ranges) = (Vec::new(), Vec::new());
     let mut open: Vec<(u32, u64)> = Vec::new();
-    for (index, line) in Split::new(text).enumerate() {
+    let (mut lines, mut index) = (TextLines::new(text.clone()), 0_u32);
+    while lines.advance()? {
+        index = index.saturating_add(1);
+        let line = lines.line();
         if !may_be(line) || reader.read(line).is_err() {
             continue;
         }
         let Some(Control { label, keyword, .. }) = reader.block.control.take() else { continue };
         match (keyword, label) {
-            (Keyword::Start, Label::Number(number)) => open.push((index as u32, number)),
-            (Keyword::M99, _) => starts.extend(open.drain(..).map(|(line, number)| (line, number, index as u32))),
+            (Keyword::Start, Label::Number(number)) => open.push((index - 1, number)),
+            (Keyword::M99, _) => starts.extend(open.drain(..).map(|(line, number)| (line, number, index - 1))),
             (Keyword::M98, Label::Number(number)) => called.push(Some(number)),
             (Keyword::M98, _) => called.push(None),
             _ => {}
@@ -36,7 +41,7 @@ fn called_starts(text: &[u8], called: Option<u64>) -> Vec<(u32, u32)> {
             ranges.push((line + 1, end + 1));
         }
     }
-    ranges
+    Ok(ranges)
 }
 
 /// One file on its way through the pre-scan.
@@ -49,89 +54,96 @@ pub(crate) struct FileScan<'a> {
     called: Option<u64>,
     /// Stretches that M98 calls: their first and their last line; looked for when the first O number alone is met.
     starts: Option<Vec<(u32, u32)>>,
-    text: &'a [u8],
+    text: Text,
 }
 
 impl<'a> FileScan<'a> {
     /// A file before its first line; `called` is the number that M98 of another file looks for in it.
-    pub(crate) fn new(prescan: &'a mut Prescan, file: u16, text: &'a [u8], called: Option<u64>) -> FileScan<'a> {
+    pub(crate) fn new(prescan: &'a mut Prescan, file: u16, text: Text, called: Option<u64>) -> FileScan<'a> {
         let (code, nest) = (Code::new(file), Nest::default());
         FileScan { prescan, file, code, nest, called, starts: None, text }
     }
 
     /// Compiles its stretches, and tells the pre-scan of them.
     pub(crate) fn scan(mut self) -> Code {
-        self.all();
+        let mut line = 0;
+        if let Err(error) = self.all(&mut line) {
+            self.prescan.report(self.file, line + 1, unreadable(&error));
+        }
         self.code
     }
 
-    fn all(&mut self) {
-        let mut lines = Split::new(self.text);
-        let mut line = 0;
+    /// Goes through all lines; `line` is the one taken last.
+    fn all(&mut self, line: &mut u32) -> io::Result<()> {
+        let mut lines = TextLines::new(self.text.clone());
         let mut percent = false;
         loop {
-            let before = lines.clone();
-            let Some(this) = lines.next() else { return };
-            line += 1;
+            let before = lines.position();
+            if !lines.advance()? {
+                return Ok(());
+            }
+            *line += 1;
+            let this = lines.line();
             if this.first().is_some_and(|byte| matches!(byte, b'%' | b' ' | b'\t')) && this.trim_ascii() == b"%" {
                 if percent {
-                    return;
+                    return Ok(());
                 }
                 percent = true;
                 continue;
             }
-            if !may_be(this) || !self.is_region(line, this) {
+            if !may_be(this) || !self.is_region(*line, this)? {
                 continue;
             }
-            lines = before;
-            match self.region(line, &mut lines) {
-                Some(behind) => line = behind - 1,
-                None => {
-                    lines.next();
-                }
+            lines.seek(before);
+            match self.region(*line, &mut lines)? {
+                Some(behind) => *line = behind - 1,
+                None => _ = lines.advance()?,
             }
             if self.prescan.has_too_many_errors() {
-                return;
+                return Ok(());
             }
         }
     }
 
     /// Whether a stretch begins in this line.
-    fn is_region(&mut self, line: u32, text: &[u8]) -> bool {
+    fn is_region(&mut self, line: u32, text: &[u8]) -> io::Result<bool> {
         // What is wrong with a line that is no part of a stretch is told when the program comes to it.
-        let Ok(true) = self.prescan.reader.read(text) else { return false };
-        let Some(control) = &self.prescan.reader.block.control else { return false };
-        match control.keyword {
+        let Ok(true) = self.prescan.reader.read(text) else { return Ok(false) };
+        let Some(control) = &self.prescan.reader.block.control else { return Ok(false) };
+        Ok(match control.keyword {
             Keyword::Start => {
-                let starts = self.starts.get_or_insert_with(|| called_starts(self.text, self.called));
-                starts.iter().any(|(first, _)| *first == line)
+                if self.starts.is_none() {
+                    self.starts = Some(called_starts(&self.text, self.called)?);
+                }
+                self.starts.iter().flatten().any(|(first, _)| *first == line)
             }
             Keyword::M99 => false,
             _ => true,
-        }
+        })
     }
 
     /// Compiles the stretch that begins with the line that has just been read; the line behind it, or none if it has no end.
-    fn region(&mut self, first: u32, lines: &mut Split<'_>) -> Option<u32> {
+    fn region(&mut self, first: u32, lines: &mut TextLines) -> io::Result<Option<u32>> {
         let start = self.code.len();
         let known = self.prescan.found();
-        let from = lines.clone();
+        let from = lines.position();
         let mut line = first;
         // Of stretches that overlap the last end counts.
         let mut last = first;
         loop {
-            let Some(text) = lines.next() else {
+            if !lines.advance()? {
                 let open = self.nest.give_up();
                 self.code.truncate(start);
                 self.nest.found.clear();
                 self.nest.faults.clear();
                 self.prescan.forget(known);
-                *lines = from;
+                lines.seek(from);
                 if let Some(open) = open {
                     self.prescan.report(self.file, open.line, *open.without_end());
                 }
-                return None;
-            };
+                return Ok(None);
+            }
+            let text = lines.line();
             if let Some((_, end)) = self.starts.iter().flatten().find(|(start, _)| *start == line) {
                 last = last.max(*end);
             }
@@ -155,7 +167,7 @@ impl<'a> FileScan<'a> {
         if self.file == 0 {
             self.prescan.regions.push(Region { line: first, end_line: line, start, end: self.code.len() });
         }
-        Some(line)
+        Ok(Some(line))
     }
 
     fn take_found(&mut self) {

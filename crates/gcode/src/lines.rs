@@ -7,50 +7,20 @@ use crate::bytes::line_feed;
 use crate::codes::Code;
 use crate::diag::{Fault, Span};
 use crate::parse::LONGEST_LINE;
+use crate::text::{Text, TextLines};
 use std::io::{self, BufRead, Read as _};
-use std::sync::Arc;
 
 /// Bytes of a line that are held: one more than the longest shows that it is too long, two are its end.
-const MOST_HELD: usize = LONGEST_LINE + 3;
+pub(crate) const MAX_HELD_LINE: usize = LONGEST_LINE + 3;
 
 /// Bytes of a line that are passed over at most: more is no program.
 const MAX_SKIPPED: usize = 1 << 20;
 
-/// The text of a file, shared.
-#[derive(Clone, Debug, Default)]
-pub struct Text(Arc<Vec<u8>>);
-
-impl From<Vec<u8>> for Text {
-    fn from(bytes: Vec<u8>) -> Text {
-        Text(Arc::new(bytes))
-    }
-}
-
-impl From<&[u8]> for Text {
-    fn from(bytes: &[u8]) -> Text {
-        Text::from(bytes.to_vec())
-    }
-}
-
-impl From<&str> for Text {
-    fn from(text: &str) -> Text {
-        Text::from(text.as_bytes())
-    }
-}
-
-impl std::ops::Deref for Text {
-    type Target = [u8];
-
-    fn deref(&self) -> &[u8] {
-        &self.0
-    }
-}
-
 /// Where lines come from.
 #[derive(Debug)]
 enum Input<R> {
-    /// A text that is at hand, and where its next line begins.
-    Text(Text, usize),
+    /// A text that is at hand.
+    Text(TextLines),
     /// A program that arrives, and the line that has been taken.
     Arriving(R, Vec<u8>),
 }
@@ -61,20 +31,18 @@ pub(crate) struct Lines<R> {
     input: Input<R>,
     /// The line that was taken last, from 1; 0 before the first.
     current: u32,
-    /// Where it stands in a text that is at hand.
-    place: (usize, usize),
     /// A program that arrives ended inside a line.
     is_cut_off: bool,
 }
 
 impl<R: BufRead> Lines<R> {
     pub(crate) fn new(input: R) -> Lines<R> {
-        Lines { input: Input::Arriving(input, Vec::new()), current: 0, place: (0, 0), is_cut_off: false }
+        Lines { input: Input::Arriving(input, Vec::new()), current: 0, is_cut_off: false }
     }
 
     /// The lines of a text.
     pub(crate) fn of_text(text: Text) -> Lines<R> {
-        Lines { input: Input::Text(text, 0), current: 0, place: (0, 0), is_cut_off: false }
+        Lines { input: Input::Text(TextLines::new(text)), current: 0, is_cut_off: false }
     }
 
     /// Takes the next line; false when there is none.
@@ -84,14 +52,7 @@ impl<R: BufRead> Lines<R> {
     #[inline]
     pub(crate) fn advance(&mut self) -> io::Result<bool> {
         let found = match &mut self.input {
-            Input::Text(text, next) => match split(text.get(*next..).unwrap_or_default()) {
-                Some((line, taken)) => {
-                    self.place = (*next, *next + line);
-                    *next += taken;
-                    true
-                }
-                None => false,
-            },
+            Input::Text(lines) => lines.advance()?,
             Input::Arriving(input, line) => match arrive(input, line)? {
                 Arrived::Line => true,
                 Arrived::Nothing => false,
@@ -118,7 +79,7 @@ impl<R: BufRead> Lines<R> {
     #[inline]
     pub(crate) fn text(&self) -> &[u8] {
         match &self.input {
-            Input::Text(text, _) => text.get(self.place.0..self.place.1).unwrap_or_default(),
+            Input::Text(lines) => lines.line(),
             Input::Arriving(_, line) => line,
         }
     }
@@ -156,7 +117,7 @@ enum Arrived {
 
 fn arrive(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Arrived> {
     line.clear();
-    if input.by_ref().take(MOST_HELD as u64).read_until(b'\n', line)? == 0 {
+    if input.by_ref().take(MAX_HELD_LINE as u64).read_until(b'\n', line)? == 0 {
         return Ok(Arrived::Nothing);
     }
     if line.last() == Some(&b'\n') {
@@ -164,7 +125,7 @@ fn arrive(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Arrived> {
         if line.last() == Some(&b'\r') {
             line.pop();
         }
-    } else if line.len() == MOST_HELD {
+    } else if line.len() == MAX_HELD_LINE {
         skip_line(input)?;
     } else if !is_program_end(line) {
         return Ok(Arrived::CutOff);
@@ -202,12 +163,12 @@ pub fn is_program_end(line: &[u8]) -> bool {
 
 /// Length of the first line, without its end and cut off when it is too long, and with all of it; none of an empty text.
 #[inline]
-fn split(text: &[u8]) -> Option<(usize, usize)> {
+pub(crate) fn split(text: &[u8]) -> Option<(usize, usize)> {
     if text.is_empty() {
         return None;
     }
     let taken = line_feed(text).map_or(text.len(), |at| at + 1);
-    let held = text.get(..taken.min(MOST_HELD)).unwrap_or_default();
+    let held = text.get(..taken.min(MAX_HELD_LINE)).unwrap_or_default();
     let line = match held {
         [line @ .., b'\r', b'\n'] | [line @ .., b'\n'] => line.len(),
         line => line.len(),
@@ -292,7 +253,7 @@ mod tests {
         let text = format!("a\nb\n{}\nG0\n", "x".repeat(100_000));
         let mut lines = Lines::new(text.as_bytes());
         lines.skip_to(3).expect("a slice");
-        assert!(lines.advance().expect("the long one") && lines.text().len() == MOST_HELD);
+        assert!(lines.advance().expect("the long one") && lines.text().len() == MAX_HELD_LINE);
         assert!(lines.advance().expect("the next one"));
         assert_eq!((lines.number(), lines.text()), (4, &b"G0"[..]));
         assert!(!lines.advance().expect("the end"));

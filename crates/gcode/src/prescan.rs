@@ -12,11 +12,14 @@ use crate::control::Label;
 use crate::diag::{Diagnostic, Fault, Span};
 use crate::file_scan::FileScan;
 use crate::interp::Setup;
-use crate::lines::{Split, Text};
+use crate::lines::Split;
 use crate::parse::LineReader;
+use crate::program::unreadable;
+use crate::text::{Text, TextLines};
 use retrace_cycles::{Cycle, Kind};
 use std::collections::{HashMap, HashSet};
 use std::fmt::Debug;
+use std::io;
 use std::sync::Arc;
 
 /// Where subprograms in files of their own are found.
@@ -98,8 +101,11 @@ impl Subs {
     }
 }
 
+/// Bytes of a contour between two labels, more than any contour has.
+const MAX_CONTOUR: u64 = 16 << 20;
+
 /// Places and lines by label, in order.
-type LabelPlaces = HashMap<Box<str>, Vec<(usize, u32)>>;
+type LabelPlaces = HashMap<Box<str>, Vec<(u64, u32)>>;
 
 /// What a program was found to be.
 #[derive(Clone, Debug)]
@@ -170,16 +176,24 @@ impl Prescan {
         self.files.get(usize::from(file)).map_or("", |file| &file.name)
     }
 
-    /// Text of a line of a file, counted from 1.
+    /// Text of a line of a file, counted from 1; nothing where there is none, or it cannot be read any more.
     #[must_use]
-    pub fn line_text(&self, file: u16, line: u32) -> &[u8] {
-        let text = self.files.get(usize::from(file)).map_or(&[][..], |file| &file.text);
-        Split::new(text).nth(line.saturating_sub(1) as usize).unwrap_or_default()
+    pub fn line_text(&self, file: u16, line: u32) -> Vec<u8> {
+        let Some(file) = self.files.get(usize::from(file)) else { return Vec::new() };
+        let (mut lines, mut next) = TextLines::near(file.text.clone(), u64::from(line));
+        while let Ok(true) = lines.advance() {
+            if next >= u64::from(line) {
+                return lines.line().to_vec();
+            }
+            next += 1;
+        }
+        Vec::new()
     }
 
-    /// The program's lines, without their ends, in their order.
-    pub fn texts(&self) -> impl Iterator<Item = &[u8]> {
-        Split::new(self.files.first().map_or(&[][..], |file| &file.text))
+    /// The program's lines, without their ends, in their order, as far as they can be read.
+    pub fn texts(&self) -> impl Iterator<Item = Vec<u8>> {
+        let mut lines = TextLines::new(self.text());
+        std::iter::from_fn(move || lines.advance().is_ok_and(|more| more).then(|| lines.line().to_vec()))
     }
 
     /// Whether a line of the program is read as a contour.
@@ -189,27 +203,35 @@ impl Prescan {
     }
 
     /// The lines between two labels of the program, and the number of the first of them.
-    pub(crate) fn between(&self, start: &str, end: &str) -> Option<(u32, &[u8])> {
-        let text = self.files.first().map(|file| &*file.text)?;
+    pub(crate) fn between(&self, start: &str, end: &str) -> Option<(u32, Vec<u8>)> {
+        let text = &self.files.first()?.text;
         let places = |name: &str| self.labels.as_ref()?.get(name.trim().to_lowercase().as_str());
         let (from, line) = *places(start)?.first()?;
         let ends = places(end)?;
         let (to, _) = *ends.get(ends.partition_point(|(place, _)| *place <= from))?;
-        let behind = from + text.get(from..)?.iter().position(|byte| *byte == b'\n')? + 1;
-        Some((line + 1, text.get(behind..to)?))
+        if to - from > MAX_CONTOUR {
+            return None;
+        }
+        let stretch = text.bytes(from, to).ok()?;
+        let behind = stretch.iter().position(|byte| *byte == b'\n')? + 1;
+        Some((line + 1, stretch.get(behind..)?.to_vec()))
     }
 
     /// Looks for the labels of the program, once.
     fn find_labels(&mut self) {
         if self.labels.is_none() {
-            self.labels = self.files.first().map(|file| labels_of(&file.text));
+            let labels = self.files.first().map(|file| labels_of(&file.text));
+            match labels.transpose() {
+                Ok(labels) => self.labels = labels,
+                Err(error) => self.report(0, 0, unreadable(&error)),
+            }
         }
     }
 
     /// How many lines the program has.
     #[must_use]
     pub fn lines(&self) -> u64 {
-        Split::new(&self.text()).count() as u64
+        self.text().lines()
     }
 
     /// The program's text.
@@ -227,7 +249,7 @@ impl Prescan {
     fn add_file(&mut self, name: String, text: Text, called: Option<u64>) {
         let file = self.files.len() as u16;
         self.files.push(File { name, text: text.clone() });
-        let code = FileScan::new(self, file, &text, called).scan();
+        let code = FileScan::new(self, file, text, called).scan();
         self.codes.push(Arc::new(code));
     }
 
@@ -270,7 +292,7 @@ impl Prescan {
                 Some((start, end)) => {
                     self.find_labels();
                     let stretch = self.between(start, end);
-                    let lines = stretch.map(|(line, text)| (line - 1, line + Split::new(text).count() as u32));
+                    let lines = stretch.map(|(line, text)| (line - 1, line + Split::new(&text).count() as u32));
                     self.contours.extend(lines);
                     lines.is_some()
                 }
@@ -358,14 +380,17 @@ pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> Fault {
 }
 
 /// Where the lines with labels begin, and their numbers.
-fn labels_of(text: &[u8]) -> LabelPlaces {
+fn labels_of(text: &Text) -> io::Result<LabelPlaces> {
     let mut labels = LabelPlaces::new();
-    let mut at = 0;
-    for (number, line) in (1..).zip(text.split_inclusive(|byte| *byte == b'\n')) {
-        if let Some(label) = crate::call::label_of(line) {
+    let (mut lines, mut number) = (TextLines::new(text.clone()), 0_u32);
+    loop {
+        let at = lines.position();
+        if !lines.advance()? {
+            return Ok(labels);
+        }
+        number = number.saturating_add(1);
+        if let Some(label) = crate::call::label_of(lines.line()) {
             labels.entry(label).or_default().push((at, number));
         }
-        at += line.len();
     }
-    labels
 }

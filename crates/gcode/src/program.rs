@@ -14,8 +14,9 @@ use crate::control::{Control, Keyword};
 use crate::diag::{Diagnostic, Fault, Outcome, Span};
 use crate::flow::{Flow, Stepped};
 use crate::interp::{self, Interpreter, Read, Setup};
-use crate::lines::{Lines, Text};
+use crate::lines::Lines;
 use crate::prescan::Prescan;
+use crate::text::Text;
 use crate::whereabouts::Whereabouts;
 use retrace_cycles::Kind;
 use std::borrow::Cow;
@@ -317,7 +318,10 @@ impl<R: BufRead> Program<R> {
     #[must_use]
     pub fn text_of(&self, diagnostic: &Diagnostic) -> Cow<'_, str> {
         match &self.prescan {
-            Some(prescan) => String::from_utf8_lossy(prescan.line_text(diagnostic.file, diagnostic.line)),
+            Some(prescan) => {
+                let line = prescan.line_text(diagnostic.file, diagnostic.line);
+                Cow::Owned(String::from_utf8_lossy(&line).into_owned())
+            }
             None => self.line_text(),
         }
     }

@@ -150,6 +150,12 @@ fn normal(model: &Model) -> Guide {
         }
         Standing::Paused => guide(Grade::Waits, "PAUSED", "at the breakpoint", &[Act::CycleStart, Act::Quit]),
         Standing::None => match model.switching {
+            None if model.at_rest
+                && let Some((source, seconds)) = model.waits_for() =>
+            {
+                let why = format!("waiting for {source} since {seconds:.0} s");
+                guide(Grade::Waits, "WAITING", why, &running)
+            }
             Some(code) => guide(Grade::Well, "RUNNING", format!("waits until {code} is done"), &running),
             None if model.short => guide(Grade::Well, "RUNNING", "slowed down: the program comes too slowly", &running),
             None if model.at_rest => guide(Grade::Well, "RUNNING", "stands until more is planned", &running),

@@ -61,6 +61,52 @@ pub enum View {
     Iso,
 }
 
+/// What the drawing shows whole where it is neither zoomed nor panned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fit {
+    /// The program's path and the tool.
+    #[default]
+    Program,
+    /// The table: all that the soft limits enclose, and the path.
+    Table,
+}
+
+/// How the drawing is framed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// What it is fitted to.
+    pub fit: Fit,
+    /// How many times as large as fitted, 1 to [`MAX_ZOOM`].
+    pub zoom: f64,
+    /// How far its centre lies off that of the fitted drawing, across and up, as shares of the fitted drawing.
+    pub pan: [f64; 2],
+}
+
+/// The largest zoom.
+pub const MAX_ZOOM: f64 = 256.0;
+
+impl Default for Frame {
+    fn default() -> Self {
+        Self { fit: Fit::default(), zoom: 1.0, pan: [0.0; 2] }
+    }
+}
+
+impl Frame {
+    /// Zooms by a factor.
+    fn zoom_by(&mut self, factor: f64) {
+        self.zoom = (self.zoom * factor).clamp(1.0, MAX_ZOOM);
+        self.pan_by([0.0; 2]);
+    }
+
+    /// Moves the view by shares of what it shows. It stays within the fitted drawing.
+    fn pan_by(&mut self, shares: [f64; 2]) {
+        let most = 0.5 - 0.5 / self.zoom;
+        for (pan, share) in self.pan.iter_mut().zip(shares) {
+            *pan = (*pan + share / self.zoom).clamp(-most, most);
+        }
+    }
+}
+
 /// Steps of a jog, mm; the last one goes on until it is stopped.
 pub const STEPS_MM: [Option<f64>; 5] = [Some(0.01), Some(0.1), Some(1.0), Some(10.0), None];
 
@@ -88,6 +134,8 @@ pub struct Hand {
     pub alarm_aside: bool,
     /// From where the path is seen.
     pub view: View,
+    /// How it is framed.
+    pub frame: Frame,
     /// Index of the jog step.
     pub step: usize,
     /// Index of the axis that is chosen.
@@ -224,7 +272,7 @@ impl Hand {
             }
             Act::Quit if !is_job => return Some(Said::Quit),
             _ => {
-                self.look(act, model);
+                self.look(act, key, model);
                 return None;
             }
         };
@@ -232,7 +280,7 @@ impl Hand {
     }
 
     /// Acts that say nothing: boxes, and what is shown.
-    fn look(&mut self, act: Act, model: &Model) {
+    fn look(&mut self, act: Act, key: Key, model: &Model) {
         let ask = |ask, text: &str| Open::Prompt(ask, text.into(), None);
         self.open = match act {
             Act::BackBy => ask(Ask::BackBy, "20"),
@@ -248,12 +296,26 @@ impl Hand {
         };
         match act {
             Act::View => {
+                // What was panned to is somewhere else from another side.
+                self.frame = Frame { fit: self.frame.fit, ..Frame::default() };
                 self.view = match self.view {
                     View::Xy => View::Xz,
                     View::Xz => View::Yz,
                     View::Yz => View::Iso,
                     View::Iso => View::Xy,
                 };
+            }
+            Act::ZoomIn => self.frame.zoom_by(2.0),
+            Act::ZoomOut => self.frame.zoom_by(0.5),
+            Act::Pan => self.frame.pan_by(match key {
+                Key::ShiftLeft => [-0.25, 0.0],
+                Key::ShiftRight => [0.25, 0.0],
+                Key::ShiftUp => [0.0, 0.25],
+                _ => [0.0, -0.25],
+            }),
+            Act::Fit => {
+                let fit = if self.frame.fit == Fit::Program { Fit::Table } else { Fit::Program };
+                self.frame = Frame { fit, ..Frame::default() };
             }
             Act::Step => self.step = (self.step + 1) % STEPS_MM.len(),
             Act::NextAxis => self.axis = (self.axis + 1) % model.facts.axes.len().max(1),

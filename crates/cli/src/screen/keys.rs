@@ -20,6 +20,14 @@ pub enum Key {
     Left,
     /// An arrow.
     Right,
+    /// An arrow with Shift.
+    ShiftUp,
+    /// An arrow with Shift.
+    ShiftDown,
+    /// An arrow with Shift.
+    ShiftLeft,
+    /// An arrow with Shift.
+    ShiftRight,
     /// Page up.
     PageUp,
     /// Page down.
@@ -113,6 +121,14 @@ pub enum Act {
     Tools,
     /// Turns the drawing.
     View,
+    /// Enlarges the drawing.
+    ZoomIn,
+    /// Makes it smaller again.
+    ZoomOut,
+    /// Moves it.
+    Pan,
+    /// Fits it to the program, or to the table.
+    Fit,
     /// All messages.
     Messages,
     /// All keys.
@@ -221,6 +237,8 @@ const FREE: u8 = SETUP | ENDED | PROGRAM_END;
 
 const ARROWS: &[Key] = &[Key::Left, Key::Right, Key::Up, Key::Down, Key::PageUp, Key::PageDown];
 
+const SHIFT_ARROWS: &[Key] = &[Key::ShiftLeft, Key::ShiftRight, Key::ShiftUp, Key::ShiftDown];
+
 const fn row(
     keys: &'static [Key],
     shown: &'static str,
@@ -272,6 +290,10 @@ pub const TABLE: &[Row] = &[
     row(&[Key::Char('o')], "o", "output", "an output by hand: 3, 3+ or 3-, then Enter", SETUP | JOB, Act::Output),
     row(&[Key::Char('a')], "a", "reset", "alarm reset", ALWAYS, Act::ClearAlarm),
     row(&[Key::Char('v')], "v", "view", "the drawing from another side", EVER, Act::View),
+    row(&[Key::Char('>'), Key::Char('.')], ">", "zoom in", "enlarge the drawing", EVER, Act::ZoomIn),
+    row(&[Key::Char('<'), Key::Char(',')], "<", "zoom out", "make the drawing smaller again", EVER, Act::ZoomOut),
+    row(SHIFT_ARROWS, "Shift ←", "pan", "Shift and an arrow: move the enlarged drawing", EVER, Act::Pan),
+    row(&[Key::Char('e')], "e", "fit", "fit the drawing to the table; again: to the program", EVER, Act::Fit),
     row(&[Key::Char('g')], "g", "log", "all messages", EVER, Act::Messages),
     row(&[Key::Char('?')], "?", "keys", "all keys", EVER, Act::Help),
     row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, asked first; quit", EVER, Act::Quit),

@@ -240,6 +240,8 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
         Happening::OutputsRestored | Happening::GoesOn => model.differ.clear(),
         Happening::Switching(code) => model.switching = Some(code),
         Happening::Switched(_) => model.switching = None,
+        Happening::WaitingForProgram { source, .. } => model.waiting = Some((source.clone(), event.period)),
+        Happening::ProgramArrives { .. } => model.waiting = None,
         Happening::ProgramEnd => {
             model.ended.get_or_insert(event.period);
         }
@@ -259,7 +261,7 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
 /// A job begins: what an earlier one left is forgotten, but for its messages.
 fn begin(model: &mut Model, event: &Event) {
     (model.stage, model.began, model.alarm) = (Stage::Job, event.period, None);
-    (model.ended, model.standing) = (None, Standing::None);
+    (model.ended, model.standing, model.waiting) = (None, Standing::None, None);
     (model.single, model.underruns, model.override_planned) = (false, 0, 1.0);
     let lengths = Lengths::from(event.place);
     let lengths = model.history_before.take().map_or(lengths.clone(), |(oldest, mm)| lengths.behind(oldest, mm));

@@ -209,6 +209,8 @@ pub struct Model {
     pub differ: Vec<(u8, i32, i32)>,
     /// How far a pause has come.
     pub pause: Option<Pause>,
+    /// Whose program is waited for, and the period in which that was reported, a second after it had begun.
+    pub waiting: Option<(String, u64)>,
     /// What the operator is asked.
     pub question: Option<Question>,
     /// Of a job that is resumed: the oldest place that can be gone back to, and the length of the path from there, mm.
@@ -267,6 +269,7 @@ impl Model {
             alarm: None,
             differ: Vec::new(),
             pause: None,
+            waiting: None,
             question: None,
             history_before: None,
             messages: VecDeque::new(),
@@ -324,6 +327,13 @@ impl Model {
     #[must_use]
     pub fn ahead_s(&self) -> f64 {
         f64::from(span(self.place.record, self.planned)) * self.facts.period_s
+    }
+
+    /// Whose program is waited for, and since how many seconds, where the machine stands for want of it.
+    #[must_use]
+    pub fn waits_for(&self) -> Option<(&str, f64)> {
+        let (source, reported) = self.waiting.as_ref()?;
+        Some((source, 1.0 + self.period.saturating_sub(*reported) as f64 * self.facts.period_s))
     }
 
     /// Does the machine move in rapid? In a canned cycle, whatever is faster than the programmed feed.

@@ -200,6 +200,51 @@ fn all_messages_are_shown_whole_and_all_keys_on_pages() {
 }
 
 #[test]
+fn the_drawing_is_enlarged_moved_and_fitted_to_the_table() {
+    let mut model = with_messages(&[]);
+    let facts = Arc::make_mut(&mut model.facts);
+    facts.axes.iter_mut().for_each(|axis| axis.travel_mm = [0.0, 400.0]);
+    for (along, rapid, at) in [(0.0, false, [0.0; 3]), (10.0, false, [10.0, 0.0, 0.0]), (20.0, true, [10.0, 10.0, 0.0])]
+    {
+        facts.preview.path.push(Knot { along_mm: along, at: at.map(|mm: f64| mm as f32), rapid });
+    }
+    let mut hand = Hand::new();
+    let pane = |hand: &Hand| {
+        let all = text(&drawn(&model, hand, 80, 24, 0));
+        all.lines().skip(10).take(11).map(|line| line.chars().take(40).collect::<String>() + "\n").collect::<String>()
+    };
+    let dots = |c: char| if ('\u{2800}'..'\u{2900}').contains(&c) { (c as u32 & 0xff).count_ones() } else { 0 };
+    let count = |pane: &str| pane.chars().map(dots).sum::<u32>();
+    // The legend has one, too.
+    let shows_tool = |pane: &str| pane.matches('@').count() == 2;
+    let fitted = pane(&hand);
+    assert!(fitted.contains("10 × 10 mm"), "{fitted}");
+    let _ = hand.key(Key::Char('>'), 0, &model);
+    let enlarged = pane(&hand);
+    assert!(enlarged.contains("×2") && !shows_tool(&enlarged), "{enlarged}");
+    for key in [Key::ShiftLeft, Key::ShiftDown] {
+        (0..4).for_each(|_| drop(hand.key(key, 0, &model)));
+    }
+    assert!(shows_tool(&pane(&hand)), "panned to the tool\n{}", pane(&hand));
+    let _ = hand.key(Key::Char('<'), 0, &model);
+    assert_eq!(pane(&hand), fitted);
+    let _ = hand.key(Key::Char('e'), 0, &model);
+    let table = pane(&hand);
+    assert!(table.contains("10 × 10 mm") && table != fitted && count(&table) > 40, "the soft limits\n{table}");
+    let _ = hand.key(Key::Char('e'), 0, &model);
+    assert_eq!(pane(&hand), fitted);
+}
+
+#[test]
+fn a_program_that_does_not_come_is_waited_for_by_name_and_time() {
+    let mut model = with_messages(&[]);
+    Arc::make_mut(&mut model.facts).period_s = 0.001;
+    (model.stage, model.period, model.waiting) = (Stage::Job, 14_000, Some(("tcp://10.0.0.2:7000".into(), 3_000)));
+    let shown = text(&drawn(&model, &Hand::new(), 80, 24, 0));
+    assert!(shown.contains("WAITING") && shown.contains("waiting for tcp://10.0.0.2:7000 since 12 s"), "{shown}");
+}
+
+#[test]
 fn every_axis_says_whether_it_is_homed() {
     let mut model = with_messages(&[]);
     model.homing = vec![AxisHoming::Homed, AxisHoming::NotHomed, AxisHoming::NotNeeded];

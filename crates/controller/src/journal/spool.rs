@@ -63,6 +63,8 @@ pub struct Spooling<R> {
     ahead: usize,
     /// Whether what is in the spool comes to a program end.
     end: ProgramEndDetector,
+    /// Bytes that the spool may have.
+    quota: u64,
 }
 
 impl<R: BufRead> Spooling<R> {
@@ -80,7 +82,15 @@ impl<R: BufRead> Spooling<R> {
         let marks = Arc::new(Marks { bytes: AtomicU64::new(spooled.bytes), ended: AtomicBool::new(spooled.ended) });
         let progress =
             Progress { file: file.try_clone()?, marks: Arc::clone(&marks), synced: Spooled::default(), broken: None };
-        Ok((Self { from, file, marks, ahead: 0, end: ProgramEndDetector::default() }, progress))
+        Ok((Self { from, file, marks, ahead: 0, end: ProgramEndDetector::default(), quota: u64::MAX }, progress))
+    }
+}
+
+impl<R> Spooling<R> {
+    /// The same, which keeps no more than `quota` bytes: a longer program cannot be read on (`E2313`).
+    #[must_use]
+    pub fn limited_to(self, quota: u64) -> Self {
+        Self { quota, ..self }
     }
 }
 
@@ -88,6 +98,13 @@ impl<R: BufRead> BufRead for Spooling<R> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         let waiting = self.from.fill_buf()?;
         if let Some(new @ [_, ..]) = waiting.get(self.ahead..) {
+            if self.marks.bytes.load(Ordering::Acquire) + new.len() as u64 > self.quota {
+                let what = format!(
+                    "E2313: the program that arrives is longer than the {} MiB that may be kept of one (stream_quota_mib)",
+                    self.quota >> 20
+                );
+                return Err(io::Error::new(io::ErrorKind::QuotaExceeded, what));
+            }
             let told = |error: io::Error| {
                 io::Error::new(error.kind(), format!("it cannot be kept in the job's folder: {error}"))
             };
@@ -169,6 +186,14 @@ impl<R: BufRead> Respooled<R> {
             None => (None, Spooling::after(file, io::empty(), spooled).map_err(unreadable)?.1),
         };
         Ok((Self { kept, compared, again }, progress))
+    }
+}
+
+impl<R> Respooled<R> {
+    /// The same, which keeps no more than `quota` bytes.
+    #[must_use]
+    pub fn limited_to(self, quota: u64) -> Self {
+        Self { again: self.again.map(|again| again.limited_to(quota)), ..self }
     }
 }
 
@@ -316,6 +341,17 @@ mod tests {
             all(again).expect("readable");
             assert_eq!(progress.spooled(), Spooled { bytes: PROGRAM.len() as u64, ended: true }, "{kept}");
         }
+    }
+
+    #[test]
+    fn a_spool_has_a_quota() {
+        let folder = Folder::new();
+        let (spooling, progress) =
+            Spooling::create(&folder.file(), BufReader::with_capacity(4, PROGRAM)).expect("a spool");
+        let why = all(spooling.limited_to(10)).expect_err("it is full").to_string();
+        assert!(why.contains("E2313"), "{why}");
+        assert_eq!(progress.spooled(), Spooled { bytes: 8, ended: false });
+        assert_eq!(std::fs::read(folder.file()).ok().as_deref(), Some(&PROGRAM[..8]));
     }
 
     #[test]

@@ -65,6 +65,8 @@ pub struct Machine {
     pub wheel_periods: u16,
     /// Handwheel counts in that time that make rate 1.
     pub wheel_counts: u16,
+    /// Bytes that are kept of a program that arrives, at most.
+    pub stream_quota_bytes: u64,
     /// How programs come over a serial line.
     pub serial: SerialSettings,
     /// What the card is told besides.
@@ -123,6 +125,7 @@ impl Machine {
         within("reserve_percent", file.reserve_percent, 1.0, 50.0)?;
         within("blend_tolerance_mm", file.blend_tolerance_mm, 0.0, 100.0)?;
         within("history_hours", file.history_hours, 0.0, 24.0)?;
+        within("stream_quota_mib", file.stream_quota_mib, 1.0, 1_048_576.0)?;
         within("look_ahead_s", file.look_ahead_s, 0.05, 10.0)?;
         within("wheel.counts_per_s_at_rate_1", file.wheel.counts_per_s_at_rate_1, 1.0, 100_000.0)?;
         within("wheel.mean_over_ms", file.wheel.mean_over_ms, file.control_period_ms, 500.0 * file.control_period_ms)?;
@@ -170,6 +173,7 @@ impl Machine {
             tool_change: file.tool_change,
             output_names,
             card,
+            stream_quota_bytes: (file.stream_quota_mib * 1_048_576.0) as u64,
             serial: file.serial.checked()?,
             wheel_periods,
             wheel_counts: wheel_counts.round().clamp(1.0, 65_535.0) as u16,

@@ -72,7 +72,7 @@ pub(crate) fn hand<'r, const A: usize>(
 /// The motion path's end.
 #[derive(Debug)]
 pub struct Hand<'r, const A: usize> {
-    pub(super) ring: Consumer<'r, Record<A>>,
+    pub(crate) ring: Consumer<'r, Record<A>>,
     requests: Option<SyncSender<(u32, Request<A>)>>,
     thread: Option<Thread>,
     mail: &'r Mail,

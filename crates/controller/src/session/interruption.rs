@@ -97,6 +97,16 @@ impl<'r, const A: usize> Interrupted<'r, A> {
         Self { hand: Some(hand), program, ..self }
     }
 
+    /// Lends out whoever plans moves by hand; [`Interrupted::put_hand`] gives it back.
+    pub(super) fn take_hand(&mut self) -> Option<Hand<'r, A>> {
+        self.hand.take()
+    }
+
+    /// Gives back what [`Interrupted::take_hand`] has lent out.
+    pub(super) fn put_hand(&mut self, hand: Hand<'r, A>) {
+        self.hand = Some(hand);
+    }
+
     /// Is the program paused, or about to be?
     pub(super) fn is_on(&self) -> bool {
         self.pausing || self.order.paused()

@@ -10,6 +10,7 @@ mod orders;
 mod restart;
 mod switching;
 mod telling;
+mod way_back;
 mod window;
 
 use std::thread;
@@ -216,8 +217,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         (outcome, self.tally, self.card)
     }
 
-    /// Takes the job up where it was left, its origin having had these counts: finds the place, asks `agree`, and goes on forward to `reached`
-    /// by itself. Where `agree` says no, it is stopped at once.
+    /// Takes the job up where it was left, its origin having had these counts: finds the place, asks `agree`, brings the axes to the counts of the
+    /// place in the order of DNC-6 where they stand elsewhere, and goes on forward to `reached` by itself. Where `agree` says no, it is stopped at once.
     ///
     /// # Errors
     /// [`Unfound`]; the card has not been told anything then.
@@ -231,9 +232,17 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if !agree(&prepared) {
             return Ok((Outcome::Stopped, self.tally, self.card));
         }
-        if let Err(fault) = self.card.begin(*prepared.start()) {
-            let outcome = self.ends_in(Trouble::of(&fault));
-            return Ok((outcome, self.tally, self.card));
+        let begun = self.go_to_breakpoint(prepared.counts()).and_then(|ended| match ended {
+            None => self.card.begin(*prepared.start()).map(|()| None).map_err(|fault| Trouble::of(&fault)),
+            ended => Ok(ended),
+        });
+        match begun {
+            Ok(None) => {}
+            Ok(Some(outcome)) => return Ok((outcome, self.tally, self.card)),
+            Err(trouble) => {
+                let outcome = self.ends_in(trouble);
+                return Ok((outcome, self.tally, self.card));
+            }
         }
         self.operation = Operation::returning();
         self.tally = Tally::new(at.start.reached);

@@ -10,7 +10,7 @@ use retrace_controller::job::{self, Begin, CannotBegin, JobEnd};
 use retrace_controller::machine::Machine;
 use retrace_controller::resume::{Prepared, Resumption, Unfound};
 use retrace_controller::session::Outcome;
-use retrace_core::{ONE, Place, Travel};
+use retrace_core::{ONE, Travel};
 use retrace_hal_sim::{Random, SimCard};
 use retrace_link::{MotionCard, Outputs, Start, channel};
 

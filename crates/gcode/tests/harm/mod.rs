@@ -67,7 +67,7 @@ fn program_with(bytes: &[u8], library: Arc<Library>) {
         from_file.look_behind_the_end();
     }
     for diagnostic in from_file.interpreter().diagnostics() {
-        fits(diagnostic, prescan.line_text(diagnostic.file, diagnostic.line));
+        fits(diagnostic, &prescan.line_text(diagnostic.file, diagnostic.line));
     }
     let mut arriving = Program::new(bytes, Setup { block_delete: true, ..setup });
     run(&mut arriving);

@@ -41,6 +41,14 @@ impl Look {
         if self.colour { Style::new().fg(colour) } else { Style::new() }
     }
 
+    fn plain(self) -> Style {
+        Style::new()
+    }
+
+    fn limits(self) -> Style {
+        self.coloured(Color::Blue)
+    }
+
     fn well(self) -> Style {
         self.coloured(Color::Green)
     }
@@ -73,7 +81,7 @@ pub fn draw(out: &mut Buffer, model: &Model, hand: &Hand, look: Look, now_ms: u6
     head(out, panes.head, model, &guide, look);
     why(out, panes.why, &guide, look);
     listing::program(out, panes.program, model, look);
-    path::draw(out, panes.path, model, hand.view, look);
+    path::draw(out, panes.path, model, (hand.view, hand.frame), look);
     figures::position(out, panes.position, model, hand, look);
     figures::motion(out, panes.motion, model, look);
     figures::state(out, panes.state, model, hand, look);

@@ -1,6 +1,6 @@
-//! The tool path in true proportion: what is planned, what was cut, what is retraced, and where the tool is.
+//! The tool path in true proportion: what is planned, what was cut, what is retraced, where the tool is, and the soft limits around it all.
 //!
-//! Invariant: one mm is as long across as it is down; the whole path is in view.
+//! Invariant: one mm is as long across as it is down; the whole path, or the whole table, is in view unless the drawing is enlarged.
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
@@ -8,9 +8,9 @@ use ratatui::style::{Modifier, Style};
 
 use super::canvas::Canvas;
 use super::{Look, pane, put_at};
-use crate::screen::hand::View;
+use crate::screen::hand::{Fit, Frame, View};
 use crate::screen::model::{Model, Stage};
-use crate::screen::trail::{Knot, Trail};
+use crate::screen::trail::Knot;
 
 /// Dots that stay free along each edge.
 const MARGIN: f64 = 1.0;
@@ -30,74 +30,38 @@ fn seen(view: View, at: [f32; 3]) -> [f64; 2] {
 /// From mm to dots.
 struct Scale {
     view: View,
-    least: [f64; 2],
+    /// What is seen in the middle of the pane, mm.
+    centre: [f64; 2],
+    /// Dots to the mm.
     factor: f64,
-    offset: [f64; 2],
-    down: f64,
+    /// The middle of the pane, dots.
+    middle: [f64; 2],
 }
 
 impl Scale {
-    fn fitting(view: View, corners: &[[f32; 3]], size: [f64; 2]) -> Option<Self> {
-        let mut least = [f64::INFINITY; 2];
-        let mut greatest = [f64::NEG_INFINITY; 2];
-        for at in corners.iter().map(|&corner| seen(view, corner)) {
-            for i in 0..2 {
-                least[i] = least[i].min(at[i]);
-                greatest[i] = greatest[i].max(at[i]);
-            }
-        }
+    fn fitting((view, frame): (View, Frame), corners: &[[f32; 3]], size: [f64; 2]) -> Option<Self> {
+        let [least, greatest] = ends(view, corners)?;
         let room = size.map(|dots| (dots - 1.0 - 2.0 * MARGIN).max(1.0));
         let span = [0, 1].map(|i| greatest[i] - least[i]);
         if !span.iter().all(|s| s.is_finite()) {
             return None;
         }
-        let factor = [0, 1].map(|i| room[i] / span[i].max(1e-3)).into_iter().fold(f64::INFINITY, f64::min);
-        let offset = [0, 1].map(|i| MARGIN + (room[i] - span[i] * factor) / 2.0);
-        Some(Self { view, least, factor, offset, down: size[1] - 1.0 })
+        let fitted = [0, 1].map(|i| room[i] / span[i].max(1e-3)).into_iter().fold(f64::INFINITY, f64::min);
+        let middle = size.map(|dots| (dots - 1.0) / 2.0);
+        // What the fitted pane shows is the measure that panning goes by.
+        let centre = [0, 1].map(|i| (least[i] + greatest[i]) / 2.0 + frame.pan[i] * room[i] / fitted);
+        Some(Self { view, centre, factor: fitted * frame.zoom, middle })
     }
 
     fn dot(&self, at: [f32; 3]) -> [f64; 2] {
         let seen = seen(self.view, at);
-        let [x, up] = [0, 1].map(|i| self.offset[i] + (seen[i] - self.least[i]) * self.factor);
-        [x, self.down - up]
+        let [x, up] = [0, 1].map(|i| (seen[i] - self.centre[i]) * self.factor);
+        [self.middle[0] + x, self.middle[1] - up]
     }
 }
 
-/// Draws the pane.
-pub(super) fn draw(out: &mut Buffer, area: Rect, model: &Model, view: View, look: Look) {
-    let name = match view {
-        View::Xy => "path X Y",
-        View::Xz => "path X Z",
-        View::Yz => "path Y Z",
-        View::Iso => "path, isometric",
-    };
-    let mut corners = vec![model.in_space()];
-    let mut box_of = |trail: &Trail| {
-        if let Some(extent) = trail.extent() {
-            corners.extend((0..8).map(|n| [0, 1, 2].map(|i| extent[n >> i & 1][i])));
-        }
-    };
-    box_of(&model.facts.preview.path);
-    box_of(&model.trail);
-    let title = match span(view, &corners) {
-        Some([across, up]) if across + up > 0.0 => format!("{name} · {across:.0} × {up:.0} mm"),
-        _ => name.into(),
-    };
-    let inside = pane(out, area, &title, look);
-    legend(out, area, model, look);
-    let mut canvas = Canvas::over(inside);
-    let Some(scale) = Scale::fitting(view, &corners, canvas.size()) else { return };
-    lines(&mut canvas, &scale, model.facts.preview.path.knots(), 3, look.faint());
-    lines(&mut canvas, &scale, model.trail.knots(), 1, look.well());
-    if model.stage == Stage::Job && model.back_mm() > 0.0 {
-        retraced(&mut canvas, &scale, model, look);
-    }
-    let tool = look.waits().add_modifier(Modifier::BOLD);
-    canvas.sign(scale.dot(model.in_space()), '@', tool);
-    canvas.show(out);
-}
-
-fn span(view: View, corners: &[[f32; 3]]) -> Option<[f64; 2]> {
+/// Least and greatest of what is seen of these, mm.
+fn ends(view: View, corners: &[[f32; 3]]) -> Option<[[f64; 2]; 2]> {
     let mut ends: Option<[[f64; 2]; 2]> = None;
     for at in corners.iter().map(|&corner| seen(view, corner)) {
         let [least, greatest] = ends.get_or_insert([at; 2]);
@@ -106,7 +70,70 @@ fn span(view: View, corners: &[[f32; 3]]) -> Option<[f64; 2]> {
             greatest[i] = greatest[i].max(at[i]);
         }
     }
-    ends.map(|[least, greatest]| [greatest[0] - least[0], greatest[1] - least[1]])
+    ends
+}
+
+/// The corners of the space between two points.
+fn corners_of([least, greatest]: [[f32; 3]; 2]) -> [[f32; 3]; 8] {
+    std::array::from_fn(|n| [0, 1, 2].map(|i| [least, greatest][n >> i & 1][i]))
+}
+
+/// What the soft limits enclose, least and greatest, mm; an axis that there is not is 0.
+fn table(model: &Model) -> [[f32; 3]; 2] {
+    let travel =
+        |end: usize| model.facts.space().map(|axis| axis.map_or(0.0, |i| model.facts.axes[i].travel_mm[end] as f32));
+    [travel(0), travel(1)]
+}
+
+/// Draws the pane.
+pub(super) fn draw(out: &mut Buffer, area: Rect, model: &Model, (view, frame): (View, Frame), look: Look) {
+    let name = match view {
+        View::Xy => "path X Y",
+        View::Xz => "path X Z",
+        View::Yz => "path Y Z",
+        View::Iso => "path, isometric",
+    };
+    let mut corners = vec![model.in_space()];
+    for extent in [model.facts.preview.path.extent(), model.trail.extent()].into_iter().flatten() {
+        corners.extend(corners_of(extent));
+    }
+    let span = ends(view, &corners).map_or([0.0; 2], |[least, greatest]| [0, 1].map(|i| greatest[i] - least[i]));
+    let limits = corners_of(table(model));
+    if frame.fit == Fit::Table {
+        corners.extend(limits);
+    }
+    let mut title = name.to_string();
+    if span[0] + span[1] > 0.0 {
+        title += &format!(" · {:.0} × {:.0} mm", span[0], span[1]);
+    }
+    if frame.zoom > 1.0 {
+        title += &format!(" · ×{:.0}", frame.zoom);
+    }
+    let inside = pane(out, area, &title, look);
+    legend(out, area, model, look);
+    let mut canvas = Canvas::over(inside);
+    let Some(scale) = Scale::fitting((view, frame), &corners, canvas.size()) else { return };
+    frame_of_limits(&mut canvas, &scale, &limits, look);
+    lines(&mut canvas, &scale, model.facts.preview.path.knots(), [3, 9], [look.plain(), look.faint()]);
+    lines(&mut canvas, &scale, model.trail.knots(), [1, 4], [look.well(); 2]);
+    if model.stage == Stage::Job && model.back_mm() > 0.0 {
+        retraced(&mut canvas, &scale, model, look);
+    }
+    let tool = look.waits().add_modifier(Modifier::BOLD);
+    canvas.sign(scale.dot(model.in_space()), '@', tool);
+    canvas.show(out);
+}
+
+/// The edges of what the soft limits enclose.
+fn frame_of_limits(canvas: &mut Canvas, scale: &Scale, corners: &[[f32; 3]; 8], look: Look) {
+    for from in 0..8usize {
+        for to in [1, 2, 4].map(|bit| from | bit).into_iter().filter(|&to| to != from) {
+            let (a, b) = (scale.dot(corners[from]), scale.dot(corners[to]));
+            if a != b {
+                canvas.line(a, b, 2, None, look.limits());
+            }
+        }
+    }
 }
 
 /// What the signs mean, in the lower edge.
@@ -114,17 +141,25 @@ fn legend(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
     let text = if model.stage == Stage::Job && model.back_mm() > 0.0 {
         " @ tool  o retraced  x furthest "
     } else {
-        " @ tool  ⣿ done  ⠡ planned "
+        " @ tool  ⣿ done  ⠡ planned  ⠁ rapid "
     };
     put_at(out, area, 2, area.height.saturating_sub(1), text, look.faint());
 }
 
-fn lines<'k>(canvas: &mut Canvas, scale: &Scale, knots: impl Iterator<Item = &'k Knot>, every: usize, style: Style) {
+/// A line through knots: dots that are left out, and styles, of cuts and of rapid moves.
+fn lines<'k>(
+    canvas: &mut Canvas,
+    scale: &Scale,
+    knots: impl Iterator<Item = &'k Knot>,
+    every: [usize; 2],
+    styles: [Style; 2],
+) {
     let mut last: Option<[f64; 2]> = None;
     for knot in knots {
         let at = scale.dot(knot.at);
         if let Some(from) = last {
-            canvas.line(from, at, if knot.rapid { 3 * every } else { every }, None, style);
+            let kind = usize::from(knot.rapid);
+            canvas.line(from, at, every[kind], None, styles[kind]);
         }
         last = Some(at);
     }

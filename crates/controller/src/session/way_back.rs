@@ -1,0 +1,88 @@
+//! The way back to a breakpoint before a job is resumed: tool axis up to the retract plane, other axes, tool axis down (DNC-6).
+//!
+//! Invariant: the program's path is begun only behind it, at the counts of the breakpoint; whoever is there can stop the axes at any time, and
+//! the job is then stopped at its breakpoint.
+
+use retrace_core::mode::Mode;
+use retrace_link::{MotionCard, Start, Status};
+
+use super::{Outcome, Session};
+use crate::dnc::{Dnc, Flags, Step};
+use crate::event::{Happening, Trouble};
+use crate::manual::hand::Request;
+use crate::manual::trip::{Ended, Trip};
+use crate::operator::{Deed, OrderRefused};
+use crate::stream::{Period, Standing, Told};
+
+impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
+    /// Moves the axes from where they stand to the counts `to`; nothing moves where they are there. `Some`: the job ends instead.
+    pub(super) fn go_to_breakpoint(&mut self, to: [i64; A]) -> Result<Option<Outcome>, Trouble> {
+        let Status { counts: from, executed, .. } = *self.card.status();
+        if from == to {
+            return Ok(None);
+        }
+        let Some(mut hand) = self.dnc.take_hand() else { return Err(not_planned()) };
+        // A card that was only asked where it stands is opened by that.
+        let begins = Start { executed, ..Start::at(hand.ring.write()) };
+        self.card.begin(begins).map_err(|fault| Trouble::of(&fault))?;
+        self.tell_way_back(Step::Approaching);
+        let request = Request::Approach { from, to };
+        let mut trip = Trip::begin(&mut hand, request, executed, self.enough, self.manner.wall_time);
+        let ended = loop {
+            let turned = trip.turn(&mut hand, &mut self.card).map_err(|fault| Trouble::of(&fault))?;
+            if let Some(ended) = turned {
+                break ended;
+            }
+            if self.is_told_to_stop() {
+                trip.stop();
+            }
+            if let Some(outcome) = self.period_off_path()? {
+                return Ok(Some(outcome));
+            }
+        };
+        self.dnc.put_hand(hand);
+        match ended {
+            Ended::There if self.card.status().counts == to => {
+                self.tell_way_back(Step::Arrived);
+                Ok(None)
+            }
+            Ended::There | Ended::NotPlanned => Err(not_planned()),
+            Ended::Stopped => Ok(Some(Outcome::Stopped)),
+        }
+    }
+
+    /// Takes the words of whoever is there; a script begins when the program does.
+    fn is_told_to_stop(&mut self) -> bool {
+        let mut stops = false;
+        while let Some(deed) = self.operators.live_word() {
+            self.tell(Happening::Operator(deed));
+            match deed {
+                Deed::Stop | Deed::Hold | Deed::Pause => stops = true,
+                _ => self.tell(Happening::OrderRefused(OrderRefused::NotNow("the axes go back to the breakpoint"))),
+            }
+        }
+        stops
+    }
+
+    /// A control period that belongs to no program.
+    fn period_off_path(&mut self) -> Result<Option<Outcome>, Trouble> {
+        let status = *self.card.period().map_err(|fault| Trouble::of(&fault))?;
+        self.tally.pause();
+        self.teller.outputs(&status.outputs);
+        let period = Period { mode: Mode::Run, standing: Standing::Paused, off_path: true, ..Period::of(&status) };
+        self.teller.tell(Told::Period(period));
+        Ok(self.alarm(&status))
+    }
+
+    fn tell_way_back(&mut self, step: Step) {
+        self.tell(Happening::Dnc(Dnc { step, flags: Flags::default() }));
+    }
+}
+
+fn not_planned() -> Trouble {
+    Trouble::Fault {
+        number: "E2217",
+        cause: "the way back to the breakpoint cannot be planned".into(),
+        remedy: "bring the machine nearer to the breakpoint by hand, then resume again".into(),
+    }
+}

@@ -1,0 +1,405 @@
+//! The text of a file: held where it is small, read again from the file where it is large (PRE-7).
+//!
+//! Invariant: what is read again is what was read the first time, or an error: every block of a stored file is held against its checksum.
+//! The memory of a stored file does not grow with its lines, but by 8 bytes for 64 KiB and for 4096 lines.
+
+use crate::bytes::line_feed;
+use crate::lines::{MAX_HELD_LINE, split};
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Bytes of a file that is held whole.
+const MAX_HELD: u64 = 4 << 20;
+/// Bytes of a block, which has a checksum of its own.
+const BLOCK: usize = 1 << 16;
+/// The index has the place of every line whose number is a multiple of this, counted from 0.
+const LINES_AN_ENTRY: u64 = 4096;
+
+/// The text of a file, shared.
+#[derive(Clone, Debug)]
+pub struct Text(Kind);
+
+#[derive(Clone, Debug)]
+enum Kind {
+    Held(Arc<Vec<u8>>),
+    Stored(Arc<Stored>),
+}
+
+impl Default for Text {
+    fn default() -> Text {
+        Text(Kind::Held(Arc::default()))
+    }
+}
+
+impl From<Vec<u8>> for Text {
+    fn from(bytes: Vec<u8>) -> Text {
+        Text(Kind::Held(Arc::new(bytes)))
+    }
+}
+
+impl From<&[u8]> for Text {
+    fn from(bytes: &[u8]) -> Text {
+        Text::from(bytes.to_vec())
+    }
+}
+
+impl From<&str> for Text {
+    fn from(text: &str) -> Text {
+        Text::from(text.as_bytes())
+    }
+}
+
+/// A file that is read again.
+#[derive(Debug)]
+struct Stored {
+    file: Mutex<File>,
+    length: u64,
+    lines: u64,
+    /// A checksum for each block.
+    checksums: Vec<u64>,
+    /// Where every 4096th line begins.
+    index: Vec<u64>,
+}
+
+impl Text {
+    /// Reads a file once, from its beginning; `observe` is given its bytes in their order.
+    ///
+    /// # Errors
+    /// Those of the system; a file that has grown while it was read.
+    pub fn read(file: File, observe: impl FnMut(&[u8])) -> io::Result<Text> {
+        Text::read_holding(file, MAX_HELD, observe)
+    }
+
+    fn read_holding(mut file: File, most: u64, mut observe: impl FnMut(&[u8])) -> io::Result<Text> {
+        let length = file.metadata()?.len();
+        if length <= most {
+            let mut bytes = Vec::new();
+            file.take(most + 1).read_to_end(&mut bytes)?;
+            if bytes.len() as u64 > most {
+                return Err(changed());
+            }
+            observe(&bytes);
+            return Ok(Text::from(bytes));
+        }
+        let (mut checksums, mut index, mut lines, mut at) = (Vec::new(), vec![0], 0, 0);
+        let mut block = Vec::with_capacity(BLOCK);
+        while at < length {
+            block.clear();
+            (&mut file).take((length - at).min(BLOCK as u64)).read_to_end(&mut block)?;
+            if block.is_empty() {
+                return Err(changed());
+            }
+            observe(&block);
+            checksums.push(checksum(&block));
+            let mut from = 0;
+            while let Some(feed) = block.get(from..).and_then(line_feed) {
+                from += feed + 1;
+                lines += 1;
+                if lines % LINES_AN_ENTRY == 0 {
+                    index.push(at + from as u64);
+                }
+            }
+            at += block.len() as u64;
+        }
+        lines += u64::from(block.last() != Some(&b'\n'));
+        Ok(Text(Kind::Stored(Arc::new(Stored { file: Mutex::new(file), length, lines, checksums, index }))))
+    }
+
+    /// Its length in bytes.
+    #[cfg(test)]
+    pub(crate) fn len(&self) -> u64 {
+        match &self.0 {
+            Kind::Held(bytes) => bytes.len() as u64,
+            Kind::Stored(stored) => stored.length,
+        }
+    }
+
+    /// How many lines it has.
+    pub(crate) fn lines(&self) -> u64 {
+        match &self.0 {
+            Kind::Held(bytes) => crate::lines::Split::new(bytes).count() as u64,
+            Kind::Stored(stored) => stored.lines,
+        }
+    }
+
+    /// The bytes between two places.
+    ///
+    /// # Errors
+    /// They cannot be read, or are not those of the first time.
+    pub(crate) fn bytes(&self, from: u64, to: u64) -> io::Result<Vec<u8>> {
+        let stored = match &self.0 {
+            Kind::Held(bytes) => return Ok(bytes.get(from as usize..to as usize).unwrap_or_default().to_vec()),
+            Kind::Stored(stored) => stored,
+        };
+        let mut bytes = Vec::new();
+        let mut at = from;
+        while at < to {
+            let block = stored.block(at / BLOCK as u64)?;
+            let begin = (at % BLOCK as u64) as usize;
+            let part = block.get(begin..block.len().min(begin + (to - at) as usize)).unwrap_or_default();
+            if part.is_empty() {
+                break;
+            }
+            bytes.extend_from_slice(part);
+            at += part.len() as u64;
+        }
+        Ok(bytes)
+    }
+}
+
+fn changed() -> io::Error {
+    io::Error::new(
+        io::ErrorKind::InvalidData,
+        "E2310: the file was changed while it was in use; check it and begin again",
+    )
+}
+
+/// Tells blocks apart.
+fn checksum(block: &[u8]) -> u64 {
+    let words = block.chunks(8).map(|chunk| {
+        let mut word = [0; 8];
+        word.iter_mut().zip(chunk).for_each(|(slot, &byte)| *slot = byte);
+        u64::from_le_bytes(word)
+    });
+    let mixed = words
+        .fold(0xCBF2_9CE4_8422_2325_u64, |sum, word| (sum ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29));
+    mixed ^ block.len() as u64
+}
+
+impl Stored {
+    /// Reads a block again.
+    fn block(&self, number: u64) -> io::Result<Vec<u8>> {
+        let at = number * BLOCK as u64;
+        let mut block = Vec::with_capacity(BLOCK);
+        // A thread that has panicked while it read has left nothing behind: the place is set each time.
+        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        file.seek(SeekFrom::Start(at))?;
+        (&mut *file).take(self.length.saturating_sub(at).min(BLOCK as u64)).read_to_end(&mut block)?;
+        drop(file);
+        match self.checksums.get(number as usize) {
+            Some(was) if *was == checksum(&block) => Ok(block),
+            _ => Err(changed()),
+        }
+    }
+}
+
+/// The lines of a text, one after the other; one line is held, besides the blocks that it stands in.
+#[derive(Debug)]
+pub(crate) struct TextLines {
+    text: Text,
+    /// Where the next line begins.
+    next: u64,
+    /// Where the line taken last begins, and its length without its end.
+    line: (u64, usize),
+    /// Bytes of a stored file, and where they begin.
+    window: Vec<u8>,
+    window_at: u64,
+}
+
+impl TextLines {
+    /// Before the first line.
+    pub(crate) fn new(text: Text) -> TextLines {
+        TextLines { text, next: 0, line: (0, 0), window: Vec::new(), window_at: 0 }
+    }
+
+    /// At the line of this number, from 1, or the last place before it that is known; the number of the line that comes next.
+    pub(crate) fn near(text: Text, line: u64) -> (TextLines, u64) {
+        let (next, number) = match &text.0 {
+            Kind::Held(_) => (0, 1),
+            Kind::Stored(stored) => {
+                let entry = (line.saturating_sub(1) / LINES_AN_ENTRY).min(stored.index.len() as u64 - 1);
+                (stored.index.get(entry as usize).copied().unwrap_or(0), entry * LINES_AN_ENTRY + 1)
+            }
+        };
+        (TextLines { next, ..TextLines::new(text) }, number)
+    }
+
+    /// Where the next line begins: to come back to it with [`TextLines::seek`].
+    pub(crate) fn position(&self) -> u64 {
+        self.next
+    }
+
+    /// The next line is the one that begins there.
+    pub(crate) fn seek(&mut self, position: u64) {
+        self.next = position;
+    }
+
+    /// Takes the next line; false when there is none.
+    ///
+    /// # Errors
+    /// The file cannot be read, or was changed.
+    #[inline]
+    pub(crate) fn advance(&mut self) -> io::Result<bool> {
+        match &self.text.0 {
+            Kind::Held(bytes) => match split(bytes.get(self.next as usize..).unwrap_or_default()) {
+                Some((line, taken)) => {
+                    self.line = (self.next, line);
+                    self.next += taken as u64;
+                    Ok(true)
+                }
+                None => Ok(false),
+            },
+            Kind::Stored(stored) => {
+                let stored = Arc::clone(stored);
+                self.advance_stored(&stored)
+            }
+        }
+    }
+
+    /// The line taken last, without its end; cut off when it is too long.
+    #[inline]
+    pub(crate) fn line(&self) -> &[u8] {
+        let (from, length) = self.line;
+        match &self.text.0 {
+            Kind::Held(bytes) => bytes.get(from as usize..from as usize + length).unwrap_or_default(),
+            Kind::Stored(_) => {
+                let from = from.saturating_sub(self.window_at) as usize;
+                self.window.get(from..from + length).unwrap_or_default()
+            }
+        }
+    }
+
+    fn advance_stored(&mut self, stored: &Stored) -> io::Result<bool> {
+        if self.next >= stored.length {
+            return Ok(false);
+        }
+        loop {
+            let end = self.window_at + self.window.len() as u64;
+            if !(self.window_at..end).contains(&self.next) {
+                self.window = stored.block(self.next / BLOCK as u64)?;
+                self.window_at = self.next / BLOCK as u64 * BLOCK as u64;
+                continue;
+            }
+            let rest = self.window.get((self.next - self.window_at) as usize..).unwrap_or_default();
+            if line_feed(rest).is_some() || end >= stored.length {
+                let Some((line, taken)) = split(rest) else { return Ok(false) };
+                self.line = (self.next, line);
+                self.next += taken as u64;
+                return Ok(true);
+            }
+            if rest.len() > MAX_HELD_LINE {
+                self.line = (self.next, MAX_HELD_LINE);
+                self.next = behind_line_feed(stored, end)?;
+                return Ok(true);
+            }
+            let block = stored.block(end / BLOCK as u64)?;
+            self.window.drain(..(self.next - self.window_at) as usize);
+            self.window_at = self.next;
+            self.window.extend_from_slice(&block);
+        }
+    }
+}
+
+/// The place behind the next line feed.
+fn behind_line_feed(stored: &Stored, from: u64) -> io::Result<u64> {
+    let mut at = from;
+    while at < stored.length {
+        let block = stored.block(at / BLOCK as u64)?;
+        if let Some(feed) = line_feed(&block) {
+            return Ok(at + feed as u64 + 1);
+        }
+        at += block.len() as u64;
+    }
+    Ok(stored.length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    fn stored(bytes: &[u8]) -> (tempfile::NamedTempFile, Text) {
+        let mut file = tempfile::NamedTempFile::new().expect("a file");
+        file.write_all(bytes).expect("written");
+        let mut seen = Vec::new();
+        let text = Text::read_holding(file.reopen().expect("there"), 10, |part| seen.extend_from_slice(part));
+        assert!(seen == bytes);
+        (file, text.expect("readable"))
+    }
+
+    fn all(mut lines: TextLines) -> Vec<Vec<u8>> {
+        let mut all = Vec::new();
+        while lines.advance().expect("readable") {
+            all.push(lines.line().to_vec());
+        }
+        all
+    }
+
+    /// Lines of all lengths, some of them longer than a block, the last one without an end.
+    fn sample() -> Vec<u8> {
+        let mut bytes = Vec::new();
+        for n in 0..40_000_usize {
+            bytes.extend(std::iter::repeat_n(b'a' + (n % 26) as u8, n % 37));
+            bytes.extend_from_slice(if n % 5 == 0 { b"\r\n" } else { b"\n" });
+            if n % 9_000 == 4_000 {
+                bytes.extend(std::iter::repeat_n(b'x', 70_000 * (n / 9_000)));
+            }
+        }
+        bytes.extend_from_slice(b"the last one");
+        bytes
+    }
+
+    #[test]
+    fn a_stored_text_has_the_lines_of_one_that_is_held() {
+        let bytes = sample();
+        let (_file, text) = stored(&bytes);
+        let held = Text::from(bytes.as_slice());
+        assert_eq!((text.len(), text.lines()), (held.len(), held.lines()));
+        let lines = all(TextLines::new(held.clone()));
+        assert!(all(TextLines::new(text.clone())) == lines && lines.len() as u64 == text.lines());
+        for number in [1, 2, 4096, 4097, 4098, 8193, 39_999, 40_001] {
+            let (mut near, mut at) = TextLines::near(text.clone(), number);
+            assert!(number - at < LINES_AN_ENTRY);
+            while near.advance().expect("readable") && at < number {
+                at += 1;
+            }
+            assert_eq!(near.line(), lines[number as usize - 1], "{number}");
+        }
+        for (from, to) in [(0, 10), (65_530, 65_540), (1, 200_000), (text.len() - 5, text.len())] {
+            assert!(text.bytes(from, to).expect("readable") == bytes[from as usize..to as usize]);
+        }
+    }
+
+    #[test]
+    fn a_place_can_be_come_back_to() {
+        let (_file, text) = stored(&sample());
+        let mut lines = TextLines::new(text);
+        let (mut place, mut was) = (0, Vec::new());
+        for n in 0..20_000 {
+            if n == 7_000 {
+                place = lines.position();
+            }
+            assert!(lines.advance().expect("readable"));
+            if n == 7_000 {
+                was = lines.line().to_vec();
+            }
+        }
+        lines.seek(place);
+        assert!(lines.advance().expect("readable") && lines.line() == was);
+    }
+
+    #[test]
+    fn a_file_that_was_changed_or_cut_off_is_noticed() {
+        let bytes = sample();
+        let (file, text) = stored(&bytes);
+        let mut other = bytes.clone();
+        other[300_000] ^= 1;
+        std::fs::write(file.path(), &other).expect("written");
+        let mut lines = TextLines::new(text);
+        let error = loop {
+            match lines.advance() {
+                Ok(more) => assert!(more, "the change is noticed"),
+                Err(error) => break error,
+            }
+        };
+        assert!(lines.position() < 300_000 && error.to_string().contains("E2310"), "{error}");
+        let (file, text) = stored(&bytes);
+        file.as_file().set_len(200_000).expect("cut off");
+        let mut lines = TextLines::new(text);
+        while let Ok(more) = lines.advance() {
+            assert!(more, "it is noticed");
+        }
+        assert!(lines.position() < 200_000);
+    }
+}
