@@ -460,6 +460,17 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if let Some(off) = status.cutter_off {
             self.cutter_went_off(off);
         }
+        self.book_off_path(&status);
+        self.still_periods = if status.rate == 0 && !self.dnc.is_moving() { self.still_periods + 1 } else { 0 };
+        if let Some(outcome) = self.alarm(&status) {
+            return Ok(Some(outcome));
+        }
+        let is_over = self.stopping || self.nobody_goes_on();
+        Ok((is_over && status.at_rest && !self.dnc.is_moving()).then_some(Outcome::Stopped))
+    }
+
+    /// Counts and reports a control period off the program's path.
+    pub(super) fn book_off_path(&mut self, status: &Status<A>) {
         self.tally.pause();
         self.teller.outputs(&status.outputs);
         let period = Period {
@@ -467,15 +478,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             standing: self.standing(),
             override_rate: self.overrides.asked(),
             off_path: true,
-            ..Period::of(&status)
+            ..Period::of(status)
         };
         self.teller.tell(Told::Period(period));
-        self.still_periods = if status.rate == 0 && !self.dnc.is_moving() { self.still_periods + 1 } else { 0 };
-        if let Some(outcome) = self.alarm(&status) {
-            return Ok(Some(outcome));
-        }
-        let is_over = self.stopping || self.nobody_goes_on();
-        Ok((is_over && status.at_rest && !self.dnc.is_moving()).then_some(Outcome::Stopped))
     }
 
     fn tell_step(&mut self, step: Step) {

@@ -186,7 +186,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let Ok(status) = self.card.period() else { return };
             let status = *status;
             outputs = status.outputs;
-            self.book(&status);
+            if self.dnc.is_off_path() {
+                self.book_off_path(&status);
+            } else {
+                self.book(&status);
+            }
         }
     }
 }
