@@ -9,6 +9,7 @@
 mod out;
 
 mod args;
+mod arrives;
 mod by_hand;
 mod canon;
 mod card;
@@ -17,8 +18,11 @@ mod check;
 mod check_told;
 mod console;
 mod cycles;
+mod decoder;
+mod doctor;
 mod draw;
 mod draw_job;
+mod escape;
 mod files;
 mod homed;
 mod hung;
@@ -39,6 +43,7 @@ mod screen;
 mod serial_source;
 mod size;
 mod socket;
+mod stop_signals;
 mod subs;
 mod waiting;
 mod wired;
@@ -59,6 +64,7 @@ fn main() -> ExitCode {
         Command::Plot(args) => draw::run(&args).map(|()| 0),
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
+        Command::Doctor(args) => doctor::run(&args).map(|()| 0),
         Command::Home(args) => manual::home(&args),
         Command::Jog(args) => manual::jog(&args),
         Command::Mdi(args) => manual::mdi(&args),
@@ -70,18 +76,18 @@ fn main() -> ExitCode {
         Ok(code) => code,
         Err(Failure::Program) => 1,
         Err(Failure::Card(refusal)) => {
-            eprintln!("{refusal}");
+            eprintln!("{}", escape::lines(&refusal.to_string()));
             3
         }
         Err(Failure::Refused(refusal)) => {
-            eprintln!("{refusal}");
+            eprintln!("{}", escape::lines(&refusal.to_string()));
             2
         }
     };
     // Whatever was done is done; who reads the exit code alone is not to believe that he has all of the output.
     match out::lost() {
         Some(refusal) => {
-            eprintln!("{refusal}");
+            eprintln!("{}", escape::lines(&refusal.to_string()));
             ExitCode::from(if code == 0 { 2 } else { code })
         }
         None => ExitCode::from(code),

@@ -55,6 +55,8 @@ pub struct Manner {
     pub wall_time: bool,
     /// Is an operator there to press cycle start at a program stop? Without one it is passed.
     pub operator: bool,
+    /// Is the motion thread scheduled under SCHED_FIFO, where that is permitted?
+    pub real_time: bool,
 }
 
 /// Records that may be on their way to the card, or that it has run since it was heard of, at a common line's latency.
@@ -299,7 +301,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn look(&mut self) {
         self.supply.look();
         let mut spins = 0u32;
-        while !self.manner.wall_time && !self.supply.is_enough(self.card.status(), self.enough) {
+        while !self.manner.wall_time
+            && !self.supply.is_enough(self.card.status(), self.enough)
+            && !self.operators.is_told_to_stop()
+        {
             spins += 1;
             match spins {
                 0..100 => std::hint::spin_loop(),
