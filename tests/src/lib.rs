@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 pub mod command;
+pub mod cutter_observer;
 pub mod limits;
 pub mod pins;
 pub mod programs;

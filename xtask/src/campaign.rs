@@ -100,6 +100,14 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 30,
     },
     Campaign {
+        name: "off",
+        purpose: "jobs on jet, plasma, laser and router, stopped, held, paused, killed, cut off and resumed: the cutter is off outside of a cut",
+        test: ["retrace-tests", "off", ""],
+        asked: BY_SEED,
+        full: 2000,
+        slice: 30,
+    },
+    Campaign {
         name: "cut",
         purpose: "a journal cut at every write and every byte of its last records: the job is taken up and ends exactly",
         test: ["retrace-tests", "cut", ""],

@@ -1,0 +1,295 @@
+//! An observer of the card's pins that judges when the cutter may be on, from the trace and the program's text alone.
+//!
+//! Invariant: it knows what the program cuts, how long a pierce takes and how long the machine may stand; it uses nothing of retrace itself.
+
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::PathBuf;
+use std::process::Command;
+use std::thread::{self, JoinHandle};
+
+/// What is asked of the pins. Times in milliseconds of the card's clock.
+#[derive(Clone, Debug)]
+pub struct Rules {
+    /// The name of the output that fires: `spindle` or `out3`.
+    pub fire: String,
+    /// Program lines that are to be cut, from 1.
+    pub cut_lines: Vec<u64>,
+    /// From ignition to the first step at least; and what the instruction may take at most.
+    pub ready_ms: [f64; 2],
+    /// How long it may be on between two steps: grace, handover and the slowest pulses of a ramp. None: it may stand, as a spindle does.
+    pub standing_ms: Option<f64>,
+}
+
+/// What was seen.
+#[derive(Clone, Debug, Default)]
+pub struct Seen {
+    /// What must not be, with its time.
+    pub violations: Vec<String>,
+    /// Ignitions.
+    pub ignitions: u64,
+    /// Steps with the cutter on.
+    pub steps_on: u64,
+    /// Steps backward.
+    pub steps_back: u64,
+    /// Alarms of the card.
+    pub alarms: u64,
+    /// The cutter is on at the end of the trace.
+    pub on_at_end: bool,
+}
+
+/// A trace being observed.
+#[derive(Debug)]
+pub struct Observation(JoinHandle<Seen>);
+
+impl Observation {
+    /// What was seen; waits until the card has ended.
+    ///
+    /// # Panics
+    /// Where the trace cannot be read.
+    #[must_use]
+    pub fn ended(self) -> Seen {
+        self.0.join().expect("the trace is read")
+    }
+}
+
+/// Makes the pipe that a card writes its trace to, and observes it by these rules.
+///
+/// # Panics
+/// Where the system makes no such pipe.
+#[must_use]
+pub fn observe(path: PathBuf, rules: Rules) -> Observation {
+    let made = Command::new("mkfifo").arg(&path).status().expect("mkfifo runs");
+    assert!(made.success(), "a pipe with a name");
+    Observation(thread::spawn(move || {
+        let mut trace = BufReader::with_capacity(1 << 16, File::open(&path).expect("the pipe"));
+        let (mut observer, mut line) = (Observer::new(rules), String::new());
+        while trace.read_line(&mut line).is_ok_and(|count| count > 0) {
+            observer.take(line.trim_end());
+            line.clear();
+        }
+        observer.end()
+    }))
+}
+
+/// What a signal is.
+#[derive(Clone, Copy, Debug)]
+enum Signal {
+    Fire,
+    Step,
+    Rate,
+    Line,
+    Place,
+    Alarm,
+}
+
+/// The state of the pins at a time.
+#[derive(Debug)]
+pub struct Observer {
+    rules: Rules,
+    signals: HashMap<String, Signal>,
+    now_ms: f64,
+    on: bool,
+    rate: f64,
+    line: u64,
+    place: f64,
+    alarm: bool,
+    /// A step began at this time.
+    stepped: bool,
+    /// The place before this period.
+    furthest: f64,
+    /// When the cutter came on, until the first step behind it.
+    ignited_ms: Option<f64>,
+    /// The last step or ignition.
+    last_ms: f64,
+    seen: Seen,
+}
+
+impl Observer {
+    /// An observer of a trace that begins.
+    #[must_use]
+    pub fn new(rules: Rules) -> Self {
+        Self {
+            rules,
+            signals: HashMap::new(),
+            now_ms: 0.0,
+            on: false,
+            rate: 0.0,
+            line: 0,
+            place: 0.0,
+            alarm: false,
+            stepped: false,
+            furthest: 0.0,
+            ignited_ms: None,
+            last_ms: 0.0,
+            seen: Seen::default(),
+        }
+    }
+
+    /// Takes a line of the trace.
+    pub fn take(&mut self, line: &str) {
+        if let Some(declared) = line.strip_prefix("$var ") {
+            let words: Vec<&str> = declared.split(' ').collect();
+            if let [_, _, code, name, "$end"] = words[..] {
+                let signal = match name {
+                    "step" => Signal::Step,
+                    "rate" => Signal::Rate,
+                    "line" => Signal::Line,
+                    "place" => Signal::Place,
+                    "alarm" => Signal::Alarm,
+                    name if name == self.rules.fire => Signal::Fire,
+                    _ => return,
+                };
+                self.signals.insert(code.to_owned(), signal);
+            }
+        } else if let Some(time) = line.strip_prefix('#') {
+            self.judge();
+            self.now_ms = time.parse::<f64>().unwrap_or(0.0) / 1e6;
+        } else {
+            let (value, code) = match line.split_once(' ') {
+                Some((value, code)) => (value, code),
+                None if line.len() > 1 && line.is_char_boundary(1) => line.split_at(1),
+                None => return,
+            };
+            if let Some(&signal) = self.signals.get(code) {
+                self.change(signal, value);
+            }
+        }
+    }
+
+    fn change(&mut self, signal: Signal, value: &str) {
+        let number = || u64::from_str_radix(value.trim_start_matches('b'), 2).unwrap_or(0);
+        let real = || value.trim_start_matches('r').parse::<f64>().unwrap_or(0.0);
+        match signal {
+            Signal::Step => self.stepped |= number() == 1,
+            Signal::Rate => self.rate = real(),
+            Signal::Line => self.line = number(),
+            Signal::Place => {
+                self.furthest = self.furthest.max(self.place);
+                self.place = real();
+            }
+            Signal::Alarm => {
+                self.seen.alarms += u64::from(number() != 0 && !self.alarm);
+                self.alarm = number() != 0;
+            }
+            Signal::Fire => {
+                let on = number() != 0;
+                if on && !self.on {
+                    self.seen.ignitions += 1;
+                    (self.ignited_ms, self.last_ms) = (Some(self.now_ms), self.now_ms);
+                } else if !on && self.on {
+                    self.stood();
+                    self.ignited_ms = None;
+                }
+                self.on = on;
+            }
+        }
+    }
+
+    fn wrong(&mut self, what: String) {
+        if self.seen.violations.len() < 8 {
+            self.seen.violations.push(format!("{:.3} ms, line {}: {what}", self.now_ms, self.line));
+        }
+    }
+
+    /// The cutter was on from the last step or ignition to now: not for too long?
+    fn stood(&mut self) {
+        let Some(most) = self.rules.standing_ms else { return };
+        let most = most + if self.ignited_ms.is_some() { self.rules.ready_ms[1] } else { 0.0 };
+        let stood = self.now_ms - self.last_ms;
+        if stood > most {
+            self.wrong(format!("on and standing for {stood:.1} ms"));
+        }
+    }
+
+    /// All changes of a time are there.
+    fn judge(&mut self) {
+        if !std::mem::take(&mut self.stepped) {
+            return;
+        }
+        let is_cut = self.rules.cut_lines.contains(&self.line);
+        self.seen.steps_back += u64::from(self.rate < 0.0);
+        if !self.on {
+            let first_time = self.rate > 0.0 && self.place > self.furthest.max(0.0);
+            if is_cut && first_time && !self.alarm {
+                self.wrong("feed along a cut with the cutter off".to_owned());
+            }
+            return;
+        }
+        self.seen.steps_on += 1;
+        self.stood();
+        if let Some(at) = self.ignited_ms.take()
+            && self.now_ms - at < self.rules.ready_ms[0]
+        {
+            self.wrong(format!("feed {:.1} ms after ignition", self.now_ms - at));
+        }
+        if self.rules.standing_ms.is_some() {
+            if self.rate < 0.0 {
+                self.wrong("on in reverse".to_owned());
+            } else if !is_cut {
+                self.wrong("on outside of a cut".to_owned());
+            }
+            if self.alarm {
+                self.wrong("on under an alarm".to_owned());
+            }
+        }
+        self.last_ms = self.now_ms;
+    }
+
+    /// The trace has ended.
+    #[must_use]
+    pub fn end(mut self) -> Seen {
+        self.judge();
+        if self.on {
+            self.stood();
+        }
+        self.seen.on_at_end = self.on;
+        self.seen
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Line 2 is a cut; the torch is ready after 10 ms and may stand for 5.
+    fn seen(changes: &[(u64, &str)]) -> Seen {
+        let rules =
+            Rules { fire: "spindle".into(), cut_lines: vec![2], ready_ms: [10.0, 30.0], standing_ms: Some(5.0) };
+        let mut observer = Observer::new(rules);
+        let declared = "$var wire 1 s step $end\n$var real 64 r rate $end\n$var integer 32 l line $end\n\
+            $var real 64 p place $end\n$var integer 8 a alarm $end\n$var integer 32 f spindle $end";
+        declared.lines().for_each(|line| observer.take(line));
+        for (ms, change) in changes {
+            observer.take(&format!("#{}", ms * 1_000_000));
+            change.split(';').for_each(|change| observer.take(change));
+        }
+        observer.end()
+    }
+
+    #[test]
+    fn a_cut_behind_its_pierce_is_let_pass() {
+        let fine =
+            [(0, "b1 l"), (5, "b1 f"), (20, "b10 l;r1 r;r1 p;1s"), (21, "r2 p;0s"), (22, "r3 p;1s"), (24, "b0 f")];
+        let seen = seen(&fine);
+        assert!(seen.violations.is_empty() && seen.ignitions == 1 && seen.steps_on == 2, "{seen:?}");
+    }
+
+    #[test]
+    fn each_offence_is_named() {
+        let cases: [(&[(u64, &str)], &str); 7] = [
+            (&[(5, "b1 f"), (10, "b10 l;r1 r;r1 p;1s")], "after ignition"),
+            (&[(5, "b1 f"), (20, "b10 l;r1 r;r1 p;1s"), (30, "b0 f")], "standing for 10.0"),
+            (&[(5, "b1 f"), (45, "b0 f")], "standing for 40.0"),
+            (&[(5, "b1 f"), (20, "b1 l;r1 r;r1 p;1s")], "outside of a cut"),
+            (&[(5, "b1 f"), (20, "b10 l;r-1 r;r1 p;1s")], "in reverse"),
+            (&[(5, "b10 l;r1 r;r1 p;1s")], "cutter off"),
+            (&[(5, "b1 f"), (20, "b10 l;r1 r;r1 p;1s;b1 a")], "under an alarm"),
+        ];
+        for (changes, what) in cases {
+            let seen = seen(changes);
+            assert!(seen.violations.iter().any(|violation| violation.contains(what)), "{what}: {seen:?}");
+        }
+    }
+}
