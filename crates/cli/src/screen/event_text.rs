@@ -32,7 +32,11 @@ pub fn lines(model: &Model, event: &Event) -> Vec<String> {
         Happening::ToolChange(tool) => tool_change_words(model, *tool),
         Happening::OutputsDiffer(some) => {
             let each = some.list().iter().map(|(number, is, wants)| {
-                format!("{}, the program wants {}", output_words(model, *number, *is), state_words(*number, *wants))
+                format!(
+                    "{}, the program wants {}",
+                    output_words(model, *number, *is),
+                    state_words(model, *number, *wants)
+                )
             });
             format!("outputs differ: {}", each.collect::<Vec<_>>().join("; "))
         }
@@ -106,19 +110,13 @@ pub fn tool_change_words(model: &Model, tool: i32) -> String {
 
 /// An output and its state: `output 3 on`, `spindle clockwise`.
 fn output_words(model: &Model, number: u8, value: i32) -> String {
-    let is_cutter = model.facts.is_of_cutter(number);
-    match number {
-        channel::SPINDLE if !is_cutter => format!("spindle {}", state_words(number, value)),
-        channel::TOOL => format!("tool {}", state_words(number, value)),
-        channel::SPEED => format!("spindle speed {}", state_words(number, value)),
-        _ if is_cutter => format!("{} {}", model.facts.output_name(number), if value == 0 { "off" } else { "on" }),
-        _ => format!("{} {}", model.facts.output_name(number), state_words(number, value)),
-    }
+    format!("{} {}", model.facts.output_name(number), state_words(model, number, value))
 }
 
 /// The state of an output in words.
-fn state_words(number: u8, value: i32) -> String {
+fn state_words(model: &Model, number: u8, value: i32) -> String {
     match (number, value) {
+        _ if model.facts.is_of_cutter(number) => if value == 0 { "off" } else { "on" }.into(),
         (channel::SPINDLE, 0) => "stopped".into(),
         (channel::SPINDLE, 1..) => "clockwise".into(),
         (channel::SPINDLE, _) => "counterclockwise".into(),

@@ -126,7 +126,6 @@ fn normal(model: &Model) -> Guide {
         Act::Slower,
         Act::Faster,
         Act::Single,
-        Act::CutterOff,
         Act::BackBy,
         Act::Pause,
         Act::Quit,
@@ -134,8 +133,7 @@ fn normal(model: &Model) -> Guide {
     match model.standing {
         Standing::Hold if !model.at_rest => guide(Grade::Waits, "STOPPING", "feed hold: braking on the path", &held),
         Standing::Hold if model.cutter_is_out => {
-            let acts =
-                [Act::CycleStart, Act::Recover, Act::Reverse, Act::Wheel, Act::BackBy, Act::CutterOff, Act::Quit];
+            let acts = [Act::CycleStart, Act::Recover, Act::Reverse, Act::Wheel, Act::BackBy, Act::Quit];
             guide(Grade::Waits, "FEED HOLD", "the cutter is off; c asks before it starts again, k does not", &acts)
         }
         Standing::Hold => guide(Grade::Waits, "FEED HOLD", "held by the operator", &held),
@@ -176,7 +174,7 @@ fn normal(model: &Model) -> Guide {
 
 fn retracing(model: &Model, mode: Mode) -> Guide {
     if !model.differ.is_empty() {
-        let acts = [Act::Agree, Act::Reverse, Act::Wheel, Act::Output, Act::CutterOff, Act::Quit];
+        let acts = [Act::Agree, Act::Reverse, Act::Wheel, Act::Output, Act::Quit];
         return guide(Grade::Waits, "OUTPUTS DIFFER", "from what the program had here", &acts);
     }
     let back = format!("{:.1} mm back", model.back_mm());

@@ -257,6 +257,7 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     assert!(off.contains("torch off") && off.contains("other outputs off") && !off.contains("all off"), "{off}");
     (model.stage, model.program_outputs) = (Stage::Job, [(64, 1)].into());
     assert!(shown(&model, &Hand::new()).contains("torch off · program here ON"));
+    assert!(off.contains("x cutter off  ? all keys"), "{off}");
     model.outputs = [(64, 1), (5, 1)].into();
     let on = shown(&model, &Hand::new());
     assert!(on.contains("torch ON · program here ON") && on.contains("outputs ON: clamp"), "{on}");

@@ -195,6 +195,8 @@ fn spindle(model: &Model) -> String {
     let speed = f64::from(model.output(channel::SPEED)) / 1000.0;
     let spindle = match model.output(channel::SPINDLE) {
         _ if model.facts.is_of_cutter(channel::SPINDLE) => String::new(),
+        // A machine with a cutter of another kind shows a spindle that turns only.
+        0 if !model.facts.cutters.is_empty() => String::new(),
         0 => "spindle stopped · ".to_string(),
         1.. => format!("spindle cw {speed:.0}/min · "),
         _ => format!("spindle ccw {speed:.0}/min · "),

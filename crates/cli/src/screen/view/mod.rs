@@ -86,7 +86,7 @@ pub fn draw(out: &mut Buffer, model: &Model, hand: &Hand, look: Look, now_ms: u6
     figures::motion(out, panes.motion, model, look);
     figures::state(out, panes.state, model, hand, look);
     listing::messages(out, panes.messages, model, look);
-    key_line(out, panes.keys, &guide, hand.notice(now_ms), look);
+    key_line(out, panes.keys, model, &guide, hand.notice(now_ms), look);
     over::draw(out, panes.path, model, hand, &guide, look);
 }
 
@@ -162,12 +162,13 @@ fn spelled(act: Act, short: &'static str) -> &'static str {
 }
 
 /// The keys that make sense now, as many as have room; or what must be known of the last key.
-fn key_line(out: &mut Buffer, area: Rect, guide: &Guide, notice: Option<&str>, look: Look) {
+fn key_line(out: &mut Buffer, area: Rect, model: &Model, guide: &Guide, notice: Option<&str>, look: Look) {
     if let Some(notice) = notice {
         put(out, area, 1, notice, look.waits().add_modifier(Modifier::BOLD));
         return;
     }
-    let help = "? all keys";
+    // Where there is a cutter, its key is always named.
+    let help = if model.facts.cutters.is_empty() { "? all keys" } else { "x cutter off  ? all keys" };
     let end = area.width.saturating_sub(help.len() as u16 + 1);
     let mut x = 1;
     for row in guide.acts.iter().filter_map(|&act| keys::row_for(act)) {
