@@ -29,6 +29,9 @@ pub fn lines(model: &Model, event: &Event) -> Vec<String> {
             let why = text.split_once(" off: ").map_or("", |(_, why)| why);
             format!("{} off: {}", model.facts.output_name(*channel), why.replace("`recover`", "k"))
         }
+        Happening::CutterBoundary => {
+            "standing where the program switched the cutter, and it is on: x switches it off, r cuts on".into()
+        }
         Happening::ToolChange(tool) => tool_change_words(model, *tool),
         Happening::OutputsDiffer(some) => {
             let each = some.list().iter().map(|(number, is, wants)| {
@@ -69,10 +72,6 @@ fn deed_words(model: &Model, deed: &Deed) -> String {
     match deed {
         Deed::Hold => "feed hold".into(),
         Deed::Resume | Deed::CycleStart => "cycle start".into(),
-        Deed::Recover => "start the cutter again and go on".into(),
-        Deed::CutterOff => "cutter off".into(),
-        Deed::CutterOn => "cutter on".into(),
-        Deed::OptionalStop(on) => format!("optional stop {}", if *on { "on" } else { "off" }),
         Deed::Reverse(rate) => format!("reverse run, {:.0} %", percent(*rate)),
         Deed::Forward(rate) => format!("forward run, {:.0} %", percent(*rate)),
         Deed::Override(rate) => format!("override {:.0} %", percent(*rate)),

@@ -204,6 +204,10 @@ fn retracing(model: &Model, mode: Mode) -> Guide {
             let acts = [Act::Leave, Act::Reverse, Act::Wheel, Act::Quit];
             guide(Grade::Waits, "RETURNING", format!("stands; {back}"), &acts)
         }
+        Mode::Reverse if model.at_cutter_boundary => {
+            let acts = [Act::CutterOff, Act::Reverse, Act::Forward, Act::Leave, Act::Wheel, Act::Quit];
+            guide(Grade::Waits, "CUTTER ON", "the program switched the cutter here, and it is on", &acts)
+        }
         Mode::Reverse if at_oldest => {
             guide(Grade::Waits, "REVERSE", format!("at the oldest place, {back}: no further"), &standing)
         }

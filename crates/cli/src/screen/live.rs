@@ -172,6 +172,7 @@ fn take_period<const A: usize>(model: &mut Model, period: &Period<A>) {
     (model.mode, model.standing) = (period.mode, period.standing);
     model.rate = period.rate as f64 / ONE as f64;
     model.override_rate = period.override_rate as f64 / ONE as f64;
+    model.at_cutter_boundary &= period.at_rest;
     if period.standing != Standing::ProgramStop {
         model.tool_change = None;
     }
@@ -254,6 +255,7 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
             }
         }
         Happening::OrderRefused(_) if model.pause.is_some() && before.is_some() => model.pause = before,
+        Happening::CutterBoundary => model.at_cutter_boundary = true,
         Happening::ToolChange(tool) => model.tool_change = Some(*tool),
         Happening::CutterOff { channel, reason: OffReason::Card(_) | OffReason::Operator } => {
             model.cutter_is_out |= model.mode == Mode::Run && model.program_output(*channel) != 0;

@@ -209,6 +209,8 @@ pub struct Model {
     pub tool_change: Option<i32>,
     /// The cutter went out where it was to cut: the program goes on only with it.
     pub cutter_is_out: bool,
+    /// It stands where the program switched the cutter, which is on by hand.
+    pub at_cutter_boundary: bool,
     /// The modal state.
     pub active: Active,
     /// The alarm in force.
@@ -277,6 +279,7 @@ impl Model {
             optional_stop: false,
             tool_change: None,
             cutter_is_out: false,
+            at_cutter_boundary: false,
             active: Active::default(),
             alarm: None,
             differ: Vec::new(),
