@@ -165,6 +165,7 @@ fn another_card_is_refused_and_a_machine_that_was_moved_goes_back_to_the_breakpo
     assert_refused(&bench.retrace(["resume", &id, "--yes", "--json", "--card", &other.port]), "E2213");
     let said = bench.retrace(["resume", &id]);
     assert!(said.code == Some(2) && said.out.contains("way back"), "{}\n{}", said.out, said.err);
+    assert!(said.out.contains("this place the last one in the journal"), "{}", said.out);
     assert_completed(&bench.retrace(["resume", &id, "--yes", "--json"]));
 }
 
@@ -288,4 +289,43 @@ fn a_program_that_begins_at_a_line_comes_to_its_start_in_the_safe_order() {
     let said = bench.retrace(["resume", "--from-line", "4", "--yes", "--json", "--records", "records.csv"]);
     assert_eq!(said.code, Some(0), "{}", said.err);
     assert_safe_order(&rows(&bench), [0; 3], 10_000, [20_000, 10_000, -3_000]);
+}
+
+#[test]
+fn after_a_restart_of_the_card_homing_is_enough_where_every_axis_has_a_switch() {
+    let bench = bench();
+    let axis = |name: &str, travel: &str, home: &str| {
+        format!(
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+             max_jerk_mm_per_s3 = 20000\ntravel_mm = {travel}\nhome = {home}\n"
+        )
+    };
+    let lower = "{ switch = \"lower\", position_mm = -12 }";
+    let switch =
+        |number: u32, axis: &str| format!("[[card.input]]\nnumber = {number}\nuse = \"home\"\naxis = \"{axis}\"\n");
+    let machine = ["retract_mm = 10\n[card]\nwatchdog_ms = 2000\n".into()]
+        .into_iter()
+        .chain([axis("x", "[-10, 300]", lower), axis("y", "[-10, 300]", lower)])
+        .chain([axis("z", "[-100, 20]", "{ switch = \"upper\", position_mm = 21 }")])
+        .chain([switch(1, "x"), switch(2, "y"), switch(3, "z")])
+        .collect::<String>();
+    let path = bench.file("homed.toml", machine).display().to_string();
+    let home = |card: &Served| {
+        let said = bench.retrace(["home", "--card", &card.port, "--machine", &path]);
+        assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
+    };
+    let card = Served::with(&["--machine", &path]);
+    home(&card);
+    let to_zero = bench.retrace(["mdi", "G0 X0 Y0 Z0", "--card", &card.port, "--machine", &path]);
+    assert_eq!(to_zero.code, Some(0), "{}", to_zero.err);
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", &path, "--json"];
+    killed(&bench, &run, Stdio::null(), Duration::from_millis(1200));
+    drop(card);
+    let card = Served::with(&["--machine", &path]);
+    let resume = ["resume", "--yes", "--json", "--card", &card.port];
+    let said = bench.retrace(resume);
+    assert_refused(&said, "E2213");
+    assert!(said.err.contains("retrace home"), "{}", said.err);
+    home(&card);
+    assert_completed(&bench.retrace(resume));
 }

@@ -109,12 +109,15 @@ pub enum Card {
         #[arg(long)]
         json: bool,
     },
-    /// Ask who is at a port, and where the machine stands.
+    /// Ask who is at a port, where the machine stands, which outputs are on, and what alarm is latched.
     #[command(after_help = "Example:\n  retrace card who /dev/ttyUSB0@230400")]
     Who {
         /// The port, `PATH[@BAUD]`; 1000000 baud where none is named.
         #[arg(value_name = "PORT")]
         port: String,
+        /// Machine file; a three-axis machine is built in.
+        #[arg(long, value_name = "FILE.toml")]
+        machine: Option<PathBuf>,
         /// One JSON object on standard output.
         #[arg(long)]
         json: bool,

@@ -1,15 +1,19 @@
 //! `retrace card`: which serial ports there are, and who is at one. Serving a simulated card is `card_serve`.
 //!
-//! Invariant: asking who is there moves nothing and opens no epoch.
+//! Invariant: asking who is there moves nothing; a card that works for a host is only greeted, one that stands alone is opened for a moment to see its
+//! outputs, and is as it was then.
 
 use retrace_hal_serial::{FoundPort, Latency};
 use std::path::Path;
 
+use retrace_controller::event::channel_name;
+use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_link::{CardFault, Greeting, Identity, MotionCard, Start, Word};
 use serde_json::{Value, json};
 
 use crate::program::Failure;
+use crate::wired::SerialCard;
 use crate::{args, card_serve, files, wired};
 
 /// Axes of the largest card.
@@ -26,7 +30,7 @@ pub fn run(args: &args::Card) -> Result<(), Failure> {
     match args {
         args::Card::Serve(args) => card_serve::run(args)?,
         args::Card::Ports { json } => list(&retrace_hal_serial::ports(), *json),
-        args::Card::Who { port, json } => who(port, *json)?,
+        args::Card::Who { port, machine, json } => who(port, machine.as_deref(), *json)?,
         args::Card::Clear { port, machine } => clear(port, machine.as_deref())?,
     }
     Ok(())
@@ -67,17 +71,54 @@ fn port_json(port: &FoundPort) -> Value {
     json!({ "path": port.path, "usb": usb })
 }
 
-fn who(address: &str, json: bool) -> Result<(), Failure> {
-    let card = wired::find::<MOST_AXES>(address)?;
+fn who(address: &str, machine: Option<&Path>, json: bool) -> Result<(), Failure> {
+    let machine = files::machine(machine)?;
+    let mut card = wired::find::<MOST_AXES>(address)?;
     // It was found by its greeting.
-    let Some(greeting) = card.greeting() else { return Ok(()) };
+    let Some(greeting) = card.greeting().copied() else { return Ok(()) };
+    let outputs = outputs(&mut card, address, &greeting, &machine);
     let latency = card.port().latency();
     if json {
-        crate::out::line(told_as_json(address, greeting, latency));
+        crate::out::line(told_as_json(address, &greeting, &outputs, latency));
     } else {
-        crate::out::line(told(address, greeting, latency));
+        crate::out::line(told(address, &greeting, &outputs, latency));
     }
     Ok(())
+}
+
+/// The outputs that are not 0, channel and value; or why they are not known. A card that works for a host is not disturbed.
+type Outputs = Result<Vec<(u8, i32)>, String>;
+
+fn outputs(
+    card: &mut SerialCard<MOST_AXES>,
+    address: &str,
+    greeting: &Greeting<MOST_AXES>,
+    machine: &Machine,
+) -> Outputs {
+    if greeting.epoch != 0 || !greeting.at_rest {
+        return Err("not known: the card works for a host".into());
+    }
+    let Greeting { place, reached, executed, .. } = *greeting;
+    let settings = machine.card_settings(Start { place, rests: false, reached, executed });
+    match wired::look(card, address, settings) {
+        Ok(status) => {
+            let each = status.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
+            Ok(each.map(|(number, &value)| (number as u8, value)).collect())
+        }
+        Err(Failure::Card(refusal) | Failure::Refused(refusal)) => Err(format!("not known: {}", refusal.what)),
+        Err(Failure::Program) => Err("not known".into()),
+    }
+}
+
+fn outputs_in_words(outputs: &Outputs) -> String {
+    match outputs {
+        Err(why) => why.clone(),
+        Ok(outputs) if outputs.is_empty() => "all off".into(),
+        Ok(outputs) => {
+            let each = outputs.iter().map(|(number, value)| format!("{} {value}", channel_name(*number)));
+            each.collect::<Vec<_>>().join(", ")
+        }
+    }
 }
 
 /// Clears what is latched: for that an epoch is opened, with the machine's switches, and closed again.
@@ -119,7 +160,7 @@ fn counts(greeting: &Greeting<MOST_AXES>) -> &[i64] {
 }
 
 /// A greeting in a few lines.
-fn told(address: &str, greeting: &Greeting<MOST_AXES>, latency: &Latency) -> String {
+fn told(address: &str, greeting: &Greeting<MOST_AXES>, outputs: &Outputs, latency: &Latency) -> String {
     let of = &greeting.identity;
     let mut text = format!(
         "{address}: `{}`, serial number {}, protocol {}\n  \
@@ -142,8 +183,10 @@ fn told(address: &str, greeting: &Greeting<MOST_AXES>, latency: &Latency) -> Str
         greeting.place.record,
         counts(greeting),
     );
-    if let Some(alarm) = greeting.alarm {
-        text += &format!("\n  alarm[{}]: {alarm}\n  help: {}", alarm.number(), alarm.remedy());
+    text += &format!("\n  outputs {}", outputs_in_words(outputs));
+    match greeting.alarm {
+        Some(alarm) => text += &format!("\n  alarm[{}]: {alarm}\n  help: {}", alarm.number(), alarm.remedy()),
+        None => text += "\n  no alarm",
     }
     if let Latency::Kept { ms, remedy } = latency {
         text += &format!("\n  the adapter holds bytes back for {ms} ms; to shorten it: {remedy}");
@@ -151,7 +194,7 @@ fn told(address: &str, greeting: &Greeting<MOST_AXES>, latency: &Latency) -> Str
     text
 }
 
-fn told_as_json(address: &str, greeting: &Greeting<MOST_AXES>, latency: &Latency) -> Value {
+fn told_as_json(address: &str, greeting: &Greeting<MOST_AXES>, outputs: &Outputs, latency: &Latency) -> Value {
     let of = &greeting.identity;
     let latency_ms = match latency {
         Latency::None => None,
@@ -178,6 +221,9 @@ fn told_as_json(address: &str, greeting: &Greeting<MOST_AXES>, latency: &Latency
         "fraction": greeting.place.fraction,
         "at_rest": greeting.at_rest,
         "counts": counts(greeting),
+        "outputs_on": outputs.as_ref().ok().map(|all| {
+            all.iter().map(|(channel, value)| json!({"channel": channel, "value": value})).collect::<Vec<_>>()
+        }),
         "alarm": greeting.alarm.map(|alarm| json!({ "number": alarm.number(), "text": alarm.to_string() })),
         "adapter_latency_ms": latency_ms,
     })
@@ -210,11 +256,23 @@ mod tests {
     #[test]
     fn a_greeting_says_who_where_and_what_is_wrong() {
         let kept = Latency::Kept { ms: 16, remedy: "do this".into() };
-        let text = told("port", &greeting(), &kept);
-        for part in ["`retrace-sim`", "serial number 77", "[1, -2, 3, 0]", "place 12", "E3011", "16 ms", "do this"] {
+        let outputs = Ok(vec![(64, 1), (3, 1)]);
+        let text = told("port", &greeting(), &outputs, &kept);
+        assert!(told("port", &greeting(), &Err("not known: x".into()), &kept).contains("outputs not known: x"));
+        for part in [
+            "outputs spindle 1, output 3 1",
+            "`retrace-sim`",
+            "serial number 77",
+            "[1, -2, 3, 0]",
+            "place 12",
+            "E3011",
+            "16 ms",
+            "do this",
+        ] {
             assert!(text.contains(part), "{part} is not in {text}");
         }
-        let value = told_as_json("port", &greeting(), &kept);
+        let value = told_as_json("port", &greeting(), &outputs, &kept);
+        assert_eq!(value["outputs_on"][0], json!({"channel": 64, "value": 1}));
         assert_eq!((&value["counts"], &value["alarm"]["number"]), (&json!([1, -2, 3, 0]), &json!("E3011")));
     }
 

@@ -15,6 +15,7 @@ use retrace_controller::refusal::Refusal;
 use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::{ONE, Travel};
 
+use crate::escape;
 use crate::screen::live::Live;
 
 /// How a run is shown.
@@ -56,6 +57,8 @@ pub struct Console<'m, const A: usize> {
     alarms: Vec<String>,
     line: u32,
     shown: Instant,
+    /// Number of the last period that was told, and whether the machine stood in it.
+    last: Option<(u64, bool)>,
 }
 
 impl<'m, const A: usize> Console<'m, A> {
@@ -78,7 +81,7 @@ impl<'m, const A: usize> Console<'m, A> {
             Some(path) => Some((create(path, machine)?, None)),
         };
         let judge = LimitJudge::new(&std::array::from_fn(axis), machine.period_s());
-        Ok(Self { show, machine, judge, records, alarms: Vec::new(), line: 0, shown: Instant::now() })
+        Ok(Self { show, machine, judge, records, alarms: Vec::new(), line: 0, shown: Instant::now(), last: None })
     }
 
     /// Ends the console: the judge's verdict, the alarms, the last line executed; and `E2105` where the records could not be written
@@ -91,7 +94,10 @@ impl<'m, const A: usize> Console<'m, A> {
         if let Show::Bar(bar) = &self.show {
             bar.finish_and_clear();
         }
-        (self.judge.finish(), self.alarms, self.line, lost)
+        // Where the machine was moving when it was heard of last, nobody has measured how it came to rest.
+        let stands = self.last.is_none_or(|(_, at_rest)| at_rest);
+        let verdict = if stands { self.judge.finish() } else { self.judge.finish_moving() };
+        (verdict, self.alarms, self.line, lost)
     }
 
     fn write_record(&mut self, status: &Period<A>) {
@@ -134,6 +140,10 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
     fn told(&mut self, told: &Told<A>) {
         match told {
             Told::Period(period) => {
+                if self.last.is_some_and(|(last, _)| period.period > last + 1) {
+                    self.judge.skip_unmeasured();
+                }
+                self.last = Some((period.period, period.at_rest));
                 self.judge.push(&period.increments, period.rate);
                 self.line = period.line;
                 self.write_record(period);
@@ -157,7 +167,7 @@ impl<const A: usize> Console<'_, A> {
         match &self.show {
             Show::Json => crate::out::line(event.to_json()),
             Show::Plain => crate::out::line(event.to_line()),
-            Show::Bar(bar) => bar.println(event.to_line()),
+            Show::Bar(bar) => bar.println(escape::lines(&event.to_line())),
             Show::Screen(_) => {}
         }
     }

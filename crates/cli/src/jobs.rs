@@ -13,6 +13,7 @@ use retrace_link::channel;
 use serde_json::{Value, json};
 
 use crate::args;
+use crate::escape;
 
 /// So many jobs are listed, without --all.
 const LISTED: usize = 20;
@@ -55,7 +56,7 @@ fn list(jobs: &Jobs, args: &args::Jobs) {
 fn row(job: &Listed, journal: Option<&Path>) -> [String; 5] {
     let (program, far) = job.glance.as_ref().map_or_else(
         || ("?".into(), String::new()),
-        |glance| (glance.job.program.clone(), far(&glance.job, glance.at.as_ref(), &job.state)),
+        |glance| (escape::name(&glance.job.program).into_owned(), far(&glance.job, glance.at.as_ref(), &job.state)),
     );
     [job.folder.id().into(), program, job.state.word().into(), far, to_do(job.folder.id(), &job.state, journal)]
 }

@@ -25,11 +25,13 @@ use retrace_link::MotionCard;
 use serde_json::Value;
 
 use crate::console::{Console, Show};
+use crate::escape;
 use crate::files;
 use crate::kept::Kept;
 use crate::machine_tables::TableFiles;
 use crate::program::{Arriving, Failure, Program};
 use crate::screen::live::Live;
+use crate::stop_signals::StopSignals;
 use crate::waiting::WaitWatch;
 
 /// How a job is shown and operated.
@@ -106,16 +108,23 @@ impl Machining<'_> {
         let console = Console::<A>::new(show, machine, manners.records)?;
         let manner = Manner { wall_time: manners.wall_time, operator: manners.operator || heard.is_some() };
         let script = Operators::script(ScriptPlayer::new(manners.script, machine.period_us));
+        // Without a screen signals stop the job.
+        let (signals, stops) = if heard.is_none() { StopSignals::watch() } else { None }.unzip();
         let operators = match heard {
             Some(heard) => script.and(heard).releasing_the_end(),
-            None => script,
+            None => script.stopped_by(stops),
         };
+        // Where something is asked first, Ctrl-C ends the command until that is agreed to: nothing moves before.
+        if let (Some(signals), false) = (&signals, matches!(begin, Begin::At(_))) {
+            signals.listen();
+        }
         let keeping = kept.as_ref().map_or_else(Keeping::default, Kept::keeping);
         let conduct = Conduct { begin, operators, manner, keeping };
         let mut watching = Watching {
             console,
             keeper: kept.as_ref().map(|kept| kept.keeper(machine)),
             waits: WaitWatch::new(program.source_status()),
+            signals: signals.as_ref(),
             period_s: machine.period_s(),
             last: None,
         };
@@ -123,6 +132,9 @@ impl Machining<'_> {
         let (started, mut refused) = (Instant::now(), None);
         let agree = |prepared: &Prepared<A>| {
             refused = agree(prepared, kept.as_mut()).err();
+            if let (Some(signals), None) = (&signals, &refused) {
+                signals.listen();
+            }
             refused.is_none()
         };
         let end = job::resume(machine, decoder, conduct, card, &mut watching, agree);
@@ -145,7 +157,7 @@ impl Machining<'_> {
             blocks: summary.as_ref().map_or(0, |s| s.blocks),
             canonical: summary.as_ref().map_or(0, |s| s.canonical),
             commanded_mm: summary.as_ref().map_or(&[], |s| &s.commanded_mm),
-            counts: card.status().counts,
+            card: card.status(),
             verdict: &verdict,
             wall_s,
             alarms: &alarms,
@@ -216,6 +228,7 @@ struct Watching<'m, const A: usize> {
     keeper: Option<Keeper<A>>,
     /// Whether the program that arrives is waited for.
     waits: WaitWatch,
+    signals: Option<&'m StopSignals>,
     period_s: f64,
     /// The last period that was told: its number, place and line.
     last: Option<(u64, Place, u32)>,
@@ -227,6 +240,9 @@ const ASKED_AFTER: u64 = 64;
 impl<const A: usize> Observer<A> for Watching<'_, A> {
     fn told(&mut self, told: &Told<A>) {
         self.console.told(told);
+        if let Some(signals) = self.signals {
+            signals.told(told);
+        }
         if let Some(keeper) = &mut self.keeper {
             keeper.told(told);
         }
@@ -269,7 +285,7 @@ impl<const A: usize> Watching<'_, A> {
 /// The report, as JSON for a script, else for a person.
 fn tell<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Option<&Value>) {
     if let Outcome::Refused(text) = report.outcome {
-        eprintln!("{text}");
+        eprintln!("{}", escape::lines(text));
     }
     match json {
         Some(value) => crate::out::line(value),
@@ -311,15 +327,18 @@ fn told<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
         });
         axes.collect::<Vec<_>>().join("  ")
     };
-    let position = format!(
-        "  position {}  ({})",
-        each(|v| format!("{:.3}", v.as_f64().unwrap_or(0.0)), "position_mm"),
-        each(Value::to_string, "position_counts")
-    );
+    let position = match report.position_note() {
+        Some(note) => format!("  position not known: {note}"),
+        None => format!(
+            "  position {}  ({})",
+            each(|v| format!("{:.3}", v.as_f64().unwrap_or(0.0)), "position_mm"),
+            each(Value::to_string, "position_counts")
+        ),
+    };
     let counted = format!(
         "  limit violations {} · underruns {} · reversals {}",
         report.verdict.violations, report.tally.underruns, report.tally.reversals
     );
     let offsets = tables.parameters.as_ref().map_or(String::new(), |path| format!("\n  offsets {}", path.display()));
-    format!("{}: {}\n{times}\n{position}\n{counted}{offsets}", report.program, report.outcome.word())
+    format!("{}: {}\n{times}\n{position}\n{counted}{offsets}", escape::name(report.program), report.outcome.word())
 }

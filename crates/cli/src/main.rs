@@ -9,6 +9,7 @@
 mod out;
 
 mod args;
+mod arrives;
 mod by_hand;
 mod canon;
 mod card;
@@ -17,8 +18,10 @@ mod check;
 mod check_told;
 mod console;
 mod cycles;
+mod decoder;
 mod draw;
 mod draw_job;
+mod escape;
 mod files;
 mod homed;
 mod hung;
@@ -39,6 +42,7 @@ mod screen;
 mod serial_source;
 mod size;
 mod socket;
+mod stop_signals;
 mod subs;
 mod waiting;
 mod wired;
@@ -70,18 +74,18 @@ fn main() -> ExitCode {
         Ok(code) => code,
         Err(Failure::Program) => 1,
         Err(Failure::Card(refusal)) => {
-            eprintln!("{refusal}");
+            eprintln!("{}", escape::lines(&refusal.to_string()));
             3
         }
         Err(Failure::Refused(refusal)) => {
-            eprintln!("{refusal}");
+            eprintln!("{}", escape::lines(&refusal.to_string()));
             2
         }
     };
     // Whatever was done is done; who reads the exit code alone is not to believe that he has all of the output.
     match out::lost() {
         Some(refusal) => {
-            eprintln!("{refusal}");
+            eprintln!("{}", escape::lines(&refusal.to_string()));
             ExitCode::from(if code == 0 { 2 } else { code })
         }
         None => ExitCode::from(code),

@@ -16,7 +16,7 @@ static LOST: Mutex<Option<io::Error>> = Mutex::new(None);
 
 /// Writes one line to standard output. What is lost is noted, for [`lost`].
 pub fn line(text: impl fmt::Display) {
-    note(writeln!(io::stdout().lock(), "{text}"));
+    note(writeln!(io::stdout().lock(), "{}", crate::escape::lines(&text.to_string())));
 }
 
 fn note(written: io::Result<()>) {

@@ -6,33 +6,34 @@
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use retrace_controller::by_hand;
-use retrace_controller::job::{self, Decode, Decoded, Finding};
+use retrace_controller::job::{self, Finding};
 use retrace_controller::journal::entry::{FileRead, Role};
 use retrace_controller::journal::hash::Hash;
 use retrace_controller::machine::{Machine, SerialSettings};
-use retrace_controller::manual::hand::Identify;
-use retrace_controller::reading::{Ahead, SourceStatus};
+use retrace_controller::reading::SourceStatus;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_controller::survey::{self, Survey};
 use retrace_gcode::cycles::Library;
 use retrace_gcode::{
-    Active, Canon, Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, StartTables, Step, Tool,
-    ToolTable,
+    Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, StartTables, Tool, ToolTable,
 };
 
 use retrace_motion::LimitError;
 
 use crate::args::Reading;
+use crate::arrives::Broken;
+pub use crate::arrives::{Arrives, Arriving, Opening};
 use crate::cycles;
+pub use crate::decoder::Decoder;
+use crate::escape;
 use crate::files;
 use crate::left::{Last, Left};
 use crate::machine_tables;
-use crate::serial_source::{self, SerialSource};
-use crate::socket::{self, Socket};
+use crate::serial_source;
+use crate::socket;
 use crate::subs::Folders;
 
 /// Why a command fails.
@@ -72,91 +73,6 @@ pub struct Program {
     has_tool_lengths: bool,
     /// What it is read with, where it arrives.
     opening: Opening,
-}
-
-/// Where a program arrives from.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Arrives {
-    /// Standard input.
-    StandardInput,
-    /// A TCP socket at this address.
-    Socket(String),
-    /// A serial line at this address, with its settings.
-    Serial(String),
-    /// A FIFO or a character device.
-    Device(PathBuf),
-    /// A file that is read as if it arrived.
-    File(PathBuf),
-}
-
-impl Arrives {
-    /// What the command line names, if that arrives.
-    #[must_use]
-    pub fn named(program: &Path) -> Option<Self> {
-        let Some(name) = program.to_str() else { return Self::device(program) };
-        if name == "-" {
-            return Some(Self::StandardInput);
-        }
-        socket::address(name)
-            .map(|at| Self::Socket(at.into()))
-            .or_else(|| serial_source::address(name).map(|at| Self::Serial(at.into())))
-            .or_else(|| Self::device(program))
-    }
-
-    fn device(path: &Path) -> Option<Self> {
-        files::is_stream(path).then(|| Self::Device(path.to_owned()))
-    }
-
-    /// Begins to read it, ahead of whoever takes it, until `given_up`.
-    ///
-    /// # Errors
-    /// `E2107`, `E2101` …: there is nobody, or no such file.
-    pub fn open(&self, opening: &Opening) -> Result<Arriving, Refusal> {
-        Ok(match self {
-            Self::StandardInput => ahead(std::io::stdin(), opening),
-            Self::Socket(address) => ahead(Socket::open(address)?, opening),
-            Self::Serial(address) => {
-                let Opening { serial, given_up, status } = opening;
-                Box::new(SerialSource::open(address, *serial, given_up, status)?)
-            }
-            Self::Device(path) => ahead(files::Opened::on_demand(path), opening),
-            Self::File(path) => {
-                // A file is whole also where its last line is not terminated.
-                ahead(files::open(path, "program")?.chain(&b"\n"[..]), opening)
-            }
-        })
-    }
-}
-
-/// A program as it arrives.
-pub type Arriving = Box<dyn BufRead + Send>;
-
-/// What a program that arrives is read with.
-#[derive(Clone, Debug)]
-pub struct Opening {
-    /// The machine file's settings of serial lines.
-    pub serial: SerialSettings,
-    /// Set when nobody waits for the program any more.
-    pub given_up: Arc<AtomicBool>,
-    /// Shows whether its sender is waited for.
-    pub status: Arc<SourceStatus>,
-}
-
-fn ahead(input: impl Read + Send + 'static, opening: &Opening) -> Arriving {
-    match Ahead::of(input, Arc::clone(&opening.given_up)) {
-        Ok(ahead) => Box::new(ahead.showing(Arc::clone(&opening.status))),
-        // No thread left to read ahead.
-        Err(error) => Box::new(BufReader::new(Broken(error.to_string()))),
-    }
-}
-
-/// A reader that has only this to say.
-struct Broken(String);
-
-impl Read for Broken {
-    fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
-        Err(io::Error::other(self.0.clone()))
-    }
 }
 
 /// A program on its way through the interpreter.
@@ -499,7 +415,7 @@ impl Program {
         let (blocks, findings, found) = look(&mut decoder)?;
         let (shown, is_refused) = self.found(&mut decoder, &findings);
         for text in &shown {
-            eprintln!("{text}");
+            eprintln!("{}", escape::lines(text));
         }
         if is_refused {
             return Err(Failure::Program);
@@ -516,7 +432,7 @@ impl Program {
             Some(prescan) => (prescan.file_name(diagnostic.file), prescan.line_text(diagnostic.file, diagnostic.line)),
             None => (self.name.as_str(), Vec::new()),
         };
-        diagnostic.render(name, &String::from_utf8_lossy(&line))
+        diagnostic.render(&escape::name(name), &String::from_utf8_lossy(&line))
     }
 
     /// What the pre-scan has found; none for standard input.
@@ -541,7 +457,7 @@ impl Program {
         format!(
             "{level}[{number}]: {what}\n{gutter}--> {}:{line}:{column}\n{gutter} |\n{line} | {source}\n{gutter} | {mark}^\n{gutter} |\n\
              {gutter} = help: {remedy}",
-            self.name
+            escape::name(&self.name)
         )
     }
 }
@@ -568,69 +484,6 @@ pub struct Checked<S> {
     pub blocks: u64,
     /// What whoever looked through it has found.
     pub found: S,
-}
-
-/// A program being decoded.
-pub struct Decoder {
-    name: String,
-    program: Source,
-    /// For a program that arrives.
-    given_up: Option<Arc<AtomicBool>>,
-    /// The file that it is read from, to be held against what was read.
-    file: Option<PathBuf>,
-    /// A tool length offset was called for.
-    length_offset: bool,
-    /// The program is at its end, and why it is there has been told.
-    is_told: bool,
-    /// What it leaves behind; none while it is only looked at.
-    left: Option<Left>,
-}
-
-impl Decode for Decoder {
-    fn given_up(&self) -> Option<Arc<AtomicBool>> {
-        self.given_up.clone()
-    }
-
-    fn active(&self) -> Option<Active> {
-        Some(self.program.interpreter().state().into())
-    }
-
-    fn identity(&self) -> Option<Identify> {
-        let file = self.file.clone()?;
-        Some(Box::new(move || {
-            let hash = std::fs::File::open(&file).and_then(Hash::of_reader);
-            // One that is not there is another one than any that is.
-            hash.map_or(0, Hash::half)
-        }))
-    }
-
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
-        let first = steps.len();
-        let progress = self.program.advance(steps);
-        self.length_offset |= steps[first..].iter().any(|s| matches!(s.canon, Canon::UseToolLengthOffset(_)));
-        if let Some(left) = &mut self.left {
-            left.take(&steps[first..]);
-            if progress == Progress::End {
-                let interpreter = self.program.interpreter();
-                left.end(interpreter.parameters(), interpreter.tools());
-            }
-        }
-        let refused = || {
-            let diagnostics = self.program.interpreter().diagnostics().iter();
-            let mut errors = diagnostics.filter(|d| d.severity() == Severity::Error);
-            errors.next_back().map(|d| d.render(&self.name, &self.program.text_of(d)))
-        };
-        match progress {
-            Progress::Line => Decoded::Block,
-            Progress::Refused => Decoded::Refused(refused().unwrap_or_default()),
-            Progress::End if self.is_told => Decoded::End,
-            Progress::End => {
-                let why = refused();
-                self.is_told = true;
-                why.map_or(Decoded::End, Decoded::Refused)
-            }
-        }
-    }
 }
 
 /// Reads the tables that a program begins with; whether one of them says how long the tools are.

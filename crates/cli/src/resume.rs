@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use retrace_controller::fingerprint;
 use retrace_controller::homed::required;
 use retrace_controller::job::Begin;
-use retrace_controller::jobs::{Held, JobFolder, Jobs};
+use retrace_controller::jobs::{Held, JobFolder, Jobs, Listed, State};
 use retrace_controller::journal::entry::{self, Card, FileRead, Job, Resumed, Role, Source};
 use retrace_controller::journal::hash::Hash;
 use retrace_controller::journal::logbook::Care;
@@ -100,10 +100,19 @@ fn attempt(args: &args::Resume, breakpoint: Breakpoint, by_card: &Cell<bool>) ->
 }
 
 fn newest(jobs: &Jobs) -> Result<JobFolder, Refusal> {
-    jobs.newest_to_resume().map(|job| job.folder).ok_or_else(|| {
+    let of_interest = |job: &Listed| job.state.can_resume() || matches!(job.state, State::Unusable(_));
+    let Some(job) = jobs.list().into_iter().find(of_interest) else {
         let what = format!("no job in {} can be resumed", jobs.folder().display());
-        Refusal::new("E2209", what, "`retrace jobs` lists what ran; --journal names another folder")
-    })
+        return Err(Refusal::new("E2209", what, "`retrace jobs` lists what ran; --journal names another folder"));
+    };
+    match job.state {
+        // It may well be the one that was meant: an older one is resumed by its name only.
+        State::Unusable(Refusal { number, what, remedy }) => {
+            let what = format!("job {} is the newest, and cannot be resumed: {what}", job.folder.id());
+            Err(Refusal::new(number, what, format!("{remedy}; `retrace resume JOB` resumes an older job")))
+        }
+        _ => Ok(job.folder),
+    }
 }
 
 /// The machine of a job, where it stood when the job began.
@@ -438,6 +447,7 @@ impl Taking<'_> {
         let kept_text = self.folder.stream();
         let Self { args, by_card, jobs, folder, held, record, machine, .. } = self;
         let is_cards_place = by_card.get();
+        let is_older_place = !is_cards_place && named != Card::Sim && record.end.is_none();
         let care = if named == Card::Sim { Care::Written } else { Care::Synced };
         let disagree = Disagree { id: folder.id().to_owned(), machine: &machine };
         let kept = Kept::waiting(jobs, folder, held, care, &record);
@@ -466,6 +476,7 @@ impl Taking<'_> {
                     differences: table_differences(program, of_job_entry),
                     machine_changes: changed_machine(of_job_entry),
                     way_back: prepared.way_back(on)?,
+                    is_older_place,
                 };
                 if !ask(&taken)? {
                     return Err(Refusal::new("E2215", "not agreed to: nothing has moved", "--yes agrees").into());

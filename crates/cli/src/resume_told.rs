@@ -17,6 +17,7 @@ use retrace_gcode::Progress;
 use retrace_link::channel;
 use serde_json::{Value, json};
 
+use crate::escape;
 use crate::program::{Arriving, Program};
 
 /// Blocks that are looked through for that of the breakpoint, behind the last mark before it.
@@ -40,6 +41,8 @@ pub struct Taken<'a, const A: usize> {
     pub machine_changes: Option<Vec<String>>,
     /// The moves that bring the axes to the breakpoint first, each by its end in counts.
     pub way_back: Vec<[i64; A]>,
+    /// The place is the last one that the journal kept while the job ran, not where the card came to rest.
+    pub is_older_place: bool,
 }
 
 /// Shows what will be done, and asks whether to do it.
@@ -95,7 +98,7 @@ impl<const A: usize> Taken<'_, A> {
         let place = prepared.start().place;
         let share = f64::from(place.fraction) / ONE as f64;
         let mut words = vec![
-            ("job", format!("{}, {}", job.id, job.program)),
+            ("job", format!("{}, {}", job.id, escape::name(&job.program))),
             ("at", block.whereabouts.clone()),
             ("block", block.text.clone()),
             (
@@ -109,6 +112,10 @@ impl<const A: usize> Taken<'_, A> {
         let differing = self.differing();
         let restored: Vec<String> =
             differing.iter().map(|(number, is, to)| format!("{} from {is} to {to}", channel_name(*number))).collect();
+        if self.is_older_place {
+            let text = "the last one in the journal, up to a second of motion before the machine stopped; what was cut since is cut again";
+            words.push(("this place", text.into()));
+        }
         if !self.way_back.is_empty() {
             words.push(("way back", self.way_back_words()));
         }
@@ -166,6 +173,7 @@ impl<const A: usize> Taken<'_, A> {
             "executed": prepared.start().executed,
             "counts": prepared.counts()[..axes],
             "card_counts": prepared.card().counts[..axes],
+            "older_place": self.is_older_place,
             "way_back": self.way_back.iter().map(|end| &end[..axes]).collect::<Vec<_>>(),
             "active": block.active,
             "tool": prepared.expected_outputs()[usize::from(channel::TOOL)],

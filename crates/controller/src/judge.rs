@@ -9,7 +9,8 @@
 //! pulses, A the axis' acceleration) also covers the chord of a record that the cursor splits. Where the rate changes
 //! within a window of the third difference, the jerk limit is twice the axis limit (REV, rate law).
 //!
-//! The axes stand still before the first period and after the last; windows that reach into that rest are judged too.
+//! The axes stand still before the first period, and after the last where that is known; windows that reach into that rest are judged too. Windows
+//! over periods that nobody has measured are not.
 
 /// One axis' limits, as the machine file gives them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,6 +125,8 @@ pub struct LimitJudge<const A: usize> {
     /// For how many periods the rate has been whole (−1, 0, +1), and the same.
     whole_for: usize,
     constant_for: usize,
+    /// For how many periods every increment has been measured.
+    measured_for: usize,
     violations: u64,
     first: Option<Offence>,
 }
@@ -142,6 +145,7 @@ impl<const A: usize> LimitJudge<A> {
             last_rate: 0,
             whole_for: LONGEST,
             constant_for: LONGEST,
+            measured_for: LONGEST,
             violations: 0,
             first: None,
         }
@@ -155,6 +159,7 @@ impl<const A: usize> LimitJudge<A> {
         let is_constant = rate == self.last_rate || self.periods == 0;
         self.constant_for = if is_constant { (self.constant_for + 1).min(LONGEST) } else { 1 };
         self.last_rate = rate;
+        self.measured_for = (self.measured_for + 1).min(LONGEST);
 
         let at = self.periods as usize;
         let before = self.positions[at % KEPT];
@@ -187,6 +192,9 @@ impl<const A: usize> LimitJudge<A> {
         }
         for (order, difference) in differences.iter().enumerate() {
             let window = (order + 1) * periods;
+            if window > self.measured_for {
+                break;
+            }
             let play = Play::of(self.whole_for >= window, self.constant_for >= window) as usize;
             let bounds = &self.bounds[stride][order][play];
             let largest = &mut self.largest[stride][order][play];
@@ -205,6 +213,11 @@ impl<const A: usize> LimitJudge<A> {
         }
     }
 
+    /// Notes that periods are missing before the next one: no window over them is judged.
+    pub fn skip_unmeasured(&mut self) {
+        (self.measured_for, self.whole_for, self.constant_for) = (0, 0, 0);
+    }
+
     /// How many windows broke a limit so far.
     #[must_use]
     pub const fn violations(&self) -> u64 {
@@ -218,6 +231,12 @@ impl<const A: usize> LimitJudge<A> {
         for _ in 0..LONGEST {
             self.push(&[0; A], rate);
         }
+        self.finish_moving()
+    }
+
+    /// Returns what was found where nobody knows what the axes did after the last period.
+    #[must_use]
+    pub fn finish_moving(self) -> Verdict<A> {
         let extremes = std::array::from_fn(|axis| AxisExtremes {
             velocity_mm_s: self.extreme(axis, 0),
             acceleration_mm_s2: self.extreme(axis, 1),
@@ -319,6 +338,29 @@ mod tests {
         let mut judge = LimitJudge::new(&[AXIS], PERIOD_S);
         increments.into_iter().for_each(|increment| judge.push(&[increment], RATE_ONE));
         judge.finish()
+    }
+
+    #[test]
+    fn what_was_not_measured_is_not_judged() {
+        // 50 mm/s, and nobody knows how it ends: no standstill is made up.
+        let ramp: Vec<i32> = (0..50).chain(std::iter::repeat_n(50, 300)).collect();
+        let of = |skips: bool| {
+            let mut judge = LimitJudge::new(&[AXIS], PERIOD_S);
+            ramp.iter().for_each(|&increment| judge.push(&[increment], RATE_ONE));
+            if skips {
+                judge.skip_unmeasured();
+            }
+            (0..400).for_each(|_| judge.push(&[5], RATE_ONE));
+            judge
+        };
+        let begun = of(true).violations();
+        assert!(of(false).violations() > begun, "without the gap the change of velocity is judged");
+        assert_eq!(of(true).finish_moving().violations, begun);
+        let mut judge = LimitJudge::new(&[AXIS], PERIOD_S);
+        (0..300).for_each(|_| judge.push(&[90], RATE_ONE));
+        let before = judge.violations();
+        assert_eq!(judge.clone().finish_moving().violations, before);
+        assert!(judge.finish().violations > before, "a standstill that is known is judged");
     }
 
     /// Whole pulses of a path given in mm over seconds, as a planner rounds it.

@@ -77,6 +77,10 @@ impl Heard {
 pub struct Operators {
     script: ScriptPlayer,
     heard: Option<Heard>,
+    /// What can stop the job, and is nobody who operates it: the system's signals.
+    stops: Option<Heard>,
+    /// A word of that which has come and was not taken yet.
+    next_stop: Option<Deed>,
     /// The job is over only when the operator says so.
     releases: bool,
 }
@@ -85,13 +89,19 @@ impl Operators {
     /// A script; an empty one is nobody.
     #[must_use]
     pub fn script(script: ScriptPlayer) -> Self {
-        Self { script, heard: None, releases: false }
+        Self { script, heard: None, stops: None, next_stop: None, releases: false }
     }
 
     /// The same, and somebody at a screen, who stays to the end.
     #[must_use]
     pub fn and(self, heard: Heard) -> Self {
         Self { heard: Some(heard), ..self }
+    }
+
+    /// The same, and something that can stop the job without being an operator: whether anybody is there does not depend on it.
+    #[must_use]
+    pub fn stopped_by(self, stops: Option<Heard>) -> Self {
+        Self { stops, ..self }
     }
 
     /// The same; a program that has come to its end stays open for reverse run until the operator releases it with [`Deed::Stop`].
@@ -121,12 +131,21 @@ impl Operators {
     /// The next word, if there is one now: in period `period`, with program line `line` being executed. The script's come first.
     pub fn next_word(&mut self, period: u64, line: u32) -> Option<Deed> {
         let scripted = self.script.due(period, line).map(|instruction| instruction.deed);
-        scripted.or_else(|| self.heard.as_mut()?.next_word())
+        scripted.or_else(|| self.live_word())
     }
 
     /// The next word of somebody who is there; a script says none here.
     pub fn live_word(&mut self) -> Option<Deed> {
-        self.heard.as_mut()?.next_word()
+        let said = self.heard.as_mut().and_then(Heard::next_word);
+        said.or_else(|| if self.is_told_to_stop() { self.next_stop.take() } else { None })
+    }
+
+    /// Does a word wait that stops the job, without being an operator's? For whoever waits outside of the turns of the motion path.
+    pub fn is_told_to_stop(&mut self) -> bool {
+        if self.next_stop.is_none() {
+            self.next_stop = self.stops.as_mut().and_then(Heard::next_word);
+        }
+        self.next_stop.is_some()
     }
 
     /// Counts that the handwheels turn by in this period.

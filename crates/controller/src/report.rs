@@ -1,7 +1,9 @@
 //! The report of a run, as `--json` prints it last and the journal keeps it (interface, *run*).
 //!
-//! Invariant: positions come from the card, commanded positions from the program; nothing in the report is estimated.
+//! Invariant: positions come from the card, commanded positions from the program; nothing in the report is estimated. What was not measured is
+//! null, with a note that says why.
 
+use retrace_link::Status;
 use serde_json::{Map, Value, json};
 
 use crate::judge::Verdict;
@@ -28,8 +30,8 @@ pub struct Report<'a, const A: usize> {
     pub canonical: u64,
     /// End position of the program on the machine's axes, mm; empty where the program did not come to its end.
     pub commanded_mm: &'a [f64],
-    /// Pulse counts from the card.
-    pub counts: [i64; A],
+    /// What the card has reported last.
+    pub card: &'a Status<A>,
     /// The judge's verdict over what was emitted.
     pub verdict: &'a Verdict<A>,
     /// Real time in seconds.
@@ -74,11 +76,37 @@ impl<const A: usize> Report<'_, A> {
         self.seconds(self.tally.motion)
     }
 
+    /// Pulse counts of the machine's axes; none where the card has not confirmed where it came to rest.
+    #[must_use]
+    pub fn counts(&self) -> Option<&[i64; A]> {
+        // A fault of the card or its line ends the run without a word from the card; an alarm that the card latched is one.
+        let is_fault = matches!(self.outcome, Outcome::Alarm(number, ..) if ("E3001"..="E3009").contains(number))
+            && self.card.alarm.is_none();
+        (self.card.at_rest && !is_fault).then_some(&self.card.counts)
+    }
+
+    /// Why the position is not known, where it is not.
+    #[must_use]
+    pub fn position_note(&self) -> Option<String> {
+        if self.counts().is_some() {
+            return None;
+        }
+        let was = if self.card.at_rest { "stood" } else { "was moving" };
+        Some(format!(
+            "the card has not confirmed where it came to rest; when it was heard of last it {was} at counts {:?}",
+            { &self.card.counts[..self.machine.axes.len().min(A)] }
+        ))
+    }
+
     /// The report as one JSON object.
     #[must_use]
     pub fn to_json(&self) -> Value {
         let t = self.tally;
-        let position_mm = self.per_axis(|i| json!(self.counts[i] as f64 / self.machine.axes[i].pulses_per_mm));
+        let counts = self.counts();
+        let position_counts = counts.map_or(Value::Null, |counts| self.per_axis(|i| json!(counts[i])));
+        let position_mm = counts.map_or(Value::Null, |counts| {
+            self.per_axis(|i| json!(counts[i] as f64 / self.machine.axes[i].pulses_per_mm))
+        });
         let commanded = self.per_axis(|i| self.commanded_mm.get(i).map_or(Value::Null, |&mm| json!(mm)));
         json!({
             "event": "report",
@@ -99,8 +127,9 @@ impl<const A: usize> Report<'_, A> {
             "retrace_s": self.seconds(t.retracing),
             "waiting_s": self.seconds(t.waiting),
             "wall_s": self.wall_s,
-            "position_counts": self.per_axis(|i| json!(self.counts[i])),
+            "position_counts": position_counts,
             "position_mm": position_mm,
+            "position_note": self.position_note(),
             "commanded_mm": commanded,
             "pulses_per_mm": self.per_axis(|i| json!(self.machine.axes[i].pulses_per_mm)),
             "limits": self.limits(),

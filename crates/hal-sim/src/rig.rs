@@ -176,6 +176,8 @@ impl<const A: usize> Rig<A> {
     /// Fetches from the card what its UART can send now.
     fn fetch(&mut self) {
         if self.down.free_at() > self.now_ns {
+            // What the card has to say since is fetched as soon as the line is free, however time is cut into steps.
+            self.more_at = Some(self.down.free_at());
             return;
         }
         let mut bytes = [0; FIFO];

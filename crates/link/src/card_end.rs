@@ -8,18 +8,16 @@
 
 use retrace_core::Travel;
 
-use crate::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE, encode};
+use crate::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE, encode_with_key};
 use crate::frame_size::FrameSize;
 use crate::wire::{Entry, Greeting, Opening, Reader, Run, Writer, kind, read_word};
-use crate::{Change, Deck, Outputs, Status, Word, channel, echo};
+use crate::{Change, Deck, Outputs, Status, Word, channel, echo, next_epoch, session_key};
 
 /// What is left free at the end of a report, for the echo.
 const ECHO: usize = 4;
 /// Entries that are sent and not confirmed, at most. Those behind them can still grow, which keeps their number small while the line
 /// is down.
 const IN_FLIGHT: u16 = 96;
-/// A greeting to whom nobody spoke, at most so often.
-const GREETINGS_PERIODS: u32 = 50;
 
 /// The card's end, for `A` axes, keeping up to `E` entries that the host has not confirmed.
 #[derive(Clone, Debug)]
@@ -44,7 +42,11 @@ pub struct CardEnd<const A: usize, const E: usize> {
     lost: bool,
     shadow: Shadow,
     greeting: Option<u32>,
-    since_greeting: u32,
+    /// Nonce and key of the last opening.
+    nonce: u32,
+    key: u32,
+    /// A frame of the open epoch has come.
+    spoken: bool,
     report_periods: u8,
     since_report: u32,
     /// Periods without an entry confirmed while some are sent.
@@ -101,7 +103,9 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
             lost: false,
             shadow: Shadow::new(0),
             greeting: None,
-            since_greeting: GREETINGS_PERIODS,
+            nonce: 0,
+            key: 0,
+            spoken: false,
             report_periods: 1,
             since_report: 0,
             unconfirmed: 0,
@@ -126,60 +130,63 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         let length = payload.len();
         copy[..length].copy_from_slice(payload);
         // A payload that cannot be read to its end is left where it stops making sense; its words have to come again.
-        let _ = self.payload(Reader::new(&copy[..length]), deck);
+        let has_key = self.decoder.has_key();
+        let _ = self.payload(Reader::new(&copy[..length]), has_key, deck);
     }
 
-    fn payload(&mut self, mut reader: Reader<'_>, deck: &mut impl Deck<A>) -> Option<()> {
-        match reader.u8()? {
-            kind::HELLO => {
-                self.greeting = Some(reader.u32()?);
-                self.since_greeting = GREETINGS_PERIODS;
+    fn payload(&mut self, mut reader: Reader<'_>, has_key: bool, deck: &mut impl Deck<A>) -> Option<()> {
+        match (reader.u8()?, has_key) {
+            (kind::HELLO, false) => self.greeting = Some(reader.u32()?),
+            (kind::OPEN, false) => {
+                let (boot, nonce) = (reader.u32()?, reader.u32()?);
+                self.open(boot, nonce, &Opening::read(&mut reader)?, deck);
             }
-            kind::OPEN => self.open(&Opening::read(&mut reader)?, deck),
-            kind::STREAM if self.heard(&mut reader, deck)? => {
+            (kind::STREAM, true) if self.heard(&mut reader, deck)? => {
                 self.confirmed(reader.u16()?);
                 self.words(reader, deck)?;
             }
-            kind::NOW if self.heard(&mut reader, deck)? => {
+            (kind::NOW, true) if self.heard(&mut reader, deck)? => {
                 self.confirmed(reader.u16()?);
                 self.now(reader, deck)?;
             }
-            kind::MISSED if self.heard(&mut reader, deck)? => {
+            (kind::MISSED, true) if self.heard(&mut reader, deck)? => {
                 self.confirmed(reader.u16()?);
                 self.say_again();
                 self.now(reader, deck)?;
             }
-            kind::CLOSE if self.heard(&mut reader, deck)? => {
-                if deck.close().is_ok() {
+            (kind::CLOSE, true) => {
+                if self.heard(&mut reader, deck)? && deck.close().is_ok() {
                     self.epoch = 0;
                     (self.count, self.sent) = (0, self.first);
                 }
-                self.greeting = Some(0);
+                // Also where it is closed already: its host has not heard the answer yet.
+                self.greeting = Some(reader.u32()?);
             }
-            kind::CLOSE => self.greeting = Some(0),
             _ => {}
         }
         Some(())
     }
 
-    /// Is this of the open epoch? Otherwise the host is told how things stand.
+    /// Is this of the open epoch?
     fn heard(&mut self, reader: &mut Reader<'_>, deck: &mut impl Deck<A>) -> Option<bool> {
         let open = reader.u16()? == self.epoch && self.epoch != 0;
         if open {
+            self.spoken = true;
             deck.heard();
-        } else if self.since_greeting >= GREETINGS_PERIODS {
-            self.greeting.get_or_insert(0);
         }
         Some(open)
     }
 
-    /// An opening under a newer number begins anew; one under the same is only answered, and an older one is a straggler.
-    fn open(&mut self, opening: &Opening<A>, deck: &mut impl Deck<A>) {
+    /// An opening of this start of the card, under the next number, begins anew; one that is open already is only answered, and any other is
+    /// a straggler or a recording.
+    fn open(&mut self, boot: u32, nonce: u32, opening: &Opening<A>, deck: &mut impl Deck<A>) {
         let settings = &opening.0;
-        let newer = (settings.epoch.wrapping_sub(self.last_epoch) as i16) > 0 && settings.epoch != 0;
-        if newer && deck.open(settings).is_ok() {
+        let is_next = boot == deck.identity().boot && settings.epoch == next_epoch(self.last_epoch);
+        if is_next && deck.open(settings).is_ok() {
             let status = deck.status();
             (self.epoch, self.last_epoch, self.axes) = (settings.epoch, settings.epoch, settings.axes);
+            (self.nonce, self.key, self.spoken) = (nonce, session_key(boot, nonce, settings.epoch), false);
+            self.decoder.set_key(self.key);
             (self.next_word, self.now_seen, self.gap) = (0, 0, false);
             (self.first, self.count, self.sent, self.fixed, self.lost) = (0, 0, 0, 0, false);
             (self.since_report, self.unconfirmed) = (0, 0);
@@ -188,11 +195,11 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
             self.staged = (0, 0);
             self.shadow = Shadow::new(status.executed);
             deck.heard();
-        } else if settings.epoch == self.epoch && self.epoch != 0 {
+        } else if self.epoch != 0 && (settings.epoch, nonce) == (self.epoch, self.nonce) && !self.spoken {
             // Its host has not heard the answer yet, and is there.
             deck.heard();
         }
-        self.greeting.get_or_insert(0);
+        self.greeting = Some(nonce);
     }
 
     /// The host has every entry before this number.
@@ -252,7 +259,6 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
 
     /// A control period has passed.
     pub fn period(&mut self, status: &Status<A>) {
-        self.since_greeting = self.since_greeting.saturating_add(1);
         self.since_report = self.since_report.saturating_add(1);
         if self.epoch == 0 {
             return;
@@ -359,18 +365,19 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         self.staged = (0, 0);
         let mut payload = [0; MOST_PAYLOAD];
         let mut writer = Writer::new(&mut payload);
+        let mut key = 0;
         let written = if let Some(nonce) = self.greeting.take() {
-            self.since_greeting = 0;
             self.greet(&mut writer, nonce, deck)
         } else if self.epoch != 0 && (self.urgent || self.since_report >= u32::from(self.report_periods)) {
             (self.urgent, self.since_report) = (false, 0);
+            key = self.key;
             self.report(&mut writer, deck.status())
         } else {
             None
         };
         let length = writer.len();
         if written.is_some()
-            && let Some(frame) = encode(&payload[..length], &mut self.stage)
+            && let Some(frame) = encode_with_key(&payload[..length], &mut self.stage, key)
         {
             self.staged = (0, frame.len());
         }

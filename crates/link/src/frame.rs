@@ -32,6 +32,11 @@
 //!    less, but no distance bounds it: a payload can be made up whose tail is a frame. The payloads' own numbering has to refuse it;
 //!  * the frame after the next zero that is one is decoded, whatever came before.
 //!
+//! # Keys
+//! The frames of an epoch have its key added to the CRC without carry, so that those of another epoch are refused as damaged ones are
+//! ([`crate::session_key`]). The guarantees are not touched: a constant on both sides cancels out. A damaged frame with a key can pass for
+//! one without a key only if its error amounts to the key, and it is refused then by its kind, which says whether a key belongs to it.
+//!
 //! Invariant: no byte of a frame but its last is zero. After a zero byte the decoder is as new, and between zeros its state
 //! is a function of the bytes since the last one.
 
@@ -54,6 +59,13 @@ const LIMIT: usize = 253;
 #[must_use]
 #[inline(always)] // a proof follows the bytes only where nothing goes through memory
 pub fn encode<'w, const W: usize>(payload: &[u8], wire: &'w mut [u8; W]) -> Option<&'w [u8]> {
+    encode_with_key(payload, wire, 0)
+}
+
+/// The same, with a key mixed into the check ([`Decoder::set_key`]); 0 is none.
+#[must_use]
+#[inline(always)] // as above
+pub fn encode_with_key<'w, const W: usize>(payload: &[u8], wire: &'w mut [u8; W], key: u32) -> Option<&'w [u8]> {
     const { assert!(W > OVERHEAD && W - OVERHEAD <= LIMIT, "room for a payload of 1 to 253 bytes") }
     let count = payload.len();
     if count == 0 || count > W - OVERHEAD {
@@ -69,7 +81,7 @@ pub fn encode<'w, const W: usize>(payload: &[u8], wire: &'w mut [u8; W]) -> Opti
     wire[1] = distance;
 
     let (covered, behind) = wire.split_at_mut(count + 2);
-    let mut rest = crc::finish(covered.iter().fold(crc::START, |register, &byte| crc::update(register, byte)));
+    let mut rest = crc::finish(covered.iter().fold(crc::START, |register, &byte| crc::update(register, byte))) ^ key;
     let (check, zero) = behind.split_at_mut(CHECK as usize);
     for byte in check {
         *byte = check_byte(rest);
@@ -116,6 +128,10 @@ enum Due {
 #[derive(Clone, Debug)]
 pub struct Decoder<const N: usize> {
     due: Due,
+    /// Key of the frames that are taken besides those without one; 0: none.
+    key: u32,
+    /// Does the frame have the key?
+    has_key: bool,
     payload: [u8; N],
 }
 
@@ -125,7 +141,18 @@ impl<const N: usize> Decoder<N> {
     #[must_use]
     pub const fn new() -> Self {
         const { assert!(1 <= N && N <= LIMIT, "a payload of 1 to 253 bytes") }
-        Self { due: Due::Length, payload: [0; N] }
+        Self { due: Due::Length, key: 0, has_key: false, payload: [0; N] }
+    }
+
+    /// From the next frame on those with this key (odd) are taken, and those without one.
+    pub const fn set_key(&mut self, key: u32) {
+        self.key = key;
+    }
+
+    /// Did the last frame that was taken have the key?
+    #[must_use]
+    pub const fn has_key(&self) -> bool {
+        self.has_key
     }
 
     /// Takes the next byte of the stream. A zero byte yields the payload before it, or what is wrong with the bytes since
@@ -150,7 +177,10 @@ impl<const N: usize> Decoder<N> {
         match self.due {
             Due::Length if byte == 1 => Due::Nothing(Damage::Length),
             Due::Length if usize::from(byte) > N + 1 => Due::Nothing(Damage::TooLong),
-            Due::Length => Due::Body { length: byte, at: 0, stretch: 0, register: crc::update(crc::START, byte) },
+            Due::Length => {
+                self.has_key = false;
+                Due::Body { length: byte, at: 0, stretch: 0, register: crc::update(crc::START, byte) }
+            }
             Due::Body { length, at, stretch, register } => {
                 let register = crc::update(register, byte);
                 // A code byte stands for the zero before its stretch, which the first one only has in thought.
@@ -165,6 +195,11 @@ impl<const N: usize> Decoder<N> {
                 } else {
                     Due::Check { length, left: CHECK, rest: crc::finish(register) }
                 }
+            }
+            // A key is odd, so the first byte of the check tells whether it is there.
+            Due::Check { length, left: CHECK, rest } if self.key != 0 && byte == check_byte(rest ^ self.key) => {
+                self.has_key = true;
+                Due::Check { length, left: CHECK - 1, rest: (rest ^ self.key) >> 7 }
             }
             Due::Check { rest, .. } if byte != check_byte(rest) => Due::Nothing(Damage::Check),
             Due::Check { length, left: 1, .. } => Due::End { length },

@@ -18,6 +18,7 @@ mod frame_size;
 mod host;
 mod message;
 mod mirror;
+mod session;
 mod settings;
 pub mod wire;
 mod wired;
@@ -30,6 +31,7 @@ pub use cutting::{
 pub use ends::{CardFault, Deck, Port, echo};
 pub use host::{Host, HostFault, LineCounts};
 pub use message::{Action, Await, Change, Homing, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel};
+pub use session::{next_epoch, session_key};
 pub use settings::{Identity, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, Settings, Start};
 pub use wire::Greeting;
 pub use wired::{Patience, Wired, WiredFault};

@@ -274,6 +274,10 @@ impl<const A: usize, P: Port> MotionCard<A> for Wired<A, P> {
         self.until(Host::is_heard)?;
         self.ask(self.nonce.wrapping_add(1))?;
         self.ask_until(self.nonce, |said| said.at_rest)?;
+        // A rate that was late let it move on after the report that the caller goes by: its start is of another place.
+        if !self.host.is_where_reported() {
+            return Err(WiredFault::Host(HostFault::Moved));
+        }
         // What was executed meanwhile is executed.
         let meanwhile = self.host.greeting().map_or(0, |said| said.executed.wrapping_sub(known));
         let start = Start { executed: start.executed.wrapping_add(meanwhile), ..start };

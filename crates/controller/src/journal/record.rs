@@ -403,14 +403,17 @@ mod tests {
         assert_eq!(number(&folder.path().join("none")), "E2104");
         let mut bytes = std::fs::read(&path).expect("a file");
         let first = bytes.iter().position(|&byte| byte == b'\n').expect("a line");
-        for (at, said) in [(20, "E2204"), (first + 20, "E2203")] {
+        // Batches behind the first line show that the job has begun.
+        for (at, said) in [(20, "E2203"), (first + 20, "E2203")] {
             bytes[at] ^= 1;
             std::fs::write(&path, &bytes).expect("a file");
             assert_eq!(number(&path), said);
             bytes[at] ^= 1;
         }
-        std::fs::write(&path, b"").expect("a file");
-        assert_eq!(number(&path), "E2204");
+        for beginning in [&b""[..], &bytes[..first / 2]] {
+            std::fs::write(&path, beginning).expect("a file");
+            assert_eq!(number(&path), "E2204");
+        }
     }
 
     #[test]

@@ -299,7 +299,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn look(&mut self) {
         self.supply.look();
         let mut spins = 0u32;
-        while !self.manner.wall_time && !self.supply.is_enough(self.card.status(), self.enough) {
+        while !self.manner.wall_time
+            && !self.supply.is_enough(self.card.status(), self.enough)
+            && !self.operators.is_told_to_stop()
+        {
             spins += 1;
             match spins {
                 0..100 => std::hint::spin_loop(),

@@ -25,6 +25,8 @@ pub enum HostFault {
     Protocol(u8),
     /// The card refused the settings.
     Unfit,
+    /// The card has moved on since the report by which a new path was to begin.
+    Moved,
 }
 
 impl CardFault for HostFault {
@@ -38,6 +40,7 @@ impl CardFault for HostFault {
             Self::Refused(_) => "E3006",
             Self::Protocol(_) => "E3007",
             Self::Unfit => "E3008",
+            Self::Moved => "E3021",
         }
     }
 
@@ -47,9 +50,13 @@ impl CardFault for HostFault {
             Self::Silent => {
                 "check cable and power; the card stops by itself, and says where it stands when asked again"
             }
-            Self::Restarted | Self::Disagrees | Self::ReportLost => "home the machine before it is moved again",
+            Self::Restarted | Self::Disagrees => "home the machine before it is moved again",
+            Self::ReportLost => {
+                "check the cable and the computer's load; `retrace resume` goes on where the card says that it stands"
+            }
             Self::Refused(_) => "see what the card's alarm says, and run the program again; please report this",
             Self::Protocol(_) => "put the card's firmware and this program on versions that belong together",
+            Self::Moved => "resume the job; check the line if it happens again",
             Self::Unfit => "wait until the machine stands; compare the machine file with what `retrace card who` says",
         }
     }
@@ -67,6 +74,7 @@ impl fmt::Display for HostFault {
             Self::Protocol(version) => {
                 write!(f, "the card speaks version {version} of the protocol, this program version {PROTOCOL}")
             }
+            Self::Moved => write!(f, "the machine moved on while a new path was to begin where it stood"),
             Self::Unfit => write!(f, "the card cannot work by these settings, or is in motion"),
         }
     }

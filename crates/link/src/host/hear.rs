@@ -31,39 +31,53 @@ impl<const A: usize> Host<A> {
                 }
             };
             // What cannot be read to its end is left; it comes again.
-            let _ = self.payload(Reader::new(&copy[..length]));
+            let has_key = self.decoder.has_key();
+            let _ = self.payload(Reader::new(&copy[..length]), has_key);
         }
     }
 
-    fn payload(&mut self, mut reader: Reader<'_>) -> Option<()> {
-        match reader.u8()? {
-            kind::WELCOME => match Greeting::read(&mut reader)? {
+    fn payload(&mut self, mut reader: Reader<'_>, has_key: bool) -> Option<()> {
+        match (reader.u8()?, has_key) {
+            (kind::WELCOME, false) => match Greeting::read(&mut reader)? {
                 Ok(greeting) => self.greeted(&greeting),
-                Err(version) => self.fault = Some(HostFault::Protocol(version)),
+                // Of a card that was asked who it is: in an epoch it has said so already.
+                Err(version) if self.phase == Phase::Asking => self.fault = Some(HostFault::Protocol(version)),
+                Err(_) => {}
             },
-            kind::REPORT => self.reported(reader)?,
+            (kind::REPORT, true) => self.reported(reader)?,
             _ => {}
         }
         Some(())
     }
 
+    /// A greeting counts where it answers what was asked last, and once: any other is late or a recording.
     fn greeted(&mut self, greeting: &Greeting<A>) {
-        self.times.heard = self.times.now;
-        if greeting.nonce == self.nonce {
+        let answers = self.greeting.is_none() && greeting.nonce == self.nonce;
+        let answers_probe = self.probing && greeting.nonce == self.probe;
+        let answers_opening = self.settings.is_some() && greeting.nonce == self.opening;
+        if answers {
             self.greeting = Some(*greeting);
         }
+        self.probing &= !answers_probe;
+        if answers || answers_probe || answers_opening && self.phase != Phase::Open {
+            self.times.heard = self.times.now;
+        }
         let Some(settings) = &self.settings else { return };
+        let same = greeting.identity.boot == self.boot;
         match self.phase {
-            Phase::Opening if greeting.epoch == settings.epoch => self.phase = Phase::Open,
-            Phase::Opening if greeting.nonce == 0 && greeting.at_rest => {
-                // Answered, at rest, and not opened; once may be a straggler of an older connection.
+            Phase::Opening if answers_opening && !same => self.fault = Some(HostFault::Restarted),
+            Phase::Opening if answers_opening && greeting.epoch == settings.epoch => self.phase = Phase::Open,
+            Phase::Opening if answers_opening && greeting.at_rest => {
+                // Answered, at rest, and not opened.
                 self.refusals += 1;
                 if self.refusals >= REFUSALS {
                     self.fault = Some(HostFault::Unfit);
                 }
             }
-            Phase::Open if greeting.epoch != settings.epoch => self.fault = Some(HostFault::Restarted),
-            Phase::Closing if greeting.epoch != settings.epoch => self.phase = Phase::Closed,
+            Phase::Open if (answers || answers_probe) && (!same || greeting.epoch != settings.epoch) => {
+                self.fault = Some(HostFault::Restarted);
+            }
+            Phase::Closing if answers_opening && greeting.epoch != settings.epoch => self.phase = Phase::Closed,
             _ => {}
         }
     }
@@ -78,7 +92,7 @@ impl<const A: usize> Host<A> {
         }
         let (flags, low, length) = (reader.u8()?, reader.u32()?, reader.count32()?);
         let first = reader.u16()?;
-        self.times.heard = self.times.now;
+        (self.times.heard, self.probing) = (self.times.now, false);
         self.entries_of(&mut reader, first, flags & 2 != 0)?;
         if flags & 4 != 0 {
             self.fault.get_or_insert(HostFault::ReportLost);

@@ -22,7 +22,7 @@ use crate::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE};
 use crate::frame_size::FrameSize;
 use crate::mirror::Mirror;
 use crate::wire::{Entry, Greeting};
-use crate::{Alarm, Refusal, Settings, Start, Status, Word, channel};
+use crate::{Alarm, Refusal, Settings, Start, Status, Word, channel, next_epoch, session_key};
 
 /// Words on their way, at most. So many records are in hand of the line and not of the card's window.
 const WORDS: usize = 128;
@@ -77,6 +77,14 @@ pub struct Host<const A: usize> {
     phase: Phase,
     nonce: u32,
     greeting: Option<Greeting<A>>,
+    /// Boot number of the card whose epoch is open.
+    boot: u32,
+    /// Nonce and key of the last opening.
+    opening: u32,
+    key: u32,
+    /// Number of the last question that was asked because the card was silent, and whether it is open.
+    probe: u32,
+    probing: bool,
     settings: Option<Settings<A>>,
     decoder: Decoder<MOST_PAYLOAD>,
     queue: [Word<A>; WORDS],
@@ -144,6 +152,11 @@ impl<const A: usize> Host<A> {
             phase: Phase::Asking,
             nonce: nonce.max(1),
             greeting: None,
+            boot: 0,
+            opening: 0,
+            key: 0,
+            probe: nonce.rotate_left(16),
+            probing: false,
             settings: None,
             decoder: Decoder::new(),
             queue: [Word::ClearAlarm; WORDS],
@@ -197,10 +210,11 @@ impl<const A: usize> Host<A> {
     /// Begins an epoch with these settings; its number is set here.
     pub fn open(&mut self, mut settings: Settings<A>) {
         let Some(greeting) = &self.greeting else { return };
-        settings.epoch = match greeting.last_epoch.wrapping_add(1) {
-            0 => 1,
-            next => next,
-        };
+        settings.epoch = next_epoch(greeting.last_epoch);
+        // another number than that of the question, so that its answer is not taken for the opening's
+        (self.boot, self.opening, self.probing) = (greeting.identity.boot, !self.nonce, false);
+        self.key = session_key(self.boot, self.opening, settings.epoch);
+        self.decoder.set_key(self.key);
         let window = greeting.identity.window.min(CELLS as u32 / 2);
         let (counts, start) = (greeting.counts, settings.start);
         self.mirror = Mirror::new(start.place.record, window, stopping(&settings.limits));
@@ -230,6 +244,12 @@ impl<const A: usize> Host<A> {
     #[must_use]
     pub fn is_open(&self) -> bool {
         self.phase == Phase::Open && self.next_entry != 0
+    }
+
+    /// Does the card's answer say that it stands where the last period given out left it? Homing leaves the path, so that it says nothing.
+    #[must_use]
+    pub fn is_where_reported(&self) -> bool {
+        self.off_path || self.greeting.as_ref().is_none_or(|said| said.place == self.status.place)
     }
 
     /// Has the card confirmed that the epoch is over?

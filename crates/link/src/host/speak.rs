@@ -4,7 +4,7 @@
 
 use super::{Host, Phase, Staged, WORDS};
 use crate::Word;
-use crate::frame::{MOST_PAYLOAD, MOST_WIRE, encode};
+use crate::frame::{MOST_PAYLOAD, MOST_WIRE, encode_with_key};
 use crate::wire::{Opening, Run, Writer, kind, write_word};
 
 /// Records are sent when there are so many, or when one has waited for [`GATHER_US`].
@@ -18,6 +18,8 @@ const REPEAT_US: u64 = 12_000;
 const RATES_US: u64 = 3_000;
 /// The host is heard of at least so often.
 const HEARTBEAT_US: u64 = 16_000;
+/// A card that was silent for so long is asked whether it was restarted.
+const PROBE_US: u64 = 100_000;
 /// Words that are not confirmed are sent again after so long.
 const AGAIN_US: u64 = 60_000;
 /// A report that is missing is asked for at most so often.
@@ -97,6 +99,13 @@ impl<const A: usize> Host<A> {
         if self.sent > 0 && now.saturating_sub(self.times.progress) >= AGAIN_US {
             self.again();
         }
+        if now.saturating_sub(self.times.heard) >= PROBE_US && now.saturating_sub(self.times.asked) >= ASK_US {
+            if !self.probing {
+                (self.probe, self.probing) = (self.probe.wrapping_add(1), true);
+            }
+            self.times.asked = now.max(1);
+            return self.compose_question(self.probe);
+        }
         let asked = self.greeting.is_none() && now.saturating_sub(self.times.asked) >= ASK_US;
         if asked {
             self.times.asked = now.max(1);
@@ -138,7 +147,7 @@ impl<const A: usize> Host<A> {
         self.times.rate = self.times.now;
         self.times.number = self.now_number;
         self.told = self.target;
-        written.is_some() && self.stage(&payload[..length])
+        written.is_some() && self.stage(&payload[..length], self.key)
     }
 
     fn compose_stream(&mut self) -> bool {
@@ -168,7 +177,7 @@ impl<const A: usize> Host<A> {
             self.times.progress = self.times.now;
         }
         self.times.queued = self.times.now;
-        let staged = self.sent > offset && self.stage(&payload[..length]);
+        let staged = self.sent > offset && self.stage(&payload[..length], self.key);
         self.kind = Staged::Stream(offset);
         staged
     }
@@ -179,24 +188,36 @@ impl<const A: usize> Host<A> {
         let written = (|| match (self.phase, &self.settings) {
             (Phase::Opening, Some(settings)) => {
                 writer.u8(kind::OPEN)?;
+                writer.u32(self.boot)?;
+                writer.u32(self.opening)?;
                 Opening(*settings).write(&mut writer)
             }
             (Phase::Closing, Some(settings)) => {
                 writer.u8(kind::CLOSE)?;
-                writer.u16(settings.epoch)
+                writer.u16(settings.epoch)?;
+                writer.u32(self.opening)
             }
-            _ => {
-                writer.u8(kind::HELLO)?;
-                writer.u32(self.nonce)
-            }
+            _ => None,
         })();
         let length = writer.len();
-        written.is_some() && self.stage(&payload[..length])
+        let key = if self.phase == Phase::Closing { self.key } else { 0 };
+        match written {
+            Some(()) => self.stage(&payload[..length], key),
+            None => self.compose_question(self.nonce),
+        }
     }
 
-    fn stage(&mut self, payload: &[u8]) -> bool {
+    /// Who is there?
+    fn compose_question(&mut self, nonce: u32) -> bool {
+        let mut payload = [0; 5];
+        payload[0] = kind::HELLO;
+        payload[1..].copy_from_slice(&nonce.to_le_bytes());
+        self.stage(&payload, 0)
+    }
+
+    fn stage(&mut self, payload: &[u8], key: u32) -> bool {
         let mut wire = [0; MOST_WIRE];
-        let Some(frame) = encode(payload, &mut wire) else { return false };
+        let Some(frame) = encode_with_key(payload, &mut wire, key) else { return false };
         self.stage[..frame.len()].copy_from_slice(frame);
         self.staged = (0, frame.len());
         self.times.frame = self.times.now;

@@ -1,0 +1,187 @@
+//! Bytes that were recorded on the line and come again: they move nothing and end nothing.
+//!
+//! Invariant: the recording is of the bytes themselves, as somebody at the line would have them.
+
+use std::sync::{Arc, Mutex};
+
+use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::{Flags, ONE, Place, Record};
+use retrace_hal_sim::{InProcess, NoFault, Rig, RigSettings};
+use retrace_link::{Change, MotionCard, Patience, Port, Settings, Start, Wired, Word};
+
+/// What went over the line, and what is to be heard besides.
+#[derive(Clone, Debug, Default)]
+struct Tape {
+    sent: Vec<u8>,
+    heard: Vec<u8>,
+    injected: Vec<u8>,
+}
+
+/// A port that records.
+#[derive(Debug)]
+struct Recorder {
+    inner: InProcess<3>,
+    tape: Arc<Mutex<Tape>>,
+}
+
+impl Port for Recorder {
+    type Fault = NoFault;
+
+    fn now_us(&self) -> u64 {
+        self.inner.now_us()
+    }
+
+    fn room(&mut self) -> usize {
+        self.inner.room()
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, NoFault> {
+        let count = self.inner.write(bytes)?;
+        self.tape.lock().expect("whole").sent.extend_from_slice(&bytes[..count]);
+        Ok(count)
+    }
+
+    fn read(&mut self, bytes: &mut [u8], wait_us: u32) -> Result<usize, NoFault> {
+        let mut tape = self.tape.lock().expect("whole");
+        if !tape.injected.is_empty() {
+            let count = tape.injected.len().min(bytes.len());
+            bytes[..count].copy_from_slice(&tape.injected[..count]);
+            tape.injected.drain(..count);
+            return Ok(count);
+        }
+        let count = self.inner.read(bytes, wait_us)?;
+        tape.heard.extend_from_slice(&bytes[..count]);
+        Ok(count)
+    }
+}
+
+type Host = Wired<3, Recorder>;
+
+fn rig(boot: u32) -> Rig<3> {
+    Rig::new(&RigSettings { boot, ..RigSettings::default() }).expect("a card")
+}
+
+fn find(rig: Rig<3>, nonce: u32) -> (Host, Arc<Mutex<Tape>>) {
+    let tape = Arc::new(Mutex::new(Tape::default()));
+    let port = Recorder { inner: InProcess::new(rig), tape: Arc::clone(&tape) };
+    (Host::find(port, nonce, Patience::default()).expect("a card answers"), tape)
+}
+
+fn open(host: &mut Host) {
+    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    let limits = RateLimits::new(13, 1 << 15, [axis; 3]).expect("valid");
+    host.open(Settings::new(0, Start::at(0), 1000, limits)).expect("it takes the settings");
+}
+
+/// Output 3 on, and 300 records ahead.
+fn run(host: &mut Host) {
+    host.send(Word::ByHand(Change { channel: 3, value: 1 })).expect("room");
+    host.send(Word::Rate { target: ONE }).expect("a rate");
+    while host.status().place != Place::start_of(300) {
+        while host.status().high < 300 {
+            let place = host.status().high;
+            let flags = if place == 299 { Flags::REST } else { Flags::NONE };
+            let record = Record { increments: [7, -3, 1], flags, line: place, ..Record::default() };
+            if host.send(Word::Ahead { place, record }).is_err() {
+                break;
+            }
+        }
+        host.period().expect("no fault");
+    }
+}
+
+const END: [i64; 3] = [2100, -900, 300];
+
+/// A whole session, and what was said in it. The output is off at its end.
+fn session(boot: u32) -> (Rig<3>, Tape) {
+    let (mut host, tape) = find(rig(boot), 7);
+    open(&mut host);
+    run(&mut host);
+    host.send(Word::ByHand(Change { channel: 3, value: 0 })).expect("room");
+    while host.period().expect("no fault").outputs[3] != 0 {}
+    host.close().expect("it stands");
+    let rig = host.into_port().inner.into_rig();
+    assert_eq!((rig.pins().positions(), rig.status().outputs[3]), (&END, 0));
+    let tape = tape.lock().expect("whole").clone();
+    (rig, tape)
+}
+
+/// Says these bytes to a card, as fast as its line goes; was any output on meanwhile?
+fn say(rig: &mut Rig<3>, bytes: &[u8]) -> bool {
+    let mut lit = false;
+    for chunk in bytes.chunks(20) {
+        rig.send(chunk);
+        rig.run(rig.now_us() + 1000);
+        lit |= rig.status().outputs[3] != 0;
+    }
+    rig.run(rig.now_us() + 1_000_000);
+    lit
+}
+
+#[test]
+fn a_recorded_session_moves_nothing_after_a_restart_of_the_card() {
+    let (_, tape) = session(1);
+    // the same start: what was recorded does move a machine
+    let mut same = rig(1);
+    assert!(say(&mut same, &tape.sent));
+    assert_ne!(same.pins().pulses(), &[0; 3]);
+    let mut restarted = rig(2);
+    assert!(!say(&mut restarted, &tape.sent));
+    assert_eq!((restarted.pins().pulses(), restarted.status().counts), (&[0; 3], [0; 3]));
+}
+
+#[test]
+fn a_recorded_session_moves_nothing_within_the_same_start() {
+    let (mut rig, tape) = session(1);
+    let pulses = *rig.pins().pulses();
+    assert!(!say(&mut rig, &tape.sent));
+    assert_eq!((rig.pins().pulses(), rig.pins().positions()), (&pulses, &END));
+    // and in another epoch
+    let (mut host, _) = find(rig, 8);
+    open(&mut host);
+    let mut rig = host.into_port().inner.into_rig();
+    assert!(!say(&mut rig, &tape.sent));
+    assert_eq!((rig.pins().pulses(), rig.pins().positions()), (&pulses, &END));
+}
+
+#[test]
+fn a_replayed_opening_is_no_sign_of_life() {
+    let (mut host, tape) = find(rig(1), 7);
+    open(&mut host);
+    host.send(Word::Rate { target: ONE }).expect("a rate");
+    for _ in 0..50 {
+        host.period().expect("no fault");
+    }
+    let sent = tape.lock().expect("whole").sent.clone();
+    let opening = sent.split_inclusive(|&byte| byte == 0).find(|frame| frame.len() > 60).expect("an opening");
+    let mut rig = host.into_port().inner.into_rig();
+    for _ in 0..40 {
+        rig.send(opening);
+        rig.run(rig.now_us() + 10_000);
+    }
+    assert!(rig.status().alarm.is_some(), "the host is silent");
+}
+
+#[test]
+fn replayed_greetings_and_reports_change_nothing_of_a_running_job() {
+    let (rig_of_session, old) = session(1);
+    let (mut host, tape) = find(rig_of_session, 9);
+    let greetings = tape.lock().expect("whole").heard.clone();
+    open(&mut host);
+    let base = host.status().counts;
+    host.send(Word::Rate { target: ONE }).expect("a rate");
+    for round in 0..20 {
+        tape.lock().expect("whole").injected.extend([&[0], &greetings[..], &old.heard, &[0]].concat());
+        for _ in 0..10 {
+            let place = host.status().high;
+            let record = Record { increments: [round, -3, 1], line: place, ..Record::default() };
+            let _ = host.send(Word::Ahead { place, record });
+            host.period().expect("a recording ends nothing");
+        }
+    }
+    run(&mut host);
+    let counts = host.status().counts;
+    let rig = host.into_port().inner.into_rig();
+    assert_eq!(*rig.pins().positions(), counts);
+    assert_ne!(counts, base);
+}
