@@ -70,3 +70,37 @@ fn extents_room_tools_ranges_and_barriers_are_told_in_both_forms() {
     let refused = bench.retrace(["check", "-", "--json"]);
     assert_eq!((refused.code, refused.out.as_str()), (Some(2), ""));
 }
+
+#[test]
+fn lengths_pierces_time_per_tool_and_feeds_beyond_the_machine_are_told() {
+    let bench = Bench::new();
+    bench.file("m.toml", "cutting_outputs = [3]\n");
+    // 10 mm of rapid, 30 mm and a half circle of 10 mm radius of feed; the output goes on twice
+    let program = "G21 G90\nT1 M6\nG0 X10\nM64 P3\nG1 X30 F600\nG3 X10 I-10 J0 F9000\nM65 P3\nT2 M6\nM64 P3\nM64 P3\nG1 X20\nM65 P3\nM2\n";
+    bench.file("p.ngc", program);
+    let said = bench.retrace(["check", "p.ngc", "--machine", "m.toml", "--json"]);
+    assert_eq!(said.code, Some(0), "{}", said.err);
+    let told = last(&said.out);
+    let is = |key: &str, value: f64| {
+        let found = told[key].as_f64().unwrap_or(f64::NAN);
+        assert!((found - value).abs() < 1e-6, "{key}: {found}, not {value}: {told}");
+    };
+    is("rapid_mm", 10.0);
+    is("cutting_mm", 30.0 + std::f64::consts::PI * 10.0);
+    is("pierces", 2.0);
+    let total = ["motion_s", "dwell_s", "switch_s"].map(|key| told[key].as_f64().expect(key)).iter().sum::<f64>();
+    is("total_s", total);
+    let tools = told["tool_motion_s"].as_object().expect("tools");
+    let sum = tools.values().filter_map(Value::as_f64).sum::<f64>();
+    assert!((sum - told["motion_s"].as_f64().expect("a time")).abs() < 1e-6 && tools.contains_key("2"), "{told}");
+    assert_eq!(told["feed_beyond"], serde_json::json!({"line": 6, "feed_mm_per_min": 9000.0}));
+    let text = bench.retrace(["check", "p.ngc", "--machine", "m.toml"]).out;
+    for part in [
+        "at 100 %: 0:00:",
+        "pierces 2",
+        "motion with each tool: T1 0:00:",
+        "line 6 asks for a feed of 9000.0 mm/min; the machine moves at 6000.0",
+    ] {
+        assert!(text.contains(part), "{part} is not in\n{text}");
+    }
+}

@@ -87,9 +87,28 @@ pub enum Command {
         after_help = "Examples:\n  retrace mdi 'G0 X10' --card /dev/ttyUSB0\n  retrace mdi 'G10 L20 P1 X0 Y0' --params mill.var"
     )]
     Mdi(Mdi),
+    /// Measure how promptly this computer and the line to a card react, and whether the machine's control period fits.
+    #[command(after_help = "Examples:\n  retrace doctor\n  retrace doctor /dev/ttyUSB0 --machine mill.toml")]
+    Doctor(Doctor),
     /// Serve a simulated card behind a pseudo-terminal, list serial ports, ask who is at one.
     #[command(subcommand, after_help = "Examples:\n  retrace card serve --pty\n  retrace card who /dev/ttyUSB0@230400")]
     Card(Card),
+}
+
+/// `retrace doctor`
+#[derive(Debug, clap::Args)]
+pub struct Doctor {
+    /// Port of the card, PATH[@BAUD]; without one only this computer is measured.
+    pub port: Option<String>,
+    /// Machine file.
+    #[arg(long, value_name = "FILE")]
+    pub machine: Option<PathBuf>,
+    /// How long wake-ups are measured, s.
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    pub seconds: f64,
+    /// One JSON object on standard output.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `retrace card`

@@ -9,6 +9,7 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
 use retrace_controller::machine::Machine;
+use retrace_controller::real_time;
 use retrace_controller::refusal::Refusal;
 use retrace_hal_serial::Pty;
 use retrace_hal_sim::{Rig, RigSettings, Tally, faults};
@@ -133,7 +134,7 @@ fn lines_of_input(read: bool) -> Receiver<String> {
     if !read {
         return lines;
     }
-    std::thread::spawn(move || {
+    let _ = std::thread::Builder::new().name("standard input".into()).spawn(move || {
         // Nobody hears what comes behind the end of serving, nor what is no text.
         for line in std::io::stdin().lines().map_while(Result::ok) {
             if tell.send(line).is_err() {
@@ -156,6 +157,8 @@ struct Served {
 
 impl Served {
     fn run<const A: usize>(&mut self, rig: &mut Rig<A>, end: &End, inputs: &[InputSetting]) -> Result<(), Refusal> {
+        // As prompt as a card, where that is permitted. The threads that it has begun are scheduled as usual.
+        let _ = real_time::enter();
         let mut bytes = [0; 4096];
         let mut flushed = Instant::now();
         while !end.look(self.started, rig, inputs) {

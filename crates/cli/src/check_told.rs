@@ -30,11 +30,32 @@ impl<const A: usize> Told<'_, A> {
         // Writing to a string cannot fail.
         let _ = write!(
             text,
-            "\n  at 100 %: motion {:.3} s · dwell {:.3} s · switching {:.3} s",
+            "\n  at 100 %: {} in all: motion {:.3} s · dwell {:.3} s · switching {:.3} s",
+            clock(self.seconds(survey.motion_periods + survey.dwell_periods + survey.switch_periods)),
             self.seconds(survey.motion_periods),
             self.seconds(survey.dwell_periods),
             self.seconds(survey.switch_periods)
         );
+        let _ = write!(
+            text,
+            "\n  cutting {:.3} m · rapids {:.3} m · pierces {}",
+            survey.cutting_mm / 1000.0,
+            survey.rapid_mm / 1000.0,
+            survey.pierces
+        );
+        if survey.tool_periods.len() > 1 {
+            let times = survey.tool_periods.iter();
+            let times: Vec<String> =
+                times.map(|(tool, &periods)| format!("T{tool} {}", clock(self.seconds(periods)))).collect();
+            let _ = write!(text, "\n  motion with each tool: {}", times.join(", "));
+        }
+        if let Some((line, feed)) = survey.feed_beyond {
+            let most = self.machine.path_velocity_mm_s * 60.0;
+            let _ = write!(
+                text,
+                "\n  warning: line {line} asks for a feed of {feed:.1} mm/min; the machine moves at {most:.1} mm/min at most"
+            );
+        }
         for room in survey.room() {
             let Room { axis, extents_mm: [least, greatest], room_mm: [below, above] } = room;
             let limits = self.machine.axes.iter().find(|one| one.name == axis).map_or([0.0; 2], |axis| axis.travel_mm);
@@ -121,6 +142,16 @@ impl<const A: usize> Told<'_, A> {
             "speed_rpm": range(survey.speed_rpm),
             "barriers": survey.barriers.iter().map(|b| json!({ "line": b.line, "code": b.code })).collect::<Vec<_>>(),
             "stops": survey.stops,
+            "total_s": self.seconds(survey.motion_periods + survey.dwell_periods + survey.switch_periods),
+            "cutting_mm": survey.cutting_mm,
+            "rapid_mm": survey.rapid_mm,
+            "pierces": survey.pierces,
+            "tool_motion_s": survey
+                .tool_periods
+                .iter()
+                .map(|(tool, &periods)| (tool.to_string(), json!(self.seconds(periods))))
+                .collect::<Map<_, _>>(),
+            "feed_beyond": survey.feed_beyond.map(|(line, feed)| json!({"line": line, "feed_mm_per_min": feed})),
         })
     }
 
@@ -143,6 +174,12 @@ impl<const A: usize> Told<'_, A> {
     fn seconds(&self, periods: u64) -> f64 {
         (u128::from(periods) * u128::from(self.machine.period_us)) as f64 / 1e6
     }
+}
+
+/// Seconds as h:mm:ss, rounded up.
+fn clock(seconds: f64) -> String {
+    let seconds = seconds.ceil() as u64;
+    format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
 }
 
 fn range_text(what: &str, range: Option<Range>, unit: &str) -> Option<String> {

@@ -66,7 +66,7 @@ fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Pictu
     if args.profile || !script.is_empty() {
         let card = simulated::<9>(&machine, Clock::Virtual)?;
         let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
-        let manner = Manner { wall_time: false, operator: args.operator.is_some() };
+        let manner = Manner { wall_time: false, operator: args.operator.is_some(), real_time: false };
         let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
         job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut trace)
             .map_err(|why| cannot_draw(why.to_string(), "a shorter history_hours in the machine file"))?;

@@ -322,8 +322,12 @@ mod tests {
         let mut kept = Kept(Keeper::new(&logbook, 3, 1000));
         let keeping = Keeping { index: Box::new(logbook.notes(None, &[])), durable: logbook.durable() };
         let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
-        let conduct =
-            Conduct { begin: Begin::First, operators, manner: Manner { wall_time: false, operator: true }, keeping };
+        let conduct = Conduct {
+            begin: Begin::First,
+            operators,
+            manner: Manner { wall_time: false, operator: true, real_time: false },
+            keeping,
+        };
         let card = SimCard::new(0, machine.rate_limits().expect("limits"), Clock::Virtual).expect("a card");
         job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut kept).expect("it runs");
         drop(kept);

@@ -13,6 +13,7 @@ use retrace_controller::journal::keeper::Keeper;
 use retrace_controller::machine::Machine;
 use retrace_controller::operator::Instruction;
 use retrace_controller::orders::{Heard, Operators};
+use retrace_controller::real_time;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::report::Report;
 use retrace_controller::resume::Prepared;
@@ -47,6 +48,8 @@ pub struct Manners<'a> {
     pub operator: bool,
     /// Does the card's time pass as a clock's does?
     pub wall_time: bool,
+    /// Is the card at the end of a line, so that the motion thread has to be prompt?
+    pub real_time: bool,
     /// The files that its parameters and tools come from, and go to.
     pub tables: TableFiles,
 }
@@ -106,7 +109,11 @@ impl Machining<'_> {
             None => (None, Show::choose(manners.json, program.lines()), None),
         };
         let console = Console::<A>::new(show, machine, manners.records)?;
-        let manner = Manner { wall_time: manners.wall_time, operator: manners.operator || heard.is_some() };
+        let manner = Manner {
+            wall_time: manners.wall_time,
+            operator: manners.operator || heard.is_some(),
+            real_time: manners.real_time,
+        };
         let script = Operators::script(ScriptPlayer::new(manners.script, machine.period_us));
         // Without a screen signals stop the job.
         let (signals, stops) = if heard.is_none() { StopSignals::watch() } else { None }.unzip();
@@ -208,6 +215,21 @@ impl Machining<'_> {
             }
         };
         Ok((code, card))
+    }
+}
+
+/// Keeps the memory resident and schedules this thread in real time, before a card expects to hear of its host; says, once a run, how that is
+/// permitted where it is not. Threads that this one begins later are to leave it.
+pub fn prepare_real_time() {
+    match real_time::permitted() {
+        Ok(()) => {
+            // Memory that may not be locked is no reason for another word.
+            let _ = real_time::lock_memory();
+            let _ = real_time::enter();
+        }
+        Err(denied) => {
+            eprintln!("note: {denied}: the motion thread may be late on a busy computer\n  {}", crate::doctor::GRANT)
+        }
     }
 }
 

@@ -19,6 +19,7 @@ mod check_told;
 mod console;
 mod cycles;
 mod decoder;
+mod doctor;
 mod draw;
 mod draw_job;
 mod escape;
@@ -63,6 +64,7 @@ fn main() -> ExitCode {
         Command::Plot(args) => draw::run(&args).map(|()| 0),
         Command::Cycles(args) => cycles::run(&args).map(|()| 0),
         Command::Card(args) => card::run(&args).map(|()| 0),
+        Command::Doctor(args) => doctor::run(&args).map(|()| 0),
         Command::Home(args) => manual::home(&args),
         Command::Jog(args) => manual::jog(&args),
         Command::Mdi(args) => manual::mdi(&args),

@@ -129,7 +129,7 @@ where
     let show = if args.json { Show::Json } else { Show::Plain };
     let mut console = Console::<A>::new(show, machine, None)?;
     let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
-    let manner = Manner { wall_time: args.card != "sim", operator: false };
+    let manner = Manner { wall_time: args.card != "sim", operator: false, real_time: false };
     let carry_out = || perform(task, machine, desk, card, (operators, manner), &mut console);
     let done = homing.noting(task, machine, carry_out);
     if let (.., Some(lost)) = console.finish() {

@@ -30,7 +30,7 @@ use crate::homed::Homing;
 use crate::hung::simulated;
 use crate::kept::{self, Kept};
 use crate::machine_tables::{self, TableFiles};
-use crate::machining::{AtScreen, Machining, Manners};
+use crate::machining::{AtScreen, Machining, Manners, prepare_real_time};
 use crate::operate::{self, Resuming};
 use crate::program::{Arrives, Arriving, Failure, Program};
 use crate::resume_told::{self, Asking, Taken};
@@ -337,6 +337,9 @@ impl Taking<'_> {
         let settings = self.machine.card_settings(stands);
         let status = wired::look(&mut card, &address, settings)?;
         let named = kept::wired(&address, &greeting.identity);
+        if !self.args.tui {
+            prepare_real_time();
+        }
         let card = Greeted::new(card, settings, status, greeting.identity.boot);
         let homing = Homing::of(&address, &greeting.identity).at_screen();
         let (code, card) = self.go(program, script, (card, homing), start, named, true)?;
@@ -457,6 +460,7 @@ impl Taking<'_> {
             script: agreed(script.clone())?,
             operator: args.operator.is_some(),
             wall_time,
+            real_time: !matches!(named, Card::Sim),
             tables: TableFiles::of_job(&record.job.arguments),
         };
         let (of_job, of_job_entry, on) = (&record, &record.job, &machine);

@@ -17,7 +17,7 @@ use crate::hung::{simulated, traced};
 use crate::kept::{Beginning, Claimed, Kept};
 use crate::machine_tables::{self, TableFiles};
 pub use crate::machining::{AtScreen, Ended};
-use crate::machining::{Machining, Manners};
+use crate::machining::{Machining, Manners, prepare_real_time};
 use crate::operate;
 use crate::program::{Arriving, Failure, Program};
 use crate::{args, wired};
@@ -110,6 +110,7 @@ impl With<'_> {
         let status = wired::look(&mut card, &args.card, settings)?;
         let (kept, input) = keep(args, &program, &machine, (&self.text, named), &status)?;
         // From here on the card expects to hear of the host all the time.
+        prepare_real_time();
         card.open(settings).map_err(|fault| wired::failed(&args.card, &fault))?;
         let (code, _) = self.machining(&machine, &program, kept, input).run(&mut *card, |_, _| Ok(()))?;
         // The card stands, or has an alarm that says more than this would.
@@ -149,6 +150,7 @@ impl With<'_> {
             script: self.script,
             operator: args.operator.is_some(),
             wall_time: args.realtime || args.card != "sim",
+            real_time: args.card != "sim",
             tables: TableFiles::of(&args.reading),
         };
         let begin = args.start_line.map_or(Begin::First, Begin::Line);
@@ -228,6 +230,7 @@ impl<'a> Job<'a> {
             script,
             operator: args.operator.is_some(),
             wall_time: true,
+            real_time: args.card != "sim",
             tables: TableFiles::of(&args.reading),
         };
         let begin = args.start_line.map_or(Begin::First, Begin::Line);

@@ -28,6 +28,7 @@ use crate::manual::hand::{self, Identify};
 use crate::orders::Operators;
 use crate::overrides::overrides;
 use crate::planning;
+use crate::real_time;
 use crate::resume::{Prepared, Resumption, Unfound};
 use crate::scan::Scan;
 use crate::session::{Manner, Outcome, Session};
@@ -200,18 +201,25 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let given_up = program.given_up();
     thread::scope(|scope| {
         let belt = &belt;
-        let decoder = scope.spawn(move || decoding::decode(&mut program, belt));
-        let planner = scope.spawn(move || planning::plan(machine, belt, batch, (line, rests), feeder));
-        let reporter = scope.spawn(move || hearing.report(observer));
-        let moves = scope.spawn(move || requests.serve(machine, identify));
+        let decoder = named(scope, ("decoding", manner.real_time), move || decoding::decode(&mut program, belt));
+        let planner = named(scope, ("planning", manner.real_time), move || {
+            planning::plan(machine, belt, batch, (line, rests), feeder)
+        });
+        let reporter = named(scope, ("reporting", manner.real_time), move || hearing.report(observer));
+        let moves = named(scope, ("manual moves", manner.real_time), move || requests.serve(machine, identify));
         let hand = hand.waking(moves.thread().clone());
         let interest = Interest { cancel: &cancel, given_up };
         let session = Session::new(card, machine, supply, operators, manner, teller).asking(asking);
         let session = session.by_hand(hand, program_is);
+        let is_real_time = manner.real_time && real_time::enter().is_ok();
         let ended = match resumption {
             None => Ok(session.run()),
             Some(at) => session.resume(&at, origin.counts, agree).map_err(CannotBegin::Unfound),
         };
+        if is_real_time {
+            // It was permitted, so this is.
+            let _ = real_time::leave();
+        }
         drop(interest);
         joined(decoder);
         let summary = joined(planner);
@@ -224,6 +232,23 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
 
 fn unfit(why: impl Into<String>) -> CannotBegin {
     CannotBegin::Machine(why.into())
+}
+
+/// Begins a thread with a name, as [`thread::Scope::spawn`] does without one.
+fn named<'scope, T: Send + 'scope>(
+    scope: &'scope thread::Scope<'scope, '_>,
+    (name, is_real_time): (&str, bool),
+    work: impl FnOnce() -> T + Send + 'scope,
+) -> thread::ScopedJoinHandle<'scope, T> {
+    let work = move || {
+        // It may have been begun by a thread that is scheduled in real time.
+        if is_real_time {
+            let _ = real_time::leave();
+        }
+        work()
+    };
+    let begun = thread::Builder::new().name(name.into()).spawn_scoped(scope, work);
+    begun.unwrap_or_else(|error| panic!("the system has no thread left: {error}"))
 }
 
 /// A panic over there is a defect, never an input; it is passed on.

@@ -30,6 +30,7 @@ pub mod overrides;
 mod planning;
 pub mod program_end;
 pub mod reading;
+pub mod real_time;
 pub mod refusal;
 pub mod report;
 pub mod restart;

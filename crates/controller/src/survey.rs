@@ -4,7 +4,7 @@
 //!
 //! Invariant: the records counted are those that a run at 100 % plays, so that the time is the run's motion time to the period.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use retrace_core::Flags;
 use retrace_link::{Change, channel};
@@ -80,6 +80,20 @@ pub struct Survey<'m, const A: usize> {
     pub barriers: BTreeSet<Barrier>,
     /// Lines with a program stop.
     pub stops: BTreeSet<u32>,
+    /// Path length of feed moves over the linear axes, mm.
+    pub cutting_mm: f64,
+    /// Path length of rapids over the linear axes, mm.
+    pub rapid_mm: f64,
+    /// How often a cutter is switched on: an output of `cutting_outputs`, or the spindle where there are none.
+    pub pierces: u64,
+    /// Control periods of motion with each tool, 0 before the first one.
+    pub tool_periods: BTreeMap<u32, u64>,
+    /// The first line whose feed is beyond the machine's path velocity, and that feed, mm/min.
+    pub feed_beyond: Option<(u32, f64)>,
+    /// The tool in the spindle.
+    tool: u32,
+    /// The cutting outputs that are on.
+    cutters_on: BTreeSet<u8>,
     planner: Planner<A>,
 }
 
@@ -104,6 +118,13 @@ impl<'m, const A: usize> Survey<'m, A> {
             speed_rpm: None,
             barriers: BTreeSet::new(),
             stops: BTreeSet::new(),
+            cutting_mm: 0.0,
+            rapid_mm: 0.0,
+            pierces: 0,
+            tool_periods: BTreeMap::new(),
+            feed_beyond: None,
+            tool: 0,
+            cutters_on: BTreeSet::new(),
             planner,
         })
     }
@@ -111,6 +132,7 @@ impl<'m, const A: usize> Survey<'m, A> {
     fn count(&mut self) {
         while self.planner.next_record().is_some() {
             self.motion_periods += 1;
+            *self.tool_periods.entry(self.tool).or_default() += 1;
         }
     }
 
@@ -119,17 +141,44 @@ impl<'m, const A: usize> Survey<'m, A> {
         self.count();
     }
 
-    fn moved(&mut self, feed: Feed) {
+    fn moved(&mut self, feed: Feed, length_mm: f64, line: u32) {
         if let Feed::PerSecond(mm_s) = feed {
             Range::take(&mut self.feed_mm_per_min, mm_s * 60.0);
+            if mm_s > self.scan.machine().path_velocity_mm_s * (1.0 + 1e-9) && length_mm > 0.0 {
+                self.feed_beyond.get_or_insert((line, mm_s * 60.0));
+            }
+        }
+        match feed {
+            Feed::Rapid => self.rapid_mm += length_mm,
+            Feed::PerSecond(_) | Feed::Duration(_) => self.cutting_mm += length_mm,
         }
         self.count();
     }
 
+    /// The way over the linear axes, squared, besides those given.
+    fn linear_squared(&self, from: &[f64; A], to: &[f64; A], besides: &[usize]) -> f64 {
+        let axes = self.scan.machine().axes.iter().enumerate().take(A);
+        let linear = axes.filter(|(index, axis)| !axis.is_rotary() && !besides.contains(index));
+        linear.map(|(index, _)| (to[index] - from[index]).powi(2)).sum()
+    }
+
     fn switched(&mut self, change: Change) {
+        let cutting = &self.scan.machine().cutting_outputs;
+        if cutting.contains(&change.channel) || cutting.is_empty() && change.channel == channel::SPINDLE {
+            let was_on = self.cutters_on.contains(&change.channel);
+            if change.value == 0 {
+                self.cutters_on.remove(&change.channel);
+            } else if !was_on {
+                self.cutters_on.insert(change.channel);
+                self.pierces += 1;
+            }
+        }
         match change.channel {
             channel::SPEED => Range::take(&mut self.speed_rpm, f64::from(change.value) / 1000.0),
-            channel::TOOL => drop(self.tools.insert(change.value.unsigned_abs())),
+            channel::TOOL => {
+                self.tool = change.value.unsigned_abs();
+                self.tools.insert(self.tool);
+            }
             _ => {}
         }
     }
@@ -153,16 +202,22 @@ impl<'m, const A: usize> Survey<'m, A> {
 
 impl<const A: usize> Sink<A> for Survey<'_, A> {
     fn straight(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        let length_mm = self.linear_squared(&self.planner.commanded_mm(), &end_mm, &[]).sqrt();
         self.planner.line(end_mm, feed, mode, line)?;
         self.scan.straight(end_mm, feed, mode, line)?;
-        self.moved(feed);
+        self.moved(feed, length_mm, line);
         Ok(())
     }
 
     fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        let from = self.planner.commanded_mm();
         self.planner.arc(arc, feed, mode, line)?;
+        let [p, q] = arc.plane;
+        let radius = (from[p] - arc.centre_mm[0]).hypot(from[q] - arc.centre_mm[1]);
+        let in_plane = radius * arc.sweep(&from).1;
+        let length_mm = (in_plane.powi(2) + self.linear_squared(&from, &arc.end_mm, &arc.plane)).sqrt();
         self.scan.arc(arc, feed, mode, line)?;
-        self.moved(feed);
+        self.moved(feed, length_mm, line);
         Ok(())
     }
 

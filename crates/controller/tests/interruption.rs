@@ -53,7 +53,7 @@ fn run(machine: &Machine, script: &str) -> ([i64; AXES], Vec<Event>) {
     let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
     let script = operator::parse(script, "script").expect("known words");
     let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
-    let manner = Manner { wall_time: false, operator: true };
+    let manner = Manner { wall_time: false, operator: true, real_time: false };
     let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
     let decoder = Decoder(Program::new(PROGRAM.as_bytes(), Setup::default()));
     let end = job::run(machine, decoder, conduct, card, &mut heard).expect("a job");

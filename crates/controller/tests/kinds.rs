@@ -68,7 +68,7 @@ fn run(machine: &Machine, program: &'static str, script: &str, processes: &[Proc
     tools.insert(Tool { number: 1, ..Tool::default() });
     let program = Program::new(program.as_bytes(), Setup { tools, ..setup(machine) });
     let script = operator::parse(script, "script").expect("a script");
-    let manner = Manner { wall_time: false, operator: !script.is_empty() };
+    let manner = Manner { wall_time: false, operator: !script.is_empty(), real_time: false };
     let player = ScriptPlayer::new(script, machine.period_us);
     let mut seen = Seen { outputs: [0; channel::COUNT], periods: Vec::new(), events: Vec::new() };
     let operators = Operators::script(player);

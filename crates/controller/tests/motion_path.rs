@@ -88,7 +88,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut Feeder<'_, 3>) + 
     };
     let script = ScriptPlayer::new(operator::parse(script, "script").expect("valid"), machine.period_us);
     let operators = Operators::script(script);
-    let manner = Manner { wall_time: false, operator: true };
+    let manner = Manner { wall_time: false, operator: true, real_time: false };
     let outputs = card.status().outputs;
     let cancel = AtomicBool::new(false);
     let (outcome, tally, status) = std::thread::scope(|scope| {

@@ -235,7 +235,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
         let script = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
         let operators = script.and(self.desk.begins());
-        let manner = Manner { wall_time: true, operator: true };
+        let manner = Manner { wall_time: true, operator: true, real_time: false };
         let mut shown = ByHand(self.live.clone());
         let unhomed = self.moves(task, &machine).then(|| self.homing.check(&machine).err()).flatten();
         let done = match unhomed {

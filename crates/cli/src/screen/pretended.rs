@@ -56,7 +56,7 @@ impl Tape {
         let mut tape = Self::default();
         if let Ok(card) = simulated::<9>(machine, Clock::Virtual) {
             let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
-            let manner = Manner { wall_time: false, operator: false };
+            let manner = Manner { wall_time: false, operator: false, real_time: false };
             let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
             // What cannot be run leaves the tape empty.
             let _ = job::run::<9, _>(machine, program.decoder(), conduct, card, &mut tape);

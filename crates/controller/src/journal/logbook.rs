@@ -89,7 +89,11 @@ impl Logbook {
         writer.next = batch.next;
         let writer = thread::Builder::new()
             .name("journal".into())
-            .spawn(move || writer.run())
+            .spawn(move || {
+                // A job that is resumed begins it from its motion thread.
+                let _ = crate::real_time::leave();
+                writer.run();
+            })
             .map_err(|error| refused(&error.to_string()))?;
         self.writer = Some(writer);
         Ok(())

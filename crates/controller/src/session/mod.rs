@@ -55,6 +55,8 @@ pub struct Manner {
     pub wall_time: bool,
     /// Is an operator there to press cycle start at a program stop? Without one it is passed.
     pub operator: bool,
+    /// Is the motion thread scheduled under SCHED_FIFO, where that is permitted?
+    pub real_time: bool,
 }
 
 /// Records that may be on their way to the card, or that it has run since it was heard of, at a common line's latency.

@@ -66,7 +66,7 @@ pub fn card(machine: &Machine) -> SimCard<AXES> {
 pub fn conduct(machine: &Machine, script: &str, begin: Begin, keeping: Keeping) -> Conduct {
     let script = operator::parse(script, "script").expect("a script");
     let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
-    Conduct { begin, operators, manner: Manner { wall_time: false, operator: true }, keeping }
+    Conduct { begin, operators, manner: Manner { wall_time: false, operator: true, real_time: false }, keeping }
 }
 
 /// Runs a program from its beginning.

@@ -155,7 +155,7 @@ fn run(seed: u64) -> Case {
     let card = Turned { card, orders, moments: waits, asked: 0, log: Vec::new(), told: 0 };
     card.say(first);
     let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us)).and(heard);
-    let manner = Manner { wall_time: false, operator: true };
+    let manner = Manner { wall_time: false, operator: true, real_time: false };
     let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
     let mut log = Log::default();
     let end = job::run(&machine, Decoder::new(&program), conduct, card, &mut log).expect("a job");

@@ -77,7 +77,7 @@ impl Path {
         }
         let mut rows = Rows(vec![[0; AXES]], Vec::new());
         let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
-        let manner = Manner { wall_time: false, operator: false };
+        let manner = Manner { wall_time: false, operator: false, real_time: false };
         let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
         let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
         let end = job::run(machine, Decoder::new(text), conduct, card, &mut rows).expect("a job");
@@ -280,7 +280,7 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     let mut watch = Watch { periods: 0, events: Vec::new() };
     let script = operator::parse(trial.script, "script").expect("a script");
     let operators = Operators::script(ScriptPlayer::new(script, trial.machine.period_us));
-    let manner = Manner { wall_time: false, operator: true };
+    let manner = Manner { wall_time: false, operator: true, real_time: false };
     let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
     let end = job::run(trial.machine, Decoder::new(trial.program), conduct, &mut *card, &mut watch).expect("a job");
     let (outcome, tally) = (end.outcome, end.tally);

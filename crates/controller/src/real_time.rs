@@ -1,0 +1,111 @@
+//! Real-time scheduling of the motion thread (SCHED_FIFO), and memory that stays resident.
+//!
+//! Invariant: without permission everything works as before; a thread that leaves real-time scheduling is scheduled as usual.
+
+use std::fmt;
+
+/// The priority of the motion thread under SCHED_FIFO, of 1 to 99: above everything that is not real-time, below the kernel's own threads
+/// that serve interrupts where these have a higher one.
+pub const PRIORITY: u8 = 40;
+
+/// The system does not permit it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RealTimeDenied {
+    /// What was asked for.
+    pub what: &'static str,
+    /// What the system said.
+    pub why: String,
+}
+
+impl fmt::Display for RealTimeDenied {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} is not permitted ({})", self.what, self.why)
+    }
+}
+
+impl std::error::Error for RealTimeDenied {}
+
+/// Schedules the calling thread under SCHED_FIFO. Threads that it begins from then on are scheduled so, too.
+///
+/// # Errors
+/// It is not permitted, or the system has no such scheduling.
+pub fn enter() -> Result<(), RealTimeDenied> {
+    platform::schedule(Some(PRIORITY))
+}
+
+/// Schedules the calling thread as usual again.
+///
+/// # Errors
+/// The system says so; none in practice.
+pub fn leave() -> Result<(), RealTimeDenied> {
+    platform::schedule(None)
+}
+
+/// Whether a thread may be scheduled under SCHED_FIFO; tried on a thread of its own.
+///
+/// # Errors
+/// Why it may not.
+pub fn permitted() -> Result<(), RealTimeDenied> {
+    let tried = std::thread::Builder::new().name("real-time check".into()).spawn(enter);
+    let denied = |why: &str| RealTimeDenied { what: "SCHED_FIFO", why: why.into() };
+    tried.map_err(|error| denied(&error.to_string()))?.join().unwrap_or_else(|_| Err(denied("the check failed")))
+}
+
+/// Keeps all memory of the process resident, now and later. Only where there is no limit on it: with one, a later allocation would fail.
+///
+/// # Errors
+/// It is limited, or not permitted.
+pub fn lock_memory() -> Result<(), RealTimeDenied> {
+    platform::lock_memory()
+}
+
+#[cfg(target_os = "linux")]
+mod platform {
+    use super::RealTimeDenied;
+    use rustix::mm::{MlockAllFlags, mlockall};
+    use rustix::process::{Resource, getrlimit};
+    use scheduler::{Policy, set_self_policy};
+
+    pub(super) fn schedule(priority: Option<u8>) -> Result<(), RealTimeDenied> {
+        let set = match priority {
+            Some(priority) => set_self_policy(Policy::Fifo, priority.into()),
+            None => set_self_policy(Policy::Other, 0),
+        };
+        let why = || std::io::Error::last_os_error().to_string();
+        set.map_err(|()| RealTimeDenied { what: "SCHED_FIFO", why: why() })
+    }
+
+    pub(super) fn lock_memory() -> Result<(), RealTimeDenied> {
+        let denied = |why: String| RealTimeDenied { what: "locking memory", why };
+        let is_root = rustix::process::geteuid().is_root();
+        if !is_root && let Some(limit) = getrlimit(Resource::Memlock).current {
+            return Err(denied(format!("it is limited to {} KiB", limit >> 10)));
+        }
+        mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|error| denied(error.to_string()))
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+mod platform {
+    use super::RealTimeDenied;
+
+    pub(super) fn schedule(_: Option<u8>) -> Result<(), RealTimeDenied> {
+        Err(RealTimeDenied { what: "SCHED_FIFO", why: "it is used on Linux only".into() })
+    }
+
+    pub(super) fn lock_memory() -> Result<(), RealTimeDenied> {
+        Err(RealTimeDenied { what: "locking memory", why: "it is used on Linux only".into() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_that_may_enters_and_leaves() {
+        let tried = std::thread::spawn(|| (enter(), leave())).join().expect("no panic");
+        assert_eq!(tried.0.is_ok(), permitted().is_ok());
+        assert!(tried.0.is_err() || tried.1.is_ok(), "{tried:?}");
+    }
+}
