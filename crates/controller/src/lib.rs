@@ -8,6 +8,7 @@
 pub mod approach;
 pub mod by_hand;
 pub mod card;
+mod cutter_track;
 mod decoding;
 pub mod dnc;
 pub mod event;

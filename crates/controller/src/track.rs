@@ -7,10 +7,11 @@ use retrace_gcode::{Axis, Canon, FeedMode, LengthUnit, Nurbs, PathControl, Plane
 use retrace_link::{Change, channel};
 use retrace_motion::{Arc, Feed, MoveError, PathMode};
 
+use crate::cutter_track::CutterTrack;
 use crate::feed::{Refused, Switch};
 use crate::item::Kind;
 use crate::job::Finding;
-use crate::machine::{CutterKind, Machine, ToolChange};
+use crate::machine::{Machine, ToolChange};
 use crate::sink::Sink;
 use crate::spline::chords;
 use crate::switching::{Class, InReverse, Switching};
@@ -147,10 +148,7 @@ pub struct Track<'m> {
     /// The last position in mm, machine coordinates.
     at: Pose,
     selected_tool: u32,
-    /// Is each of the machine's cutters on?
-    lit: Vec<bool>,
-    /// Is each of them off for a rapid move only?
-    interrupted: Vec<bool>,
+    cutters: CutterTrack,
 }
 
 impl<'m> Track<'m> {
@@ -175,8 +173,7 @@ impl<'m> Track<'m> {
             naive_cam_mm: 0.0,
             at,
             selected_tool: 0,
-            lit: vec![false; machine.cutters.len()],
-            interrupted: vec![false; machine.cutters.len()],
+            cutters: CutterTrack::new(machine),
         }
     }
 
@@ -307,47 +304,13 @@ impl<'m> Track<'m> {
         let position = self.machine_position(end);
         let own = self.of_machine(&position)?;
         if matches!(feed, Feed::Rapid) {
-            self.interrupt_beams(line, sink)?;
+            self.cutters.before_rapid(self.machine, line, sink)?;
         } else {
-            self.resume_beams(line, sink);
+            self.cutters.before_feed(self.machine, line, sink);
         }
         sink.straight(own, feed, self.path, line)?;
         self.at = position;
         Ok(())
-    }
-
-    /// A rapid move follows: beams go off where it begins, anything else that cuts must be off (CUT-4).
-    fn interrupt_beams<const A: usize>(&mut self, line: u32, sink: &mut impl Sink<A>) -> Result<(), Untrackable> {
-        let machine = self.machine;
-        let lit = |at: usize| self.lit[at] && machine.cutters[at].kind.cuts_at_rest() && !machine.cutters[at].rapid_lit;
-        let torch = (0..machine.cutters.len()).find(|&at| lit(at) && machine.cutters[at].kind != CutterKind::Beam);
-        if let Some(at) = torch {
-            return Err(Untrackable::RapidWhileLit(machine.cutters[at].name.clone()));
-        }
-        for at in (0..machine.cutters.len()).filter(|&at| lit(at) && !self.interrupted[at]).collect::<Vec<_>>() {
-            self.interrupted[at] = true;
-            sink.action(Change { channel: machine.cutters[at].fire, value: 0 }, line);
-        }
-        Ok(())
-    }
-
-    /// A feed move follows: beams that were off for a rapid move only are on again where it begins.
-    fn resume_beams<const A: usize>(&mut self, line: u32, sink: &mut impl Sink<A>) {
-        for (cutter, interrupted) in self.machine.cutters.iter().zip(&mut self.interrupted) {
-            if std::mem::take(interrupted) {
-                sink.action(Change { channel: cutter.fire, value: 1 }, line);
-            }
-        }
-    }
-
-    /// The program switches these outputs.
-    fn note_cutters(&mut self, changes: &[Change]) {
-        for (at, cutter) in self.machine.cutters.iter().enumerate() {
-            for change in changes.iter().filter(|change| change.channel == cutter.fire) {
-                self.lit[at] = change.value != 0;
-                self.interrupted[at] = false;
-            }
-        }
     }
 
     fn arc<const A: usize>(
@@ -375,7 +338,7 @@ impl<'m> Track<'m> {
             rotation: arc.turns,
             end_mm: self.of_machine(&position)?,
         };
-        self.resume_beams(line, sink);
+        self.cutters.before_feed(self.machine, line, sink);
         sink.arc(&own, self.feed(), self.path, line)?;
         self.at = position;
         Ok(())
@@ -392,7 +355,7 @@ impl<'m> Track<'m> {
             PathMode::Blend { tolerance_mm, .. } => ((tolerance_mm / 10.0).max(LEAST_DEVIATION_MM), self.path),
             _ => (LEAST_DEVIATION_MM, PathMode::blend(LEAST_DEVIATION_MM)),
         };
-        self.resume_beams(line, sink);
+        self.cutters.before_feed(self.machine, line, sink);
         // The mode in force is that of the spline's end; inside, a chord is no block of its own.
         let mut held = None;
         let feed = self.feed();
@@ -577,7 +540,7 @@ impl<'m> Track<'m> {
         line: u32,
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
-        self.note_cutters(&[change]);
+        self.cutters.switched(self.machine, &[change]);
         match (switching.class, switching.in_reverse) {
             (Class::Synchronous, InReverse::AsIs) => sink.lasting_action(change, line),
             (Class::Synchronous, _) => sink.action(change, line),

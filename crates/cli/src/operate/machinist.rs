@@ -127,10 +127,10 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         self.tell_homed();
         let active = Box::new(self.by_hand.active());
         Observer::<A>::told(&mut self.live, &Told::Active(active));
-        if let Some(resumed) = self.resumed.take() {
-            if let Err(failure) = self.resume(resumed) {
-                return Left { failure: Some(failure), ..self.left };
-            }
+        if let Some(resumed) = self.resumed.take()
+            && let Err(failure) = self.resume(resumed)
+        {
+            return Left { failure: Some(failure), ..self.left };
         }
         loop {
             match self.words.try_recv() {

@@ -240,9 +240,9 @@ fn the_drawing_is_enlarged_moved_and_fitted_to_the_table() {
 fn a_program_that_does_not_come_is_waited_for_by_name_and_time() {
     let mut model = with_messages(&[]);
     Arc::make_mut(&mut model.facts).period_s = 0.001;
-    (model.stage, model.period, model.waiting) = (Stage::Job, 14_000, Some(("tcp://10.0.0.2:7000".into(), 3_000)));
+    (model.stage, model.period, model.waiting) = (Stage::Job, 14_000, Some(("tcp://cam-computer:7000".into(), 3_000)));
     let shown = text(&drawn(&model, &Hand::new(), 80, 24, 0));
-    assert!(shown.contains("WAITING") && shown.contains("waiting for tcp://10.0.0.2:7000 since 12 s"), "{shown}");
+    assert!(shown.contains("WAITING") && shown.contains("waiting for tcp://cam-computer:7000 since 12 s"), "{shown}");
 }
 
 #[test]
