@@ -6,6 +6,7 @@
 pub mod command;
 pub mod cutter_observer;
 pub mod limits;
+pub mod pins;
 pub mod programs;
 pub mod records;
 pub mod run;

@@ -19,6 +19,9 @@ const WHEEL_DOWN: &str = "\x1b[<65;10;10M";
 /// Long lines with the jet on between two of them; line 4 switches it on, line 7 off.
 const LINES: &str = "G21 G90 G17 G94 G61\nF3000\nG1 X60\nM62 P0\nG1 Y60\nG1 X0\nM63 P0\nG1 Y0\nM2\n";
 
+/// A machine with a jet on output 0, and a clamp.
+const JET: &str = "[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 0\n[[output]]\nnumber = 5\nname = \"clamp\"\n";
+
 fn at(columns: u16, rows: u16, program: &str, more: &[&str]) -> Terminal {
     let arguments = [&["run", program, "--tui"], more].concat();
     Terminal::running(&arguments, columns, rows)
@@ -327,7 +330,11 @@ fn a_scripted_operator_and_keys_side_by_side() {
 #[test]
 fn a_machine_is_set_up_by_hand_and_the_program_goes_from_its_work_zero() {
     let bench = Bench::new();
-    let mut terminal = ready(&bench, "G21 G90 G17 G94 G61\nF6000\nM62 P0\nG1 X10\nM3 S100\nG1 X1\nM2\n");
+    let text = "G21 G90 G17 G94 G61\nF6000\nM62 P0\nG1 X10\nM3 S100\nG1 X1\nM63 P0\nM2\n";
+    let program = bench.file("program.ngc", text).display().to_string();
+    let machine = bench.file("jet.toml", JET).display().to_string();
+    let mut terminal = at(80, 24, &program, &["--machine", &machine]);
+    terminal.until("READY");
     terminal.keys(RIGHT);
     terminal.until("X       1.000       1.000");
     terminal.keys("t");
@@ -341,10 +348,10 @@ fn a_machine_is_set_up_by_hand_and_the_program_goes_from_its_work_zero() {
     terminal.keys("z\r");
     terminal.until("X       5.000       0.000");
     terminal.keys("d");
-    terminal.until("DRY RUN: no output will switch");
+    terminal.until("DRY RUN: the cutter stays off");
     terminal.keys("c");
-    terminal.until_that("the end, with nothing switched", |text| {
-        assert!(!text.contains("outputs ON") && !text.contains("spindle cw"), "{text}");
+    terminal.until_that("the end, with the cutter off all the time", |text| {
+        assert!(!text.contains("jet ON") && text.starts_with(" DRY "), "{text}");
         text.contains("ENDED")
     });
     let end = ends(&mut terminal, "completed", 0);
@@ -361,11 +368,11 @@ fn a_program_is_paused_the_tool_moved_away_and_the_job_goes_on() {
     terminal.keys("p");
     let paused = terminal.until("PAUSED: the steps back");
     assert!(paused.contains("stop the spindle"), "{paused}");
-    terminal.keys("x");
+    terminal.keys("S");
     terminal.until("spindle stopped");
     terminal.keys("\x1b[5~");
     terminal.until("Z       1.000");
-    terminal.keys("x");
+    terminal.keys("S");
     terminal.until("spindle cw");
     terminal.keys("n");
     terminal.until("step 5 of 5");
@@ -514,5 +521,52 @@ fn what_is_shown_is_that_of_the_block_under_the_tool() {
     let behind = terminal.until_that("the first feed", |text| text.contains("of F1800") && active(text) == 2);
     assert!(behind.contains("G54") && behind.contains("REVERSE"), "{behind}");
     terminal.keys("l");
+    ends(&mut terminal, "completed", 0);
+}
+
+/// The cutter has a name, a state, and a key that switches it off at once; it starts again only when that is agreed to.
+#[test]
+fn the_cutter_is_switched_off_by_a_key_and_started_again_when_that_is_agreed_to() {
+    let bench = Bench::new();
+    let program = bench.file("lines.ngc", LINES).display().to_string();
+    let machine = bench.file("jet.toml", JET).display().to_string();
+    let mut terminal = at(80, 24, &program, &["--machine", &machine]);
+    terminal.until("READY");
+    terminal.until("jet off");
+    terminal.keys("oclamp+\r");
+    terminal.until("outputs ON: clamp");
+    terminal.keys("c");
+    terminal.until("jet ON · program here ON");
+    until_block(&terminal, 6);
+    terminal.keys("x");
+    terminal.until("jet off · program here ON");
+    terminal.until("FEED HOLD");
+    terminal.keys("c");
+    let differ = terminal.until("OUTPUTS DIFFER");
+    assert!(differ.contains("jet") && differ.contains("y switches"), "{differ}");
+    terminal.keys("y");
+    terminal.until("jet ON · program here ON");
+    terminal.until("RUNNING");
+    ends(&mut terminal, "completed", 0);
+}
+
+/// A tool change by hand names the tool; M1 stops where its switch is on.
+#[test]
+fn a_tool_change_and_an_optional_stop_wait_for_the_operator() {
+    let bench = Bench::new();
+    let program = bench.file("tool.ngc", "G21 G90 G17 G94\nF6000\nT3 M6\nG1 X5\nM1\nG1 X0\nM2\n").display().to_string();
+    let machine = bench.file("hand.toml", "tool_change = \"manual\"\n").display().to_string();
+    let tools = bench.file("tool.tbl", "T3 P3 Z0 D6 ;6 mm end mill\n").display().to_string();
+    let mut terminal = at(80, 24, &program, &["--machine", &machine, "--tools", &tools]);
+    terminal.until("READY");
+    terminal.keys("M");
+    terminal.until("M1 stops");
+    terminal.keys("c");
+    let change = terminal.until("TOOL CHANGE");
+    assert!(change.contains("insert tool T3: 6 mm end mill"), "{change}");
+    terminal.keys("c");
+    let stop = terminal.until("PROGRAM STOP");
+    assert!(stop.contains("X       5.000"), "{stop}");
+    terminal.keys("c");
     ends(&mut terminal, "completed", 0);
 }

@@ -10,7 +10,7 @@ use retrace_core::mode::{Facts, Mode, Notice, Operation, Order};
 use retrace_core::{ONE, Place};
 
 fn any_order(c: &mut impl Choice) -> Order {
-    match c.below(8) {
+    match c.below(10) {
         0 => Order::Hold,
         1 => Order::Resume,
         2 => Order::Override(c.between(-ONE, 9 * ONE)),
@@ -18,13 +18,19 @@ fn any_order(c: &mut impl Choice) -> Order {
         4 => Order::Forward(c.between(-1, 9 * ONE)),
         5 => Order::Wheel,
         6 => Order::Leave { ask: c.flag() },
+        7 => Order::Recover,
+        8 => Order::Restart { agreed: c.flag() },
         _ => Order::Agree,
     }
 }
 
 fn any_facts(c: &mut impl Choice) -> Facts {
     let reached = c.word();
-    let place = if c.flag() { Place::start_of(reached) } else { Place { record: c.word(), fraction: c.word() } };
+    let place = match c.below(3) {
+        0 => Place::start_of(reached),
+        1 => Place { record: reached.wrapping_sub(1), fraction: c.word() },
+        _ => Place { record: c.word(), fraction: c.word() },
+    };
     let wheel = c.between(-ONE, ONE);
     Facts { place, at_rest: c.flag(), reached, oldest: c.word(), outputs_agree: c.flag(), wheel }
 }
@@ -34,15 +40,23 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
     let mut operation = Operation::default();
     // has the cursor been at rest since normal run was left?
     // and may outputs be restored without asking again?
-    let (mut turned, mut agreed, mut k) = (true, false, 0);
+    // and has a stop been ended by a word, so that outputs are compared before motion goes on?
+    let (mut turned, mut agreed, mut compares, mut k) = (true, false, false, 0);
     while k < ORDERS {
         let (was, order, facts) = (operation.mode(), any_order(c), any_facts(c));
         let before = operation;
         match (operation.order(order), order) {
             (Err(_), _) => holds!(operation == before),
-            (Ok(()), Order::Leave { ask: false } | Order::Agree) => agreed = true,
+            (Ok(()), Order::Leave { ask: false } | Order::Agree | Order::Recover) => agreed = true,
+            (Ok(()), Order::Restart { agreed: true }) if was == Mode::Run => agreed = true,
             (Ok(()), Order::Leave { .. } | Order::Reverse(_) | Order::Forward(_) | Order::Wheel) => agreed = false,
             (Ok(()), _) => {}
+        }
+        match (order, was) {
+            (Order::Resume | Order::Recover, Mode::Run) => compares |= before.held(),
+            (Order::Restart { .. }, Mode::Run) => compares = true,
+            (Order::Hold, _) => compares = false,
+            _ => compares &= operation.mode() == Mode::Run,
         }
         if was == Mode::Run && operation.mode() != Mode::Run {
             turned = false;
@@ -54,11 +68,16 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         holds!(demand.look_ahead == (operation.mode() == Mode::Run || !turned));
         // nothing but braking before the cursor has been at rest
         holds!(turned || demand.target == 0 && demand.notice.is_none());
-        // normal run is entered at `reached`, at rest, with outputs that agree or are restored by word
-        if mode != Mode::Run && operation.mode() == Mode::Run {
-            holds!(facts.at_rest && facts.place == Place::start_of(facts.reached));
-            holds!(demand.notice == Some(Notice::GoesOn) && demand.restore_outputs != facts.outputs_agree);
+        // after a stop normal run goes on only with outputs that agree
+        holds!(!compares || demand.target == 0 || facts.outputs_agree || demand.restore_outputs);
+        compares &= !facts.outputs_agree && operation.mode() == Mode::Run && !demand.restore_outputs;
+        // normal run is entered at the furthest place, at rest, with outputs that agree or are restored by word
+        if demand.notice == Some(Notice::GoesOn) {
+            holds!(operation.mode() == Mode::Run);
+            holds!(facts.at_rest && facts.place.boundary_ahead() == facts.reached);
+            holds!(demand.restore_outputs != facts.outputs_agree);
         } else {
+            holds!(mode == Mode::Run || operation.mode() != Mode::Run);
             holds!(!demand.restore_outputs && demand.notice != Some(Notice::GoesOn));
         }
         holds!(!demand.restore_outputs || agreed);
@@ -96,7 +115,7 @@ const MODE: &str = "crates/core/src/mode.rs";
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {
     name: "modes",
-    says: "Look-ahead is on the road in normal run only; normal run is left through rest and entered again only at reached, at rest, with outputs that agree or are restored by word; a hold stands in every mode; a refused order changes nothing",
+    says: "Look-ahead is on the road in normal run only; normal run is left through rest and entered again, and goes on after a stop, only at the furthest place, at rest, with outputs that agree or are restored by word; a hold stands in every mode; a refused order changes nothing",
     requirement: "REV-8, REV-9, REV-10, REV-11, REV-13",
     bound: "any three orders and reports from the beginning; long drawn runs",
     assumes: "nothing of the card's reports",
@@ -115,8 +134,15 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "normal run goes on anywhere at rest",
             file: MODE,
-            find: "let at_reached = facts.at_rest && facts.place == Place::start_of(facts.reached);",
-            put: "let at_reached = facts.at_rest;",
+            find: "let at_furthest = facts.at_rest && facts.place.boundary_ahead() == facts.reached;",
+            put: "let at_furthest = facts.at_rest;",
+            killer: "modes_3",
+        },
+        Mutant {
+            name: "normal run goes on after a hold without comparing",
+            file: MODE,
+            find: "Order::Resume if self.held => self.restart(Resuming::Asking),",
+            put: "Order::Resume if self.held => self.held = false,",
             killer: "modes_3",
         },
         Mutant {

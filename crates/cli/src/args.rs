@@ -250,7 +250,7 @@ pub enum Machine {
         after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine new waterjet -o waterjet.toml"
     )]
     New {
-        /// What kind of machine: waterjet, plasma, router or lathe; the built-in one where none is named.
+        /// What kind of machine: waterjet, plasma, laser, router or lathe; the built-in one where none is named.
         #[arg(value_enum)]
         kind: Option<MachineKind>,
         /// The same.
@@ -275,6 +275,8 @@ pub enum MachineKind {
     Waterjet,
     /// A torch that waits for its arc.
     Plasma,
+    /// A beam, its assist gas and exhaust.
+    Laser,
     /// A spindle, coolant, dust extraction.
     Router,
     /// X and Z.
@@ -378,6 +380,12 @@ pub struct Run {
     /// What the card executed, one row a control period.
     #[arg(long, value_name = "FILE.csv")]
     pub records: Option<PathBuf>,
+    /// With the simulated card: its pins, outputs and inputs as a trace for wave viewers.
+    #[arg(long, value_name = "FILE.vcd")]
+    pub vcd: Option<PathBuf>,
+    /// Dry run: the axes move, and every cutter is kept off.
+    #[arg(long)]
+    pub dry_run: bool,
     /// One JSON object a line on standard output, the report last.
     #[arg(long)]
     pub json: bool,

@@ -3,11 +3,17 @@
 //! Invariant: whatever a machine file has a card wait for comes, so that a program that is right ends on the simulated machine; homing finds
 //! each switch at the position that the file gives it.
 
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::switching::Switching;
 use retrace_hal_sim::{Clock, MachineSettings, Reply, SimCard};
 use retrace_link::{Await, InputUse, Start, channel};
+
+use crate::console::unwritable;
 
 /// Millimetres from a soft limit to its switch.
 const OUTSIDE_MM: f64 = 1.0;
@@ -23,6 +29,24 @@ const TAKES_US: u32 = 50_000;
 pub fn simulated<const A: usize>(machine: &Machine, clock: Clock) -> Result<SimCard<A>, Refusal> {
     SimCard::with_machine(machine.card_settings(Start::at(0)), &hung_on::<A>(machine), clock)
         .map_err(|_| Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
+}
+
+/// Has the card write a trace to this file, if one is named.
+///
+/// # Errors
+/// `E2105` where the file cannot be made.
+pub fn traced<const A: usize>(
+    mut card: SimCard<A>,
+    machine: &Machine,
+    path: Option<&Path>,
+) -> Result<SimCard<A>, Refusal> {
+    if let Some(path) = path {
+        let named = |error| unwritable(&path.display().to_string(), &error);
+        let file = File::create(path).map_err(named)?;
+        let names: Vec<String> = machine.axes.iter().map(|axis| axis.name.to_string()).collect();
+        card.trace(Box::new(BufWriter::with_capacity(1 << 20, file)), &names).map_err(named)?;
+    }
+    Ok(card)
 }
 
 /// What hangs on a simulated card of a machine that stands at 0: switches, and what says that it is done.

@@ -7,9 +7,10 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Write as _};
 use std::path::Path;
 
-use retrace_controller::machine::Machine;
+use retrace_controller::machine::{Cutter, Machine};
 use retrace_controller::refusal::Refusal;
 use retrace_controller::switching::{Class, InReverse, Switching};
+use retrace_link::channel;
 
 use crate::args;
 use crate::console::unwritable;
@@ -24,6 +25,7 @@ fn file(kind: Option<args::MachineKind>) -> &'static str {
         None => COMMENTED,
         Some(args::MachineKind::Waterjet) => include_str!("machine/waterjet.toml"),
         Some(args::MachineKind::Plasma) => include_str!("machine/plasma.toml"),
+        Some(args::MachineKind::Laser) => include_str!("machine/laser.toml"),
         Some(args::MachineKind::Router) => include_str!("machine/router.toml"),
         Some(args::MachineKind::Lathe) => include_str!("machine/lathe.toml"),
     }
@@ -103,10 +105,28 @@ fn described(machine: &Machine) -> String {
         }
     }
     text += &described_setting_up(machine);
+    for cutter in &machine.cutters {
+        let _ = write!(text, "\n  {}: {}", cutter.name, described_cutter(cutter));
+    }
     for (code, switching) in machine.switching.described() {
         let _ = write!(text, "\n  {code}: {}", described_code(switching, machine.period_s()));
     }
     text
+}
+
+/// A cutter, in words.
+fn described_cutter(cutter: &Cutter) -> String {
+    let kind = format!("{:?}", cutter.kind).to_lowercase();
+    let fire = match cutter.fire {
+        channel::SPINDLE => "M3's output".to_owned(),
+        fire => format!("output {fire}"),
+    };
+    let retrace = if cutter.retrace_cut { "; can be on while the path is retraced" } else { "" };
+    if cutter.kind.cuts_at_rest() {
+        format!("{kind} on {fire}, off {} ms after the machine stands{retrace}", cutter.standing_ms)
+    } else {
+        format!("{kind} on {fire}")
+    }
 }
 
 /// Homing, and the way that is safe to move.
@@ -168,8 +188,8 @@ mod tests {
         );
     }
 
-    const KINDS: [MachineKind; 4] =
-        [MachineKind::Waterjet, MachineKind::Plasma, MachineKind::Router, MachineKind::Lathe];
+    const KINDS: [MachineKind; 5] =
+        [MachineKind::Waterjet, MachineKind::Plasma, MachineKind::Laser, MachineKind::Router, MachineKind::Lathe];
 
     /// Each key that is shown in a comment is one that can be used.
     #[test]

@@ -397,7 +397,7 @@ impl Program {
             shown.push(((diagnostic.file, diagnostic.line), self.show(diagnostic)));
         }
         for finding in findings {
-            is_refused = true;
+            is_refused |= finding.is_error();
             shown.push(((0, finding.line), self.render(finding)));
         }
         shown.sort_by_key(|(place, _)| *place);
@@ -453,8 +453,9 @@ impl Program {
         let source = self.line(*line);
         let column = word.and_then(|letter| column_of(&source, letter)).unwrap_or(1);
         let mark = " ".repeat(column - 1);
+        let level = if finding.is_error() { "error" } else { "warning" };
         format!(
-            "error[{number}]: {what}\n{gutter}--> {}:{line}:{column}\n{gutter} |\n{line} | {source}\n{gutter} | {mark}^\n{gutter} |\n\
+            "{level}[{number}]: {what}\n{gutter}--> {}:{line}:{column}\n{gutter} |\n{line} | {source}\n{gutter} | {mark}^\n{gutter} |\n\
              {gutter} = help: {remedy}",
             escape::name(&self.name)
         )

@@ -175,6 +175,8 @@ fn run_args(args: &args::Resume, job: &Job) -> args::Run {
         reading.program = program.to_owned();
     }
     args::Run {
+        vcd: None,
+        dry_run: false,
         reading,
         card,
         machine: job.machine.path.as_ref().map(PathBuf::from),

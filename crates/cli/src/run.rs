@@ -13,7 +13,7 @@ use retrace_link::{MotionCard, Start, Status};
 
 use crate::files;
 use crate::homed::Homing;
-use crate::hung::simulated;
+use crate::hung::{simulated, traced};
 use crate::kept::{Beginning, Claimed, Kept};
 use crate::machine_tables::{self, TableFiles};
 pub use crate::machining::{AtScreen, Ended};
@@ -31,7 +31,8 @@ pub fn run(mut args: args::Run) -> Result<u8, Failure> {
     args.reading.machine_tables = machine_tables::of_machine(&args.card, args.machine.as_deref(), params, tools);
     let args = &args;
     let at_screen = operate::is_wanted(args)?;
-    let machine = files::machine(args.machine.as_deref())?;
+    let mut machine = files::machine(args.machine.as_deref())?;
+    machine.inhibits_outputs = args.dry_run;
     run_on(args, machine, files::machine_text(args.machine.as_deref())?, at_screen)
 }
 
@@ -70,13 +71,20 @@ impl With<'_> {
         if args.card == "sim" {
             let program = self.open(&machine)?;
             if self.at_screen {
-                let mut card = simulated::<A>(&machine, clock(&machine, true))?;
+                let mut card = traced(simulated::<A>(&machine, clock(&machine, true))?, &machine, args.vcd.as_deref())?;
                 let (work, homing) = ((self.script, (self.text, entry::Card::Sim)), Homing::simulated());
                 return operate::operate(args, &machine, program, work, &mut card, &homing, None);
             }
             let card = simulated::<A>(&machine, clock(&machine, args.realtime))?;
+            let card = traced(card, &machine, args.vcd.as_deref())?;
             let (kept, input) = keep(args, &program, &machine, (&self.text, entry::Card::Sim), card.status())?;
             return self.machining(&machine, &program, kept, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
+        }
+        if args.vcd.is_some() {
+            let what = "--vcd: only the simulated card in this process can write a trace of its pins";
+            return Err(
+                Refusal::new("E2152", what, "retrace card serve --vcd FILE writes that of a served card").into()
+            );
         }
         // Everything that can be refused without the card is refused before it is asked for.
         self.open(&machine)?;

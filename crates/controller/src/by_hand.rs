@@ -73,7 +73,7 @@ impl Desk {
         let mut looked_at = begin()?;
         let (_, findings, scan) = job::scan::<9>(machine, &mut looked_at);
         let mut wrong = rendered(looked_at.program.interpreter().diagnostics(), text);
-        wrong.extend(findings.iter().map(|finding| {
+        wrong.extend(findings.iter().filter(|finding| finding.is_error()).map(|finding| {
             let job::Finding { number, what, remedy, .. } = finding;
             format!("error[{number}]: {what}\n  help: {remedy}")
         }));

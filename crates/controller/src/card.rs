@@ -9,6 +9,10 @@ use serde::Deserialize;
 use crate::machine::{Axis, Machine, within};
 use crate::refusal::Refusal;
 
+/// So long the machine may stand with a rate asked for before it counts as standing with the cutter on, ms: on a line some 40 ms pass
+/// between the report of M3 and the first motion (CUT-6).
+const HANDOVER_MS: f64 = 100.0;
+
 /// What an input means, as it is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -169,6 +173,12 @@ impl Machine {
             direction_inverted: card.direction_inverted,
             inputs: card.inputs,
             safe_count: card.off_at_fault.len() as u8,
+            cutting: crate::machine::cutter::settings(
+                &self.cutters,
+                HANDOVER_MS.min(f64::from(card.watchdog_periods) * self.period_s() * 1e3),
+                self.period_s() * 1e3,
+                self.inhibits_outputs,
+            ),
             ..Settings::new(0, start, self.period_us, limits)
         };
         for (slot, &channel) in settings.safe.iter_mut().zip(&card.off_at_fault) {

@@ -3,7 +3,7 @@
 //! Invariant: every event carries the period and the place at which it happened.
 
 use retrace_core::Place;
-use retrace_link::{Alarm, CardFault};
+use retrace_link::{Alarm, CardFault, CutterOffCause};
 use serde_json::{Value, json};
 
 use crate::dnc::Dnc;
@@ -71,6 +71,54 @@ impl Differing {
     }
 }
 
+/// Why a cutting output, or the spindle at the end of a job, was switched off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OffReason {
+    /// The card did it by itself.
+    Card(CutterOffCause),
+    /// The operator did.
+    Operator,
+    /// The path is about to be retraced.
+    Retrace,
+    /// The program has ended.
+    ProgramEnd,
+    /// The job has ended before its program.
+    JobStopped,
+}
+
+impl OffReason {
+    /// As an identifier, for JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Card(CutterOffCause::Standing) => "standing",
+            Self::Card(CutterOffCause::Reverse) | Self::Retrace => "reverse",
+            Self::Card(CutterOffCause::Inhibited) => "dry_run",
+            Self::Card(CutterOffCause::Alarm) => "alarm",
+            Self::Card(CutterOffCause::HostSilent) => "host_silent",
+            Self::Card(CutterOffCause::EpochClosed | CutterOffCause::EpochOpened) => "epoch",
+            Self::Operator => "operator",
+            Self::ProgramEnd => "program_end",
+            Self::JobStopped => "job_stopped",
+        }
+    }
+
+    /// In words, behind "off: ".
+    const fn text(self) -> &'static str {
+        match self {
+            Self::Card(CutterOffCause::Standing) => "the machine stands; `recover` starts it again and goes on",
+            Self::Card(CutterOffCause::Reverse) | Self::Retrace => "the path is retraced",
+            Self::Card(CutterOffCause::Inhibited) => "dry run",
+            Self::Card(CutterOffCause::Alarm) => "alarm",
+            Self::Card(CutterOffCause::HostSilent) => "the card has not heard from the computer",
+            Self::Card(CutterOffCause::EpochClosed | CutterOffCause::EpochOpened) => "the path was left",
+            Self::Operator => "by the operator",
+            Self::ProgramEnd => "the program has ended",
+            Self::JobStopped => "the job has ended",
+        }
+    }
+}
+
 /// What happened.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Happening {
@@ -88,6 +136,8 @@ pub enum Happening {
     Oldest,
     /// Reverse run stands at a place that cannot be passed backward; the code that stands there.
     OneWay(&'static str),
+    /// Reverse run stands where the program switched the cutter, with the cutter on by hand.
+    CutterBoundary,
     /// Reverse run stands where it was to go.
     There,
     /// The handwheel has come forward to the furthest place ever executed, where it ends.
@@ -96,6 +146,21 @@ pub enum Happening {
     OutputsDiffer(Differing),
     /// Outputs were brought to what the program expects.
     OutputsRestored,
+    /// A restart carries an instruction out again: its code.
+    RestartSwitching(&'static str),
+    /// It is complete.
+    RestartSwitched(&'static str),
+    /// A cutting output, or the spindle at the end of a job, was switched off.
+    CutterOff {
+        /// Its channel.
+        channel: u8,
+        /// Why.
+        reason: OffReason,
+    },
+    /// The operator has switched a cutter on: its channel.
+    CutterOn(u8),
+    /// An output was switched where the path is retraced: channel and new value.
+    RetraceSwitched(u8, i32),
     /// Normal run goes on.
     GoesOn,
     /// The program has come to its end, and the job waits for its release: reverse run is still possible.
@@ -108,6 +173,8 @@ pub enum Happening {
     SwitchedInPassing(u8, i32),
     /// A program stop waits for cycle start.
     ProgramStop(&'static str),
+    /// A tool change by hand waits for cycle start: the number of the tool, 0 for none.
+    ToolChange(i32),
     /// Single block: stands at the end of a block.
     SingleBlock,
     /// A step of pausing at a breakpoint and going on there (DNC-1 … DNC-8).
@@ -161,6 +228,7 @@ impl Event {
             Happening::OrderRefused(why) => json!({"event": "order_refused", "why": why.to_string()}),
             Happening::Oldest => json!({"event": "oldest_record"}),
             Happening::OneWay(code) => json!({"event": "one_way", "code": code}),
+            Happening::CutterBoundary => json!({"event": "cutter_boundary"}),
             Happening::There => json!({"event": "there"}),
             Happening::Reached => json!({"event": "reached"}),
             Happening::OutputsDiffer(some) => {
@@ -169,6 +237,15 @@ impl Event {
                 json!({"event": "outputs_differ", "outputs": list})
             }
             Happening::OutputsRestored => json!({"event": "outputs_restored"}),
+            Happening::RestartSwitching(code) => json!({"event": "restart_switching", "code": code}),
+            Happening::RestartSwitched(code) => json!({"event": "restart_switched", "code": code}),
+            Happening::CutterOff { channel, reason } => {
+                json!({"event": "cutter_off", "channel": channel, "reason": reason.name()})
+            }
+            Happening::CutterOn(channel) => json!({"event": "cutter_on", "channel": channel}),
+            Happening::RetraceSwitched(channel, value) => {
+                json!({"event": "retrace_switched", "channel": channel, "value": value})
+            }
             Happening::GoesOn => json!({"event": "goes_on"}),
             Happening::ProgramEnd => json!({"event": "program_end"}),
             Happening::Switching(code) => json!({"event": "switching", "code": code}),
@@ -177,6 +254,7 @@ impl Event {
                 json!({"event": "switched_in_passing", "channel": channel, "value": value})
             }
             Happening::ProgramStop(code) => json!({"event": "program_stop", "code": code}),
+            Happening::ToolChange(tool) => json!({"event": "tool_change", "tool": tool}),
             Happening::SingleBlock => json!({"event": "single_block"}),
             Happening::Dnc(dnc) => dnc.to_json(),
             Happening::Message(text) => json!({"event": "message", "text": text}),
@@ -219,6 +297,9 @@ impl Event {
             Happening::OrderRefused(why) => format!("not done: {why}"),
             Happening::Oldest => "standing at the oldest record: it goes no further back".into(),
             Happening::OneWay(code) => format!("standing behind {code}, which cannot be passed backward"),
+            Happening::CutterBoundary => {
+                "standing where the program switched the cutter, and it is on: `cutter off`, or `reverse` again to cut on".into()
+            }
             Happening::There => "standing where it was to go".into(),
             Happening::Reached => "standing at the furthest place executed".into(),
             Happening::OutputsDiffer(some) => {
@@ -227,15 +308,23 @@ impl Event {
                     .iter()
                     .map(|(c, is, want)| format!("{} is {is}, program wants {want}", channel_name(*c)))
                     .collect();
-                format!("outputs differ: {}; waiting for agree", list.join("; "))
+                format!("outputs differ: {}; waiting for agree or recover", list.join("; "))
             }
             Happening::OutputsRestored => "outputs restored".into(),
+            Happening::RestartSwitching(code) => format!("restart: {code} begins"),
+            Happening::RestartSwitched(code) => format!("restart: {code} done"),
+            Happening::CutterOff { channel, reason } => format!("{} off: {}", channel_name(*channel), reason.text()),
+            Happening::CutterOn(channel) => format!("{} on by the operator", channel_name(*channel)),
+            Happening::RetraceSwitched(channel, value) => {
+                format!("retrace: {} := {value}", channel_name(*channel))
+            }
             Happening::GoesOn => "normal run goes on".into(),
             Happening::ProgramEnd => "end of the program; reverse run is possible until the job is released".into(),
             Happening::Switching(code) => format!("{code} begins"),
             Happening::Switched(code) => format!("{code} done"),
             Happening::SwitchedInPassing(channel, value) => format!("{} := {value}", channel_name(*channel)),
             Happening::ProgramStop(code) => format!("program stop {code}: cycle start to go on"),
+            Happening::ToolChange(tool) => format!("tool change: tool {tool}; cycle start to go on"),
             Happening::SingleBlock => "single block: cycle start to go on".into(),
             Happening::Dnc(dnc) => dnc.to_string(),
             Happening::Message(text) => format!("message: {text}"),

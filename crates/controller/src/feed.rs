@@ -95,8 +95,8 @@ pub struct Feeder<'r, const A: usize> {
     cancel: &'r AtomicBool,
     /// Overrides above 100 %.
     overrides: Heeding,
-    /// A dry run: no output is switched.
-    inhibited: bool,
+    /// Channels that a dry run keeps off (CUT-8); none otherwise.
+    inhibited: Vec<u8>,
     /// Serial number of the last move given to the planner; its tag.
     serial: u32,
     /// The block that the moves to come belong to.
@@ -135,7 +135,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
             items,
             cancel,
             overrides: Heeding::default(),
-            inhibited: false,
+            inhibited: Vec::new(),
             serial: 0,
             block: 0,
             origins: VecDeque::new(),
@@ -172,9 +172,9 @@ impl<'r, const A: usize> Feeder<'r, A> {
         Self { overrides, ..self }
     }
 
-    /// The same, which switches no output where `inhibited` is true: a dry run.
+    /// The same, which never switches these channels: a dry run.
     #[must_use]
-    pub fn inhibiting(self, inhibited: bool) -> Self {
+    pub fn inhibiting(self, inhibited: Vec<u8>) -> Self {
         Self { inhibited, ..self }
     }
 
@@ -244,7 +244,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
     }
 
     fn act(&mut self, change: Change, line: u32, lasts: bool) {
-        if !self.inhibited {
+        if !self.inhibited.contains(&change.channel) {
             self.waiting.push_back(Waiting { serial: self.serial.wrapping_add(1), change, line, lasts });
         }
     }
@@ -255,11 +255,15 @@ impl<'r, const A: usize> Feeder<'r, A> {
     /// [`Cancelled`]
     pub fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
         self.rest()?;
-        // What would have been switched on says nothing either.
-        let switch = if self.inhibited { Switch { changes: &[], until: None, ..switch } } else { switch };
         let mut changes = [Change::default(); MAX_CHANGES];
-        let count = switch.changes.len().min(MAX_CHANGES);
-        changes[..count].copy_from_slice(&switch.changes[..count]);
+        let mut count = 0;
+        let allowed = switch.changes.iter().filter(|change| !self.inhibited.contains(&change.channel));
+        for (slot, change) in changes.iter_mut().zip(allowed) {
+            *slot = *change;
+            count += 1;
+        }
+        // What is kept off in a dry run takes no time, and reports nothing either.
+        let switch = if count < switch.changes.len() { Switch { periods: 0, until: None, ..switch } } else { switch };
         let before = self.outputs;
         for change in &changes[..count] {
             self.outputs[usize::from(change.channel)] = change.value;

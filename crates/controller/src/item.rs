@@ -18,6 +18,10 @@ pub enum Kind {
     Dwell,
     /// A program stop (M0, M60): waits for cycle start.
     ProgramStop,
+    /// An optional program stop (M1): waits for cycle start where the switch for optional stops is on.
+    OptionalStop,
+    /// A tool change by hand (M6): waits for cycle start.
+    ToolChange,
 }
 
 /// An exclusive instruction, not yet numbered.

@@ -180,7 +180,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let (mut asking, mut heeding) = overrides(look_ahead);
     let mut feeder = Feeder::new(planner.blending_by(machine.blending), producer, sender, origin.outputs, &cancel)
         .noting(keeping.index, &origin.counts)
-        .inhibiting(machine.inhibits_outputs);
+        .inhibiting(machine.inhibited_channels());
     let (line, resumption) = match begin {
         Begin::First => (None, None),
         Begin::Line(line) => (Some(line), None),
@@ -294,7 +294,7 @@ impl Drop for Interest<'_> {
     }
 }
 
-/// What a scan found that cannot be run.
+/// What a scan found: an error, which cannot be run, or a warning.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
     /// Program line.
@@ -309,6 +309,14 @@ pub struct Finding {
     pub remedy: String,
 }
 
+impl Finding {
+    /// Does it keep the program from being run? Otherwise it is a warning.
+    #[must_use]
+    pub fn is_error(&self) -> bool {
+        self.number.starts_with('E')
+    }
+}
+
 /// Goes through a whole program without moving anything: how many blocks it has, what of them cannot be run, and what the moves
 /// came to.
 ///
@@ -317,6 +325,7 @@ pub fn scan<'m, const A: usize>(machine: &'m Machine, program: &mut impl Decode)
     let mut sink = Scan::new(machine);
     let (blocks, mut findings) = feed_all(machine, program, &mut sink);
     findings.extend(sink.beyond.iter().map(crate::scan::BeyondLimit::finding));
+    findings.extend(sink.warnings());
     findings.sort_by_key(|f| f.line);
     (blocks, findings, sink)
 }

@@ -8,6 +8,7 @@
 pub mod approach;
 pub mod by_hand;
 pub mod card;
+mod cutter_track;
 mod decoding;
 pub mod dnc;
 pub mod event;
@@ -33,6 +34,7 @@ pub mod reading;
 pub mod real_time;
 pub mod refusal;
 pub mod report;
+pub mod restart;
 pub mod resume;
 pub mod scan;
 pub mod script;

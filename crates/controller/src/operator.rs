@@ -7,6 +7,7 @@ use std::fmt;
 use retrace_core::interruption;
 use retrace_core::mode::Refused;
 use retrace_core::{ONE, Travel};
+use retrace_link::channel;
 
 use crate::machine::AXIS_LETTERS;
 use crate::refusal::{Refusal, nearest};
@@ -51,9 +52,17 @@ pub enum Deed {
     },
     /// Agrees to the outputs that are to be restored.
     Agree,
+    /// Starts the cutter again where it went out, and goes on; agrees to the outputs that are to be restored.
+    Recover,
+    /// Switches every cutter off, at once.
+    CutterOff,
+    /// Switches the cutter on by hand.
+    CutterOn,
+    /// M1 stops, or does not.
+    OptionalStop(bool),
     /// Switches an output by hand.
     Output {
-        /// Its number, 0 … 63.
+        /// Its number, 0 … 63; 64 is the output of M3.
         number: u8,
         /// On or off.
         on: bool,
@@ -99,6 +108,10 @@ impl fmt::Display for Deed {
             Self::Leave { ask: false } => write!(f, "leave"),
             Self::Leave { ask: true } => write!(f, "leave ask"),
             Self::Agree => write!(f, "agree"),
+            Self::Recover => write!(f, "recover"),
+            Self::CutterOff => write!(f, "cutter off"),
+            Self::CutterOn => write!(f, "cutter on"),
+            Self::OptionalStop(on) => write!(f, "optional stop {}", if *on { "on" } else { "off" }),
             Self::Output { number, on } => write!(f, "output {number} {}", if *on { "on" } else { "off" }),
             Self::Single => write!(f, "single"),
             Self::Stop => write!(f, "stop"),
@@ -252,9 +265,18 @@ fn deed(words: &[&str]) -> Result<Deed, Wrong> {
         ["leave"] => Deed::Leave { ask: false },
         ["leave", "ask"] => Deed::Leave { ask: true },
         ["agree"] => Deed::Agree,
-        ["output", channel, state @ ("on" | "off")] => match channel.parse() {
-            Ok(number @ 0..64) => Deed::Output { number, on: *state == "on" },
-            _ => return wrong(format!("`{channel}` is no output"), "an output is a number from 0 to 63"),
+        ["recover"] => Deed::Recover,
+        ["cutter", "off"] => Deed::CutterOff,
+        ["cutter", "on"] => Deed::CutterOn,
+        ["optional", "stop", state @ ("on" | "off")] => Deed::OptionalStop(*state == "on"),
+        ["output", word, state @ ("on" | "off")] => match word.parse() {
+            Ok(number @ 0..=channel::SPINDLE) => Deed::Output { number, on: *state == "on" },
+            _ => {
+                return wrong(
+                    format!("`{word}` is not an output"),
+                    "an output is a number from 0 to 63, or 64 for that of M3",
+                );
+            }
         },
         ["single"] => Deed::Single,
         ["stop"] => Deed::Stop,
@@ -268,7 +290,7 @@ fn deed(words: &[&str]) -> Result<Deed, Wrong> {
         [first, ..] => {
             let known = [
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
-                "stop", "back", "pause", "spindle", "jog", "online", "cycle",
+                "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -287,6 +309,9 @@ fn example(word: &str) -> &'static str {
         "spindle" => "spindle stop · spindle start",
         "jog" => "jog z 10",
         "cycle" => "cycle start",
+        "cutter" => "cutter off · cutter on",
+        "optional" => "optional stop on · optional stop off",
+        "recover" => "recover stands alone",
         "pause" | "online" => "pause and online stand alone",
         _ => "reverse 100% · override 60% · wheel -120 for 2s · leave ask · output 3 on",
     }
@@ -372,7 +397,7 @@ mod tests {
     #[test]
     fn every_deed_reads_back_as_it_is_written() {
         let deeds = "hold|resume|reverse 100%|forward 50%|override 160%|wheel -120 for 2s|leave|leave ask|agree|output 3 on|single|\
-            stop|back 50 mm|back 0.25 mm|back to block|back to jet|pause|spindle stop|spindle start|jog z 10|jog x -0.5|online|cycle start";
+            stop|back 50 mm|back 0.25 mm|back to block|back to jet|pause|spindle stop|spindle start|jog z 10|jog x -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 off";
         for written in deeds.split('|') {
             let script = parse(&format!("after 0s {written}"), "script").expect(written);
             assert_eq!(script[0].deed.to_string(), written);
@@ -394,7 +419,10 @@ mod tests {
             "at xs hold",
             "after 1s reverse 900%",
             "at 1s reverse",
-            "at 1s output 64 on",
+            "at 1s output 65 on",
+            "at 1s cutter",
+            "at 1s cutter maybe",
+            "at 1s optional stop",
             "at nan hold",
             "after -1 periods hold",
             "at 1s wheel inf for 1s",

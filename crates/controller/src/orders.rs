@@ -122,6 +122,12 @@ impl Operators {
         self.heard.is_none() && self.script.finished()
     }
 
+    /// Is nobody there who would say something while the machine stands?
+    #[must_use]
+    pub fn waits_for_motion(&self) -> bool {
+        self.heard.is_none() && self.script.waits_for_motion()
+    }
+
     /// The next word, if there is one now: in period `period`, with program line `line` being executed. The script's come first.
     pub fn next_word(&mut self, period: u64, line: u32) -> Option<Deed> {
         let scripted = self.script.due(period, line).map(|instruction| instruction.deed);

@@ -23,7 +23,7 @@ pub(crate) fn plan<const A: usize>(
     (line, rests): (Option<u32>, Vec<u64>),
     feeder: Feeder<'_, A>,
 ) -> Option<Summary> {
-    let skipped = line.map(|line| (line, Skipped::new(*feeder.outputs())));
+    let skipped = line.map(|line| (line, Skipped::new(*feeder.outputs(), &machine.cutting_outputs)));
     let _gone = Gone(belt);
     Planning { machine, track: Track::new(machine), skipped, feeder, rests, blocks: 0, canonical: 0 }.run(belt, batch)
 }

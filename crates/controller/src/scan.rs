@@ -3,7 +3,9 @@
 //! Invariant: a program that the scan passes is programmed within the soft limits of every axis; blends may leave the programmed
 //! path by their tolerance.
 
-use retrace_link::Change;
+use std::collections::BTreeMap;
+
+use retrace_link::{Change, channel};
 use retrace_motion::{Arc, Feed, PathMode};
 
 use crate::feed::{Cancelled, Refused, Switch};
@@ -53,6 +55,10 @@ pub struct Scan<'m, const A: usize> {
     pub moves: u64,
     /// The same as `extents_mm` for what has not been taken yet.
     last_mm: Option<[[f64; 2]; A]>,
+    /// Digital outputs that are on, with the line that switched them on.
+    on: BTreeMap<u8, u32>,
+    /// Outputs that were on in a feed move and belong to nothing that the machine file declares, with the line that switched them on.
+    undeclared: BTreeMap<u8, u32>,
 }
 
 /// So much beyond a soft limit is rounding, mm.
@@ -64,7 +70,16 @@ impl<'m, const A: usize> Scan<'m, A> {
     /// A scan that begins where the machine stands.
     #[must_use]
     pub fn new(machine: &'m Machine) -> Self {
-        Self { machine, at: machine.start_mm(), extents_mm: None, beyond: Vec::new(), moves: 0, last_mm: None }
+        Self {
+            machine,
+            at: machine.start_mm(),
+            extents_mm: None,
+            beyond: Vec::new(),
+            moves: 0,
+            last_mm: None,
+            on: BTreeMap::new(),
+            undeclared: BTreeMap::new(),
+        }
     }
 
     /// The machine whose moves these are.
@@ -76,6 +91,51 @@ impl<'m, const A: usize> Scan<'m, A> {
     /// Least and greatest coordinates of the ends of moves since this was asked last, mm.
     pub fn take_last(&mut self) -> Option<[[f64; 2]; A]> {
         self.last_mm.take()
+    }
+
+    /// What the program does with its outputs that may not be meant; nothing of it keeps it from running.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<Finding> {
+        let name = |channel: u8| self.machine.channel_name(channel);
+        let left_on = self.on.iter().filter(|(channel, _)| self.machine.cutting_outputs.contains(channel));
+        let left_on = left_on.map(|(&channel, &line)| Finding {
+            line,
+            word: None,
+            number: "W4101",
+            what: format!("{} is still on when the program ends; the end of the job switches it off", name(channel)),
+            remedy: "switch it off where its cut ends".into(),
+        });
+        let undeclared = self.undeclared.iter().map(|(&channel, &line)| Finding {
+            line,
+            word: None,
+            number: "W4102",
+            what: format!(
+                "{} is on in feed moves, and the machine file declares no cutter: a stop leaves it on",
+                name(channel)
+            ),
+            remedy: "declare it with [[cutter]] if it cuts, or name it with [[output]]".into(),
+        });
+        let mut all: Vec<Finding> = left_on.chain(undeclared).collect();
+        all.sort_by_key(|finding| finding.line);
+        all
+    }
+
+    /// An output is switched.
+    fn switched(&mut self, change: Change, line: u32) {
+        if change.value == 0 {
+            self.on.remove(&change.channel);
+        } else {
+            self.on.entry(change.channel).or_insert(line);
+        }
+    }
+
+    /// A feed move is made with the outputs as they are.
+    fn fed(&mut self) {
+        if self.machine.cutters.is_empty() && !self.on.is_empty() {
+            let digital = self.on.iter().filter(|(channel, _)| usize::from(**channel) < channel::DIGITAL);
+            let unnamed = digital.filter(|(channel, _)| !self.machine.output_names.contains_key(channel));
+            self.undeclared.extend(unnamed.map(|(&channel, &line)| (channel, line)));
+        }
     }
 
     fn visit(&mut self, point: &[f64; A], line: u32) {
@@ -105,7 +165,10 @@ fn passed_limit(axis: &Axis, x: f64) -> Option<f64> {
 }
 
 impl<const A: usize> Sink<A> for Scan<'_, A> {
-    fn straight(&mut self, end_mm: [f64; A], _: Feed, _: PathMode, line: u32) -> Result<(), Refused> {
+    fn straight(&mut self, end_mm: [f64; A], feed: Feed, _: PathMode, line: u32) -> Result<(), Refused> {
+        if !matches!(feed, Feed::Rapid) {
+            self.fed();
+        }
         self.moves += 1;
         self.at = end_mm;
         self.visit(&end_mm, line);
@@ -113,6 +176,7 @@ impl<const A: usize> Sink<A> for Scan<'_, A> {
     }
 
     fn arc(&mut self, arc: &Arc<A>, _: Feed, _: PathMode, line: u32) -> Result<(), Refused> {
+        self.fed();
         self.moves += 1;
         for point in extremes(&self.at, arc) {
             self.visit(&point, line);
@@ -122,9 +186,14 @@ impl<const A: usize> Sink<A> for Scan<'_, A> {
         Ok(())
     }
 
-    fn action(&mut self, _: Change, _: u32) {}
+    fn action(&mut self, change: Change, line: u32) {
+        self.switched(change, line);
+    }
 
-    fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
+    fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
+        for &change in switch.changes {
+            self.switched(change, switch.line);
+        }
         Ok(())
     }
 

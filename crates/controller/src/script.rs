@@ -39,6 +39,13 @@ impl ScriptPlayer {
         self.script.is_empty() && self.wheel.is_none()
     }
 
+    /// Is nothing left that can become due while the machine stands? A line is come to by moving only.
+    #[must_use]
+    pub fn waits_for_motion(&self) -> bool {
+        let next = self.script.front().map(|next| next.when);
+        self.wheel.is_none() && next.is_none_or(|when| matches!(when, When::Line(_)))
+    }
+
     /// The next instruction, if it is due now: in period `period`, with program line `line` being executed.
     pub fn due(&mut self, period: u64, line: u32) -> Option<Instruction> {
         // The card may have run long before.

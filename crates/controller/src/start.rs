@@ -1,26 +1,34 @@
 //! Beginning in the middle of a program, at a line (`--start-line`).
 //!
-//! Invariant: what the skipped blocks switched holds before the first move, and that move begins where the skipped ones ended: the axes come
-//! there in the order of DNC-6, tool axis up to the retract plane or higher, other axes, tool axis down.
+//! Invariant: what the skipped blocks switched is switched by their own instructions, with the time that these take: everything but the
+//! cutters before the first move, the cutters where the skipped motion ended (CUT-17). The axes come there in the order of DNC-6, tool axis
+//! up to the retract plane or higher, other axes, tool axis down.
 
-use retrace_link::{Change, Outputs, channel};
+use retrace_link::{Action, Change, Outputs};
 use retrace_motion::{Arc, Feed, PathMode};
 
 use crate::feed::{Cancelled, Feeder, Refused, Switch};
+use crate::item::Kind;
 use crate::machine::Machine;
+use crate::restart::OutputOrigins;
 use crate::sink::Sink;
 
 /// Takes what is skipped: switching is remembered, motion is not made.
 #[derive(Debug)]
 pub struct Skipped {
     outputs: Outputs,
+    origins: OutputOrigins,
+    /// The channels of torches, jets and beams.
+    cutting: Vec<u8>,
+    /// Moves that were skipped: what was switched between the same two belongs to one place.
+    moves: u32,
 }
 
 impl Skipped {
-    /// Nothing skipped yet; the outputs are as given.
+    /// Nothing skipped yet; the outputs are as given, and `cutting` are the channels of torches, jets and beams.
     #[must_use]
-    pub fn new(outputs: Outputs) -> Self {
-        Self { outputs }
+    pub fn new(outputs: Outputs, cutting: &[u8]) -> Self {
+        Self { outputs, origins: OutputOrigins::default(), cutting: cutting.to_vec(), moves: 0 }
     }
 
     /// Brings a machine at rest to the state behind what was skipped: outputs first, then to `target_mm`, where the skipped
@@ -35,19 +43,30 @@ impl Skipped {
         machine: &Machine,
         line: u32,
     ) -> Result<(), Refused> {
-        let first = [channel::TOOL, channel::SPEED, channel::SPINDLE, channel::MIST, channel::FLOOD];
-        for channel in first.into_iter().chain(0..channel::DIGITAL as u8) {
-            let value = self.outputs[usize::from(channel)];
-            if value != feeder.outputs()[usize::from(channel)] {
-                let (code, changes) = (code_of(channel, value), [Change { channel, value }]);
-                feeder.exclusive(Switch { line, code, changes: &changes, ..Switch::default() })?;
-            }
-        }
+        self.switch(feeder, line, |channel| !self.cutting.contains(&channel))?;
         let at = feeder.commanded_mm();
         for end in ends_mm(machine, at, target_mm) {
             feeder.straight(end, Feed::Rapid, PathMode::ExactStop, line)?;
         }
-        Ok(feeder.rest()?)
+        feeder.rest()?;
+        Ok(self.switch(feeder, line, |channel| self.cutting.contains(&channel))?)
+    }
+
+    /// Carries out again what switched the channels that `concerned` names.
+    fn switch<const A: usize>(
+        &self,
+        feeder: &mut Feeder<'_, A>,
+        line: u32,
+        concerned: impl Fn(u8) -> bool,
+    ) -> Result<(), Cancelled> {
+        let mut steps = Vec::new();
+        self.origins.steps(feeder.outputs(), &self.outputs, &self.cutting, concerned, &mut steps);
+        for step in &steps {
+            let (periods, until) = (step.periods, step.until);
+            let changes = step.changes();
+            feeder.exclusive(Switch { line, code: step.code, changes, periods, until, ..Switch::default() })?;
+        }
+        Ok(())
     }
 }
 
@@ -62,38 +81,32 @@ fn ends_mm<const A: usize>(machine: &Machine, at: [f64; A], target: [f64; A]) ->
     vec![up, across, target]
 }
 
-/// The code that brings a channel to a value.
-fn code_of(channel: u8, value: i32) -> &'static str {
-    match (channel, value) {
-        (channel::TOOL, _) => "M6",
-        (channel::SPEED, _) => "S",
-        (channel::SPINDLE, 1) => "M3",
-        (channel::SPINDLE, -1) => "M4",
-        (channel::SPINDLE, _) => "M5",
-        (channel::MIST, 1) => "M7",
-        (channel::FLOOD, 1) => "M8",
-        (channel::MIST | channel::FLOOD, _) => "M9",
-        (_, 0) => "M65",
-        _ => "M64",
-    }
-}
-
 impl<const A: usize> Sink<A> for Skipped {
     fn straight(&mut self, _: [f64; A], _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+        self.moves = self.moves.wrapping_add(1);
         Ok(())
     }
 
     fn arc(&mut self, _: &Arc<A>, _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+        self.moves = self.moves.wrapping_add(1);
         Ok(())
     }
 
-    fn action(&mut self, change: Change, _: u32) {
-        self.outputs[usize::from(change.channel)] = change.value;
+    fn action(&mut self, change: Change, line: u32) {
+        let Change { channel, value } = change;
+        let before = std::mem::replace(&mut self.outputs[usize::from(channel)], value);
+        self.origins.passed(&Action { place: self.moves, channel, before, after: value }, line);
     }
 
     fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
         for change in switch.changes {
             self.outputs[usize::from(change.channel)] = change.value;
+        }
+        if switch.kind == Kind::Dwell {
+            self.origins.dwelt(self.moves, switch.periods, &self.outputs, &self.cutting);
+        } else if !switch.changes.is_empty() {
+            let of = (switch.code, switch.line, self.moves);
+            self.origins.switched(switch.changes, of, switch.periods, switch.until);
         }
         Ok(())
     }

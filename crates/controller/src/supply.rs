@@ -15,7 +15,8 @@ use retrace_gcode::Active;
 use retrace_link::{Action, MotionCard, Outputs, Status, Word};
 
 use crate::index::{Difference, Durable};
-use crate::item::{Exclusive, Item, Summary};
+use crate::item::{Exclusive, Item, Kind, Summary};
+use crate::restart::{OutputOrigins, RestartStep};
 
 /// How far ahead the road is open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,13 +67,18 @@ pub struct Supply<'r, const A: usize> {
     kept_from: Option<u32>,
     /// Where a cutting output was switched on by the program, in path order.
     jets: VecDeque<u32>,
+    /// Where a cutting output was switched on or off by the program, in path order.
+    cut_changes: VecDeque<u32>,
     cutting: Vec<u8>,
+    last_lit: Option<u8>,
     /// What became of the marks of a run before: all passed, or the first that differs.
     marks: Option<Result<(), Box<Difference>>>,
     /// Behind this place nothing can be gone back to, and the code that stands there.
     one_way: Option<(u32, &'static str)>,
     /// What the program expects of the outputs at `reached`.
     expected: Outputs,
+    /// Which instructions have switched them.
+    origins: OutputOrigins,
     /// Single block: where the road ends.
     block: Option<Block>,
 }
@@ -105,10 +111,13 @@ impl<'r, const A: usize> Supply<'r, A> {
             durable: None,
             kept_from: None,
             jets: VecDeque::with_capacity(MOST_JETS),
+            cut_changes: VecDeque::with_capacity(MOST_JETS),
             cutting: Vec::new(),
+            last_lit: None,
             marks: None,
             one_way: None,
             expected: outputs,
+            origins: OutputOrigins::default(),
             block: None,
         }
     }
@@ -288,7 +297,14 @@ impl<'r, const A: usize> Supply<'r, A> {
     /// An output takes a value by the program, at `place`.
     fn expect(&mut self, place: u32, channel: u8, value: i32) {
         let expected = &mut self.expected[usize::from(channel)];
+        if (*expected == 0) != (value == 0) && self.cutting.contains(&channel) {
+            if self.cut_changes.len() == MOST_JETS {
+                self.cut_changes.pop_front();
+            }
+            self.cut_changes.push_back(place);
+        }
         if *expected == 0 && value != 0 && self.cutting.contains(&channel) {
+            self.last_lit = Some(channel);
             if self.jets.len() == MOST_JETS {
                 self.jets.pop_front();
             }
@@ -301,6 +317,31 @@ impl<'r, const A: usize> Supply<'r, A> {
     #[must_use]
     pub fn expected(&self) -> &Outputs {
         &self.expected
+    }
+
+    /// Puts into `steps` the instructions that bring the outputs `are` to what is wanted of the channels that `concerned` names, in the order
+    /// in which they are to be carried out.
+    pub fn restart_steps(
+        &self,
+        are: &Outputs,
+        wants: &Outputs,
+        concerned: impl Fn(u8) -> bool,
+        steps: &mut Vec<RestartStep>,
+    ) {
+        self.origins.steps(are, wants, &self.cutting, concerned, steps);
+    }
+
+    /// The last place at or before `place`, but for `passed`, where the program switched a cutting output, if that is kept.
+    #[must_use]
+    pub fn cut_change_before(&self, place: Place, passed: Option<u32>) -> Option<u32> {
+        let behind = |&&change: &&u32| Place::start_of(change).to(place) >= 0 && Some(change) != passed;
+        self.cut_changes.iter().rev().find(behind).copied()
+    }
+
+    /// The cutting channel that the program has lit last; none where it has lit none.
+    #[must_use]
+    pub fn last_lit(&self) -> Option<u8> {
+        self.last_lit
     }
 
     /// The instruction in hand, if the card rests on its place and may have it now (gate C).
@@ -325,8 +366,14 @@ impl<'r, const A: usize> Supply<'r, A> {
         self.gates.acknowledge(executed)?;
         self.next_number = self.next_number.wrapping_add(1);
         let done = self.exclusives.pop_front()?;
-        for change in &done.changes[..usize::from(done.count)] {
+        let changes = &done.changes[..usize::from(done.count)];
+        for change in changes {
             self.expect(done.place, change.channel, change.value);
+        }
+        if done.kind == Kind::Dwell {
+            self.origins.dwelt(done.place, done.periods, &self.expected, &self.cutting);
+        } else if !changes.is_empty() {
+            self.origins.switched(changes, (done.code, done.line, done.place), done.periods, done.until);
         }
         if done.one_way {
             self.one_way = Some((done.place, done.code));
@@ -380,6 +427,7 @@ impl<'r, const A: usize> Supply<'r, A> {
             self.expect(action.place, action.channel, action.after);
             self.passed += 1;
             if line > 0 {
+                self.origins.passed(&action, line);
                 return Some(News::Action(action, line));
             }
         }

@@ -221,17 +221,20 @@ impl<const A: usize> Sink<A> for Survey<'_, A> {
         Ok(())
     }
 
-    fn action(&mut self, change: Change, _: u32) {
+    fn action(&mut self, change: Change, line: u32) {
+        self.scan.action(change, line);
         self.switched(change);
     }
 
     fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
         self.rest();
+        self.scan.exclusive(switch)?;
         let periods = u64::from(switch.periods);
         match switch.kind {
             Kind::Dwell => self.dwell_periods += periods,
             Kind::Switch => self.switch_periods += periods,
-            Kind::ProgramStop => drop(self.stops.insert(switch.line)),
+            Kind::ProgramStop | Kind::ToolChange => drop(self.stops.insert(switch.line)),
+            Kind::OptionalStop => {}
         }
         switch.changes.iter().for_each(|&change| self.switched(change));
         if switch.one_way {
@@ -289,6 +292,7 @@ pub fn survey<'m, const A: usize>(
         job::feed_each(machine, program, &mut survey, |track, survey| survey.in_work(track.work_offset()));
     survey.rest();
     findings.extend(survey.scan.beyond.iter().map(crate::scan::BeyondLimit::finding));
+    findings.extend(survey.scan.warnings());
     findings.sort_by_key(|finding| finding.line);
     Ok((blocks, findings, survey))
 }

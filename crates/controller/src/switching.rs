@@ -122,8 +122,11 @@ const USER_CODES: [&str; 100] = [
     "M190", "M191", "M192", "M193", "M194", "M195", "M196", "M197", "M198", "M199",
 ];
 
-/// The codes of the machine file's `[code.…]` tables. M62 to M65 are synchronous and immediate by definition.
-const CODES: [&str; 9] = ["M3", "M4", "M5", "M6", "M7", "M8", "M9", "S", "T"];
+/// The codes of the machine file's `[code.…]` tables.
+const CODES: [&str; 13] = ["M3", "M4", "M5", "M6", "M7", "M8", "M9", "M62", "M63", "M64", "M65", "S", "T"];
+
+/// Codes whose class and duration are fixed: M62 and M63 are synchronous, M64 and M65 immediate. Only `in_reverse` can be set.
+const OUTPUT_CODES: [&str; 4] = ["M62", "M63", "M64", "M65"];
 
 /// How every code is carried out.
 #[derive(Clone, Debug, Default)]
@@ -157,6 +160,7 @@ impl SwitchingTable {
                 let what = format!("[code.{name}]: only user codes, M100 to M199, name an output");
                 return Err(Refusal::new("E2112", what, "leave `output` and `off` out"));
             }
+            let code = if OUTPUT_CODES.contains(&known) { &output_code(known, code)? } else { code };
             codes.insert(known, switching(known, code, period_us)?);
         }
         Ok(Self { codes, user_codes })
@@ -176,8 +180,12 @@ impl SwitchingTable {
     /// How a code is carried out; at rest and at once where the machine file says nothing of it.
     #[must_use]
     pub fn of(&self, code: &str) -> Switching {
-        let silent = Switching { in_reverse: usual_in_reverse(code, Class::Exclusive), ..Switching::AT_REST };
-        self.codes.get(code).copied().unwrap_or(silent)
+        let usual = Switching {
+            class: if matches!(code, "M62" | "M63") { Class::Synchronous } else { Class::Exclusive },
+            in_reverse: usual_in_reverse(code, Class::Exclusive),
+            ..Switching::AT_REST
+        };
+        self.codes.get(code).copied().unwrap_or(usual)
     }
 
     /// The codes that the machine file describes, by their names, in order.
@@ -187,13 +195,25 @@ impl SwitchingTable {
     }
 }
 
-/// What becomes of a code in reverse where the machine file does not say.
+/// What becomes of a code in reverse where the machine file does not say: everything is replayed, but a spindle keeps turning while the
+/// path is retraced, and a tool that was changed stays.
 fn usual_in_reverse(code: &str, class: Class) -> InReverse {
     match (code, class) {
         ("M6", _) => InReverse::Barrier,
-        (_, Class::Exclusive) => InReverse::AsIs,
-        (_, Class::Synchronous) => InReverse::Undone,
+        ("M3" | "M4" | "M5" | "S" | "T", Class::Exclusive) => InReverse::AsIs,
+        _ => InReverse::Undone,
     }
+}
+
+/// The table of M62 … M65, with the class that the code has by definition.
+fn output_code(name: &'static str, code: &CodeSettings) -> Result<CodeSettings, Refusal> {
+    let sets_more = code.class != Class::default() || code.duration_ms != 0.0 || code.waits_for.is_some();
+    if sets_more {
+        let what = format!("[code.{name}]: class, duration and input of this code are fixed");
+        return Err(Refusal::new("E2112", what, "leave everything but in_reverse out, or declare a user code"));
+    }
+    let class = if matches!(name, "M62" | "M63") { Class::Synchronous } else { Class::Exclusive };
+    Ok(CodeSettings { class, ..*code })
 }
 
 /// Checks what the table of a code has in common with all others.

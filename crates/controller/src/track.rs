@@ -7,10 +7,11 @@ use retrace_gcode::{Axis, Canon, FeedMode, LengthUnit, Nurbs, PathControl, Plane
 use retrace_link::{Change, channel};
 use retrace_motion::{Arc, Feed, MoveError, PathMode};
 
+use crate::cutter_track::CutterTrack;
 use crate::feed::{Refused, Switch};
 use crate::item::Kind;
 use crate::job::Finding;
-use crate::machine::Machine;
+use crate::machine::{Machine, ToolChange};
 use crate::sink::Sink;
 use crate::spline::chords;
 use crate::switching::{Class, InReverse, Switching};
@@ -27,6 +28,8 @@ pub enum Untrackable {
     NotSupported(&'static str),
     /// E4303: an output that the card does not have.
     NoSuchOutput(i32),
+    /// E4306: a rapid move while the cutter of this name is on.
+    RapidWhileLit(String),
     /// The planner's refusal.
     Move(MoveError),
     /// The job was given up.
@@ -44,6 +47,11 @@ impl Untrackable {
             ),
             Self::NotSupported(what) => ("E4302", format!("{what} is not supported yet"), "take it out of the program"),
             Self::NoSuchOutput(n) => ("E4303", format!("there is no output {n}"), "an output is a number from 0 to 63"),
+            Self::RapidWhileLit(cutter) => (
+                "E4306",
+                format!("a rapid move (G0) while the {cutter} is on"),
+                "switch it off before the move (M5, M65 …), use G1, or write rapid_lit = true in its [[cutter]] table",
+            ),
             Self::Move(error) => (error.number(), error.to_string(), "correct the move"),
             Self::Cancelled => ("", String::new(), ""),
         }
@@ -140,6 +148,7 @@ pub struct Track<'m> {
     /// The last position in mm, machine coordinates.
     at: Pose,
     selected_tool: u32,
+    cutters: CutterTrack,
 }
 
 impl<'m> Track<'m> {
@@ -164,6 +173,7 @@ impl<'m> Track<'m> {
             naive_cam_mm: 0.0,
             at,
             selected_tool: 0,
+            cutters: CutterTrack::new(machine),
         }
     }
 
@@ -293,6 +303,11 @@ impl<'m> Track<'m> {
     ) -> Result<(), Untrackable> {
         let position = self.machine_position(end);
         let own = self.of_machine(&position)?;
+        if matches!(feed, Feed::Rapid) {
+            self.cutters.before_rapid(self.machine, line, sink)?;
+        } else {
+            self.cutters.before_feed(self.machine, line, sink);
+        }
         sink.straight(own, feed, self.path, line)?;
         self.at = position;
         Ok(())
@@ -323,6 +338,7 @@ impl<'m> Track<'m> {
             rotation: arc.turns,
             end_mm: self.of_machine(&position)?,
         };
+        self.cutters.before_feed(self.machine, line, sink);
         sink.arc(&own, self.feed(), self.path, line)?;
         self.at = position;
         Ok(())
@@ -339,6 +355,7 @@ impl<'m> Track<'m> {
             PathMode::Blend { tolerance_mm, .. } => ((tolerance_mm / 10.0).max(LEAST_DEVIATION_MM), self.path),
             _ => (LEAST_DEVIATION_MM, PathMode::blend(LEAST_DEVIATION_MM)),
         };
+        self.cutters.before_feed(self.machine, line, sink);
         // The mode in force is that of the spline's end; inside, a chord is no block of its own.
         let mut held = None;
         let feed = self.feed();
@@ -382,20 +399,11 @@ impl<'m> Track<'m> {
                 self.selected_tool = *tool;
                 self.exclusive("T", &[], self.machine.switching.of("T"), line, sink)
             }
-            Canon::ChangeTool { tool, .. } => {
-                let change = Change { channel: channel::TOOL, value: *tool as i32 };
-                self.exclusive("M6", &[change], self.machine.switching.of("M6"), line, sink)
-            }
-            Canon::SetMotionOutputBit(n) => {
-                sink.action(digital(*n, 1)?, line);
-                Ok(())
-            }
-            Canon::ClearMotionOutputBit(n) => {
-                sink.action(digital(*n, 0)?, line);
-                Ok(())
-            }
-            Canon::SetAuxOutputBit(n) => self.exclusive("M64", &[digital(*n, 1)?], Switching::AT_REST, line, sink),
-            Canon::ClearAuxOutputBit(n) => self.exclusive("M65", &[digital(*n, 0)?], Switching::AT_REST, line, sink),
+            Canon::ChangeTool { tool, remark, .. } => self.change_tool(*tool, remark.as_deref(), line, sink),
+            Canon::SetMotionOutputBit(n) => self.switch_output("M62", digital(*n, 1)?, line, sink),
+            Canon::ClearMotionOutputBit(n) => self.switch_output("M63", digital(*n, 0)?, line, sink),
+            Canon::SetAuxOutputBit(n) => self.switch_output("M64", digital(*n, 1)?, line, sink),
+            Canon::ClearAuxOutputBit(n) => self.switch_output("M65", digital(*n, 0)?, line, sink),
             Canon::Dwell(seconds) => {
                 let periods = (seconds / self.machine.period_s()).ceil().clamp(0.0, f64::from(u32::MAX)) as u32;
                 let dwell = Switch { line, kind: Kind::Dwell, code: "G4", periods, ..Switch::default() };
@@ -405,8 +413,12 @@ impl<'m> Track<'m> {
                 let stop = Switch { line, kind: Kind::ProgramStop, code: "M0", ..Switch::default() };
                 Ok(sink.exclusive(stop)?)
             }
-            // the switch for optional stops is off; no pallet to move
-            Canon::OptionalProgramStop | Canon::PalletShuttle => Ok(()),
+            Canon::OptionalProgramStop => {
+                let stop = Switch { line, kind: Kind::OptionalStop, code: "M1", ..Switch::default() };
+                Ok(sink.exclusive(stop)?)
+            }
+            // no pallet to move
+            Canon::PalletShuttle => Ok(()),
             Canon::SetSpindleMode(css) if *css > 0.0 => Err(Untrackable::NotSupported("constant surface speed (G96)")),
             // these wait for a spindle whose turning the card can follow
             Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => Err(Untrackable::NotSupported("feed per turn (G95)")),
@@ -466,8 +478,30 @@ impl<'m> Track<'m> {
         }
     }
 
+    /// M6: where the operator changes the tool, what is to be put in is told where the motion stops.
+    fn change_tool<const A: usize>(
+        &mut self,
+        tool: u32,
+        remark: Option<&str>,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        let change = Change { channel: channel::TOOL, value: tool as i32 };
+        let Switching { periods, until, in_reverse, .. } = self.machine.switching.of("M6");
+        let manual = self.machine.tool_change == ToolChange::Manual;
+        if manual {
+            let remark = remark.map(|remark| format!(" ({remark})")).unwrap_or_default();
+            let what = if tool == 0 { "take the tool out".into() } else { format!("put in tool {tool}{remark}") };
+            sink.message(format!("tool change: {what}, then cycle start"), line)?;
+        }
+        let kind = if manual { Kind::ToolChange } else { Kind::Switch };
+        let one_way = in_reverse == InReverse::Barrier;
+        let changes = &[change];
+        Ok(sink.exclusive(Switch { line, kind, code: "M6", changes, periods, until, one_way, undone: false })?)
+    }
+
     /// M100 to M199 switch the output that the machine file declares for them.
-    fn user_code<const A: usize>(&self, number: u8, line: u32, sink: &mut impl Sink<A>) -> Result<(), Untrackable> {
+    fn user_code<const A: usize>(&mut self, number: u8, line: u32, sink: &mut impl Sink<A>) -> Result<(), Untrackable> {
         let Some(code) = self.machine.switching.user_code(number) else {
             return Err(Untrackable::NotSupported("a user code that the machine file does not declare"));
         };
@@ -477,7 +511,7 @@ impl<'m> Track<'m> {
 
     /// Switches one output, in passing or at rest, as the machine file has it for `code`.
     fn switch<const A: usize>(
-        &self,
+        &mut self,
         code: &'static str,
         channel: u8,
         value: i32,
@@ -487,14 +521,26 @@ impl<'m> Track<'m> {
         self.carry_out(code, Change { channel, value }, self.machine.switching.of(code), line, sink)
     }
 
+    /// Switches a digital output by M62 … M65.
+    fn switch_output<const A: usize>(
+        &mut self,
+        code: &'static str,
+        change: Change,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        self.carry_out(code, change, self.machine.switching.of(code), line, sink)
+    }
+
     fn carry_out<const A: usize>(
-        &self,
+        &mut self,
         code: &'static str,
         change: Change,
         switching: Switching,
         line: u32,
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
+        self.cutters.switched(self.machine, &[change]);
         match (switching.class, switching.in_reverse) {
             (Class::Synchronous, InReverse::AsIs) => sink.lasting_action(change, line),
             (Class::Synchronous, _) => sink.action(change, line),

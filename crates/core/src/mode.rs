@@ -4,8 +4,8 @@
 //! asked for and the road that is open.
 //!
 //! Invariant: look-ahead is on the road in normal run only. Every other mode first brings the cursor to rest, then has the
-//! road end at `reached`, and only then moves. Normal run is entered again at `reached`, at rest, with the outputs as
-//! the program expects them.
+//! road end at `reached`, and only then moves. Normal run is entered again at the furthest place, at rest, with the outputs as
+//! the program expects them; and it goes on after a stop only with such outputs (CUT-17, DNC-9).
 
 use crate::{ONE, Place, Travel};
 
@@ -22,7 +22,7 @@ pub enum Mode {
     Wheel,
     /// On the way to `reached` by itself (REV-9).
     Return,
-    /// At `reached`, with outputs that differ from what the program expects there.
+    /// At the furthest place, with outputs that differ from what the program expects there.
     Settle,
 }
 
@@ -31,8 +31,15 @@ pub enum Mode {
 pub enum Order {
     /// Feed hold: bring the rate to zero, keep the position.
     Hold,
-    /// Cycle start after a hold.
+    /// Cycle start after a hold. In normal run the outputs are compared first, and [`Order::Agree`] is waited for where they differ.
     Resume,
+    /// The same, which agrees to the outputs that are to be restored; also in place of [`Order::Agree`].
+    Recover,
+    /// Motion is to go on from a stop that was no hold: the outputs are compared as after [`Order::Resume`].
+    Restart {
+        /// Outputs that differ may be restored without asking.
+        agreed: bool,
+    },
     /// Feed override for normal run and the way back, 0 … 1; more counts as 1.
     Override(Travel),
     /// Reverse run at this rate, above 0 and up to 8; above 1 is rapid retrace.
@@ -85,7 +92,7 @@ pub struct Facts {
 pub enum Notice {
     /// Reverse run stands at the oldest record (REV-8).
     Oldest,
-    /// The machine stands at `reached` and the outputs differ: it waits for [`Order::Agree`].
+    /// The machine stands at the furthest place and the outputs differ: it waits for [`Order::Agree`].
     OutputsDiffer,
     /// Normal run goes on from `reached`.
     GoesOn,
@@ -104,6 +111,17 @@ pub struct Demand {
     pub notice: Option<Notice>,
 }
 
+/// Is normal run to go on after a stop, and what of outputs that differ then?
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Resuming {
+    /// It is going on, or not to go on.
+    No,
+    /// The operator is asked.
+    Asking,
+    /// They may be restored.
+    Agreed,
+}
+
 /// The state of operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Operation {
@@ -117,6 +135,7 @@ pub struct Operation {
     retrace_rate: Travel,
     /// Has the operator been told of the end that the cursor stands at?
     told: bool,
+    resuming: Resuming,
 }
 
 impl Default for Operation {
@@ -129,6 +148,7 @@ impl Default for Operation {
             override_rate: ONE,
             retrace_rate: ONE,
             told: false,
+            resuming: Resuming::No,
         }
     }
 }
@@ -164,9 +184,13 @@ impl Operation {
     /// [`Refused`] says why it does not apply; nothing has changed then.
     pub fn order(&mut self, order: Order) -> Result<(), Refused> {
         match order {
-            Order::Hold => self.held = true,
-            Order::Resume if self.held => self.held = false,
+            Order::Hold => (self.held, self.resuming) = (true, Resuming::No),
+            Order::Resume if self.held => self.restart(Resuming::Asking),
             Order::Resume => return Err(Refused::NotHeld),
+            Order::Recover if self.mode == Mode::Settle => (self.held, self.agreed) = (false, true),
+            Order::Recover if self.held => self.restart(Resuming::Agreed),
+            Order::Recover => return Err(Refused::NothingAsked),
+            Order::Restart { agreed } => self.restart(if agreed { Resuming::Agreed } else { Resuming::Asking }),
             Order::Override(rate) => self.override_rate = rate.clamp(0, ONE),
             Order::Reverse(rate) | Order::Forward(rate) if rate <= 0 => return Err(Refused::NoRate),
             Order::Reverse(rate) => self.enter(Mode::Reverse, rate),
@@ -185,7 +209,16 @@ impl Operation {
         Ok(())
     }
 
+    /// What was held goes on; normal run once the outputs agree.
+    fn restart(&mut self, resuming: Resuming) {
+        self.held = false;
+        if self.mode == Mode::Run {
+            self.resuming = resuming;
+        }
+    }
+
     fn enter(&mut self, mode: Mode, rate: Travel) {
+        self.resuming = Resuming::No;
         self.turned &= self.mode != Mode::Run;
         self.mode = mode;
         self.held = false;
@@ -206,13 +239,20 @@ impl Operation {
             self.turned = true;
         }
         let at_reached = facts.at_rest && facts.place == Place::start_of(facts.reached);
+        // A stop in normal run may be inside of the record that `reached` lies behind.
+        let at_furthest = facts.at_rest && facts.place.boundary_ahead() == facts.reached;
         match self.mode {
+            Mode::Run if self.resuming != Resuming::No && facts.outputs_agree => self.resuming = Resuming::No,
+            Mode::Run if self.resuming != Resuming::No && at_furthest => {
+                self.agreed = self.resuming == Resuming::Agreed;
+                (self.mode, self.resuming, self.told) = (Mode::Settle, Resuming::No, false);
+            }
             Mode::Forward | Mode::Return if at_reached => {
                 self.mode = Mode::Settle;
                 self.told = false;
             }
             // whatever brought the cursor off it, normal run begins at `reached` only
-            Mode::Settle if !at_reached => self.mode = Mode::Return,
+            Mode::Settle if !at_furthest => self.mode = Mode::Return,
             Mode::Reverse if facts.at_rest && facts.place == Place::start_of(facts.oldest) && !self.told => {
                 self.told = true;
                 demand.notice = Some(Notice::Oldest);
@@ -224,7 +264,7 @@ impl Operation {
         }
         demand.look_ahead = self.mode == Mode::Run;
         demand.target = match self.mode {
-            _ if self.held => 0,
+            _ if self.held || self.resuming != Resuming::No => 0,
             Mode::Run | Mode::Return => self.override_rate,
             Mode::Reverse => -self.retrace_rate,
             Mode::Forward => self.retrace_rate,
@@ -234,7 +274,7 @@ impl Operation {
         demand
     }
 
-    /// At `reached`: on with normal run if the outputs agree or may be restored, else wait.
+    /// At the furthest place: on with normal run if the outputs agree or may be restored, else wait.
     fn settle(&mut self, facts: &Facts, demand: &mut Demand) {
         if facts.outputs_agree || self.agreed {
             demand.restore_outputs = !facts.outputs_agree;
@@ -310,6 +350,36 @@ mod tests {
         operation.order(Order::Agree).expect("asked");
         let on = operation.demand(&differ);
         assert_eq!((on.restore_outputs, on.target, on.look_ahead), (true, ONE, true));
+    }
+
+    #[test]
+    fn normal_run_goes_on_after_a_stop_only_with_outputs_that_agree() {
+        let mut operation = Operation::default();
+        operation.order(Order::Hold).expect("always");
+        // inside of a record
+        let inside = Place { record: 99, fraction: 5 };
+        let differ = Facts { place: inside, outputs_agree: false, ..facts(99, 100, true) };
+        operation.order(Order::Resume).expect("held");
+        let braking = operation.demand(&Facts { at_rest: false, ..differ });
+        assert_eq!((braking.target, braking.look_ahead, operation.mode()), (0, true, Mode::Run));
+        let asks = operation.demand(&differ);
+        assert_eq!((asks.target, asks.notice, operation.mode()), (0, Some(Notice::OutputsDiffer), Mode::Settle));
+        assert_eq!(operation.demand(&differ).notice, None);
+        operation.order(Order::Recover).expect("asked");
+        let on = operation.demand(&differ);
+        assert_eq!((on.restore_outputs, on.target, operation.mode()), (true, ONE, Mode::Run));
+        // agreed at once
+        operation.order(Order::Hold).expect("always");
+        operation.order(Order::Recover).expect("held");
+        let on = operation.demand(&differ);
+        assert_eq!((on.restore_outputs, on.target, operation.mode()), (true, ONE, Mode::Run));
+        // nothing to ask, nothing to say
+        for order in [Order::Restart { agreed: false }, Order::Restart { agreed: true }] {
+            operation.order(order).expect("always");
+            let on = operation.demand(&Facts { outputs_agree: true, ..differ });
+            assert_eq!((on.restore_outputs, on.target, on.notice), (false, ONE, None));
+        }
+        assert_eq!(operation.order(Order::Recover), Err(Refused::NothingAsked));
     }
 
     #[test]

@@ -214,6 +214,8 @@ pub enum Canon {
         tool: u32,
         /// Its line of the tool table, from 1; 0 for none.
         index: u32,
+        /// What the table's comment says of it.
+        remark: Option<Box<str>>,
     },
     SelectTool(u32),
     /// The tool in the spindle is now called so (M61).

@@ -4,12 +4,15 @@
 //! and is a fault from the next one on, as long as the card stands under it.
 
 use std::fmt;
+use std::io::{self, Write};
 
 use retrace_card::{Card, Inputs};
 use retrace_core::limits::RateLimits;
 use retrace_link::{Alarm, CardFault, Deck, Identity, MotionCard, Outputs, Refusal, Settings, Start, Status, Word};
 
 use crate::compared::Compared;
+use crate::pins::Pins;
+use crate::trace::Trace;
 use crate::{Clock, Machine, MachineSettings, PulseCounters, identity};
 
 /// Records that the simulated card holds.
@@ -20,6 +23,18 @@ pub(crate) const MEMORY: usize = 1023;
 
 /// Ticks a second of a clock that is fine enough for every pulse that can be asked for.
 const FINE_HZ: u32 = 4_000_000_000;
+
+/// A trace of the card, and the wires that it shows.
+struct Traced<const A: usize> {
+    trace: Trace<Box<dyn Write + Send>, A>,
+    pins: Pins<A>,
+}
+
+impl<const A: usize> fmt::Debug for Traced<A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Traced").field("pins", &self.pins).finish_non_exhaustive()
+    }
+}
 
 /// A simulated card for `A` axes, and what hangs on it.
 #[derive(Debug)]
@@ -32,6 +47,7 @@ pub struct SimCard<const A: usize> {
     stood_at: [i64; A],
     settings: Settings<A>,
     clock: Clock,
+    traced: Option<Box<Traced<A>>>,
 }
 
 /// What can go wrong with a simulated card.
@@ -120,6 +136,7 @@ impl<const A: usize> SimCard<A> {
             stood_at: [0; A],
             settings,
             clock,
+            traced: None,
         })
     }
 
@@ -133,6 +150,26 @@ impl<const A: usize> SimCard<A> {
         self.stood_at = counts;
         self.machine.outputs(0, outputs);
         self
+    }
+
+    /// Writes a trace from now on, for a wave viewer, its axes under these names. Where its file cannot be written any more, it ends.
+    ///
+    /// # Errors
+    /// What the writer reports.
+    pub fn trace(&mut self, out: Box<dyn Write + Send>, axes: &[String]) -> io::Result<()> {
+        self.traced = Some(Box::new(Traced { trace: Trace::new(out, axes)?, pins: Pins::default() }));
+        Ok(())
+    }
+
+    /// Traces the last period, which began at `now_us`.
+    fn trace_period(&mut self, now_us: u64) {
+        let (Some(traced), Some(terms)) = (&mut self.traced, self.card.terms()) else { return };
+        // More pulses than fit are a fault of the card, which ends the run by itself.
+        let _ = traced.pins.emit(terms.timing(), self.card.pulses());
+        let edges = traced.pins.edges();
+        if traced.trace.period(now_us * 1000, self.card.status(), edges, FINE_HZ).is_err() {
+            self.traced = None;
+        }
     }
 
     /// The pulses that came out.
@@ -184,7 +221,9 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
             return Err(SimFault::Apart { period: number });
         }
         self.machine.outputs(now_us, &status.outputs);
-        match status.alarm {
+        let alarm = status.alarm;
+        self.trace_period(now_us);
+        match alarm {
             Some(alarm) if stood_under_alarm => Err(SimFault::Alarm(alarm)),
             _ => Ok(self.card.status()),
         }

@@ -181,7 +181,7 @@ impl Observer {
                 "lit by nothing"
             );
         }
-        let stands = is && before.at_rest && now.rate == 0 && !(self.asked && !was);
+        let stands = is && before.at_rest && now.rate == 0 && (was || !self.asked);
         self.stood = if stands && !self.keeps { self.stood + 1 } else { 0 };
         assert!(self.stood <= u32::from(GRACE + HANDOVER), "stood for {} periods", self.stood);
         self.asked &= !is;

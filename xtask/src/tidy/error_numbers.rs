@@ -31,7 +31,7 @@ pub(super) fn find(tree: &Tree) -> Vec<Finding> {
     findings
 }
 
-/// Every number that stands in quotes in the crates' code outside of tests, with the first place where it does.
+/// Every number that stands in quotes, or begins a quoted text and is followed by a colon, in the crates' code outside of tests, with the first place where it does.
 fn used_numbers(tree: &Tree) -> BTreeMap<String, (String, usize)> {
     let mut used = BTreeMap::new();
     for (path, text) in tree.rust() {
@@ -40,8 +40,9 @@ fn used_numbers(tree: &Tree) -> BTreeMap<String, (String, usize)> {
         }
         for (index, line) in text.lines().take(lines_before_tests(text)).enumerate() {
             for quoted in line.split('"').skip(1) {
-                if is_number(quoted) {
-                    used.entry(quoted.to_owned()).or_insert_with(|| (path.to_owned(), index + 1));
+                let number = quoted.split_once(": ").map_or(quoted, |(number, _)| number);
+                if is_number(number) {
+                    used.entry(number.to_owned()).or_insert_with(|| (path.to_owned(), index + 1));
                 }
             }
         }
@@ -60,12 +61,10 @@ fn row_number(line: &str) -> Option<&str> {
     is_number(number).then_some(number)
 }
 
-/// `E1000` … `E4999`, `W1000` … `W1999`.
+/// `E1000` … `E4999`, `W1000` … `W4999`.
 fn is_number(word: &str) -> bool {
     match word.as_bytes() {
-        [b'E', b'1'..=b'4', digits @ ..] | [b'W', b'1', digits @ ..] => {
-            digits.len() == 3 && digits.iter().all(u8::is_ascii_digit)
-        }
+        [b'E' | b'W', b'1'..=b'4', digits @ ..] => digits.len() == 3 && digits.iter().all(u8::is_ascii_digit),
         _ => false,
     }
 }
@@ -81,9 +80,9 @@ mod tests {
 
     #[test]
     fn a_number_without_a_row_and_a_row_without_a_number_are_refused() {
-        let source = "A => \"E1001\", B => \"W1002\", C => \"E5001\"\n#[cfg(test)]\nmod tests {\n\"E1999\"\n}\n";
+        let source = "A => \"E1001\", D => \"E3001: it broke\", B => \"W1002\", C => \"E5001\"\n#[cfg(test)]\nmod tests {\n\"E1999\"\n}\n";
         assert_eq!(
-            messages(source, "| `E1001` | x |\n| E2001 | y |\n"),
+            messages(source, "| `E1001` | x |\n| E3001 | z |\n| E2001 | y |\n"),
             ["W1002 has no row in docs/errors.md", "E2001 is used nowhere in the code"]
         );
         assert_eq!(messages(source, "| E1001 |\n### W1002: z\nsee E3001\n"), Vec::<String>::new());

@@ -49,6 +49,11 @@ impl Desk {
                     job.turn(counts);
                 }
             }
+            Said::CutterOff if self.job().is_some() => self.say_to_job(Deed::CutterOff),
+            Said::OptionalStop(on) => {
+                self.say_to_job(Deed::OptionalStop(on));
+                drop(self.words.send(said));
+            }
             // A key that is held down does not heap up moves.
             Said::Task(_) if self.job().is_some() => {}
             // The machine hears everything until it is left.

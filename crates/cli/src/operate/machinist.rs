@@ -13,7 +13,7 @@ use retrace_controller::by_hand;
 use retrace_controller::event::{Event, Happening, Trouble};
 use retrace_controller::machine::Machine;
 use retrace_controller::manual::{Done, NotDone, Task, perform};
-use retrace_controller::operator::Instruction;
+use retrace_controller::operator::{self, Instruction};
 use retrace_controller::orders::Operators;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::script::ScriptPlayer;
@@ -74,6 +74,8 @@ pub(super) struct Machinist<'m, const A: usize, C> {
     alarm: Option<Alarm>,
     /// The card has failed for good.
     failed: bool,
+    /// M1 stops in the jobs to come.
+    optional_stop: bool,
     /// The job that it begins with.
     resumed: Option<Resuming<'m, A, C>>,
     left: Left,
@@ -108,6 +110,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             live,
             alarm: None,
             failed: false,
+            optional_stop: false,
             resumed: None,
             left,
         }
@@ -124,10 +127,10 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         self.tell_homed();
         let active = Box::new(self.by_hand.active());
         Observer::<A>::told(&mut self.live, &Told::Active(active));
-        if let Some(resumed) = self.resumed.take() {
-            if let Err(failure) = self.resume(resumed) {
-                return Left { failure: Some(failure), ..self.left };
-            }
+        if let Some(resumed) = self.resumed.take()
+            && let Err(failure) = self.resume(resumed)
+        {
+            return Left { failure: Some(failure), ..self.left };
         }
         loop {
             match self.words.try_recv() {
@@ -135,6 +138,11 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
                 Ok(Said::SetUp) => self.set_up(),
                 Ok(Said::Task(task)) => self.task(&task),
                 Ok(Said::Load(path)) => self.load(path),
+                Ok(Said::CutterOff) => self.cutters_off(),
+                Ok(Said::OptionalStop(on)) => {
+                    self.optional_stop = on;
+                    locked(&self.desk.model).optional_stop = on;
+                }
                 Ok(Said::CloseRefusal) => self.close_refusal(),
                 Ok(Said::DryRun(on)) => self.machine.inhibits_outputs = on,
                 // Words to a job that has just ended, and an answer to a question of its.
@@ -332,7 +340,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let at_screen = AtScreen { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
         let at = self.at.clone();
         let args = self.args.clone();
-        let job = Job::of(&args, &machine, self.script.clone(), program, &at);
+        let job = Job::of(&args, &machine, self.script_of_job(), program, &at);
         let done = self.begun(&job).and_then(|kept| job.run(&mut *self.card, kept, Some(at_screen)));
         self.desk.ends();
         self.left.ran = true;
@@ -349,6 +357,15 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         }
         // What the session told is the same alarm.
         self.alarm = self.card.status().alarm;
+    }
+
+    /// What is said in a job besides the keys: that M1 stops, and the script.
+    fn script_of_job(&self) -> Vec<Instruction> {
+        let stops = if self.optional_stop { "at 0s optional stop on" } else { "" };
+        // What is written here can be read.
+        let mut script = operator::parse(stops, "screen").unwrap_or_default();
+        script.extend(self.script.iter().copied());
+        script
     }
 
     /// A job has ended with this exit code: takes over what it leaves.
@@ -368,6 +385,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let (words, model) = (&self.words, &self.desk.model);
         let mut ask = |taken: &Taken<'_, A>| {
             let prepared = taken.prepared;
+            let outputs = (0..).zip(prepared.expected_outputs()).map(|(channel, &value)| (channel, value));
+            locked(model).program_outputs = outputs.collect();
             locked(model).history_before = Some((prepared.oldest(), prepared.history_mm()));
             Ok(resumed.is_agreed || ask(model, words, "resume the job?", taken.lines()))
         };
@@ -411,6 +430,17 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             picture::look_again::<A>(&model, machine, &program);
             Ok(program)
         })
+    }
+
+    /// Switches every cutter off while no job runs.
+    fn cutters_off(&mut self) {
+        let outputs = self.card.status().outputs;
+        let channels = self.machine.cutters.iter().map(|cutter| cutter.fire);
+        let lit: Vec<u8> =
+            channels.filter(|&channel| outputs.get(usize::from(channel)).is_some_and(|&on| on != 0)).collect();
+        for channel in lit {
+            self.task(&Task::Output(channel, 0));
+        }
     }
 
     /// The operator has read why the program is refused.

@@ -2,6 +2,7 @@
 //!
 //! Invariant: whatever takes time is done in a thread of its own; the picture says "reckoning" until it is there.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -27,8 +28,13 @@ pub(super) fn facts(machine: &Machine, program: &Program) -> Facts {
         };
         table.tools().map(tool).collect()
     });
+    let tool_names = program.tool_table().map_or_else(BTreeMap::new, |table| {
+        let name =
+            |tool: &retrace_gcode::Tool| Some((i32::try_from(tool.number).ok()?, table.name(tool.number)?.to_owned()));
+        table.tools().filter_map(name).filter(|(_, name)| !name.is_empty()).collect()
+    });
     let check = if program.is_loaded() { ProgramCheck::Checking } else { ProgramCheck::NotLoaded };
-    Facts { tools, check, ..Facts::of(machine, &file_name(program.name()), &program.text()) }
+    Facts { tools, tool_names, check, ..Facts::of(machine, &file_name(program.name()), &program.text()) }
 }
 
 /// Shows another program on a machine that stands there: its text now, and its check, path and time when they are known.

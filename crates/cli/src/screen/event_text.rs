@@ -22,6 +22,27 @@ pub fn lines(model: &Model, event: &Event) -> Vec<String> {
         Happening::Operator(deed) => format!("you: {}", deed_words(model, deed)),
         Happening::OrderRefused(why) => format!("not possible: {why}"),
         Happening::SwitchedInPassing(number, value) => output_words(model, *number, *value),
+        Happening::RetraceSwitched(number, value) => format!("retrace: {}", output_words(model, *number, *value)),
+        Happening::CutterOn(number) => format!("{} on by hand", model.facts.output_name(*number)),
+        Happening::CutterOff { channel, .. } => {
+            let text = event.text();
+            let why = text.split_once(" off: ").map_or("", |(_, why)| why);
+            format!("{} off: {}", model.facts.output_name(*channel), why.replace("`recover`", "k"))
+        }
+        Happening::CutterBoundary => {
+            "standing where the program switched the cutter, and it is on: x switches it off, r cuts on".into()
+        }
+        Happening::ToolChange(tool) => tool_change_words(model, *tool),
+        Happening::OutputsDiffer(some) => {
+            let each = some.list().iter().map(|(number, is, wants)| {
+                format!(
+                    "{}, the program wants {}",
+                    output_words(model, *number, *is),
+                    state_words(model, *number, *wants)
+                )
+            });
+            format!("outputs differ: {}", each.collect::<Vec<_>>().join("; "))
+        }
         Happening::Dnc(dnc) => match dnc.step {
             Step::Paused { .. } => "paused: the breakpoint is kept".into(),
             Step::Jogged { axis, mm, cut_short, .. } => {
@@ -58,6 +79,10 @@ fn deed_words(model: &Model, deed: &Deed) -> String {
         Deed::Leave { ask: false } => "forward and on with the program".into(),
         Deed::Leave { ask: true } => "forward and on, asking before outputs change".into(),
         Deed::Agree => "agreed".into(),
+        Deed::Recover => "start the cutter again and go on".into(),
+        Deed::CutterOff => "cutter off".into(),
+        Deed::CutterOn => "cutter on".into(),
+        Deed::OptionalStop(on) => format!("optional stop {}", if *on { "on" } else { "off" }),
         Deed::Output { number, on } => format!("{} by hand", output_words(model, *number, i32::from(*on))),
         Deed::Single => format!("single block {}", if model.single { "on" } else { "off" }),
         Deed::Stop => "stop the job".into(),
@@ -72,17 +97,31 @@ fn deed_words(model: &Model, deed: &Deed) -> String {
     }
 }
 
-/// An output that was switched: `output 3 on`, `spindle clockwise`.
+/// What is to be done at a tool change by hand.
+#[must_use]
+pub fn tool_change_words(model: &Model, tool: i32) -> String {
+    match (tool, model.facts.tool_names.get(&tool)) {
+        (0, _) => "take the tool out".into(),
+        (_, Some(name)) => format!("insert tool T{tool}: {name}"),
+        (_, None) => format!("insert tool T{tool}"),
+    }
+}
+
+/// An output and its state: `output 3 on`, `spindle clockwise`.
 fn output_words(model: &Model, number: u8, value: i32) -> String {
-    let name = model.facts.output_name(number);
-    match number {
-        channel::SPINDLE => match value {
-            0 => "spindle stopped".into(),
-            1.. => "spindle clockwise".into(),
-            _ => "spindle counterclockwise".into(),
-        },
-        channel::SPEED => format!("spindle speed {:.0}/min", f64::from(value) / 1000.0),
-        channel::TOOL => format!("tool T{value}"),
-        _ => format!("{name} {}", if value == 0 { "off" } else { "on" }),
+    format!("{} {}", model.facts.output_name(number), state_words(model, number, value))
+}
+
+/// The state of an output in words.
+fn state_words(model: &Model, number: u8, value: i32) -> String {
+    match (number, value) {
+        _ if model.facts.is_of_cutter(number) => if value == 0 { "off" } else { "on" }.into(),
+        (channel::SPINDLE, 0) => "stopped".into(),
+        (channel::SPINDLE, 1..) => "clockwise".into(),
+        (channel::SPINDLE, _) => "counterclockwise".into(),
+        (channel::SPEED, _) => format!("{:.0}/min", f64::from(value) / 1000.0),
+        (channel::TOOL, _) => format!("T{value}"),
+        (_, 0) => "off".into(),
+        _ => "on".into(),
     }
 }

@@ -2,8 +2,11 @@
 //!
 //! Invariant: nothing here depends on how many axes the code was compiled for.
 
+use std::collections::BTreeMap;
+
 use retrace_controller::event::channel_name;
-use retrace_controller::machine::Machine;
+use retrace_controller::machine::{Cutter, Machine};
+use retrace_link::channel;
 
 use super::preview::Preview;
 
@@ -16,6 +19,17 @@ pub struct AxisFacts {
     pub pulses_per_mm: f64,
     /// Its soft limits, mm (degrees).
     pub travel_mm: [f64; 2],
+}
+
+/// A cutter, as far as the screen shows it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CutterFacts {
+    /// Its name.
+    pub name: String,
+    /// The channel that lights, opens or starts it.
+    pub fire: u8,
+    /// Every channel that belongs to it.
+    pub channels: Vec<u8>,
 }
 
 /// How long all motion of a program is, from the plan itself.
@@ -80,6 +94,12 @@ pub struct Facts {
     pub check: ProgramCheck,
     /// The tool table, a tool a line.
     pub tools: Vec<String>,
+    /// Remarks of the tool table, by the number of the tool.
+    pub tool_names: BTreeMap<i32, String>,
+    /// The cutters: torches, jets and beams.
+    pub cutters: Vec<CutterFacts>,
+    /// What the output channels are called, in the order of the channels.
+    pub output_names: Vec<String>,
 }
 
 impl Facts {
@@ -97,6 +117,8 @@ impl Facts {
             period_s: machine.period_s(),
             program: Text::new(name, text),
             stands_at_mm: machine.stands_at_mm.clone(),
+            cutters: machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()).map(cutter_facts).collect(),
+            output_names: (0..channel::COUNT as u8).map(|number| machine.channel_name(number)).collect(),
             ..Self::default()
         }
     }
@@ -104,7 +126,26 @@ impl Facts {
     /// What an output channel is called.
     #[must_use]
     pub fn output_name(&self, channel: u8) -> String {
-        channel_name(channel)
+        self.output_names.get(usize::from(channel)).cloned().unwrap_or_else(|| channel_name(channel))
+    }
+
+    /// The output of a name, or of a number; case is ignored.
+    #[must_use]
+    pub fn output_named(&self, text: &str) -> Option<u8> {
+        let text = text.trim();
+        let is_switched = |number: u8| usize::from(number) < channel::DIGITAL || number == channel::SPINDLE;
+        if let Ok(number) = text.parse::<u8>() {
+            return Some(number).filter(|&number| is_switched(number));
+        }
+        (0..=u8::MAX)
+            .filter(|&number| is_switched(number))
+            .find(|&number| self.output_name(number).eq_ignore_ascii_case(text))
+    }
+
+    /// Does the channel belong to a cutter?
+    #[must_use]
+    pub fn is_of_cutter(&self, channel: u8) -> bool {
+        self.cutters.iter().any(|cutter| cutter.channels.contains(&channel))
     }
 
     /// Which axes are X, Y and Z.
@@ -112,6 +153,12 @@ impl Facts {
     pub fn space(&self) -> [Option<usize>; 3] {
         ['x', 'y', 'z'].map(|letter| self.axes.iter().position(|axis| axis.letter == letter))
     }
+}
+
+fn cutter_facts(cutter: &Cutter) -> CutterFacts {
+    let auxiliaries = [cutter.arm, cutter.assist, cutter.abrasive].into_iter().flatten();
+    let channels = std::iter::once(cutter.fire).chain(auxiliaries).collect();
+    CutterFacts { name: cutter.name.clone(), fire: cutter.fire, channels }
 }
 
 /// A program's text, line by line.

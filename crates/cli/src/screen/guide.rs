@@ -6,6 +6,7 @@ use retrace_controller::stream::Standing;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 
+use super::event_text::tool_change_words;
 use super::facts::ProgramCheck;
 use super::hand::Hand;
 use super::keys::Act;
@@ -99,11 +100,11 @@ fn setup(model: &Model, hand: &Hand) -> Guide {
         _ => {}
     }
     let why = match (hand.dry, &model.facts.check) {
-        (true, _) => format!("{name}, DRY RUN: no output will switch"),
+        (true, _) => format!("{name}, DRY RUN: the cutter stays off"),
         (false, ProgramCheck::Checking) => format!("{name} is being checked"),
         (false, _) => format!("{name} is ready"),
     };
-    guide(Grade::Waits, if hand.dry { "READY (DRY)" } else { "READY" }, why, &acts)
+    guide(Grade::Waits, "READY", why, &acts)
 }
 
 fn resuming(model: &Model) -> Guide {
@@ -131,7 +132,14 @@ fn normal(model: &Model) -> Guide {
     ];
     match model.standing {
         Standing::Hold if !model.at_rest => guide(Grade::Waits, "STOPPING", "feed hold: braking on the path", &held),
+        Standing::Hold if model.cutter_is_out => {
+            let acts = [Act::CycleStart, Act::Recover, Act::Reverse, Act::Wheel, Act::BackBy, Act::Quit];
+            guide(Grade::Waits, "FEED HOLD", "the cutter is off; c asks before it starts again, k does not", &acts)
+        }
         Standing::Hold => guide(Grade::Waits, "FEED HOLD", "held by the operator", &held),
+        Standing::ProgramStop if let Some(tool) = model.tool_change => {
+            guide(Grade::Waits, "TOOL CHANGE", tool_change_words(model, tool), &held)
+        }
         Standing::ProgramStop => guide(Grade::Waits, "PROGRAM STOP", "the program asked for a stop", &held),
         Standing::SingleBlock => guide(Grade::Waits, "SINGLE BLOCK", "at the end of a block", &held),
         Standing::Ended => {
@@ -166,8 +174,8 @@ fn normal(model: &Model) -> Guide {
 
 fn retracing(model: &Model, mode: Mode) -> Guide {
     if !model.differ.is_empty() {
-        let acts = [Act::Agree, Act::Output, Act::Reverse, Act::Wheel, Act::Quit];
-        return guide(Grade::Waits, "OUTPUTS DIFFER", "at the place where it was left", &acts);
+        let acts = [Act::Agree, Act::Reverse, Act::Wheel, Act::Output, Act::Quit];
+        return guide(Grade::Waits, "OUTPUTS DIFFER", "from what the program had here", &acts);
     }
     let back = format!("{:.1} mm back", model.back_mm());
     let at_oldest = model.at_rest && model.place == Place::start_of(model.oldest);
@@ -195,6 +203,10 @@ fn retracing(model: &Model, mode: Mode) -> Guide {
         Mode::Return | Mode::Settle => {
             let acts = [Act::Leave, Act::Reverse, Act::Wheel, Act::Quit];
             guide(Grade::Waits, "RETURNING", format!("stands; {back}"), &acts)
+        }
+        Mode::Reverse if model.at_cutter_boundary => {
+            let acts = [Act::CutterOff, Act::Reverse, Act::Forward, Act::Leave, Act::Wheel, Act::Quit];
+            guide(Grade::Waits, "CUTTER ON", "the program switched the cutter here, and it is on", &acts)
         }
         Mode::Reverse if at_oldest => {
             guide(Grade::Waits, "REVERSE", format!("at the oldest place, {back}: no further"), &standing)

@@ -142,6 +142,8 @@ pub struct Hand {
     pub axis: usize,
     /// Is a dry run asked for?
     pub dry: bool,
+    /// Is M1 to stop?
+    pub optional_stop: bool,
     notice: Option<(String, u64)>,
     /// Direction and index of the rate that was asked for last.
     asked: Option<(Mode, usize)>,
@@ -253,6 +255,13 @@ impl Hand {
             }
             Act::Single => Deed::Single,
             Act::Pause => Deed::Pause,
+            Act::CutterOff => return Some(Said::CutterOff),
+            Act::CutterOn => Deed::CutterOn,
+            Act::Recover => Deed::Recover,
+            Act::OptionalStop => {
+                self.optional_stop = !self.optional_stop;
+                return Some(Said::OptionalStop(self.optional_stop));
+            }
             Act::Spindle if model.output(channel::SPINDLE) == 0 => Deed::SpindleStart,
             Act::Spindle => Deed::SpindleStop,
             Act::Online => Deed::Online,
@@ -398,6 +407,11 @@ impl Hand {
             self.open = Open::Nothing;
             return (!matches!(model.stage, Stage::Ended(_))).then_some(Said::Deed(Deed::Hold));
         }
+        let is_typed = matches!(&self.open, Open::Prompt(ask, ..) if *ask != Ask::Stop);
+        if matches!(key, Key::Char('x' | 'X')) && !is_typed {
+            self.open = Open::Nothing;
+            return Some(Said::CutterOff);
+        }
         let Open::Prompt(ask, text, wrong) = &mut self.open else {
             match (&mut self.open, key) {
                 (Open::Help(page), Key::Down | Key::PageDown | Key::Tab | Key::Char('?')) => *page += 1,
@@ -477,16 +491,18 @@ fn answer(ask: Ask, text: &str, model: &Model) -> Result<Said, String> {
     }
 }
 
-/// `3` switches output 3 over; `3+` and `3-` say which way. No space: that is the hold.
+/// `3+` switches output 3 on and `3-` off; a name stands for its number. Without a sign an output is switched over, unless it is a cutter's.
 fn output(text: &str, model: &Model) -> Result<Said, String> {
-    let digits = text.trim_end_matches(['+', '-']);
-    let number = digits.parse::<u8>().ok().filter(|&number| number < 64);
-    let Some(number) = number else { return Err("a number from 0 to 63, such as 3, 3+ or 3-".into()) };
-    let on = match &text[digits.len()..] {
+    let name = text.trim_end_matches(['+', '-']);
+    let Some(number) = model.facts.output_named(name) else {
+        return Err("a number from 0 to 63, or a name, and + or -: 3+, 3-".into());
+    };
+    let on = match &text[name.len()..] {
+        "" if model.facts.is_of_cutter(number) => return Err("say which: + is on, - is off".into()),
         "" => model.output(number) == 0,
         "+" => true,
         "-" => false,
-        _ => return Err("3 switches it over; 3+ on, 3- off".into()),
+        _ => return Err("+ is on, - is off".into()),
     };
     Ok(match model.stage {
         Stage::Job => Said::Deed(Deed::Output { number, on }),

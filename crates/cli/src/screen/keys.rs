@@ -87,6 +87,14 @@ pub enum Act {
     Single,
     /// Pause.
     Pause,
+    /// Switches every cutter off.
+    CutterOff,
+    /// Switches the cutter on by hand.
+    CutterOn,
+    /// Restores the outputs, the cutter last, and goes on.
+    Recover,
+    /// M1 stops, or does not.
+    OptionalStop,
     /// Stops the spindle, or starts it.
     Spindle,
     /// On-line mode.
@@ -273,7 +281,11 @@ pub const TABLE: &[Row] = &[
     row(&[Key::Char('0')], "0", "100 %", "override 100 %", JOB, Act::Whole),
     row(&[Key::Char('s')], "s", "single", "single block on, off", JOB, Act::Single),
     row(&[Key::Char('p')], "p", "pause", "pause the program, to move away and come back", RUN, Act::Pause),
-    row(&[Key::Char('x')], "x", "spindle", "stop the spindle; again: start it as it was", PAUSED, Act::Spindle),
+    row(&[Key::Char('x'), Key::Char('X')], "x", "cutter off", "cutter off, at once, whatever the machine does", EVER, Act::CutterOff),
+    row(&[Key::Char('i')], "i", "cutter on", "cutter on, where it may cut by hand", MOVING, Act::CutterOn),
+    row(&[Key::Char('k')], "k", "recover", "restore the outputs, the cutter last, and go on", RUN | RETRACE | WHEEL, Act::Recover),
+    row(&[Key::Char('S')], "S", "spindle", "stop the spindle; again: start it as it was", PAUSED, Act::Spindle),
+    row(&[Key::Char('M')], "M", "M1 stop", "M1 stops, or does not", SETUP | JOB, Act::OptionalStop),
     row(&[Key::Char('n')], "n", "on line", "back to on-line mode", PAUSED, Act::Online),
     row(ARROWS, "arrows", "jog", "← → X, ↑ ↓ Y, PgUp PgDn Z, by the step", SETUP | PAUSED, Act::Jog),
     row(&[Key::Char('[')], "[", "jog -", "jog the chosen axis down", SETUP | PAUSED, Act::JogDown),
@@ -285,9 +297,9 @@ pub const TABLE: &[Row] = &[
     row(&[Key::Char('H')], "H", "home", "home all axes", SETUP, Act::Home),
     row(&[Key::Char('m')], "m", "MDI", "a block by hand", SETUP, Act::Mdi),
     row(&[Key::Char('z')], "z", "zero", "work zero here, of one axis or all", SETUP, Act::WorkZero),
-    row(&[Key::Char('d')], "d", "dry run", "dry run: outputs stay as they are", SETUP, Act::DryRun),
+    row(&[Key::Char('d')], "d", "dry run", "dry run: the cutter stays off", SETUP, Act::DryRun),
     row(&[Key::Char('T')], "T", "tools", "the tool table", EVER, Act::Tools),
-    row(&[Key::Char('o')], "o", "output", "an output by hand: 3, 3+ or 3-, then Enter", SETUP | JOB, Act::Output),
+    row(&[Key::Char('o')], "o", "output", "an output by hand: its number or name, then + or -", SETUP | JOB, Act::Output),
     row(&[Key::Char('a')], "a", "reset", "alarm reset", ALWAYS, Act::ClearAlarm),
     row(&[Key::Char('v')], "v", "view", "the drawing from another side", EVER, Act::View),
     row(&[Key::Char('>'), Key::Char('.')], ">", "zoom in", "enlarge the drawing", EVER, Act::ZoomIn),

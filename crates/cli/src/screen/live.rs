@@ -5,7 +5,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use retrace_controller::event::{Event, Happening};
+use retrace_controller::event::{Event, Happening, OffReason};
 use retrace_controller::machine::AXIS_LETTERS;
 use retrace_controller::operator::Deed;
 use retrace_controller::stream::{Observer, Period, Standing, Told};
@@ -18,6 +18,7 @@ use retrace_link::channel;
 use super::event_text;
 use super::lengths::Lengths;
 use super::model::{Active, AlarmShown, Model, MotionKind, Pause, Stage};
+use super::program_outputs::ProgramOutputs;
 use super::trail::{Knot, Trail};
 
 /// Periods over which the speed is a mean, so that it can be read.
@@ -35,6 +36,7 @@ pub struct Live {
     /// The pause as it was before the operator's last word, should that be refused.
     before: Option<Pause>,
     modes: Modes,
+    program_outputs: ProgramOutputs,
 }
 
 /// Modal states that are kept at most.
@@ -97,7 +99,7 @@ impl Live {
     /// Of this picture.
     #[must_use]
     pub fn new(model: Arc<Mutex<Model>>) -> Self {
-        Self { model, before: None, modes: Modes::default() }
+        Self { model, before: None, modes: Modes::default(), program_outputs: ProgramOutputs::default() }
     }
 }
 
@@ -110,10 +112,15 @@ impl<const A: usize> Observer<A> for Live {
                 take_period(&mut model, period);
                 if !period.off_path {
                     self.modes.pass(period.place.record, period.reached, &mut model);
+                    let program_outputs = self.program_outputs.pass(period.place.record);
+                    if *program_outputs != model.program_outputs {
+                        model.program_outputs.clone_from(program_outputs);
+                    }
                 }
             }
             Told::Output(change) => {
                 model.outputs.insert(change.channel, change.value);
+                self.program_outputs.output_changed(model.place.record, change.channel, change.value);
                 let turns = model.output(channel::SPINDLE);
                 if let Some(pause) = &mut model.pause {
                     pause.stopped |= turns == 0;
@@ -130,6 +137,17 @@ impl<const A: usize> Observer<A> for Live {
             }
             Told::Event(event) => {
                 self.before = take_event(&mut model, event, self.before);
+                match event.happening {
+                    Happening::Switching(_) => self.program_outputs.begin_instruction(),
+                    Happening::Switched(_) => self.program_outputs.complete_instruction(),
+                    Happening::SwitchedInPassing(channel, value) => {
+                        self.program_outputs.switched(event.place.record, channel, value);
+                    }
+                    Happening::Started => {
+                        self.program_outputs = ProgramOutputs::from(&model.program_outputs);
+                    }
+                    _ => {}
+                }
                 if event.happening == Happening::Started {
                     self.modes = Modes::from(event.place.record, &model);
                 }
@@ -154,6 +172,10 @@ fn take_period<const A: usize>(model: &mut Model, period: &Period<A>) {
     (model.mode, model.standing) = (period.mode, period.standing);
     model.rate = period.rate as f64 / ONE as f64;
     model.override_rate = period.override_rate as f64 / ONE as f64;
+    model.at_cutter_boundary &= period.at_rest;
+    if period.standing != Standing::ProgramStop {
+        model.tool_change = None;
+    }
     let paused = period.standing == Standing::Paused;
     if paused && model.pause.is_none() {
         let spindle = model.output(channel::SPINDLE);
@@ -223,6 +245,9 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
             if *deed == Deed::Single {
                 model.single = !model.single;
             }
+            if let Deed::OptionalStop(on) = deed {
+                model.optional_stop = *on;
+            }
             if let Some(pause) = &mut model.pause
                 && *deed == Deed::Online
             {
@@ -230,6 +255,11 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
             }
         }
         Happening::OrderRefused(_) if model.pause.is_some() && before.is_some() => model.pause = before,
+        Happening::CutterBoundary => model.at_cutter_boundary = true,
+        Happening::ToolChange(tool) => model.tool_change = Some(*tool),
+        Happening::CutterOff { channel, reason: OffReason::Card(_) | OffReason::Operator } => {
+            model.cutter_is_out |= model.mode == Mode::Run && model.program_output(*channel) != 0;
+        }
         Happening::OverridePlanned(percent) => model.override_planned = percent / 100.0,
         Happening::OutputsDiffer(some) => {
             // A long list comes in parts.
@@ -237,7 +267,10 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
             model.differ.retain(|(channel, _, _)| list.iter().all(|(new, _, _)| new != channel));
             model.differ.extend(list);
         }
-        Happening::OutputsRestored | Happening::GoesOn => model.differ.clear(),
+        Happening::OutputsRestored | Happening::GoesOn => {
+            model.differ.clear();
+            model.cutter_is_out = false;
+        }
         Happening::Switching(code) => model.switching = Some(code),
         Happening::Switched(_) => model.switching = None,
         Happening::WaitingForProgram { source, .. } => model.waiting = Some((source.clone(), event.period)),
@@ -262,6 +295,10 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
 fn begin(model: &mut Model, event: &Event) {
     (model.stage, model.began, model.alarm) = (Stage::Job, event.period, None);
     (model.ended, model.standing, model.waiting) = (None, Standing::None, None);
+    (model.optional_stop, model.tool_change, model.cutter_is_out) = (false, None, false);
+    if model.history_before.is_none() {
+        model.program_outputs = model.outputs.clone();
+    }
     (model.single, model.underruns, model.override_planned) = (false, 0, 1.0);
     let lengths = Lengths::from(event.place);
     let lengths = model.history_before.take().map_or(lengths.clone(), |(oldest, mm)| lengths.behind(oldest, mm));

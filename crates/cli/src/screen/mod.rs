@@ -19,6 +19,7 @@ pub mod model;
 #[cfg(test)]
 mod pretended;
 pub mod preview;
+mod program_outputs;
 pub mod trail;
 mod view;
 
@@ -68,6 +69,10 @@ pub enum Said {
     SetUp,
     /// Another program is to be loaded, from this file.
     Load(PathBuf),
+    /// Every cutter is to be switched off.
+    CutterOff,
+    /// M1 is to stop, or not.
+    OptionalStop(bool),
     /// What was asked is agreed to, or not.
     Answer(bool),
     /// The operator has read why the program is refused.

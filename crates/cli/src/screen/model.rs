@@ -201,6 +201,16 @@ pub struct Model {
     pub inputs: u16,
     /// Output channels that were told.
     pub outputs: BTreeMap<u8, i32>,
+    /// What the program has had the outputs at, at this place, as far as it was told; what is missing is 0.
+    pub program_outputs: BTreeMap<u8, i32>,
+    /// M1 stops.
+    pub optional_stop: bool,
+    /// The tool that is to be changed by hand; 0 for none at all.
+    pub tool_change: Option<i32>,
+    /// The cutter went out where it was to cut: the program goes on only with it.
+    pub cutter_is_out: bool,
+    /// It stands where the program switched the cutter, which is on by hand.
+    pub at_cutter_boundary: bool,
     /// The modal state.
     pub active: Active,
     /// The alarm in force.
@@ -265,6 +275,11 @@ impl Model {
             switching: None,
             inputs: 0,
             outputs: BTreeMap::new(),
+            program_outputs: BTreeMap::new(),
+            optional_stop: false,
+            tool_change: None,
+            cutter_is_out: false,
+            at_cutter_boundary: false,
             active: Active::default(),
             alarm: None,
             differ: Vec::new(),
@@ -374,6 +389,12 @@ impl Model {
     /// Numbers of the digital outputs that are on.
     pub fn outputs_on(&self) -> impl Iterator<Item = u8> {
         self.outputs.iter().filter(|&(&c, &v)| usize::from(c) < channel::DIGITAL && v != 0).map(|(&c, _)| c)
+    }
+
+    /// What the program has had an output at, at this place.
+    #[must_use]
+    pub fn program_output(&self, channel: u8) -> i32 {
+        self.program_outputs.get(&channel).copied().unwrap_or(0)
     }
 
     /// Adds a message. One that was told a moment ago is counted.

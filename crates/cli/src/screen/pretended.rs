@@ -130,7 +130,14 @@ impl Pretended {
                     self.event(Happening::OrderRefused(why));
                 }
             }
-            Said::DryRun(_) | Said::SetUp | Said::Load(_) | Said::Answer(_) | Said::CloseRefusal | Said::Quit => {}
+            Said::DryRun(_)
+            | Said::CutterOff
+            | Said::OptionalStop(_)
+            | Said::SetUp
+            | Said::Load(_)
+            | Said::Answer(_)
+            | Said::CloseRefusal
+            | Said::Quit => {}
         }
     }
 

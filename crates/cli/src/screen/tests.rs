@@ -10,6 +10,7 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
+use retrace_controller::machine::Machine;
 use retrace_controller::stream::Standing;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
@@ -144,7 +145,7 @@ fn the_screens_are_as_they_were_looked_at() {
     bench.machine.hear(&Said::Deed(retrace_controller::operator::Deed::SpindleStart));
     bench.keys("p");
     bench.wait(500);
-    bench.keys("x");
+    bench.keys("S");
     bench.key(Key::PageUp);
     bench.wait(10);
     bench.is_as("8-paused", 80, 24);
@@ -239,9 +240,43 @@ fn the_drawing_is_enlarged_moved_and_fitted_to_the_table() {
 fn a_program_that_does_not_come_is_waited_for_by_name_and_time() {
     let mut model = with_messages(&[]);
     Arc::make_mut(&mut model.facts).period_s = 0.001;
-    (model.stage, model.period, model.waiting) = (Stage::Job, 14_000, Some(("tcp://10.0.0.2:7000".into(), 3_000)));
+    (model.stage, model.period, model.waiting) = (Stage::Job, 14_000, Some(("tcp://cam-computer:7000".into(), 3_000)));
     let shown = text(&drawn(&model, &Hand::new(), 80, 24, 0));
-    assert!(shown.contains("WAITING") && shown.contains("waiting for tcp://10.0.0.2:7000 since 12 s"), "{shown}");
+    assert!(shown.contains("WAITING") && shown.contains("waiting for tcp://cam-computer:7000 since 12 s"), "{shown}");
+}
+
+#[test]
+fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() {
+    let machine = Machine::parse(
+        "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\n[[output]]\nnumber = 5\nname = \"clamp\"\n",
+        "m.toml",
+    );
+    let mut model = Model::new(Arc::new(Facts::of(&machine.expect("valid"), "a.ngc", "")));
+    let shown = |model: &Model, hand: &Hand| text(&drawn(model, hand, 80, 24, 0));
+    let off = shown(&model, &Hand::new());
+    assert!(off.contains("torch off") && off.contains("other outputs off") && !off.contains("all off"), "{off}");
+    (model.stage, model.program_outputs) = (Stage::Job, [(64, 1)].into());
+    assert!(shown(&model, &Hand::new()).contains("torch off · program here ON"));
+    assert!(off.contains("x cutter off  ? all keys"), "{off}");
+    model.outputs = [(64, 1), (5, 1)].into();
+    let on = shown(&model, &Hand::new());
+    assert!(on.contains("torch ON · program here ON") && on.contains("outputs ON: clamp"), "{on}");
+    assert!(!on.contains("spindle"), "{on}");
+    let mut hand = Hand::new();
+    for open in [Open::Nothing, Open::Help(1), Open::Messages(0), Open::Prompt(Ask::Stop, String::new(), None)] {
+        hand.open = open;
+        assert_eq!(hand.key(Key::Char('x'), 0, &model), Some(Said::CutterOff), "whatever is open");
+    }
+    hand.open = Open::Nothing;
+    let said = "oclamp-\r".chars().map(|c| if c == '\r' { Key::Enter } else { Key::Char(c) });
+    let said: Vec<_> = said.filter_map(|key| hand.key(key, 0, &model)).collect();
+    assert_eq!(said, [Said::Deed(retrace_controller::operator::Deed::Output { number: 5, on: false })]);
+    hand.dry = true;
+    assert!(shown(&model, &hand).starts_with(" DRY RUNNING"), "{}", shown(&model, &hand));
+    (model.standing, model.tool_change, model.at_rest) = (Standing::ProgramStop, Some(3), true);
+    Arc::make_mut(&mut model.facts).tool_names = [(3, "6 mm end mill".to_owned())].into();
+    let change = shown(&model, &Hand::new());
+    assert!(change.contains("TOOL CHANGE") && change.contains("insert tool T3: 6 mm end mill"), "{change}");
 }
 
 #[test]

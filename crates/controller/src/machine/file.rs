@@ -8,6 +8,7 @@ use retrace_motion::{Blending, GlideRatio, RatioOf};
 use serde::Deserialize;
 
 use super::axis::Axis;
+use super::cutter::WrittenCutter;
 use super::serial::WrittenSerial;
 use super::setting_up::{WrittenHoming, WrittenManual};
 use crate::card::WrittenCard;
@@ -39,6 +40,25 @@ pub enum RetraceOutputs {
     Manual,
     /// Recorded actions are replayed, in reverse too.
     Replayed,
+}
+
+/// Who changes the tool at M6.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ToolChange {
+    /// The machine does, or nobody has to.
+    #[default]
+    Automatic,
+    /// The operator: M6 stops, names the tool, and waits for cycle start (PRB-21).
+    Manual,
+}
+
+/// A name for an output, as it is written.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct WrittenOutput {
+    pub(super) number: u8,
+    pub(super) name: String,
 }
 
 /// How corners between lines are passed under G64 (SMO-2).
@@ -113,6 +133,9 @@ pub(super) struct MachineFile {
     pub(super) retract_mm: Option<f64>,
     pub(super) retrace_outputs: RetraceOutputs,
     pub(super) cutting_outputs: Vec<u8>,
+    pub(super) cutter: Vec<WrittenCutter>,
+    pub(super) output: Vec<WrittenOutput>,
+    pub(super) tool_change: ToolChange,
     pub(super) axis: Vec<Axis>,
     pub(super) blending: BlendingSettings,
     pub(super) homing: WrittenHoming,
@@ -139,6 +162,9 @@ impl Default for MachineFile {
             retract_mm: None,
             retrace_outputs: RetraceOutputs::Manual,
             cutting_outputs: Vec::new(),
+            cutter: Vec::new(),
+            output: Vec::new(),
+            tool_change: ToolChange::Automatic,
             axis: ['x', 'y', 'z'].map(Axis::plain).into(),
             blending: BlendingSettings::default(),
             homing: WrittenHoming::default(),

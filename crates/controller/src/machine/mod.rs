@@ -4,17 +4,21 @@
 //! the card.
 
 mod axis;
+pub(crate) mod cutter;
 mod file;
 mod serial;
 mod setting_up;
+
+use std::collections::BTreeMap;
 
 use retrace_core::limits::RateLimits;
 use retrace_motion::{Blending, Limits};
 
 pub use self::axis::{AXIS_LETTERS, Axis, Home};
-use self::file::MachineFile;
+pub use self::cutter::{Cutter, CutterKind};
 pub(crate) use self::file::within;
-pub use self::file::{RetraceOutputs, WheelSettings};
+use self::file::{MachineFile, WrittenOutput};
+pub use self::file::{RetraceOutputs, ToolChange, WheelSettings};
 pub use self::serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
 pub use self::setting_up::SettingUp;
 use self::setting_up::Written;
@@ -49,8 +53,14 @@ pub struct Machine {
     pub setting_up: SettingUp,
     /// What outputs do while retracing.
     pub retrace_outputs: RetraceOutputs,
-    /// Output channels that cut: rapid retrace only while they are off.
+    /// Its cutters.
+    pub cutters: Vec<Cutter>,
+    /// Output channels that cut: the fire channels of torches, jets and beams. Rapid retrace only while they are off.
     pub cutting_outputs: Vec<u8>,
+    /// Who changes the tool.
+    pub tool_change: ToolChange,
+    /// Names of outputs, by channel, besides those of the cutters.
+    pub(crate) output_names: BTreeMap<u8, String>,
     /// Length of the handwheel's mean in periods.
     pub wheel_periods: u16,
     /// Handwheel counts in that time that make rate 1.
@@ -65,7 +75,7 @@ pub struct Machine {
     pub switching: SwitchingTable,
     /// How the rate law stops this machine.
     pub stopping: Stopping,
-    /// A dry run: no output is switched.
+    /// A dry run: every cutter is kept off (CUT-8).
     pub inhibits_outputs: bool,
     /// Where the axes stand when a job begins, mm, in the order of `axes`: as the card's counts say.
     pub stands_at_mm: Vec<f64>,
@@ -133,7 +143,10 @@ impl Machine {
             )
         })?;
         let look_ahead = periods(file.look_ahead_s).max(stopping.foresight_records + 2 * ON_THE_WAY);
-        let card = file.card.checked(&axes, &file.cutting_outputs, file.control_period_ms)?;
+        let cutters = cutter::checked(file.cutter, &file.cutting_outputs)?;
+        let cutting_outputs = cutter::cutting_outputs(&cutters);
+        let card = file.card.checked(&axes, &cutting_outputs, file.control_period_ms)?;
+        let output_names = output_names(file.output, &cutters)?;
         let written = Written {
             homing: file.homing,
             manual: file.manual,
@@ -155,7 +168,10 @@ impl Machine {
             look_ahead_records: look_ahead,
             setting_up,
             retrace_outputs: file.retrace_outputs,
-            cutting_outputs: file.cutting_outputs,
+            cutters,
+            cutting_outputs,
+            tool_change: file.tool_change,
+            output_names,
             card,
             stream_quota_bytes: (file.stream_quota_mib * 1_048_576.0) as u64,
             serial: file.serial.checked()?,
@@ -171,6 +187,47 @@ impl Machine {
             Refusal::new("E2112", e.to_string(), "change the limits, the pulses per mm or the control period")
         })?;
         Ok(machine)
+    }
+
+    /// What an output channel is called: by its cutter, by the machine file, or by what it is for.
+    #[must_use]
+    pub fn channel_name(&self, channel: u8) -> String {
+        let named = || self.output_names.get(&channel).cloned();
+        cutter::name_of(&self.cutters, channel).or_else(named).unwrap_or_else(|| crate::event::channel_name(channel))
+    }
+
+    /// The channel of this name; case is ignored.
+    #[must_use]
+    pub fn channel_named(&self, name: &str) -> Option<u8> {
+        (0..retrace_link::channel::COUNT as u8).find(|&channel| self.channel_name(channel).eq_ignore_ascii_case(name))
+    }
+
+    /// The cutter that this channel lights, opens or starts, if it is one's.
+    #[must_use]
+    pub fn cutter_of(&self, channel: u8) -> Option<&Cutter> {
+        self.cutters.iter().find(|cutter| cutter.fire == channel)
+    }
+
+    /// The channels that are kept off because this is a dry run: fire, arm, assist and abrasive of every cutter; none otherwise.
+    #[must_use]
+    pub fn inhibited_channels(&self) -> Vec<u8> {
+        if self.inhibits_outputs { cutter::inhibited(&self.cutters) } else { Vec::new() }
+    }
+
+    /// The channels of the cutters in the order of the card's settings.
+    #[must_use]
+    pub(crate) fn cutting_channels(&self) -> Vec<u8> {
+        cutter::inhibited(&self.cutters)
+    }
+
+    /// The channels that the end of a job switches off: those of every cutter, and the spindle.
+    #[must_use]
+    pub(crate) fn off_at_end(&self) -> Vec<u8> {
+        let mut channels = cutter::inhibited(&self.cutters);
+        if !channels.contains(&retrace_link::channel::SPINDLE) {
+            channels.push(retrace_link::channel::SPINDLE);
+        }
+        channels
     }
 
     /// Control period in seconds.
@@ -206,6 +263,30 @@ impl Machine {
             period_s: self.period_s(),
         }
     }
+}
+
+/// The names of outputs: each output once, each name once, and none that a cutter has.
+fn output_names(written: Vec<WrittenOutput>, cutters: &[Cutter]) -> Result<BTreeMap<u8, String>, Refusal> {
+    let mut names = BTreeMap::new();
+    for WrittenOutput { number, name } in written {
+        let refuse = |why: &str| Err(Refusal::new("E2112", format!("[[output]] {number}: {why}"), "one name each"));
+        if usize::from(number) >= retrace_link::channel::DIGITAL {
+            return refuse("there is no such output");
+        }
+        if name.is_empty() || name.chars().any(char::is_control) {
+            return refuse("the name is empty or has control characters");
+        }
+        if cutter::name_of(cutters, number).is_some() {
+            return refuse("the output belongs to a cutter, which names it");
+        }
+        if cutters.iter().any(|cutter| cutter.name == name) || names.values().any(|other| *other == name) {
+            return refuse("the name stands twice");
+        }
+        if names.insert(number, name).is_some() {
+            return refuse("the output has two names");
+        }
+    }
+    Ok(names)
 }
 
 #[cfg(test)]

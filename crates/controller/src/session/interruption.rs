@@ -66,6 +66,8 @@ pub(super) struct Interrupted<'r, const A: usize> {
     trip: Option<(Trip, Aim<A>)>,
     /// The place on the program's path, while the card's epoch is another.
     left: Option<Start>,
+    /// *Spindle start* was given for a cutter: it is lit behind the way back, not before.
+    armed: bool,
 }
 
 impl<'r, const A: usize> Interrupted<'r, A> {
@@ -86,6 +88,7 @@ impl<'r, const A: usize> Interrupted<'r, A> {
             identifying: false,
             trip: None,
             left: None,
+            armed: false,
         }
     }
 
@@ -169,7 +172,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 self.halt_by_hand();
                 None
             }
-            Deed::Override(_) | Deed::Output { .. } => None,
+            Deed::Override(_) | Deed::Output { .. } | Deed::CutterOff | Deed::OptionalStop(_) => None,
             _ => Some(Err(OrderRefused::NotNow("the program is paused: go on with it first"))),
         }
     }
@@ -179,7 +182,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if deed == Deed::Pause {
             return self.pause();
         }
-        if self.dnc.is_busy() && !self.dnc.order.inhibited() {
+        if (self.dnc.is_busy() || self.restart.is_active()) && !self.dnc.order.inhibited() {
             if self.dnc.waiting.len() == WORDS {
                 return Err(OrderRefused::NotNow("too many words wait for the machine to stand"));
             }
@@ -230,14 +233,21 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let before = self.dnc.order;
         match self.dnc.order.say(said)? {
             Effect::StopSpindle => {
+                self.dnc.armed = false;
                 self.by_hand_now(channel::SPINDLE, 0);
                 self.tell_step(Step::SpindleStopped);
             }
             Effect::StartSpindle(turning) => {
                 let spindle = sign(turning.direction);
-                self.by_hand_now(channel::SPEED, i32::try_from(turning.speed).unwrap_or(i32::MAX));
-                self.by_hand_now(channel::SPINDLE, spindle);
-                self.tell_step(Step::SpindleStarted { spindle, speed: turning.speed });
+                let step = Step::SpindleStarted { spindle, speed: turning.speed };
+                if self.spindle_is_a_cutter() {
+                    // A cutter is never lit away from the kerf (DNC-9).
+                    self.dnc.armed = true;
+                    self.tell_step(step);
+                } else {
+                    self.tell_step(step);
+                    self.start_spindle(spindle, turning.speed);
+                }
             }
             Effect::Online => self.tell_step(Step::OnLine),
             Effect::Approach(_) => {
@@ -250,6 +260,19 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             Effect::Halt | Effect::Jog | Effect::GoOn => {}
         }
         Ok(())
+    }
+
+    /// The spindle turns again as it did, by the instructions that started it, with the time that they take.
+    fn start_spindle(&mut self, spindle: i32, speed: u32) {
+        let mut wants = self.card.status().outputs;
+        wants[usize::from(channel::SPEED)] = i32::try_from(speed).unwrap_or(i32::MAX);
+        wants[usize::from(channel::SPINDLE)] = spindle;
+        self.begin_restart_to(&wants, |channel| matches!(channel, channel::SPEED | channel::SPINDLE));
+    }
+
+    /// Does M3 light a torch, a jet or a beam on this machine?
+    fn spindle_is_a_cutter(&self) -> bool {
+        self.cutting.contains(&channel::SPINDLE)
     }
 
     fn by_hand_now(&mut self, channel: u8, value: i32) {
@@ -295,6 +318,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.watch_trip()?;
         while !self.dnc.is_busy()
+            && !self.restart.is_active()
             && let Some(deed) = self.dnc.waiting.pop_front()
         {
             if let Err(why) = self.step(deed) {
@@ -312,7 +336,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.dnc.stood <= if self.manner.wall_time { OLD_NEWS } else { 1 } {
             return;
         }
-        let (way, speed) = (status.outputs[usize::from(channel::SPINDLE)], status.outputs[usize::from(channel::SPEED)]);
+        // A cutter went out when the machine came to rest: what the program expects is what it is to come back to.
+        let outputs = if self.spindle_is_a_cutter() { self.supply.expected() } else { &status.outputs };
+        let (way, speed) = (outputs[usize::from(channel::SPINDLE)], outputs[usize::from(channel::SPEED)]);
         let direction = if way < 0 { Direction::Counterclockwise } else { Direction::Clockwise };
         let spindle = (way != 0).then_some(Turning { direction, speed: speed.unsigned_abs() });
         let latch = Latch { program: self.dnc.program, counts: status.counts, spindle };
@@ -400,11 +426,16 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.target = None;
         let flags = Flags::of(&self.dnc.order);
         self.tell_at(line, Happening::Dnc(Dnc { step: Step::Arrived, flags }));
-        // Whoever pressed cycle start wants it to go on.
-        if self.operation.held() {
-            let _ = self.operation.order(retrace_core::mode::Order::Resume);
-        }
+        // Whoever pressed cycle start wants it to go on; of outputs that differ, a cutter that was armed was agreed to.
+        let agreed = std::mem::take(&mut self.dnc.armed) && self.only_cutters_differ();
+        let _ = self.operation.order(retrace_core::mode::Order::Restart { agreed });
         Ok(())
+    }
+
+    /// Are all outputs as the program expects them, but for the cutters?
+    fn only_cutters_differ(&self) -> bool {
+        let (are, want) = (&self.card.status().outputs, self.supply.expected());
+        (0..channel::COUNT).all(|at| are[at] == want[at] || self.cutting.contains(&(at as u8)))
     }
 
     /// Where the program's path is, to be taken up again; the machine stands.
@@ -424,7 +455,22 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// A control period off the program's path.
     pub(super) fn turn_off_path(&mut self) -> Result<Option<Outcome>, Trouble> {
         self.take_orders();
+        self.advance_restart();
         let status = *self.card.period().map_err(|fault| Trouble::of(&fault))?;
+        if let Some(off) = status.cutter_off {
+            self.cutter_went_off(off);
+        }
+        self.book_off_path(&status);
+        self.still_periods = if status.rate == 0 && !self.dnc.is_moving() { self.still_periods + 1 } else { 0 };
+        if let Some(outcome) = self.alarm(&status) {
+            return Ok(Some(outcome));
+        }
+        let is_over = self.stopping || self.nobody_goes_on();
+        Ok((is_over && status.at_rest && !self.dnc.is_moving()).then_some(Outcome::Stopped))
+    }
+
+    /// Counts and reports a control period off the program's path.
+    pub(super) fn book_off_path(&mut self, status: &Status<A>) {
         self.tally.pause();
         self.teller.outputs(&status.outputs);
         let period = Period {
@@ -432,15 +478,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             standing: self.standing(),
             override_rate: self.overrides.asked(),
             off_path: true,
-            ..Period::of(&status)
+            ..Period::of(status)
         };
         self.teller.tell(Told::Period(period));
-        self.still_periods = if status.rate == 0 && !self.dnc.is_moving() { self.still_periods + 1 } else { 0 };
-        if let Some(outcome) = self.alarm(&status) {
-            return Ok(Some(outcome));
-        }
-        let is_over = self.stopping || self.nobody_goes_on();
-        Ok((is_over && status.at_rest && !self.dnc.is_moving()).then_some(Outcome::Stopped))
     }
 
     fn tell_step(&mut self, step: Step) {

@@ -7,6 +7,7 @@
 mod back;
 mod interruption;
 mod orders;
+mod restart;
 mod switching;
 mod telling;
 mod way_back;
@@ -18,9 +19,9 @@ use std::time::Duration;
 use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, Travel};
-use retrace_link::{Change, MotionCard, Status, Word, channel};
+use retrace_link::{MotionCard, Outputs, Status, Word, channel};
 
-use crate::event::{Happening, Trouble};
+use crate::event::{Happening, OffReason, Trouble};
 use crate::item::{Ending, Kind};
 use crate::machine::{Machine, RetraceOutputs};
 use crate::operator::percent;
@@ -32,6 +33,7 @@ use crate::supply::{News, Supply};
 use crate::tally::{Spent, Tally};
 use back::Back;
 use interruption::Interrupted;
+use restart::{LeavingRun, Restart};
 
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -76,8 +78,28 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     enough: u32,
     /// Periods to stand and wait for records in wall time.
     patience: u64,
+    /// The fire channels of torches, jets and beams.
     cutting: Vec<u8>,
+    /// The channels of the cutters in the order of the card's settings.
+    cutting_channels: Vec<u8>,
+    /// The channels that the end of a job switches off.
+    off_at_end: Vec<u8>,
+    /// The outputs are being brought back before motion goes on.
+    restart: Restart,
+    /// The cutter went out because the machine stood, and was not brought back yet.
+    cutter_is_out: bool,
+    leaving_run: LeavingRun,
+    /// The place where the cutter was switched that the operator has agreed to pass backward with the cutter on.
+    passed_boundary: Option<u32>,
+    /// A dry run.
+    inhibits_outputs: bool,
+    /// A jet may cut while the path is retraced.
+    retrace_cuts: bool,
+    /// M1 stops.
+    optional_stop: bool,
     replays: bool,
+    /// The outputs as they were reported last.
+    outputs: Outputs,
     mm_per_pulse: [f64; A],
     teller: Teller<A>,
     tally: Tally,
@@ -135,7 +157,17 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             enough: machine.stopping.foresight_records + ON_THE_WAY,
             patience: u64::from(machine.look_ahead_records),
             cutting: machine.cutting_outputs.clone(),
+            cutting_channels: machine.cutting_channels(),
+            off_at_end: machine.off_at_end(),
+            restart: Restart::new(),
+            cutter_is_out: false,
+            leaving_run: LeavingRun::No,
+            passed_boundary: None,
+            inhibits_outputs: machine.inhibits_outputs,
+            retrace_cuts: machine.cutters.iter().any(|cutter| cutter.retrace_cut),
+            optional_stop: false,
             replays: machine.retrace_outputs == RetraceOutputs::Replayed,
+            outputs: [0; channel::COUNT],
             mm_per_pulse,
             teller,
             executing: None,
@@ -179,6 +211,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 Err(trouble) => break self.ends_in(trouble),
             }
         };
+        self.end_switched_off(match outcome {
+            Outcome::Completed => OffReason::ProgramEnd,
+            _ => OffReason::JobStopped,
+        });
         self.tally.untold = self.teller.untold();
         (outcome, self.tally, self.card)
     }
@@ -212,6 +248,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.operation = Operation::returning();
         self.tally = Tally::new(at.start.reached);
+        // Before anything moves in the work its tool has to turn; what cuts by itself is lit at the furthest place only.
+        let cutting = std::mem::take(&mut self.cutting);
+        self.begin_restart(|channel| !cutting.contains(&channel));
+        self.cutting = cutting;
         Ok(self.run())
     }
 
@@ -232,6 +272,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.look();
         self.take_orders();
+        self.advance_restart();
         let demand = self.demand();
         while self.switch_what_is_due(demand)? {
             self.look();
@@ -300,7 +341,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let mut demand = self.operation.demand(&facts);
         // An instruction in hand is completed before a pause.
         let pauses = self.dnc.is_pausing() && self.executing.is_none();
-        if pauses || self.back.as_ref().is_some_and(Back::is_looked_for) {
+        let stops = self.program_stop && !self.go_on || self.single_stop;
+        let leaves_run = !self.has_left_run();
+        if pauses || stops || leaves_run || self.back.as_ref().is_some_and(Back::is_looked_for) {
             demand.target = 0;
         }
         match demand.notice {
@@ -308,6 +351,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 let there = self.back.as_ref().is_some_and(|back| back.is_there(facts.oldest));
                 self.tell(match self.supply.barrier() {
                     _ if there => Happening::There,
+                    _ if self.cutter_boundary() == Some(facts.oldest) => Happening::CutterBoundary,
                     Some(code) => Happening::OneWay(code),
                     None => Happening::Oldest,
                 });
@@ -318,12 +362,14 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.watch_wheel(&facts);
         if demand.restore_outputs {
-            let (are, want) = (self.card.status().outputs, *self.supply.expected());
-            for at in (0..channel::COUNT).filter(|&at| are[at] != want[at]) {
-                // The channels come from the card's own report.
-                let _ = self.card.send(Word::ByHand(Change { channel: at as u8, value: want[at] }));
-            }
-            self.tell(Happening::OutputsRestored);
+            self.cutter_is_out = false;
+            self.begin_restart(|_| true);
+        }
+        if !self.restart.lets_rate_pass() {
+            demand.target = 0;
+        } else if demand.target != 0 && !self.restart.is_active() && self.card.status().blocked {
+            // The cutter went out where the machine stood; retracing goes on without it, normal run with outputs that agree.
+            self.release_block();
         }
         if self.operation.mode() != mode {
             self.tell_mode();
@@ -351,8 +397,12 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.tell(Happening::OverridePlanned((100.0 * percent(planned)).round() / 100.0));
             self.override_rate();
         }
+        if let Some(off) = status.cutter_off {
+            self.cutter_went_off(off);
+        }
         let mode = self.operation.mode();
         let held = self.operation.held() || self.program_stop || self.single_stop || self.waits_for_release();
+        let executing = executing.or(self.restart.is_active().then_some(Kind::Switch));
         if self.dnc.is_paused() {
             self.tally.pause();
         } else {
@@ -364,6 +414,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 place: status.place,
             });
         }
+        self.watch_replayed_outputs(status);
         self.supply.follow(status);
         while let Some(news) = self.supply.news() {
             match news {
@@ -381,7 +432,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.tally.buffered(self.card.arrived().wrapping_sub(status.place.record));
         }
         self.tell_period(status);
-        self.still_periods = if status.rate == 0 && self.executing.is_none() { self.still_periods + 1 } else { 0 };
+        self.still_periods = if status.rate == 0 && executing.is_none() { self.still_periods + 1 } else { 0 };
     }
 
     /// Has the job come to its end?
@@ -393,6 +444,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.stopping {
             // Everything was executed, wherever the operator has gone back to since.
             return Some(if self.program_ended { Outcome::Completed } else { Outcome::Stopped });
+        }
+        if self.restart.is_active() {
+            return None;
         }
         let at_end = status.place == Place::start_of(status.reached);
         if self.operation.mode() == Mode::Run && !self.dnc.is_on() && at_end && self.supply.all_executed(&status) {
@@ -413,6 +467,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if !self.program_ended {
             self.program_ended = true;
             self.tell(Happening::ProgramEnd);
+            self.switch_off_at_end(OffReason::ProgramEnd);
         }
     }
 
@@ -429,7 +484,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             || self.operation.override_rate() == 0
             || self.program_stop
             || self.single_stop;
-        let nobody = waits && self.operators.finished() && (!self.manner.wall_time || self.manner.operator);
+        let nobody = waits && self.operators.waits_for_motion() && (!self.manner.wall_time || self.manner.operator);
         nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S
     }
 }

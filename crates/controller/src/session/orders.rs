@@ -2,13 +2,14 @@
 //!
 //! Invariant: an order that does not apply changes nothing and is answered with the reason.
 
-use retrace_core::Travel;
 use retrace_core::mode::{Mode, Order};
-use retrace_link::{Change, MotionCard, Word};
+use retrace_core::{Place, Travel};
+use retrace_link::{Change, MotionCard, Word, channel};
 
 use super::Session;
 use super::back::Wanted;
-use crate::event::Happening;
+use super::restart::LeavingRun;
+use crate::event::{Happening, OffReason};
 use crate::operator::{Deed, OrderRefused};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
@@ -23,6 +24,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 self.tell(Happening::OrderRefused(why));
             }
             if self.operation.mode() != mode {
+                if mode == Mode::Run {
+                    self.leaving_run = LeavingRun::Braking;
+                }
                 self.tell_mode();
             }
         }
@@ -43,10 +47,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             Deed::BackToBlock => return self.go_back(Wanted::Block),
             Deed::BackToJet => return self.go_back(Wanted::Jet),
             Deed::Override(rate) => return self.ask_override(rate),
-            Deed::Output { number, on } => {
-                let change = Change { channel: number, value: i32::from(on) };
-                return self.card.send(Word::ByHand(change)).map_err(|_| OrderRefused::NoOutput(number));
-            }
+            Deed::Output { number, on } => return self.switch_output(number, on),
+            Deed::CutterOff => self.cutter_off(),
+            Deed::CutterOn => return self.cutter_on(),
+            Deed::OptionalStop(on) => self.optional_stop = on,
+            Deed::Recover => return self.recover(),
             Deed::Single => self.switch_single(),
             Deed::Hold => self.operation.order(Order::Hold)?,
             Deed::Agree => self.operation.order(Order::Agree)?,
@@ -68,28 +73,117 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// A word that changes the way the path is retraced: whatever reverse run was to end somewhere ends.
     fn retrace(&mut self, order: Order) -> Result<(), OrderRefused> {
+        // Whoever goes back again from where the cutter was switched agrees to pass it.
+        let boundary = self.cutter_boundary();
+        let status = self.card.status();
+        let stands_there = status.at_rest && boundary.is_some_and(|boundary| status.place == Place::start_of(boundary));
         self.operation.order(order)?;
+        if stands_there {
+            self.passed_boundary = boundary;
+        }
         self.back = None;
-        Ok(())
-    }
-
-    /// *Cycle start*: at a program stop, at the end of a block, after a hold.
-    fn cycle_start(&mut self) -> Result<(), OrderRefused> {
-        if self.program_stop {
-            self.go_on = true;
-        } else if self.single_stop {
-            self.next_block();
-        } else {
-            self.operation.order(Order::Resume)?;
+        if !matches!(order, Order::Leave { .. } | Order::Forward(_)) {
+            self.cancel_restart();
         }
         Ok(())
     }
 
+    /// Switches an output by hand; a cutter's as by *cutter off* and *cutter on*.
+    fn switch_output(&mut self, number: u8, on: bool) -> Result<(), OrderRefused> {
+        if self.cutting.contains(&number) {
+            return if on {
+                self.cutter_on()
+            } else {
+                self.cutter_off();
+                Ok(())
+            };
+        }
+        if number == channel::SPINDLE && on {
+            let why = "the spindle is started by M3, or by `spindle start` in a pause";
+            return Err(OrderRefused::NotNow(why));
+        }
+        let change = Change { channel: number, value: i32::from(on) };
+        self.card.send(Word::ByHand(change)).map_err(|_| OrderRefused::NoOutput(number))
+    }
+
+    /// *Cutter off*: always, and at once. A program that cuts is held, as what it cuts from here on would not be cut.
+    fn cutter_off(&mut self) {
+        self.cancel_restart();
+        let expected = self.supply.expected();
+        let cuts = self.cutting.iter().any(|&c| expected.get(usize::from(c)).is_some_and(|&value| value != 0));
+        self.switch_cutters_off(OffReason::Operator);
+        if cuts && self.operation.mode() == Mode::Run && !self.dnc.is_on() {
+            // never refused
+            let _ = self.operation.order(Order::Hold);
+            self.cutter_is_out = true;
+        }
+    }
+
+    /// *Cutter on*: the instructions that light it are carried out again, where the machine retraces and may cut; it goes out again where
+    /// the machine does not move (CUT-9).
+    fn cutter_on(&mut self) -> Result<(), OrderRefused> {
+        if self.inhibits_outputs {
+            return Err(OrderRefused::NotNow("this is a dry run: the cutter stays off"));
+        }
+        match self.operation.mode() {
+            Mode::Run => {
+                let why = "the cutter is started with the motion: `recover` starts it and goes on";
+                return Err(OrderRefused::NotNow(why));
+            }
+            _ if !self.retrace_cuts => {
+                let why = "only a jet whose [[cutter]] says retrace_cut = true can cut while the path is retraced";
+                return Err(OrderRefused::NotNow(why));
+            }
+            _ => {}
+        }
+        let channel = self.supply.last_lit().ok_or(OrderRefused::NoJet)?;
+        self.tell(Happening::CutterOn(channel));
+        if !self.card.status().at_rest {
+            // a jet may be opened in passing
+            let change = Change { channel, value: 1 };
+            return self.card.send(Word::ByHand(change)).map_err(|_| OrderRefused::NoOutput(channel));
+        }
+        self.light(channel);
+        Ok(())
+    }
+
+    /// *Recover*: the outputs are restored, the cutter last, and the program goes on.
+    fn recover(&mut self) -> Result<(), OrderRefused> {
+        self.operation.order(Order::Recover)?;
+        self.go_on_from_stop();
+        Ok(())
+    }
+
+    /// Whatever the program stands at is over.
+    fn go_on_from_stop(&mut self) {
+        if self.program_stop {
+            self.go_on = true;
+        } else if self.single_stop {
+            self.next_block();
+        }
+    }
+
+    /// *Cycle start*: at a program stop, at the end of a block, after a hold.
+    fn cycle_start(&mut self) -> Result<(), OrderRefused> {
+        let stands = self.program_stop || self.single_stop;
+        if self.operation.held() || !stands {
+            self.operation.order(Order::Resume)?;
+        } else {
+            self.operation.order(Order::Restart { agreed: false })?;
+        }
+        self.go_on_from_stop();
+        Ok(())
+    }
+
     fn ask_override(&mut self, rate: Travel) -> Result<(), OrderRefused> {
-        let most = self.overrides.most();
+        let (most, stood) = (self.overrides.most(), self.operation.override_rate() == 0);
         let reached = self.dnc.reached().unwrap_or(self.card.status().reached);
         self.overrides.ask(rate, reached).map_err(|_| OrderRefused::TooManyOverrides)?;
         self.override_rate();
+        if stood && rate > 0 && !self.operation.held() {
+            // a hold has its own way on
+            let _ = self.operation.order(Order::Restart { agreed: false });
+        }
         if rate > most { Err(OrderRefused::MostOverride(most)) } else { Ok(()) }
     }
 

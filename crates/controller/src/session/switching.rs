@@ -4,7 +4,7 @@
 //! card has reported it complete.
 
 use retrace_core::mode::{Demand, Mode};
-use retrace_link::{Instruction, MotionCard, Word};
+use retrace_link::{Change, Instruction, MotionCard, Word, channel};
 
 use super::Session;
 use crate::event::{Happening, Trouble};
@@ -14,21 +14,34 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// The instruction whose place the motion has come to, if there is one and it may be executed now (GMC-5). False where there is
     /// nothing to do, and where the rate is to be zero: the card would keep it until there is one.
     pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, Trouble> {
-        if self.operation.mode() != Mode::Run || self.operation.held() || demand.target <= 0 {
+        let stands = self.operation.held() || self.restart.is_active();
+        if self.operation.mode() != Mode::Run || stands || demand.target <= 0 {
             return Ok(false);
         }
         let Some(exclusive) = self.supply.due(self.card.status()) else { return Ok(false) };
         let (kind, code, line) = (exclusive.kind, exclusive.code, exclusive.line);
-        if kind == Kind::ProgramStop && !self.go_on && self.manner.operator {
+        let stops = match kind {
+            Kind::ProgramStop | Kind::ToolChange => true,
+            Kind::OptionalStop => self.optional_stop,
+            Kind::Switch | Kind::Dwell => false,
+        };
+        if stops && !self.go_on && self.manner.operator {
             if !self.program_stop {
                 self.program_stop = true;
-                self.tell_at(line, Happening::ProgramStop(code));
+                let tool = exclusive.changes.iter().find(|change| change.channel == channel::TOOL);
+                let happening = match (kind, tool) {
+                    (Kind::ToolChange, Some(change)) => Happening::ToolChange(change.value),
+                    _ => Happening::ProgramStop(code),
+                };
+                self.tell_at(line, happening);
             }
             return Ok(false);
         }
         let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place, until) = (self.supply.number(), exclusive.place, exclusive.until);
-        let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter: false };
+        let fires = |change: &Change| self.cutting.contains(&change.channel);
+        let keeps_cutter = kind == Kind::Dwell || changes[..usize::from(count)].iter().any(fires);
+        let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter };
         // First the rate: where that is zero still, the card would keep the instruction for a period.
         self.set_rate(demand);
         self.card.send(Word::Instruction(instruction)).map_err(|refusal| Trouble::Fault {

@@ -23,6 +23,19 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.teller.tell(Told::Period(period));
     }
 
+    /// Reports outputs that were switched because the path is retraced and outputs are replayed.
+    pub(super) fn watch_replayed_outputs(&mut self, status: &Status<A>) {
+        let before = std::mem::replace(&mut self.outputs, status.outputs);
+        if !self.replays || self.operation.mode() == Mode::Run || status.rate == 0 {
+            return;
+        }
+        for at in (0..channel::COUNT).filter(|&at| before[at] != status.outputs[at]) {
+            if !self.cutting.contains(&(at as u8)) {
+                self.tell(Happening::RetraceSwitched(at as u8, status.outputs[at]));
+            }
+        }
+    }
+
     pub(super) fn standing(&self) -> Standing {
         if let Some(interrupted) = self.dnc.standing() {
             interrupted

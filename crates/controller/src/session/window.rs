@@ -17,7 +17,20 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn oldest(&self) -> u32 {
         let oldest = self.supply.oldest();
         let there = self.back.as_ref().and_then(Back::place);
-        there.filter(|&there| before(oldest, there)).unwrap_or(oldest)
+        let later = |oldest, other: Option<u32>| other.filter(|&place| before(oldest, place)).unwrap_or(oldest);
+        later(later(oldest, there), self.cutter_boundary())
+    }
+
+    /// Where the path is retraced with the cutter on by hand: the last place at which the program switched it. Backward beyond it the
+    /// sheet would be cut where the program does not, so that the operator is asked there.
+    pub(super) fn cutter_boundary(&self) -> Option<u32> {
+        let status = self.card.status();
+        let lit = self.cutting.iter().any(|&c| status.outputs.get(usize::from(c)).is_some_and(|&value| value != 0));
+        let backward = matches!(self.operation.mode(), Mode::Reverse | Mode::Wheel);
+        if !lit || !backward || self.replays {
+            return None;
+        }
+        self.supply.cut_change_before(status.place, self.passed_boundary)
     }
 
     /// Slides the window. In a mode that retraces the road is cut at `reached`, and at the oldest place, before anything moves; a card
@@ -64,7 +77,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn waits_for_records(&mut self) -> bool {
         let status = self.card.status();
         let stands = status.at_rest && self.operation.mode() == Mode::Run;
-        if !stands || status.place.boundary_ahead() != status.reached || self.still_periods >= self.patience {
+        // A cutter that is lit burns where the machine stands: what has come is enough to begin with.
+        let lit = self.cutting.iter().any(|&c| status.outputs.get(usize::from(c)).is_some_and(|&value| value != 0));
+        if !stands || lit || status.place.boundary_ahead() != status.reached || self.still_periods >= self.patience {
             return false;
         }
         let wanted = status.place.record.wrapping_add(self.enough);

@@ -106,7 +106,11 @@ fn where_history_does_not_reach_it_stands_at_the_oldest_and_says_that() {
 #[test]
 fn whoever_is_going_back_already_goes_on_from_where_he_comes_to_rest() {
     let machine = machine(600.0);
-    let (_, log) = complete(&machine, CUT, "at line 7 reverse 100%\nafter 0.6s back 0.01 mm\nafter 3s forward 50%\n");
+    let (_, log) = complete(
+        &machine,
+        CUT,
+        "at line 7 reverse 100%\nafter 0.6s back 0.01 mm\nafter 3s forward 50%\nafter 3s agree\n",
+    );
     let there = log.event(|h| *h == Happening::There);
     assert_eq!(there.place.fraction, 0);
     assert_eq!(log.count(|h| *h == Happening::GoesOn), 1);

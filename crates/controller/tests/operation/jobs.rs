@@ -52,7 +52,8 @@ impl Log {
 
 /// A machine with an hour's history cut to so many seconds, output 1 being the jet.
 pub fn machine(history_s: f64) -> Machine {
-    let text = format!("history_hours = {}\ncutting_outputs = [1]\n", history_s / 3600.0);
+    let jet = "[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 1\nrapid_lit = true\n";
+    let text = format!("history_hours = {}\n{jet}", history_s / 3600.0);
     Machine::parse(&text, "test").expect("valid")
 }
 

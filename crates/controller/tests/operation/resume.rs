@@ -10,9 +10,9 @@ use retrace_controller::job::{self, Begin, CannotBegin, JobEnd};
 use retrace_controller::machine::Machine;
 use retrace_controller::resume::{Prepared, Resumption, Unfound};
 use retrace_controller::session::Outcome;
-use retrace_core::{ONE, Place, Travel};
+use retrace_core::{ONE, Travel};
 use retrace_hal_sim::{Random, SimCard};
-use retrace_link::{MotionCard, Outputs, Start};
+use retrace_link::{MotionCard, Outputs, Start, channel};
 
 use crate::jobs::{AXES, Decoder, Log, card, complete, conduct, machine};
 use crate::wired::{self, Path};
@@ -160,14 +160,18 @@ fn what_will_be_done_is_told_before_anything_moves() {
     let (seen, again) = prepared(&machine, LAPS, at, end.card);
     let (seen, again) = (seen.expect("it was asked"), again.expect("a job"));
     assert_eq!((seen.counts(), seen.oldest(), seen.planned_override()), (status.counts, 0, ONE));
-    assert_eq!((seen.expected_outputs(), seen.agrees()), (&status.outputs, true));
+    // the stop has switched the spindle off
+    let spindle = usize::from(channel::SPINDLE);
+    let mut expected = status.outputs;
+    assert_eq!(std::mem::replace(&mut expected[spindle], 1), 0);
+    assert_eq!((seen.expected_outputs(), seen.agrees()), (&expected, true));
     assert_eq!(seen.line(), log.periods.last().expect("periods").line);
     assert_eq!((again.outcome, again.tally.periods), (Outcome::Stopped, 0));
     assert_eq!(again.card.status().period, status.period, "nothing has moved");
 }
 
 #[test]
-fn outputs_that_differ_are_asked_for_at_reached() {
+fn outputs_are_brought_back_by_their_instructions_before_anything_moves() {
     let machine = machine(600.0);
     let (end, _, kept) = part(
         &machine,
@@ -177,11 +181,13 @@ fn outputs_that_differ_are_asked_for_at_reached() {
         card(&machine),
     );
     let at = kept.resumption(&end.card);
-    let reached = at.start.reached;
-    let (end, log, _) = part(&machine, LAPS, "at 9s agree\n", Begin::At(Box::new(at)), end.card);
+    let left = at.start.place;
+    let (end, log, _) = part(&machine, LAPS, "", Begin::At(Box::new(at)), end.card);
     assert_eq!(end.outcome, Outcome::Completed);
-    assert_eq!(log.event(|h| matches!(h, Happening::OutputsDiffer(_))).place, Place::start_of(reached));
-    assert_eq!(log.event(|h| *h == Happening::OutputsRestored).place, Place::start_of(reached));
+    assert_eq!(log.event(|h| *h == Happening::RestartSwitched("M3")).place, left);
+    let restored = log.event(|h| *h == Happening::OutputsRestored);
+    assert_eq!(restored.place, left);
+    assert!(log.periods.iter().all(|period| period.place == left || period.period > restored.period));
 }
 
 #[test]

@@ -126,7 +126,8 @@ impl Core {
         self.state.spindle = Spindle::Stopped;
         self.state.current_tool = self.state.selected_tool;
         let tool = self.state.current_tool;
-        emit.call(Canon::ChangeTool { tool, index: self.tools.index_of(tool) });
+        let remark = self.tools.name(tool).map(Into::into);
+        emit.call(Canon::ChangeTool { tool, index: self.tools.index_of(tool), remark });
     }
 
     /// M61: the tool in the spindle is another one than was thought.

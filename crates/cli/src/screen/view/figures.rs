@@ -7,7 +7,8 @@ use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 use retrace_link::channel;
 
-use super::{Look, fitted, pane, put_at};
+use super::{Look, fitted, folded, pane, put_at};
+use crate::screen::facts::CutterFacts;
 use crate::screen::hand::{Hand, STEPS_MM};
 use crate::screen::model::{AxisHoming, Model, Stage};
 
@@ -149,15 +150,22 @@ fn length(mm: f64) -> String {
 pub(super) fn state(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, look: Look) {
     let inside = pane(out, area, "state", look);
     let width = usize::from(inside.width).saturating_sub(2);
-    let mut lines = vec![spindle(model), outputs(model)];
+    let mut lines = cutters(model);
+    if lines.is_empty() {
+        lines.extend([spindle(model), outputs(model)]);
+    } else {
+        lines.extend(folded(&format!("{} · {}", spindle(model), outputs(model)), width, 0));
+    }
     if model.stage == Stage::Setup || model.pause.is_some() {
         let step = STEPS_MM.get(hand.step).copied().flatten();
-        lines.push(format!("jog step {}", step.map_or("on until Space".into(), |mm| format!("{mm} mm"))));
+        let optional = if model.optional_stop { " · M1 stops" } else { "" };
+        lines.push(format!("jog step {}{optional}", step.map_or("on until Space".into(), |mm| format!("{mm} mm"))));
     } else {
         let single = if model.single { "single block ON" } else { "single block off" };
         let inputs: Vec<String> = (0..16).filter(|n| model.inputs >> n & 1 == 1).map(|n| n.to_string()).collect();
         let inputs = if inputs.is_empty() { "none".into() } else { inputs.join(" ") };
-        lines.push(format!("{single} · inputs {inputs}"));
+        let optional = if model.optional_stop { "M1 stops · " } else { "" };
+        lines.push(format!("{single} · {optional}inputs {inputs}"));
     }
     lines.extend(wrapped(&model.active.modal, width));
     if lines.len() < usize::from(inside.height) {
@@ -169,12 +177,29 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, lo
     }
 }
 
+/// Each cutter, and what the program had it at, at this place.
+fn cutters(model: &Model) -> Vec<String> {
+    let state = |value: i32| if value == 0 { "off" } else { "ON" };
+    let line = |cutter: &CutterFacts| {
+        let program = if model.stage == Stage::Job && !model.off_path {
+            format!(" · program here {}", state(model.program_output(cutter.fire)))
+        } else {
+            String::new()
+        };
+        format!("{} {}{program}", cutter.name, state(model.output(cutter.fire)))
+    };
+    model.facts.cutters.iter().map(line).collect()
+}
+
 fn spindle(model: &Model) -> String {
     let speed = f64::from(model.output(channel::SPEED)) / 1000.0;
     let spindle = match model.output(channel::SPINDLE) {
-        0 => "spindle stopped".to_string(),
-        1.. => format!("spindle cw {speed:.0}/min"),
-        _ => format!("spindle ccw {speed:.0}/min"),
+        _ if model.facts.is_of_cutter(channel::SPINDLE) => String::new(),
+        // A machine with a cutter of another kind shows a spindle that turns only.
+        0 if !model.facts.cutters.is_empty() => String::new(),
+        0 => "spindle stopped · ".to_string(),
+        1.. => format!("spindle cw {speed:.0}/min · "),
+        _ => format!("spindle ccw {speed:.0}/min · "),
     };
     let coolant = match (model.output(channel::MIST) != 0, model.output(channel::FLOOD) != 0) {
         (false, false) => "coolant off",
@@ -183,12 +208,25 @@ fn spindle(model: &Model) -> String {
         (true, true) => "mist, flood ON",
     };
     let tool = model.active.tool.unwrap_or(model.output(channel::TOOL));
-    format!("{spindle} · {coolant} · T{tool}")
+    format!("{spindle}{coolant} · T{tool}")
 }
 
+/// The digital outputs that are on, by name, but for those that light a cutter.
 fn outputs(model: &Model) -> String {
-    let on: Vec<String> = model.outputs_on().map(|n| n.to_string()).collect();
-    if on.is_empty() { "outputs all off".into() } else { format!("outputs ON: {}", on.join(" ")) }
+    let fires: Vec<u8> = model.facts.cutters.iter().map(|cutter| cutter.fire).collect();
+    let on: Vec<String> = model
+        .outputs_on()
+        .filter(|number| !fires.contains(number))
+        .map(|number| {
+            let name = model.facts.output_name(number);
+            name.strip_prefix("output ").map_or(name.clone(), str::to_owned)
+        })
+        .collect();
+    match (on.is_empty(), fires.is_empty()) {
+        (true, true) => "outputs all off".into(),
+        (true, false) => "other outputs off".into(),
+        (false, _) => format!("outputs ON: {}", on.join(" ")),
+    }
 }
 
 /// Words in lines of so many characters.

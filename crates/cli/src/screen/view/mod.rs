@@ -78,7 +78,7 @@ pub fn draw(out: &mut Buffer, model: &Model, hand: &Hand, look: Look, now_ms: u6
         return;
     };
     let guide = guide::of(model, hand);
-    head(out, panes.head, model, &guide, look);
+    head(out, panes.head, model, hand, &guide, look);
     why(out, panes.why, &guide, look);
     listing::program(out, panes.program, model, look);
     path::draw(out, panes.path, model, (hand.view, hand.frame), look);
@@ -86,7 +86,7 @@ pub fn draw(out: &mut Buffer, model: &Model, hand: &Hand, look: Look, now_ms: u6
     figures::motion(out, panes.motion, model, look);
     figures::state(out, panes.state, model, hand, look);
     listing::messages(out, panes.messages, model, look);
-    key_line(out, panes.keys, &guide, hand.notice(now_ms), look);
+    key_line(out, panes.keys, model, &guide, hand.notice(now_ms), look);
     over::draw(out, panes.path, model, hand, &guide, look);
 }
 
@@ -100,7 +100,9 @@ fn too_small(out: &mut Buffer, model: &Model, hand: &Hand) {
     }
 }
 
-fn head(out: &mut Buffer, area: Rect, model: &Model, guide: &Guide, look: Look) {
+fn head(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, guide: &Guide, look: Look) {
+    // A dry run is named first, for as long as it is on.
+    let word = if hand.dry { format!("DRY {}", guide.word) } else { guide.word.to_owned() };
     let mut style = Style::new().add_modifier(Modifier::REVERSED | Modifier::BOLD);
     if look.colour {
         style = style.patch(look.of(guide.grade));
@@ -125,8 +127,8 @@ fn head(out: &mut Buffer, area: Rect, model: &Model, guide: &Guide, look: Look) 
     };
     let width = area.width as usize;
     let name = format!("{} on {}", model.facts.program.name, model.facts.machine);
-    let name = fitted(&name, width.saturating_sub(guide.word.len() + time.chars().count() + 8));
-    put(out, area, 1, &format!("{}  {name}", guide.word), style);
+    let name = fitted(&name, width.saturating_sub(word.len() + time.chars().count() + 8));
+    put(out, area, 1, &format!("{word}  {name}"), style);
     put(out, area, (width.saturating_sub(time.chars().count() + 1)) as u16, &time, style);
 }
 
@@ -160,12 +162,13 @@ fn spelled(act: Act, short: &'static str) -> &'static str {
 }
 
 /// The keys that make sense now, as many as have room; or what must be known of the last key.
-fn key_line(out: &mut Buffer, area: Rect, guide: &Guide, notice: Option<&str>, look: Look) {
+fn key_line(out: &mut Buffer, area: Rect, model: &Model, guide: &Guide, notice: Option<&str>, look: Look) {
     if let Some(notice) = notice {
         put(out, area, 1, notice, look.waits().add_modifier(Modifier::BOLD));
         return;
     }
-    let help = "? all keys";
+    // Where there is a cutter, its key is always named.
+    let help = if model.facts.cutters.is_empty() { "? all keys" } else { "x cutter off  ? all keys" };
     let end = area.width.saturating_sub(help.len() as u16 + 1);
     let mut x = 1;
     for row in guide.acts.iter().filter_map(|&act| keys::row_for(act)) {

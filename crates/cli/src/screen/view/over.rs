@@ -6,7 +6,6 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 use ratatui::widgets::{Clear, Widget};
-use retrace_controller::event::channel_name;
 
 use super::listing::told;
 use super::{Look, fitted, folded, pane, put_at};
@@ -139,7 +138,7 @@ fn prompt(out: &mut Buffer, ask: Ask, text: &str, wrong: Option<&str>, look: Loo
     let (title, question, keys) = match ask {
         Ask::BackBy => ("back up", "Back along the path by how many mm?", "Enter goes · Esc does not"),
         Ask::Output => {
-            ("output by hand", "Which output? 3 switches it over; 3+ on, 3- off", "Enter switches · Esc does not")
+            ("output by hand", "Which output, by number or name? 3+ on, 3- off", "Enter switches · Esc does not")
         }
         Ask::Mdi => ("MDI", "A block, as in a program: G0 X10", "Enter executes it · Esc does not"),
         Ask::WorkZero => ("work zero", "Zero here for which axis? all, or its letter", "Enter sets it · Esc does not"),
@@ -185,7 +184,9 @@ fn differ(out: &mut Buffer, model: &Model, look: Look) {
     let mut lines = vec![format!("{:<16}{:>8}{:>16}", "output", "is", "program wants")];
     let room = usize::from(out.area.height.saturating_sub(9));
     let lists = model.differ.iter().take(room);
-    lines.extend(lists.map(|(c, is, wants)| format!("{:<16}{is:>8}{wants:>16}", channel_name(*c))));
+    lines.extend(
+        lists.map(|(c, is, wants)| format!("{:<16}{is:>8}{wants:>16}", fitted(&model.facts.output_name(*c), 15))),
+    );
     if model.differ.len() > room {
         lines.push(format!("… {} more", model.differ.len() - room));
     }

@@ -1,0 +1,120 @@
+//! What the program has its outputs at along its path, so that it can stand beside what they are where the machine has gone back to.
+//!
+//! Invariant: only what the program switched counts, never the operator, a restart or the card; the oldest changes are forgotten where there is
+//! no room.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use retrace_core::place::before;
+
+/// Changes that are kept at most.
+const MAX_CHANGES: usize = 4096;
+
+/// An output that the program switched.
+#[derive(Clone, Copy, Debug)]
+struct ProgramChange {
+    /// Before the record at this place.
+    place: u32,
+    channel: u8,
+    from: i32,
+    to: i32,
+}
+
+/// The outputs of the program, as they are at the cursor's place.
+#[derive(Clone, Debug, Default)]
+pub struct ProgramOutputs {
+    changes: VecDeque<ProgramChange>,
+    /// How many of them lie behind the cursor.
+    passed: usize,
+    here: BTreeMap<u8, i32>,
+    /// An instruction of the program is being executed, or was completed in this period.
+    is_switching: bool,
+    is_complete: bool,
+}
+
+impl ProgramOutputs {
+    /// Begins with these outputs.
+    #[must_use]
+    pub fn from(outputs: &BTreeMap<u8, i32>) -> Self {
+        Self { here: outputs.clone(), ..Self::default() }
+    }
+
+    /// An instruction of the program begins: what is switched until it is complete, the program switches.
+    pub fn begin_instruction(&mut self) {
+        (self.is_switching, self.is_complete) = (true, false);
+    }
+
+    /// It is complete; outputs of this period belong to it still.
+    pub fn complete_instruction(&mut self) {
+        self.is_complete = true;
+    }
+
+    /// An output has changed, for whatever reason, with the cursor at this place.
+    pub fn output_changed(&mut self, place: u32, channel: u8, value: i32) {
+        if self.is_switching {
+            self.switched(place, channel, value);
+        }
+    }
+
+    /// The program has switched an output before the record at this place, which is the furthest.
+    pub fn switched(&mut self, place: u32, channel: u8, value: i32) {
+        let from = self.here.insert(channel, value).unwrap_or(0);
+        if self.changes.len() >= MAX_CHANGES {
+            self.changes.pop_front();
+            self.passed = self.passed.saturating_sub(1);
+        }
+        self.changes.push_back(ProgramChange { place, channel, from, to: value });
+        self.passed = self.changes.len();
+    }
+
+    /// A period has come to its end with the cursor in this record: the outputs there, if they are others than before.
+    pub fn pass(&mut self, place: u32) -> &BTreeMap<u8, i32> {
+        if self.is_complete {
+            (self.is_switching, self.is_complete) = (false, false);
+        }
+        while let Some(change) = self.passed.checked_sub(1).and_then(|last| self.changes.get(last))
+            && before(place, change.place)
+        {
+            self.here.insert(change.channel, change.from);
+            self.passed -= 1;
+        }
+        while let Some(change) = self.changes.get(self.passed)
+            && !before(place, change.place)
+        {
+            self.here.insert(change.channel, change.to);
+            self.passed += 1;
+        }
+        &self.here
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_outputs_of_the_program_are_found_again_on_the_way_back() {
+        let mut outputs = ProgramOutputs::from(&BTreeMap::from([(7, 1)]));
+        outputs.begin_instruction();
+        outputs.output_changed(10, 3, 1);
+        outputs.complete_instruction();
+        outputs.pass(10);
+        // The card, or the operator, switches it off and on: that is not the program.
+        outputs.output_changed(12, 3, 0);
+        outputs.switched(20, 3, 0);
+        let at = |outputs: &mut ProgramOutputs, place| outputs.pass(place).get(&3).copied().unwrap_or(0);
+        assert_eq!([25, 15, 5, 12, 20, 4].map(|place| at(&mut outputs, place)), [0, 1, 0, 1, 0, 0]);
+        assert_eq!(outputs.pass(30).get(&7), Some(&1));
+    }
+
+    #[test]
+    fn what_is_kept_is_bounded() {
+        let mut outputs = ProgramOutputs::default();
+        for place in 0..3 * MAX_CHANGES as u32 {
+            outputs.switched(place, 1, i32::from(place % 2 == 0));
+        }
+        assert_eq!(outputs.changes.len(), MAX_CHANGES);
+        outputs.pass(0);
+        assert_eq!(outputs.pass(3 * MAX_CHANGES as u32).get(&1), Some(&0));
+    }
+}

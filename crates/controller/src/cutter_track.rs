@@ -1,0 +1,70 @@
+//! What a program does with the machine's cutters between its moves: a beam goes off for a rapid, a torch or a jet must be off (CUT-4).
+//!
+//! Invariant: no rapid move is given to a sink with a cutter on, unless its machine file allows it.
+
+use retrace_link::Change;
+
+use crate::machine::{CutterKind, Machine};
+use crate::sink::Sink;
+use crate::track::Untrackable;
+
+/// The machine's cutters as the program has switched them, in the order of the machine file.
+#[derive(Clone, Debug)]
+pub(crate) struct CutterTrack {
+    /// Is each of them on?
+    lit: Vec<bool>,
+    /// Is each of them off for rapid moves only?
+    interrupted: Vec<bool>,
+}
+
+impl CutterTrack {
+    /// All of them off.
+    pub(crate) fn new(machine: &Machine) -> Self {
+        let count = machine.cutters.len();
+        Self { lit: vec![false; count], interrupted: vec![false; count] }
+    }
+
+    /// A rapid move follows: beams go off where it begins.
+    ///
+    /// # Errors
+    /// [`Untrackable::RapidWhileLit`] where a torch or a jet is on.
+    pub(crate) fn before_rapid<const A: usize>(
+        &mut self,
+        machine: &Machine,
+        line: u32,
+        sink: &mut impl Sink<A>,
+    ) -> Result<(), Untrackable> {
+        let lit = |at: usize| self.lit[at] && machine.cutters[at].kind.cuts_at_rest() && !machine.cutters[at].rapid_lit;
+        let torch = (0..self.lit.len()).find(|&at| lit(at) && machine.cutters[at].kind != CutterKind::Beam);
+        if let Some(at) = torch {
+            return Err(Untrackable::RapidWhileLit(machine.cutters[at].name.clone()));
+        }
+        for at in 0..self.lit.len() {
+            let cutter = &machine.cutters[at];
+            let goes_off = self.lit[at] && cutter.kind == CutterKind::Beam && !cutter.rapid_lit;
+            if goes_off && !std::mem::replace(&mut self.interrupted[at], true) {
+                sink.action(Change { channel: cutter.fire, value: 0 }, line);
+            }
+        }
+        Ok(())
+    }
+
+    /// A feed move follows: beams that were off for rapid moves only are on again where it begins.
+    pub(crate) fn before_feed<const A: usize>(&mut self, machine: &Machine, line: u32, sink: &mut impl Sink<A>) {
+        for (cutter, interrupted) in machine.cutters.iter().zip(&mut self.interrupted) {
+            if std::mem::take(interrupted) {
+                sink.action(Change { channel: cutter.fire, value: 1 }, line);
+            }
+        }
+    }
+
+    /// The program switches these outputs.
+    pub(crate) fn switched(&mut self, machine: &Machine, changes: &[Change]) {
+        for (at, cutter) in machine.cutters.iter().enumerate() {
+            for change in changes.iter().filter(|change| change.channel == cutter.fire) {
+                self.lit[at] = change.value != 0;
+                self.interrupted[at] = false;
+            }
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! The cutters of a machine: which outputs cut, how long they may be on while the machine stands, and what they are called (CUT-1).
+//!
+//! Invariant: every cutting output belongs to exactly one cutter, and no channel has two uses.
+
+use retrace_link::{CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, channel};
+use serde::Deserialize;
+
+use super::file::within;
+use crate::refusal::Refusal;
+
+/// What a cutter is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CutterKind {
+    /// A plasma or oxy-fuel torch: off as soon as the machine stands.
+    Torch,
+    /// A water jet.
+    Jet,
+    /// A laser beam: off as soon as the machine stands.
+    Beam,
+    /// A scribe, pen or punch: it marks and does not cut.
+    Marker,
+    /// A milling or engraving spindle: keeps turning in a hold (CUT-10).
+    Spindle,
+}
+
+impl CutterKind {
+    /// Must it be off whenever the machine does not move along a cut?
+    #[must_use]
+    pub const fn cuts_at_rest(self) -> bool {
+        matches!(self, Self::Torch | Self::Jet | Self::Beam)
+    }
+
+    /// How long it may be on while the machine stands, where the machine file does not say, ms (CUT-6).
+    const fn usual_standing_ms(self) -> f64 {
+        match self {
+            Self::Jet => 500.0,
+            _ => 0.0,
+        }
+    }
+}
+
+/// `[[cutter]]` as it is written.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct WrittenCutter {
+    name: String,
+    kind: CutterKind,
+    fire: u8,
+    arm: Option<u8>,
+    assist: Option<u8>,
+    abrasive: Option<u8>,
+    standing_ms: Option<f64>,
+    #[serde(default)]
+    retrace_cut: bool,
+    #[serde(default)]
+    rapid_lit: bool,
+}
+
+/// A cutter, checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cutter {
+    /// Its name, for the screen and for messages.
+    pub name: String,
+    /// What it is.
+    pub kind: CutterKind,
+    /// The channel that lights, opens or starts it; 64 is that of M3, M4 and M5.
+    pub fire: u8,
+    /// The channel that arms it, if there is one.
+    pub arm: Option<u8>,
+    /// The channel of its assist gas, if there is one.
+    pub assist: Option<u8>,
+    /// The channel of its abrasive, if there is one.
+    pub abrasive: Option<u8>,
+    /// How long it may be on while the machine stands, ms; of no meaning for a marker and a spindle.
+    pub standing_ms: f64,
+    /// May it be on while the path is retraced? Jets only.
+    pub retrace_cut: bool,
+    /// May it be on during a rapid move?
+    pub rapid_lit: bool,
+}
+
+impl Cutter {
+    /// A cutter of a channel that `cutting_outputs` names and no table describes: a torch on M3's channel, else a jet.
+    fn of_channel(fire: u8) -> Self {
+        let (name, kind) = match fire {
+            channel::SPINDLE => ("torch".into(), CutterKind::Torch),
+            _ => (format!("output {fire}"), CutterKind::Jet),
+        };
+        let standing_ms = kind.usual_standing_ms();
+        let (arm, assist, abrasive) = (None, None, None);
+        Self { name, kind, fire, arm, assist, abrasive, standing_ms, retrace_cut: false, rapid_lit: false }
+    }
+
+    /// The channels that belong to it besides `fire`, with what they are.
+    fn auxiliaries(&self) -> impl Iterator<Item = (u8, &'static str)> {
+        let all = [(self.arm, "arm"), (self.assist, "assist"), (self.abrasive, "abrasive")];
+        all.into_iter().filter_map(|(channel, what)| channel.map(|channel| (channel, what)))
+    }
+}
+
+/// The cutters of a machine file, and those of `cutting_outputs` that it does not describe.
+pub(super) fn checked(written: Vec<WrittenCutter>, cutting_outputs: &[u8]) -> Result<Vec<Cutter>, Refusal> {
+    let mut cutters: Vec<Cutter> = Vec::new();
+    for cutter in written {
+        let refuse = |what: &str, remedy: &str| {
+            Err(Refusal::new("E2112", format!("[[cutter]] {}: {what}", cutter.name), remedy.to_owned()))
+        };
+        if cutter.name.is_empty() || cutter.name.chars().any(char::is_control) {
+            return refuse("the name is empty or has control characters", "a name such as \"torch\"");
+        }
+        if cutter.retrace_cut && cutter.kind != CutterKind::Jet {
+            return refuse("retrace_cut = true", "only a jet can cut while the path is retraced");
+        }
+        let standing_ms = cutter.standing_ms.unwrap_or(cutter.kind.usual_standing_ms());
+        within(&format!("cutter {}: standing_ms", cutter.name), standing_ms, 0.0, 5000.0)?;
+        let WrittenCutter { name, kind, fire, arm, assist, abrasive, retrace_cut, rapid_lit, .. } = cutter;
+        cutters.push(Cutter { name, kind, fire, arm, assist, abrasive, standing_ms, retrace_cut, rapid_lit });
+    }
+    for &fire in cutting_outputs {
+        if !cutters.iter().any(|cutter| cutter.fire == fire) {
+            cutters.push(Cutter::of_channel(fire));
+        }
+    }
+    unique(&cutters)?;
+    let channels: usize = cutters.iter().map(|cutter| 1 + cutter.auxiliaries().count()).sum();
+    if channels > MAX_CUTTING_CHANNELS {
+        let what = format!("the cutters have {channels} channels together");
+        return Err(Refusal::new("E2112", what, format!("at most {MAX_CUTTING_CHANNELS} channels")));
+    }
+    Ok(cutters)
+}
+
+/// Refuses a channel that two cutters use, or that there is not, and a name that stands twice.
+fn unique(cutters: &[Cutter]) -> Result<(), Refusal> {
+    let mut used: Vec<(u8, &str)> = Vec::new();
+    for (at, cutter) in cutters.iter().enumerate() {
+        if cutters[..at].iter().any(|other| other.name == cutter.name) {
+            let what = format!("[[cutter]] {}: the name stands twice", cutter.name);
+            return Err(Refusal::new("E2112", what, "each cutter needs a name of its own"));
+        }
+        let fire = std::iter::once((cutter.fire, "fire"));
+        for (channel, what) in fire.chain(cutter.auxiliaries()) {
+            let refuse = |why: String| {
+                let remedy = "an output from 0 to 63, or 64 for the output of M3; each for one use only";
+                Err(Refusal::new("E2112", format!("[[cutter]] {}: {what} = {channel}: {why}", cutter.name), remedy))
+            };
+            if channel > channel::SPINDLE || (channel == channel::SPINDLE && what != "fire") {
+                return refuse("there is no such output".into());
+            }
+            if let Some((_, other)) = used.iter().find(|(taken, _)| *taken == channel) {
+                return refuse(format!("cutter {other} uses it too"));
+            }
+            used.push((channel, &cutter.name));
+        }
+    }
+    Ok(())
+}
+
+/// The fire channels of torches, jets and beams.
+pub(super) fn cutting_outputs(cutters: &[Cutter]) -> Vec<u8> {
+    cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()).map(|cutter| cutter.fire).collect()
+}
+
+/// What the card is told of the cutters. `inhibit`: a dry run.
+pub(crate) fn settings(cutters: &[Cutter], handover_ms: f64, period_ms: f64, inhibit: bool) -> CuttingSettings {
+    let periods = |ms: f64| (ms / period_ms).round().clamp(0.0, f64::from(u16::MAX)) as u16;
+    let mut all = CuttingSettings { handover_periods: periods(handover_ms), inhibit, ..CuttingSettings::default() };
+    let mut add = |channel: u8, fires: bool, cutter: &Cutter| {
+        if let Some(slot) = all.channels.get_mut(usize::from(all.count)) {
+            let (standing_periods, lit_in_reverse) = (periods(cutter.standing_ms), cutter.retrace_cut);
+            *slot = CuttingChannel { channel, fires, standing_periods, lit_in_reverse };
+            all.count += 1;
+        }
+    };
+    for cutter in cutters {
+        add(cutter.fire, cutter.kind.cuts_at_rest(), cutter);
+        for (channel, _) in cutter.auxiliaries() {
+            add(channel, false, cutter);
+        }
+    }
+    all
+}
+
+/// The channels that a dry run keeps off (CUT-8).
+pub(crate) fn inhibited(cutters: &[Cutter]) -> Vec<u8> {
+    cutters.iter().flat_map(|cutter| std::iter::once(cutter.fire).chain(cutter.auxiliaries().map(|a| a.0))).collect()
+}
+
+/// What a channel is called: the cutter's name for its fire channel, the name and what it is for the others.
+pub(crate) fn name_of(cutters: &[Cutter], channel: u8) -> Option<String> {
+    cutters.iter().find_map(|cutter| {
+        if cutter.fire == channel {
+            return Some(cutter.name.clone());
+        }
+        let (_, what) = cutter.auxiliaries().find(|(other, _)| *other == channel)?;
+        Some(format!("{} {what}", cutter.name))
+    })
+}

@@ -1,0 +1,220 @@
+//! How outputs are brought back at a restart: by the instructions that switched them, in program order, each with its duration and with what
+//! it waits for (CUT-17, DNC-9).
+//!
+//! Invariant: a cutter is lit last and put out first; no output is switched that agrees already.
+
+use retrace_link::{Action, Await, Change, MAX_CHANGES, Outputs, channel};
+
+/// What switched an output last.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Origin {
+    /// Counts the instructions in program order; 0 where nothing of the program switched it.
+    sequence: u32,
+    code: &'static str,
+    line: u32,
+    place: u32,
+    periods: u32,
+    until: Option<Await>,
+}
+
+/// One instruction to carry out again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RestartStep {
+    /// As it is written in the program: `M3`, `M64` …
+    pub code: &'static str,
+    /// Its program line; 0 where nothing of the program switched the output.
+    pub line: u32,
+    /// The outputs to switch; the first `count` of them.
+    pub changes: [Change; MAX_CHANGES],
+    /// How many of `changes` are valid.
+    pub count: u8,
+    /// Control periods that it takes at least.
+    pub periods: u32,
+    /// The input that it waits for.
+    pub until: Option<Await>,
+}
+
+impl RestartStep {
+    /// The valid changes.
+    #[must_use]
+    pub fn changes(&self) -> &[Change] {
+        &self.changes[..usize::from(self.count).min(MAX_CHANGES)]
+    }
+}
+
+/// Which instruction switched each output last, off and on.
+#[derive(Clone, Debug)]
+pub struct OutputOrigins {
+    of: [[Origin; 2]; channel::COUNT],
+    sequence: u32,
+}
+
+impl Default for OutputOrigins {
+    fn default() -> Self {
+        Self { of: [[Origin::default(); 2]; channel::COUNT], sequence: 0 }
+    }
+}
+
+impl OutputOrigins {
+    /// An instruction of the program has switched these outputs, before the record at `place`.
+    pub fn switched(
+        &mut self,
+        changes: &[Change],
+        (code, line, place): (&'static str, u32, u32),
+        periods: u32,
+        until: Option<Await>,
+    ) {
+        self.sequence = self.sequence.saturating_add(1);
+        let origin = Origin { sequence: self.sequence, code, line, place, periods, until };
+        for change in changes {
+            if let Some(slot) = self.of.get_mut(usize::from(change.channel)) {
+                slot[usize::from(change.value != 0)] = origin;
+            }
+        }
+    }
+
+    /// The program has switched an output in passing.
+    pub fn passed(&mut self, action: &Action, line: u32) {
+        let code = if action.after == 0 { "M63" } else { "M62" };
+        let change = Change { channel: action.channel, value: action.after };
+        self.switched(&[change], (code, line, action.place), 0, None);
+    }
+
+    /// A dwell of so many control periods before the record at `place`. Where a cutter was lit at this very place it is the pierce, and
+    /// belongs to the start of the cutter.
+    pub fn dwelt(&mut self, place: u32, periods: u32, expected: &Outputs, cutting: &[u8]) {
+        for &channel in cutting {
+            let at = usize::from(channel);
+            if let (Some([_, origin]), Some(&value)) = (self.of.get_mut(at), expected.get(at))
+                && value != 0
+                && origin.sequence != 0
+                && origin.place == place
+            {
+                origin.periods = origin.periods.saturating_add(periods);
+            }
+        }
+    }
+
+    /// Puts into `steps`, which is emptied first, what brings the outputs `are` to what the program `wants`, of the channels that `concerned`
+    /// names: what goes off first, the cutters before anything else; then what comes on, in program order, the cutters last. Allocates
+    /// nothing where `steps` has room for all channels.
+    pub fn steps(
+        &self,
+        are: &Outputs,
+        wants: &Outputs,
+        cutting: &[u8],
+        concerned: impl Fn(u8) -> bool,
+        steps: &mut Vec<RestartStep>,
+    ) {
+        steps.clear();
+        let mut channels = [0u8; channel::COUNT];
+        let mut count = 0;
+        for channel in (0..channel::COUNT as u8).filter(|&c| concerned(c)) {
+            if are[usize::from(channel)] != wants[usize::from(channel)] {
+                channels[count] = channel;
+                count += 1;
+            }
+        }
+        let origin_of = |channel: u8| {
+            let at = usize::from(channel);
+            self.of[at][usize::from(wants[at] != 0)]
+        };
+        let key = |channel: u8| {
+            let (sequence, fires) = (origin_of(channel).sequence, cutting.contains(&channel));
+            match wants[usize::from(channel)] {
+                0 => (false, !fires, u32::MAX - sequence),
+                _ => (true, fires, sequence),
+            }
+        };
+        let channels = &mut channels[..count];
+        channels.sort_unstable_by_key(|&channel| (key(channel), channel));
+        let mut last = None;
+        for &channel in &*channels {
+            let change = Change { channel, value: wants[usize::from(channel)] };
+            let origin = origin_of(channel);
+            match steps.last_mut() {
+                Some(step)
+                    if last == Some(key(channel)) && origin.sequence != 0 && usize::from(step.count) < MAX_CHANGES =>
+                {
+                    step.changes[usize::from(step.count)] = change;
+                    step.count += 1;
+                }
+                _ => {
+                    let mut changes = [Change::default(); MAX_CHANGES];
+                    changes[0] = change;
+                    let Origin { code, line, periods, until, .. } = origin;
+                    let code = if code.is_empty() { "output" } else { code };
+                    steps.push(RestartStep { code, line, changes, count: 1, periods, until });
+                }
+            }
+            last = Some(key(channel));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use channel::{FLOOD, SPEED, SPINDLE};
+
+    fn outputs(on: &[(u8, i32)]) -> Outputs {
+        let mut outputs = [0; channel::COUNT];
+        for &(channel, value) in on {
+            outputs[usize::from(channel)] = value;
+        }
+        outputs
+    }
+
+    fn change(channel: u8, value: i32) -> Change {
+        Change { channel, value }
+    }
+
+    fn steps(origins: &OutputOrigins, are: &Outputs, wants: &Outputs) -> Vec<(&'static str, Vec<Change>, u32)> {
+        let mut steps = Vec::new();
+        origins.steps(are, wants, &[3], |_| true, &mut steps);
+        steps.iter().map(|step| (step.code, step.changes().to_vec(), step.periods)).collect()
+    }
+
+    #[test]
+    fn outputs_come_back_in_program_order_with_their_durations_and_the_cutter_last() {
+        let mut origins = OutputOrigins::default();
+        origins.switched(&[change(3, 1)], ("M101", 2, 0), 1500, None);
+        origins.switched(&[change(SPEED, 900_000)], ("S", 3, 0), 0, None);
+        origins.switched(&[change(SPINDLE, 1), change(4, 1)], ("M3", 4, 0), 800, None);
+        origins.switched(&[change(FLOOD, 1)], ("M8", 5, 0), 20, None);
+        let wants = outputs(&[(3, 1), (SPEED, 900_000), (SPINDLE, 1), (4, 1), (FLOOD, 1)]);
+        let all = steps(&origins, &outputs(&[]), &wants);
+        let expected = vec![
+            ("S", vec![change(SPEED, 900_000)], 0),
+            ("M3", vec![change(4, 1), change(SPINDLE, 1)], 800),
+            ("M8", vec![change(FLOOD, 1)], 20),
+            ("M101", vec![change(3, 1)], 1500),
+        ];
+        assert_eq!(all, expected);
+        // what agrees is left alone
+        let are = outputs(&[(3, 1), (SPEED, 900_000), (SPINDLE, 1), (FLOOD, 1)]);
+        assert_eq!(steps(&origins, &are, &wants), vec![("M3", vec![change(4, 1)], 800)]);
+    }
+
+    #[test]
+    fn what_is_on_by_hand_goes_off_first_the_cutter_before_anything_else() {
+        let mut origins = OutputOrigins::default();
+        origins.switched(&[change(FLOOD, 0)], ("M9", 2, 0), 10, None);
+        origins.switched(&[change(SPINDLE, 1)], ("M3", 3, 0), 800, None);
+        let wants = outputs(&[(SPINDLE, 1)]);
+        let all = steps(&origins, &outputs(&[(3, 1), (FLOOD, 1), (5, 1)]), &wants);
+        let codes: Vec<_> = all.iter().map(|(code, ..)| *code).collect();
+        assert_eq!(codes, ["output", "M9", "output", "M3"], "{all:?}");
+        assert_eq!(all[0].1, vec![change(3, 0)]);
+    }
+
+    #[test]
+    fn a_dwell_where_the_cutter_was_lit_is_its_pierce() {
+        let mut origins = OutputOrigins::default();
+        origins.switched(&[change(3, 1)], ("M64", 2, 70), 0, None);
+        let wants = outputs(&[(3, 1)]);
+        origins.dwelt(70, 500, &wants, &[3]);
+        origins.dwelt(90, 500, &wants, &[3]);
+        assert_eq!(steps(&origins, &outputs(&[]), &wants), vec![("M64", vec![change(3, 1)], 500)]);
+    }
+}

@@ -1,0 +1,106 @@
+//! A card's trace, period by period: outputs, place, rate, rest, and which line was executed.
+//!
+//! Invariant: a sample holds what the trace says at one moment, nothing that was worked out elsewhere.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+/// What the trace says from a moment on.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sample {
+    /// The moment, in microseconds of the card's time.
+    pub at_us: u64,
+    /// Program line.
+    pub line: u64,
+    /// Place on the path, in records.
+    pub place: f64,
+    /// Rate of the last control period.
+    pub rate: f64,
+    /// Does the machine stand?
+    pub at_rest: bool,
+    /// Values of the outputs that are not 0, by name: `out3`, `spindle` …
+    pub outputs: BTreeMap<String, u64>,
+    /// Code of the latched alarm, 0 for none.
+    pub alarm: u64,
+}
+
+impl Sample {
+    /// Is this output on?
+    #[must_use]
+    pub fn is_on(&self, output: &str) -> bool {
+        self.outputs.contains_key(output)
+    }
+}
+
+/// Reads a trace: a sample for each moment at which something but the step wires changed.
+///
+/// # Panics
+/// Where the file cannot be read.
+#[must_use]
+pub fn samples(path: &Path) -> Vec<Sample> {
+    let text = fs::read_to_string(path).expect("the trace");
+    let mut names = BTreeMap::new();
+    let (mut samples, mut now, mut changed) = (Vec::new(), Sample::default(), false);
+    let mut scope = String::new();
+    for line in text.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words[..] {
+            ["$scope", _, name, "$end"] => scope = name.to_owned(),
+            ["$var", _, _, code, name, "$end"] if matches!(&*scope, "card" | "outputs") => {
+                names.insert(code.to_owned(), (scope.clone(), name.to_owned()));
+            }
+            _ => {}
+        }
+        if let Some(at) = line.strip_prefix('#').and_then(|at| at.parse::<u64>().ok()) {
+            if std::mem::take(&mut changed) {
+                samples.push(now.clone());
+            }
+            now.at_us = at / 1000;
+        } else if let Some((value, code)) = value_of(line)
+            && let Some((scope, name)) = names.get(code)
+        {
+            changed = true;
+            set(&mut now, scope, name, value);
+        }
+    }
+    if changed {
+        samples.push(now);
+    }
+    samples
+}
+
+fn set(now: &mut Sample, scope: &str, name: &str, value: f64) {
+    match (scope, name) {
+        ("outputs", _) if value == 0.0 => {
+            now.outputs.remove(name);
+        }
+        ("outputs", _) => {
+            now.outputs.insert(name.to_owned(), value as u64);
+        }
+        (_, "place") => now.place = value,
+        (_, "rate") => now.rate = value,
+        (_, "line") => now.line = value as u64,
+        (_, "at_rest") => now.at_rest = value != 0.0,
+        (_, "alarm") => now.alarm = value as u64,
+        _ => {}
+    }
+}
+
+/// A change of a value, and the code of what it is the value of.
+fn value_of(line: &str) -> Option<(f64, &str)> {
+    let (kind, rest) = line.split_at_checked(1)?;
+    match kind {
+        "0" => Some((0.0, rest)),
+        "1" => Some((1.0, rest)),
+        "b" => {
+            let (bits, code) = rest.split_once(' ')?;
+            Some((u64::from_str_radix(bits, 2).ok()? as f64, code))
+        }
+        "r" => {
+            let (number, code) = rest.split_once(' ')?;
+            Some((number.parse().ok()?, code))
+        }
+        _ => None,
+    }
+}

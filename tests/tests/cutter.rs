@@ -1,0 +1,400 @@
+//! What the cutter does at every stop and restart, at the pins of the card.
+//!
+//! Invariant: the outputs are judged by the trace of the card alone.
+
+use retrace_tests::command::Bench;
+use retrace_tests::pins::{Sample, samples};
+use retrace_tests::run::Run;
+use serde_json::json;
+
+/// A small machine with a cutter on output `fire` (`spindle` for M3's) of this kind, and more of its file.
+fn machine(cutter: &str, more: &str) -> String {
+    let axis = |name: &str| {
+        format!(
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = 200\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+             max_jerk_mm_per_s3 = 20000\ntravel_mm = [-50, 500]\n"
+        )
+    };
+    format!("{more}{cutter}{}{}{}", axis("x"), axis("y"), axis("z"))
+}
+
+const TORCH: &str = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\n[code.M3]\nduration_ms = 400\n";
+const JET: &str = "[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 3\n";
+const SPINDLE: &str = "[[cutter]]\nname = \"spindle\"\nkind = \"spindle\"\nfire = 64\n[code.M3]\nduration_ms = 800\n";
+
+/// Line 4 is a cut of 2 s, line 6 a rapid, line 8 another cut.
+const TORCH_PROGRAM: &str = "G21 G90 F1800\nG0 X10\nM3\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\nM5\nG0 X0\nM2\n";
+const JET_PROGRAM: &str = "G21 G90 F1800\nG0 X10\nM64 P3\nG4 P0.3\nG1 X70\nM65 P3\nG0 X0\nM2\n";
+
+/// A run with this machine file and script, and the trace of its pins.
+fn run(machine: &str, program: &str, script: &str, more: &[&str]) -> (Run, Vec<Sample>) {
+    let bench = Bench::new();
+    let program = bench.file("part.ngc", program);
+    let (machine, vcd) = (bench.file("m.toml", machine).display().to_string(), bench.path("pins.vcd"));
+    let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+    let mut arguments = vec!["--machine", &machine, "--vcd", &trace];
+    if !script.is_empty() {
+        arguments.extend(["--operator", &operator]);
+    }
+    arguments.extend(more);
+    let run = Run::of(&bench, &program, &arguments);
+    (run, samples(&vcd))
+}
+
+/// For how long, at the most, an output was on without a break while the machine stood, in ms, and the program line of it.
+fn longest_standing_ms(samples: &[Sample], output: &str) -> (u64, u64) {
+    let (mut longest, mut since, mut line) = (0, None, 0);
+    for sample in samples {
+        if sample.at_rest && sample.is_on(output) {
+            let begun = *since.get_or_insert(sample.at_us);
+            if sample.at_us - begun > longest {
+                (longest, line) = (sample.at_us - begun, sample.line);
+            }
+        } else if let Some(begun) = since.take()
+            && sample.at_us - begun > longest
+        {
+            (longest, line) = (sample.at_us - begun, sample.line);
+        }
+    }
+    (longest / 1000, line)
+}
+
+fn assert_off_at_the_end(samples: &[Sample], output: &str) {
+    let last = samples.last().expect("a trace");
+    assert!(last.at_rest && !last.is_on(output), "{last:?}");
+}
+
+/// The first moment, in ms, at which the machine moves behind `from_ms`.
+fn first_motion_ms(samples: &[Sample], from_ms: u64) -> u64 {
+    let moves = samples.iter().find(|sample| sample.at_us >= from_ms * 1000 && sample.rate != 0.0);
+    moves.expect("it moves").at_us / 1000
+}
+
+fn time_ms(event: &serde_json::Value) -> u64 {
+    (event["time_s"].as_f64().expect("a time") * 1000.0).round() as u64
+}
+
+#[test]
+fn a_stop_in_the_cut_switches_the_cutter_off() {
+    for (cutter, program, output, line) in
+        [(TORCH, TORCH_PROGRAM, "spindle", 4), (JET, JET_PROGRAM, "out3", 5), (SPINDLE, TORCH_PROGRAM, "spindle", 4)]
+    {
+        let script = format!("at line {line} override 100%\nafter 0.5s stop\n");
+        let (run, pins) = run(&machine(cutter, ""), program, &script, &[]);
+        assert_eq!(run.report["outcome"], "stopped");
+        assert!(pins.iter().any(|sample| sample.is_on(output)), "it was on before");
+        assert_off_at_the_end(&pins, output);
+        let off = run.of_kind("cutter_off").last().expect("it is reported");
+        assert_eq!(off["reason"], "job_stopped", "{off}");
+    }
+}
+
+#[test]
+fn a_program_that_forgets_its_cutter_ends_with_the_cutter_off() {
+    let (run, pins) = run(&machine(JET, ""), "G21 G90 F1800\nM64 P3\nG1 X20\nM2\n", "", &[]);
+    run.assert_exact_and_legal();
+    assert_off_at_the_end(&pins, "out3");
+    assert_eq!(run.of_kind("cutter_off").last().expect("reported")["reason"], "program_end");
+}
+
+#[test]
+fn a_hold_puts_out_a_torch_at_once_a_jet_after_its_grace_and_lets_a_spindle_turn() {
+    let holds = "at line 4 override 100%\nafter 0.3s hold\nafter 2s recover\n";
+    let (torch, pins) = run(&machine(TORCH, ""), TORCH_PROGRAM, holds, &[]);
+    torch.assert_exact_and_legal();
+    let out = torch.of_kind("cutter_off").next().expect("it goes out").clone();
+    assert_eq!((&out["reason"], &out["line"]), (&json!("standing"), &json!(4)));
+    // M3 takes 400 ms, and up to 100 ms may pass until the motion begins
+    assert!(longest_standing_ms(&pins, "spindle").0 <= 502, "{:?}", longest_standing_ms(&pins, "spindle"));
+    let at_rest = pins.iter().find(|sample| sample.at_us / 1000 >= time_ms(&out)).expect("a sample");
+    assert!(at_rest.at_rest && !at_rest.is_on("spindle"));
+
+    let (jet, pins) = run(&machine(JET, ""), JET_PROGRAM, &holds.replace("line 4", "line 5"), &[]);
+    jet.assert_exact_and_legal();
+    let (standing, line) = longest_standing_ms(&pins, "out3");
+    assert!((499..=502).contains(&standing) && line == 5, "{standing} ms at line {line}");
+    // a hold that is shorter than the grace goes on without a restart
+    let short = "at line 5 override 100%\nafter 0.3s hold\nafter 0.4s resume\n";
+    let (jet, _) = run(&machine(JET, ""), JET_PROGRAM, short, &[]);
+    jet.assert_exact_and_legal();
+    assert_eq!(jet.of_kind("cutter_off").count() + jet.of_kind("outputs_differ").count(), 0);
+
+    let (router, pins) = run(&machine(SPINDLE, ""), TORCH_PROGRAM, &holds.replace("recover", "resume"), &[]);
+    router.assert_exact_and_legal();
+    assert_eq!(router.of_kind("outputs_differ").count(), 0);
+    assert!(longest_standing_ms(&pins, "spindle").0 >= 1900);
+}
+
+#[test]
+fn every_other_stop_puts_the_torch_out_as_well() {
+    let m0 = TORCH_PROGRAM.replace("G1 X70", "G1 X40\nM0\nG1 X70");
+    let cases = [
+        (m0.as_str(), "at line 4 override 100%\nafter 5s recover\n", "M0"),
+        (m0.as_str(), "at line 4 override 100%\nafter 5s resume\nafter 1s agree\n", "M0"),
+        (
+            TORCH_PROGRAM,
+            "at line 4 override 100%\nafter 0.3s override 0%\nafter 2s override 100%\nafter 0s recover\n",
+            "override",
+        ),
+        (TORCH_PROGRAM, "at line 4 single\nafter 3s single\nafter 0s recover\n", "single"),
+        (
+            TORCH_PROGRAM,
+            "at line 4 override 100%\nafter 0.3s pause\nafter 1s spindle stop\nafter 0s spindle start\nafter 0s online\nafter 0s cycle start\n",
+            "pause",
+        ),
+    ];
+    for (program, script, what) in cases {
+        let (run, pins) = run(&machine(TORCH, ""), program, script, &[]);
+        run.assert_exact_and_legal();
+        let (standing, line) = longest_standing_ms(&pins, "spindle");
+        assert!(standing <= 502, "{what}: lit for {standing} ms at rest, line {line}");
+        assert!(run.of_kind("cutter_off").any(|off| off["reason"] == "standing"), "{what}");
+    }
+}
+
+#[test]
+fn a_script_that_waits_for_a_line_that_cannot_come_ends_the_job() {
+    let program = TORCH_PROGRAM.replace("G1 X70", "G1 X40\nM0\nG1 X70");
+    let (run, pins) = run(&machine(TORCH, ""), &program, "at line 6 recover\n", &[]);
+    assert_eq!((run.said.code, &run.report["outcome"]), (Some(4), &json!("stopped")));
+    assert_off_at_the_end(&pins, "spindle");
+}
+
+#[test]
+fn feed_begins_again_only_when_the_tool_is_ready() {
+    for (cutter, program, ready_ms) in
+        [(TORCH, TORCH_PROGRAM, 400), (JET, JET_PROGRAM, 300), (SPINDLE, TORCH_PROGRAM, 800)]
+    {
+        let pause = "spindle stop\nafter 0s spindle start\nafter 0s online\nafter 0s cycle start\n";
+        let script = match cutter {
+            SPINDLE => format!("at line 4 override 100%\nafter 0.3s pause\nafter 1s {pause}"),
+            _ => "at line 5 override 100%\nafter 0.3s hold\nafter 2s recover\n"
+                .replace("line 5", if cutter == TORCH { "line 4" } else { "line 5" }),
+        };
+        let (run, pins) = run(&machine(cutter, ""), program, &script, &[]);
+        run.assert_exact_and_legal();
+        let begun = time_ms(run.of_kind("restart_switching").next().expect("the instruction is carried out again"));
+        let moves = first_motion_ms(&pins, begun);
+        assert!(
+            (begun + ready_ms..begun + ready_ms + 20).contains(&moves),
+            "{cutter}: {begun} ms, moves at {moves} ms"
+        );
+        let output = if cutter == JET { "out3" } else { "spindle" };
+        let moving = pins.iter().find(|sample| sample.at_us / 1000 >= moves).expect("a sample");
+        assert!(moving.is_on(output), "{cutter}: {moving:?}");
+    }
+}
+
+#[test]
+fn outputs_that_were_switched_by_hand_are_asked_about_at_every_restart() {
+    let spindle = machine(SPINDLE, "");
+    let program = TORCH_PROGRAM.replace("M3\nG1 X70", "M3 M64 P5\nG1 X70");
+    let held = "at line 4 override 100%\nafter 0.3s hold\nafter 1s output 5 off\nafter 0s resume\nafter 1s agree\n";
+    let paused = "at line 4 override 100%\nafter 0.3s pause\nafter 1s output 5 off\nafter 0s spindle stop\nafter 0s spindle start\n\
+        after 0s online\nafter 0s cycle start\nafter 4s agree\n";
+    for script in [held, paused] {
+        let (run, pins) = run(&spindle, &program, script, &[]);
+        run.assert_exact_and_legal();
+        let asked = run.of_kind("outputs_differ").next().expect("it asks");
+        assert_eq!(asked["outputs"], json!([{"channel": 5, "is": 0, "program": 1}]));
+        let restored = time_ms(run.of_kind("outputs_restored").last().expect("it is restored"));
+        let after = first_motion_ms(&pins, time_ms(asked) + 1);
+        assert!(after >= restored, "it moved at {after} ms, before {restored} ms");
+    }
+    // nobody answers: it does not go on
+    let (unanswered, pins) = run(&spindle, &program, &held.replace("after 1s agree\n", ""), &[]);
+    assert_eq!(unanswered.report["outcome"], "stopped");
+    let asked = time_ms(unanswered.of_kind("outputs_differ").next().expect("it asks"));
+    assert!(pins.iter().all(|sample| sample.at_us / 1000 <= asked || sample.rate == 0.0));
+}
+
+#[test]
+fn a_start_in_the_middle_brings_the_tool_up_first_and_lights_a_torch_at_the_cut() {
+    let (router, pins) = run(&machine(SPINDLE, ""), TORCH_PROGRAM, "", &["--start-line", "8"]);
+    assert_eq!(router.report["outcome"], "completed");
+    let on = pins.iter().find(|sample| sample.is_on("spindle")).expect("it turns");
+    assert!(first_motion_ms(&pins, 0) >= on.at_us / 1000 + 800, "{on:?}");
+    let (plasma, pins) = run(&machine(TORCH, ""), TORCH_PROGRAM, "", &["--start-line", "8"]);
+    assert_eq!(plasma.report["outcome"], "completed");
+    let on = pins.iter().find(|sample| sample.is_on("spindle")).expect("it is lit").at_us / 1000;
+    // the way to X100 has been made by then, and the pierce is waited for
+    let before: Vec<&Sample> = pins.iter().filter(|sample| sample.at_us / 1000 <= on && sample.rate != 0.0).collect();
+    assert!(before.len() > 500, "it moves there dark");
+    assert!(first_motion_ms(&pins, on) >= on + 400);
+    assert!(pins.iter().filter(|sample| sample.is_on("spindle") && sample.rate != 0.0).all(|sample| sample.line == 8));
+}
+
+#[test]
+fn reverse_run_puts_the_cutter_out_and_the_end_of_it_lights_it_again() {
+    for replayed in ["", "retrace_outputs = \"replayed\"\n"] {
+        let script = "at line 5 override 100%\nafter 0.5s reverse 100%\nafter 1s leave\n";
+        let (run, pins) = run(&machine(JET, replayed), JET_PROGRAM, script, &[]);
+        run.assert_exact_and_legal();
+        assert!(pins.iter().any(|sample| sample.rate < 0.0));
+        assert!(pins.iter().all(|sample| sample.rate >= 0.0 || !sample.is_on("out3")), "{replayed}");
+        let lit = run.of_kind("restart_switching").map(|event| event["code"].clone()).collect::<Vec<_>>();
+        assert_eq!(lit, ["M64"], "{replayed}");
+    }
+}
+
+#[test]
+fn replayed_outputs_go_back_and_forth_with_m64_and_never_light_the_cutter() {
+    // output 5 belongs to no cutter; the way back goes over everything
+    let program =
+        "G21 G90 F3000\nG1 X10\nM64 P5\nG1 X20\nM64 P3\nG1 X40\nM65 P3\nG1 X60\nM65 P5\nG1 X80\nG1 X100\nM2\n";
+    let script = "at line 11 reverse 100%\nafter 4s leave\n";
+    let (run, pins) = run(&machine(JET, "retrace_outputs = \"replayed\"\n"), program, script, &[]);
+    run.assert_exact_and_legal();
+    let back: Vec<&Sample> = pins.iter().filter(|sample| sample.rate < 0.0).collect();
+    assert!(back.iter().any(|sample| sample.is_on("out5")) && !back.last().expect("it went back").is_on("out5"));
+    assert!(back.iter().all(|sample| !sample.is_on("out3")));
+    let values: Vec<_> = run.of_kind("retrace_switched").map(|e| (e["channel"].clone(), e["value"].clone())).collect();
+    assert_eq!(values, [(json!(5), json!(1)), (json!(5), json!(0)), (json!(5), json!(1)), (json!(5), json!(0))]);
+}
+
+#[test]
+fn a_dry_run_keeps_the_cutter_and_its_gas_off_and_nothing_else() {
+    let cutter = format!("{JET}abrasive = 4\n");
+    let program = JET_PROGRAM.replace("M64 P3", "M64 P4 M8\nM64 P5\nM64 P3");
+    let (run, pins) = run(&machine(&cutter, ""), &program, "", &["--dry-run"]);
+    run.assert_exact_and_legal();
+    assert!(pins.iter().all(|sample| !sample.is_on("out3") && !sample.is_on("out4")));
+    assert!(pins.iter().any(|sample| sample.is_on("out5")) && pins.iter().any(|sample| sample.is_on("flood")));
+}
+
+#[test]
+fn a_cutter_is_switched_off_by_hand_at_any_time_and_on_only_where_it_may_cut() {
+    let cutting_jet = format!("{JET}retrace_cut = true\n");
+    let script = "at line 5 override 100%\nafter 1s cutter off\nafter 1s output 3 on\nafter 0s cutter on\nafter 0s reverse 50%\n\
+        after 0.5s cutter on\nafter 0.3s output 3 off\nafter 0s leave\n";
+    let (run, pins) = run(&machine(&cutting_jet, ""), JET_PROGRAM, script, &[]);
+    run.assert_exact_and_legal();
+    let refused: Vec<_> =
+        run.of_kind("order_refused").map(|event| event["why"].as_str().unwrap_or("").to_owned()).collect();
+    assert_eq!(refused.len(), 2, "{refused:?}");
+    assert!(refused.iter().all(|why| why.contains("recover")), "{refused:?}");
+    assert!(pins.iter().any(|sample| sample.rate < 0.0 && sample.is_on("out3")), "on while it goes back");
+    let offs: Vec<_> = run.of_kind("cutter_off").map(|event| event["reason"].clone()).collect();
+    assert_eq!(offs, ["operator", "operator"], "{offs:?}");
+    // a torch is not lit where the path is retraced
+    let script =
+        "at line 4 override 100%\nafter 0.3s reverse 50%\nafter 1s cutter on\nafter 0s output 64 on\nafter 0s leave\n";
+    let (torch, pins) = self::run(&machine(TORCH, ""), TORCH_PROGRAM, script, &[]);
+    torch.assert_exact_and_legal();
+    assert_eq!(torch.of_kind("order_refused").count(), 2);
+    assert!(pins.iter().all(|sample| sample.rate >= 0.0 || !sample.is_on("spindle")));
+}
+
+#[test]
+fn backing_with_the_jet_on_stops_with_a_question_where_the_program_switched_it() {
+    let cutting_jet = format!("{JET}retrace_cut = true\n");
+    // line 8 is the second cut, from X80 on
+    let program = "G21 G90 F1800\nM64 P3\nG1 X60\nM65 P3\nG0 X80\nM64 P3\nG4 P0.1\nG1 X140\nM65 P3\nM2\n";
+    let back = "at line 8 override 100%\nafter 1s reverse 100%\nafter 0.3s cutter on\n";
+    for (script, passes) in [
+        ("after 1.1s cutter off\nafter 0s reverse 100%\nafter 2s leave\n", false),
+        ("after 1.1s reverse 50%\nafter 0.2s cutter off\nafter 1s leave\n", true),
+    ] {
+        let (run, pins) = run(&machine(&cutting_jet, ""), program, &format!("{back}{script}"), &[]);
+        run.assert_exact_and_legal();
+        let asked = time_ms(run.of_kind("cutter_boundary").next().expect("it asks"));
+        let there = pins.iter().find(|sample| sample.at_us / 1000 >= asked).expect("a sample");
+        assert!(there.at_rest && there.place.fract() == 0.0, "{there:?}");
+        let lit_before = pins.iter().any(|s| s.rate < 0.0 && s.is_on("out3") && s.place < there.place);
+        assert_eq!(lit_before, passes, "{script}");
+        assert!(pins.iter().any(|s| s.rate < 0.0 && s.place < there.place), "it went on backward");
+    }
+}
+
+#[test]
+fn what_a_program_does_with_its_cutter_is_checked_before_the_run() {
+    let check = |machine: Option<String>, program: &str| {
+        let bench = Bench::new();
+        let program = bench.file("part.ngc", program).display().to_string();
+        let machine = machine.map(|text| bench.file("m.toml", text).display().to_string());
+        let mut arguments = vec!["check", &program];
+        if let Some(machine) = &machine {
+            arguments.extend(["--machine", machine]);
+        }
+        bench.retrace(arguments)
+    };
+    // a rapid with the jet on, and on a machine that allows it
+    let rapid = "G21 G90 F1800\nM64 P3\nG1 X10\nG0 X20\nM65 P3\nM2\n";
+    let said = check(Some(machine(JET, "")), rapid);
+    assert!(said.code == Some(1) && said.err.contains("E4306") && said.err.contains(":4:"), "{}", said.err);
+    assert_eq!(check(Some(machine(&format!("{JET}rapid_lit = true\n"), "")), rapid).code, Some(0));
+    // left on at the end
+    let said = check(Some(machine(JET, "")), "G21 G90 F1800\nM64 P3\nG1 X10\nM2\n");
+    assert!(
+        said.code == Some(0) && said.err.contains("warning[W4101]: jet") && said.err.contains(":2:"),
+        "{}",
+        said.err
+    );
+    // an output that cuts, perhaps, and a machine that declares nothing
+    let said = check(None, JET_PROGRAM);
+    assert!(said.code == Some(0) && said.err.contains("warning[W4102]: output 3"), "{}", said.err);
+    assert!(!check(Some(machine(JET, "")), JET_PROGRAM).err.contains("W410"));
+    let named = machine("", "[[output]]\nnumber = 3\nname = \"air\"\n");
+    assert!(!check(Some(named), JET_PROGRAM).err.contains("W410"));
+}
+
+#[test]
+fn a_beam_is_off_in_rapids_and_on_again_behind_them() {
+    let beam = "[[cutter]]\nname = \"beam\"\nkind = \"beam\"\nfire = 64\n";
+    let program = "G21 G90 G64 F3000\nM3\nG1 X10\nG0 X30\nG0 X40\nG1 X50\nM5\nG0 X0\nM2\n";
+    let (run, pins) = run(&machine(beam, ""), program, "", &[]);
+    run.assert_exact_and_legal();
+    for sample in pins.iter().filter(|sample| sample.rate != 0.0) {
+        // the sample of a period shows the line and the outputs at its end
+        let cuts = matches!(sample.line, 3 | 6);
+        assert!(sample.is_on("spindle") == cuts || sample.place.fract() == 0.0, "{sample:?}");
+    }
+    assert!(pins.iter().any(|sample| sample.line == 6 && sample.is_on("spindle")));
+    assert!(pins.iter().all(|sample| !matches!(sample.line, 5 | 8) || !sample.is_on("spindle")));
+}
+
+#[test]
+fn a_tool_change_and_an_optional_stop_wait_for_the_operator() {
+    let router = machine(SPINDLE, "tool_change = \"manual\"\n");
+    let program = "G21 G90 F1800\nG1 X10\nT3 M6\nG1 X20\nM1\nG1 X30\nM2\n";
+    let (alone, _) = run(&router, program, "", &[]);
+    alone.assert_exact_and_legal();
+    assert_eq!(alone.of_kind("tool_change").count() + alone.of_kind("program_stop").count(), 0, "nobody is there");
+    let script = "at 0s optional stop on\nat 4s cycle start\nat 9s cycle start\n";
+    let (asked, pins) = run(&router, program, script, &[]);
+    asked.assert_exact_and_legal();
+    let change = asked.of_kind("tool_change").next().expect("it asks");
+    assert_eq!(change["tool"], 3);
+    assert!(
+        asked.of_kind("message").any(|message| message["text"].as_str().is_some_and(|text| text.contains("tool 3")))
+    );
+    assert!(first_motion_ms(&pins, time_ms(change) + 1) >= 4000);
+    let stop = asked.of_kind("program_stop").next().expect("M1 stops");
+    assert!(first_motion_ms(&pins, time_ms(stop) + 1) >= 9000);
+    let (off, _) =
+        run(&router, program, &script.replace("stop on", "stop off").replace("at 9s cycle start\n", ""), &[]);
+    off.assert_exact_and_legal();
+    assert_eq!(off.of_kind("program_stop").count(), 0);
+}
+
+#[test]
+fn a_wrong_cutter_is_refused_by_name() {
+    let cases = [
+        ("[[cutter]]\nname = \"j\"\nkind = \"jett\"\nfire = 3\n", "E2111", "jett"),
+        ("[[cutter]]\nname = \"j\"\nkind = \"jet\"\nfire = 65\n", "E2112", "no such output"),
+        ("[[cutter]]\nname = \"t\"\nkind = \"torch\"\nfire = 64\nretrace_cut = true\n", "E2112", "only a jet"),
+        ("[[cutter]]\nname = \"t\"\nkind = \"torch\"\nfire = 3\narm = 3\n", "E2112", "uses it too"),
+        ("[[cutter]]\nname = \"t\"\nkind = \"torch\"\nfire = 3\nstanding_ms = 9000\n", "E2112", "standing_ms"),
+        (
+            "[[output]]\nnumber = 3\nname = \"pump\"\n[[cutter]]\nname = \"t\"\nkind = \"torch\"\nfire = 3\n",
+            "E2112",
+            "names it",
+        ),
+    ];
+    for (text, number, what) in cases {
+        let bench = Bench::new();
+        let file = bench.file("m.toml", machine(text, "")).display().to_string();
+        let said = bench.retrace(["machine", "check", &file]);
+        assert!(said.code == Some(2) && said.err.contains(number) && said.err.contains(what), "{text}: {}", said.err);
+    }
+}
