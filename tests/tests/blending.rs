@@ -38,6 +38,7 @@ fn to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
 fn run(path_control: &str, machine: &str) -> (Run, f64) {
     let bench = Bench::new();
     let (text, points) = program(path_control);
+    let machine = format!("name = \"blending\"\n{machine}");
     let (program, machine) = (bench.file("blended.ngc", text), bench.file("machine.toml", machine));
     let run = Run::of(&bench, &program, &["--machine", machine.to_str().expect("a path of text")]);
     run.assert_exact_and_legal();

@@ -35,7 +35,12 @@ fn the_examples_that_help_names_are_there() {
 fn every_example_checks_without_a_word_on_standard_error() {
     let bench = Bench::new();
     for program in examples() {
-        let said = bench.retrace(["check".as_ref(), program.as_os_str()]);
+        let machine = program.with_extension("toml");
+        let mut arguments = vec!["check".as_ref(), program.as_os_str()];
+        if machine.exists() {
+            arguments.extend(["--machine".as_ref(), machine.as_os_str()]);
+        }
+        let said = bench.retrace(arguments);
         assert_eq!((said.code, said.err.as_str()), (Some(0), ""), "{}", program.display());
     }
 }

@@ -54,7 +54,12 @@ impl StopSignals {
         let over = Arc::new(AtomicBool::new(false));
         let watcher = {
             let (came, progress, over) = (Arc::clone(&came), Arc::clone(&progress), Arc::clone(&over));
-            thread::Builder::new().name("signals".into()).spawn(move || look(&came, &said, &progress, &over)).ok()?
+            let watch = move || {
+                // it only waits: the motion thread alone is scheduled in real time
+                let _ = retrace_controller::real_time::leave();
+                look(&came, &said, &progress, &over);
+            };
+            thread::Builder::new().name("signals".into()).spawn(watch).ok()?
         };
         Some((Self { came, progress, over, watcher: Some(watcher) }, heard))
     }

@@ -85,7 +85,7 @@ mod tests {
             messages(source, "| `E1001` | x |\n| E3001 | z |\n| E2001 | y |\n"),
             ["W1002 has no row in docs/errors.md", "E2001 is used nowhere in the code"]
         );
-        assert_eq!(messages(source, "| E1001 |\n### W1002: z\nsee E3001\n"), Vec::<String>::new());
+        assert_eq!(messages(source, "| E1001 |\n### W1002: z\n| E3001 |\nsee E3002\n"), Vec::<String>::new());
     }
 
     #[test]

@@ -336,6 +336,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.dnc.is_paused() {
             return self.demand_paused();
         }
+        if self.restart.is_active() && self.operation.mode() != Mode::Run {
+            // One restart at a time: what the furthest place needs is compared when this one is over.
+            return Demand { target: 0, look_ahead: false, restore_outputs: false, notice: None };
+        }
         self.search_back();
         let (facts, mode) = (self.facts(), self.operation.mode());
         let mut demand = self.operation.demand(&facts);

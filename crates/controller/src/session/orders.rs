@@ -136,6 +136,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             }
             _ => {}
         }
+        if self.restart.is_active() {
+            return Err(OrderRefused::NotNow("outputs are being restored"));
+        }
         let channel = self.supply.last_lit().ok_or(OrderRefused::NoJet)?;
         self.tell(Happening::CutterOn(channel));
         if !self.card.status().at_rest {
