@@ -48,7 +48,8 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         match (operation.order(order), order) {
             (Err(_), _) => holds!(operation == before),
             (Ok(()), Order::Leave { ask: false } | Order::Agree | Order::Recover) => agreed = true,
-            (Ok(()), Order::Restart { agreed: true }) if was == Mode::Run => agreed = true,
+            (Ok(()), Order::Restart { agreed: word }) if was == Mode::Run => agreed = word,
+            (Ok(()), Order::Resume) if was == Mode::Run => agreed = false,
             (Ok(()), Order::Leave { .. } | Order::Reverse(_) | Order::Forward(_) | Order::Wheel) => agreed = false,
             (Ok(()), _) => {}
         }
@@ -81,7 +82,8 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
             holds!(!demand.restore_outputs && demand.notice != Some(Notice::GoesOn));
         }
         holds!(!demand.restore_outputs || agreed);
-        agreed &= operation.mode() != Mode::Run;
+        // what was agreed to in normal run holds until motion goes on
+        agreed &= operation.mode() != Mode::Run || compares;
         // a hold stands in every mode; backward only where reverse or the wheel asks for it
         holds!(!operation.held() || demand.target == 0);
         let backward = matches!(operation.mode(), Mode::Reverse | Mode::Wheel);
@@ -155,8 +157,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "a hold does not stand under the wheel",
             file: MODE,
-            find: "_ if self.held => 0,",
-            put: "_ if self.held && self.mode != Mode::Wheel => 0,",
+            find: "_ if self.held || self.resuming != Resuming::No => 0,",
+            put: "_ if self.held && self.mode != Mode::Wheel || self.resuming != Resuming::No => 0,",
             killer: "modes_3",
         },
     ],

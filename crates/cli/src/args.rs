@@ -98,7 +98,7 @@ pub enum Command {
 /// `retrace doctor`
 #[derive(Debug, clap::Args)]
 pub struct Doctor {
-    /// Port of the card, PATH[@BAUD]; without one only this computer is measured.
+    /// Port of the card, `PATH[@BAUD]`; without one only this computer is measured.
     pub port: Option<String>,
     /// Machine file.
     #[arg(long, value_name = "FILE")]
