@@ -209,6 +209,17 @@ fn outputs_that_were_switched_by_hand_are_asked_about_at_every_restart() {
 }
 
 #[test]
+fn an_output_that_is_switched_back_while_its_instruction_runs_is_asked_about() {
+    let script = "at 0.8s output 64 off\nafter 3s agree\n";
+    let (run, pins) = run(&machine(SPINDLE, ""), TORCH_PROGRAM, script, &[]);
+    run.assert_exact_and_legal();
+    let done = run.of_kind("switched").find(|event| event["code"] == "M3").expect("M3 is carried out");
+    let asked = run.of_kind("outputs_differ").next().expect("it asks");
+    assert_eq!((&asked["outputs"][0]["channel"], time_ms(asked) - time_ms(done) <= 2), (&json!(64), true));
+    assert!(pins.iter().all(|sample| sample.line != 4 || sample.rate == 0.0 || sample.is_on("spindle")));
+}
+
+#[test]
 fn a_start_in_the_middle_brings_the_tool_up_first_and_lights_a_torch_at_the_cut() {
     let (router, pins) = run(&machine(SPINDLE, ""), TORCH_PROGRAM, "", &["--start-line", "8"]);
     assert_eq!(router.report["outcome"], "completed");

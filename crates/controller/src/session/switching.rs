@@ -3,7 +3,7 @@
 //! Invariant: an instruction goes to the card in normal run only, with the cursor at rest on its marker; the next one when the
 //! card has reported it complete.
 
-use retrace_core::mode::{Demand, Mode};
+use retrace_core::mode::{Demand, Mode, Order};
 use retrace_link::{Change, Instruction, MotionCard, Word, channel};
 
 use super::Session;
@@ -62,6 +62,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if let Some(done) = self.supply.acknowledge(self.card.status().executed) {
             self.executing = None;
             self.tell_at(done.line, Happening::Switched(done.code));
+            let (are, want) = (&self.card.status().outputs, self.supply.expected());
+            let differs = |change: &Change| are[usize::from(change.channel)] != want[usize::from(change.channel)];
+            let switched_by_hand = done.changes[..usize::from(done.count)].iter().any(differs);
+            if switched_by_hand && self.operation.mode() == Mode::Run && !self.operation.held() {
+                // While it was carried out somebody has switched it back: motion does not begin without a question.
+                let _ = self.operation.order(Order::Restart { agreed: false });
+            }
         }
     }
 }
