@@ -5,6 +5,7 @@
 use retrace_tests::command::Bench;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
+use retrace_tests::served::Served;
 use serde_json::json;
 
 /// A small machine with a cutter on output `fire` (`spindle` for M3's) of this kind, and more of its file.
@@ -217,6 +218,23 @@ fn an_output_that_is_switched_back_while_its_instruction_runs_is_asked_about() {
     let asked = run.of_kind("outputs_differ").next().expect("it asks");
     assert_eq!((&asked["outputs"][0]["channel"], time_ms(asked) - time_ms(done) <= 2), (&json!(64), true));
     assert!(pins.iter().all(|sample| sample.line != 4 || sample.rate == 0.0 || sample.is_on("spindle")));
+}
+
+#[test]
+fn a_stop_while_the_cutter_is_started_again_leaves_no_motion_behind() {
+    let script = "at line 5 override 100%\nafter 0.3s hold\nafter 2s recover\nafter 0.1s stop\n";
+    let (bench, card) = (Bench::new(), Served::with(&[]));
+    bench.file("part.ngc", JET_PROGRAM);
+    bench.file("m.toml", machine(JET, ""));
+    bench.file("s.op", script);
+    let arguments = ["run", "part.ngc", "--machine", "m.toml", "--operator", "s.op", "--json", "--card", &card.port];
+    let stopped = bench.retrace(arguments);
+    assert_eq!(stopped.code, Some(4), "{}\n{}", stopped.out, stopped.err);
+    let report: serde_json::Value = serde_json::from_str(stopped.out.lines().last().expect("a report")).expect("JSON");
+    // the pierce of 300 ms ends after the job has
+    std::thread::sleep(std::time::Duration::from_millis(1000));
+    let told = card.told();
+    assert_eq!(told["counts"][0], report["position_counts"]["x"], "it moved on behind the end: {told}");
 }
 
 #[test]

@@ -266,6 +266,8 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Deck<A> for 
         if !self.stands() {
             return Err(Refusal::InMotion);
         }
+        // nobody asks for motion any more, whatever completes later
+        let _ = self.player.take(Word::Rate { target: 0 });
         self.guard.expect_host(0);
         self.is_open = false;
         self.player.put_out(CutterOffCause::EpochClosed);

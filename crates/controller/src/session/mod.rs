@@ -211,6 +211,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 Err(trouble) => break self.ends_in(trouble),
             }
         };
+        // A restart that was under way may complete behind the end: no rate may be left that would set the machine in motion then.
+        let _ = self.card.send(Word::Rate { target: 0 });
         self.end_switched_off(match outcome {
             Outcome::Completed => OffReason::ProgramEnd,
             _ => OffReason::JobStopped,
