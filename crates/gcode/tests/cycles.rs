@@ -39,6 +39,55 @@ fn errors(program: &str) -> Vec<&'static str> {
     found.iter().map(|found| found.number()).filter(|number| number.starts_with('E')).collect()
 }
 
+/// The holes of a program: the ends of its feed moves in the plane, with three decimals.
+fn holes(program: &str) -> Vec<String> {
+    let text = format!("F100 G90 G0 Z2\n{program}\nM2\n");
+    let steps = Program::new(text.as_bytes(), Setup::rs274()).into_iter();
+    let ends = steps.filter_map(|step| if let Canon::StraightFeed(end) = step.canon { Some(end.0) } else { None });
+    let mut found: Vec<_> = ends.map(|[x, y, ..]| format!("{:.3} {:.3}", x + 0.0, y + 0.0)).collect();
+    found.dedup();
+    found
+}
+
+#[test]
+fn polar_words_say_where_the_holes_of_a_cycle_are() {
+    let six = ["0.750 1.299", "-0.750 1.299", "-1.500 0.000", "-0.750 -1.299", "0.750 -1.299", "1.500 -0.000"];
+    for cycle in ["G81", "G82 P1", "G83 Q.3", "G73 Q.3", "G85", "G86 P0", "G88 P0", "G89 P0"] {
+        let program = format!("M3 S10 G20 G0 X1.5\nG91 {cycle} R.1 Z-.5 ^60 L6");
+        assert_eq!(holes(&program), six, "{cycle}");
+    }
+    assert_eq!(holes("M4 S10 G20 G0 X1.5\nG91 G74 R.1 Z-.5 ^60 L6"), six);
+    // The next block of the series, and one with X and Y again.
+    assert_eq!(
+        holes("G0 X1.5\nG81 R.1 Z-.5 ^120\n@2 ^90\n@3\nX1 Y1\n^0"),
+        ["-0.750 1.299", "0.000 2.000", "0.000 3.000", "1.000 1.000", "1.414 0.000"]
+    );
+    // G91: farther first, then turned.
+    assert_eq!(holes("G0 X1\nG91 G81 R1 Z-2 @1 ^30 L3"), ["1.732 1.000", "1.500 2.598", "0.000 4.000"]);
+    // G87 feeds above the hole, beside which it goes through.
+    assert_eq!(holes("M3 S1 G0 X1\nG87 R1 Z-2 I.1 J0 K-1 ^90"), ["0.000 1.000"]);
+}
+
+#[test]
+fn polar_words_of_a_cycle_at_the_origin_need_a_direction_in_g91_alone() {
+    assert_eq!(holes("G81 R1 Z-2 @1"), ["1.000 0.000"]);
+    assert_eq!(holes("G81 R1 Z-2 ^40"), ["0.000 0.000"]);
+    for words in ["@1", "^40", "@1 ^40"] {
+        assert_eq!(errors(&format!("G91 G81 R1 Z-2 {words}")), ["E1711"], "{words}");
+    }
+    assert_eq!(errors("G81 R1 Z-2 ^40 X1"), ["E1712"]);
+    assert_eq!(errors("G18 G0 X1\nG81 R1 Y-2 ^40"), ["E1711"]);
+}
+
+/// The codes that take axis words and no motion.
+#[test]
+fn polar_words_are_refused_where_no_motion_takes_them() {
+    for line in ["G28 @1", "G30 ^2", "G92 @1", "G52 @1", "G10 L2 P1 @1", "G43.1 @1", "G53 G0 @1", "G80 @1"] {
+        let found = errors(&format!("G0 X1\n{line}"));
+        assert_eq!(found.len(), 1, "{line}: {found:?}");
+    }
+}
+
 #[test]
 fn a_hole_is_drilled_from_the_clearance_and_left_to_it_or_to_the_initial_level() {
     assert_eq!(moves("G0 Z5\nG99 G81 X1 Y2 Z-3 R1"), "T0 0 5, T1 2 5, T1 2 1, F1 2 -3, T1 2 1");

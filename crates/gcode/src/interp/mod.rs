@@ -377,7 +377,7 @@ impl Interpreter {
                 emit.call(canon);
             }
         }
-        let moves = matches!(motion, check::MotionToBe::Move(_)) && words.has_any(b"xyz");
+        let moves = matches!(motion, check::MotionToBe::Move(_)) && words.has_any(b"xyz@^");
         let flow = self.core.execute(words, motion, &mut emit);
         let warning = emit.warning;
         self.core.state.waiting = waiting;

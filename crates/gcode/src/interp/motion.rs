@@ -24,7 +24,10 @@ impl Core {
     /// Carries out the block's motion.
     #[inline]
     pub(super) fn move_along(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
-        self.check_polar_words(words)?;
+        // A cycle has its own rules at the origin.
+        if !matches!(motion, Motion::Cycle(_)) {
+            self.check_polar_words(words)?;
+        }
         match motion {
             Motion::Traverse => {
                 (self.state.motion, self.state.series) = (Some(motion), None);

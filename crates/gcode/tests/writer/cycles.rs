@@ -131,6 +131,9 @@ impl Writer {
                 words.push(format!("{letter}{}", self.value()));
             }
         }
+        if normal == "Z" && self.random.one_in(6) {
+            return self.polar_words();
+        }
         if words.is_empty() {
             let letter = if normal == "X" { "Z" } else { "X" };
             words.push(format!("{letter}{}", self.decimal()));
@@ -139,6 +142,16 @@ impl Writer {
             words.push("A5".to_owned());
         }
         words
+    }
+
+    /// A hole in polar coordinates: its distance from the origin, its angle, or both.
+    fn polar_words(&mut self) -> Vec<String> {
+        let (distance, angle) = (format!("@{}", self.decimal()), format!("^{}", self.decimal()));
+        match self.random.below(3) {
+            0 => vec![distance],
+            1 => vec![angle],
+            _ => vec![distance, angle],
+        }
     }
 
     /// R, and the bottom below it.
