@@ -159,7 +159,7 @@ codes! {
 
     BadControl "E1801" "O word not understood" "The line does not have the form of an O word: label, keyword, values in brackets." "Write lines such as O100 if [#1 GT 0]; by number or by name.";
     ControlWithoutEnd "E1802" "end of a block of O words missing" "The program ends before the endsub, endif, endwhile, endrepeat or while that belongs to the label." "Add the end, with the same label.";
-    ControlWithoutBegin "E1803" "beginning of a block of O words missing" "An end, else, break, continue or return stands where nothing of its label is open." "Check the label, and the nesting.";
+    ControlWithoutBegin "E1803" "beginning of a block of O words missing" "An end, else, break or continue stands where nothing of its label is open, or a return outside of every subprogram." "Check the label, and the nesting.";
     NoSuchSub "E1804" "no such subprogram" "Neither the program nor a file in its folder or in a folder given with --subs has a subprogram of this label." "Check the label; put the subprogram into the program, or into a file of its name (O<part> in part.ngc).";
     TooManyCalls "E1805" "calls too deep" "Subprograms call each other more than 10 deep." "Look for a subprogram that calls itself without end.";
     EndlessProgram "E1806" "program does not come to an end" "After 10 million lines or 100 million canonical functions the program was still running; checking has stopped." "Look for a loop without end.";

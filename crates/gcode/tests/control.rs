@@ -36,6 +36,17 @@ fn a_call_has_its_own_parameters_and_gives_the_callers_back() {
     );
 }
 
+#[test]
+fn a_return_leaves_the_subprogram_that_it_stands_in_whatever_its_label() {
+    let sub =
+        "O<probe> sub\nO2 if [#1]\nG0 X1\nO<found> return [7]\nO2 endif\nG0 X2\nO3 return\nG0 X3\nO<probe> endsub\n";
+    assert_eq!(moves(&format!("{sub}O<probe> call [1]\nG0 X#<_value>\nO<probe> call [0]")), ["1", "7", "2"]);
+    // Its label may be that of the branch around it, and of the caller, which goes on.
+    assert_eq!(moves("O1 sub\nO2 if [1]\nO2 return\nO2 endif\nG0 X2\nO1 endsub\nO1 call\nG0 X5"), ["5"]);
+    assert_eq!(moves("O1 sub\nO4 return\nO1 endsub\nO4 sub\nO1 call\nG0 X6\nO4 endsub\nO4 call\nG0 X5"), ["6", "5"]);
+    assert_eq!(errors("M98 P1\nM2\nO1\nO2 return\nM99"), ["E1803"]);
+}
+
 /// As `rs274 -g` has it.
 #[test]
 fn m98_has_a_level_with_names_of_its_own_and_shares_the_numbers() {
