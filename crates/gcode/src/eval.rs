@@ -9,8 +9,8 @@ use crate::expr::{Function, Op, OpKind, Operator, STACK};
 use crate::params::NameId;
 use crate::system::SystemParameter;
 
-/// Two values nearer than this are equal to EQ and NE, as in LinuxCNC; GT, GE, LT and LE compare exactly.
-pub(crate) const EQUAL: f64 = 1e-4;
+/// Two values nearer than this are equal to EQ, NE, LE and GE, as in LinuxCNC 2.9.9; GT and LT compare exactly.
+pub(crate) const EQUAL: f64 = 1e-6;
 
 /// How far from a whole number a value may be that has to be one.
 const WHOLE: f64 = 1e-4;
@@ -138,9 +138,9 @@ fn combine(operator: Operator, left: f64, right: f64, op: Op) -> Outcome<f64> {
         Operator::Equal => truth(near),
         Operator::NotEqual => truth(!near),
         Operator::Greater => truth(left > right),
-        Operator::GreaterOrEqual => truth(left >= right),
+        Operator::GreaterOrEqual => truth(left >= right || near),
         Operator::Less => truth(left < right),
-        Operator::LessOrEqual => truth(left <= right),
+        Operator::LessOrEqual => truth(left <= right || near),
         Operator::Add => left + right,
         Operator::Subtract => left - right,
         Operator::Multiply => left * right,

@@ -371,11 +371,22 @@ mod tests {
     }
 
     #[test]
-    fn values_nearer_than_a_ten_thousandth_are_equal_but_neither_less_nor_greater() {
-        assert_eq!([value("[1 EQ 1.00009]"), value("[1 EQ 1.00011]")], [Ok(1.0), Ok(0.0)]);
-        assert_eq!(
-            [value("[1 LE .99991]"), value("[0 GE .0000001]"), value("[1 LT 1.00001]"), value("[1 NE 1.00009]")],
-            [Ok(0.0), Ok(0.0), Ok(1.0), Ok(0.0)]
-        );
+    fn values_nearer_than_a_millionth_are_equal_and_gt_and_lt_are_exact() {
+        for (text, wanted) in [
+            ("[1 EQ 1.0000009]", 1.0),
+            ("[1 EQ 1.0000011]", 0.0),
+            ("[1 NE 1.0000009]", 0.0),
+            ("[1 NE 1.0000011]", 1.0),
+            ("[1.0000009 LE 1]", 1.0),
+            ("[1.0000011 LE 1]", 0.0),
+            ("[1 GE 1.0000009]", 1.0),
+            ("[1 GE 1.0000011]", 0.0),
+            ("[1 LT 1.0000001]", 1.0),
+            ("[1 GT .9999999]", 1.0),
+            ("[.1+.1+.1 LE .3]", 1.0),
+            ("[.1+.1+.1 GT .3]", 1.0),
+        ] {
+            assert_eq!(value(text), Ok(wanted), "{text}");
+        }
     }
 }

@@ -148,9 +148,9 @@ impl Parameters {
         (1..=LAST).contains(&number)
     }
 
-    /// Whether a program may not assign to it: the tool's data and the position.
+    /// Whether a program may not assign to it: the positions, the tool's data and the offset in force.
     pub(crate) const fn is_read_only(number: usize) -> bool {
-        matches!(number, 5400..=5413 | 5420..=5428)
+        matches!(number, 5021..=5029 | 5400..=5413 | 5420..=5428)
     }
 
     pub(crate) fn named(&self, name: NameId) -> Option<f64> {

@@ -116,6 +116,7 @@ impl<R: BufRead> Program<R> {
         }
         program.flow.codes.clone_from(&prescan.codes);
         program.flow.subs.clone_from(&prescan.subs);
+        program.flow.is_whole = true;
         program.prescan = Some(prescan);
         program
     }

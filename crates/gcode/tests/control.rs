@@ -131,7 +131,7 @@ fn recursion_and_loops_without_end_are_found() {
 
 #[test]
 fn comments_show_the_values_of_parameters() {
-    let program = "#1=-0.00009 #2=12.5 #<Some Name>=-3\n(debug,a#1 b#2 #<somename>#<none> # c)\n(PRINT,#2)\n#5599=0\n(debug,x)\nM2\n";
+    let program = "#1=-0.0000009 #2=12.5 #<Some Name>=-3\n(debug,a#1 b#2 #<somename>#<none> # c)\n(PRINT,#2)\n#5599=0\n(debug,x)\nM2\n";
     let (text, failed) = canon_text(program);
     assert!(!failed);
     assert!(text.contains("MESSAGE(\"a0.000000 b12.500000 -3.000000###### # c\")\n12.500000\n"), "{text}");

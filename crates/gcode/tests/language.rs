@@ -158,3 +158,56 @@ fn saved_modes_hold_feed_per_turn_surface_speed_and_compensation() {
     assert_eq!((state.constant_surface_speed, state.highest_spindle_speed, state.spindle_speed), (true, 1000.0, 200.0));
     assert_eq!(state.compensation.map(|found| (found.side, found.radius)), Some((Side::Left, 0.25)));
 }
+
+/// The texts of the messages of a program.
+fn messages(program: &str) -> Vec<String> {
+    let (canon, found) = run(program, Setup::rs274());
+    assert!(found.is_empty(), "{program}: {found:?}");
+    let texts = canon.into_iter().filter_map(|canon| match canon {
+        Canon::Message(text) => Some(text.to_string()),
+        _ => None,
+    });
+    texts.collect()
+}
+
+/// Three steps of 0.1 make a little more than 0.3.
+#[test]
+fn a_loop_with_le_makes_its_last_pass() {
+    let program = "#<z>=.1\nO1 while [#<z> LE .3]\n(debug,#<z>)\n#<z>=[#<z>+.1]\nO1 endwhile\nM2\n";
+    assert_eq!(messages(program), ["0.100000", "0.200000", "0.300000"]);
+    assert_eq!(messages(&program.replace("LE .3", "LT .3")), ["0.100000", "0.200000"]);
+}
+
+#[test]
+fn inverse_time_has_no_least_feed() {
+    let (canon, _) = run("G93 G1 X.01 F1\nX.01 F1\nM2\n", Setup::rs274());
+    let feeds = canon.iter().filter_map(|canon| if let Canon::SetFeedRate(feed) = canon { Some(*feed) } else { None });
+    assert_eq!(feeds.take(2).collect::<Vec<_>>(), [0.01, 0.0]);
+}
+
+#[test]
+fn the_machine_position_and_the_offset_in_force_can_be_read() {
+    let offsets = "G10 L2 P1 X1\nG92 Y2\nG43.1 Z3\nG0 X5 Y6 Z7\n";
+    let show = "(debug,#5021 #5022 #5023 #<_abs_x> #<_abs_y> #<_abs_z>)\n(debug,#5029 #<_abs_u> #<_abs_v> #<_abs_w>)\n";
+    assert_eq!(
+        messages(&format!("{offsets}{show}M2\n")),
+        ["6.000000 4.000000 10.000000 6.000000 4.000000 10.000000", "0.000000 0.000000 0.000000 0.000000"]
+    );
+    let lengths = "(debug,#5401 #5403 #5409)\n";
+    assert_eq!(
+        messages(&format!("T1 M6\n{lengths}G43.1 X.5 Z25.4\n{lengths}G20\n{lengths}G49\n{lengths}M2\n")),
+        [
+            "0.000000 0.000000 0.000000",
+            "0.500000 25.400000 0.000000",
+            "0.019685 1.000000 0.000000",
+            "0.000000 0.000000 0.000000"
+        ]
+    );
+    assert_eq!(run("#5021=1\nM2\n", Setup::rs274()).1, ["E1303"]);
+}
+
+#[test]
+fn g95_takes_the_number_of_the_spindle() {
+    assert!(run("S100 M3 G95 $0 F.1\nM2\n", Setup::rs274()).1.is_empty());
+    assert_eq!(run("G95 $1 F.1\nM2\n", Setup::rs274()).1, ["E1630"]);
+}

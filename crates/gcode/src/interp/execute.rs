@@ -81,11 +81,10 @@ impl Core {
         }
     }
 
-    /// Parameter 5401 + `index`: the data of the tool in the spindle.
+    /// Parameter 5401 + `index`, from 5410 on: the data of the tool in the spindle.
     pub(super) fn tool_parameter(&self, index: usize) -> Option<f64> {
         let tool = self.tools.get(self.state.current_tool)?;
         Some(match index {
-            0..9 => tool.offset.0[index],
             9 => tool.diameter,
             10 => tool.front_angle,
             11 => tool.back_angle,

@@ -112,9 +112,11 @@ fn check_spindle_number(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let switch = matches!(words.m(GroupM::Spindle), Some(3..=5));
     let turns = switch || words.m(GroupM::Spindle) == Some(19);
     let moves = matches!(to_be, MotionToBe::Move(Motion::SpindleFeed | Motion::RigidTap | Motion::ThreadingCycle));
-    let one = moves || words.m(GroupM::Spindle) == Some(19) || words.g(GroupG::SpindleMode).is_some();
-    if !(turns || moves || words.has(b's') || words.g(GroupG::SpindleMode).is_some()) {
-        return fault(Code::WordUnused, at, "$ belongs to S, M3, M4, M5, M19, G33, G33.1, G76, G96 or G97");
+    let per_turn = words.g(GroupG::FeedMode) == Some(950);
+    let mode = per_turn || words.g(GroupG::SpindleMode).is_some();
+    let one = moves || words.m(GroupM::Spindle) == Some(19) || mode;
+    if !(turns || moves || words.has(b's') || mode) {
+        return fault(Code::WordUnused, at, "$ belongs to S, M3, M4, M5, M19, G33, G33.1, G76, G95, G96 or G97");
     }
     match whole(words.get(b'$').unwrap_or_default(), at, "$")? {
         0 => Ok(()),
