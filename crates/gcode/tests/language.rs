@@ -211,3 +211,44 @@ fn g95_takes_the_number_of_the_spindle() {
     assert!(run("S100 M3 G95 $0 F.1\nM2\n", Setup::rs274()).1.is_empty());
     assert_eq!(run("G95 $1 F.1\nM2\n", Setup::rs274()).1, ["E1630"]);
 }
+
+/// The functions of F, S and path mode.
+fn settings(program: &str) -> Vec<Canon> {
+    let (canon, found) = run(program, Setup::rs274());
+    assert!(found.is_empty(), "{program}: {found:?}");
+    let is_setting = |canon: &Canon| {
+        matches!(
+            canon,
+            Canon::SetFeedRate(_)
+                | Canon::SetSpindleSpeed(_)
+                | Canon::SetMotionControlMode(_)
+                | Canon::SetNaivecamTolerance(_)
+        )
+    };
+    // The last one belongs to M2.
+    let mut found: Vec<_> = canon.into_iter().filter(is_setting).collect();
+    found.pop();
+    found
+}
+
+#[test]
+fn restored_modes_come_out_again_though_they_have_not_changed() {
+    use retrace_gcode::PathControl;
+    let again = |path: &[Canon]| {
+        let mut once = vec![Canon::SetFeedRate(100.0), Canon::SetSpindleSpeed(50.0)];
+        once.extend_from_slice(path);
+        [once.clone(), once].concat()
+    };
+    let blended =
+        [Canon::SetMotionControlMode(PathControl::Continuous { tolerance: 0.5 }), Canon::SetNaivecamTolerance(0.25)];
+    let exact = [Canon::SetMotionControlMode(PathControl::ExactPath)];
+    for (path, wanted) in [("G64 P.5 Q.25", again(&blended)), ("G61", again(&exact))] {
+        let before = format!("F100 S50\n{path}\n");
+        assert_eq!(settings(&format!("{before}M70\nG1 X1\nM72\nM2\n")), wanted);
+        assert_eq!(settings(&format!("O1 sub\nM73\nG1 X1\nO1 endsub\n{before}O1 call\nM2\n")), wanted);
+    }
+    // Also under cutter compensation, which takes no code of the path mode; F and S wait for the next corner there.
+    let compensated = "F100 S50\nG61\nG41.1 D1\nG1 X5\nX9\nM70\nX12\nM72\nX15\nG40\nX0\nM2\n";
+    let once = [Canon::SetFeedRate(100.0), Canon::SetSpindleSpeed(50.0)];
+    assert_eq!(settings(compensated), [&once[..], &exact, &exact, &once].concat());
+}
