@@ -155,6 +155,7 @@ codes! {
     Aborted "E1728" "program aborted" "A comment with ABORT was carried out." "See its text.";
     PythonComment "E1729" "Python in a comment" "Comments with PY, PYRUN and PYRELOAD run Python in LinuxCNC, and nothing here." "Remove the comment.";
     IniLine "E1730" "machine configuration not understood" "A line of the INI file is no section in brackets, no NAME = value and no comment." "Correct the line.";
+    FanucSubsDisabled "E1732" "M98, M99 and O numbers alone are disabled" "The INI file has DISABLE_FANUC_STYLE_SUB = 1, and the program has M98, M99 or an O number without a keyword." "Use O words (sub, endsub, call), or remove the entry.";
     IniNotSupported "E1731" "machine configuration asks for more" "An entry of the INI file changes how programs are read, and that is not carried out." "Remove the entry, or run the program without the INI file.";
 
     BadControl "E1801" "O word not understood" "The line does not have the form of an O word: label, keyword, values in brackets." "Write lines such as O100 if [#1 GT 0]; by number or by name.";

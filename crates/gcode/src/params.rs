@@ -143,6 +143,14 @@ impl Parameters {
         }
     }
 
+    /// Forgets the offset of G52 and G92, and that it is in force.
+    pub fn clear_g92(&mut self) {
+        self.set(G92_ACTIVE, 0.0);
+        for number in G92_OFFSET..G92_OFFSET + 9 {
+            self.set(number, 0.0);
+        }
+    }
+
     /// Whether a numbered parameter is there.
     pub(crate) fn has(number: usize) -> bool {
         (1..=LAST).contains(&number)

@@ -28,20 +28,24 @@ pub(crate) struct LineReader {
     pub(crate) names: Names,
     /// The cycles that a program may call.
     pub(crate) cycles: Option<Arc<Library>>,
+    /// Whether M98, M99 and an O number alone are refused.
+    pub(crate) disable_fanuc_subs: bool,
     /// The line compiled last.
     pub(crate) block: Block,
 }
 
 impl LineReader {
     pub(crate) fn new(axes: AxisSet, block_delete: bool, cycles: Option<Arc<Library>>) -> LineReader {
-        LineReader { axes, block_delete, names: Names::default(), cycles, block: Block::default() }
+        let (names, block) = (Names::default(), Block::default());
+        LineReader { axes, block_delete, names, cycles, disable_fanuc_subs: false, block }
     }
 
     /// As an interpreter of this setup has it, with the names of parameters that are known already.
     pub(crate) fn of(setup: &Setup) -> LineReader {
         let known = setup.carried.as_ref().map(|carried| carried.names.clone()).unwrap_or_default();
         let names = known.with_fixed(&setup.fixed_values);
-        LineReader { names, ..LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone()) }
+        let reader = LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone());
+        LineReader { names, disable_fanuc_subs: setup.disable_fanuc_subs, ..reader }
     }
 
     /// Compiles a line; false when it is deleted.
@@ -55,6 +59,12 @@ impl LineReader {
             return Ok(false);
         }
         parse(text, self.axes, &mut self.names, self.cycles.as_deref(), &mut self.block)?;
+        if self.disable_fanuc_subs
+            && let Some(control) = &self.block.control
+            && matches!(control.keyword, control::Keyword::M98 | control::Keyword::M99 | control::Keyword::Start)
+        {
+            return fault(Code::FanucSubsDisabled, control.at, Code::FanucSubsDisabled.title());
+        }
         Ok(true)
     }
 }

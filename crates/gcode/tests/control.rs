@@ -137,3 +137,15 @@ fn comments_show_the_values_of_parameters() {
     assert!(text.contains("MESSAGE(\"a0.000000 b12.500000 -3.000000###### # c\")\n12.500000\n"), "{text}");
     assert!(!text.contains("\"x\""), "{text}");
 }
+
+#[test]
+fn fanuc_subprograms_are_refused_where_the_machine_disables_them() {
+    let setup = || Setup { disable_fanuc_subs: true, ..Setup::default() };
+    let errors = |program: &str| -> Vec<&'static str> {
+        check(program.as_bytes(), setup()).iter().map(|found| found.number()).collect()
+    };
+    assert_eq!(errors("M98 P1\nM2\n"), ["E1732"]);
+    assert_eq!(errors("G0 X1\nM99\n"), ["E1732", "E1006"]);
+    assert_eq!(errors("O33\nG0 X1\nM2\n"), ["E1732"]);
+    assert!(errors("O1 sub\nO1 endsub\nO1 call\nM2\n").is_empty());
+}

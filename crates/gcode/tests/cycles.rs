@@ -217,7 +217,6 @@ fn moves_in_step_with_the_spindle_name_their_pitch() {
         ("M3\nG33 Z-4 K1 F2", "E1408"),
         ("M3\nG33.1 A1 K1", "E1621"),
         ("M3 $1", "E1630"),
-        ("M19", "E1505"),
         ("M19 R361", "E1629"),
         ("M19 R1 P3", "E1629"),
         ("M19 R1 Q0", "E1629"),
@@ -265,4 +264,19 @@ fn a_tapered_thread_runs_in_and_out_along_the_flank() {
                 .as_str()
         )
     );
+}
+
+#[test]
+fn m19_turns_by_the_offset_too_and_without_r_and_p_it_only_stops() {
+    let degrees = |program: &str, offset: f64| {
+        let setup = Setup { orient_offset_degrees: offset, ..Setup::rs274() };
+        let steps = Program::new(program.as_bytes(), setup).into_iter();
+        let turns = steps.filter_map(|step| match step.canon {
+            Canon::OrientSpindle { degrees, mode } => Some((degrees, mode)),
+            _ => None,
+        });
+        turns.collect::<Vec<_>>()
+    };
+    assert_eq!(degrees("M19 R350 P1\nM19 P2\nM19\nM19 Q1\nM2\n", 20.0), [(370.0, 1), (20.0, 2)]);
+    assert_eq!(degrees("M19 P1\nM19 R5\nM2\n", 0.0), [(0.0, 1), (5.0, 0)]);
 }

@@ -23,6 +23,8 @@ pub(crate) struct Core {
     pub(crate) state: State,
     pub(super) parameters: Parameters,
     pub(crate) tools: ToolTable,
+    /// What M19 adds to its R word, degrees.
+    pub(super) orient_offset_degrees: f64,
     pub(super) user_codes: UserCodes,
     /// What the subprogram of the next turning cycle has drawn.
     pub(super) profile: Option<Profile>,

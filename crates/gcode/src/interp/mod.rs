@@ -78,6 +78,10 @@ pub struct Setup {
     pub position: Pose,
     /// The user codes that are declared, of M100 … M199.
     pub user_codes: UserCodes,
+    /// What M19 adds to its R word, degrees.
+    pub orient_offset_degrees: f64,
+    /// Whether M98, M99 and an O number alone are refused.
+    pub disable_fanuc_subs: bool,
     /// Named parameters that a program may read only, such as the numbers of an INI file; names in lower case.
     pub fixed_values: Vec<(String, f64)>,
     /// What earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::going_on`] and [`Setup::following`].
@@ -98,6 +102,8 @@ impl Default for Setup {
             block_delete: false,
             position: Pose::ZERO,
             user_codes: UserCodes::default(),
+            orient_offset_degrees: 0.0,
+            disable_fanuc_subs: false,
             fixed_values: Vec::new(),
             carried: None,
         }
@@ -169,7 +175,9 @@ impl Interpreter {
             None => (State::initial(setup.program_units), setup.parameters, setup.tools),
         };
         let (machine_units, user_codes) = (setup.machine_units, setup.user_codes);
-        let mut core = Core { machine_units, state, parameters, tools, user_codes, profile: None };
+        let orient_offset_degrees = setup.orient_offset_degrees;
+        let mut core =
+            Core { machine_units, state, parameters, tools, user_codes, orient_offset_degrees, profile: None };
         core.take_up_parameters(&setup.position);
         Interpreter {
             core,

@@ -25,11 +25,14 @@ impl Core {
         emit.call(Canon::SetSpindleMode(highest));
     }
 
-    /// M19: the spindle turns to an angle and stands.
+    /// M19: the spindle turns to an angle and stands. Without R and P it only counts as stopped, as in LinuxCNC.
     pub(super) fn orient_spindle(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
         let mode = words.get(b'p').unwrap_or_default() as u8;
         self.state.spindle = Spindle::Stopped;
-        emit.call(Canon::OrientSpindle { degrees: words.get(b'r').unwrap_or_default(), mode });
+        if words.has_any(b"rp") {
+            let degrees = words.get(b'r').unwrap_or_default() + self.orient_offset_degrees;
+            emit.call(Canon::OrientSpindle { degrees, mode });
+        }
         match words.get(b'q') {
             None => Ok(()),
             Some(seconds) if seconds > 0.0 => {
@@ -88,14 +91,10 @@ pub(super) fn check_spindle_words(words: &Words, to_be: MotionToBe) -> Outcome<(
 
 fn check_orientation(words: &Words) -> Outcome<()> {
     match words.get(b'r') {
-        Some(0.0..=360.0) => {}
+        None | Some(0.0..=360.0) => {}
         Some(degrees) => {
             let message = format!("M19 turns to an angle of 0 to 360 degrees, not {degrees}");
             return fault(Code::BadOrientation, words.span(b'r'), message);
-        }
-        None => {
-            let at = words.m_span(GroupM::Spindle);
-            return fault(Code::WordMissing, at, "M19 needs an R word: the angle in degrees");
         }
     }
     match words.get(b'p') {
