@@ -43,7 +43,7 @@ macro_rules! codes {
 
 codes! {
     LineTooLong "E1001" "line too long" "A line has more than 252 bytes." "Split the line; shorten its comment.";
-    NotText "E1002" "not text" "The line is not valid UTF-8, or has a control character: the file may be binary." "Save the program as plain text.";
+    NotText "E1002" "not text" "The line has bytes outside of comments that are not valid UTF-8, or a control character: the file may be binary." "Save the program as plain text.";
     BadCharacter "E1003" "character not understood" "A character begins no word." "Remove it, or put it into a comment.";
     UnclosedComment "E1004" "comment not closed" "An opening parenthesis has no closing one in its line." "Close the comment in the same line, or begin it with a semicolon.";
     NestedComment "E1005" "comment inside a comment" "A comment in parentheses holds an opening parenthesis." "Use brackets or nothing inside the comment.";

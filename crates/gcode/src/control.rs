@@ -50,7 +50,7 @@ pub(crate) enum Keyword {
     EndRepeat,
     Break,
     Continue,
-    /// An O number alone: the beginning of a subprogram for M98, or a program's own number.
+    /// An O number or name alone: the beginning of a subprogram for M98, or a program's own number or name.
     Start,
     /// M98: the values are P, the number, and L, how often.
     M98,
@@ -312,7 +312,7 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcom
     };
     let keyword = match KEYWORDS.iter().find(|(text, _)| cursor.eat_word(text)) {
         Some((_, keyword)) => *keyword,
-        None if matches!(label, Label::Number(_)) && matches!(cursor.peek(), 0 | b'(' | b';') => Keyword::Start,
+        None if label != Label::Calculated && matches!(cursor.peek(), 0 | b'(' | b';') => Keyword::Start,
         None => {
             let message = format!("{label} is not followed by a keyword such as sub or if");
             return fault(Code::BadControl, cursor.here(), message);

@@ -3,7 +3,7 @@
 //! Invariant: every character of the line is understood, or the line is refused with the place of the first that is not.
 
 use crate::block::{Block, BlockNumber, Slot};
-use crate::bytes::is_plain;
+use crate::bytes::{byte_order_mark, is_plain, shown};
 use crate::call;
 use crate::codes::Code;
 use crate::control;
@@ -100,7 +100,7 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
             b'(' => comment(&mut cursor, names, block)?,
             b';' => {
                 let rest = text.get(start + 1..).unwrap_or_default();
-                return refuse_python(&String::from_utf8_lossy(rest), Span::new(start, text.len()));
+                return refuse_python(&shown(rest), Span::new(start, text.len()));
             }
             _ => return bad_character(&mut cursor, start),
         }
@@ -123,14 +123,30 @@ fn check_text(text: &[u8]) -> Outcome<()> {
 
 #[cold]
 fn check_unusual(text: &[u8]) -> Outcome<()> {
-    if let Err(error) = std::str::from_utf8(text) {
-        let at = error.valid_up_to();
+    if std::str::from_utf8(text).is_err()
+        && let Some(at) = first_high_byte_outside_comments(text)
+    {
         return fault(Code::NotText, Span::new(at, at + 1), format!("byte {:#04x} is not valid UTF-8 here", text[at]));
     }
     match text.iter().position(|byte| byte.is_ascii_control() && !matches!(byte, b'\t' | b'\r')) {
         Some(at) => fault(Code::NotText, Span::new(at, at + 1), format!("control character {:#04x}", text[at])),
         None => Ok(()),
     }
+}
+
+/// The first byte of 0x80 and above that stands in no comment. Comments may be in any 8-bit character set.
+fn first_high_byte_outside_comments(text: &[u8]) -> Option<usize> {
+    let mut is_open = false;
+    for (at, byte) in text.iter().enumerate().skip(byte_order_mark(text)) {
+        match byte {
+            b';' if !is_open => return None,
+            b'(' => is_open = true,
+            b')' => is_open = false,
+            0x80.. if !is_open => return Some(at),
+            _ => {}
+        }
+    }
+    None
 }
 
 #[cold]

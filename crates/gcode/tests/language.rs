@@ -252,3 +252,34 @@ fn restored_modes_come_out_again_though_they_have_not_changed() {
     let once = [Canon::SetFeedRate(100.0), Canon::SetSpindleSpeed(50.0)];
     assert_eq!(settings(compensated), [&once[..], &exact, &exact, &once].concat());
 }
+
+#[test]
+fn comments_may_be_in_latin_1_and_a_byte_order_mark_is_skipped() {
+    let program =
+        b"\xef\xbb\xbf%\nG0 X1 (Fr\xe4ser \xd8 6)\n(msg,Gr\xf6\xdfe)\n(msg,Gr\xc3\xb6\xc3\x9fe)\nM2 ; \xb5m\n%\n";
+    let mut program = Program::new(&program[..], Setup::rs274());
+    let mut steps = Vec::new();
+    while program.advance(&mut steps) == Progress::Line {}
+    assert!(program.interpreter().diagnostics().is_empty(), "{:?}", program.interpreter().diagnostics());
+    let texts: Vec<_> = steps
+        .iter()
+        .filter_map(|step| match &step.canon {
+            Canon::Message(text) | Canon::Comment(text) => Some(text.to_string()),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(texts, ["Fr\u{e4}ser \u{d8} 6", "Gr\u{f6}\u{df}e", "Gr\u{f6}\u{df}e"]);
+    for first in ["G0 X1", "O1 sub\nG0 X1\nO1 endsub\nO1 call", "N5 G0 X1", "/G0 X1", "O7", "(c)"] {
+        assert!(
+            retrace_gcode::check(format!("\u{feff}{first}\nM2\n").into_bytes(), Setup::rs274()).is_empty(),
+            "{first}"
+        );
+    }
+}
+
+#[test]
+fn a_program_may_have_a_name_of_its_own() {
+    for program in ["O<part>\nG0 X1\nM2\n", "%\n(c)\nO<part> (name)\nG0 X1\nM2\n%\n"] {
+        assert!(retrace_gcode::check(program.as_bytes(), Setup::rs274()).is_empty(), "{program}");
+    }
+}
