@@ -6,7 +6,7 @@ use crate::angle;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
 use crate::expr::{Function, Op, OpKind, Operator, STACK};
-use crate::params::NameId;
+use crate::params::{NameId, Parameters};
 use crate::system::SystemParameter;
 
 /// Two values nearer than this are equal to EQ, NE, LE and GE, as in LinuxCNC 2.9.9; GT and LT compare exactly.
@@ -51,6 +51,11 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> Outcome<(f
             OpKind::System(parameter) => {
                 top += 1;
                 environment.system(parameter)
+            }
+            OpKind::ExistsNumbered => {
+                let number = whole(stack[top], op.span(), "#")?;
+                let exists = usize::try_from(number).is_ok_and(Parameters::has);
+                f64::from(u8::from(exists))
             }
             OpKind::Exists(name) => {
                 top += 1;

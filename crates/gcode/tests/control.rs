@@ -149,3 +149,23 @@ fn fanuc_subprograms_are_refused_where_the_machine_disables_them() {
     assert_eq!(errors("O33\nG0 X1\nM2\n"), ["E1732"]);
     assert!(errors("O1 sub\nO1 endsub\nO1 call\nM2\n").is_empty());
 }
+
+/// As `rs274 -g` has it.
+#[test]
+fn exists_of_a_number_that_is_none_is_0_and_its_inside_is_evaluated() {
+    for (text, wanted) in [
+        ("#5", "1"),
+        ("#5601", "1"),
+        ("#5602", "0"),
+        ("#99999", "0"),
+        ("#0", "0"),
+        ("#-3", "0"),
+        ("##2", "0"),
+        ("##3", "1"),
+    ] {
+        assert_eq!(moves(&format!("#3=7\nG0 X[EXISTS[{text}]]")), [wanted], "{text}");
+    }
+    for (text, number) in [("#[1/0]", "E1204"), ("##<none>", "E1302"), ("#5.5", "E1104"), ("##99999", "E1301")] {
+        assert_eq!(errors(&format!("G0 X[EXISTS[{text}]]\nM2\n")), [number], "{text}");
+    }
+}

@@ -21,6 +21,9 @@ impl Core {
     /// Carries out the block's motion.
     #[inline]
     pub(super) fn move_along(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        if self.state.tool_shift.is_some() {
+            self.state.tool_shift = None;
+        }
         // A cycle has its own rules at the origin.
         if !matches!(motion, Motion::Cycle(_)) {
             self.check_polar_words(words)?;
