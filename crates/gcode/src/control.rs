@@ -9,6 +9,7 @@ use crate::diag::{Outcome, Span, fault};
 use crate::expr::{Compiler, OpKind};
 use crate::lex::Cursor;
 use crate::params::Names;
+use retrace_cycles::Library;
 
 /// Most arguments of a call: parameters 1 … 30 take them.
 pub(crate) const MOST_ARGUMENTS: usize = 30;
@@ -125,7 +126,7 @@ pub(crate) struct Control {
 
 /// Whether a line may be one of these, from its first characters alone.
 #[inline]
-pub(crate) fn may_be(text: &[u8]) -> bool {
+pub(crate) fn may_be(text: &[u8], cycles: Option<&Library>) -> bool {
     let mut cursor = Cursor::new(text);
     if matches!(cursor.peek(), b'n' | b'/') {
         begin(&mut cursor);
@@ -133,7 +134,7 @@ pub(crate) fn may_be(text: &[u8]) -> bool {
     match cursor.peek() {
         b'o' => true,
         b'm' if fanuc(&mut cursor).is_some() => true,
-        _ => call::may_begin(&mut cursor),
+        _ => call::begins(&mut cursor, cycles),
     }
 }
 

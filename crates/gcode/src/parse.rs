@@ -75,7 +75,16 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
     check_text(text)?;
     let mut cursor = Cursor::new(text);
     cursor.eat(b'/');
-    block_number(&mut cursor, block)?;
+    if !call::begins(&mut cursor, cycles) {
+        block_number(&mut cursor, block)?;
+    }
+    if call::begins(&mut cursor, cycles) {
+        call::label(&mut cursor);
+        if call::begins(&mut cursor, cycles) && call::parse(&mut cursor, names, cycles, block)? {
+            return Ok(());
+        }
+        block_number(&mut cursor, block)?;
+    }
     if cursor.eat(b'o') {
         return control::parse(&mut cursor, names, block);
     }
@@ -83,12 +92,6 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
         && let Some(keyword) = control::fanuc(&mut cursor)
     {
         return control::parse_fanuc(keyword, &mut cursor, names, block);
-    }
-    if call::may_begin(&mut cursor) {
-        call::label(&mut cursor);
-        if call::may_begin(&mut cursor) && call::parse(&mut cursor, names, cycles, block)? {
-            return Ok(());
-        }
     }
     loop {
         let letter = cursor.peek();

@@ -280,3 +280,53 @@ fn m19_turns_by_the_offset_too_and_without_r_and_p_it_only_stops() {
     assert_eq!(degrees("M19 R350 P1\nM19 P2\nM19\nM19 Q1\nM2\n", 20.0), [(370.0, 1), (20.0, 2)]);
     assert_eq!(degrees("M19 P1\nM19 R5\nM2\n", 0.0), [(0.0, 1), (5.0, 0)]);
 }
+
+#[test]
+fn any_name_of_a_cycle_opens_its_call_with_parentheses_or_without() {
+    use retrace_gcode::cycles::Library;
+    let sources: Vec<(String, String)> = ["NEST", "OPEN", "M7X", "PARK", "NEXT2", "_AB"]
+        .iter()
+        .enumerate()
+        .map(|(index, name)| {
+            (format!("{name}.SPF"), format!("PROC {name}(REAL AT)\nG0 X=AT+{}\nRET\n", 10 * (index + 1)))
+        })
+        .collect();
+    let sources: Vec<(&str, &str)> = sources.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
+    let library = std::sync::Arc::new(Library::of_sources(&sources));
+    assert!(library.findings().is_empty(), "{:?}", library.findings());
+    let ends = |line: &str| {
+        let setup = Setup { cycles: Some(library.clone()), ..Setup::rs274() };
+        let text = format!("G90\n{line}\nM2\n");
+        let prescan = std::sync::Arc::new(retrace_gcode::Prescan::of("p", text.into_bytes().into(), &setup));
+        let steps = Program::<&[u8]>::prescanned(prescan, setup).into_iter();
+        let ends = steps.filter_map(|step| match step.canon {
+            Canon::StraightTraverse(end) => Some(end.0[0]),
+            _ => None,
+        });
+        ends.collect::<Vec<_>>()
+    };
+    for (line, end) in [
+        ("NEST(3)", 13.0),
+        ("nest (3) (comment)", 13.0),
+        ("N10 NEST(3)", 13.0),
+        ("OPEN()", 20.0),
+        ("N5 open(1)", 21.0),
+        ("M7X()", 30.0),
+        ("M7X", 30.0),
+        ("PARK", 40.0),
+        ("N7 park ; home", 40.0),
+        ("O1 repeat [1]\nPARK\nO1 endrepeat", 40.0),
+        ("O1 repeat [1]\nM7X(2)\nO1 endrepeat", 32.0),
+        ("NEXT2(1)", 51.0),
+        ("_AB(1)", 61.0),
+        // Blocks of words stay what they are.
+        ("G0X3", 3.0),
+        ("XABS[-4]G0", 4.0),
+        ("N3 G0 X5 (M7X)", 5.0),
+        ("M7 X6 G0", 6.0),
+        ("NEXT: G0 X7", 7.0),
+        ("OUTER: G0 X8", 8.0),
+    ] {
+        assert_eq!(ends(line), [end], "{line}");
+    }
+}
