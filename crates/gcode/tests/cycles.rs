@@ -330,3 +330,23 @@ fn any_name_of_a_cycle_opens_its_call_with_parentheses_or_without() {
         assert_eq!(ends(line), [end], "{line}");
     }
 }
+
+/// The tolerances of G64 are lengths: whatever restores them says them in the units that are then in force.
+#[test]
+fn the_tolerances_of_g64_keep_their_length_when_the_units_change() {
+    use retrace_gcode::PathControl;
+    let program = "F10 G21 G64 P.254 Q.127\nG20\nG81 X1 Y1 Z-1 R1\nM70\nG64\nM72\nG21\nX2\nM2\n";
+    let steps = Program::new(program.as_bytes(), Setup::rs274()).into_iter();
+    let tolerances: Vec<f64> = steps
+        .filter_map(|step| match step.canon {
+            Canon::SetMotionControlMode(PathControl::Continuous { tolerance }) => Some(tolerance),
+            Canon::SetNaivecamTolerance(tolerance) => Some(tolerance),
+            _ => None,
+        })
+        .collect();
+    let wanted = [0.254, 0.127, 0.01, 0.005, 0.0, 0.0, 0.01, 0.005, 0.254, 0.127];
+    assert!(tolerances.len() == wanted.len(), "{tolerances:?}");
+    for (tolerance, wanted) in tolerances.iter().zip(wanted) {
+        assert!((tolerance - wanted).abs() < 1e-12, "{tolerances:?}");
+    }
+}
