@@ -86,8 +86,7 @@ impl Library {
         let keys: Vec<u8> = forms.iter().flat_map(|form| form.key.to_le_bytes()).collect();
         let cycles = join::join(forms, &mut findings);
         findings.sort_by(|a, b| (&a.source, a.diagnostic.line).cmp(&(&b.source, b.diagnostic.line)));
-        let has_early_digit =
-            cycles.iter().any(|cycle| cycle.name().bytes().nth(1).is_some_and(|b| b.is_ascii_digit()));
+        let has_early_digit = cycles.iter().any(|cycle| cycle.name().as_bytes().get(1).is_some_and(u8::is_ascii_digit));
         Self { cycles, findings, identity: stored::hash(&[&keys]), source_files: Vec::new(), has_early_digit }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! Invariant: every character of the line is understood, or the line is refused with the place of the first that is not.
 
-use crate::block::{Block, BlockNumber, Slot};
+use crate::block::{Block, BlockNumber, Slot, Words};
 use crate::bytes::{byte_order_mark, is_plain, shown};
 use crate::call;
 use crate::codes::Code;
@@ -66,6 +66,21 @@ impl LineReader {
             return fault(Code::FanucSubsDisabled, control.at, Code::FanucSubsDisabled.title());
         }
         Ok(true)
+    }
+}
+
+impl LineReader {
+    /// Refuses U and W words of axes that the machine does not have.
+    #[cold]
+    pub(crate) fn check_increments(&self, words: &Words) -> Outcome<()> {
+        for axis in [Axis::U, Axis::W] {
+            let letter = axis.letter().to_ascii_lowercase();
+            if words.has(letter) && !self.axes.has(axis) {
+                let message = format!("the machine has no axis {}", char::from(axis.letter()));
+                return fault(Code::AxisMissing, words.span(letter), message);
+            }
+        }
+        Ok(())
     }
 }
 
@@ -199,8 +214,10 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
         Err(found) => return Err(named(found, letter, start)),
     };
     let at = cursor.since(start);
+    // U and W are increments in a profile of turning, whatever axes there are: carrying the block out tells.
     if let Some(axis) = Axis::of_letter(letter)
         && !axes.has(axis)
+        && !matches!(axis, Axis::U | Axis::W)
     {
         let name = char::from(axis.letter());
         return fault(Code::AxisMissing, at, format!("the machine has no axis {name}"));

@@ -11,7 +11,7 @@ const CONTROL_WORDS: [&str; 6] = ["IF", "THEN", "GOTO", "WHILE", "DO", "END"];
 /// Why a program cannot call a cycle of this name, which is in capitals; none if it can.
 pub(super) fn cannot_be_called(name: &str) -> Option<String> {
     let letters = name.bytes().filter(u8::is_ascii_alphabetic).count();
-    let has_early_digit = name.bytes().nth(1).is_some_and(|byte| byte.is_ascii_digit());
+    let has_early_digit = name.as_bytes().get(1).is_some_and(u8::is_ascii_digit);
     let why = if name.len() > LONGEST_NAME {
         "is longer than 32 characters"
     } else if letters < 2 {

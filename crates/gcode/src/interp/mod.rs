@@ -34,7 +34,7 @@ pub(crate) use self::core::Core;
 use self::core::{BlockEnvironment, Emit};
 pub(crate) use self::cycle::{Contours, NoContours, Planned};
 pub(crate) use self::queue::{Point, Queue, UNSHIFTED};
-use crate::block::{Assignment, Words};
+use crate::block::{Assignment, Words, letters};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::carried::CarriedOver;
 use crate::code::Code as CompiledLines;
@@ -42,7 +42,7 @@ use crate::codes::Code;
 use crate::control::{Control, Keyword, MOST_ARGUMENTS};
 use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span, fault};
 use crate::groups::GroupG;
-use crate::modal::State;
+use crate::modal::{Motion, State};
 use crate::params::{Frame, Names, Parameters, SHOW_DEBUG};
 use crate::parse::LineReader;
 use crate::pose::{AxisSet, Pose};
@@ -160,6 +160,8 @@ pub struct Interpreter {
     line: u32,
     /// The line of the program itself that steps belong to: of a subprogram in another file, the one that called it.
     step_line: u32,
+    /// It draws the profile of a turning cycle, in which U and W are increments of X and Z.
+    draws_profile: bool,
     diagnostics: Vec<Diagnostic>,
     errors: usize,
     warnings: usize,
@@ -188,6 +190,7 @@ impl Interpreter {
             file: 0,
             line: 0,
             step_line: 0,
+            draws_profile: false,
             diagnostics: Vec::new(),
             errors: 0,
             warnings: 0,
@@ -365,13 +368,24 @@ impl Interpreter {
         }
         let given = if is_constant { &self.reader.block.words } else { &self.words };
         let is_diameter = given.has(b'x') && self.core.takes_diameters(given);
-        if is_diameter {
+        const INCREMENTS: u32 = letters(b"uw");
+        let has_increments = given.has_of(INCREMENTS);
+        if has_increments && !self.draws_profile {
+            self.reader.check_increments(given)?;
+        }
+        let is_changed = is_diameter || (has_increments && self.draws_profile);
+        if is_changed {
             if is_constant {
                 self.words.clone_from(&self.reader.block.words);
             }
-            self.words.halve_x();
+            if is_diameter {
+                self.words.halve_x();
+            }
+            if has_increments && self.draws_profile {
+                self.core.add_increments(&mut self.words)?;
+            }
         }
-        let words = if is_constant && !is_diameter { &self.reader.block.words } else { &self.words };
+        let words = if is_constant && !is_changed { &self.reader.block.words } else { &self.words };
         let motion = check::motion_to_be(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
         // Taken out for the block: what the block asks for goes either into it or out.
@@ -455,6 +469,9 @@ impl Interpreter {
             self.words.halve_x();
         }
         scratch.core.state.position = self.core.end_of(&self.words);
+        // The cycle has moved to its start with G0, so the profile may open with axis words alone.
+        scratch.core.state.motion = Some(Motion::Traverse);
+        scratch.draws_profile = true;
         Ok(Some((number, scratch)))
     }
 
