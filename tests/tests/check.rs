@@ -166,3 +166,18 @@ fn what_a_loop_gives_again_and_again_is_told_once() {
     assert_eq!(said.err.matches("error[").count(), 1, "{}", said.err);
     assert!(!said.err.contains("W1001"), "{}", said.err);
 }
+
+#[test]
+fn moves_of_any_length_are_refused_in_bounded_time() {
+    let bench = Bench::new();
+    bench.file("slow.ngc", "G1 X10 F0.00001\nM2\n");
+    bench.file("far.ngc", "F.1 G1 X90\nG1 X900000000\nG2 X0 I-450000000\nM2\n");
+    for (name, number) in [("slow.ngc", "E1512"), ("far.ngc", "E4304")] {
+        for command in ["check", "run"] {
+            let began = std::time::Instant::now();
+            let said = bench.retrace([command, name]);
+            assert!(said.code == Some(1) && said.err.contains(number), "{command} {name}: {}", said.err);
+            assert!(began.elapsed().as_secs() < 20, "{command} {name} took {:?}", began.elapsed());
+        }
+    }
+}

@@ -34,7 +34,11 @@ pub fn run(args: &args::Check) -> Result<(), Failure> {
 
 fn tell<const A: usize>(args: &args::Check, machine: &Machine, program: &Program) -> Result<(), Failure> {
     let mut diagnostics = Vec::new();
-    let checked = program.survey::<A>(machine, &mut diagnostics);
+    // What cannot be run is not planned: moves beyond the travel may be of any length.
+    let checked = match program.faults(machine) {
+        Ok(()) => program.survey::<A>(machine, &mut diagnostics),
+        Err(_) => program.check_for_script(machine, &mut diagnostics).map(|_| None),
+    };
     if let (true, Err(Failure::Program)) = (args.json, &checked) {
         crate::out::line(json!({ "event": "check", "program": program.name(), "diagnostics": diagnostics }));
     }

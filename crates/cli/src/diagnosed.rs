@@ -119,3 +119,15 @@ fn column_of(line: &str, letter: char) -> Option<usize> {
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_word_is_found_outside_of_comments() {
+        assert_eq!(column_of("N10 (x) G0 X5", 'X'), Some(12));
+        assert_eq!(column_of("g1 x5", 'X'), Some(4));
+        assert_eq!(column_of("G1 ; X5", 'X'), None);
+    }
+}

@@ -399,6 +399,14 @@ impl Program {
         self.check_by(&mut Vec::new(), |decoder| Ok(job::scan::<9>(machine, decoder)))
     }
 
+    /// The same; what was found is added to `diagnostics` for a script, also where it has errors.
+    ///
+    /// # Errors
+    /// [`Failure::Program`] where it has errors.
+    pub fn check_for_script(&self, machine: &Machine, diagnostics: &mut Vec<Value>) -> Result<(), Failure> {
+        self.check_by(diagnostics, |decoder| Ok(job::scan::<9>(machine, decoder))).map(|_| ())
+    }
+
     /// The same, with all that can be told of a program before it runs: it is planned for that, so it takes longer. What was found is
     /// added to `diagnostics` for a script, also where it has errors.
     ///
@@ -533,16 +541,4 @@ pub fn tools_without_length() -> ToolTable {
         tools.insert(Tool { number, offset: Pose::ZERO, ..Tool::default() });
     }
     tools
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_word_is_found_outside_of_comments() {
-        assert_eq!(column_of("N10 (x) G0 X5", 'X'), Some(12));
-        assert_eq!(column_of("g1 x5", 'X'), Some(4));
-        assert_eq!(column_of("G1 ; X5", 'X'), None);
-    }
 }

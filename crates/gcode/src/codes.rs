@@ -100,6 +100,7 @@ codes! {
     InverseTimeFeed "E1509" "F word missing in inverse time mode" "In G93 every feed move needs its own F word." "Add the F word, or go back to G94.";
     BadL "E1510" "L word not understood" "G10 takes L0, L1, L2, L10, L11 and L20; M66 takes L0 to L4." "Correct the L word.";
     BadP "E1511" "P word out of range" "The P word does not name what the code needs: a coordinate system 0 to 9, or a number of turns of at least 1." "Correct the P word.";
+    MoveTooLong "E1512" "move takes longer than a day" "The length of a feed move is too great for its feed rate." "Check F, the end of the move, and the radius and turns of an arc.";
 
     ArcWordsMissing "E1601" "arc without a centre" "The arc has neither R nor a centre word." "Add R, or the centre words of the plane: I J in G17, K I in G18, J K in G19.";
     ArcMixed "E1602" "arc with R and centre words" "An arc has either a radius or a centre." "Remove R, or I, J and K.";

@@ -330,3 +330,13 @@ fn common_slips_get_an_answer_of_their_own() {
         assert!(number == "E1201" || !help.contains("ACOS"), "{line}: {help}");
     }
 }
+
+#[test]
+fn a_move_that_takes_longer_than_a_day_is_refused() {
+    for line in ["G1 X10 F0.00001", "G93 G1 X10 F.0001", "F1 G2 X1 Y0 I.5 J0 P9999"] {
+        assert_eq!(first_finding(line).0, "E1512", "{line}");
+    }
+    for line in ["G1 X10 F0.01", "G93 G1 X10 F.001", "F100 G2 I1000", "S1 M3 G95 F.0001 G1 X10", "F.01 G1 X0"] {
+        assert!(retrace_gcode::check(format!("{line}\nM2\n").into_bytes(), Setup::rs274()).is_empty(), "{line}");
+    }
+}
