@@ -2,6 +2,7 @@
 
 use retrace_tests::command::Bench;
 use retrace_tests::programs::examples;
+use retrace_tests::served::Served;
 use serde_json::Value;
 
 fn last(text: &str) -> Value {
@@ -171,7 +172,7 @@ fn what_a_loop_gives_again_and_again_is_told_once() {
 fn moves_of_any_length_are_refused_in_bounded_time() {
     let bench = Bench::new();
     bench.file("slow.ngc", "G1 X10 F0.00001\nM2\n");
-    bench.file("far.ngc", "F.1 G1 X90\nG1 X900000000\nG2 X0 I-450000000\nM2\n");
+    bench.file("far.ngc", "F1000 G1 X90\nG1 X900000\nG2 X0 I-450000\nM2\n");
     for (name, number) in [("slow.ngc", "E1512"), ("far.ngc", "E4304")] {
         for command in ["check", "run"] {
             let began = std::time::Instant::now();
@@ -180,4 +181,61 @@ fn moves_of_any_length_are_refused_in_bounded_time() {
             assert!(began.elapsed().as_secs() < 20, "{command} {name} took {:?}", began.elapsed());
         }
     }
+}
+
+#[test]
+fn a_machine_file_gets_a_line_for_every_finding() {
+    let bench = Bench::new();
+    let text = "nam = \"mill\"\nhistory_hours = 99\n[card]\nwatchdog_ms = 1\n[code.M3]\nduration_ms = -1\n[code.M33]\n";
+    bench.file("bad.toml", text);
+    let said = bench.retrace(["machine", "check", "bad.toml"]);
+    assert_eq!((said.code, said.out.as_str()), (Some(2), ""), "{}", said.err);
+    let lines: Vec<&str> = said.err.lines().collect();
+    for part in [
+        "error[E2111]: bad.toml: line 1, column 1: unknown field `nam`; help: did you mean `name`?",
+        "error[E2112]: bad.toml: history_hours = 99",
+        "error[E2112]: bad.toml: card.watchdog_ms = 1",
+        "error[E2112]: bad.toml: code.M3",
+        "error[E2111]: bad.toml: [code.M33]",
+        "bad.toml: 5 errors",
+    ] {
+        assert_eq!(lines.iter().filter(|line| line.starts_with(part)).count(), 1, "{part} in\n{}", said.err);
+    }
+    assert_eq!(lines.len(), 6, "{}", said.err);
+    let json = last(&bench.retrace(["machine", "check", "bad.toml", "--json"]).out);
+    assert_eq!(json["errors"].as_array().map(Vec::len), Some(5), "{json}");
+    assert_eq!((&json["errors"][0]["number"], &json["warnings"]), (&"E2111".into(), &serde_json::json!([])));
+}
+
+#[test]
+fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
+    let bench = Bench::new();
+    let axis = |name: &str, pulses_per_mm: f64| {
+        format!(
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = {pulses_per_mm:?}\nmax_velocity_mm_per_s = 100\n\
+            max_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 100]\n"
+        )
+    };
+    let axes = axis("x", 2480.0) + &axis("y", 2600.0) + &axis("z", 30_000.0);
+    let text = format!("{axes}[code.M3]\nwaits_for = {{ input = 5 }}\n[[card.input]]\nnumber = 3\nuse = \"door\"\n");
+    bench.file("m.toml", text);
+    let said = bench.retrace(["machine", "check", "m.toml"]);
+    assert_eq!(said.code, Some(0), "{}", said.err);
+    assert!(said.out.contains("X: 2480 pulses/mm"), "{}", said.out);
+    let lines: Vec<&str> = said.err.lines().collect();
+    assert_eq!(lines.len(), 4, "{}", said.err);
+    assert!(lines[0].starts_with("warning[W2115]: m.toml: code.M3 waits for input 5, which"), "{}", said.err);
+    assert!(lines[1].starts_with("warning[W2116]: m.toml: axis y makes up to 260000 pulses"), "{}", said.err);
+    assert!(lines[2].starts_with("warning[W2116]: m.toml: axis z makes up to 3000000 pulses"), "{}", said.err);
+    assert_eq!(lines[3], "m.toml: 3 warnings");
+    // The same against a card: what its clock and its pulses leave, and its own bound.
+    let served = Served::with(&[]);
+    let said = bench.retrace(["machine", "check", "m.toml", "--card", &served.port]);
+    assert_eq!(said.code, Some(2), "{}", said.err);
+    let errors: Vec<&str> = said.err.lines().filter(|line| line.starts_with("error[E3008]: m.toml, ")).collect();
+    assert_eq!(errors.len(), 3, "{}", said.err);
+    assert!(errors[0].contains("axis X makes up to 248000 pulses a second, the card 246000 with"), "{}", errors[0]);
+    assert!(errors[2].contains("axis Z makes up to 3000000 pulses a second, the card 2000000"), "{}", errors[2]);
+    let run = bench.retrace(["run", "--card", &served.port, "--machine", "m.toml", "--no-journal", "m.toml"]);
+    assert_ne!(run.code, Some(0), "{}", run.err);
 }
