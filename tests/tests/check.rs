@@ -107,6 +107,83 @@ fn lengths_pierces_time_per_tool_and_feeds_beyond_the_machine_are_told() {
 }
 
 #[test]
+fn errors_and_warnings_are_in_the_json_with_their_range() {
+    let bench = Bench::new();
+    bench.file("e.ngc", "G21\nG0 (\u{fc}) X1 X2\nO1 repeat [3]\nG1 X3\nO1 endrepeat\nM2\n");
+    let said = bench.retrace(["check", "e.ngc", "--json"]);
+    let told = last(&said.out);
+    assert_eq!((said.code, &told["event"]), (Some(1), &Value::from("check")), "{}", said.err);
+    let found: Vec<_> = told["diagnostics"].as_array().expect("a list").iter().map(|d| d["code"].clone()).collect();
+    assert_eq!(found, ["E1407", "E1508"]);
+    let first = &told["diagnostics"][0];
+    assert_eq!(first["file"], "e.ngc");
+    let range = serde_json::json!({"start": {"line": 2, "column": 11}, "end": {"line": 2, "column": 13}});
+    assert_eq!((&first["range"], &first["severity"]), (&range, &Value::from("error")));
+    assert_eq!((&first["message"], &first["help"]), (&Value::from("X is given twice"), &Value::from("Remove one.")));
+    assert!(said.err.contains("error[E1407]"), "{}", said.err);
+    bench.file("w.ngc", "M3\nM5\nM2\n");
+    let told = last(&bench.retrace(["check", "w.ngc", "--json"]).out);
+    assert_eq!((&told["diagnostics"][0]["code"], &told["blocks"]), (&Value::from("W1002"), &Value::from(2)));
+}
+
+#[test]
+fn loops_without_end_are_found_whatever_the_command() {
+    let bench = Bench::new();
+    let nested: String = (1..40).map(|n| format!("O{n} repeat [9]\n")).collect();
+    let ends: String = (1..40).rev().map(|n| format!("O{n} endrepeat\n")).collect();
+    for (name, text) in [
+        ("while.ngc", "O1 while [1]\nO1 endwhile\nM2\n".to_owned()),
+        ("repeat.ngc", "O1 repeat [999999999]\n#1=[#1+1]\nO1 endrepeat\nM2\n".to_owned()),
+        ("nested.ngc", format!("{nested}F100\n{ends}M2\n")),
+    ] {
+        bench.file(name, &text);
+        for command in ["check", "canon", "run"] {
+            let said = bench.retrace([command, name]);
+            assert!(said.code == Some(1) && said.err.contains("E1806"), "{command} {name}: {}", said.err);
+        }
+    }
+}
+
+#[test]
+fn a_production_loop_is_a_warning_of_check_and_a_fault_in_a_loop_comes_first() {
+    let bench = Bench::new();
+    bench.file("p.ngc", "O1 while [1]\nG0 X1\nG0 X0\nO1 endwhile\nM2\n");
+    let said = bench.retrace(["check", "p.ngc", "--max-loop-blocks", "20000"]);
+    assert!(said.code == Some(0) && said.err.contains("W1004"), "{}", said.err);
+    assert!(said.err.contains("checking stopped here after 20000 blocks"), "{}", said.err);
+    assert!(!said.err.contains("W1001"), "{}", said.err);
+    // Its own two million blocks are not gone through where a line is wrong.
+    bench.file("f.ngc", "O1 while [1]\nG0 X1\nG0 X0\nG0 Y1 Y2\nO1 endwhile\nM2\n");
+    let said = bench.retrace(["check", "f.ngc"]);
+    assert!(said.code == Some(1) && said.err.contains("E1407") && !said.err.contains("W1004"), "{}", said.err);
+}
+
+#[test]
+fn what_a_loop_gives_again_and_again_is_told_once() {
+    let bench = Bench::new();
+    bench.file("g.ngc", "F100\nO1 repeat [150]\nG38.2 Z-5\nG0 Z0\nO1 endrepeat\nM2\n");
+    let said = bench.retrace(["check", "g.ngc"]);
+    assert_eq!(said.code, Some(1));
+    assert_eq!(said.err.matches("error[").count(), 1, "{}", said.err);
+    assert!(!said.err.contains("W1001"), "{}", said.err);
+}
+
+#[test]
+fn moves_of_any_length_are_refused_in_bounded_time() {
+    let bench = Bench::new();
+    bench.file("slow.ngc", "G1 X10 F0.00001\nM2\n");
+    bench.file("far.ngc", "F1000 G1 X90\nG1 X900000\nG2 X0 I-450000\nM2\n");
+    for (name, number) in [("slow.ngc", "E1512"), ("far.ngc", "E4304")] {
+        for command in ["check", "run"] {
+            let began = std::time::Instant::now();
+            let said = bench.retrace([command, name]);
+            assert!(said.code == Some(1) && said.err.contains(number), "{command} {name}: {}", said.err);
+            assert!(began.elapsed().as_secs() < 20, "{command} {name} took {:?}", began.elapsed());
+        }
+    }
+}
+
+#[test]
 fn a_machine_file_gets_a_line_for_every_finding() {
     let bench = Bench::new();
     let text = "nam = \"mill\"\nhistory_hours = 99\n[card]\nwatchdog_ms = 1\n[code.M3]\nduration_ms = -1\n[code.M33]\n";

@@ -333,6 +333,9 @@ pub struct CycleFolders {
     pub compiled: Option<PathBuf>,
 }
 
+/// Blocks in loops and calls that a check goes through unless the command line says otherwise.
+pub const MAX_CHECKED_LOOP_BLOCKS: u64 = 2_000_000;
+
 /// What a program is read with, for every command that reads one.
 #[derive(Clone, Debug, Args)]
 pub struct Reading {
@@ -358,6 +361,9 @@ pub struct Reading {
     /// LinuxCNC machine configuration: what `rs274` takes of it, its numbers as `#<_ini[section]name>` among it.
     #[arg(long, value_name = "FILE.ini")]
     pub ini: Option<PathBuf>,
+    /// Blocks in loops and calls that a check before the run goes through; what follows is not checked (W1004).
+    #[arg(long, value_name = "N", default_value_t = MAX_CHECKED_LOOP_BLOCKS)]
+    pub max_loop_blocks: u64,
     /// The machine's own tables in the state folder, where they are used for what is not named above.
     #[arg(skip)]
     pub machine_tables: Option<MachineTables>,

@@ -19,6 +19,7 @@ mod check_told;
 mod console;
 mod cycles;
 mod decoder;
+mod diagnosed;
 mod doctor;
 mod draw;
 mod draw_job;

@@ -144,6 +144,7 @@ fn reading(job: &Job, program: Option<&Path>) -> Reading {
         tools: path(&of.tools),
         params: path(&of.params),
         ini: path(&of.ini),
+        max_loop_blocks: args::MAX_CHECKED_LOOP_BLOCKS,
         machine_tables: of.machine_tables.clone(),
     }
 }
