@@ -19,8 +19,6 @@ const SPEED: f64 = 5.0;
 const WATCHDOG_MS: f64 = 1500.0;
 /// So many hosts and cards at a time.
 const AT_A_TIME: usize = 3;
-/// What a ramp and a late record add to the time between two steps.
-const SLACK_MS: f64 = 60.0;
 /// So long the card waits before it counts standing (`handover_ms`).
 const HANDOVER_MS: f64 = 100.0;
 
@@ -124,7 +122,7 @@ fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
     let (trace, part) = (bench.path("trace.vcd"), bench.file("part.ngc", &text));
     bench.file("machine.toml", machine(&bench, kind));
     bench.file("do.op", &operator);
-    let standing_ms = kind.grace_ms.map(|grace| grace + HANDOVER_MS + SLACK_MS);
+    let standing_ms = kind.grace_ms.map(|grace| grace + HANDOVER_MS);
     let rules =
         Rules { fire: kind.fire.into(), cut_lines, ready_ms: [kind.ready_ms[0] - 1.0, kind.ready_ms[1]], standing_ms };
     let observation: Observation = observe(trace.clone(), rules);
@@ -156,7 +154,7 @@ fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
     if seen.violations.is_empty() {
         return Ok((ends, seen));
     }
-    let found = seen.violations.join("\n");
+    let found = format!("{}\n{}", seen.violations.join("\n"), seen.before.join("; "));
     Err(format!("seed {seed}: {}{pulls}, {ends:?}\n{found}\n{told}\n{text}\n{operator}", kind.template))
 }
 
