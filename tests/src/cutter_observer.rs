@@ -24,12 +24,10 @@ pub struct Rules {
 
 /// The place is sampled once a control period, and the outputs follow it.
 const PERIODS_MS: f64 = 3.0;
-/// The longest time between two steps in a ramp from or to rest, where the path moves by less than a pulse.
-const RAMP_MS: f64 = 100.0;
+/// A machine that is cutting comes to rest within this time; it may move by less than a pulse meanwhile.
+const BRAKES_MS: f64 = 300.0;
 /// So many changes are shown before a violation.
 const CHANGES: usize = 80;
-/// A machine that is cutting comes to rest within this time.
-const BRAKES_MS: f64 = 300.0;
 
 /// What was seen.
 #[derive(Clone, Debug, Default)]
@@ -114,14 +112,16 @@ pub struct Observer {
     ignited_ms: Option<f64>,
     /// When it went off last.
     off_ms: f64,
-    /// The rate rose since then.
-    rose: bool,
+    /// The machine has come to rest since then.
+    rested: bool,
     /// The last step or ignition.
     last_ms: f64,
     /// The last change of the place, or ignition.
     moved_ms: f64,
     /// The last changes of cutter, alarm, line and rate.
     changes: VecDeque<String>,
+    /// The last of them was the rate.
+    ramp: bool,
     seen: Seen,
 }
 
@@ -142,10 +142,11 @@ impl Observer {
             furthest: 0.0,
             ignited_ms: None,
             off_ms: f64::NEG_INFINITY,
-            rose: false,
+            rested: false,
             last_ms: 0.0,
             moved_ms: 0.0,
             changes: VecDeque::new(),
+            ramp: false,
             seen: Seen::default(),
         }
     }
@@ -186,15 +187,21 @@ impl Observer {
             if self.changes.len() == CHANGES {
                 self.changes.pop_front();
             }
-            self.changes.push_back(format!("{:.1} {signal:?} {value}", self.now_ms));
+            let change = format!("{:.1} {signal:?} {value}", self.now_ms);
+            match self.changes.back_mut() {
+                // of a ramp its beginning and its end
+                Some(last) if self.ramp && matches!(signal, Signal::Rate) => *last = change,
+                _ => self.changes.push_back(change),
+            }
+            self.ramp = matches!(signal, Signal::Rate);
         }
         let number = || u64::from_str_radix(value.trim_start_matches('b'), 2).unwrap_or(0);
         let real = || value.trim_start_matches('r').parse::<f64>().unwrap_or(0.0);
         match signal {
             Signal::Step => self.stepped |= number() == 1,
             Signal::Rate => {
-                self.rose |= real() > self.rate;
                 self.rate = real();
+                self.rested |= self.rate == 0.0;
             }
             Signal::Line => self.line = number(),
             Signal::Place => {
@@ -215,7 +222,7 @@ impl Observer {
                     (self.ignited_ms, self.last_ms, self.moved_ms) = (Some(self.now_ms), self.now_ms, self.now_ms);
                 } else if !on && self.on {
                     self.stood();
-                    (self.ignited_ms, self.off_ms, self.rose) = (None, self.now_ms, false);
+                    (self.ignited_ms, self.off_ms, self.rested) = (None, self.now_ms, self.rate == 0.0);
                 }
                 self.on = on;
             }
@@ -238,7 +245,7 @@ impl Observer {
         let (at_place, without_step) = (self.now_ms - self.moved_ms, self.now_ms - self.last_ms);
         if at_place > most {
             self.wrong(format!("on and standing for {at_place:.1} ms"));
-        } else if without_step > most + RAMP_MS {
+        } else if without_step > most + BRAKES_MS {
             self.wrong(format!("on and without a step for {without_step:.1} ms"));
         }
     }
@@ -254,7 +261,7 @@ impl Observer {
             // Retracing ends at the boundary of the record that was reached.
             let first_time = self.rate > 0.0 && self.place > self.furthest.max(0.0).ceil();
             // Where the operator puts it out in the cut, the machine brakes on the path.
-            let brakes = self.now_ms - self.off_ms < BRAKES_MS && !self.rose;
+            let brakes = self.now_ms - self.off_ms < BRAKES_MS && !self.rested;
             if is_cut && first_time && !self.alarm && !brakes {
                 self.wrong("feed along a cut with the cutter off".to_owned());
             }

@@ -8,8 +8,8 @@ use proptest::prelude::*;
 use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_link::{
-    CardEnd, Change, Deck, Host, HostFault, Identity, Instruction, PROTOCOL, Refusal, Settings, Start, Status, Word,
-    channel,
+    CardEnd, Change, CutterOff, CutterOffCause, Deck, Host, HostFault, Identity, Instruction, PROTOCOL, Refusal,
+    Settings, Start, Status, Word, channel,
 };
 
 const WINDOW: u32 = 256;
@@ -62,6 +62,10 @@ impl Works {
             *count += increment;
         }
         status.increments = increments.map(|pulses| pulses as i32);
+        // what is said of one period only
+        status.wheel = if status.period.is_multiple_of(37) { 2 } else { 0 };
+        let off = CutterOff { channels: 1, cause: CutterOffCause::Standing };
+        status.cutter_off = status.period.is_multiple_of(53).then_some(off);
         if self.open {
             self.log.push(*status);
         }
@@ -271,6 +275,7 @@ fn agrees(bench: &Bench) {
         assert_eq!((told.period, told.place, told.rate), (told.period, was.place, was.rate));
         assert_eq!((told.counts, told.increments, told.at_rest), (was.counts, was.increments, was.at_rest));
         assert_eq!((told.executed, told.outputs), (was.executed, was.outputs));
+        assert_eq!((told.wheel, told.cutter_off), (was.wheel, was.cutter_off));
     }
 }
 

@@ -277,7 +277,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     fn by_hand_now(&mut self, channel: u8, value: i32) {
         // A card takes every channel that the messages name.
-        let _ = self.card.send(Word::ByHand(Change { channel, value }));
+        self.send_by_hand(Change { channel, value });
     }
 
     fn jog(&mut self, letter: char, mm: f64) -> Result<(), OrderRefused> {
@@ -434,7 +434,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// Are all outputs as the program expects them, but for the cutters?
     fn only_cutters_differ(&self) -> bool {
-        let (are, want) = (&self.card.status().outputs, self.supply.expected());
+        let want = self.supply.expected();
+        let are = self.outputs_compared_with(want);
         (0..channel::COUNT).all(|at| are[at] == want[at] || self.cutting.contains(&(at as u8)))
     }
 
@@ -472,6 +473,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Counts and reports a control period off the program's path.
     pub(super) fn book_off_path(&mut self, status: &Status<A>) {
         self.tally.pause();
+        self.follow_by_hand(status);
         self.teller.outputs(&status.outputs);
         let period = Period {
             mode: self.operation.mode(),

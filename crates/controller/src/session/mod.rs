@@ -5,6 +5,7 @@
 //! but in virtual time, where no time passes by waiting.
 
 mod back;
+mod by_hand;
 mod interruption;
 mod orders;
 mod restart;
@@ -32,6 +33,7 @@ use crate::stream::{Teller, Told};
 use crate::supply::{News, Supply};
 use crate::tally::{Spent, Tally};
 use back::Back;
+use by_hand::ByHandChanges;
 use interruption::Interrupted;
 use restart::{LeavingRun, Restart};
 
@@ -86,6 +88,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     off_at_end: Vec<u8>,
     /// The outputs are being brought back before motion goes on.
     restart: Restart,
+    /// Outputs that were switched by hand, and are not reported yet.
+    by_hand: ByHandChanges,
     /// The cutter went out because the machine stood, and was not brought back yet.
     cutter_is_out: bool,
     leaving_run: LeavingRun,
@@ -160,6 +164,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             cutting_channels: machine.cutting_channels(),
             off_at_end: machine.off_at_end(),
             restart: Restart::new(),
+            by_hand: ByHandChanges::new(),
             cutter_is_out: false,
             leaving_run: LeavingRun::No,
             passed_boundary: None,
@@ -329,7 +334,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             at_rest: status.at_rest,
             reached: status.reached,
             oldest: self.oldest(),
-            outputs_agree: status.outputs == *self.supply.expected(),
+            outputs_agree: self.outputs_compared_with(self.supply.expected()) == *self.supply.expected(),
             wheel: self.wheel.rate(),
         }
     }
@@ -375,7 +380,12 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             demand.target = 0;
         } else if demand.target != 0 && !self.restart.is_active() && self.card.status().blocked {
             // The cutter went out where the machine stood; retracing goes on without it, normal run with outputs that agree.
-            self.release_block();
+            if self.operation.mode() == Mode::Run && !facts.outputs_agree {
+                let _ = self.operation.order(Order::Restart { agreed: false });
+                demand.target = 0;
+            } else {
+                self.release_block();
+            }
         }
         if self.operation.mode() != mode {
             self.tell_mode();
@@ -397,6 +407,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     fn book(&mut self, status: &Status<A>) {
         let executing = self.executing;
+        self.follow_by_hand(status);
         self.acknowledge();
         if let Some(planned) = self.overrides.pass(status.reached) {
             // Overrides are asked for in steps of a hundredth of a percent.

@@ -4,7 +4,7 @@
 
 use retrace_core::mode::{Mode, Order};
 use retrace_core::{Place, Travel};
-use retrace_link::{Change, MotionCard, Word, channel};
+use retrace_link::{Change, MotionCard, channel};
 
 use super::Session;
 use super::back::Wanted;
@@ -103,7 +103,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return Err(OrderRefused::NotNow(why));
         }
         let change = Change { channel: number, value: i32::from(on) };
-        self.card.send(Word::ByHand(change)).map_err(|_| OrderRefused::NoOutput(number))
+        if self.send_by_hand(change) { Ok(()) } else { Err(OrderRefused::NoOutput(number)) }
     }
 
     /// *Cutter off*: always, and at once. A program that cuts is held, as what it cuts from here on would not be cut.
@@ -144,7 +144,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if !self.card.status().at_rest {
             // a jet may be opened in passing
             let change = Change { channel, value: 1 };
-            return self.card.send(Word::ByHand(change)).map_err(|_| OrderRefused::NoOutput(channel));
+            return if self.send_by_hand(change) { Ok(()) } else { Err(OrderRefused::NoOutput(channel)) };
         }
         self.light(channel);
         Ok(())

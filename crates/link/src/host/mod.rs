@@ -104,6 +104,8 @@ pub struct Host<const A: usize> {
     entries: [Entry; ENTRIES],
     taken: u16,
     waiting: u16,
+    /// The last period noted was given out.
+    given: bool,
     /// Number of the next entry.
     next_entry: u16,
     /// The place that the last entry leads to.
@@ -172,6 +174,7 @@ impl<const A: usize> Host<A> {
             entries: [Entry::Inputs(0); ENTRIES],
             taken: 0,
             waiting: 0,
+            given: false,
             next_entry: 0,
             newest: Place::start_of(0),
             status: Status::standing(Start::at(0)),
