@@ -117,7 +117,7 @@ impl Deck<3> for Works {
                 self.records[(place % WINDOW) as usize] = record;
                 status.low = place;
             }
-            Word::Rate { target } => self.target = target,
+            Word::Rate(target) => self.target = target.feed,
             Word::Instruction(Instruction { number, .. }) => {
                 if number != status.executed + 1 {
                     return Err(Refusal::Busy);
@@ -233,7 +233,7 @@ impl Bench {
     fn run_to(&mut self, target: Travel, to: u32, oldest: u32, end: u32) {
         for _ in 0..40_000 {
             self.fill(oldest, end, target > 0);
-            self.host.send(Word::Rate { target }).expect("a rate is always taken");
+            self.host.send(Word::rate(target)).expect("a rate is always taken");
             self.step_period();
             let left = self.host.status().place.to(Place::start_of(to));
             if left == 0 || left.signum() != target.signum() {
@@ -303,7 +303,7 @@ proptest! {
         prop_assert_eq!(&bench.works.by_hand, &[1, 7]);
         prop_assert_eq!(bench.works.status.place, Place::start_of(at(1500)));
         // and it is over in good order
-        bench.host.send(Word::Rate { target: 0 }).expect("a rate");
+        bench.host.send(Word::rate(0)).expect("a rate");
         bench.until(|b| b.host.status().at_rest);
         bench.host.close();
         bench.until(|b| b.host.is_closed());
@@ -342,7 +342,7 @@ fn a_stop_cuts_a_long_frame_short() {
     let mut bytes = [0; 30];
     assert_eq!(bench.host.transmit(bench.now_us, &mut bytes), 30, "the beginning of a long frame");
     bytes.iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
-    bench.host.send(Word::Rate { target: 0 }).expect("a rate");
+    bench.host.send(Word::rate(0)).expect("a rate");
     assert_eq!(bench.host.transmit(bench.now_us, &mut bytes), 30);
     bytes.iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
     assert_eq!((bench.works.target, bench.works.status.high), (0, 150), "the stop is there before the records");

@@ -83,6 +83,8 @@ pub enum Act {
     Slower,
     /// Override 100 %.
     Whole,
+    /// Rapid override, the next lower step.
+    RapidOverride,
     /// Single block.
     Single,
     /// Pause.
@@ -279,6 +281,7 @@ pub const TABLE: &[Row] = &[
     row(&[Key::Char('+'), Key::Char('=')], "+", "faster", "override 10 % up", JOB, Act::Faster),
     row(&[Key::Char('-')], "-", "slower", "override 10 % down", JOB, Act::Slower),
     row(&[Key::Char('0')], "0", "100 %", "override 100 %", JOB, Act::Whole),
+    row(&[Key::Char('*')], "*", "rapids", "rapid override: 50, 25, 0 %, 100 %", JOB, Act::RapidOverride),
     row(&[Key::Char('s')], "s", "single", "single block on, off", JOB, Act::Single),
     row(&[Key::Char('p')], "p", "pause", "pause the program, to move away and come back", RUN, Act::Pause),
     row(&[Key::Char('x'), Key::Char('X')], "x", "cutter off", "cutter off, at once, whatever the machine does", EVER, Act::CutterOff),

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use retrace_core::interruption::{Direction, Effect, Interruption, Latch, Turning, Word as Said};
 use retrace_core::mode::{Demand, Mode};
-use retrace_core::{Flags as RecordFlags, Place};
+use retrace_core::{Flags as RecordFlags, Place, RateTarget};
 use retrace_link::{Change, MotionCard, Start, Status, Word, channel};
 
 use super::{Outcome, Session};
@@ -172,7 +172,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 self.halt_by_hand();
                 None
             }
-            Deed::Override(_) | Deed::Output { .. } | Deed::CutterOff | Deed::OptionalStop(_) => None,
+            Deed::Override(_)
+            | Deed::RapidOverride(_)
+            | Deed::Output { .. }
+            | Deed::CutterOff
+            | Deed::OptionalStop(_) => None,
             _ => Some(Err(OrderRefused::NotNow("the program is paused: go on with it first"))),
         }
     }
@@ -450,7 +454,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// What is asked of the card at a breakpoint: nothing.
     pub(super) fn demand_paused(&self) -> Demand {
         let look_ahead = self.operation.mode() == Mode::Run;
-        Demand { target: 0, look_ahead, restore_outputs: false, notice: None }
+        Demand { target: RateTarget::ZERO, look_ahead, restore_outputs: false, notice: None }
     }
 
     /// A control period off the program's path.
@@ -479,6 +483,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             mode: self.operation.mode(),
             standing: self.standing(),
             override_rate: self.overrides.asked(),
+            rapid_override: self.operation.rapid_override(),
             off_path: true,
             ..Period::of(status)
         };

@@ -3,7 +3,7 @@
 //! Invariant: an order that does not apply changes nothing and is answered with the reason.
 
 use retrace_core::mode::{Mode, Order};
-use retrace_core::{Place, Travel};
+use retrace_core::{ONE, Place, Travel};
 use retrace_link::{Change, MotionCard, channel};
 
 use super::Session;
@@ -47,6 +47,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             Deed::BackToBlock => return self.go_back(Wanted::Block),
             Deed::BackToJet => return self.go_back(Wanted::Jet),
             Deed::Override(rate) => return self.ask_override(rate),
+            Deed::RapidOverride(rate) => self.set_rapid_override(rate)?,
             Deed::Output { number, on } => return self.switch_output(number, on),
             Deed::CutterOff => self.cutter_off(),
             Deed::CutterOn => return self.cutter_on(),
@@ -188,6 +189,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let _ = self.operation.order(Order::Restart { agreed: false });
         }
         if rate > most { Err(OrderRefused::MostOverride(most)) } else { Ok(()) }
+    }
+
+    /// Rapid override, 0 … 100 %. Where rapid motion stood by it, the outputs are compared before it goes on.
+    fn set_rapid_override(&mut self, rate: Travel) -> Result<(), OrderRefused> {
+        let stood = self.operation.rapid_override() == 0 && self.card.status().at_rest;
+        self.operation.order(Order::RapidOverride(rate))?;
+        if stood && rate > 0 && !self.operation.held() && self.operation.mode() == Mode::Run {
+            let _ = self.operation.order(Order::Restart { agreed: false });
+        }
+        if rate > ONE { Err(OrderRefused::MostOverride(ONE)) } else { Ok(()) }
     }
 
     /// Sets the part of the override that the rate does.

@@ -15,7 +15,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// nothing to do, and where the rate is to be zero: the card would keep it until there is one.
     pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, Trouble> {
         let stands = self.operation.held() || self.restart.is_active();
-        if self.operation.mode() != Mode::Run || stands || demand.target <= 0 {
+        if self.operation.mode() != Mode::Run || stands || demand.target.faster() <= 0 {
             return Ok(false);
         }
         let Some(exclusive) = self.supply.due(self.card.status()) else { return Ok(false) };

@@ -18,6 +18,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             mode: self.operation.mode(),
             standing: self.standing(),
             override_rate: self.overrides.asked(),
+            rapid_override: self.operation.rapid_override(),
             ..Period::of(status)
         };
         self.teller.tell(Told::Period(period));
