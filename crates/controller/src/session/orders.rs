@@ -104,7 +104,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return Err(OrderRefused::NotNow(why));
         }
         let change = Change { channel: number, value: i32::from(on) };
-        if self.send_by_hand(change) { Ok(()) } else { Err(OrderRefused::NoOutput(number)) }
+        if !self.send_by_hand(change) {
+            return Err(OrderRefused::NoOutput(number));
+        }
+        if number == channel::SPINDLE && self.supply.expected()[usize::from(channel::SPINDLE)] != 0 {
+            // No feed into the work with a tool that does not turn.
+            self.hold_program();
+        }
+        Ok(())
     }
 
     /// *Cutter off*: always, and at once. A program that cuts is held, as what it cuts from here on would not be cut.
@@ -113,11 +120,19 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let expected = self.supply.expected();
         let cuts = self.cutting.iter().any(|&c| expected.get(usize::from(c)).is_some_and(|&value| value != 0));
         self.switch_cutters_off(OffReason::Operator);
-        if cuts && self.operation.mode() == Mode::Run && !self.dnc.is_on() {
-            // never refused
-            let _ = self.operation.order(Order::Hold);
+        if cuts && self.hold_program() {
             self.cutter_is_out = true;
         }
+    }
+
+    /// Holds the program, where it is being executed; false where it is not.
+    fn hold_program(&mut self) -> bool {
+        let is_executed = self.operation.mode() == Mode::Run && !self.dnc.is_on();
+        if is_executed {
+            // never refused
+            let _ = self.operation.order(Order::Hold);
+        }
+        is_executed
     }
 
     /// *Cutter on*: the instructions that light it are carried out again, where the machine retraces and may cut; it goes out again where
