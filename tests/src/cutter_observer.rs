@@ -342,4 +342,23 @@ mod tests {
             assert!(seen.violations.iter().any(|violation| violation.contains(what)), "{what}: {seen:?}");
         }
     }
+
+    #[test]
+    fn braking_without_the_cutter_is_forgiven_and_starting_is_not() {
+        let cut = [(0, "b10 l"), (5, "b1 f"), (20, "r1 r;r1 p;1s"), (21, "r2 p;0s")];
+        let and = |more: &[(u64, &'static str)]| seen(&[&cut[..], more].concat());
+        let brakes = and(&[(22, "b0 f"), (23, "r5e-1 r;r3 p;1s"), (24, "r0 r;0s")]);
+        assert!(brakes.violations.is_empty(), "{brakes:?}");
+        let starts = and(&[(22, "r0 r"), (23, "b0 f"), (24, "r1 r;r3 p;1s")]);
+        assert!(starts.violations[0].contains("cutter off"), "{starts:?}");
+    }
+
+    #[test]
+    fn a_crawl_is_no_motion_for_ever() {
+        let mut changes = vec![(0, "b10 l".to_owned()), (5, "b1 f".into()), (20, "r1 r;r1 p;1s".into())];
+        changes.extend((1..100).map(|k| (20 + 4 * k, format!("r1.{k:03} p;0s"))));
+        changes.push((420, "b0 f".into()));
+        let changes: Vec<(u64, &str)> = changes.iter().map(|(ms, change)| (*ms, change.as_str())).collect();
+        assert!(seen(&changes).violations[0].contains("without a step"), "{:?}", seen(&changes));
+    }
 }
