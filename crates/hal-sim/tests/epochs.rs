@@ -140,8 +140,8 @@ fn start_of(place: Place, reached: u32, executed: u32) -> Start {
 fn begin_anew<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C) {
     card.send(Word::rate(0)).expect("a rate");
     let mut stood = 0;
-    // A rate that is lost comes again 12 ms later, and may be lost again.
-    while stood < 80 {
+    // A rate that is lost comes again 12 ms later, and may be lost again: on the worst of these lines about two frames in three are.
+    while stood < 200 {
         stood = if card.period().expect("no fault").at_rest { stood + 1 } else { 0 };
     }
     let was = *card.status();
