@@ -165,3 +165,21 @@ fn cycles_are_listed_checked_compiled_and_shown() {
     assert_eq!(said.code, Some(2));
     assert!(said.err.contains("error[E1931]") && said.err.contains("help"), "{}", said.err);
 }
+
+#[test]
+fn keys_of_the_ini_file_are_taken_and_others_are_noted() {
+    let bench = Bench::new();
+    let ini =
+        "[RS274NGC]\nORIENT_OFFSET = 20\nDISABLE_G92_PERSISTENCE = 1\nDISABLE_FANUC_STYLE_SUB = 1\nLOG_LEVEL = 3\n";
+    bench.file("m.ini", ini);
+    bench.file("p.var", "5210\t1\n5211\t3\n5220\t1\n");
+    bench.file("a.ngc", "(debug,#5210 #5211)\nM19 R350 P1\nM2\n");
+    let said = bench.retrace(["canon", "a.ngc", "--ini", "m.ini", "--params", "p.var"]);
+    assert_eq!(said.code, Some(0), "{}", said.err);
+    assert!(said.out.contains("MESSAGE(\"0.000000 0.000000\")"), "{}", said.out);
+    assert!(said.out.contains("ORIENT_SPINDLE(0, 370.0000, 1)"), "{}", said.out);
+    assert!(said.err.contains("without effect in [RS274NGC] of m.ini: LOG_LEVEL = 3"), "{}", said.err);
+    bench.file("b.ngc", "M98 P1\nM2\nO1\nM99\n");
+    let said = bench.retrace(["canon", "b.ngc", "--ini", "m.ini"]);
+    assert!(said.code == Some(1) && said.err.contains("E1732"), "{}", said.err);
+}

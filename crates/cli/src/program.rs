@@ -152,6 +152,15 @@ impl Program {
                 notes.push(format!("not taken from {}: {}", path.display(), ini.passed_over.join(", ")));
                 notes.push("a tool table and a parameter file are named with --tools and --params".to_owned());
             }
+            if !ini.without_effect.is_empty() {
+                let entries = ini.without_effect.join(", ");
+                notes.push(format!("without effect in [RS274NGC] of {}: {entries}", path.display()));
+            }
+            setup.orient_offset_degrees = ini.orient_offset_degrees;
+            setup.disable_fanuc_subs = ini.disable_fanuc_subs;
+            if ini.disable_g92_persistence {
+                setup.parameters.clear_g92();
+            }
             setup.fixed_values = ini.values;
             let beside = path.parent().unwrap_or(Path::new(""));
             subs.extend(ini.subroutine_path.iter().map(|folder| beside.join(folder)));

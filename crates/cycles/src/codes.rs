@@ -84,6 +84,7 @@ codes! {
     IndexRange "E1944" "index outside its array" "An index is negative, not below the size of the array, or names no axis of the plane." "Check the index.";
     BadArgument "E1945" "argument does not fit" "An argument is of the wrong type, too long for its parameter, or there are too many." "Give the arguments in the order of the PROC line.";
     NoSpeed "E1946" "dwell in revolutions without a speed" "G4 S needs a programmed spindle speed above zero." "Program S before the call, or give the dwell in seconds.";
+    NameNotCallable "E1947" "name that no program can call" "The name of a cycle reads as words of a block, as an O word or as a control word, or is too short or too long." "Rename the cycle: 2 to 32 letters, digits and underscores, beginning with two letters.";
     ShippedReplaced "W1901" "a shipped cycle is replaced" "A source of the folder has the name of a shipped cycle, and is taken in its place." "Rename it if that is not meant.";
     NameDiffers "W1902" "file and cycle have different names" "The PROC line names the cycle differently from its file; the PROC line counts." "Rename the file.";
     NotStored "W1903" "compiled form not kept" "The folder of compiled forms cannot be written; the cycle is compiled anew at every start." "Check the folder and its permissions.";

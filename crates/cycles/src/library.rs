@@ -5,7 +5,9 @@
 
 mod folders;
 mod join;
+mod name;
 
+use crate::codes::Code;
 use crate::cycle::{Cycle, CycleId, Origin};
 use crate::diag::Diagnostic;
 use crate::shipped;
@@ -31,6 +33,8 @@ pub struct Library {
     findings: Vec<Finding>,
     identity: u128,
     source_files: Vec<(PathBuf, u128)>,
+    /// A name has a digit behind its first letter.
+    has_early_digit: bool,
 }
 
 impl Library {
@@ -69,12 +73,21 @@ impl Library {
 
     fn of(sources: Vec<Source>, folders: Folders<'_>, mut findings: Vec<Finding>) -> Self {
         let mut forms = folders::forms(sources, folders, &mut findings);
+        forms.retain(|form| match name::cannot_be_called(&form.unit.name) {
+            None => true,
+            Some(message) => {
+                let diagnostic = Diagnostic { code: Code::NameNotCallable, line: 1, start: 0, end: 0, message };
+                findings.push(Finding { source: form.path.clone(), diagnostic });
+                false
+            }
+        });
         // By name, so that a name is found by halving and the numbers do not depend on the order of a folder.
         forms.sort_by(|a, b| a.unit.name.cmp(&b.unit.name));
         let keys: Vec<u8> = forms.iter().flat_map(|form| form.key.to_le_bytes()).collect();
         let cycles = join::join(forms, &mut findings);
         findings.sort_by(|a, b| (&a.source, a.diagnostic.line).cmp(&(&b.source, b.diagnostic.line)));
-        Self { cycles, findings, identity: stored::hash(&[&keys]), source_files: Vec::new() }
+        let has_early_digit = cycles.iter().any(|cycle| cycle.name().as_bytes().get(1).is_some_and(u8::is_ascii_digit));
+        Self { cycles, findings, identity: stored::hash(&[&keys]), source_files: Vec::new(), has_early_digit }
     }
 
     /// The cycle of this name, in capitals or not. Does not allocate.
@@ -83,6 +96,12 @@ impl Library {
         let wanted = || name.bytes().map(|byte| byte.to_ascii_uppercase());
         let at = self.cycles.binary_search_by(|cycle| cycle.name().bytes().cmp(wanted())).ok()?;
         Some(CycleId(at as u16))
+    }
+
+    /// Whether a cycle has a digit behind the first letter of its name, as a word of a block has.
+    #[must_use]
+    pub const fn has_early_digit(&self) -> bool {
+        self.has_early_digit
     }
 
     /// A cycle, where the number is of this library.

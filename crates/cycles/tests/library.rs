@@ -180,3 +180,13 @@ fn a_folder_that_cannot_be_written_is_told_and_nothing_is_lost() {
     assert!(library.findings().iter().all(|finding| finding.diagnostic.code == Code::NotStored));
     assert_eq!((library.findings().len(), says(&library, "AA")), (13, vec!["a".to_owned()]));
 }
+
+#[test]
+fn a_cycle_that_no_program_can_call_is_an_error() {
+    for name in ["M7", "X1Y2", "N1AB", "MCALLS", "END1"] {
+        let source = format!("PROC {name}\nG0 X1\nRET\n");
+        let library = retrace_cycles::Library::of_sources(&[("A.SPF", &source)]);
+        let found: Vec<_> = library.findings().iter().map(|finding| finding.diagnostic.number()).collect();
+        assert!(library.find(name).is_none() && found.contains(&"E1947"), "{name}: {found:?}");
+    }
+}

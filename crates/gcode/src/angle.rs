@@ -3,6 +3,7 @@
 //! Invariant: an angle in radians is a sum of two `f64`, rounded to 64 bits of mantissa. Sine and cosine of whole right angles come
 //! out as the peer has them, to the sign of what is left of zero.
 
+use crate::pose::{Axis, Pose};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// What π, rounded to 64 bits, has beyond its `f64`.
@@ -215,6 +216,12 @@ pub(crate) fn rotate(x: f64, y: f64, degrees: f64) -> (f64, f64) {
     let radians = degrees * (PI / 180.0);
     let (sine, cosine) = (radians.sin(), radians.cos());
     (x * cosine - y * sine, x * sine + y * cosine)
+}
+
+/// Turns X and Y of a pose about the origin by an angle in degrees, counter-clockwise.
+pub(crate) fn turned_xy(mut pose: Pose, degrees: f64) -> Pose {
+    (pose[Axis::X], pose[Axis::Y]) = rotate(pose[Axis::X], pose[Axis::Y], degrees);
+    pose
 }
 
 #[cfg(test)]

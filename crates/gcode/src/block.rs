@@ -222,6 +222,11 @@ impl Words {
         (self.value[index(letter)], self.at[index(letter)]) = (value, (0, 0));
     }
 
+    /// Takes a word away.
+    pub(crate) fn remove(&mut self, letter: u8) {
+        self.present &= !(1 << index(letter));
+    }
+
     /// G7: the X word is a diameter.
     pub(crate) fn halve_x(&mut self) {
         self.value[index(b'x')] /= 2.0;

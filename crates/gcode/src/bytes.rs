@@ -2,6 +2,8 @@
 //!
 //! Invariant: the first character is the lowest byte of a word; nothing outside of the text is looked at.
 
+use std::borrow::Cow;
+
 const ONES: u64 = 0x0101_0101_0101_0101;
 const HIGH: u64 = 0x8080_8080_8080_8080;
 
@@ -93,6 +95,20 @@ pub(crate) fn short_number(text: &[u8], at: usize) -> Option<Short> {
     let fours = (pairs.wrapping_mul(100) + (pairs >> 16)) & 0x0000_ffff_0000_ffff;
     let mantissa = (fours.wrapping_mul(10_000) + (fours >> 32)) as u32;
     Some(Short { mantissa, decimals: count - whole, length })
+}
+
+/// The length of the UTF-8 byte-order mark that the text begins with, or 0.
+#[inline]
+pub(crate) fn byte_order_mark(text: &[u8]) -> usize {
+    if text.first() == Some(&0xef) && text.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 }
+}
+
+/// Bytes as text: UTF-8, or else Latin-1, in which every byte is a character.
+pub(crate) fn shown(text: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(text) {
+        Ok(text) => Cow::Borrowed(text),
+        Err(_) => Cow::Owned(text.iter().map(|byte| char::from(*byte)).collect()),
+    }
 }
 
 #[cfg(test)]

@@ -42,6 +42,20 @@ pub(crate) fn may_begin(cursor: &mut Cursor<'_>) -> bool {
         && cursor.peek_next().is_some_and(|next| next.is_ascii_alphabetic() || next == b'_')
 }
 
+/// Whether a line goes on with a name: two letters, or a letter and a digit where a cycle's name begins so. A block number and an O
+/// word are none.
+#[inline]
+pub(crate) fn begins(cursor: &mut Cursor<'_>, cycles: Option<&Library>) -> bool {
+    if may_begin(cursor) {
+        return true;
+    }
+    let first = cursor.peek();
+    cycles.is_some_and(Library::has_early_digit)
+        && first.is_ascii_lowercase()
+        && !matches!(first, b'n' | b'o')
+        && cursor.peek_next().is_some_and(|next| next.is_ascii_digit())
+}
+
 /// A name, in lower case, as far as it goes.
 fn name(cursor: &mut Cursor<'_>) -> ([u8; LONGEST_NAME], usize) {
     let (mut name, mut length) = ([0; LONGEST_NAME], 0);
@@ -69,7 +83,7 @@ pub(crate) fn label(cursor: &mut Cursor<'_>) -> Option<Box<str>> {
 /// The label of a line, in lower case.
 pub(crate) fn label_of(line: &[u8]) -> Option<Box<str>> {
     let mut cursor = Cursor::new(line);
-    if cursor.eat(b'n') {
+    if !may_begin(&mut cursor) && cursor.eat(b'n') {
         cursor.digits();
     }
     if may_begin(&mut cursor) { label(&mut cursor) } else { None }
@@ -94,7 +108,9 @@ pub(crate) fn parse(
     // A blank between MCALL and the name means nothing, as everywhere.
     let text = if is_modal { &text[5..length] } else { &text[..length] };
     let open = cursor.peek() == b'(';
-    if !open && !is_modal {
+    let is_alone = matches!(cursor.peek(), 0 | b';');
+    let has_early_digit = text.get(1).is_some_and(u8::is_ascii_digit);
+    if !open && !is_alone && !is_modal {
         *cursor = before;
         return Ok(false);
     }
@@ -104,6 +120,11 @@ pub(crate) fn parse(
         let id = cycles.find(&shown)?;
         Some((id, cycles.get(id)?))
     }) else {
+        // Not the name of a cycle: words of a block with a comment behind them, or a faulty block.
+        if !is_modal && (is_alone || has_early_digit) {
+            *cursor = before;
+            return Ok(false);
+        }
         return fault(Code::NoSuchCycle, at, format!("there is no cycle {shown}"));
     };
     let mut arguments = Vec::new();

@@ -30,6 +30,7 @@ pub struct CarriedOver {
 impl CarriedOver {
     pub(crate) fn new(mut state: State, parameters: &Parameters, tools: &ToolTable, names: &Names) -> CarriedOver {
         (state.compensation, state.has_left_compensation, state.waiting) = (None, false, Queue::default());
+        state.tool_shift = None;
         (state.call_level, state.returned_value) = (0, None);
         state.contexts.clear();
         state.control_points.clear();

@@ -43,7 +43,7 @@ macro_rules! codes {
 
 codes! {
     LineTooLong "E1001" "line too long" "A line has more than 252 bytes." "Split the line; shorten its comment.";
-    NotText "E1002" "not text" "The line is not valid UTF-8, or has a control character: the file may be binary." "Save the program as plain text.";
+    NotText "E1002" "not text" "The line has bytes outside of comments that are not valid UTF-8, or a control character: the file may be binary." "Save the program as plain text.";
     BadCharacter "E1003" "character not understood" "A character begins no word." "Remove it, or put it into a comment.";
     UnclosedComment "E1004" "comment not closed" "An opening parenthesis has no closing one in its line." "Close the comment in the same line, or begin it with a semicolon.";
     NestedComment "E1005" "comment inside a comment" "A comment in parentheses holds an opening parenthesis." "Use brackets or nothing inside the comment.";
@@ -155,11 +155,12 @@ codes! {
     Aborted "E1728" "program aborted" "A comment with ABORT was carried out." "See its text.";
     PythonComment "E1729" "Python in a comment" "Comments with PY, PYRUN and PYRELOAD run Python in LinuxCNC, and nothing here." "Remove the comment.";
     IniLine "E1730" "machine configuration not understood" "A line of the INI file is no section in brackets, no NAME = value and no comment." "Correct the line.";
+    FanucSubsDisabled "E1732" "M98, M99 and O numbers alone are disabled" "The INI file has DISABLE_FANUC_STYLE_SUB = 1, and the program has M98, M99 or an O number without a keyword." "Use O words (sub, endsub, call), or remove the entry.";
     IniNotSupported "E1731" "machine configuration asks for more" "An entry of the INI file changes how programs are read, and that is not carried out." "Remove the entry, or run the program without the INI file.";
 
     BadControl "E1801" "O word not understood" "The line does not have the form of an O word: label, keyword, values in brackets." "Write lines such as O100 if [#1 GT 0]; by number or by name.";
     ControlWithoutEnd "E1802" "end of a block of O words missing" "The program ends before the endsub, endif, endwhile, endrepeat or while that belongs to the label." "Add the end, with the same label.";
-    ControlWithoutBegin "E1803" "beginning of a block of O words missing" "An end, else, break, continue or return stands where nothing of its label is open." "Check the label, and the nesting.";
+    ControlWithoutBegin "E1803" "beginning of a block of O words missing" "An end, else, break or continue stands where nothing of its label is open, or a return outside of every subprogram." "Check the label, and the nesting.";
     NoSuchSub "E1804" "no such subprogram" "Neither the program nor a file in its folder or in a folder given with --subs has a subprogram of this label." "Check the label; put the subprogram into the program, or into a file of its name (O<part> in part.ngc).";
     TooManyCalls "E1805" "calls too deep" "Subprograms call each other more than 10 deep." "Look for a subprogram that calls itself without end.";
     EndlessProgram "E1806" "program does not come to an end" "After 10 million lines or 100 million canonical functions the program was still running; checking has stopped." "Look for a loop without end.";

@@ -9,6 +9,7 @@ use crate::diag::{Outcome, Span, fault};
 use crate::expr::{Compiler, OpKind};
 use crate::lex::Cursor;
 use crate::params::Names;
+use retrace_cycles::Library;
 
 /// Most arguments of a call: parameters 1 … 30 take them.
 pub(crate) const MOST_ARGUMENTS: usize = 30;
@@ -50,7 +51,7 @@ pub(crate) enum Keyword {
     EndRepeat,
     Break,
     Continue,
-    /// An O number alone: the beginning of a subprogram for M98, or a program's own number.
+    /// An O number or name alone: the beginning of a subprogram for M98, or a program's own number or name.
     Start,
     /// M98: the values are P, the number, and L, how often.
     M98,
@@ -125,7 +126,7 @@ pub(crate) struct Control {
 
 /// Whether a line may be one of these, from its first characters alone.
 #[inline]
-pub(crate) fn may_be(text: &[u8]) -> bool {
+pub(crate) fn may_be(text: &[u8], cycles: Option<&Library>) -> bool {
     let mut cursor = Cursor::new(text);
     if matches!(cursor.peek(), b'n' | b'/') {
         begin(&mut cursor);
@@ -133,7 +134,7 @@ pub(crate) fn may_be(text: &[u8]) -> bool {
     match cursor.peek() {
         b'o' => true,
         b'm' if fanuc(&mut cursor).is_some() => true,
-        _ => call::may_begin(&mut cursor),
+        _ => call::begins(&mut cursor, cycles),
     }
 }
 
@@ -312,7 +313,7 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcom
     };
     let keyword = match KEYWORDS.iter().find(|(text, _)| cursor.eat_word(text)) {
         Some((_, keyword)) => *keyword,
-        None if matches!(label, Label::Number(_)) && matches!(cursor.peek(), 0 | b'(' | b';') => Keyword::Start,
+        None if label != Label::Calculated && matches!(cursor.peek(), 0 | b'(' | b';') => Keyword::Start,
         None => {
             let message = format!("{label} is not followed by a keyword such as sub or if");
             return fault(Code::BadControl, cursor.here(), message);

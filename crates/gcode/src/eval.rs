@@ -6,11 +6,11 @@ use crate::angle;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
 use crate::expr::{Function, Op, OpKind, Operator, STACK};
-use crate::params::NameId;
+use crate::params::{NameId, Parameters};
 use crate::system::SystemParameter;
 
-/// Two values nearer than this are equal to EQ and NE, as in LinuxCNC; GT, GE, LT and LE compare exactly.
-pub(crate) const EQUAL: f64 = 1e-4;
+/// Two values nearer than this are equal to EQ, NE, LE and GE, as in LinuxCNC 2.9.9; GT and LT compare exactly.
+pub(crate) const EQUAL: f64 = 1e-6;
 
 /// How far from a whole number a value may be that has to be one.
 const WHOLE: f64 = 1e-4;
@@ -51,6 +51,11 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> Outcome<(f
             OpKind::System(parameter) => {
                 top += 1;
                 environment.system(parameter)
+            }
+            OpKind::ExistsNumbered => {
+                let number = whole(stack[top], op.span(), "#")?;
+                let exists = usize::try_from(number).is_ok_and(Parameters::has);
+                f64::from(u8::from(exists))
             }
             OpKind::Exists(name) => {
                 top += 1;
@@ -138,9 +143,9 @@ fn combine(operator: Operator, left: f64, right: f64, op: Op) -> Outcome<f64> {
         Operator::Equal => truth(near),
         Operator::NotEqual => truth(!near),
         Operator::Greater => truth(left > right),
-        Operator::GreaterOrEqual => truth(left >= right),
+        Operator::GreaterOrEqual => truth(left >= right || near),
         Operator::Less => truth(left < right),
-        Operator::LessOrEqual => truth(left <= right),
+        Operator::LessOrEqual => truth(left <= right || near),
         Operator::Add => left + right,
         Operator::Subtract => left - right,
         Operator::Multiply => left * right,

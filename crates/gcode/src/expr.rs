@@ -33,6 +33,8 @@ pub(crate) enum OpKind {
     Named(NameId),
     System(SystemParameter),
     Exists(NameId),
+    /// Whether there is a numbered parameter of this value.
+    ExistsNumbered,
     Negate,
     Function(Function),
     /// ATAN\[y\]/\[x\].
@@ -255,21 +257,20 @@ impl<'a, 'b> Compiler<'a, 'b> {
         self.push(OpKind::Function(*function), start)
     }
 
-    /// EXISTS\[#<name>\]: whether the parameter has a value; every numbered one has.
+    /// EXISTS\[#<name>\]: whether the parameter has a value. A numbered one has a value if there is one of its number.
     fn exists(&mut self, start: usize) -> Outcome<()> {
         let open = self.cursor.here();
         if !self.cursor.eat(b'[') || self.cursor.peek() != b'#' {
             return fault(Code::BracketMissing, open, "EXISTS needs a parameter in brackets");
         }
-        let kept = (self.ops.len(), self.held);
         let reference = self.reference()?;
-        (self.held, _) = (kept.1, self.ops.truncate(kept.0));
         if !self.cursor.eat(b']') {
             return self.bad_operator(open);
         }
         match reference {
             Reference::Named(name) => self.push(OpKind::Exists(name), start),
-            Reference::Numbered | Reference::System(_) => self.push(OpKind::Constant(1.0), start),
+            Reference::Numbered => self.push(OpKind::ExistsNumbered, start),
+            Reference::System(_) => self.push(OpKind::Constant(1.0), start),
         }
     }
 
@@ -302,7 +303,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
         match kind {
             OpKind::Constant(_) | OpKind::Named(_) | OpKind::System(_) | OpKind::Exists(_) => self.held += 1,
             OpKind::Atan | OpKind::Binary(_) => self.held = self.held.saturating_sub(1),
-            OpKind::Numbered | OpKind::Negate | OpKind::Function(_) => {}
+            OpKind::Numbered | OpKind::ExistsNumbered | OpKind::Negate | OpKind::Function(_) => {}
         }
         if self.held > STACK {
             return fault(Code::TooDeep, span, Code::TooDeep.title());
@@ -365,17 +366,30 @@ mod tests {
             ("#[#2]", 200.0),
             ("EXISTS[#<gone>]", 0.0),
             ("EXISTS[#5]", 1.0),
+            ("EXISTS[#[2+3]]", 1.0),
+            ("EXISTS[##5]", 1.0),
         ] {
             assert_eq!(value(text), Ok(wanted), "{text}");
         }
     }
 
     #[test]
-    fn values_nearer_than_a_ten_thousandth_are_equal_but_neither_less_nor_greater() {
-        assert_eq!([value("[1 EQ 1.00009]"), value("[1 EQ 1.00011]")], [Ok(1.0), Ok(0.0)]);
-        assert_eq!(
-            [value("[1 LE .99991]"), value("[0 GE .0000001]"), value("[1 LT 1.00001]"), value("[1 NE 1.00009]")],
-            [Ok(0.0), Ok(0.0), Ok(1.0), Ok(0.0)]
-        );
+    fn values_nearer_than_a_millionth_are_equal_and_gt_and_lt_are_exact() {
+        for (text, wanted) in [
+            ("[1 EQ 1.0000009]", 1.0),
+            ("[1 EQ 1.0000011]", 0.0),
+            ("[1 NE 1.0000009]", 0.0),
+            ("[1 NE 1.0000011]", 1.0),
+            ("[1.0000009 LE 1]", 1.0),
+            ("[1.0000011 LE 1]", 0.0),
+            ("[1 GE 1.0000009]", 1.0),
+            ("[1 GE 1.0000011]", 0.0),
+            ("[1 LT 1.0000001]", 1.0),
+            ("[1 GT .9999999]", 1.0),
+            ("[.1+.1+.1 LE .3]", 1.0),
+            ("[.1+.1+.1 GT .3]", 1.0),
+        ] {
+            assert_eq!(value(text), Ok(wanted), "{text}");
+        }
     }
 }

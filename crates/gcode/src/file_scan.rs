@@ -3,6 +3,7 @@
 //! Invariant: every line of a stretch is compiled once; a stretch without an end is told and left out, and what follows its first line is
 //! looked at anew.
 
+use crate::bytes::byte_order_mark;
 use crate::code::{Code, Jump};
 use crate::codes::Code as Number;
 use crate::control::{Control, Keyword, Label, may_be};
@@ -24,7 +25,7 @@ fn called_starts(text: &Text, called: Option<u64>) -> io::Result<Vec<(u32, u32)>
     while lines.advance()? {
         index = index.saturating_add(1);
         let line = lines.line();
-        if !may_be(line) || reader.read(line).is_err() {
+        if !may_be(line, None) || reader.read(line).is_err() {
             continue;
         }
         let Some(Control { label, keyword, .. }) = reader.block.control.take() else { continue };
@@ -84,14 +85,15 @@ impl<'a> FileScan<'a> {
             }
             *line += 1;
             let this = lines.line();
-            if this.first().is_some_and(|byte| matches!(byte, b'%' | b' ' | b'\t')) && this.trim_ascii() == b"%" {
+            let content = &this[byte_order_mark(this)..];
+            if content.first().is_some_and(|byte| matches!(byte, b'%' | b' ' | b'\t')) && content.trim_ascii() == b"%" {
                 if percent {
                     return Ok(());
                 }
                 percent = true;
                 continue;
             }
-            if !may_be(this) || !self.is_region(*line, this)? {
+            if !may_be(this, self.prescan.reader.cycles.as_deref()) || !self.is_region(*line, this)? {
                 continue;
             }
             lines.seek(before);

@@ -74,6 +74,8 @@ pub(crate) struct Flow {
     pub(crate) codes: Vec<Arc<Code>>,
     pub(crate) subs: Subs,
     has_jumped: bool,
+    /// The program was looked through, so all of its subprograms are known; else they arrive with it.
+    pub(crate) is_whole: bool,
 }
 
 impl Flow {
@@ -236,7 +238,7 @@ impl Flow {
             (None, Label::Calculated) => self.calculated(&code, first, site.at)?,
             (None, label) => match self.subs.find(code.file, label) {
                 Some(id) => id,
-                None => return fault(Number::NoSuchSub, site.at, format!("there is no subprogram {label}")),
+                None => return Err(self.no_such_sub(label, site.at)),
             },
         };
         let given = usize::from(site.label == Label::Calculated);
@@ -246,9 +248,18 @@ impl Flow {
     fn calculated(&self, code: &Code, number: f64, at: Span) -> Outcome<SubId> {
         let number = crate::eval::whole(number, at, "the number of a subprogram")?;
         let label = u64::try_from(number).ok().map(Label::Number);
-        match label.and_then(|label| self.subs.find(code.file, &label)) {
-            Some(id) => Ok(id),
+        match &label {
+            Some(label) => self.subs.find(code.file, label).ok_or_else(|| self.no_such_sub(label, at)),
             None => fault(Number::NoSuchSub, at, format!("there is no subprogram O{number}")),
+        }
+    }
+
+    /// That a called subprogram is not there, or not there yet.
+    fn no_such_sub(&self, label: &Label, at: Span) -> Box<Fault> {
+        if self.is_whole {
+            Box::new(Fault::new(Number::NoSuchSub, at, format!("there is no subprogram {label}")))
+        } else {
+            Flow::not_yet(label, at)
         }
     }
 
@@ -314,7 +325,8 @@ impl Flow {
         let sub = self.subs.get(id)?;
         let code = Arc::clone(self.codes.get(sub.code as usize)?);
         let (next, end) = (sub.entry, code.len());
-        let mut flow = Flow { codes: self.codes.clone(), subs: self.subs.clone(), ..Flow::default() };
+        let (codes, subs) = (self.codes.clone(), self.subs.clone());
+        let mut flow = Flow { codes, subs, is_whole: self.is_whole, ..Flow::default() };
         flow.levels.push(Level { code, next, end, loops: 0, call: None });
         Some(flow)
     }

@@ -16,6 +16,14 @@ pub struct Ini {
     pub subroutine_path: Vec<String>,
     /// Entries for the interpreter that a machine takes and LinuxCNC's stand-alone interpreter does not, as they are written.
     pub passed_over: Vec<String>,
+    /// Entries of the section RS274NGC that have no effect here, as they are written.
+    pub without_effect: Vec<String>,
+    /// `ORIENT_OFFSET`: what M19 adds to its R word, degrees.
+    pub orient_offset_degrees: f64,
+    /// `DISABLE_G92_PERSISTENCE`: the offset of G92 is zero at the start.
+    pub disable_g92_persistence: bool,
+    /// `DISABLE_FANUC_STYLE_SUB`: M98, M99 and an O number alone are refused.
+    pub disable_fanuc_subs: bool,
 }
 
 /// Bits of `FEATURES` that change how a program reads and are not carried out, with their names.
@@ -79,10 +87,19 @@ impl Ini {
             ("RS274NGC" | "EMCIO", _) if OF_MACHINES.contains(&name) => {
                 self.passed_over.push(format!("{name} = {value}"))
             }
+            ("RS274NGC", "ORIENT_OFFSET") => self.orient_offset_degrees = number_of(name, value)?,
+            ("RS274NGC", "DISABLE_G92_PERSISTENCE") => self.disable_g92_persistence = number_of(name, value)? != 0.0,
+            ("RS274NGC", "DISABLE_FANUC_STYLE_SUB") => self.disable_fanuc_subs = number_of(name, value)? != 0.0,
+            ("RS274NGC", _) => self.without_effect.push(format!("{name} = {value}")),
             _ => {}
         }
         Ok(())
     }
+}
+
+fn number_of(name: &str, value: &str) -> Result<f64, String> {
+    let number = value.parse().ok().filter(|number: &f64| number.is_finite());
+    number.ok_or_else(|| format!("{name} = {value}: not a number"))
 }
 
 fn check_features(value: &str) -> Result<(), String> {
@@ -108,6 +125,17 @@ mod tests {
         assert_eq!(ini.values, [("_ini[rs274ngc]features".to_owned(), 12.0), ("_ini[foo]bar".to_owned(), 1.5)]);
         assert_eq!(ini.subroutine_path, ["a", "b"]);
         assert_eq!(ini.passed_over, ["PARAMETER_FILE = x.var"]);
+    }
+
+    #[test]
+    fn keys_of_the_interpreter_are_taken_and_others_are_noted() {
+        let text = "[RS274NGC]\nORIENT_OFFSET = 12.5\nDISABLE_G92_PERSISTENCE = 1\nDISABLE_FANUC_STYLE_SUB=1\nLOG_LEVEL=9\n[TRAJ]\nX=1\n";
+        let ini = Ini::read(text).expect("an INI file");
+        assert_eq!(ini.orient_offset_degrees, 12.5);
+        assert!(ini.disable_g92_persistence && ini.disable_fanuc_subs);
+        assert_eq!(ini.without_effect, ["LOG_LEVEL = 9"]);
+        let found = Ini::read("[RS274NGC]\nORIENT_OFFSET = north\n").expect_err("not a number");
+        assert_eq!(found[0].message, "ORIENT_OFFSET = north: not a number");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! Invariant: blanks between any two characters mean nothing, as RS274/NGC has it; the cursor never leaves the line.
 
-use crate::bytes::short_number;
+use crate::bytes::{byte_order_mark, short_number};
 use crate::codes::Code;
 use crate::diag::{Fault, Outcome, Span, fault};
 
@@ -28,7 +28,7 @@ const fn is_blank(byte: u8) -> bool {
 
 impl<'a> Cursor<'a> {
     pub(crate) fn new(text: &'a [u8]) -> Cursor<'a> {
-        Cursor { text, at: 0 }
+        Cursor { text, at: byte_order_mark(text) }
     }
 
     /// The next character that is not blank, in lower case, without taking it; 0 at the end.

@@ -134,6 +134,9 @@ pub struct State {
     pub compensation: Option<Compensation>,
     /// G40 has ended a compensated path, and no straight move has come since.
     pub has_left_compensation: bool,
+    /// From the end of the programmed path to where the tool stands since that G40, along the machine's axes, program units;
+    /// none after a motion.
+    pub tool_shift: Option<Pose>,
     /// Moves that the next corner of a compensated path may still change, and what came after them.
     pub(crate) waiting: Queue,
     /// How joints are run through.
@@ -204,6 +207,7 @@ impl State {
             position: Pose::ZERO,
             compensation: None,
             has_left_compensation: false,
+            tool_shift: None,
             waiting: Queue::default(),
             path_control: PathControl::Continuous { tolerance: 0.0 },
             naivecam_tolerance: 0.0,

@@ -132,9 +132,10 @@ impl Nest {
                 code.calls.push(CallSite { label: control.label.clone(), is_m98, sub: None, line, at: control.at });
                 Jump::Call { call }
             }
+            // Whatever its label, it returns from the subprogram that it stands in.
             Keyword::Return => match self.sub() {
-                Some(label) if *label == control.label => Jump::Return,
-                _ => return nothing_open(control),
+                Some(_) => Jump::Return,
+                None => return nothing_open(control),
             },
             Keyword::M99 => Jump::Return,
             Keyword::Cycle | Keyword::ModalCall | Keyword::ModalEnd => Jump::ModalEnd,
@@ -261,8 +262,11 @@ fn set_otherwise(code: &mut Code, decider: u32, target: u32) {
 }
 
 fn nothing_open<T>(control: &Control) -> Outcome<T> {
+    if control.keyword == Keyword::Return {
+        return fault(Number::ControlWithoutBegin, control.at, "return stands in no subprogram (sub … endsub)");
+    }
     let what = match control.keyword {
-        Keyword::Return | Keyword::EndSub => "no subprogram",
+        Keyword::EndSub => "no subprogram",
         Keyword::Else | Keyword::ElseIf | Keyword::EndIf => "no if",
         _ => "no loop",
     };

@@ -143,14 +143,22 @@ impl Parameters {
         }
     }
 
+    /// Forgets the offset of G52 and G92, and that it is in force.
+    pub fn clear_g92(&mut self) {
+        self.set(G92_ACTIVE, 0.0);
+        for number in G92_OFFSET..G92_OFFSET + 9 {
+            self.set(number, 0.0);
+        }
+    }
+
     /// Whether a numbered parameter is there.
     pub(crate) fn has(number: usize) -> bool {
         (1..=LAST).contains(&number)
     }
 
-    /// Whether a program may not assign to it: the tool's data and the position.
+    /// Whether a program may not assign to it: the positions, the tool's data and the offset in force.
     pub(crate) const fn is_read_only(number: usize) -> bool {
-        matches!(number, 5400..=5413 | 5420..=5428)
+        matches!(number, 5021..=5029 | 5400..=5413 | 5420..=5428)
     }
 
     pub(crate) fn named(&self, name: NameId) -> Option<f64> {

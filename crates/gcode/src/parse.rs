@@ -2,8 +2,8 @@
 //!
 //! Invariant: every character of the line is understood, or the line is refused with the place of the first that is not.
 
-use crate::block::{Block, BlockNumber, Slot};
-use crate::bytes::is_plain;
+use crate::block::{Block, BlockNumber, Slot, Words};
+use crate::bytes::{byte_order_mark, is_plain, shown};
 use crate::call;
 use crate::codes::Code;
 use crate::control;
@@ -28,20 +28,24 @@ pub(crate) struct LineReader {
     pub(crate) names: Names,
     /// The cycles that a program may call.
     pub(crate) cycles: Option<Arc<Library>>,
+    /// Whether M98, M99 and an O number alone are refused.
+    pub(crate) disable_fanuc_subs: bool,
     /// The line compiled last.
     pub(crate) block: Block,
 }
 
 impl LineReader {
     pub(crate) fn new(axes: AxisSet, block_delete: bool, cycles: Option<Arc<Library>>) -> LineReader {
-        LineReader { axes, block_delete, names: Names::default(), cycles, block: Block::default() }
+        let (names, block) = (Names::default(), Block::default());
+        LineReader { axes, block_delete, names, cycles, disable_fanuc_subs: false, block }
     }
 
     /// As an interpreter of this setup has it, with the names of parameters that are known already.
     pub(crate) fn of(setup: &Setup) -> LineReader {
         let known = setup.carried.as_ref().map(|carried| carried.names.clone()).unwrap_or_default();
         let names = known.with_fixed(&setup.fixed_values);
-        LineReader { names, ..LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone()) }
+        let reader = LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone());
+        LineReader { names, disable_fanuc_subs: setup.disable_fanuc_subs, ..reader }
     }
 
     /// Compiles a line; false when it is deleted.
@@ -55,7 +59,28 @@ impl LineReader {
             return Ok(false);
         }
         parse(text, self.axes, &mut self.names, self.cycles.as_deref(), &mut self.block)?;
+        if self.disable_fanuc_subs
+            && let Some(control) = &self.block.control
+            && matches!(control.keyword, control::Keyword::M98 | control::Keyword::M99 | control::Keyword::Start)
+        {
+            return fault(Code::FanucSubsDisabled, control.at, Code::FanucSubsDisabled.title());
+        }
         Ok(true)
+    }
+}
+
+impl LineReader {
+    /// Refuses U and W words of axes that the machine does not have.
+    #[cold]
+    pub(crate) fn check_increments(&self, words: &Words) -> Outcome<()> {
+        for axis in [Axis::U, Axis::W] {
+            let letter = axis.letter().to_ascii_lowercase();
+            if words.has(letter) && !self.axes.has(axis) {
+                let message = format!("the machine has no axis {}", char::from(axis.letter()));
+                return fault(Code::AxisMissing, words.span(letter), message);
+            }
+        }
+        Ok(())
     }
 }
 
@@ -65,7 +90,16 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
     check_text(text)?;
     let mut cursor = Cursor::new(text);
     cursor.eat(b'/');
-    block_number(&mut cursor, block)?;
+    if !call::begins(&mut cursor, cycles) {
+        block_number(&mut cursor, block)?;
+    }
+    if call::begins(&mut cursor, cycles) {
+        call::label(&mut cursor);
+        if call::begins(&mut cursor, cycles) && call::parse(&mut cursor, names, cycles, block)? {
+            return Ok(());
+        }
+        block_number(&mut cursor, block)?;
+    }
     if cursor.eat(b'o') {
         return control::parse(&mut cursor, names, block);
     }
@@ -73,12 +107,6 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
         && let Some(keyword) = control::fanuc(&mut cursor)
     {
         return control::parse_fanuc(keyword, &mut cursor, names, block);
-    }
-    if call::may_begin(&mut cursor) {
-        call::label(&mut cursor);
-        if call::may_begin(&mut cursor) && call::parse(&mut cursor, names, cycles, block)? {
-            return Ok(());
-        }
     }
     loop {
         let letter = cursor.peek();
@@ -90,7 +118,7 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
             b'(' => comment(&mut cursor, names, block)?,
             b';' => {
                 let rest = text.get(start + 1..).unwrap_or_default();
-                return refuse_python(&String::from_utf8_lossy(rest), Span::new(start, text.len()));
+                return refuse_python(&shown(rest), Span::new(start, text.len()));
             }
             _ => return bad_character(&mut cursor, start),
         }
@@ -113,14 +141,30 @@ fn check_text(text: &[u8]) -> Outcome<()> {
 
 #[cold]
 fn check_unusual(text: &[u8]) -> Outcome<()> {
-    if let Err(error) = std::str::from_utf8(text) {
-        let at = error.valid_up_to();
+    if std::str::from_utf8(text).is_err()
+        && let Some(at) = first_high_byte_outside_comments(text)
+    {
         return fault(Code::NotText, Span::new(at, at + 1), format!("byte {:#04x} is not valid UTF-8 here", text[at]));
     }
     match text.iter().position(|byte| byte.is_ascii_control() && !matches!(byte, b'\t' | b'\r')) {
         Some(at) => fault(Code::NotText, Span::new(at, at + 1), format!("control character {:#04x}", text[at])),
         None => Ok(()),
     }
+}
+
+/// The first byte of 0x80 and above that stands in no comment. Comments may be in any 8-bit character set.
+fn first_high_byte_outside_comments(text: &[u8]) -> Option<usize> {
+    let mut is_open = false;
+    for (at, byte) in text.iter().enumerate().skip(byte_order_mark(text)) {
+        match byte {
+            b';' if !is_open => return None,
+            b'(' => is_open = true,
+            b')' => is_open = false,
+            0x80.. if !is_open => return Some(at),
+            _ => {}
+        }
+    }
+    None
 }
 
 #[cold]
@@ -170,8 +214,10 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
         Err(found) => return Err(named(found, letter, start)),
     };
     let at = cursor.since(start);
+    // U and W are increments in a profile of turning, whatever axes there are: carrying the block out tells.
     if let Some(axis) = Axis::of_letter(letter)
         && !axes.has(axis)
+        && !matches!(axis, Axis::U | Axis::W)
     {
         let name = char::from(axis.letter());
         return fault(Code::AxisMissing, at, format!("the machine has no axis {name}"));

@@ -5,6 +5,7 @@
 
 use crate::active::Active;
 use crate::arriving::Arriving;
+use crate::bytes::{byte_order_mark, shown};
 use crate::call::CycleCall;
 use crate::canon::{Canon, Step};
 use crate::carried::check_by_hand;
@@ -116,6 +117,7 @@ impl<R: BufRead> Program<R> {
         }
         program.flow.codes.clone_from(&prescan.codes);
         program.flow.subs.clone_from(&prescan.subs);
+        program.flow.is_whole = true;
         program.prescan = Some(prescan);
         program
     }
@@ -308,7 +310,7 @@ impl<R: BufRead> Program<R> {
     /// The line last taken.
     #[must_use]
     pub fn line_text(&self) -> Cow<'_, str> {
-        String::from_utf8_lossy(match self.flow.place() {
+        shown(match self.flow.place() {
             Some((code, line)) => code.text(line),
             None => self.lines.text(),
         })
@@ -320,7 +322,7 @@ impl<R: BufRead> Program<R> {
         match &self.prescan {
             Some(prescan) => {
                 let line = prescan.line_text(diagnostic.file, diagnostic.line);
-                Cow::Owned(String::from_utf8_lossy(&line).into_owned())
+                Cow::Owned(shown(&line).into_owned())
             }
             None => self.line_text(),
         }
@@ -432,7 +434,7 @@ fn emit(steps: &mut Vec<Step>, canon: Canon) {
 
 /// Whether a line has a percent sign and nothing else.
 fn is_percent(text: &[u8]) -> bool {
-    text.contains(&b'%') && text.trim_ascii() == b"%"
+    text.contains(&b'%') && text[byte_order_mark(text)..].trim_ascii() == b"%"
 }
 
 /// Every canonical function of a program, in order, with the diagnostics at the end.

@@ -2,6 +2,7 @@
 //!
 //! Invariant: what the first word of a comment asks for is either done or refused by its name.
 
+use crate::bytes::shown;
 use crate::canon::Canon;
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
@@ -50,7 +51,7 @@ const PYTHON: [&str; 3] = ["py,", "pyrun,", "pyreload"];
 impl Remark {
     /// The comment whose text stands between its parentheses.
     pub(crate) fn of(text: &[u8], at: Span, names: &mut Names) -> Outcome<Option<Remark>> {
-        let text = String::from_utf8_lossy(text);
+        let text = shown(text);
         let text = text.trim_start();
         if text.is_empty() {
             return Ok(None);

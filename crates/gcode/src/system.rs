@@ -60,7 +60,7 @@ impl SystemParameter {
     pub(crate) fn of_name(name: &str) -> Option<SystemParameter> {
         use SystemParameter as P;
         let name = name.strip_prefix('_')?;
-        if let Some(axis) = name.strip_prefix("abs_").and_then(axis_of).filter(|axis| (*axis as u8) < 6) {
+        if let Some(axis) = name.strip_prefix("abs_").and_then(axis_of) {
             return Some(P::MachinePosition(axis));
         }
         if let Some(axis) = axis_of(name) {

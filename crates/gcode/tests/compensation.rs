@@ -305,3 +305,25 @@ proptest! {
         }
     }
 }
+
+/// As `rs274 -g` has it: behind G40 the position is the end of the programmed path, and M6 takes that of the machine.
+#[test]
+fn a_tool_change_behind_g40_takes_the_position_of_the_tool() {
+    let last = |between: &str| {
+        let program = format!("F100 G41.1 D2\nG1 X10\nX20 Y0\nG40\n{between}\nG0 Z3\nM2\n");
+        let steps = retrace_gcode::Program::new(program.as_bytes(), retrace_gcode::Setup::rs274()).into_iter();
+        let ends = steps.filter_map(|step| match step.canon {
+            retrace_gcode::Canon::StraightTraverse(end) => {
+                Some(format!("{:.4} {:.4} {:.4}", end.0[0], end.0[1], end.0[2]))
+            }
+            _ => None,
+        });
+        ends.last()
+    };
+    assert_eq!(last("M8").as_deref(), Some("20.0000 0.0000 3.0000"));
+    assert_eq!(last("T1 M6").as_deref(), Some("20.0000 1.0000 3.0000"));
+    assert_eq!(last("M61 Q1").as_deref(), Some("20.0000 1.0000 3.0000"));
+    assert_eq!(last("G92 X0 Y0\nT1 M6").as_deref(), Some("0.0000 1.0000 3.0000"));
+    assert_eq!(last("T1 M6\nT2 M6").as_deref(), Some("20.0000 1.0000 3.0000"));
+    assert_eq!(last("G1 Y0\nT1 M6").as_deref(), Some("20.0000 0.0000 3.0000"));
+}

@@ -36,6 +36,17 @@ fn a_call_has_its_own_parameters_and_gives_the_callers_back() {
     );
 }
 
+#[test]
+fn a_return_leaves_the_subprogram_that_it_stands_in_whatever_its_label() {
+    let sub =
+        "O<probe> sub\nO2 if [#1]\nG0 X1\nO<found> return [7]\nO2 endif\nG0 X2\nO3 return\nG0 X3\nO<probe> endsub\n";
+    assert_eq!(moves(&format!("{sub}O<probe> call [1]\nG0 X#<_value>\nO<probe> call [0]")), ["1", "7", "2"]);
+    // Its label may be that of the branch around it, and of the caller, which goes on.
+    assert_eq!(moves("O1 sub\nO2 if [1]\nO2 return\nO2 endif\nG0 X2\nO1 endsub\nO1 call\nG0 X5"), ["5"]);
+    assert_eq!(moves("O1 sub\nO4 return\nO1 endsub\nO4 sub\nO1 call\nG0 X6\nO4 endsub\nO4 call\nG0 X5"), ["6", "5"]);
+    assert_eq!(errors("M98 P1\nM2\nO1\nO2 return\nM99"), ["E1803"]);
+}
+
 /// As `rs274 -g` has it.
 #[test]
 fn m98_has_a_level_with_names_of_its_own_and_shares_the_numbers() {
@@ -120,9 +131,41 @@ fn recursion_and_loops_without_end_are_found() {
 
 #[test]
 fn comments_show_the_values_of_parameters() {
-    let program = "#1=-0.00009 #2=12.5 #<Some Name>=-3\n(debug,a#1 b#2 #<somename>#<none> # c)\n(PRINT,#2)\n#5599=0\n(debug,x)\nM2\n";
+    let program = "#1=-0.0000009 #2=12.5 #<Some Name>=-3\n(debug,a#1 b#2 #<somename>#<none> # c)\n(PRINT,#2)\n#5599=0\n(debug,x)\nM2\n";
     let (text, failed) = canon_text(program);
     assert!(!failed);
     assert!(text.contains("MESSAGE(\"a0.000000 b12.500000 -3.000000###### # c\")\n12.500000\n"), "{text}");
     assert!(!text.contains("\"x\""), "{text}");
+}
+
+#[test]
+fn fanuc_subprograms_are_refused_where_the_machine_disables_them() {
+    let setup = || Setup { disable_fanuc_subs: true, ..Setup::default() };
+    let errors = |program: &str| -> Vec<&'static str> {
+        check(program.as_bytes(), setup()).iter().map(|found| found.number()).collect()
+    };
+    assert_eq!(errors("M98 P1\nM2\n"), ["E1732"]);
+    assert_eq!(errors("G0 X1\nM99\n"), ["E1732", "E1006"]);
+    assert_eq!(errors("O33\nG0 X1\nM2\n"), ["E1732"]);
+    assert!(errors("O1 sub\nO1 endsub\nO1 call\nM2\n").is_empty());
+}
+
+/// As `rs274 -g` has it.
+#[test]
+fn exists_of_a_number_that_is_none_is_0_and_its_inside_is_evaluated() {
+    for (text, wanted) in [
+        ("#5", "1"),
+        ("#5601", "1"),
+        ("#5602", "0"),
+        ("#99999", "0"),
+        ("#0", "0"),
+        ("#-3", "0"),
+        ("##2", "0"),
+        ("##3", "1"),
+    ] {
+        assert_eq!(moves(&format!("#3=7\nG0 X[EXISTS[{text}]]")), [wanted], "{text}");
+    }
+    for (text, number) in [("#[1/0]", "E1204"), ("##<none>", "E1302"), ("#5.5", "E1104"), ("##99999", "E1301")] {
+        assert_eq!(errors(&format!("G0 X[EXISTS[{text}]]\nM2\n")), [number], "{text}");
+    }
 }

@@ -39,6 +39,55 @@ fn errors(program: &str) -> Vec<&'static str> {
     found.iter().map(|found| found.number()).filter(|number| number.starts_with('E')).collect()
 }
 
+/// The holes of a program: the ends of its feed moves in the plane, with three decimals.
+fn holes(program: &str) -> Vec<String> {
+    let text = format!("F100 G90 G0 Z2\n{program}\nM2\n");
+    let steps = Program::new(text.as_bytes(), Setup::rs274()).into_iter();
+    let ends = steps.filter_map(|step| if let Canon::StraightFeed(end) = step.canon { Some(end.0) } else { None });
+    let mut found: Vec<_> = ends.map(|[x, y, ..]| format!("{:.3} {:.3}", x + 0.0, y + 0.0)).collect();
+    found.dedup();
+    found
+}
+
+#[test]
+fn polar_words_say_where_the_holes_of_a_cycle_are() {
+    let six = ["0.750 1.299", "-0.750 1.299", "-1.500 0.000", "-0.750 -1.299", "0.750 -1.299", "1.500 -0.000"];
+    for cycle in ["G81", "G82 P1", "G83 Q.3", "G73 Q.3", "G85", "G86 P0", "G88 P0", "G89 P0"] {
+        let program = format!("M3 S10 G20 G0 X1.5\nG91 {cycle} R.1 Z-.5 ^60 L6");
+        assert_eq!(holes(&program), six, "{cycle}");
+    }
+    assert_eq!(holes("M4 S10 G20 G0 X1.5\nG91 G74 R.1 Z-.5 ^60 L6"), six);
+    // The next block of the series, and one with X and Y again.
+    assert_eq!(
+        holes("G0 X1.5\nG81 R.1 Z-.5 ^120\n@2 ^90\n@3\nX1 Y1\n^0"),
+        ["-0.750 1.299", "0.000 2.000", "0.000 3.000", "1.000 1.000", "1.414 0.000"]
+    );
+    // G91: farther first, then turned.
+    assert_eq!(holes("G0 X1\nG91 G81 R1 Z-2 @1 ^30 L3"), ["1.732 1.000", "1.500 2.598", "0.000 4.000"]);
+    // G87 feeds above the hole, beside which it goes through.
+    assert_eq!(holes("M3 S1 G0 X1\nG87 R1 Z-2 I.1 J0 K-1 ^90"), ["0.000 1.000"]);
+}
+
+#[test]
+fn polar_words_of_a_cycle_at_the_origin_need_a_direction_in_g91_alone() {
+    assert_eq!(holes("G81 R1 Z-2 @1"), ["1.000 0.000"]);
+    assert_eq!(holes("G81 R1 Z-2 ^40"), ["0.000 0.000"]);
+    for words in ["@1", "^40", "@1 ^40"] {
+        assert_eq!(errors(&format!("G91 G81 R1 Z-2 {words}")), ["E1711"], "{words}");
+    }
+    assert_eq!(errors("G81 R1 Z-2 ^40 X1"), ["E1712"]);
+    assert_eq!(errors("G18 G0 X1\nG81 R1 Y-2 ^40"), ["E1711"]);
+}
+
+/// The codes that take axis words and no motion.
+#[test]
+fn polar_words_are_refused_where_no_motion_takes_them() {
+    for line in ["G28 @1", "G30 ^2", "G92 @1", "G52 @1", "G10 L2 P1 @1", "G43.1 @1", "G53 G0 @1", "G80 @1"] {
+        let found = errors(&format!("G0 X1\n{line}"));
+        assert_eq!(found.len(), 1, "{line}: {found:?}");
+    }
+}
+
 #[test]
 fn a_hole_is_drilled_from_the_clearance_and_left_to_it_or_to_the_initial_level() {
     assert_eq!(moves("G0 Z5\nG99 G81 X1 Y2 Z-3 R1"), "T0 0 5, T1 2 5, T1 2 1, F1 2 -3, T1 2 1");
@@ -168,7 +217,6 @@ fn moves_in_step_with_the_spindle_name_their_pitch() {
         ("M3\nG33 Z-4 K1 F2", "E1408"),
         ("M3\nG33.1 A1 K1", "E1621"),
         ("M3 $1", "E1630"),
-        ("M19", "E1505"),
         ("M19 R361", "E1629"),
         ("M19 R1 P3", "E1629"),
         ("M19 R1 Q0", "E1629"),
@@ -216,4 +264,89 @@ fn a_tapered_thread_runs_in_and_out_along_the_flank() {
                 .as_str()
         )
     );
+}
+
+#[test]
+fn m19_turns_by_the_offset_too_and_without_r_and_p_it_only_stops() {
+    let degrees = |program: &str, offset: f64| {
+        let setup = Setup { orient_offset_degrees: offset, ..Setup::rs274() };
+        let steps = Program::new(program.as_bytes(), setup).into_iter();
+        let turns = steps.filter_map(|step| match step.canon {
+            Canon::OrientSpindle { degrees, mode } => Some((degrees, mode)),
+            _ => None,
+        });
+        turns.collect::<Vec<_>>()
+    };
+    assert_eq!(degrees("M19 R350 P1\nM19 P2\nM19\nM19 Q1\nM2\n", 20.0), [(370.0, 1), (20.0, 2)]);
+    assert_eq!(degrees("M19 P1\nM19 R5\nM2\n", 0.0), [(0.0, 1), (5.0, 0)]);
+}
+
+#[test]
+fn any_name_of_a_cycle_opens_its_call_with_parentheses_or_without() {
+    use retrace_gcode::cycles::Library;
+    let sources: Vec<(String, String)> = ["NEST", "OPEN", "M7X", "PARK", "NEXT2", "_AB"]
+        .iter()
+        .enumerate()
+        .map(|(index, name)| {
+            (format!("{name}.SPF"), format!("PROC {name}(REAL AT)\nG0 X=AT+{}\nRET\n", 10 * (index + 1)))
+        })
+        .collect();
+    let sources: Vec<(&str, &str)> = sources.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
+    let library = std::sync::Arc::new(Library::of_sources(&sources));
+    assert!(library.findings().is_empty(), "{:?}", library.findings());
+    let ends = |line: &str| {
+        let setup = Setup { cycles: Some(library.clone()), ..Setup::rs274() };
+        let text = format!("G90\n{line}\nM2\n");
+        let prescan = std::sync::Arc::new(retrace_gcode::Prescan::of("p", text.into_bytes().into(), &setup));
+        let steps = Program::<&[u8]>::prescanned(prescan, setup).into_iter();
+        let ends = steps.filter_map(|step| match step.canon {
+            Canon::StraightTraverse(end) => Some(end.0[0]),
+            _ => None,
+        });
+        ends.collect::<Vec<_>>()
+    };
+    for (line, end) in [
+        ("NEST(3)", 13.0),
+        ("nest (3) (comment)", 13.0),
+        ("N10 NEST(3)", 13.0),
+        ("OPEN()", 20.0),
+        ("N5 open(1)", 21.0),
+        ("M7X()", 30.0),
+        ("M7X", 30.0),
+        ("PARK", 40.0),
+        ("N7 park ; home", 40.0),
+        ("O1 repeat [1]\nPARK\nO1 endrepeat", 40.0),
+        ("O1 repeat [1]\nM7X(2)\nO1 endrepeat", 32.0),
+        ("NEXT2(1)", 51.0),
+        ("_AB(1)", 61.0),
+        // Blocks of words stay what they are.
+        ("G0X3", 3.0),
+        ("XABS[-4]G0", 4.0),
+        ("N3 G0 X5 (M7X)", 5.0),
+        ("M7 X6 G0", 6.0),
+        ("NEXT: G0 X7", 7.0),
+        ("OUTER: G0 X8", 8.0),
+    ] {
+        assert_eq!(ends(line), [end], "{line}");
+    }
+}
+
+/// The tolerances of G64 are lengths: whatever restores them says them in the units that are then in force.
+#[test]
+fn the_tolerances_of_g64_keep_their_length_when_the_units_change() {
+    use retrace_gcode::PathControl;
+    let program = "F10 G21 G64 P.254 Q.127\nG20\nG81 X1 Y1 Z-1 R1\nM70\nG64\nM72\nG21\nX2\nM2\n";
+    let steps = Program::new(program.as_bytes(), Setup::rs274()).into_iter();
+    let tolerances: Vec<f64> = steps
+        .filter_map(|step| match step.canon {
+            Canon::SetMotionControlMode(PathControl::Continuous { tolerance }) => Some(tolerance),
+            Canon::SetNaivecamTolerance(tolerance) => Some(tolerance),
+            _ => None,
+        })
+        .collect();
+    let wanted = [0.254, 0.127, 0.01, 0.005, 0.0, 0.0, 0.01, 0.005, 0.254, 0.127];
+    assert!(tolerances.len() == wanted.len(), "{tolerances:?}");
+    for (tolerance, wanted) in tolerances.iter().zip(wanted) {
+        assert!((tolerance - wanted).abs() < 1e-12, "{tolerances:?}");
+    }
 }

@@ -158,3 +158,128 @@ fn saved_modes_hold_feed_per_turn_surface_speed_and_compensation() {
     assert_eq!((state.constant_surface_speed, state.highest_spindle_speed, state.spindle_speed), (true, 1000.0, 200.0));
     assert_eq!(state.compensation.map(|found| (found.side, found.radius)), Some((Side::Left, 0.25)));
 }
+
+/// The texts of the messages of a program.
+fn messages(program: &str) -> Vec<String> {
+    let (canon, found) = run(program, Setup::rs274());
+    assert!(found.is_empty(), "{program}: {found:?}");
+    let texts = canon.into_iter().filter_map(|canon| match canon {
+        Canon::Message(text) => Some(text.to_string()),
+        _ => None,
+    });
+    texts.collect()
+}
+
+/// Three steps of 0.1 make a little more than 0.3.
+#[test]
+fn a_loop_with_le_makes_its_last_pass() {
+    let program = "#<z>=.1\nO1 while [#<z> LE .3]\n(debug,#<z>)\n#<z>=[#<z>+.1]\nO1 endwhile\nM2\n";
+    assert_eq!(messages(program), ["0.100000", "0.200000", "0.300000"]);
+    assert_eq!(messages(&program.replace("LE .3", "LT .3")), ["0.100000", "0.200000"]);
+}
+
+#[test]
+fn inverse_time_has_no_least_feed() {
+    let (canon, _) = run("G93 G1 X.01 F1\nX.01 F1\nM2\n", Setup::rs274());
+    let feeds = canon.iter().filter_map(|canon| if let Canon::SetFeedRate(feed) = canon { Some(*feed) } else { None });
+    assert_eq!(feeds.take(2).collect::<Vec<_>>(), [0.01, 0.0]);
+}
+
+#[test]
+fn the_machine_position_and_the_offset_in_force_can_be_read() {
+    let offsets = "G10 L2 P1 X1\nG92 Y2\nG43.1 Z3\nG0 X5 Y6 Z7\n";
+    let show = "(debug,#5021 #5022 #5023 #<_abs_x> #<_abs_y> #<_abs_z>)\n(debug,#5029 #<_abs_u> #<_abs_v> #<_abs_w>)\n";
+    assert_eq!(
+        messages(&format!("{offsets}{show}M2\n")),
+        ["6.000000 4.000000 10.000000 6.000000 4.000000 10.000000", "0.000000 0.000000 0.000000 0.000000"]
+    );
+    let lengths = "(debug,#5401 #5403 #5409)\n";
+    assert_eq!(
+        messages(&format!("T1 M6\n{lengths}G43.1 X.5 Z25.4\n{lengths}G20\n{lengths}G49\n{lengths}M2\n")),
+        [
+            "0.000000 0.000000 0.000000",
+            "0.500000 25.400000 0.000000",
+            "0.019685 1.000000 0.000000",
+            "0.000000 0.000000 0.000000"
+        ]
+    );
+    assert_eq!(run("#5021=1\nM2\n", Setup::rs274()).1, ["E1303"]);
+}
+
+#[test]
+fn g95_takes_the_number_of_the_spindle() {
+    assert!(run("S100 M3 G95 $0 F.1\nM2\n", Setup::rs274()).1.is_empty());
+    assert_eq!(run("G95 $1 F.1\nM2\n", Setup::rs274()).1, ["E1630"]);
+}
+
+/// The functions of F, S and path mode.
+fn settings(program: &str) -> Vec<Canon> {
+    let (canon, found) = run(program, Setup::rs274());
+    assert!(found.is_empty(), "{program}: {found:?}");
+    let is_setting = |canon: &Canon| {
+        matches!(
+            canon,
+            Canon::SetFeedRate(_)
+                | Canon::SetSpindleSpeed(_)
+                | Canon::SetMotionControlMode(_)
+                | Canon::SetNaivecamTolerance(_)
+        )
+    };
+    // The last one belongs to M2.
+    let mut found: Vec<_> = canon.into_iter().filter(is_setting).collect();
+    found.pop();
+    found
+}
+
+#[test]
+fn restored_modes_come_out_again_though_they_have_not_changed() {
+    use retrace_gcode::PathControl;
+    let again = |path: &[Canon]| {
+        let mut once = vec![Canon::SetFeedRate(100.0), Canon::SetSpindleSpeed(50.0)];
+        once.extend_from_slice(path);
+        [once.clone(), once].concat()
+    };
+    let blended =
+        [Canon::SetMotionControlMode(PathControl::Continuous { tolerance: 0.5 }), Canon::SetNaivecamTolerance(0.25)];
+    let exact = [Canon::SetMotionControlMode(PathControl::ExactPath)];
+    for (path, wanted) in [("G64 P.5 Q.25", again(&blended)), ("G61", again(&exact))] {
+        let before = format!("F100 S50\n{path}\n");
+        assert_eq!(settings(&format!("{before}M70\nG1 X1\nM72\nM2\n")), wanted);
+        assert_eq!(settings(&format!("O1 sub\nM73\nG1 X1\nO1 endsub\n{before}O1 call\nM2\n")), wanted);
+    }
+    // Also under cutter compensation, which takes no code of the path mode; F and S wait for the next corner there.
+    let compensated = "F100 S50\nG61\nG41.1 D1\nG1 X5\nX9\nM70\nX12\nM72\nX15\nG40\nX0\nM2\n";
+    let once = [Canon::SetFeedRate(100.0), Canon::SetSpindleSpeed(50.0)];
+    assert_eq!(settings(compensated), [&once[..], &exact, &exact, &once].concat());
+}
+
+#[test]
+fn comments_may_be_in_latin_1_and_a_byte_order_mark_is_skipped() {
+    let program =
+        b"\xef\xbb\xbf%\nG0 X1 (Fr\xe4ser \xd8 6)\n(msg,Gr\xf6\xdfe)\n(msg,Gr\xc3\xb6\xc3\x9fe)\nM2 ; \xb5m\n%\n";
+    let mut program = Program::new(&program[..], Setup::rs274());
+    let mut steps = Vec::new();
+    while program.advance(&mut steps) == Progress::Line {}
+    assert!(program.interpreter().diagnostics().is_empty(), "{:?}", program.interpreter().diagnostics());
+    let texts: Vec<_> = steps
+        .iter()
+        .filter_map(|step| match &step.canon {
+            Canon::Message(text) | Canon::Comment(text) => Some(text.to_string()),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(texts, ["Fr\u{e4}ser \u{d8} 6", "Gr\u{f6}\u{df}e", "Gr\u{f6}\u{df}e"]);
+    for first in ["G0 X1", "O1 sub\nG0 X1\nO1 endsub\nO1 call", "N5 G0 X1", "/G0 X1", "O7", "(c)"] {
+        assert!(
+            retrace_gcode::check(format!("\u{feff}{first}\nM2\n").into_bytes(), Setup::rs274()).is_empty(),
+            "{first}"
+        );
+    }
+}
+
+#[test]
+fn a_program_may_have_a_name_of_its_own() {
+    for program in ["O<part>\nG0 X1\nM2\n", "%\n(c)\nO<part> (name)\nG0 X1\nM2\n%\n"] {
+        assert!(retrace_gcode::check(program.as_bytes(), Setup::rs274()).is_empty(), "{program}");
+    }
+}

@@ -143,7 +143,9 @@ fn name_or_word(line: &str, is_variable: &impl Fn(&str) -> bool, at: &mut usize)
     let length = 1 + bytes[start + 1..].iter().take_while(|byte| is_part(byte)).count();
     let is_letter_and_digit =
         bytes[start].is_ascii_alphabetic() && bytes.get(start + 1).is_some_and(u8::is_ascii_digit);
-    if is_letter_and_digit && !is_variable(&line[start..start + length]) {
+    // Behind PROC stands the name of the cycle, whatever it reads as elsewhere.
+    let is_name_of_cycle = line[..start].trim().eq_ignore_ascii_case("PROC");
+    if is_letter_and_digit && !is_name_of_cycle && !is_variable(&line[start..start + length]) {
         *at = start + 1;
         let value = number(line, at)?;
         return Ok(Kind::Word { letter: bytes[start].to_ascii_uppercase(), value });

@@ -4,6 +4,7 @@
 //! its normal axis; after each hole the tool stands above it, at the clearance with G99 and at the higher of it and the initial level
 //! with G98.
 
+use super::polar::PolarWords;
 use super::{Core, Emit};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl};
@@ -166,16 +167,22 @@ impl Core {
         let [first, second, normal] = axes;
         let word = |axis: Axis| words.get(axis.letter().to_ascii_lowercase());
         let here = (state.position[first], state.position[second]);
-        let (mut place, step) = match state.distance {
+        let polar = PolarWords::of(words);
+        let (mut place, step) = match (state.distance, &polar) {
             // A step of zero is added as well: it makes 0 of −0, as in the peer.
-            Distance::Absolute => ((word(first).unwrap_or(here.0), word(second).unwrap_or(here.1)), (0.0, 0.0)),
-            Distance::Incremental => (here, (word(first).unwrap_or(0.0), word(second).unwrap_or(0.0))),
+            (Distance::Absolute, Some(polar)) => (polar.absolute(here), (0.0, 0.0)),
+            (Distance::Absolute, None) => ((word(first).unwrap_or(here.0), word(second).unwrap_or(here.1)), (0.0, 0.0)),
+            (Distance::Incremental, _) => (here, (word(first).unwrap_or(0.0), word(second).unwrap_or(0.0))),
         };
+        let polar_step = polar.filter(|_| state.distance == Distance::Incremental);
         let level = state.position[normal];
         let mut travel = if level > levels.clearance { level } else { levels.retract };
         let mut hole = Hole { emit, at: state.position, axes, levels };
         for _ in 0..repeats {
             place = (place.0 + step.0, place.1 + step.1);
+            if let Some(polar) = &polar_step {
+                place = polar.step_from(place)?;
+            }
             hole.at[normal] = travel;
             hole.traverse_over(place.0, place.1);
             if travel != levels.clearance {
@@ -361,7 +368,7 @@ fn check_cycle_words(cycle: Cycle, given: &CycleWords, words: &Words) -> Outcome
 
 /// Where the cycle is told of: its G code, or the first word that asks for another hole.
 fn cycle_span(words: &Words) -> crate::diag::Span {
-    match words.first_of(b"xyzrpq") {
+    match words.first_of(b"xyz@^rpq") {
         Some(letter) if words.g(GroupG::Motion).is_none() => words.span(letter),
         _ => words.g_span(GroupG::Motion),
     }

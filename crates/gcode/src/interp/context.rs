@@ -131,16 +131,12 @@ impl Context {
             };
             words.add_g(code, <_>::default())?;
         }
-        let ends_inverse_time = self.feed_mode != state.feed_mode && self.feed_rate != 0.0;
-        if differs(self.feed_rate, state.feed_rate) || ends_inverse_time {
-            words.put(b'f', self.feed_rate);
-        }
+        // F and S come out again even where they have not changed, as in the release.
+        words.put(b'f', self.feed_rate);
+        words.put(b's', self.spindle_speed);
         let mode = |surface: bool, highest: f64| (surface, if surface { highest } else { 0.0 });
         let is_same_mode = mode(self.constant_surface_speed, self.highest_spindle_speed)
             == mode(state.constant_surface_speed, state.highest_spindle_speed);
-        if self.spindle_speed != state.spindle_speed || !is_same_mode {
-            words.put(b's', self.spindle_speed);
-        }
         if !is_same_mode {
             words.add_g(if self.constant_surface_speed { 96.0 } else { 97.0 }, <_>::default())?;
             if self.constant_surface_speed {
@@ -165,14 +161,18 @@ impl Context {
         }
     }
 
-    fn add_path_control(&self, state: &State, words: &mut Words) -> Outcome<()> {
-        let is_same = match (self.path_control, state.path_control) {
+    /// Whether the path mode in force is the one that was put away.
+    fn has_same_path_control(&self, state: &State) -> bool {
+        match (self.path_control, state.path_control) {
             (PathControl::Continuous { tolerance: kept }, PathControl::Continuous { tolerance: now }) => {
                 !differs(kept, now) && !differs(self.naivecam_tolerance, state.naivecam_tolerance)
             }
             (kept, now) => kept == now,
-        };
-        if is_same {
+        }
+    }
+
+    fn add_path_control(&self, state: &State, words: &mut Words) -> Outcome<()> {
+        if self.has_same_path_control(state) {
             return Ok(());
         }
         let code = match self.path_control {
@@ -234,9 +234,17 @@ impl Core {
             self.set_units(kept.units, emit);
         }
         let block = kept.block(&self.state)?;
+        let has_same_path_control = kept.has_same_path_control(&self.state);
         let mut outcome = self.execute(&block, MotionToBe::None, emit);
         if let (Ok(_), Some(block)) = (&outcome, kept.compensation_block(&self.state)?) {
             outcome = self.execute(&block, MotionToBe::None, emit);
+        }
+        if has_same_path_control {
+            // It comes out again, as F and S do. No code: cutter compensation would refuse it.
+            emit.call(Canon::SetMotionControlMode(self.state.path_control));
+            if let PathControl::Continuous { .. } = self.state.path_control {
+                emit.call(Canon::SetNaivecamTolerance(self.state.naivecam_tolerance));
+            }
         }
         self.take_up_switches(kept, emit);
         emit.number = number;

@@ -23,6 +23,8 @@ pub(crate) struct Core {
     pub(crate) state: State,
     pub(super) parameters: Parameters,
     pub(crate) tools: ToolTable,
+    /// What M19 adds to its R word, degrees.
+    pub(super) orient_offset_degrees: f64,
     pub(super) user_codes: UserCodes,
     /// What the subprogram of the next turning cycle has drawn.
     pub(super) profile: Option<Profile>,
@@ -125,8 +127,10 @@ impl Environment for BlockEnvironment<'_> {
     fn numbered(&self, number: usize) -> Option<f64> {
         let state = &self.core.state;
         match number {
+            5021..=5029 => Some(state.machine_position().0[number - 5021]),
             5400 => Some(state.current_tool.into()),
-            5401..=5413 => self.core.tool_parameter(number - 5401),
+            5401..=5409 => Some(state.tool_offset.0[number - 5401]),
+            5410..=5413 => self.core.tool_parameter(number - 5401),
             5420..=5428 => Some(state.position.0[number - 5420]),
             _ if Parameters::has(number) => Some(self.core.parameters.get(number)),
             _ => None,

@@ -10,7 +10,7 @@ use super::joint::{
 use super::motion::straight_canon;
 use super::queue::{Course, Point};
 use super::{Core, Emit};
-use crate::angle::sweep;
+use crate::angle::{sweep, turned_xy};
 use crate::block::{Words, name_of_g};
 use crate::canon::{ArcFeed, Canon, Plane};
 use crate::codes::Code;
@@ -37,6 +37,8 @@ impl Core {
         if code == 400 {
             let finished = self.finish_path(at, emit);
             if let Some(programmed) = self.state.compensation.and_then(|compensation| compensation.programmed) {
+                let shift = self.state.position.minus(&programmed);
+                self.state.tool_shift = Some(turned_xy(shift, self.state.rotation_degrees));
                 self.state.position = programmed;
                 self.state.has_left_compensation = true;
             }

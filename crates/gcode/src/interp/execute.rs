@@ -5,6 +5,7 @@
 
 use super::check::MotionToBe;
 use super::{Core, Emit, Flow, refusals};
+use crate::angle::turned_xy;
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode};
 use crate::codes::Code;
@@ -81,11 +82,10 @@ impl Core {
         }
     }
 
-    /// Parameter 5401 + `index`: the data of the tool in the spindle.
+    /// Parameter 5401 + `index`, from 5410 on: the data of the tool in the spindle.
     pub(super) fn tool_parameter(&self, index: usize) -> Option<f64> {
         let tool = self.tools.get(self.state.current_tool)?;
         Some(match index {
-            0..9 => tool.offset.0[index],
             9 => tool.diameter,
             10 => tool.front_angle,
             11 => tool.back_angle,
@@ -128,6 +128,15 @@ impl Core {
         let tool = self.state.current_tool;
         let remark = self.tools.name(tool).map(Into::into);
         emit.call(Canon::ChangeTool { tool, index: self.tools.index_of(tool), remark });
+        self.take_actual_position();
+    }
+
+    /// Behind G40 the position is the end of the programmed path until a move goes there; a tool change asks the machine instead.
+    fn take_actual_position(&mut self) {
+        if let Some(shift) = self.state.tool_shift.take() {
+            let shift = turned_xy(shift, -self.state.rotation_degrees);
+            self.state.position = self.state.position.plus(&shift);
+        }
     }
 
     /// M61: the tool in the spindle is another one than was thought.
@@ -138,6 +147,7 @@ impl Core {
         let tool = self.tool(number, words, b'q')?;
         self.state.current_tool = tool.number;
         emit.call(Canon::ChangeToolNumber { tool: tool.number, index: self.tools.index_of(tool.number) });
+        self.take_actual_position();
         Ok(())
     }
 

@@ -34,7 +34,7 @@ pub(crate) use self::core::Core;
 use self::core::{BlockEnvironment, Emit};
 pub(crate) use self::cycle::{Contours, NoContours, Planned};
 pub(crate) use self::queue::{Point, Queue, UNSHIFTED};
-use crate::block::{Assignment, Words};
+use crate::block::{Assignment, Words, letters};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::carried::CarriedOver;
 use crate::code::Code as CompiledLines;
@@ -42,7 +42,7 @@ use crate::codes::Code;
 use crate::control::{Control, Keyword, MOST_ARGUMENTS};
 use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span, fault};
 use crate::groups::GroupG;
-use crate::modal::State;
+use crate::modal::{Motion, State};
 use crate::params::{Frame, Names, Parameters, SHOW_DEBUG};
 use crate::parse::LineReader;
 use crate::pose::{AxisSet, Pose};
@@ -78,6 +78,10 @@ pub struct Setup {
     pub position: Pose,
     /// The user codes that are declared, of M100 … M199.
     pub user_codes: UserCodes,
+    /// What M19 adds to its R word, degrees.
+    pub orient_offset_degrees: f64,
+    /// Whether M98, M99 and an O number alone are refused.
+    pub disable_fanuc_subs: bool,
     /// Named parameters that a program may read only, such as the numbers of an INI file; names in lower case.
     pub fixed_values: Vec<(String, f64)>,
     /// What earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::going_on`] and [`Setup::following`].
@@ -98,6 +102,8 @@ impl Default for Setup {
             block_delete: false,
             position: Pose::ZERO,
             user_codes: UserCodes::default(),
+            orient_offset_degrees: 0.0,
+            disable_fanuc_subs: false,
             fixed_values: Vec::new(),
             carried: None,
         }
@@ -154,6 +160,8 @@ pub struct Interpreter {
     line: u32,
     /// The line of the program itself that steps belong to: of a subprogram in another file, the one that called it.
     step_line: u32,
+    /// It draws the profile of a turning cycle, in which U and W are increments of X and Z.
+    draws_profile: bool,
     diagnostics: Vec<Diagnostic>,
     errors: usize,
     warnings: usize,
@@ -169,7 +177,9 @@ impl Interpreter {
             None => (State::initial(setup.program_units), setup.parameters, setup.tools),
         };
         let (machine_units, user_codes) = (setup.machine_units, setup.user_codes);
-        let mut core = Core { machine_units, state, parameters, tools, user_codes, profile: None };
+        let orient_offset_degrees = setup.orient_offset_degrees;
+        let mut core =
+            Core { machine_units, state, parameters, tools, user_codes, orient_offset_degrees, profile: None };
         core.take_up_parameters(&setup.position);
         Interpreter {
             core,
@@ -180,6 +190,7 @@ impl Interpreter {
             file: 0,
             line: 0,
             step_line: 0,
+            draws_profile: false,
             diagnostics: Vec::new(),
             errors: 0,
             warnings: 0,
@@ -357,13 +368,24 @@ impl Interpreter {
         }
         let given = if is_constant { &self.reader.block.words } else { &self.words };
         let is_diameter = given.has(b'x') && self.core.takes_diameters(given);
-        if is_diameter {
+        const INCREMENTS: u32 = letters(b"uw");
+        let has_increments = given.has_of(INCREMENTS);
+        if has_increments && !self.draws_profile {
+            self.reader.check_increments(given)?;
+        }
+        let is_changed = is_diameter || (has_increments && self.draws_profile);
+        if is_changed {
             if is_constant {
                 self.words.clone_from(&self.reader.block.words);
             }
-            self.words.halve_x();
+            if is_diameter {
+                self.words.halve_x();
+            }
+            if has_increments && self.draws_profile {
+                self.core.add_increments(&mut self.words)?;
+            }
         }
-        let words = if is_constant && !is_diameter { &self.reader.block.words } else { &self.words };
+        let words = if is_constant && !is_changed { &self.reader.block.words } else { &self.words };
         let motion = check::motion_to_be(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
         // Taken out for the block: what the block asks for goes either into it or out.
@@ -377,7 +399,7 @@ impl Interpreter {
                 emit.call(canon);
             }
         }
-        let moves = matches!(motion, check::MotionToBe::Move(_)) && words.has_any(b"xyz");
+        let moves = matches!(motion, check::MotionToBe::Move(_)) && words.has_any(b"xyz@^");
         let flow = self.core.execute(words, motion, &mut emit);
         let warning = emit.warning;
         self.core.state.waiting = waiting;
@@ -447,6 +469,9 @@ impl Interpreter {
             self.words.halve_x();
         }
         scratch.core.state.position = self.core.end_of(&self.words);
+        // The cycle has moved to its start with G0, so the profile may open with axis words alone.
+        scratch.core.state.motion = Some(Motion::Traverse);
+        scratch.draws_profile = true;
         Ok(Some((number, scratch)))
     }
 

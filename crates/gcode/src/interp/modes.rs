@@ -91,6 +91,7 @@ impl Core {
         state.origin = state.origin.scaled_lengths(factor);
         state.g92_offset = state.g92_offset.scaled_lengths(factor);
         state.tool_offset = state.tool_offset.scaled_lengths(factor);
+        state.tool_shift = state.tool_shift.map(|shift| shift.scaled_lengths(factor));
         if let Some(compensation) = &mut state.compensation {
             compensation.scale(factor);
             emit.waiting.scale(factor);

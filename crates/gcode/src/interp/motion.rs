@@ -14,9 +14,6 @@ use crate::groups::GroupG;
 use crate::modal::{ArcCentres, Distance, Motion};
 use crate::pose::{Axis, Pose};
 
-/// The least feed rate that inverse time gives, units a minute: a block without a way still has one.
-const LEAST_INVERSE_TIME_RATE: f64 = 0.1;
-
 /// A way shorter than this on the linear axes counts as none.
 const TINY_WAY: f64 = 1e-7;
 
@@ -24,7 +21,13 @@ impl Core {
     /// Carries out the block's motion.
     #[inline]
     pub(super) fn move_along(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
-        self.check_polar_words(words)?;
+        if self.state.tool_shift.is_some() {
+            self.state.tool_shift = None;
+        }
+        // A cycle has its own rules at the origin.
+        if !matches!(motion, Motion::Cycle(_)) {
+            self.check_polar_words(words)?;
+        }
         match motion {
             Motion::Traverse => {
                 (self.state.motion, self.state.series) = (Some(motion), None);
@@ -93,7 +96,7 @@ impl Core {
     }
 
     fn set_inverse_time_rate(&mut self, length: f64, words: &Words, emit: &mut Emit<'_>) {
-        let rate = (length * words.get(b'f').unwrap_or_default()).max(LEAST_INVERSE_TIME_RATE);
+        let rate = length * words.get(b'f').unwrap_or_default();
         self.state.feed_rate = rate;
         emit.call(Canon::SetFeedRate(rate));
     }

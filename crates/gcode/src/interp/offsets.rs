@@ -122,6 +122,7 @@ impl Core {
 
     /// G28, G30: by way of the given point to the reference point, on the given axes or, without any, on all.
     fn go_home(&mut self, first: usize, words: &Words, emit: &mut Emit<'_>) {
+        self.state.tool_shift = None;
         let way = self.end_of(words);
         emit.call(Canon::StraightTraverse(way));
         self.state.position = way;

@@ -7,7 +7,7 @@ use super::check::MotionToBe;
 use crate::block::{Words, letters};
 use crate::canon::Plane;
 use crate::codes::Code;
-use crate::diag::{Outcome, fault};
+use crate::diag::{Outcome, Span, fault};
 use crate::groups::GroupG;
 use crate::modal::{Distance, Motion, State};
 use crate::pose::{Axis, Pose};
@@ -35,6 +35,49 @@ pub(super) fn check(words: &Words, to_be: MotionToBe, state: &State) -> Outcome<
             fault(Code::PolarMixed, words.span(other), message)
         }
         None => Ok(()),
+    }
+}
+
+/// The polar words of a drilling cycle.
+pub(super) struct PolarWords {
+    /// `@`, program units.
+    distance: Option<f64>,
+    /// `^`, radians.
+    angle: Option<f64>,
+    at: Span,
+}
+
+impl PolarWords {
+    /// The polar words of a block, if it has any.
+    pub(super) fn of(words: &Words) -> Option<PolarWords> {
+        let letter = words.first_of(b"@^")?;
+        let angle = words.get(b'^').map(f64::to_radians);
+        Some(PolarWords { distance: words.get(b'@'), angle, at: words.span(letter) })
+    }
+
+    /// The hole of G90, seen from the current position `(x, y)`. A word that is missing keeps its value; the origin has angle 0.
+    pub(super) fn absolute(&self, (x, y): (f64, f64)) -> (f64, f64) {
+        let distance = self.distance.unwrap_or_else(|| x.hypot(y));
+        let angle = self.angle.unwrap_or_else(|| y.atan2(x));
+        (distance * angle.cos(), distance * angle.sin())
+    }
+
+    /// The next hole of G91: first farther from the origin, then turned about it.
+    ///
+    /// # Errors
+    /// E1711 where the hole before lies at the origin, which has no direction.
+    pub(super) fn step_from(&self, (mut x, mut y): (f64, f64)) -> Outcome<(f64, f64)> {
+        let steps = [(self.distance, 1.0, 0.0), (self.angle, 0.0, 1.0)];
+        for (step, farther, turned) in steps {
+            let Some(step) = step.filter(|step| *step != 0.0) else { continue };
+            if x == 0.0 && y == 0.0 {
+                let message = "in G91 polar coordinates need a direction, and the hole before lies at the origin";
+                return fault(Code::PolarWithoutMotion, self.at, message);
+            }
+            let (distance, angle) = (x.hypot(y) + farther * step, y.atan2(x) + turned * step);
+            (x, y) = (distance * angle.cos(), distance * angle.sin());
+        }
+        Ok((x, y))
     }
 }
 

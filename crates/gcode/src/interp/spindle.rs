@@ -25,11 +25,14 @@ impl Core {
         emit.call(Canon::SetSpindleMode(highest));
     }
 
-    /// M19: the spindle turns to an angle and stands.
+    /// M19: the spindle turns to an angle and stands. Without R and P it only counts as stopped, as in LinuxCNC.
     pub(super) fn orient_spindle(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
         let mode = words.get(b'p').unwrap_or_default() as u8;
         self.state.spindle = Spindle::Stopped;
-        emit.call(Canon::OrientSpindle { degrees: words.get(b'r').unwrap_or_default(), mode });
+        if words.has_any(b"rp") {
+            let degrees = words.get(b'r').unwrap_or_default() + self.orient_offset_degrees;
+            emit.call(Canon::OrientSpindle { degrees, mode });
+        }
         match words.get(b'q') {
             None => Ok(()),
             Some(seconds) if seconds > 0.0 => {
@@ -88,14 +91,10 @@ pub(super) fn check_spindle_words(words: &Words, to_be: MotionToBe) -> Outcome<(
 
 fn check_orientation(words: &Words) -> Outcome<()> {
     match words.get(b'r') {
-        Some(0.0..=360.0) => {}
+        None | Some(0.0..=360.0) => {}
         Some(degrees) => {
             let message = format!("M19 turns to an angle of 0 to 360 degrees, not {degrees}");
             return fault(Code::BadOrientation, words.span(b'r'), message);
-        }
-        None => {
-            let at = words.m_span(GroupM::Spindle);
-            return fault(Code::WordMissing, at, "M19 needs an R word: the angle in degrees");
         }
     }
     match words.get(b'p') {
@@ -112,9 +111,11 @@ fn check_spindle_number(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let switch = matches!(words.m(GroupM::Spindle), Some(3..=5));
     let turns = switch || words.m(GroupM::Spindle) == Some(19);
     let moves = matches!(to_be, MotionToBe::Move(Motion::SpindleFeed | Motion::RigidTap | Motion::ThreadingCycle));
-    let one = moves || words.m(GroupM::Spindle) == Some(19) || words.g(GroupG::SpindleMode).is_some();
-    if !(turns || moves || words.has(b's') || words.g(GroupG::SpindleMode).is_some()) {
-        return fault(Code::WordUnused, at, "$ belongs to S, M3, M4, M5, M19, G33, G33.1, G76, G96 or G97");
+    let per_turn = words.g(GroupG::FeedMode) == Some(950);
+    let mode = per_turn || words.g(GroupG::SpindleMode).is_some();
+    let one = moves || words.m(GroupM::Spindle) == Some(19) || mode;
+    if !(turns || moves || words.has(b's') || mode) {
+        return fault(Code::WordUnused, at, "$ belongs to S, M3, M4, M5, M19, G33, G33.1, G76, G95, G96 or G97");
     }
     match whole(words.get(b'$').unwrap_or_default(), at, "$")? {
         0 => Ok(()),

@@ -39,7 +39,7 @@ impl Core {
             state.plane = Plane::Xy;
             emit.call(Canon::SelectPlane(Plane::Xy));
         }
-        (state.compensation, state.has_left_compensation) = (None, false);
+        (state.compensation, state.has_left_compensation, state.tool_shift) = (None, false, None);
         state.distance = Distance::Absolute;
         state.feed_mode = FeedMode::UnitsPerMinute;
         state.feed_rate = 0.0;

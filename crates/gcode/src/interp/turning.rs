@@ -9,7 +9,7 @@ use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
 use crate::codes::Code;
 use crate::diag::{Outcome, fault};
 use crate::groups::{GroupG, Tenths};
-use crate::modal::Motion;
+use crate::modal::{Distance, Motion};
 use crate::pose::{Axis, Pose};
 use crate::turning::{Job, Move, Place, Pockets, Refusal, turn};
 
@@ -17,6 +17,35 @@ use crate::turning::{Job, Move, Place, Pockets, Refusal, turn};
 const RETREAT: f64 = 0.5;
 
 impl Core {
+    /// Replaces the U and W words of a profile's block by X and Z: they are increments, U of a diameter under G7.
+    pub(super) fn add_increments(&self, words: &mut Words) -> Outcome<()> {
+        let half = if self.takes_diameters(words) { 0.5 } else { 1.0 };
+        let is_incremental = match words.g(GroupG::Distance) {
+            Some(code) => code == 910,
+            None => self.state.distance == Distance::Incremental,
+        };
+        for (letter, axis, factor) in [(b'u', Axis::X, half), (b'w', Axis::Z, 1.0)] {
+            let Some(increment) = words.get(letter) else { continue };
+            let at = words.span(letter);
+            let own = axis.letter().to_ascii_lowercase();
+            let name = char::from(letter.to_ascii_uppercase());
+            if is_incremental {
+                return fault(
+                    Code::TurningWord,
+                    at,
+                    format!("{name} is an increment already; G91 does not go with it"),
+                );
+            }
+            if words.has(own) {
+                let message = format!("{name} and {} both give the end", char::from(axis.letter()));
+                return fault(Code::TurningWord, at, message);
+            }
+            words.remove(letter);
+            words.put(own, self.state.position[axis] + factor * increment);
+        }
+        Ok(())
+    }
+
     /// Carries out a turning cycle over the profile that was handed over.
     pub(super) fn turning_cycle(&mut self, code: Tenths, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
         let at = words.g_span(GroupG::Motion);
@@ -48,7 +77,14 @@ impl Core {
         (self.state.motion, self.state.series) = (Some(motion), None);
         match turned {
             Ok(()) => Ok(()),
-            Err(refusal) => fault(Code::TurningProfile, words.span(b'q'), reason(refusal)),
+            Err(refusal) => {
+                let line = match refusal {
+                    Refusal::NotMonotonic(element) | Refusal::Allowance(element) => profile.line_of(element),
+                    Refusal::Empty | Refusal::TooManyLevels => None,
+                };
+                let place = line.map_or_else(String::new, |line| format!("profile, line {line}: "));
+                fault(Code::TurningProfile, words.span(b'q'), format!("{place}{}", reason(refusal)))
+            }
         }
     }
 }
@@ -107,8 +143,8 @@ fn call_of(step: Move, pose: &mut Pose) -> Canon {
 const fn reason(refusal: Refusal) -> &'static str {
     match refusal {
         Refusal::Empty => "the profile has no line and no arc behind its first point",
-        Refusal::NotMonotonic => "the profile turns back along its own direction",
-        Refusal::Allowance => "the allowance D is too great for the profile: an element of it would vanish",
+        Refusal::NotMonotonic(_) => "the profile turns back along its own direction",
+        Refusal::Allowance(_) => "the allowance D is too great for the profile: its elements no longer meet",
         Refusal::TooManyLevels => "the infeed I is so small that there would be more than 10 000 levels",
     }
 }

@@ -9,59 +9,80 @@ use super::frame::{ArcOf, Point, Segment, TINY};
 /// until they meet, if they do.
 const LEAST_ARC: f64 = 0.01;
 
-/// The segments `distance` above these.
+/// The segments `distance` above these. What the distance leaves nothing of is absorbed: its neighbours end where they meet.
 ///
 /// # Errors
-/// [`Refusal::Allowance`] where a segment vanishes.
+/// [`Refusal::Allowance`] where nothing is left, or where the profile turns back.
 pub(super) fn offset(segments: &[Segment], distance: f64) -> Result<Vec<Segment>, Refusal> {
     if distance == 0.0 {
         return Ok(segments.to_vec());
     }
     let mut path: Vec<Segment> = Vec::with_capacity(segments.len() * 2);
+    // Whether something was absorbed behind the last segment of the path.
+    let mut has_gap = false;
     for segment in segments {
-        let moved = displaced(segment, distance)?;
-        if let Some(before) = path.last_mut() {
-            let (into, out) = (before.direction(before.to), moved.direction(moved.from));
-            let turn = into.cross(out);
-            let is_blunt = turn < -1e-7 && (moved.from.a - before.to.a).abs() <= LEAST_ARC;
-            if is_blunt && let Some(meet) = meeting(before, &moved, segment.from) {
-                before.to = meet;
-                path.push(Segment { from: meet, ..moved });
-                continue;
-            }
-            if turn > 1e-7 {
-                let meet = meeting(before, &moved, segment.from).ok_or(Refusal::Allowance)?;
-                let moved = Segment { from: meet, ..moved };
-                if !shortens(&Segment { to: meet, ..*before }, before) || !shortens_from(&moved, segment) {
-                    return Err(Refusal::Allowance);
-                }
-                before.to = meet;
-                path.push(moved);
-                continue;
-            }
-            if turn < -1e-7 {
-                let arc = Some(ArcOf { centre: segment.from, counterclockwise: false });
-                let from = before.to;
-                path.push(Segment { from, to: moved.from, arc, goes_on: false });
-            } else if into.dot(out) < 0.0 {
-                return Err(Refusal::Allowance);
-            }
+        match displaced(segment, distance) {
+            Some(moved) => has_gap = join(&mut path, moved, segment, has_gap)?,
+            None => has_gap = true,
         }
-        path.push(moved);
     }
-    Ok(path)
+    match (path.is_empty(), segments.last()) {
+        (true, Some(last)) => Err(Refusal::Allowance(last.element)),
+        _ => Ok(path),
+    }
 }
 
-/// A segment moved to its left.
-fn displaced(segment: &Segment, distance: f64) -> Result<Segment, Refusal> {
+/// Adds a displaced segment to the path; true where it is absorbed itself.
+fn join(path: &mut Vec<Segment>, moved: Segment, of: &Segment, mut has_gap: bool) -> Result<bool, Refusal> {
+    while let Some(before) = path.last_mut() {
+        let (into, out) = (before.direction(before.to), moved.direction(moved.from));
+        let turn = into.cross(out);
+        if !has_gap && turn <= 1e-7 {
+            let is_blunt = turn < -1e-7 && (moved.from.a - before.to.a).abs() <= LEAST_ARC;
+            if is_blunt && let Some(meet) = meeting(before, &moved, of.from) {
+                before.to = meet;
+                path.push(Segment { from: meet, ..moved });
+                return Ok(false);
+            }
+            if turn < -1e-7 {
+                let arc = Some(ArcOf { centre: of.from, counterclockwise: false });
+                let from = before.to;
+                path.push(Segment { from, to: moved.from, arc, goes_on: false, element: of.element });
+            } else if into.dot(out) < 0.0 {
+                return Err(Refusal::Allowance(of.element));
+            }
+            break;
+        }
+        let meet = meeting(before, &moved, of.from);
+        let keeps_before = meet.is_some_and(|meet| shortens(&Segment { to: meet, ..*before }, before));
+        if let Some(meet) = meet
+            && keeps_before
+        {
+            let moved = Segment { from: meet, ..moved };
+            if !shortens_from(&moved, of) {
+                return Ok(true);
+            }
+            before.to = meet;
+            path.push(moved);
+            return Ok(false);
+        }
+        path.pop();
+        has_gap = true;
+    }
+    path.push(moved);
+    Ok(false)
+}
+
+/// A segment moved to its left; none where nothing is left of it.
+fn displaced(segment: &Segment, distance: f64) -> Option<Segment> {
     let shift = |at: Point| at.plus(segment.direction(at).left(), distance);
     if let Some(arc) = segment.arc
         && arc.counterclockwise
         && segment.from.distance(arc.centre) <= distance + TINY
     {
-        return Err(Refusal::Allowance);
+        return None;
     }
-    Ok(Segment { from: shift(segment.from), to: shift(segment.to), ..*segment })
+    Some(Segment { from: shift(segment.from), to: shift(segment.to), ..*segment })
 }
 
 /// Whether a segment with its end drawn in still runs its own way.

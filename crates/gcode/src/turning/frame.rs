@@ -106,11 +106,13 @@ pub(super) struct Segment {
     pub(super) arc: Option<ArcOf>,
     /// The next segment is the rest of the same arc: the tool does not end a move between them.
     pub(super) goes_on: bool,
+    /// The element of the profile that it belongs to.
+    pub(super) element: usize,
 }
 
 impl Segment {
     pub(super) fn line(from: Point, to: Point) -> Segment {
-        Segment { from, to, arc: None, goes_on: false }
+        Segment { from, to, arc: None, goes_on: false, element: 0 }
     }
 
     /// The direction of travel at one of its points.

@@ -52,10 +52,10 @@ pub(crate) enum Move {
 pub(crate) enum Refusal {
     /// It has less than one element after its first point.
     Empty,
-    /// It turns back along its own direction.
-    NotMonotonic,
-    /// The allowance leaves nothing of an element, or its ends do not meet.
-    Allowance,
+    /// It turns back along its own direction, in the element of this index.
+    NotMonotonic(usize),
+    /// The allowance leaves nothing of the profile, or what it leaves does not meet at the element of this index.
+    Allowance(usize),
     /// The infeed is too small for the height to be roughed.
     TooManyLevels,
 }
@@ -67,9 +67,11 @@ pub(crate) enum Refusal {
 pub(crate) fn turn(profile: &Profile, start: Place, job: &Job, out: &mut impl FnMut(Move)) -> Result<(), Refusal> {
     let facing = matches!(job, Job::Rough { facing: true, .. });
     let frame = Frame::new(profile, start, facing)?;
-    let segments: Vec<Segment> = profile.segments(&frame);
-    if matches!(job, Job::Rough { .. }) && !segments.iter().all(Segment::is_monotonic) {
-        return Err(Refusal::NotMonotonic);
+    let mut segments: Vec<Segment> = profile.segments(&frame);
+    if matches!(job, Job::Rough { .. })
+        && let Some(back) = segments.iter().find(|segment| !segment.is_monotonic())
+    {
+        return Err(Refusal::NotMonotonic(back.element));
     }
     let mut start = frame.point(start);
     start.a = start.a.min(frame.point(profile.first).a);
@@ -88,6 +90,15 @@ pub(crate) fn turn(profile: &Profile, start: Place, job: &Job, out: &mut impl Fn
             }
         }
         Job::Rough { pockets, allowance, infeed, retreat, .. } => {
+            // Where the profile ends below the stock stands a shoulder, which keeps its allowance too.
+            if let Some(last) = segments.last().copied()
+                && last.to.h < start.h
+                && frame.point(profile.first).h < start.h
+                && (last.to.a - last.from.a).abs() > 0.0
+            {
+                let top = Point { a: last.to.a, h: start.h };
+                segments.push(Segment { from: last.to, to: top, arc: None, ..last });
+            }
             let path = allowance::offset(&segments, allowance)?;
             let lowest = path.iter().map(|segment| segment.to.h).fold(f64::INFINITY, f64::min);
             if path.iter().any(|segment| (segment.to.h - lowest) / infeed > MOST_LEVELS)

@@ -34,6 +34,8 @@ pub(crate) struct Profile {
     /// The end of its first move.
     pub(crate) first: Place,
     pub(crate) elements: Vec<Element>,
+    /// The line of each element.
+    lines: Vec<u32>,
 }
 
 impl Profile {
@@ -54,6 +56,7 @@ impl Profile {
             };
             if is_begun {
                 profile.elements.push(element);
+                profile.lines.push(step.line);
             } else {
                 profile.first = element.end();
                 is_begun = true;
@@ -62,11 +65,16 @@ impl Profile {
         profile
     }
 
+    /// The program line of an element.
+    pub(crate) fn line_of(&self, element: usize) -> Option<u32> {
+        self.lines.get(element).copied()
+    }
+
     /// Its segments in the frame; a line without length is left out.
     pub(super) fn segments(&self, frame: &Frame) -> Vec<Segment> {
         let mut from = frame.point(self.first);
         let mut segments = Vec::with_capacity(self.elements.len());
-        for element in &self.elements {
+        for (index, element) in self.elements.iter().enumerate() {
             let to = frame.point(element.end());
             let arc = match *element {
                 Element::Line { .. } => None,
@@ -75,7 +83,7 @@ impl Profile {
                 }
             };
             if arc.is_some() || from != to {
-                segments.push(Segment { from, to, arc, goes_on: false });
+                segments.push(Segment { from, to, arc, goes_on: false, element: index });
             }
             from = to;
         }

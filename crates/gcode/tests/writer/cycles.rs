@@ -131,6 +131,9 @@ impl Writer {
                 words.push(format!("{letter}{}", self.value()));
             }
         }
+        if normal == "Z" && self.random.one_in(6) {
+            return self.polar_words();
+        }
         if words.is_empty() {
             let letter = if normal == "X" { "Z" } else { "X" };
             words.push(format!("{letter}{}", self.decimal()));
@@ -139,6 +142,16 @@ impl Writer {
             words.push("A5".to_owned());
         }
         words
+    }
+
+    /// A hole in polar coordinates: its distance from the origin, its angle, or both.
+    fn polar_words(&mut self) -> Vec<String> {
+        let (distance, angle) = (format!("@{}", self.decimal()), format!("^{}", self.decimal()));
+        match self.random.below(3) {
+            0 => vec![distance],
+            1 => vec![angle],
+            _ => vec![distance, angle],
+        }
     }
 
     /// R, and the bottom below it.
@@ -183,6 +196,8 @@ impl Writer {
             "G97 S300",
             "G97 S30 M4",
             "M19 R45",
+            "M19",
+            "M19 P1",
             "M19 R12.5 P1",
             "M19 R360 Q2.5 P2",
             "M19 R0 P0 Q1",

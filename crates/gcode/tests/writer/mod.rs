@@ -295,7 +295,16 @@ impl Writer {
         }
         let inner = self.expression(depth - 1);
         let other = self.expression(depth - 1);
-        match self.random.below(13) + 3 {
+        match self.random.below(14) + 3 {
+            // At the tolerance, where the peer and the release agree: LE and GE do so away from it only.
+            16 => {
+                let (left, near) = (self.random.below(40), self.random.pick(&["", ".0000005", ".0002"]));
+                let operator = self.random.pick(&["EQ", "NE", "LT", "GT", "LE", "GE"]);
+                let near = if operator.ends_with('E') && operator != "NE" && near == ".0000005" { "" } else { near };
+                let sides = [format!("{left}"), format!("{left}{near}")];
+                let first = self.random.below(2) as usize;
+                format!("[{} {operator} {}]", sides[first], sides[1 - first])
+            }
             3 => format!("SQRT[ABS[{inner}]]"),
             4 => match self.random.pick(&["FIX", "FUP", "ROUND", "ABS"]) {
                 "ROUND" => format!("ROUND[{inner} MOD 9999]"),

@@ -126,7 +126,7 @@ impl Writer {
             words.push(format!("Q{orientation}"));
         }
         self.line(words);
-        self.lines.push("(debug,#5400 #5401 #5402 #5403 #5410 #5411 #5413)".to_owned());
+        self.lines.push("(debug,#5400 #5410 #5411 #5413)".to_owned());
     }
 
     fn port(&mut self) {

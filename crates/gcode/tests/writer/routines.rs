@@ -123,7 +123,13 @@ impl Writer {
             if is_sub && self.random.one_in(6) {
                 self.label += 1;
                 let (condition, value) = (self.expression(1), self.expression(1));
-                let end = labelled(&if self.random.one_in(2) { format!("return [{value}]") } else { "return".into() });
+                let end = if self.random.one_in(2) { format!("return [{value}]") } else { "return".into() };
+                // The label of a return may be any.
+                let end = match self.random.below(3) {
+                    0 => format!("O{} {end}", 2000 + self.label),
+                    1 => format!("o<away> {end}"),
+                    _ => labelled(&end),
+                };
                 self.lines.push(format!("O{0} if [{condition}]\n{end}\nO{0} endif", self.label));
             }
         }
