@@ -171,8 +171,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "a hold does not stand under the wheel",
             file: MODE,
-            find: "_ if self.held || self.resuming != Resuming::No => 0,",
-            put: "_ if self.held && self.mode != Mode::Wheel || self.resuming != Resuming::No => 0,",
+            find: "_ if self.held || self.resuming != Resuming::No => RateTarget::ZERO,",
+            put: "_ if self.held && self.mode != Mode::Wheel || self.resuming != Resuming::No => RateTarget::ZERO,",
             killer: "modes_3",
         },
     ],
