@@ -43,9 +43,23 @@ impl Terminal {
     /// Where it cannot be run.
     #[must_use]
     pub fn with(arguments: &[&str], columns: u16, rows: u16, environment: &[(&str, &str)]) -> Self {
+        Self::spawned(Command::new(binary()).args(arguments), columns, rows, environment)
+    }
+
+    /// Runs a line of the shell, with job control; `$RETRACE` is the command.
+    ///
+    /// # Panics
+    /// Where it cannot be run.
+    #[must_use]
+    pub fn shell(line: &str, columns: u16, rows: u16) -> Self {
+        let command = Command::new("bash").args(["--norc", "-m", "-c", line]).env("RETRACE", binary());
+        Self::spawned(command, columns, rows, &[])
+    }
+
+    fn spawned(command: Command, columns: u16, rows: u16, environment: &[(&str, &str)]) -> Self {
         let (pty, pts) = pty_process::blocking::open().expect("a pseudo-terminal");
         pty.resize(Size::new(rows, columns)).expect("a size");
-        let command = Command::new(binary()).args(arguments).current_dir(crate::command::root());
+        let command = command.current_dir(crate::command::root());
         let state = TempDir::new().expect("a temporary folder");
         let command = command.env("TERM", "xterm-256color").env_remove("NO_COLOR").env("XDG_STATE_HOME", state.path());
         let command = command.envs(environment.iter().copied());

@@ -2,6 +2,7 @@
 
 use retrace_tests::command::Bench;
 use retrace_tests::programs::examples;
+use retrace_tests::served::Served;
 use serde_json::Value;
 
 fn last(text: &str) -> Value {
@@ -103,4 +104,138 @@ fn lengths_pierces_time_per_tool_and_feeds_beyond_the_machine_are_told() {
     ] {
         assert!(text.contains(part), "{part} is not in\n{text}");
     }
+}
+
+#[test]
+fn errors_and_warnings_are_in_the_json_with_their_range() {
+    let bench = Bench::new();
+    bench.file("e.ngc", "G21\nG0 (\u{fc}) X1 X2\nO1 repeat [3]\nG1 X3\nO1 endrepeat\nM2\n");
+    let said = bench.retrace(["check", "e.ngc", "--json"]);
+    let told = last(&said.out);
+    assert_eq!((said.code, &told["event"]), (Some(1), &Value::from("check")), "{}", said.err);
+    let found: Vec<_> = told["diagnostics"].as_array().expect("a list").iter().map(|d| d["code"].clone()).collect();
+    assert_eq!(found, ["E1407", "E1508"]);
+    let first = &told["diagnostics"][0];
+    assert_eq!(first["file"], "e.ngc");
+    let range = serde_json::json!({"start": {"line": 2, "column": 11}, "end": {"line": 2, "column": 13}});
+    assert_eq!((&first["range"], &first["severity"]), (&range, &Value::from("error")));
+    assert_eq!((&first["message"], &first["help"]), (&Value::from("X is given twice"), &Value::from("Remove one.")));
+    assert!(said.err.contains("error[E1407]"), "{}", said.err);
+    bench.file("w.ngc", "M3\nM5\nM2\n");
+    let told = last(&bench.retrace(["check", "w.ngc", "--json"]).out);
+    assert_eq!((&told["diagnostics"][0]["code"], &told["blocks"]), (&Value::from("W1002"), &Value::from(2)));
+}
+
+#[test]
+fn loops_without_end_are_found_whatever_the_command() {
+    let bench = Bench::new();
+    let nested: String = (1..40).map(|n| format!("O{n} repeat [9]\n")).collect();
+    let ends: String = (1..40).rev().map(|n| format!("O{n} endrepeat\n")).collect();
+    for (name, text) in [
+        ("while.ngc", "O1 while [1]\nO1 endwhile\nM2\n".to_owned()),
+        ("repeat.ngc", "O1 repeat [999999999]\n#1=[#1+1]\nO1 endrepeat\nM2\n".to_owned()),
+        ("nested.ngc", format!("{nested}F100\n{ends}M2\n")),
+    ] {
+        bench.file(name, &text);
+        for command in ["check", "canon", "run"] {
+            let said = bench.retrace([command, name]);
+            assert!(said.code == Some(1) && said.err.contains("E1806"), "{command} {name}: {}", said.err);
+        }
+    }
+}
+
+#[test]
+fn a_production_loop_is_a_warning_of_check_and_a_fault_in_a_loop_comes_first() {
+    let bench = Bench::new();
+    bench.file("p.ngc", "O1 while [1]\nG0 X1\nG0 X0\nO1 endwhile\nM2\n");
+    let said = bench.retrace(["check", "p.ngc", "--max-loop-blocks", "20000"]);
+    assert!(said.code == Some(0) && said.err.contains("W1004"), "{}", said.err);
+    assert!(said.err.contains("checking stopped here after 20000 blocks"), "{}", said.err);
+    assert!(!said.err.contains("W1001"), "{}", said.err);
+    // Its own two million blocks are not gone through where a line is wrong.
+    bench.file("f.ngc", "O1 while [1]\nG0 X1\nG0 X0\nG0 Y1 Y2\nO1 endwhile\nM2\n");
+    let said = bench.retrace(["check", "f.ngc"]);
+    assert!(said.code == Some(1) && said.err.contains("E1407") && !said.err.contains("W1004"), "{}", said.err);
+}
+
+#[test]
+fn what_a_loop_gives_again_and_again_is_told_once() {
+    let bench = Bench::new();
+    bench.file("g.ngc", "F100\nO1 repeat [150]\nG38.2 Z-5\nG0 Z0\nO1 endrepeat\nM2\n");
+    let said = bench.retrace(["check", "g.ngc"]);
+    assert_eq!(said.code, Some(1));
+    assert_eq!(said.err.matches("error[").count(), 1, "{}", said.err);
+    assert!(!said.err.contains("W1001"), "{}", said.err);
+}
+
+#[test]
+fn moves_of_any_length_are_refused_in_bounded_time() {
+    let bench = Bench::new();
+    bench.file("slow.ngc", "G1 X10 F0.00001\nM2\n");
+    bench.file("far.ngc", "F1000 G1 X90\nG1 X900000\nG2 X0 I-450000\nM2\n");
+    for (name, number) in [("slow.ngc", "E1512"), ("far.ngc", "E4304")] {
+        for command in ["check", "run"] {
+            let began = std::time::Instant::now();
+            let said = bench.retrace([command, name]);
+            assert!(said.code == Some(1) && said.err.contains(number), "{command} {name}: {}", said.err);
+            assert!(began.elapsed().as_secs() < 20, "{command} {name} took {:?}", began.elapsed());
+        }
+    }
+}
+
+#[test]
+fn a_machine_file_gets_a_line_for_every_finding() {
+    let bench = Bench::new();
+    let text = "nam = \"mill\"\nhistory_hours = 99\n[card]\nwatchdog_ms = 1\n[code.M3]\nduration_ms = -1\n[code.M33]\n";
+    bench.file("bad.toml", text);
+    let said = bench.retrace(["machine", "check", "bad.toml"]);
+    assert_eq!((said.code, said.out.as_str()), (Some(2), ""), "{}", said.err);
+    let lines: Vec<&str> = said.err.lines().collect();
+    for part in [
+        "error[E2111]: bad.toml: line 1, column 1: unknown field `nam`; help: did you mean `name`?",
+        "error[E2112]: bad.toml: history_hours = 99",
+        "error[E2112]: bad.toml: card.watchdog_ms = 1",
+        "error[E2112]: bad.toml: code.M3",
+        "error[E2111]: bad.toml: [code.M33]",
+        "bad.toml: 5 errors",
+    ] {
+        assert_eq!(lines.iter().filter(|line| line.starts_with(part)).count(), 1, "{part} in\n{}", said.err);
+    }
+    assert_eq!(lines.len(), 6, "{}", said.err);
+    let json = last(&bench.retrace(["machine", "check", "bad.toml", "--json"]).out);
+    assert_eq!(json["errors"].as_array().map(Vec::len), Some(5), "{json}");
+    assert_eq!((&json["errors"][0]["number"], &json["warnings"]), (&"E2111".into(), &serde_json::json!([])));
+}
+
+#[test]
+fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
+    let bench = Bench::new();
+    let axis = |name: &str, pulses_per_mm: f64| {
+        format!(
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = {pulses_per_mm:?}\nmax_velocity_mm_per_s = 100\n\
+            max_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 100]\n"
+        )
+    };
+    let axes = axis("x", 2480.0) + &axis("y", 2600.0) + &axis("z", 30_000.0);
+    let text = format!("{axes}[code.M3]\nwaits_for = {{ input = 5 }}\n[[card.input]]\nnumber = 3\nuse = \"door\"\n");
+    bench.file("m.toml", text);
+    let said = bench.retrace(["machine", "check", "m.toml"]);
+    assert_eq!(said.code, Some(0), "{}", said.err);
+    assert!(said.out.contains("X: 2480 pulses/mm"), "{}", said.out);
+    let lines: Vec<&str> = said.err.lines().collect();
+    assert_eq!(lines.len(), 4, "{}", said.err);
+    assert!(lines[0].starts_with("warning[W2115]: m.toml: code.M3 waits for input 5, which"), "{}", said.err);
+    assert!(lines[1].starts_with("warning[W2116]: m.toml: axis y makes up to 260000 pulses"), "{}", said.err);
+    assert!(lines[2].starts_with("warning[W2116]: m.toml: axis z makes up to 3000000 pulses"), "{}", said.err);
+    assert_eq!(lines[3], "m.toml: 3 warnings");
+    // The same against a card: what its clock and its pulses leave, and its own bound.
+    let served = Served::with(&[]);
+    let said = bench.retrace(["machine", "check", "m.toml", "--card", &served.port]);
+    assert_eq!(said.code, Some(2), "{}", said.err);
+    let errors: Vec<&str> = said.err.lines().filter(|line| line.starts_with("error[E3008]: m.toml, ")).collect();
+    assert_eq!(errors.len(), 3, "{}", said.err);
+    assert!(errors[0].contains("axis X makes up to 248000 pulses a second, the card 246000 with"), "{}", errors[0]);
+    assert!(errors[2].contains("axis Z makes up to 3000000 pulses a second, the card 2000000"), "{}", errors[2]);
+    let run = bench.retrace(["run", "--card", &served.port, "--machine", "m.toml", "--no-journal", "m.toml"]);
+    assert_ne!(run.code, Some(0), "{}", run.err);
 }

@@ -135,6 +135,46 @@ fn plots_are_drawn_in_both_formats_and_of_both_kinds() {
 }
 
 #[test]
+fn a_profile_is_drawn_of_a_range_of_program_lines() {
+    let bench = Bench::new();
+    let program = "G21 G90 G64\nG1 X10 F3000\nG1 X20\nG1 X20 Y10\nG4 P1\nG1 X0 Y0\nM2\n";
+    bench.file("p.ngc", program);
+    let draw = |more: &[&str]| {
+        let said = bench.retrace([&["plot", "p.ngc", "--profile", "-o", "p.svg"][..], more].concat());
+        (said, std::fs::read_to_string(bench.path("p.svg")).unwrap_or_default())
+    };
+    // The summary begins with how long the stretch is.
+    let seconds = |svg: &str| -> f64 {
+        let (before, _) = svg.split_once(" s in periods of").expect("a summary");
+        before
+            .rsplit(|c: char| !c.is_ascii_digit() && c != '.')
+            .next()
+            .and_then(|text| text.parse().ok())
+            .expect("a number")
+    };
+    let all = seconds(&draw(&[]).1);
+    let (said, middle) = draw(&["--from", "3", "--to", "4"]);
+    assert_eq!(said.code, Some(0), "{}", said.err);
+    assert!(middle.contains("p.ngc, lines 3 to 4"), "the title names the range");
+    let parts = [draw(&["--to", "2"]).1, middle, draw(&["--from", "5"]).1].map(|svg| seconds(&svg));
+    assert!(parts.iter().all(|&part| part > 0.2 && part < all), "{parts:?} of {all}");
+    // They are all of the motion, but for the dwell of a second; a passage between two lines belongs to both of them.
+    assert!((parts.iter().sum::<f64>() + 1.0 - all).abs() < 0.05, "{parts:?} of {all}");
+    std::fs::remove_file(bench.path("p.svg")).expect("a drawing");
+    for (wrong, part) in [
+        (&["--from", "4", "--to", "3"][..], "the first line is behind the last"),
+        (&["--from", "5", "--to", "5"], "nothing moves there"),
+        (&["--from", "100"], "nothing moves there"),
+    ] {
+        let (said, svg) = draw(wrong);
+        assert!(said.code == Some(2) && said.err.contains("E2143") && said.err.contains(part), "{}", said.err);
+        assert_eq!(svg, "", "nothing is drawn");
+    }
+    let said = bench.retrace(["plot", "p.ngc", "--from", "2", "-o", "p.svg"]);
+    assert_eq!(said.code, Some(2), "a range needs --profile: {}", said.err);
+}
+
+#[test]
 fn a_reader_that_goes_away_stops_nothing_and_is_no_panic() {
     let program = root().join("examples/03-arcs.ngc");
     let program = program.to_string_lossy();

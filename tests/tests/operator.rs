@@ -4,6 +4,7 @@ use proptest::prelude::*;
 use retrace_tests::command::{Bench, root};
 use retrace_tests::records::RATE_ONE;
 use retrace_tests::run::Run;
+use serde_json::Value;
 
 fn example(name: &str) -> std::path::PathBuf {
     root().join("examples").join(name)
@@ -165,4 +166,27 @@ proptest! {
         let run = Run::of(&bench, &program, &more);
         run.assert_exact_and_legal();
     }
+}
+
+#[test]
+fn events_call_outputs_by_the_names_that_the_machine_file_gives_them() {
+    let bench = Bench::new();
+    bench.file(
+        "m.toml",
+        "[[output]]\nnumber = 1\nname = \"air\"\n[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 3\n",
+    );
+    bench.file("p.ngc", "G21 G90 F3000\nM62 P1\nG1 X1\nM64 P3\nG1 X9\nM63 P1\nG1 X10\nM65 P3\nM2\n");
+    bench.file("p.op", "at line 5 hold\nafter 2s resume\nafter 1s agree\n");
+    let run = ["run", "p.ngc", "--machine", "m.toml", "--operator", "p.op"];
+    let text = bench.retrace(run);
+    for part in ["air := 1", "air := 0", "jet off: the machine stands", "outputs differ: jet is 0, program wants 1"] {
+        assert!(text.out.contains(part), "{part} is not in\n{}", text.out);
+    }
+    assert!(!text.out.contains("output 1 ") && !text.out.contains("output 3 "), "{}", text.out);
+    let said = bench.retrace([&run[..], &["--json"]].concat());
+    let events: Vec<Value> = said.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    let passing: Vec<_> = events.iter().filter(|event| event["event"] == "switched_in_passing").collect();
+    assert_eq!((&passing[0]["channel"], &passing[0]["name"]), (&1.into(), &"air".into()), "{passing:?}");
+    let differ = events.iter().find(|event| event["event"] == "outputs_differ").expect("it asks");
+    assert_eq!((&differ["outputs"][0]["channel"], &differ["outputs"][0]["name"]), (&3.into(), &"jet".into()));
 }

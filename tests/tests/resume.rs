@@ -7,6 +7,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, Said};
+use retrace_tests::pins;
 use retrace_tests::served::Served;
 use serde_json::Value;
 
@@ -328,4 +329,52 @@ fn after_a_restart_of_the_card_homing_is_enough_where_every_axis_has_a_switch() 
     assert!(said.err.contains("retrace home"), "{}", said.err);
     home(&card);
     assert_completed(&bench.retrace(resume));
+}
+
+/// The card loses its power in the cut and is switched on again: all outputs are off, nothing moves until the operator acts, and the job goes on only
+/// behind a position that he has confirmed, with the jet off on the way back.
+#[test]
+fn after_a_power_loss_in_the_cut_the_jet_stays_off_and_nothing_moves_by_itself() {
+    let bench = Bench::new();
+    bench.file("part.ngc", "G21 G90 F1200\nG0 X10\nM64 P3\nG1 X60\nM65 P3\nG0 X0\nM2\n");
+    let jet = "[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 3\n";
+    bench.file("jet.toml", format!("retract_mm = 10\n{jet}{PATIENT}"));
+    let card = Served::with(&[]);
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "jet.toml", "--json"];
+    let mut host = bench.begun(&run, Stdio::null(), "killed.txt");
+    let begun = Instant::now();
+    // M64 is complete: it cuts.
+    while !fs::read_to_string(bench.path("killed.txt")).unwrap_or_default().contains("\"switched\"") {
+        assert!(begun.elapsed() < Duration::from_secs(50), "it begins");
+        sleep(Duration::from_millis(1));
+    }
+    sleep(Duration::from_millis(800));
+    drop(card);
+    let vcd = bench.path("again.vcd");
+    let card = Served::with(&["--vcd", &vcd.display().to_string()]);
+    let ended = host.wait().expect("it ends");
+    assert_eq!(ended.code(), Some(3), "the line is lost: {:?}", fs::read_to_string(bench.path("killed.txt")));
+    let stands = || {
+        let who = card.who(&bench);
+        assert_eq!((&who["at_rest"], &who["counts"][0], &who["place"]), (&true.into(), &0.into(), &0.into()), "{who}");
+        assert_eq!(who["outputs_on"], Value::Array(Vec::new()), "{who}");
+    };
+    stands();
+    let resume = ["resume", "--yes", "--json", "--card", &card.port];
+    assert_refused(&bench.retrace(resume), "E2213");
+    sleep(Duration::from_millis(1500));
+    stands();
+    let said = bench.retrace(resume.iter().chain(&["--at-counts"]));
+    assert_eq!((said.code, report(&said)["outcome"].as_str()), (Some(0), Some("completed")), "{}", said.err);
+    let _ = card.told();
+    let samples = pins::samples(&vcd);
+    let first_motion = samples.iter().find(|sample| sample.rate != 0.0).expect("it moves at last").at_us;
+    assert!(first_motion > 1_500_000, "nothing moves before it is resumed: {first_motion} µs");
+    let lit: Vec<_> = samples.iter().filter(|sample| sample.is_on("out3")).collect();
+    let breakpoint = lit.first().expect("it is lit").place;
+    // It is lit at the breakpoint, behind the way back, and from there on only along the cut.
+    let cuts = |sample: &pins::Sample| sample.place == breakpoint || (4..=5).contains(&sample.line);
+    assert!(lit.iter().all(|sample| sample.at_us > first_motion && sample.place >= breakpoint && cuts(sample)));
+    let cut: Vec<_> = lit.iter().filter(|sample| sample.rate > 0.0).collect();
+    assert!(cut.len() > 100, "the rest of the cut is cut: {}", cut.len());
 }

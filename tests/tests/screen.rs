@@ -570,3 +570,41 @@ fn a_tool_change_and_an_optional_stop_wait_for_the_operator() {
     terminal.keys("c");
     ends(&mut terminal, "completed", 0);
 }
+
+/// A machine that was jogged away since the job was left goes back by itself, at the screen as without it: the way back is shown and agreed to. So it is
+/// where the job was stopped, and where its host was killed and the card says a place that is none of the job's any more.
+#[test]
+fn a_job_is_resumed_at_the_screen_where_the_machine_was_jogged_away() {
+    for is_killed in [false, true] {
+        let (bench, card) = (Bench::new(), Served::with(&[]));
+        bench.file("program.ngc", "G21 G90 G17 G94 G61\nF2400\nG1 X60\nG1 X0 Y3\nM2\n");
+        bench.file("mill.toml", "retract_mm = 10\n[card]\nwatchdog_ms = 2000\n");
+        bench.file("stop.op", "at 1s stop\n");
+        let machine = bench.path("mill.toml").display().to_string();
+        let on_card = ["--card", &card.port, "--machine", &machine];
+        let run = ["run", "program.ngc", "--journal", "jobs", "--json"];
+        if is_killed {
+            let mut host = bench.begun(&[&run[..], &on_card].concat(), std::process::Stdio::null(), "killed.txt");
+            std::thread::sleep(Duration::from_millis(2500));
+            host.kill().expect("it is killed");
+            host.wait().expect("it ends");
+            let said = bench.retrace(["card", "clear", &card.port, "--machine", &machine]);
+            assert_eq!(said.code, Some(0), "{}", said.err);
+        } else {
+            let stopped = [&run[..], &["--operator", "stop.op"], &on_card].concat();
+            assert_eq!(bench.retrace(stopped).code, Some(4));
+        }
+        for jog in [["jog", "z", "5"], ["jog", "y", "-7"]] {
+            let said = bench.retrace(jog.iter().chain(&on_card));
+            assert_eq!(said.code, Some(0), "{}", said.err);
+        }
+        let journal = bench.path("jobs").display().to_string();
+        let mut terminal = Terminal::running(&["resume", "--tui", "--journal", &journal], 100, 40);
+        let asked = terminal.until("y agrees");
+        assert!(asked.contains("way back"), "{asked}");
+        terminal.keys("y");
+        terminal.until("RUNNING");
+        let end = ends(&mut terminal, "completed", 0);
+        assert!(end.contains("X 0  Y 3000  Z 0"), "{end}");
+    }
+}

@@ -201,3 +201,20 @@ fn a_fifo_is_a_stream_and_shows_that_it_waits() {
     let said = bench.retrace(["run", "/dev/zero"]);
     assert!(said.code == Some(1) && said.err.contains("E2311"), "{}", said.err);
 }
+
+#[test]
+fn with_rts_and_cts_no_code_is_sent_over_the_line() {
+    let (line, bench) = (Line::new(), Bench::new());
+    let (mut sender, tape) = (line.sender, tape("G21 G90 F3000\nG1 X5\nM30\n"));
+    let sent = thread::spawn(move || {
+        thread::sleep(Duration::from_millis(500));
+        sender.write_all(&tape).expect("a line");
+        sender.set_timeout(Duration::from_millis(1500)).expect("a line");
+        let mut codes = [0; 16];
+        let heard = sender.read(&mut codes).unwrap_or(0);
+        codes[..heard].to_vec()
+    });
+    let said = bench.retrace(["run", &format!("serial:{}?format=7e2&handshake=rts-cts", line.path), "--json"]);
+    assert_eq!((said.code, counts(&said).1), (Some(0), [Some(5000), Some(0), Some(0)]), "{}", said.err);
+    assert_eq!(sent.join().expect("it sends"), Vec::<u8>::new(), "neither DC1 nor DC3");
+}

@@ -77,3 +77,31 @@ fn a_stream_that_was_cut_off_continues_with_the_whole_program() {
         assert_eq!(counts, [Some(8_000), Some(0), Some(10_000)]);
     }
 }
+
+/// An address of this computer that is not its loopback address; none where it has no network.
+fn own_address() -> Option<String> {
+    let socket = std::net::UdpSocket::bind("0.0.0.0:0").ok()?;
+    // Nothing is sent: the system only chooses the address that it would send from.
+    socket.connect("192.0.2.1:9").ok()?;
+    let address = socket.local_addr().ok()?.ip();
+    (!address.is_loopback() && !address.is_unspecified()).then(|| address.to_string())
+}
+
+#[test]
+fn a_sender_on_the_network_is_warned_about_and_one_on_this_computer_is_not() {
+    let listener = std::net::TcpListener::bind("0.0.0.0:0").expect("a port");
+    let port = listener.local_addr().expect("bound").port();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let _ = stream.map(|mut stream| std::io::Write::write_all(&mut stream, WHOLE.as_bytes()));
+        }
+    });
+    let bench = Bench::new();
+    let warning = "is not on this computer: whoever can send from there moves this machine";
+    let here = bench.retrace(["run", &format!("tcp://127.0.0.1:{port}"), "--json"]);
+    assert!(here.code == Some(0) && !here.err.contains(warning), "{}", here.err);
+    // Where there is no network nobody can send from elsewhere.
+    let Some(address) = own_address() else { return };
+    let there = bench.retrace(["run", &format!("tcp://{address}:{port}"), "--json"]);
+    assert!(there.code == Some(0) && there.err.contains(warning), "{}", there.err);
+}

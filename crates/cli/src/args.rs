@@ -48,6 +48,7 @@ pub enum Command {
     #[command(after_help = "Examples:\n  retrace plot examples/01-first-cut.ngc -o path.svg\n  \
         retrace plot examples/02-back-up.ngc --operator examples/02-back-up.op -o retraced.png\n  \
         retrace plot examples/01-first-cut.ngc --profile -o profile.svg\n  \
+        retrace plot examples/01-first-cut.ngc --profile --from 4 --to 6 -o lines.svg\n  \
         retrace plot --job -o history.png")]
     #[command(mut_arg("program", |program| {
         program.required(false).required_unless_present("job").default_value("-").hide_default_value(true)
@@ -260,11 +261,19 @@ pub enum Machine {
         #[arg(short, long, value_name = "FILE.toml")]
         output: Option<PathBuf>,
     },
-    /// Check a machine file and say what it comes to.
-    #[command(after_help = "Example:\n  retrace machine check examples/02-back-up.toml")]
+    /// Check a machine file: one line for every error and warning, then what the machine comes to.
+    #[command(after_help = "Examples:\n  retrace machine check examples/02-back-up.toml\n  \
+        retrace machine check mill.toml --card /dev/ttyUSB0\n\nExit codes: 0 usable, with warnings or without · 2 errors · \
+        3 the card cannot be asked")]
     Check {
         /// The machine file.
         file: PathBuf,
+        /// Compare it with the card at this port, `PATH[@BAUD]`, too: step rates, control period, axes, inputs and outputs.
+        #[arg(long, value_name = "PORT")]
+        card: Option<String>,
+        /// One JSON object on standard output: `errors` and `warnings`, each with `number`, `text` and `help`.
+        #[arg(long)]
+        json: bool,
     },
 }
 
@@ -324,6 +333,9 @@ pub struct CycleFolders {
     pub compiled: Option<PathBuf>,
 }
 
+/// Blocks in loops and calls that a check goes through unless the command line says otherwise.
+pub const MAX_CHECKED_LOOP_BLOCKS: u64 = 2_000_000;
+
 /// What a program is read with, for every command that reads one.
 #[derive(Clone, Debug, Args)]
 pub struct Reading {
@@ -349,6 +361,9 @@ pub struct Reading {
     /// LinuxCNC machine configuration: what `rs274` takes of it, its numbers as `#<_ini[section]name>` among it.
     #[arg(long, value_name = "FILE.ini")]
     pub ini: Option<PathBuf>,
+    /// Blocks in loops and calls that a check before the run goes through; what follows is not checked (W1004).
+    #[arg(long, value_name = "N", default_value_t = MAX_CHECKED_LOOP_BLOCKS)]
+    pub max_loop_blocks: u64,
     /// The machine's own tables in the state folder, where they are used for what is not named above.
     #[arg(skip)]
     pub machine_tables: Option<MachineTables>,
@@ -377,6 +392,9 @@ pub struct Run {
     /// Scripted operator.
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,
+    /// Whether M1 stops. Left out: it does in wall time without --operator and without the screen, where Enter goes on.
+    #[arg(long, value_enum, value_name = "on|off")]
+    pub optional_stop: Option<OnOff>,
     /// What the card executed, one row a control period.
     #[arg(long, value_name = "FILE.csv")]
     pub records: Option<PathBuf>,
@@ -398,6 +416,23 @@ pub struct Run {
     /// Keep no journal: the job cannot be resumed.
     #[arg(long, conflicts_with = "journal")]
     pub no_journal: bool,
+}
+
+/// A switch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum OnOff {
+    /// On.
+    On,
+    /// Off.
+    Off,
+}
+
+impl OnOff {
+    /// Is it on?
+    #[must_use]
+    pub fn is_on(self) -> bool {
+        self == Self::On
+    }
 }
 
 /// `retrace resume`
@@ -434,6 +469,9 @@ pub struct Resume {
     /// Scripted operator.
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,
+    /// Whether M1 stops. Left out: as it was when the job was left; else it does in wall time without --operator and without the screen, where Enter goes on.
+    #[arg(long, value_enum, value_name = "on|off")]
+    pub optional_stop: Option<OnOff>,
     /// What the card executed, one row a control period.
     #[arg(long, value_name = "FILE.csv")]
     pub records: Option<PathBuf>,
@@ -519,6 +557,12 @@ pub struct Plot {
     /// Velocity, acceleration and jerk over time in place of the path.
     #[arg(long)]
     pub profile: bool,
+    /// With --profile: draw from the first motion of this program line on.
+    #[arg(long, value_name = "N", requires = "profile")]
+    pub from: Option<u32>,
+    /// With --profile: draw up to the last motion of this program line.
+    #[arg(long, value_name = "M", requires = "profile")]
+    pub to: Option<u32>,
     /// Direction of view: xy, xz, yz or iso; by default the plane the program works in.
     #[arg(long, value_name = "VIEW")]
     pub view: Option<String>,

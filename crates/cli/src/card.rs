@@ -6,7 +6,7 @@
 use retrace_hal_serial::{FoundPort, Latency};
 use std::path::Path;
 
-use retrace_controller::event::channel_name;
+use retrace_controller::event::ChannelNames;
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_link::{CardFault, Greeting, Identity, MotionCard, Start, Word};
@@ -81,7 +81,7 @@ fn who(address: &str, machine: Option<&Path>, json: bool) -> Result<(), Failure>
     if json {
         crate::out::line(told_as_json(address, &greeting, &outputs, latency));
     } else {
-        crate::out::line(told(address, &greeting, &outputs, latency));
+        crate::out::line(told(address, &greeting, &outputs, &ChannelNames::of_machine(&machine), latency));
     }
     Ok(())
 }
@@ -110,12 +110,12 @@ fn outputs(
     }
 }
 
-fn outputs_in_words(outputs: &Outputs) -> String {
+fn outputs_in_words(outputs: &Outputs, names: &ChannelNames) -> String {
     match outputs {
         Err(why) => why.clone(),
         Ok(outputs) if outputs.is_empty() => "all off".into(),
         Ok(outputs) => {
-            let each = outputs.iter().map(|(number, value)| format!("{} {value}", channel_name(*number)));
+            let each = outputs.iter().map(|(number, value)| format!("{} {value}", names.of(*number)));
             each.collect::<Vec<_>>().join(", ")
         }
     }
@@ -160,7 +160,13 @@ fn counts(greeting: &Greeting<MOST_AXES>) -> &[i64] {
 }
 
 /// A greeting in a few lines.
-fn told(address: &str, greeting: &Greeting<MOST_AXES>, outputs: &Outputs, latency: &Latency) -> String {
+fn told(
+    address: &str,
+    greeting: &Greeting<MOST_AXES>,
+    outputs: &Outputs,
+    names: &ChannelNames,
+    latency: &Latency,
+) -> String {
     let of = &greeting.identity;
     let mut text = format!(
         "{address}: `{}`, serial number {}, protocol {}\n  \
@@ -183,7 +189,7 @@ fn told(address: &str, greeting: &Greeting<MOST_AXES>, outputs: &Outputs, latenc
         greeting.place.record,
         counts(greeting),
     );
-    text += &format!("\n  outputs {}", outputs_in_words(outputs));
+    text += &format!("\n  outputs {}", outputs_in_words(outputs, names));
     match greeting.alarm {
         Some(alarm) => text += &format!("\n  alarm[{}]: {alarm}\n  help: {}", alarm.number(), alarm.remedy()),
         None => text += "\n  no alarm",
@@ -257,8 +263,11 @@ mod tests {
     fn a_greeting_says_who_where_and_what_is_wrong() {
         let kept = Latency::Kept { ms: 16, remedy: "do this".into() };
         let outputs = Ok(vec![(64, 1), (3, 1)]);
-        let text = told("port", &greeting(), &outputs, &kept);
-        assert!(told("port", &greeting(), &Err("not known: x".into()), &kept).contains("outputs not known: x"));
+        let text = told("port", &greeting(), &outputs, &ChannelNames::default(), &kept);
+        assert!(
+            told("port", &greeting(), &Err("not known: x".into()), &ChannelNames::default(), &kept)
+                .contains("outputs not known: x")
+        );
         for part in [
             "outputs spindle 1, output 3 1",
             "`retrace-sim`",

@@ -5,6 +5,7 @@
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_gcode::{Prescan, Target};
+use serde_json::json;
 
 use crate::args;
 use crate::check_told::Told;
@@ -32,11 +33,20 @@ pub fn run(args: &args::Check) -> Result<(), Failure> {
 }
 
 fn tell<const A: usize>(args: &args::Check, machine: &Machine, program: &Program) -> Result<(), Failure> {
-    let Some(checked) = program.survey::<A>(machine)? else {
+    let mut diagnostics = Vec::new();
+    // What cannot be run is not planned: moves beyond the travel may be of any length.
+    let checked = match program.faults(machine) {
+        Ok(()) => program.survey::<A>(machine, &mut diagnostics),
+        Err(_) => program.check_for_script(machine, &mut diagnostics).map(|_| None),
+    };
+    if let (true, Err(Failure::Program)) = (args.json, &checked) {
+        crate::out::line(json!({ "event": "check", "program": program.name(), "diagnostics": diagnostics }));
+    }
+    let Some(checked) = checked? else {
         let what = "standard input is checked as it runs";
         return Err(Refusal::new("E2142", what, "give a file, or `retrace run -`").into());
     };
-    let told = Told { program, machine, blocks: checked.blocks, survey: &checked.found };
+    let told = Told { program, machine, blocks: checked.blocks, survey: &checked.found, diagnostics };
     if args.json {
         crate::out::line(told.json());
     } else {

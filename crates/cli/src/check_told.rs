@@ -17,6 +17,8 @@ pub struct Told<'a, const A: usize> {
     pub machine: &'a Machine,
     pub blocks: u64,
     pub survey: &'a Survey<'a, A>,
+    /// Its warnings, for a script.
+    pub diagnostics: Vec<Value>,
 }
 
 /// Lines that are listed for a person; a script gets all of them.
@@ -151,6 +153,7 @@ impl<const A: usize> Told<'_, A> {
                 .iter()
                 .map(|(tool, &periods)| (tool.to_string(), json!(self.seconds(periods))))
                 .collect::<Map<_, _>>(),
+            "diagnostics": self.diagnostics,
             "feed_beyond": survey.feed_beyond.map(|(line, feed)| json!({"line": line, "feed_mm_per_min": feed})),
         })
     }

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use retrace_controller::event::{Event, Happening};
+use retrace_controller::event::{ChannelNames, Event, Happening};
 use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
@@ -55,6 +55,7 @@ pub struct Console<'m, const A: usize> {
     judge: LimitJudge<A>,
     records: Option<(BufWriter<File>, Option<std::io::Error>)>,
     alarms: Vec<String>,
+    names: ChannelNames,
     line: u32,
     shown: Instant,
     /// Number of the last period that was told, and whether the machine stood in it.
@@ -81,7 +82,18 @@ impl<'m, const A: usize> Console<'m, A> {
             Some(path) => Some((create(path, machine)?, None)),
         };
         let judge = LimitJudge::new(&std::array::from_fn(axis), machine.period_s());
-        Ok(Self { show, machine, judge, records, alarms: Vec::new(), line: 0, shown: Instant::now(), last: None })
+        let names = ChannelNames::of_machine(machine);
+        Ok(Self {
+            show,
+            machine,
+            judge,
+            records,
+            alarms: Vec::new(),
+            names,
+            line: 0,
+            shown: Instant::now(),
+            last: None,
+        })
     }
 
     /// Ends the console: the judge's verdict, the alarms, the last line executed; and `E2105` where the records could not be written
@@ -165,15 +177,24 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
 }
 
 impl<const A: usize> Console<'_, A> {
+    /// Prints a line for the person at the terminal, on standard error.
+    pub fn say(&self, text: &str) {
+        match &self.show {
+            Show::Json | Show::Plain => eprintln!("{}", escape::lines(text)),
+            Show::Bar(bar) => bar.println(escape::lines(text)),
+            Show::Screen(_) => {}
+        }
+    }
+
     fn event(&mut self, event: &Event) {
         if let Happening::Alarm(trouble) = &event.happening {
             let (number, cause, _) = trouble.parts();
             self.alarms.push(format!("{number}: {cause}"));
         }
         match &self.show {
-            Show::Json => crate::out::line(event.to_json()),
-            Show::Plain => crate::out::line(event.to_line()),
-            Show::Bar(bar) => bar.println(escape::lines(&event.to_line())),
+            Show::Json => crate::out::line(event.to_json_naming(&self.names)),
+            Show::Plain => crate::out::line(event.to_line(&self.names)),
+            Show::Bar(bar) => bar.println(escape::lines(&event.to_line(&self.names))),
             Show::Screen(_) => {}
         }
     }

@@ -28,7 +28,14 @@ pub struct Decoder {
     pub(super) is_told: bool,
     /// What it leaves behind; none while it is only looked at.
     pub(super) left: Option<Left>,
+    /// Blocks in loops and calls that are gone through; none where it is run.
+    pub(super) max_loop_blocks: Option<u64>,
+    /// The program has come to its end.
+    pub(super) is_at_end: bool,
 }
+
+/// Blocks in loops and calls that a program with errors is gone through for: more would only keep its errors back.
+const MAX_LOOP_BLOCKS_WITH_ERRORS: u64 = 100_000;
 
 impl Decode for Decoder {
     fn given_up(&self) -> Option<Arc<AtomicBool>> {
@@ -49,8 +56,13 @@ impl Decode for Decoder {
     }
 
     fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+        if self.has_looped_too_long() {
+            self.is_told = true;
+            return Decoded::End;
+        }
         let first = steps.len();
         let progress = self.program.advance(steps);
+        self.is_at_end |= progress == Progress::End;
         self.length_offset |= steps[first..].iter().any(|s| matches!(s.canon, Canon::UseToolLengthOffset(_)));
         if let Some(left) = &mut self.left {
             left.take(&steps[first..]);
@@ -74,5 +86,25 @@ impl Decode for Decoder {
                 why.map_or(Decoded::End, Decoded::Refused)
             }
         }
+    }
+}
+
+impl Decoder {
+    /// Whether looking through the program ends here; a warning says so, unless errors do.
+    fn has_looped_too_long(&mut self) -> bool {
+        let Some(max) = self.max_loop_blocks else { return false };
+        let blocks = self.program.loop_blocks();
+        if blocks < max.min(MAX_LOOP_BLOCKS_WITH_ERRORS) {
+            return false;
+        }
+        let diagnostics = self.program.interpreter().diagnostics();
+        if diagnostics.iter().any(|found| found.severity() == Severity::Error) {
+            return true;
+        }
+        let is_too_long = blocks >= max && !self.program.is_without_motion();
+        if is_too_long {
+            self.program.report_check_stopped();
+        }
+        is_too_long
     }
 }

@@ -44,6 +44,13 @@ pub fn run(args: &args::Plot) -> Result<(), Failure> {
         return Err(cannot_draw(format!("{} is neither .svg nor .png", args.output.display()), "-o path.svg").into());
     }
     let view = args.view.as_deref().map(view).transpose()?;
+    if let Some([from, to]) = lines_shown(args).filter(|[from, to]| from > to) {
+        return Err(cannot_draw(
+            format!("--from {from} --to {to}: the first line is behind the last"),
+            "--from N --to M",
+        )
+        .into());
+    }
     let picture = match &args.job {
         Some(id) => {
             let history = draw_job::history(id.as_deref(), args.journal.as_deref())?;
@@ -62,7 +69,7 @@ fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Pictu
     let script = crate::files::script(args.operator.as_deref())?;
     let program = Program::open(&args.reading, &machine)?;
     program.check(&machine)?;
-    let mut trace = Trace::new(&machine, args.profile);
+    let mut trace = Trace::new(&machine, args.profile, lines_shown(args));
     if args.profile || !script.is_empty() {
         let card = simulated::<9>(&machine, Clock::Virtual)?;
         let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
@@ -72,12 +79,23 @@ fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Pictu
             .map_err(|why| cannot_draw(why.to_string(), "a shorter history_hours in the machine file"))?;
     }
     if args.profile {
-        return Ok(draw_profile(&trace.profile(program.name()), size));
+        let Some([from, to]) = trace.lines else { return Ok(draw_profile(&trace.profile(program.name()), size)) };
+        let lines = if to == u32::MAX { format!("from line {from} on") } else { format!("lines {from} to {to}") };
+        if trace.shown_periods.is_none() {
+            let what = format!("{}, {lines}: nothing moves there", program.name());
+            return Err(cannot_draw(what, "a range with a line that moves an axis").into());
+        }
+        return Ok(draw_profile(&trace.profile(&format!("{}, {lines}", program.name())), size));
     }
     let mut path = ToolPath { title: program.name().into(), strokes: trace.retraced };
     path.strokes.extend(programmed(&machine, &program));
     let view = view.unwrap_or_else(|| View::fitting(&path));
     Ok(draw_path(&path, view, size))
+}
+
+/// The program lines, first and last, that the profile is to show; none for all of them.
+fn lines_shown(args: &args::Plot) -> Option<[u32; 2]> {
+    (args.from.is_some() || args.to.is_some()).then(|| [args.from.unwrap_or(1), args.to.unwrap_or(u32::MAX)])
 }
 
 fn write(picture: &Picture, output: &Path) -> Result<(), Refusal> {
@@ -196,13 +214,18 @@ struct Trace<'m> {
     retraced: Vec<Stroke>,
     retraced_s: Vec<[f64; 2]>,
     is_retracing: bool,
+    /// The program lines that are to be shown, first and last.
+    lines: Option<[u32; 2]>,
+    /// The first and the last period with motion of these lines, as indices of `positions`.
+    shown_periods: Option<[usize; 2]>,
 }
 
 impl<'m> Trace<'m> {
-    fn new(machine: &'m Machine, keep: bool) -> Self {
+    fn new(machine: &'m Machine, keep: bool, lines: Option<[u32; 2]>) -> Self {
         let positions = vec![vec![0.0]; machine.axes.len()];
         let place = Place::of(machine);
-        Self { machine, place, keep, positions, retraced: Vec::new(), retraced_s: Vec::new(), is_retracing: false }
+        let (retraced, retraced_s) = (Vec::new(), Vec::new());
+        Self { machine, place, keep, positions, retraced, retraced_s, is_retracing: false, lines, shown_periods: None }
     }
 
     fn profile(&self, title: &str) -> Profile {
@@ -221,6 +244,10 @@ impl<'m> Trace<'m> {
             stride_periods: STRIDE,
             axes: axes.collect(),
             retraced_s: self.retraced_s.clone(),
+            shown_s: self.shown_periods.map(|[first, last]| {
+                let at = |index: usize| index as f64 * self.machine.period_s();
+                [at(first.saturating_sub(1)), at(last)]
+            }),
         }
     }
 }
@@ -235,6 +262,11 @@ impl Observer<9> for Trace<'_> {
         if self.keep {
             for (positions, &x) in self.positions.iter_mut().zip(&mm) {
                 positions.push(x);
+            }
+            let moves = period.increments.iter().any(|&pulses| pulses != 0);
+            if moves && self.lines.is_some_and(|[from, to]| (from..=to).contains(&period.line)) {
+                let last = self.positions.first().map_or(0, |positions| positions.len() - 1);
+                self.shown_periods.get_or_insert([last, last])[1] = last;
             }
         }
         let is_retracing = period.mode != Mode::Run;

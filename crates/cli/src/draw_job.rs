@@ -248,10 +248,11 @@ fn in_words(event: &Value) -> Option<(Rank, String)> {
 
 fn switched(event: &Value) -> String {
     let channel = event["channel"].as_u64().and_then(|channel| u8::try_from(channel).ok()).unwrap_or_default();
+    let name = event["name"].as_str().map_or_else(|| channel_name(channel), str::to_owned);
     match event["value"].as_i64() {
-        Some(0) => format!("{} off", channel_name(channel)),
-        Some(1) => format!("{} on", channel_name(channel)),
-        value => format!("{} {}", channel_name(channel), value.unwrap_or_default()),
+        Some(0) => format!("{name} off"),
+        Some(1) => format!("{name} on"),
+        value => format!("{name} {}", value.unwrap_or_default()),
     }
 }
 

@@ -168,15 +168,21 @@ pub fn machine_text(path: Option<&Path>) -> Result<String, Refusal> {
 pub fn machine(path: Option<&Path>) -> Result<Machine, Refusal> {
     match path {
         None => Machine::built_in(),
-        Some(path) => {
-            let text = text(path, "machine file")?;
-            if text.trim().is_empty() {
-                let what = format!("the machine file {} is empty", path.display());
-                return Err(Refusal::new("E2114", what, "`retrace machine new -o FILE` writes a commented one"));
-            }
-            Machine::parse(&text, &path.display().to_string())
-        }
+        Some(path) => Machine::parse(&written_machine_text(path)?, &path.display().to_string()),
     }
+}
+
+/// The text of a machine file in which something is written.
+///
+/// # Errors
+/// The file cannot be read; `E2114` for an empty one.
+pub fn written_machine_text(path: &Path) -> Result<String, Refusal> {
+    let text = text(path, "machine file")?;
+    if text.trim().is_empty() {
+        let what = format!("the machine file {} is empty", path.display());
+        return Err(Refusal::new("E2114", what, "`retrace machine new -o FILE` writes a commented one"));
+    }
+    Ok(text)
 }
 
 /// An operator's script; an empty one where none is named.

@@ -4,10 +4,11 @@
 
 use std::path::Path;
 
-use retrace_controller::event::channel_name;
+use retrace_controller::event::{ChannelNames, channel_name};
 use retrace_controller::jobs::{JobFolder, Jobs, Listed, State};
 use retrace_controller::journal::entry::{At, Card, Job, Mode, Source, Standing};
 use retrace_controller::journal::record::JobRecord;
+use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_link::channel;
 use serde_json::{Value, json};
@@ -208,7 +209,9 @@ fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
     let rest = if at.at_rest { "at rest" } else { "in motion" };
     let line = far(&record.job, Some(at), &State::Interrupted);
     let mode = mode_in_words(at.mode, at.standing);
-    let outputs: Vec<String> = at.outputs.iter().map(|&(number, value)| output_in_words(number, value)).collect();
+    let names = channel_names(&record.job);
+    let outputs: Vec<String> =
+        at.outputs.iter().map(|&(number, value)| output_in_words(&names, number, value)).collect();
     vec![
         ("breakpoint", format!("{line}; {place}, {rest}; {} instructions complete", start.executed)),
         ("counts", format!("{:?} pulses", record.stood.counts)),
@@ -251,9 +254,16 @@ fn mode_in_words(mode: Mode, standing: Standing) -> &'static str {
     }
 }
 
-fn output_in_words(number: u8, value: i32) -> String {
-    let name = channel_name(number);
+/// What the outputs of the job's machine are called.
+fn channel_names(job: &Job) -> ChannelNames {
+    // The text was a machine file when the job began; a newer version may refuse it.
+    Machine::parse(&job.machine.text, "").map_or_else(|_| ChannelNames::default(), |m| ChannelNames::of_machine(&m))
+}
+
+fn output_in_words(names: &ChannelNames, number: u8, value: i32) -> String {
+    let name = names.of(number);
     match number {
+        channel::SPINDLE if name != channel_name(channel::SPINDLE) => format!("{name} on"),
         channel::SPINDLE if value > 0 => "spindle clockwise".into(),
         channel::SPINDLE => "spindle counterclockwise".into(),
         channel::SPEED => format!("{} rev/min", f64::from(value) / 1000.0),
@@ -401,8 +411,9 @@ mod tests {
 
     #[test]
     fn outputs_are_said_as_an_operator_would() {
-        let said: Vec<String> =
-            [(64, -1), (65, 12_500), (66, 1), (68, 3), (5, 1), (5, 7)].map(|(n, v)| output_in_words(n, v)).into();
+        let said: Vec<String> = [(64, -1), (65, 12_500), (66, 1), (68, 3), (5, 1), (5, 7)]
+            .map(|(n, v)| output_in_words(&ChannelNames::default(), n, v))
+            .into();
         assert_eq!(
             said,
             ["spindle counterclockwise", "12.5 rev/min", "mist on", "tool 3", "output 5 on", "output 5 7"]

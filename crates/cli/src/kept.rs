@@ -4,6 +4,7 @@
 
 use std::path::Path;
 
+use retrace_controller::event::ChannelNames;
 use retrace_controller::index::Keeping;
 use retrace_controller::jobs::{Held, JobFolder, Jobs};
 use retrace_controller::journal::entry::{
@@ -118,7 +119,7 @@ impl Kept {
     /// Who keeps events and positions.
     #[must_use]
     pub fn keeper<const A: usize>(&self, machine: &Machine) -> Keeper<A> {
-        Keeper::new(&self.logbook, machine.axes.len(), machine.period_us)
+        Keeper::new(&self.logbook, machine.axes.len(), machine.period_us).naming(ChannelNames::of_machine(machine))
     }
 
     /// Keeps how the job ended; its keeper is gone. What there is to say of it comes back, a line each; what cannot be kept changes nothing

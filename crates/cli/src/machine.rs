@@ -7,14 +7,15 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Write as _};
 use std::path::Path;
 
-use retrace_controller::machine::{Cutter, Machine};
+use retrace_controller::machine::{Cutter, Examination, Machine};
 use retrace_controller::refusal::Refusal;
 use retrace_controller::switching::{Class, InReverse, Switching};
 use retrace_link::channel;
+use serde_json::json;
 
-use crate::args;
 use crate::console::unwritable;
-use crate::files;
+use crate::program::Failure;
+use crate::{args, escape, files, wired};
 
 /// The commented machine file of the built-in machine.
 const COMMENTED: &str = include_str!("machine.toml");
@@ -34,21 +35,94 @@ fn file(kind: Option<args::MachineKind>) -> &'static str {
 /// Runs the command.
 ///
 /// # Errors
-/// What is wrong with the file.
-pub fn run(args: &args::Machine) -> Result<(), Refusal> {
+/// The file cannot be read or written, or the card cannot be asked.
+pub fn run(args: &args::Machine) -> Result<u8, Failure> {
     match args {
         args::Machine::New { kind, of_kind, output } => {
             let text = file(kind.or(*of_kind));
             let Some(path) = output else {
                 crate::out::line(text.trim_end());
-                return Ok(());
+                return Ok(0);
             };
             create(path, text).map_err(|error| unwritable(&path.display().to_string(), &error))?;
             say!("{} written; see what it comes to: retrace machine check {0}", path.display());
         }
-        args::Machine::Check { file } => crate::out::line(described(&files::machine(Some(file))?)),
+        args::Machine::Check { file, card, json } => return check(file, card.as_deref(), *json),
     }
-    Ok(())
+    Ok(0)
+}
+
+/// Checks a machine file, by itself and against the card at a port: one line for each finding.
+///
+/// # Errors
+/// The file cannot be read, or the card cannot be asked.
+fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, Failure> {
+    let name = path.display().to_string();
+    let Examination { mut errors, machine } = Machine::examine(&files::written_machine_text(path)?, &name);
+    let mut warnings = machine.as_ref().map_or_else(Vec::new, |machine| warnings(machine, &name));
+    if let (Some(address), Some(machine)) = (card.filter(|&card| card != "sim"), &machine) {
+        let card = wired::find::<MAX_AXES>(address)?;
+        let misfits = card.greeting().map(|greeting| wired::misfits(&greeting.identity, machine)).unwrap_or_default();
+        let refusal = |what| Refusal::new("E3008", format!("{name}, {address}: {what}"), wired::MISFIT_REMEDY);
+        errors.extend(misfits.into_iter().map(refusal));
+    }
+    let code = if errors.is_empty() { 0 } else { 2 };
+    if json {
+        let each = |all: &[Refusal]| -> Vec<_> {
+            all.iter().map(|one| json!({ "number": one.number, "text": one.what, "help": one.remedy })).collect()
+        };
+        crate::out::line(json!({
+            "event": "machine check",
+            "file": name,
+            "errors": each(&errors),
+            "warnings": each(&warnings),
+        }));
+        return Ok(code);
+    }
+    let line = |kind: &str, finding: Refusal| {
+        let Refusal { number, what, remedy } = finding;
+        eprintln!("{}", escape::name(&format!("{kind}[{number}]: {what}; help: {remedy}")));
+    };
+    let found = [(errors.len(), "error"), (warnings.len(), "warning")];
+    errors.drain(..).for_each(|error| line("error", error));
+    warnings.drain(..).for_each(|warning| line("warning", warning));
+    if let Some(machine) = &machine {
+        crate::out::line(described(machine));
+    }
+    let counted = found.iter().filter(|(count, _)| *count > 0);
+    let counted: Vec<String> =
+        counted.map(|(count, what)| format!("{count} {what}{}", if *count == 1 { "" } else { "s" })).collect();
+    if !counted.is_empty() {
+        eprintln!("{}: {}", escape::name(&name), counted.join(", "));
+    }
+    Ok(code)
+}
+
+/// Axes of the largest card.
+const MAX_AXES: usize = 9;
+
+/// What of a machine may not be meant as it is written.
+fn warnings(machine: &Machine, name: &str) -> Vec<Refusal> {
+    let undeclared = machine.undeclared_inputs().into_iter().map(|(input, code)| {
+        let what = format!("{name}: code.{code} waits for input {input}, which no [[card.input]] declares");
+        Refusal::new("W2115", what, format!("declare it: [[card.input]] with number = {input} and use = \"plain\""))
+    });
+    let most = machine.card.most_pulses_hz();
+    let too_fast = machine.axes.iter().filter_map(|axis| {
+        let pulses = axis.pulses_per_mm * axis.max_velocity_mm_per_s;
+        (pulses > most).then(|| {
+            let axis = axis.name;
+            let what = format!(
+                "{name}: axis {axis} makes up to {pulses:.0} pulses a second; step_pulse_us leaves room for {most:.0}"
+            );
+            Refusal::new(
+                "W2116",
+                what,
+                "a lower max_velocity_mm_per_s, fewer pulses_per_mm or a shorter card.step_pulse_us",
+            )
+        })
+    });
+    undeclared.chain(too_fast).collect()
 }
 
 /// Creates a file with this text, whole or not at all, and never over one that somebody has made his own.

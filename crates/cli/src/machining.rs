@@ -3,6 +3,7 @@
 //! Invariant: however the job ends there is a report, the same on the screen and in the journal; what is refused before anything moves
 //! leaves the journal as it was.
 
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -11,7 +12,7 @@ use retrace_controller::index::Keeping;
 use retrace_controller::job::{self, Begin, CannotBegin, Conduct, JobEnd};
 use retrace_controller::journal::keeper::Keeper;
 use retrace_controller::machine::Machine;
-use retrace_controller::operator::Instruction;
+use retrace_controller::operator::{self, Instruction};
 use retrace_controller::orders::{Heard, Operators};
 use retrace_controller::real_time;
 use retrace_controller::refusal::Refusal;
@@ -30,9 +31,10 @@ use crate::escape;
 use crate::files;
 use crate::kept::Kept;
 use crate::machine_tables::TableFiles;
-use crate::program::{Arriving, Failure, Program};
+use crate::program::{Arrives, Arriving, Failure, Program};
 use crate::screen::live::Live;
-use crate::stop_signals::StopSignals;
+use crate::stop_signals::{StopSignals, Stopped};
+use crate::terminal_operator::{Keyboard, TerminalOperator};
 use crate::waiting::WaitWatch;
 
 /// How a job is shown and operated.
@@ -48,6 +50,8 @@ pub struct Manners<'a> {
     pub operator: bool,
     /// Does the card's time pass as a clock's does?
     pub wall_time: bool,
+    /// Whether M1 stops, where that was said; otherwise it does where somebody presses Enter at a terminal.
+    pub optional_stop: Option<bool>,
     /// Is the card at the end of a line, so that the motion thread has to be prompt?
     pub real_time: bool,
     /// The files that its parameters and tools come from, and go to.
@@ -109,17 +113,29 @@ impl Machining<'_> {
             None => (None, Show::choose(manners.json, program.lines()), None),
         };
         let console = Console::<A>::new(show, machine, manners.records)?;
+        // In wall time somebody is there, who can press Enter: a program stop waits.
+        let (terminal, enter) = if heard.is_none() && manners.wall_time && !manners.operator {
+            let stops = manners.optional_stop.unwrap_or(true);
+            Some(TerminalOperator::new(keyboard(program), stops, kept.is_some()))
+        } else {
+            None
+        }
+        .unzip();
         let manner = Manner {
             wall_time: manners.wall_time,
-            operator: manners.operator || heard.is_some(),
+            operator: manners.operator || heard.is_some() || terminal.is_some(),
             real_time: manners.real_time,
         };
-        let script = Operators::script(ScriptPlayer::new(manners.script, machine.period_us));
+        let script = with_optional_stop(manners.optional_stop.filter(|_| terminal.is_none()), manners.script)?;
+        let script = Operators::script(ScriptPlayer::new(script, machine.period_us));
         // Without a screen signals stop the job.
-        let (signals, stops) = if heard.is_none() { StopSignals::watch() } else { None }.unzip();
+        let (signals, stops) = if heard.is_none() { StopSignals::watch(Stopped::Job) } else { None }.unzip();
         let operators = match heard {
             Some(heard) => script.and(heard).releasing_the_end(),
-            None => script.stopped_by(stops),
+            None => match enter {
+                Some(enter) => script.and(enter).stopped_by(stops),
+                None => script.stopped_by(stops),
+            },
         };
         // Where something is asked first, Ctrl-C ends the command until that is agreed to: nothing moves before.
         if let (Some(signals), false) = (&signals, matches!(begin, Begin::At(_))) {
@@ -132,6 +148,8 @@ impl Machining<'_> {
             keeper: kept.as_ref().map(|kept| kept.keeper(machine)),
             waits: WaitWatch::new(program.source_status()),
             signals: signals.as_ref(),
+            terminal: terminal.as_ref(),
+            program,
             period_s: machine.period_s(),
             last: None,
         };
@@ -218,6 +236,23 @@ impl Machining<'_> {
     }
 }
 
+/// Where Enter can be pressed for a job of this program.
+fn keyboard(program: &Program) -> Keyboard {
+    match program.arrives() {
+        Some(Arrives::StandardInput) => Keyboard::Program,
+        _ if std::io::stdin().is_terminal() => Keyboard::Terminal,
+        _ => Keyboard::None,
+    }
+}
+
+/// The script, with what was said of M1 before it.
+fn with_optional_stop(stops: Option<bool>, script: Vec<Instruction>) -> Result<Vec<Instruction>, Refusal> {
+    let Some(stops) = stops else { return Ok(script) };
+    let mut all = operator::parse(if stops { "at 0s optional stop on" } else { "at 0s optional stop off" }, "M1")?;
+    all.extend(script);
+    Ok(all)
+}
+
 /// Keeps the memory resident and schedules this thread in real time, before a card expects to hear of its host; says, once a run, how that is
 /// permitted where it is not. Threads that this one begins later are to leave it.
 pub fn prepare_real_time() {
@@ -251,6 +286,8 @@ struct Watching<'m, const A: usize> {
     /// Whether the program that arrives is waited for.
     waits: WaitWatch,
     signals: Option<&'m StopSignals>,
+    terminal: Option<&'m TerminalOperator>,
+    program: &'m Program,
     period_s: f64,
     /// The last period that was told: its number, place and line.
     last: Option<(u64, Place, u32)>,
@@ -267,6 +304,12 @@ impl<const A: usize> Observer<A> for Watching<'_, A> {
         }
         if let Some(keeper) = &mut self.keeper {
             keeper.told(told);
+        }
+        if let (Some(terminal), Told::Event(event)) = (self.terminal, told) {
+            let name = |tool| self.program.tool_table().and_then(|table| table.name(tool)).map(str::to_owned);
+            if let Some(text) = terminal.observe(event, name) {
+                self.console.say(&text);
+            }
         }
         let Told::Period(period) = told else { return };
         self.last = Some((period.period, period.place, period.line));

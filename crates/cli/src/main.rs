@@ -19,6 +19,7 @@ mod check_told;
 mod console;
 mod cycles;
 mod decoder;
+mod diagnosed;
 mod doctor;
 mod draw;
 mod draw_job;
@@ -45,6 +46,7 @@ mod size;
 mod socket;
 mod stop_signals;
 mod subs;
+mod terminal_operator;
 mod waiting;
 mod wired;
 
@@ -68,7 +70,7 @@ fn main() -> ExitCode {
         Command::Home(args) => manual::home(&args),
         Command::Jog(args) => manual::jog(&args),
         Command::Mdi(args) => manual::mdi(&args),
-        Command::Machine(args) => machine::run(&args).map_err(Failure::from).map(|()| 0),
+        Command::Machine(args) => machine::run(&args),
         Command::Jobs(args) => jobs::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),
     };

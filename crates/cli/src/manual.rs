@@ -10,6 +10,7 @@ use retrace_controller::orders::Operators;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::Manner;
+use retrace_controller::stream::{Observer, Told};
 use retrace_hal_sim::Clock;
 use retrace_link::{CardFault, MotionCard, Start};
 use serde_json::{Map, Value, json};
@@ -19,6 +20,7 @@ use crate::homed::Homing;
 use crate::hung::simulated;
 use crate::machine_tables::{self, TableFiles};
 use crate::program::Failure;
+use crate::stop_signals::{StopSignals, Stopped};
 use crate::{args, files, wired};
 
 /// `retrace home`: its exit code.
@@ -128,10 +130,16 @@ where
 {
     let show = if args.json { Show::Json } else { Show::Plain };
     let mut console = Console::<A>::new(show, machine, None)?;
-    let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
+    let (signals, stops) = StopSignals::watch(Stopped::ByHand).unzip();
+    let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us)).stopped_by(stops);
+    if let Some(signals) = &signals {
+        signals.listen();
+    }
     let manner = Manner { wall_time: args.card != "sim", operator: false, real_time: false };
-    let carry_out = || perform(task, machine, desk, card, (operators, manner), &mut console);
+    let mut shown_work = Stoppable { console: &mut console, signals: signals.as_ref() };
+    let carry_out = || perform(task, machine, desk, card, (operators, manner), &mut shown_work);
     let done = homing.noting(task, machine, carry_out);
+    drop(signals);
     if let (.., Some(lost)) = console.finish() {
         return Err(lost.into());
     }
@@ -147,6 +155,21 @@ where
     };
     stands(machine, &card.status().counts, code, args.json);
     Ok(code)
+}
+
+/// Work by hand that signals can stop: shown, and followed for whoever sends a second one.
+struct Stoppable<'c, 'm, const A: usize> {
+    console: &'c mut Console<'m, A>,
+    signals: Option<&'c StopSignals>,
+}
+
+impl<const A: usize> Observer<A> for Stoppable<'_, '_, A> {
+    fn told(&mut self, told: &Told<A>) {
+        self.console.told(told);
+        if let Some(signals) = self.signals {
+            signals.told(told);
+        }
+    }
 }
 
 /// Tells where the machine stands.

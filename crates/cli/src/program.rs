@@ -22,12 +22,14 @@ use retrace_gcode::{
 };
 
 use retrace_motion::LimitError;
+use serde_json::Value;
 
 use crate::args::Reading;
 use crate::arrives::Broken;
 pub use crate::arrives::{Arrives, Arriving, Opening};
 use crate::cycles;
 pub use crate::decoder::Decoder;
+use crate::diagnosed;
 use crate::escape;
 use crate::files;
 use crate::left::{Last, Left};
@@ -73,6 +75,8 @@ pub struct Program {
     has_tool_lengths: bool,
     /// What it is read with, where it arrives.
     opening: Opening,
+    /// Blocks in loops and calls that a check goes through.
+    max_loop_blocks: u64,
 }
 
 /// A program on its way through the interpreter.
@@ -194,7 +198,20 @@ impl Program {
             given_up: Arc::default(),
             status: Arc::new(SourceStatus::new(&name)),
         };
-        Ok((Self { name, prescan, arrives, files, folders, setup, has_tool_table, has_tool_lengths, opening }, notes))
+        let max_loop_blocks = reading.max_loop_blocks;
+        let program = Self {
+            name,
+            prescan,
+            arrives,
+            files,
+            folders,
+            setup,
+            has_tool_table,
+            has_tool_lengths,
+            opening,
+            max_loop_blocks,
+        };
+        Ok((program, notes))
     }
 
     /// Another program with the same tables, subprograms and cycles, to be read with this setup: `reading` names it. Nothing is told on standard
@@ -303,7 +320,7 @@ impl Program {
         self.prescan().map(Prescan::lines)
     }
 
-    /// The program from its beginning.
+    /// The program from its beginning, to be looked through: as far as so many blocks in loops and calls go.
     #[must_use]
     pub fn decoder(&self) -> Decoder {
         self.decoder_of(self.source())
@@ -312,7 +329,17 @@ impl Program {
     fn decoder_of(&self, program: Source) -> Decoder {
         let given_up = self.prescan.is_none().then(|| Arc::clone(&self.opening.given_up));
         let file = self.prescan.is_some().then(|| PathBuf::from(&self.name));
-        Decoder { name: self.name.clone(), program, given_up, file, length_offset: false, is_told: false, left: None }
+        Decoder {
+            name: self.name.clone(),
+            program,
+            given_up,
+            file,
+            length_offset: false,
+            is_told: false,
+            left: None,
+            max_loop_blocks: Some(self.max_loop_blocks),
+            is_at_end: false,
+        }
     }
 
     /// The program from its beginning, to be run: it logs, and leaves its parameters. One that arrives is taken from `input`.
@@ -321,7 +348,7 @@ impl Program {
         let left = Left::default();
         let last = left.last();
         let program = input.map_or_else(|| self.source(), |input| Source::new(input, self.setup.clone()));
-        (Decoder { left: Some(left), ..self.decoder_of(program) }, last)
+        (Decoder { left: Some(left), max_loop_blocks: None, ..self.decoder_of(program) }, last)
     }
 
     /// Do so many bytes of this file come to the end of a program without an error? For one that arrived.
@@ -369,16 +396,29 @@ impl Program {
     /// # Errors
     /// [`Failure::Program`] where it has errors.
     pub fn check<'m>(&self, machine: &'m Machine) -> Result<Option<Checked<Scan<'m, 9>>>, Failure> {
-        self.check_by(|decoder| Ok(job::scan::<9>(machine, decoder)))
+        self.check_by(&mut Vec::new(), |decoder| Ok(job::scan::<9>(machine, decoder)))
     }
 
-    /// The same, with all that can be told of a program before it runs: it is planned for that, so it takes longer.
+    /// The same; what was found is added to `diagnostics` for a script, also where it has errors.
     ///
     /// # Errors
     /// [`Failure::Program`] where it has errors.
-    pub fn survey<'m, const A: usize>(&self, machine: &'m Machine) -> Result<Option<Checked<Survey<'m, A>>>, Failure> {
+    pub fn check_for_script(&self, machine: &Machine, diagnostics: &mut Vec<Value>) -> Result<(), Failure> {
+        self.check_by(diagnostics, |decoder| Ok(job::scan::<9>(machine, decoder))).map(|_| ())
+    }
+
+    /// The same, with all that can be told of a program before it runs: it is planned for that, so it takes longer. What was found is
+    /// added to `diagnostics` for a script, also where it has errors.
+    ///
+    /// # Errors
+    /// [`Failure::Program`] where it has errors.
+    pub fn survey<'m, const A: usize>(
+        &self,
+        machine: &'m Machine,
+        diagnostics: &mut Vec<Value>,
+    ) -> Result<Option<Checked<Survey<'m, A>>>, Failure> {
         let why = |error: LimitError| Refusal::new("E2112", error.to_string(), "correct the machine file");
-        self.check_by(|decoder| Ok(survey::survey(machine, decoder).map_err(why)?))
+        self.check_by(diagnostics, |decoder| Ok(survey::survey(machine, decoder).map_err(why)?))
     }
 
     /// Looks at the whole program and shows nothing.
@@ -391,30 +431,14 @@ impl Program {
         }
         let mut decoder = self.decoder();
         let (_, findings, _) = job::scan::<9>(machine, &mut decoder);
-        let (shown, is_refused) = self.found(&mut decoder, &findings);
-        if is_refused { Err(shown.join("\n")) } else { Ok(()) }
-    }
-
-    /// All that was found in a program that was gone through, rendered in the order of its lines; is there an error in it?
-    fn found(&self, decoder: &mut Decoder, findings: &[Finding]) -> (Vec<String>, bool) {
-        decoder.program.look_behind_the_end();
-        let diagnostics = decoder.program.interpreter().diagnostics();
-        let mut is_refused = false;
-        let mut shown: Vec<((u16, u32), String)> = Vec::new();
-        for diagnostic in diagnostics {
-            is_refused |= diagnostic.severity() == Severity::Error;
-            shown.push(((diagnostic.file, diagnostic.line), self.show(diagnostic)));
-        }
-        for finding in findings {
-            is_refused |= finding.is_error();
-            shown.push(((0, finding.line), self.render(finding)));
-        }
-        shown.sort_by_key(|(place, _)| *place);
-        (shown.into_iter().map(|(_, text)| text).collect(), is_refused)
+        let found = diagnosed::all(self, &mut decoder, &findings);
+        let shown: Vec<String> = found.iter().map(|one| one.text.clone()).collect();
+        if found.iter().any(|one| one.is_error) { Err(shown.join("\n")) } else { Ok(()) }
     }
 
     fn check_by<S>(
         &self,
+        diagnostics: &mut Vec<Value>,
         look: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<Finding>, S), Failure>,
     ) -> Result<Option<Checked<S>>, Failure> {
         if self.prescan.is_none() {
@@ -422,10 +446,12 @@ impl Program {
         }
         let mut decoder = self.decoder();
         let (blocks, findings, found) = look(&mut decoder)?;
-        let (shown, is_refused) = self.found(&mut decoder, &findings);
-        for text in &shown {
-            eprintln!("{}", escape::lines(text));
+        let all = diagnosed::all(self, &mut decoder, &findings);
+        for one in &all {
+            eprintln!("{}", escape::lines(&one.text));
         }
+        let is_refused = all.iter().any(|one| one.is_error);
+        diagnostics.extend(all.into_iter().map(|one| one.json));
         if is_refused {
             return Err(Failure::Program);
         }
@@ -435,55 +461,11 @@ impl Program {
         Ok(Some(Checked { blocks, found }))
     }
 
-    /// A diagnostic with its source line.
-    fn show(&self, diagnostic: &Diagnostic) -> String {
-        let (name, line) = match &self.prescan {
-            Some(prescan) => (prescan.file_name(diagnostic.file), prescan.line_text(diagnostic.file, diagnostic.line)),
-            None => (self.name.as_str(), Vec::new()),
-        };
-        diagnostic.render(&escape::name(name), &String::from_utf8_lossy(&line))
-    }
-
     /// What the pre-scan has found; none for standard input.
     #[must_use]
     pub fn prescan(&self) -> Option<&Prescan> {
         self.prescan.as_deref()
     }
-
-    fn line(&self, number: u32) -> String {
-        let text = self.prescan().map_or_else(Vec::new, |prescan| prescan.line_text(0, number));
-        String::from_utf8_lossy(&text).into_owned()
-    }
-
-    /// A finding with its source line, in the form of the diagnostics.
-    fn render(&self, finding: &Finding) -> String {
-        let Finding { line, word, number, what, remedy } = finding;
-        let gutter = " ".repeat(line.to_string().len());
-        let source = self.line(*line);
-        let column = word.and_then(|letter| column_of(&source, letter)).unwrap_or(1);
-        let mark = " ".repeat(column - 1);
-        let level = if finding.is_error() { "error" } else { "warning" };
-        format!(
-            "{level}[{number}]: {what}\n{gutter}--> {}:{line}:{column}\n{gutter} |\n{line} | {source}\n{gutter} | {mark}^\n{gutter} |\n\
-             {gutter} = help: {remedy}",
-            escape::name(&self.name)
-        )
-    }
-}
-
-/// Column, from 1, of the first word with that letter outside of comments.
-fn column_of(line: &str, letter: char) -> Option<usize> {
-    let mut is_comment = false;
-    for (at, c) in line.chars().enumerate() {
-        match c {
-            '(' => is_comment = true,
-            ')' => is_comment = false,
-            ';' if !is_comment => return None,
-            _ if !is_comment && c.eq_ignore_ascii_case(&letter) => return Some(at + 1),
-            _ => {}
-        }
-    }
-    None
 }
 
 /// What a program came to that may be run.
@@ -559,16 +541,4 @@ pub fn tools_without_length() -> ToolTable {
         tools.insert(Tool { number, offset: Pose::ZERO, ..Tool::default() });
     }
     tools
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_word_is_found_outside_of_comments() {
-        assert_eq!(column_of("N10 (x) G0 X5", 'X'), Some(12));
-        assert_eq!(column_of("g1 x5", 'X'), Some(4));
-        assert_eq!(column_of("G1 ; X5", 'X'), None);
-    }
 }

@@ -25,7 +25,7 @@ use retrace_controller::resume::{Prepared, Resumption};
 use retrace_core::place::before;
 use retrace_link::{Greeting, MotionCard, Outputs, Start, channel};
 
-use crate::args::{self, CycleFolders, Reading};
+use crate::args::{self, CycleFolders, OnOff, Reading};
 use crate::homed::Homing;
 use crate::hung::simulated;
 use crate::kept::{self, Kept};
@@ -144,6 +144,7 @@ fn reading(job: &Job, program: Option<&Path>) -> Reading {
         tools: path(&of.tools),
         params: path(&of.params),
         ini: path(&of.ini),
+        max_loop_blocks: args::MAX_CHECKED_LOOP_BLOCKS,
         machine_tables: of.machine_tables.clone(),
     }
 }
@@ -183,6 +184,7 @@ fn run_args(args: &args::Resume, job: &Job) -> args::Run {
         realtime: args.realtime,
         tui: args.tui,
         no_tui: !args.tui,
+        optional_stop: args.optional_stop,
         operator: args.operator.clone(),
         records: args.records.clone(),
         json: args.json,
@@ -460,6 +462,7 @@ impl Taking<'_> {
             script: agreed(script.clone())?,
             operator: args.operator.is_some(),
             wall_time,
+            optional_stop: args.optional_stop.map(OnOff::is_on).or(record.optional_stop),
             real_time: !matches!(named, Card::Sim),
             tables: TableFiles::of_job(&record.job.arguments),
         };

@@ -6,7 +6,6 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::Path;
 
-use retrace_controller::event::channel_name;
 use retrace_controller::journal::record::JobRecord;
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
@@ -110,8 +109,10 @@ impl<const A: usize> Taken<'_, A> {
             ("tool", prepared.expected_outputs()[usize::from(channel::TOOL)].to_string()),
         ];
         let differing = self.differing();
-        let restored: Vec<String> =
-            differing.iter().map(|(number, is, to)| format!("{} from {is} to {to}", channel_name(*number))).collect();
+        let restored: Vec<String> = differing
+            .iter()
+            .map(|(number, is, to)| format!("{} from {is} to {to}", self.machine.channel_name(*number)))
+            .collect();
         if self.is_older_place {
             let text = "the last one in the journal, up to a second of motion before the machine stopped; what was cut since is cut again";
             words.push(("this place", text.into()));

@@ -11,6 +11,7 @@ use retrace_controller::refusal::Refusal;
 use retrace_hal_sim::Clock;
 use retrace_link::{MotionCard, Start, Status};
 
+use crate::args::{self, OnOff};
 use crate::files;
 use crate::homed::Homing;
 use crate::hung::{simulated, traced};
@@ -20,7 +21,7 @@ pub use crate::machining::{AtScreen, Ended};
 use crate::machining::{Machining, Manners, prepare_real_time};
 use crate::operate;
 use crate::program::{Arriving, Failure, Program};
-use crate::{args, wired};
+use crate::wired;
 
 /// Runs the command; its exit code.
 ///
@@ -150,6 +151,7 @@ impl With<'_> {
             script: self.script,
             operator: args.operator.is_some(),
             wall_time: args.realtime || args.card != "sim",
+            optional_stop: args.optional_stop.map(OnOff::is_on),
             real_time: args.card != "sim",
             tables: TableFiles::of(&args.reading),
         };
@@ -230,6 +232,8 @@ impl<'a> Job<'a> {
             script,
             operator: args.operator.is_some(),
             wall_time: true,
+            // Said by the screen's script.
+            optional_stop: None,
             real_time: args.card != "sim",
             tables: TableFiles::of(&args.reading),
         };

@@ -17,7 +17,7 @@ use retrace_controller::program_end::ProgramEndDetector;
 use retrace_controller::reading::SourceStatus;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::tape::{Received, TapeReader};
-use retrace_hal_serial::{Character, CharacterFormat, ParityBit, ProgramPort};
+use retrace_hal_serial::{Character, CharacterFormat, Lost, ParityBit, ProgramPort};
 
 /// What such a program's name begins with.
 const SCHEME: &str = "serial:";
@@ -112,19 +112,8 @@ impl SerialSource {
             .map_err(|refused| Refusal::new(refused.number, refused.what, refused.remedy))?;
         let shared = Arc::<Shared>::default();
         let (given_up, status) = (Arc::clone(given_up), Arc::clone(status));
-        let receiver = Receiver {
-            name: format!("{SCHEME}{}", path.display()),
-            port,
-            settings,
-            reader: TapeReader::new(settings),
-            end: ProgramEndDetector::default(),
-            shared: Arc::clone(&shared),
-            given_up: Arc::clone(&given_up),
-            is_asking: false,
-            heard: Instant::now(),
-            asked: Instant::now(),
-            has_begun: false,
-        };
+        let name = format!("{SCHEME}{}", path.display());
+        let receiver = Receiver::new(name, port, settings, Arc::clone(&shared), Arc::clone(&given_up));
         thread::Builder::new()
             .name("serial source".into())
             .spawn(move || receiver.run())
@@ -176,10 +165,36 @@ impl Read for SerialSource {
     }
 }
 
+/// What a receiver needs of a port; [`ProgramPort`] has it.
+trait ProgramLine {
+    fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), Lost>;
+    fn send(&mut self, byte: u8) -> Result<bool, Lost>;
+    fn set_request_to_send(&mut self, level: bool) -> Result<(), Lost>;
+    fn is_clear_to_send(&mut self) -> bool;
+}
+
+impl ProgramLine for ProgramPort {
+    fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), Lost> {
+        Self::read(self, characters, wait)
+    }
+
+    fn send(&mut self, byte: u8) -> Result<bool, Lost> {
+        Self::send(self, byte)
+    }
+
+    fn set_request_to_send(&mut self, level: bool) -> Result<(), Lost> {
+        Self::set_request_to_send(self, level)
+    }
+
+    fn is_clear_to_send(&mut self) -> bool {
+        Self::is_clear_to_send(self)
+    }
+}
+
 /// The thread that serves the port.
-struct Receiver {
+struct Receiver<P> {
     name: String,
-    port: ProgramPort,
+    port: P,
     settings: SerialSettings,
     reader: TapeReader,
     end: ProgramEndDetector,
@@ -194,7 +209,24 @@ struct Receiver {
     has_begun: bool,
 }
 
-impl Receiver {
+impl<P: ProgramLine> Receiver<P> {
+    /// Serves a port from its first character on.
+    fn new(name: String, port: P, settings: SerialSettings, shared: Arc<Shared>, given_up: Arc<AtomicBool>) -> Self {
+        Self {
+            name,
+            port,
+            settings,
+            reader: TapeReader::new(settings),
+            end: ProgramEndDetector::default(),
+            shared,
+            given_up,
+            is_asking: false,
+            heard: Instant::now(),
+            asked: Instant::now(),
+            has_begun: false,
+        }
+    }
+
     fn run(mut self) {
         let result = self.receive();
         // The sender is told to pause whatever has happened; a line that is gone needs nothing.
@@ -298,7 +330,7 @@ impl Receiver {
 
     /// Tells the sender to send, or to pause.
     fn ask(&mut self, sends: bool) -> io::Result<()> {
-        let lost = |lost: retrace_hal_serial::Lost| io::Error::other(format!("E2309: {lost}"));
+        let lost = |lost: Lost| io::Error::other(format!("E2309: {lost}"));
         let handshake = self.settings.handshake;
         if handshake.has_rts_cts() {
             self.port.set_request_to_send(sends).map_err(lost)?;
@@ -321,6 +353,117 @@ impl Receiver {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A line with RTS and CTS, and a sender that sends while RTS is on and none of its program is left over.
+    #[derive(Default)]
+    struct ModemLine {
+        program: Vec<u8>,
+        at: usize,
+        is_requested: bool,
+        /// Every change of RTS, with the number of characters that had been sent by then.
+        changes: Vec<(bool, usize)>,
+        /// After so many looks the other end switches CTS on.
+        clear_after: u32,
+        codes: Vec<u8>,
+    }
+
+    impl ProgramLine for &Mutex<ModemLine> {
+        fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), Lost> {
+            let mut line = self.lock().expect("whole");
+            let end = if line.is_requested { line.program.len().min(line.at + 100) } else { line.at };
+            characters.extend(line.program[line.at..end].iter().map(|&byte| Character::Byte(byte)));
+            line.at = end;
+            drop(line);
+            if characters.is_empty() {
+                thread::sleep(wait);
+            }
+            Ok(())
+        }
+
+        fn send(&mut self, byte: u8) -> Result<bool, Lost> {
+            self.lock().expect("whole").codes.push(byte);
+            Ok(true)
+        }
+
+        fn set_request_to_send(&mut self, level: bool) -> Result<(), Lost> {
+            let mut line = self.lock().expect("whole");
+            if line.is_requested != level {
+                let at = line.at;
+                line.changes.push((level, at));
+            }
+            line.is_requested = level;
+            Ok(())
+        }
+
+        fn is_clear_to_send(&mut self) -> bool {
+            let mut line = self.lock().expect("whole");
+            line.clear_after = line.clear_after.saturating_sub(1);
+            line.clear_after == 0
+        }
+    }
+
+    /// What arrives of a program over such a line, where the decoder takes nothing until the sender has been told to pause.
+    fn received(handshake: &str, line: &Mutex<ModemLine>) -> Vec<u8> {
+        let mut settings = SerialSettings::default();
+        settings.set("handshake", handshake).expect("known");
+        settings.set("format", "8n1").expect("known");
+        let (shared, given_up) = (Arc::<Shared>::default(), Arc::<AtomicBool>::default());
+        let receiver = Receiver::new("line".into(), line, settings, Arc::clone(&shared), given_up);
+        let mut come = Vec::new();
+        thread::scope(|scope| {
+            scope.spawn(|| receiver.run());
+            let begun = Instant::now();
+            while !line.lock().expect("whole").changes.iter().any(|(level, _)| !level) {
+                assert!(begun.elapsed() < Duration::from_secs(20), "it is told to pause");
+                thread::sleep(Duration::from_millis(1));
+            }
+            // Nothing is sent while it is.
+            let (paused_at, _) = (line.lock().expect("whole").at, thread::sleep(Duration::from_millis(50)));
+            assert_eq!(line.lock().expect("whole").at, paused_at);
+            loop {
+                let mut queue = shared.lock();
+                assert!(queue.error.is_none(), "{:?}", queue.error);
+                come.extend(queue.text.drain(..));
+                if queue.ended {
+                    break;
+                }
+                drop(queue);
+                assert!(begun.elapsed() < Duration::from_secs(40), "it ends");
+                thread::sleep(Duration::from_millis(1));
+            }
+        });
+        come
+    }
+
+    fn long_program() -> Vec<u8> {
+        let mut text = b"%\n".to_vec();
+        (0..3000).for_each(|n| text.extend(format!("G1 X{n} F100\n").into_bytes()));
+        text.extend_from_slice(b"M30\n%\n");
+        text
+    }
+
+    #[test]
+    fn rts_tells_the_sender_to_pause_and_no_code_is_sent() {
+        let line = Mutex::new(ModemLine { program: long_program(), ..ModemLine::default() });
+        let come = received("rts-cts", &line);
+        let line = line.into_inner().expect("whole");
+        assert!(come == long_program(), "every line, once: {} bytes", come.len());
+        assert!(line.codes.is_empty(), "neither DC1 nor DC3: {:?}", line.codes);
+        assert_eq!(line.changes.first(), Some(&(true, 0)), "the sender is asked first");
+        assert!((PAUSE_AT..OVERRUN_AT).contains(&line.changes[1].1), "{:?}", line.changes);
+        assert!(!line.is_requested && line.changes.len() >= 4, "and told to pause at the end: {:?}", line.changes);
+    }
+
+    #[test]
+    fn with_both_handshakes_codes_are_sent_only_where_cts_allows_it() {
+        let line = Mutex::new(ModemLine { program: long_program(), clear_after: 5, ..ModemLine::default() });
+        let come = received("both", &line);
+        let line = line.into_inner().expect("whole");
+        assert!(come == long_program(), "every line, once: {} bytes", come.len());
+        // CTS was looked at until it came on; then DC1, and DC3 at the pause and at the end.
+        assert_eq!((line.clear_after, line.codes.first(), line.codes.last()), (0, Some(&DC1), Some(&DC3)));
+        assert!(line.codes.contains(&DC3) && line.codes.iter().all(|code| matches!(*code, DC1 | DC3)));
+    }
 
     #[test]
     fn an_address_names_a_port_and_its_settings() {

@@ -336,6 +336,27 @@ mod tests {
         assert_eq!(Socket::open("127.0.0.1:1?patience=1").expect_err("unknown").number, "E2301");
     }
 
+    /// A sender whose computer has gone is noticed by probes: the first after 10 s of silence, then every 5 s, three of them.
+    #[cfg(unix)]
+    #[test]
+    fn a_connection_has_keepalive_probes() {
+        use rustix::net::sockopt;
+        let socket = Socket::open(&sender(vec![program()])).expect("there");
+        let stream = socket.stream.as_ref().expect("connected");
+        assert_eq!(sockopt::socket_keepalive(stream), Ok(true));
+        let times = [sockopt::tcp_keepidle(stream), sockopt::tcp_keepintvl(stream)];
+        assert_eq!(times, [Ok(Duration::from_secs(10)), Ok(Duration::from_secs(5))]);
+        assert_eq!(sockopt::tcp_keepcnt(stream), Ok(3));
+    }
+
+    #[test]
+    fn only_this_computer_is_not_remote() {
+        assert!(
+            !is_remote("127.0.0.1:5000") && !is_remote("[::1]:5000") && !is_remote("127.9.9.9:1?silence_timeout_s=1")
+        );
+        assert!(is_remote("192.0.2.7:5000") && is_remote("192.0.2.7:5000?silence_timeout_s=1"));
+    }
+
     #[test]
     fn nobody_there_is_refused_with_the_next_step() {
         assert_eq!(Socket::open("127.0.0.1:1").expect_err("nobody").number, "E2107");

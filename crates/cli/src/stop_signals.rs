@@ -1,4 +1,4 @@
-//! Ctrl-C, SIGTERM and SIGHUP for a job without a screen: the job is stopped on its path, as by the operator's *stop*.
+//! Ctrl-C, SIGTERM and SIGHUP for a job without a screen, and for work by hand: it is stopped on its path, as by the operator's *stop*.
 //!
 //! Invariant: a signal never ends the process while a job runs: the machine comes to rest first, the report is written, the breakpoint is kept. A signal
 //! that the process was begun with as ignored (`nohup`) stays ignored.
@@ -35,6 +35,15 @@ impl Progress {
     }
 }
 
+/// What signals stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stopped {
+    /// A job, whose breakpoint is kept.
+    Job,
+    /// Homing, a jog or a block by hand.
+    ByHand,
+}
+
 /// Watches for signals as long as a job runs.
 #[derive(Debug)]
 pub struct StopSignals {
@@ -47,7 +56,7 @@ pub struct StopSignals {
 impl StopSignals {
     /// Watches for signals that [`StopSignals::listen`] lets come; and the words that they say to the job. None where there is no thread for it.
     #[must_use]
-    pub fn watch() -> Option<(Self, Heard)> {
+    pub fn watch(kind: Stopped) -> Option<(Self, Heard)> {
         let came = Arc::new(AtomicBool::new(false));
         let (said, heard) = orders();
         let progress = Arc::<Mutex<Progress>>::default();
@@ -57,7 +66,7 @@ impl StopSignals {
             let watch = move || {
                 // it only waits: the motion thread alone is scheduled in real time
                 let _ = retrace_controller::real_time::leave();
-                look(&came, &said, &progress, &over);
+                look(kind, &came, &said, &progress, &over);
             };
             thread::Builder::new().name("signals".into()).spawn(watch).ok()?
         };
@@ -101,7 +110,7 @@ impl Drop for StopSignals {
 }
 
 /// Says *stop* at the first signal, and what is waited for at each one after it.
-fn look(came: &AtomicBool, said: &Orders, progress: &Mutex<Progress>, over: &AtomicBool) {
+fn look(kind: Stopped, came: &AtomicBool, said: &Orders, progress: &Mutex<Progress>, over: &AtomicBool) {
     let mut is_stopping = false;
     while !over.load(Ordering::Relaxed) {
         thread::sleep(LOOKS_EVERY);
@@ -113,9 +122,8 @@ fn look(came: &AtomicBool, said: &Orders, progress: &Mutex<Progress>, over: &Ato
             eprintln!("still stopping: {}", progress.in_words());
         } else if said.say(Deed::Stop).is_ok() {
             is_stopping = true;
-            eprintln!(
-                "stopping: the machine comes to rest on its path, cutting outputs go off, and the breakpoint is kept"
-            );
+            let kept = if kind == Stopped::Job { ", and the breakpoint is kept" } else { "" };
+            eprintln!("stopping: the machine comes to rest on its path, cutting outputs go off{kept}");
         } else {
             came.store(true, Ordering::Relaxed);
         }

@@ -8,7 +8,8 @@ use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_hal_serial::{Address, SerialPort};
 use retrace_link::{
-    CardFault, HostFault, Identity, MotionCard, Patience, Settings, Start, Status, Wired, WiredFault, Word,
+    CardFault, HostFault, Identity, InputUse, MotionCard, Patience, Settings, Start, Status, Wired, WiredFault, Word,
+    channel,
 };
 
 use crate::program::Failure;
@@ -33,31 +34,65 @@ pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, Failure> {
 /// Can this card do what the machine file asks for?
 ///
 /// # Errors
-/// `E3008` with what it cannot.
+/// `E3008` with the first thing that it cannot.
 pub fn fits(address: &str, identity: &Identity, machine: &Machine) -> Result<(), Failure> {
-    let refuse = |what: String| {
-        let remedy = "change the machine file, or take another card; `retrace card who PORT` says what this one can";
-        Err(Failure::Card(Refusal::new("E3008", format!("{address}: {what}"), remedy)))
-    };
+    match misfits(identity, machine).into_iter().next() {
+        Some(what) => Err(Failure::Card(Refusal::new("E3008", format!("{address}: {what}"), MISFIT_REMEDY))),
+        None => Ok(()),
+    }
+}
+
+/// What to do about a card that a machine does not fit.
+pub const MISFIT_REMEDY: &str =
+    "change the machine file, or take another card; `retrace card who PORT` says what this one can";
+
+/// Everything that a machine file asks for and this card cannot do.
+#[must_use]
+pub fn misfits(identity: &Identity, machine: &Machine) -> Vec<String> {
+    let mut misfits = Vec::new();
     if machine.axes.len() > usize::from(identity.axes) {
-        return refuse(format!("the machine has {} axes, the card {}", machine.axes.len(), identity.axes));
+        misfits.push(format!("the machine has {} axes, the card {}", machine.axes.len(), identity.axes));
     }
     let (least, most) = (identity.shortest_period_us, identity.longest_period_us);
     if !(least..=most).contains(&machine.period_us) {
-        return refuse(format!("a control period of {} µs, and the card takes {least} to {most}", machine.period_us));
+        misfits.push(format!("a control period of {} µs, and the card takes {least} to {most}", machine.period_us));
     }
+    let settings = Settings { epoch: 1, ..machine.card_settings::<MAX_AXES>(Start::at(0)) };
+    let most_pulses = retrace_hal_sim::most_pulses_a_period(identity, &settings);
+    let most_hz = most_pulses.map_or(f64::INFINITY, |pulses| f64::from(pulses) / machine.period_s());
     for axis in &machine.axes {
         let pulses = axis.pulses_per_mm * axis.max_velocity_mm_per_s;
+        let name = axis.name.to_ascii_uppercase();
         if pulses > f64::from(identity.most_pulses_hz) {
-            let name = axis.name.to_ascii_uppercase();
-            return refuse(format!(
-                "axis {name} makes up to {pulses:.0} pulses a second, the card {}",
-                identity.most_pulses_hz
+            let most = identity.most_pulses_hz;
+            misfits.push(format!("axis {name} makes up to {pulses:.0} pulses a second, the card {most}"));
+        } else if pulses > most_hz * (1.0 + 1e-9) {
+            misfits.push(format!(
+                "axis {name} makes up to {pulses:.0} pulses a second, the card {most_hz:.0} with step_pulse_us and direction_setup_us as they are"
             ));
         }
     }
-    Ok(())
+    for (number, setting) in settings.inputs.iter().enumerate().skip(usize::from(identity.inputs)) {
+        if setting.used_for != InputUse::Plain {
+            misfits.push(format!("input {number} is declared, and the card has {} inputs", identity.inputs));
+        }
+    }
+    for channel in settings.safe().iter().map(|change| change.channel).chain(machine.cutting_outputs.iter().copied()) {
+        let is_digital = usize::from(channel) < channel::DIGITAL;
+        if is_digital && channel >= identity.outputs {
+            let name = machine.channel_name(channel);
+            misfits.push(format!("{name} is output {channel}, and the card has {} outputs", identity.outputs));
+        }
+    }
+    if let (true, Err(_)) = (misfits.is_empty(), most_pulses) {
+        misfits.push("the card does not take step_pulse_us and direction_setup_us at this control period".into());
+    }
+    misfits.dedup();
+    misfits
 }
+
+/// Axes of the largest card.
+const MAX_AXES: usize = 9;
 
 /// Looks at a card that stands, by opening it there for a moment: its outputs, its alarm. It is as it was then, and needs no host.
 ///

@@ -74,6 +74,8 @@ pub struct CardSettings {
     direction_setup_ns: u16,
     direction_inverted: u16,
     inputs: [InputSetting; MAX_INPUTS],
+    /// The inputs that the machine file declares, a bit each.
+    declared_inputs: u16,
     /// Output channels that a fault switches off.
     pub off_at_fault: Vec<u8>,
 }
@@ -101,10 +103,15 @@ impl WrittenCard {
             direction_inverted |= 1 << axis_of(letter)?;
         }
         let mut inputs = [InputSetting::default(); MAX_INPUTS];
+        let mut declared_inputs: u16 = 0;
         for input in &self.input {
             let slot = inputs
                 .get_mut(usize::from(input.number))
                 .ok_or_else(|| refuse(format!("card.input: there is no input {}", input.number)))?;
+            if declared_inputs & (1 << input.number) != 0 {
+                return Err(refuse(format!("card.input {}: declared twice", input.number)));
+            }
+            declared_inputs |= 1 << input.number;
             let axis = || match input.axis {
                 Some(letter) => axis_of(letter),
                 None => Err(refuse(format!("card.input {}: which axis does it belong to?", input.number))),
@@ -141,12 +148,39 @@ impl WrittenCard {
             direction_setup_ns: (1000.0 * self.direction_setup_us) as u16,
             direction_inverted,
             inputs,
+            declared_inputs,
             off_at_fault,
         })
+    }
+
+    /// Settings that each have one thing of these, the usual ones otherwise, and these last: to be checked one by one.
+    pub(crate) fn parts(&self) -> Vec<Self> {
+        let usual = Self::default;
+        let mut parts = vec![
+            Self { watchdog_ms: self.watchdog_ms, ..usual() },
+            Self { report_every_ms: self.report_every_ms, ..usual() },
+            Self { step_pulse_us: self.step_pulse_us, ..usual() },
+            Self { direction_setup_us: self.direction_setup_us, ..usual() },
+            Self { off_at_fault: self.off_at_fault.clone(), ..usual() },
+        ];
+        parts.extend(self.inverted_axes.iter().map(|&axis| Self { inverted_axes: vec![axis], ..usual() }));
+        parts.extend(self.input.iter().map(|input| Self { input: vec![input.clone()], ..usual() }));
+        parts
     }
 }
 
 impl CardSettings {
+    /// The most pulses a second that drives take whose step pulses have this length: each is high and low for as long at least.
+    #[must_use]
+    pub fn most_pulses_hz(&self) -> f64 {
+        1e9 / (2.0 * f64::from(self.pulse_ns.max(1)))
+    }
+
+    /// Does the machine file declare this input with a `[[card.input]]`?
+    pub(crate) fn declares_input(&self, number: u8) -> bool {
+        u32::from(number) < u16::BITS && self.declared_inputs & (1 << number) != 0
+    }
+
     /// Is there a switch to home an axis by at this end: its home switch, or the limit switch there?
     pub(crate) fn can_home(&self, axis: usize, upper: bool) -> bool {
         self.inputs.iter().any(|input| match input.used_for {

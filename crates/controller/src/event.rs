@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use crate::dnc::Dnc;
 use crate::journal::stamp::Stamp;
+use crate::machine::Machine;
 use crate::operator::{Deed, OrderRefused};
 
 /// What stops the machine for good.
@@ -280,15 +281,37 @@ impl Event {
         value
     }
 
+    /// The same, where each channel also has its name.
+    #[must_use]
+    pub fn to_json_naming(&self, names: &ChannelNames) -> Value {
+        let mut value = self.to_json();
+        let add_name = |output: &mut Value| {
+            let channel = output["channel"].as_u64().and_then(|channel| u8::try_from(channel).ok());
+            if let (Some(channel), Value::Object(fields)) = (channel, output) {
+                fields.insert("name".into(), names.of(channel).into());
+            }
+        };
+        value.get_mut("outputs").and_then(Value::as_array_mut).into_iter().flatten().for_each(add_name);
+        add_name(&mut value);
+        value
+    }
+
     /// The event as a plain line for a person.
     #[must_use]
-    pub fn to_line(&self) -> String {
-        format!("{:10.3} s  line {:>6}  {}", self.time_s, self.line, self.text())
+    pub fn to_line(&self, names: &ChannelNames) -> String {
+        format!("{:10.3} s  line {:>6}  {}", self.time_s, self.line, self.text_naming(names))
+    }
+
+    /// What happened, in words, with channels by their usual names.
+    #[must_use]
+    pub fn text(&self) -> String {
+        self.text_naming(&ChannelNames::default())
     }
 
     /// What happened, in words.
     #[must_use]
-    pub fn text(&self) -> String {
+    pub fn text_naming(&self, names: &ChannelNames) -> String {
+        let channel_name = |channel: u8| names.of(channel);
         match &self.happening {
             Happening::Started => "started".into(),
             Happening::Mode(mode) => (*mode).to_string(),
@@ -343,7 +366,25 @@ impl Event {
     }
 }
 
-/// A name for an output channel.
+/// What the output channels of a machine are called.
+#[derive(Clone, Debug, Default)]
+pub struct ChannelNames(Vec<String>);
+
+impl ChannelNames {
+    /// Those of a machine: a cutter's name, or that of the machine file, where there is one.
+    #[must_use]
+    pub fn of_machine(machine: &Machine) -> Self {
+        Self((0..retrace_link::channel::COUNT as u8).map(|channel| machine.channel_name(channel)).collect())
+    }
+
+    /// The name of a channel; its usual one where there is no other.
+    #[must_use]
+    pub fn of(&self, channel: u8) -> String {
+        self.0.get(usize::from(channel)).cloned().unwrap_or_else(|| channel_name(channel))
+    }
+}
+
+/// The usual name of an output channel.
 #[must_use]
 pub fn channel_name(channel: u8) -> String {
     use retrace_link::channel as c;

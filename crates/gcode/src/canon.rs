@@ -313,3 +313,27 @@ pub struct Step {
     /// What is to be done.
     pub canon: Canon,
 }
+
+impl Canon {
+    /// Whether the machine takes time for it by itself: a motion, a dwell, a wait, a stop, a tool change or a user code.
+    #[must_use]
+    pub const fn takes_time(&self) -> bool {
+        matches!(
+            self,
+            Canon::StraightTraverse(_)
+                | Canon::StraightFeed(_)
+                | Canon::ArcFeed(_)
+                | Canon::NurbsFeed(_)
+                | Canon::StraightProbe(..)
+                | Canon::RigidTap(_)
+                | Canon::Dwell(_)
+                | Canon::Wait(_)
+                | Canon::WaitSpindleOrientComplete(_)
+                | Canon::ProgramStop
+                | Canon::OptionalProgramStop
+                | Canon::PalletShuttle
+                | Canon::ChangeTool { .. }
+                | Canon::UserCode { .. }
+        )
+    }
+}

@@ -55,6 +55,10 @@ codes! {
     Unreadable "E1011" "program cannot be read on" "The operating system reported an error while reading." "Check the file and the connection that it comes through.";
     NotByHand "E1012" "not a block by hand" "A block by hand is one line that needs no other: no loop, branch or definition of a subprogram, no MCALL, no G41 or G42, no percent sign." "Write it into a program, and run that.";
 
+    LetterO "E1013" "letter O for the digit 0" "A word has the letter O where its value has the digit 0." "Write the digit 0, as in G0 X10.";
+    DecimalComma "E1014" "decimal comma" "A comma stands between the digits of a number." "Write a decimal point, as in X10.5.";
+    HashComment "E1015" "# begins no comment" "A number sign begins a parameter such as #1 or #<name>; text follows it." "Put the comment into parentheses, or behind a semicolon.";
+    HiddenMark "E1016" "invisible character" "A byte-order mark or another character without a width stands inside of the line." "Delete the character, or write the line anew.";
     NumberMissing "E1101" "number missing" "A word letter, sign, operator or equals sign is not followed by a value." "Write the value, or remove the word.";
     BadNumber "E1102" "number not understood" "A number has two decimal points or no digits." "Write it as 12, -0.5 or .5; exponents are not known in RS274/NGC.";
     NumberTooLarge "E1103" "number too large" "A value is beyond what the word can hold." "Check the number.";
@@ -69,6 +73,7 @@ codes! {
     NotFinite "E1206" "result is no finite number" "The result of a calculation is infinite or undefined." "Check the sizes of the values in it.";
     TooDeep "E1207" "expression too deep" "Brackets or operators are nested deeper than 40." "Use parameters for parts of it.";
 
+    EqualsCompares "E1208" "= compares nothing" "An equals sign stands in an expression; it assigns, and EQ compares." "Write EQ, as in [#1 EQ 5].";
     ParameterRange "E1301" "no such parameter" "Numbered parameters go from 1 to 5601." "Use a parameter from 1 to 5000, or a named one.";
     ParameterUndefined "E1302" "named parameter not defined" "A named parameter is read before a value was given to it." "Assign it first, or ask EXISTS[#<name>].";
     ParameterReadOnly "E1303" "parameter is read-only" "The parameter tells the state of the machine." "Assign to another one.";
@@ -95,6 +100,7 @@ codes! {
     InverseTimeFeed "E1509" "F word missing in inverse time mode" "In G93 every feed move needs its own F word." "Add the F word, or go back to G94.";
     BadL "E1510" "L word not understood" "G10 takes L0, L1, L2, L10, L11 and L20; M66 takes L0 to L4." "Correct the L word.";
     BadP "E1511" "P word out of range" "The P word does not name what the code needs: a coordinate system 0 to 9, or a number of turns of at least 1." "Correct the P word.";
+    MoveTooLong "E1512" "move takes longer than a day" "The length of a feed move is too great for its feed rate." "Check F, the end of the move, and the radius and turns of an arc.";
 
     ArcWordsMissing "E1601" "arc without a centre" "The arc has neither R nor a centre word." "Add R, or the centre words of the plane: I J in G17, K I in G18, J K in G19.";
     ArcMixed "E1602" "arc with R and centre words" "An arc has either a radius or a centre." "Remove R, or I, J and K.";
@@ -163,7 +169,8 @@ codes! {
     ControlWithoutBegin "E1803" "beginning of a block of O words missing" "An end, else, break or continue stands where nothing of its label is open, or a return outside of every subprogram." "Check the label, and the nesting.";
     NoSuchSub "E1804" "no such subprogram" "Neither the program nor a file in its folder or in a folder given with --subs has a subprogram of this label." "Check the label; put the subprogram into the program, or into a file of its name (O<part> in part.ngc).";
     TooManyCalls "E1805" "calls too deep" "Subprograms call each other more than 10 deep." "Look for a subprogram that calls itself without end.";
-    EndlessProgram "E1806" "program does not come to an end" "After 10 million lines or 100 million canonical functions the program was still running; checking has stopped." "Look for a loop without end.";
+    EndlessProgram "E1806" "loop without motion does not come to an end" "10 million blocks in loops and calls have been carried out one after the other without a motion, a dwell, a wait or a stop among them." "Look for a loop without end, or a count with too many digits.";
+    CheckStopped "W1004" "checking stopped inside a loop" "So many blocks have been carried out in loops and calls that the rest was not checked. An endless loop with motion, as production loops have one, ends so." "Nothing, if the loop is meant to be endless; else correct it, or let more be checked with --max-loop-blocks.";
 
     LabelTwice "E1807" "label used twice" "An O label names two blocks of one routine." "Give each if, while, do and repeat of a routine a label of its own.";
     SubInSub "E1808" "subprogram inside a subprogram" "A sub begins before the endsub of another one." "Move it out, or add the missing endsub.";
@@ -174,6 +181,7 @@ codes! {
     SubFile "E1813" "subprogram file cannot be used" "The file of a subprogram cannot be read, or holds no subprogram of its name." "Check the file: O<part> is looked for in part.ngc, which holds O<part> sub … O<part> endsub.";
 
     NotAlone "E1814" "M98 or M99 not alone" "M98 and M99 stand in a block with other words." "Give them a block of their own.";
+    MacroControl "E1815" "control word of another control" "IF ... GOTO, IF ... THEN, WHILE ... DO and GOTO are words of Fanuc macros, which are not carried out here." "Write O words: O100 if [#1 GT 0] ... O100 endif, O100 while [#1 LT 5] ... O100 endwhile.";
     NoSuchCycle "E1821" "no such cycle" "A name and a parenthesis begin the block, and no cycle has that name." "Check the name; `retrace cycles` lists those there are.";
     BadCycleCall "E1822" "call of a cycle not understood" "The arguments are too many, of the wrong type or not closed, or something else stands in the block." "Write NAME(argument, argument, ...), numbers or \"texts\", empty where not programmed; `retrace cycles` shows the parameters.";
     CycleAlarm "E1823" "cycle refused" "A cycle has raised an alarm about its arguments, its contour or the state it was called in; or a block of it is wrong." "The message says what; docs/cycles.md tells the alarms.";

@@ -287,7 +287,11 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcom
             cursor.skip();
             let Some(name) = cursor.take_to(b'>') else {
                 cursor.finish();
-                return fault(Code::NameNotClosed, cursor.since(start), "O< is not followed by a name and >");
+                return fault(
+                    Code::NameNotClosed,
+                    cursor.since(start),
+                    "the name behind O< has no >; write O<name> call",
+                );
             };
             Label::Name(plain_name(name))
         }

@@ -24,6 +24,10 @@ pub(crate) trait Environment {
     }
     fn named(&self, name: NameId) -> Option<f64>;
     fn name(&self, name: NameId) -> &str;
+    /// The name with a value that is nearest to one without.
+    fn nearest_name(&self, _name: NameId) -> Option<&str> {
+        None
+    }
     fn system(&self, parameter: SystemParameter) -> f64;
 }
 
@@ -43,8 +47,10 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> Outcome<(f
                 match environment.named(name) {
                     Some(value) => value,
                     None => {
+                        let near = environment.nearest_name(name);
+                        let near = near.map_or_else(String::new, |near| format!("; do you mean #<{near}>?"));
                         let name = environment.name(name);
-                        return fault(Code::ParameterUndefined, op.span(), format!("#<{name}> has no value yet"));
+                        return fault(Code::ParameterUndefined, op.span(), format!("#<{name}> has no value yet{near}"));
                     }
                 }
             }

@@ -6,6 +6,7 @@
 use crate::codes::Code;
 use crate::diag::{Outcome, Span, fault};
 use crate::lex::Cursor;
+use crate::nearest::nearest;
 use crate::params::{NameId, Names};
 use crate::system::SystemParameter;
 
@@ -234,6 +235,12 @@ impl<'a, 'b> Compiler<'a, 'b> {
         if self.cursor.peek() == 0 {
             return fault(Code::UnclosedBracket, open, "this bracket is not closed");
         }
+        if self.cursor.peek() == b'=' {
+            return fault(Code::EqualsCompares, self.cursor.here(), "= does not compare; EQ does");
+        }
+        if self.cursor.peek() == b',' {
+            return fault(Code::DecimalComma, self.cursor.here(), "a comma is no decimal point");
+        }
         fault(Code::UnknownFunction, self.cursor.here(), "no operator begins here")
     }
 
@@ -250,11 +257,35 @@ impl<'a, 'b> Compiler<'a, 'b> {
         if self.cursor.eat_word(b"exists") {
             return self.exists(start);
         }
+        let before = self.cursor.clone();
         let Some((_, function)) = FUNCTIONS.iter().find(|(text, _)| self.cursor.eat_word(text)) else {
-            return fault(Code::UnknownFunction, self.cursor.here(), "no function begins here");
+            return self.unknown_function();
         };
+        if self.cursor.peek().is_ascii_lowercase() {
+            *self.cursor = before;
+            return self.unknown_function();
+        }
         self.bracket()?;
         self.push(OpKind::Function(*function), start)
+    }
+
+    /// That no function begins here; the function that may be meant is named.
+    #[cold]
+    fn unknown_function(&mut self) -> Outcome<()> {
+        let (at, mut name) = (self.cursor.here(), String::new());
+        let mut cursor = self.cursor.clone();
+        while let letter @ b'a'..=b'z' = cursor.peek() {
+            cursor.skip();
+            name.push(char::from(letter).to_ascii_uppercase());
+        }
+        const NAMES: [&str; 14] =
+            ["ABS", "ACOS", "ASIN", "ATAN", "COS", "EXISTS", "EXP", "FIX", "FUP", "LN", "ROUND", "SIN", "SQRT", "TAN"];
+        // A word of another letter is no misspelt function.
+        let near = if name.len() > 1 { nearest(&name, NAMES.into_iter()) } else { None };
+        match near {
+            Some(near) => fault(Code::UnknownFunction, at, format!("there is no function {name}; do you mean {near}?")),
+            None => fault(Code::UnknownFunction, at, "no function begins here"),
+        }
     }
 
     /// EXISTS\[#<name>\]: whether the parameter has a value. A numbered one has a value if there is one of its number.

@@ -73,17 +73,11 @@ pub(crate) struct Flow {
     /// Compiled lines by file.
     pub(crate) codes: Vec<Arc<Code>>,
     pub(crate) subs: Subs,
-    has_jumped: bool,
     /// The program was looked through, so all of its subprograms are known; else they arrive with it.
     pub(crate) is_whole: bool,
 }
 
 impl Flow {
-    /// Whether the program has had a jump.
-    pub(crate) fn has_jumped(&self) -> bool {
-        self.has_jumped
-    }
-
     /// Whether compiled lines are being carried out.
     #[inline]
     pub(crate) fn is_open(&self) -> bool {
@@ -127,7 +121,6 @@ impl Flow {
 
     /// Begins a stretch of the program itself.
     pub(crate) fn begin(&mut self, code: Arc<Code>, start: u32, end: u32) {
-        self.has_jumped = true;
         self.levels.push(Level { code, next: start, end, loops: self.loops.open(), call: None });
     }
 
@@ -288,7 +281,6 @@ impl Flow {
         if rounds == 0 {
             return Ok(Stepped::Jumped);
         }
-        self.has_jumped = true;
         self.calls += 1;
         let frame = if is_m98 { interpreter.enter_shared() } else { interpreter.enter_sub(given) };
         let (next, end) = (sub.entry, code.len());

@@ -108,6 +108,16 @@ impl<'a> Cursor<'a> {
         Span::new(self.at, (self.at + 1).min(self.text.len()))
     }
 
+    /// The byte at a place of the line.
+    pub(crate) fn byte(&self, at: usize) -> Option<u8> {
+        self.text.get(at).copied()
+    }
+
+    /// What has not been taken.
+    pub(crate) fn rest(&self) -> &'a [u8] {
+        self.text.get(self.at..).unwrap_or_default()
+    }
+
     /// Takes everything up to and with `closing`; `None` when it is not there.
     pub(crate) fn take_to(&mut self, closing: u8) -> Option<&'a [u8]> {
         let rest = self.text.get(self.at..).unwrap_or_default();

@@ -49,6 +49,7 @@ mod interp;
 mod lex;
 mod lines;
 mod modal;
+mod nearest;
 mod nest;
 mod params;
 mod parse;

@@ -97,6 +97,14 @@ impl Names {
         Ok(Reference::Named(id))
     }
 
+    /// Every name that a program has used.
+    pub(crate) fn all(&self) -> impl Iterator<Item = (NameId, &str)> {
+        self.texts
+            .iter()
+            .enumerate()
+            .map(|(index, text)| (NameId { index: index as u32, is_global: text.starts_with('_') }, &**text))
+    }
+
     pub(crate) fn text(&self, id: NameId) -> &str {
         self.texts.get(id.index as usize).map_or("", |text| text)
     }

@@ -94,6 +94,7 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
         block_number(&mut cursor, block)?;
     }
     if call::begins(&mut cursor, cycles) {
+        refuse_macro_words(&mut cursor)?;
         call::label(&mut cursor);
         if call::begins(&mut cursor, cycles) && call::parse(&mut cursor, names, cycles, block)? {
             return Ok(());
@@ -123,6 +124,32 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
             _ => return bad_character(&mut cursor, start),
         }
     }
+}
+
+/// What the compiler of expressions says where no function and nothing like one begins.
+const NO_FUNCTION: &str = "no function begins here";
+
+/// Refuses the control words of Fanuc macros by name.
+fn refuse_macro_words(cursor: &mut Cursor<'_>) -> Outcome<()> {
+    let start = cursor.at();
+    let mut ahead = cursor.clone();
+    let is_one = match ahead.peek() {
+        b'i' => ahead.eat_word(b"if") && ahead.peek() == b'[',
+        b'w' => ahead.eat_word(b"while") && ahead.peek() == b'[',
+        b'g' => ahead.eat_word(b"goto") && matches!(ahead.peek(), b'0'..=b'9' | b'#' | b'['),
+        b'e' => {
+            ahead.eat_word(b"end") && matches!(ahead.peek(), b'1'..=b'3') && ahead.digits().0 == 1 && ahead.peek() == 0
+        }
+        b'd' => {
+            ahead.eat_word(b"do") && matches!(ahead.peek(), b'1'..=b'3') && ahead.digits().0 == 1 && ahead.peek() == 0
+        }
+        _ => false,
+    };
+    if is_one {
+        let message = "IF, WHILE and GOTO of Fanuc macros are not carried out; use O words";
+        return fault(Code::MacroControl, ahead.since(start), message);
+    }
+    Ok(())
 }
 
 /// Whether a line is deleted when block delete is on: its first character is a slash.
@@ -170,6 +197,14 @@ fn first_high_byte_outside_comments(text: &[u8]) -> Option<usize> {
 #[cold]
 fn bad_character(cursor: &mut Cursor<'_>, start: usize) -> Outcome<()> {
     let at = cursor.here();
+    if cursor.peek() == b',' && follows_digit(cursor, start) {
+        return fault(Code::DecimalComma, at, "a comma is no decimal point");
+    }
+    // U+FEFF, U+200B to U+200F, and the blank that does not break.
+    let rest = cursor.rest();
+    if rest.starts_with(b"\xef\xbb\xbf") || rest.starts_with(b"\xe2\x80") || rest.starts_with(b"\xc2\xa0") {
+        return fault(Code::HiddenMark, at, Code::HiddenMark.title());
+    }
     let what = match cursor.peek() {
         b'/' => "a slash deletes a block only at its beginning",
         b'%' => "a percent sign stands alone in its line, at the beginning and the end of a program",
@@ -205,13 +240,17 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
         b'n' => {
             return fault(Code::BadBlockNumber, cursor.since(start), "N stands once, at the beginning of the block");
         }
+        b'o' if follows_digit(cursor, start) => {
+            return fault(Code::LetterO, cursor.since(start), "the letter O stands behind a digit; is a 0 meant?");
+        }
         b'o' => return fault(Code::BadControl, cursor.since(start), "an O word stands at the beginning of its line"),
         _ => {}
     }
     let first_op = block.ops.len();
+    let value_at = cursor.here().start;
     let operand = match Compiler::new(cursor, &mut block.ops, names).operand() {
         Ok(operand) => operand,
-        Err(found) => return Err(named(found, letter, start)),
+        Err(found) => return Err(named(found, letter, start, value_at, cursor)),
     };
     let at = cursor.since(start);
     // U and W are increments in a profile of turning, whatever axes there are: carrying the block out tells.
@@ -243,7 +282,26 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
 
 /// A missing number is told with the word letter that it belongs to.
 #[cold]
-fn named(mut found: Box<crate::diag::Fault>, letter: u8, start: usize) -> Box<crate::diag::Fault> {
+fn named(
+    mut found: Box<crate::diag::Fault>,
+    letter: u8,
+    start: usize,
+    value_at: u32,
+    cursor: &mut Cursor<'_>,
+) -> Box<crate::diag::Fault> {
+    let is_at_value = value_at == found.span.start && found.code == Code::UnknownFunction;
+    if is_at_value && found.message == NO_FUNCTION {
+        let name = char::from(letter.to_ascii_uppercase());
+        if cursor.peek() == b'o' {
+            found.code = Code::LetterO;
+            found.message = format!("{name} is followed by the letter O; is a 0 meant?");
+        } else {
+            found.code = Code::NumberMissing;
+            found.message = format!("{name} is not followed by a value");
+        }
+        found.span.start = start as u32;
+        return found;
+    }
     if found.code == Code::NumberMissing && found.span.start as usize <= start + 1 {
         found.message = format!("{} is not followed by a value", char::from(letter.to_ascii_uppercase()));
         found.span.start = start as u32;
@@ -251,12 +309,25 @@ fn named(mut found: Box<crate::diag::Fault>, letter: u8, start: usize) -> Box<cr
     found
 }
 
+/// Whether the character before this place is a digit.
+fn follows_digit(cursor: &Cursor<'_>, at: usize) -> bool {
+    cursor.byte(at.wrapping_sub(1)).is_some_and(|byte| byte.is_ascii_digit())
+}
+
 /// `#number=value` or `#<name>=value`.
 fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<()> {
     let start = cursor.at();
     let first_op = block.ops.len();
     let mut compiler = Compiler::new(cursor, &mut block.ops, names);
-    let reference = compiler.reference()?;
+    let is_text =
+        compiler.cursor.peek_next().is_some_and(|next| next.is_ascii_alphabetic() || b"#!-=*".contains(&next));
+    let reference = match compiler.reference() {
+        Err(found) if is_text && matches!(found.code, Code::UnknownFunction | Code::NumberMissing) => {
+            compiler.cursor.finish();
+            return fault(Code::HashComment, compiler.cursor.since(start), Code::HashComment.title());
+        }
+        reference => reference?,
+    };
     if !compiler.cursor.eat(b'=') {
         return fault(Code::EqualsMissing, compiler.cursor.here(), "an equals sign is missing here");
     }

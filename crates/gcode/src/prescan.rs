@@ -13,6 +13,7 @@ use crate::diag::{Diagnostic, Fault, Span};
 use crate::file_scan::FileScan;
 use crate::interp::Setup;
 use crate::lines::Split;
+use crate::nearest::nearest;
 use crate::parse::LineReader;
 use crate::program::unreadable;
 use crate::text::{Text, TextLines};
@@ -267,7 +268,16 @@ impl Prescan {
                 call.sub = self.subs.find(file, &call.label);
             }
             let wrong = match call.sub.and_then(|sub| self.subs.get(sub)) {
-                None => Fault::new(Number::NoSuchSub, call.at, format!("there is no subprogram {}", call.label)),
+                None => {
+                    let known: Vec<String> = self.subs.by_label.keys().map(|(_, label)| label.to_string()).collect();
+                    let name = call.label.to_string();
+                    let near = match call.label {
+                        Label::Name(_) => nearest(&name, known.iter().map(String::as_str)),
+                        _ => None,
+                    };
+                    let near = near.map_or_else(String::new, |near| format!("; do you mean {near}?"));
+                    Fault::new(Number::NoSuchSub, call.at, format!("there is no subprogram {name}{near}"))
+                }
                 Some(sub) if sub.for_m98 != call.is_m98 => wrong_call(&call.label, call.is_m98, call.at),
                 Some(_) => continue,
             };

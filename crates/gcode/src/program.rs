@@ -24,10 +24,14 @@ use std::borrow::Cow;
 use std::io::BufRead;
 use std::sync::Arc;
 
-/// Lines after which checking a program with jumps stops.
-const MOST_CHECKED_LINES: u32 = 10_000_000;
-/// Canonical functions after which it stops.
-const MOST_CHECKED_FUNCTIONS: u64 = 100_000_000;
+/// Blocks in loops and calls that may follow one another without a motion, a dwell, a wait or a stop.
+const MAX_BLOCKS_WITHOUT_MOTION: u32 = 10_000_000;
+
+/// So many of them are no longer what a loop with motion has between two moves.
+const LONG_WITHOUT_MOTION: u32 = 100_000;
+
+/// Blocks in loops and calls that a check goes through.
+const MAX_CHECKED_LOOP_BLOCKS: u64 = 10_000_000;
 
 /// What became of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,6 +71,10 @@ pub struct Program<R> {
     by_hand: bool,
     /// It could not be read to its end, and that has been reported.
     is_unreadable: bool,
+    /// Blocks that have been carried out in loops and calls.
+    loop_blocks: u64,
+    /// Of these, the last ones without a motion, a dwell, a wait or a stop.
+    blocks_without_motion: u32,
 }
 
 impl<R: BufRead> Program<R> {
@@ -88,6 +96,8 @@ impl<R: BufRead> Program<R> {
             is_held: false,
             by_hand: false,
             is_unreadable: false,
+            loop_blocks: 0,
+            blocks_without_motion: 0,
         }
     }
 
@@ -138,7 +148,17 @@ impl<R: BufRead> Program<R> {
             }
             Phase::Running => {}
         }
-        let outcome = if self.flow.is_open() { self.compiled_line(steps) } else { self.own_line(steps) };
+        let outcome = if self.flow.is_open() {
+            let first = steps.len();
+            let outcome = self.compiled_line(steps);
+            if self.count_loop_block(steps.get(first..).unwrap_or_default()) {
+                self.interpreter.report(Fault::plain(Code::EndlessProgram, Span::default()));
+                return self.close(steps);
+            }
+            outcome
+        } else {
+            self.own_line(steps)
+        };
         match outcome {
             Ok(progress) => progress,
             Err(fault) => {
@@ -146,6 +166,35 @@ impl<R: BufRead> Program<R> {
                 if self.interpreter.has_too_many_errors() { self.close(steps) } else { Progress::Refused }
             }
         }
+    }
+
+    /// Counts a block of a loop or a call that has made these steps; whether there have been too many without a motion.
+    #[inline]
+    fn count_loop_block(&mut self, steps: &[Step]) -> bool {
+        self.loop_blocks += 1;
+        self.blocks_without_motion += 1;
+        if steps.iter().any(|step| step.canon.takes_time()) {
+            self.blocks_without_motion = 0;
+        }
+        self.blocks_without_motion > MAX_BLOCKS_WITHOUT_MOTION
+    }
+
+    /// Blocks that have been carried out in loops and calls so far.
+    #[must_use]
+    pub fn loop_blocks(&self) -> u64 {
+        self.loop_blocks
+    }
+
+    /// Whether it is in a loop that has not moved the machine for long: looking through it ends with E1806, or it moves again.
+    #[must_use]
+    pub fn is_without_motion(&self) -> bool {
+        self.blocks_without_motion >= LONG_WITHOUT_MOTION
+    }
+
+    /// Notes that whoever checks the program does not go on behind the line taken last (W1004).
+    pub fn report_check_stopped(&mut self) {
+        let message = format!("checking stopped here after {} blocks in loops and calls", self.loop_blocks);
+        self.interpreter.report(Fault::new(Code::CheckStopped, Span::default(), message));
     }
 
     /// Carries out the next compiled line.
@@ -291,6 +340,10 @@ impl<R: BufRead> Program<R> {
 
     /// After the end: tells of lines behind it that are neither a subprogram nor anything else that a jump reaches.
     pub fn look_behind_the_end(&mut self) {
+        // A loop without end has kept it from its end.
+        if self.blocks_without_motion > MAX_BLOCKS_WITHOUT_MOTION {
+            return;
+        }
         if self.interpreter.has_too_many_errors() {
             return;
         }
@@ -484,14 +537,10 @@ pub fn check(text: impl Into<Text>, setup: Setup) -> Vec<Diagnostic> {
     let prescan = Arc::new(Prescan::of("program", text.into(), &setup));
     let mut program = Program::<&[u8]>::prescanned(prescan, setup);
     let mut steps = Vec::new();
-    let (mut lines, mut functions) = (0_u32, 0);
     while program.advance(&mut steps) != Progress::End {
-        functions += steps.len() as u64;
         steps.clear();
-        lines = lines.saturating_add(1);
-        let is_long = lines >= MOST_CHECKED_LINES || functions >= MOST_CHECKED_FUNCTIONS;
-        if is_long && program.flow.has_jumped() {
-            program.report(Fault::plain(Code::EndlessProgram, Span::default()));
+        if program.loop_blocks() >= MAX_CHECKED_LOOP_BLOCKS && !program.is_without_motion() {
+            program.report_check_stopped();
             return program.interpreter.take_diagnostics();
         }
     }

@@ -283,3 +283,60 @@ fn a_program_may_have_a_name_of_its_own() {
         assert!(retrace_gcode::check(program.as_bytes(), Setup::rs274()).is_empty(), "{program}");
     }
 }
+
+/// The first finding of a program: its number, its message, and what to do.
+fn first_finding(line: &str) -> (&'static str, String, String) {
+    let found = retrace_gcode::check(format!("{line}\nM2\n").into_bytes(), Setup::rs274());
+    let first = found.first().unwrap_or_else(|| panic!("{line} is taken"));
+    (first.number(), first.message.clone(), first.help().to_owned())
+}
+
+#[test]
+fn common_slips_get_an_answer_of_their_own() {
+    for (line, number, message) in [
+        ("GO X10", "E1013", "G is followed by the letter O; is a 0 meant?"),
+        ("G0 X1O", "E1013", "the letter O stands behind a digit; is a 0 meant?"),
+        ("G0 XO", "E1013", "X is followed by the letter O; is a 0 meant?"),
+        ("S M3", "E1101", "S is not followed by a value"),
+        ("G1 X Y5", "E1101", "X is not followed by a value"),
+        ("G0 X10,5", "E1014", "a comma is no decimal point"),
+        ("#1=2,5", "E1014", "a comma is no decimal point"),
+        ("G0 X[1,5]", "E1014", "a comma is no decimal point"),
+        ("#2=[#1 = 5]", "E1208", "= does not compare; EQ does"),
+        ("# a comment", "E1015", "# begins no comment"),
+        ("#comment", "E1015", "# begins no comment"),
+        ("IF [#1 GT 5] GOTO 100", "E1815", "IF, WHILE and GOTO of Fanuc macros are not carried out; use O words"),
+        (
+            "N10 IF [#1 EQ 5] THEN #2 = 1",
+            "E1815",
+            "IF, WHILE and GOTO of Fanuc macros are not carried out; use O words",
+        ),
+        ("WHILE [#1 LT 5] DO1\nEND1", "E1815", "IF, WHILE and GOTO of Fanuc macros are not carried out; use O words"),
+        ("GOTO 100", "E1815", "IF, WHILE and GOTO of Fanuc macros are not carried out; use O words"),
+        ("G0 \u{feff}X1", "E1016", "invisible character"),
+        ("G0\u{a0}X1", "E1016", "invisible character"),
+        ("G0 X[SINE[30]]", "E1201", "there is no function SINE; do you mean SIN?"),
+        ("G0 X[SQR[4]]", "E1201", "there is no function SQR; do you mean SQRT?"),
+        ("#<depth>=1\nG0 X#<dpeth>", "E1302", "#<dpeth> has no value yet; do you mean #<depth>?"),
+        (
+            "O<drill> sub\nO<drill> endsub\nO<dril> call",
+            "E1804",
+            "there is no subprogram O<dril>; do you mean O<drill>?",
+        ),
+        ("O<a call", "E1305", "the name behind O< has no >; write O<name> call"),
+    ] {
+        let (code, said, help) = first_finding(line);
+        assert_eq!((code, said.as_str()), (number, message), "{line}");
+        assert!(number == "E1201" || !help.contains("ACOS"), "{line}: {help}");
+    }
+}
+
+#[test]
+fn a_move_that_takes_longer_than_a_day_is_refused() {
+    for line in ["G1 X10 F0.00001", "G93 G1 X10 F.0001", "F1 G2 X1 Y0 I.5 J0 P9999"] {
+        assert_eq!(first_finding(line).0, "E1512", "{line}");
+    }
+    for line in ["G1 X10 F0.01", "G93 G1 X10 F.001", "F100 G2 I1000", "S1 M3 G95 F.0001 G1 X10", "F.01 G1 X0"] {
+        assert!(retrace_gcode::check(format!("{line}\nM2\n").into_bytes(), Setup::rs274()).is_empty(), "{line}");
+    }
+}

@@ -2,8 +2,8 @@
 //!
 //! Invariant: it is the same code that a microcontroller runs; nothing is added.
 
-use retrace_card::OnLine;
-use retrace_link::{Identity, PROTOCOL};
+use retrace_card::{OnLine, Terms};
+use retrace_link::{Identity, PROTOCOL, Refusal, Settings};
 
 use crate::WINDOW;
 use crate::sim::MEMORY;
@@ -35,4 +35,13 @@ pub fn identity<const A: usize>(serial: u32, boot: u32) -> Identity {
         longest_period_us: 100_000,
         most_pulses_hz: 2_000_000,
     }
+}
+
+/// The most pulses that a card of this identity makes of an axis in a control period of these settings, with the length of the pulses and the
+/// set-up time of the direction; one pulse of each period is kept back for rounding.
+///
+/// # Errors
+/// What the card refuses of the settings.
+pub fn most_pulses_a_period<const A: usize>(identity: &Identity, settings: &Settings<A>) -> Result<u16, Refusal> {
+    Terms::agree(settings, identity).map(|terms| terms.most() - 1)
 }

@@ -13,8 +13,8 @@ use retrace_hal_sim::{
     SimFault, wiring,
 };
 use retrace_link::{
-    Alarm, Change, Greeting, Homing, HostFault, InputSetting, InputUse, Instruction, MotionCard, Patience, Refusal,
-    Settings, Start, Wired, WiredFault, Word, channel,
+    Alarm, CardFault, Change, Greeting, Homing, HostFault, InputSetting, InputUse, Instruction, MotionCard, Patience,
+    Refusal, Settings, Start, Wired, WiredFault, Word, channel,
 };
 
 const RECORDS: u32 = 600;
@@ -431,4 +431,32 @@ fn an_axis_with_play_is_homed_exactly() {
         let counted = card.status().counts[0] - (driven - edge);
         assert!((-(slow >> 32) - 1..=0).contains(&counted), "{counted} at the edge, {play} pulses of play");
     }
+}
+
+/// A caller that goes by a report that is old begins no path where the machine no longer stands: E3021, and the card keeps the path that it has.
+#[test]
+fn a_path_is_not_begun_where_the_machine_has_moved_on() {
+    let down = LineSettings { latency_us: 30_000, ..LineSettings::default() };
+    let rig = Rig::<3>::new(&RigSettings { down, ..RigSettings::default() }).expect("a card");
+    let mut card = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+    card.open(settings()).expect("it takes the settings");
+    for place in 0..EVERY {
+        card.send(Word::Ahead { place, record: record(place) }).expect("room");
+    }
+    card.send(Word::rate(ONE)).expect("a rate");
+    let was = *card.status();
+    assert_eq!((was.place, was.at_rest), (Place::start_of(0), true), "as far as the host knows");
+    let epoch = card.port().rig().status().period;
+    let fault = card.begin(Start::at(0)).expect_err("it has moved on");
+    assert_eq!(fault, WiredFault::Host(HostFault::Moved));
+    assert_eq!((fault.number(), fault.remedy()), ("E3021", "resume the job; check the line if it happens again"));
+    let rig = card.port().rig();
+    assert_eq!((rig.status().place, rig.status().at_rest), (Place::start_of(EVERY), true), "its own path goes on");
+    assert_eq!((rig.status().counts, rig.faults()), (position(Place::start_of(EVERY)), Faults::default()));
+    assert!(rig.status().period > epoch && rig.pins().positions() == &rig.status().counts);
+    // Behind the report of where it stands it can be begun.
+    while card.status().place != Place::start_of(EVERY) {
+        card.period().expect("no fault");
+    }
+    card.begin(Start::at(EVERY)).expect("it stands there");
 }

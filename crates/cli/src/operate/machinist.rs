@@ -95,6 +95,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
         let (by_hand, machine) = (by_hand::Desk::new(program.setup().clone()), machine.clone());
         let table_keeper = TableKeeper::new(&args.reading, program.setup());
+        let optional_stop = args.optional_stop.is_some_and(args::OnOff::is_on);
+        locked(&desk.model).optional_stop = optional_stop;
         Self {
             args,
             machine,
@@ -110,7 +112,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             live,
             alarm: None,
             failed: false,
-            optional_stop: false,
+            optional_stop,
             resumed: None,
             left,
         }
@@ -375,6 +377,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             self.table_keeper.is_kept(self.by_hand.carried());
         }
         (self.left.code, self.left.report) = (code, Some(ended.text));
+        // A job that is resumed brings it along.
+        self.optional_stop = locked(&self.desk.model).optional_stop;
         locked(&self.desk.model).end(&ended.short);
     }
 

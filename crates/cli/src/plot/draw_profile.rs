@@ -36,11 +36,12 @@ pub fn draw_profile(profile: &Profile, size: Size) -> Picture {
         0 | 1 => String::new(),
         stride => format!(", differences over {stride} periods"),
     };
-    let summary = format!("{} s in periods of {period_ms} ms{stride}", fixed(profile.duration_s(), 3));
+    let [from_s, to_s] = profile.shown();
+    let summary = format!("{} s in periods of {period_ms} ms{stride}", fixed(to_s - from_s, 3));
     draw_heading(&mut picture, &profile.title, "over time", &summary);
     let time = Scale {
-        low: 0.0,
-        high: profile.duration_s().max(profile.period_s.max(1e-6)),
+        low: from_s,
+        high: to_s.max(from_s + profile.period_s.max(1e-6)),
         low_px: LEFT,
         high_px: size.width() - RIGHT,
     };
@@ -66,7 +67,7 @@ fn panels(profile: &Profile) -> [Panel; 3] {
             .axes
             .iter()
             .enumerate()
-            .map(|(index, axis)| (profile.derivative(axis, order), axis_pen(index)))
+            .map(|(index, axis)| (profile.cut(profile.derivative(axis, order)), axis_pen(index)))
             .collect()
     };
     let limits = |of: fn(&super::Derivatives<f64>) -> f64| -> Vec<f64> {
@@ -77,7 +78,7 @@ fn panels(profile: &Profile) -> [Panel; 3] {
         limits
     };
     let mut velocities = curves(1);
-    velocities.push((profile.path_speed(), style::PATH_SPEED));
+    velocities.push((profile.cut(profile.path_speed()), style::PATH_SPEED));
     [
         Panel { name: "velocity", unit: "mm/s", curves: velocities, limits: limits(|of| of.velocity) },
         Panel { name: "acceleration", unit: "mm/s²", curves: curves(2), limits: limits(|of| of.acceleration) },
@@ -90,7 +91,7 @@ impl Panel {
         let (left, right) = (time.low_px, time.high_px);
         let [low, high] = self.range();
         let up = Scale { low, high, low_px: bottom, high_px: top };
-        for [from, to] in &profile.retraced_s {
+        for [from, to] in profile.retraced_s.iter().filter(|[from, to]| *to >= time.low && *from <= time.high) {
             let [from, to] = [*from, *to].map(|at| time.px(at.clamp(time.low, time.high)));
             picture.area(&[[from, top], [to, top], [to, bottom], [from, bottom]], style::RETRACED_BAND);
         }
@@ -170,8 +171,14 @@ mod tests {
         let positions_mm = (0..3000).map(|period| 2.0 * (f64::from(period) * 0.015).sin()).collect();
         let limits = Derivatives { velocity: 100.0, acceleration: 1000.0, jerk: 20_000.0 };
         let axes = vec![AxisTrack { name: "X".to_owned(), positions_mm, limits }];
-        let profile =
-            Profile { title: "a".to_owned(), period_s: 0.001, stride_periods: 8, axes, retraced_s: vec![[1.0, 9.0]] };
+        let profile = Profile {
+            title: "a".to_owned(),
+            period_s: 0.001,
+            stride_periods: 8,
+            axes,
+            retraced_s: vec![[1.0, 9.0]],
+            shown_s: None,
+        };
         let picture = draw_profile(&profile, Size::pixels(800, 600)?);
         let drawn = |wanted: Pen| {
             let lines = picture.items.iter().filter_map(move |item| match item {
@@ -198,6 +205,7 @@ mod tests {
             stride_periods: 1,
             axes: Vec::new(),
             retraced_s: Vec::new(),
+            shown_s: None,
         };
         assert!(draw_profile(&profile, Size::pixels(480, 320)?).to_svg().ends_with("</svg>\n"));
         Ok(())

@@ -38,6 +38,8 @@ pub struct Profile {
     pub axes: Vec<AxisTrack>,
     /// Stretches of time in seconds in which motion was retraced.
     pub retraced_s: Vec<[f64; 2]>,
+    /// The stretch of time in seconds that is drawn; all of it where none is given.
+    pub shown_s: Option<[f64; 2]>,
 }
 
 /// A curve over time: its first time, and a value every period.
@@ -47,7 +49,30 @@ pub(super) struct Curve {
     pub(super) values: Vec<f64>,
 }
 
+impl Curve {
+    /// The part of the curve within this stretch of time in seconds, one period beyond it at either end at most.
+    fn within(self, [from_s, to_s]: [f64; 2], period_s: f64) -> Self {
+        let index = |at_s: f64| ((at_s - self.start_s) / period_s).max(0.0);
+        let first = (index(from_s).floor() as usize).min(self.values.len());
+        let end = (index(to_s).ceil() as usize).saturating_add(1).clamp(first, self.values.len());
+        Self { start_s: self.start_s + first as f64 * period_s, values: self.values[first..end].to_vec() }
+    }
+}
+
 impl Profile {
+    /// The stretch of time in seconds that is drawn.
+    pub(super) fn shown(&self) -> [f64; 2] {
+        self.shown_s.unwrap_or([0.0, self.duration_s()])
+    }
+
+    /// The drawn part of a curve.
+    pub(super) fn cut(&self, curve: Curve) -> Curve {
+        match self.shown_s {
+            Some(shown_s) => curve.within(shown_s, self.period_s),
+            None => curve,
+        }
+    }
+
     /// One axis' derivative of order 1, 2 or 3, each value in the middle of the window that it is taken over; before the
     /// first position and after the last the axis stands still.
     pub(super) fn derivative(&self, axis: &AxisTrack, order: usize) -> Curve {
@@ -106,6 +131,7 @@ mod tests {
             stride_periods: 4,
             axes: vec![axis.clone()],
             retraced_s: Vec::new(),
+            shown_s: None,
         };
         let acceleration = profile.derivative(&axis, 2);
         let jerk = profile.derivative(&axis, 3);
@@ -117,6 +143,10 @@ mod tests {
         }
         assert!(jerk.values[6..194].iter().all(|value| (value - 42.0).abs() < 1e-4));
         assert!((profile.path_speed().values[2] - 3.0 - 10.0 * 0.02).abs() < 0.02);
+        let middle = Profile { shown_s: Some([0.5, 0.7]), ..profile.clone() };
+        let cut = middle.cut(middle.derivative(&axis, 2));
+        assert!((cut.start_s - 0.5).abs() < 0.011 && (20..=23).contains(&cut.values.len()), "{}", cut.values.len());
+        assert!((cut.values[0] - (10.0 + 42.0 * cut.start_s)).abs() < 1e-6, "not as if it stood before");
         let odd = Profile { stride_periods: 1, ..profile.clone() };
         let velocity = odd.derivative(&axis, 1);
         let at_first = velocity.start_s + 0.01;

@@ -144,8 +144,6 @@ pub struct Hand {
     pub axis: usize,
     /// Is a dry run asked for?
     pub dry: bool,
-    /// Is M1 to stop?
-    pub optional_stop: bool,
     notice: Option<(String, u64)>,
     /// Direction and index of the rate that was asked for last.
     asked: Option<(Mode, usize)>,
@@ -265,8 +263,7 @@ impl Hand {
             Act::CutterOn => Deed::CutterOn,
             Act::Recover => Deed::Recover,
             Act::OptionalStop => {
-                self.optional_stop = !self.optional_stop;
-                return Some(Said::OptionalStop(self.optional_stop));
+                return Some(Said::OptionalStop(!model.optional_stop));
             }
             Act::Spindle if model.output(channel::SPINDLE) == 0 => Deed::SpindleStart,
             Act::Spindle => Deed::SpindleStop,

@@ -10,7 +10,7 @@ use super::desk::Desk;
 use super::entry::{At, Entry, Mode, Standing};
 use super::logbook::Logbook;
 use super::stamp::Stamp;
-use crate::event::Happening;
+use crate::event::{ChannelNames, Happening};
 use crate::stream::{self, Period, Told};
 
 /// The reporter's end of the logbook; what it has not kept yet it keeps when it is dropped, which is before [`Logbook::end`].
@@ -20,6 +20,7 @@ pub struct Keeper<const A: usize> {
     axes: usize,
     often: Often<A>,
     outputs: Outputs,
+    names: ChannelNames,
 }
 
 impl<const A: usize> Keeper<A> {
@@ -28,7 +29,20 @@ impl<const A: usize> Keeper<A> {
     pub fn new(logbook: &Logbook, axes: usize, period_us: u32) -> Self {
         let periods = |ms: u64| (ms * 1000).div_ceil(u64::from(period_us.max(1)));
         let often = Often { second: periods(1000), tenth: periods(100), kept: None, last: None, rest: None };
-        Self { desk: logbook.desk(), axes: axes.min(A), often, outputs: [0; channel::COUNT] }
+        Self {
+            desk: logbook.desk(),
+            axes: axes.min(A),
+            often,
+            outputs: [0; channel::COUNT],
+            names: ChannelNames::default(),
+        }
+    }
+
+    /// The same, which calls outputs by these names in events.
+    #[must_use]
+    pub fn naming(mut self, names: ChannelNames) -> Self {
+        self.names = names;
+        self
     }
 
     /// Takes what is told.
@@ -45,7 +59,7 @@ impl<const A: usize> Keeper<A> {
                 }
             }
             Told::Active(_) => {}
-            Told::Event(event) => self.desk.tell(Entry::Event(event.to_json())),
+            Told::Event(event) => self.desk.tell(Entry::Event(event.to_json_naming(&self.names))),
         }
     }
 

@@ -36,6 +36,8 @@ pub struct JobRecord {
     pub end: Option<End>,
     /// The last alarm, since the job was taken up last.
     pub alarm: Option<Value>,
+    /// Whether M1 stopped when the journal ends; none where the operator never said.
+    pub optional_stop: Option<bool>,
     /// Entries that were lost while the disk did not keep up.
     pub lost: u64,
     /// Marks that count.
@@ -92,6 +94,7 @@ impl JobRecord {
             spooled: Spooled::default(),
             end: None,
             alarm: None,
+            optional_stop: None,
             lost: 0,
             marks: 0,
             last_mark: None,
@@ -127,6 +130,8 @@ impl JobRecord {
             Entry::Event(event) => {
                 if event["event"] == "alarm" {
                     self.alarm = Some(event);
+                } else if let Some(is_on) = optional_stop(&event) {
+                    self.optional_stop = Some(is_on);
                 }
             }
             Entry::Spooled(spooled) => self.spooled = spooled,
@@ -195,6 +200,15 @@ impl JobRecord {
     #[must_use]
     pub fn durable(&self) -> Durable {
         Durable::from(self.last_mark.map_or(self.job.origin, |mark| mark.place))
+    }
+}
+
+/// Whether M1 stops from this event on; none where it does not say.
+fn optional_stop(event: &Value) -> Option<bool> {
+    match event["deed"].as_str()? {
+        "optional stop on" => Some(true),
+        "optional stop off" => Some(false),
+        _ => None,
     }
 }
 

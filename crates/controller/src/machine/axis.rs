@@ -90,6 +90,11 @@ impl Axis {
         }
     }
 
+    /// The same axis without a home switch.
+    pub(super) fn without_home(&self) -> Self {
+        Self { home: None, ..self.clone() }
+    }
+
     /// Index of the axis in a nine-axis position.
     #[must_use]
     pub fn index(&self) -> usize {

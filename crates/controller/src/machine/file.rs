@@ -182,6 +182,25 @@ impl MachineFile {
     pub(super) fn read(text: &str, name: &str) -> Result<Self, Refusal> {
         toml::from_str(text).map_err(|error| misread(&error, name))
     }
+
+    /// Whether each number that stands in no list is in its range: `E2112` where it is not.
+    pub(super) fn ranges(&self) -> [Result<(), Refusal>; 9] {
+        let period_ms = self.control_period_ms;
+        // A period that is out of its range has its own error.
+        let has_period = (0.1..=20.0).contains(&period_ms);
+        let mean_ms = if has_period { [period_ms, 500.0 * period_ms] } else { [0.0, f64::INFINITY] };
+        [
+            within("control_period_ms", period_ms, 0.1, 20.0),
+            within("path_velocity_mm_per_s", self.path_velocity_mm_per_s, 0.001, 100_000.0),
+            within("reserve_percent", self.reserve_percent, 1.0, 50.0),
+            within("blend_tolerance_mm", self.blend_tolerance_mm, 0.0, 100.0),
+            within("history_hours", self.history_hours, 0.0, 24.0),
+            within("stream_quota_mib", self.stream_quota_mib, 1.0, 1_048_576.0),
+            within("look_ahead_s", self.look_ahead_s, 0.05, 10.0),
+            within("wheel.counts_per_s_at_rate_1", self.wheel.counts_per_s_at_rate_1, 1.0, 100_000.0),
+            within("wheel.mean_over_ms", self.wheel.mean_over_ms, mean_ms[0], mean_ms[1]),
+        ]
+    }
 }
 
 pub(crate) fn within(key: &str, value: f64, least: f64, greatest: f64) -> Result<(), Refusal> {
@@ -196,6 +215,17 @@ fn misread(error: &toml::de::Error, name: &str) -> Refusal {
     let remedy = unknown_key(error.message())
         .unwrap_or_else(|| "correct the line; `retrace machine new` shows a commented machine file".into());
     Refusal::new("E2111", format!("{name}: {}", error.to_string().trim_end()), remedy)
+}
+
+/// The same in one line: where, what, and what may have been meant. `text` is the text that was read.
+pub(super) fn misread_in_a_line(error: &toml::de::Error, text: &str, name: &str) -> Refusal {
+    let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
+    let line = before.matches('\n').count() + 1;
+    let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+    let message = error.message().lines().next().unwrap_or_default();
+    let message = message.split(", expected one of").next().unwrap_or_default();
+    let remedy = misread(error, name).remedy;
+    Refusal::new("E2111", format!("{name}: line {line}, column {column}: {message}"), remedy)
 }
 
 /// From serde's "unknown field `x`, expected one of `a`, `b`": the nearest known key.

@@ -6,6 +6,7 @@
 mod axis;
 pub(crate) mod cutter;
 mod file;
+mod findings;
 mod serial;
 mod setting_up;
 
@@ -19,6 +20,7 @@ pub use self::cutter::{Cutter, CutterKind};
 pub(crate) use self::file::within;
 use self::file::{MachineFile, WrittenOutput};
 pub use self::file::{RetraceOutputs, ToolChange, WheelSettings};
+pub use self::findings::Examination;
 pub use self::serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
 pub use self::setting_up::SettingUp;
 use self::setting_up::Written;
@@ -120,15 +122,7 @@ impl Machine {
     }
 
     fn check(file: MachineFile) -> Result<Self, Refusal> {
-        within("control_period_ms", file.control_period_ms, 0.1, 20.0)?;
-        within("path_velocity_mm_per_s", file.path_velocity_mm_per_s, 0.001, 100_000.0)?;
-        within("reserve_percent", file.reserve_percent, 1.0, 50.0)?;
-        within("blend_tolerance_mm", file.blend_tolerance_mm, 0.0, 100.0)?;
-        within("history_hours", file.history_hours, 0.0, 24.0)?;
-        within("stream_quota_mib", file.stream_quota_mib, 1.0, 1_048_576.0)?;
-        within("look_ahead_s", file.look_ahead_s, 0.05, 10.0)?;
-        within("wheel.counts_per_s_at_rate_1", file.wheel.counts_per_s_at_rate_1, 1.0, 100_000.0)?;
-        within("wheel.mean_over_ms", file.wheel.mean_over_ms, file.control_period_ms, 500.0 * file.control_period_ms)?;
+        file.ranges().into_iter().collect::<Result<(), _>>()?;
         let axes = axis::checked(file.axis)?;
         let period_us = (file.control_period_ms * 1000.0).round() as u32;
         let period_s = f64::from(period_us) * 1e-6;

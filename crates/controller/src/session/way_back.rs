@@ -58,6 +58,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.tell(Happening::Operator(deed));
             match deed {
                 Deed::Stop | Deed::Hold | Deed::Pause => stops = true,
+                Deed::OptionalStop(on) => self.optional_stop = on,
                 _ => self.tell(Happening::OrderRefused(OrderRefused::NotNow("the axes go back to the breakpoint"))),
             }
         }

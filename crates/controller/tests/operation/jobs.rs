@@ -39,9 +39,8 @@ impl Log {
     /// The first such event.
     pub fn event(&self, what: impl Fn(&Happening) -> bool) -> &Event {
         let found = self.events.iter().find(|event| what(&event.happening));
-        found.unwrap_or_else(|| {
-            panic!("it is not among {:#?}", self.events.iter().map(Event::to_line).collect::<Vec<_>>())
-        })
+        found
+            .unwrap_or_else(|| panic!("it is not among {:#?}", self.events.iter().map(Event::text).collect::<Vec<_>>()))
     }
 
     /// How many such events.

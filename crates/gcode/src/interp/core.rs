@@ -10,6 +10,7 @@ use crate::codes::Code;
 use crate::diag::Span;
 use crate::eval::Environment;
 use crate::modal::State;
+use crate::nearest::nearest;
 use crate::params::{COORDINATE_SYSTEM, G92_ACTIVE, G92_OFFSET, NameId, Names, Parameters, system_origin};
 use crate::pose::{Axis, Pose};
 use crate::system::SystemParameter;
@@ -148,6 +149,11 @@ impl Environment for BlockEnvironment<'_> {
 
     fn name(&self, name: NameId) -> &str {
         self.names.text(name)
+    }
+
+    fn nearest_name(&self, name: NameId) -> Option<&str> {
+        let known = self.names.all().filter(|(id, _)| self.core.parameters.named(*id).is_some());
+        nearest(self.names.text(name), known.map(|(_, text)| text))
     }
 
     fn system(&self, parameter: SystemParameter) -> f64 {

@@ -14,6 +14,12 @@ use crate::groups::GroupG;
 use crate::modal::{ArcCentres, Distance, Motion};
 use crate::pose::{Axis, Pose};
 
+/// Minutes that a feed move may take: a day.
+const MAX_MOVE_MINUTES: f64 = 1440.0;
+
+/// The radius of an arc, times its turns, from which on its duration is looked at whatever the feed.
+const LONG_ARC_REACH: f64 = 1000.0;
+
 /// A way shorter than this on the linear axes counts as none.
 const TINY_WAY: f64 = 1e-7;
 
@@ -66,6 +72,10 @@ impl Core {
 
     #[inline]
     fn straight(&mut self, motion: Motion, end: Pose, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+        // No machine is so large that a faster move takes that long.
+        if motion == Motion::Feed && self.state.feed_rate < 10.0 {
+            self.check_duration(straight_length(self.state.path_position(), &end), words)?;
+        }
         self.state.has_left_compensation = false;
         if self.state.compensation.is_some_and(|compensation| compensation.radius > 0.0) {
             return self.straight_beside(motion, end, words, emit);
@@ -93,6 +103,21 @@ impl Core {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Refuses a feed move that takes longer than a day: its feed or its length is a slip of the pen.
+    #[cold]
+    fn check_duration(&self, length: f64, words: &Words) -> Outcome<()> {
+        let minutes = length / self.state.feed_rate;
+        if self.state.feed_mode == FeedMode::UnitsPerRevolution || minutes.is_nan() || minutes <= MAX_MOVE_MINUTES {
+            return Ok(());
+        }
+        let at = match words.first_of(b"fxyzabcuvwijkr@^") {
+            Some(letter) => words.span(letter),
+            None => words.g_span(GroupG::Motion),
+        };
+        let feed = self.state.feed_rate;
+        fault(Code::MoveTooLong, at, format!("{length:.3} at a feed of {feed} would take {:.1} hours", minutes / 60.0))
     }
 
     fn set_inverse_time_rate(&mut self, length: f64, words: &Words, emit: &mut Emit<'_>) {
@@ -196,6 +221,11 @@ impl Core {
         if self.state.feed_mode == FeedMode::InverseTime {
             let length = shape.length((first_centre, second_centre), end[normal] - start[normal]);
             self.set_inverse_time_rate(length, words, emit);
+        }
+        let centre = (first_centre, second_centre);
+        let reach = (shape.start.0 - centre.0).hypot(shape.start.1 - centre.1) * f64::from(turns);
+        if self.state.feed_rate < 10.0 || reach > LONG_ARC_REACH {
+            self.check_duration(shape.length(centre, end[normal] - start[normal]), words)?;
         }
         if is_beside {
             return self.arc_beside(&shape, (first_centre, second_centre), end, emit);

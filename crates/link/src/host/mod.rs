@@ -317,7 +317,9 @@ impl<const A: usize> Host<A> {
     pub fn send(&mut self, word: Word<A>) -> Result<(), Refusal> {
         match word {
             Word::Rate(target) => {
-                if target != self.target {
+                // It also stops a homing axis, which no rate has set in motion: there it is sent again as often as it is asked for.
+                let stops_homing = target == RateTarget::ZERO && self.off_path && self.now_seen == self.now_number;
+                if target != self.target || stops_homing {
                     self.target = target;
                     self.now_number = self.now_number.wrapping_add(1);
                 }

@@ -1,0 +1,133 @@
+//! What is wrong with a program, for a person and for a script.
+//!
+//! Invariant: both forms say the same of the same place; the order is that of the lines.
+
+use retrace_controller::job::Finding;
+use retrace_gcode::{Diagnostic, Severity};
+use serde_json::{Value, json};
+
+use crate::decoder::Decoder;
+use crate::escape;
+use crate::program::Program;
+
+/// An error or a warning.
+#[derive(Clone, Debug)]
+pub struct Diagnosed {
+    /// File, 0 is the program itself, and line.
+    place: (u16, u32),
+    /// Whether it keeps the program from being run.
+    pub is_error: bool,
+    /// With its source line and a mark, for a person.
+    pub text: String,
+    /// With its file and its range, for an editor.
+    pub json: Value,
+}
+
+/// All that was found in a program that was gone through; what a line of a loop gives again and again counts once.
+pub fn all(program: &Program, decoder: &mut Decoder, findings: &[Finding]) -> Vec<Diagnosed> {
+    if decoder.is_at_end {
+        decoder.program.look_behind_the_end();
+    }
+    let diagnostics = decoder.program.interpreter().diagnostics();
+    let mut all: Vec<Diagnosed> = diagnostics.iter().map(|one| of_diagnostic(program, one)).collect();
+    for (index, finding) in findings.iter().enumerate() {
+        let is_same =
+            |other: &Finding| (other.line, other.number, &other.what) == (finding.line, finding.number, &finding.what);
+        if !findings[..index].iter().any(is_same) {
+            all.push(of_finding(program, finding));
+        }
+    }
+    all.sort_by_key(|one| one.place);
+    all
+}
+
+fn of_diagnostic(program: &Program, diagnostic: &Diagnostic) -> Diagnosed {
+    let (name, line) = match program.prescan() {
+        Some(prescan) => (prescan.file_name(diagnostic.file), prescan.line_text(diagnostic.file, diagnostic.line)),
+        None => (program.name(), Vec::new()),
+    };
+    let source = String::from_utf8_lossy(&line);
+    let column = |byte: u32| {
+        let end = line.len().min(byte as usize);
+        String::from_utf8_lossy(&line[..end]).chars().count() + 1
+    };
+    let is_error = diagnostic.severity() == Severity::Error;
+    let columns = (column(diagnostic.span.start), column(diagnostic.span.end));
+    Diagnosed {
+        place: (diagnostic.file, diagnostic.line),
+        is_error,
+        text: diagnostic.render(&escape::name(name), &source),
+        json: as_json(
+            name,
+            (diagnostic.line, columns),
+            is_error,
+            [diagnostic.number(), &diagnostic.message, diagnostic.help()],
+        ),
+    }
+}
+
+/// A finding with its source line, in the form of the diagnostics.
+fn of_finding(program: &Program, finding: &Finding) -> Diagnosed {
+    let Finding { line, word, number, what, remedy } = finding;
+    let gutter = " ".repeat(line.to_string().len());
+    let source = program.prescan().map_or_else(Vec::new, |prescan| prescan.line_text(0, *line));
+    let source = String::from_utf8_lossy(&source);
+    let column = word.and_then(|letter| column_of(&source, letter)).unwrap_or(1);
+    let mark = " ".repeat(column - 1);
+    let level = if finding.is_error() { "error" } else { "warning" };
+    let text = format!(
+        "{level}[{number}]: {what}\n{gutter}--> {}:{line}:{column}\n{gutter} |\n{line} | {source}\n{gutter} | {mark}^\n{gutter} |\n\
+         {gutter} = help: {remedy}",
+        escape::name(program.name())
+    );
+    let range = (*line, (column, column + 1));
+    let json = as_json(program.name(), range, finding.is_error(), [*number, what, remedy]);
+    Diagnosed { place: (0, *line), is_error: finding.is_error(), text, json }
+}
+
+/// Lines and columns count from 1, columns in characters; the end lies behind the last one.
+fn as_json(
+    file: &str,
+    (line, (start, end)): (u32, (usize, usize)),
+    is_error: bool,
+    [code, message, help]: [&str; 3],
+) -> Value {
+    json!({
+        "file": file,
+        "range": {
+            "start": { "line": line, "column": start },
+            "end": { "line": line, "column": end.max(start) },
+        },
+        "severity": if is_error { "error" } else { "warning" },
+        "code": code,
+        "message": message,
+        "help": help,
+    })
+}
+
+/// Column, from 1, of the first word with that letter outside of comments.
+fn column_of(line: &str, letter: char) -> Option<usize> {
+    let mut is_comment = false;
+    for (at, c) in line.chars().enumerate() {
+        match c {
+            '(' => is_comment = true,
+            ')' => is_comment = false,
+            ';' if !is_comment => return None,
+            _ if !is_comment && c.eq_ignore_ascii_case(&letter) => return Some(at + 1),
+            _ => {}
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_word_is_found_outside_of_comments() {
+        assert_eq!(column_of("N10 (x) G0 X5", 'X'), Some(12));
+        assert_eq!(column_of("g1 x5", 'X'), Some(4));
+        assert_eq!(column_of("G1 ; X5", 'X'), None);
+    }
+}

@@ -1,0 +1,212 @@
+//! The operator of a job without a screen and without a script, in wall time: M0, M1 and M6 wait, and Enter at the terminal is cycle start.
+//!
+//! Invariant: nothing goes on that nobody has pressed Enter for after it was asked for; standard input is read only while something is waited for,
+//! only where it is a terminal that this process is in the foreground of, and never where it is the program.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use retrace_controller::event::{Event, Happening};
+use retrace_controller::operator::Deed;
+use retrace_controller::orders::{Heard, Orders, orders};
+
+/// How often it is looked whether something is waited for, or a line has come.
+const LOOKS_EVERY: Duration = Duration::from_millis(50);
+
+/// What Enter says to the job; none while nothing is waited for.
+type Awaited = Arc<Mutex<Option<Deed>>>;
+
+/// Where Enter can be pressed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Keyboard {
+    /// At a terminal.
+    Terminal,
+    /// Nowhere: standard input is no terminal.
+    None,
+    /// Nowhere: standard input is the program.
+    Program,
+}
+
+/// The operator at a terminal, as long as a job runs.
+#[derive(Debug)]
+pub struct TerminalOperator {
+    keyboard: Keyboard,
+    keeps_breakpoint: bool,
+    awaited: Awaited,
+    /// What was waited for when Enter was pressed last: it is waited for again where that is refused.
+    answered: Awaited,
+    over: Arc<AtomicBool>,
+    reader: Option<JoinHandle<()>>,
+}
+
+impl TerminalOperator {
+    /// Begins to listen; the words come out of the other end. `optional_stop`: whether M1 stops. `keeps_breakpoint`: whether the job has a journal.
+    #[must_use]
+    pub fn new(keyboard: Keyboard, optional_stop: bool, keeps_breakpoint: bool) -> (Self, Heard) {
+        let (said, heard) = orders();
+        // There is room for the first word.
+        let _ = said.say(Deed::OptionalStop(optional_stop));
+        let (awaited, answered, over) = (Awaited::default(), Awaited::default(), Arc::<AtomicBool>::default());
+        let reader = {
+            let (awaited, answered, over) = (Arc::clone(&awaited), Arc::clone(&answered), Arc::clone(&over));
+            let read = move || {
+                // it only waits: the motion thread alone is scheduled in real time
+                let _ = retrace_controller::real_time::leave();
+                while !over.load(Ordering::Relaxed) {
+                    thread::sleep(LOOKS_EVERY);
+                    read_terminal(keyboard, &awaited, &answered, &said, &over);
+                }
+            };
+            // Without the thread nobody presses Enter, and the job waits for a signal.
+            thread::Builder::new().name("terminal".into()).spawn(read).ok()
+        };
+        (Self { keyboard, keeps_breakpoint, awaited, answered, over, reader }, heard)
+    }
+
+    /// Takes an event of the job: what is to be said to the person there, if it waits for something now. `tool_name` names a tool of the tool table.
+    pub fn observe(&self, event: &Event, tool_name: impl Fn(u32) -> Option<String>) -> Option<String> {
+        let line = event.line;
+        let (deed, what) = match &event.happening {
+            Happening::ProgramStop(code) => (Deed::CycleStart, format!("{code} of line {line} waits")),
+            Happening::ToolChange(tool) => {
+                let name = tool_name(tool.unsigned_abs()).map_or(String::new(), |name| format!(" ({name})"));
+                let insert =
+                    if *tool == 0 { "remove the tool".to_owned() } else { format!("insert tool {tool}{name}") };
+                (Deed::CycleStart, format!("M6 of line {line} waits: {insert}"))
+            }
+            Happening::OutputsDiffer(_) => {
+                (Deed::Agree, format!("line {line} waits: going on restores the outputs that differ"))
+            }
+            Happening::OrderRefused(_) => {
+                let again = lock(&self.answered).take()?;
+                (again, format!("line {line} waits"))
+            }
+            Happening::GoesOn | Happening::Switching(_) | Happening::OutputsRestored | Happening::Alarm(_) => {
+                *lock(&self.awaited) = None;
+                return None;
+            }
+            _ => return None,
+        };
+        *lock(&self.awaited) = Some(deed);
+        Some(format!("{what}; {}", self.way_on()))
+    }
+
+    /// How to go on, and how to stop.
+    fn way_on(&self) -> String {
+        let pid = std::process::id();
+        let kept = if self.keeps_breakpoint { "; `retrace resume` at a terminal goes on from here" } else { "" };
+        match self.keyboard {
+            Keyboard::Terminal if in_foreground() => "press Enter to go on, Ctrl-C to stop".into(),
+            Keyboard::Terminal => format!(
+                "this command runs in the background: bring it to the foreground (fg) and press Enter, or stop it with `kill {pid}`{kept}"
+            ),
+            Keyboard::None => format!("no terminal to press Enter at: stop it with `kill {pid}`{kept}"),
+            Keyboard::Program => {
+                format!("standard input is the program, not a keyboard: stop it with `kill {pid}`{kept}")
+            }
+        }
+    }
+}
+
+impl Drop for TerminalOperator {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        if let Some(reader) = self.reader.take() {
+            let _ = reader.join();
+        }
+    }
+}
+
+fn lock(awaited: &Awaited) -> std::sync::MutexGuard<'_, Option<Deed>> {
+    awaited.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Reads the terminal while something is waited for. What was typed before is discarded: it was typed for something else.
+#[cfg(unix)]
+fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said: &Orders, over: &AtomicBool) {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+    use rustix::termios::{QueueSelector, tcflush};
+
+    if keyboard != Keyboard::Terminal || lock(awaited).is_none() {
+        return;
+    }
+    let stdin = std::io::stdin();
+    let mut is_flushed = false;
+    while !over.load(Ordering::Relaxed) && lock(awaited).is_some() {
+        // In the background reading, and flushing, would stop the whole process, and the machine with it.
+        if !in_foreground() {
+            is_flushed = false;
+            thread::sleep(LOOKS_EVERY);
+            continue;
+        }
+        if !is_flushed {
+            is_flushed = tcflush(&stdin, QueueSelector::IFlush).is_ok();
+        }
+        let patience = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+        let has_line = poll(&mut [PollFd::new(&stdin, PollFlags::IN)], Some(&patience)).is_ok_and(|ready| ready > 0);
+        if !has_line || !in_foreground() {
+            continue;
+        }
+        let mut bytes = [0; 256];
+        match rustix::io::read(&stdin, &mut bytes) {
+            // The terminal has gone: nobody presses anything any more.
+            Ok(0) => thread::sleep(LOOKS_EVERY),
+            Ok(read) if bytes.iter().take(read).any(|&byte| byte == b'\n') => {
+                let Some(deed) = lock(awaited).take() else { return };
+                *lock(answered) = Some(deed);
+                if said.say(deed).is_err() {
+                    *lock(awaited) = Some(deed);
+                }
+                return;
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Elsewhere there is no terminal to be read in this way.
+#[cfg(not(unix))]
+fn read_terminal(_: Keyboard, _: &Awaited, _: &Awaited, _: &Orders, _: &AtomicBool) {}
+
+/// Is this process in the foreground of the terminal on its standard input?
+#[cfg(unix)]
+fn in_foreground() -> bool {
+    rustix::termios::tcgetpgrp(std::io::stdin()).is_ok_and(|group| group == rustix::process::getpgrp())
+}
+
+#[cfg(not(unix))]
+fn in_foreground() -> bool {
+    false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use retrace_controller::event::Differing;
+    use retrace_core::Place;
+
+    fn event(happening: Happening) -> Event {
+        Event { period: 1, time_s: 0.0, place: Place::default(), line: 7, happening }
+    }
+
+    #[test]
+    fn what_is_waited_for_is_said_with_the_way_on_and_the_way_out() {
+        let (operator, mut heard) = TerminalOperator::new(Keyboard::None, true, true);
+        assert_eq!(heard.next_word(), Some(Deed::OptionalStop(true)));
+        let said = |happening| operator.observe(&event(happening), |tool| (tool == 3).then(|| "end mill".to_owned()));
+        let stop = said(Happening::ProgramStop("M0")).expect("it waits");
+        assert!(stop.starts_with("M0 of line 7 waits; no terminal to press Enter at: stop it with `kill "), "{stop}");
+        assert!(stop.contains("`retrace resume`"), "{stop}");
+        assert_eq!(*lock(&operator.awaited), Some(Deed::CycleStart));
+        let change = said(Happening::ToolChange(3)).expect("it waits");
+        assert!(change.contains("insert tool 3 (end mill)"), "{change}");
+        assert!(said(Happening::ToolChange(0)).is_some_and(|text| text.contains("remove the tool")));
+        let differ = Differing::first(&mut [(3, 0, 1)].into_iter());
+        assert!(said(Happening::OutputsDiffer(differ)).is_some_and(|text| text.contains("restores the outputs")));
+        assert_eq!(*lock(&operator.awaited), Some(Deed::Agree));
+        assert_eq!((said(Happening::GoesOn), *lock(&operator.awaited)), (None, None));
+        assert_eq!(heard.next_word(), None, "nothing is said by itself");
+    }
+}
