@@ -162,7 +162,8 @@ fn what_a_program_that_arrives_keeps_is_bounded() {
 #[test]
 fn numbers_beyond_any_machine_are_refused() {
     assert_eq!(found("F17987547480000 G1 X1\nM2\n"), []);
-    assert_eq!(found("G1 F9 X[10**15]\nM2\n"), []);
+    assert_eq!(found("G1 F[10**15] X[10**15]\nM2\n"), []);
+    assert_eq!(found("G1 F9 X[10**15]\nM2\n"), [("E1512", 1)]);
     for word in ["X[10**16]", "Y-9999999999999999", "F[10**300]", "S[10**300]", "I[-10**300] X1"] {
         assert_eq!(found(&format!("F9 G3 {word}\nM2\n").replace("F9 G3 F", "G1 F")), [("E1103", 1)], "{word}");
     }
