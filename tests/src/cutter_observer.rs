@@ -2,7 +2,7 @@
 //!
 //! Invariant: it knows what the program cuts, how long a pierce takes and how long the machine may stand; it uses nothing of retrace itself.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
@@ -18,12 +18,16 @@ pub struct Rules {
     pub cut_lines: Vec<u64>,
     /// From ignition to the first step at least; and what the instruction may take at most.
     pub ready_ms: [f64; 2],
-    /// How long it may be on between two steps: grace, handover and the slowest pulses of a ramp. None: it may stand, as a spindle does.
+    /// How long it may be on while the place on the path does not change: grace and handover. None: it may stand, as a spindle does.
     pub standing_ms: Option<f64>,
 }
 
-/// A machine that is cutting comes to rest within this time.
+/// The place is sampled once a control period, and the outputs follow it.
+const PERIODS_MS: f64 = 3.0;
+/// A machine that is cutting comes to rest within this time; it may move by less than a pulse meanwhile.
 const BRAKES_MS: f64 = 300.0;
+/// So many changes are shown before a violation.
+const CHANGES: usize = 80;
 
 /// What was seen.
 #[derive(Clone, Debug, Default)]
@@ -40,6 +44,8 @@ pub struct Seen {
     pub alarms: u64,
     /// The cutter is on at the end of the trace.
     pub on_at_end: bool,
+    /// The last changes before the first violation, in order: time, signal, value.
+    pub before: Vec<String>,
 }
 
 /// A trace being observed.
@@ -106,8 +112,16 @@ pub struct Observer {
     ignited_ms: Option<f64>,
     /// When it went off last.
     off_ms: f64,
+    /// The machine has come to rest since then.
+    rested: bool,
     /// The last step or ignition.
     last_ms: f64,
+    /// The last change of the place, or ignition.
+    moved_ms: f64,
+    /// The last changes of cutter, alarm, line and rate.
+    changes: VecDeque<String>,
+    /// The last of them was the rate.
+    ramp: bool,
     seen: Seen,
 }
 
@@ -128,7 +142,11 @@ impl Observer {
             furthest: 0.0,
             ignited_ms: None,
             off_ms: f64::NEG_INFINITY,
+            rested: false,
             last_ms: 0.0,
+            moved_ms: 0.0,
+            changes: VecDeque::new(),
+            ramp: false,
             seen: Seen::default(),
         }
     }
@@ -165,15 +183,33 @@ impl Observer {
     }
 
     fn change(&mut self, signal: Signal, value: &str) {
+        if self.seen.violations.is_empty() && !matches!(signal, Signal::Step | Signal::Place) {
+            if self.changes.len() == CHANGES {
+                self.changes.pop_front();
+            }
+            let change = format!("{:.1} {signal:?} {value}", self.now_ms);
+            match self.changes.back_mut() {
+                // of a ramp its beginning and its end
+                Some(last) if self.ramp && matches!(signal, Signal::Rate) => *last = change,
+                _ => self.changes.push_back(change),
+            }
+            self.ramp = matches!(signal, Signal::Rate);
+        }
         let number = || u64::from_str_radix(value.trim_start_matches('b'), 2).unwrap_or(0);
         let real = || value.trim_start_matches('r').parse::<f64>().unwrap_or(0.0);
         match signal {
             Signal::Step => self.stepped |= number() == 1,
-            Signal::Rate => self.rate = real(),
+            Signal::Rate => {
+                self.rate = real();
+                self.rested |= self.rate == 0.0;
+            }
             Signal::Line => self.line = number(),
             Signal::Place => {
+                if self.on {
+                    self.stood();
+                }
                 self.furthest = self.furthest.max(self.place);
-                self.place = real();
+                (self.place, self.moved_ms) = (real(), self.now_ms);
             }
             Signal::Alarm => {
                 self.seen.alarms += u64::from(number() != 0 && !self.alarm);
@@ -183,10 +219,10 @@ impl Observer {
                 let on = number() != 0;
                 if on && !self.on {
                     self.seen.ignitions += 1;
-                    (self.ignited_ms, self.last_ms) = (Some(self.now_ms), self.now_ms);
+                    (self.ignited_ms, self.last_ms, self.moved_ms) = (Some(self.now_ms), self.now_ms, self.now_ms);
                 } else if !on && self.on {
                     self.stood();
-                    (self.ignited_ms, self.off_ms) = (None, self.now_ms);
+                    (self.ignited_ms, self.off_ms, self.rested) = (None, self.now_ms, self.rate == 0.0);
                 }
                 self.on = on;
             }
@@ -194,18 +230,23 @@ impl Observer {
     }
 
     fn wrong(&mut self, what: String) {
+        if self.seen.violations.is_empty() {
+            self.seen.before = self.changes.drain(..).collect();
+        }
         if self.seen.violations.len() < 8 {
             self.seen.violations.push(format!("{:.3} ms, line {}: {what}", self.now_ms, self.line));
         }
     }
 
-    /// The cutter was on from the last step or ignition to now: not for too long?
+    /// The cutter was on, and the place was the same or no step was made, until now: not for too long?
     fn stood(&mut self) {
         let Some(most) = self.rules.standing_ms else { return };
-        let most = most + if self.ignited_ms.is_some() { self.rules.ready_ms[1] } else { 0.0 };
-        let stood = self.now_ms - self.last_ms;
-        if stood > most {
-            self.wrong(format!("on and standing for {stood:.1} ms"));
+        let most = most + PERIODS_MS + if self.ignited_ms.is_some() { self.rules.ready_ms[1] } else { 0.0 };
+        let (at_place, without_step) = (self.now_ms - self.moved_ms, self.now_ms - self.last_ms);
+        if at_place > most {
+            self.wrong(format!("on and standing for {at_place:.1} ms"));
+        } else if without_step > most + BRAKES_MS {
+            self.wrong(format!("on and without a step for {without_step:.1} ms"));
         }
     }
 
@@ -220,7 +261,7 @@ impl Observer {
             // Retracing ends at the boundary of the record that was reached.
             let first_time = self.rate > 0.0 && self.place > self.furthest.max(0.0).ceil();
             // Where the operator puts it out in the cut, the machine brakes on the path.
-            let brakes = self.now_ms - self.off_ms < BRAKES_MS;
+            let brakes = self.now_ms - self.off_ms < BRAKES_MS && !self.rested;
             if is_cut && first_time && !self.alarm && !brakes {
                 self.wrong("feed along a cut with the cutter off".to_owned());
             }
@@ -300,5 +341,24 @@ mod tests {
             let seen = seen(changes);
             assert!(seen.violations.iter().any(|violation| violation.contains(what)), "{what}: {seen:?}");
         }
+    }
+
+    #[test]
+    fn braking_without_the_cutter_is_forgiven_and_starting_is_not() {
+        let cut = [(0, "b10 l"), (5, "b1 f"), (20, "r1 r;r1 p;1s"), (21, "r2 p;0s")];
+        let and = |more: &[(u64, &'static str)]| seen(&[&cut[..], more].concat());
+        let brakes = and(&[(22, "b0 f"), (23, "r5e-1 r;r3 p;1s"), (24, "r0 r;0s")]);
+        assert!(brakes.violations.is_empty(), "{brakes:?}");
+        let starts = and(&[(22, "r0 r"), (23, "b0 f"), (24, "r1 r;r3 p;1s")]);
+        assert!(starts.violations[0].contains("cutter off"), "{starts:?}");
+    }
+
+    #[test]
+    fn a_crawl_is_no_motion_for_ever() {
+        let mut changes = vec![(0, "b10 l".to_owned()), (5, "b1 f".into()), (20, "r1 r;r1 p;1s".into())];
+        changes.extend((1..100).map(|k| (20 + 4 * k, format!("r1.{k:03} p;0s"))));
+        changes.push((420, "b0 f".into()));
+        let changes: Vec<(u64, &str)> = changes.iter().map(|(ms, change)| (*ms, change.as_str())).collect();
+        assert!(seen(&changes).violations[0].contains("without a step"), "{:?}", seen(&changes));
     }
 }

@@ -427,3 +427,16 @@ fn a_wrong_cutter_is_refused_by_name() {
         assert!(said.code == Some(2) && said.err.contains(number) && said.err.contains(what), "{text}: {}", said.err);
     }
 }
+
+#[test]
+fn a_spindle_that_is_switched_off_by_hand_in_the_cut_holds_the_program() {
+    let script = "at line 4 override 100%\nafter 0.5s output 64 off\nafter 2s resume\nafter 0.5s agree\n";
+    let (run, pins) = run(&machine(SPINDLE, ""), TORCH_PROGRAM, script, &[]);
+    run.assert_exact_and_legal();
+    assert_eq!(run.of_kind("outputs_differ").count(), 1, "{:?}", run.events);
+    let off = pins.iter().position(|sample| sample.line == 4 && sample.rate > 0.0 && !sample.is_on("spindle"));
+    let off_us = pins[off.expect("it brakes with the spindle off")].at_us;
+    let feeds = |sample: &&Sample| sample.line == 4 && sample.rate > 0.0 && !sample.is_on("spindle");
+    let last_us = pins.iter().filter(feeds).map(|sample| sample.at_us).max().unwrap_or(0);
+    assert!(last_us - off_us < 300_000, "it feeds for {} us with the spindle off", last_us - off_us);
+}

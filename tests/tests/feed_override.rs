@@ -1,6 +1,7 @@
 //! Override above 100 %: planned from the first place on that the ring has no room for, below it at once.
 
 use retrace_tests::command::{Bench, root};
+use retrace_tests::records::RATE_ONE;
 use retrace_tests::run::Run;
 
 /// A line of 300 mm at 10 mm/s, and a way back over a corner in blending.
@@ -72,4 +73,51 @@ fn a_run_with_overrides_can_be_repeated_to_the_pulse() {
         assert!(again.records.rows == first.records.rows, "the records differ");
     }
     assert!(first.of_kind("override_planned").count() >= 3, "{:?}", first.events);
+}
+
+/// Lines 3, 4 and 7 are rapid moves, the first two with a blended corner between them; 5 and 6 are cuts.
+const RAPIDS: &str = "G21 G90 F1200\nG64 P0.05\nG0 X100\nG61.1 G0 X200 Y20\nG1 Y60\nX150\nG0 X0\nM2\n";
+
+fn rates_of(run: &Run, line: u64) -> Vec<f64> {
+    run.records.rows.iter().filter(|row| row.line == line).map(|row| row.rate_nano as f64 / RATE_ONE as f64).collect()
+}
+
+fn largest(rates: &[f64]) -> f64 {
+    rates.iter().copied().fold(0.0, f64::max)
+}
+
+#[test]
+fn rapid_moves_have_an_override_of_their_own() {
+    let plain = run(RAPIDS, "");
+    for (script, feed, rapid) in [
+        ("at 0s override 40%\n", 0.4, 1.0),
+        ("at 0s rapid override 25%\n", 1.0, 0.25),
+        ("at 0s override 60%\nat 0s rapid override 50%\n", 0.6, 0.5),
+        ("at 0s override 150%\nat 0s rapid override 50%\n", 1.0, 0.5),
+    ] {
+        let run = run(RAPIDS, script);
+        run.assert_exact_and_legal();
+        assert_eq!(run.counts(), plain.counts());
+        for (line, most) in [(3, rapid), (4, rapid), (5, feed), (6, feed), (7, rapid)] {
+            let reached = largest(&rates_of(&run, line));
+            assert!((reached - most).abs() < 1e-9, "{script}line {line}: {reached}, not {most}");
+        }
+    }
+    let slow = run(RAPIDS, "at 0s override 25%\n");
+    let periods = |run: &Run, lines: &[u64]| lines.iter().map(|&line| rates_of(run, line).len()).sum::<usize>() as f64;
+    let (rapids, cuts) =
+        (periods(&slow, &[3, 4, 7]) / periods(&plain, &[3, 4, 7]), periods(&slow, &[5, 6]) / periods(&plain, &[5, 6]));
+    assert!(rapids < 1.3 && cuts > 3.5, "rapid moves took {rapids} times as long, cuts {cuts}");
+}
+
+#[test]
+fn an_override_of_zero_and_a_hold_stop_rapid_moves_too() {
+    for (stop, go) in
+        [("override 0%", "override 100%"), ("rapid override 0%", "rapid override 100%"), ("hold", "resume")]
+    {
+        let run = run(RAPIDS, &format!("at 1s {stop}\nafter 2s {go}\n"));
+        run.assert_exact_and_legal();
+        let standing = run.records.rows[1400..2900].iter().all(|row| row.rate_nano == 0 && row.line == 3);
+        assert!(standing, "{stop}");
+    }
 }

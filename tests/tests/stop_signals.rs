@@ -23,8 +23,14 @@ struct Begun<'b> {
 impl<'b> Begun<'b> {
     fn of(bench: &'b Bench, arguments: &[&str]) -> Self {
         let file = |name: &str| File::create(bench.path(name)).expect("a file of the test");
-        let mut command = Command::new(binary());
-        command.args(arguments).current_dir(bench.path("")).env("XDG_STATE_HOME", bench.path("state"));
+        // A test that is run in the background inherits signals that are ignored, and an ignored signal stays ignored.
+        let mut command = Command::new("env");
+        command
+            .arg("--default-signal=INT,TERM,HUP")
+            .arg(binary())
+            .args(arguments)
+            .current_dir(bench.path(""))
+            .env("XDG_STATE_HOME", bench.path("state"));
         command.env("XDG_CONFIG_HOME", bench.path("config")).env("XDG_CACHE_HOME", bench.path("cache"));
         command.stdin(Stdio::null()).stdout(file("out.txt")).stderr(file("err.txt"));
         Self { bench, child: command.spawn().expect("the retrace command runs") }

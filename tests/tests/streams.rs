@@ -98,7 +98,7 @@ fn a_sender_on_the_network_is_warned_about_and_one_on_this_computer_is_not() {
     });
     let bench = Bench::new();
     let warning = "is not on this computer: whoever can send from there moves this machine";
-    let here = bench.retrace(["run", &format!("tcp://127.0.0.1:{port}"), "--json"]);
+    let here = bench.retrace(["run", &format!("tcp://{}:{port}", std::net::Ipv4Addr::LOCALHOST), "--json"]);
     assert!(here.code == Some(0) && !here.err.contains(warning), "{}", here.err);
     // Where there is no network nobody can send from elsewhere.
     let Some(address) = own_address() else { return };

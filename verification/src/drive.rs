@@ -43,6 +43,9 @@ impl Road<1> for Short {
     fn increments(&self, _: u32) -> [i16; 1] {
         [1]
     }
+    fn is_rapid(&self, _: u32) -> bool {
+        false
+    }
 }
 
 /// Where the cursor may be: a road, a place on it, the way it runs, and the law's state.
@@ -337,6 +340,9 @@ impl Road<1> for Wavy {
     }
     fn increments(&self, place: u32) -> [i16; 1] {
         [self.0[place as usize]]
+    }
+    fn is_rapid(&self, _: u32) -> bool {
+        false
     }
 }
 

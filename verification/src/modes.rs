@@ -7,13 +7,14 @@ use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::mode::{Facts, Mode, Notice, Operation, Order};
-use retrace_core::{ONE, Place};
+use retrace_core::{ONE, Place, RateTarget};
 
 fn any_order(c: &mut impl Choice) -> Order {
-    match c.below(10) {
+    match c.below(11) {
         0 => Order::Hold,
         1 => Order::Resume,
         2 => Order::Override(c.between(-ONE, 9 * ONE)),
+        9 => Order::RapidOverride(c.between(-ONE, 9 * ONE)),
         3 => Order::Reverse(c.between(-1, 9 * ONE)),
         4 => Order::Forward(c.between(-1, 9 * ONE)),
         5 => Order::Wheel,
@@ -68,9 +69,9 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         // look-ahead is on the road in normal run, and while the cursor still runs out of it
         holds!(demand.look_ahead == (operation.mode() == Mode::Run || !turned));
         // nothing but braking before the cursor has been at rest
-        holds!(turned || demand.target == 0 && demand.notice.is_none());
+        holds!(turned || demand.target == RateTarget::ZERO && demand.notice.is_none());
         // after a stop normal run goes on only with outputs that agree
-        holds!(!compares || demand.target == 0 || facts.outputs_agree || demand.restore_outputs);
+        holds!(!compares || demand.target == RateTarget::ZERO || facts.outputs_agree || demand.restore_outputs);
         compares &= !facts.outputs_agree && operation.mode() == Mode::Run && !demand.restore_outputs;
         // normal run is entered at the furthest place, at rest, with outputs that agree or are restored by word
         if demand.notice == Some(Notice::GoesOn) {
@@ -85,11 +86,17 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         // what was agreed to in normal run holds until motion goes on
         agreed &= operation.mode() != Mode::Run || compares;
         // a hold stands in every mode; backward only where reverse or the wheel asks for it
-        holds!(!operation.held() || demand.target == 0);
+        holds!(!operation.held() || demand.target == RateTarget::ZERO);
         let backward = matches!(operation.mode(), Mode::Reverse | Mode::Wheel);
-        holds!(demand.target >= 0 || backward);
-        holds!(-8 * ONE <= demand.target && demand.target <= 8 * ONE);
-        holds!(operation.mode() != Mode::Run || 0 <= demand.target && demand.target <= ONE);
+        let RateTarget { feed, rapid } = demand.target;
+        holds!(feed >= 0 && rapid >= 0 || backward);
+        holds!(-8 * ONE <= feed && feed <= 8 * ONE);
+        // the overrides apply to program motion alone, and a feed override of zero stops all of it
+        let overridden = matches!(operation.mode(), Mode::Run | Mode::Return);
+        holds!(!overridden || feed <= operation.override_rate() && rapid <= operation.rapid_override());
+        holds!(!overridden || operation.override_rate() != 0 || rapid == 0);
+        holds!(overridden || feed == rapid);
+        holds!(operation.override_rate() <= ONE && operation.rapid_override() <= ONE);
         k += 1;
     }
     Some(())
@@ -127,6 +134,13 @@ pub const ROWS: &[Row] = &[Row {
     models: &[],
     mutants: &[
         Mutant {
+            name: "a feed override of zero lets rapid motion run",
+            file: MODE,
+            find: "Mode::Run | Mode::Return if self.override_rate == 0 => RateTarget::ZERO,",
+            put: "",
+            killer: "modes_3",
+        },
+        Mutant {
             name: "the road is cut under a moving cursor",
             file: MODE,
             find: "if !facts.at_rest {",
@@ -157,8 +171,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "a hold does not stand under the wheel",
             file: MODE,
-            find: "_ if self.held || self.resuming != Resuming::No => 0,",
-            put: "_ if self.held && self.mode != Mode::Wheel || self.resuming != Resuming::No => 0,",
+            find: "_ if self.held || self.resuming != Resuming::No => RateTarget::ZERO,",
+            put: "_ if self.held && self.mode != Mode::Wheel || self.resuming != Resuming::No => RateTarget::ZERO,",
             killer: "modes_3",
         },
     ],

@@ -231,8 +231,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "the path turns while the torch is lit",
             file: PLAYER,
-            find: "let target = if turns { 0 } else { wanted };",
-            put: "let target = wanted;",
+            find: "if turns || wanted == 0 { 0 }",
+            put: "if wanted == 0 { 0 }",
             killer: "permit-card",
         },
         Mutant {

@@ -3,7 +3,7 @@
 //! Invariant: while an alarm is latched the motion brakes on the path and then stands, and the outputs that the settings call safe are
 //! safe. After it was cleared nothing moves before a new word says so.
 
-use retrace_core::Record;
+use retrace_core::{RateTarget, Record};
 use retrace_link::{Alarm, CutterOffCause, Deck, Homing, Identity, Outputs, PROTOCOL, Refusal, Settings, Status, Word};
 
 use crate::guard::Sight;
@@ -267,7 +267,7 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Deck<A> for 
             return Err(Refusal::InMotion);
         }
         // nobody asks for motion any more, whatever completes later
-        let _ = self.player.take(Word::Rate { target: 0 });
+        let _ = self.player.take(Word::rate(0));
         self.guard.expect_host(0);
         self.is_open = false;
         self.player.put_out(CutterOffCause::EpochClosed);
@@ -279,7 +279,7 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Deck<A> for 
     }
 
     fn take(&mut self, word: Word<A>) -> Result<(), Refusal> {
-        if let Word::Rate { target: 0 } = word {
+        if let Word::Rate(RateTarget::ZERO) = word {
             if let Some(search) = &mut self.search {
                 search.stop();
             }
@@ -290,9 +290,7 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Deck<A> for 
         let latched = self.guard.alarm().is_some();
         match word {
             Word::ClearAlarm => self.clear(),
-            Word::Home(_) | Word::Rate { .. } | Word::Instruction(_) | Word::Repeat(_) if latched => {
-                Err(Refusal::Alarm)
-            }
+            Word::Home(_) | Word::Rate(_) | Word::Instruction(_) | Word::Repeat(_) if latched => Err(Refusal::Alarm),
             Word::Home(order) => self.home(order, axes, most),
             Word::ByHand(change) if !self.player.may_switch(change, self.denied()) => Err(Refusal::Unfit),
             Word::ByHand(_) | Word::Replay { .. } => self.player.take(word),

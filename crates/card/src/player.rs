@@ -7,7 +7,7 @@ use retrace_core::drive::{Drive, Road};
 use retrace_core::limits::RateLimits;
 use retrace_core::place::before;
 use retrace_core::playback::emission;
-use retrace_core::{Place, RapidCap, Record, Travel};
+use retrace_core::{Place, RapidCap, RateTarget, Record, Travel};
 use retrace_link::{
     Action, Alarm, Change, CutterOffCause, CuttingSettings, Instruction, Outputs, Refusal, RepeatedInstruction, Start,
     Status, Word, channel,
@@ -44,7 +44,7 @@ pub struct Player<const A: usize, const W: usize, const M: usize, S = [Record<A>
     actions: ActionTable<ACTIONS>,
     switching: Switching,
     outputs: OutputBank,
-    target: Travel,
+    target: RateTarget,
     replay: bool,
     /// The axes move beside the path: homing.
     beside: bool,
@@ -96,7 +96,7 @@ impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
             actions: ActionTable::new(),
             switching: Switching::new(),
             outputs: OutputBank::new(digital),
-            target: 0,
+            target: RateTarget::ZERO,
             replay: false,
             beside: false,
             turning: false,
@@ -133,7 +133,7 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
         self.actions.clear();
         self.permit.open(cutting, self.outputs.values_mut());
         self.switching.restart(start.executed);
-        (self.target, self.replay, self.block) = (0, false, Block::None);
+        (self.target, self.replay, self.block) = (RateTarget::ZERO, false, Block::None);
         let status = &mut self.status;
         (status.place, status.reached) = (start.place, start.reached);
         (status.rate, status.short, status.line) = (0, false, 0);
@@ -209,7 +209,7 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
 
     /// An alarm: brakes on the path, gives up the instruction in hand, makes the outputs safe and keeps them so.
     pub(crate) fn halt(&mut self, safe: &[Change]) {
-        self.target = 0;
+        self.target = RateTarget::ZERO;
         self.switching.give_up();
         self.outputs.keep_safe(safe);
         self.mirror();
@@ -232,7 +232,7 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
             Word::Trim { high } => self.window.trim(high, self.bound())?,
             Word::Forget { low } => self.window.forget(low, self.bound_behind())?,
             Word::Action(action) => self.take_action(action)?,
-            Word::Rate { target } => self.target = target,
+            Word::Rate(target) => self.target = target,
             Word::Replay { on } => self.replay = on,
             Word::Instruction(instruction) => self.keep(instruction)?,
             Word::ByHand(change) => self.outputs.set_by_hand(change)?,
@@ -319,9 +319,9 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
         self.unblocked_target() != 0 || matches!(self.block, Block::Restart { begun: true, .. })
     }
 
-    /// The rate asked for, as far as the block lets it pass.
+    /// The rate asked for, of feed and rapid motion the faster, as far as the block lets it pass.
     fn unblocked_target(&self) -> Travel {
-        if self.block == Block::None { self.target } else { 0 }
+        if self.block == Block::None { self.target.faster() } else { 0 }
     }
 
     fn planned_stop_at(&self, place: u32) -> bool {
@@ -379,12 +379,12 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
         let wanted = if begins || self.switching.busy() || waits { 0 } else { self.unblocked_target() };
         // The path comes to rest, and cutting outputs go off, before it runs backward.
         let turns = wanted < 0 && self.permit.is_lit_forward_only(self.outputs.values());
-        let target = if turns { 0 } else { wanted };
         let keeps = self.switching.keeps_cutter();
         let ran = !self.drive.at_rest();
         let mut alarm = self.switching.period(active, failed);
         self.release_block();
         let road = Stretch::new(&self.window, self.switching.barrier());
+        let target = if turns || wanted == 0 { 0 } else { self.drive.within_overrides(from, self.target, &road) };
         let step = self.drive.step(from, target, &road);
         // The drive never leaves the window, so the records are there; were one missing, the card would stand still.
         let (to, increments) = match emission(from, step.to, |n| self.window.record(n)) {
@@ -531,6 +531,10 @@ impl<const A: usize, R: Road<A>> Road<A> for Stretch<'_, R> {
     fn increments(&self, place: u32) -> [i16; A] {
         self.road.increments(place)
     }
+
+    fn is_rapid(&self, place: u32) -> bool {
+        self.road.is_rapid(place)
+    }
 }
 
 #[cfg(test)]
@@ -558,14 +562,14 @@ mod tests {
     fn runs_to_the_planned_stop_in_as_many_periods_as_there_are_records() {
         let mut player = player();
         fill(&mut player, (1..=20).map(|n| (n, if n == 20 { Flags::REST } else { Flags::NONE })));
-        player.take(Word::Rate { target: ONE }).expect("a rate");
+        player.take(Word::rate(ONE)).expect("a rate");
         for n in 1..=20u32 {
             let status = player.period();
             assert_eq!((status.increments[0], status.line), (n as i32, n));
         }
         assert!(player.status().at_rest);
         assert_eq!(player.status().counts, [210]);
-        player.take(Word::Rate { target: -ONE }).expect("a rate");
+        player.take(Word::rate(-ONE)).expect("a rate");
         for _ in 0..20 {
             player.period();
         }
@@ -579,7 +583,7 @@ mod tests {
     fn an_instruction_waits_for_the_motion_and_holds_it() {
         let mut player = player();
         fill(&mut player, [(5, Flags::NONE), (5, Flags::REST), (5, Flags::REST)]);
-        player.take(Word::Rate { target: ONE / 2 }).expect("a rate");
+        player.take(Word::rate(ONE / 2)).expect("a rate");
         player.period();
         let instruction = Instruction { number: 1, place: 2, periods: 3, ..Instruction::default() };
         // kept while the motion is under way (it was refused then, before instructions carried their place), and the road ends there
@@ -597,7 +601,7 @@ mod tests {
     fn an_instruction_that_cannot_be_executed_in_order_is_refused() {
         let mut player = player();
         fill(&mut player, (0..60).map(|n| (5, if n == 55 { Flags::REST } else { Flags::NONE })));
-        player.take(Word::Rate { target: ONE }).expect("a rate");
+        player.take(Word::rate(ONE)).expect("a rate");
         for _ in 0..10 {
             player.period();
         }
@@ -607,13 +611,13 @@ mod tests {
         let nearest = (10..55).find(|&place| player.take(at(place)).is_ok()).expect("there is room");
         assert!((16..40).contains(&nearest), "{nearest}");
         assert_eq!(player.take(at(nearest + 1)), Err(Refusal::Busy));
-        player.take(Word::Rate { target: -ONE }).expect("a rate");
+        player.take(Word::rate(-ONE)).expect("a rate");
         for _ in 0..90 {
             player.period();
         }
         assert_eq!((player.status().place, player.status().executed), (Place::start_of(0), 0));
-        player.take(Word::Rate { target: 0 }).expect("a rate");
-        player.take(Word::Rate { target: ONE }).expect("a rate");
+        player.take(Word::rate(0)).expect("a rate");
+        player.take(Word::rate(ONE)).expect("a rate");
         let mut executed_at = None;
         while player.status().executed == 0 {
             let status = player.period();
@@ -631,9 +635,9 @@ mod tests {
         for _ in 0..5 {
             assert_eq!(player.period().executed, 0);
         }
-        player.take(Word::Rate { target: -ONE }).expect("a rate");
+        player.take(Word::rate(-ONE)).expect("a rate");
         assert_eq!(player.period().executed, 0);
-        player.take(Word::Rate { target: 1 }).expect("a rate");
+        player.take(Word::rate(1)).expect("a rate");
         let status = player.period();
         assert_eq!((status.executed, status.short), (1, false), "what follows is not late, it is not due yet");
         let second = Instruction { number: 2, ..Instruction::default() };
@@ -645,7 +649,7 @@ mod tests {
     fn a_restart_blocks_motion_until_its_last_repeat_is_complete() {
         let mut player = player();
         fill(&mut player, (0..40).map(|n| (4, if n == 39 { Flags::REST } else { Flags::NONE })));
-        player.take(Word::Rate { target: ONE * 5 / 9 }).expect("a rate");
+        player.take(Word::rate(ONE * 5 / 9)).expect("a rate");
         for _ in 0..20 {
             player.period();
         }
@@ -681,19 +685,19 @@ mod tests {
         player.take(Word::Action(action)).expect("room");
         assert_eq!(player.take(Word::Action(Action { channel: 200, ..action })), Err(Refusal::NoSuchChannel));
         fill(&mut player, (0..4).map(|n| (1, if n == 3 { Flags::REST } else { Flags::NONE })));
-        player.take(Word::Rate { target: ONE }).expect("a rate");
+        player.take(Word::rate(ONE)).expect("a rate");
         let outputs = |p: &mut Player<1, 64, 32>| -> Vec<i32> { (0..4).map(|_| p.period().outputs[3]).collect() };
         assert_eq!(outputs(&mut player), [0, 0, 1, 1]);
-        player.take(Word::Rate { target: -ONE }).expect("a rate");
+        player.take(Word::rate(-ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [1, 1, 1, 1]);
         player.take(Word::ByHand(Change { channel: 3, value: 0 })).expect("a channel");
-        player.take(Word::Rate { target: ONE }).expect("a rate");
+        player.take(Word::rate(ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [0, 0, 0, 0]);
         player.take(Word::Replay { on: true }).expect("a switch");
         player.take(Word::ByHand(Change { channel: 3, value: 1 })).expect("a channel");
-        player.take(Word::Rate { target: -ONE }).expect("a rate");
+        player.take(Word::rate(-ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [1, 0, 0, 0]);
-        player.take(Word::Rate { target: ONE }).expect("a rate");
+        player.take(Word::rate(ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [0, 0, 1, 1]);
     }
 
@@ -708,7 +712,7 @@ mod tests {
             let mut sums = vec![0i64];
             for &i in &increments { sums.push(sums[sums.len() - 1] + i64::from(i)); }
             for (target, periods) in words {
-                player.take(Word::Rate { target }).expect("a rate");
+                player.take(Word::rate(target)).expect("a rate");
                 for _ in 0..periods {
                     let status = *player.status();
                     let record = |n: u32| Record { increments: [increments[n as usize]], ..Record::default() };

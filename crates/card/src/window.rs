@@ -152,6 +152,10 @@ impl<const A: usize, const W: usize, S: Records<A>> Road<A> for Window<A, W, S> 
     fn increments(&self, place: u32) -> [i16; A] {
         self.record(place).map_or([0; A], |r| r.increments)
     }
+
+    fn is_rapid(&self, place: u32) -> bool {
+        self.record(place).is_some_and(|r| r.flags.has(Flags::RAPID))
+    }
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@ fn running() -> TestCard {
         card.take(Word::Ahead { place, record }).expect("room");
     }
     card.take(Word::ByHand(Change { channel: 3, value: 1 })).expect("an output");
-    card.take(Word::Rate { target: ONE }).expect("a rate");
+    card.take(Word::rate(ONE)).expect("a rate");
     for _ in 0..10 {
         card.heard();
         card.period(levels(0));
@@ -39,7 +39,7 @@ fn brakes(card: &mut TestCard, inputs: Inputs, alarm: Alarm) {
     assert!(status.rate != 0 && status.rate <= rate, "braked, not cut off");
     for _ in 1..STOPS_WITHIN {
         card.heard();
-        assert_eq!(card.take(Word::Rate { target: ONE }), Err(Refusal::Alarm));
+        assert_eq!(card.take(Word::rate(ONE)), Err(Refusal::Alarm));
         card.period(inputs);
     }
     assert!(card.status().at_rest);
@@ -75,7 +75,7 @@ fn every_cause_brakes_on_the_path_and_keeps_the_outputs_safe_until_it_is_gone_an
             card.heard();
             assert_eq!((card.period(levels(0)).place, card.status().alarm), (place, None));
         }
-        card.take(Word::Rate { target: ONE }).expect("a new word");
+        card.take(Word::rate(ONE)).expect("a new word");
         card.period(levels(0));
         assert!(place.to(card.status().place) > 0);
     }
@@ -93,10 +93,7 @@ fn a_silent_host_stops_the_card_also_at_rest_and_opening_anew_does_not_clear_it(
     assert_eq!(card.take(Word::ClearAlarm), Err(Refusal::Alarm));
     card.open(&settings(2, 500)).expect("at rest");
     assert_eq!(card.status().alarm, Some(Alarm::HostSilent));
-    assert_eq!(
-        (card.status().place, card.take(Word::Rate { target: ONE })),
-        (Place::start_of(500), Err(Refusal::Alarm))
-    );
+    assert_eq!((card.status().place, card.take(Word::rate(ONE))), (Place::start_of(500), Err(Refusal::Alarm)));
     let mut other = settings(3, 500);
     other.safe[0] = Change { channel: 5, value: 9 };
     card.open(&other).expect("at rest");
@@ -124,10 +121,10 @@ fn a_door_may_be_open_while_nothing_moves_and_stops_what_is_about_to() {
         card.heard();
         assert_eq!(card.period(levels(DOOR)).alarm, None);
     }
-    card.take(Word::Rate { target: ONE }).expect("a rate");
+    card.take(Word::rate(ONE)).expect("a rate");
     assert_eq!((card.period(levels(DOOR)).alarm, card.status().rate), (Some(Alarm::DoorOpen), 0));
     let mut card = opened(0);
-    card.take(Word::Rate { target: ONE }).expect("a rate");
+    card.take(Word::rate(ONE)).expect("a rate");
     assert_eq!(card.period(levels(DOOR)).alarm, None, "there is nothing to run");
     card.take(Word::Instruction(Instruction { number: 1, periods: 3, ..Instruction::default() })).expect("in order");
     assert_eq!(card.period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
@@ -137,7 +134,7 @@ fn a_door_may_be_open_while_nothing_moves_and_stops_what_is_about_to() {
     instruction.changes[0] = Change { channel: channel::TOOL, value: 5 };
     card.take(Word::Instruction(instruction)).expect("in order");
     assert_eq!(card.period(levels(DOOR)).alarm, None, "it is kept");
-    card.take(Word::Rate { target: ONE }).expect("a rate");
+    card.take(Word::rate(ONE)).expect("a rate");
     assert_eq!(card.period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
     assert_eq!(card.status().outputs[usize::from(channel::TOOL)], 0, "it has not begun");
 }
@@ -153,7 +150,7 @@ fn a_limit_switch_that_was_cleared_lets_the_axis_leave_and_nothing_else() {
             let record = Record { increments: [increment, 7], ..Record::default() };
             card.take(Word::Ahead { place, record }).expect("room");
         }
-        card.take(Word::Rate { target: ONE }).expect("a rate");
+        card.take(Word::rate(ONE)).expect("a rate");
         card.heard();
         let alarm = card.period(levels(UPPER_LIMIT)).alarm;
         assert_eq!(alarm, wrong.then_some(limit));
@@ -192,7 +189,7 @@ fn an_instruction_that_fails_or_takes_too_long_is_not_executed_and_its_number_st
     let instruction = Instruction { number: 1, periods: 5, until, ..Instruction::default() };
     let begun = || {
         let mut card = opened(0);
-        card.take(Word::Rate { target: ONE }).expect("a rate");
+        card.take(Word::rate(ONE)).expect("a rate");
         card.take(Word::Instruction(instruction)).expect("in order");
         card
     };
@@ -207,7 +204,7 @@ fn an_instruction_that_fails_or_takes_too_long_is_not_executed_and_its_number_st
     for _ in 0..8 {
         assert_eq!(card.period(levels(PLAIN)).executed, 0, "the target is 0 since the alarm");
     }
-    card.take(Word::Rate { target: ONE }).expect("a rate");
+    card.take(Word::rate(ONE)).expect("a rate");
     for n in 1..=5 {
         assert_eq!(card.period(levels(PLAIN)).executed, u32::from(n == 5));
     }
@@ -230,7 +227,7 @@ fn an_action_that_is_passed_while_braking_does_not_undo_what_is_safe() {
         }
         card.take(Word::Ahead { place, record: record(place) }).expect("room");
     }
-    card.take(Word::Rate { target: ONE }).expect("a rate");
+    card.take(Word::rate(ONE)).expect("a rate");
     card.period(levels(0));
     assert_eq!(card.status().outputs[3..5], [1, 1]);
     card.take(Word::ByHand(Change { channel: 4, value: 0 })).expect("an output");
@@ -279,7 +276,7 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
     assert_eq!(card.open(&no_output), Err(Refusal::NoSuchChannel));
     assert!(card.terms().is_none() && card.status().place == Place::start_of(0));
     let words: [Word<2>; 5] = [
-        Word::Rate { target: 1 },
+        Word::rate(1),
         Word::Ahead { place: 0, record: record(0) },
         Word::ClearAlarm,
         Word::ByHand(Change::default()),
@@ -288,13 +285,13 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
     for word in words {
         assert_eq!(card.take(word), Err(Refusal::Unfit), "nobody has opened it");
     }
-    card.take(Word::Rate { target: 0 }).expect("a stop is always taken");
+    card.take(Word::rate(0)).expect("a stop is always taken");
     card.open(&good).expect("fit");
-    card.take(Word::Rate { target: ONE }).expect("a rate");
+    card.take(Word::rate(ONE)).expect("a rate");
     let place = card.status().high;
     card.take(Word::Ahead { place, record: record(place) }).expect("room");
     card.take(Word::Ahead { place: place + 1, record: record(place + 1) }).expect("room");
-    card.take(Word::Rate { target: ONE / 9 }).expect("a rate");
+    card.take(Word::rate(ONE / 9)).expect("a rate");
     card.period(levels(0));
     assert_eq!(card.open(&settings(2, 0)), Err(Refusal::InMotion));
     let one_axis = Settings { axes: 1, inputs: Default::default(), ..settings(3, 0) };
@@ -312,7 +309,7 @@ fn an_epoch_begins_at_the_counts_as_they_are_with_nothing_on_the_window() {
         card.take(Word::Ahead { place, record: record(place) }).expect("room");
     }
     card.take(Word::Instruction(Instruction { number: 1, ..Instruction::default() })).expect("in order");
-    card.take(Word::Rate { target: ONE }).expect("a rate");
+    card.take(Word::rate(ONE)).expect("a rate");
     card.take(Word::ByHand(Change { channel: channel::FLOOD, value: 1 })).expect("an output");
     for _ in 0..20 {
         card.period(levels(0));
@@ -343,7 +340,7 @@ fn actions_of_another_epoch_are_not_executed() {
     for place in 0..16 {
         card.take(Word::Ahead { place, record: record(place) }).expect("room");
     }
-    card.take(Word::Rate { target: ONE }).expect("a rate");
+    card.take(Word::rate(ONE)).expect("a rate");
     for _ in 0..20 {
         card.period(levels(0));
     }
@@ -378,7 +375,7 @@ fn home(card: &mut TestCard, at: i64, farthest: u32, mut each: impl FnMut(&mut T
         }
         let path: [Word<2>; 3] = [
             Word::Ahead { place: 0, record: record(0) },
-            Word::Rate { target: ONE },
+            Word::rate(ONE),
             Word::Instruction(Instruction { number: 1, ..Instruction::default() }),
         ];
         assert!(path.into_iter().all(|word| card.take(word).is_err()));
@@ -405,7 +402,7 @@ fn homing_sets_the_count_at_the_switch_and_asks_for_a_new_epoch() {
         assert!((-4..=0).contains(&(position - at)), "off the switch, at rest: {position}");
         // the switch opened on the pulse below its edge, seen in the next period
         assert!((0..=1).contains(&(card.status().counts[0] - 1000 - (position - at))), "{:?}", card.status().counts);
-        assert_eq!(card.take(Word::Rate { target: ONE }), Err(Refusal::Unfit));
+        assert_eq!(card.take(Word::rate(ONE)), Err(Refusal::Unfit));
         assert_eq!(card.take(Word::Ahead { place: 0, record: record(0) }), Err(Refusal::Unfit));
         let counts = card.status().counts;
         card.open(&settings(2, 77)).expect("at rest");
@@ -426,7 +423,7 @@ fn homing_ends_in_an_alarm_or_cleanly_and_always_at_rest() {
     let mut card = opened(0);
     let stop = |card: &mut TestCard, n: u32| {
         if n == 50 {
-            card.take(Word::Rate { target: 0 }).expect("always taken");
+            card.take(Word::rate(0)).expect("always taken");
         }
     };
     let position = home(&mut card, 5000, 100_000, stop);

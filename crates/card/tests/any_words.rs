@@ -268,7 +268,7 @@ impl Witness {
                 }
             }
             Deed::Rate(target) => {
-                let taken = self.send(Word::Rate { target });
+                let taken = self.send(Word::rate(target));
                 self.rated |= taken && target != 0;
                 if taken {
                     self.cutting.target = target;

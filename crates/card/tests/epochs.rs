@@ -39,7 +39,7 @@ impl Host {
             record: retrace_core::Record { increments: base.map(|b| b as i16), ..record(15) },
         })
         .expect("room");
-        card.take(Word::Rate { target: ONE }).expect("a rate");
+        card.take(Word::rate(ONE)).expect("a rate");
         while Place::start_of(first).to(card.status().place) < ONE {
             card.heard();
             card.period(levels(0));
@@ -129,7 +129,7 @@ impl Host {
     /// Stands, however it came to: by the host's word, or by its silence.
     fn interrupt(&mut self, silent: bool) {
         if !silent {
-            self.card.take(Word::Rate { target: 0 }).expect("a rate");
+            self.card.take(Word::rate(0)).expect("a rate");
         }
         for _ in 0..120 {
             self.period(!silent);
@@ -152,14 +152,14 @@ impl Host {
         assert_eq!(self.card.status().alarm, None);
         // Neither way is there anything to run on yet.
         for target in [ONE, -ONE] {
-            self.card.take(Word::Rate { target }).expect("a rate");
+            self.card.take(Word::rate(target)).expect("a rate");
             for _ in 0..3 {
                 self.period(true);
                 assert_eq!((self.card.status().place, self.card.status().at_rest), (said.place, true));
                 assert!(self.card.status().short || said.place.fraction == 0);
             }
         }
-        self.card.take(Word::Rate { target: 0 }).expect("a rate");
+        self.card.take(Word::rate(0)).expect("a rate");
     }
 }
 
@@ -179,7 +179,7 @@ proptest! {
     ) {
         let mut host = Host::new(first, base);
         for (target, periods, silent, interrupted) in legs {
-            host.card.take(Word::Rate { target }).expect("a rate");
+            host.card.take(Word::rate(target)).expect("a rate");
             for _ in 0..periods {
                 host.feed();
                 host.period(true);
@@ -189,7 +189,7 @@ proptest! {
                 host.begin();
             }
         }
-        host.card.take(Word::Rate { target: ONE }).expect("a rate");
+        host.card.take(Word::rate(ONE)).expect("a rate");
         for _ in 0..1500 {
             host.feed();
             host.period(true);
@@ -237,7 +237,7 @@ fn a_path_in_motion_is_not_left_at_full_rate() {
             let record = retrace_core::Record { increments: [20, 0], ..record(0) };
             card.take(Word::Ahead { place, record }).expect("room");
         }
-        card.take(Word::Rate { target: ONE }).expect("a rate");
+        card.take(Word::rate(ONE)).expect("a rate");
         card.heard();
         card.period(levels(0)).rate
     };

@@ -155,7 +155,7 @@ fn run(job: &Job) {
     let asked = job.rates.iter().copied().chain([end]).flat_map(|(rate, n)| (0..n).map(move |_| rate));
     let mut last = None;
     for rate in asked {
-        let word = (last != Some(rate)).then_some(Word::Rate { target: rate });
+        let word = (last != Some(rate)).then_some(Word::rate(rate));
         last = Some(rate);
         for word in rates.pass(word.into_iter().collect()) {
             card.take(word).expect("a rate");

@@ -66,7 +66,7 @@ impl Bench {
     }
 
     fn rate(&mut self, target: Travel) {
-        self.send(Word::Rate { target });
+        self.send(Word::rate(target));
     }
 
     fn period(&mut self) -> Status<2> {

@@ -59,7 +59,7 @@ proptest! {
         }
         let mut fullest = 0;
         for (target, periods) in words {
-            card.take(Word::Rate { target }).expect("a rate");
+            card.take(Word::rate(target)).expect("a rate");
             for _ in 0..periods {
                 card.heard();
                 let increments = card.period(levels(0)).increments;

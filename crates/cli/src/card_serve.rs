@@ -158,6 +158,7 @@ struct Served {
 impl Served {
     fn run<const A: usize>(&mut self, rig: &mut Rig<A>, end: &End, inputs: &[InputSetting]) -> Result<(), Refusal> {
         // As prompt as a card, where that is permitted. The threads that it has begun are scheduled as usual.
+        let _ = real_time::lock_memory();
         let _ = real_time::enter();
         let mut bytes = [0; 4096];
         let mut flushed = Instant::now();

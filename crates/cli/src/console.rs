@@ -141,10 +141,16 @@ impl<'m, const A: usize> Console<'m, A> {
         let feed = step.sqrt() / self.machine.period_s() * 60.0;
         let percent = |rate: Travel| rate as f64 / ONE as f64 * 100.0;
         let (rate, over) = (percent(status.rate), percent(status.override_rate));
+        let rapids = match status.rapid_override {
+            ONE => String::new(),
+            rate => format!(", rapids {:.0} %", percent(rate)),
+        };
         let held = status.standing == Standing::Hold;
         let state = if held { "hold".into() } else { format!("{:?}", status.mode).to_lowercase() };
         bar.set_position(u64::from(status.line));
-        bar.set_message(format!("{position} F{feed:.0} mm/min  rate {rate:.0} %  override {over:.0} %  {state}"));
+        bar.set_message(format!(
+            "{position} F{feed:.0} mm/min  rate {rate:.0} %  override {over:.0} %{rapids}  {state}"
+        ));
     }
 }
 

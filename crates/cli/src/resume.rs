@@ -466,8 +466,7 @@ impl Taking<'_> {
             real_time: !matches!(named, Card::Sim),
             tables: TableFiles::of_job(&record.job.arguments),
         };
-        let (of_job, of_job_entry, on) = (&record, &record.job, &machine);
-        let card_named = named.clone();
+        let (of_job, of_job_entry, on, card_named) = (&record, &record.job, &machine, named.clone());
         let resume = move |card: &mut C, at_screen: Option<AtScreen<'_>>, ask: &mut Asking<'_, A>| {
             let agree = |prepared: &Prepared<A>, kept: Option<&mut Kept>| -> Result<(), Failure> {
                 // The machine moves, or the card's place is not of this path.

@@ -36,8 +36,10 @@ pub enum Deed {
     Reverse(Travel),
     /// Forward run at this rate.
     Forward(Travel),
-    /// Feed override.
+    /// Feed override: rapid motion keeps its speed, but stands at 0 as all motion does.
     Override(Travel),
+    /// Rapid override, 0 … 1.
+    RapidOverride(Travel),
     /// Turns the handwheel at so many counts a second, for so many seconds.
     Wheel {
         /// Counts a second, signed.
@@ -104,6 +106,7 @@ impl fmt::Display for Deed {
             Self::Reverse(rate) => write!(f, "reverse {:.0}%", percent(*rate)),
             Self::Forward(rate) => write!(f, "forward {:.0}%", percent(*rate)),
             Self::Override(rate) => write!(f, "override {:.0}%", percent(*rate)),
+            Self::RapidOverride(rate) => write!(f, "rapid override {:.0}%", percent(*rate)),
             Self::Wheel { counts_per_s, seconds } => write!(f, "wheel {counts_per_s} for {seconds}s"),
             Self::Leave { ask: false } => write!(f, "leave"),
             Self::Leave { ask: true } => write!(f, "leave ask"),
@@ -255,6 +258,7 @@ fn deed(words: &[&str]) -> Result<Deed, Wrong> {
         ["reverse", rate] => Deed::Reverse(rate_of(rate)?),
         ["forward", rate] => Deed::Forward(rate_of(rate)?),
         ["override", rate] => Deed::Override(rate_of(rate)?),
+        ["rapid", "override", rate] => Deed::RapidOverride(rate_of(rate)?),
         ["wheel", counts, "for", time] => {
             let counts_per_s = number(counts)?;
             if counts_per_s.abs() > 1e6 {
@@ -290,7 +294,7 @@ fn deed(words: &[&str]) -> Result<Deed, Wrong> {
         [first, ..] => {
             let known = [
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
-                "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional",
+                "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -311,6 +315,7 @@ fn example(word: &str) -> &'static str {
         "cycle" => "cycle start",
         "cutter" => "cutter off · cutter on",
         "optional" => "optional stop on · optional stop off",
+        "rapid" => "rapid override 50%",
         "recover" => "recover stands alone",
         "pause" | "online" => "pause and online stand alone",
         _ => "reverse 100% · override 60% · wheel -120 for 2s · leave ask · output 3 on",

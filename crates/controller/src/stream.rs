@@ -80,6 +80,8 @@ pub struct Period<const A: usize> {
     pub standing: Standing,
     /// The feed override that the operator asks for.
     pub override_rate: Travel,
+    /// The rapid override, 0 … 1.
+    pub rapid_override: Travel,
     /// Is the machine off the path: jogging, homing, on the way to a breakpoint? The places are then those of that move.
     pub off_path: bool,
 }
@@ -106,6 +108,7 @@ impl<const A: usize> Period<A> {
             mode: Mode::Run,
             standing: Standing::None,
             override_rate: retrace_core::ONE,
+            rapid_override: retrace_core::ONE,
             off_path: false,
         }
     }

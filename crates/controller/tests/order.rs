@@ -138,7 +138,7 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &RigSettings) -> (Vec<Period
     let log = watched(&mut rig);
     let mut card = Box::new(Wired::find(InProcess::new(rig), 7, Patience::default()).expect("it answers"));
     card.open(machine.card_settings(Start::at(0))).expect("it opens");
-    card.send(Word::Rate { target: ONE }).expect("a rate");
+    card.send(Word::rate(ONE)).expect("a rate");
     let end = tape.records.len() as u32;
     let mut ended = End::Hangs;
     for _ in 0..6_000 {

@@ -21,4 +21,5 @@ mod sync;
 pub mod wheel;
 
 pub use place::{ONE, Place, Travel};
+pub use rate::RateTarget;
 pub use record::{Flags, RapidCap, Record};

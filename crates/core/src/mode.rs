@@ -7,7 +7,7 @@
 //! road end at `reached`, and only then moves. Normal run is entered again at the furthest place, at rest, with the outputs as
 //! the program expects them; and it goes on after a stop only with such outputs (CUT-17, DNC-9).
 
-use crate::{ONE, Place, Travel};
+use crate::{ONE, Place, RateTarget, Travel};
 
 /// What the machine is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -40,8 +40,10 @@ pub enum Order {
         /// Outputs that differ may be restored without asking.
         agreed: bool,
     },
-    /// Feed override for normal run and the way back, 0 … 1; more counts as 1.
+    /// Feed override for normal run and the way back, 0 … 1; more counts as 1. Rapid motion is not slowed by it, but at 0 all motion stands.
     Override(Travel),
+    /// Rapid override for normal run and the way back, 0 … 1; more counts as 1.
+    RapidOverride(Travel),
     /// Reverse run at this rate, above 0 and up to 8; above 1 is rapid retrace.
     Reverse(Travel),
     /// Forward run at this rate, above 0 and up to 8.
@@ -101,8 +103,8 @@ pub enum Notice {
 /// What the next control period is to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Demand {
-    /// The rate to run at.
-    pub target: Travel,
+    /// The rates to run at, along feed motion and along rapid motion.
+    pub target: RateTarget,
     /// May records beyond `reached` be on the road?
     pub look_ahead: bool,
     /// The outputs are to be brought to what the program expects, now.
@@ -132,6 +134,7 @@ pub struct Operation {
     /// What to do at `reached` where outputs differ: restore them without asking.
     agreed: bool,
     override_rate: Travel,
+    rapid_override: Travel,
     retrace_rate: Travel,
     /// Has the operator been told of the end that the cursor stands at?
     told: bool,
@@ -146,6 +149,7 @@ impl Default for Operation {
             turned: true,
             agreed: false,
             override_rate: ONE,
+            rapid_override: ONE,
             retrace_rate: ONE,
             told: false,
             resuming: Resuming::No,
@@ -178,6 +182,12 @@ impl Operation {
         self.override_rate
     }
 
+    /// The rapid override in force.
+    #[must_use]
+    pub const fn rapid_override(&self) -> Travel {
+        self.rapid_override
+    }
+
     /// Takes an operator's order.
     ///
     /// # Errors
@@ -192,6 +202,7 @@ impl Operation {
             Order::Recover => return Err(Refused::NothingAsked),
             Order::Restart { agreed } => self.restart(if agreed { Resuming::Agreed } else { Resuming::Asking }),
             Order::Override(rate) => self.override_rate = rate.clamp(0, ONE),
+            Order::RapidOverride(rate) => self.rapid_override = rate.clamp(0, ONE),
             Order::Reverse(rate) | Order::Forward(rate) if rate <= 0 => return Err(Refused::NoRate),
             Order::Reverse(rate) => self.enter(Mode::Reverse, rate),
             Order::Forward(rate) => self.enter(Mode::Forward, rate),
@@ -229,7 +240,7 @@ impl Operation {
 
     /// What the next control period is to do.
     pub fn demand(&mut self, facts: &Facts) -> Demand {
-        let mut demand = Demand { target: 0, look_ahead: false, restore_outputs: false, notice: None };
+        let mut demand = Demand { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
         if self.mode != Mode::Run && !self.turned {
             // The road must not be cut short under a moving cursor: rest first.
             if !facts.at_rest {
@@ -264,12 +275,13 @@ impl Operation {
         }
         demand.look_ahead = self.mode == Mode::Run;
         demand.target = match self.mode {
-            _ if self.held || self.resuming != Resuming::No => 0,
-            Mode::Run | Mode::Return => self.override_rate,
-            Mode::Reverse => -self.retrace_rate,
-            Mode::Forward => self.retrace_rate,
-            Mode::Wheel => facts.wheel,
-            Mode::Settle => 0,
+            _ if self.held || self.resuming != Resuming::No => RateTarget::ZERO,
+            Mode::Run | Mode::Return if self.override_rate == 0 => RateTarget::ZERO,
+            Mode::Run | Mode::Return => RateTarget { feed: self.override_rate, rapid: self.rapid_override },
+            Mode::Reverse => RateTarget::both(-self.retrace_rate),
+            Mode::Forward => RateTarget::both(self.retrace_rate),
+            Mode::Wheel => RateTarget::both(facts.wheel),
+            Mode::Settle => RateTarget::ZERO,
         };
         demand
     }
@@ -302,14 +314,14 @@ mod tests {
         let mut operation = Operation::default();
         operation.order(Order::Reverse(ONE)).expect("a rate");
         let braking = operation.demand(&facts(100, 100, false));
-        assert_eq!((braking.target, braking.look_ahead), (0, true));
+        assert_eq!((braking.target.feed, braking.look_ahead), (0, true));
         let turned = operation.demand(&facts(101, 101, true));
-        assert_eq!((turned.target, turned.look_ahead), (-ONE, false));
+        assert_eq!((turned.target.feed, turned.look_ahead), (-ONE, false));
         assert_eq!(operation.demand(&facts(10, 101, true)).notice, Some(Notice::Oldest));
         assert_eq!(operation.demand(&facts(10, 101, true)).notice, None);
         operation.order(Order::Forward(ONE / 2)).expect("a rate");
         // already turned: no need to rest again before the rate changes sign, the drive sees to that
-        assert_eq!(operation.demand(&facts(50, 101, false)).target, ONE / 2);
+        assert_eq!(operation.demand(&facts(50, 101, false)).target.feed, ONE / 2);
     }
 
     #[test]
@@ -320,17 +332,17 @@ mod tests {
         operation.demand(&facts(50, 100, true));
         operation.order(Order::Leave { ask: false }).expect("retracing");
         let back = operation.demand(&facts(50, 100, false));
-        assert_eq!((back.target, back.look_ahead, operation.mode()), (ONE, false, Mode::Return));
+        assert_eq!((back.target.feed, back.look_ahead, operation.mode()), (ONE, false, Mode::Return));
         let on = operation.demand(&facts(100, 100, true));
-        assert_eq!((on.target, on.look_ahead, on.notice), (ONE, true, Some(Notice::GoesOn)));
+        assert_eq!((on.target.feed, on.look_ahead, on.notice), (ONE, true, Some(Notice::GoesOn)));
     }
 
     #[test]
     fn forward_run_ends_at_reached_and_at_rest_and_nowhere_else() {
         let mut operation = Operation::default();
         operation.order(Order::Forward(8 * ONE)).expect("a rate");
-        assert_eq!(operation.demand(&facts(50, 100, true)).target, 8 * ONE);
-        assert_eq!(operation.demand(&facts(100, 100, false)).target, 8 * ONE);
+        assert_eq!(operation.demand(&facts(50, 100, true)).target.feed, 8 * ONE);
+        assert_eq!(operation.demand(&facts(100, 100, false)).target.feed, 8 * ONE);
         assert_eq!(operation.mode(), Mode::Forward);
         assert_eq!(operation.demand(&facts(100, 100, true)).notice, Some(Notice::GoesOn));
         assert_eq!(operation.mode(), Mode::Run);
@@ -346,10 +358,10 @@ mod tests {
         assert_eq!(operation.order(Order::Agree), Err(Refused::NothingAsked));
         assert_eq!(operation.demand(&differ).notice, Some(Notice::OutputsDiffer));
         let waits = operation.demand(&differ);
-        assert_eq!((waits.notice, waits.target, waits.look_ahead), (None, 0, false));
+        assert_eq!((waits.notice, waits.target.feed, waits.look_ahead), (None, 0, false));
         operation.order(Order::Agree).expect("asked");
         let on = operation.demand(&differ);
-        assert_eq!((on.restore_outputs, on.target, on.look_ahead), (true, ONE, true));
+        assert_eq!((on.restore_outputs, on.target.feed, on.look_ahead), (true, ONE, true));
     }
 
     #[test]
@@ -361,25 +373,43 @@ mod tests {
         let differ = Facts { place: inside, outputs_agree: false, ..facts(99, 100, true) };
         operation.order(Order::Resume).expect("held");
         let braking = operation.demand(&Facts { at_rest: false, ..differ });
-        assert_eq!((braking.target, braking.look_ahead, operation.mode()), (0, true, Mode::Run));
+        assert_eq!((braking.target.feed, braking.look_ahead, operation.mode()), (0, true, Mode::Run));
         let asks = operation.demand(&differ);
-        assert_eq!((asks.target, asks.notice, operation.mode()), (0, Some(Notice::OutputsDiffer), Mode::Settle));
+        assert_eq!((asks.target.feed, asks.notice, operation.mode()), (0, Some(Notice::OutputsDiffer), Mode::Settle));
         assert_eq!(operation.demand(&differ).notice, None);
         operation.order(Order::Recover).expect("asked");
         let on = operation.demand(&differ);
-        assert_eq!((on.restore_outputs, on.target, operation.mode()), (true, ONE, Mode::Run));
+        assert_eq!((on.restore_outputs, on.target.feed, operation.mode()), (true, ONE, Mode::Run));
         // agreed at once
         operation.order(Order::Hold).expect("always");
         operation.order(Order::Recover).expect("held");
         let on = operation.demand(&differ);
-        assert_eq!((on.restore_outputs, on.target, operation.mode()), (true, ONE, Mode::Run));
+        assert_eq!((on.restore_outputs, on.target.feed, operation.mode()), (true, ONE, Mode::Run));
         // nothing to ask, nothing to say
         for order in [Order::Restart { agreed: false }, Order::Restart { agreed: true }] {
             operation.order(order).expect("always");
             let on = operation.demand(&Facts { outputs_agree: true, ..differ });
-            assert_eq!((on.restore_outputs, on.target, on.notice), (false, ONE, None));
+            assert_eq!((on.restore_outputs, on.target.feed, on.notice), (false, ONE, None));
         }
         assert_eq!(operation.order(Order::Recover), Err(Refused::NothingAsked));
+    }
+
+    #[test]
+    fn rapid_motion_has_an_override_of_its_own_and_stands_at_a_feed_override_of_zero() {
+        let mut operation = Operation::default();
+        operation.order(Order::Override(ONE / 2)).expect("always");
+        operation.order(Order::RapidOverride(ONE / 4)).expect("always");
+        let target = |operation: &mut Operation| operation.demand(&facts(50, 50, true)).target;
+        assert_eq!(target(&mut operation), RateTarget { feed: ONE / 2, rapid: ONE / 4 });
+        operation.order(Order::RapidOverride(9 * ONE)).expect("always");
+        assert_eq!(target(&mut operation), RateTarget { feed: ONE / 2, rapid: ONE });
+        operation.order(Order::RapidOverride(0)).expect("always");
+        assert_eq!(target(&mut operation), RateTarget { feed: ONE / 2, rapid: 0 });
+        operation.order(Order::RapidOverride(ONE)).expect("always");
+        operation.order(Order::Override(0)).expect("always");
+        assert_eq!(target(&mut operation), RateTarget::ZERO);
+        operation.order(Order::Reverse(ONE)).expect("a rate");
+        assert_eq!(target(&mut operation), RateTarget::both(-ONE));
     }
 
     #[test]
@@ -390,10 +420,10 @@ mod tests {
             operation.order(order).expect("always");
             operation.order(Order::Hold).expect("always");
             let wheel = Facts { wheel: ONE, ..facts(50, 100, true) };
-            assert_eq!((operation.demand(&wheel).target, operation.held()), (0, true));
+            assert_eq!((operation.demand(&wheel).target.feed, operation.held()), (0, true));
             operation.order(Order::Resume).expect("held");
             assert!(!operation.held());
-            assert_ne!(operation.demand(&wheel).target, 0);
+            assert_ne!(operation.demand(&wheel).target.feed, 0);
         }
         assert_eq!(operation.order(Order::Reverse(0)), Err(Refused::NoRate));
     }

@@ -17,6 +17,46 @@
 
 use crate::Travel;
 
+/// The rates that are asked for along the path: one for records of feed motion, one for records of rapid motion ([`crate::Flags::RAPID`]).
+///
+/// In records a period: 1 as recorded, 0 standing, −1 backward; as [`Travel`]. Both have the same sign, or are zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RateTarget {
+    /// The highest rate along feed motion.
+    pub feed: Travel,
+    /// The highest rate along rapid motion.
+    pub rapid: Travel,
+}
+
+impl RateTarget {
+    /// Standing.
+    pub const ZERO: Self = Self::both(0);
+
+    /// The same rate along all motion.
+    #[must_use]
+    pub const fn both(rate: Travel) -> Self {
+        Self { feed: rate, rapid: rate }
+    }
+
+    /// The faster one of the two.
+    #[must_use]
+    pub const fn faster(self) -> Travel {
+        if self.feed.unsigned_abs() >= self.rapid.unsigned_abs() { self.feed } else { self.rapid }
+    }
+
+    /// The slower one of the two, at most zero where their signs differ.
+    #[must_use]
+    pub const fn slower(self) -> Travel {
+        if self.feed.signum() * self.rapid.signum() < 0 {
+            0
+        } else if self.feed.unsigned_abs() >= self.rapid.unsigned_abs() {
+            self.rapid
+        } else {
+            self.feed
+        }
+    }
+}
+
 /// The lengths of the two moving averages, in control periods.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Smoothing {

@@ -14,6 +14,8 @@ impl Flags {
     pub const REST: Self = Self(1);
     /// An exclusive instruction (GMC-3) stands behind this record. Always together with [`Flags::REST`].
     pub const MARKER: Self = Self(2);
+    /// All of the record's motion is rapid motion (G0): the rapid override applies, not the feed override.
+    pub const RAPID: Self = Self(4);
 
     /// Both sets of flags.
     #[must_use]
@@ -27,6 +29,12 @@ impl Flags {
         self.0 & other.0 == other.0
     }
 
+    /// Those of them that the next record has as well, as a rule.
+    #[must_use]
+    pub const fn lasting(self) -> Self {
+        Self(self.0 & Self::RAPID.0)
+    }
+
     /// The bits, for the wire.
     #[must_use]
     pub const fn bits(self) -> u8 {
@@ -36,7 +44,7 @@ impl Flags {
     /// From the bits on the wire; unknown bits are dropped.
     #[must_use]
     pub const fn from_bits(bits: u8) -> Self {
-        Self(bits & 3)
+        Self(bits & 7)
     }
 }
 

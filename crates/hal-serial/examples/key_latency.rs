@@ -80,10 +80,10 @@ fn main() {
             if at != 0 && held == 0 && card.status().rate == ONE {
                 slower.store(0, Ordering::Relaxed);
                 held = at;
-                card.send(Word::Rate { target: 0 }).expect("a rate");
+                card.send(Word::rate(0)).expect("a rate");
             } else if held == 0 {
                 pressed.store(0, Ordering::Relaxed);
-                card.send(Word::Rate { target: ONE }).expect("a rate");
+                card.send(Word::rate(ONE)).expect("a rate");
             }
             let status = *card.period().expect("the card");
             let seen = slower.load(Ordering::Relaxed);

@@ -19,7 +19,7 @@ fn main() {
             let mut best = f64::INFINITY;
             for _ in 0..5 {
                 let mut card = SimCard::<4>::new(0, limits, Clock::Virtual).expect("fits");
-                card.send(Word::Rate { target: rate }).expect("a rate");
+                card.send(Word::rate(rate)).expect("a rate");
                 let began = Instant::now();
                 for _ in 0..PERIODS {
                     let place = card.status().high;

@@ -257,12 +257,12 @@ mod tests {
             let record = Record { increments: [7, -(place as i16)], flags, ..Record::default() };
             card.send(Word::Ahead { place, record }).expect("room");
         }
-        card.send(Word::Rate { target: ONE }).expect("a rate");
+        card.send(Word::rate(ONE)).expect("a rate");
         for _ in 0..100 {
             card.period().expect("no fault");
         }
         assert_eq!(card.status().counts, [700, -4950]);
-        card.send(Word::Rate { target: -ONE / 3 }).expect("a rate");
+        card.send(Word::rate(-ONE / 3)).expect("a rate");
         for _ in 0..310 {
             card.period().expect("no fault");
         }

@@ -76,7 +76,7 @@ fn open(host: &mut Host) {
 /// Output 3 on, and 300 records ahead.
 fn run(host: &mut Host) {
     host.send(Word::ByHand(Change { channel: 3, value: 1 })).expect("room");
-    host.send(Word::Rate { target: ONE }).expect("a rate");
+    host.send(Word::rate(ONE)).expect("a rate");
     while host.status().place != Place::start_of(300) {
         while host.status().high < 300 {
             let place = host.status().high;
@@ -148,7 +148,7 @@ fn a_recorded_session_moves_nothing_within_the_same_start() {
 fn a_replayed_opening_is_no_sign_of_life() {
     let (mut host, tape) = find(rig(1), 7);
     open(&mut host);
-    host.send(Word::Rate { target: ONE }).expect("a rate");
+    host.send(Word::rate(ONE)).expect("a rate");
     for _ in 0..50 {
         host.period().expect("no fault");
     }
@@ -169,7 +169,7 @@ fn replayed_greetings_and_reports_change_nothing_of_a_running_job() {
     let greetings = tape.lock().expect("whole").heard.clone();
     open(&mut host);
     let base = host.status().counts;
-    host.send(Word::Rate { target: ONE }).expect("a rate");
+    host.send(Word::rate(ONE)).expect("a rate");
     for round in 0..20 {
         tape.lock().expect("whole").injected.extend([&[0], &greetings[..], &old.heard, &[0]].concat());
         for _ in 0..10 {

@@ -50,7 +50,7 @@ fn position(place: u32, length: u32) -> [i64; 3] {
 
 /// Runs at a rate until the card rests at `to`, with the path sent as there is room; the last report.
 fn run(host: &mut Host, target: Travel, to: u32, length: u32) -> Status<3> {
-    host.send(Word::Rate { target }).expect("a rate");
+    host.send(Word::rate(target)).expect("a rate");
     for _ in 0..200_000 {
         loop {
             let high = host.status().high;
@@ -132,7 +132,7 @@ fn switch_and_run(process: Process) -> (Status<3>, u64) {
     instruction.changes[0] = Change { channel: channel::SPINDLE, value: 1 };
     instruction.until = Some(Await { input: wiring::DONE, active: true, at_most: 100 });
     host.send(Word::Instruction(instruction)).expect("taken");
-    host.send(Word::Rate { target: ONE }).expect("a rate");
+    host.send(Word::rate(ONE)).expect("a rate");
     for _ in 0..1000 {
         let high = host.status().high;
         if high < 50 && host.status().executed == 1 {
@@ -167,7 +167,7 @@ fn a_limit_switch_stops_the_motion_on_the_path() {
     settings.inputs[usize::from(wiring::UPPER + 2)] =
         InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: false };
     let mut host = host(&RigSettings { machine, ..RigSettings::default() }, settings);
-    host.send(Word::Rate { target: ONE }).expect("a rate");
+    host.send(Word::rate(ONE)).expect("a rate");
     for _ in 0..400 {
         let high = host.status().high;
         if high < 300 {
@@ -242,7 +242,7 @@ fn the_wheel_is_told_to_the_count() {
 #[test]
 fn a_silent_host_is_an_alarm() {
     let mut host = host(&RigSettings::default(), settings());
-    host.send(Word::Rate { target: ONE }).expect("a rate");
+    host.send(Word::rate(ONE)).expect("a rate");
     while host.status().high < 2000 {
         let high = host.status().high;
         if host.send(Word::Ahead { place: high, record: record(high, 2000) }).is_err() {
@@ -331,7 +331,7 @@ fn the_steps_in_which_time_passes_change_nothing() {
         let tap = Tap { port, written: Arc::clone(&written) };
         let mut host = Wired::find(tap, 7, Patience::default()).expect("a card answers");
         host.open(settings()).expect("it takes the settings");
-        host.send(Word::Rate { target: ONE }).expect("a rate");
+        host.send(Word::rate(ONE)).expect("a rate");
         while !(host.status().place.record == 150 && host.status().at_rest) {
             let high = host.status().high;
             if high < 150 {

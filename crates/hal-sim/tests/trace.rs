@@ -72,7 +72,7 @@ fn traced() -> (String, [u64; 2]) {
         host.send(Word::Ahead { place, record }).expect("room");
     }
     for (target, end) in [(ONE, 60), (-ONE, 0)] {
-        host.send(Word::Rate { target }).expect("a rate");
+        host.send(Word::rate(target)).expect("a rate");
         while host.period().is_ok_and(|status| status.place.record != end || !status.at_rest) {}
         host.send(Word::ByHand(Change { channel: channel::SPINDLE, value: -1 })).expect("a channel");
     }
@@ -144,7 +144,7 @@ fn torch(stops: impl Fn(&mut Wired<2, InProcess<2>>)) -> HashMap<String, Vec<(u6
     let mut instruction =
         Instruction { number: 1, count: 1, periods: 20, keeps_cutter: true, ..Instruction::default() };
     instruction.changes[0] = Change { channel: channel::SPINDLE, value: 1 };
-    host.send(Word::Rate { target: ONE }).expect("a rate");
+    host.send(Word::rate(ONE)).expect("a rate");
     host.send(Word::Instruction(instruction)).expect("room");
     while host.period().is_ok_and(|status| status.place.record < 200) {
         while host.status().executed == 1 && host.status().high < 1000 {
@@ -174,7 +174,7 @@ fn lit(changes: &HashMap<String, Vec<(u64, String)>>) -> (u64, u64, u64) {
 #[test]
 fn a_hold_puts_the_torch_out_at_the_pins_as_soon_as_the_machine_rests() {
     let changes = torch(|host| {
-        host.send(Word::Rate { target: 0 }).expect("a rate");
+        host.send(Word::rate(0)).expect("a rate");
         while host.period().is_ok_and(|status| !status.at_rest) {}
         for _ in 0..20 {
             host.period().expect("no fault");

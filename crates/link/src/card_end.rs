@@ -6,7 +6,7 @@
 //!
 //! Invariant: `first ≤ sent ≤ first + count`: entries before `first` are known to the host, those before `sent` were sent.
 
-use retrace_core::Travel;
+use retrace_core::{RateTarget, Travel};
 
 use crate::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE, encode_with_key};
 use crate::frame_size::FrameSize;
@@ -248,11 +248,11 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
 
     fn now(&mut self, mut reader: Reader<'_>, deck: &mut impl Deck<A>) -> Option<()> {
         let number = reader.u16()?;
-        let target: Travel = reader.signed()?;
+        let (feed, rapid): (Travel, Travel) = (reader.signed()?, reader.signed()?);
         if (number.wrapping_sub(self.now_seen) as i16) > 0 {
             self.now_seen = number;
             // A latched alarm refuses it; the host is told of that by an entry.
-            let _ = deck.take(Word::Rate { target });
+            let _ = deck.take(Word::Rate(RateTarget { feed, rapid }));
         }
         Some(())
     }

@@ -2,7 +2,7 @@
 //!
 //! Invariant: every message has a fixed size; nothing in it is a float.
 
-use retrace_core::{Place, Record, Travel};
+use retrace_core::{Place, RateTarget, Record, Travel};
 
 use crate::{Alarm, CutterOff, RepeatedInstruction, Start};
 
@@ -145,11 +145,8 @@ pub enum Word<const A: usize> {
     },
     /// An output action on the window's way. It must be there before its record is.
     Action(Action),
-    /// The rate the cursor is to run at, in records a period: a real-time word.
-    Rate {
-        /// +1 as recorded, 0 standing, −1 backward; as [`Travel`].
-        target: Travel,
-    },
+    /// The rates the cursor is to run at, along feed motion and along rapid motion: a real-time word.
+    Rate(RateTarget),
     /// Whether retracing replays the output actions it passes (REV-14).
     Replay {
         /// Replay them.
@@ -171,6 +168,14 @@ pub enum Word<const A: usize> {
     },
     /// Executes switching again that was complete before. Only at rest, and not while an alarm is latched.
     Repeat(RepeatedInstruction),
+}
+
+impl<const A: usize> Word<A> {
+    /// The rate that the cursor is to run at along all motion, in records a period: +1 as recorded, 0 standing, −1 backward; as [`Travel`].
+    #[must_use]
+    pub const fn rate(target: Travel) -> Self {
+        Self::Rate(RateTarget::both(target))
+    }
 }
 
 /// Why a card did not take a word.

@@ -14,7 +14,7 @@ pub const MAX_INPUTS: usize = 16;
 /// Most outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
 /// Version of the protocol that this crate speaks.
-pub const PROTOCOL: u8 = 3;
+pub const PROTOCOL: u8 = 4;
 
 /// Who a card is, and what it can do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

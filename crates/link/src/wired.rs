@@ -193,7 +193,7 @@ impl<const A: usize, P: Port> Wired<A, P> {
 
     /// Tells the card to stop, as far as the line goes; the card does it anyway when it hears no more.
     fn let_go(&mut self) {
-        let _ = self.host.send(Word::Rate { target: 0 });
+        let _ = self.host.send(Word::rate(0));
         let begun = self.port.now_us();
         while self.port.now_us().saturating_sub(begun) < LET_GO_US {
             self.pump(WAIT_US);

@@ -8,8 +8,8 @@ use proptest::prelude::*;
 use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_link::{
-    CardEnd, Change, Deck, Host, HostFault, Identity, Instruction, PROTOCOL, Refusal, Settings, Start, Status, Word,
-    channel,
+    CardEnd, Change, CutterOff, CutterOffCause, Deck, Host, HostFault, Identity, Instruction, PROTOCOL, Refusal,
+    Settings, Start, Status, Word, channel,
 };
 
 const WINDOW: u32 = 256;
@@ -62,6 +62,10 @@ impl Works {
             *count += increment;
         }
         status.increments = increments.map(|pulses| pulses as i32);
+        // what is said of one period only
+        status.wheel = if status.period.is_multiple_of(37) { 2 } else { 0 };
+        let off = CutterOff { channels: 1, cause: CutterOffCause::Standing };
+        status.cutter_off = status.period.is_multiple_of(53).then_some(off);
         if self.open {
             self.log.push(*status);
         }
@@ -113,7 +117,7 @@ impl Deck<3> for Works {
                 self.records[(place % WINDOW) as usize] = record;
                 status.low = place;
             }
-            Word::Rate { target } => self.target = target,
+            Word::Rate(target) => self.target = target.feed,
             Word::Instruction(Instruction { number, .. }) => {
                 if number != status.executed + 1 {
                     return Err(Refusal::Busy);
@@ -229,7 +233,7 @@ impl Bench {
     fn run_to(&mut self, target: Travel, to: u32, oldest: u32, end: u32) {
         for _ in 0..40_000 {
             self.fill(oldest, end, target > 0);
-            self.host.send(Word::Rate { target }).expect("a rate is always taken");
+            self.host.send(Word::rate(target)).expect("a rate is always taken");
             self.step_period();
             let left = self.host.status().place.to(Place::start_of(to));
             if left == 0 || left.signum() != target.signum() {
@@ -271,6 +275,7 @@ fn agrees(bench: &Bench) {
         assert_eq!((told.period, told.place, told.rate), (told.period, was.place, was.rate));
         assert_eq!((told.counts, told.increments, told.at_rest), (was.counts, was.increments, was.at_rest));
         assert_eq!((told.executed, told.outputs), (was.executed, was.outputs));
+        assert_eq!((told.wheel, told.cutter_off), (was.wheel, was.cutter_off));
     }
 }
 
@@ -298,7 +303,7 @@ proptest! {
         prop_assert_eq!(&bench.works.by_hand, &[1, 7]);
         prop_assert_eq!(bench.works.status.place, Place::start_of(at(1500)));
         // and it is over in good order
-        bench.host.send(Word::Rate { target: 0 }).expect("a rate");
+        bench.host.send(Word::rate(0)).expect("a rate");
         bench.until(|b| b.host.status().at_rest);
         bench.host.close();
         bench.until(|b| b.host.is_closed());
@@ -337,7 +342,7 @@ fn a_stop_cuts_a_long_frame_short() {
     let mut bytes = [0; 30];
     assert_eq!(bench.host.transmit(bench.now_us, &mut bytes), 30, "the beginning of a long frame");
     bytes.iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
-    bench.host.send(Word::Rate { target: 0 }).expect("a rate");
+    bench.host.send(Word::rate(0)).expect("a rate");
     assert_eq!(bench.host.transmit(bench.now_us, &mut bytes), 30);
     bytes.iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
     assert_eq!((bench.works.target, bench.works.status.high), (0, 150), "the stop is there before the records");

@@ -85,10 +85,32 @@ struct Met {
     demand: Option<Demand>,
     jerk: f64,
     rough: bool,
+    kind: Kind,
+}
+
+/// What motion a record is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    /// None yet.
+    None,
+    Rapid,
+    /// Some of it, at least, is no rapid motion.
+    Feed,
+}
+
+impl Kind {
+    const fn of(rapid: bool) -> Self {
+        if rapid { Self::Rapid } else { Self::Feed }
+    }
+
+    /// With motion of another kind.
+    fn with(self, other: Self) -> Self {
+        if self == Self::None || self == other { other } else { Self::Feed }
+    }
 }
 
 impl Met {
-    const NOTHING: Self = Self { axes: [0.0; 3], demand: None, jerk: 0.0, rough: false };
+    const NOTHING: Self = Self { axes: [0.0; 3], demand: None, jerk: 0.0, rough: false, kind: Kind::None };
 }
 
 /// Samples that come this much of a period before the end of an item are taken at its end.
@@ -199,7 +221,8 @@ impl<const A: usize> Emitter<A> {
                         return Some(self.glide());
                     }
                     self.time -= duration;
-                    self.glides.pop_front();
+                    let glide = self.glides.pop_front();
+                    self.met.kind = self.met.kind.with(Kind::of(glide.is_some_and(|glide| glide.rapid)));
                     self.next_item();
                 }
             }
@@ -240,10 +263,11 @@ impl<const A: usize> Emitter<A> {
 
     fn next_piece(&mut self) {
         self.met.demand.get_or_insert(Demand::NONE).raise(&self.demand);
-        if let Some(Piece { length, marks, .. }) = self.pieces.front() {
-            self.piece_start += length;
-            if *marks > 0 {
-                self.marks.drain(..*marks as usize);
+        if let Some(piece) = self.pieces.front() {
+            self.piece_start += piece.length;
+            self.met.kind = self.met.kind.with(Kind::of(piece.is_rapid()));
+            if piece.marks > 0 {
+                self.marks.drain(..piece.marks as usize);
             }
         }
         self.pieces.pop_front();
@@ -333,6 +357,8 @@ impl<const A: usize> Emitter<A> {
         let before = (self.point.velocity_mm_s, self.point.acceleration_mm_s2);
         self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3: jerk };
         let shares = self.shares(before, true, jerk);
+        let rapid = self.pieces.front().is_some_and(Piece::is_rapid);
+        self.met.kind = self.met.kind.with(Kind::of(rapid));
         self.record(shares, Flags::NONE, tag)
     }
 
@@ -375,6 +401,8 @@ impl<const A: usize> Emitter<A> {
         };
         let own = shares_of(&by_time, &self.per_most);
         let shares = larger_of(self.shares(before, false, 0.0), own);
+        let rapid = self.glides.front().is_some_and(|glide| glide.rapid);
+        self.met.kind = self.met.kind.with(Kind::of(rapid));
         let record = self.record(shares, Flags::NONE, self.cell.tag);
         // The next record begins like this.
         self.met.axes = own;
@@ -411,6 +439,7 @@ impl<const A: usize> Emitter<A> {
             increments[i] = increment;
         }
         self.cap = if self.met.rough { RapidCap::PLANNED } else { cap(shares, self.cap) };
+        let flags = if self.met.kind == Kind::Rapid { flags.with(Flags::RAPID) } else { flags };
         self.met = Met::NOTHING;
         Record { increments, line, flags, cap: self.cap, spare: 0 }
     }

@@ -8,6 +8,9 @@ use crate::limits::AxisLimits;
 use crate::profile::PathLimits;
 use crate::shares::{GENTLE, LONG, Offer, SPEED_KEPT, TANGENTIAL};
 
+/// The speed that is asked for along rapid motion: as fast as the axes can.
+pub(crate) const RAPID: f64 = f64::MAX;
+
 /// A piece of path that is moved along in one go.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Piece<const A: usize> {
@@ -50,6 +53,11 @@ impl<const A: usize> Piece<A> {
     pub(crate) fn new(curve: Curve<A>, length: f64, feed: f64, tag: u32) -> Self {
         let bounds = curve.bounds(length);
         Self { curve, length, feed, tag, marks: 0, bounds, rough_entry: false, share: 0.0, exit_v: f64::MAX }
+    }
+
+    /// Is it rapid motion?
+    pub(crate) fn is_rapid(&self) -> bool {
+        self.feed == RAPID
     }
 
     /// Path limits to choose from along the piece when its feed counts times `factor`.

@@ -12,6 +12,7 @@ use crate::error::{LimitError, MoveError};
 use crate::glide::Blending;
 use crate::limits::Limits;
 use crate::merge::{Line, Mark, Merger, merging};
+use crate::piece::RAPID;
 use crate::pulses::counts_of;
 use crate::road::Road;
 
@@ -200,7 +201,7 @@ impl<const A: usize> Planner<A> {
         let feed = match feed {
             Feed::PerSecond(v) => v,
             Feed::Duration(t) => length / t,
-            Feed::Rapid => f64::MAX,
+            Feed::Rapid => RAPID,
         };
         let (tolerance, merging) = self.tolerance(mode);
         if tolerance > 0.0 && curve.is_line() {

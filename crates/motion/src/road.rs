@@ -18,7 +18,7 @@ use crate::glide::{Blending, source};
 use crate::joining::{glide_pays, join};
 use crate::limits::{AxisLimits, Limits};
 use crate::merge::Mark;
-use crate::piece::{Joint, Piece};
+use crate::piece::{Joint, Piece, RAPID};
 use crate::profile::{State, fastest, stopping_distance};
 use crate::run::{Run, least};
 
@@ -254,7 +254,8 @@ impl<const A: usize> Road<A> {
             return false;
         }
         let directions = tracks.pair.map(|track| track.direction);
-        let glide = Passage::new(*start, directions, [tag, segment.tag], *ramps);
+        let rapid = last.feed == RAPID && segment.feed == RAPID;
+        let glide = Passage::new(*start, directions, [tag, segment.tag], rapid, *ramps);
         self.emitter.commit_glide(glide, piece);
         self.run.begin(State::moving(into.v, into.a), tracks.pair[1].limits, ramps.duration());
         self.stops = *stops;

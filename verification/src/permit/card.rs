@@ -112,7 +112,7 @@ impl Observer {
         changes[0] = Change { channel: TORCH, value };
         let rates = [ONE, ONE, -ONE, 0, ONE / 3, -ONE / 5];
         let word = match draw.below(12) {
-            0..=2 => Word::Rate { target: rates[draw.below(rates.len() as u32) as usize] },
+            0..=2 => Word::rate(rates[draw.below(rates.len() as u32) as usize]),
             3 => {
                 let (number, place) = (status.executed.wrapping_add(1), status.place.record + draw.below(8));
                 let (periods, keeps_cutter) = (draw.below(9), draw.flag());

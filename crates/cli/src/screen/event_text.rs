@@ -75,6 +75,7 @@ fn deed_words(model: &Model, deed: &Deed) -> String {
         Deed::Reverse(rate) => format!("reverse run, {:.0} %", percent(*rate)),
         Deed::Forward(rate) => format!("forward run, {:.0} %", percent(*rate)),
         Deed::Override(rate) => format!("override {:.0} %", percent(*rate)),
+        Deed::RapidOverride(rate) => format!("rapid override {:.0} %", percent(*rate)),
         Deed::Wheel { .. } => "handwheel".into(),
         Deed::Leave { ask: false } => "forward and on with the program".into(),
         Deed::Leave { ask: true } => "forward and on, asking before outputs change".into(),

@@ -122,6 +122,8 @@ const NOTICE_MS: u64 = 4_000;
 /// Arrows that come faster than this are one that is held down, ms.
 const REPEATED_MS: u64 = 150;
 
+/// The steps of the rapid override, in percent.
+const RAPID_OVERRIDES: [f64; 4] = [100.0, 50.0, 25.0, 0.0];
 /// The highest override that a key asks for, and the lowest, in percent.
 const OVERRIDES: [f64; 2] = [0.0, 200.0];
 
@@ -250,6 +252,10 @@ impl Hand {
             Act::Whole => {
                 self.overridden = Some((100.0, now_ms));
                 Deed::Override(ONE)
+            }
+            Act::RapidOverride => {
+                let next = RAPID_OVERRIDES.iter().find(|&&percent| percent < model.rapid_override * 100.0 - 0.5);
+                Deed::RapidOverride((next.unwrap_or(&100.0).round() as Travel * ONE + 50) / 100)
             }
             Act::Single => Deed::Single,
             Act::Pause => Deed::Pause,

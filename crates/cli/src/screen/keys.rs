@@ -83,6 +83,8 @@ pub enum Act {
     Slower,
     /// Override 100 %.
     Whole,
+    /// Rapid override, the next lower step.
+    RapidOverride,
     /// Single block.
     Single,
     /// Pause.
@@ -276,9 +278,10 @@ pub const TABLE: &[Row] = &[
     row(&[Key::Char('b')], "b", "back mm", "back by so many mm", MOVING, Act::BackBy),
     row(&[Key::Char('B')], "B", "block", "back to the start of this block", MOVING, Act::BackBlock),
     row(&[Key::Char('j')], "j", "jet", "back to where the jet came on", MOVING, Act::BackJet),
-    row(&[Key::Char('+'), Key::Char('=')], "+", "faster", "override 10 % up", JOB, Act::Faster),
-    row(&[Key::Char('-')], "-", "slower", "override 10 % down", JOB, Act::Slower),
-    row(&[Key::Char('0')], "0", "100 %", "override 100 %", JOB, Act::Whole),
+    row(&[Key::Char('+'), Key::Char('=')], "+", "faster", "feed override 10 % up; rapids keep theirs", JOB, Act::Faster),
+    row(&[Key::Char('-')], "-", "slower", "feed override 10 % down", JOB, Act::Slower),
+    row(&[Key::Char('0')], "0", "100 %", "feed override 100 %", JOB, Act::Whole),
+    row(&[Key::Char('*')], "*", "rapids", "rapid override: 50, 25, 0 %, 100 %", JOB, Act::RapidOverride),
     row(&[Key::Char('s')], "s", "single", "single block on, off", JOB, Act::Single),
     row(&[Key::Char('p')], "p", "pause", "pause the program, to move away and come back", RUN, Act::Pause),
     row(&[Key::Char('x'), Key::Char('X')], "x", "cutter off", "cutter off, at once, whatever the machine does", EVER, Act::CutterOff),

@@ -172,6 +172,7 @@ fn take_period<const A: usize>(model: &mut Model, period: &Period<A>) {
     (model.mode, model.standing) = (period.mode, period.standing);
     model.rate = period.rate as f64 / ONE as f64;
     model.override_rate = period.override_rate as f64 / ONE as f64;
+    model.rapid_override = period.rapid_override as f64 / ONE as f64;
     model.at_cutter_boundary &= period.at_rest;
     if period.standing != Standing::ProgramStop {
         model.tool_change = None;

@@ -177,6 +177,8 @@ pub struct Model {
     pub feed_mm_min: f64,
     /// The override asked for; 1 is 100 %.
     pub override_rate: f64,
+    /// The rapid override; 1 is 100 %.
+    pub rapid_override: f64,
     /// The override that is planned, 1 or more.
     pub override_planned: f64,
     /// Program line at the cursor.
@@ -263,6 +265,7 @@ impl Model {
             rate: 0.0,
             feed_mm_min: 0.0,
             override_rate: 1.0,
+            rapid_override: 1.0,
             override_planned: 1.0,
             line: 0,
             reached_line: 0,
@@ -377,7 +380,10 @@ impl Model {
         let back = f64::from(span(self.place.record, self.reached)) * self.facts.period_s;
         let plan = (self.facts.planned.seconds()? - executed).max(0.0);
         let factor = self.override_rate.max(0.01);
-        Some(TimeLeft { seconds: (plan + back) / factor, exact: self.override_rate == 1.0 })
+        Some(TimeLeft {
+            seconds: (plan + back) / factor,
+            exact: self.override_rate == 1.0 && self.rapid_override == 1.0,
+        })
     }
 
     /// The value of an output channel; 0 where nothing was told of it.

@@ -172,6 +172,7 @@ impl Pretended {
             Deed::Reverse(rate) => Order::Reverse(rate),
             Deed::Forward(rate) => Order::Forward(rate),
             Deed::Override(rate) => Order::Override(rate),
+            Deed::RapidOverride(rate) => Order::RapidOverride(rate),
             Deed::Wheel { .. } => Order::Wheel,
             Deed::Leave { ask } => Order::Leave { ask },
             Deed::Agree => Order::Agree,
@@ -247,7 +248,7 @@ impl Pretended {
                 self.switch(channel as u8, value);
             }
         }
-        let target = if is_job { demand.target } else { 0 };
+        let target = if is_job { demand.target.feed } else { 0 };
         self.rate += (target - self.rate).clamp(-SLOPE, SLOPE);
         let increments = self.walk();
         self.told(increments);
@@ -320,6 +321,7 @@ impl Pretended {
             mode: self.operation.mode(),
             standing,
             override_rate: self.operation.override_rate(),
+            rapid_override: self.operation.rapid_override(),
             off_path: locked(&self.model).stage == Stage::Setup,
         };
         self.live.told(&Told::Period(period));

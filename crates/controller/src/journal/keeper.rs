@@ -201,6 +201,7 @@ mod tests {
             mode: mode::Mode::Run,
             standing: stream::Standing::None,
             override_rate: retrace_core::ONE,
+            rapid_override: retrace_core::ONE,
             off_path: false,
         }
     }

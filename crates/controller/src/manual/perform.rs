@@ -203,7 +203,7 @@ impl<const A: usize, C: MotionCard<A>> Bench<'_, '_, A, C> {
         while stood < settled {
             self.period()?;
             if self.stopped {
-                let _ = self.card.send(Word::Rate { target: 0 });
+                let _ = self.card.send(Word::rate(0));
             }
             stood = if self.card.status().at_rest { stood + 1 } else { 0 };
         }

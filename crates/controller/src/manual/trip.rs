@@ -101,7 +101,7 @@ impl Trip {
         }
         if let State::OnTheWay { told } = self.state {
             self.fill(hand, card);
-            if !told && self.may_move(hand, card) && card.send(Word::Rate { target: ONE }).is_ok() {
+            if !told && self.may_move(hand, card) && card.send(Word::rate(ONE)).is_ok() {
                 self.state = State::OnTheWay { told: true };
             }
             let status = card.status();
@@ -110,7 +110,7 @@ impl Trip {
             }
         }
         if self.state == State::Stopping {
-            let _ = card.send(Word::Rate { target: 0 });
+            let _ = card.send(Word::rate(0));
             hand.give_up();
             self.stood = if card.status().at_rest { self.stood + 1 } else { 0 };
             if hand.is_done() && self.stood > if self.wall_time { OLD_NEWS } else { 1 } {
@@ -124,7 +124,7 @@ impl Trip {
     }
 
     fn end<const A: usize, C: MotionCard<A>>(&mut self, hand: &mut Hand<'_, A>, card: &mut C, how: Ended) {
-        let _ = card.send(Word::Rate { target: 0 });
+        let _ = card.send(Word::rate(0));
         let write = hand.ring.write();
         hand.ring.follow(write);
         self.state = State::Ended(how);

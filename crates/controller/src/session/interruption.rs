@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use retrace_core::interruption::{Direction, Effect, Interruption, Latch, Turning, Word as Said};
 use retrace_core::mode::{Demand, Mode};
-use retrace_core::{Flags as RecordFlags, Place};
+use retrace_core::{Flags as RecordFlags, Place, RateTarget};
 use retrace_link::{Change, MotionCard, Start, Status, Word, channel};
 
 use super::{Outcome, Session};
@@ -172,7 +172,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 self.halt_by_hand();
                 None
             }
-            Deed::Override(_) | Deed::Output { .. } | Deed::CutterOff | Deed::OptionalStop(_) => None,
+            Deed::Override(_)
+            | Deed::RapidOverride(_)
+            | Deed::Output { .. }
+            | Deed::CutterOff
+            | Deed::OptionalStop(_) => None,
             _ => Some(Err(OrderRefused::NotNow("the program is paused: go on with it first"))),
         }
     }
@@ -277,7 +281,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     fn by_hand_now(&mut self, channel: u8, value: i32) {
         // A card takes every channel that the messages name.
-        let _ = self.card.send(Word::ByHand(Change { channel, value }));
+        self.send_by_hand(Change { channel, value });
     }
 
     fn jog(&mut self, letter: char, mm: f64) -> Result<(), OrderRefused> {
@@ -434,7 +438,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// Are all outputs as the program expects them, but for the cutters?
     fn only_cutters_differ(&self) -> bool {
-        let (are, want) = (&self.card.status().outputs, self.supply.expected());
+        let want = self.supply.expected();
+        let are = self.outputs_compared_with(want);
         (0..channel::COUNT).all(|at| are[at] == want[at] || self.cutting.contains(&(at as u8)))
     }
 
@@ -449,7 +454,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// What is asked of the card at a breakpoint: nothing.
     pub(super) fn demand_paused(&self) -> Demand {
         let look_ahead = self.operation.mode() == Mode::Run;
-        Demand { target: 0, look_ahead, restore_outputs: false, notice: None }
+        Demand { target: RateTarget::ZERO, look_ahead, restore_outputs: false, notice: None }
     }
 
     /// A control period off the program's path.
@@ -472,11 +477,13 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Counts and reports a control period off the program's path.
     pub(super) fn book_off_path(&mut self, status: &Status<A>) {
         self.tally.pause();
+        self.follow_by_hand(status);
         self.teller.outputs(&status.outputs);
         let period = Period {
             mode: self.operation.mode(),
             standing: self.standing(),
             override_rate: self.overrides.asked(),
+            rapid_override: self.operation.rapid_override(),
             off_path: true,
             ..Period::of(status)
         };

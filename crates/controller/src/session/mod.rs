@@ -5,6 +5,7 @@
 //! but in virtual time, where no time passes by waiting.
 
 mod back;
+mod by_hand;
 mod interruption;
 mod orders;
 mod restart;
@@ -18,7 +19,7 @@ use std::time::Duration;
 
 use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
 use retrace_core::wheel::Wheel;
-use retrace_core::{ONE, Place, Travel};
+use retrace_core::{ONE, Place, RateTarget};
 use retrace_link::{MotionCard, Outputs, Status, Word, channel};
 
 use crate::event::{Happening, OffReason, Trouble};
@@ -32,6 +33,7 @@ use crate::stream::{Teller, Told};
 use crate::supply::{News, Supply};
 use crate::tally::{Spent, Tally};
 use back::Back;
+use by_hand::ByHandChanges;
 use interruption::Interrupted;
 use restart::{LeavingRun, Restart};
 
@@ -86,6 +88,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     off_at_end: Vec<u8>,
     /// The outputs are being brought back before motion goes on.
     restart: Restart,
+    /// Outputs that were switched by hand, and are not reported yet.
+    by_hand: ByHandChanges,
     /// The cutter went out because the machine stood, and was not brought back yet.
     cutter_is_out: bool,
     leaving_run: LeavingRun,
@@ -127,7 +131,7 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     alarmed: bool,
     dry: bool,
     still_periods: u64,
-    target: Option<Travel>,
+    target: Option<RateTarget>,
 }
 
 impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
@@ -160,6 +164,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             cutting_channels: machine.cutting_channels(),
             off_at_end: machine.off_at_end(),
             restart: Restart::new(),
+            by_hand: ByHandChanges::new(),
             cutter_is_out: false,
             leaving_run: LeavingRun::No,
             passed_boundary: None,
@@ -212,7 +217,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             }
         };
         // A restart that was under way may complete behind the end: no rate may be left that would set the machine in motion then.
-        let _ = self.card.send(Word::Rate { target: 0 });
+        let _ = self.card.send(Word::rate(0));
         self.end_switched_off(match outcome {
             Outcome::Completed => OffReason::ProgramEnd,
             _ => OffReason::JobStopped,
@@ -329,7 +334,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             at_rest: status.at_rest,
             reached: status.reached,
             oldest: self.oldest(),
-            outputs_agree: status.outputs == *self.supply.expected(),
+            outputs_agree: self.outputs_compared_with(self.supply.expected()) == *self.supply.expected(),
             wheel: self.wheel.rate(),
         }
     }
@@ -340,7 +345,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         if self.restart.is_active() && self.operation.mode() != Mode::Run {
             // One restart at a time: what the furthest place needs is compared when this one is over.
-            return Demand { target: 0, look_ahead: false, restore_outputs: false, notice: None };
+            return Demand { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
         }
         self.search_back();
         let (facts, mode) = (self.facts(), self.operation.mode());
@@ -350,7 +355,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let stops = self.program_stop && !self.go_on || self.single_stop;
         let leaves_run = !self.has_left_run();
         if pauses || stops || leaves_run || self.back.as_ref().is_some_and(Back::is_looked_for) {
-            demand.target = 0;
+            demand.target = RateTarget::ZERO;
         }
         match demand.notice {
             Some(Notice::Oldest) => {
@@ -372,10 +377,15 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.begin_restart(|_| true);
         }
         if !self.restart.lets_rate_pass() {
-            demand.target = 0;
-        } else if demand.target != 0 && !self.restart.is_active() && self.card.status().blocked {
+            demand.target = RateTarget::ZERO;
+        } else if demand.target != RateTarget::ZERO && !self.restart.is_active() && self.card.status().blocked {
             // The cutter went out where the machine stood; retracing goes on without it, normal run with outputs that agree.
-            self.release_block();
+            if self.operation.mode() == Mode::Run && !facts.outputs_agree {
+                let _ = self.operation.order(Order::Restart { agreed: false });
+                demand.target = RateTarget::ZERO;
+            } else {
+                self.release_block();
+            }
         }
         if self.operation.mode() != mode {
             self.tell_mode();
@@ -397,6 +407,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     fn book(&mut self, status: &Status<A>) {
         let executing = self.executing;
+        self.follow_by_hand(status);
         self.acknowledge();
         if let Some(planned) = self.overrides.pass(status.reached) {
             // Overrides are asked for in steps of a hundredth of a percent.
@@ -488,6 +499,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             || self.dnc.is_paused()
             || self.operation.held()
             || self.operation.override_rate() == 0
+            || self.operation.rapid_override() == 0
             || self.program_stop
             || self.single_stop;
         let nobody = waits && self.operators.waits_for_motion() && (!self.manner.wall_time || self.manner.operator);

@@ -3,8 +3,8 @@
 //! Invariant: an order that does not apply changes nothing and is answered with the reason.
 
 use retrace_core::mode::{Mode, Order};
-use retrace_core::{Place, Travel};
-use retrace_link::{Change, MotionCard, Word, channel};
+use retrace_core::{ONE, Place, Travel};
+use retrace_link::{Change, MotionCard, channel};
 
 use super::Session;
 use super::back::Wanted;
@@ -47,6 +47,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             Deed::BackToBlock => return self.go_back(Wanted::Block),
             Deed::BackToJet => return self.go_back(Wanted::Jet),
             Deed::Override(rate) => return self.ask_override(rate),
+            Deed::RapidOverride(rate) => self.set_rapid_override(rate)?,
             Deed::Output { number, on } => return self.switch_output(number, on),
             Deed::CutterOff => self.cutter_off(),
             Deed::CutterOn => return self.cutter_on(),
@@ -103,7 +104,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return Err(OrderRefused::NotNow(why));
         }
         let change = Change { channel: number, value: i32::from(on) };
-        self.card.send(Word::ByHand(change)).map_err(|_| OrderRefused::NoOutput(number))
+        if !self.send_by_hand(change) {
+            return Err(OrderRefused::NoOutput(number));
+        }
+        if number == channel::SPINDLE && self.supply.expected()[usize::from(channel::SPINDLE)] != 0 {
+            // No feed into the work with a tool that does not turn.
+            self.hold_program();
+        }
+        Ok(())
     }
 
     /// *Cutter off*: always, and at once. A program that cuts is held, as what it cuts from here on would not be cut.
@@ -112,11 +120,19 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let expected = self.supply.expected();
         let cuts = self.cutting.iter().any(|&c| expected.get(usize::from(c)).is_some_and(|&value| value != 0));
         self.switch_cutters_off(OffReason::Operator);
-        if cuts && self.operation.mode() == Mode::Run && !self.dnc.is_on() {
-            // never refused
-            let _ = self.operation.order(Order::Hold);
+        if cuts && self.hold_program() {
             self.cutter_is_out = true;
         }
+    }
+
+    /// Holds the program, where it is being executed; false where it is not.
+    fn hold_program(&mut self) -> bool {
+        let is_executed = self.operation.mode() == Mode::Run && !self.dnc.is_on();
+        if is_executed {
+            // never refused
+            let _ = self.operation.order(Order::Hold);
+        }
+        is_executed
     }
 
     /// *Cutter on*: the instructions that light it are carried out again, where the machine retraces and may cut; it goes out again where
@@ -144,7 +160,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if !self.card.status().at_rest {
             // a jet may be opened in passing
             let change = Change { channel, value: 1 };
-            return self.card.send(Word::ByHand(change)).map_err(|_| OrderRefused::NoOutput(channel));
+            return if self.send_by_hand(change) { Ok(()) } else { Err(OrderRefused::NoOutput(channel)) };
         }
         self.light(channel);
         Ok(())
@@ -188,6 +204,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let _ = self.operation.order(Order::Restart { agreed: false });
         }
         if rate > most { Err(OrderRefused::MostOverride(most)) } else { Ok(()) }
+    }
+
+    /// Rapid override, 0 … 100 %. Where rapid motion stood by it, the outputs are compared before it goes on.
+    fn set_rapid_override(&mut self, rate: Travel) -> Result<(), OrderRefused> {
+        let stood = self.operation.rapid_override() == 0 && self.card.status().at_rest;
+        self.operation.order(Order::RapidOverride(rate))?;
+        if stood && rate > 0 && !self.operation.held() && self.operation.mode() == Mode::Run {
+            let _ = self.operation.order(Order::Restart { agreed: false });
+        }
+        if rate > ONE { Err(OrderRefused::MostOverride(ONE)) } else { Ok(()) }
     }
 
     /// Sets the part of the override that the rate does.

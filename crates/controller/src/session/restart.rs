@@ -68,9 +68,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// The same, to these outputs.
     pub(super) fn begin_restart_to(&mut self, wants: &Outputs, concerned: impl Fn(u8) -> bool) {
-        let status = self.card.status();
-        self.supply.restart_steps(&status.outputs, wants, concerned, &mut self.restart.steps);
-        (self.restart.before, self.restart.sent, self.restart.done) = (status.repeated, 0, 0);
+        let outputs = self.outputs_compared_with(wants);
+        self.supply.restart_steps(&outputs, wants, concerned, &mut self.restart.steps);
+        (self.restart.before, self.restart.sent, self.restart.done) = (self.card.status().repeated, 0, 0);
         self.restart.stage = if self.restart.steps.is_empty() { Stage::Idle } else { Stage::Asking };
         if !self.restart.is_active() {
             self.tell(Happening::OutputsRestored);
@@ -133,6 +133,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if self.card.send(Word::Repeat(repeated)).is_err() {
                 return;
             }
+            changes[..usize::from(count)].iter().for_each(|change| self.by_hand.superseded(change.channel));
             self.restart.sent += 1;
             self.tell_at(line, Happening::RestartSwitching(code));
         }
@@ -161,7 +162,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn switch_off(&mut self, channel: u8, reason: OffReason) {
         if self.card.status().outputs.get(usize::from(channel)).is_some_and(|&value| value != 0) {
             // a card takes every channel that its settings name
-            let _ = self.card.send(Word::ByHand(Change { channel, value: 0 }));
+            self.send_by_hand(Change { channel, value: 0 });
             self.tell(Happening::CutterOff { channel, reason });
         }
     }

@@ -15,7 +15,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// nothing to do, and where the rate is to be zero: the card would keep it until there is one.
     pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, Trouble> {
         let stands = self.operation.held() || self.restart.is_active();
-        if self.operation.mode() != Mode::Run || stands || demand.target <= 0 {
+        if self.operation.mode() != Mode::Run || stands || demand.target.faster() <= 0 {
             return Ok(false);
         }
         let Some(exclusive) = self.supply.due(self.card.status()) else { return Ok(false) };
@@ -62,7 +62,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if let Some(done) = self.supply.acknowledge(self.card.status().executed) {
             self.executing = None;
             self.tell_at(done.line, Happening::Switched(done.code));
-            let (are, want) = (&self.card.status().outputs, self.supply.expected());
+            let want = self.supply.expected();
+            let are = self.outputs_compared_with(want);
             let differs = |change: &Change| are[usize::from(change.channel)] != want[usize::from(change.channel)];
             let switched_by_hand = done.changes[..usize::from(done.count)].iter().any(differs);
             if switched_by_hand && self.operation.mode() == Mode::Run && !self.operation.held() {

@@ -18,6 +18,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             mode: self.operation.mode(),
             standing: self.standing(),
             override_rate: self.overrides.asked(),
+            rapid_override: self.operation.rapid_override(),
             ..Period::of(status)
         };
         self.teller.tell(Told::Period(period));
@@ -54,7 +55,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// The outputs that differ from what the program expects, some at a time.
     pub(super) fn tell_differing(&mut self) {
-        let (are, want) = (self.card.status().outputs, *self.supply.expected());
+        let want = *self.supply.expected();
+        let are = self.outputs_compared_with(&want);
         let differs = (0..channel::COUNT).filter(|&at| are[at] != want[at]);
         let mut list = differs.map(|at| (at as u8, are[at], want[at])).peekable();
         while list.peek().is_some() {

@@ -4,7 +4,7 @@
 
 use retrace_core::mode::{Demand, Mode};
 use retrace_core::place::before;
-use retrace_core::{ONE, Place};
+use retrace_core::{ONE, Place, RateTarget, Travel};
 use retrace_link::{MotionCard, Status, Word};
 
 use super::Session;
@@ -53,7 +53,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         // Where a path is taken up inside of a record, that one comes first.
         let Status { place, high, .. } = *self.card.status();
         let stands_inside = place.fraction != 0 && high == place.record;
-        if demand.target < 0 && !stands_inside {
+        if demand.target.faster() < 0 && !stands_inside {
             let oldest = self.oldest();
             self.supply.fill_behind(&mut self.card, oldest);
         } else {
@@ -65,9 +65,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let outputs = &self.card.status().outputs;
         let cutting = self.cutting.iter().any(|&c| outputs.get(usize::from(c)).is_some_and(|&v| v != 0));
         // Rapid retrace only with the cutting outputs off.
-        let target = if cutting { demand.target.clamp(-ONE, ONE) } else { demand.target };
-        let target = if self.waits_for_records() || !self.road_cut { 0 } else { target };
-        if self.target != Some(target) && self.card.send(Word::Rate { target }).is_ok() {
+        let RateTarget { feed, rapid } = demand.target;
+        let within = |rate: Travel| if cutting { rate.clamp(-ONE, ONE) } else { rate };
+        let target = RateTarget { feed: within(feed), rapid: within(rapid) };
+        let target = if self.waits_for_records() || !self.road_cut { RateTarget::ZERO } else { target };
+        if self.target != Some(target) && self.card.send(Word::Rate(target)).is_ok() {
             self.target = Some(target);
         }
     }

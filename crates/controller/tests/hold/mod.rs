@@ -164,7 +164,7 @@ impl Played {
 
     /// Asks for a rate, for so many periods.
     pub fn ask(&mut self, target: Travel, periods: u32) {
-        self.card.send(Word::Rate { target }).expect("a rate");
+        self.card.send(Word::rate(target)).expect("a rate");
         self.asked = target;
         (0..periods).for_each(|_| self.period());
     }

@@ -70,7 +70,7 @@ impl MotionCard<AXES> for Turned {
     }
 
     fn send(&mut self, word: Word<AXES>) -> Result<(), Refusal> {
-        let rate = if let Word::Rate { target } = word { target } else { self.asked };
+        let rate = if let Word::Rate(target) = word { target.feed } else { self.asked };
         self.card.send(word)?;
         self.asked = rate;
         Ok(())

@@ -8,7 +8,7 @@
 //! held, or a planned stop lies ahead.
 
 use crate::limits::RateLimits;
-use crate::rate::{RateLaw, Smoothing};
+use crate::rate::{RateLaw, RateTarget, Smoothing};
 use crate::{ONE, Place, RapidCap, Travel};
 
 mod braking;
@@ -36,6 +36,8 @@ pub trait Road<const A: usize> {
     fn cap(&self, place: u32) -> RapidCap;
     /// The increments of record `place`, `low ≤ place < high`, in pulses.
     fn increments(&self, place: u32) -> [i16; A];
+    /// Is record `place`, `low ≤ place < high`, rapid motion?
+    fn is_rapid(&self, place: u32) -> bool;
 }
 
 /// The cursor's motion on a machine: how fast it may change, and how early it brakes, for what is asked.
@@ -107,6 +109,35 @@ impl<const A: usize, const M: usize> Drive<A, M> {
         let braked = self.braking.within(wished, way.room() - self.lead().abs());
         let step = self.cursor.advance(wished, braked, &way);
         Step { short: step.short || launched_slower, ..step }
+    }
+
+    /// The rate that may be asked for at `at`, where feed and rapid motion are to run at different rates: the faster one, as far as it can
+    /// be lowered to the slower one before the first record that it does not apply to. What is not held yet is such a record, and so is
+    /// all motion backward.
+    #[must_use]
+    pub fn within_overrides(&self, at: Place, target: RateTarget, road: &impl Road<A>) -> Travel {
+        let (fast, slow) = (target.faster(), target.slower());
+        if fast == slow || fast <= 0 {
+            return slow;
+        }
+        let rapid_is_fast = target.rapid > target.feed;
+        let average = Travel::from(self.limits.average());
+        // From the slower rate being commanded until the cursor runs at it; the last step of the ramp is no whole one.
+        let settling = (slow >> 1) * (average + 1) + 3 * ONE;
+        // From a planned stop the rate jumps, and its lead with it.
+        let stopping = Travel::from(self.cursor.law().smoothing().stopping_records());
+        let lead = if self.at_rest() { fast * stopping } else { self.lead().max(0) };
+        let spent = lead + settling - self.braking.length(slow);
+        let needed = fast + self.braking.length(fast) + spent;
+        let held = road.high().wrapping_sub(at.record);
+        let mut clear = 0;
+        for k in 0..held {
+            if clear >= needed || road.is_rapid(at.record.wrapping_add(k)) != rapid_is_fast {
+                break;
+            }
+            clear = at.to(Place::start_of(at.record.wrapping_add(k + 1)));
+        }
+        if clear == 0 { slow } else { self.braking.within(fast, clear - spent).clamp(slow, fast) }
     }
 
     /// The largest rate up to `asked` that can be braked from again if it is jumped to where `room` is left.
@@ -213,6 +244,9 @@ mod tests {
         fn increments(&self, place: u32) -> [i16; 1] {
             [if self.slow.contains(&place) { 100 } else { 12 }]
         }
+        fn is_rapid(&self, place: u32) -> bool {
+            !self.slow.contains(&place)
+        }
     }
 
     /// A drive whose commanded rate may jump, the cursor being its average.
@@ -290,6 +324,57 @@ mod tests {
         let to = drive.step(at, ONE, &road).to;
         // first to the next boundary, at the law's pace
         assert_eq!(at.to(to), (ONE - Travel::from(at.fraction)) / 13);
+    }
+
+    proptest! {
+        /// Feed and rapid motion in turn, records that arrive late, any overrides: neither kind is ever run faster than its override, both
+        /// are run at it, and no more than one of them slows the other.
+        #[test]
+        fn each_kind_of_motion_keeps_its_own_override(
+            average in 2u16..30, share in 500u16..30_000,
+            (feed, rapid) in (1..=ONE, 1..=ONE), lengths in prop::collection::vec(1u32..400, 2..6), ahead in 8u32..600,
+        ) {
+            let mut bounds = vec![0u32];
+            lengths.iter().for_each(|length| bounds.push(bounds[bounds.len() - 1] + length));
+            let end = bounds[bounds.len() - 1];
+            let mut road = strip(0, 0, &[0, end]);
+            road.slow = bounds.windows(2).step_by(2).flat_map(|bounds| bounds[0]..bounds[1]).collect();
+            let slow = road.slow.iter().copied().collect::<std::collections::HashSet<u32>>();
+            let (mut drive, mut at) = (soft(average & !1 | 1, share), Place::start_of(0));
+            let target = RateTarget { feed, rapid };
+            let least = feed.min(rapid);
+            for _ in 0..(u64::from(end) * ONE as u64 / least as u64).min(20_000) {
+                road.high = road.high.max(at.record + ahead).min(end);
+                let asked = drive.within_overrides(at, target, &road);
+                prop_assert!((least..=feed.max(rapid)).contains(&asked));
+                let to = drive.step(at, asked, &road).to;
+                for record in at.record..to.boundary_ahead() {
+                    let most = if slow.contains(&record) { feed } else { rapid };
+                    prop_assert!(at.to(to) <= most + 1, "record {record}: {} above {most}", at.to(to));
+                }
+                at = to;
+            }
+        }
+    }
+
+    #[test]
+    fn rapid_motion_runs_at_its_override_up_to_where_it_has_to_slow_down() {
+        let mut road = strip(0, 6000, &[0, 6000]);
+        road.slow = (0..1000).chain(4000..6000).collect();
+        let (mut drive, mut at, mut fastest, mut rates) = (soft(13, 1 << 15), Place::start_of(0), 0, Vec::new());
+        let target = RateTarget { feed: ONE / 5, rapid: ONE };
+        while at != Place::start_of(6000) {
+            let to = drive.step(at, drive.within_overrides(at, target, &road), &road).to;
+            fastest = fastest.max(at.to(to));
+            if at.to(to) == ONE {
+                rates.push(at.record);
+            }
+            at = to;
+        }
+        assert_eq!(fastest, ONE);
+        // it takes the machine some 115 records to slow down
+        let ramps = (1000..1300).contains(&rates[0]) && (3700..4000).contains(&rates[rates.len() - 1]);
+        assert!(ramps, "{} … {}", rates[0], rates[rates.len() - 1]);
     }
 
     #[test]

@@ -16,7 +16,7 @@ pub use fault::HostFault;
 
 use retrace_core::drive::Braking;
 use retrace_core::limits::RateLimits;
-use retrace_core::{ONE, Place, Travel};
+use retrace_core::{ONE, Place, RateTarget, Travel};
 
 use crate::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE};
 use crate::frame_size::FrameSize;
@@ -96,7 +96,7 @@ pub struct Host<const A: usize> {
     mirror: Mirror<A, CELLS>,
     /// The end of the window that the card reported.
     held: u32,
-    target: Travel,
+    target: RateTarget,
     /// The rate that was sent last.
     told: Travel,
     now_number: u16,
@@ -104,6 +104,8 @@ pub struct Host<const A: usize> {
     entries: [Entry; ENTRIES],
     taken: u16,
     waiting: u16,
+    /// The last period noted was given out.
+    given: bool,
     /// Number of the next entry.
     next_entry: u16,
     /// The place that the last entry leads to.
@@ -165,13 +167,14 @@ impl<const A: usize> Host<A> {
             sent: 0,
             mirror: Mirror::new(0, 4, 0),
             held: 0,
-            target: 0,
+            target: RateTarget::ZERO,
             told: 0,
             now_number: 0,
             now_seen: 0,
             entries: [Entry::Inputs(0); ENTRIES],
             taken: 0,
             waiting: 0,
+            given: false,
             next_entry: 0,
             newest: Place::start_of(0),
             status: Status::standing(Start::at(0)),
@@ -219,7 +222,7 @@ impl<const A: usize> Host<A> {
         let (counts, start) = (greeting.counts, settings.start);
         self.mirror = Mirror::new(start.place.record, window, stopping(&settings.limits));
         (self.base, self.count, self.sent) = (0, 0, 0);
-        (self.target, self.told, self.now_number, self.now_seen, self.times.number) = (0, 0, 0, 0, 0);
+        (self.target, self.told, self.now_number, self.now_seen, self.times.number) = (RateTarget::ZERO, 0, 0, 0, 0);
         (self.taken, self.waiting, self.next_entry) = (0, 0, 0);
         (self.newest, self.held) = (start.place, start.place.record);
         // Periods are counted on, whatever epoch they belong to.
@@ -313,9 +316,9 @@ impl<const A: usize> Host<A> {
     /// [`Refusal`] as the card would say, by what is known of it; [`Refusal::Full`] also while the line has enough in hand.
     pub fn send(&mut self, word: Word<A>) -> Result<(), Refusal> {
         match word {
-            Word::Rate { target } => {
+            Word::Rate(target) => {
                 // It also stops a homing axis, which no rate has set in motion: there it is sent again as often as it is asked for.
-                let stops_homing = target == 0 && self.off_path && self.now_seen == self.now_number;
+                let stops_homing = target == RateTarget::ZERO && self.off_path && self.now_seen == self.now_number;
                 if target != self.target || stops_homing {
                     self.target = target;
                     self.now_number = self.now_number.wrapping_add(1);
@@ -357,7 +360,7 @@ impl<const A: usize> Host<A> {
 
     /// May the cursor be elsewhere than where it was last reported?
     fn may_run(&self) -> bool {
-        self.target != 0 || !self.status.at_rest || self.now_seen != self.now_number || self.waiting != 0
+        self.target != RateTarget::ZERO || !self.status.at_rest || self.now_seen != self.now_number || self.waiting != 0
     }
 
     fn show_window(&mut self) {

@@ -13,7 +13,7 @@ use crate::wire::Entry;
 impl<const A: usize> Host<A> {
     /// Gives out the next control period that the card reported: [`Host::status`] is that of its end. False where there is none yet.
     pub fn next_period(&mut self) -> bool {
-        if self.waiting > 0 {
+        if self.waiting > 0 && core::mem::take(&mut self.given) {
             (self.status.wheel, self.status.cutter_off) = (0, None);
         }
         while self.waiting > 0 && self.fault.is_none() {
@@ -26,6 +26,7 @@ impl<const A: usize> Host<A> {
                     self.drop_entry();
                 }
                 self.run_period(travel, short, at_rest);
+                self.given = true;
                 return true;
             }
             self.drop_entry();

@@ -69,7 +69,8 @@ impl<const A: usize> Host<A> {
             return false;
         }
         let again = self.times.number == self.now_number;
-        let stops = self.target == 0 || self.target.signum() != self.told.signum();
+        let target = self.target.faster();
+        let stops = target == 0 || target.signum() != self.told.signum();
         let apart = match (again, stops) {
             (true, _) => REPEAT_US,
             (false, true) => 0,
@@ -133,7 +134,7 @@ impl<const A: usize> Host<A> {
     }
 
     fn compose_now(&mut self, kind: u8) -> bool {
-        let mut payload = [0; 24];
+        let mut payload = [0; 32];
         let mut writer = Writer::new(&mut payload);
         let Some(settings) = &self.settings else { return false };
         let written = (|| {
@@ -141,12 +142,13 @@ impl<const A: usize> Host<A> {
             writer.u16(settings.epoch)?;
             writer.u16(self.next_entry)?;
             writer.u16(self.now_number)?;
-            writer.signed(self.target)
+            writer.signed(self.target.feed)?;
+            writer.signed(self.target.rapid)
         })();
         let length = writer.len();
         self.times.rate = self.times.now;
         self.times.number = self.now_number;
-        self.told = self.target;
+        self.told = self.target.faster();
         written.is_some() && self.stage(&payload[..length], self.key)
     }
 

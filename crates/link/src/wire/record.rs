@@ -76,7 +76,7 @@ impl<const A: usize> Run<A> {
             | has(BEHIND, behind)
             | size << 4
             | has(LINE, line != 0)
-            | has(FLAGS, record.flags != Flags::NONE)
+            | has(FLAGS, record.flags != last.flags.lasting())
             | has(CAP, record.cap != last.cap)
             | has(RESTS, rests);
         writer.u8(tag)?;
@@ -84,7 +84,7 @@ impl<const A: usize> Run<A> {
         if line != 0 {
             writer.signed(line)?;
         }
-        if record.flags != Flags::NONE {
+        if record.flags != last.flags.lasting() {
             writer.u8(record.flags.bits())?;
         }
         if record.cap != last.cap {
@@ -99,7 +99,8 @@ impl<const A: usize> Run<A> {
         let behind = tag & BEHIND != 0;
         let place = self.next_place(behind)?;
         let last = self.last?.record;
-        let mut record = Record { line: last.line, cap: last.cap, ..Record::default() };
+        let flags = last.flags.lasting();
+        let mut record = Record { line: last.line, flags, cap: last.cap, ..Record::default() };
         let mut differences = [0i16; A];
         read_differences(reader, &mut differences[..self.axes], tag >> 4 & 3)?;
         for (now, (before, difference)) in record.increments.iter_mut().zip(last.increments.iter().zip(differences)) {

@@ -15,6 +15,8 @@ pub(crate) struct Passage<const A: usize> {
     pub(crate) directions: [[f64; A]; 2],
     /// Program lines of the tracks.
     pub(crate) tags: [u32; 2],
+    /// Is the motion on both sides rapid?
+    pub(crate) rapid: bool,
     pub(crate) ramps: Ramps,
     nodes: [[State; CELLS + 1]; 2],
 }
@@ -27,8 +29,8 @@ pub(crate) struct Moment<const A: usize> {
 }
 
 impl<const A: usize> Passage<A> {
-    pub(crate) fn new(corner: [f64; A], directions: [[f64; A]; 2], tags: [u32; 2], ramps: Ramps) -> Self {
-        Self { corner, directions, tags, ramps, nodes: ramps.pair.map(|ramp| ramp.nodes(ramps.cell)) }
+    pub(crate) fn new(corner: [f64; A], directions: [[f64; A]; 2], tags: [u32; 2], rapid: bool, ramps: Ramps) -> Self {
+        Self { corner, directions, tags, rapid, ramps, nodes: ramps.pair.map(|ramp| ramp.nodes(ramps.cell)) }
     }
 
     /// Duration in s.
@@ -75,7 +77,7 @@ mod tests {
         fn a_passage_is_smooth(jerks in prop::collection::vec(-1e4..1e4f64, 2 * CELLS), cell in 0.001..0.01f64) {
             let ramp = |from: usize| Ramp(std::array::from_fn(|k| jerks[from + k]));
             let ramps = Ramps { cell, pair: [ramp(0), ramp(CELLS)] };
-            let passage = Passage::new([1.0, 2.0], [[1.0, 0.0], [0.6, 0.8]], [1, 2], ramps);
+            let passage = Passage::new([1.0, 2.0], [[1.0, 0.0], [0.6, 0.8]], [1, 2], false, ramps);
             let [out, into] = ramps.ends();
             let (start, end) = (passage.at(0, 0.0), passage.at(CELLS - 1, passage.duration()));
             prop_assert!((start.position[0] - (1.0 - out.s)).abs() < 1e-12 && (start.position[1] - 2.0).abs() < 1e-12);

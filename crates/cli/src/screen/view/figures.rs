@@ -58,7 +58,7 @@ pub(super) fn motion(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
     let rows: [(&str, String, Side); 5] = [
         ("feed", format!("{:.0} mm/min", model.feed_mm_min), Side::Text(programmed(model))),
         ("rate", format!("{:.0} %", model.rate * 100.0), Side::Bar(model.rate)),
-        ("override", format!("{:.0} %", asked * 100.0), Side::Bar(asked)),
+        ("override", overrides(asked, model.rapid_override), Side::Bar(asked)),
         ("history", format!("{} · {}", seconds(history_s), length(history_mm)), Side::History(history_mm, back)),
         ("ahead", seconds(model.ahead_s()), Side::Text(buffer(model))),
     ];
@@ -79,6 +79,12 @@ pub(super) fn motion(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
             }
         }
     }
+}
+
+/// The feed override, and the rapid override where it is not 100 %.
+fn overrides(feed: f64, rapid: f64) -> String {
+    let (feed, rapid) = (format!("{:.0} %", feed * 100.0), (rapid * 100.0).round());
+    if rapid == 100.0 { feed } else { format!("{feed}, rapids {rapid:.0} %") }
 }
 
 /// What stands beside a figure.
