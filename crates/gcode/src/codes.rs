@@ -181,7 +181,7 @@ codes! {
     SubFile "E1813" "subprogram file cannot be used" "The file of a subprogram cannot be read, or holds no subprogram of its name." "Check the file: O<part> is looked for in part.ngc, which holds O<part> sub … O<part> endsub.";
 
     NotAlone "E1814" "M98 or M99 not alone" "M98 and M99 stand in a block with other words." "Give them a block of their own.";
-    MacroControl "E1815" "control word of another control" "IF ... GOTO, IF ... THEN, WHILE ... DO and GOTO are words of Fanuc macros, which are not carried out here." "Write O words: O100 if [#1 GT 0] ... O100 endif, O100 while [#1 LT 5] ... O100 endwhile.";
+    MacroControl "E1815" "control word of another control" "IF ... GOTO, IF ... THEN, GOTO and DO without WHILE are words of Fanuc macros that are not carried out here; or the number behind DO or END is not 1, 2 or 3." "Write O words: O100 if [#1 GT 0] ... O100 endif, O100 while [#1 LT 5] ... O100 endwhile.";
     NoSuchCycle "E1821" "no such cycle" "A name and a parenthesis begin the block, and no cycle has that name." "Check the name; `retrace cycles` lists those there are.";
     BadCycleCall "E1822" "call of a cycle not understood" "The arguments are too many, of the wrong type or not closed, or something else stands in the block." "Write NAME(argument, argument, ...), numbers or \"texts\", empty where not programmed; `retrace cycles` shows the parameters.";
     CycleAlarm "E1823" "cycle refused" "A cycle has raised an alarm about its arguments, its contour or the state it was called in; or a block of it is wrong." "The message says what; docs/cycles.md tells the alarms.";

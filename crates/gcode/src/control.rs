@@ -23,10 +23,22 @@ pub(crate) enum Label {
     Calculated,
 }
 
+/// What the labels of Fanuc's loops begin with, before their number.
+const MACRO_LOOP: &str = "DO ";
+
+impl Label {
+    /// Whether it is the number of a macro's loop, which the next loop may have again.
+    pub(crate) fn is_of_macro_loop(&self) -> bool {
+        matches!(self, Label::Name(name) if name.starts_with(MACRO_LOOP))
+    }
+}
+
 impl std::fmt::Display for Label {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Label::Number(number) => write!(formatter, "O{number}"),
+            // The number of a macro's loop: no name of an O word has a blank.
+            Label::Name(name) if name.starts_with(MACRO_LOOP) => formatter.write_str(name),
             Label::Name(name) => write!(formatter, "O<{name}>"),
             Label::Calculated => write!(formatter, "O[…]"),
         }
@@ -215,6 +227,42 @@ fn comment(cursor: &mut Cursor<'_>, start: usize) -> Outcome<()> {
     }
     cursor.finish();
     fault(Code::UnclosedComment, cursor.since(start), Code::UnclosedComment.title())
+}
+
+/// Compiles `WHILE [condition] DO1` or `END1` of a Fanuc macro; false and nothing taken if the line is neither.
+pub(crate) fn parse_macro_loop(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<bool> {
+    let (start, before) = (cursor.at(), cursor.clone());
+    let keyword = if cursor.eat_word(b"while") && cursor.peek() == b'[' {
+        Keyword::While
+    } else {
+        cursor.clone_from(&before);
+        if !cursor.eat_word(b"end") || !cursor.peek().is_ascii_digit() {
+            *cursor = before;
+            return Ok(false);
+        }
+        Keyword::EndWhile
+    };
+    if keyword == Keyword::While {
+        let (first_op, from) = (block.ops.len(), cursor.at());
+        Compiler::new(cursor, &mut block.ops, names).bracket()?;
+        block.add_late(Slot::Argument, first_op, cursor.since(from));
+        if !cursor.eat_word(b"do") {
+            return fault(
+                Code::MacroControl,
+                cursor.since(start),
+                "WHILE is followed by a condition in brackets and DO",
+            );
+        }
+    }
+    let number = match cursor.digits() {
+        (1, number @ 1..=3) => number,
+        _ => return fault(Code::MacroControl, cursor.since(start), "DO and END are followed by 1, 2 or 3"),
+    };
+    let at = cursor.since(start);
+    let control = Control { label: Label::Name(format!("{MACRO_LOOP}{number}").into()), keyword, at };
+    values(cursor, names, block, &Control { keyword: Keyword::EndWhile, ..control.clone() }, 0)?;
+    block.control = Some(control);
+    Ok(true)
 }
 
 /// Compiles the rest of a line whose M98 or M99 has been taken.

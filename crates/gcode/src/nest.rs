@@ -170,7 +170,10 @@ impl Nest {
             to_round: Vec::new(),
             sub,
         });
-        if control.keyword != Keyword::Sub && !self.labels.insert((scope, control.label.clone())) {
+        if control.keyword != Keyword::Sub
+            && !control.label.is_of_macro_loop()
+            && !self.labels.insert((scope, control.label.clone()))
+        {
             let message = format!("{} has named another block already", control.label);
             self.faults.push((line, Box::new(Fault::new(Number::LabelTwice, control.at, message))));
         }

@@ -94,6 +94,9 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
         block_number(&mut cursor, block)?;
     }
     if call::begins(&mut cursor, cycles) {
+        if control::parse_macro_loop(&mut cursor, names, block)? {
+            return Ok(());
+        }
         refuse_macro_words(&mut cursor)?;
         call::label(&mut cursor);
         if call::begins(&mut cursor, cycles) && call::parse(&mut cursor, names, cycles, block)? {
@@ -135,18 +138,14 @@ fn refuse_macro_words(cursor: &mut Cursor<'_>) -> Outcome<()> {
     let mut ahead = cursor.clone();
     let is_one = match ahead.peek() {
         b'i' => ahead.eat_word(b"if") && ahead.peek() == b'[',
-        b'w' => ahead.eat_word(b"while") && ahead.peek() == b'[',
         b'g' => ahead.eat_word(b"goto") && matches!(ahead.peek(), b'0'..=b'9' | b'#' | b'['),
-        b'e' => {
-            ahead.eat_word(b"end") && matches!(ahead.peek(), b'1'..=b'3') && ahead.digits().0 == 1 && ahead.peek() == 0
-        }
         b'd' => {
             ahead.eat_word(b"do") && matches!(ahead.peek(), b'1'..=b'3') && ahead.digits().0 == 1 && ahead.peek() == 0
         }
         _ => false,
     };
     if is_one {
-        let message = "IF, WHILE and GOTO of Fanuc macros are not carried out; use O words";
+        let message = "IF, GOTO and DO without WHILE of Fanuc macros are not carried out; use O words";
         return fault(Code::MacroControl, ahead.since(start), message);
     }
     Ok(())
