@@ -124,6 +124,7 @@ mod tests {
             record: period + 1,
             fraction: 0,
             increments: vec![count(period + 1) - count(period)],
+            retrace_switched: String::new(),
         };
         Records { axes: vec!["x".to_owned()], rows: (0..300).map(row).collect() }
     }

@@ -17,6 +17,8 @@ pub struct Row {
     pub fraction: u64,
     /// What each axis emitted, in pulses.
     pub increments: Vec<i64>,
+    /// What retracing switched, `5=0 66=1`; empty also where the file has no such column.
+    pub retrace_switched: String,
 }
 
 /// Rate 1 in [`Row::rate_nano`].
@@ -45,10 +47,12 @@ impl Records {
         if header.get(..COLUMNS.len()) != Some(&COLUMNS[..]) || header.len() == COLUMNS.len() {
             return Err(format!("the header is {header:?}"));
         }
-        let axes: Vec<String> = header[COLUMNS.len()..].iter().map(|name| (*name).to_owned()).collect();
+        let is_axis = |name: &&&str| **name != "retrace_switched";
+        let axes: Vec<String> = header[COLUMNS.len()..].iter().filter(is_axis).map(|name| (*name).to_owned()).collect();
+        let has_switched = axes.len() + COLUMNS.len() < header.len();
         let mut rows = Vec::new();
         for (index, line) in lines.enumerate() {
-            let row = row(line, axes.len()).ok_or_else(|| format!("line {}: {line:?}", index + 2))?;
+            let row = row(line, axes.len(), has_switched).ok_or_else(|| format!("line {}: {line:?}", index + 2))?;
             rows.push(row);
         }
         Ok(Self { axes, rows })
@@ -92,7 +96,8 @@ impl Records {
     }
 }
 
-fn row(line: &str, axes: usize) -> Option<Row> {
+fn row(line: &str, axes: usize, has_switched: bool) -> Option<Row> {
+    let (line, retrace_switched) = if has_switched { line.rsplit_once(',')? } else { (line, "") };
     let mut fields = line.split(',');
     let row = Row {
         period: fields.next()?.parse().ok()?,
@@ -101,6 +106,7 @@ fn row(line: &str, axes: usize) -> Option<Row> {
         record: fields.next()?.parse().ok()?,
         fraction: fields.next()?.parse().ok().filter(|fraction| *fraction < 1 << 32)?,
         increments: fields.map(|field| field.parse().ok()).collect::<Option<_>>()?,
+        retrace_switched: retrace_switched.to_owned(),
     };
     (row.increments.len() == axes).then_some(row)
 }
@@ -138,7 +144,8 @@ mod tests {
                 rate_nano: -RATE_ONE / 2,
                 record: 7,
                 fraction: 1 << 31,
-                increments: vec![-12, 4]
+                increments: vec![-12, 4],
+                retrace_switched: String::new(),
             }]
         );
         for bad in [

@@ -279,6 +279,9 @@ fn replayed_outputs_go_back_and_forth_with_m64_and_never_light_the_cutter() {
     assert!(back.iter().all(|sample| !sample.is_on("out3")));
     let values: Vec<_> = run.of_kind("retrace_switched").map(|e| (e["channel"].clone(), e["value"].clone())).collect();
     assert_eq!(values, [(json!(5), json!(1)), (json!(5), json!(0)), (json!(5), json!(1)), (json!(5), json!(0))]);
+    let switched = run.records.rows.iter().filter(|row| !row.retrace_switched.is_empty());
+    let switched: Vec<_> = switched.map(|row| (row.retrace_switched.as_str(), row.rate_nano.signum())).collect();
+    assert_eq!(switched, [("5=1", -1), ("5=0", -1), ("5=1", 1), ("5=0", 1)]);
 }
 
 #[test]

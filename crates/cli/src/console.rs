@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use retrace_controller::event::{ChannelNames, Event, Happening};
 use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
-use retrace_controller::machine::Machine;
+use retrace_controller::machine::{Machine, RetraceOutputs};
 use retrace_controller::refusal::Refusal;
 use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::{ONE, Travel};
@@ -54,6 +54,8 @@ pub struct Console<'m, const A: usize> {
     machine: &'m Machine,
     judge: LimitJudge<A>,
     records: Option<(BufWriter<File>, Option<std::io::Error>)>,
+    /// What retracing switched in the period that is yet to be told: `5=0 66=1`. `None` where it switches nothing on this machine.
+    retrace_switched: Option<String>,
     alarms: Vec<String>,
     names: ChannelNames,
     line: u32,
@@ -88,6 +90,7 @@ impl<'m, const A: usize> Console<'m, A> {
             machine,
             judge,
             records,
+            retrace_switched: replays(machine).then(String::new),
             alarms: Vec::new(),
             names,
             line: 0,
@@ -115,7 +118,11 @@ impl<'m, const A: usize> Console<'m, A> {
     fn write_record(&mut self, status: &Period<A>) {
         let Some((file, error)) = &mut self.records else { return };
         if error.is_none() {
-            *error = record_row(file, status, self.machine.axes.len()).err();
+            let switched = self.retrace_switched.as_deref();
+            *error = record_row(file, status, self.machine.axes.len(), switched).err();
+        }
+        if let Some(switched) = &mut self.retrace_switched {
+            switched.clear();
         }
     }
 
@@ -191,6 +198,12 @@ impl<const A: usize> Console<'_, A> {
             let (number, cause, _) = trouble.parts();
             self.alarms.push(format!("{number}: {cause}"));
         }
+        if let (Happening::RetraceSwitched(channel, value), Some(switched)) =
+            (&event.happening, &mut self.retrace_switched)
+        {
+            let space = if switched.is_empty() { "" } else { " " };
+            *switched += &format!("{space}{channel}={value}");
+        }
         match &self.show {
             Show::Json => crate::out::line(event.to_json_naming(&self.names)),
             Show::Plain => crate::out::line(event.to_line(&self.names)),
@@ -213,16 +226,31 @@ fn create(path: &Path, machine: &Machine) -> Result<BufWriter<File>, Refusal> {
     let named = |error| unwritable(&path.display().to_string(), &error);
     let mut file = BufWriter::with_capacity(1 << 18, File::create(path).map_err(named)?);
     let axes: Vec<String> = machine.axes.iter().map(|a| a.name.to_string()).collect();
-    writeln!(file, "period,line,rate,record,fraction,{}", axes.join(",")).map_err(named)?;
+    let switched = if replays(machine) { ",retrace_switched" } else { "" };
+    writeln!(file, "period,line,rate,record,fraction,{}{switched}", axes.join(",")).map_err(named)?;
     Ok(file)
 }
 
-/// `period,line,rate,record,fraction,<axis>…`: the rate with nine decimals and never −0, the fraction in 2⁻³².
-fn record_row<const A: usize>(out: &mut impl Write, status: &Period<A>, axes: usize) -> std::io::Result<()> {
+/// Does the machine switch outputs while the path is retraced?
+fn replays(machine: &Machine) -> bool {
+    machine.retrace_outputs == RetraceOutputs::Replayed
+}
+
+/// `period,line,rate,record,fraction,<axis>…`: the rate with nine decimals and never −0, the fraction in 2⁻³². Where retracing switches outputs,
+/// `retrace_switched` follows: `5=0 66=1`, each channel that was switched in the period, and its value.
+fn record_row<const A: usize>(
+    out: &mut impl Write,
+    status: &Period<A>,
+    axes: usize,
+    switched: Option<&str>,
+) -> std::io::Result<()> {
     let rate = Rate(status.rate);
     write!(out, "{},{},{rate},{},{}", status.period, status.line, status.place.record, status.place.fraction)?;
     for increment in &status.increments[..axes] {
         write!(out, ",{increment}")?;
+    }
+    if let Some(switched) = switched {
+        write!(out, ",{switched}")?;
     }
     out.write_all(b"\n")
 }
