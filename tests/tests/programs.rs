@@ -1,6 +1,6 @@
 //! Every program comes to its end exactly, within the limits, and as often as it is run.
 
-use retrace_tests::command::Bench;
+use retrace_tests::command::{Bench, root};
 use retrace_tests::programs::examples;
 use retrace_tests::run::Run;
 use std::path::PathBuf;
@@ -111,4 +111,31 @@ fn programs_of_others_end_exactly_and_within_the_limits() -> std::io::Result<()>
 
 fn name(program: &std::path::Path) -> String {
     program.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Programs as common CAM posts write them. Their goldens were read, and are what LinuxCNC's `rs274 -g` prints for them;
+/// `RETRACE_BLESS=1` writes them anew.
+#[test]
+fn programs_of_common_cam_posts_are_read_as_they_were_and_machined_exactly() {
+    let folder = root().join("tests/posts");
+    let tools = folder.join("tool.tbl").display().to_string();
+    let files = std::fs::read_dir(&folder).expect("the folder").map(|entry| entry.expect("an entry").path());
+    let mut programs: Vec<PathBuf> = files.filter(|path| path.extension().is_some_and(|end| end == "ngc")).collect();
+    programs.sort();
+    assert_eq!(programs.len(), 20);
+    for program in programs {
+        let (bench, name) = (Bench::new(), program.display().to_string());
+        let canon = bench.retrace(["canon", "--tools", &tools, &name]);
+        assert_eq!(canon.code, Some(0), "{name}: {}", canon.err);
+        let golden = program.with_extension("canon");
+        if std::env::var_os("RETRACE_BLESS").is_some() {
+            std::fs::write(&golden, &canon.out).expect("a golden");
+        }
+        let wanted = std::fs::read_to_string(&golden).expect("a golden");
+        let differs = wanted.lines().zip(canon.out.lines()).find(|(wanted, is)| wanted != is);
+        assert_eq!((differs, wanted.lines().count()), (None, canon.out.lines().count()), "{name}");
+        let run = Run::of(&bench, &program, &["--tools", &tools]);
+        run.assert_exact_and_legal();
+        assert!(run.number("motion_s") > 0.0, "{name}");
+    }
 }
