@@ -336,7 +336,7 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcom
             let Some(name) = cursor.take_to(b'>') else {
                 cursor.finish();
                 return fault(
-                    Code::NameNotClosed,
+                    Code::BadControl,
                     cursor.since(start),
                     "the name behind O< has no >; write O<name> call",
                 );

@@ -114,7 +114,7 @@ fn what_does_not_fit_is_refused_by_number_and_the_program_goes_on() {
         ("M98", "E1505"),
         ("M98 P3", "E1804"),
         ("M98 P3 X1", "E1801"),
-        ("O<open call", "E1305"),
+        ("O<open call", "E1801"),
         ("G0 X1 O1 call", "E1801"),
         ("O1 if [1/0]\nO1 endif", "E1204"),
     ] {

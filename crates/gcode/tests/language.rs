@@ -329,7 +329,7 @@ fn common_slips_get_an_answer_of_their_own() {
             "E1804",
             "there is no subprogram O<dril>; do you mean O<drill>?",
         ),
-        ("O<a call", "E1305", "the name behind O< has no >; write O<name> call"),
+        ("O<a call", "E1801", "the name behind O< has no >; write O<name> call"),
     ] {
         let (code, said, help) = first_finding(line);
         assert_eq!((code, said.as_str()), (number, message), "{line}");
