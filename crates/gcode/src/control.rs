@@ -335,11 +335,7 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcom
             cursor.skip();
             let Some(name) = cursor.take_to(b'>') else {
                 cursor.finish();
-                return fault(
-                    Code::BadControl,
-                    cursor.since(start),
-                    "the name behind O< has no >; write O<name> call",
-                );
+                return fault(Code::BadControl, cursor.since(start), "the name behind O< has no >; write O<name> call");
             };
             Label::Name(plain_name(name))
         }

@@ -45,6 +45,20 @@ fn called_starts(text: &Text, called: Option<u64>) -> io::Result<Vec<(u32, u32)>
     Ok(ranges)
 }
 
+/// Does the line begin with an O word, behind a block delete mark and a line number?
+fn has_o_word(text: &[u8]) -> bool {
+    let text = text[byte_order_mark(text)..].trim_ascii_start();
+    let text = text.strip_prefix(b"/").unwrap_or(text).trim_ascii_start();
+    let behind_number = match text {
+        [b'N' | b'n', rest @ ..] => {
+            let digits = rest.iter().take_while(|byte| byte.is_ascii_digit() || **byte == b' ').count();
+            &rest[digits..]
+        }
+        _ => text,
+    };
+    matches!(behind_number.first(), Some(b'O' | b'o'))
+}
+
 /// One file on its way through the pre-scan.
 pub(crate) struct FileScan<'a> {
     prescan: &'a mut Prescan,
@@ -55,6 +69,8 @@ pub(crate) struct FileScan<'a> {
     called: Option<u64>,
     /// Stretches that M98 calls: their first and their last line; looked for when the first O number alone is met.
     starts: Option<Vec<(u32, u32)>>,
+    /// A line with an O word could not be read: what seems to have no beginning or no end may have it there.
+    has_unread_control: bool,
     text: Text,
 }
 
@@ -62,7 +78,7 @@ impl<'a> FileScan<'a> {
     /// A file before its first line; `called` is the number that M98 of another file looks for in it.
     pub(crate) fn new(prescan: &'a mut Prescan, file: u16, text: Text, called: Option<u64>) -> FileScan<'a> {
         let (code, nest) = (Code::new(file), Nest::default());
-        FileScan { prescan, file, code, nest, called, starts: None, text }
+        FileScan { prescan, file, code, nest, called, starts: None, has_unread_control: false, text }
     }
 
     /// Compiles its stretches, and tells the pre-scan of them.
@@ -110,7 +126,9 @@ impl<'a> FileScan<'a> {
     /// Whether a stretch begins in this line.
     fn is_region(&mut self, line: u32, text: &[u8]) -> io::Result<bool> {
         // What is wrong with a line that is no part of a stretch is told when the program comes to it.
-        let Ok(true) = self.prescan.reader.read(text) else { return Ok(false) };
+        let read = self.prescan.reader.read(text);
+        self.has_unread_control |= read.is_err() && has_o_word(text);
+        let Ok(true) = read else { return Ok(false) };
         let Some(control) = &self.prescan.reader.block.control else { return Ok(false) };
         Ok(match control.keyword {
             Keyword::Start => {
@@ -140,7 +158,7 @@ impl<'a> FileScan<'a> {
                 self.nest.faults.clear();
                 self.prescan.forget(known);
                 lines.seek(from);
-                if let Some(open) = open {
+                if let Some(open) = open.filter(|_| !self.has_unread_control) {
                     self.prescan.report(self.file, open.line, *open.without_end());
                 }
                 return Ok(None);
@@ -153,12 +171,15 @@ impl<'a> FileScan<'a> {
             match read {
                 Ok(_) => self.nest.take(&mut self.code, line, text, &self.prescan.reader.block),
                 Err(fault) => {
+                    self.has_unread_control |= has_o_word(text);
                     self.code.push(line, text, &self.prescan.reader.block, Jump::Faulty);
                     self.prescan.report(self.file, line, *fault);
                 }
             }
             for (line, fault) in self.nest.faults.drain(..) {
-                self.prescan.report(self.file, line, *fault);
+                if !(self.has_unread_control && fault.code == Number::ControlWithoutBegin) {
+                    self.prescan.report(self.file, line, *fault);
+                }
             }
             line += 1;
             if self.nest.is_closed() && line > last {
