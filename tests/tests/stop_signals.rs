@@ -15,6 +15,13 @@ const PROGRAM: &str = "G21 G90 F1200\nM3 S100\nG1 X20\nM8\nG1 X40\nG1 X0\nM2\n";
 /// M8 takes two seconds.
 const MILL: &str = "[card]\nwatchdog_ms = 2000\n[code.M8]\nclass = \"exclusive\"\nduration_ms = 2000\n";
 
+/// The command. A test that is run in the background inherits signals that are ignored, and an ignored signal stays ignored.
+fn with_default_signals() -> Command {
+    let mut command = Command::new("env");
+    command.arg("--default-signal=INT,TERM,HUP").arg(binary());
+    command
+}
+
 struct Begun<'b> {
     bench: &'b Bench,
     child: Child,
@@ -23,14 +30,8 @@ struct Begun<'b> {
 impl<'b> Begun<'b> {
     fn of(bench: &'b Bench, arguments: &[&str]) -> Self {
         let file = |name: &str| File::create(bench.path(name)).expect("a file of the test");
-        // A test that is run in the background inherits signals that are ignored, and an ignored signal stays ignored.
-        let mut command = Command::new("env");
-        command
-            .arg("--default-signal=INT,TERM,HUP")
-            .arg(binary())
-            .args(arguments)
-            .current_dir(bench.path(""))
-            .env("XDG_STATE_HOME", bench.path("state"));
+        let mut command = with_default_signals();
+        command.args(arguments).current_dir(bench.path("")).env("XDG_STATE_HOME", bench.path("state"));
         command.env("XDG_CONFIG_HOME", bench.path("config")).env("XDG_CACHE_HOME", bench.path("cache"));
         command.stdin(Stdio::null()).stdout(file("out.txt")).stderr(file("err.txt"));
         Self { bench, child: command.spawn().expect("the retrace command runs") }
@@ -137,7 +138,7 @@ fn a_second_ctrl_c_is_answered_with_what_is_waited_for() {
 #[test]
 fn a_run_in_virtual_time_that_waits_for_its_program_is_stopped_too() {
     let bench = bench();
-    let mut command = Command::new(binary());
+    let mut command = with_default_signals();
     command.args(["run", "-", "--json"]).env("XDG_STATE_HOME", bench.path("state"));
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut child = command.spawn().expect("the retrace command runs");
@@ -247,7 +248,7 @@ fn without_a_terminal_a_program_stop_says_the_way_out_and_a_resumed_job_keeps_th
 #[test]
 fn a_program_on_standard_input_is_not_taken_for_enter() {
     let bench = stops();
-    let mut command = Command::new(binary());
+    let mut command = with_default_signals();
     command.args(["run", "-", "--realtime", "--json", "--journal"]).arg(bench.path("jobs"));
     let err = File::create(bench.path("err.txt")).expect("a file of the test");
     let mut child =
