@@ -277,6 +277,7 @@ impl Case {
             record: u64::from(period.place.record),
             fraction: u64::from(period.place.fraction),
             increments: period.increments.iter().take(self.machine.axes.len()).map(|&i| i64::from(i)).collect(),
+            retrace_switched: String::new(),
         };
         let axes = self.machine.axes.iter().map(|axis| axis.name.to_string()).collect();
         records::Records { axes, rows: self.log.periods.iter().map(row).collect() }
