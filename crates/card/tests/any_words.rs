@@ -8,7 +8,7 @@ use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, STOP, STOPS_WITHIN, TestCard, UPPER
 use common::{identity, moved, record, rests_before, settings};
 use proptest::prelude::*;
 use retrace_card::{Edge, Inputs, StepDirection};
-use retrace_core::{Flags, ONE, Place, Record, Travel};
+use retrace_core::{Flags, ONE, Place, RateTarget, Record, Travel};
 use retrace_link::{
     Action, Alarm, Await, Change, CutterOffCause, CuttingChannel, CuttingSettings, Deck, Homing, Instruction, Refusal,
     RepeatedInstruction, Settings, Status, Word, channel,
@@ -35,7 +35,7 @@ fn cutting_settings(epoch: u16, start: u32) -> Settings<2> {
 enum Deed {
     Ahead(u32),
     Behind(u32),
-    Rate(Travel),
+    Rate(RateTarget),
     Instruct { after: u32, number: u32, periods: u32, at_most: Option<u32>, lights: Lights },
     Repeat { number: u32, channel: u8, value: i32, periods: u32, at_most: Option<u32> },
     Restart(u32),
@@ -110,7 +110,10 @@ fn deeds() -> impl Strategy<Value = Vec<Deed>> {
     let deed = prop_oneof![
         6 => (1u32..50).prop_map(Deed::Ahead),
         2 => (1u32..50).prop_map(Deed::Behind),
-        6 => rate.prop_map(Deed::Rate),
+        3 => rate.clone().prop_map(RateTarget::both).prop_map(Deed::Rate),
+        1 => (rate.clone(), 0..=16i64).prop_map(|(feed, part)| Deed::Rate(RateTarget { feed, rapid: feed / 16 * part })),
+        1 => (0..=16i64, rate.clone()).prop_map(|(part, rapid)| Deed::Rate(RateTarget { feed: rapid / 16 * part, rapid })),
+        1 => (rate.clone(), rate.clone()).prop_map(|(feed, rapid)| Deed::Rate(RateTarget { feed, rapid })),
         4 => instruct,
         3 => repeat,
         3 => prop_oneof![7 => Just(0u32), 1 => 1u32..3].prop_map(Deed::Restart),
@@ -268,10 +271,10 @@ impl Witness {
                 }
             }
             Deed::Rate(target) => {
-                let taken = self.send(Word::rate(target));
-                self.rated |= taken && target != 0;
+                let taken = self.send(Word::Rate(target));
+                self.rated |= taken && target != RateTarget::ZERO;
                 if taken {
-                    self.cutting.target = target;
+                    self.cutting.target = target.faster();
                 }
             }
             Deed::Instruct { after, number, periods, at_most, lights } => {
@@ -630,14 +633,14 @@ proptest! {
         for _ in 0..700 {
             witness.heard();
             witness.period(0, false);
-            witness.deed(&Deed::Rate(0));
+            witness.deed(&Deed::Rate(RateTarget::ZERO));
         }
         witness.clear();
         prop_assert_eq!(witness.status().alarm, None);
         witness.open(start);
         prop_assert!(witness.status().low == start && witness.status().executed == 0);
         witness.deed(&Deed::Ahead(16));
-        witness.deed(&Deed::Rate(ONE));
+        witness.deed(&Deed::Rate(RateTarget::both(ONE)));
         let end = (start | 15).wrapping_add(1).wrapping_sub(start).min(16);
         for _ in 0..60 {
             witness.heard();

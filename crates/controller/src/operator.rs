@@ -402,7 +402,7 @@ mod tests {
     #[test]
     fn every_deed_reads_back_as_it_is_written() {
         let deeds = "hold|resume|reverse 100%|forward 50%|override 160%|wheel -120 for 2s|leave|leave ask|agree|output 3 on|single|\
-            stop|back 50 mm|back 0.25 mm|back to block|back to jet|pause|spindle stop|spindle start|jog z 10|jog x -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 off";
+            stop|back 50 mm|back 0.25 mm|back to block|back to jet|pause|spindle stop|spindle start|jog z 10|jog x -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 off|rapid override 25%";
         for written in deeds.split('|') {
             let script = parse(&format!("after 0s {written}"), "script").expect(written);
             assert_eq!(script[0].deed.to_string(), written);

@@ -19,7 +19,7 @@ use crate::Travel;
 
 /// The rates that are asked for along the path: one for records of feed motion, one for records of rapid motion ([`crate::Flags::RAPID`]).
 ///
-/// In records a period: 1 as recorded, 0 standing, −1 backward; as [`Travel`]. Both have the same sign, or are zero.
+/// In records a period: 1 as recorded, 0 standing, −1 backward; as [`Travel`]. Two of different signs ask for no motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RateTarget {
     /// The highest rate along feed motion.
@@ -38,21 +38,27 @@ impl RateTarget {
         Self { feed: rate, rapid: rate }
     }
 
-    /// The faster one of the two.
+    /// The faster one of the two; 0 where their signs differ.
     #[must_use]
     pub const fn faster(self) -> Travel {
-        if self.feed.unsigned_abs() >= self.rapid.unsigned_abs() { self.feed } else { self.rapid }
+        self.ordered().0
     }
 
-    /// The slower one of the two, at most zero where their signs differ.
+    /// The slower one of the two; 0 where their signs differ.
     #[must_use]
     pub const fn slower(self) -> Travel {
-        if self.feed.signum() * self.rapid.signum() < 0 {
-            0
-        } else if self.feed.unsigned_abs() >= self.rapid.unsigned_abs() {
-            self.rapid
+        self.ordered().1
+    }
+
+    /// The faster one and the slower one.
+    const fn ordered(self) -> (Travel, Travel) {
+        let Self { feed, rapid } = self;
+        if feed.signum() * rapid.signum() < 0 {
+            (0, 0)
+        } else if feed.unsigned_abs() >= rapid.unsigned_abs() {
+            (feed, rapid)
         } else {
-            self.feed
+            (rapid, feed)
         }
     }
 }

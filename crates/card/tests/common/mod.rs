@@ -77,7 +77,8 @@ pub(crate) fn opened(start: u32) -> TestCard {
 /// The record of a place: some motion on both axes, a planned stop at every 16th boundary.
 pub(crate) fn record(place: u32) -> Record<2> {
     let scramble = place.wrapping_mul(0x9E37_79B9) >> 16;
-    let flags = if place % 16 == 15 { Flags::REST } else { Flags::NONE };
+    let kind = if place & 8 != 0 { Flags::RAPID } else { Flags::NONE };
+    let flags = if place % 16 == 15 { kind.with(Flags::REST) } else { kind };
     let increments = [(scramble % 61) as i16 - 30, (scramble / 61 % 61) as i16 - 30];
     let cap = if place.is_multiple_of(7) { RapidCap::sixteenths(40) } else { RapidCap::PLANNED };
     Record { increments, line: place, flags, cap, spare: 0 }

@@ -113,13 +113,15 @@ impl<const A: usize, const M: usize> Drive<A, M> {
 
     /// The rate that may be asked for at `at`, where feed and rapid motion are to run at different rates: the faster one, as far as it can
     /// be lowered to the slower one before the first record that it does not apply to. What is not held yet is such a record, and so is
-    /// all motion backward.
+    /// all motion backward. Rates that differ count as at most 1.
     #[must_use]
     pub fn within_overrides(&self, at: Place, target: RateTarget, road: &impl Road<A>) -> Travel {
         let (fast, slow) = (target.faster(), target.slower());
         if fast == slow || fast <= 0 {
             return slow;
         }
+        // the ramp from a rate above one has no length here
+        let (fast, slow) = (fast.min(ONE), slow.min(ONE));
         let rapid_is_fast = target.rapid > target.feed;
         let average = Travel::from(self.limits.average());
         // From the slower rate being commanded until the cursor runs at it; the last step of the ramp is no whole one.
@@ -354,6 +356,18 @@ mod tests {
                 }
                 at = to;
             }
+        }
+    }
+
+    proptest! {
+        /// Whatever a host asks for: no overflow, and nothing beyond what was asked.
+        #[test]
+        fn any_two_rates_are_taken(feed in any::<i64>(), rapid in prop_oneof![any::<i64>(), Just(0), Just(ONE)], at in 0u32..100) {
+            let (road, drive) = (strip(0, 100, &[0, 100]), soft(13, 1 << 15));
+            let target = RateTarget { feed, rapid };
+            let rate = drive.within_overrides(Place::start_of(at), target, &road);
+            prop_assert!(rate == 0 || rate.signum() == feed.signum() && rate.signum() == rapid.signum() || feed == 0 || rapid == 0);
+            prop_assert!(rate.unsigned_abs() <= target.faster().unsigned_abs());
         }
     }
 
