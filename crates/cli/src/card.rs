@@ -13,11 +13,8 @@ use retrace_link::{CardFault, Greeting, Identity, MotionCard, Start, Word};
 use serde_json::{Value, json};
 
 use crate::program::Failure;
-use crate::wired::SerialCard;
+use crate::wired::{MAX_AXES, SerialCard};
 use crate::{args, card_serve, files, wired};
-
-/// Axes of the largest card.
-const MOST_AXES: usize = 9;
 
 /// Periods within which a card has taken the word and said so.
 const CLEARED_WITHIN: u32 = 300;
@@ -73,7 +70,7 @@ fn port_json(port: &FoundPort) -> Value {
 
 fn who(address: &str, machine: Option<&Path>, json: bool) -> Result<(), Failure> {
     let machine = files::machine(machine)?;
-    let mut card = wired::find::<MOST_AXES>(address)?;
+    let mut card = wired::find::<MAX_AXES>(address)?;
     // It was found by its greeting.
     let Some(greeting) = card.greeting().copied() else { return Ok(()) };
     let outputs = outputs(&mut card, address, &greeting, &machine);
@@ -90,9 +87,9 @@ fn who(address: &str, machine: Option<&Path>, json: bool) -> Result<(), Failure>
 type Outputs = Result<Vec<(u8, i32)>, String>;
 
 fn outputs(
-    card: &mut SerialCard<MOST_AXES>,
+    card: &mut SerialCard<MAX_AXES>,
     address: &str,
-    greeting: &Greeting<MOST_AXES>,
+    greeting: &Greeting<MAX_AXES>,
     machine: &Machine,
 ) -> Outputs {
     if greeting.epoch != 0 || !greeting.at_rest {
@@ -124,7 +121,7 @@ fn outputs_in_words(outputs: &Outputs, names: &ChannelNames) -> String {
 /// Clears what is latched: for that an epoch is opened, with the machine's switches, and closed again.
 fn clear(address: &str, machine: Option<&Path>) -> Result<(), Failure> {
     let machine = files::machine(machine)?;
-    let mut card = wired::find::<MOST_AXES>(address)?;
+    let mut card = wired::find::<MAX_AXES>(address)?;
     card.settle(wired::nonce()).map_err(|fault| wired::failed(address, &fault))?;
     // Where it stands on its path stays known: an interrupted job may be taken up there.
     let start = card.greeting().map_or(Start::at(0), |said| Start {
@@ -155,14 +152,14 @@ fn name(identity: &Identity) -> String {
     String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned()
 }
 
-fn counts(greeting: &Greeting<MOST_AXES>) -> &[i64] {
-    &greeting.counts[..usize::from(greeting.identity.axes).min(MOST_AXES)]
+fn counts(greeting: &Greeting<MAX_AXES>) -> &[i64] {
+    &greeting.counts[..usize::from(greeting.identity.axes).min(MAX_AXES)]
 }
 
 /// A greeting in a few lines.
 fn told(
     address: &str,
-    greeting: &Greeting<MOST_AXES>,
+    greeting: &Greeting<MAX_AXES>,
     outputs: &Outputs,
     names: &ChannelNames,
     latency: &Latency,
@@ -200,7 +197,7 @@ fn told(
     text
 }
 
-fn told_as_json(address: &str, greeting: &Greeting<MOST_AXES>, outputs: &Outputs, latency: &Latency) -> Value {
+fn told_as_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs, latency: &Latency) -> Value {
     let of = &greeting.identity;
     let latency_ms = match latency {
         Latency::None => None,
@@ -242,8 +239,8 @@ mod tests {
     use retrace_hal_serial::Usb;
     use retrace_link::Alarm;
 
-    fn greeting() -> Greeting<MOST_AXES> {
-        let mut counts = [0; MOST_AXES];
+    fn greeting() -> Greeting<MAX_AXES> {
+        let mut counts = [0; MAX_AXES];
         counts[..3].copy_from_slice(&[1, -2, 3]);
         Greeting {
             nonce: 1,

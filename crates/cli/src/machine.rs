@@ -61,7 +61,7 @@ fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, Failure> {
     let Examination { mut errors, machine } = Machine::examine(&files::written_machine_text(path)?, &name);
     let mut warnings = machine.as_ref().map_or_else(Vec::new, |machine| warnings(machine, &name));
     if let (Some(address), Some(machine)) = (card.filter(|&card| card != "sim"), &machine) {
-        let card = wired::find::<MAX_AXES>(address)?;
+        let card = wired::find::<{ wired::MAX_AXES }>(address)?;
         let misfits = card.greeting().map(|greeting| wired::misfits(&greeting.identity, machine)).unwrap_or_default();
         let refusal = |what| Refusal::new("E3008", format!("{name}, {address}: {what}"), wired::MISFIT_REMEDY);
         errors.extend(misfits.into_iter().map(refusal));
@@ -97,9 +97,6 @@ fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, Failure> {
     }
     Ok(code)
 }
-
-/// Axes of the largest card.
-const MAX_AXES: usize = 9;
 
 /// What of a machine may not be meant as it is written.
 fn warnings(machine: &Machine, name: &str) -> Vec<Refusal> {

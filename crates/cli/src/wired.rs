@@ -92,7 +92,7 @@ pub fn misfits(identity: &Identity, machine: &Machine) -> Vec<String> {
 }
 
 /// Axes of the largest card.
-const MAX_AXES: usize = 9;
+pub const MAX_AXES: usize = 9;
 
 /// Looks at a card that stands, by opening it there for a moment: its outputs, its alarm. It is as it was then, and needs no host.
 ///
