@@ -42,6 +42,29 @@ fn nothing_is_executed_of_a_line_that_did_not_arrive_whole() {
     }
 }
 
+/// What arrives is looked at as it is executed: the line that would leave the soft limits, and nothing behind it, is not.
+#[test]
+fn a_stream_never_leaves_the_soft_limits() {
+    let bench = Bench::new();
+    let moves = ["G1 X9999", "G0 X9999", "G2 I1990", "G91 G1 Y-2000.01"];
+    for one in moves {
+        let program = format!("G21 G90 F3000\nG64 P0.1\nG1 X30\n{one}\nG90 G1 X0\nM2\n");
+        let said = bench.retrace_reading(["run", "-", "--json"], program.as_bytes());
+        assert_eq!(said.code, Some(1), "{one}: {}\n{}", said.out, said.err);
+        assert!(
+            said.err.contains("line 4: error[E4304]") && said.err.contains("beyond its soft limit"),
+            "{}",
+            said.err
+        );
+        let report = report(&said);
+        assert_eq!(
+            (&report["position_counts"]["x"], &report["position_counts"]["y"]),
+            (&30_000.into(), &0.into()),
+            "{one}"
+        );
+    }
+}
+
 #[test]
 fn a_last_line_that_is_exactly_the_program_end_needs_no_line_feed() {
     for end in ["M2", "M30", "%"] {

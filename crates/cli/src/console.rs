@@ -27,7 +27,7 @@ pub enum Show {
     /// A progress bar on a terminal, events above it.
     Bar(ProgressBar),
     /// The screen, which shows everything.
-    Screen(Live),
+    Screen(Box<Live>),
 }
 
 impl Show {

@@ -94,6 +94,7 @@ impl<'r> Telling<'r> {
                 | Entry::Mark(_)
                 | Entry::Override(_)
                 | Entry::Rest(_)
+                | Entry::Length(_)
                 | Entry::Spooled(_)
                 | Entry::End(_) => {}
             }

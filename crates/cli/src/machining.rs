@@ -109,7 +109,7 @@ impl Machining<'_> {
     ) -> Result<(u8, C), Failure> {
         let Self { manners, machine, program, input, begin, mut kept, at_screen } = self;
         let (heard, show, ended) = match at_screen {
-            Some(AtScreen { heard, live, ended }) => (Some(heard), Show::Screen(live), Some(ended)),
+            Some(AtScreen { heard, live, ended }) => (Some(heard), Show::Screen(Box::new(live)), Some(ended)),
             None => (None, Show::choose(manners.json, program.lines()), None),
         };
         let console = Console::<A>::new(show, machine, manners.records)?;

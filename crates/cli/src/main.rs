@@ -38,6 +38,7 @@ mod operate;
 mod plot;
 mod program;
 mod resume;
+mod resume_from_line;
 mod resume_told;
 mod run;
 mod screen;

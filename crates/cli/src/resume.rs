@@ -4,20 +4,18 @@
 //! and the operator has agreed.
 
 use std::cell::Cell;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use retrace_controller::fingerprint;
 use retrace_controller::homed::required;
 use retrace_controller::job::Begin;
 use retrace_controller::jobs::{Held, JobFolder, Jobs, Listed, State};
 use retrace_controller::journal::entry::{self, Card, FileRead, Job, Resumed, Role, Source};
-use retrace_controller::journal::hash::Hash;
 use retrace_controller::journal::logbook::Care;
 use retrace_controller::journal::record::JobRecord;
 use retrace_controller::journal::spool::{Progress, Respooled};
 use retrace_controller::journal::stamp::Stamp;
 use retrace_controller::machine::Machine;
-use retrace_controller::machine_changes;
 use retrace_controller::manual::hand::BEYOND;
 use retrace_controller::operator::{self, Instruction};
 use retrace_controller::refusal::Refusal;
@@ -25,7 +23,7 @@ use retrace_controller::resume::{Prepared, Resumption};
 use retrace_core::place::before;
 use retrace_link::{Greeting, MotionCard, Outputs, Start, channel};
 
-use crate::args::{self, CycleFolders, OnOff, Reading};
+use crate::args::{self, OnOff};
 use crate::homed::Homing;
 use crate::hung::simulated;
 use crate::kept::{self, Kept};
@@ -33,6 +31,7 @@ use crate::machine_tables::{self, TableFiles};
 use crate::machining::{AtScreen, Machining, Manners, prepare_real_time};
 use crate::operate::{self, Resuming};
 use crate::program::{Arrives, Arriving, Failure, Program};
+use crate::resume_from_line::{changed_machine, from_line, reading, run_args};
 use crate::resume_told::{self, Asking, Taken};
 use crate::wired::{self, Greeted};
 use crate::{files, run};
@@ -83,7 +82,7 @@ fn attempt(args: &args::Resume, breakpoint: Breakpoint, by_card: &Cell<bool>) ->
     let record = folder.read()?;
     if let Some(line) = args.from_line {
         drop(held);
-        return from_line(args, &record.job, line);
+        return from_line(args, &record, line);
     }
     if record.end.as_ref().is_some_and(|end| end.outcome == entry::Ending::Completed) {
         let what = format!("job {} came to its end", folder.id());
@@ -122,76 +121,6 @@ fn machine(job: &Job) -> Result<Machine, Refusal> {
         Some(path) => Machine::parse(&job.machine.text, path)?,
     };
     Ok(machine.standing_at(&job.counts))
-}
-
-/// What the job's program is read with; a file may be elsewhere now.
-fn reading(job: &Job, program: Option<&Path>) -> Reading {
-    let path = |path: &Option<String>| path.as_ref().map(PathBuf::from);
-    let program = match (&job.source, program) {
-        (Source::File(_), Some(elsewhere)) => elsewhere.to_owned(),
-        (Source::File(file), None) => file.into(),
-        (Source::StandardInput, _) => "-".into(),
-        (Source::Socket(address), _) => format!("tcp://{address}").into(),
-        (Source::Serial(address), _) => format!("serial:{address}").into(),
-        (Source::Device(path), _) => path.into(),
-    };
-    let of = &job.arguments;
-    Reading {
-        program,
-        block_delete: of.block_delete,
-        subs: of.subs.iter().map(PathBuf::from).collect(),
-        cycle_folders: CycleFolders { cycles: path(&of.cycles), compiled: None },
-        tools: path(&of.tools),
-        params: path(&of.params),
-        ini: path(&of.ini),
-        max_loop_blocks: args::MAX_CHECKED_LOOP_BLOCKS,
-        machine_tables: of.machine_tables.clone(),
-    }
-}
-
-/// A job of its own, of the same program, from a line on.
-fn from_line(args: &args::Resume, job: &Job, line: u32) -> Result<u8, Failure> {
-    let run = args::Run { start_line: Some(line), ..run_args(args, job) };
-    let machine = files::machine(run.machine.as_deref())?;
-    if let Some(changes) = changed_machine(job) {
-        eprintln!(
-            "note: the machine file was changed since the job began; the new one is used\n{}",
-            changes.join("\n")
-        );
-    }
-    let text = files::machine_text(run.machine.as_deref())?;
-    run::run_on(&run, machine, text, args.tui)
-}
-
-/// What `retrace run` would have been given for the program of a job.
-fn run_args(args: &args::Resume, job: &Job) -> args::Run {
-    let card = match (&args.card, &job.card) {
-        (Some(named), _) => named.clone(),
-        (None, Card::Sim) => "sim".into(),
-        (None, Card::Wired(card)) => card.address.clone(),
-    };
-    let program = args.program.as_deref();
-    let mut reading = reading(job, program);
-    if let (Some(program), false) = (program, matches!(job.source, Source::File(_))) {
-        reading.program = program.to_owned();
-    }
-    args::Run {
-        vcd: None,
-        dry_run: false,
-        reading,
-        card,
-        machine: job.machine.path.as_ref().map(PathBuf::from),
-        realtime: args.realtime,
-        tui: args.tui,
-        no_tui: !args.tui,
-        optional_stop: args.optional_stop,
-        operator: args.operator.clone(),
-        records: args.records.clone(),
-        json: args.json,
-        start_line: None,
-        journal: args.journal.clone(),
-        no_journal: false,
-    }
 }
 
 /// A job being taken up.
@@ -434,7 +363,8 @@ impl Taking<'_> {
         let overrides = self.record.overrides().iter().map(|of| (of.place, of.planned)).collect();
         let outputs = outputs(&job.outputs);
         let rests = self.record.rests().to_vec();
-        Ok(Resumption { start, origin: job.origin, executed: job.executed, outputs, overrides, marks, rests })
+        let lengths = self.record.lengths().to_vec();
+        Ok(Resumption { start, origin: job.origin, executed: job.executed, outputs, overrides, marks, rests, lengths })
     }
 
     /// Finds the breakpoint, asks, and goes on.
@@ -529,16 +459,6 @@ impl Disagree<'_> {
         );
         let remedy = format!("wait until it stands, then `retrace resume {}`; home it first if in doubt", self.id);
         Refusal::new("E2214", what, remedy)
-    }
-}
-
-/// How the job's machine file differs by now from the job's copy of it, a line each; none where it is the same.
-fn changed_machine(job: &Job) -> Option<Vec<String>> {
-    let path = job.machine.path.as_ref()?;
-    match files::text(Path::new(path), "machine file") {
-        Ok(text) if Hash::of(text.as_bytes()) == job.machine.hash => None,
-        Ok(text) => Some(machine_changes::changes(&job.machine.text, &text)),
-        Err(refusal) => Some(vec![refusal.what]),
     }
 }
 

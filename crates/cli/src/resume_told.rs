@@ -120,6 +120,16 @@ impl<const A: usize> Taken<'_, A> {
         if !self.way_back.is_empty() {
             words.push(("way back", self.way_back_words()));
         }
+        let entered = self.record.lengths();
+        if !entered.is_empty() {
+            let by: i64 = entered.iter().map(|change| change.pulses).sum();
+            let axis = self.machine.tool_axis().map(|axis| &self.machine.axes[axis]);
+            let by_mm = axis.map_or(0.0, |axis| by as f64 / axis.pulses_per_mm);
+            words.push((
+                "new tool",
+                format!("its length was entered in a pause, {by_mm:+.3} mm; the positions are with it"),
+            ));
+        }
         words.push(("switches", if restored.is_empty() { "nothing".into() } else { restored.join(", ") }));
         let behind = prepared.start().reached.wrapping_sub(place.boundary_ahead());
         if behind > 0 {
@@ -175,6 +185,7 @@ impl<const A: usize> Taken<'_, A> {
             "counts": prepared.counts()[..axes],
             "card_counts": prepared.card().counts[..axes],
             "older_place": self.is_older_place,
+            "tool_length_pulses": self.record.lengths().iter().map(|change| change.pulses).sum::<i64>(),
             "way_back": self.way_back.iter().map(|end| &end[..axes]).collect::<Vec<_>>(),
             "active": block.active,
             "tool": prepared.expected_outputs()[usize::from(channel::TOOL)],

@@ -85,6 +85,17 @@ pub enum Step {
         /// How far the axes stand from the breakpoint by now, in counts: the sum of all moves by hand; of no axis where nothing is paused.
         off: AxisCounts,
     },
+    /// A tool length was entered: the breakpoint, and the path behind it, are moved along the tool axis.
+    ToolLength {
+        /// Letter of the tool axis.
+        axis: char,
+        /// By how much, mm.
+        by_mm: f64,
+        /// The same in counts.
+        by_counts: i64,
+        /// The tool length offset as it is by now, mm; none where no offset is in force.
+        length_mm: Option<f64>,
+    },
     /// On-line mode is restored (DNC-5).
     OnLine,
     /// The axes begin their way to the latched counts (DNC-6).
@@ -117,6 +128,9 @@ impl Dnc {
             Step::Jogged { axis, mm, cut_short, off } => json!({
                 "event": "jogged", "axis": axis.to_string(), "mm": mm, "cut_short": cut_short, "off_breakpoint": off.get(),
             }),
+            Step::ToolLength { axis, by_mm, by_counts, length_mm } => json!({
+                "event": "tool_length", "axis": axis.to_string(), "by_mm": by_mm, "by_counts": by_counts, "length_mm": length_mm,
+            }),
             Step::OnLine => json!({"event": "on_line"}),
             Step::Approaching => json!({"event": "approaching"}),
             Step::Arrived => json!({"event": "arrived"}),
@@ -146,6 +160,17 @@ impl fmt::Display for Dnc {
                 let short = if *cut_short { ", cut short" } else { "" };
                 write!(f, "{} moved by {mm:.3} mm{short}", axis.to_ascii_uppercase())?;
                 if off.get().is_empty() { Ok(()) } else { write!(f, "; off the breakpoint by {:?} counts", off.get()) }
+            }
+            Step::ToolLength { axis, by_mm, length_mm, .. } => {
+                let axis = axis.to_ascii_uppercase();
+                match length_mm {
+                    Some(mm) => write!(f, "tool length {mm:.3} mm: ")?,
+                    None => write!(f, "new tool length: ")?,
+                }
+                write!(
+                    f,
+                    "the way back and the path go {by_mm:+.3} mm along {axis}, until the program changes the tool or its offset"
+                )
             }
             Step::OnLine => write!(f, "on line again; cycle start brings the axes back"),
             Step::Approaching => write!(f, "on the way back to the breakpoint"),

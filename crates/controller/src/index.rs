@@ -13,6 +13,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use retrace_core::Travel;
 use retrace_core::place::before;
 
+use crate::tool_length::LengthChange;
+
 /// What the program had come to where the records up to a place were planned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Mark {
@@ -53,12 +55,19 @@ pub enum Note {
         /// Number of the last block that was planned, from 1; 0 where there was none.
         block: u64,
     },
+    /// A tool length was entered.
+    Length(LengthChange),
 }
 
 /// Takes notes, in the planning thread. It may wait.
 pub trait Index: Send {
     /// Takes a note.
     fn note(&mut self, note: Note);
+
+    /// Is everything durable that was noted? Of an index that is never read again it always is.
+    fn is_durable(&mut self) -> bool {
+        true
+    }
 }
 
 /// Nobody keeps an index: a job that needs none.

@@ -36,6 +36,7 @@ use crate::sink::Sink;
 use crate::stream::{self, Observer};
 use crate::supply::Supply;
 use crate::tally::Tally;
+use crate::tool_length;
 use crate::track::Track;
 
 /// A program as a source of canonical functions.
@@ -180,20 +181,26 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let (mut asking, mut heeding) = overrides(look_ahead);
     let mut feeder = Feeder::new(planner.blending_by(machine.blending), producer, sender, origin.outputs, &cancel)
         .noting(keeping.index, &origin.counts)
-        .inhibiting(machine.inhibited_channels());
+        .inhibiting(machine.inhibited_channels())
+        .within(machine);
     let (line, resumption) = match begin {
         Begin::First => (None, None),
         Begin::Line(line) => (Some(line), None),
         Begin::At(at) => (None, Some(at)),
     };
-    let mut rests = Vec::new();
+    let (mut rests, mut lengths, mut begun_at) = (Vec::new(), Vec::new(), origin.counts);
     if let Some(at) = &resumption {
         at.could_be(look_ahead).map_err(CannotBegin::Unfound)?;
         (asking, heeding) = (asking.again(&at.overrides, at.start.reached), heeding.again(&at.overrides));
         feeder = feeder.held_against(&at.marks);
         rests.clone_from(&at.rests);
+        lengths.clone_from(&at.lengths);
+        if let Some(tool) = machine.tool_axis().and_then(|tool| begun_at.get_mut(tool)) {
+            *tool += lengths.iter().map(|change| change.pulses).sum::<i64>();
+        }
     }
-    let feeder = feeder.heeding(heeding);
+    let (length_entry, length_offers) = tool_length::entry();
+    let feeder = feeder.heeding(heeding).taking_lengths(length_offers, &lengths);
     let supply =
         Supply::new(consumer, receiver, origin.place, origin.outputs, origin.executed).durable(keeping.durable);
     let (teller, hearing) = stream::stream(manner.wall_time, machine.period_s());
@@ -210,11 +217,11 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         let hand = hand.waking(moves.thread().clone());
         let interest = Interest { cancel: &cancel, given_up };
         let session = Session::new(card, machine, supply, operators, manner, teller).asking(asking);
-        let session = session.by_hand(hand, program_is);
+        let session = session.by_hand(hand, program_is).entering_lengths(length_entry);
         let is_real_time = manner.real_time && real_time::enter().is_ok();
         let ended = match resumption {
             None => Ok(session.run()),
-            Some(at) => session.resume(&at, origin.counts, agree).map_err(CannotBegin::Unfound),
+            Some(at) => session.resume(&at, begun_at, agree).map_err(CannotBegin::Unfound),
         };
         if is_real_time {
             // It was permitted, so this is.

@@ -49,4 +49,5 @@ pub mod survey;
 pub mod switching;
 pub mod tally;
 pub mod tape;
+pub mod tool_length;
 pub mod track;

@@ -11,6 +11,7 @@ use retrace_link::channel;
 
 use crate::machine::AXIS_LETTERS;
 use crate::refusal::{Refusal, nearest};
+use crate::tool_length::{EnteredLength, NoOffer};
 
 /// When an instruction is due.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,6 +93,8 @@ pub enum Deed {
         /// How far, signed.
         mm: f64,
     },
+    /// The length of a tool that was changed in a pause.
+    ToolLength(EnteredLength),
     /// Back to on-line mode (DNC-5).
     Online,
     /// *Cycle start* (DNC-6); where nothing is paused, as [`Deed::Resume`].
@@ -125,6 +128,7 @@ impl fmt::Display for Deed {
             Self::SpindleStop => write!(f, "spindle stop"),
             Self::SpindleStart => write!(f, "spindle start"),
             Self::Jog { axis, mm } => write!(f, "jog {axis} {mm}"),
+            Self::ToolLength(length) => write!(f, "{length}"),
             Self::Online => write!(f, "online"),
             Self::CycleStart => write!(f, "cycle start"),
         }
@@ -152,6 +156,8 @@ pub enum OrderRefused {
     BeyondLimit(char),
     /// The machine has no such axis.
     NoAxis(char),
+    /// The tool length cannot be entered.
+    ToolLength(NoOffer),
     /// It does not apply now; why.
     NotNow(&'static str),
 }
@@ -167,6 +173,7 @@ impl fmt::Display for OrderRefused {
             Self::NoJet => "no cutting output was switched on within the history that is kept",
             Self::NothingBehind => "nothing was executed yet that could be gone back over",
             Self::Interrupted(refused) => return crate::dnc::explain(*refused, f),
+            Self::ToolLength(why) => return write!(f, "{why}"),
             Self::NotNow(why) => why,
             Self::MostOverride(most) => return write!(f, "{:.0} % is the most", percent(*most)),
             Self::BeyondLimit(axis) => {
@@ -289,12 +296,15 @@ fn deed(words: &[&str]) -> Result<Deed, Wrong> {
         ["online"] => Deed::Online,
         ["spindle", "stop"] => Deed::SpindleStop,
         ["spindle", "start"] => Deed::SpindleStart,
+        ["tool", "length", "by", mm] => Deed::ToolLength(EnteredLength::By(tool_length(mm)?)),
+        ["tool", "length", mm] => Deed::ToolLength(EnteredLength::To(tool_length(mm)?)),
         ["jog", axis, mm] => Deed::Jog { axis: axis_of(axis)?, mm: length(mm)? },
         [] => return wrong("nothing to do", "at 1.5s hold"),
         [first, ..] => {
             let known = [
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
                 "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
+                "tool",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -312,6 +322,7 @@ fn example(word: &str) -> &'static str {
         "back" => "back 50 mm · back to block · back to jet",
         "spindle" => "spindle stop · spindle start",
         "jog" => "jog z 10",
+        "tool" => "tool length 84.2 · tool length by -0.35",
         "cycle" => "cycle start",
         "cutter" => "cutter off · cutter on",
         "optional" => "optional stop on · optional stop off",
@@ -339,6 +350,14 @@ fn length(word: &str) -> Result<f64, Wrong> {
     match number(word)? {
         mm if mm.abs() <= 1e6 => Ok(mm),
         _ => wrong(format!("`{word}` is farther than any machine goes"), "a length in mm, such as 10"),
+    }
+}
+
+/// A tool length or a difference of two, mm.
+fn tool_length(word: &str) -> Result<f64, Wrong> {
+    match number(word)? {
+        mm if mm.abs() <= 10_000.0 => Ok(mm),
+        _ => wrong(format!("`{word}` is no length of a tool"), "a length in mm, such as 84.2"),
     }
 }
 

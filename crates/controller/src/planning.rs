@@ -5,10 +5,10 @@
 use std::thread;
 use std::time::Duration;
 
-use retrace_gcode::Step;
+use retrace_gcode::{Axis, Canon, Step};
 
 use crate::decoding::{Batch, Belt};
-use crate::feed::Feeder;
+use crate::feed::{Cancelled, Feeder};
 use crate::item::{Ending, Summary};
 use crate::machine::Machine;
 use crate::start::Skipped;
@@ -67,7 +67,22 @@ impl<const A: usize> Planning<'_, '_, A> {
         let commanded_mm = self.feeder.commanded_mm()[..self.machine.axes.len().min(A)].to_vec();
         let summary = Summary { ending, blocks: self.blocks, canonical: self.canonical, commanded_mm };
         self.feeder.end(summary.clone()).ok()?;
-        Some(summary)
+        belt.give_up();
+        // As long as the job lasts a tool length may be entered.
+        while self.feeder.idle().is_ok() {
+            thread::sleep(Duration::from_micros(200));
+        }
+        Some(self.moved(summary))
+    }
+
+    /// With the end position where the machine really is, if a tool length was entered behind the last move that says so.
+    fn moved(&self, mut summary: Summary) -> Summary {
+        if let Some((axis, mm)) = self.feeder.moved_by()
+            && let Some(commanded_mm) = summary.commanded_mm.get_mut(axis)
+        {
+            *commanded_mm += mm;
+        }
+        summary
     }
 
     /// Waits for something to plan; `None` where nothing will come, or nobody wants it.
@@ -113,6 +128,8 @@ impl<const A: usize> Planning<'_, '_, A> {
     /// Gives a block's steps to the feeder; those before the line to begin at are only remembered.
     fn give(&mut self, steps: &[Step]) -> Result<(), (Untrackable, u32)> {
         self.feeder.block(self.blocks + 1);
+        let ends_length = steps.iter().any(|step| self.track.ends_entered_length(&step.canon));
+        self.feeder.has_end_of_length(ends_length);
         for step in steps {
             if self.skipped.as_ref().is_some_and(|(line, _)| step.line >= *line)
                 && let Some((line, before)) = self.skipped.take()
@@ -120,13 +137,34 @@ impl<const A: usize> Planning<'_, '_, A> {
                 let position = self.track.position();
                 before.restore(&mut self.feeder, position, self.machine, line).map_err(|why| (why.into(), line))?;
             }
+            if ends_length && self.skipped.is_none() && self.track.ends_entered_length(&step.canon) {
+                self.end_length(step.canon == Canon::MachineCoordinates)
+                    .map_err(|cancelled| (cancelled.into(), step.line))?;
+            }
             let result = match &mut self.skipped {
                 Some((_, before)) => self.track.run::<A>(&step.canon, step.line, before),
                 None => self.track.run(&step.canon, step.line, &mut self.feeder),
             };
             result.map_err(|why| (why, step.line))?;
-            self.canonical += 1;
+            self.canonical += u64::from(step.canon != Canon::MachineCoordinates);
+        }
+        if ends_length || self.blocks == 0 {
+            self.tell_tool_length();
+        }
+        self.feeder.has_end_of_length(false);
+        Ok(())
+    }
+
+    /// A path that was moved along the tool axis, because a tool length was entered, ends here.
+    fn end_length(&mut self, is_move: bool) -> Result<(), Cancelled> {
+        if let Some((axis, mm)) = self.feeder.end_length(is_move)? {
+            self.track.correct_length(Axis::ALL[self.machine.axes[axis].index()], mm);
         }
         Ok(())
+    }
+
+    fn tell_tool_length(&mut self) {
+        let axis = self.machine.tool_axis().map(|tool| Axis::ALL[self.machine.axes[tool].index()]);
+        self.feeder.set_tool_length(axis.and_then(|axis| self.track.tool_length_mm(axis)));
     }
 }

@@ -20,6 +20,7 @@ use crate::index::{Difference, Mark};
 use crate::machine::Machine;
 use crate::refusal::Refusal;
 use crate::supply::{News, Supply};
+use crate::tool_length::LengthChange;
 
 /// Where a job was left, and what it is to be found again by.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,6 +39,8 @@ pub struct Resumption {
     pub marks: Vec<Mark>,
     /// Numbers of the blocks behind which the path rests because the program was cut off or refused there in a run before.
     pub rests: Vec<u64>,
+    /// Tool lengths that were entered in pauses, in their order: where the machine stands, the path is moved by all of them.
+    pub lengths: Vec<LengthChange>,
 }
 
 impl Resumption {
@@ -45,7 +48,16 @@ impl Resumption {
     #[must_use]
     pub fn at(start: Start, origin: u32) -> Self {
         let outputs = [0; channel::COUNT];
-        Self { start, origin, executed: 0, outputs, overrides: Vec::new(), marks: Vec::new(), rests: Vec::new() }
+        Self {
+            start,
+            origin,
+            executed: 0,
+            outputs,
+            overrides: Vec::new(),
+            marks: Vec::new(),
+            rests: Vec::new(),
+            lengths: Vec::new(),
+        }
     }
 }
 

@@ -27,17 +27,40 @@ pub struct BeyondLimit {
 }
 
 impl BeyondLimit {
+    pub(crate) const NUMBER: &'static str = "E4304";
+    pub(crate) const REMEDY: &'static str =
+        "move the work offset, correct the program, or widen `travel_mm` in the machine file";
+
+    /// The first of the machine's axes that a point lies beyond the soft limits of, of those that `concerned` names.
+    pub(crate) fn of<const A: usize>(
+        machine: &Machine,
+        point: &[f64; A],
+        concerned: impl Fn(usize) -> bool,
+        line: u32,
+    ) -> Option<Self> {
+        let axes = machine.axes.iter().zip(point).enumerate().filter(|(index, _)| concerned(*index));
+        axes.filter_map(|(_, (axis, &position_mm))| {
+            let limit_mm = passed_limit(axis, position_mm)?;
+            Some(Self { axis: axis.name, position_mm, limit_mm, line })
+        })
+        .next()
+    }
+
+    pub(crate) fn what(&self) -> String {
+        let Self { axis, position_mm, limit_mm, .. } = self;
+        let axis = axis.to_ascii_uppercase();
+        format!("axis {axis} would go to {position_mm:.3} mm, beyond its soft limit at {limit_mm:.3} mm")
+    }
+
     /// As a finding.
     #[must_use]
     pub fn finding(&self) -> Finding {
-        let Self { axis, position_mm, limit_mm, line } = self;
-        let axis = axis.to_ascii_uppercase();
         Finding {
-            line: *line,
-            word: Some(axis),
-            number: "E4304",
-            what: format!("axis {axis} would go to {position_mm:.3} mm, beyond its soft limit at {limit_mm:.3} mm"),
-            remedy: "move the work offset, correct the program, or widen `travel_mm` in the machine file".into(),
+            line: self.line,
+            word: Some(self.axis.to_ascii_uppercase()),
+            number: Self::NUMBER,
+            what: self.what(),
+            remedy: Self::REMEDY.into(),
         }
     }
 }
@@ -144,16 +167,13 @@ impl<'m, const A: usize> Scan<'m, A> {
                 *range = [range[0].min(x), range[1].max(x)];
             }
         }
-        for (axis, &x) in self.machine.axes.iter().zip(point) {
-            let Some(limit_mm) = passed_limit(axis, x) else { continue };
-            if self.beyond.len() < MOST && self.beyond.last().is_none_or(|b| b.line != line) {
-                self.beyond.push(BeyondLimit { axis: axis.name, position_mm: x, limit_mm, line });
-            }
+        if self.beyond.len() < MOST && self.beyond.last().is_none_or(|b| b.line != line) {
+            self.beyond.extend(BeyondLimit::of(self.machine, point, |_| true, line));
         }
     }
 }
 
-fn passed_limit(axis: &Axis, x: f64) -> Option<f64> {
+pub(crate) fn passed_limit(axis: &Axis, x: f64) -> Option<f64> {
     let [least, greatest] = axis.travel_mm;
     if x < least - SLACK_MM {
         Some(least)
@@ -203,7 +223,7 @@ impl<const A: usize> Sink<A> for Scan<'_, A> {
 }
 
 /// The points of an arc where an axis of its plane turns round: the quarter points that it passes.
-fn extremes<const A: usize>(start: &[f64; A], arc: &Arc<A>) -> Vec<[f64; A]> {
+pub(crate) fn extremes<const A: usize>(start: &[f64; A], arc: &Arc<A>) -> Vec<[f64; A]> {
     use std::f64::consts::{FRAC_PI_2, TAU};
     let ([p, q], [cp, cq]) = (arc.plane, arc.centre_mm);
     let radius = (start[p] - cp).hypot(start[q] - cq);

@@ -287,6 +287,13 @@ impl<'r, const A: usize> Supply<'r, A> {
         self.one_way.filter(|(place, _)| *place == self.oldest()).map(|(_, code)| code)
     }
 
+    /// Nothing before `place` can be gone back to from now on, because of `what`.
+    pub fn bar_before(&mut self, place: u32, what: &'static str) {
+        if before(self.oldest(), place) {
+            self.one_way = Some((place, what));
+        }
+    }
+
     /// The last place at or before `place` where the program switched a cutting output on, if that is kept.
     #[must_use]
     pub fn jet_before(&self, place: Place) -> Option<u32> {

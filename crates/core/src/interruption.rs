@@ -215,6 +215,28 @@ impl<const A: usize> Interruption<A> {
         }
     }
 
+    /// Moves the breakpoint by so many pulses of each axis: a tool of another length is in the spindle. The spindle stands for that, and
+    /// the axes are free to be moved by hand.
+    ///
+    /// # Errors
+    /// [`Refused`] says why it may not be; nothing has changed then.
+    pub const fn displace(&mut self, pulses: [i64; A]) -> Result<(), Refused> {
+        let Some((latch, step)) = &mut self.breakpoint else { return Err(Refused::NotPaused) };
+        match step {
+            Step::SpindleStopped => {}
+            Step::SpindleAsItWas if latch.spindle.is_none() => {}
+            Step::Paused | Step::SpindleAsItWas => return Err(Refused::SpindleTurns),
+            Step::OnlineAgain => return Err(Refused::AlreadyOnline),
+            Step::Approaching => return Err(Refused::Approaching),
+        }
+        let mut axis = 0;
+        while axis < A {
+            latch.counts[axis] = latch.counts[axis].saturating_add(pulses[axis]);
+            axis += 1;
+        }
+        Ok(())
+    }
+
     /// The step that a pause leads to.
     const fn halted(latch: &Latch<A>) -> Step {
         if latch.spindle.is_some() { Step::Paused } else { Step::SpindleAsItWas }
@@ -308,6 +330,33 @@ mod tests {
             assert_eq!((i.may_read(), i.latch()), (!flags[0], flags[0].then_some(&LATCH)));
         }
         assert_eq!(interruption, Interruption::default());
+    }
+
+    #[test]
+    fn the_breakpoint_is_moved_while_the_spindle_stands_and_never_else() {
+        let start = Word::StartSpindle(Direction::Clockwise);
+        let refused = |words: &[Word<2>]| {
+            let mut interruption = after(words);
+            let refused = interruption.displace([1, 2]).expect_err("not now");
+            assert_eq!(interruption, after(words), "a refusal changes nothing");
+            refused
+        };
+        assert_eq!(refused(&[]), Refused::NotPaused);
+        assert_eq!(refused(&[Word::Pause(LATCH)]), Refused::SpindleTurns);
+        assert_eq!(refused(&[Word::Pause(LATCH), Word::StopSpindle, start]), Refused::SpindleTurns);
+        let online = [Word::Pause(LATCH), Word::StopSpindle, start, Word::Online, Word::CycleStart { program: 7 }];
+        assert_eq!(refused(&online[..4]), Refused::AlreadyOnline);
+        assert_eq!(refused(&online), Refused::Approaching);
+        let mut interruption = after(&online[..2]);
+        assert_eq!(interruption.displace([10, i64::MIN]), Ok(()));
+        assert_eq!(interruption.latch(), Some(&Latch { counts: [15, i64::MIN], ..LATCH }));
+        for word in &online[2..] {
+            interruption.say(*word).expect("the order goes on");
+        }
+        assert_eq!(interruption.say(Word::Arrived([5, -3])), Err(Refused::NotThere { axis: 0 }));
+        assert_eq!(interruption.say(Word::Arrived([15, i64::MIN])), Ok(Effect::GoOn));
+        let mut stood = after(&[Word::Pause(Latch { spindle: None, ..LATCH })]);
+        assert_eq!(stood.displace([0, 1]), Ok(()));
     }
 
     #[test]

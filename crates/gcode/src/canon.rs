@@ -270,6 +270,8 @@ pub enum Canon {
         p: Option<f64>,
         q: Option<f64>,
     },
+    /// The straight move that follows ends at machine coordinates, on the axes that it moves (G53, G28, G30).
+    MachineCoordinates,
     Comment(Arc<str>),
     /// A comment of the interpreter itself on a change of mode.
     Note(&'static str),

@@ -29,8 +29,8 @@ impl<W: Write> CanonText<W> {
     /// # Errors
     /// Those of the writer.
     pub fn write(&mut self, step: &Step) -> io::Result<()> {
-        if let Canon::Wait(_) | Canon::UserCode { .. } = &step.canon {
-            // The peer waits for nothing and knows no user codes: it prints nothing.
+        if let Canon::Wait(_) | Canon::UserCode { .. } | Canon::MachineCoordinates = &step.canon {
+            // The peer waits for nothing, knows no user codes and has no word for machine coordinates: it prints nothing.
             return Ok(());
         }
         let text = &mut self.text;

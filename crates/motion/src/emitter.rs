@@ -174,6 +174,18 @@ impl<const A: usize> Emitter<A> {
         &self.point
     }
 
+    /// The machine stands elsewhere, by whole pulses; false, with nothing changed, where a part of the plan waits still.
+    pub(crate) fn displace(&mut self, pulses: [i64; A], pulses_per_mm: &[f64; A]) -> bool {
+        if !self.items.is_empty() {
+            return false;
+        }
+        for (axis, &pulses) in pulses.iter().enumerate() {
+            self.counts[axis] += pulses as f64;
+            self.point.position_mm[axis] += pulses as f64 / pulses_per_mm[axis];
+        }
+        true
+    }
+
     /// One control period; `None` where the committed plan ends before it.
     #[inline]
     pub(crate) fn next_record(&mut self) -> Option<Record<A>> {

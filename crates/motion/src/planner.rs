@@ -162,6 +162,20 @@ impl<const A: usize> Planner<A> {
         }
     }
 
+    /// The machine stands elsewhere than was planned, by so many whole pulses of each axis: what follows is planned from there.
+    ///
+    /// False, with nothing changed, where the motion is not at rest: after [`Planner::stop`], with every record taken out, it is.
+    pub fn displace(&mut self, pulses: [i64; A]) -> bool {
+        if !self.merger.is_empty() || !self.road.displace(pulses, &self.pulses_per_mm) {
+            return false;
+        }
+        for (axis, &pulses) in pulses.iter().enumerate() {
+            self.at[axis] += pulses as f64 / self.pulses_per_mm[axis];
+        }
+        self.rest.0 = self.at;
+        true
+    }
+
     /// The feed override above 100 %: from the next record on, feeds of programmed moves count times `factor`, which is held within
     /// 1 … [`MOST_OVERRIDE`]; gives the factor that is in force. Rapid moves, and what the axes and the path velocity allow,
     /// stay as they are. Records that came out before never change; what was planned of the road ahead is planned anew.

@@ -111,6 +111,11 @@ impl<const A: usize> Road<A> {
         self.emitter.next_record()
     }
 
+    /// As [`crate::Planner::displace`].
+    pub(crate) fn displace(&mut self, pulses: [i64; A], pulses_per_mm: &[f64; A]) -> bool {
+        !self.moves() && self.emitter.displace(pulses, pulses_per_mm)
+    }
+
     /// The last set-point.
     pub(crate) fn point(&self) -> &SetPoint<A> {
         self.emitter.point()

@@ -336,3 +336,35 @@ fn records_of_merged_lines_carry_the_line_that_they_end_in() {
         assert_eq!(last, 300);
     }
 }
+
+proptest! {
+    /// A machine that stands elsewhere than was planned is planned on from there: the sum of all pulses is what the two places make.
+    #[test]
+    fn what_follows_a_displacement_begins_where_the_machine_stands(
+        ends in prop::array::uniform3(prop::array::uniform3(-50.0..50.0f64)), pulses in prop::array::uniform3(-9_000i64..9_000),
+    ) {
+        let limits = Limits::built_in();
+        let mut planner = Planner::new(limits, [0.0; 3]).expect("limits");
+        let mut sum = [0i64; 3];
+        let mut take = |planner: &mut Planner<3>| {
+            while let Some(record) = planner.next_record() {
+                sum.iter_mut().zip(record.increments).for_each(|(sum, n)| *sum += i64::from(n));
+            }
+            sum
+        };
+        let counts = |at: [f64; 3]| [0, 1, 2].map(|i| (at[i] * limits.pulses_per_mm[i]).round() as i64);
+        planner.line(ends[0], Feed::Rapid, PathMode::ExactStop, 1).expect("a move");
+        prop_assert!(!planner.displace(pulses), "it moves");
+        planner.stop(Flags::NONE);
+        prop_assert!(!planner.displace(pulses), "records wait");
+        prop_assert_eq!(take(&mut planner), counts(ends[0]));
+        prop_assert!(planner.displace(pulses));
+        for (end, mode) in [(ends[1], PathMode::blend(0.1)), (ends[2], PathMode::ExactPath)] {
+            planner.line(end, Feed::PerSecond(30.0), mode, 2).expect("a move");
+        }
+        planner.stop(Flags::NONE);
+        let end = counts(ends[2]);
+        let moved = take(&mut planner);
+        prop_assert_eq!([0, 1, 2].map(|i| moved[i] + pulses[i]), end);
+    }
+}

@@ -94,6 +94,7 @@ fn deed_words(model: &Model, deed: &Deed) -> String {
         Deed::SpindleStop => "stop the spindle".into(),
         Deed::SpindleStart => "start the spindle".into(),
         Deed::Jog { axis, mm } => format!("jog {} by {mm} mm", axis.to_ascii_uppercase()),
+        Deed::ToolLength(length) => length.to_string(),
         Deed::Online => "back to on-line mode".into(),
     }
 }

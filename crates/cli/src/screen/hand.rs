@@ -5,6 +5,7 @@
 
 use retrace_controller::manual::Task;
 use retrace_controller::operator::Deed;
+use retrace_controller::tool_length::EnteredLength;
 use retrace_core::mode::Mode;
 use retrace_core::{ONE, Travel};
 use retrace_link::channel;
@@ -25,6 +26,8 @@ pub enum Ask {
     Mdi,
     /// An axis, or all.
     WorkZero,
+    /// The length of a tool.
+    ToolLength,
     /// Whether to stop the job.
     Stop,
     /// The file of another program.
@@ -183,7 +186,7 @@ impl Hand {
         let is_job = model.stage == Stage::Job;
         match &self.open {
             Open::Prompt(Ask::Program, ..) if is_job && !model.is_at_program_end() => &Open::Nothing,
-            Open::Prompt(Ask::Stop | Ask::BackBy, ..) if !is_job => &Open::Nothing,
+            Open::Prompt(Ask::Stop | Ask::BackBy | Ask::ToolLength, ..) if !is_job => &Open::Nothing,
             Open::Prompt(Ask::Mdi | Ask::WorkZero, ..) if is_job => &Open::Nothing,
             open => open,
         }
@@ -299,6 +302,7 @@ impl Hand {
             Act::Output => ask(Ask::Output, ""),
             Act::Mdi => ask(Ask::Mdi, ""),
             Act::WorkZero => ask(Ask::WorkZero, "all"),
+            Act::ToolLength => ask(Ask::ToolLength, ""),
             Act::OpenProgram => ask(Ask::Program, ""),
             Act::Quit => ask(Ask::Stop, ""),
             Act::Help => Open::Help(0),
@@ -488,10 +492,20 @@ fn answer(ask: Ask, text: &str, model: &Model) -> Result<Said, String> {
                 _ => Err("all, or the letter of an axis".into()),
             }
         }
+        // With a sign it is by how much the new tool is longer.
+        Ask::ToolLength => match text.parse::<f64>() {
+            Ok(mm) if mm.abs() <= 10_000.0 && text.starts_with(['+', '-']) => Ok(tool_length(EnteredLength::By(mm))),
+            Ok(mm) if (0.0..=10_000.0).contains(&mm) => Ok(tool_length(EnteredLength::To(mm))),
+            _ => Err("a length in mm such as 84.2, or +0.35 where the new tool is that much longer".into()),
+        },
         Ask::Stop => Ok(Said::Deed(Deed::Stop)),
         Ask::Program if text.is_empty() => Err("the path of a program file".into()),
         Ask::Program => Ok(Said::Load(files::expanded(text))),
     }
+}
+
+fn tool_length(length: EnteredLength) -> Said {
+    Said::Deed(Deed::ToolLength(length))
 }
 
 /// `3+` switches output 3 on and `3-` off; a name stands for its number. Without a sign an output is switched over, unless it is a cutter's.

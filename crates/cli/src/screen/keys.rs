@@ -99,6 +99,8 @@ pub enum Act {
     OptionalStop,
     /// Stops the spindle, or starts it.
     Spindle,
+    /// The length of a tool that was changed.
+    ToolLength,
     /// On-line mode.
     Online,
     /// Jogs an axis.
@@ -289,6 +291,7 @@ pub const TABLE: &[Row] = &[
     row(&[Key::Char('k')], "k", "recover", "restore the outputs, the cutter last, and go on", RUN | RETRACE | WHEEL, Act::Recover),
     row(&[Key::Char('S')], "S", "spindle", "stop the spindle; again: start it as it was", PAUSED, Act::Spindle),
     row(&[Key::Char('M')], "M", "M1 stop", "M1 stops, or does not", SETUP | JOB, Act::OptionalStop),
+    row(&[Key::Char('z')], "z", "tool length", "new tool length, spindle off: 84.2 mm, or +0.35", PAUSED, Act::ToolLength),
     row(&[Key::Char('n')], "n", "on line", "back to on-line mode", PAUSED, Act::Online),
     row(ARROWS, "arrows", "jog", "← → X, ↑ ↓ Y, PgUp PgDn Z, by the step", SETUP | PAUSED, Act::Jog),
     row(&[Key::Char('[')], "[", "jog -", "jog the chosen axis down", SETUP | PAUSED, Act::JogDown),

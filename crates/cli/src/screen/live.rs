@@ -5,6 +5,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use retrace_controller::dnc::{Dnc, Step};
 use retrace_controller::event::{Event, Happening, OffReason};
 use retrace_controller::machine::AXIS_LETTERS;
 use retrace_controller::operator::Deed;
@@ -12,7 +13,7 @@ use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::ONE;
 use retrace_core::mode::Mode;
 use retrace_core::place::before;
-use retrace_gcode::{FeedMode, Motion};
+use retrace_gcode::{FeedMode, Motion, Pose};
 use retrace_link::channel;
 
 use super::event_text;
@@ -51,6 +52,10 @@ struct Modes {
     news: Option<ActiveAt>,
     /// Place of the one that is shown.
     shown: Option<u32>,
+    /// The tool offset and the tool that a length was entered for, which are then those of the program no more.
+    entered_for: Option<(Pose, u32)>,
+    /// The last that were told.
+    tool: (Pose, u32),
 }
 
 /// A modal state, and the work zero that goes with it.
@@ -64,7 +69,26 @@ impl Modes {
     /// Begins with what is shown, from this place on.
     fn from(place: u32, model: &Model) -> Self {
         let now = ActiveAt { active: model.active.clone(), work_zero_mm: model.work_zero_mm.clone() };
-        Self { states: VecDeque::from([(place, now)]), news: None, shown: None }
+        Self { states: VecDeque::from([(place, now)]), ..Self::default() }
+    }
+
+    /// A tool length was entered: the path is moved, what lies behind and what is to come.
+    fn moved(&mut self, axis: usize, by_mm: f64, model: &mut Model) {
+        self.entered_for = Some(self.tool);
+        let states = self.states.iter_mut().map(|(_, state)| state).chain(&mut self.news);
+        let zeros = states.map(|state| &mut state.work_zero_mm).chain([&mut model.work_zero_mm, &mut model.moved_mm]);
+        zeros.filter_map(|zeros| zeros.get_mut(axis)).for_each(|zero| *zero += by_mm);
+    }
+
+    /// A modal state is told; with another tool, or another offset, a length that was entered counts no more.
+    fn told(&mut self, active: &retrace_gcode::Active, model: &mut Model) -> ActiveAt {
+        self.tool = (active.tool_offset, active.current_tool);
+        if self.entered_for.take_if(|entered_for| *entered_for != self.tool).is_some() {
+            model.moved_mm.fill(0.0);
+        }
+        let mut told = active_at(model, active);
+        told.work_zero_mm.iter_mut().zip(&model.moved_mm).for_each(|(zero, moved)| *zero += moved);
+        told
     }
 
     /// A period has come to an end with the cursor at `place`, and `reached` the furthest: shows the state there.
@@ -129,7 +153,7 @@ impl<const A: usize> Observer<A> for Live {
                 }
             }
             Told::Active(active) => {
-                let news = active_at(&model, active);
+                let news = self.modes.told(active, &mut model);
                 if model.stage != Stage::Job {
                     news.show(&mut model);
                 }
@@ -149,7 +173,13 @@ impl<const A: usize> Observer<A> for Live {
                     _ => {}
                 }
                 if event.happening == Happening::Started {
-                    self.modes = Modes::from(event.place.record, &model);
+                    model.moved_mm.fill(0.0);
+                    self.modes = Modes { tool: self.modes.tool, ..Modes::from(event.place.record, &model) };
+                }
+                if let Happening::Dnc(Dnc { step: Step::ToolLength { axis, by_mm, .. }, .. }) = event.happening
+                    && let Some(axis) = model.facts.axes.iter().position(|facts| facts.letter == axis)
+                {
+                    self.modes.moved(axis, by_mm, &mut model);
                 }
             }
         }

@@ -161,6 +161,8 @@ pub struct Model {
     pub counts: Vec<i64>,
     /// Machine position of the work zero, mm (degrees).
     pub work_zero_mm: Vec<f64>,
+    /// By how much the path was moved along each axis, because a tool length was entered, mm.
+    pub moved_mm: Vec<f64>,
     /// Where the cursor stands.
     pub place: Place,
     /// The furthest place executed.
@@ -257,6 +259,7 @@ impl Model {
             ended: None,
             counts: vec![0; axes],
             work_zero_mm: vec![0.0; axes],
+            moved_mm: vec![0.0; axes],
             place: Place::start_of(first),
             reached: first,
             oldest: first,
@@ -318,7 +321,8 @@ impl Model {
     #[must_use]
     pub fn to_go_mm(&self, axis: usize) -> Option<f64> {
         let end = self.facts.preview.end_of(self.line)?;
-        (self.stage == Stage::Job && !self.off_path).then_some(f64::from(*end.get(axis)?) - self.machine_mm(axis))
+        let end = f64::from(*end.get(axis)?) + self.moved_mm.get(axis).copied().unwrap_or(0.0);
+        (self.stage == Stage::Job && !self.off_path).then_some(end - self.machine_mm(axis))
     }
 
     /// Where the machine is in the drawing: X, Y, Z, mm.

@@ -26,6 +26,8 @@ pub enum Entry {
     Override(Override),
     /// The program was cut off or refused: the path rests behind this block.
     Rest(Rest),
+    /// A tool length was entered in a pause.
+    Length(Length),
     /// Where the machine was.
     At(Box<At>),
     /// Something happened: the event as `--json` shows it.
@@ -228,6 +230,16 @@ pub struct Override {
 pub struct Rest {
     /// Number of the last block that was planned, from 1.
     pub block: u64,
+}
+
+/// A tool length was entered in a pause: the path is moved along the tool axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Length {
+    /// Number of the block, from 1, behind which it holds.
+    pub block: u64,
+    /// By how much, pulses of the tool axis.
+    pub pulses: i64,
 }
 
 /// Where the machine was.

@@ -10,13 +10,14 @@ use std::thread::{self, JoinHandle};
 
 pub use super::desk::Care;
 use super::desk::{Desk, State};
-use super::entry::{End, Entry, Job, Override, Rest, Resumed, Spooled};
+use super::entry::{End, Entry, Job, Length, Override, Rest, Resumed, Spooled};
 use super::line;
 use super::reader::Tail;
 use super::spool::Progress;
 use super::store::Store;
 use crate::index::{Durable, Index, Note};
 use crate::refusal::Refusal;
+use crate::tool_length::LengthChange;
 
 /// Writes the journal of a job. Dropped without [`Logbook::end`] it writes what it has, and the job counts as interrupted.
 #[derive(Debug)]
@@ -185,6 +186,7 @@ impl Index for Notes {
                     self.desk.note(Entry::Mark(mark));
                 }
             }
+            Note::Length(LengthChange { block, pulses }) => self.desk.note(Entry::Length(Length { block, pulses })),
             Note::Rest { block } => self.desk.note(Entry::Rest(Rest { block })),
             Note::Override { place, planned } => {
                 let noted = Override { place, planned };
@@ -197,6 +199,11 @@ impl Index for Notes {
                 self.desk.note(Entry::Override(noted));
             }
         }
+    }
+
+    fn is_durable(&mut self) -> bool {
+        let state = self.desk.state();
+        self.desk.care() == Care::Written || state.queue.is_empty() && state.in_hand == 0 && state.trouble.is_none()
     }
 }
 

@@ -10,11 +10,12 @@ use retrace_core::place::before;
 use retrace_link::Start;
 use serde_json::Value;
 
-use super::entry::{At, End, Entry, Job, Override, Resumed, Spooled};
+use super::entry::{At, End, Entry, Job, Length, Override, Resumed, Spooled};
 use super::line;
 use super::reader::{Entries, Flaw, Tail};
 use crate::index::{Durable, Mark};
 use crate::refusal::Refusal;
+use crate::tool_length::LengthChange;
 
 /// Bytes at the end of a long journal in which its last words are looked for.
 const LAST_WORDS: u64 = 64 << 10;
@@ -51,6 +52,7 @@ pub struct JobRecord {
     overrides: Vec<(u64, Override)>,
     /// Blocks behind which the path rests because the program was cut off or refused.
     rests: Vec<u64>,
+    lengths: Vec<LengthChange>,
 }
 
 /// Where a machine was.
@@ -102,6 +104,7 @@ impl JobRecord {
             path: path.to_owned(),
             overrides: Vec::new(),
             rests: Vec::new(),
+            lengths: Vec::new(),
         }
     }
 
@@ -118,6 +121,7 @@ impl JobRecord {
                 self.overrides.retain(|(_, old)| before(old.place, new.place));
                 self.overrides.push((number, new));
             }
+            Entry::Length(Length { block, pulses }) => self.lengths.push(LengthChange { block, pulses }),
             Entry::Rest(rest) => {
                 if self.rests.last() != Some(&rest.block) {
                     self.rests.push(rest.block);
@@ -170,6 +174,12 @@ impl JobRecord {
     #[must_use]
     pub fn rests(&self) -> &[u64] {
         &self.rests
+    }
+
+    /// The tool lengths that were entered in pauses, in their order.
+    #[must_use]
+    pub fn lengths(&self) -> &[LengthChange] {
+        &self.lengths
     }
 
     /// Reads the marks that count again, in the order of their places.

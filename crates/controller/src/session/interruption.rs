@@ -132,6 +132,17 @@ impl<'r, const A: usize> Interrupted<'r, A> {
         self.pausing || self.identifying || self.is_moving()
     }
 
+    /// May a tool length be entered? The breakpoint is moved then.
+    pub(super) fn displace(&mut self, pulses: [i64; A]) -> Result<(), retrace_core::interruption::Refused> {
+        self.order.displace(pulses)
+    }
+
+    /// The breakpoint's counts, and the place on the path where the program was left, while it is paused.
+    pub(super) fn breakpoint(&self, here: Place) -> Option<([i64; A], Place)> {
+        let latch = self.order.latch()?;
+        Some((latch.counts, self.left.map_or(here, |left| left.place)))
+    }
+
     pub(super) fn is_moving(&self) -> bool {
         self.trip.is_some()
     }
@@ -155,8 +166,15 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// A word that comes while a program is paused, or about to be. `None` where it is none of those that count otherwise then.
     pub(super) fn order_interrupted(&mut self, deed: Deed) -> Option<Result<(), OrderRefused>> {
-        let steps =
-            matches!(deed, Deed::Pause | Deed::SpindleStop | Deed::SpindleStart | Deed::Jog { .. } | Deed::Online);
+        let steps = matches!(
+            deed,
+            Deed::Pause
+                | Deed::SpindleStop
+                | Deed::SpindleStart
+                | Deed::Jog { .. }
+                | Deed::Online
+                | Deed::ToolLength(_)
+        );
         if steps || self.dnc.is_on() && matches!(deed, Deed::CycleStart | Deed::Resume) {
             return Some(self.interruption_word(deed));
         }
@@ -186,7 +204,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if deed == Deed::Pause {
             return self.pause();
         }
-        if (self.dnc.is_busy() || self.restart.is_active()) && !self.dnc.order.inhibited() {
+        if self.words_wait() && !self.dnc.order.inhibited() {
             if self.dnc.waiting.len() == WORDS {
                 return Err(OrderRefused::NotNow("too many words wait for the machine to stand"));
             }
@@ -232,6 +250,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             Deed::SpindleStart => Said::StartSpindle(turned.map_or(Direction::Clockwise, |was| was.direction)),
             Deed::Online => Said::Online,
             Deed::Jog { axis, mm } => return self.jog(axis, mm),
+            Deed::ToolLength(length) => return self.propose_tool_length(length),
             _ => Said::CycleStart { program: latched.map_or(0, |latch| latch.program) },
         };
         let before = self.dnc.order;
@@ -320,9 +339,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.dnc.identifying {
             self.watch_identifying();
         }
+        self.watch_tool_length();
         self.watch_trip()?;
-        while !self.dnc.is_busy()
-            && !self.restart.is_active()
+        while !self.words_wait()
             && let Some(deed) = self.dnc.waiting.pop_front()
         {
             if let Err(why) = self.step(deed) {
@@ -330,6 +349,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             }
         }
         Ok(())
+    }
+
+    /// Is something under way that the operator's words have to wait for?
+    fn words_wait(&self) -> bool {
+        self.dnc.is_busy() || self.restart.is_active() || self.tool_length.is_open()
     }
 
     /// Latches the breakpoint once the machine stands, with no instruction in hand (DNC-1, DNC-2).
@@ -490,7 +514,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.teller.tell(Told::Period(period));
     }
 
-    fn tell_step(&mut self, step: Step) {
+    pub(super) fn tell_step(&mut self, step: Step) {
         let flags = Flags::of(&self.dnc.order);
         let line = self.dnc_line();
         self.tell_at(line, Happening::Dnc(Dnc { step, flags }));

@@ -11,6 +11,7 @@ mod orders;
 mod restart;
 mod switching;
 mod telling;
+mod tool_length;
 mod way_back;
 mod window;
 
@@ -36,6 +37,7 @@ use back::Back;
 use by_hand::ByHandChanges;
 use interruption::Interrupted;
 use restart::{LeavingRun, Restart};
+use tool_length::ToolLengthEntry;
 
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -121,6 +123,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     program_ended: bool,
     /// The program is interrupted (DNC).
     dnc: Interrupted<'r, A>,
+    /// A tool length is being entered.
+    tool_length: ToolLengthEntry,
     /// Reverse run that ends at a place.
     back: Option<Back>,
     /// The handwheel has been behind `reached`.
@@ -183,6 +187,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             stopping: false,
             program_ended: false,
             dnc: Interrupted::new(machine),
+            tool_length: ToolLengthEntry::new(machine),
             back: None,
             wheel_behind: false,
             road_cut: true,

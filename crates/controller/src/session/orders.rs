@@ -42,7 +42,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         match deed {
             Deed::Resume | Deed::CycleStart => return self.cycle_start(),
             // Taken above.
-            Deed::Pause | Deed::SpindleStop | Deed::SpindleStart | Deed::Jog { .. } | Deed::Online => {}
+            Deed::Pause
+            | Deed::SpindleStop
+            | Deed::SpindleStart
+            | Deed::Jog { .. }
+            | Deed::ToolLength(_)
+            | Deed::Online => {}
             Deed::BackBy(mm) => return self.go_back(Wanted::By(mm)),
             Deed::BackToBlock => return self.go_back(Wanted::Block),
             Deed::BackToJet => return self.go_back(Wanted::Jet),

@@ -80,6 +80,9 @@ impl Core {
         if self.state.compensation.is_some_and(|compensation| compensation.radius > 0.0) {
             return self.straight_beside(motion, end, words, emit);
         }
+        if words.g(GroupG::NonModal) == Some(530) {
+            emit.call(Canon::MachineCoordinates);
+        }
         emit.call(straight_canon(motion, end));
         self.state.position = end;
         Ok(())

@@ -138,6 +138,7 @@ impl Core {
         } else {
             home
         };
+        emit.call(Canon::MachineCoordinates);
         emit.call(Canon::StraightTraverse(end));
         self.state.position = end;
     }

@@ -142,6 +142,11 @@ fn prompt(out: &mut Buffer, ask: Ask, text: &str, wrong: Option<&str>, look: Loo
         }
         Ask::Mdi => ("MDI", "A block, as in a program: G0 X10", "Enter executes it · Esc does not"),
         Ask::WorkZero => ("work zero", "Zero here for which axis? all, or its letter", "Enter sets it · Esc does not"),
+        Ask::ToolLength => (
+            "tool length",
+            "Length of the new tool in mm; with + or - by how much it is longer",
+            "Enter moves the breakpoint and the path · Esc does not",
+        ),
         Ask::Program => ("open a program", "Which file? Tab completes its name", "Enter opens it · Esc does not"),
         Ask::Stop => ("stop the job?", "It stops here; the breakpoint is kept.", "y stops it · any other key goes on"),
     };

@@ -2,6 +2,8 @@
 //!
 //! Invariant: an item's place is the number of the record before which it stands, and it is sent before that record.
 
+mod lengths;
+
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
@@ -16,7 +18,11 @@ use retrace_motion::{Arc, Feed, MoveError, PathMode, Planner};
 
 use crate::index::{Difference, Index, Mark, Note};
 use crate::item::{Exclusive, Item, Kind, Summary};
+use crate::machine::Machine;
 use crate::overrides::Heeding;
+use crate::scan::{BeyondLimit, extremes};
+use crate::tool_length::{LengthChange, LengthOffers};
+use lengths::{Lengths, Planned};
 
 /// The motion path has gone: there is nobody to plan for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,6 +33,8 @@ pub struct Cancelled;
 pub enum Refused {
     /// The planner cannot run it.
     Move(MoveError),
+    /// It would leave the soft limits.
+    BeyondLimit(BeyondLimit),
     /// Nobody to plan for.
     Cancelled,
 }
@@ -85,6 +93,8 @@ struct Origin {
     serial: u32,
     line: u32,
     block: u64,
+    /// Least and greatest coordinate of the tool axis at its end and on its way, mm.
+    reach_mm: [f64; 2],
 }
 
 /// Plans a program into a ring.
@@ -95,6 +105,9 @@ pub struct Feeder<'r, const A: usize> {
     cancel: &'r AtomicBool,
     /// Overrides above 100 %.
     overrides: Heeding,
+    /// The machine, whose soft limits no move may leave; none where nobody looks.
+    machine: Option<&'r Machine>,
+    lengths: Lengths,
     /// Channels that a dry run keeps off (CUT-8); none otherwise.
     inhibited: Vec<u8>,
     /// Serial number of the last move given to the planner; its tag.
@@ -135,6 +148,8 @@ impl<'r, const A: usize> Feeder<'r, A> {
             items,
             cancel,
             overrides: Heeding::default(),
+            machine: None,
+            lengths: Lengths::default(),
             inhibited: Vec::new(),
             serial: 0,
             block: 0,
@@ -178,6 +193,20 @@ impl<'r, const A: usize> Feeder<'r, A> {
         Self { inhibited, ..self }
     }
 
+    /// The same, which refuses every move that leaves the soft limits of this machine.
+    #[must_use]
+    pub fn within(self, machine: &'r Machine) -> Self {
+        Self { machine: Some(machine), ..self }
+    }
+
+    /// The same, to which tool lengths can be entered; `again` are those that were when the job ran before, in the order of the blocks.
+    #[must_use]
+    pub(crate) fn taking_lengths(mut self, offers: LengthOffers, again: &[LengthChange]) -> Self {
+        self.lengths.offers = Some(offers);
+        self.lengths.again = again.iter().copied().collect();
+        self
+    }
+
     /// Where the last move ends, mm.
     #[must_use]
     pub fn commanded_mm(&self) -> [f64; A] {
@@ -193,6 +222,12 @@ impl<'r, const A: usize> Feeder<'r, A> {
     /// The moves to come belong to the decoder's block of that number.
     pub fn block(&mut self, number: u64) {
         self.block = number;
+        while let Some(&LengthChange { block, pulses }) = self.lengths.again.front()
+            && block < number
+        {
+            self.lengths.again.pop_front();
+            self.lengths.moved_by += pulses;
+        }
     }
 
     /// From the next move on this modal state is in force.
@@ -206,6 +241,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
     /// [`Cancelled`], where it is of no use to wait.
     pub fn idle(&mut self) -> Result<(), Cancelled> {
         self.mark();
+        self.take_length()?;
         if self.cancel.load(Ordering::Relaxed) { Err(Cancelled) } else { Ok(()) }
     }
 
@@ -214,8 +250,9 @@ impl<'r, const A: usize> Feeder<'r, A> {
     /// # Errors
     /// What the planner refuses, with nothing changed.
     pub fn straight(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        let reach_mm = self.check_limits(&[end_mm], line)?;
         self.planner.line(end_mm, feed, mode, self.serial.wrapping_add(1))?;
-        Ok(self.moved(line)?)
+        Ok(self.moved(line, reach_mm)?)
     }
 
     /// An arc or helix of program line `line`.
@@ -223,14 +260,40 @@ impl<'r, const A: usize> Feeder<'r, A> {
     /// # Errors
     /// What the planner refuses, with nothing changed.
     pub fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+        let mut points = extremes(&self.planner.commanded_mm(), arc);
+        points.push(arc.end_mm);
+        let reach_mm = self.check_limits(&points, line)?;
         self.planner.arc(arc, feed, mode, self.serial.wrapping_add(1))?;
-        Ok(self.moved(line)?)
+        Ok(self.moved(line, reach_mm)?)
     }
 
-    fn moved(&mut self, line: u32) -> Result<(), Cancelled> {
+    fn moved(&mut self, line: u32, reach_mm: [f64; 2]) -> Result<(), Cancelled> {
         self.serial = self.serial.wrapping_add(1);
-        self.origins.push_back(Origin { serial: self.serial, line, block: self.block });
+        self.origins.push_back(Origin { serial: self.serial, line, block: self.block, reach_mm });
         self.drain()
+    }
+
+    /// Refuses a move through these points that would leave the soft limits of an axis that it moves; how far along the tool axis it goes.
+    fn check_limits(&self, points: &[[f64; A]], line: u32) -> Result<[f64; 2], Refused> {
+        let Some(machine) = self.machine else { return Ok([0.0; 2]) };
+        let tool = machine.tool_axis().filter(|&tool| tool < A);
+        let from = self.planner.commanded_mm();
+        let further = tool.map_or(0.0, |tool| self.lengths.moved_by as f64 / machine.axes[tool].pulses_per_mm);
+        let mut reach_mm = tool.map_or([0.0; 2], |tool| [from[tool]; 2]);
+        for point in points {
+            if let Some(tool) = tool {
+                reach_mm = [reach_mm[0].min(point[tool]), reach_mm[1].max(point[tool])];
+            }
+            let mut really = *point;
+            if let Some(tool) = tool {
+                really[tool] += further;
+            }
+            if let Some(beyond) = BeyondLimit::of(machine, &really, |axis| axis < A && point[axis] != from[axis], line)
+            {
+                return Err(Refused::BeyondLimit(beyond));
+            }
+        }
+        Ok(reach_mm)
     }
 
     /// A synchronous action: executed in passing, where the next move begins.
@@ -315,10 +378,23 @@ impl<'r, const A: usize> Feeder<'r, A> {
     ///
     /// # Errors
     /// [`Cancelled`]
-    pub fn end(mut self, summary: Summary) -> Result<(), Cancelled> {
+    pub fn end(&mut self, summary: Summary) -> Result<(), Cancelled> {
         self.rest()?;
         self.mark();
         self.send(Item::End(summary))
+    }
+
+    /// Waits until there is something, with pauses, and gives up when told to.
+    fn wait_for<T>(&mut self, mut is_there: impl FnMut(&mut Self) -> Option<T>) -> Result<T, Cancelled> {
+        loop {
+            if let Some(there) = is_there(self) {
+                return Ok(there);
+            }
+            if self.cancel.load(Ordering::Relaxed) {
+                return Err(Cancelled);
+            }
+            thread::sleep(Duration::from_micros(50));
+        }
     }
 
     /// Takes what the planner has and puts it into the ring. A record comes out of the planner only when the ring has room for it:
@@ -339,6 +415,11 @@ impl<'r, const A: usize> Feeder<'r, A> {
             let serial = record.line;
             self.send_active(serial)?;
             self.send_actions(serial)?;
+            if let Some(Planned::Waiting { serial: end }) = self.lengths.last_end
+                && retrace_core::place::before(end, serial)
+            {
+                self.lengths.last_end = Some(Planned::Until(self.ring.write()));
+            }
             let origin = self.origin_of(serial);
             self.push(Record { line: origin.line, ..record }, origin.block)?;
         }
@@ -351,7 +432,8 @@ impl<'r, const A: usize> Feeder<'r, A> {
         {
             self.origins.pop_front();
         }
-        self.origins.front().copied().unwrap_or(Origin { serial, line: 0, block: 0 })
+        let unknown = Origin { serial, line: 0, block: 0, reach_mm: [0.0; 2] };
+        self.origins.front().copied().unwrap_or(unknown)
     }
 
     /// Marks what is planned, if it is not marked yet.
@@ -446,7 +528,10 @@ impl<'r, const A: usize> Feeder<'r, A> {
                 50..100 => thread::yield_now(),
                 _ if self.cancel.load(Ordering::Relaxed) => break,
                 100..400 => thread::sleep(Duration::from_micros(50)),
-                _ => thread::sleep(Duration::from_micros(500)),
+                _ => {
+                    self.take_length()?;
+                    thread::sleep(Duration::from_micros(500));
+                }
             }
         }
         Err(Cancelled)

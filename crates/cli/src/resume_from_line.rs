@@ -1,0 +1,106 @@
+//! `retrace resume --from-line`: a job of its own, of the program of an earlier one; and what both are read with.
+//!
+//! Invariant: what the earlier job was given is given to this one, but for what the command names.
+
+use std::path::{Path, PathBuf};
+
+use retrace_controller::journal::entry::{Card, Job, Source};
+use retrace_controller::journal::hash::Hash;
+use retrace_controller::journal::record::JobRecord;
+use retrace_controller::machine_changes;
+use retrace_controller::refusal::Refusal;
+
+use crate::args::{self, CycleFolders, Reading};
+use crate::program::Failure;
+use crate::{files, run};
+
+/// What the job's program is read with; a file may be elsewhere now.
+pub fn reading(job: &Job, program: Option<&Path>) -> Reading {
+    let path = |path: &Option<String>| path.as_ref().map(PathBuf::from);
+    let program = match (&job.source, program) {
+        (Source::File(_), Some(elsewhere)) => elsewhere.to_owned(),
+        (Source::File(file), None) => file.into(),
+        (Source::StandardInput, _) => "-".into(),
+        (Source::Socket(address), _) => format!("tcp://{address}").into(),
+        (Source::Serial(address), _) => format!("serial:{address}").into(),
+        (Source::Device(path), _) => path.into(),
+    };
+    let of = &job.arguments;
+    Reading {
+        program,
+        block_delete: of.block_delete,
+        subs: of.subs.iter().map(PathBuf::from).collect(),
+        cycle_folders: CycleFolders { cycles: path(&of.cycles), compiled: None },
+        tools: path(&of.tools),
+        params: path(&of.params),
+        ini: path(&of.ini),
+        max_loop_blocks: args::MAX_CHECKED_LOOP_BLOCKS,
+        machine_tables: of.machine_tables.clone(),
+    }
+}
+
+/// A job of its own, of the same program, from a line on.
+///
+/// # Errors
+/// `E2218`, and what keeps that job from being begun.
+pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u8, Failure> {
+    let job = &record.job;
+    if !record.lengths().is_empty() && !args.yes {
+        let what =
+            "a tool length was entered in a pause of this job, and from a line on the tool table counts".to_owned();
+        let remedy = "enter the length of the tool in the tool table, if that tool is in use there; then the same command with --yes";
+        return Err(Refusal::new("E2218", what, remedy).into());
+    }
+
+    let run = args::Run { start_line: Some(line), ..run_args(args, job) };
+    let machine = files::machine(run.machine.as_deref())?;
+    if let Some(changes) = changed_machine(job) {
+        eprintln!(
+            "note: the machine file was changed since the job began; the new one is used\n{}",
+            changes.join("\n")
+        );
+    }
+    let text = files::machine_text(run.machine.as_deref())?;
+    run::run_on(&run, machine, text, args.tui)
+}
+
+/// What `retrace run` would have been given for the program of a job.
+pub fn run_args(args: &args::Resume, job: &Job) -> args::Run {
+    let card = match (&args.card, &job.card) {
+        (Some(named), _) => named.clone(),
+        (None, Card::Sim) => "sim".into(),
+        (None, Card::Wired(card)) => card.address.clone(),
+    };
+    let program = args.program.as_deref();
+    let mut reading = reading(job, program);
+    if let (Some(program), false) = (program, matches!(job.source, Source::File(_))) {
+        reading.program = program.to_owned();
+    }
+    args::Run {
+        vcd: None,
+        dry_run: false,
+        reading,
+        card,
+        machine: job.machine.path.as_ref().map(PathBuf::from),
+        realtime: args.realtime,
+        tui: args.tui,
+        no_tui: !args.tui,
+        optional_stop: args.optional_stop,
+        operator: args.operator.clone(),
+        records: args.records.clone(),
+        json: args.json,
+        start_line: None,
+        journal: args.journal.clone(),
+        no_journal: false,
+    }
+}
+
+/// How the job's machine file differs by now from the job's copy of it, a line each; none where it is the same.
+pub fn changed_machine(job: &Job) -> Option<Vec<String>> {
+    let path = job.machine.path.as_ref()?;
+    match files::text(Path::new(path), "machine file") {
+        Ok(text) if Hash::of(text.as_bytes()) == job.machine.hash => None,
+        Ok(text) => Some(machine_changes::changes(&job.machine.text, &text)),
+        Err(refusal) => Some(vec![refusal.what]),
+    }
+}

@@ -1,0 +1,184 @@
+//! A tool length that the operator enters in a pause: the breakpoint and the path are moved along the tool axis.
+//!
+//! Invariant: the breakpoint is moved only when the planning thread has kept the length, durably; no record that is planned leaves the soft
+//! limits by it, and what lies behind the breakpoint is barred from where it would.
+
+use std::thread;
+use std::time::Duration;
+
+use retrace_core::Place;
+use retrace_core::place::before;
+use retrace_core::playback::part;
+use retrace_link::MotionCard;
+
+use super::Session;
+use crate::dnc::Step;
+use crate::event::Happening;
+use crate::machine::Machine;
+use crate::operator::OrderRefused;
+use crate::tool_length::{Answer, EnteredLength, LengthEntry, NoOffer, Offer, Proposal};
+
+/// How far entering a tool length is.
+#[derive(Debug)]
+pub(super) struct ToolLengthEntry {
+    entry: Option<LengthEntry>,
+    axis: Option<ToolAxis>,
+    stage: Stage,
+}
+
+/// The tool axis.
+#[derive(Clone, Copy, Debug)]
+struct ToolAxis {
+    index: usize,
+    letter: char,
+    pulses_per_mm: f64,
+    /// Soft limits in counts.
+    travel: [i64; 2],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stage {
+    Idle,
+    /// A length is proposed.
+    Proposed,
+    /// This was decided for, and is being kept.
+    Decided(Offer),
+}
+
+impl ToolLengthEntry {
+    pub(super) fn new(machine: &Machine) -> Self {
+        let axis = machine.tool_axis().map(|index| {
+            let axis = &machine.axes[index];
+            let travel = axis.travel_mm.map(|mm| machine.counts_of(index, mm));
+            ToolAxis { index, letter: axis.name, pulses_per_mm: axis.pulses_per_mm, travel }
+        });
+        Self { entry: None, axis, stage: Stage::Idle }
+    }
+
+    /// Is a length being entered?
+    pub(super) fn is_open(&self) -> bool {
+        self.stage != Stage::Idle
+    }
+}
+
+impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
+    /// The same, with somebody who keeps tool lengths that are entered.
+    #[must_use]
+    pub(crate) fn entering_lengths(mut self, entry: LengthEntry) -> Self {
+        self.tool_length.entry = Some(entry);
+        self
+    }
+
+    /// Asks the planning thread what the length would come to.
+    pub(super) fn propose_tool_length(&mut self, length: EnteredLength) -> Result<(), OrderRefused> {
+        // Whether it may be entered at all.
+        self.dnc.displace([0; A])?;
+        if self.tool_length.axis.is_none_or(|axis| axis.index >= A) {
+            return Err(OrderRefused::ToolLength(NoOffer::NoToolAxis));
+        }
+        let here = self.card.status().place;
+        let place = self.dnc.breakpoint(here).map_or(here, |(_, place)| place).record;
+        let entry = self.tool_length.entry.as_mut();
+        let entry = entry.ok_or(OrderRefused::NotNow("nobody is there to plan with another tool length"))?;
+        entry.propose(Proposal { length, place });
+        self.tool_length.stage = Stage::Proposed;
+        Ok(())
+    }
+
+    /// Goes on with a length that is being entered.
+    pub(super) fn watch_tool_length(&mut self) {
+        while self.tool_length.is_open() {
+            let answer = self.tool_length.entry.as_mut().and_then(LengthEntry::answer);
+            match (answer, self.tool_length.stage) {
+                (Some(Answer::Offer(offer)), Stage::Proposed) => self.decide_tool_length(offer),
+                (Some(Answer::Kept), Stage::Decided(offer)) => {
+                    self.tool_length.stage = Stage::Idle;
+                    self.take_tool_length(offer);
+                }
+                (Some(Answer::No(why)), _) => self.refuse_tool_length(why),
+                // In virtual time it must not depend on how long that takes; a planner that is gone answers no more.
+                (None, _) if !self.manner.wall_time && !self.supply.cut_off() => {
+                    self.supply.look();
+                    thread::sleep(Duration::from_micros(20));
+                }
+                _ => {
+                    // What waits for room among the items is planned no further.
+                    self.supply.look();
+                    return;
+                }
+            }
+        }
+    }
+
+    fn refuse_tool_length(&mut self, why: NoOffer) {
+        self.tool_length.stage = Stage::Idle;
+        self.tell(Happening::OrderRefused(OrderRefused::ToolLength(why)));
+    }
+
+    /// Takes an offer where nothing of the ring that would be moved leaves the soft limits.
+    fn decide_tool_length(&mut self, offer: Offer) {
+        let Some(axis) = self.tool_length.axis else { return };
+        let fits = |count: i64| (axis.travel[0]..=axis.travel[1]).contains(&count.saturating_add(offer.pulses));
+        let here = self.card.status().place;
+        let all_fit = self.dnc.breakpoint(here).is_some_and(|(counts, place)| {
+            fits(counts[axis.index]) && self.ahead(axis.index, counts, place, offer.planned).all(fits)
+        });
+        if let Some(entry) = &mut self.tool_length.entry {
+            entry.decide(all_fit);
+        }
+        if all_fit {
+            self.tool_length.stage = Stage::Decided(offer);
+        } else {
+            self.refuse_tool_length(NoOffer::BeyondLimit(axis.letter));
+        }
+    }
+
+    /// The breakpoint is moved; what lies so far behind that it would leave the soft limits is barred.
+    fn take_tool_length(&mut self, offer: Offer) {
+        let Some(axis) = self.tool_length.axis else { return };
+        let here = self.card.status().place;
+        let Some((counts, place)) = self.dnc.breakpoint(here) else { return };
+        let mut moved = [0; A];
+        moved[axis.index] = offer.pulses;
+        // It was allowed when it was proposed, and words wait since.
+        if self.dnc.displace(moved).is_err() {
+            return;
+        }
+        let mut count = counts[axis.index].saturating_add(offer.pulses) - self.gone_into(axis.index, place);
+        let mut barred = place.record;
+        while (axis.travel[0]..=axis.travel[1]).contains(&count)
+            && before(self.supply.oldest(), barred)
+            && let Some(record) = self.supply.record(barred.wrapping_sub(1))
+        {
+            count -= i64::from(record.increments[axis.index]);
+            barred = barred.wrapping_sub(1);
+        }
+        if !(axis.travel[0]..=axis.travel[1]).contains(&count) {
+            self.supply.bar_before(barred.wrapping_add(1), "the soft limit with the new tool length");
+        }
+        self.tell_step(Step::ToolLength {
+            axis: axis.letter,
+            by_mm: offer.pulses as f64 / axis.pulses_per_mm,
+            by_counts: offer.pulses,
+            length_mm: offer.length_mm,
+        });
+    }
+
+    /// How far an axis has gone in the record of a place.
+    fn gone_into(&self, axis: usize, place: Place) -> i64 {
+        let record = self.supply.record(place.record);
+        record.map_or(0, |record| i64::from(part(record.increments[axis], place.fraction)))
+    }
+
+    /// The counts of an axis behind each record from `place` up to `end`, where it has `counts` at `place`.
+    fn ahead(&self, axis: usize, counts: [i64; A], place: Place, end: u32) -> impl Iterator<Item = i64> {
+        let mut count = counts[axis] - self.gone_into(axis, place);
+        let mut at = place.record;
+        std::iter::from_fn(move || {
+            let record = before(at, end).then(|| self.supply.record(at))??;
+            at = at.wrapping_add(1);
+            count += i64::from(record.increments[axis]);
+            Some(count)
+        })
+    }
+}
