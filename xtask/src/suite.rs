@@ -4,6 +4,7 @@
 
 use crate::{firmware, tidy, verify};
 use std::io::{BufRead, BufReader, Write};
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -74,6 +75,11 @@ fn tests(root: &Path) -> Outcome {
     let mut command = cargo_command(root, &["test", "--workspace", "--tests", "--no-fail-fast"]);
     // the thread models are run and counted by the step `verify`
     command.args(["--exclude", "retrace-loom", "--exclude", "retrace-shuttle"]);
+    // Many end-to-end tests wait for machine time: two at a time for each processor.
+    if std::env::var_os("RUST_TEST_THREADS").is_none() {
+        let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
+        command.env("RUST_TEST_THREADS", (2 * processors).to_string());
+    }
     count_tests(command.env("RETRACE_BIN", binary))
 }
 
