@@ -3,6 +3,7 @@
 use retrace_tests::command::Bench;
 use retrace_tests::programs::examples;
 use retrace_tests::served::Served;
+use retrace_tests::terminal::Terminal;
 use serde_json::Value;
 
 fn last(text: &str) -> Value {
@@ -238,4 +239,17 @@ fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
     assert!(errors[2].contains("axis Z makes up to 3000000 pulses a second, the card 2000000"), "{}", errors[2]);
     let run = bench.retrace(["run", "--card", &served.port, "--machine", "m.toml", "--no-journal", "m.toml"]);
     assert_ne!(run.code, Some(0), "{}", run.err);
+}
+
+/// At a terminal a check that takes long shows how far it is; Ctrl-C ends it at once.
+#[test]
+fn a_long_check_shows_its_lines_and_can_be_interrupted() {
+    let bench = Bench::new();
+    let program = "#1=0\nWHILE [#1 LT 1] DO1\nG0 X1\nG0 X0\nEND1\nM2\n";
+    let program = bench.file("endless.ngc", program).to_string_lossy().into_owned();
+    let mut terminal = Terminal::running(&["check", &program, "--max-loop-blocks", "2000000000"], 100, 20);
+    terminal.until("blocks in loops and calls");
+    terminal.until("of 6");
+    terminal.keys("\u{3}");
+    assert_ne!(terminal.ended(), Some(0));
 }

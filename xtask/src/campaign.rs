@@ -52,6 +52,14 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 400,
     },
     Campaign {
+        name: "macros",
+        purpose: "random programs of GOTO, IF and WHILE go from line to line as a small machine of the test's own does",
+        test: ["retrace-gcode", "macro_words", "random_programs_go_from_line_to_line_as_a_machine_of_their_own_does"],
+        asked: END_TO_END,
+        full: 200_000,
+        slice: 2000,
+    },
+    Campaign {
         name: "line",
         purpose: "whatever the line does, a job ends exactly or in a latched alarm, on the path; and every single fault at every frame",
         test: ["retrace-controller", "line", ""],

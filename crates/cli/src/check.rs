@@ -35,7 +35,7 @@ pub fn run(args: &args::Check) -> Result<(), Failure> {
 fn tell<const A: usize>(args: &args::Check, machine: &Machine, program: &Program) -> Result<(), Failure> {
     let mut diagnostics = Vec::new();
     // What cannot be run is not planned: moves beyond the travel may be of any length.
-    let checked = match program.faults(machine) {
+    let checked = match program.faults_shown(machine) {
         Ok(()) => program.survey::<A>(machine, &mut diagnostics),
         Err(_) => program.check_for_script(machine, &mut diagnostics).map(|_| None),
     };

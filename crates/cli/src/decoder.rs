@@ -11,6 +11,7 @@ use retrace_controller::journal::hash::Hash;
 use retrace_controller::manual::hand::Identify;
 use retrace_gcode::{Active, Canon, Progress, Severity, Step};
 
+use crate::check_progress::CheckProgress;
 use crate::left::Left;
 use crate::program::Source;
 
@@ -32,6 +33,8 @@ pub struct Decoder {
     pub(super) max_loop_blocks: Option<u64>,
     /// The program has come to its end.
     pub(super) is_at_end: bool,
+    /// Shows how far it is; none where it is run.
+    pub(super) progress: Option<CheckProgress>,
 }
 
 /// Blocks in loops and calls that a program with errors is gone through for: more would only keep its errors back.
@@ -62,6 +65,10 @@ impl Decode for Decoder {
         }
         let first = steps.len();
         let progress = self.program.advance(steps);
+        if let Some(shown) = &mut self.progress {
+            let program = &self.program;
+            shown.block(|| (program.lines_taken(), program.loop_blocks()));
+        }
         self.is_at_end |= progress == Progress::End;
         self.length_offset |= steps[first..].iter().any(|s| matches!(s.canon, Canon::UseToolLengthOffset(_)));
         if let Some(left) = &mut self.left {

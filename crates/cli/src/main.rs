@@ -15,6 +15,7 @@ mod canon;
 mod card;
 mod card_serve;
 mod check;
+mod check_progress;
 mod check_told;
 mod console;
 mod cycles;

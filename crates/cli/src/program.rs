@@ -27,6 +27,7 @@ use serde_json::Value;
 use crate::args::Reading;
 use crate::arrives::Broken;
 pub use crate::arrives::{Arrives, Arriving, Opening};
+use crate::check_progress::CheckProgress;
 use crate::cycles;
 pub use crate::decoder::Decoder;
 use crate::diagnosed;
@@ -339,7 +340,14 @@ impl Program {
             left: None,
             max_loop_blocks: Some(self.max_loop_blocks),
             is_at_end: false,
+            progress: None,
         }
+    }
+
+    /// The program from its beginning, to be looked through at a terminal, which sees how far that is.
+    fn shown_decoder(&self) -> Decoder {
+        let progress = self.prescan.as_ref().and_then(|prescan| CheckProgress::of(prescan.lines()));
+        Decoder { progress, ..self.decoder() }
     }
 
     /// The program from its beginning, to be run: it logs, and leaves its parameters. One that arrives is taken from `input`.
@@ -426,10 +434,21 @@ impl Program {
     /// # Errors
     /// What is wrong with it, where it has errors.
     pub fn faults(&self, machine: &Machine) -> Result<(), String> {
+        self.faults_by(machine, self.decoder())
+    }
+
+    /// The same at a terminal, which sees how far that is.
+    ///
+    /// # Errors
+    /// What is wrong with it, where it has errors.
+    pub fn faults_shown(&self, machine: &Machine) -> Result<(), String> {
+        self.faults_by(machine, self.shown_decoder())
+    }
+
+    fn faults_by(&self, machine: &Machine, mut decoder: Decoder) -> Result<(), String> {
         if self.prescan.is_none() {
             return Ok(());
         }
-        let mut decoder = self.decoder();
         let (_, findings, _) = job::scan::<9>(machine, &mut decoder);
         let found = diagnosed::all(self, &mut decoder, &findings);
         let shown: Vec<String> = found.iter().map(|one| one.text.clone()).collect();
@@ -444,8 +463,9 @@ impl Program {
         if self.prescan.is_none() {
             return Ok(None);
         }
-        let mut decoder = self.decoder();
+        let mut decoder = self.shown_decoder();
         let (blocks, findings, found) = look(&mut decoder)?;
+        decoder.progress = None;
         let all = diagnosed::all(self, &mut decoder, &findings);
         for one in &all {
             eprintln!("{}", escape::lines(&one.text));

@@ -229,10 +229,10 @@ impl<const A: usize> Interruption<A> {
             Step::OnlineAgain => return Err(Refused::AlreadyOnline),
             Step::Approaching => return Err(Refused::Approaching),
         }
-        let mut axis = 0;
-        while axis < A {
-            latch.counts[axis] = latch.counts[axis].saturating_add(pulses[axis]);
-            axis += 1;
+        let mut moved = 0;
+        while moved < A {
+            latch.counts[moved] = latch.counts[moved].saturating_add(pulses[moved]);
+            moved += 1;
         }
         Ok(())
     }

@@ -8,6 +8,7 @@ use crate::control::{Control, Keyword};
 use crate::diag::{Fault, Outcome, Span, fault};
 use crate::flow::Flow;
 use crate::interp::Interpreter;
+use crate::line_numbers::SeenNumbers;
 use crate::lines::Lines;
 use crate::nest::Nest;
 use crate::prescan::Sub;
@@ -25,12 +26,25 @@ pub(crate) struct Arriving {
     code: Option<Arc<Code>>,
     /// Bytes of the subprograms.
     kept: usize,
+    seen: SeenNumbers,
 }
 
 impl Arriving {
     /// The stretch compiled last.
     pub(crate) fn code(&mut self) -> Option<Arc<Code>> {
         self.code.take()
+    }
+
+    /// A line of the program with this number has gone by.
+    pub(crate) fn see(&mut self, number: Option<u64>) {
+        if let Some(number) = number {
+            self.seen.see(number);
+        }
+    }
+
+    /// Whether a line with this number has gone by.
+    pub(crate) fn has_seen(&self, number: u64) -> bool {
+        self.seen.has(number)
     }
 
     /// Compiles the stretch that begins with the line taken last, whose O word this is; it ends at the compiled lines returned.
@@ -49,7 +63,7 @@ impl Arriving {
         }
         let mut code = Code::new(0);
         // Labels of what has gone may come again.
-        self.nest = Nest::default();
+        self.nest = Nest::in_style(self.nest.style());
         let first = lines.number();
         interpreter.reader_mut().block.control = Some(control);
         self.nest.take(&mut code, first, lines.text(), &interpreter.reader_mut().block);
@@ -80,7 +94,12 @@ impl Arriving {
             }
             self.report(interpreter);
         }
+        self.nest.find_lines(&mut code, false);
+        self.report(interpreter);
         let end = code.len();
+        for line in 0..end {
+            self.see(code.block_number(line));
+        }
         let code = Arc::new(code);
         if is_sub {
             self.kept += code.text_len();

@@ -438,6 +438,18 @@ impl Block {
         self.late.is_empty()
     }
 
+    /// The first of the values that are calculated; 0 where there is none.
+    pub(crate) fn first_value(&self, environment: &impl Environment) -> Outcome<f64> {
+        let Some(late) = self.late.first() else { return Ok(0.0) };
+        let ops = &self.ops[usize::from(late.first_op)..usize::from(late.end_op)];
+        evaluate(ops, environment).map(|(_, value)| value)
+    }
+
+    /// Where the last of the values that are calculated stands.
+    pub(crate) fn last_span(&self) -> Span {
+        self.late.last().map_or_else(Span::default, |late| span(late.at))
+    }
+
     /// Calculates what is open, in the order of the line: word values into `words`, assignments into `assignments`.
     pub(crate) fn calculate(
         &self,

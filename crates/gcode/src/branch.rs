@@ -3,7 +3,7 @@
 //! Invariant: numbers count from 1, file by file in the order of their lines; a target is a line of a file, or none where it is
 //! calculated when the program runs or where there is none.
 
-use crate::code::{Code, Jump};
+use crate::code::{BY_NUMBER, Code, Jump};
 use crate::control::Label;
 use crate::prescan::Subs;
 use std::sync::Arc;
@@ -50,6 +50,8 @@ pub(crate) fn table(codes: &[Arc<Code>], subs: &Subs) -> Vec<Branch> {
         for line in 0..code.len() {
             let Some((kind, to)) = code.jump(line).and_then(kind_of) else { continue };
             let (label, target) = match to {
+                Leads::Exactly(to) => (None, Target::Line { file: code.file, line: code.line_number(to) }),
+                Leads::Calculated => (None, Target::Calculated),
                 Leads::Line(to) => (None, Target::Line { file: code.file, line: behind(code, to) }),
                 Leads::Call(call) => {
                     let Some(call) = code.calls.get(call as usize) else { continue };
@@ -77,6 +79,9 @@ pub(crate) fn table(codes: &[Arc<Code>], subs: &Subs) -> Vec<Branch> {
 
 enum Leads {
     Line(u32),
+    /// That very line, wherever it stands.
+    Exactly(u32),
+    Calculated,
     Call(u32),
     Cycle(u32),
 }
@@ -94,7 +99,9 @@ fn behind(code: &Code, line: u32) -> u32 {
 
 fn kind_of(jump: Jump) -> Option<(&'static str, Leads)> {
     Some(match jump {
-        Jump::None | Jump::Faulty | Jump::Pass | Jump::Return | Jump::ModalEnd => return None,
+        Jump::None | Jump::Faulty | Jump::Pass | Jump::Return | Jump::ModalEnd | Jump::IfThen => return None,
+        Jump::GoTo { to: BY_NUMBER, .. } => ("goto", Leads::Calculated),
+        Jump::GoTo { to, .. } => ("goto", Leads::Exactly(to)),
         Jump::Cycle { call } => ("cycle", Leads::Cycle(call)),
         Jump::ModalCall { call } => ("MCALL", Leads::Cycle(call)),
         Jump::Over { to } => ("sub", Leads::Line(to)),

@@ -7,6 +7,7 @@ use crate::block::{Block, BlockNumber, Item, Late};
 use crate::call::CycleCall;
 use crate::control::Label;
 use crate::expr::Op;
+use crate::line_numbers::LineNumbers;
 use crate::remark::Remark;
 use std::ops::Range;
 
@@ -69,7 +70,18 @@ pub(crate) enum Jump {
     },
     /// MCALL alone.
     ModalEnd,
+    /// GOTO; [`BY_NUMBER`]: the line is looked up by its number, the last value of the block.
+    GoTo {
+        to: u32,
+        /// The first value of the block is a condition.
+        is_conditional: bool,
+    },
+    /// The first value of the block is the condition on which the rest of it is carried out.
+    IfThen,
 }
+
+/// A line that is not known before the program comes to it.
+pub(crate) const BY_NUMBER: u32 = u32::MAX;
 
 /// A call: what it names, and which subprogram that is, once that is known.
 #[derive(Clone, Debug)]
@@ -104,6 +116,8 @@ pub(crate) struct Code {
     pub(crate) calls: Vec<CallSite>,
     /// Calls of cycles, with their lines.
     pub(crate) cycles: Vec<(u32, CycleCall)>,
+    /// Where its lines with numbers stand, as far as GOTO may go to them.
+    pub(crate) line_numbers: LineNumbers,
     lines: Vec<Line>,
     text: Vec<u8>,
     items: Vec<Item>,
@@ -171,6 +185,11 @@ impl Code {
         let last = self.lines.last().map_or(0, |last| last.line);
         self.calls.retain(|call| call.line <= last);
         self.cycles.retain(|(line, _)| *line <= last);
+    }
+
+    /// The N word of a line.
+    pub(crate) fn block_number(&self, line: u32) -> Option<u64> {
+        self.lines.get(line as usize)?.number.map(BlockNumber::value)
     }
 
     /// The number of a line in its file.

@@ -129,7 +129,7 @@ impl ContourReader<'_> {
                     contour.take(&steps, scratch, true)?;
                 }
                 Stepped::Jumped => {}
-                Stepped::Faulty => return Err(wrong("a block of it is refused")),
+                Stepped::Faulty | Stepped::Ahead(..) => return Err(wrong("a block of it is refused")),
                 Stepped::Cycle(_) => return Err(refused(&Fault::Interpolation(scratch.line_number()))),
                 Stepped::Idle | Stepped::ProgramEnd => return Ok(()),
             }
@@ -185,7 +185,7 @@ fn draw(mut flow: Flow, scratch: &mut Interpreter) -> Outcome<Option<Vec<Step>>>
                 scratch.carry_out(&mut steps)?;
             }
             Stepped::Jumped => {}
-            Stepped::Faulty | Stepped::Cycle(_) => break,
+            Stepped::Faulty | Stepped::Cycle(_) | Stepped::Ahead(..) => break,
             Stepped::Idle | Stepped::ProgramEnd => return Ok(Some(steps)),
         }
     }

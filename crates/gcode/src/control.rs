@@ -24,7 +24,7 @@ pub(crate) enum Label {
 }
 
 /// What the labels of Fanuc's loops begin with, before their number.
-const MACRO_LOOP: &str = "DO ";
+pub(crate) const MACRO_LOOP: &str = "DO ";
 
 impl Label {
     /// Whether it is the number of a macro's loop, which the next loop may have again.
@@ -74,6 +74,12 @@ pub(crate) enum Keyword {
     ModalCall,
     /// MCALL alone.
     ModalEnd,
+    /// GOTO of a Fanuc macro: the number is the label, or the first value.
+    GoTo,
+    /// IF [condition] GOTO: the values are the condition and the number.
+    IfGoTo,
+    /// IF [condition] THEN, with assignments.
+    IfThen,
 }
 
 impl Keyword {
@@ -100,6 +106,33 @@ impl Keyword {
             Keyword::M99 => "M99",
             Keyword::Cycle => "cycle",
             Keyword::ModalCall | Keyword::ModalEnd => "MCALL",
+            Keyword::GoTo => "GOTO",
+            Keyword::IfGoTo => "IF GOTO",
+            Keyword::IfThen => "IF THEN",
+        }
+    }
+
+    /// Whether it is one of Fanuc's macros, with this label; none where both languages have it.
+    pub(crate) fn is_of_macros(self, label: &Label) -> Option<bool> {
+        match self {
+            Keyword::GoTo | Keyword::IfGoTo | Keyword::IfThen => Some(true),
+            Keyword::While | Keyword::EndWhile => Some(label.is_of_macro_loop()),
+            Keyword::Sub
+            | Keyword::EndSub
+            | Keyword::Call
+            | Keyword::Return
+            | Keyword::If
+            | Keyword::ElseIf
+            | Keyword::Else
+            | Keyword::EndIf
+            | Keyword::Do
+            | Keyword::Repeat
+            | Keyword::EndRepeat
+            | Keyword::Break
+            | Keyword::Continue => Some(false),
+            Keyword::Start | Keyword::M98 | Keyword::M99 | Keyword::Cycle | Keyword::ModalCall | Keyword::ModalEnd => {
+                None
+            }
         }
     }
 
@@ -221,48 +254,12 @@ fn values(
     }
 }
 
-fn comment(cursor: &mut Cursor<'_>, start: usize) -> Outcome<()> {
+pub(crate) fn comment(cursor: &mut Cursor<'_>, start: usize) -> Outcome<()> {
     if cursor.take_to(b')').is_some() {
         return Ok(());
     }
     cursor.finish();
     fault(Code::UnclosedComment, cursor.since(start), Code::UnclosedComment.title())
-}
-
-/// Compiles `WHILE [condition] DO1` or `END1` of a Fanuc macro; false and nothing taken if the line is neither.
-pub(crate) fn parse_macro_loop(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<bool> {
-    let (start, before) = (cursor.at(), cursor.clone());
-    let keyword = if cursor.eat_word(b"while") && cursor.peek() == b'[' {
-        Keyword::While
-    } else {
-        cursor.clone_from(&before);
-        if !cursor.eat_word(b"end") || !cursor.peek().is_ascii_digit() {
-            *cursor = before;
-            return Ok(false);
-        }
-        Keyword::EndWhile
-    };
-    if keyword == Keyword::While {
-        let (first_op, from) = (block.ops.len(), cursor.at());
-        Compiler::new(cursor, &mut block.ops, names).bracket()?;
-        block.add_late(Slot::Argument, first_op, cursor.since(from));
-        if !cursor.eat_word(b"do") {
-            return fault(
-                Code::MacroControl,
-                cursor.since(start),
-                "WHILE is followed by a condition in brackets and DO",
-            );
-        }
-    }
-    let number = match cursor.digits() {
-        (1, number @ 1..=3) => number,
-        _ => return fault(Code::MacroControl, cursor.since(start), "DO and END are followed by 1, 2 or 3"),
-    };
-    let at = cursor.since(start);
-    let control = Control { label: Label::Name(format!("{MACRO_LOOP}{number}").into()), keyword, at };
-    values(cursor, names, block, &Control { keyword: Keyword::EndWhile, ..control.clone() }, 0)?;
-    block.control = Some(control);
-    Ok(true)
 }
 
 /// Compiles the rest of a line whose M98 or M99 has been taken.

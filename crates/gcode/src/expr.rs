@@ -284,6 +284,11 @@ impl<'a, 'b> Compiler<'a, 'b> {
         let near = if name.len() > 1 { nearest(&name, NAMES.into_iter()) } else { None };
         match near {
             Some(near) => fault(Code::UnknownFunction, at, format!("there is no function {name}; do you mean {near}?")),
+            None if name.len() > 1 && self.cursor.follows(b'[') => {
+                let written = name.to_lowercase();
+                let message = format!("there is no function {name}; a named parameter is written #<{written}>");
+                fault(Code::UnknownFunction, at, message)
+            }
             None => fault(Code::UnknownFunction, at, "no function begins here"),
         }
     }

@@ -11,9 +11,12 @@ use crate::diag::{Fault, Span};
 use crate::nest::Nest;
 use crate::parse::LineReader;
 use crate::prescan::{Prescan, Region, Sub};
-use crate::program::unreadable;
+use crate::program::{is_percent, unreadable};
 use crate::text::{Text, TextLines};
 use std::io;
+
+/// Bytes of a file that a GOTO may go to and fro in.
+const MAX_WHOLE: u64 = 16 << 20;
 
 /// Lines of O numbers that M98 calls, with the line of the M99 that follows.
 fn called_starts(text: &Text, called: Option<u64>) -> io::Result<Vec<(u32, u32)>> {
@@ -69,6 +72,8 @@ pub(crate) struct FileScan<'a> {
     called: Option<u64>,
     /// Stretches that M98 calls: their first and their last line; looked for when the first O number alone is met.
     starts: Option<Vec<(u32, u32)>>,
+    /// The whole file is one stretch, because a GOTO may go anywhere in it.
+    is_whole: bool,
     /// A line with an O word could not be read: what seems to have no beginning or no end may have it there.
     has_unread_control: bool,
     text: Text,
@@ -78,16 +83,50 @@ impl<'a> FileScan<'a> {
     /// A file before its first line; `called` is the number that M98 of another file looks for in it.
     pub(crate) fn new(prescan: &'a mut Prescan, file: u16, text: Text, called: Option<u64>) -> FileScan<'a> {
         let (code, nest) = (Code::new(file), Nest::default());
-        FileScan { prescan, file, code, nest, called, starts: None, has_unread_control: false, text }
+        FileScan { prescan, file, code, nest, called, starts: None, is_whole: false, has_unread_control: false, text }
     }
 
     /// Compiles its stretches, and tells the pre-scan of them.
     pub(crate) fn scan(mut self) -> Code {
-        let mut line = 0;
-        if let Err(error) = self.all(&mut line) {
+        let (mut line, found, subs) = (0, self.prescan.found(), self.prescan.subs.list.len());
+        let mut scanned = self.all(&mut line);
+        if self.nest.has_goto && scanned.is_ok() {
+            self.prescan.forget(found);
+            self.prescan.subs.forget_from(subs);
+            if self.file == 0 {
+                self.prescan.regions.clear();
+            }
+            (self.code, self.nest) = (Code::new(self.file), Nest::default());
+            (self.is_whole, self.has_unread_control, line) = (true, false, 0);
+            scanned = self.whole(&mut line);
+        }
+        if let Err(error) = scanned {
             self.prescan.report(self.file, line + 1, unreadable(&error));
         }
         self.code
+    }
+
+    /// Compiles the file as one stretch, from its first line that is not blank or a percent sign to its end or the next percent sign.
+    fn whole(&mut self, line: &mut u32) -> io::Result<()> {
+        if self.text.len() > MAX_WHOLE {
+            let message = "a file with GOTO may have 16 MiB";
+            self.prescan.report(self.file, 1, Fault::new(Number::TooMuchToKeep, Span::default(), message.to_owned()));
+            return Ok(());
+        }
+        self.starts = Some(called_starts(&self.text, self.called)?);
+        let mut lines = TextLines::new(self.text.clone());
+        loop {
+            let before = lines.position();
+            if !lines.advance()? {
+                return Ok(());
+            }
+            *line += 1;
+            let this = lines.line();
+            if !this.trim_ascii().is_empty() && !is_percent(this) {
+                lines.seek(before);
+                return self.region(*line, &mut lines).map(drop);
+            }
+        }
     }
 
     /// Goes through all lines; `line` is the one taken last.
@@ -116,6 +155,9 @@ impl<'a> FileScan<'a> {
             match self.region(*line, &mut lines)? {
                 Some(behind) => *line = behind - 1,
                 None => _ = lines.advance()?,
+            }
+            if self.nest.has_goto {
+                return Ok(());
             }
             if self.prescan.has_too_many_errors() {
                 return Ok(());
@@ -151,7 +193,13 @@ impl<'a> FileScan<'a> {
         // Of stretches that overlap the last end counts.
         let mut last = first;
         loop {
-            if !lines.advance()? {
+            let is_end = !lines.advance()? || self.is_whole && is_percent(lines.line());
+            if is_end && self.is_whole {
+                let open = self.nest.give_up().filter(|_| !self.has_unread_control);
+                open.into_iter().for_each(|open| self.prescan.report(self.file, open.line, *open.without_end()));
+                break;
+            }
+            if is_end {
                 let open = self.nest.give_up();
                 self.code.truncate(start);
                 self.nest.found.clear();
@@ -167,7 +215,7 @@ impl<'a> FileScan<'a> {
             if let Some((_, end)) = self.starts.iter().flatten().find(|(start, _)| *start == line) {
                 last = last.max(*end);
             }
-            let read = if line == first { Ok(true) } else { self.prescan.reader.read(text) };
+            let read = if line == first && !self.is_whole { Ok(true) } else { self.prescan.reader.read(text) };
             match read {
                 Ok(_) => self.nest.take(&mut self.code, line, text, &self.prescan.reader.block),
                 Err(fault) => {
@@ -176,21 +224,30 @@ impl<'a> FileScan<'a> {
                     self.prescan.report(self.file, line, *fault);
                 }
             }
-            for (line, fault) in self.nest.faults.drain(..) {
-                if !(self.has_unread_control && fault.code == Number::ControlWithoutBegin) {
-                    self.prescan.report(self.file, line, *fault);
-                }
-            }
+            self.report_faults();
             line += 1;
-            if self.nest.is_closed() && line > last {
+            if !self.is_whole && self.nest.is_closed() && line > last {
                 break;
             }
+        }
+        if self.is_whole {
+            self.nest.find_lines(&mut self.code, true);
+            self.report_faults();
         }
         self.take_found();
         if self.file == 0 {
             self.prescan.regions.push(Region { line: first, end_line: line, start, end: self.code.len() });
         }
         Ok(Some(line))
+    }
+
+    /// Tells what does not nest, and which GOTO has no line.
+    fn report_faults(&mut self) {
+        for (line, fault) in self.nest.faults.drain(..) {
+            if !(self.has_unread_control && fault.code == Number::ControlWithoutBegin) {
+                self.prescan.report(self.file, line, *fault);
+            }
+        }
     }
 
     fn take_found(&mut self) {

@@ -5,11 +5,12 @@
 
 use crate::call::CycleCall;
 use crate::canon::Step;
-use crate::code::{Code, Jump, SubId};
+use crate::code::{BY_NUMBER, Code, Jump, SubId};
 use crate::codes::Code as Number;
 use crate::control::Label;
 use crate::diag::{Fault, Outcome, Span, fault};
 use crate::interp::Interpreter;
+use crate::line_numbers::NoLine;
 use crate::params::Frame;
 use crate::prescan::{Sub, Subs, wrong_call};
 use crate::rounds::Rounds;
@@ -59,6 +60,8 @@ pub(crate) enum Stepped {
     Idle,
     /// M99 in the program itself ends it.
     ProgramEnd,
+    /// A program that arrives goes on at the next line with this number; place of the GOTO.
+    Ahead(u64, Span),
 }
 
 /// What is open, and the subprograms that there are.
@@ -217,7 +220,40 @@ impl Flow {
                 }
             }
             Jump::ModalEnd => interpreter.end_modal(),
+            Jump::IfThen => {
+                return Ok(if interpreter.condition()? == 0.0 { Stepped::Jumped } else { Stepped::Block });
+            }
+            Jump::GoTo { is_conditional: true, .. } if interpreter.condition()? == 0.0 => {}
+            Jump::GoTo { to, .. } => return self.go_to(to, line, interpreter),
         }
+        Ok(Stepped::Jumped)
+    }
+
+    /// Goes on at another line of the level: at `to`, or at the one of the number that the block's last value is.
+    fn go_to(&mut self, to: u32, from: u32, interpreter: &mut Interpreter) -> Outcome<Stepped> {
+        let Some(level) = self.levels.last_mut() else { return Ok(Stepped::Idle) };
+        let to = if to == BY_NUMBER {
+            let (value, at) = interpreter.last_value()?;
+            let number = crate::eval::whole(value, at, "the number of a line")?;
+            let line = match u64::try_from(number) {
+                Ok(number) => level.code.line_numbers.find(from, number).map_err(|why| (why, number)),
+                Err(_) => return fault(Number::NoSuchLineNumber, at, format!("there is no line N{number}")),
+            };
+            match line {
+                Ok(line) => line,
+                // Of a program that arrives only this stretch is known.
+                Err((NoLine::Missing, number)) if !self.is_whole && self.calls == 0 => {
+                    self.levels.clear();
+                    self.loops.end_all(0);
+                    return Ok(Stepped::Ahead(number, at));
+                }
+                Err((why, number)) => return Err(Box::new(why.fault(number, at))),
+            }
+        } else {
+            to
+        };
+        self.loops.leave(to, level.loops);
+        level.next = to;
         Ok(Stepped::Jumped)
     }
 

@@ -108,6 +108,13 @@ impl<'a> Cursor<'a> {
         Span::new(self.at, (self.at + 1).min(self.text.len()))
     }
 
+    /// Does the next character follow this one, blanks aside?
+    pub(crate) fn follows(&mut self, before: u8) -> bool {
+        self.peek();
+        let taken = self.text.get(..self.at).unwrap_or_default();
+        taken.iter().rev().find(|byte| !is_blank(**byte)) == Some(&before)
+    }
+
     /// The byte at a place of the line.
     pub(crate) fn byte(&self, at: usize) -> Option<u8> {
         self.text.get(at).copied()

@@ -134,6 +134,8 @@ pub struct State {
     pub compensation: Option<Compensation>,
     /// G40 has ended a compensated path, and no straight move has come since.
     pub has_left_compensation: bool,
+    /// It has probed: its position, and the parameters of the answer, are taken for granted.
+    pub has_probed: bool,
     /// From the end of the programmed path to where the tool stands since that G40, along the machine's axes, program units;
     /// none after a motion.
     pub tool_shift: Option<Pose>,
@@ -207,6 +209,7 @@ impl State {
             position: Pose::ZERO,
             compensation: None,
             has_left_compensation: false,
+            has_probed: false,
             tool_shift: None,
             waiting: Queue::default(),
             path_control: PathControl::Continuous { tolerance: 0.0 },

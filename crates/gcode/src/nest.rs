@@ -4,10 +4,11 @@
 //! program comes to it.
 
 use crate::block::Block;
-use crate::code::{CallSite, Code, Jump};
+use crate::code::{BY_NUMBER, CallSite, Code, Jump};
 use crate::codes::Code as Number;
 use crate::control::{Control, Keyword, Label};
-use crate::diag::{Fault, Outcome, fault};
+use crate::diag::{Fault, Outcome, Span, fault};
+use crate::line_numbers::{LineNumbers, NoLine};
 use std::collections::HashSet;
 
 /// A subprogram that has been found.
@@ -46,6 +47,19 @@ pub(crate) struct Nest {
     pub(crate) found: Vec<Found>,
     /// What is wrong, with its line in the file.
     pub(crate) faults: Vec<(u32, Box<Fault>)>,
+    /// Lines with a GOTO: compiled line, its line in the file, number, place.
+    gotos: Vec<(u32, u32, u64, Span)>,
+    /// There is a GOTO, also one whose number is calculated.
+    pub(crate) has_goto: bool,
+    style: Style,
+}
+
+/// In which of two languages the file says where it goes on.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Style {
+    /// Whether that is the one of Fanuc's macros, and the line that said so first.
+    first: Option<(bool, u32)>,
+    is_told: bool,
 }
 
 impl Nest {
@@ -67,6 +81,9 @@ impl Nest {
         };
         let at = code.len();
         code.push(line, text, block, Jump::Faulty);
+        if let Err(fault) = self.keeps_style(line, control) {
+            self.faults.push((line, fault));
+        }
         if let Some(cycle) = &block.cycle {
             let call = code.cycles.len() as u32;
             code.cycles.push((line, cycle.clone()));
@@ -77,6 +94,48 @@ impl Nest {
         match self.jump(code, at, line, control) {
             Ok(jump) => code.set_jump(at, jump),
             Err(fault) => self.faults.push((line, fault)),
+        }
+    }
+
+    /// Refuses the first line that mixes O words and macro words.
+    fn keeps_style(&mut self, line: u32, control: &Control) -> Outcome<()> {
+        let Some(is_of_macros) = control.keyword.is_of_macros(&control.label) else { return Ok(()) };
+        let (first, first_line) = *self.style.first.get_or_insert((is_of_macros, line));
+        if first == is_of_macros || std::mem::replace(&mut self.style.is_told, true) {
+            return Ok(());
+        }
+        let (here, there) = if is_of_macros { ("a macro word", "O words") } else { ("an O word", "macro words") };
+        let message = format!("{here} stands in a file with {there}, as in line {first_line}");
+        fault(Number::MixedMacros, control.at, message)
+    }
+
+    /// Nothing open, in a file whose lines so far were in this style.
+    pub(crate) fn in_style(style: Style) -> Nest {
+        Nest { style, ..Nest::default() }
+    }
+
+    pub(crate) fn style(&self) -> Style {
+        self.style
+    }
+
+    /// Gives each GOTO its line, among all lines that were taken; a number that is calculated, or that `code` does not have and
+    /// `is_whole` is false, is looked up when the program comes to it.
+    pub(crate) fn find_lines(&mut self, code: &mut Code, is_whole: bool) {
+        let mut starts: Vec<u32> = self.found.iter().filter(|sub| sub.for_m98).map(|sub| sub.entry - 1).collect();
+        starts.sort_unstable();
+        code.line_numbers = LineNumbers::of(code, starts);
+        for (at, line, number, place) in self.gotos.drain(..) {
+            match (code.line_numbers.find(at, number), code.jump(at)) {
+                (Ok(to), Some(Jump::GoTo { is_conditional, .. })) => {
+                    code.set_jump(at, Jump::GoTo { to, is_conditional })
+                }
+                (Err(NoLine::Missing), _) if !is_whole => {}
+                (Err(why), _) => {
+                    code.set_jump(at, Jump::Faulty);
+                    self.faults.push((line, Box::new(why.fault(number, place))));
+                }
+                _ => {}
+            }
         }
     }
 
@@ -138,6 +197,14 @@ impl Nest {
                 None => return nothing_open(control),
             },
             Keyword::M99 => Jump::Return,
+            Keyword::IfThen => Jump::IfThen,
+            Keyword::GoTo | Keyword::IfGoTo => {
+                self.has_goto = true;
+                if let Label::Number(number) = control.label {
+                    self.gotos.push((at, line, number, control.at));
+                }
+                Jump::GoTo { to: BY_NUMBER, is_conditional: control.keyword == Keyword::IfGoTo }
+            }
             Keyword::Cycle | Keyword::ModalCall | Keyword::ModalEnd => Jump::ModalEnd,
             Keyword::Start => {
                 self.found.push(Found { label: control.label.clone(), entry: at + 1, for_m98: true, line });

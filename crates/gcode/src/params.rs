@@ -57,6 +57,8 @@ pub(crate) struct Names {
     texts: Vec<Box<str>>,
     /// Names whose values are given and stay.
     fixed: HashMap<Box<str>, f64>,
+    /// The name that is being looked up, kept for its memory.
+    plain: String,
 }
 
 /// Names that a program may have: one that is fed line by line may go on inventing them.
@@ -74,12 +76,22 @@ impl Names {
     /// # Errors
     /// There are too many names.
     pub(crate) fn resolve(&mut self, text: &[u8], at: Span) -> Outcome<Reference> {
-        let name: String = String::from_utf8_lossy(text)
-            .chars()
-            .filter(|letter| !letter.is_whitespace())
-            .map(|letter| letter.to_ascii_lowercase())
-            .collect();
-        if let Some(parameter) = SystemParameter::of_name(&name) {
+        let name = &mut self.plain;
+        name.clear();
+        match text.is_ascii() {
+            true => name.extend(
+                text.iter()
+                    .filter(|byte| !byte.is_ascii_whitespace())
+                    .map(|byte| char::from(byte.to_ascii_lowercase())),
+            ),
+            false => name.extend(
+                String::from_utf8_lossy(text)
+                    .chars()
+                    .filter(|letter| !letter.is_whitespace())
+                    .map(|letter| letter.to_ascii_lowercase()),
+            ),
+        }
+        if let Some(parameter) = SystemParameter::of_name(name) {
             return Ok(Reference::System(parameter));
         }
         if let Some(value) = self.fixed.get(name.as_str()) {
@@ -92,8 +104,8 @@ impl Names {
             return fault(Code::TooMuchToKeep, at, format!("more than {MOST_NAMES} names of parameters"));
         }
         let id = NameId { index: self.texts.len() as u32, is_global: name.starts_with('_') };
-        self.texts.push(name.clone().into());
-        self.numbers.insert(name.into(), id);
+        self.texts.push(name.as_str().into());
+        self.numbers.insert(name.as_str().into(), id);
         Ok(Reference::Named(id))
     }
 

@@ -11,6 +11,7 @@ use crate::diag::{Outcome, Span, fault};
 use crate::expr::{Compiler, Operand, Reference};
 use crate::interp::Setup;
 use crate::lex::Cursor;
+use crate::macro_words;
 use crate::params::Names;
 use crate::pose::{Axis, AxisSet};
 use crate::remark::{Remark, refuse_python};
@@ -94,10 +95,9 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
         block_number(&mut cursor, block)?;
     }
     if call::begins(&mut cursor, cycles) {
-        if control::parse_macro_loop(&mut cursor, names, block)? {
+        if macro_words::parse(&mut cursor, names, block)? {
             return Ok(());
         }
-        refuse_macro_words(&mut cursor)?;
         call::label(&mut cursor);
         if call::begins(&mut cursor, cycles) && call::parse(&mut cursor, names, cycles, block)? {
             return Ok(());
@@ -131,25 +131,6 @@ fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>
 
 /// What the compiler of expressions says where no function and nothing like one begins.
 const NO_FUNCTION: &str = "no function begins here";
-
-/// Refuses the control words of Fanuc macros by name.
-fn refuse_macro_words(cursor: &mut Cursor<'_>) -> Outcome<()> {
-    let start = cursor.at();
-    let mut ahead = cursor.clone();
-    let is_one = match ahead.peek() {
-        b'i' => ahead.eat_word(b"if") && ahead.peek() == b'[',
-        b'g' => ahead.eat_word(b"goto") && matches!(ahead.peek(), b'0'..=b'9' | b'#' | b'['),
-        b'd' => {
-            ahead.eat_word(b"do") && matches!(ahead.peek(), b'1'..=b'3') && ahead.digits().0 == 1 && ahead.peek() == 0
-        }
-        _ => false,
-    };
-    if is_one {
-        let message = "IF, GOTO and DO without WHILE of Fanuc macros are not carried out; use O words";
-        return fault(Code::MacroControl, ahead.since(start), message);
-    }
-    Ok(())
-}
 
 /// Whether a line is deleted when block delete is on: its first character is a slash.
 fn has_delete_mark(text: &[u8]) -> bool {
@@ -314,7 +295,7 @@ fn follows_digit(cursor: &Cursor<'_>, at: usize) -> bool {
 }
 
 /// `#number=value` or `#<name>=value`.
-fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<()> {
+pub(crate) fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<()> {
     let start = cursor.at();
     let first_op = block.ops.len();
     let mut compiler = Compiler::new(cursor, &mut block.ops, names);

@@ -85,6 +85,12 @@ impl Subs {
         is_new
     }
 
+    /// Forgets all but the first `kept`.
+    pub(crate) fn forget_from(&mut self, kept: usize) {
+        self.list.truncate(kept);
+        self.by_label.retain(|_, id| (*id as usize) < kept);
+    }
+
     /// The subprogram that a call in this file means: one of the file itself, or one of the program.
     pub(crate) fn find(&self, file: u16, label: &Label) -> Option<SubId> {
         let key = |file| (file, label.clone());

@@ -12,9 +12,10 @@ use crate::carried::check_by_hand;
 use crate::codes::Code;
 use crate::contour::{self, ContourReader};
 use crate::control::{Control, Keyword};
-use crate::diag::{Diagnostic, Fault, Outcome, Span};
+use crate::diag::{Diagnostic, Fault, Outcome, Span, fault};
 use crate::flow::{Flow, Stepped};
 use crate::interp::{self, Interpreter, Read, Setup};
+use crate::line_numbers::{NoLine, number_of};
 use crate::lines::Lines;
 use crate::prescan::Prescan;
 use crate::text::Text;
@@ -71,6 +72,8 @@ pub struct Program<R> {
     by_hand: bool,
     /// It could not be read to its end, and that has been reported.
     is_unreadable: bool,
+    /// A GOTO of a program that arrives goes on at the next line with this number; it stands in this line, at this place.
+    ahead: Option<(u64, u32, Span)>,
     /// Blocks that have been carried out in loops and calls.
     loop_blocks: u64,
     /// Of these, the last ones without a motion, a dwell, a wait or a stop.
@@ -96,6 +99,7 @@ impl<R: BufRead> Program<R> {
             is_held: false,
             by_hand: false,
             is_unreadable: false,
+            ahead: None,
             loop_blocks: 0,
             blocks_without_motion: 0,
         }
@@ -179,6 +183,12 @@ impl<R: BufRead> Program<R> {
         self.blocks_without_motion > MAX_BLOCKS_WITHOUT_MOTION
     }
 
+    /// Lines of the program itself that have been taken so far.
+    #[must_use]
+    pub fn lines_taken(&self) -> u64 {
+        u64::from(self.lines.number())
+    }
+
     /// Blocks that have been carried out in loops and calls so far.
     #[must_use]
     pub fn loop_blocks(&self) -> u64 {
@@ -212,7 +222,29 @@ impl<R: BufRead> Program<R> {
             Stepped::Faulty => Ok(Progress::Refused),
             Stepped::Idle => self.own_line(steps),
             Stepped::ProgramEnd => self.end_by_m99(steps),
+            Stepped::Ahead(number, at) => {
+                if self.arriving.has_seen(number) {
+                    let message = format!("N{number} has been executed, and a program that arrives cannot go back");
+                    return fault(Code::GoToBackward, at, message);
+                }
+                self.ahead = Some((number, self.interpreter.place().1, at));
+                Ok(Progress::Line)
+            }
         }
+    }
+
+    /// Takes a line that lies before the one that a GOTO goes to; false where it is that one.
+    fn pass_ahead(&mut self, (number, line, at): (u64, u32, Span)) -> Outcome<bool> {
+        if is_percent(self.lines.text()) {
+            self.interpreter.set_line(0, line);
+            return Err(Box::new(NoLine::Missing.fault(number, at)));
+        }
+        let found = number_of(self.lines.text());
+        self.arriving.see(found);
+        if found == Some(number) {
+            self.ahead = None;
+        }
+        Ok(found != Some(number))
     }
 
     /// Carries out the block that has been read; of a turning cycle the subprogram with its profile is run before.
@@ -248,6 +280,10 @@ impl<R: BufRead> Program<R> {
     /// Carries out the next line that is in no stretch.
     fn own_line(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
         if !std::mem::take(&mut self.is_held) && !self.read_line() {
+            if let Some((number, line, at)) = self.ahead.take() {
+                self.interpreter.set_line(0, line);
+                self.interpreter.report(NoLine::Missing.fault(number, at));
+            }
             if self.by_hand {
                 self.interpreter.release(steps);
                 return Ok(self.close(steps));
@@ -258,12 +294,21 @@ impl<R: BufRead> Program<R> {
         if self.enter_region() {
             return Ok(Progress::Line);
         }
+        if let Some(ahead) = self.ahead
+            && self.pass_ahead(ahead)?
+        {
+            return Ok(Progress::Line);
+        }
         if self.percent && is_percent(self.lines.text()) {
             self.interpreter.release(steps);
             emit(steps, Canon::Finish);
             return Ok(self.close(steps));
         }
-        match self.interpreter.read(self.lines.number(), self.lines.text())? {
+        let read = self.interpreter.read(self.lines.number(), self.lines.text())?;
+        if self.prescan.is_none() {
+            self.arriving.see(self.interpreter.block_number());
+        }
+        match read {
             Read::Deleted => Ok(Progress::Line),
             Read::Block => match self.block(steps)? {
                 interp::Flow::Continue => Ok(Progress::Line),
@@ -486,7 +531,7 @@ fn emit(steps: &mut Vec<Step>, canon: Canon) {
 }
 
 /// Whether a line has a percent sign and nothing else.
-fn is_percent(text: &[u8]) -> bool {
+pub(crate) fn is_percent(text: &[u8]) -> bool {
     text.contains(&b'%') && text[byte_order_mark(text)..].trim_ascii() == b"%"
 }
 

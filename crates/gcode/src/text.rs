@@ -107,7 +107,6 @@ impl Text {
     }
 
     /// Its length in bytes.
-    #[cfg(test)]
     pub(crate) fn len(&self) -> u64 {
         match &self.0 {
             Kind::Held(bytes) => bytes.len() as u64,

@@ -178,11 +178,9 @@ fn exists_of_a_number_that_is_none_is_0_and_its_inside_is_evaluated() {
 fn loops_of_fanuc_macros_are_carried_out() {
     let nested = "#1=0\nWHILE [#1 LT 2] DO1\n#1=[#1+1]\n#2=0\nN20 WHILE[#2LT2]DO2 (inner)\n#2=[#2+1]\nG0 X[10*#1+#2]\nEND2\nEND1\n";
     assert_eq!(moves(nested), ["11", "12", "21", "22"]);
-    // The next loop may have the same number, and one may stand in a loop or a subprogram of O words.
+    // The next loop may have the same number.
     let twice = "#1=0\nwhile [#1 lt 1] do1\n#1=1\nG0 X5\nend1\nWHILE [#1 LT 3] DO1\n#1=[#1+1]\nG0 X#1\nEND1";
     assert_eq!(moves(twice), ["5", "2", "3"]);
-    let inside = "O1 sub\n#1=0\nWHILE [#1 LT 2] DO1\n#1=[#1+1]\nG0 X#1\nEND1\nO1 endsub\nO1 call\nO1 call";
-    assert_eq!(moves(inside), ["1", "2", "1", "2"]);
     assert_eq!(errors("WHILE [1] DO1\nG0 X1\nM2\n"), ["E1802"]);
     assert_eq!(errors("END1\nM2\n"), ["E1803"]);
     assert_eq!(errors("WHILE [#31 LT 1] DO1\nWHILE [0] DO2\n#31=1\nEND1\nEND2\nM2\n").first(), Some(&"E1802"));

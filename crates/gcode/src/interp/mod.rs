@@ -34,7 +34,7 @@ pub(crate) use self::core::Core;
 use self::core::{BlockEnvironment, Emit};
 pub(crate) use self::cycle::{Contours, NoContours, Planned};
 pub(crate) use self::queue::{Point, Queue, UNSHIFTED};
-use crate::block::{Assignment, Words, letters};
+use crate::block::{Assignment, BlockNumber, Words, letters};
 use crate::canon::{Canon, LengthUnit, Step};
 use crate::carried::CarriedOver;
 use crate::code::Code as CompiledLines;
@@ -275,6 +275,11 @@ impl Interpreter {
         })
     }
 
+    /// The N word of the line that was read last.
+    pub(crate) fn block_number(&self) -> Option<u64> {
+        self.reader.block.number.map(BlockNumber::value)
+    }
+
     /// What compiles lines.
     pub(crate) fn reader_mut(&mut self) -> &mut LineReader {
         &mut self.reader
@@ -296,6 +301,19 @@ impl Interpreter {
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
         Ok(self.arguments().next().unwrap_or(0.0))
+    }
+
+    /// The first value of the block, the others not being evaluated.
+    pub(crate) fn condition(&mut self) -> Outcome<f64> {
+        let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
+        self.reader.block.first_value(&environment)
+    }
+
+    /// The last value of the block, after evaluation of all of them, and where it stands.
+    pub(crate) fn last_value(&mut self) -> Outcome<(f64, Span)> {
+        self.control_value()?;
+        let value = self.arguments().last().unwrap_or(0.0);
+        Ok((value, self.reader.block.last_span()))
     }
 
     /// Whether the O word has a value in brackets; to be asked after its evaluation.

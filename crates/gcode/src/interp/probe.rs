@@ -19,6 +19,10 @@ impl Core {
             return fault(Code::ZeroFeed, at, "probing needs a feed rate, and none is set");
         }
         let (start, end) = (self.state.position, self.end_of(words));
+        if start == end && self.state.has_probed {
+            // Where the tool stands is an answer that is taken for granted: with the machine's own there is a way.
+            return Ok(());
+        }
         if start == end {
             return fault(Code::ProbeNowhere, at, Code::ProbeNowhere.title());
         }
@@ -30,6 +34,7 @@ impl Core {
             self.parameters.set(PROBE_POSITION + axis as usize, end[axis]);
         }
         self.parameters.set(PROBE_ANSWERED, 0.0);
+        self.state.has_probed = true;
         self.state.position = self.retreated(&start, &end);
         Ok(())
     }

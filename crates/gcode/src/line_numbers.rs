@@ -1,0 +1,115 @@
+//! Where GOTO goes on: line numbers (N words) and the compiled lines that have them.
+//!
+//! Invariant: a GOTO stays within its part of the file, the program or one subprogram of M98, and never goes into a WHILE loop that it is
+//! not in. Of several lines with one number the next one ahead counts, or else the first.
+
+use crate::code::{Code, Jump};
+use crate::codes;
+use crate::diag::{Fault, Span};
+use crate::lex::Cursor;
+use std::ops::Range;
+
+/// The line numbers of compiled lines.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LineNumbers {
+    /// Part of the file, number, compiled line; in order.
+    lines: Vec<(u32, u64, u32)>,
+    /// First lines of the parts of the file behind the first.
+    parts: Vec<u32>,
+    /// WHILE loops, with the lines that begin them.
+    loops: Vec<Range<u32>>,
+}
+
+/// Why there is nothing to go to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum NoLine {
+    Missing,
+    InLoop,
+}
+
+impl NoLine {
+    /// As a fault of the line with the GOTO.
+    pub(crate) fn fault(self, number: u64, at: Span) -> Fault {
+        match self {
+            NoLine::Missing => {
+                Fault::new(codes::Code::NoSuchLineNumber, at, format!("there is no line N{number} here"))
+            }
+            NoLine::InLoop => {
+                Fault::new(codes::Code::GoToIntoLoop, at, format!("N{number} stands inside of a WHILE loop"))
+            }
+        }
+    }
+}
+
+/// The N word of a line, from its text alone.
+pub(crate) fn number_of(text: &[u8]) -> Option<u64> {
+    let mut cursor = Cursor::new(text);
+    cursor.eat(b'/');
+    if !cursor.eat(b'n') {
+        return None;
+    }
+    match cursor.digits() {
+        (1..=18, number) => Some(number),
+        _ => None,
+    }
+}
+
+/// Line numbers that have gone by in a program that arrives.
+#[derive(Debug, Default)]
+pub(crate) struct SeenNumbers(Vec<u64>);
+
+/// So many are remembered.
+const MAX_SEEN: usize = 1 << 16;
+
+impl SeenNumbers {
+    /// A line with this number has gone by.
+    pub(crate) fn see(&mut self, number: u64) {
+        // They come in their order, as a rule.
+        let place = match self.0.last() {
+            Some(&last) if last < number => Err(self.0.len()),
+            _ => self.0.binary_search(&number),
+        };
+        if let Err(place) = place
+            && self.0.len() < MAX_SEEN
+        {
+            self.0.insert(place, number);
+        }
+    }
+
+    /// Whether one has.
+    pub(crate) fn has(&self, number: u64) -> bool {
+        self.0.binary_search(&number).is_ok()
+    }
+}
+
+impl LineNumbers {
+    /// Of all lines of `code`, whose subprograms for M98 begin at the lines `starts`, in their order.
+    pub(crate) fn of(code: &Code, starts: Vec<u32>) -> LineNumbers {
+        let mut numbers = LineNumbers { lines: Vec::new(), parts: starts, loops: Vec::new() };
+        for line in 0..code.len() {
+            if let Some(number) = code.block_number(line) {
+                numbers.lines.push((numbers.part_of(line), number, line));
+            }
+            if let Some(Jump::While { end }) = code.jump(line) {
+                numbers.loops.push(line..end);
+            }
+        }
+        numbers.lines.sort_unstable();
+        numbers
+    }
+
+    fn part_of(&self, line: u32) -> u32 {
+        self.parts.partition_point(|start| *start <= line) as u32
+    }
+
+    /// The line that a GOTO in line `from` goes to.
+    pub(crate) fn find(&self, from: u32, number: u64) -> Result<u32, NoLine> {
+        let part = self.part_of(from);
+        let first = self.lines.partition_point(|line| *line < (part, number, 0));
+        let ahead = self.lines.partition_point(|line| *line <= (part, number, from));
+        let at = |index: usize| self.lines.get(index).filter(|line| (line.0, line.1) == (part, number));
+        let &(_, _, to) = at(ahead).or_else(|| at(first)).ok_or(NoLine::Missing)?;
+        let enters = |of: &&Range<u32>| of.start < to && to < of.end && !of.contains(&from);
+        if self.loops.iter().any(|of| enters(&of)) { Err(NoLine::InLoop) } else { Ok(to) }
+    }
+}

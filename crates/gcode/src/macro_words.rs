@@ -1,0 +1,127 @@
+//! The control words of Fanuc's custom macros: `WHILE [condition] DO1` … `END1`, `GOTO 100`, `IF [condition] GOTO 100` and
+//! `IF [condition] THEN #1=2`.
+//!
+//! Invariant: a condition is the first value of its line, and the number of a GOTO the last, so that both can be calculated.
+
+use crate::block::{Block, Slot};
+use crate::codes::Code;
+use crate::control::{Control, Keyword, Label, MACRO_LOOP, comment};
+use crate::diag::{Outcome, fault};
+use crate::expr::Compiler;
+use crate::lex::Cursor;
+use crate::params::Names;
+use crate::parse::assignment;
+
+/// Compiles a line that begins with one of these words; false and nothing taken if it does not.
+pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<bool> {
+    let (start, before) = (cursor.at(), cursor.clone());
+    let opens_bracket = |cursor: &mut Cursor<'_>| cursor.peek() == b'[';
+    if cursor.eat_word(b"while") && opens_bracket(cursor) {
+        condition(cursor, names, block)?;
+        if !cursor.eat_word(b"do") {
+            return wrong(cursor, start, "WHILE is followed by a condition in brackets and DO");
+        }
+        return loop_number(cursor, start, Keyword::While, block);
+    }
+    cursor.clone_from(&before);
+    if cursor.eat_word(b"end") && cursor.peek().is_ascii_digit() {
+        return loop_number(cursor, start, Keyword::EndWhile, block);
+    }
+    cursor.clone_from(&before);
+    if cursor.eat_word(b"goto") && matches!(cursor.peek(), b'0'..=b'9' | b'#' | b'[') {
+        return go_to(cursor, names, start, Keyword::GoTo, block);
+    }
+    cursor.clone_from(&before);
+    if cursor.eat_word(b"if") && opens_bracket(cursor) {
+        condition(cursor, names, block)?;
+        if cursor.eat_word(b"goto") {
+            return go_to(cursor, names, start, Keyword::IfGoTo, block);
+        }
+        if !cursor.eat_word(b"then") {
+            return wrong(cursor, start, "IF is followed by a condition in brackets and GOTO or THEN");
+        }
+        return then(cursor, names, start, block);
+    }
+    cursor.clone_from(&before);
+    let stands_alone = |cursor: &mut Cursor<'_>| cursor.digits().0 == 1 && cursor.peek() == 0;
+    if cursor.eat_word(b"do") && matches!(cursor.peek(), b'1'..=b'3') && stands_alone(cursor) {
+        return wrong(cursor, start, "DO stands behind WHILE and its condition");
+    }
+    *cursor = before;
+    Ok(false)
+}
+
+fn wrong<T>(cursor: &Cursor<'_>, start: usize, message: &str) -> Outcome<T> {
+    fault(Code::MacroControl, cursor.since(start), message)
+}
+
+/// A condition in brackets: the first value of the line.
+fn condition(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<()> {
+    let (first_op, from) = (block.ops.len(), cursor.at());
+    Compiler::new(cursor, &mut block.ops, names).bracket()?;
+    block.add_late(Slot::Argument, first_op, cursor.since(from));
+    Ok(())
+}
+
+/// The number behind DO or END.
+fn loop_number(cursor: &mut Cursor<'_>, start: usize, keyword: Keyword, block: &mut Block) -> Outcome<bool> {
+    let number = match cursor.digits() {
+        (1, number @ 1..=3) => number,
+        _ => return wrong(cursor, start, "DO and END are followed by 1, 2 or 3"),
+    };
+    let at = cursor.since(start);
+    end_of_line(cursor)?;
+    block.control = Some(Control { label: Label::Name(format!("{MACRO_LOOP}{number}").into()), keyword, at });
+    Ok(true)
+}
+
+/// The number of a line behind GOTO: written, or calculated.
+fn go_to(
+    cursor: &mut Cursor<'_>,
+    names: &mut Names,
+    start: usize,
+    keyword: Keyword,
+    block: &mut Block,
+) -> Outcome<bool> {
+    let (first_op, from) = (block.ops.len(), cursor.at());
+    let mut ahead = cursor.clone();
+    let written = match ahead.digits() {
+        (1..=18, number) if ahead.peek() != b'.' => Some(number),
+        _ => None,
+    };
+    match cursor.peek() {
+        b'0'..=b'9' | b'#' | b'[' => Compiler::new(cursor, &mut block.ops, names).value()?,
+        _ => return wrong(cursor, start, "GOTO is followed by the number of a line, as in GOTO 100"),
+    }
+    block.add_late(Slot::Argument, first_op, cursor.since(from));
+    let at = cursor.since(start);
+    end_of_line(cursor)?;
+    block.control = Some(Control { label: written.map_or(Label::Calculated, Label::Number), keyword, at });
+    Ok(true)
+}
+
+/// The assignments behind THEN.
+fn then(cursor: &mut Cursor<'_>, names: &mut Names, start: usize, block: &mut Block) -> Outcome<bool> {
+    if cursor.peek() != b'#' {
+        return wrong(cursor, start, "THEN is followed by an assignment, as in IF [#1 GT 5] THEN #1=5");
+    }
+    while cursor.peek() == b'#' {
+        assignment(cursor, names, block)?;
+    }
+    let at = cursor.since(start);
+    end_of_line(cursor)?;
+    block.control = Some(Control { label: Label::Calculated, keyword: Keyword::IfThen, at });
+    Ok(true)
+}
+
+/// Comments, and the end of the line.
+fn end_of_line(cursor: &mut Cursor<'_>) -> Outcome<()> {
+    loop {
+        let start = cursor.at();
+        match cursor.peek() {
+            b'(' => comment(cursor, start)?,
+            0 | b';' => return Ok(()),
+            _ => return fault(Code::MacroControl, cursor.here(), "nothing else may stand in this line"),
+        }
+    }
+}
