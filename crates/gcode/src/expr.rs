@@ -223,10 +223,12 @@ impl<'a, 'b> Compiler<'a, 'b> {
     }
 
     fn operator(&mut self) -> Option<(Operator, u8)> {
-        if self.cursor.peek() == b']' {
+        let first = self.cursor.peek();
+        if first == b']' {
             return None;
         }
-        let (_, operator, rank) = OPERATORS.iter().find(|(text, ..)| self.cursor.eat_word(text))?;
+        let begins = |text: &[u8]| text.first() == Some(&first);
+        let (_, operator, rank) = OPERATORS.iter().find(|(text, ..)| begins(text) && self.cursor.eat_word(text))?;
         Some((*operator, *rank))
     }
 
@@ -245,8 +247,9 @@ impl<'a, 'b> Compiler<'a, 'b> {
     }
 
     fn function(&mut self) -> Outcome<()> {
-        let start = self.cursor.at();
-        if self.cursor.eat_word(b"atan") {
+        let (first, start) = (self.cursor.peek(), self.cursor.at());
+        let begins = |text: &[u8]| text.first() == Some(&first);
+        if first == b'a' && self.cursor.eat_word(b"atan") {
             self.bracket()?;
             if !self.cursor.eat(b'/') {
                 return fault(Code::BracketMissing, self.cursor.here(), "ATAN needs a slash and a second argument");
@@ -254,11 +257,11 @@ impl<'a, 'b> Compiler<'a, 'b> {
             self.bracket()?;
             return self.push(OpKind::Atan, start);
         }
-        if self.cursor.eat_word(b"exists") {
+        if first == b'e' && self.cursor.eat_word(b"exists") {
             return self.exists(start);
         }
         let before = self.cursor.clone();
-        let Some((_, function)) = FUNCTIONS.iter().find(|(text, _)| self.cursor.eat_word(text)) else {
+        let Some((_, function)) = FUNCTIONS.iter().find(|(text, _)| begins(text) && self.cursor.eat_word(text)) else {
             return self.unknown_function();
         };
         if self.cursor.peek().is_ascii_lowercase() {

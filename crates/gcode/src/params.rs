@@ -59,6 +59,28 @@ pub(crate) struct Names {
     fixed: HashMap<Box<str>, f64>,
     /// The name that is being looked up, kept for its memory.
     plain: String,
+    /// What names as they were written last stood for; empty before the first.
+    recent: Vec<Option<Recent>>,
+}
+
+/// A name as it was written, and what it stands for.
+#[derive(Clone, Copy, Debug)]
+struct Recent {
+    text: [u8; MAX_RECENT],
+    length: u8,
+    is: Reference,
+}
+
+/// Bytes of names that are looked up as they are written.
+const MAX_RECENT: usize = 24;
+
+/// Places for them.
+const RECENT: usize = 64;
+
+/// The place of a name as it is written.
+fn place_of(text: &[u8]) -> usize {
+    let mixed = text.iter().fold(text.len(), |mixed, &byte| mixed.wrapping_mul(31).wrapping_add(byte.into()));
+    (mixed ^ (mixed >> 6)) % RECENT
 }
 
 /// Names that a program may have: one that is fed line by line may go on inventing them.
@@ -68,7 +90,7 @@ impl Names {
     /// The same, and these names have values that are given, in lower case.
     pub(crate) fn with_fixed(self, values: &[(String, f64)]) -> Names {
         let fixed = values.iter().map(|(name, value)| (name.as_str().into(), *value)).collect();
-        Names { fixed, ..self }
+        Names { fixed, recent: Vec::new(), ..self }
     }
 
     /// What `#<text>` names.
@@ -76,6 +98,25 @@ impl Names {
     /// # Errors
     /// There are too many names.
     pub(crate) fn resolve(&mut self, text: &[u8], at: Span) -> Outcome<Reference> {
+        if text.len() > MAX_RECENT {
+            return self.look_up(text, at);
+        }
+        let place = place_of(text);
+        if let Some(Some(recent)) = self.recent.get(place)
+            && recent.text.get(..usize::from(recent.length)) == Some(text)
+        {
+            return Ok(recent.is);
+        }
+        let is = self.look_up(text, at)?;
+        let mut recent = Recent { text: [0; MAX_RECENT], length: text.len() as u8, is };
+        recent.text[..text.len()].copy_from_slice(text);
+        self.recent.resize(RECENT, None);
+        self.recent[place] = Some(recent);
+        Ok(is)
+    }
+
+    /// The same for a name that was not looked up just before.
+    fn look_up(&mut self, text: &[u8], at: Span) -> Outcome<Reference> {
         let name = &mut self.plain;
         name.clear();
         match text.is_ascii() {

@@ -6,6 +6,8 @@
 //! - where the first element is a wall and the allowance moves its foot before the start, it cuts through the wall;
 //! - with an allowance it refuses neighbours in one line ("parallel lines"), and prints no numbers for slots that are too narrow;
 //! - at the end of a profile it leaves no allowance at the shoulder, which release 2.9.9 does: profiles to be roughed end with the wall;
+//! - where a level of roughing, or the finishing cut, touches the beginning of an arc along it, it loses the arc: with seed 5205 it feeds
+//!   through the part, with seed 5397 it leaves a pocket uncut;
 //! - it takes an allowance and a retreat below 0, and P0, and makes moves of no length or not by the last digit.
 
 use retrace_gcode::{Canon, CanonText, Interpreter, Setup};
@@ -372,6 +374,9 @@ fn what_cannot_be_turned_is_refused() {
     }
 }
 
+/// Profiles that the peer turns wrongly; why stands above.
+const PEER_AT_FAULT: [u64; 2] = [5205, 5397];
+
 #[test]
 fn random_profiles_are_turned_as_rs274_turns_them() {
     let number =
@@ -380,7 +385,7 @@ fn random_profiles_are_turned_as_rs274_turns_them() {
     std::fs::create_dir_all(&folder).expect("a temporary folder");
     let (first, count) = (number("RETRACE_TURNING_FIRST", 0), number("RETRACE_TURNING", 60));
     let (mut differing, mut refused) = (0, 0);
-    for seed in first..first + count {
+    for seed in (first..first + count).filter(|seed| !PEER_AT_FAULT.contains(seed)) {
         let turning = Turning::of_seed(seed);
         let Some((theirs, they_refuse)) = rs274(&folder, &turning.program()) else {
             println!("rs274 not installed: turning cycles not compared");

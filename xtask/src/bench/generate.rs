@@ -55,6 +55,26 @@ pub(crate) fn plain(lines: u64) -> String {
     text + "M2\n"
 }
 
+/// Half of the lines with named parameters and functions, feed moves between them.
+pub(crate) fn expressions(lines: u64) -> String {
+    let mut numbers = Numbers::new(4);
+    let mut text = String::from(OPENING);
+    text += "#<depth>=-2.5\n#<step>=0.125\n#<angle>=15\n#<radius>=42.5\n#100=1\n";
+    for _ in 0..lines / 2 {
+        feed(&mut text, &mut numbers);
+        let number = numbers.below(360);
+        match numbers.below(6) {
+            0 => line!(text, "#<angle>=[[#<angle> + {number}] MOD 360]"),
+            1 => line!(text, "G1 X[#<radius>*COS[#<angle>]] Y[#<radius>*SIN[#<angle>]]"),
+            2 => line!(text, "G1 Z[#<depth> - #<step>*{}]", number % 8),
+            3 => line!(text, "#100=[ABS[#<depth>]/2 + SQRT[#<radius>]]"),
+            4 => line!(text, "G1 X[#100 + FIX[#<radius>/4]] Y#<step>"),
+            _ => line!(text, "#<radius>=[40 + ROUND[#<angle>*10]/1000]"),
+        }
+    }
+    text + "M2\n"
+}
+
 /// A feed move.
 pub(crate) fn feed(text: &mut String, numbers: &mut Numbers) {
     let (x, y) = (numbers.coordinate(), numbers.coordinate());

@@ -89,6 +89,12 @@ fn cases() -> Vec<Case> {
             generate::calls(20_000, 1000, Subs::BehindTheEnd),
             50.0,
         ),
+        made(
+            "half expressions",
+            "assignments and moves with named parameters and functions, feed moves between them",
+            generate::expressions(100_000),
+            10.0,
+        ),
         Case { name: "stellabee1.ngc", what: "a real program for milling", text: real, goal: 10.0 },
     ]
 }
