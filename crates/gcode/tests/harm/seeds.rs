@@ -23,6 +23,7 @@ const EXAMPLES: &[&str] = &[
     TURNING,
     LABELS,
     FLOW,
+    MACROS,
     SPLINES,
 ];
 
@@ -45,6 +46,9 @@ const FLOW: &str = "#1=0\nO1 while [#1 LT 5]\n#1=[#1+1]\nO2 if [#1 MOD 2]\nG0 X#
     O3 repeat [3]\nG91 G0 X1\nO3 endrepeat\nO1 endwhile\nO4 do\n#1=[#1-1]\nO4 while [#1 GT 0]\nO<part> call [1] [2]\nO<f1> call\nM98 P20 L3\nM2\n\
     O<part> sub\nG90 G0 X#1 Y#2 Z#<_x>\n(DEBUG, #1 #<_value>)\nO5 if [#1 GT 0]\nO<part> call [#1-1] [3]\nO5 endif\nO<part> endsub [#1]\n\
     O20\nG0 X1\nM99\n";
+
+const MACROS: &str = "#1=0\nN10 #1=[#1+1]\nIF [#1 GT 20] GOTO 90\nWHILE [#2 LT 3] DO1\n#2=[#2+1]\nG0 X[#1+#2]\nIF [#2 EQ 2] GOTO 30\n\
+    IF [#1 LT 5] THEN #3=#2\nEND1\nN30 G1 Y#3 F100\nM98 P20\nGOTO [5*2]\nN90 M2\nO20\nIF [#1 MOD 2] GOTO 10\nG0 Z1\nN10 G0 Z0\nM99\n";
 
 const SPLINES: &str = "F100\nG5 X10 Y0 I1 J2 P-3 Q-4\nG5 X10 Y5 P1 Q1\nG5.1 X2 Y0 I1 J3\nG5.2 P1 L4\nX2 Y1 P2\nX3 Y0 P.5\nX4 Y0 P1\nG5.3\n\
     G33 Z-4 K2\nM3 S100\nG33.1 Z-4 K2\nG76 P2 Z-9 I-2 J.5 K1 H1\nG38.2 Z-5\nG83 X1 Z-3 R1 Q.01\nG73 X2 L3\nG81 X1 Y1 Z-1 R1 L5\n\
@@ -134,6 +138,14 @@ const LINES: &[&str] = &[
     "O9 repeat [10**300]",
     "O9 endrepeat",
     "O1 break",
+    "GOTO 10",
+    "N10 GOTO 10",
+    "GOTO #1",
+    "GOTO [10**300]",
+    "IF [#1 LT 5] GOTO 10",
+    "IF [1] THEN #1=[1/0]",
+    "WHILE [#1 LT 5] DO1",
+    "END1",
     "O2 if [0]",
     "O2 endif",
     "O<f2> call",
