@@ -49,6 +49,10 @@ pub fn lines(model: &Model, event: &Event) -> Vec<String> {
                 let short = if cut_short { ", cut short" } else { "" };
                 format!("{} moved by {mm:.3} mm{short}", axis.to_ascii_uppercase())
             }
+            Step::ToolLength { axis, by_mm, length_mm, .. } => {
+                let what = length_mm.map_or("new tool length".into(), |mm| format!("tool length {mm:.3} mm"));
+                format!("{what}: path moved by {by_mm:+.3} mm along {}", axis.to_ascii_uppercase())
+            }
             _ => event.text(),
         },
         Happening::Alarm(_) => return diagnostic_text::in_words(&event.text()),
