@@ -127,6 +127,11 @@ fn no_move_leaves_the_soft_limits_by_it() {
     let run = low(&pause("tool length 40").replace("jog z 30", "jog z 5"));
     assert_eq!((run.said.code, run.counts()[2]), (Some(0), 15_000), "{}\n{}", run.said.err, run.said.out);
     assert!(refusals(&run)[0].contains("with this tool axis Z would go beyond its soft limit"), "{:?}", refusals(&run));
+    // all that is left is in the ring already: the way up would
+    let script = pause("tool length 16").replace("jog z 30", "jog z 5").replace("after 1s pause", "after 4.85s pause");
+    let run = run_on(&SQUARE.replace("G1 Y40\nG1 X10\n", ""), &script, true);
+    assert_eq!((run.said.code, run.counts()[2]), (Some(0), 15_000), "{}\n{}", run.said.err, run.said.out);
+    assert!(refusals(&run)[0].contains("with this tool axis Z would go beyond its soft limit"), "{:?}", refusals(&run));
     // later: the way up behind the cut would, and ends the program before it
     let run = low(&pause("tool length 16").replace("jog z 30", "jog z 5"));
     assert_eq!((run.said.code, refusals(&run).len()), (Some(1), 0), "{}\n{}", run.said.err, run.said.out);
