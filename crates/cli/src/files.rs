@@ -73,14 +73,27 @@ pub fn open(path: &Path, what: &str) -> Result<File, Refusal> {
     File::open(path).map_err(|error| unreadable(path, what, &error))
 }
 
-/// Reads a program: its text, which is held where it is small, and its hash.
+/// Reads a program: its text, and its hash where the text is not held. Of a text that is held the hash can be had from it, and most commands ask
+/// for none.
 ///
 /// # Errors
 /// As [`open`].
-pub fn program(path: &Path) -> Result<(Text, Hash), Refusal> {
+pub fn program(path: &Path) -> Result<(Text, Option<Hash>), Refusal> {
+    let file = open(path, "program")?;
+    let is_small = file.metadata().is_ok_and(|about| about.len() <= Text::MAX_HELD);
     let mut hash = Hash::of(b"");
-    let text = Text::read(open(path, "program")?, |part| hash = hash.then(part));
-    text.map(|text| (text, hash)).map_err(|error| unreadable(path, "program", &error))
+    let text = Text::read(file, |part| {
+        if !is_small {
+            hash = hash.then(part);
+        }
+    });
+    let text = text.map_err(|error| unreadable(path, "program", &error))?;
+    let hash = match text.held() {
+        Some(_) => None,
+        None if is_small => Some(self::hash(path, "program")?),
+        None => Some(hash),
+    };
+    Ok((text, hash))
 }
 
 /// The hash of a file, which is not held.

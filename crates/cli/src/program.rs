@@ -67,8 +67,10 @@ pub struct Program {
     prescan: Option<Arc<Prescan>>,
     /// Where it arrives from; none for a file.
     arrives: Option<Arrives>,
-    /// What was read besides subprograms.
+    /// What was read besides the program and its subprograms.
     files: Vec<FileRead>,
+    /// The hash of a program whose text is not held.
+    hash: Option<Hash>,
     folders: Arc<Folders>,
     setup: Setup,
     has_tool_table: bool,
@@ -183,15 +185,15 @@ impl Program {
         setup.cycles = Some(Arc::new(cycles));
         let folders = Arc::new(Folders::of(&reading.program, &subs));
         setup.files = Some(Arc::clone(&folders) as _);
+        let mut hash = None;
         let prescan = if arrives.is_some() {
             None
         } else if name.is_empty() {
             // The screen opens without a program.
             Some(Arc::new(Prescan::of(&name, Vec::new().into(), &setup)))
         } else {
-            let (text, hash) = files::program(&reading.program)?;
-            let path = files::absolute(&reading.program);
-            files.insert(0, FileRead { role: Role::Program, path, hash });
+            let (text, of_program) = files::program(&reading.program)?;
+            hash = of_program;
             Some(Arc::new(Prescan::of(&name, text, &setup)))
         };
         let opening = Opening {
@@ -205,6 +207,7 @@ impl Program {
             prescan,
             arrives,
             files,
+            hash,
             folders,
             setup,
             has_tool_table,
@@ -248,9 +251,7 @@ impl Program {
         again.folders.forget();
         if self.prescan.is_some() && self.is_loaded() {
             let (text, hash) = files::program(Path::new(&self.name))?;
-            if let Some(read) = again.files.iter_mut().find(|read| read.role == Role::Program) {
-                read.hash = hash;
-            }
+            again.hash = hash;
             again.prescan = Some(Arc::new(Prescan::of(&self.name, text, &again.setup)));
         }
         Ok(again)
@@ -265,7 +266,14 @@ impl Program {
     /// Every file that was read by now.
     #[must_use]
     pub fn files_read(&self) -> Vec<FileRead> {
-        self.files.iter().cloned().chain(self.folders.read()).collect()
+        self.program_read().into_iter().chain(self.files.iter().cloned()).chain(self.folders.read()).collect()
+    }
+
+    /// The program's own file; none where there is none.
+    fn program_read(&self) -> Option<FileRead> {
+        let prescan = self.prescan.as_ref().filter(|_| self.is_loaded())?;
+        let hash = self.hash.or_else(|| prescan.held_text().map(Hash::of))?;
+        Some(FileRead { role: Role::Program, path: files::absolute(Path::new(&self.name)), hash })
     }
 
     /// Where it arrives from; none for a file.

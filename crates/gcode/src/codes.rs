@@ -177,7 +177,7 @@ codes! {
     SubTwice "E1809" "subprogram defined twice" "Two subprograms of the program have one label." "Rename one of them.";
     WrongCall "E1810" "wrong kind of call" "A subprogram of sub and endsub is called with M98, or one of an O number and M99 with call." "Call sub … endsub with O… call, and O… … M99 with M98 P….";
     NotYetThere "E1811" "jump to what has not arrived" "A program from standard input calls a subprogram that has not been read yet, or that cannot be kept." "Put the subprograms before their calls, or run the program from a file.";
-    TooMuchToKeep "E1812" "too much to keep" "The subprograms and loops of a program from standard input exceed 16 MiB, or a program names more than 50 000 parameters." "Run the program from a file.";
+    TooMuchToKeep "E1812" "too much to keep" "The subprograms and loops of a program from standard input exceed 16 MiB, or those of a file 128 MiB, or a file with GOTO 16 MiB; or a program names more than 50 000 parameters." "Run the program from a file; take what need not be repeated out of the loop.";
     SubFile "E1813" "subprogram file cannot be used" "The file of a subprogram cannot be read, or holds no subprogram of its name." "Check the file: O<part> is looked for in part.ngc, which holds O<part> sub … O<part> endsub.";
 
     NotAlone "E1814" "M98 or M99 not alone" "M98 and M99 stand in a block with other words." "Give them a block of their own.";

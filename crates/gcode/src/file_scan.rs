@@ -18,6 +18,9 @@ use std::io;
 /// Bytes of a file that a GOTO may go to and fro in.
 const MAX_WHOLE: u64 = 16 << 20;
 
+/// Bytes of text of a file that are compiled, so that memory stays bounded: what is in no subprogram, loop or branch is not.
+const MAX_COMPILED: usize = if cfg!(test) { 1 << 20 } else { 128 << 20 };
+
 /// Lines of O numbers that M98 calls, with the line of the M99 that follows.
 fn called_starts(text: &Text, called: Option<u64>) -> io::Result<Vec<(u32, u32)>> {
     let mut reader = LineReader::new(crate::pose::AxisSet::ALL, false, None);
@@ -74,6 +77,8 @@ pub(crate) struct FileScan<'a> {
     starts: Option<Vec<(u32, u32)>>,
     /// The whole file is one stretch, because a GOTO may go anywhere in it.
     is_whole: bool,
+    /// More would have to be compiled than is kept; what follows is not looked at.
+    is_full: bool,
     /// A line with an O word could not be read: what seems to have no beginning or no end may have it there.
     has_unread_control: bool,
     text: Text,
@@ -83,7 +88,18 @@ impl<'a> FileScan<'a> {
     /// A file before its first line; `called` is the number that M98 of another file looks for in it.
     pub(crate) fn new(prescan: &'a mut Prescan, file: u16, text: Text, called: Option<u64>) -> FileScan<'a> {
         let (code, nest) = (Code::new(file), Nest::default());
-        FileScan { prescan, file, code, nest, called, starts: None, is_whole: false, has_unread_control: false, text }
+        FileScan {
+            prescan,
+            file,
+            code,
+            nest,
+            called,
+            starts: None,
+            is_whole: false,
+            is_full: false,
+            has_unread_control: false,
+            text,
+        }
     }
 
     /// Compiles its stretches, and tells the pre-scan of them.
@@ -156,7 +172,7 @@ impl<'a> FileScan<'a> {
                 Some(behind) => *line = behind - 1,
                 None => _ = lines.advance()?,
             }
-            if self.nest.has_goto {
+            if self.nest.has_goto || self.is_full {
                 return Ok(());
             }
             if self.prescan.has_too_many_errors() {
@@ -225,6 +241,19 @@ impl<'a> FileScan<'a> {
                 }
             }
             self.report_faults();
+            if self.code.text_len() > MAX_COMPILED {
+                let message = "the subprograms, loops and branches of a file may have 128 MiB together";
+                self.prescan.report(
+                    self.file,
+                    first,
+                    Fault::new(Number::TooMuchToKeep, Span::default(), message.to_owned()),
+                );
+                self.nest.give_up();
+                self.nest.found.clear();
+                self.code.truncate(start);
+                self.is_full = true;
+                return Ok(None);
+            }
             line += 1;
             if !self.is_whole && self.nest.is_closed() && line > last {
                 break;
@@ -259,5 +288,25 @@ impl<'a> FileScan<'a> {
                 self.prescan.report(self.file, found.line, fault);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::interp::Setup;
+
+    /// Memory stays bounded however long a loop is; what stands in none may be as long as it likes.
+    #[test]
+    fn what_is_compiled_of_a_file_is_bounded() {
+        let found = |text: String| {
+            let prescan = Prescan::of("part", text.into_bytes().into(), &Setup::default());
+            prescan.diagnostics().iter().map(|found| (found.number(), found.line)).collect::<Vec<_>>()
+        };
+        let moves = "G1 X1.2345 Y2.3456\n".repeat(MAX_COMPILED / 18 + 10);
+        assert_eq!(found(format!("F1\nO1 repeat [2]\n{moves}O1 endrepeat\nM2\n")), [("E1812", 2)]);
+        assert_eq!(found(format!("F1\n{moves}O1 repeat [2]\nG1 X1\nO1 endrepeat\nM2\n")), []);
+        let goto = format!("F1\nGOTO 5\n{moves}N5 M2\n");
+        assert_eq!(found(goto), [("E1812", 1)]);
     }
 }

@@ -241,6 +241,12 @@ impl Prescan {
         self.text().lines()
     }
 
+    /// The program's bytes, where they are held whole.
+    #[must_use]
+    pub fn held_text(&self) -> Option<&[u8]> {
+        self.files.first()?.text.held()
+    }
+
     /// The program's text.
     pub(crate) fn text(&self) -> Text {
         self.files.first().map(|file| file.text.clone()).unwrap_or_default()

@@ -9,8 +9,6 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Bytes of a file that is held whole.
-const MAX_HELD: u64 = 4 << 20;
 /// Bytes of a block, which has a checksum of its own.
 const BLOCK: usize = 1 << 16;
 /// The index has the place of every line whose number is a multiple of this, counted from 0.
@@ -63,12 +61,24 @@ struct Stored {
 }
 
 impl Text {
+    /// Bytes of a file that is held whole.
+    pub const MAX_HELD: u64 = 4 << 20;
+
+    /// Its bytes, where it is held whole.
+    #[must_use]
+    pub fn held(&self) -> Option<&[u8]> {
+        match &self.0 {
+            Kind::Held(bytes) => Some(bytes),
+            Kind::Stored(_) => None,
+        }
+    }
+
     /// Reads a file once, from its beginning; `observe` is given its bytes in their order.
     ///
     /// # Errors
     /// Those of the system; a file that has grown while it was read.
     pub fn read(file: File, observe: impl FnMut(&[u8])) -> io::Result<Text> {
-        Text::read_holding(file, MAX_HELD, observe)
+        Text::read_holding(file, Text::MAX_HELD, observe)
     }
 
     fn read_holding(mut file: File, most: u64, mut observe: impl FnMut(&[u8])) -> io::Result<Text> {
