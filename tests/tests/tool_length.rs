@@ -215,3 +215,28 @@ fn a_job_with_a_new_tool_length_is_resumed_with_it() {
         assert!(depths.len() > 100 && depths.iter().all(|&z| z == 10_500), "{:?}", depths.first());
     }
 }
+
+#[test]
+fn a_resumed_job_goes_no_further_back_than_the_soft_limits() {
+    let bench = Bench::new();
+    bench.file("part.ngc", SQUARE);
+    bench.file("tools.tbl", TOOLS);
+    bench.file("machine.toml", LOW);
+    let pause = pause("tool length 15.5").replace("jog z 30", "jog z 5");
+    bench.file("stop.op", format!("{pause}at line 8 stop\n"));
+    let run =
+        ["run", "part.ngc", "--machine", "machine.toml", "--tools", "tools.tbl", "--operator", "stop.op", "--json"];
+    let said = bench.retrace(run);
+    assert_eq!(said.code, Some(4), "{}\n{}", said.out, said.err);
+    bench.file("back.op", "after 0.5s reverse 100%\nafter 60s leave\n");
+    let said = bench.retrace(["resume", "--yes", "--json", "--operator", "back.op", "--records", "records.csv"]);
+    assert!(said.out.contains("the soft limit with the new tool length"), "{}\n{}", said.out, said.err);
+    let text = fs::read_to_string(bench.path("records.csv")).expect("records");
+    let records = Records::parse(&text).expect("records");
+    let mut z = 13_500;
+    let highest = records.rows.iter().map(|row| {
+        z += row.increments[2];
+        z
+    });
+    assert!(highest.max().is_some_and(|z| (19_900..=20_000).contains(&z)), "{}", said.err);
+}

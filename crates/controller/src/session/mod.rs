@@ -246,6 +246,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if !agree(&prepared) {
             return Ok((Outcome::Stopped, self.tally, self.card));
         }
+        if let (Some(axis), false) = (self.tool_axis(), at.lengths.is_empty()) {
+            self.bar_beyond_limits(prepared.counts()[axis], prepared.start().place);
+        }
         let begun = self.go_to_breakpoint(prepared.counts()).and_then(|ended| match ended {
             None => self.card.begin(*prepared.start()).map(|()| None).map_err(|fault| Trouble::of(&fault)),
             ended => Ok(ended),

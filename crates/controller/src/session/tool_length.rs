@@ -144,24 +144,36 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.dnc.displace(moved).is_err() {
             return;
         }
-        let mut count = counts[axis.index].saturating_add(offer.pulses) - self.gone_into(axis.index, place);
-        let mut barred = place.record;
-        while (axis.travel[0]..=axis.travel[1]).contains(&count)
-            && before(self.supply.oldest(), barred)
-            && let Some(record) = self.supply.record(barred.wrapping_sub(1))
-        {
-            count -= i64::from(record.increments[axis.index]);
-            barred = barred.wrapping_sub(1);
-        }
-        if !(axis.travel[0]..=axis.travel[1]).contains(&count) {
-            self.supply.bar_before(barred.wrapping_add(1), "the soft limit with the new tool length");
-        }
+        self.bar_beyond_limits(counts[axis.index].saturating_add(offer.pulses), place);
         self.tell_step(Step::ToolLength {
             axis: axis.letter,
             by_mm: offer.pulses as f64 / axis.pulses_per_mm,
             by_counts: offer.pulses,
             length_mm: offer.length_mm,
         });
+    }
+
+    /// Bars what lies so far behind a place that the tool axis would leave its soft limits there; it has this count at the place.
+    pub(super) fn bar_beyond_limits(&mut self, count: i64, place: Place) {
+        let Some(axis) = self.tool_length.axis.filter(|axis| axis.index < A) else { return };
+        let is_within = |count: i64| (axis.travel[0]..=axis.travel[1]).contains(&count);
+        let mut count = count.saturating_sub(self.gone_into(axis.index, place));
+        let mut barred = place.record;
+        while is_within(count)
+            && before(self.supply.oldest(), barred)
+            && let Some(record) = self.supply.record(barred.wrapping_sub(1))
+        {
+            count -= i64::from(record.increments[axis.index]);
+            barred = barred.wrapping_sub(1);
+        }
+        if !is_within(count) {
+            self.supply.bar_before(barred.wrapping_add(1), "the soft limit with the new tool length");
+        }
+    }
+
+    /// The index of the tool axis.
+    pub(super) fn tool_axis(&self) -> Option<usize> {
+        self.tool_length.axis.map(|axis| axis.index).filter(|&index| index < A)
     }
 
     /// How far an axis has gone in the record of a place.
