@@ -277,20 +277,24 @@ impl<'a, 'b> Compiler<'a, 'b> {
     fn unknown_function(&mut self) -> Outcome<()> {
         let (at, mut name) = (self.cursor.here(), String::new());
         let mut cursor = self.cursor.clone();
+        let mut whole = at;
         while let letter @ b'a'..=b'z' = cursor.peek() {
             cursor.skip();
             name.push(char::from(letter).to_ascii_uppercase());
+            whole = cursor.since(at.start as usize);
         }
         const NAMES: [&str; 14] =
             ["ABS", "ACOS", "ASIN", "ATAN", "COS", "EXISTS", "EXP", "FIX", "FUP", "LN", "ROUND", "SIN", "SQRT", "TAN"];
         // A word of another letter is no misspelt function.
         let near = if name.len() > 1 { nearest(&name, NAMES.into_iter()) } else { None };
         match near {
-            Some(near) => fault(Code::UnknownFunction, at, format!("there is no function {name}; do you mean {near}?")),
+            Some(near) => {
+                fault(Code::UnknownFunction, whole, format!("there is no function {name}; do you mean {near}?"))
+            }
             None if name.len() > 1 && self.cursor.follows(b'[') => {
                 let written = name.to_lowercase();
                 let message = format!("there is no function {name}; a named parameter is written #<{written}>");
-                fault(Code::UnknownFunction, at, message)
+                fault(Code::UnknownFunction, whole, message)
             }
             None => fault(Code::UnknownFunction, at, "no function begins here"),
         }

@@ -340,3 +340,13 @@ fn a_move_that_takes_longer_than_a_day_is_refused() {
         assert!(retrace_gcode::check(format!("{line}\nM2\n").into_bytes(), Setup::rs274()).is_empty(), "{line}");
     }
 }
+
+/// Where a probing move ends is taken for granted in a check: the machine's own answer gives the next one a way.
+#[test]
+fn probing_without_a_way_is_a_fault_only_before_the_first_answer() {
+    let errors = |text: &str| {
+        retrace_gcode::check(text.as_bytes(), Setup::default()).iter().map(|f| f.number()).collect::<Vec<_>>()
+    };
+    assert_eq!(errors("F10\nG0 X1\nG38.2 X1\nM2\n"), ["E1719"]);
+    assert_eq!(errors("F10\nG38.2 X1\nG38.2 X#5420\nM2\n"), [""; 0]);
+}
