@@ -62,7 +62,7 @@ struct Stored {
 
 impl Text {
     /// Bytes of a file that is held whole.
-    pub const MAX_HELD: u64 = 4 << 20;
+    pub const MAX_HELD: u64 = 16 << 20;
 
     /// Its bytes, where it is held whole.
     #[must_use]
@@ -166,14 +166,12 @@ fn changed() -> io::Error {
 
 /// Tells blocks apart.
 fn checksum(block: &[u8]) -> u64 {
-    let words = block.chunks(8).map(|chunk| {
-        let mut word = [0; 8];
-        word.iter_mut().zip(chunk).for_each(|(slot, &byte)| *slot = byte);
-        u64::from_le_bytes(word)
-    });
-    let mixed = words
-        .fold(0xCBF2_9CE4_8422_2325_u64, |sum, word| (sum ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29));
-    mixed ^ block.len() as u64
+    let mix = |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29);
+    let (words, rest) = block.as_chunks::<8>();
+    let mixed = words.iter().fold(0xCBF2_9CE4_8422_2325, |sum, word| mix(sum, u64::from_le_bytes(*word)));
+    let mut last = [0; 8];
+    last[..rest.len()].copy_from_slice(rest);
+    mix(mixed, u64::from_le_bytes(last)) ^ block.len() as u64
 }
 
 impl Stored {
