@@ -194,7 +194,10 @@ impl Tally {
         }
         let at = their_calls.iter().zip(&our_calls).take_while(|(theirs, ours)| theirs == ours).count();
         if is_dwell_of_another_cycle(case, their_calls.get(at), our_calls.get(at))
-            || ours.error == Some("E1660")
+            // A coordinate beyond 10¹⁵ is refused here on purpose.
+            || matches!(ours.error, Some("E1660" | "E1103"))
+            // Both refuse the program, the peer already where a comment is not closed behind a faulty line.
+            || theirs.refused && ours.refused.is_some() && theirs.complaint.contains("Unclosed comment")
             || is_mode_behind_a_spline(case, their_calls.get(at), our_calls.get(at))
             || is_feed_that_waited(their_calls.get(at), our_calls.get(at))
         {
