@@ -99,6 +99,19 @@ fn machine_coordinates_are_those_of_the_machine_and_another_offset_ends_the_leng
     assert_eq!((run.number("limit_violations"), &run.report["commanded_mm"]["z"]), (0.0, &25.0.into()));
 }
 
+/// Many programs call for the same tool and offset again before each operation: the tool in the spindle is still the new one.
+#[test]
+fn the_same_tool_and_offset_again_have_the_new_length() {
+    let again = "G53 G0 Z0\nG49\nG0 X0\nT1 M6\nG43 H1\nG0 Z5\nG49\nG0 Z1\nG43 H1\nG0 Z3\nM5\nM2\n";
+    let (run, records) = run(&SQUARE.replace("G0 Z5\nM5\nM2\n", again), &pause("tool length 12.5"));
+    assert_eq!((run.said.code, refusals(&run)), (Some(0), vec![]), "{}\n{}", run.said.err, run.said.out);
+    let z = |line| end_of(&records, line)[2];
+    assert_eq!((z(10), z(12), z(15), z(17), z(19)), (0, 0, 17_500, 1_000, 15_500));
+    // straight away, too: the path rests where the offset changes
+    let (run, _) = self::run(&SQUARE.replace("G0 Z5\nM5", "G49\nG43 H1\nG0 Z5\nM5"), &pause("tool length 12.5"));
+    assert_eq!((run.said.code, run.counts()[2]), (Some(0), 17_500), "{}", run.said.err);
+}
+
 #[test]
 fn where_machine_coordinates_are_planned_already_it_is_refused() {
     let program = SQUARE.replace("G1 Y40\n", "G53 G0 Z0\nG1 Y40\n");

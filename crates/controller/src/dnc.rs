@@ -167,10 +167,7 @@ impl fmt::Display for Dnc {
                     Some(mm) => write!(f, "tool length {mm:.3} mm: ")?,
                     None => write!(f, "new tool length: ")?,
                 }
-                write!(
-                    f,
-                    "the way back and the path go {by_mm:+.3} mm along {axis}, until the program changes the tool or its offset"
-                )
+                write!(f, "the way back and the path go {by_mm:+.3} mm along {axis}, until another tool comes")
             }
             Step::OnLine => write!(f, "on line again; cycle start brings the axes back"),
             Step::Approaching => write!(f, "on the way back to the breakpoint"),

@@ -212,6 +212,8 @@ pub enum Canon {
     /// Put the selected tool into the spindle; the number of the tool, 0 for none.
     ChangeTool {
         tool: u32,
+        /// The tool that was in the spindle before, which may be the same.
+        was: u32,
         /// Its line of the tool table, from 1; 0 for none.
         index: u32,
         /// What the table's comment says of it.

@@ -52,8 +52,8 @@ struct Modes {
     news: Option<ActiveAt>,
     /// Place of the one that is shown.
     shown: Option<u32>,
-    /// The tool offset and the tool that a length was entered for, which are then those of the program no more.
-    entered_for: Option<(Pose, u32)>,
+    /// The tool offset and the tool that a length was entered for, and by how much the path is moved along which axis with them, mm.
+    entered: Option<((Pose, u32), usize, f64)>,
     /// The last that were told.
     tool: (Pose, u32),
 }
@@ -74,17 +74,23 @@ impl Modes {
 
     /// A tool length was entered: the path is moved, what lies behind and what is to come.
     fn moved(&mut self, axis: usize, by_mm: f64, model: &mut Model) {
-        self.entered_for = Some(self.tool);
+        let before_mm = self.entered.filter(|(tool, ..)| *tool == self.tool).map_or(0.0, |(.., mm)| mm);
+        self.entered = Some((self.tool, axis, before_mm + by_mm));
         let states = self.states.iter_mut().map(|(_, state)| state).chain(&mut self.news);
         let zeros = states.map(|state| &mut state.work_zero_mm).chain([&mut model.work_zero_mm, &mut model.moved_mm]);
         zeros.filter_map(|zeros| zeros.get_mut(axis)).for_each(|zero| *zero += by_mm);
     }
 
-    /// A modal state is told; with another tool, or another offset, a length that was entered counts no more.
+    /// A modal state is told. A length that was entered counts with the tool and the offset that it was entered for.
     fn told(&mut self, active: &retrace_gcode::Active, model: &mut Model) -> ActiveAt {
         self.tool = (active.tool_offset, active.current_tool);
-        if self.entered_for.take_if(|entered_for| *entered_for != self.tool).is_some() {
-            model.moved_mm.fill(0.0);
+        self.entered.take_if(|((_, tool), ..)| *tool != active.current_tool);
+        model.moved_mm.fill(0.0);
+        if let Some((tool, axis, mm)) = self.entered
+            && tool == self.tool
+            && let Some(moved) = model.moved_mm.get_mut(axis)
+        {
+            *moved = mm;
         }
         let mut told = active_at(model, active);
         told.work_zero_mm.iter_mut().zip(&model.moved_mm).for_each(|(zero, moved)| *zero += moved);

@@ -1,5 +1,5 @@
-//! A tool length that was entered in a pause, behind the first move that says where the machine is: part of the tool offset that the program
-//! believes in, until the program changes that.
+//! A tool length that was entered in a pause, behind the first move that says where the machine is: part of the tool offset that it was
+//! entered for, whenever that is in force, until another tool comes.
 //!
 //! Invariant: an axis that the program does not move stays where it is; a move to machine coordinates ends there.
 
@@ -20,36 +20,33 @@ impl Track<'_> {
     #[must_use]
     pub fn ends_entered_length(&self, canon: &Canon) -> bool {
         match canon {
-            Canon::MachineCoordinates | Canon::ChangeTool { .. } => true,
-            Canon::UseToolLengthOffset(offset) => self.is_other_tool_offset(&self.in_mm(offset)),
+            Canon::MachineCoordinates => true,
+            Canon::ChangeTool { tool, was, .. } => tool != was,
+            Canon::UseToolLengthOffset(offset) => !is_same_offset(&self.in_mm(offset), &self.tool),
             _ => false,
         }
     }
 
     /// The machine stands `mm` further along `axis` than the program believes, because a tool length was entered. From here on that is a
-    /// part of the tool offset, until the program changes that.
+    /// part of the tool offset in force, whenever that is in force, until another tool comes.
     pub fn correct_length(&mut self, axis: Axis, mm: f64) {
         match &mut self.correction {
-            Some(correction) => correction.add(mm),
-            None => self.correction = Some(LengthCorrection::new(axis, mm, &self.at)),
+            Some(correction) => correction.add(mm, self.tool),
+            None => self.correction = Some(LengthCorrection::new(axis, mm, &self.at, self.tool)),
         }
     }
 
     pub(super) fn set_tool_offset(&mut self, tool_mm: Pose) {
-        if self.is_other_tool_offset(&tool_mm) {
-            self.drop_entered_length();
-        }
         self.tool = tool_mm;
-    }
-
-    /// The same offset in other units may differ in its last digit.
-    fn is_other_tool_offset(&self, tool_mm: &Pose) -> bool {
-        Axis::ALL.iter().any(|&axis| (tool_mm[axis] - self.tool[axis]).abs() > 1e-6)
-    }
-
-    pub(super) fn drop_entered_length(&mut self) {
         if let Some(correction) = &mut self.correction {
-            correction.drop_length();
+            correction.offset_is(&tool_mm);
+        }
+    }
+
+    /// Another tool is in the spindle.
+    pub(super) fn forget_entered_length(&mut self) {
+        if let Some(correction) = &mut self.correction {
+            correction.forget();
         }
     }
 
@@ -67,32 +64,41 @@ impl Track<'_> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LengthCorrection {
     axis: Axis,
-    /// To be added to the tool offset of the program, mm.
+    /// By how much the tool is longer than the offset that it was entered for says, mm.
+    entered_mm: f64,
+    for_offset: Pose,
+    /// To be added to the offset in force, mm: all of that, or nothing.
     mm: f64,
     /// Where the tool axis really stands, mm: where the program does not move it, it stays there.
     stands_mm: f64,
 }
 
 impl LengthCorrection {
-    /// The program believes that the machine stands at `at`, and it stands `mm` further along `axis`.
-    pub(super) fn new(axis: Axis, mm: f64, at: &Pose) -> Self {
-        Self { axis, mm, stands_mm: at[axis] + mm }
+    /// The program believes that the machine stands at `at`, and it stands `mm` further along `axis`; this offset is in force.
+    pub(super) fn new(axis: Axis, mm: f64, at: &Pose, offset: Pose) -> Self {
+        Self { axis, entered_mm: mm, for_offset: offset, mm, stands_mm: at[axis] + mm }
     }
 
-    /// The program has another tool, or another offset, from here on.
-    pub(super) fn drop_length(&mut self) {
-        self.mm = 0.0;
+    /// This offset is in force from here on.
+    pub(super) fn offset_is(&mut self, offset: &Pose) {
+        self.mm = if is_same_offset(offset, &self.for_offset) { self.entered_mm } else { 0.0 };
     }
 
-    /// Another length was entered on top.
-    pub(super) fn add(&mut self, mm: f64) {
-        self.mm += mm;
+    /// Another tool is in the spindle: nothing is known of its length.
+    pub(super) fn forget(&mut self) {
+        (self.entered_mm, self.mm) = (0.0, 0.0);
+    }
+
+    /// Another length was entered on top, with this offset in force.
+    pub(super) fn add(&mut self, mm: f64, offset: Pose) {
+        (self.entered_mm, self.for_offset) = (self.mm + mm, offset);
+        self.mm = self.entered_mm;
         self.stands_mm += mm;
     }
 
     /// Is there nothing to correct where the program believes that the machine stands at `at`?
     pub(super) fn is_done(&self, at: &Pose) -> bool {
-        self.mm == 0.0 && self.stands_mm == at[self.axis]
+        self.entered_mm == 0.0 && self.stands_mm == at[self.axis]
     }
 
     /// Where a straight move really ends that the program has go from `from` to `to`.
@@ -128,6 +134,11 @@ impl LengthCorrection {
     }
 }
 
+/// The same offset in other units may differ in its last digit.
+fn is_same_offset(one: &Pose, other: &Pose) -> bool {
+    Axis::ALL.iter().all(|&axis| (one[axis] - other[axis]).abs() <= 1e-6)
+}
+
 /// A move shorter than this moves nothing, mm.
 const STAYS_MM: f64 = 1e-9;
 
@@ -141,7 +152,7 @@ mod tests {
 
     #[test]
     fn an_axis_that_the_program_does_not_move_stays() {
-        let mut longer = LengthCorrection::new(Axis::Z, 2.0, &z(-5.0));
+        let mut longer = LengthCorrection::new(Axis::Z, 2.0, &z(-5.0), z(10.0));
         let end = |of: &LengthCorrection, from, to, is_machine| of.end_of(&z(from), &z(to), is_machine)[Axis::Z];
         assert_eq!(end(&longer, -5.0, -5.0, true), -3.0);
         assert_eq!(end(&longer, -5.0, -5.0, false), -3.0);
@@ -155,9 +166,15 @@ mod tests {
         assert_eq!(longer.of_arc(&z(0.0), false), Some(2.0));
         longer.moved_to(&z(-3.0));
         assert_eq!(longer.of_arc(&z(-5.0), true), Some(2.0));
-        // a change of the offset: it stays until it is moved
-        longer.drop_length();
-        assert_eq!(end(&longer, -5.0, -5.0, false), -3.0);
+        // another offset: it stays until it is moved; the first one again has the length
+        longer.offset_is(&z(0.0));
+        assert_eq!((end(&longer, -5.0, -5.0, false), end(&longer, -5.0, -6.0, false)), (-3.0, -6.0));
+        longer.offset_is(&z(10.0));
+        assert_eq!(end(&longer, -5.0, -6.0, false), -4.0);
+        // another tool
+        longer.forget();
+        longer.offset_is(&z(10.0));
+        assert_eq!((end(&longer, -5.0, -5.0, false), end(&longer, -5.0, -6.0, false)), (-3.0, -6.0));
         assert!(!longer.is_done(&z(-5.0)));
         longer.moved_to(&z(-8.0));
         assert!(longer.is_done(&z(-8.0)));

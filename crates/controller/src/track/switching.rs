@@ -35,7 +35,12 @@ impl Track<'_> {
                 self.selected_tool = *tool;
                 self.exclusive("T", &[], self.machine.switching.of("T"), line, sink)
             }
-            Canon::ChangeTool { tool, remark, .. } => self.change_tool(*tool, remark.as_deref(), line, sink),
+            Canon::ChangeTool { tool, was, remark, .. } => {
+                if tool != was {
+                    self.forget_entered_length();
+                }
+                self.change_tool(*tool, remark.as_deref(), line, sink)
+            }
             Canon::SetMotionOutputBit(n) => self.switch_output("M62", digital(*n, 1)?, line, sink),
             Canon::ClearMotionOutputBit(n) => self.switch_output("M63", digital(*n, 0)?, line, sink),
             Canon::SetAuxOutputBit(n) => self.switch_output("M64", digital(*n, 1)?, line, sink),
@@ -124,7 +129,6 @@ impl Track<'_> {
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
         let change = Change { channel: channel::TOOL, value: tool as i32 };
-        self.drop_entered_length();
         let Switching { periods, until, in_reverse, .. } = self.machine.switching.of("M6");
         let manual = self.machine.tool_change == ToolChange::Manual;
         if manual {

@@ -124,10 +124,10 @@ impl Core {
         emit.call(Canon::StartChange);
         emit.call(Canon::StopSpindleTurning);
         self.state.spindle = Spindle::Stopped;
-        self.state.current_tool = self.state.selected_tool;
+        let was = std::mem::replace(&mut self.state.current_tool, self.state.selected_tool);
         let tool = self.state.current_tool;
         let remark = self.tools.name(tool).map(Into::into);
-        emit.call(Canon::ChangeTool { tool, index: self.tools.index_of(tool), remark });
+        emit.call(Canon::ChangeTool { tool, was, index: self.tools.index_of(tool), remark });
         self.take_actual_position();
     }
 
