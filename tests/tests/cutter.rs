@@ -443,3 +443,38 @@ fn a_spindle_that_is_switched_off_by_hand_in_the_cut_holds_the_program() {
     let last_us = pins.iter().filter(feeds).map(|sample| sample.at_us).max().unwrap_or(0);
     assert!(last_us - off_us < 300_000, "it feeds for {} us with the spindle off", last_us - off_us);
 }
+
+/// A block of a stream that would leave the soft limits ends the program in the cut: the jet goes off where it stands.
+#[test]
+fn a_stream_that_is_refused_in_the_cut_leaves_the_cutter_off() {
+    let bench = Bench::new();
+    let (machine, vcd) = (bench.file("m.toml", machine(JET, "")).display().to_string(), bench.path("pins.vcd"));
+    let program = b"G21 G90 F1800\nG0 X10\nM64 P3\nG1 X30\nG1 X9999\nM65 P3\nM2\n";
+    let run = Run::of_input(&bench, program, &["--machine", &machine, "--vcd", &vcd.display().to_string()]);
+    assert!(run.said.code == Some(1) && run.said.err.contains("E4304"), "{}", run.said.err);
+    let samples = samples(&vcd);
+    assert_off_at_the_end(&samples, "out3");
+    let (standing, line) = longest_standing_ms(&samples, "out3");
+    assert!(standing <= 600, "{standing} ms in line {line}");
+    assert!(samples.iter().any(|sample| sample.line == 4 && sample.is_on("out3")));
+}
+
+/// From the pause to the kerf the jet is off, while a length is entered and on the way back by it.
+#[test]
+fn a_tool_length_in_a_pause_lights_nothing_before_the_kerf() {
+    let script = "at line 5 override 100%\nafter 0.5s pause\nafter 1s jog z 5\nafter 0s tool length by 1.5\nafter 1s online\n\
+        after 0s cycle start\nafter 3s recover\n";
+    let (run, samples) = run(&machine(JET, ""), JET_PROGRAM, script, &[]);
+    assert_eq!(run.said.code, Some(0), "{}\n{}", run.said.err, run.said.out);
+    let at = |kind: &str| time_ms(run.of_kind(kind).next().unwrap_or_else(|| panic!("{kind}: {}", run.said.out)));
+    assert!(at("tool_length") > at("jogged") && at("arrived") > at("approaching"));
+    let between = |sample: &&Sample| (at("jogged")..at("arrived")).contains(&(sample.at_us / 1000));
+    assert!(samples.iter().filter(between).all(|sample| !sample.is_on("out3")));
+    assert!(
+        samples
+            .iter()
+            .any(|sample| sample.at_us / 1000 > at("arrived") && sample.rate != 0.0 && sample.is_on("out3"))
+    );
+    assert_off_at_the_end(&samples, "out3");
+    assert_eq!(run.report["position_mm"]["z"], 1.5, "{}", run.report);
+}

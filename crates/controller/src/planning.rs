@@ -70,7 +70,7 @@ impl<const A: usize> Planning<'_, '_, A> {
         belt.give_up();
         // As long as the job lasts a tool length may be entered.
         while self.feeder.idle().is_ok() {
-            thread::sleep(Duration::from_micros(200));
+            thread::sleep(Duration::from_millis(1));
         }
         Some(self.moved(summary))
     }

@@ -236,6 +236,7 @@ impl<R: BufRead> Program<R> {
     /// Takes a line that lies before the one that a GOTO goes to; false where it is that one.
     fn pass_ahead(&mut self, (number, line, at): (u64, u32, Span)) -> Outcome<bool> {
         if is_percent(self.lines.text()) {
+            self.ahead = None;
             self.interpreter.set_line(0, line);
             return Err(Box::new(NoLine::Missing.fault(number, at)));
         }
