@@ -471,9 +471,7 @@ fn a_tool_length_in_a_pause_lights_nothing_before_the_kerf() {
     let between = |sample: &&Sample| (at("jogged")..at("arrived")).contains(&(sample.at_us / 1000));
     assert!(samples.iter().filter(between).all(|sample| !sample.is_on("out3")));
     assert!(
-        samples
-            .iter()
-            .any(|sample| sample.at_us / 1000 > at("arrived") && sample.rate != 0.0 && sample.is_on("out3"))
+        samples.iter().any(|sample| sample.at_us / 1000 > at("arrived") && sample.rate != 0.0 && sample.is_on("out3"))
     );
     assert_off_at_the_end(&samples, "out3");
     assert_eq!(run.report["position_mm"]["z"], 1.5, "{}", run.report);
