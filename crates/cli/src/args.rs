@@ -8,6 +8,8 @@ use clap::builder::TypedValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use retrace_controller::journal::entry::MachineTables;
 
+use crate::shell_files::{Completions, Man};
+
 /// retrace: machines NC programs, and runs backward along the very path it took.
 #[derive(Debug, Parser)]
 #[command(name = "retrace", version, about, arg_required_else_help = true)]
@@ -94,6 +96,12 @@ pub enum Command {
     /// Serve a simulated card behind a pseudo-terminal, list serial ports, ask who is at one.
     #[command(subcommand, after_help = "Examples:\n  retrace card serve --pty\n  retrace card who /dev/ttyUSB0@230400")]
     Card(Card),
+    /// Print a completion script for a shell.
+    #[command(hide = true, after_help = "Example:\n  retrace completions bash > retrace.bash")]
+    Completions(Completions),
+    /// Write the manual pages.
+    #[command(hide = true, after_help = "Example:\n  retrace man target/man")]
+    Man(Man),
 }
 
 /// `retrace doctor`

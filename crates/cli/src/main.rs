@@ -44,6 +44,7 @@ mod resume_told;
 mod run;
 mod screen;
 mod serial_source;
+mod shell_files;
 mod size;
 mod socket;
 mod stop_signals;
@@ -75,6 +76,11 @@ fn main() -> ExitCode {
         Command::Machine(args) => machine::run(&args),
         Command::Jobs(args) => jobs::run(&args).map_err(Failure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),
+        Command::Completions(args) => {
+            shell_files::print_completions(&args);
+            Ok(0)
+        }
+        Command::Man(args) => shell_files::write_manual(&args).map_err(Failure::from).map(|()| 0),
     };
     let code = match done {
         Ok(code) => code,
