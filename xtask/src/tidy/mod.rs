@@ -70,7 +70,11 @@ pub(crate) const CHECKS: &[Check] = &[
         rule: "the pictures in the documents are those that a command makes",
         find: figures::find,
     },
-    Check { name: "requirements", rule: "every requirement number cited exists", find: requirements::find },
+    Check {
+        name: "requirements",
+        rule: "docs/requirements.md has every requirement, and the code and tests that it names exist",
+        find: requirements::find,
+    },
 ];
 
 /// Runs every check, prints what it finds, and says whether all passed.
