@@ -1,7 +1,7 @@
 //! What host and card say to each other, as typed messages (GMC-2), and the trait behind which every card stands.
 //!
-//! The messages are complete, and so are the frames that carry bytes over a serial line ([`frame`]); the messages as bytes, with
-//! sequence and credit, are not written yet, so that for now only an in-process card can be spoken to.
+//! A card in the same process receives the messages as they are. A card on a serial line receives them as bytes ([`wire`]) in frames
+//! with a checksum ([`frame`]), between two ends that repeat what was lost ([`Host`], [`CardEnd`]).
 //!
 //! Invariant: the wire carries records in path order, each under its place number, never negated and never scaled. The
 //! rate is a real-time word of its own.
