@@ -8,12 +8,13 @@ mod campaign;
 mod figures;
 mod firmware;
 mod fuzz;
+mod release;
 mod suite;
 mod tidy;
 mod tree;
 mod verify;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Wrong usage, or a task that does not exist yet.
@@ -54,6 +55,10 @@ Tasks:
            --crystal MHZ   the board's crystal, 8 or 25; without it the internal oscillator
            emulate         run it in QEMU, with its line at a terminal, until interrupted
            test            everything that can be tested here; what is missing is named
+  book   the documentation as one book with a search, in target/book/html; needs mdbook
+  dist   archives with a static binary, completions and manual pages, in target/dist
+  package    package every crate that could be published; publishes nothing
+  licences   hold the licences of all dependencies to deny.toml
   help   this text
 
 Exit codes: 0 all passed, 1 something failed, 2 wrong usage.
@@ -79,7 +84,23 @@ fn main() -> ExitCode {
             Ok(order) => with_root(|root| firmware::run(&root, &order)),
             Err(reason) => refuse(&reason),
         },
+        Some((&"book", options)) => plain(options, "book", release::book::run),
+        Some((&"dist", options)) => plain(options, "dist", release::dist::run),
+        Some((&"package", options)) => plain(options, "package", release::package::run),
+        Some((&"licences", options)) => plain(options, "licences", release::licences::run),
         Some((&unknown, _)) => refuse(&format!("there is no task `{unknown}`; see `cargo xtask help`")),
+    }
+}
+
+/// Runs a task that has no options.
+fn plain(options: &[&str], name: &str, task: fn(&Path) -> bool) -> ExitCode {
+    match options {
+        [] => with_root(|root| task(&root)),
+        ["--help" | "-h"] => {
+            print!("{HELP}");
+            ExitCode::SUCCESS
+        }
+        [other, ..] => refuse(&format!("`{name}` knows no `{other}`; see `cargo xtask help`")),
     }
 }
 

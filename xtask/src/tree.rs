@@ -52,6 +52,11 @@ impl Tree {
         self.files.get(path)?.as_deref()
     }
 
+    /// Is there such a file, of any kind?
+    pub(crate) fn has_file(&self, path: &str) -> bool {
+        self.files.contains_key(path)
+    }
+
     /// Is there such a file (of any kind), or a folder that holds one?
     pub(crate) fn has(&self, path: &str) -> bool {
         let folder = format!("{path}/");

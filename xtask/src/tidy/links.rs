@@ -27,7 +27,7 @@ pub(super) fn find(tree: &Tree) -> Vec<Finding> {
 }
 
 /// The relative targets of the links in a line, without anchors and titles; code spans hold no links.
-fn targets(line: &str) -> Vec<&str> {
+pub(super) fn targets(line: &str) -> Vec<&str> {
     let mut found = Vec::new();
     let mut rest = line;
     while let Some(at) = rest.find(['`', ']']) {
@@ -54,7 +54,7 @@ fn targets(line: &str) -> Vec<&str> {
 }
 
 /// The path from the root that `target` means in the file at `path`; none where it leaves the tree.
-fn resolved(path: &str, target: &str) -> Option<String> {
+pub(super) fn resolved(path: &str, target: &str) -> Option<String> {
     let mut parts: Vec<&str> = path.split('/').collect();
     parts.pop();
     for part in target.split('/') {

@@ -2,6 +2,7 @@
 //!
 //! Invariant: every check has a unit test that shows a tree it refuses.
 
+pub(crate) mod book_pages;
 mod directions;
 mod error_numbers;
 mod figures;
@@ -64,6 +65,7 @@ pub(crate) const CHECKS: &[Check] = &[
     Check { name: "module-docs", rule: "every module opens with what its job is", find: module_docs::find },
     Check { name: "sizes", rule: "a file stays short enough to be one noun", find: sizes::find },
     Check { name: "machine", rule: "no path or host of one machine is in the tree", find: machine_names::find },
+    Check { name: "book", rule: "every page of docs/ is a chapter of the book", find: book_pages::find },
     Check { name: "links", rule: "every relative link in Markdown leads somewhere", find: links::find },
     Check {
         name: "figures",
