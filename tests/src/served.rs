@@ -42,7 +42,7 @@ impl Served {
     /// Where nobody answers.
     #[must_use]
     pub fn who(&self, bench: &Bench) -> Value {
-        let said = bench.retrace(["card", "who", &self.port, "--json"]);
+        let said = bench.retrace(["card", "identify", &self.port, "--json"]);
         assert_eq!(said.code, Some(0), "{}", said.err);
         serde_json::from_str(&said.out).expect("one JSON object")
     }
@@ -73,7 +73,7 @@ impl Served {
     /// Ends it: what it tells at its end.
     ///
     /// # Panics
-    /// Where that is no JSON.
+    /// Where that is not JSON.
     #[must_use]
     pub fn told(mut self) -> Value {
         drop(self.child.stdin.take());

@@ -106,7 +106,7 @@ fn a_port_that_is_in_use_or_not_there_is_refused_with_what_to_do() {
     let mut asked = [1, 4, 12].into_iter().map(|seconds| {
         let mut host = long_job(&bench, &served);
         std::thread::sleep(Duration::from_secs(seconds));
-        let busy = bench.retrace(["card", "who", &served.port]);
+        let busy = bench.retrace(["card", "identify", &served.port]);
         let _ = host.kill();
         host.wait().expect("ended");
         busy
@@ -115,9 +115,9 @@ fn a_port_that_is_in_use_or_not_there_is_refused_with_what_to_do() {
     assert_eq!(busy.code, Some(2), "{}", busy.err);
     assert!(busy.err.contains("error[E2144]") && busy.err.contains("`retrace` (process"), "{}", busy.err);
     for (arguments, number) in [
-        (["card", "who", "/dev/no-such-port"], "E2141"),
-        (["card", "who", "/dev/null"], "E2146"),
-        (["card", "who", "@9600"], "E2148"),
+        (["card", "identify", "/dev/no-such-port"], "E2141"),
+        (["card", "identify", "/dev/null"], "E2146"),
+        (["card", "identify", "@9600"], "E2148"),
         (["run", "long.ngc", "--card=/dev/no-such-port"], "E2141"),
     ] {
         let said = bench.retrace(arguments);
@@ -135,10 +135,10 @@ fn a_link_gives_the_card_a_name() {
     let bench = Bench::new();
     let link = bench.path("my-card").display().to_string();
     let first = Served::with(&["--link", &link]);
-    assert_eq!(bench.retrace(["card", "who", &link]).code, Some(0));
+    assert_eq!(bench.retrace(["card", "identify", &link]).code, Some(0));
     drop(first);
     let _second = Served::with(&["--link", &link]);
-    assert_eq!(bench.retrace(["card", "who", &link]).code, Some(0), "a link that was left is replaced");
+    assert_eq!(bench.retrace(["card", "identify", &link]).code, Some(0), "a link that was left is replaced");
 }
 
 #[test]

@@ -194,7 +194,11 @@ fn cycles_are_listed_checked_compiled_and_shown() {
     let cycles = |words: &[&str]| bench.retrace(["cycles"].iter().chain(words).chain(&folders));
     let said = cycles(&["check"]);
     assert_eq!((said.code, said.out.as_str()), (Some(1), ""));
-    assert!(said.err.contains("error[E1906]: HH is no variable") && said.err.contains("BOX.SPF:3:3"), "{}", said.err);
+    assert!(
+        said.err.contains("error[E1906]: HH is not a variable") && said.err.contains("BOX.SPF:3:3"),
+        "{}",
+        said.err
+    );
     bench.file("mine/BOX.SPF", "PROC BOX(REAL WW) SAVE\nG1 X=WW\n");
     assert!(cycles(&["compile"]).out.starts_with("13 cycles: 13 compiled now, 0 were fresh"));
     let said = cycles(&[]);

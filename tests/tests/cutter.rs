@@ -302,7 +302,7 @@ fn a_cutter_is_switched_off_by_hand_at_any_time_and_on_only_where_it_may_cut() {
     let (run, pins) = run(&machine(&cutting_jet, ""), JET_PROGRAM, script, &[]);
     run.assert_exact_and_legal();
     let refused: Vec<_> =
-        run.of_kind("order_refused").map(|event| event["why"].as_str().unwrap_or("").to_owned()).collect();
+        run.of_kind("command_rejected").map(|event| event["reason"].as_str().unwrap_or("").to_owned()).collect();
     assert_eq!(refused.len(), 2, "{refused:?}");
     assert!(refused.iter().all(|why| why.contains("recover")), "{refused:?}");
     assert!(pins.iter().any(|sample| sample.rate < 0.0 && sample.is_on("out3")), "on while it goes back");
@@ -313,7 +313,7 @@ fn a_cutter_is_switched_off_by_hand_at_any_time_and_on_only_where_it_may_cut() {
         "at line 4 override 100%\nafter 0.3s reverse 50%\nafter 1s cutter on\nafter 0s output 64 on\nafter 0s leave\n";
     let (torch, pins) = self::run(&machine(TORCH, ""), TORCH_PROGRAM, script, &[]);
     torch.assert_exact_and_legal();
-    assert_eq!(torch.of_kind("order_refused").count(), 2);
+    assert_eq!(torch.of_kind("command_rejected").count(), 2);
     assert!(pins.iter().all(|sample| sample.rate >= 0.0 || !sample.is_on("spindle")));
 }
 

@@ -22,7 +22,7 @@ fn count(run: &Run, kind: &str) -> usize {
 }
 
 fn refusals(run: &Run) -> Vec<String> {
-    run.of_kind("order_refused").map(|event| event["why"].as_str().unwrap_or_default().to_owned()).collect()
+    run.of_kind("command_rejected").map(|event| event["reason"].as_str().unwrap_or_default().to_owned()).collect()
 }
 
 #[test]
@@ -34,7 +34,7 @@ fn paused_anywhere_the_job_ends_at_the_counts_of_a_run_without_a_pause() {
         assert_eq!(paused.said.code, Some(0), "line {line}: {}\n{}", paused.said.err, paused.said.out);
         assert_eq!(paused.counts(), plain.counts(), "line {line}");
         assert_eq!(refusals(&paused).len(), if line < 5 { 2 } else { 0 }, "line {line}: {:?}", refusals(&paused));
-        for kind in ["paused", "jogged", "on_line", "approaching", "arrived"] {
+        for kind in ["paused", "jogged", "online", "approaching", "arrived"] {
             assert_eq!(count(&paused, kind), 1, "line {line}: {kind}");
         }
         let at = |kind| paused.of_kind(kind).next().expect(kind).clone();

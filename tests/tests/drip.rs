@@ -69,7 +69,7 @@ fn run(bench: &Bench, program: &str, more: &[&str]) -> (Value, Vec<Value>) {
     }
     let told = said.lines().map(|line| serde_json::from_str::<Value>(line).expect("JSON"));
     let of_pauses =
-        |event: &Value| ["paused", "arrived", "order_refused"].contains(&event["event"].as_str().unwrap_or(""));
+        |event: &Value| ["paused", "arrived", "command_rejected"].contains(&event["event"].as_str().unwrap_or(""));
     (report, told.filter(of_pauses).collect())
 }
 
@@ -125,7 +125,7 @@ fn paused_at_any_moment_it_is_taken_up_where_it_was_left_and_ends_at_the_same_co
     let told = as_file_and_from_a_sender(&bench, lines, &["--operator", &script.to_string_lossy()]);
     let of = |kind: &str| -> Vec<&Value> { told.iter().filter(|event| event["event"] == kind).collect() };
     let (paused, arrived) = (of("paused"), of("arrived"));
-    assert_eq!((paused.len(), arrived.len(), of("order_refused").len()), (pauses, pauses, 0), "{told:?}");
+    assert_eq!((paused.len(), arrived.len(), of("command_rejected").len()), (pauses, pauses, 0), "{told:?}");
     for (left, back) in paused.into_iter().zip(arrived) {
         for same in ["record", "fraction", "line"] {
             assert_eq!(left[same], back[same], "{left} {back}");

@@ -56,8 +56,11 @@ fn a_raised_override_acts_within_half_a_second_and_a_lowered_one_at_once() {
         assert!(period.is_some_and(|period| period <= latest), "{planned:?}");
     }
     assert_eq!(planned.len(), 5, "{planned:?}");
-    let refused: Vec<_> = run.of_kind("order_refused").collect();
-    assert!(refused.len() == 1 && refused[0]["why"].as_str().is_some_and(|why| why.contains("200 %")), "{refused:?}");
+    let refused: Vec<_> = run.of_kind("command_rejected").collect();
+    assert!(
+        refused.len() == 1 && refused[0]["reason"].as_str().is_some_and(|why| why.contains("200 %")),
+        "{refused:?}"
+    );
 }
 
 /// However fast the planner is, the same records come out.

@@ -30,7 +30,7 @@ fn backing_up_changes_nothing_of_where_the_job_ends() {
     let held_s = run.number("held_s");
     assert!((0.89..=0.92).contains(&held_s) && run.number("retrace_s") > 8.0, "{}", run.report);
     assert!(run.number("reversals") >= 5.0, "{}", run.report);
-    assert_eq!(run.of_kind("oldest_record").count(), 1, "the end of the history is reached and told once");
+    assert_eq!(run.of_kind("history_start_reached").count(), 1, "the end of the history is reached and told once");
     let rows = &run.records.rows;
     assert!(run.records.places_visited_twice().is_ok_and(|twice| twice > 2000));
     assert!(rows.iter().any(|row| row.rate_nano == -RATE_ONE), "full reverse is reached");
@@ -48,7 +48,7 @@ fn history_ends_where_the_machine_file_says() {
     }
     // 4 s in periods of 1 ms; never less, and no more than one window beyond.
     assert!((4000..=4001).contains(&deepest), "{deepest}");
-    let oldest = run.of_kind("oldest_record").next().expect("it stands at the oldest record");
+    let oldest = run.of_kind("history_start_reached").next().expect("it stands at the oldest record");
     assert_eq!(oldest["fraction"], 0, "it stands exactly on it");
 }
 
@@ -185,7 +185,7 @@ fn events_call_outputs_by_the_names_that_the_machine_file_gives_them() {
     assert!(!text.out.contains("output 1 ") && !text.out.contains("output 3 "), "{}", text.out);
     let said = bench.retrace([&run[..], &["--json"]].concat());
     let events: Vec<Value> = said.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
-    let passing: Vec<_> = events.iter().filter(|event| event["event"] == "switched_in_passing").collect();
+    let passing: Vec<_> = events.iter().filter(|event| event["event"] == "output_changed").collect();
     assert_eq!((&passing[0]["channel"], &passing[0]["name"]), (&1.into(), &"air".into()), "{passing:?}");
     let differ = events.iter().find(|event| event["event"] == "outputs_differ").expect("it asks");
     assert_eq!((&differ["outputs"][0]["channel"], &differ["outputs"][0]["name"]), (&3.into(), &"jet".into()));

@@ -81,7 +81,7 @@ fn a_simulated_job_that_was_stopped_goes_on_any_number_of_times() {
     bench.file("back.op", "at 0.2s hold\nafter 0.5s reverse 100%\nafter 8s leave\n");
     let said = bench.retrace(["resume", "--yes", "--json", "--operator", "back.op"]);
     assert_completed(&said);
-    assert!(said.out.contains("oldest_record"), "{}", said.out);
+    assert!(said.out.contains("history_start_reached"), "{}", said.out);
     let said = bench.retrace(["resume"]);
     assert_refused(&said, "E2209");
 }
@@ -267,8 +267,8 @@ fn after_a_restart_of_the_card_the_position_has_to_be_confirmed() {
     let resume = ["resume", "--yes", "--json", "--card", &card.port];
     let said = bench.retrace(resume);
     assert_refused(&said, "E2213");
-    assert!(said.err.contains("--at-counts") && said.err.contains("X 0.000 Y 0.000 Z 0.000"), "{}", said.err);
-    let said = bench.retrace(resume.iter().chain(&["--at-counts", "--records", "records.csv"]));
+    assert!(said.err.contains("--assume-position") && said.err.contains("X 0.000 Y 0.000 Z 0.000"), "{}", said.err);
+    let said = bench.retrace(resume.iter().chain(&["--assume-position", "--records", "records.csv"]));
     assert_completed(&said);
     let shown: Value = serde_json::from_str(said.out.lines().next().expect("a line")).expect("JSON");
     let back: Vec<[i64; 3]> = serde_json::from_value(shown["way_back"].clone()).expect("counts");
@@ -364,7 +364,7 @@ fn after_a_power_loss_in_the_cut_the_jet_stays_off_and_nothing_moves_by_itself()
     assert_refused(&bench.retrace(resume), "E2213");
     sleep(Duration::from_millis(1500));
     stands();
-    let said = bench.retrace(resume.iter().chain(&["--at-counts"]));
+    let said = bench.retrace(resume.iter().chain(&["--assume-position"]));
     assert_eq!((said.code, report(&said)["outcome"].as_str()), (Some(0), Some("completed")), "{}", said.err);
     let _ = card.told();
     let samples = pins::samples(&vcd);

@@ -147,7 +147,7 @@ fn a_sender_that_does_not_begin_or_falls_silent_is_reported() {
     sender.join().expect("it sends");
     assert!(said.code == Some(1) && said.err.contains("E2304"), "{}", said.err);
     assert_eq!(counts(&said).1, [Some(5000), Some(0), Some(0)]);
-    let waiting = said.out.lines().find(|line| line.contains("waiting_for_program")).expect("an event");
+    let waiting = said.out.lines().find(|line| line.contains("stream_stalled")).expect("an event");
     let waiting: Value = serde_json::from_str(waiting).expect("JSON");
     assert!(waiting["source"].as_str().is_some_and(|source| source.contains(&line.path)), "{waiting}");
     assert!(waiting["since"].as_str().is_some_and(|since| since.contains('T')), "{waiting}");
@@ -192,7 +192,7 @@ fn a_fifo_is_a_stream_and_shows_that_it_waits() {
     writer.join().expect("it writes");
     assert!(written.load(Ordering::Relaxed));
     assert_eq!((said.code, counts(&said).1), (Some(0), [Some(5000), Some(0), Some(0)]), "{}", said.err);
-    for event in ["waiting_for_program", "program_arrives"] {
+    for event in ["stream_stalled", "stream_resumed"] {
         assert!(said.out.contains(event), "{event}: {}", said.out);
     }
     // a character device is a stream too: one that is empty, and one without end

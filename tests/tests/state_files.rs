@@ -160,12 +160,12 @@ fn who_shows_outputs_and_alarms() {
     let who = card.who(&bench);
     assert_eq!((&who["outputs_on"], &who["alarm"]), (&serde_json::json!([]), &Value::Null), "{who}");
     assert_eq!(bench.retrace(run).code, Some(0));
-    let said = bench.retrace(["card", "who", &card.port, "--machine", "stop.toml"]);
+    let said = bench.retrace(["card", "identify", &card.port, "--machine", "stop.toml"]);
     assert!(said.out.contains("outputs output 5 1") && said.out.contains("no alarm"), "{}", said.out);
     let who = card.who(&bench);
     assert_eq!(who["outputs_on"], serde_json::json!([{"channel": 5, "value": 1}]), "{who}");
     card.by_hand("press emergency-stop");
     assert_eq!(bench.retrace(run).code, Some(3));
-    let said = bench.retrace(["card", "who", &card.port]);
+    let said = bench.retrace(["card", "identify", &card.port]);
     assert!(said.out.contains("alarm[E3012]") && said.out.contains("outputs"), "{}", said.out);
 }

@@ -187,7 +187,7 @@ fn m0_m1_and_m6_wait_in_wall_time_and_enter_at_the_terminal_goes_on() {
         &path("records.csv"),
     ];
     let mut terminal = Terminal::running(&run, 180, 40);
-    // Typed before anything is waited for: it is no answer.
+    // Typed before anything is waited for: it is not an answer.
     terminal.keys("\n\n\n");
     let waits = [
         "M0 of line 3 waits; press Enter",

@@ -55,7 +55,7 @@ fn end_of(records: &Records, line: u64) -> [i64; 3] {
 }
 
 fn refusals(run: &Run) -> Vec<String> {
-    run.of_kind("order_refused").map(|event| event["why"].as_str().unwrap_or_default().to_owned()).collect()
+    run.of_kind("command_rejected").map(|event| event["reason"].as_str().unwrap_or_default().to_owned()).collect()
 }
 
 #[test]

@@ -34,7 +34,7 @@ pub struct Seen {
     pub complete: bool,
 }
 
-/// Why a native run is no pass.
+/// Why a native run is not a pass.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Failure {
     /// The property does not hold for these numbers.

@@ -129,7 +129,7 @@ fn replay(name: &str, numbers: &str) -> ExitCode {
         return refuse(&format!("there is no harness `{name}`"));
     };
     let Ok(numbers) = numbers.split(',').map(|number| number.trim().parse()).collect::<Result<Vec<u32>, _>>() else {
-        return refuse(&format!("`{numbers}` is no list of numbers: 1,2,3"));
+        return refuse(&format!("`{numbers}` is not a list of numbers: 1,2,3"));
     };
     println!("{name} with {numbers:?}");
     match catch_unwind(AssertUnwindSafe(|| harness.replay(numbers))) {

@@ -366,7 +366,7 @@ pub const ROWS: &[Row] = &[
                 killer: "steps_way_back",
             },
             Mutant {
-                name: "a standing spindle is no hindrance",
+                name: "a standing spindle is not a hindrance",
                 file: FILE,
                 find: "(Step::SpindleStopped, _) => Err(Refused::SpindleStands)",
                 put: "(Step::SpindleStopped, _) => Ok((Step::OnlineAgain, Effect::Online))",

@@ -169,7 +169,7 @@ fn campaign(options: &[&str]) -> ExitCode {
             ["--full", more @ ..] => (full, rest) = (true, more),
             ["--seed", number, more @ ..] => match number.parse() {
                 Ok(number) => (seed, rest) = (number, more),
-                Err(_) => return refuse(&format!("`{number}` is no seed: a whole number")),
+                Err(_) => return refuse(&format!("`{number}` is not a seed: a whole number")),
             },
             [other, ..] => return refuse(&format!("`campaign` knows no `{other}`; see `cargo xtask help`")),
         }

@@ -160,7 +160,7 @@ fn count_tests(command: &mut Command) -> Outcome {
             println!("{line}");
             total.add(&line);
         }
-        // A closed pipe on our own side is no reason to call the tests failed.
+        // A closed pipe on our own side is not a reason to call the tests failed.
         let _ = std::io::stdout().flush();
     }
     let passed = child.wait().is_ok_and(|status| status.success());

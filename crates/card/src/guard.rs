@@ -101,7 +101,7 @@ impl Guard {
     /// Clears what is latched; false, and nothing changed, where a cause is there. `failed`: the machine still says that the instruction has
     /// failed.
     ///
-    /// A tripped limit switch is no cause, since only motion can open it: it is forgiven until it opens, and the axis may leave it. The
+    /// A tripped limit switch is not a cause, since only motion can open it: it is forgiven until it opens, and the axis may leave it. The
     /// door is one only where it was the cause.
     pub fn clear(&mut self, panel: &Panel, failed: bool) -> bool {
         let Some(alarm) = self.alarm else { return true };

@@ -10,7 +10,7 @@ use retrace_controller::journal::entry::MachineTables;
 
 use crate::shell_files::{Completions, Man};
 
-/// retrace: machines NC programs, and runs backward along the very path it took.
+/// CNC control that runs NC programs and retraces the executed path, exact to the pulse.
 #[derive(Debug, Parser)]
 #[command(name = "retrace", version, about, arg_required_else_help = true)]
 #[command(
@@ -18,7 +18,7 @@ use crate::shell_files::{Completions, Man};
     2 wrong usage or machine file · 3 alarm or card fault · 4 stopped by the operator"
 )]
 pub struct Cli {
-    /// What to do.
+    /// Subcommand.
     #[command(subcommand)]
     pub command: Command,
 }
@@ -46,7 +46,7 @@ pub enum Command {
     /// Print the canonical functions, one a line, as LinuxCNC's `rs274 -g` does.
     #[command(after_help = "Example:\n  retrace canon examples/01-first-cut.ngc")]
     Canon(Canon),
-    /// Draw the tool path, velocity, acceleration and jerk over time, or what became of a job, as SVG or PNG.
+    /// Draw the tool path, velocity, acceleration and jerk over time, or the history of a job, as SVG or PNG.
     #[command(after_help = "Examples:\n  retrace plot examples/01-first-cut.ngc -o path.svg\n  \
         retrace plot examples/02-back-up.ngc --operator examples/02-back-up.op -o retraced.png\n  \
         retrace plot examples/01-first-cut.ngc --profile -o profile.svg\n  \
@@ -56,12 +56,12 @@ pub enum Command {
         program.required(false).required_unless_present("job").default_value("-").hide_default_value(true)
     }))]
     Plot(Plot),
-    /// Take up an interrupted job at its breakpoint.
+    /// Resume an interrupted job at its breakpoint.
     #[command(after_help = "Examples:\n  retrace resume\n  retrace resume 20261122-004627-part --yes\n  \
         retrace resume 20261122-004627-part --from-line 120\n  \
         retrace resume --tui")]
     Resume(Resume),
-    /// What can be resumed, what ran, how it ended.
+    /// List jobs: which can be resumed, which ran, how they ended.
     #[command(after_help = "Examples:\n  retrace jobs\n  retrace jobs show 20261122-004627-part")]
     Jobs(Jobs),
     /// Ring size for so many axes, hours, milliseconds and bytes (REV-4), and what the machine file gives.
@@ -82,19 +82,22 @@ pub enum Command {
         after_help = "Examples:\n  retrace home --card /dev/ttyUSB0 --machine mill.toml\n  retrace home z --card my-card --machine mill.toml"
     )]
     Home(Home),
-    /// Move an axis by hand, so many mm (degrees), at its jog speed, cut short at its soft limit.
+    /// Jog an axis by a distance in mm (degrees) at its jog speed; the move ends at the soft limit.
     #[command(after_help = "Example:\n  retrace jog x -12.5 --card /dev/ttyUSB0 --machine mill.toml")]
     Jog(Jog),
-    /// Carry out one block by hand, as it would stand in a program.
+    /// Execute one MDI block.
     #[command(
         after_help = "Examples:\n  retrace mdi 'G0 X10' --card /dev/ttyUSB0\n  retrace mdi 'G10 L20 P1 X0 Y0' --params mill.var"
     )]
     Mdi(Mdi),
-    /// Measure how promptly this computer and the line to a card react, and whether the machine's control period fits.
+    /// Measure how fast this computer and the line to a card respond, and whether the control period suits them.
     #[command(after_help = "Examples:\n  retrace doctor\n  retrace doctor /dev/ttyUSB0 --machine mill.toml")]
     Doctor(Doctor),
-    /// Serve a simulated card behind a pseudo-terminal, list serial ports, ask who is at one.
-    #[command(subcommand, after_help = "Examples:\n  retrace card serve --pty\n  retrace card who /dev/ttyUSB0@230400")]
+    /// Serve a simulated card on a pseudo-terminal, list serial ports, identify a card.
+    #[command(
+        subcommand,
+        after_help = "Examples:\n  retrace card serve --pty\n  retrace card identify /dev/ttyUSB0@230400"
+    )]
     Card(Card),
     /// Print a completion script for a shell.
     #[command(hide = true, after_help = "Example:\n  retrace completions bash > retrace.bash")]
@@ -107,15 +110,15 @@ pub enum Command {
 /// `retrace doctor`
 #[derive(Debug, clap::Args)]
 pub struct Doctor {
-    /// Port of the card, `PATH[@BAUD]`; without one only this computer is measured.
+    /// Port of the card, `PATH[@BAUD]`; without a port only this computer is measured.
     pub port: Option<String>,
     /// Machine file.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
-    /// How long wake-ups are measured, s.
+    /// Duration of the wake-up measurement in s.
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     pub seconds: f64,
-    /// One JSON object on standard output.
+    /// Print one JSON object.
     #[arg(long)]
     pub json: bool,
 }
@@ -123,37 +126,37 @@ pub struct Doctor {
 /// `retrace card`
 #[derive(Debug, Subcommand)]
 pub enum Card {
-    /// Serve a simulated card, in wall time, until interrupted. A host may come after another has gone; the position stays.
+    /// Serve a simulated card in wall time until interrupted. Hosts may connect one after another; the position is kept.
     #[command(
-        after_help = "On standard input (a pipe; a terminal with --by-hand), a line each, what is done by hand meanwhile:\n  wheel -120 for 2s     turn the handwheel, \
-        counts a second; `wheel -7` by so many at once\n  press door            also emergency-stop, probe\n  release door\n  input 5 on            an input by its number\n\nExamples:\n  retrace card serve --pty --link my-card --vcd my-card.vcd\n  \
+        after_help = "Manual inputs are read from standard input (a pipe; a terminal with --manual-inputs), one a line:\n  wheel -120 for 2s     turn the handwheel, \
+        in counts per second; `wheel -7` turns it by 7 counts at once\n  press door            also emergency-stop, probe\n  release door\n  input 5 on            an input, by its number\n\nExamples:\n  retrace card serve --pty --link my-card --vcd my-card.vcd\n  \
         retrace card serve --pty --faults baud=230400,rate=1e-5,seed=7\n  retrace run examples/01-first-cut.ngc --card my-card"
     )]
     Serve(Serve),
-    /// List the serial ports that are there. A pseudo-terminal is never among them.
+    /// List the serial ports. Pseudo-terminals are not listed.
     #[command(after_help = "Example:\n  retrace card ports --json")]
     Ports {
-        /// One JSON object on standard output.
+        /// Print one JSON object.
         #[arg(long)]
         json: bool,
     },
-    /// Ask who is at a port, where the machine stands, which outputs are on, and what alarm is latched.
-    #[command(after_help = "Example:\n  retrace card who /dev/ttyUSB0@230400")]
-    Who {
-        /// The port, `PATH[@BAUD]`; 1000000 baud where none is named.
+    /// Identify the card at a port: name, position, outputs that are on, latched alarm.
+    #[command(after_help = "Example:\n  retrace card identify /dev/ttyUSB0@230400")]
+    Identify {
+        /// The port, `PATH[@BAUD]`; 1000000 baud by default.
         #[arg(value_name = "PORT")]
         port: String,
         /// Machine file; a three-axis machine is built in.
         #[arg(long, value_name = "FILE.toml")]
         machine: Option<PathBuf>,
-        /// One JSON object on standard output.
+        /// Print one JSON object.
         #[arg(long)]
         json: bool,
     },
-    /// Clear the alarm that a card has latched, if its cause is gone. Nothing moves.
+    /// Clear the latched alarm of a card if its cause is gone. Nothing moves.
     #[command(after_help = "Example:\n  retrace card clear /dev/ttyUSB0@230400")]
     Clear {
-        /// The port, `PATH[@BAUD]`; 1000000 baud where none is named.
+        /// The port, `PATH[@BAUD]`; 1000000 baud by default.
         #[arg(value_name = "PORT")]
         port: String,
         /// Machine file; a three-axis machine is built in.
@@ -165,48 +168,48 @@ pub enum Card {
 /// `retrace card serve`
 #[derive(Debug, Args)]
 pub struct Serve {
-    /// Behind a pseudo-terminal, whose path is printed: the only way there is.
+    /// Serve on a pseudo-terminal and print its path. Required: no other transport is supported.
     #[arg(long, required = true)]
     pub pty: bool,
     /// Machine file: axes, travel and switches; a three-axis machine is built in.
     #[arg(long, value_name = "FILE.toml")]
     pub machine: Option<PathBuf>,
-    /// Name to give to the pseudo-terminal: a symbolic link, replaced where it is one.
+    /// Symbolic link to create for the pseudo-terminal; an existing link is replaced.
     #[arg(long, value_name = "PATH")]
     pub link: Option<PathBuf>,
-    /// Trace of step, direction, outputs and place, for a wave viewer.
+    /// Trace of step, direction, outputs and place for a wave viewer.
     #[arg(long, value_name = "FILE.vcd")]
     pub vcd: Option<PathBuf>,
-    /// What goes wrong on the line, as in `rate=1e-5,seed=7` or `down.drop@1000`; docs/simulated-machine.md tells all of it.
+    /// Faults on the line, such as `rate=1e-5,seed=7` or `down.drop@1000`; see docs/simulated-machine.md.
     #[arg(long, value_name = "SPEC")]
     pub faults: Option<String>,
-    /// How many times as fast as a clock its time passes: 0.01 to 100.
+    /// Speed of simulated time relative to wall time: 0.01 to 100.
     #[arg(long, value_name = "N", default_value_t = 1.0)]
     pub speed: f64,
-    /// End by itself after so many seconds, and tell what was counted.
+    /// Exit after this many seconds and print the counters.
     #[arg(long, value_name = "S")]
     pub seconds: Option<f64>,
-    /// End when standard input does, and tell what was counted.
+    /// Exit at the end of standard input and print the counters.
     #[arg(long)]
     pub until_eof: bool,
-    /// Take lines from standard input where it is a terminal, too; not for a card in the background.
+    /// Read manual inputs from a terminal too; not for a card in the background.
     #[arg(long)]
-    pub by_hand: bool,
-    /// What is told at the end as one JSON object.
+    pub manual_inputs: bool,
+    /// Print the counters as one JSON object.
     #[arg(long)]
     pub json: bool,
 }
 
-/// Which machine a task by hand is for, and how it is told.
+/// Options that `home`, `jog` and `mdi` share.
 #[derive(Debug, Args)]
-pub struct ByHand {
-    /// `sim`, a simulated card in this process, which forgets; or a serial port, as in `/dev/ttyUSB0@230400`.
+pub struct ManualOptions {
+    /// `sim` is a simulated card in this process, which keeps no position; or a serial port such as `/dev/ttyUSB0@230400`.
     #[arg(long, default_value = "sim", value_name = "CARD")]
     pub card: String,
     /// Machine file; a three-axis machine is built in.
     #[arg(long, value_name = "FILE.toml")]
     pub machine: Option<PathBuf>,
-    /// One JSON object a line on standard output, what it came to last.
+    /// Print one JSON object per line, the report last.
     #[arg(long)]
     pub json: bool,
 }
@@ -214,10 +217,10 @@ pub struct ByHand {
 /// `retrace home`
 #[derive(Debug, Args)]
 pub struct Home {
-    /// The axis; all in the machine file's order where none is named.
+    /// Axis to home; by default all axes in the order of the machine file.
     pub axis: Option<char>,
     #[command(flatten)]
-    pub by_hand: ByHand,
+    pub manual: ManualOptions,
 }
 
 /// `retrace jog`
@@ -225,11 +228,11 @@ pub struct Home {
 pub struct Jog {
     /// The axis.
     pub axis: char,
-    /// How far, mm (degrees), signed.
+    /// Distance in mm (degrees), signed.
     #[arg(allow_negative_numbers = true)]
     pub mm: f64,
     #[command(flatten)]
-    pub by_hand: ByHand,
+    pub manual: ManualOptions,
 }
 
 /// `retrace mdi`
@@ -240,52 +243,52 @@ pub struct Mdi {
     /// Tool table.
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,
-    /// Parameter file: offsets and parameters come from it, and it is rewritten when the block is done. With --machine or --card the
-    /// machine's own in the user's state folder is the default.
+    /// Parameter file, read before the block and rewritten after it. With --machine or --card the default is the machine's own file in
+    /// the user's state folder.
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,
-    /// Only look whether it could be done; nothing moves.
+    /// Check the block only; nothing moves.
     #[arg(long)]
     pub dry_run: bool,
     #[command(flatten)]
-    pub by_hand: ByHand,
+    pub manual: ManualOptions,
 }
 
 /// `retrace machine`
 #[derive(Debug, Subcommand)]
 pub enum Machine {
-    /// Write a commented machine file: the built-in machine with every key, or one of its kind to begin with.
+    /// Write a commented machine file: the built-in machine with every key, or a template for a kind of machine.
     #[command(
         after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine new waterjet -o waterjet.toml"
     )]
     New {
-        /// What kind of machine: waterjet, plasma, laser, router or lathe; the built-in one where none is named.
+        /// Kind of machine: waterjet, plasma, laser, router or lathe; by default the built-in machine.
         #[arg(value_enum)]
         kind: Option<MachineKind>,
-        /// The same.
+        /// Kind of machine, as an option.
         #[arg(long = "kind", value_enum, value_name = "KIND", conflicts_with = "kind")]
         of_kind: Option<MachineKind>,
-        /// File to write; standard output where none is named. A file that is there is left alone.
+        /// File to write, standard output by default. An existing file is not overwritten.
         #[arg(short, long, value_name = "FILE.toml")]
         output: Option<PathBuf>,
     },
-    /// Check a machine file: one line for every error and warning, then what the machine comes to.
+    /// Check a machine file: one line per error and warning, then a summary of the machine.
     #[command(after_help = "Examples:\n  retrace machine check examples/02-back-up.toml\n  \
         retrace machine check mill.toml --card /dev/ttyUSB0\n\nExit codes: 0 usable, with warnings or without · 2 errors · \
-        3 the card cannot be asked")]
+        3 the card does not answer")]
     Check {
         /// The machine file.
         file: PathBuf,
         /// Compare it with the card at this port, `PATH[@BAUD]`, too: step rates, control period, axes, inputs and outputs.
         #[arg(long, value_name = "PORT")]
         card: Option<String>,
-        /// One JSON object on standard output: `errors` and `warnings`, each with `number`, `text` and `help`.
+        /// One JSON object on standard output: `errors` and `warnings`, each with `number`, `cause` and `remedy`.
         #[arg(long)]
         json: bool,
     },
 }
 
-/// Kinds of machines that there is a file for.
+/// Kinds of machines that have a template.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum MachineKind {
     /// A jet and its abrasive, with pierce times.
@@ -303,7 +306,7 @@ pub enum MachineKind {
 /// `retrace cycles`
 #[derive(Debug, Args)]
 pub struct Cycles {
-    /// What to do; `list` where nothing is named.
+    /// Action; `list` by default.
     #[command(subcommand)]
     pub action: Option<CyclesAction>,
     #[command(flatten)]
@@ -313,13 +316,13 @@ pub struct Cycles {
 /// What `retrace cycles` does.
 #[derive(Debug, Subcommand)]
 pub enum CyclesAction {
-    /// List them: name, kind, where from, fresh or compiled now, parameters.
+    /// List them: name, kind, origin, up to date or compiled now, parameters.
     #[command(after_help = "Example:\n  retrace cycles list --cycles my-cycles")]
     List,
-    /// Tell every error of every source; writes nothing.
+    /// Print every error of every source; writes nothing.
     #[command(after_help = "Example:\n  retrace cycles check --cycles my-cycles")]
     Check,
-    /// Compile what is not fresh, and keep the compiled forms.
+    /// Compile the cycles that are not up to date, and keep the compiled forms.
     #[command(after_help = "Example:\n  retrace cycles compile --cycles my-cycles --compiled my-cache")]
     Compile,
     /// Print the source of a cycle.
@@ -341,19 +344,19 @@ pub struct CycleFolders {
     pub compiled: Option<PathBuf>,
 }
 
-/// Blocks in loops and calls that a check goes through unless the command line says otherwise.
+/// Default of `--max-loop-blocks`.
 pub const MAX_CHECKED_LOOP_BLOCKS: u64 = 2_000_000;
 
-/// What a program is read with, for every command that reads one.
+/// Options of every command that reads a program.
 #[derive(Clone, Debug, Args)]
 pub struct Reading {
     /// NC program; `-` is standard input.
     // Empty where the screen opens without one.
     pub program: PathBuf,
-    /// Leave out blocks that begin with `/`.
+    /// Skip blocks that begin with `/`.
     #[arg(long)]
     pub block_delete: bool,
-    /// Folder to look for subprograms in, besides the program's own; may be given more than once.
+    /// Folder with subprograms, searched after the program's own; may be given more than once.
     #[arg(long, value_name = "DIR")]
     pub subs: Vec<PathBuf>,
     /// The folders of cycles that it may call.
@@ -362,17 +365,17 @@ pub struct Reading {
     /// Tool table.
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,
-    /// Parameter file; a run that comes to its end rewrites it. By default `run` uses the machine's own in the user's state folder: with
-    /// --machine, and with --card.
+    /// Parameter file; a completed run rewrites it. With --machine or --card, `run` uses the machine's own file in the user's state
+    /// folder by default.
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,
-    /// LinuxCNC machine configuration: what `rs274` takes of it, its numbers as `#<_ini[section]name>` among it.
+    /// LinuxCNC machine configuration: the entries that `rs274` reads, and its numbers as `#<_ini[section]name>`.
     #[arg(long, value_name = "FILE.ini")]
     pub ini: Option<PathBuf>,
-    /// Blocks in loops and calls that a check before the run goes through; what follows is not checked (W1004).
+    /// Maximum number of blocks in loops and calls that the check before the run executes; the rest is not checked (W1004).
     #[arg(long, value_name = "N", default_value_t = MAX_CHECKED_LOOP_BLOCKS)]
     pub max_loop_blocks: u64,
-    /// The machine's own tables in the state folder, where they are used for what is not named above.
+    /// The machine's own tables in the state folder, for tables that no option names.
     #[arg(skip)]
     pub machine_tables: Option<MachineTables>,
 }
@@ -382,16 +385,16 @@ pub struct Reading {
 pub struct Run {
     #[command(flatten)]
     pub reading: Reading,
-    /// `sim`, the simulated card in this process; or a serial port, as in `/dev/ttyUSB0@230400`.
+    /// `sim` is the simulated card in this process; or a serial port such as `/dev/ttyUSB0@230400`.
     #[arg(long, default_value = "sim", value_name = "CARD")]
     pub card: String,
     /// Machine file; a three-axis machine is built in.
     #[arg(long, value_name = "FILE.toml")]
     pub machine: Option<PathBuf>,
-    /// Play in wall time; without it the simulated card runs as fast as it can.
+    /// Run in wall time; without it the simulated card runs as fast as possible.
     #[arg(long)]
     pub realtime: bool,
-    /// Full-screen operation; in wall time. The default with --realtime on a terminal.
+    /// Full-screen operation, in wall time. Default with --realtime on a terminal.
     #[arg(long, conflicts_with = "no_tui")]
     pub tui: bool,
     /// No full-screen operation.
@@ -400,33 +403,33 @@ pub struct Run {
     /// Scripted operator.
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,
-    /// Whether M1 stops. Left out: it does in wall time without --operator and without the screen, where Enter goes on.
+    /// Whether M1 stops. By default it stops in wall time without --operator and without the screen; Enter is cycle start there.
     #[arg(long, value_enum, value_name = "on|off")]
     pub optional_stop: Option<OnOff>,
-    /// What the card executed, one row a control period.
+    /// Write what the card executed, one row per control period.
     #[arg(long, value_name = "FILE.csv")]
     pub records: Option<PathBuf>,
-    /// With the simulated card: its pins, outputs and inputs as a trace for wave viewers.
+    /// With the simulated card: write a trace of pins, outputs and inputs for wave viewers.
     #[arg(long, value_name = "FILE.vcd")]
     pub vcd: Option<PathBuf>,
-    /// Dry run: the axes move, and every cutter is kept off.
+    /// Dry run: the axes move and every cutter stays off.
     #[arg(long)]
     pub dry_run: bool,
-    /// One JSON object a line on standard output, the report last.
+    /// Print one JSON object per line, the report last.
     #[arg(long)]
     pub json: bool,
-    /// Begin at this program line, with the modal state that holds there.
+    /// Start at this program line with the modal state in force there.
     #[arg(long, value_name = "N")]
     pub start_line: Option<u32>,
-    /// Folder for jobs: journal, breakpoint, report; by default `retrace/jobs` in the user's state folder.
+    /// Folder for jobs (journal, breakpoint, report); by default `retrace/jobs` in the user's state folder.
     #[arg(long, value_name = "DIR")]
     pub journal: Option<PathBuf>,
-    /// Keep no journal: the job cannot be resumed.
+    /// Write no journal; the job cannot be resumed.
     #[arg(long, conflicts_with = "journal")]
     pub no_journal: bool,
 }
 
-/// A switch.
+/// An on/off option.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum OnOff {
     /// On.
@@ -436,7 +439,7 @@ pub enum OnOff {
 }
 
 impl OnOff {
-    /// Is it on?
+    /// Whether the option is on.
     #[must_use]
     pub fn is_on(self) -> bool {
         self == Self::On
@@ -446,47 +449,48 @@ impl OnOff {
 /// `retrace resume`
 #[derive(Debug, Args)]
 pub struct Resume {
-    /// Name of the job, or how only one begins; the newest that can be resumed where none is named.
+    /// Name of the job or a unique prefix; by default the newest job that can be resumed.
     #[arg(value_name = "JOB")]
     pub job: Option<String>,
     /// Folder of the jobs; by default `retrace/jobs` in the user's state folder.
     #[arg(long, value_name = "DIR")]
     pub journal: Option<PathBuf>,
-    /// The card, where it is at another port now: `sim` for a job of the simulated card, else a serial port.
+    /// The card, if it is at another port now: `sim` for a job of the simulated card, else a serial port.
     #[arg(long, value_name = "CARD")]
     pub card: Option<String>,
-    /// Agree to what will be done, outputs that are switched among it.
+    /// Confirm the resume, including the outputs that it switches.
     #[arg(short, long)]
     pub yes: bool,
-    /// Where the program is now, or is sent again: a file, `-`, or `tcp://HOST:PORT`.
+    /// Where the program is now, or is sent from again: a file, `-`, or `tcp://HOST:PORT`.
     #[arg(long, value_name = "PROGRAM")]
     pub program: Option<PathBuf>,
-    /// Begin at this program line instead, from where the machine stands, with the modal state that holds there: a job of its own.
+    /// Start a new job at this program line instead, from the current position, with the modal state in force there.
     #[arg(long, value_name = "N")]
     pub from_line: Option<u32>,
-    /// The card was restarted, and the machine stands where its counts say: confirms that where no home switch does, and goes back from there
-    /// to the breakpoint that the journal kept last.
+    /// The card was restarted and the machine has not moved: trust its counts where no home switch confirms them, and return from there
+    /// to the last breakpoint in the journal.
     #[arg(long, conflicts_with = "from_line")]
-    pub at_counts: bool,
-    /// Play in wall time; without it the simulated card runs as fast as it can.
+    pub assume_position: bool,
+    /// Run in wall time; without it the simulated card runs as fast as possible.
     #[arg(long)]
     pub realtime: bool,
-    /// Full-screen operation; in wall time.
+    /// Full-screen operation, in wall time.
     #[arg(long, conflicts_with = "json")]
     pub tui: bool,
     /// Scripted operator.
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,
-    /// Whether M1 stops. Left out: as it was when the job was left; else it does in wall time without --operator and without the screen, where Enter goes on.
+    /// Whether M1 stops. By default as when the job was interrupted; otherwise it stops in wall time without --operator and without the
+    /// screen, where Enter is cycle start.
     #[arg(long, value_enum, value_name = "on|off")]
     pub optional_stop: Option<OnOff>,
-    /// What the card executed, one row a control period.
+    /// Write what the card executed, one row per control period.
     #[arg(long, value_name = "FILE.csv")]
     pub records: Option<PathBuf>,
-    /// One JSON object a line on standard output, the report last.
+    /// Print one JSON object per line, the report last.
     #[arg(long)]
     pub json: bool,
-    /// Refused: a job goes on with the machine that it began with.
+    /// Rejected: a job resumes with the machine file that it started with.
     #[arg(long, value_name = "FILE.toml", hide = true)]
     pub machine: Option<PathBuf>,
 }
@@ -494,13 +498,13 @@ pub struct Resume {
 /// `retrace jobs`
 #[derive(Debug, Args)]
 pub struct Jobs {
-    /// What to do; all are listed where nothing is named.
+    /// Action; lists jobs by default.
     #[command(subcommand)]
     pub action: Option<JobsAction>,
-    /// Every job, what never began among them; the newest 20 otherwise.
+    /// List every job, including those that never started; by default the newest 20.
     #[arg(long)]
     pub all: bool,
-    /// One JSON object on standard output.
+    /// Print one JSON object.
     #[arg(long, global = true)]
     pub json: bool,
     /// Folder of the jobs; by default `retrace/jobs` in the user's state folder.
@@ -511,10 +515,10 @@ pub struct Jobs {
 /// What `retrace jobs` does.
 #[derive(Debug, Subcommand)]
 pub enum JobsAction {
-    /// Tell everything that is known of a job: how far it came, where the machine stood, what was on.
+    /// Print all details of a job: progress, last position, outputs.
     #[command(after_help = "Example:\n  retrace jobs show 20261122-004627-part --json")]
     Show {
-        /// Name of the job, or how only one begins.
+        /// Name of the job or a unique prefix.
         id: String,
     },
 }
@@ -530,7 +534,7 @@ pub struct Check {
     /// Machine file, for the soft limits and the time; a three-axis machine is built in.
     #[arg(long, value_name = "FILE.toml")]
     pub machine: Option<PathBuf>,
-    /// One JSON object on standard output.
+    /// Print one JSON object.
     #[arg(long, conflicts_with = "table")]
     pub json: bool,
 }
@@ -547,31 +551,31 @@ pub struct Canon {
 pub struct Plot {
     #[command(flatten)]
     pub reading: Reading,
-    /// What became of a job, from its journal, in place of a program: its name, or how only one begins; the newest where none is named.
+    /// Draw the history of a job from its journal instead of a program: its name or a unique prefix; by default the newest.
     #[arg(long, value_name = "JOB", num_args = 0..=1, conflicts_with_all = ["program", "machine", "operator", "profile"])]
     pub job: Option<Option<String>>,
     /// Folder of the jobs, for --job; by default `retrace/jobs` in the user's state folder.
     #[arg(long, value_name = "DIR", requires = "job")]
     pub journal: Option<PathBuf>,
-    /// Picture to write: `.svg` or `.png`.
+    /// Output file: `.svg` or `.png`.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
     /// Machine file; a three-axis machine is built in.
     #[arg(long, value_name = "FILE.toml")]
     pub machine: Option<PathBuf>,
-    /// Scripted operator: the stretches that were retraced are marked.
+    /// Scripted operator; retraced sections are marked.
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,
-    /// Velocity, acceleration and jerk over time in place of the path.
+    /// Draw velocity, acceleration and jerk over time instead of the path.
     #[arg(long)]
     pub profile: bool,
-    /// With --profile: draw from the first motion of this program line on.
+    /// With --profile: start at the first motion of this program line.
     #[arg(long, value_name = "N", requires = "profile")]
     pub from: Option<u32>,
-    /// With --profile: draw up to the last motion of this program line.
+    /// With --profile: end at the last motion of this program line.
     #[arg(long, value_name = "M", requires = "profile")]
     pub to: Option<u32>,
-    /// Direction of view: xy, xz, yz or iso; by default the plane the program works in.
+    /// Direction of view: xy, xz, yz or iso; by default the plane of the program.
     #[arg(long, value_name = "VIEW")]
     pub view: Option<String>,
     /// Width and height in pixels.
@@ -585,16 +589,16 @@ pub struct Size {
     /// Axes (a).
     #[arg(long, default_value_t = 3)]
     pub axes: u32,
-    /// Hours of reverse run wanted (h).
+    /// Hours of reverse run (h).
     #[arg(long, default_value_t = 0.5)]
     pub hours: f64,
     /// Control period in ms (T).
     #[arg(long, default_value_t = 1.0)]
     pub period_ms: f64,
-    /// Bytes for one axis' pulses and direction (n).
+    /// Bytes per axis for pulses and direction (n).
     #[arg(long, default_value_t = 2)]
     pub bytes: u32,
-    /// Machine file whose history is to be reckoned; a three-axis machine is built in.
+    /// Machine file to calculate the history for; a three-axis machine is built in.
     #[arg(long, value_name = "FILE.toml")]
     pub machine: Option<PathBuf>,
 }

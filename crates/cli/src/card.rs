@@ -27,7 +27,7 @@ pub fn run(args: &args::Card) -> Result<(), Failure> {
     match args {
         args::Card::Serve(args) => card_serve::run(args)?,
         args::Card::Ports { json } => list(&retrace_hal_serial::ports(), *json),
-        args::Card::Who { port, machine, json } => who(port, machine.as_deref(), *json)?,
+        args::Card::Identify { port, machine, json } => identify(port, machine.as_deref(), *json)?,
         args::Card::Clear { port, machine } => clear(port, machine.as_deref())?,
     }
     Ok(())
@@ -68,7 +68,7 @@ fn port_json(port: &FoundPort) -> Value {
     json!({ "path": port.path, "usb": usb })
 }
 
-fn who(address: &str, machine: Option<&Path>, json: bool) -> Result<(), Failure> {
+fn identify(address: &str, machine: Option<&Path>, json: bool) -> Result<(), Failure> {
     let machine = files::machine(machine)?;
     let mut card = wired::find::<MAX_AXES>(address)?;
     // It was found by its greeting.
@@ -215,9 +215,9 @@ fn told_as_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs,
         "window": of.window,
         "memory": of.memory,
         "tick_hz": of.tick_hz,
-        "shortest_period_us": of.shortest_period_us,
-        "longest_period_us": of.longest_period_us,
-        "most_pulses_hz": of.most_pulses_hz,
+        "min_period_us": of.shortest_period_us,
+        "max_period_us": of.longest_period_us,
+        "max_pulses_hz": of.most_pulses_hz,
         "epoch": greeting.epoch,
         "last_epoch": greeting.last_epoch,
         "place": greeting.place.record,
@@ -227,7 +227,7 @@ fn told_as_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs,
         "outputs_on": outputs.as_ref().ok().map(|all| {
             all.iter().map(|(channel, value)| json!({"channel": channel, "value": value})).collect::<Vec<_>>()
         }),
-        "alarm": greeting.alarm.map(|alarm| json!({ "number": alarm.number(), "text": alarm.to_string() })),
+        "alarm": greeting.alarm.map(|alarm| json!({ "number": alarm.number(), "cause": alarm.to_string() })),
         "adapter_latency_ms": latency_ms,
     })
 }

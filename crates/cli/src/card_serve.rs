@@ -62,7 +62,7 @@ fn serve<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<(), Re
     let end = End {
         after: args.seconds.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
         at_eof: args.until_eof,
-        lines: lines_of_input(args.until_eof || args.by_hand || !std::io::stdin().is_terminal()),
+        lines: lines_of_input(args.until_eof || args.manual_inputs || !std::io::stdin().is_terminal()),
     };
     let mut served = Served { pty, started: Instant::now(), speed: args.speed, away_us: 0, alarm: None };
     served.run(&mut rig, &end, &inputs)?;

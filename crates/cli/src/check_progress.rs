@@ -1,6 +1,6 @@
 //! A bar at the terminal while a program is looked through, once that takes longer than a second.
 //!
-//! Invariant: nothing is shown where standard error is no terminal; the bar is gone when the looking is over.
+//! Invariant: nothing is shown where standard error is not a terminal; the bar is gone when the looking is over.
 
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};

@@ -137,8 +137,8 @@ impl<const A: usize> Told<'_, A> {
             "dwell_s": self.seconds(survey.dwell_periods),
             "switch_s": self.seconds(survey.switch_periods),
             "extents_mm": each(|room| room.extents_mm),
-            "room_mm": each(|room| room.room_mm),
-            "work": survey.offsets().map(|work| self.work_json(work)).collect::<Vec<_>>(),
+            "travel_left_mm": each(|room| room.room_mm),
+            "work_offsets": survey.offsets().map(|work| self.work_json(work)).collect::<Vec<_>>(),
             "tools": tools.collect::<Vec<_>>(),
             "feed_mm_per_min": range(survey.feed_mm_per_min),
             "speed_rpm": range(survey.speed_rpm),
@@ -154,7 +154,7 @@ impl<const A: usize> Told<'_, A> {
                 .map(|(tool, &periods)| (tool.to_string(), json!(self.seconds(periods))))
                 .collect::<Map<_, _>>(),
             "diagnostics": self.diagnostics,
-            "feed_beyond": survey.feed_beyond.map(|(line, feed)| json!({"line": line, "feed_mm_per_min": feed})),
+            "feed_above_limit": survey.feed_beyond.map(|(line, feed)| json!({"line": line, "feed_mm_per_min": feed})),
         })
     }
 

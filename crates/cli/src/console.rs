@@ -8,7 +8,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use retrace_controller::event::{ChannelNames, Event, Happening};
+use retrace_controller::event::{ChannelNames, Event, EventKind};
 use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
 use retrace_controller::machine::{Machine, RetraceOutputs};
 use retrace_controller::refusal::Refusal;
@@ -194,12 +194,11 @@ impl<const A: usize> Console<'_, A> {
     }
 
     fn event(&mut self, event: &Event) {
-        if let Happening::Alarm(trouble) = &event.happening {
+        if let EventKind::Alarm(trouble) = &event.kind {
             let (number, cause, _) = trouble.parts();
             self.alarms.push(format!("{number}: {cause}"));
         }
-        if let (Happening::RetraceSwitched(channel, value), Some(switched)) =
-            (&event.happening, &mut self.retrace_switched)
+        if let (EventKind::RetraceSwitched(channel, value), Some(switched)) = (&event.kind, &mut self.retrace_switched)
         {
             let space = if switched.is_empty() { "" } else { " " };
             *switched += &format!("{space}{channel}={value}");

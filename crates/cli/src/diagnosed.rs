@@ -99,9 +99,9 @@ fn as_json(
             "end": { "line": line, "column": end.max(start) },
         },
         "severity": if is_error { "error" } else { "warning" },
-        "code": code,
-        "message": message,
-        "help": help,
+        "number": code,
+        "cause": message,
+        "remedy": help,
     })
 }
 

@@ -116,7 +116,7 @@ fn size(text: &str) -> Result<Size, Refusal> {
     let (width, height) = text
         .split_once('x')
         .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)))
-        .ok_or_else(|| cannot_draw(format!("--size {text} is no size"), "--size 1200x900"))?;
+        .ok_or_else(|| cannot_draw(format!("--size {text} is not a size"), "--size 1200x900"))?;
     Size::pixels(width, height).map_err(|error| cannot_draw(error.to_string(), "--size 1200x900"))
 }
 
@@ -126,7 +126,7 @@ fn view(name: &str) -> Result<View, Refusal> {
         "xz" => Ok(View::Xz),
         "yz" => Ok(View::Yz),
         "iso" => Ok(View::Iso),
-        _ => Err(cannot_draw(format!("--view {name} is no view"), "xy, xz, yz or iso")),
+        _ => Err(cannot_draw(format!("--view {name} is not a view"), "xy, xz, yz or iso")),
     }
 }
 

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use retrace_controller::event::channel_name;
 use retrace_controller::jobs::{JobFolder, Jobs, State};
-use retrace_controller::journal::entry::{At, Entry, Mode, Standing};
+use retrace_controller::journal::entry::{Entry, HoldReason, Mode, PositionEntry};
 use retrace_controller::journal::reader::Entries;
 use retrace_controller::journal::record::JobRecord;
 use retrace_controller::machine::Machine;
@@ -82,7 +82,7 @@ impl<'r> Telling<'r> {
         })?;
         for entry in Entries::new(BufReader::new(file)) {
             match entry.map_err(|flaw| flaw.refusal(&path))?.1 {
-                Entry::At(at) => self.position(&at),
+                Entry::Position(at) => self.position(&at),
                 Entry::Event(event) => self.event(&event),
                 Entry::Resumed(_) => {
                     self.remark(Rank::Ending, "taken up again".into());
@@ -94,7 +94,7 @@ impl<'r> Telling<'r> {
                 | Entry::Mark(_)
                 | Entry::Override(_)
                 | Entry::Rest(_)
-                | Entry::Length(_)
+                | Entry::ToolLength(_)
                 | Entry::Spooled(_)
                 | Entry::End(_) => {}
             }
@@ -123,7 +123,7 @@ impl<'r> Telling<'r> {
         })
     }
 
-    fn position(&mut self, at: &At) {
+    fn position(&mut self, at: &PositionEntry) {
         let time_s = self.clock.seconds(at.period);
         let place = self.periods(at.place.record, at.place.fraction);
         self.reached = self.reached.max(self.periods(at.reached, 0)).max(place);
@@ -133,7 +133,7 @@ impl<'r> Telling<'r> {
         {
             self.gone_over.push([from, place]);
         }
-        let doing = doing(at.mode, at.standing);
+        let doing = doing(at.mode, at.hold_reason);
         self.last = Some((place, doing));
         self.points.push((place, self.point(&at.counts)));
         let [place_s, reached_s] = [place, self.reached].map(|periods| periods * self.clock.period_s);
@@ -212,18 +212,18 @@ impl MachineTime {
     }
 }
 
-fn doing(mode: Mode, standing: Standing) -> Doing {
+fn doing(mode: Mode, standing: HoldReason) -> Doing {
     match (mode, standing) {
-        (Mode::Run, Standing::None) => Doing::Run,
-        (Mode::Run, Standing::Hold) => Doing::Hold,
-        (Mode::Run, Standing::ProgramStop) => Doing::ProgramStop,
-        (Mode::Run, Standing::SingleBlock) => Doing::SingleBlock,
-        (Mode::Run, Standing::Paused) => Doing::Paused,
+        (Mode::Run, HoldReason::None) => Doing::Run,
+        (Mode::Run, HoldReason::Hold) => Doing::Hold,
+        (Mode::Run, HoldReason::ProgramStop) => Doing::ProgramStop,
+        (Mode::Run, HoldReason::SingleBlock) => Doing::SingleBlock,
+        (Mode::Run, HoldReason::Paused) => Doing::Paused,
         (Mode::Reverse, _) => Doing::Reverse,
         (Mode::Forward, _) => Doing::Forward,
         (Mode::Wheel, _) => Doing::Wheel,
-        (Mode::Return, _) => Doing::Return,
-        (Mode::Settle, _) => Doing::Settle,
+        (Mode::Rejoin, _) => Doing::Return,
+        (Mode::AwaitOutputs, _) => Doing::Settle,
     }
 }
 
@@ -232,16 +232,16 @@ fn in_words(event: &Value) -> Option<(Rank, String)> {
     let text = |name: &str| event[name].as_str().unwrap_or_default().to_owned();
     Some(match event["event"].as_str()? {
         "alarm" => (Rank::Ending, format!("ALARM {}: {}", text("number"), text("cause"))),
-        "oldest_record" => (Rank::Standing, "oldest record".into()),
-        "one_way" => (Rank::Standing, format!("behind {}", text("code"))),
+        "history_start_reached" => (Rank::Standing, "oldest record".into()),
+        "retrace_barrier" => (Rank::Standing, format!("behind {}", text("code"))),
         "outputs_differ" => (Rank::Standing, "outputs differ".into()),
         "outputs_restored" => (Rank::Standing, "outputs restored".into()),
         "program_stop" => (Rank::Standing, format!("{} waits", text("code"))),
         "underrun" => (Rank::Standing, "look-ahead ran dry".into()),
-        "operator" => (Rank::Operator, text("deed")),
-        "order_refused" => (Rank::Operator, format!("refused: {}", text("why"))),
+        "operator" => (Rank::Operator, text("command")),
+        "command_rejected" => (Rank::Operator, format!("refused: {}", text("reason"))),
         "switching" => (Rank::Switching, text("code")),
-        "switched_in_passing" => (Rank::Switching, switched(event)),
+        "output_changed" => (Rank::Switching, switched(event)),
         "message" => (Rank::Passing, format!("\u{201c}{}\u{201d}", text("text"))),
         _ => return None,
     })
@@ -303,7 +303,7 @@ mod tests {
             format: FORMAT,
             id: job_folder.id().into(),
             when: Stamp::from_ms(0),
-            retrace: String::new(),
+            retrace_version: String::new(),
             planner: 1,
             program: "02-back-up.ngc".into(),
             source: Source::StandardInput,
@@ -394,13 +394,10 @@ mod tests {
     #[test]
     fn events_are_said_in_a_few_words() {
         let said = |event: Value| in_words(&event).map(|(_, words)| words);
-        assert_eq!(said(json!({"event": "operator", "deed": "override 60%"})).as_deref(), Some("override 60%"));
+        assert_eq!(said(json!({"event": "operator", "command": "override 60%"})).as_deref(), Some("override 60%"));
+        assert_eq!(said(json!({"event": "output_changed", "channel": 3, "value": 0})).as_deref(), Some("output 3 off"));
         assert_eq!(
-            said(json!({"event": "switched_in_passing", "channel": 3, "value": 0})).as_deref(),
-            Some("output 3 off")
-        );
-        assert_eq!(
-            said(json!({"event": "switched_in_passing", "channel": 65, "value": 7})).as_deref(),
+            said(json!({"event": "output_changed", "channel": 65, "value": 7})).as_deref(),
             Some("spindle speed 7")
         );
         assert_eq!(said(json!({"event": "alarm", "number": "E3001", "cause": "x"})).as_deref(), Some("ALARM E3001: x"));

@@ -115,7 +115,7 @@ pub fn bytes(path: &Path, what: &str) -> Result<Vec<u8>, Refusal> {
     let read = if length > MAX_WHOLE { Ok(0) } else { file.take(MAX_WHOLE + 1).read_to_end(&mut bytes) };
     read.map_err(|error| unreadable(path, what, &error))?;
     if length.max(bytes.len() as u64) > MAX_WHOLE {
-        let what = format!("{} has more than {} MiB: it is no {what}", path.display(), MAX_WHOLE >> 20);
+        let what = format!("{} has more than {} MiB: it is not a {what}", path.display(), MAX_WHOLE >> 20);
         return Err(Refusal::new("E2312", what, "name the right file"));
     }
     Ok(bytes)
@@ -156,7 +156,7 @@ fn unreadable(path: &Path, what: &str, error: &io::Error) -> Refusal {
 /// As [`bytes`]; `E2104` for what is no text.
 pub fn text(path: &Path, what: &str) -> Result<String, Refusal> {
     String::from_utf8(bytes(path, what)?).map_err(|_| {
-        Refusal::new("E2104", format!("the {what} {} is no text (UTF-8)", path.display()), "give the right file")
+        Refusal::new("E2104", format!("the {what} {} is not UTF-8 text", path.display()), "give the right file")
     })
 }
 

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use retrace_controller::event::{ChannelNames, channel_name};
 use retrace_controller::jobs::{JobFolder, Jobs, Listed, State};
-use retrace_controller::journal::entry::{At, Card, Job, Mode, Source, Standing};
+use retrace_controller::journal::entry::{Card, HoldReason, Job, Mode, PositionEntry, Source};
 use retrace_controller::journal::record::JobRecord;
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
@@ -78,7 +78,7 @@ fn table<const N: usize>(head: [&str; N], rows: &[[String; N]]) -> String {
 }
 
 /// The line that was reached, of how many, as a share of them.
-fn far(job: &Job, at: Option<&At>, state: &State) -> String {
+fn far(job: &Job, at: Option<&PositionEntry>, state: &State) -> String {
     match (at.map(|at| at.line), job.lines) {
         _ if *state == State::Completed => "to its end".into(),
         (None, _) => "at its beginning".into(),
@@ -107,10 +107,10 @@ fn listed_json(job: &Listed, journal: Option<&Path>) -> Value {
         "id": job.folder.id(),
         "state": job.state.word(),
         "resumable": job.state.can_resume(),
-        "to_do": to_do(job.folder.id(), &job.state, journal),
+        "next_step": to_do(job.folder.id(), &job.state, journal),
     });
     if let State::Unusable(refusal) = &job.state {
-        value["error"] = json!({"number": refusal.number, "what": refusal.what, "remedy": refusal.remedy});
+        value["error"] = json!({"number": refusal.number, "cause": refusal.what, "remedy": refusal.remedy});
     }
     if let Some(glance) = &job.glance {
         value["program"] = json!(glance.job.program);
@@ -155,8 +155,10 @@ fn state_in_words(state: &State) -> String {
 /// Everything that is known of a job, by name.
 fn in_words(record: &JobRecord) -> Vec<(&'static str, String)> {
     let job = &record.job;
-    let mut words =
-        vec![("program", source_in_words(job)), ("began", format!("{}, with retrace {}", job.when, job.retrace))];
+    let mut words = vec![
+        ("program", source_in_words(job)),
+        ("began", format!("{}, with retrace {}", job.when, job.retrace_version)),
+    ];
     words.extend(
         record.resumed.iter().map(|again| ("resumed", format!("{}, with retrace {}", again.when, again.retrace))),
     );
@@ -208,7 +210,7 @@ fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
     };
     let rest = if at.at_rest { "at rest" } else { "in motion" };
     let line = far(&record.job, Some(at), &State::Interrupted);
-    let mode = mode_in_words(at.mode, at.standing);
+    let mode = mode_in_words(at.mode, at.hold_reason);
     let names = channel_names(&record.job);
     let outputs: Vec<String> =
         at.outputs.iter().map(|&(number, value)| output_in_words(&names, number, value)).collect();
@@ -239,18 +241,18 @@ fn card_in_words(card: &Card) -> String {
     }
 }
 
-fn mode_in_words(mode: Mode, standing: Standing) -> &'static str {
+fn mode_in_words(mode: Mode, standing: HoldReason) -> &'static str {
     match (mode, standing) {
-        (Mode::Run, Standing::None) => "normal run",
-        (Mode::Run, Standing::Hold) => "held",
-        (Mode::Run, Standing::ProgramStop) => "at a program stop",
-        (Mode::Run, Standing::SingleBlock) => "single block",
-        (Mode::Run, Standing::Paused) => "paused",
+        (Mode::Run, HoldReason::None) => "normal run",
+        (Mode::Run, HoldReason::Hold) => "held",
+        (Mode::Run, HoldReason::ProgramStop) => "at a program stop",
+        (Mode::Run, HoldReason::SingleBlock) => "single block",
+        (Mode::Run, HoldReason::Paused) => "paused",
         (Mode::Reverse, _) => "reverse run",
         (Mode::Forward, _) => "forward run",
         (Mode::Wheel, _) => "handwheel",
-        (Mode::Return, _) => "on the way back to the furthest place",
-        (Mode::Settle, _) => "at the furthest place, outputs differ",
+        (Mode::Rejoin, _) => "on the way back to the furthest place",
+        (Mode::AwaitOutputs, _) => "at the furthest place, outputs differ",
     }
 }
 
@@ -288,7 +290,7 @@ fn record_json(record: &JobRecord, state: &State) -> Value {
             "counts": record.stood.counts,
             "line": record.at.as_ref().map(|at| at.line),
         },
-        "at": record.at,
+        "position": record.at,
         "spooled": record.spooled,
         "marks": record.marks,
         "overrides": record.overrides(),
@@ -321,7 +323,7 @@ mod tests {
             format: FORMAT,
             id: folder.id().into(),
             when,
-            retrace: "0.1.0".into(),
+            retrace_version: "0.1.0".into(),
             planner: 1,
             program: "part.ngc".into(),
             source: Source::File("part.ngc".into()),

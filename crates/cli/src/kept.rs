@@ -193,7 +193,7 @@ impl Beginning<'_> {
             format: FORMAT,
             id: String::new(),
             when: Stamp::now(),
-            retrace: env!("CARGO_PKG_VERSION").into(),
+            retrace_version: env!("CARGO_PKG_VERSION").into(),
             planner: retrace_controller::fingerprint::of_planning()?,
             program: name.into(),
             source,

@@ -69,10 +69,10 @@ fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, Failure> {
     let code = if errors.is_empty() { 0 } else { 2 };
     if json {
         let each = |all: &[Refusal]| -> Vec<_> {
-            all.iter().map(|one| json!({ "number": one.number, "text": one.what, "help": one.remedy })).collect()
+            all.iter().map(|one| json!({ "number": one.number, "cause": one.what, "remedy": one.remedy })).collect()
         };
         crate::out::line(json!({
-            "event": "machine check",
+            "event": "machine_check",
             "file": name,
             "errors": each(&errors),
             "warnings": each(&warnings),
@@ -171,7 +171,7 @@ fn described(machine: &Machine) -> String {
             let _ = write!(
                 text,
                 "\n     home: {end} switch, opens at {} mm; {} mm/s there, {} mm/s off it",
-                home.position_mm, home.fast_mm_per_s, home.slow_mm_per_s
+                home.position_mm, home.search_mm_per_s, home.latch_mm_per_s
             );
         }
     }
@@ -234,7 +234,7 @@ fn described_code(switching: Switching, period_s: f64) -> String {
         }
     }
     text + match switching.in_reverse {
-        InReverse::AsIs => "; in reverse as it is",
+        InReverse::Unchanged => "; in reverse as it is",
         InReverse::Undone => "; in reverse undone where outputs are replayed",
         InReverse::Barrier => "; cannot be passed backward",
     }

@@ -7,7 +7,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use retrace_controller::event::{Event, Happening};
+use retrace_controller::event::{Event, EventKind};
 use retrace_controller::index::Keeping;
 use retrace_controller::job::{self, Begin, CannotBegin, Conduct, JobEnd};
 use retrace_controller::journal::keeper::Keeper;
@@ -258,7 +258,7 @@ fn with_optional_stop(stops: Option<bool>, script: Vec<Instruction>) -> Result<V
 pub fn prepare_real_time() {
     match real_time::permitted() {
         Ok(()) => {
-            // Memory that may not be locked is no reason for another word.
+            // Memory that may not be locked is not a reason for another word.
             let _ = real_time::lock_memory();
             let _ = real_time::enter();
         }
@@ -331,13 +331,13 @@ impl<const A: usize> Observer<A> for Watching<'_, A> {
 
 impl<const A: usize> Watching<'_, A> {
     /// An event of the last period that was told.
-    fn event(&self, happening: Happening) -> Event {
+    fn event(&self, happening: EventKind) -> Event {
         let (period, place, line) = self.last.unwrap_or_default();
-        Event { period, time_s: period as f64 * self.period_s, place, line, happening }
+        Event { period, time_s: period as f64 * self.period_s, place, line, kind: happening }
     }
 
     /// Shows and keeps that the program that arrives is waited for, or arrives again.
-    fn report_wait(&mut self, happening: Option<Happening>) {
+    fn report_wait(&mut self, happening: Option<EventKind>) {
         let Some(happening) = happening else { return };
         let event = Told::Event(self.event(happening));
         self.console.told(&event);

@@ -28,9 +28,9 @@ use crate::{args, files, wired};
 /// # Errors
 /// What keeps it from being done.
 pub fn home(args: &args::Home) -> Result<u8, Failure> {
-    let machine = files::machine(args.by_hand.machine.as_deref())?;
+    let machine = files::machine(args.manual.machine.as_deref())?;
     let mut desk = Desk::new(by_hand::setup(&machine));
-    on_machine(&args.by_hand, &machine, &Task::Home(args.axis), &mut desk)
+    on_machine(&args.manual, &machine, &Task::Home(args.axis), &mut desk)
 }
 
 /// `retrace jog`: its exit code.
@@ -38,12 +38,12 @@ pub fn home(args: &args::Home) -> Result<u8, Failure> {
 /// # Errors
 /// What keeps it from being done.
 pub fn jog(args: &args::Jog) -> Result<u8, Failure> {
-    let machine = files::machine(args.by_hand.machine.as_deref())?;
+    let machine = files::machine(args.manual.machine.as_deref())?;
     if !args.mm.is_finite() {
-        return Err(Refusal::new("E2161", format!("{} is no length", args.mm), "mm (degrees), such as -12.5").into());
+        return Err(Refusal::new("E2161", format!("{} is not a length", args.mm), "mm (degrees), such as -12.5").into());
     }
     let mut desk = Desk::new(by_hand::setup(&machine));
-    on_machine(&args.by_hand, &machine, &Task::Jog { axis: args.axis, mm: args.mm }, &mut desk)
+    on_machine(&args.manual, &machine, &Task::Jog { axis: args.axis, mm: args.mm }, &mut desk)
 }
 
 /// `retrace mdi`: its exit code.
@@ -51,8 +51,8 @@ pub fn jog(args: &args::Jog) -> Result<u8, Failure> {
 /// # Errors
 /// What keeps it from being done.
 pub fn mdi(args: &args::Mdi) -> Result<u8, Failure> {
-    let machine = files::machine(args.by_hand.machine.as_deref())?;
-    let of = &args.by_hand;
+    let machine = files::machine(args.manual.machine.as_deref())?;
+    let of = &args.manual;
     let (params, tools) = (args.params.as_deref(), args.tools.as_deref());
     let own = machine_tables::of_machine(&of.card, of.machine.as_deref(), params, tools);
     let files = TableFiles::choose(params, tools, own.as_ref());
@@ -63,7 +63,7 @@ pub fn mdi(args: &args::Mdi) -> Result<u8, Failure> {
         say!("{}: nothing is wrong with it; nothing was moved", args.block);
         return Ok(0);
     }
-    let code = on_machine(&args.by_hand, &machine, &Task::Mdi(args.block.clone()), &mut desk)?;
+    let code = on_machine(&args.manual, &machine, &Task::Mdi(args.block.clone()), &mut desk)?;
     if code == 0 {
         files.write_parameters(&began.parameters, desk.carried().parameters())?;
         files.write_tools(&began.tools, desk.carried().tools())?;
@@ -77,7 +77,7 @@ fn shown(lines: Vec<String>) -> Failure {
     Failure::Program
 }
 
-fn on_machine(args: &args::ByHand, machine: &Machine, task: &Task, desk: &mut Desk) -> Result<u8, Failure> {
+fn on_machine(args: &args::ManualOptions, machine: &Machine, task: &Task, desk: &mut Desk) -> Result<u8, Failure> {
     match machine.axes.len() {
         0..=4 => on_card::<4>(args, machine, task, desk),
         5..=6 => on_card::<6>(args, machine, task, desk),
@@ -86,7 +86,7 @@ fn on_machine(args: &args::ByHand, machine: &Machine, task: &Task, desk: &mut De
 }
 
 fn on_card<const A: usize>(
-    args: &args::ByHand,
+    args: &args::ManualOptions,
     machine: &Machine,
     task: &Task,
     desk: &mut Desk,
@@ -118,7 +118,7 @@ fn on_card<const A: usize>(
 
 /// Carries the task out on a card, and tells where the machine stands then.
 fn on<const A: usize, C: MotionCard<A>>(
-    args: &args::ByHand,
+    args: &args::ManualOptions,
     machine: &Machine,
     task: &Task,
     desk: &mut Desk,

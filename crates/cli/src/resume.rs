@@ -142,7 +142,7 @@ impl Taking<'_> {
             let what = format!(
                 "retrace {} plans otherwise than retrace {}, which began the job",
                 env!("CARGO_PKG_VERSION"),
-                self.record.job.retrace
+                self.record.job.retrace_version
             );
             return Err(Refusal::new("E2211", what, "use that version, or `retrace resume JOB --from-line N`").into());
         }
@@ -294,7 +294,7 @@ impl Taking<'_> {
             self.know_position(address, greeting)?;
             return Ok(stood.start);
         }
-        if self.args.at_counts {
+        if self.args.assume_position {
             Homing::of(address, is).check(&self.machine)?;
             return Ok(stood.start);
         }
@@ -317,7 +317,7 @@ impl Taking<'_> {
         let id = self.folder.id();
         let refuse = |what: String, remedy: String| Err(Refusal::new("E2213", what, remedy));
         if let Err(unhomed) = homing.check(&self.machine) {
-            if self.args.at_counts {
+            if self.args.assume_position {
                 return Err(unhomed);
             }
             let what = format!("{address}: the card was restarted, and {}", unhomed.what);
@@ -330,7 +330,7 @@ impl Taking<'_> {
         let homed = required(&self.machine);
         let is_homed = self.machine.axes.iter().all(|axis| homed.contains(&axis.name));
         let stands = resume_told::position(&self.machine, &greeting.counts);
-        if is_homed || self.args.at_counts || resume_told::position_is_confirmed(&stands) {
+        if is_homed || self.args.assume_position || resume_told::position_is_confirmed(&stands) {
             return Ok(());
         }
         refuse(
@@ -338,7 +338,7 @@ impl Taking<'_> {
                 "{address}: the card was restarted, and says that the machine stands at {stands}, which no home switch confirms"
             ),
             format!(
-                "check that, or bring the machine there and set it; then `retrace resume {id} --at-counts` confirms it"
+                "check that, or bring the machine there and set it; then `retrace resume {id} --assume-position` confirms it"
             ),
         )
     }

@@ -168,14 +168,14 @@ impl<const A: usize> Taken<'_, A> {
         let outputs: Vec<Value> = self
             .differing()
             .iter()
-            .map(|(number, is, to)| json!({"channel": number, "is": is, "program": to}))
+            .map(|(number, is, to)| json!({"channel": number, "actual": is, "expected": to}))
             .collect();
         json!({
             "event": "resume",
             "job": self.record.job.id,
             "program": self.record.job.program,
             "line": prepared.line(),
-            "whereabouts": block.whereabouts,
+            "location": block.whereabouts,
             "block": block.text,
             "into_line_mm": prepared.into_line_mm(),
             "record": place.record,
@@ -184,13 +184,13 @@ impl<const A: usize> Taken<'_, A> {
             "executed": prepared.start().executed,
             "counts": prepared.counts()[..axes],
             "card_counts": prepared.card().counts[..axes],
-            "older_place": self.is_older_place,
+            "at_older_position": self.is_older_place,
             "tool_length_pulses": self.record.lengths().iter().map(|change| change.pulses).sum::<i64>(),
-            "way_back": self.way_back.iter().map(|end| &end[..axes]).collect::<Vec<_>>(),
+            "return_path": self.way_back.iter().map(|end| &end[..axes]).collect::<Vec<_>>(),
             "active": block.active,
             "tool": prepared.expected_outputs()[usize::from(channel::TOOL)],
             "outputs": outputs,
-            "oldest": prepared.oldest(),
+            "history_start": prepared.oldest(),
             "history_s": self.history_s(),
             "history_mm": prepared.history_mm(),
             "changed_tables": self.differences,

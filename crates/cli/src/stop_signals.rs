@@ -8,8 +8,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use retrace_controller::event::Happening;
-use retrace_controller::operator::Deed;
+use retrace_controller::event::EventKind;
+use retrace_controller::operator::OperatorCommand;
 use retrace_controller::orders::{Heard, Orders, orders};
 use retrace_controller::stream::Told;
 
@@ -90,9 +90,9 @@ impl StopSignals {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
         match told {
             Told::Period(period) => (progress.line, progress.is_moving) = (period.line, period.rate != 0),
-            Told::Event(event) => match &event.happening {
-                Happening::Switching(code) => progress.instruction = Some((code.to_string(), event.line)),
-                Happening::Switched(_) => progress.instruction = None,
+            Told::Event(event) => match &event.kind {
+                EventKind::Switching(code) => progress.instruction = Some((code.to_string(), event.line)),
+                EventKind::Switched(_) => progress.instruction = None,
                 _ => {}
             },
             _ => {}
@@ -120,7 +120,7 @@ fn look(kind: Stopped, came: &AtomicBool, said: &Orders, progress: &Mutex<Progre
         if is_stopping {
             let progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
             eprintln!("still stopping: {}", progress.in_words());
-        } else if said.say(Deed::Stop).is_ok() {
+        } else if said.say(OperatorCommand::Stop).is_ok() {
             is_stopping = true;
             let kept = if kind == Stopped::Job { ", and the breakpoint is kept" } else { "" };
             eprintln!("stopping: the machine comes to rest on its path, cutting outputs go off{kept}");

@@ -8,22 +8,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use retrace_controller::event::{Event, Happening};
-use retrace_controller::operator::Deed;
+use retrace_controller::event::{Event, EventKind};
+use retrace_controller::operator::OperatorCommand;
 use retrace_controller::orders::{Heard, Orders, orders};
 
 /// How often it is looked whether something is waited for, or a line has come.
 const LOOKS_EVERY: Duration = Duration::from_millis(50);
 
 /// What Enter says to the job; none while nothing is waited for.
-type Awaited = Arc<Mutex<Option<Deed>>>;
+type Awaited = Arc<Mutex<Option<OperatorCommand>>>;
 
 /// Where Enter can be pressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Keyboard {
     /// At a terminal.
     Terminal,
-    /// Nowhere: standard input is no terminal.
+    /// Nowhere: standard input is not a terminal.
     None,
     /// Nowhere: standard input is the program.
     Program,
@@ -47,7 +47,7 @@ impl TerminalOperator {
     pub fn new(keyboard: Keyboard, optional_stop: bool, keeps_breakpoint: bool) -> (Self, Heard) {
         let (said, heard) = orders();
         // There is room for the first word.
-        let _ = said.say(Deed::OptionalStop(optional_stop));
+        let _ = said.say(OperatorCommand::OptionalStop(optional_stop));
         let (awaited, answered, over) = (Awaited::default(), Awaited::default(), Arc::<AtomicBool>::default());
         let reader = {
             let (awaited, answered, over) = (Arc::clone(&awaited), Arc::clone(&answered), Arc::clone(&over));
@@ -68,22 +68,22 @@ impl TerminalOperator {
     /// Takes an event of the job: what is to be said to the person there, if it waits for something now. `tool_name` names a tool of the tool table.
     pub fn observe(&self, event: &Event, tool_name: impl Fn(u32) -> Option<String>) -> Option<String> {
         let line = event.line;
-        let (deed, what) = match &event.happening {
-            Happening::ProgramStop(code) => (Deed::CycleStart, format!("{code} of line {line} waits")),
-            Happening::ToolChange(tool) => {
+        let (deed, what) = match &event.kind {
+            EventKind::ProgramStop(code) => (OperatorCommand::CycleStart, format!("{code} of line {line} waits")),
+            EventKind::ToolChange(tool) => {
                 let name = tool_name(tool.unsigned_abs()).map_or(String::new(), |name| format!(" ({name})"));
                 let insert =
                     if *tool == 0 { "remove the tool".to_owned() } else { format!("insert tool {tool}{name}") };
-                (Deed::CycleStart, format!("M6 of line {line} waits: {insert}"))
+                (OperatorCommand::CycleStart, format!("M6 of line {line} waits: {insert}"))
             }
-            Happening::OutputsDiffer(_) => {
-                (Deed::Agree, format!("line {line} waits: going on restores the outputs that differ"))
+            EventKind::OutputsDiffer(_) => {
+                (OperatorCommand::Confirm, format!("line {line} waits: going on restores the outputs that differ"))
             }
-            Happening::OrderRefused(_) => {
+            EventKind::CommandRejected(_) => {
                 let again = lock(&self.answered).take()?;
                 (again, format!("line {line} waits"))
             }
-            Happening::GoesOn | Happening::Switching(_) | Happening::OutputsRestored | Happening::Alarm(_) => {
+            EventKind::RunResumed | EventKind::Switching(_) | EventKind::OutputsRestored | EventKind::Alarm(_) => {
                 *lock(&self.awaited) = None;
                 return None;
             }
@@ -119,7 +119,7 @@ impl Drop for TerminalOperator {
     }
 }
 
-fn lock(awaited: &Awaited) -> std::sync::MutexGuard<'_, Option<Deed>> {
+fn lock(awaited: &Awaited) -> std::sync::MutexGuard<'_, Option<OperatorCommand>> {
     awaited.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -184,29 +184,29 @@ fn in_foreground() -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_controller::event::Differing;
+    use retrace_controller::event::DifferingOutputs;
     use retrace_core::Place;
 
-    fn event(happening: Happening) -> Event {
-        Event { period: 1, time_s: 0.0, place: Place::default(), line: 7, happening }
+    fn event(happening: EventKind) -> Event {
+        Event { period: 1, time_s: 0.0, place: Place::default(), line: 7, kind: happening }
     }
 
     #[test]
     fn what_is_waited_for_is_said_with_the_way_on_and_the_way_out() {
         let (operator, mut heard) = TerminalOperator::new(Keyboard::None, true, true);
-        assert_eq!(heard.next_word(), Some(Deed::OptionalStop(true)));
+        assert_eq!(heard.next_word(), Some(OperatorCommand::OptionalStop(true)));
         let said = |happening| operator.observe(&event(happening), |tool| (tool == 3).then(|| "end mill".to_owned()));
-        let stop = said(Happening::ProgramStop("M0")).expect("it waits");
+        let stop = said(EventKind::ProgramStop("M0")).expect("it waits");
         assert!(stop.starts_with("M0 of line 7 waits; no terminal to press Enter at: stop it with `kill "), "{stop}");
         assert!(stop.contains("`retrace resume`"), "{stop}");
-        assert_eq!(*lock(&operator.awaited), Some(Deed::CycleStart));
-        let change = said(Happening::ToolChange(3)).expect("it waits");
+        assert_eq!(*lock(&operator.awaited), Some(OperatorCommand::CycleStart));
+        let change = said(EventKind::ToolChange(3)).expect("it waits");
         assert!(change.contains("insert tool 3 (end mill)"), "{change}");
-        assert!(said(Happening::ToolChange(0)).is_some_and(|text| text.contains("remove the tool")));
-        let differ = Differing::first(&mut [(3, 0, 1)].into_iter());
-        assert!(said(Happening::OutputsDiffer(differ)).is_some_and(|text| text.contains("restores the outputs")));
-        assert_eq!(*lock(&operator.awaited), Some(Deed::Agree));
-        assert_eq!((said(Happening::GoesOn), *lock(&operator.awaited)), (None, None));
+        assert!(said(EventKind::ToolChange(0)).is_some_and(|text| text.contains("remove the tool")));
+        let differ = DifferingOutputs::first(&mut [(3, 0, 1)].into_iter());
+        assert!(said(EventKind::OutputsDiffer(differ)).is_some_and(|text| text.contains("restores the outputs")));
+        assert_eq!(*lock(&operator.awaited), Some(OperatorCommand::Confirm));
+        assert_eq!((said(EventKind::RunResumed), *lock(&operator.awaited)), (None, None));
         assert_eq!(heard.next_word(), None, "nothing is said by itself");
     }
 }

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use retrace_controller::event::Happening;
+use retrace_controller::event::EventKind;
 use retrace_controller::journal::stamp::Stamp;
 use retrace_controller::reading::SourceStatus;
 
@@ -31,7 +31,7 @@ impl WaitWatch {
     }
 
     /// What there is to report by now, asked as often as you like.
-    pub fn poll(&mut self) -> Option<Happening> {
+    pub fn poll(&mut self) -> Option<EventKind> {
         if self.looked.is_some_and(|looked| looked.elapsed() < LOOKS_EVERY) {
             return None;
         }
@@ -39,7 +39,7 @@ impl WaitWatch {
     }
 
     /// What there is to report at this moment.
-    pub fn poll_now(&mut self) -> Option<Happening> {
+    pub fn poll_now(&mut self) -> Option<EventKind> {
         let source = self.source.as_ref()?;
         self.looked = Some(Instant::now());
         let age = |since: SystemTime| since.elapsed().unwrap_or_default();
@@ -47,12 +47,12 @@ impl WaitWatch {
         match (self.reported, now) {
             (Some(since), now) if now != Some(since) => {
                 self.reported = None;
-                Some(Happening::ProgramArrives { source: name, waited_s: age(since).as_secs_f64() })
+                Some(EventKind::StreamResumed { source: name, waited_s: age(since).as_secs_f64() })
             }
             (None, Some(since)) if age(since) >= REPORTED_AFTER => {
                 self.reported = Some(since);
                 let ms = since.duration_since(UNIX_EPOCH).unwrap_or_default().as_millis();
-                Some(Happening::WaitingForProgram { source: name, since: Stamp::from_ms(ms as u64) })
+                Some(EventKind::StreamStalled { source: name, since: Stamp::from_ms(ms as u64) })
             }
             _ => None,
         }
@@ -78,10 +78,10 @@ mod tests {
         assert_eq!(poll(), None);
         source.begin_wait();
         std::thread::sleep(REPORTED_AFTER);
-        assert!(matches!(poll(), Some(Happening::WaitingForProgram { source, .. }) if source == "serial:/dev/ttyS0"));
+        assert!(matches!(poll(), Some(EventKind::StreamStalled { source, .. }) if source == "serial:/dev/ttyS0"));
         assert_eq!(poll(), None);
         source.end_wait();
-        assert!(matches!(poll(), Some(Happening::ProgramArrives { waited_s, .. }) if waited_s >= 1.0));
+        assert!(matches!(poll(), Some(EventKind::StreamResumed { waited_s, .. }) if waited_s >= 1.0));
         assert_eq!(poll(), None);
     }
 }

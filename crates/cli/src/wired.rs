@@ -44,7 +44,7 @@ pub fn fits(address: &str, identity: &Identity, machine: &Machine) -> Result<(),
 
 /// What to do about a card that a machine does not fit.
 pub const MISFIT_REMEDY: &str =
-    "change the machine file, or take another card; `retrace card who PORT` says what this one can";
+    "change the machine file, or take another card; `retrace card identify PORT` says what this one can";
 
 /// Everything that a machine file asks for and this card cannot do.
 #[must_use]

@@ -131,7 +131,7 @@ impl Dnc {
             Step::ToolLength { axis, by_mm, by_counts, length_mm } => json!({
                 "event": "tool_length", "axis": axis.to_string(), "by_mm": by_mm, "by_counts": by_counts, "length_mm": length_mm,
             }),
-            Step::OnLine => json!({"event": "on_line"}),
+            Step::OnLine => json!({"event": "online"}),
             Step::Approaching => json!({"event": "approaching"}),
             Step::Arrived => json!({"event": "arrived"}),
         };

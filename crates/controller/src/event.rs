@@ -9,11 +9,11 @@ use serde_json::{Value, json};
 use crate::dnc::Dnc;
 use crate::journal::stamp::Stamp;
 use crate::machine::Machine;
-use crate::operator::{Deed, OrderRefused};
+use crate::operator::{CommandError, OperatorCommand};
 
 /// What stops the machine for good.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Trouble {
+pub enum CardError {
     /// The card has latched this, and brakes on the path.
     Latched(Alarm),
     /// A fault of the card, or of the line to it: nothing of this run will move it again.
@@ -27,7 +27,7 @@ pub enum Trouble {
     },
 }
 
-impl Trouble {
+impl CardError {
     /// A fault in words.
     #[must_use]
     pub fn of(fault: &impl CardFault) -> Self {
@@ -49,12 +49,12 @@ const LISTED: usize = 8;
 
 /// Some outputs that differ: channel, as it is, as the program expects it. Where there are more, more events say so.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Differing {
+pub struct DifferingOutputs {
     list: [(u8, i32, i32); LISTED],
     count: u8,
 }
 
-impl Differing {
+impl DifferingOutputs {
     /// The first of a list; the rest is left in it.
     pub fn first(list: &mut impl Iterator<Item = (u8, i32, i32)>) -> Self {
         let mut some = Self::default();
@@ -74,7 +74,7 @@ impl Differing {
 
 /// Why a cutting output, or the spindle at the end of a job, was switched off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OffReason {
+pub enum CutterOffReason {
     /// The card did it by itself.
     Card(CutterOffCause),
     /// The operator did.
@@ -87,7 +87,7 @@ pub enum OffReason {
     JobStopped,
 }
 
-impl OffReason {
+impl CutterOffReason {
     /// As an identifier, for JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -122,29 +122,29 @@ impl OffReason {
 
 /// What happened.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Happening {
+pub enum EventKind {
     /// The job began.
     Started,
     /// The mode of operation changed; its name.
     Mode(&'static str),
     /// The operator did something.
-    Operator(Deed),
+    Operator(OperatorCommand),
     /// Another feed override is planned from here on: 100 % or more.
     OverridePlanned(f64),
     /// An order did not apply, and why.
-    OrderRefused(OrderRefused),
+    CommandRejected(CommandError),
     /// Reverse run stands at the oldest record (REV-8).
-    Oldest,
+    HistoryStartReached,
     /// Reverse run stands at a place that cannot be passed backward; the code that stands there.
-    OneWay(&'static str),
+    RetraceBarrier(&'static str),
     /// Reverse run stands where the program switched the cutter, with the cutter on by hand.
     CutterBoundary,
     /// Reverse run stands where it was to go.
-    There,
+    BackTargetReached,
     /// The handwheel has come forward to the furthest place ever executed, where it ends.
-    Reached,
+    HistoryEndReached,
     /// The machine stands at `reached`, and outputs differ.
-    OutputsDiffer(Differing),
+    OutputsDiffer(DifferingOutputs),
     /// Outputs were brought to what the program expects.
     OutputsRestored,
     /// A restart carries an instruction out again: its code.
@@ -156,14 +156,14 @@ pub enum Happening {
         /// Its channel.
         channel: u8,
         /// Why.
-        reason: OffReason,
+        reason: CutterOffReason,
     },
     /// The operator has switched a cutter on: its channel.
     CutterOn(u8),
     /// An output was switched where the path is retraced: channel and new value.
     RetraceSwitched(u8, i32),
     /// Normal run goes on.
-    GoesOn,
+    RunResumed,
     /// The program has come to its end, and the job waits for its release: reverse run is still possible.
     ProgramEnd,
     /// An exclusive instruction begins.
@@ -171,7 +171,7 @@ pub enum Happening {
     /// An exclusive instruction is complete.
     Switched(&'static str),
     /// A synchronous action was executed: channel and new value.
-    SwitchedInPassing(u8, i32),
+    OutputChanged(u8, i32),
     /// A program stop waits for cycle start.
     ProgramStop(&'static str),
     /// A tool change by hand waits for cycle start: the number of the tool, 0 for none.
@@ -183,14 +183,14 @@ pub enum Happening {
     /// A message of the program.
     Message(String),
     /// The program that arrives is waited for.
-    WaitingForProgram {
+    StreamStalled {
         /// Who is to send it.
         source: String,
         /// Since when.
         since: Stamp,
     },
     /// The program that was waited for goes on or has ended.
-    ProgramArrives {
+    StreamResumed {
         /// Who sends it.
         source: String,
         /// How long it was waited for, s.
@@ -199,7 +199,7 @@ pub enum Happening {
     /// The look-ahead ran dry.
     Underrun,
     /// An alarm.
-    Alarm(Trouble),
+    Alarm(CardError),
 }
 
 /// An event.
@@ -214,59 +214,62 @@ pub struct Event {
     /// Program line that was being executed.
     pub line: u32,
     /// What happened.
-    pub happening: Happening,
+    pub kind: EventKind,
 }
 
 impl Event {
     /// The event as one JSON object.
     #[must_use]
     pub fn to_json(&self) -> Value {
-        let mut value = match &self.happening {
-            Happening::Started => json!({"event": "started"}),
-            Happening::Mode(mode) => json!({"event": "mode", "mode": mode}),
-            Happening::Operator(deed) => json!({"event": "operator", "deed": deed.to_string()}),
-            Happening::OverridePlanned(percent) => json!({"event": "override_planned", "percent": percent}),
-            Happening::OrderRefused(why) => json!({"event": "order_refused", "why": why.to_string()}),
-            Happening::Oldest => json!({"event": "oldest_record"}),
-            Happening::OneWay(code) => json!({"event": "one_way", "code": code}),
-            Happening::CutterBoundary => json!({"event": "cutter_boundary"}),
-            Happening::There => json!({"event": "there"}),
-            Happening::Reached => json!({"event": "reached"}),
-            Happening::OutputsDiffer(some) => {
-                let list: Vec<Value> =
-                    some.list().iter().map(|(c, is, want)| json!({"channel": c, "is": is, "program": want})).collect();
+        let mut value = match &self.kind {
+            EventKind::Started => json!({"event": "started"}),
+            EventKind::Mode(mode) => json!({"event": "mode", "mode": mode}),
+            EventKind::Operator(deed) => json!({"event": "operator", "command": deed.to_string()}),
+            EventKind::OverridePlanned(percent) => json!({"event": "override_planned", "percent": percent}),
+            EventKind::CommandRejected(reason) => json!({"event": "command_rejected", "reason": reason.to_string()}),
+            EventKind::HistoryStartReached => json!({"event": "history_start_reached"}),
+            EventKind::RetraceBarrier(code) => json!({"event": "retrace_barrier", "code": code}),
+            EventKind::CutterBoundary => json!({"event": "cutter_boundary"}),
+            EventKind::BackTargetReached => json!({"event": "back_target_reached"}),
+            EventKind::HistoryEndReached => json!({"event": "history_end_reached"}),
+            EventKind::OutputsDiffer(some) => {
+                let list: Vec<Value> = some
+                    .list()
+                    .iter()
+                    .map(|(c, is, want)| json!({"channel": c, "actual": is, "expected": want}))
+                    .collect();
                 json!({"event": "outputs_differ", "outputs": list})
             }
-            Happening::OutputsRestored => json!({"event": "outputs_restored"}),
-            Happening::RestartSwitching(code) => json!({"event": "restart_switching", "code": code}),
-            Happening::RestartSwitched(code) => json!({"event": "restart_switched", "code": code}),
-            Happening::CutterOff { channel, reason } => {
+            EventKind::OutputsRestored => json!({"event": "outputs_restored"}),
+            EventKind::RestartSwitching(code) => json!({"event": "restart_switching", "code": code}),
+            EventKind::RestartSwitched(code) => json!({"event": "restart_switched", "code": code}),
+            EventKind::CutterOff { channel, reason } => {
                 json!({"event": "cutter_off", "channel": channel, "reason": reason.name()})
             }
-            Happening::CutterOn(channel) => json!({"event": "cutter_on", "channel": channel}),
-            Happening::RetraceSwitched(channel, value) => {
+            EventKind::CutterOn(channel) => json!({"event": "cutter_on", "channel": channel}),
+            EventKind::RetraceSwitched(channel, value) => {
                 json!({"event": "retrace_switched", "channel": channel, "value": value})
             }
-            Happening::GoesOn => json!({"event": "goes_on"}),
-            Happening::ProgramEnd => json!({"event": "program_end"}),
-            Happening::Switching(code) => json!({"event": "switching", "code": code}),
-            Happening::Switched(code) => json!({"event": "switched", "code": code}),
-            Happening::SwitchedInPassing(channel, value) => {
-                json!({"event": "switched_in_passing", "channel": channel, "value": value})
+            EventKind::RunResumed => json!({"event": "run_resumed"}),
+            EventKind::ProgramEnd => json!({"event": "program_end"}),
+            EventKind::Switching(code) => json!({"event": "switching", "code": code}),
+            EventKind::Switched(code) => json!({"event": "switched", "code": code}),
+            EventKind::OutputChanged(channel, value) => {
+                json!({"event": "output_changed", "channel": channel, "value": value, "synchronous": true})
             }
-            Happening::ProgramStop(code) => json!({"event": "program_stop", "code": code}),
-            Happening::ToolChange(tool) => json!({"event": "tool_change", "tool": tool}),
-            Happening::SingleBlock => json!({"event": "single_block"}),
-            Happening::Dnc(dnc) => dnc.to_json(),
-            Happening::Message(text) => json!({"event": "message", "text": text}),
-            Happening::WaitingForProgram { source, since } => {
-                json!({"event": "waiting_for_program", "source": source, "since": since})
+            EventKind::ProgramStop(code) => json!({"event": "program_stop", "code": code}),
+            EventKind::ToolChange(tool) => json!({"event": "tool_change", "tool": tool}),
+            EventKind::SingleBlock => json!({"event": "single_block"}),
+            EventKind::Dnc(dnc) => dnc.to_json(),
+            EventKind::Message(text) => json!({"event": "message", "text": text}),
+            EventKind::StreamStalled { source, since } => {
+                json!({"event": "stream_stalled", "source": source, "since": since})
             }
-            Happening::ProgramArrives { source, waited_s } => {
-                json!({"event": "program_arrives", "source": source, "waited_s": waited_s})
+            EventKind::StreamResumed { source, waited_s } => {
+                json!({"event": "stream_resumed", "source": source, "waited_s": waited_s})
             }
-            Happening::Underrun => json!({"event": "underrun"}),
-            Happening::Alarm(trouble) => {
+            EventKind::Underrun => json!({"event": "underrun"}),
+            EventKind::Alarm(trouble) => {
                 let (number, cause, remedy) = trouble.parts();
                 json!({"event": "alarm", "number": number, "cause": cause, "remedy": remedy})
             }
@@ -312,20 +315,20 @@ impl Event {
     #[must_use]
     pub fn text_naming(&self, names: &ChannelNames) -> String {
         let channel_name = |channel: u8| names.of(channel);
-        match &self.happening {
-            Happening::Started => "started".into(),
-            Happening::Mode(mode) => (*mode).to_string(),
-            Happening::Operator(deed) => format!("operator: {deed}"),
-            Happening::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),
-            Happening::OrderRefused(why) => format!("not done: {why}"),
-            Happening::Oldest => "standing at the oldest record: it goes no further back".into(),
-            Happening::OneWay(code) => format!("standing behind {code}, which cannot be passed backward"),
-            Happening::CutterBoundary => {
+        match &self.kind {
+            EventKind::Started => "started".into(),
+            EventKind::Mode(mode) => (*mode).to_string(),
+            EventKind::Operator(deed) => format!("operator: {deed}"),
+            EventKind::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),
+            EventKind::CommandRejected(why) => format!("not done: {why}"),
+            EventKind::HistoryStartReached => "standing at the oldest record: it goes no further back".into(),
+            EventKind::RetraceBarrier(code) => format!("standing behind {code}, which cannot be passed backward"),
+            EventKind::CutterBoundary => {
                 "standing where the program switched the cutter, and it is on: `cutter off`, or `reverse` again to cut on".into()
             }
-            Happening::There => "standing where it was to go".into(),
-            Happening::Reached => "standing at the furthest place executed".into(),
-            Happening::OutputsDiffer(some) => {
+            EventKind::BackTargetReached => "standing where it was to go".into(),
+            EventKind::HistoryEndReached => "standing at the furthest place executed".into(),
+            EventKind::OutputsDiffer(some) => {
                 let list: Vec<String> = some
                     .list()
                     .iter()
@@ -333,32 +336,32 @@ impl Event {
                     .collect();
                 format!("outputs differ: {}; waiting for agree or recover", list.join("; "))
             }
-            Happening::OutputsRestored => "outputs restored".into(),
-            Happening::RestartSwitching(code) => format!("restart: {code} begins"),
-            Happening::RestartSwitched(code) => format!("restart: {code} done"),
-            Happening::CutterOff { channel, reason } => format!("{} off: {}", channel_name(*channel), reason.text()),
-            Happening::CutterOn(channel) => format!("{} on by the operator", channel_name(*channel)),
-            Happening::RetraceSwitched(channel, value) => {
+            EventKind::OutputsRestored => "outputs restored".into(),
+            EventKind::RestartSwitching(code) => format!("restart: {code} begins"),
+            EventKind::RestartSwitched(code) => format!("restart: {code} done"),
+            EventKind::CutterOff { channel, reason } => format!("{} off: {}", channel_name(*channel), reason.text()),
+            EventKind::CutterOn(channel) => format!("{} on by the operator", channel_name(*channel)),
+            EventKind::RetraceSwitched(channel, value) => {
                 format!("retrace: {} := {value}", channel_name(*channel))
             }
-            Happening::GoesOn => "normal run goes on".into(),
-            Happening::ProgramEnd => "end of the program; reverse run is possible until the job is released".into(),
-            Happening::Switching(code) => format!("{code} begins"),
-            Happening::Switched(code) => format!("{code} done"),
-            Happening::SwitchedInPassing(channel, value) => format!("{} := {value}", channel_name(*channel)),
-            Happening::ProgramStop(code) => format!("program stop {code}: cycle start to go on"),
-            Happening::ToolChange(tool) => format!("tool change: tool {tool}; cycle start to go on"),
-            Happening::SingleBlock => "single block: cycle start to go on".into(),
-            Happening::Dnc(dnc) => dnc.to_string(),
-            Happening::Message(text) => format!("message: {text}"),
-            Happening::WaitingForProgram { source, since } => {
+            EventKind::RunResumed => "normal run goes on".into(),
+            EventKind::ProgramEnd => "end of the program; reverse run is possible until the job is released".into(),
+            EventKind::Switching(code) => format!("{code} begins"),
+            EventKind::Switched(code) => format!("{code} done"),
+            EventKind::OutputChanged(channel, value) => format!("{} := {value}", channel_name(*channel)),
+            EventKind::ProgramStop(code) => format!("program stop {code}: cycle start to go on"),
+            EventKind::ToolChange(tool) => format!("tool change: tool {tool}; cycle start to go on"),
+            EventKind::SingleBlock => "single block: cycle start to go on".into(),
+            EventKind::Dnc(dnc) => dnc.to_string(),
+            EventKind::Message(text) => format!("message: {text}"),
+            EventKind::StreamStalled { source, since } => {
                 format!("waiting for the program from {source} since {since}")
             }
-            Happening::ProgramArrives { source, waited_s } => {
+            EventKind::StreamResumed { source, waited_s } => {
                 format!("the program from {source} arrives again, after {waited_s:.1} s")
             }
-            Happening::Underrun => "the look-ahead ran dry: slowed down on the path".into(),
-            Happening::Alarm(trouble) => {
+            EventKind::Underrun => "the look-ahead ran dry: slowed down on the path".into(),
+            EventKind::Alarm(trouble) => {
                 let (number, cause, remedy) = trouble.parts();
                 format!("ALARM {number}: {cause}. {remedy}")
             }

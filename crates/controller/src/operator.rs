@@ -28,7 +28,7 @@ pub enum When {
 
 /// What the operator does.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Deed {
+pub enum OperatorCommand {
     /// Feed hold.
     Hold,
     /// Cycle start: after a hold, at a program stop, in single block.
@@ -54,7 +54,7 @@ pub enum Deed {
         ask: bool,
     },
     /// Agrees to the outputs that are to be restored.
-    Agree,
+    Confirm,
     /// Starts the cutter again where it went out, and goes on; agrees to the outputs that are to be restored.
     Recover,
     /// Switches every cutter off, at once.
@@ -79,7 +79,7 @@ pub enum Deed {
     /// Reverse run to where the block begins that the machine is in; at its beginning already, to that of the block before.
     BackToBlock,
     /// Reverse run to where a cutting output was switched on last.
-    BackToJet,
+    BackToPierce,
     /// *Pause*: interrupts the program at a breakpoint (DNC-1).
     Pause,
     /// The spindle is stopped by hand (DNC-3).
@@ -101,7 +101,7 @@ pub enum Deed {
     CycleStart,
 }
 
-impl fmt::Display for Deed {
+impl fmt::Display for OperatorCommand {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Hold => write!(f, "hold"),
@@ -113,7 +113,7 @@ impl fmt::Display for Deed {
             Self::Wheel { counts_per_s, seconds } => write!(f, "wheel {counts_per_s} for {seconds}s"),
             Self::Leave { ask: false } => write!(f, "leave"),
             Self::Leave { ask: true } => write!(f, "leave ask"),
-            Self::Agree => write!(f, "agree"),
+            Self::Confirm => write!(f, "agree"),
             Self::Recover => write!(f, "recover"),
             Self::CutterOff => write!(f, "cutter off"),
             Self::CutterOn => write!(f, "cutter on"),
@@ -123,7 +123,7 @@ impl fmt::Display for Deed {
             Self::Stop => write!(f, "stop"),
             Self::BackBy(mm) => write!(f, "back {mm} mm"),
             Self::BackToBlock => write!(f, "back to block"),
-            Self::BackToJet => write!(f, "back to jet"),
+            Self::BackToPierce => write!(f, "back to pierce"),
             Self::Pause => write!(f, "pause"),
             Self::SpindleStop => write!(f, "spindle stop"),
             Self::SpindleStart => write!(f, "spindle start"),
@@ -137,17 +137,17 @@ impl fmt::Display for Deed {
 
 /// Why a word of the operator was not taken. Nothing has changed then.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum OrderRefused {
+pub enum CommandError {
     /// The mode of operation is another.
     Mode(Refused),
     /// The override asked for is above this, which is in force now.
-    MostOverride(Travel),
+    AboveMaxOverride(Travel),
     /// More changes of the override are on their way than there is room for.
     TooManyOverrides,
     /// The card has no such output.
     NoOutput(u8),
     /// No cutting output was switched on within the history that is kept.
-    NoJet,
+    NoPierce,
     /// Nothing was executed yet that could be gone back over.
     NothingBehind,
     /// The step is not the next in the sequence that pausing and going on has (DNC-1 … DNC-8).
@@ -162,7 +162,7 @@ pub enum OrderRefused {
     NotNow(&'static str),
 }
 
-impl fmt::Display for OrderRefused {
+impl fmt::Display for CommandError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Mode(Refused::NotRetracing) => "there is nothing to leave: the machine is in normal run",
@@ -170,12 +170,12 @@ impl fmt::Display for OrderRefused {
             Self::Mode(Refused::NotHeld) => "no feed hold is in force",
             Self::Mode(Refused::NoRate) => "a rate above 0 % is needed",
             Self::TooManyOverrides => "too many changes of the override are on their way already",
-            Self::NoJet => "no cutting output was switched on within the history that is kept",
+            Self::NoPierce => "no cutting output was switched on within the history that is kept",
             Self::NothingBehind => "nothing was executed yet that could be gone back over",
             Self::Interrupted(refused) => return crate::dnc::explain(*refused, f),
             Self::ToolLength(why) => return write!(f, "{why}"),
             Self::NotNow(why) => why,
-            Self::MostOverride(most) => return write!(f, "{:.0} % is the most", percent(*most)),
+            Self::AboveMaxOverride(most) => return write!(f, "{:.0} % is the most", percent(*most)),
             Self::BeyondLimit(axis) => {
                 return write!(f, "axis {} would go beyond its soft limit", axis.to_ascii_uppercase());
             }
@@ -185,13 +185,13 @@ impl fmt::Display for OrderRefused {
     }
 }
 
-impl From<Refused> for OrderRefused {
+impl From<Refused> for CommandError {
     fn from(refused: Refused) -> Self {
         Self::Mode(refused)
     }
 }
 
-impl From<interruption::Refused> for OrderRefused {
+impl From<interruption::Refused> for CommandError {
     fn from(refused: interruption::Refused) -> Self {
         Self::Interrupted(refused)
     }
@@ -205,7 +205,7 @@ pub struct Instruction {
     /// When it is due.
     pub when: When,
     /// What is to be done.
-    pub deed: Deed,
+    pub deed: OperatorCommand,
 }
 
 /// Reads a script; `name` is what to call the file in messages.
@@ -239,12 +239,12 @@ fn instruction(words: &[&str]) -> Result<Instruction, Wrong> {
     let (when, rest) = match words {
         ["at", "line", line, rest @ ..] => match line.parse() {
             Ok(line) => (When::Line(line), rest),
-            Err(_) => return wrong(format!("`{line}` is no line number"), "at line 40 …"),
+            Err(_) => return wrong(format!("`{line}` is not a line number"), "at line 40 …"),
         },
         ["at", time, rest @ ..] => (When::Time(seconds(time)?), rest),
         ["after", count, "periods", rest @ ..] => match count.parse() {
             Ok(count) => (When::AfterPeriods(count), rest),
-            Err(_) => return wrong(format!("`{count}` is no number of periods"), "after 300 periods …"),
+            Err(_) => return wrong(format!("`{count}` is not a number of periods"), "after 300 periods …"),
         },
         ["after", time, rest @ ..] => (When::AfterSeconds(seconds(time)?), rest),
         _ => {
@@ -257,31 +257,31 @@ fn instruction(words: &[&str]) -> Result<Instruction, Wrong> {
     Ok(Instruction { line: 0, when, deed: deed(rest)? })
 }
 
-fn deed(words: &[&str]) -> Result<Deed, Wrong> {
+fn deed(words: &[&str]) -> Result<OperatorCommand, Wrong> {
     Ok(match words {
-        ["hold"] => Deed::Hold,
-        ["resume"] => Deed::Resume,
-        ["cycle", "start"] => Deed::CycleStart,
-        ["reverse", rate] => Deed::Reverse(rate_of(rate)?),
-        ["forward", rate] => Deed::Forward(rate_of(rate)?),
-        ["override", rate] => Deed::Override(rate_of(rate)?),
-        ["rapid", "override", rate] => Deed::RapidOverride(rate_of(rate)?),
+        ["hold"] => OperatorCommand::Hold,
+        ["resume"] => OperatorCommand::Resume,
+        ["cycle", "start"] => OperatorCommand::CycleStart,
+        ["reverse", rate] => OperatorCommand::Reverse(rate_of(rate)?),
+        ["forward", rate] => OperatorCommand::Forward(rate_of(rate)?),
+        ["override", rate] => OperatorCommand::Override(rate_of(rate)?),
+        ["rapid", "override", rate] => OperatorCommand::RapidOverride(rate_of(rate)?),
         ["wheel", counts, "for", time] => {
             let counts_per_s = number(counts)?;
             if counts_per_s.abs() > 1e6 {
                 return wrong(format!("{counts} counts a second"), "at most 1000000 counts a second");
             }
-            Deed::Wheel { counts_per_s, seconds: seconds(time)? }
+            OperatorCommand::Wheel { counts_per_s, seconds: seconds(time)? }
         }
-        ["leave"] => Deed::Leave { ask: false },
-        ["leave", "ask"] => Deed::Leave { ask: true },
-        ["agree"] => Deed::Agree,
-        ["recover"] => Deed::Recover,
-        ["cutter", "off"] => Deed::CutterOff,
-        ["cutter", "on"] => Deed::CutterOn,
-        ["optional", "stop", state @ ("on" | "off")] => Deed::OptionalStop(*state == "on"),
+        ["leave"] => OperatorCommand::Leave { ask: false },
+        ["leave", "ask"] => OperatorCommand::Leave { ask: true },
+        ["agree"] => OperatorCommand::Confirm,
+        ["recover"] => OperatorCommand::Recover,
+        ["cutter", "off"] => OperatorCommand::CutterOff,
+        ["cutter", "on"] => OperatorCommand::CutterOn,
+        ["optional", "stop", state @ ("on" | "off")] => OperatorCommand::OptionalStop(*state == "on"),
         ["output", word, state @ ("on" | "off")] => match word.parse() {
-            Ok(number @ 0..=channel::SPINDLE) => Deed::Output { number, on: *state == "on" },
+            Ok(number @ 0..=channel::SPINDLE) => OperatorCommand::Output { number, on: *state == "on" },
             _ => {
                 return wrong(
                     format!("`{word}` is not an output"),
@@ -289,16 +289,16 @@ fn deed(words: &[&str]) -> Result<Deed, Wrong> {
                 );
             }
         },
-        ["single"] => Deed::Single,
-        ["stop"] => Deed::Stop,
+        ["single"] => OperatorCommand::Single,
+        ["stop"] => OperatorCommand::Stop,
         ["back", rest @ ..] => back(rest)?,
-        ["pause"] => Deed::Pause,
-        ["online"] => Deed::Online,
-        ["spindle", "stop"] => Deed::SpindleStop,
-        ["spindle", "start"] => Deed::SpindleStart,
-        ["tool", "length", "by", mm] => Deed::ToolLength(EnteredLength::By(tool_length(mm)?)),
-        ["tool", "length", mm] => Deed::ToolLength(EnteredLength::To(tool_length(mm)?)),
-        ["jog", axis, mm] => Deed::Jog { axis: axis_of(axis)?, mm: length(mm)? },
+        ["pause"] => OperatorCommand::Pause,
+        ["online"] => OperatorCommand::Online,
+        ["spindle", "stop"] => OperatorCommand::SpindleStop,
+        ["spindle", "start"] => OperatorCommand::SpindleStart,
+        ["tool", "length", "by", mm] => OperatorCommand::ToolLength(EnteredLength::By(tool_length(mm)?)),
+        ["tool", "length", mm] => OperatorCommand::ToolLength(EnteredLength::To(tool_length(mm)?)),
+        ["jog", axis, mm] => OperatorCommand::Jog { axis: axis_of(axis)?, mm: length(mm)? },
         [] => return wrong("nothing to do", "at 1.5s hold"),
         [first, ..] => {
             let known = [
@@ -319,7 +319,7 @@ fn deed(words: &[&str]) -> Result<Deed, Wrong> {
 /// How a deed that begins with a known word is written whole.
 fn example(word: &str) -> &'static str {
     match word {
-        "back" => "back 50 mm · back to block · back to jet",
+        "back" => "back 50 mm · back to block · back to pierce",
         "spindle" => "spindle stop · spindle start",
         "jog" => "jog z 10",
         "tool" => "tool length 84.2 · tool length by -0.35",
@@ -333,12 +333,12 @@ fn example(word: &str) -> &'static str {
     }
 }
 
-fn back(words: &[&str]) -> Result<Deed, Wrong> {
+fn back(words: &[&str]) -> Result<OperatorCommand, Wrong> {
     match words {
-        ["to", "block"] => Ok(Deed::BackToBlock),
-        ["to", "jet"] => Ok(Deed::BackToJet),
+        ["to", "block"] => Ok(OperatorCommand::BackToBlock),
+        ["to", "jet"] => Ok(OperatorCommand::BackToPierce),
         [mm, "mm"] => match length(mm)? {
-            mm if mm > 0.0 => Ok(Deed::BackBy(mm)),
+            mm if mm > 0.0 => Ok(OperatorCommand::BackBy(mm)),
             _ => wrong(format!("`back {mm} mm` goes nowhere"), "a length above 0, as in back 50 mm"),
         },
         _ => wrong(format!("`back {}` is not understood", words.join(" ")), example("back")),
@@ -357,7 +357,7 @@ fn length(word: &str) -> Result<f64, Wrong> {
 fn tool_length(word: &str) -> Result<f64, Wrong> {
     match number(word)? {
         mm if mm.abs() <= 10_000.0 => Ok(mm),
-        _ => wrong(format!("`{word}` is no length of a tool"), "a length in mm, such as 84.2"),
+        _ => wrong(format!("`{word}` is not a length of a tool"), "a length in mm, such as 84.2"),
     }
 }
 
@@ -365,20 +365,24 @@ fn axis_of(word: &str) -> Result<char, Wrong> {
     let mut letters = word.chars().map(|letter| letter.to_ascii_lowercase());
     match (letters.next(), letters.next()) {
         (Some(letter), None) if AXIS_LETTERS.contains(&letter) => Ok(letter),
-        _ => wrong(format!("`{word}` is no axis"), "x, y, z, a, b, c, u, v or w, as in jog z 10"),
+        _ => wrong(format!("`{word}` is not an axis"), "x, y, z, a, b, c, u, v or w, as in jog z 10"),
     }
 }
 
 fn number(word: &str) -> Result<f64, Wrong> {
     match word.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
-        _ => wrong(format!("`{word}` is no number"), "a number such as 1.5"),
+        _ => wrong(format!("`{word}` is not a number"), "a number such as 1.5"),
     }
 }
 
 fn seconds(word: &str) -> Result<f64, Wrong> {
     let value = number(word.strip_suffix('s').unwrap_or(word))?;
-    if (0.0..=1e9).contains(&value) { Ok(value) } else { wrong(format!("`{word}` is no time"), "a time such as 1.5s") }
+    if (0.0..=1e9).contains(&value) {
+        Ok(value)
+    } else {
+        wrong(format!("`{word}` is not a time"), "a time such as 1.5s")
+    }
 }
 
 /// A rate in percent.
@@ -389,7 +393,7 @@ pub fn percent(rate: Travel) -> f64 {
 
 fn rate_of(word: &str) -> Result<Travel, Wrong> {
     let Some(digits) = word.strip_suffix('%') else {
-        return wrong(format!("`{word}` is no rate"), "a rate such as 60%");
+        return wrong(format!("`{word}` is not a rate"), "a rate such as 60%");
     };
     let value = number(digits)?;
     if !(0.0..=800.0).contains(&value) {
@@ -411,23 +415,26 @@ mod tests {
             after 0s output 3 on\nafter 0s single\nat 9s stop\nafter 0s cycle start\n";
         let script = parse(text, "script").expect("all known");
         assert_eq!(script.len(), 13);
-        assert_eq!(script[0], Instruction { line: 1, when: When::Time(1.5), deed: Deed::Hold });
-        assert_eq!(script[3], Instruction { line: 5, when: When::AfterPeriods(300), deed: Deed::Forward(ONE / 2) });
+        assert_eq!(script[0], Instruction { line: 1, when: When::Time(1.5), deed: OperatorCommand::Hold });
+        assert_eq!(
+            script[3],
+            Instruction { line: 5, when: When::AfterPeriods(300), deed: OperatorCommand::Forward(ONE / 2) }
+        );
         assert_eq!(script[4].when, When::Line(40));
-        assert_eq!(script[5].deed, Deed::Wheel { counts_per_s: -120.0, seconds: 2.0 });
-        assert_eq!(script[9].deed, Deed::Output { number: 3, on: true });
+        assert_eq!(script[5].deed, OperatorCommand::Wheel { counts_per_s: -120.0, seconds: 2.0 });
+        assert_eq!(script[9].deed, OperatorCommand::Output { number: 3, on: true });
     }
 
     #[test]
     fn every_deed_reads_back_as_it_is_written() {
         let deeds = "hold|resume|reverse 100%|forward 50%|override 160%|wheel -120 for 2s|leave|leave ask|agree|output 3 on|single|\
-            stop|back 50 mm|back 0.25 mm|back to block|back to jet|pause|spindle stop|spindle start|jog z 10|jog x -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 off|rapid override 25%";
+            stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 off|rapid override 25%";
         for written in deeds.split('|') {
             let script = parse(&format!("after 0s {written}"), "script").expect(written);
             assert_eq!(script[0].deed.to_string(), written);
         }
-        assert_eq!(parse("at 1s cycle start", "s").expect("known")[0].deed, Deed::CycleStart);
-        assert_eq!(parse("at 1s back 50 mm", "s").expect("known")[0].deed, Deed::BackBy(50.0));
+        assert_eq!(parse("at 1s cycle start", "s").expect("known")[0].deed, OperatorCommand::CycleStart);
+        assert_eq!(parse("at 1s back 50 mm", "s").expect("known")[0].deed, OperatorCommand::BackBy(50.0));
     }
 
     #[test]

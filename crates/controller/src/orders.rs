@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-use crate::operator::Deed;
+use crate::operator::OperatorCommand;
 use crate::script::ScriptPlayer;
 
 /// So many words may wait.
@@ -27,7 +27,7 @@ pub struct Busy;
 /// The screen's end; it can be had more than once.
 #[derive(Clone, Debug)]
 pub struct Orders {
-    words: SyncSender<Deed>,
+    words: SyncSender<OperatorCommand>,
     wheel: Arc<AtomicI32>,
 }
 
@@ -36,7 +36,7 @@ impl Orders {
     ///
     /// # Errors
     /// [`Busy`]; the word is not on its way then.
-    pub fn say(&self, deed: Deed) -> Result<(), Busy> {
+    pub fn say(&self, deed: OperatorCommand) -> Result<(), Busy> {
         // A session that has ended hears nothing, and needs nothing.
         match self.words.try_send(deed) {
             Err(std::sync::mpsc::TrySendError::Full(_)) => Err(Busy),
@@ -53,13 +53,13 @@ impl Orders {
 /// The motion path's end.
 #[derive(Debug)]
 pub struct Heard {
-    words: Receiver<Deed>,
+    words: Receiver<OperatorCommand>,
     wheel: Arc<AtomicI32>,
 }
 
 impl Heard {
     /// The next word, if one waits.
-    pub fn next_word(&mut self) -> Option<Deed> {
+    pub fn next_word(&mut self) -> Option<OperatorCommand> {
         self.words.try_recv().ok()
     }
 
@@ -80,7 +80,7 @@ pub struct Operators {
     /// What can stop the job, and is nobody who operates it: the system's signals.
     stops: Option<Heard>,
     /// A word of that which has come and was not taken yet.
-    next_stop: Option<Deed>,
+    next_stop: Option<OperatorCommand>,
     /// The job is over only when the operator says so.
     releases: bool,
 }
@@ -129,13 +129,13 @@ impl Operators {
     }
 
     /// The next word, if there is one now: in period `period`, with program line `line` being executed. The script's come first.
-    pub fn next_word(&mut self, period: u64, line: u32) -> Option<Deed> {
+    pub fn next_word(&mut self, period: u64, line: u32) -> Option<OperatorCommand> {
         let scripted = self.script.due(period, line).map(|instruction| instruction.deed);
         scripted.or_else(|| self.live_word())
     }
 
     /// The next word of somebody who is there; a script says none here.
-    pub fn live_word(&mut self) -> Option<Deed> {
+    pub fn live_word(&mut self) -> Option<OperatorCommand> {
         let said = self.heard.as_mut().and_then(Heard::next_word);
         said.or_else(|| if self.is_told_to_stop() { self.next_stop.take() } else { None })
     }
@@ -164,21 +164,30 @@ mod tests {
         let script = crate::operator::parse("at 0.002s hold\nafter 0s wheel 1000 for 1s", "script").expect("valid");
         let (orders, heard) = orders();
         let mut operators = Operators::script(ScriptPlayer::new(script, 1000)).and(heard);
-        orders.say(Deed::Single).expect("room");
+        orders.say(OperatorCommand::Single).expect("room");
         orders.turn(5);
-        assert_eq!((operators.next_word(1, 0), operators.next_word(1, 0)), (Some(Deed::Single), None));
-        orders.say(Deed::Stop).expect("room");
+        assert_eq!((operators.next_word(1, 0), operators.next_word(1, 0)), (Some(OperatorCommand::Single), None));
+        orders.say(OperatorCommand::Stop).expect("room");
         let words = [operators.next_word(2, 0), operators.next_word(2, 0), operators.next_word(2, 0)];
-        assert!(matches!(words, [Some(Deed::Hold), Some(Deed::Wheel { .. }), Some(Deed::Stop)]), "{words:?}");
+        assert!(
+            matches!(
+                words,
+                [Some(OperatorCommand::Hold), Some(OperatorCommand::Wheel { .. }), Some(OperatorCommand::Stop)]
+            ),
+            "{words:?}"
+        );
         assert_eq!((operators.wheel_counts(2), operators.wheel_counts(3), operators.finished()), (6, 1, false));
     }
 
     #[test]
     fn words_come_in_order_too_many_are_refused_and_no_count_is_lost() {
         let (orders, mut heard) = orders();
-        let taken = (0..).take_while(|&n| orders.say(Deed::BackBy(f64::from(n))).is_ok()).count();
+        let taken = (0..).take_while(|&n| orders.say(OperatorCommand::BackBy(f64::from(n))).is_ok()).count();
         assert_eq!(taken, WORDS);
-        assert_eq!((heard.next_word(), heard.next_word()), (Some(Deed::BackBy(0.0)), Some(Deed::BackBy(1.0))));
+        assert_eq!(
+            (heard.next_word(), heard.next_word()),
+            (Some(OperatorCommand::BackBy(0.0)), Some(OperatorCommand::BackBy(1.0)))
+        );
         orders.turn(40_000);
         orders.turn(-3);
         assert_eq!([heard.wheel_counts(), heard.wheel_counts(), heard.wheel_counts()], [32_767, 7_230, 0]);

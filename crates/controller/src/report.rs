@@ -139,10 +139,10 @@ impl<const A: usize> Report<'_, A> {
             "limit_violations": self.verdict.violations,
             "first_violation": self.first_violation(),
             "underruns": t.underruns,
-            "least_buffer": t.least_buffer,
+            "min_buffered_records": t.min_buffered_records,
             "reversals": t.reversals,
             "switch_events": t.switch_events,
-            "untold": t.untold,
+            "dropped_events": t.dropped_events,
             "peak_rss_mib": peak_rss_mib(),
             "alarms": self.alarms,
         })

@@ -229,7 +229,7 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
         Self { supply, at, place: at.origin, sum: counts, active: None, counts: None, line: 0, mm_per_pulse }
     }
 
-    /// Path back from where it was left to `oldest`, as long as `goes_on` with a record's line, mm.
+    /// Path back from where it was left to `oldest`, as long as `run_resumed` with a record's line, mm.
     fn path_mm(&self, oldest: u32, goes_on: impl Fn(u32) -> bool) -> f64 {
         let (left, mut mm) = (self.at.start.place, 0.0);
         let length = |increments: &[i16; A], share: f64| {

@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use crate::operator::{Deed, Instruction, When};
+use crate::operator::{Instruction, OperatorCommand, When};
 
 /// The operator at work.
 #[derive(Clone, Debug)]
@@ -65,7 +65,7 @@ impl ScriptPlayer {
         }
         let next = self.script.pop_front()?;
         self.since = Some(period);
-        if let Deed::Wheel { counts_per_s, seconds } = next.deed {
+        if let OperatorCommand::Wheel { counts_per_s, seconds } = next.deed {
             let until = period + self.periods(seconds);
             self.wheel =
                 Some(Turning { counts_per_period: counts_per_s * self.period_s, from: period, counted: 0, until });

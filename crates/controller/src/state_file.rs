@@ -129,7 +129,7 @@ fn link_target(path: &Path) -> io::Result<PathBuf> {
     for _ in 0..MAX_LINKS {
         match fs::read_link(&target) {
             Ok(next) => target = target.parent().unwrap_or(Path::new("")).join(next),
-            // It does not exist, or is no link.
+            // It does not exist, or is not a link.
             Err(_) => return Ok(target),
         }
     }

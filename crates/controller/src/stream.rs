@@ -142,7 +142,7 @@ pub trait Observer<const A: usize>: Send {
 pub fn stream<const A: usize>(wall_time: bool, period_s: f64) -> (Teller<A>, Hearing<A>) {
     let room = if wall_time { (ROOM_S / period_s).ceil() as usize } else { ROOM_VIRTUAL };
     let (queue, heard) = sync_channel(room);
-    let teller = Teller { queue, waits: !wall_time, untold: 0, deaf: false, outputs: [0; channel::COUNT] };
+    let teller = Teller { queue, waits: !wall_time, dropped_events: 0, deaf: false, outputs: [0; channel::COUNT] };
     (teller, Hearing { queue: heard, is_virtual: !wall_time })
 }
 
@@ -151,7 +151,7 @@ pub fn stream<const A: usize>(wall_time: bool, period_s: f64) -> (Teller<A>, Hea
 pub struct Teller<const A: usize> {
     queue: SyncSender<Told<A>>,
     waits: bool,
-    untold: u64,
+    dropped_events: u64,
     deaf: bool,
     /// As they were told last.
     outputs: Outputs,
@@ -166,7 +166,7 @@ impl<const A: usize> Teller<A> {
                 Ok(()) => return,
                 Err(TrySendError::Full(back)) if self.waits => back,
                 Err(TrySendError::Full(_)) => {
-                    self.untold += 1;
+                    self.dropped_events += 1;
                     return;
                 }
                 Err(TrySendError::Disconnected(_)) => {
@@ -192,8 +192,8 @@ impl<const A: usize> Teller<A> {
 
     /// How much was not told for want of room.
     #[must_use]
-    pub fn untold(&self) -> u64 {
-        self.untold
+    pub fn dropped_events(&self) -> u64 {
+        self.dropped_events
     }
 
     /// Has whoever was told panicked?
@@ -234,7 +234,7 @@ impl<const A: usize> Hearing<A> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::event::Happening;
+    use crate::event::EventKind;
 
     struct Heard(Vec<Told<1>>, Duration);
 
@@ -246,8 +246,8 @@ mod tests {
     }
 
     fn event(period: u64) -> Told<1> {
-        let happening = Happening::Message(period.to_string());
-        Told::Event(Event { period, time_s: 0.0, place: Place::default(), line: 0, happening })
+        let happening = EventKind::Message(period.to_string());
+        Told::Event(Event { period, time_s: 0.0, place: Place::default(), line: 0, kind: happening })
     }
 
     #[test]
@@ -267,7 +267,7 @@ mod tests {
         let (mut teller, hearing) = stream::<1>(true, 0.02);
         let room = (ROOM_S / 0.02) as u64;
         (0..room + 7).for_each(|n| teller.tell(event(n)));
-        assert_eq!(teller.untold(), 7);
+        assert_eq!(teller.dropped_events(), 7);
         drop(teller);
         let mut heard = Heard(Vec::new(), Duration::ZERO);
         hearing.report(&mut heard);

@@ -425,7 +425,7 @@ impl<'r, const A: usize> Supply<'r, A> {
         }
     }
 
-    /// The next that the cursor has passed for the first time. What undoes an exclusive instruction in reverse (line 0) is no news of its own.
+    /// The next that the cursor has passed for the first time. What undoes an exclusive instruction in reverse (line 0) is not news of its own.
     pub fn news(&mut self) -> Option<News> {
         let reached = self.ring.reached();
         while let Some(&(action, line)) = self.actions.get(self.passed)

@@ -26,8 +26,8 @@ pub enum Class {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub enum InReverse {
     /// Nothing: what it has switched stays.
-    #[serde(rename = "as is")]
-    AsIs,
+    #[serde(rename = "unchanged")]
+    Unchanged,
     /// Its outputs are set back to what they were before it, and forward again to what it made them.
     #[serde(rename = "undone")]
     Undone,
@@ -91,7 +91,8 @@ pub struct Switching {
 
 impl Switching {
     /// At rest, at once, and nothing of it in reverse.
-    pub const AT_REST: Self = Self { class: Class::Exclusive, periods: 0, until: None, in_reverse: InReverse::AsIs };
+    pub const AT_REST: Self =
+        Self { class: Class::Exclusive, periods: 0, until: None, in_reverse: InReverse::Unchanged };
 }
 
 /// A user code that the machine file declares.
@@ -200,7 +201,7 @@ impl SwitchingTable {
 fn usual_in_reverse(code: &str, class: Class) -> InReverse {
     match (code, class) {
         ("M6", _) => InReverse::Barrier,
-        ("M3" | "M4" | "M5" | "S" | "T", Class::Exclusive) => InReverse::AsIs,
+        ("M3" | "M4" | "M5" | "S" | "T", Class::Exclusive) => InReverse::Unchanged,
         _ => InReverse::Undone,
     }
 }
@@ -322,12 +323,12 @@ mod tests {
     #[test]
     fn what_becomes_of_a_code_in_reverse_is_said_or_usual() {
         let in_reverse = |text: &str| code(text).expect("valid").in_reverse;
-        assert_eq!((in_reverse(""), in_reverse("[code.M3]\n")), (InReverse::AsIs, InReverse::AsIs));
+        assert_eq!((in_reverse(""), in_reverse("[code.M3]\n")), (InReverse::Unchanged, InReverse::Unchanged));
         assert_eq!(in_reverse("[code.M3]\nclass = \"synchronous\"\n"), InReverse::Undone);
         assert_eq!(in_reverse("[code.M3]\nin_reverse = \"barrier\"\n"), InReverse::Barrier);
-        assert_eq!(in_reverse("[code.M3]\nclass = \"synchronous\"\nin_reverse = \"as is\"\n"), InReverse::AsIs);
+        assert_eq!(in_reverse("[code.M3]\nclass = \"synchronous\"\nin_reverse = \"as is\"\n"), InReverse::Unchanged);
         let table = Machine::built_in().expect("valid").switching;
-        assert_eq!((table.of("M6").in_reverse, table.of("T").in_reverse), (InReverse::Barrier, InReverse::AsIs));
+        assert_eq!((table.of("M6").in_reverse, table.of("T").in_reverse), (InReverse::Barrier, InReverse::Unchanged));
         let barrier = code("[code.M3]\nclass = \"synchronous\"\nin_reverse = \"barrier\"\n").expect_err("no rest");
         assert!(barrier.what.contains("does not come to rest"), "{}", barrier.what);
         assert_eq!(code("[code.M6]\nin_reverse = \"undone\"\n").expect_err("the tool is out").number, "E2112");

@@ -31,9 +31,9 @@ pub struct Tally {
     /// Exclusive instructions and synchronous actions executed.
     pub switch_events: u64,
     /// Fewest records that the card held ahead of the cursor, at rate 1 and with more to come; none where that never was.
-    pub least_buffer: Option<u32>,
+    pub min_buffered_records: Option<u32>,
     /// Things that were not told for want of room in the stream.
-    pub untold: u64,
+    pub dropped_events: u64,
     furthest: Place,
     direction: Travel,
 }
@@ -62,7 +62,7 @@ impl Tally {
 
     /// In a period at full rate so many records lay ahead of the cursor.
     pub fn buffered(&mut self, ahead: u32) {
-        self.least_buffer = Some(self.least_buffer.map_or(ahead, |least| least.min(ahead)));
+        self.min_buffered_records = Some(self.min_buffered_records.map_or(ahead, |least| least.min(ahead)));
     }
 
     /// One period more, at a breakpoint or on the way back to it.

@@ -66,7 +66,7 @@ fn twelve_bytes_a_period_are_enough_and_nothing_runs_dry() {
             let name = file.file_name().expect("a file").to_string_lossy().into_owned();
             let done = over(&machine, &text, "", baud);
             if let Outcome::Refused(why) = &done.outcome {
-                // its beginning alone is no program
+                // its beginning alone is not a program
                 println!("{name}: left out: {why}");
                 continue;
             }

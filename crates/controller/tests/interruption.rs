@@ -3,11 +3,11 @@
 //! `RETRACE_WORDS` sets how long the sequences get; six are the campaign `dnc`.
 
 use retrace_controller::dnc::{Dnc, Step};
-use retrace_controller::event::{Event, Happening};
+use retrace_controller::event::{Event, EventKind};
 use retrace_controller::index::Keeping;
 use retrace_controller::job::{self, Begin, Conduct, Decode, Decoded};
 use retrace_controller::machine::Machine;
-use retrace_controller::operator::{self, OrderRefused};
+use retrace_controller::operator::{self, CommandError};
 use retrace_controller::orders::Operators;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Outcome};
@@ -94,27 +94,25 @@ fn check(machine: &Machine, words: &[&str], plain: [i64; AXES]) -> bool {
     // Where nobody goes on, the job is ended without the wait for somebody who will.
     let (counts, events) = run(machine, &(script + "after 0.25s output 1 on\n"));
     let (said, reads) = model(words);
-    let refused: Vec<&OrderRefused> = events
+    let refused: Vec<&CommandError> = events
         .iter()
-        .filter_map(|event| match &event.happening {
-            Happening::OrderRefused(why) => Some(why),
+        .filter_map(|event| match &event.kind {
+            EventKind::CommandRejected(why) => Some(why),
             _ => None,
         })
         .collect();
     // The jog before anything is paused, and what the model refuses. After a cycle start that is none of these steps, a hold is asked for.
-    let mut wanted = vec![OrderRefused::Interrupted(Refused::NotPaused)];
+    let mut wanted = vec![CommandError::Interrupted(Refused::NotPaused)];
     wanted.extend(words.iter().zip(&said).filter_map(|(word, said)| match said {
         Err(Refused::NotPaused) if *word == "cycle start" => Some(retrace_core::mode::Refused::NotHeld.into()),
-        Err(why) => Some(OrderRefused::Interrupted(*why)),
+        Err(why) => Some(CommandError::Interrupted(*why)),
         Ok(()) => None,
     }));
     assert_eq!(refused, wanted.iter().collect::<Vec<_>>(), "{words:?}");
-    let breakpoints: Vec<&Event> = events
-        .iter()
-        .filter(|e| matches!(e.happening, Happening::Dnc(Dnc { step: Step::Paused { .. }, .. })))
-        .collect();
+    let breakpoints: Vec<&Event> =
+        events.iter().filter(|e| matches!(e.kind, EventKind::Dnc(Dnc { step: Step::Paused { .. }, .. }))).collect();
     let arrivals: Vec<&Event> =
-        events.iter().filter(|e| matches!(e.happening, Happening::Dnc(Dnc { step: Step::Arrived, .. }))).collect();
+        events.iter().filter(|e| matches!(e.kind, EventKind::Dnc(Dnc { step: Step::Arrived, .. }))).collect();
     for arrival in &arrivals {
         let left = breakpoints.iter().rfind(|paused| paused.period < arrival.period).expect("paused before");
         assert_eq!(left.place, arrival.place, "{words:?}");

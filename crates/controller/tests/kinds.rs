@@ -3,7 +3,7 @@
 //! Invariant: what is expected is written here by hand, from the machine files and the programs.
 
 use retrace_controller::by_hand::setup;
-use retrace_controller::event::{Event, Happening};
+use retrace_controller::event::{Event, EventKind};
 use retrace_controller::index::Keeping;
 use retrace_controller::job::{self, Begin, Conduct, Decode, Decoded, JobEnd};
 use retrace_controller::machine::Machine;
@@ -38,7 +38,7 @@ impl Decode for Decoder {
 struct Seen {
     outputs: Outputs,
     periods: Vec<(Mode, Outputs)>,
-    events: Vec<Happening>,
+    events: Vec<EventKind>,
 }
 
 impl Observer<4> for Seen {
@@ -46,7 +46,7 @@ impl Observer<4> for Seen {
         match told {
             Told::Period(period) => self.periods.push((period.mode, self.outputs)),
             Told::Output(change) => self.outputs[usize::from(change.channel)] = change.value,
-            Told::Event(Event { happening, .. }) => self.events.push(happening.clone()),
+            Told::Event(Event { kind: happening, .. }) => self.events.push(happening.clone()),
             Told::Active(_) => {}
         }
     }
@@ -115,7 +115,7 @@ fn a_plasma_torch_waits_for_its_arc_and_raises_an_alarm_where_none_comes() {
     assert!((1100..=1105).contains(&end.tally.switching), "{}", end.tally.switching);
     let (end, seen) = run(&machine(PLASMA), program, "", &[]);
     assert!(matches!(end.outcome, Outcome::Alarm(..)), "{:?}", end.outcome);
-    assert!(seen.events.iter().any(|happening| matches!(happening, Happening::Alarm(..))));
+    assert!(seen.events.iter().any(|happening| matches!(happening, EventKind::Alarm(..))));
     // behind its 400 ms it waited for three seconds, at the place, and the fault has put the torch out
     assert!((3400..=3420).contains(&end.tally.switching), "{}", end.tally.switching);
     assert_eq!((end.card.status().counts[0], end.card.status().outputs[64]), (1_600, 0));
@@ -140,7 +140,7 @@ fn a_lathe_turns_a_step() {
     assert_eq!(end.card.status().counts, [100_000, 30_000, 0, 0]);
 }
 
-/// What each code does where reverse run passes it, outputs replayed: "undone" goes back with the path and forward again, "as is" stays,
+/// What each code does where reverse run passes it, outputs replayed: "undone" goes back with the path and forward again, "unchanged" stays,
 /// "barrier" ends the way back.
 #[test]
 fn each_code_does_in_reverse_what_its_table_says() {
@@ -155,16 +155,20 @@ fn each_code_does_in_reverse_what_its_table_says() {
     let script = "at line 12 reverse 100%\nafter 6s leave\n";
     let (end, seen) = run(&machine(codes), program, script, &[]);
     assert_eq!(end.outcome, Outcome::Completed);
-    assert!(seen.events.iter().any(|happening| matches!(happening, Happening::OneWay("M105"))), "{:?}", seen.events);
+    assert!(
+        seen.events.iter().any(|happening| matches!(happening, EventKind::RetraceBarrier("M105"))),
+        "{:?}",
+        seen.events
+    );
     let back = seen.periods.iter().rev().find(|(mode, _)| *mode == Mode::Reverse).expect("it went back").1;
     assert_eq!(back[1..=5], [0, 1, 1, 0, 1], "at the barrier");
     let forward = seen.periods.last().expect("there were some").1;
     assert_eq!(forward[1..=5], [1; 5], "at the end");
     let told = |code| {
-        seen.events.iter().filter(|happening| matches!(happening, Happening::Switched(done) if *done == code)).count()
+        seen.events.iter().filter(|happening| matches!(happening, EventKind::Switched(done) if *done == code)).count()
     };
     assert_eq!((told("M101"), told("M102"), told("M105")), (1, 1, 1));
-    let passing = seen.events.iter().filter(|happening| matches!(happening, Happening::SwitchedInPassing(..))).count();
+    let passing = seen.events.iter().filter(|happening| matches!(happening, EventKind::OutputChanged(..))).count();
     assert_eq!(passing, 2, "what an instruction has switched is not told again in passing");
     assert_eq!(end.tally.switch_events, 6, "with the M5 of M2");
 }

@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
 
-use retrace_controller::event::{Differing, Event, Happening};
+use retrace_controller::event::{DifferingOutputs, Event, EventKind};
 use retrace_controller::feed::{Feeder, Switch};
 use retrace_controller::item::{Ending, Kind, Summary};
 use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
@@ -54,8 +54,8 @@ struct Run {
 }
 
 impl Run {
-    fn at(&self, happening: &Happening) -> usize {
-        let event = self.events.iter().find(|e| e.happening == *happening);
+    fn at(&self, happening: &EventKind) -> usize {
+        let event = self.events.iter().find(|e| e.kind == *happening);
         event.unwrap_or_else(|| panic!("no {happening:?} in {:#?}", self.events)).period as usize
     }
 }
@@ -144,14 +144,14 @@ fn holds_overrides_and_retracing_change_nothing_in_the_end() {
     let run = run(script, 60.0, zigzag);
     is_exact(&run);
     assert!(run.tally.retracing > 5000 && run.tally.held > 500, "{:?}", run.tally);
-    assert!(run.events.iter().any(|e| e.happening == Happening::GoesOn));
+    assert!(run.events.iter().any(|e| e.kind == EventKind::RunResumed));
 }
 
 #[test]
 fn a_short_history_ends_reverse_run_at_its_oldest_record_and_says_so() {
     let run = run("at 8s reverse 100%\nafter 6s leave", 2.0, zigzag);
     is_exact(&run);
-    let oldest = run.at(&Happening::Oldest);
+    let oldest = run.at(&EventKind::HistoryStartReached);
     let reached = run.rows[..oldest].iter().map(|(p, ..)| Place::start_of(u32::MAX - 2000).to(*p)).max().expect("ran");
     let stands = Place::start_of(u32::MAX - 2000).to(run.rows[oldest - 1].0);
     assert_eq!((reached + u32::MAX as i64) >> 32, (stands >> 32) + 2000, "history keeps 2000 records");
@@ -177,8 +177,7 @@ fn instructions_stand_between_the_motion_before_and_behind() {
     assert_eq!((run.outcome, run.status.counts), (Outcome::Completed, [50_000, 0, 0]));
     assert_eq!(run.verdict.violations, 0);
     assert_eq!(run.tally.switching, 100 + 5 * 50);
-    let done: Vec<u64> =
-        run.events.iter().filter(|e| e.happening == Happening::Switched("M3")).map(|e| e.period).collect();
+    let done: Vec<u64> = run.events.iter().filter(|e| e.kind == EventKind::Switched("M3")).map(|e| e.period).collect();
     for (n, &period) in done.iter().enumerate() {
         // the counts stand still for the whole instruction, exactly where the line before it ends
         let (at, before) = (period as usize - 1, period as usize - if n == 0 { 100 } else { 50 });
@@ -216,8 +215,8 @@ fn outputs_that_were_changed_by_hand_are_asked_for_at_reached() {
     let script = "at 2s reverse 100%\nafter 1s output 3 off\nafter 1s leave ask\nafter 4s agree";
     let run = run(script, 60.0, program);
     is_exact(&run);
-    let asked = run.at(&Happening::OutputsDiffer(Differing::first(&mut [(3, 0, 1)].into_iter())));
-    let restored = run.at(&Happening::OutputsRestored);
+    let asked = run.at(&EventKind::OutputsDiffer(DifferingOutputs::first(&mut [(3, 0, 1)].into_iter())));
+    let restored = run.at(&EventKind::OutputsRestored);
     assert!(restored > asked + 500);
     assert!(run.rows[asked..restored].iter().all(|(place, ..)| *place == run.rows[asked].0));
     assert_eq!(run.status.outputs[3], 1);
@@ -228,7 +227,7 @@ fn single_block_stops_at_every_block_and_goes_on_at_cycle_start() {
     let script = (0..60).fold("at 1s single\n".to_string(), |s, _| s + "after 2s cycle start\n");
     let run = run(&script, 60.0, zigzag);
     is_exact(&run);
-    assert!(run.events.iter().filter(|e| e.happening == Happening::SingleBlock).count() > 30);
+    assert!(run.events.iter().filter(|e| e.kind == EventKind::SingleBlock).count() > 30);
 }
 
 #[test]

@@ -47,7 +47,7 @@ codes! {
     TextNotClosed "E1903" "text in quotes not closed" "An opening quotation mark has no closing one in its line." "Close the text in the same line.";
     BadNumber "E1904" "number not understood in a cycle" "A number has two decimal points, no digits, or is beyond any size." "Write it as 12, -0.5, .5 or 1.2EX-3.";
     NotUnderstood "E1905" "block not understood" "Something else is needed at this place of the block." "Write what the message names; docs/cycles.md shows the language.";
-    NameUnknown "E1906" "name not known" "A name is no variable, parameter or function of this cycle." "Define it with DEF at the beginning, or correct the spelling.";
+    NameUnknown "E1906" "name not known" "A name is not a variable, parameter or function of this cycle." "Define it with DEF at the beginning, or correct the spelling.";
     NameTaken "E1907" "name cannot be defined" "The name is defined twice, or is a word of the language." "Take another name.";
     TypeMismatch "E1908" "text and number mixed" "A text stands where a number is needed, or a number where a text is needed." "Give a value of the other type.";
     ValueMissing "E1909" "value missing" "An operator, a comma or an equals sign is not followed by a value." "Write the value.";

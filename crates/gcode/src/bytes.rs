@@ -79,7 +79,7 @@ pub(crate) fn short_number(text: &[u8], at: usize) -> Option<Short> {
     let is_point = (word >> (8 * whole)) & 0xff == u64::from(b'.');
     let (digits, count) = if is_point {
         let low = (1_u64 << (8 * whole)) - 1;
-        // The point is taken out; what comes in from above is no digit.
+        // The point is taken out; what comes in from above is not a digit.
         let merged = (values & low) | (values >> 8 & !low) | 0x80 << 56;
         (merged, others(merged).trailing_zeros() / 8)
     } else {

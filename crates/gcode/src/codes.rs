@@ -65,12 +65,12 @@ codes! {
     NotAnInteger "E1104" "whole number needed" "The word takes a whole number only." "Write a whole number.";
     NegativeValue "E1105" "value must not be negative" "The word takes no negative value." "Write a value of at least 0.";
 
-    UnknownFunction "E1201" "function or operator not known" "A name in an expression is no function and no operator of RS274/NGC." "Known are ABS ACOS ASIN ATAN COS EXISTS EXP FIX FUP LN ROUND SIN SQRT TAN, + - * / ** MOD, EQ NE GT GE LT LE, AND OR XOR.";
+    UnknownFunction "E1201" "function or operator not known" "A name in an expression is neither a function nor an operator of RS274/NGC." "Known are ABS ACOS ASIN ATAN COS EXISTS EXP FIX FUP LN ROUND SIN SQRT TAN, + - * / ** MOD, EQ NE GT GE LT LE, AND OR XOR.";
     UnclosedBracket "E1202" "bracket not closed" "An opening bracket has no closing one in its line." "Close the bracket.";
     BracketMissing "E1203" "opening bracket missing" "A function's argument is not in brackets, or ATAN lacks the slash and its second argument." "Write FUNCTION[x], and ATAN[y]/[x].";
     DivisionByZero "E1204" "division by zero" "The divisor of / or MOD is zero." "Check the divisor before dividing.";
     OutOfDomain "E1205" "argument out of range" "The function has no value there, such as the root of a negative number." "Check the argument.";
-    NotFinite "E1206" "result is no finite number" "The result of a calculation is infinite or undefined." "Check the sizes of the values in it.";
+    NotFinite "E1206" "result is not a finite number" "The result of a calculation is infinite or undefined." "Check the sizes of the values in it.";
     TooDeep "E1207" "expression too deep" "Brackets or operators are nested deeper than 40." "Use parameters for parts of it.";
 
     EqualsCompares "E1208" "= compares nothing" "An equals sign stands in an expression; it assigns, and EQ compares." "Write EQ, as in [#1 EQ 5].";
@@ -94,7 +94,7 @@ codes! {
     TwoUseAxes "E1503" "two G codes would use the axis words" "The block has a motion and G10, G28, G30, G52 or G92." "Put them into two blocks.";
     AxesMissing "E1504" "axis words missing" "The code uses axis words and has none." "Add the axis words.";
     WordMissing "E1505" "word missing" "A code in the block needs a word that is not there." "Add the word.";
-    G53Motion "E1506" "G53 needs G0 or G1" "G53 stands in a block that is no straight move." "Write G53 G0 or G53 G1.";
+    G53Motion "E1506" "G53 needs G0 or G1" "G53 stands in a block that is not a straight move." "Write G53 G0 or G53 G1.";
     G53Incremental "E1507" "G53 in incremental mode" "Machine coordinates are absolute." "Use G90 with G53.";
     ZeroFeed "E1508" "no feed rate" "A feed move is asked for while the feed rate is zero." "Give an F word greater than 0 in this block or before; G94 sets it to zero.";
     InverseTimeFeed "E1509" "F word missing in inverse time mode" "In G93 every feed move needs its own F word." "Add the F word, or go back to G94.";
@@ -160,7 +160,7 @@ codes! {
     ArcPlane "E1727" "arc in a plane of U, V and W" "No arc lies in the planes of G17.1, G18.1 and G19.1." "Select G17, G18 or G19.";
     Aborted "E1728" "program aborted" "A comment with ABORT was carried out." "See its text.";
     PythonComment "E1729" "Python in a comment" "Comments with PY, PYRUN and PYRELOAD run Python in LinuxCNC, and nothing here." "Remove the comment.";
-    IniLine "E1730" "machine configuration not understood" "A line of the INI file is no section in brackets, no NAME = value and no comment." "Correct the line.";
+    IniLine "E1730" "machine configuration not understood" "A line of the INI file is neither a section in brackets, nor NAME = value, nor a comment." "Correct the line.";
     FanucSubsDisabled "E1732" "M98, M99 and O numbers alone are disabled" "The INI file has DISABLE_FANUC_STYLE_SUB = 1, and the program has M98, M99 or an O number without a keyword." "Use O words (sub, endsub, call), or remove the entry.";
     IniNotSupported "E1731" "machine configuration asks for more" "An entry of the INI file changes how programs are read, and that is not carried out." "Remove the entry, or run the program without the INI file.";
 

@@ -168,12 +168,12 @@ pub(crate) fn drawn(flow: &Flow, number: f64, scratch: &mut Interpreter) -> Outc
     };
     match draw(flow, scratch) {
         Ok(Some(steps)) => Ok(steps),
-        Ok(None) => fault(Code::TurningProfile, at, format!("{label} is no profile")),
+        Ok(None) => fault(Code::TurningProfile, at, format!("{label} is not a profile")),
         Err(wrong) => fault(wrong.code, at, format!("profile, line {}: {}", scratch.line_number(), wrong.message)),
     }
 }
 
-/// The canonical functions of a subprogram; none where it is no profile.
+/// The canonical functions of a subprogram; none where it is not a profile.
 fn draw(mut flow: Flow, scratch: &mut Interpreter) -> Outcome<Option<Vec<Step>>> {
     let mut steps = Vec::new();
     for _ in 0..MOST_LINES {

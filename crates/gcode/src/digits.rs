@@ -65,7 +65,7 @@ impl Piece {
     #[inline]
     pub(crate) fn of_number(value: f64) -> Option<Piece> {
         let scaled = value.abs() * 10_000.0;
-        // Of what is no number or too large, the conversion gives the nearest there is, and the rest is then no fraction.
+        // Of what is not a number or too large, the conversion gives the nearest there is, and the rest is then no fraction.
         let whole = scaled as u32;
         let fraction = scaled - f64::from(whole);
         // The product is off by less than 10⁻⁶ where it is below 10⁹, so what is farther from a tie rounds as the exact value does.

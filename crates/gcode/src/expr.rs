@@ -241,7 +241,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
             return fault(Code::EqualsCompares, self.cursor.here(), "= does not compare; EQ does");
         }
         if self.cursor.peek() == b',' {
-            return fault(Code::DecimalComma, self.cursor.here(), "a comma is no decimal point");
+            return fault(Code::DecimalComma, self.cursor.here(), "a comma is not a decimal point");
         }
         fault(Code::UnknownFunction, self.cursor.here(), "no operator begins here")
     }
@@ -285,7 +285,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
         }
         const NAMES: [&str; 14] =
             ["ABS", "ACOS", "ASIN", "ATAN", "COS", "EXISTS", "EXP", "FIX", "FUP", "LN", "ROUND", "SIN", "SQRT", "TAN"];
-        // A word of another letter is no misspelt function.
+        // A word of another letter is not a misspelt function.
         let near = if name.len() > 1 { nearest(&name, NAMES.into_iter()) } else { None };
         match near {
             Some(near) => {

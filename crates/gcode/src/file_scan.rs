@@ -183,7 +183,7 @@ impl<'a> FileScan<'a> {
 
     /// Whether a stretch begins in this line.
     fn is_region(&mut self, line: u32, text: &[u8]) -> io::Result<bool> {
-        // What is wrong with a line that is no part of a stretch is told when the program comes to it.
+        // What is wrong with a line that is not part of a stretch is told when the program comes to it.
         let read = self.prescan.reader.read(text);
         self.has_unread_control |= read.is_err() && has_o_word(text);
         let Ok(true) = read else { return Ok(false) };

@@ -215,7 +215,7 @@ impl<'a> Cursor<'a> {
         self.at = end;
         if digits <= 18 && mantissa <= EXACT && decimals < POWERS_OF_TEN.len() && end > start {
             if end - start == 1 && point {
-                return fault(Code::BadNumber, Span::new(start, end), "a decimal point alone is no number");
+                return fault(Code::BadNumber, Span::new(start, end), "a decimal point alone is not a number");
             }
             return Ok(mantissa as f64 / POWERS_OF_TEN[decimals]);
         }

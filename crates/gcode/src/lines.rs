@@ -13,7 +13,7 @@ use std::io::{self, BufRead, Read as _};
 /// Bytes of a line that are held: one more than the longest shows that it is too long, two are its end.
 pub(crate) const MAX_HELD_LINE: usize = LONGEST_LINE + 3;
 
-/// Bytes of a line that are passed over at most: more is no program.
+/// Bytes of a line that are passed over at most: more is not a program.
 const MAX_SKIPPED: usize = 1 << 20;
 
 /// Where lines come from.

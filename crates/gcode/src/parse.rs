@@ -178,7 +178,7 @@ fn first_high_byte_outside_comments(text: &[u8]) -> Option<usize> {
 fn bad_character(cursor: &mut Cursor<'_>, start: usize) -> Outcome<()> {
     let at = cursor.here();
     if cursor.peek() == b',' && follows_digit(cursor, start) {
-        return fault(Code::DecimalComma, at, "a comma is no decimal point");
+        return fault(Code::DecimalComma, at, "a comma is not a decimal point");
     }
     // U+FEFF, U+200B to U+200F, and the blank that does not break.
     let rest = cursor.rest();

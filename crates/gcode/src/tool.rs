@@ -56,7 +56,7 @@ impl ToolTable {
         }
     }
 
-    /// The tool of this number. Number 0 is no tool, and always there.
+    /// The tool of this number. Number 0 is not a tool, and always there.
     #[must_use]
     pub fn get(&self, number: u32) -> Option<Tool> {
         if number == 0 {

@@ -117,7 +117,7 @@ fn what_does_not_fit_is_refused_by_number_and_the_program_goes_on() {
         ("O<open call", "E1801"),
         ("G0 X1 O1 call", "E1801"),
         ("O1 if [1/0]\nO1 endif", "E1204"),
-        // what hangs on a line that cannot be read is no finding of its own
+        // what hangs on a line that cannot be read is not a finding of its own
         ("O1 if [foo]\nG0 X1\nO1 else\nO1 endif", "E1201"),
         ("N5 O1 sub]\nO1 return\nO1 endsub", "E1801"),
         ("O1 repeat [2]\nG0 X1\nO1 endrepeat [", "E1101"),

@@ -46,7 +46,7 @@ fn goto_goes_to_the_line_of_its_number_forward_and_backward() {
     assert_eq!(moves(both), [1, 7]);
     // behind the end of the program and back
     assert_eq!(moves("GOTO 90\nN10 G0 X1\nM2\nN90 G0 X2\nGOTO 10\n"), [2, 1]);
-    // a line that is deleted is no target
+    // a line that is deleted is not a target
     assert_eq!(moves("G0 X1\n/N7 GOTO 9\nN9 G0 X2\nM2\n"), [1, 2]);
 }
 

@@ -33,7 +33,7 @@ impl Address {
         let (path, baud) = match text.rsplit_once('@') {
             Some((path, baud)) if !baud.is_empty() && baud.bytes().all(|b| b.is_ascii_digit()) => (path, Some(baud)),
             Some((path, _)) if !Path::new(text).exists() && !path.is_empty() => {
-                return Err(Refused::address(text, "what stands behind @ is no baud rate"));
+                return Err(Refused::address(text, "what stands behind @ is not a baud rate"));
             }
             _ => (text, None),
         };

@@ -272,7 +272,7 @@ fn look_at(address: &Address, path: &Path) -> Result<(), Refused> {
     use std::os::unix::fs::FileTypeExt;
     match std::fs::metadata(path) {
         Ok(file) if file.file_type().is_char_device() => Ok(()),
-        Ok(_) => Err(Refused::unfit(address, "it is no device")),
+        Ok(_) => Err(Refused::unfit(address, "it is not a device")),
         Err(error) if error.kind() == ErrorKind::PermissionDenied => {
             Err(Refused::forbidden(path, group_of(path).as_deref()))
         }

@@ -18,7 +18,7 @@ const UNREAD: usize = 2048;
 #[derive(Debug)]
 pub struct Pty {
     card: TTYPort,
-    /// The host's end, kept open: so that it stays raw, and its coming and going is no event.
+    /// The host's end, kept open: so that it stays raw, and its coming and going is not an event.
     host: TTYPort,
     path: PathBuf,
     dropped: u64,

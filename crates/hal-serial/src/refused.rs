@@ -36,7 +36,7 @@ impl Refused {
         Self::new("E2148", format!("`{text}` names no port: {why}"), "PATH or PATH@BAUD, as in /dev/ttyUSB0@230400")
     }
 
-    /// There is no such device file; `there` are those that are.
+    /// There is no such device file; `back_target_reached` are those that are.
     pub(crate) fn absent(path: &Path, there: &[String]) -> Self {
         let remedy = if there.is_empty() {
             "plug the card in; no serial port is there now (a pseudo-terminal is never in the list)".to_owned()
@@ -70,7 +70,7 @@ impl Refused {
         Self::new("E2145", format!("the port {} may not be opened", path.display()), remedy)
     }
 
-    /// It is there, and is no serial port, or does not take the settings.
+    /// It is there, and is not a serial port, or does not take the settings.
     pub(crate) fn unfit(address: &Address, why: &str) -> Self {
         let what =
             format!("{} cannot be used as a serial port at {} baud: {why}", address.path.display(), address.baud);

@@ -1,6 +1,6 @@
 //! A simulated card in this process, with a machine on it and no line: behind the trait that every card stands behind.
 //!
-//! Invariant: it runs `retrace_card::Card`, the same code as the firmware; it is no second card. An alarm is told in a period of its own,
+//! Invariant: it runs `retrace_card::Card`, the same code as the firmware; it is not a second card. An alarm is told in a period of its own,
 //! and is a fault from the next one on, as long as the card stands under it.
 
 use std::fmt;

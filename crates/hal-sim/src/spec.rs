@@ -26,7 +26,7 @@ pub fn faults(text: &str) -> Result<[LineSettings; 2], String> {
         };
         for (number, line) in lines.iter_mut().enumerate() {
             if one.is_none_or(|only| only == number) {
-                apply(both, line).ok_or_else(|| format!("`{item}` is no fault of a line; there are {ITEMS}"))?;
+                apply(both, line).ok_or_else(|| format!("`{item}` is not a fault of a line; there are {ITEMS}"))?;
             }
         }
     }

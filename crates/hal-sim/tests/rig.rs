@@ -186,7 +186,7 @@ fn a_limit_switch_stops_the_motion_on_the_path() {
     assert_eq!((rig.pins().positions(), rig.faults().apart), (&status.counts, 0));
 }
 
-/// The axis finds its switch, which counts pulses as a real one does; what homing sets is no fault of the counts.
+/// The axis finds its switch, which counts pulses as a real one does; what homing sets is not a fault of the counts.
 #[test]
 fn homing_sets_the_count_where_the_switch_is() {
     let machine = MachineSettings::with_switches(&[[-4000, 4000], [-4000, 4000], [-4000, 4000]], 1000);

@@ -3,7 +3,7 @@
 //! Invariant: both ends calculate the key from what the opening says; a frame of another epoch, of another opening or of another start
 //! of the card has another key, but by chance (one in 2³¹), and its epoch differs besides.
 
-/// Number of the epoch that may be opened next; 0 is no epoch.
+/// Number of the epoch that may be opened next; 0 is not an epoch.
 #[must_use]
 pub const fn next_epoch(last: u16) -> u16 {
     match last.wrapping_add(1) {

@@ -94,7 +94,7 @@ enum Kind {
     /// None yet.
     None,
     Rapid,
-    /// Some of it, at least, is no rapid motion.
+    /// Some of it, at least, is not a rapid motion.
     Feed,
 }
 

@@ -142,7 +142,7 @@ fn speed_within(wanted: f64, cubic: f64, linear: f64, most: f64) -> f64 {
     if used(wanted) <= most {
         return wanted;
     }
-    // Each term alone bounds it from above; NaN, where a term and `most` are 0, is no bound.
+    // Each term alone bounds it from above; NaN, where a term and `most` are 0, is not a bound.
     let mut v = wanted.min(above_root(most / cubic)).min(most / linear);
     for _ in 0..3 {
         v -= (used(v) - most) / (3.0 * cubic * v * v + linear).max(f64::MIN_POSITIVE);

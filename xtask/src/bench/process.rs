@@ -1,6 +1,6 @@
 //! Running a program and measuring what it takes: processor time and greatest memory.
 //!
-//! Invariant: what is measured is the child's own, from the kernel's account of it; a child that fails is no measurement.
+//! Invariant: what is measured is the child's own, from the kernel's account of it; a child that fails is not a measurement.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -41,7 +41,7 @@ impl Image {
     /// Why it is none, or is cut short.
     pub(super) fn read(bytes: &[u8]) -> Result<Self, String> {
         if bytes.get(..6) != Some(b"\x7fELF\x01\x01") {
-            return Err("this is no ELF file of 32 bits, little-endian".into());
+            return Err("this is not an ELF file of 32 bits, little-endian".into());
         }
         parse(bytes).ok_or_else(|| "the ELF file is cut short".to_owned())
     }

@@ -60,7 +60,7 @@ pub(crate) enum Verdict {
     Proved,
     /// It ran and found nothing; a mutant was killed.
     Passed,
-    /// It did not get to an end in the time given; in a quick run that is no failure.
+    /// It did not get to an end in the time given; in a quick run that is not a failure.
     Open,
     /// It found something, or could not be run at all.
     Failed,

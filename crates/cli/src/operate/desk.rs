@@ -5,7 +5,7 @@
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use retrace_controller::operator::Deed;
+use retrace_controller::operator::OperatorCommand;
 use retrace_controller::orders::{Busy, Heard, Orders, orders};
 
 use crate::screen::Said;
@@ -49,9 +49,9 @@ impl Desk {
                     job.turn(counts);
                 }
             }
-            Said::CutterOff if self.job().is_some() => self.say_to_job(Deed::CutterOff),
+            Said::CutterOff if self.job().is_some() => self.say_to_job(OperatorCommand::CutterOff),
             Said::OptionalStop(on) => {
-                self.say_to_job(Deed::OptionalStop(on));
+                self.say_to_job(OperatorCommand::OptionalStop(on));
                 drop(self.words.send(said));
             }
             // A key that is held down does not heap up moves.
@@ -60,7 +60,7 @@ impl Desk {
             other => {
                 if locked(&self.model).is_at_program_end() {
                     // Whatever comes next releases the job, whose program has come to its end.
-                    self.say_to_job(Deed::Stop);
+                    self.say_to_job(OperatorCommand::Stop);
                 }
                 drop(self.words.send(other));
             }
@@ -68,7 +68,7 @@ impl Desk {
     }
 
     /// Says a word to whatever runs; where nothing does, there is nothing to hold and nothing to stop.
-    pub(super) fn say_to_job(&self, deed: Deed) {
+    pub(super) fn say_to_job(&self, deed: OperatorCommand) {
         let said = self.job().as_ref().map(|job| job.say(deed));
         if said == Some(Err(Busy)) {
             let mut model = locked(&self.model);
@@ -79,7 +79,7 @@ impl Desk {
 
     /// The operator is gone: what runs is stopped, and the machine left. To be said until it has come to that.
     pub(super) fn leave(&self) {
-        self.say_to_job(Deed::Stop);
+        self.say_to_job(OperatorCommand::Stop);
         // Nobody hears that any more where the machine has been left already.
         let _ = self.words.send(Said::Quit);
     }

@@ -10,7 +10,7 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_controller::by_hand;
-use retrace_controller::event::{Event, Happening, Trouble};
+use retrace_controller::event::{CardError, Event, EventKind};
 use retrace_controller::machine::Machine;
 use retrace_controller::manual::{Done, NotDone, Task, perform};
 use retrace_controller::operator::{self, Instruction};
@@ -165,11 +165,11 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     /// Lets a period pass in which the machine stands.
     fn stand(&mut self) {
         if let Err(fault) = self.card.period() {
-            let trouble = Trouble::of(&fault);
+            let trouble = CardError::of(&fault);
             // A latched alarm is told below, and can be cleared.
             if self.card.status().alarm.is_none() && !self.failed {
                 self.failed = true;
-                self.tell(Happening::Alarm(trouble));
+                self.tell(EventKind::Alarm(trouble));
             }
             thread::sleep(FAULTY);
         }
@@ -177,7 +177,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         if status.alarm != self.alarm {
             self.alarm = status.alarm;
             match status.alarm {
-                Some(alarm) => self.tell(Happening::Alarm(Trouble::Latched(alarm))),
+                Some(alarm) => self.tell(EventKind::Alarm(CardError::Latched(alarm))),
                 None => locked(&self.desk.model).alarm_is_cleared(),
             }
         }
@@ -187,10 +187,10 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         }
     }
 
-    fn tell(&mut self, happening: Happening) {
+    fn tell(&mut self, happening: EventKind) {
         let status = self.card.status();
         let time_s = status.period as f64 * self.machine.period_s();
-        let event = Event { period: status.period, time_s, place: status.place, line: status.line, happening };
+        let event = Event { period: status.period, time_s, place: status.place, line: status.line, kind: happening };
         Observer::<A>::told(&mut self.live, &Told::Event(event));
     }
 
@@ -261,8 +261,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             }
             Err(NotDone::Trouble(_)) if *task == Task::ClearAlarm => self.note("not cleared: its cause is still there"),
             // An alarm is told where the machine stands.
-            Err(NotDone::Trouble(Trouble::Latched(_))) => {}
-            Err(NotDone::Trouble(trouble)) => self.tell(Happening::Alarm(trouble)),
+            Err(NotDone::Trouble(CardError::Latched(_))) => {}
+            Err(NotDone::Trouble(trouble)) => self.tell(EventKind::Alarm(trouble)),
         }
         if let Err(refusal) = self.table_keeper.keep(self.by_hand.carried()) {
             self.note(format!("{}: {} · {}", refusal.number, refusal.what, refusal.remedy));
@@ -336,7 +336,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             Err(why) => return self.refused(&why),
         };
         if let Err(fault) = self.card.begin(Start::at(0)) {
-            return self.tell(Happening::Alarm(Trouble::of(&fault)));
+            return self.tell(EventKind::Alarm(CardError::of(&fault)));
         }
         let mut ended = Ended::default();
         let at_screen = AtScreen { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
@@ -486,7 +486,7 @@ struct ByHand(Live);
 impl<const A: usize> Observer<A> for ByHand {
     fn told(&mut self, told: &Told<A>) {
         match told {
-            Told::Event(Event { happening: Happening::Started, .. }) => {}
+            Told::Event(Event { kind: EventKind::Started, .. }) => {}
             Told::Period(period) => self.0.told(&Told::Period(Period { off_path: true, ..*period })),
             told => self.0.told(told),
         }

@@ -17,7 +17,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use retrace_controller::machine::Machine;
-use retrace_controller::operator::{Deed, Instruction};
+use retrace_controller::operator::{Instruction, OperatorCommand};
 use retrace_controller::refusal::Refusal;
 use retrace_link::MotionCard;
 
@@ -73,7 +73,7 @@ pub fn needs_terminal() -> Result<(), Refusal> {
     if std::io::stdout().is_terminal() {
         return Ok(());
     }
-    let what = "--tui: standard output is no terminal";
+    let what = "--tui: standard output is not a terminal";
     Err(Refusal::new("E2142", what, "run it in a terminal, or leave --tui out"))
 }
 
@@ -124,7 +124,7 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
             if signals.came() || screen.is_gone() {
                 desk.leave();
             } else if screen.is_stuck() {
-                desk.say_to_job(Deed::Hold);
+                desk.say_to_job(OperatorCommand::Hold);
             }
         }
         // A panic over there is a defect, never an input; it is passed on when the terminal is as it was.

@@ -37,7 +37,7 @@ impl Doing {
             Self::Reverse => "reverse",
             Self::Forward => "forward",
             Self::Wheel => "wheel",
-            Self::Return => "return",
+            Self::Return => "rejoin",
             Self::Settle => "outputs",
             Self::Hold => "held",
             Self::ProgramStop => "stop",

@@ -3,37 +3,37 @@
 //! Invariant: whatever has no words of its own here is shown as everywhere else.
 
 use retrace_controller::dnc::Step;
-use retrace_controller::event::{Event, Happening};
-use retrace_controller::operator::{Deed, percent};
+use retrace_controller::event::{Event, EventKind};
+use retrace_controller::operator::{OperatorCommand, percent};
 use retrace_link::channel;
 
 use super::diagnostic_text;
 use super::model::Model;
 
-/// An event in words, a line each; none where it is no news for an operator.
+/// An event in words, a line each; none where it is not news for an operator.
 #[must_use]
 pub fn lines(model: &Model, event: &Event) -> Vec<String> {
-    let text = match &event.happening {
-        Happening::Started => "the program begins".into(),
-        Happening::Mode(mode) => match mode_words(mode) {
+    let text = match &event.kind {
+        EventKind::Started => "the program begins".into(),
+        EventKind::Mode(mode) => match mode_words(mode) {
             Some(words) => words.into(),
             None => return Vec::new(),
         },
-        Happening::Operator(deed) => format!("you: {}", deed_words(model, deed)),
-        Happening::OrderRefused(why) => format!("not possible: {why}"),
-        Happening::SwitchedInPassing(number, value) => output_words(model, *number, *value),
-        Happening::RetraceSwitched(number, value) => format!("retrace: {}", output_words(model, *number, *value)),
-        Happening::CutterOn(number) => format!("{} on by hand", model.facts.output_name(*number)),
-        Happening::CutterOff { channel, .. } => {
+        EventKind::Operator(deed) => format!("you: {}", deed_words(model, deed)),
+        EventKind::CommandRejected(why) => format!("not possible: {why}"),
+        EventKind::OutputChanged(number, value) => output_words(model, *number, *value),
+        EventKind::RetraceSwitched(number, value) => format!("retrace: {}", output_words(model, *number, *value)),
+        EventKind::CutterOn(number) => format!("{} on by hand", model.facts.output_name(*number)),
+        EventKind::CutterOff { channel, .. } => {
             let text = event.text();
             let why = text.split_once(" off: ").map_or("", |(_, why)| why);
             format!("{} off: {}", model.facts.output_name(*channel), why.replace("`recover`", "k"))
         }
-        Happening::CutterBoundary => {
+        EventKind::CutterBoundary => {
             "standing where the program switched the cutter, and it is on: x switches it off, r cuts on".into()
         }
-        Happening::ToolChange(tool) => tool_change_words(model, *tool),
-        Happening::OutputsDiffer(some) => {
+        EventKind::ToolChange(tool) => tool_change_words(model, *tool),
+        EventKind::OutputsDiffer(some) => {
             let each = some.list().iter().map(|(number, is, wants)| {
                 format!(
                     "{}, the program wants {}",
@@ -43,7 +43,7 @@ pub fn lines(model: &Model, event: &Event) -> Vec<String> {
             });
             format!("outputs differ: {}", each.collect::<Vec<_>>().join("; "))
         }
-        Happening::Dnc(dnc) => match dnc.step {
+        EventKind::Dnc(dnc) => match dnc.step {
             Step::Paused { .. } => "paused: the breakpoint is kept".into(),
             Step::Jogged { axis, mm, cut_short, .. } => {
                 let short = if cut_short { ", cut short" } else { "" };
@@ -55,7 +55,7 @@ pub fn lines(model: &Model, event: &Event) -> Vec<String> {
             }
             _ => event.text(),
         },
-        Happening::Alarm(_) => return diagnostic_text::in_words(&event.text()),
+        EventKind::Alarm(_) => return diagnostic_text::in_words(&event.text()),
         _ => event.text(),
     };
     vec![text]
@@ -72,34 +72,34 @@ fn mode_words(mode: &str) -> Option<&'static str> {
     })
 }
 
-fn deed_words(model: &Model, deed: &Deed) -> String {
+fn deed_words(model: &Model, deed: &OperatorCommand) -> String {
     match deed {
-        Deed::Hold => "feed hold".into(),
-        Deed::Resume | Deed::CycleStart => "cycle start".into(),
-        Deed::Reverse(rate) => format!("reverse run, {:.0} %", percent(*rate)),
-        Deed::Forward(rate) => format!("forward run, {:.0} %", percent(*rate)),
-        Deed::Override(rate) => format!("override {:.0} %", percent(*rate)),
-        Deed::RapidOverride(rate) => format!("rapid override {:.0} %", percent(*rate)),
-        Deed::Wheel { .. } => "handwheel".into(),
-        Deed::Leave { ask: false } => "forward and on with the program".into(),
-        Deed::Leave { ask: true } => "forward and on, asking before outputs change".into(),
-        Deed::Agree => "agreed".into(),
-        Deed::Recover => "start the cutter again and go on".into(),
-        Deed::CutterOff => "cutter off".into(),
-        Deed::CutterOn => "cutter on".into(),
-        Deed::OptionalStop(on) => format!("optional stop {}", if *on { "on" } else { "off" }),
-        Deed::Output { number, on } => format!("{} by hand", output_words(model, *number, i32::from(*on))),
-        Deed::Single => format!("single block {}", if model.single { "on" } else { "off" }),
-        Deed::Stop => "stop the job".into(),
-        Deed::BackBy(mm) => format!("back by {mm} mm"),
-        Deed::BackToBlock => "back to the start of the block".into(),
-        Deed::BackToJet => "back to where the jet came on".into(),
-        Deed::Pause => "pause".into(),
-        Deed::SpindleStop => "stop the spindle".into(),
-        Deed::SpindleStart => "start the spindle".into(),
-        Deed::Jog { axis, mm } => format!("jog {} by {mm} mm", axis.to_ascii_uppercase()),
-        Deed::ToolLength(length) => length.to_string(),
-        Deed::Online => "back to on-line mode".into(),
+        OperatorCommand::Hold => "feed hold".into(),
+        OperatorCommand::Resume | OperatorCommand::CycleStart => "cycle start".into(),
+        OperatorCommand::Reverse(rate) => format!("reverse run, {:.0} %", percent(*rate)),
+        OperatorCommand::Forward(rate) => format!("forward run, {:.0} %", percent(*rate)),
+        OperatorCommand::Override(rate) => format!("override {:.0} %", percent(*rate)),
+        OperatorCommand::RapidOverride(rate) => format!("rapid override {:.0} %", percent(*rate)),
+        OperatorCommand::Wheel { .. } => "handwheel".into(),
+        OperatorCommand::Leave { ask: false } => "forward and on with the program".into(),
+        OperatorCommand::Leave { ask: true } => "forward and on, asking before outputs change".into(),
+        OperatorCommand::Confirm => "agreed".into(),
+        OperatorCommand::Recover => "start the cutter again and go on".into(),
+        OperatorCommand::CutterOff => "cutter off".into(),
+        OperatorCommand::CutterOn => "cutter on".into(),
+        OperatorCommand::OptionalStop(on) => format!("optional stop {}", if *on { "on" } else { "off" }),
+        OperatorCommand::Output { number, on } => format!("{} by hand", output_words(model, *number, i32::from(*on))),
+        OperatorCommand::Single => format!("single block {}", if model.single { "on" } else { "off" }),
+        OperatorCommand::Stop => "stop the job".into(),
+        OperatorCommand::BackBy(mm) => format!("back by {mm} mm"),
+        OperatorCommand::BackToBlock => "back to the start of the block".into(),
+        OperatorCommand::BackToPierce => "back to where the jet came on".into(),
+        OperatorCommand::Pause => "pause".into(),
+        OperatorCommand::SpindleStop => "stop the spindle".into(),
+        OperatorCommand::SpindleStart => "start the spindle".into(),
+        OperatorCommand::Jog { axis, mm } => format!("jog {} by {mm} mm", axis.to_ascii_uppercase()),
+        OperatorCommand::ToolLength(length) => length.to_string(),
+        OperatorCommand::Online => "back to on-line mode".into(),
     }
 }
 

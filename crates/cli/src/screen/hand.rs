@@ -4,7 +4,7 @@
 //! that spaces belong to, where nothing runs.
 
 use retrace_controller::manual::Task;
-use retrace_controller::operator::Deed;
+use retrace_controller::operator::OperatorCommand;
 use retrace_controller::tool_length::EnteredLength;
 use retrace_core::mode::Mode;
 use retrace_core::{ONE, Travel};
@@ -227,16 +227,16 @@ impl Hand {
         let deed = match act {
             Act::CycleStart if !is_job => return Some(Said::Start),
             Act::SetUp => return Some(Said::SetUp),
-            Act::CycleStart => Deed::CycleStart,
-            Act::Hold => Deed::Hold,
-            Act::Reverse => Deed::Reverse(self.stepped(Mode::Reverse, model)),
-            Act::Forward => Deed::Forward(self.stepped(Mode::Forward, model)),
-            Act::ReverseRapid => Deed::Reverse(8 * ONE),
-            Act::ForwardRapid => Deed::Forward(8 * ONE),
-            Act::Wheel => Deed::Wheel { counts_per_s: 0.0, seconds: 0.0 },
+            Act::CycleStart => OperatorCommand::CycleStart,
+            Act::Hold => OperatorCommand::Hold,
+            Act::Reverse => OperatorCommand::Reverse(self.stepped(Mode::Reverse, model)),
+            Act::Forward => OperatorCommand::Forward(self.stepped(Mode::Forward, model)),
+            Act::ReverseRapid => OperatorCommand::Reverse(8 * ONE),
+            Act::ForwardRapid => OperatorCommand::Forward(8 * ONE),
+            Act::Wheel => OperatorCommand::Wheel { counts_per_s: 0.0, seconds: 0.0 },
             Act::Turn => return Some(Said::Turn(self.turn(key, now_ms))),
-            Act::Leave => Deed::Leave { ask: false },
-            Act::LeaveAsk => Deed::Leave { ask: true },
+            Act::Leave => OperatorCommand::Leave { ask: false },
+            Act::LeaveAsk => OperatorCommand::Leave { ask: true },
             Act::Agree if model.question.is_some() => return Some(Said::Answer(true)),
             Act::Decline if model.question.is_some() => return Some(Said::Answer(false)),
             Act::Decline => {
@@ -247,30 +247,30 @@ impl Hand {
                 self.tell("there is nothing to agree to", now_ms);
                 return None;
             }
-            Act::Agree => Deed::Agree,
-            Act::BackBlock => Deed::BackToBlock,
-            Act::BackJet => Deed::BackToJet,
-            Act::Faster => Deed::Override(self.overridden(model, 10.0, now_ms)),
-            Act::Slower => Deed::Override(self.overridden(model, -10.0, now_ms)),
+            Act::Agree => OperatorCommand::Confirm,
+            Act::BackBlock => OperatorCommand::BackToBlock,
+            Act::BackJet => OperatorCommand::BackToPierce,
+            Act::Faster => OperatorCommand::Override(self.overridden(model, 10.0, now_ms)),
+            Act::Slower => OperatorCommand::Override(self.overridden(model, -10.0, now_ms)),
             Act::Whole => {
                 self.overridden = Some((100.0, now_ms));
-                Deed::Override(ONE)
+                OperatorCommand::Override(ONE)
             }
             Act::RapidOverride => {
                 let next = RAPID_OVERRIDES.iter().find(|&&percent| percent < model.rapid_override * 100.0 - 0.5);
-                Deed::RapidOverride((next.unwrap_or(&100.0).round() as Travel * ONE + 50) / 100)
+                OperatorCommand::RapidOverride((next.unwrap_or(&100.0).round() as Travel * ONE + 50) / 100)
             }
-            Act::Single => Deed::Single,
-            Act::Pause => Deed::Pause,
+            Act::Single => OperatorCommand::Single,
+            Act::Pause => OperatorCommand::Pause,
             Act::CutterOff => return Some(Said::CutterOff),
-            Act::CutterOn => Deed::CutterOn,
-            Act::Recover => Deed::Recover,
+            Act::CutterOn => OperatorCommand::CutterOn,
+            Act::Recover => OperatorCommand::Recover,
             Act::OptionalStop => {
                 return Some(Said::OptionalStop(!model.optional_stop));
             }
-            Act::Spindle if model.output(channel::SPINDLE) == 0 => Deed::SpindleStart,
-            Act::Spindle => Deed::SpindleStop,
-            Act::Online => Deed::Online,
+            Act::Spindle if model.output(channel::SPINDLE) == 0 => OperatorCommand::SpindleStart,
+            Act::Spindle => OperatorCommand::SpindleStop,
+            Act::Online => OperatorCommand::Online,
             Act::Jog | Act::JogDown | Act::JogUp => return self.jog(key, now_ms, model),
             Act::ClearAlarm if model.alarm.is_none() => {
                 self.tell("there is no alarm", now_ms);
@@ -399,7 +399,7 @@ impl Hand {
             // A paused program's jogs are steps: each of them is remembered.
             _ if is_paused => {
                 let mm = step.unwrap_or(10.0);
-                Said::Deed(Deed::Jog { axis: letter, mm: if up { mm } else { -mm } })
+                Said::Deed(OperatorCommand::Jog { axis: letter, mm: if up { mm } else { -mm } })
             }
             Some(mm) => Said::Task(Task::Jog { axis: letter, mm: if up { mm } else { -mm } }),
             None => Said::Task(Task::JogOn { axis: letter, up }),
@@ -412,7 +412,7 @@ impl Hand {
         let is_job = model.stage == Stage::Job && !model.is_at_program_end();
         if key == Key::Char(' ') && (is_job || !matches!(self.open, Open::Prompt(..))) {
             self.open = Open::Nothing;
-            return (!matches!(model.stage, Stage::Ended(_))).then_some(Said::Deed(Deed::Hold));
+            return (!matches!(model.stage, Stage::Ended(_))).then_some(Said::Deed(OperatorCommand::Hold));
         }
         let is_typed = matches!(&self.open, Open::Prompt(ask, ..) if *ask != Ask::Stop);
         if matches!(key, Key::Char('x' | 'X')) && !is_typed {
@@ -433,7 +433,7 @@ impl Hand {
         };
         *wrong = None;
         let done = match (*ask, key) {
-            (Ask::Stop, Key::Char('y') | Key::Interrupt) => Ok(Said::Deed(Deed::Stop)),
+            (Ask::Stop, Key::Char('y') | Key::Interrupt) => Ok(Said::Deed(OperatorCommand::Stop)),
             (Ask::Stop, _) | (_, Key::Esc | Key::Interrupt) => {
                 self.open = Open::Nothing;
                 return None;
@@ -477,7 +477,7 @@ impl Hand {
 fn answer(ask: Ask, text: &str, model: &Model) -> Result<Said, String> {
     match ask {
         Ask::BackBy => match text.parse::<f64>() {
-            Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(Said::Deed(Deed::BackBy(mm))),
+            Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(Said::Deed(OperatorCommand::BackBy(mm))),
             _ => Err("a length in mm above 0, such as 20".into()),
         },
         Ask::Output => output(text, model),
@@ -498,14 +498,14 @@ fn answer(ask: Ask, text: &str, model: &Model) -> Result<Said, String> {
             Ok(mm) if (0.0..=10_000.0).contains(&mm) => Ok(tool_length(EnteredLength::To(mm))),
             _ => Err("a length in mm such as 84.2, or +0.35 where the new tool is that much longer".into()),
         },
-        Ask::Stop => Ok(Said::Deed(Deed::Stop)),
+        Ask::Stop => Ok(Said::Deed(OperatorCommand::Stop)),
         Ask::Program if text.is_empty() => Err("the path of a program file".into()),
         Ask::Program => Ok(Said::Load(files::expanded(text))),
     }
 }
 
 fn tool_length(length: EnteredLength) -> Said {
-    Said::Deed(Deed::ToolLength(length))
+    Said::Deed(OperatorCommand::ToolLength(length))
 }
 
 /// `3+` switches output 3 on and `3-` off; a name stands for its number. Without a sign an output is switched over, unless it is a cutter's.
@@ -522,7 +522,7 @@ fn output(text: &str, model: &Model) -> Result<Said, String> {
         _ => return Err("+ is on, - is off".into()),
     };
     Ok(match model.stage {
-        Stage::Job => Said::Deed(Deed::Output { number, on }),
+        Stage::Job => Said::Deed(OperatorCommand::Output { number, on }),
         _ => Said::Task(Task::Output(number, i32::from(on))),
     })
 }

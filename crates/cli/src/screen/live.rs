@@ -6,9 +6,9 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use retrace_controller::dnc::{Dnc, Step};
-use retrace_controller::event::{Event, Happening, OffReason};
+use retrace_controller::event::{CutterOffReason, Event, EventKind};
 use retrace_controller::machine::AXIS_LETTERS;
-use retrace_controller::operator::Deed;
+use retrace_controller::operator::OperatorCommand;
 use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::ONE;
 use retrace_core::mode::Mode;
@@ -167,22 +167,22 @@ impl<const A: usize> Observer<A> for Live {
             }
             Told::Event(event) => {
                 self.before = take_event(&mut model, event, self.before);
-                match event.happening {
-                    Happening::Switching(_) => self.program_outputs.begin_instruction(),
-                    Happening::Switched(_) => self.program_outputs.complete_instruction(),
-                    Happening::SwitchedInPassing(channel, value) => {
+                match event.kind {
+                    EventKind::Switching(_) => self.program_outputs.begin_instruction(),
+                    EventKind::Switched(_) => self.program_outputs.complete_instruction(),
+                    EventKind::OutputChanged(channel, value) => {
                         self.program_outputs.switched(event.place.record, channel, value);
                     }
-                    Happening::Started => {
+                    EventKind::Started => {
                         self.program_outputs = ProgramOutputs::from(&model.program_outputs);
                     }
                     _ => {}
                 }
-                if event.happening == Happening::Started {
+                if event.kind == EventKind::Started {
                     model.moved_mm.fill(0.0);
                     self.modes = Modes { tool: self.modes.tool, ..Modes::from(event.place.record, &model) };
                 }
-                if let Happening::Dnc(Dnc { step: Step::ToolLength { axis, by_mm, .. }, .. }) = event.happening
+                if let EventKind::Dnc(Dnc { step: Step::ToolLength { axis, by_mm, .. }, .. }) = event.kind
                     && let Some(axis) = model.facts.axes.iter().position(|facts| facts.letter == axis)
                 {
                     self.modes.moved(axis, by_mm, &mut model);
@@ -275,48 +275,48 @@ fn step_mm<const A: usize>(model: &Model, increments: &[i32; A]) -> f64 {
 /// Takes an event; the pause as it was before the operator's last word.
 fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option<Pause> {
     let mut keep = before;
-    match &event.happening {
-        Happening::Started => begin(model, event),
-        Happening::Operator(deed) => {
+    match &event.kind {
+        EventKind::Started => begin(model, event),
+        EventKind::Operator(deed) => {
             keep = model.pause;
-            if *deed == Deed::Single {
+            if *deed == OperatorCommand::Single {
                 model.single = !model.single;
             }
-            if let Deed::OptionalStop(on) = deed {
+            if let OperatorCommand::OptionalStop(on) = deed {
                 model.optional_stop = *on;
             }
             if let Some(pause) = &mut model.pause
-                && *deed == Deed::Online
+                && *deed == OperatorCommand::Online
             {
                 pause.online = true;
             }
         }
-        Happening::OrderRefused(_) if model.pause.is_some() && before.is_some() => model.pause = before,
-        Happening::CutterBoundary => model.at_cutter_boundary = true,
-        Happening::ToolChange(tool) => model.tool_change = Some(*tool),
-        Happening::CutterOff { channel, reason: OffReason::Card(_) | OffReason::Operator } => {
+        EventKind::CommandRejected(_) if model.pause.is_some() && before.is_some() => model.pause = before,
+        EventKind::CutterBoundary => model.at_cutter_boundary = true,
+        EventKind::ToolChange(tool) => model.tool_change = Some(*tool),
+        EventKind::CutterOff { channel, reason: CutterOffReason::Card(_) | CutterOffReason::Operator } => {
             model.cutter_is_out |= model.mode == Mode::Run && model.program_output(*channel) != 0;
         }
-        Happening::OverridePlanned(percent) => model.override_planned = percent / 100.0,
-        Happening::OutputsDiffer(some) => {
+        EventKind::OverridePlanned(percent) => model.override_planned = percent / 100.0,
+        EventKind::OutputsDiffer(some) => {
             // A long list comes in parts.
             let list = some.list();
             model.differ.retain(|(channel, _, _)| list.iter().all(|(new, _, _)| new != channel));
             model.differ.extend(list);
         }
-        Happening::OutputsRestored | Happening::GoesOn => {
+        EventKind::OutputsRestored | EventKind::RunResumed => {
             model.differ.clear();
             model.cutter_is_out = false;
         }
-        Happening::Switching(code) => model.switching = Some(code),
-        Happening::Switched(_) => model.switching = None,
-        Happening::WaitingForProgram { source, .. } => model.waiting = Some((source.clone(), event.period)),
-        Happening::ProgramArrives { .. } => model.waiting = None,
-        Happening::ProgramEnd => {
+        EventKind::Switching(code) => model.switching = Some(code),
+        EventKind::Switched(_) => model.switching = None,
+        EventKind::StreamStalled { source, .. } => model.waiting = Some((source.clone(), event.period)),
+        EventKind::StreamResumed { .. } => model.waiting = None,
+        EventKind::ProgramEnd => {
             model.ended.get_or_insert(event.period);
         }
-        Happening::Underrun => model.underruns += 1,
-        Happening::Alarm(trouble) => {
+        EventKind::Underrun => model.underruns += 1,
+        EventKind::Alarm(trouble) => {
             let (number, cause, remedy) = trouble.parts();
             model.alarm = Some(AlarmShown { number: number.into(), cause, remedy, is_refusal: false });
         }

@@ -37,7 +37,7 @@ use ratatui::crossterm::event::{
 };
 use ratatui::crossterm::execute;
 use retrace_controller::manual::Task;
-use retrace_controller::operator::Deed;
+use retrace_controller::operator::OperatorCommand;
 
 use hand::Hand;
 use keys::Key;
@@ -58,7 +58,7 @@ const AT_LEAST: Duration = Duration::from_millis(500);
 #[derive(Clone, Debug, PartialEq)]
 pub enum Said {
     /// While a job runs.
-    Deed(Deed),
+    Deed(OperatorCommand),
     /// While none runs. What moves on until it is stopped, [`Deed::Hold`] stops.
     Task(Task),
     /// The handwheel was turned by so many counts.

@@ -5,12 +5,12 @@
 
 use std::sync::{Arc, Mutex};
 
-use retrace_controller::event::{Differing, Event, Happening};
+use retrace_controller::event::{DifferingOutputs, Event, EventKind};
 use retrace_controller::index::Keeping;
 use retrace_controller::job::{self, Begin, Conduct};
 use retrace_controller::machine::Machine;
 use retrace_controller::manual::Task;
-use retrace_controller::operator::{Deed, OrderRefused};
+use retrace_controller::operator::{CommandError, OperatorCommand};
 use retrace_controller::orders::Operators;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::Manner;
@@ -118,16 +118,16 @@ impl Pretended {
     pub fn hear(&mut self, said: &Said) {
         match said {
             Said::Start => {
-                self.event(Happening::Started);
+                self.event(EventKind::Started);
             }
             Said::Turn(counts) => self.wheel += counts,
             Said::Task(Task::ClearAlarm) => locked(&self.model).alarm_is_cleared(),
             Said::Task(Task::Jog { axis, mm }) => self.jog(*axis, *mm),
-            Said::Task(task) => self.event(Happening::Message(format!("{task:?}"))),
+            Said::Task(task) => self.event(EventKind::Message(format!("{task:?}"))),
             Said::Deed(deed) => {
-                self.event(Happening::Operator(*deed));
+                self.event(EventKind::Operator(*deed));
                 if let Err(why) = self.deed(*deed) {
-                    self.event(Happening::OrderRefused(why));
+                    self.event(EventKind::CommandRejected(why));
                 }
             }
             Said::DryRun(_)
@@ -142,41 +142,41 @@ impl Pretended {
     }
 
     /// Does what needs no mode; says whether it was that.
-    fn by_hand(&mut self, deed: Deed) -> bool {
+    fn by_hand(&mut self, deed: OperatorCommand) -> bool {
         match deed {
-            Deed::Output { number, on } => self.switch(number, i32::from(on)),
-            Deed::SpindleStop => self.switch(retrace_link::channel::SPINDLE, 0),
-            Deed::SpindleStart => self.switch(retrace_link::channel::SPINDLE, 1),
-            Deed::Jog { axis, mm } => self.jog(axis, mm),
-            Deed::Stop => locked(&self.model).end("stopped by the operator"),
-            Deed::Online | Deed::Single => {}
+            OperatorCommand::Output { number, on } => self.switch(number, i32::from(on)),
+            OperatorCommand::SpindleStop => self.switch(retrace_link::channel::SPINDLE, 0),
+            OperatorCommand::SpindleStart => self.switch(retrace_link::channel::SPINDLE, 1),
+            OperatorCommand::Jog { axis, mm } => self.jog(axis, mm),
+            OperatorCommand::Stop => locked(&self.model).end("stopped by the operator"),
+            OperatorCommand::Online | OperatorCommand::Single => {}
             _ => return false,
         }
         true
     }
 
-    fn deed(&mut self, deed: Deed) -> Result<(), OrderRefused> {
+    fn deed(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
         if self.by_hand(deed) {
             return Ok(());
         }
         let order = match deed {
-            Deed::Hold => Order::Hold,
-            Deed::Pause => {
+            OperatorCommand::Hold => Order::Hold,
+            OperatorCommand::Pause => {
                 self.paused = true;
                 Order::Hold
             }
-            Deed::Resume | Deed::CycleStart => {
+            OperatorCommand::Resume | OperatorCommand::CycleStart => {
                 self.paused = false;
                 Order::Resume
             }
-            Deed::Reverse(rate) => Order::Reverse(rate),
-            Deed::Forward(rate) => Order::Forward(rate),
-            Deed::Override(rate) => Order::Override(rate),
-            Deed::RapidOverride(rate) => Order::RapidOverride(rate),
-            Deed::Wheel { .. } => Order::Wheel,
-            Deed::Leave { ask } => Order::Leave { ask },
-            Deed::Agree => Order::Agree,
-            _ => return Err(OrderRefused::NotNow("the pretended machine does not do that")),
+            OperatorCommand::Reverse(rate) => Order::Reverse(rate),
+            OperatorCommand::Forward(rate) => Order::Forward(rate),
+            OperatorCommand::Override(rate) => Order::Override(rate),
+            OperatorCommand::RapidOverride(rate) => Order::RapidOverride(rate),
+            OperatorCommand::Wheel { .. } => Order::Wheel,
+            OperatorCommand::Leave { ask } => Order::Leave { ask },
+            OperatorCommand::Confirm => Order::Agree,
+            _ => return Err(CommandError::NotNow("the pretended machine does not do that")),
         };
         let mode = self.operation.mode();
         self.operation.order(order)?;
@@ -207,10 +207,11 @@ impl Pretended {
         expected
     }
 
-    fn event(&mut self, happening: Happening) {
+    fn event(&mut self, happening: EventKind) {
         let place = Place::start_of(0).moved(self.cursor);
         let line = self.tape.records.get(place.record as usize).map_or(0, |record| record.0);
-        let event = Event { period: self.period, time_s: self.period as f64 * self.period_s, place, line, happening };
+        let event =
+            Event { period: self.period, time_s: self.period as f64 * self.period_s, place, line, kind: happening };
         Observer::<9>::told(&mut self.live, &Told::Event(event));
     }
 
@@ -233,13 +234,13 @@ impl Pretended {
         }
         let demand = self.operation.demand(&facts);
         match demand.notice {
-            Some(retrace_core::mode::Notice::Oldest) => self.event(Happening::Oldest),
-            Some(retrace_core::mode::Notice::GoesOn) => self.event(Happening::GoesOn),
+            Some(retrace_core::mode::Notice::Oldest) => self.event(EventKind::HistoryStartReached),
+            Some(retrace_core::mode::Notice::GoesOn) => self.event(EventKind::RunResumed),
             Some(retrace_core::mode::Notice::OutputsDiffer) => {
                 let differ = (0..expected.len()).filter(|&c| expected[c] != self.outputs[c]);
                 let mut differ = differ.map(|c| (c as u8, self.outputs[c], expected[c]));
-                let some = Differing::first(&mut differ);
-                self.event(Happening::OutputsDiffer(some));
+                let some = DifferingOutputs::first(&mut differ);
+                self.event(EventKind::OutputsDiffer(some));
             }
             None => {}
         }
@@ -289,7 +290,7 @@ impl Pretended {
                 self.tape.changes.iter().filter(|(p, _)| *p + 1 == self.reached).map(|(_, c)| *c).collect();
             for change in due {
                 self.switch(change.channel, change.value);
-                self.event(Happening::SwitchedInPassing(change.channel, change.value));
+                self.event(EventKind::OutputChanged(change.channel, change.value));
             }
         }
         sum

@@ -142,7 +142,7 @@ fn the_screens_are_as_they_were_looked_at() {
     bench.is_as("7-outputs-differ", 80, 24);
     bench.keys("y");
     bench.wait(500);
-    bench.machine.hear(&Said::Deed(retrace_controller::operator::Deed::SpindleStart));
+    bench.machine.hear(&Said::Deed(retrace_controller::operator::OperatorCommand::SpindleStart));
     bench.keys("p");
     bench.wait(500);
     bench.keys("S");
@@ -270,7 +270,7 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     hand.open = Open::Nothing;
     let said = "oclamp-\r".chars().map(|c| if c == '\r' { Key::Enter } else { Key::Char(c) });
     let said: Vec<_> = said.filter_map(|key| hand.key(key, 0, &model)).collect();
-    assert_eq!(said, [Said::Deed(retrace_controller::operator::Deed::Output { number: 5, on: false })]);
+    assert_eq!(said, [Said::Deed(retrace_controller::operator::OperatorCommand::Output { number: 5, on: false })]);
     hand.dry = true;
     assert!(shown(&model, &hand).starts_with(" DRY RUNNING"), "{}", shown(&model, &hand));
     (model.standing, model.tool_change, model.at_rest) = (Standing::ProgramStop, Some(3), true);
@@ -342,7 +342,7 @@ fn space_holds_whatever_is_open_while_a_job_runs() {
     let mut bench = Bench::new();
     bench.keys("c");
     bench.wait(1000);
-    let hold = Some(Said::Deed(retrace_controller::operator::Deed::Hold));
+    let hold = Some(Said::Deed(retrace_controller::operator::OperatorCommand::Hold));
     for open in ["?", "T", "g", "b", "o", "q", "w", "r"] {
         bench.keys(open);
         bench.wait(300);
@@ -486,7 +486,7 @@ proptest! {
             now_ms += ms;
             let said = hand.key(key, now_ms, &model);
             if key == Key::Char(' ') && model.stage == Stage::Job && !model.is_at_program_end() {
-                prop_assert_eq!(said, Some(Said::Deed(retrace_controller::operator::Deed::Hold)));
+                prop_assert_eq!(said, Some(Said::Deed(retrace_controller::operator::OperatorCommand::Hold)));
             }
             drawn(&model, &hand, 80, 24, now_ms);
         }

@@ -8,7 +8,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use super::entry::{Entry, Lost};
-use crate::event::{Happening, Trouble};
+use crate::event::{CardError, EventKind};
 use crate::index::Durable;
 
 /// Entries that may wait where somebody can be made to wait, or entries can be lost.
@@ -54,7 +54,7 @@ pub(super) struct State {
     pub(super) over: bool,
     /// Why the last attempt to write failed, until one does not.
     pub(super) trouble: Option<String>,
-    pub(super) news: VecDeque<Happening>,
+    pub(super) news: VecDeque<EventKind>,
 }
 
 impl Desk {
@@ -101,7 +101,7 @@ impl Desk {
     pub(super) fn tell(&self, entry: Entry) {
         let mut state = self.waited(self.state());
         if state.trouble.is_some()
-            && let (Entry::At(_), Some(last @ Entry::At(_))) = (&entry, state.queue.back_mut())
+            && let (Entry::Position(_), Some(last @ Entry::Position(_))) = (&entry, state.queue.back_mut())
         {
             *last = entry;
             return;
@@ -125,7 +125,7 @@ impl Desk {
     }
 
     /// The next thing that the operator has to be told of the journal: an alarm where it cannot be written, a message when it can again.
-    pub(super) fn news(&self) -> Option<Happening> {
+    pub(super) fn news(&self) -> Option<EventKind> {
         self.state().news.pop_front()
     }
 
@@ -157,7 +157,7 @@ impl Desk {
         let mut state = self.state();
         state.in_hand = 0;
         if state.trouble.take().is_some() {
-            state.news.push_back(Happening::Message("the journal can be written again".into()));
+            state.news.push_back(EventKind::Message("the journal can be written again".into()));
         }
         drop(state);
         self.0.changed.notify_all();
@@ -176,7 +176,7 @@ impl Desk {
                 }
             };
             let cause = format!("the journal cannot be written: {why}");
-            state.news.push_back(Happening::Alarm(Trouble::Fault { number: "E3020", cause, remedy: remedy.into() }));
+            state.news.push_back(EventKind::Alarm(CardError::Fault { number: "E3020", cause, remedy: remedy.into() }));
         }
         state.trouble = Some(why);
         self.0.changed.notify_all();

@@ -12,7 +12,7 @@ use super::stamp::Stamp;
 use crate::index;
 
 /// Version of the format.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// An entry.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,9 +27,9 @@ pub enum Entry {
     /// The program was cut off or refused: the path rests behind this block.
     Rest(Rest),
     /// A tool length was entered in a pause.
-    Length(Length),
+    ToolLength(ToolLengthChange),
     /// Where the machine was.
-    At(Box<At>),
+    Position(Box<PositionEntry>),
     /// Something happened: the event as `--json` shows it.
     Event(Value),
     /// How much of a program that arrives has been kept.
@@ -53,7 +53,7 @@ pub struct Job {
     /// When it began.
     pub when: Stamp,
     /// Version of retrace.
-    pub retrace: String,
+    pub retrace_version: String,
     /// [`crate::fingerprint::of_planning`] of that version. A job is resumed only by what has the one that it began with.
     pub planner: u32,
     /// The program's name, for people.
@@ -235,7 +235,7 @@ pub struct Rest {
 /// A tool length was entered in a pause: the path is moved along the tool axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Length {
+pub struct ToolLengthChange {
     /// Number of the block, from 1, behind which it holds.
     pub block: u64,
     /// By how much, pulses of the tool axis.
@@ -245,7 +245,7 @@ pub struct Length {
 /// Where the machine was.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct At {
+pub struct PositionEntry {
     /// When, by the computer's clock.
     pub when: Stamp,
     /// Control periods since the start of the card.
@@ -268,10 +268,10 @@ pub struct At {
     /// The mode of operation.
     pub mode: Mode,
     /// Why the machine stood in normal run, if it did.
-    pub standing: Standing,
+    pub hold_reason: HoldReason,
 }
 
-impl At {
+impl PositionEntry {
     /// Where a path begins that goes on from here.
     #[must_use]
     pub fn start(&self) -> Start {
@@ -289,15 +289,15 @@ pub enum Mode {
     Reverse,
     Forward,
     Wheel,
-    Return,
-    Settle,
+    Rejoin,
+    AwaitOutputs,
 }
 
 /// [`crate::stream::Standing`], as it is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "they are those of the stream")]
-pub enum Standing {
+pub enum HoldReason {
     None,
     Hold,
     ProgramStop,
@@ -453,7 +453,7 @@ pub(crate) mod tests {
             format: FORMAT,
             id: "20261122-004627-part".into(),
             when: Stamp::from_ms(1_795_308_387_000),
-            retrace: "0.1.0".into(),
+            retrace_version: "0.1.0".into(),
             planner: 1,
             program: "part.ngc".into(),
             source: Source::File("part.ngc".into()),
@@ -475,37 +475,39 @@ pub(crate) mod tests {
         }
     }
 
-    fn ats() -> impl Strategy<Value = At> {
+    fn ats() -> impl Strategy<Value = PositionEntry> {
         let mode = prop::sample::select(vec![
             Mode::Run,
             Mode::Reverse,
             Mode::Forward,
             Mode::Wheel,
-            Mode::Return,
-            Mode::Settle,
+            Mode::Rejoin,
+            Mode::AwaitOutputs,
         ]);
         let standing = prop::sample::select(vec![
-            Standing::None,
-            Standing::Hold,
-            Standing::ProgramStop,
-            Standing::SingleBlock,
-            Standing::Paused,
+            HoldReason::None,
+            HoldReason::Hold,
+            HoldReason::ProgramStop,
+            HoldReason::SingleBlock,
+            HoldReason::Paused,
         ]);
         let numbers = (any::<u64>(), any::<u32>(), any::<u32>(), any::<bool>(), any::<u32>());
         let outputs = prop::collection::vec(any::<(u8, i32)>(), 0..5);
         (stamp(), numbers, a_place(), counts(), outputs, mode, standing).prop_map(
-            |(when, (period, reached, executed, at_rest, line), place, counts, outputs, mode, standing)| At {
-                when,
-                period,
-                place,
-                reached,
-                executed,
-                at_rest,
-                counts,
-                outputs,
-                line,
-                mode,
-                standing,
+            |(when, (period, reached, executed, at_rest, line), place, counts, outputs, mode, standing)| {
+                PositionEntry {
+                    when,
+                    period,
+                    place,
+                    reached,
+                    executed,
+                    at_rest,
+                    counts,
+                    outputs,
+                    line,
+                    mode,
+                    hold_reason: standing,
+                }
             },
         )
     }
@@ -531,7 +533,7 @@ pub(crate) mod tests {
             4 => marks().prop_map(Entry::Mark),
             1 => any::<(u32, i64)>().prop_map(|(place, planned)| Entry::Override(Override { place, planned })),
             1 => any::<u64>().prop_map(|block| Entry::Rest(Rest { block })),
-            2 => ats().prop_map(|at| Entry::At(Box::new(at))),
+            2 => ats().prop_map(|at| Entry::Position(Box::new(at))),
             1 => value.prop_map(Entry::Event),
             1 => any::<(u64, bool)>().prop_map(|(bytes, ended)| Entry::Spooled(Spooled { bytes, ended })),
             1 => any::<u64>().prop_map(|entries| Entry::Lost(Lost { entries })),

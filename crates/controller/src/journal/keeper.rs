@@ -7,10 +7,10 @@ use retrace_core::mode;
 use retrace_link::{Outputs, channel};
 
 use super::desk::Desk;
-use super::entry::{At, Entry, Mode, Standing};
+use super::entry::{Entry, HoldReason, Mode, PositionEntry};
 use super::logbook::Logbook;
 use super::stamp::Stamp;
-use crate::event::{ChannelNames, Happening};
+use crate::event::{ChannelNames, EventKind};
 use crate::stream::{self, Period, Told};
 
 /// The reporter's end of the logbook; what it has not kept yet it keeps when it is dropped, which is before [`Logbook::end`].
@@ -72,13 +72,13 @@ impl<const A: usize> Keeper<A> {
 
     /// The next thing that the operator has to be told of the journal itself: `E3020` where it cannot be written.
     #[must_use]
-    pub fn news(&self) -> Option<Happening> {
+    pub fn news(&self) -> Option<EventKind> {
         self.desk.news()
     }
 
     fn keep(&self, period: &Period<A>) {
         let outputs = self.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
-        let at = At {
+        let at = PositionEntry {
             when: Stamp::now(),
             period: period.period,
             place: period.place,
@@ -89,9 +89,9 @@ impl<const A: usize> Keeper<A> {
             outputs: outputs.map(|(number, &value)| (number as u8, value)).collect(),
             line: period.line,
             mode: mode_of(period.mode),
-            standing: standing_of(period.standing),
+            hold_reason: standing_of(period.standing),
         };
-        self.desk.tell(Entry::At(Box::new(at)));
+        self.desk.tell(Entry::Position(Box::new(at)));
     }
 }
 
@@ -107,19 +107,19 @@ fn mode_of(mode: mode::Mode) -> Mode {
         mode::Mode::Reverse => Mode::Reverse,
         mode::Mode::Forward => Mode::Forward,
         mode::Mode::Wheel => Mode::Wheel,
-        mode::Mode::Return => Mode::Return,
-        mode::Mode::Settle => Mode::Settle,
+        mode::Mode::Return => Mode::Rejoin,
+        mode::Mode::Settle => Mode::AwaitOutputs,
     }
 }
 
-fn standing_of(standing: stream::Standing) -> Standing {
+fn standing_of(standing: stream::Standing) -> HoldReason {
     match standing {
         // Where a program has come to its end, nothing is waited for that resuming would have to know.
-        stream::Standing::None | stream::Standing::Ended => Standing::None,
-        stream::Standing::Hold => Standing::Hold,
-        stream::Standing::ProgramStop => Standing::ProgramStop,
-        stream::Standing::SingleBlock => Standing::SingleBlock,
-        stream::Standing::Paused => Standing::Paused,
+        stream::Standing::None | stream::Standing::Ended => HoldReason::None,
+        stream::Standing::Hold => HoldReason::Hold,
+        stream::Standing::ProgramStop => HoldReason::ProgramStop,
+        stream::Standing::SingleBlock => HoldReason::SingleBlock,
+        stream::Standing::Paused => HoldReason::Paused,
     }
 }
 

@@ -10,7 +10,7 @@ use std::thread::{self, JoinHandle};
 
 pub use super::desk::Care;
 use super::desk::{Desk, State};
-use super::entry::{End, Entry, Job, Length, Override, Rest, Resumed, Spooled};
+use super::entry::{End, Entry, Job, Override, Rest, Resumed, Spooled, ToolLengthChange};
 use super::line;
 use super::reader::Tail;
 use super::spool::Progress;
@@ -186,7 +186,9 @@ impl Index for Notes {
                     self.desk.note(Entry::Mark(mark));
                 }
             }
-            Note::Length(LengthChange { block, pulses }) => self.desk.note(Entry::Length(Length { block, pulses })),
+            Note::Length(LengthChange { block, pulses }) => {
+                self.desk.note(Entry::ToolLength(ToolLengthChange { block, pulses }))
+            }
             Note::Rest { block } => self.desk.note(Entry::Rest(Rest { block })),
             Note::Override { place, planned } => {
                 let noted = Override { place, planned };
@@ -312,7 +314,7 @@ mod tests {
     use super::super::reader::Entries;
     use super::super::stamp::Stamp;
     use super::*;
-    use crate::event::{Happening, Trouble};
+    use crate::event::{CardError, EventKind};
     use crate::index::Mark;
     use retrace_core::Place;
     use serde_json::{Value, json};
@@ -543,7 +545,7 @@ mod tests {
                 assert_eq!(durable.place(), 12);
                 let news: Vec<_> = std::iter::from_fn(|| logbook.desk().news()).collect();
                 let told =
-                    |number: &Happening| matches!(number, Happening::Alarm(Trouble::Fault { number: "E3020", .. }));
+                    |number: &EventKind| matches!(number, EventKind::Alarm(CardError::Fault { number: "E3020", .. }));
                 let failed = disk.platter().calls > first;
                 assert_eq!(news.iter().filter(|h| told(h)).count() > 0, failed);
                 assert_eq!(news.len() % 2, 0, "every alarm is followed by the message that all is well: {news:?}");

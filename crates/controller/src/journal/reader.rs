@@ -125,7 +125,7 @@ impl<R: BufRead> Entries<R> {
         Ok(Some((number, entry)))
     }
 
-    /// A line is not whole: the last batch was torn, unless a batch begins behind it. A first line that was torn is no beginning.
+    /// A line is not whole: the last batch was torn, unless a batch begins behind it. A first line that was torn is not a beginning.
     fn torn(&mut self) -> Result<(), Flaw> {
         loop {
             self.tail.torn += self.buffer.len() as u64;
@@ -250,7 +250,7 @@ mod tests {
                         assert_eq!((said, byte), (line as u64 + 1, begins));
                     }
                     None => {
-                        assert!(at >= last_batch, "byte {at}, bit {bit}: damage before the last batch is no tear");
+                        assert!(at >= last_batch, "byte {at}, bit {bit}: damage before the last batch is not a tear");
                         assert_eq!(tail.torn, (bytes.len() - ends[line - 1]) as u64);
                     }
                     other => panic!("byte {at}, bit {bit}: {other:?}"),

@@ -10,7 +10,7 @@ use retrace_core::place::before;
 use retrace_link::Start;
 use serde_json::Value;
 
-use super::entry::{At, End, Entry, Job, Length, Override, Resumed, Spooled};
+use super::entry::{End, Entry, Job, Override, PositionEntry, Resumed, Spooled, ToolLengthChange};
 use super::line;
 use super::reader::{Entries, Flaw, Tail};
 use crate::index::{Durable, Mark};
@@ -30,7 +30,7 @@ pub struct JobRecord {
     /// Where the machine was, as far as the journal knows.
     pub stood: Stood,
     /// The last position that was kept; with outputs and mode.
-    pub at: Option<At>,
+    pub at: Option<PositionEntry>,
     /// How much of a program that arrives was kept.
     pub spooled: Spooled,
     /// How the job ended; none where it was interrupted, or taken up again since.
@@ -121,13 +121,13 @@ impl JobRecord {
                 self.overrides.retain(|(_, old)| before(old.place, new.place));
                 self.overrides.push((number, new));
             }
-            Entry::Length(Length { block, pulses }) => self.lengths.push(LengthChange { block, pulses }),
+            Entry::ToolLength(ToolLengthChange { block, pulses }) => self.lengths.push(LengthChange { block, pulses }),
             Entry::Rest(rest) => {
                 if self.rests.last() != Some(&rest.block) {
                     self.rests.push(rest.block);
                 }
             }
-            Entry::At(at) => {
+            Entry::Position(at) => {
                 self.stood = Stood { start: at.start(), counts: at.counts.clone() };
                 self.at = Some(*at);
             }
@@ -215,7 +215,7 @@ impl JobRecord {
 
 /// Whether M1 stops from this event on; none where it does not say.
 fn optional_stop(event: &Value) -> Option<bool> {
-    match event["deed"].as_str()? {
+    match event["command"].as_str()? {
         "optional stop on" => Some(true),
         "optional stop off" => Some(false),
         _ => None,
@@ -233,7 +233,7 @@ pub struct Glance {
     /// What the job is.
     pub job: Job,
     /// The last position that was kept.
-    pub at: Option<At>,
+    pub at: Option<PositionEntry>,
     /// How the job ended; none where it was interrupted, or taken up again since.
     pub end: Option<End>,
 }
@@ -286,7 +286,7 @@ fn last_words(path: &Path, length: u64) -> Result<Vec<Entry>, Flaw> {
 #[cfg(test)]
 mod tests {
     use super::super::entry::tests::job;
-    use super::super::entry::{Card, Ending, Lost, Mode, Standing};
+    use super::super::entry::{Card, Ending, HoldReason, Lost, Mode};
     use super::super::logbook::{Care, Logbook};
     use super::super::spool::Spooling;
     use super::super::stamp::Stamp;
@@ -301,7 +301,7 @@ mod tests {
     }
 
     fn at(record: u32) -> Entry {
-        Entry::At(Box::new(At {
+        Entry::Position(Box::new(PositionEntry {
             when: Stamp::from_ms(1),
             period: 9,
             place: Place { record, fraction: 3 },
@@ -312,7 +312,7 @@ mod tests {
             outputs: vec![(3, 1)],
             line: record,
             mode: Mode::Run,
-            standing: Standing::Hold,
+            hold_reason: HoldReason::Hold,
         }))
     }
 

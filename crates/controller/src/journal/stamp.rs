@@ -112,7 +112,7 @@ impl FromStr for Stamp {
             };
             (parts.year >= 1970 && (1..=12).contains(&parts.month) && parts.day >= 1).then(|| Self::of(&parts))
         };
-        // What is no moment, a 31 February, is written otherwise than it was read.
+        // What is not a moment, a 31 February, is written otherwise than it was read.
         read().filter(|stamp| stamp.to_string() == text).ok_or(NoStamp)
     }
 }

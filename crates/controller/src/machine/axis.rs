@@ -51,10 +51,10 @@ pub(super) enum End {
 pub(super) struct WrittenHome {
     switch: End,
     position_mm: Option<f64>,
-    fast_mm_per_s: Option<f64>,
-    slow_mm_per_s: Option<f64>,
+    search_mm_per_s: Option<f64>,
+    latch_mm_per_s: Option<f64>,
     acceleration_mm_per_s2: Option<f64>,
-    farthest_mm: Option<f64>,
+    max_travel_mm: Option<f64>,
 }
 
 /// How an axis finds home: fast toward its switch, to rest, slowly off it again.
@@ -65,13 +65,13 @@ pub struct Home {
     /// Machine position where the switch opens, mm.
     pub position_mm: f64,
     /// Speed toward the switch, mm/s.
-    pub fast_mm_per_s: f64,
+    pub search_mm_per_s: f64,
     /// Speed off it, mm/s.
-    pub slow_mm_per_s: f64,
+    pub latch_mm_per_s: f64,
     /// Acceleration, mm/s².
     pub acceleration_mm_per_s2: f64,
     /// The farthest way to the switch, mm.
-    pub farthest_mm: f64,
+    pub max_travel_mm: f64,
 }
 
 impl Axis {
@@ -121,21 +121,21 @@ impl Axis {
         let Some(written) = &self.home else { return Ok(None) };
         let upper = written.switch == End::Upper;
         let [low, high] = self.travel_mm;
-        let fast = written.fast_mm_per_s.unwrap_or(self.max_velocity_mm_per_s / 5.0);
+        let fast = written.search_mm_per_s.unwrap_or(self.max_velocity_mm_per_s / 5.0);
         let home = Home {
             upper,
             position_mm: written.position_mm.unwrap_or(if upper { high } else { low }),
-            fast_mm_per_s: fast,
-            slow_mm_per_s: written.slow_mm_per_s.unwrap_or(fast / 20.0),
+            search_mm_per_s: fast,
+            latch_mm_per_s: written.latch_mm_per_s.unwrap_or(fast / 20.0),
             acceleration_mm_per_s2: written.acceleration_mm_per_s2.unwrap_or(self.max_acceleration_mm_per_s2 / 4.0),
-            farthest_mm: written.farthest_mm.unwrap_or(1.1 * (high - low)),
+            max_travel_mm: written.max_travel_mm.unwrap_or(1.1 * (high - low)),
         };
         let key = |key: &str| format!("axis {}: home.{key}", self.name);
         within(&key("position_mm"), home.position_mm, -1e6, 1e6)?;
-        within(&key("fast_mm_per_s"), fast, 0.001, self.max_velocity_mm_per_s)?;
-        within(&key("slow_mm_per_s"), home.slow_mm_per_s, 0.000_01, fast)?;
+        within(&key("search_mm_per_s"), fast, 0.001, self.max_velocity_mm_per_s)?;
+        within(&key("latch_mm_per_s"), home.latch_mm_per_s, 0.000_01, fast)?;
         within(&key("acceleration_mm_per_s2"), home.acceleration_mm_per_s2, 0.000_1, self.max_acceleration_mm_per_s2)?;
-        within(&key("farthest_mm"), home.farthest_mm, 0.001, 4e9 / self.pulses_per_mm)?;
+        within(&key("max_travel_mm"), home.max_travel_mm, 0.001, 4e9 / self.pulses_per_mm)?;
         Ok(Some(home))
     }
 

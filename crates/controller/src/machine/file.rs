@@ -20,14 +20,14 @@ use crate::switching::CodeSettings;
 #[serde(deny_unknown_fields, default)]
 pub struct WheelSettings {
     /// Counts a second that make rate 1.
-    pub counts_per_s_at_rate_1: f64,
+    pub full_rate_counts_per_s: f64,
     /// Length of the mean (REV-12) in ms.
-    pub mean_over_ms: f64,
+    pub filter_ms: f64,
 }
 
 impl Default for WheelSettings {
     fn default() -> Self {
-        Self { counts_per_s_at_rate_1: 100.0, mean_over_ms: 100.0 }
+        Self { full_rate_counts_per_s: 100.0, filter_ms: 100.0 }
     }
 }
 
@@ -123,7 +123,7 @@ pub(super) struct MachineFile {
     pub(super) name: String,
     pub(super) control_period_ms: f64,
     pub(super) path_velocity_mm_per_s: f64,
-    pub(super) reserve_percent: f64,
+    pub(super) override_reserve_percent: f64,
     pub(super) blend_tolerance_mm: f64,
     pub(super) history_hours: f64,
     pub(super) look_ahead_s: f64,
@@ -152,7 +152,7 @@ impl Default for MachineFile {
             name: "built-in".into(),
             control_period_ms: 1.0,
             path_velocity_mm_per_s: 100.0,
-            reserve_percent: 10.0,
+            override_reserve_percent: 10.0,
             blend_tolerance_mm: 0.05,
             history_hours: 0.5,
             look_ahead_s: 0.5,
@@ -192,13 +192,13 @@ impl MachineFile {
         [
             within("control_period_ms", period_ms, 0.1, 20.0),
             within("path_velocity_mm_per_s", self.path_velocity_mm_per_s, 0.001, 100_000.0),
-            within("reserve_percent", self.reserve_percent, 1.0, 50.0),
+            within("override_reserve_percent", self.override_reserve_percent, 1.0, 50.0),
             within("blend_tolerance_mm", self.blend_tolerance_mm, 0.0, 100.0),
             within("history_hours", self.history_hours, 0.0, 24.0),
             within("stream_quota_mib", self.stream_quota_mib, 1.0, 1_048_576.0),
             within("look_ahead_s", self.look_ahead_s, 0.05, 10.0),
-            within("wheel.counts_per_s_at_rate_1", self.wheel.counts_per_s_at_rate_1, 1.0, 100_000.0),
-            within("wheel.mean_over_ms", self.wheel.mean_over_ms, mean_ms[0], mean_ms[1]),
+            within("wheel.full_rate_counts_per_s", self.wheel.full_rate_counts_per_s, 1.0, 100_000.0),
+            within("wheel.filter_ms", self.wheel.filter_ms, mean_ms[0], mean_ms[1]),
         ]
     }
 }

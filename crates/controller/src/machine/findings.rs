@@ -146,12 +146,12 @@ fn alone(file: &MachineFile, axis: &Axis) -> Result<Machine, Refusal> {
     axis::checked(vec![axis.clone()])?;
     let period_ms = within(file.control_period_ms, 0.1, 20.0);
     let usual = WheelSettings::default();
-    let mean_over_ms = usual.mean_over_ms.clamp(period_ms, 500.0 * period_ms);
+    let filter_ms = usual.filter_ms.clamp(period_ms, 500.0 * period_ms);
     let checked = Machine::check(MachineFile {
-        wheel: WheelSettings { mean_over_ms, ..usual },
+        wheel: WheelSettings { filter_ms, ..usual },
         control_period_ms: period_ms,
         path_velocity_mm_per_s: within(file.path_velocity_mm_per_s, 0.001, 100_000.0),
-        reserve_percent: within(file.reserve_percent, 1.0, 50.0),
+        override_reserve_percent: within(file.override_reserve_percent, 1.0, 50.0),
         axis: vec![axis.without_home()],
         ..MachineFile::default()
     });

@@ -114,7 +114,7 @@ impl Machine {
     /// Reads a machine file's text; `name` is what to call the file in messages.
     ///
     /// # Errors
-    /// `E2111` for text that is no machine file (syntax, misspelt key, wrong type), with line, column and a suggestion; `E2112`
+    /// `E2111` for text that is not a machine file (syntax, misspelt key, wrong type), with line, column and a suggestion; `E2112`
     /// for a number out of range.
     pub fn parse(text: &str, name: &str) -> Result<Self, Refusal> {
         let file = MachineFile::read(text, name)?;
@@ -127,7 +127,7 @@ impl Machine {
         let period_us = (file.control_period_ms * 1000.0).round() as u32;
         let period_s = f64::from(period_us) * 1e-6;
         let periods = |seconds: f64| (seconds / period_s).ceil() as u32;
-        let reserve = file.reserve_percent / 100.0;
+        let reserve = file.override_reserve_percent / 100.0;
         let limits = law::rate_limits::<9>(&axes, reserve, period_s);
         let stopping = limits.as_ref().and_then(Stopping::of).ok_or_else(|| {
             Refusal::new(
@@ -149,8 +149,8 @@ impl Machine {
             retract_mm: file.retract_mm,
         };
         let setting_up = SettingUp::checked(written, &axes, &card)?;
-        let wheel_periods = (file.wheel.mean_over_ms / file.control_period_ms).round() as u16;
-        let wheel_counts = file.wheel.counts_per_s_at_rate_1 * f64::from(wheel_periods) * period_s;
+        let wheel_periods = (file.wheel.filter_ms / file.control_period_ms).round() as u16;
+        let wheel_counts = file.wheel.full_rate_counts_per_s * f64::from(wheel_periods) * period_s;
         let machine = Self {
             name: file.name,
             period_us,

@@ -169,10 +169,10 @@ impl Machine {
         Some(Homing {
             axis: u8::try_from(axis).ok()?,
             upper: home.upper,
-            fast: fixed(home.fast_mm_per_s * period_s),
-            slow: fixed(home.slow_mm_per_s * period_s),
+            fast: fixed(home.search_mm_per_s * period_s),
+            slow: fixed(home.latch_mm_per_s * period_s),
             acceleration: fixed(home.acceleration_mm_per_s2 * period_s * period_s),
-            farthest: (home.farthest_mm * pulses_per_mm).ceil() as u32,
+            farthest: (home.max_travel_mm * pulses_per_mm).ceil() as u32,
             count: self.counts_of(axis, home.position_mm),
         })
     }
@@ -183,7 +183,7 @@ mod tests {
     use super::*;
 
     const AXES: &str = "[[axis]]\nname = \"x\"\npulses_per_mm = 400\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
-        max_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 300]\nhome = { switch = \"lower\", position_mm = -2.5, fast_mm_per_s = 30, slow_mm_per_s = 1.5 }\n\
+        max_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 300]\nhome = { switch = \"lower\", position_mm = -2.5, search_mm_per_s = 30, latch_mm_per_s = 1.5 }\n\
         [[axis]]\nname = \"z\"\npulses_per_mm = 400\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
         max_jerk_mm_per_s3 = 20000\ntravel_mm = [-100, 0]\nhome = { switch = \"upper\" }\n\
         [[card.input]]\nnumber = 1\nuse = \"home\"\naxis = \"x\"\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\n";
@@ -237,10 +237,10 @@ mod tests {
         assert!(what("", "[homing]\norder = [\"x\", \"z\", \"x\"]\n").contains("`x` is there twice"));
         assert!(what("", "[homing]\norder = [\"x\", \"z\", \"y\"]\n").contains("`y` has no `home`"));
         let with = |from: &str, to: &str| Machine::parse(&AXES.replace(from, to), "m.toml").expect_err("wrong");
-        assert!(with("fast_mm_per_s = 30", "fast_mm_per_s = 101").what.contains("home.fast_mm_per_s"));
-        assert!(with("slow_mm_per_s = 1.5", "slow_mm_per_s = 31").what.contains("home.slow_mm_per_s"));
+        assert!(with("search_mm_per_s = 30", "search_mm_per_s = 101").what.contains("home.search_mm_per_s"));
+        assert!(with("latch_mm_per_s = 1.5", "latch_mm_per_s = 31").what.contains("home.latch_mm_per_s"));
         assert!(with("use = \"upper-limit\"", "use = \"lower-limit\"").what.contains("no input is its switch"));
-        assert_eq!(with("fast_mm_per_s", "fast_mm_pers").remedy, "did you mean `fast_mm_per_s`?");
+        assert_eq!(with("search_mm_per_s", "fast_mm_pers").remedy, "did you mean `search_mm_per_s`?");
         let jog = with("travel_mm = [0, 300]", "travel_mm = [0, 300]\njog_mm_per_s = 200");
         assert!(jog.what.contains("axis x: jog_mm_per_s"), "{}", jog.what);
     }

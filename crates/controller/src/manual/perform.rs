@@ -13,11 +13,11 @@ use super::hand::{self, Hand, Request};
 use super::trip::{Ended, OLD_NEWS, Trip};
 use crate::by_hand::Desk;
 use crate::dnc::{AxisCounts, Dnc, Flags, Step};
-use crate::event::{Event, Happening, Trouble};
+use crate::event::{CardError, Event, EventKind};
 use crate::index::Keeping;
 use crate::job::{self, Begin, Conduct};
 use crate::machine::Machine;
-use crate::operator::{Deed, OrderRefused};
+use crate::operator::{CommandError, OperatorCommand};
 use crate::orders::Operators;
 use crate::refusal::Refusal;
 use crate::session::{Manner, ON_THE_WAY, Outcome};
@@ -46,7 +46,7 @@ pub enum NotDone {
     /// A block by hand has errors: rendered.
     Block(Vec<String>),
     /// An alarm, or a fault of the card.
-    Trouble(Trouble),
+    Trouble(CardError),
 }
 
 impl From<Refusal> for NotDone {
@@ -118,7 +118,7 @@ fn block<const A: usize, C: MotionCard<A>>(
     (operators, manner): (Operators, Manner),
     observer: &mut dyn Observer<A>,
 ) -> Result<Done, NotDone> {
-    let trouble = |fault: &C::Fault| NotDone::Trouble(Trouble::of(fault));
+    let trouble = |fault: &C::Fault| NotDone::Trouble(CardError::of(fault));
     anew(card).map_err(|fault| trouble(&fault))?;
     let machine = Machine { history_records: 0, ..machine.clone() }.standing_at(&card.status().counts);
     let block = desk.block(&machine, text).map_err(NotDone::Block)?;
@@ -138,7 +138,7 @@ fn block<const A: usize, C: MotionCard<A>>(
             Ok(Done::Stopped)
         }
         Outcome::Refused(text) => Err(NotDone::Block(vec![text])),
-        Outcome::Alarm(number, cause, remedy) => Err(NotDone::Trouble(Trouble::Fault { number, cause, remedy })),
+        Outcome::Alarm(number, cause, remedy) => Err(NotDone::Trouble(CardError::Fault { number, cause, remedy })),
     }
 }
 
@@ -222,7 +222,7 @@ impl<const A: usize, C: MotionCard<A>> Bench<'_, '_, A, C> {
         let wanted = wanted(from, &of);
         let to = wanted.clamp(low.min(from), high.max(from));
         if to == from && wanted != from {
-            let what = OrderRefused::BeyondLimit(letter).to_string();
+            let what = CommandError::BeyondLimit(letter).to_string();
             return Err(Refusal::new(
                 "E2161",
                 what,
@@ -241,7 +241,8 @@ impl<const A: usize, C: MotionCard<A>> Bench<'_, '_, A, C> {
             self.manner.wall_time,
         );
         let ended = loop {
-            let ended = trip.turn(&mut self.hand, self.card).map_err(|fault| NotDone::Trouble(Trouble::of(&fault)))?;
+            let ended =
+                trip.turn(&mut self.hand, self.card).map_err(|fault| NotDone::Trouble(CardError::of(&fault)))?;
             if let Some(ended) = ended {
                 break ended;
             }
@@ -271,11 +272,11 @@ impl<const A: usize, C: MotionCard<A>> Bench<'_, '_, A, C> {
                 return Ok(Done::Whole { cut_short: false });
             }
         }
-        Err(NotDone::Trouble(Trouble::Latched(alarm)))
+        Err(NotDone::Trouble(CardError::Latched(alarm)))
     }
 
     fn begin(&mut self) -> Result<(), NotDone> {
-        anew(self.card).map_err(|fault| NotDone::Trouble(Trouble::of(&fault)))
+        anew(self.card).map_err(|fault| NotDone::Trouble(CardError::of(&fault)))
     }
 
     fn pass(&mut self, periods: u32) -> Result<Done, NotDone> {
@@ -289,15 +290,14 @@ impl<const A: usize, C: MotionCard<A>> Bench<'_, '_, A, C> {
     fn period(&mut self) -> Result<(), NotDone> {
         let period = self.card.status().period;
         while let Some(deed) = self.operators.next_word(period, 0) {
-            self.tell(Happening::Operator(deed));
+            self.tell(EventKind::Operator(deed));
             match deed {
-                Deed::Stop | Deed::Hold | Deed::Pause => self.stopped = true,
-                _ => {
-                    self.tell(Happening::OrderRefused(OrderRefused::NotNow("an axis is moved by hand: stop it first")))
-                }
+                OperatorCommand::Stop | OperatorCommand::Hold | OperatorCommand::Pause => self.stopped = true,
+                _ => self
+                    .tell(EventKind::CommandRejected(CommandError::NotNow("an axis is moved by hand: stop it first"))),
             }
         }
-        let status = *self.card.period().map_err(|fault| NotDone::Trouble(Trouble::of(&fault)))?;
+        let status = *self.card.period().map_err(|fault| NotDone::Trouble(CardError::of(&fault)))?;
         self.teller.outputs(&status.outputs);
         self.teller.tell(Told::Period(Period { off_path: true, mode: Mode::Run, ..Period::of(&status) }));
         match status.alarm {
@@ -307,21 +307,21 @@ impl<const A: usize, C: MotionCard<A>> Bench<'_, '_, A, C> {
     }
 
     fn alarm(&mut self, alarm: Alarm) -> NotDone {
-        self.tell(Happening::Alarm(Trouble::Latched(alarm)));
-        NotDone::Trouble(Trouble::Latched(alarm))
+        self.tell(EventKind::Alarm(CardError::Latched(alarm)));
+        NotDone::Trouble(CardError::Latched(alarm))
     }
 
     fn tell_jogged(&mut self, index: usize, from: i64, cut_short: bool) {
         let axis = &self.machine.axes[index];
         let mm = (self.card.status().counts[index] - from) as f64 / axis.pulses_per_mm;
         let step = Step::Jogged { axis: axis.name, mm, cut_short, off: AxisCounts::default() };
-        self.tell(Happening::Dnc(Dnc { step, flags: Flags::default() }));
+        self.tell(EventKind::Dnc(Dnc { step, flags: Flags::default() }));
     }
 
-    fn tell(&mut self, happening: Happening) {
+    fn tell(&mut self, happening: EventKind) {
         let Status { period, place, .. } = *self.card.status();
         let time_s = period as f64 * self.machine.period_s();
-        self.teller.tell(Told::Event(Event { period, time_s, place, line: 0, happening }));
+        self.teller.tell(Told::Event(Event { period, time_s, place, line: 0, kind: happening }));
     }
 }
 

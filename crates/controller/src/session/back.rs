@@ -11,8 +11,8 @@ use retrace_core::{ONE, Place};
 use retrace_link::MotionCard;
 
 use super::Session;
-use crate::event::Happening;
-use crate::operator::OrderRefused;
+use crate::event::EventKind;
+use crate::operator::CommandError;
 
 /// Records looked at in a control period.
 const RECORDS_A_PERIOD: u32 = 4096;
@@ -70,15 +70,15 @@ impl Back {
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Begins to go back: comes to rest, looks for the place, and runs there, as fast as it may.
-    pub(super) fn go_back(&mut self, wanted: Wanted) -> Result<(), OrderRefused> {
+    pub(super) fn go_back(&mut self, wanted: Wanted) -> Result<(), CommandError> {
         let status = *self.card.status();
         if status.place == Place::start_of(self.supply.oldest()) {
-            return Err(OrderRefused::NothingBehind);
+            return Err(CommandError::NothingBehind);
         }
         // Whoever goes back already may come by a place that is near before he rests: it counts from there then.
         let counts_from_here = status.at_rest || self.operation.mode() == Mode::Run;
         let search = if counts_from_here { self.begin_search(wanted, status.place) } else { Some(Search::AtRest) };
-        let search = search.ok_or(OrderRefused::NoJet)?;
+        let search = search.ok_or(CommandError::NoPierce)?;
         // The records' own caps, and 100 % while something cuts, are what limits it.
         self.operation.order(Order::Reverse(8 * ONE))?;
         self.back = Some(Back { wanted, search });
@@ -118,7 +118,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 Some(search) => back.search = search,
                 None => {
                     self.back = None;
-                    self.tell(Happening::OrderRefused(OrderRefused::NoJet));
+                    self.tell(EventKind::CommandRejected(CommandError::NoPierce));
                     // It stands, and in this mode it would go on to the oldest record.
                     let _ = self.operation.order(Order::Hold);
                     return;

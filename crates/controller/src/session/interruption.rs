@@ -14,11 +14,11 @@ use retrace_link::{Change, MotionCard, Start, Status, Word, channel};
 
 use super::{Outcome, Session};
 use crate::dnc::{AxisCounts, Dnc, Flags, Step};
-use crate::event::{Happening, Trouble};
+use crate::event::{CardError, EventKind};
 use crate::machine::Machine;
 use crate::manual::hand::{Hand, Request};
 use crate::manual::trip::{Ended, OLD_NEWS, Trip};
-use crate::operator::{Deed, OrderRefused};
+use crate::operator::{CommandError, OperatorCommand};
 use crate::stream::{Period, Standing, Told};
 
 /// So many words may wait for a move by hand to end.
@@ -60,7 +60,7 @@ pub(super) struct Interrupted<'r, const A: usize> {
     /// Periods of rest in that.
     stood: u32,
     /// Words that wait for the machine to stand.
-    waiting: VecDeque<Deed>,
+    waiting: VecDeque<OperatorCommand>,
     /// It is asked which program would be read.
     identifying: bool,
     trip: Option<(Trip, Aim<A>)>,
@@ -165,48 +165,48 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// A word that comes while a program is paused, or about to be. `None` where it is none of those that count otherwise then.
-    pub(super) fn order_interrupted(&mut self, deed: Deed) -> Option<Result<(), OrderRefused>> {
+    pub(super) fn order_interrupted(&mut self, deed: OperatorCommand) -> Option<Result<(), CommandError>> {
         let steps = matches!(
             deed,
-            Deed::Pause
-                | Deed::SpindleStop
-                | Deed::SpindleStart
-                | Deed::Jog { .. }
-                | Deed::Online
-                | Deed::ToolLength(_)
+            OperatorCommand::Pause
+                | OperatorCommand::SpindleStop
+                | OperatorCommand::SpindleStart
+                | OperatorCommand::Jog { .. }
+                | OperatorCommand::Online
+                | OperatorCommand::ToolLength(_)
         );
-        if steps || self.dnc.is_on() && matches!(deed, Deed::CycleStart | Deed::Resume) {
+        if steps || self.dnc.is_on() && matches!(deed, OperatorCommand::CycleStart | OperatorCommand::Resume) {
             return Some(self.interruption_word(deed));
         }
         if !self.dnc.is_on() {
             return None;
         }
         match deed {
-            Deed::Hold => {
+            OperatorCommand::Hold => {
                 self.halt_by_hand();
                 Some(Ok(()))
             }
-            Deed::Stop => {
+            OperatorCommand::Stop => {
                 self.halt_by_hand();
                 None
             }
-            Deed::Override(_)
-            | Deed::RapidOverride(_)
-            | Deed::Output { .. }
-            | Deed::CutterOff
-            | Deed::OptionalStop(_) => None,
-            _ => Some(Err(OrderRefused::NotNow("the program is paused: go on with it first"))),
+            OperatorCommand::Override(_)
+            | OperatorCommand::RapidOverride(_)
+            | OperatorCommand::Output { .. }
+            | OperatorCommand::CutterOff
+            | OperatorCommand::OptionalStop(_) => None,
+            _ => Some(Err(CommandError::NotNow("the program is paused: go on with it first"))),
         }
     }
 
     /// A step of pausing at a breakpoint and going on there. It waits where the machine does not stand yet.
-    fn interruption_word(&mut self, deed: Deed) -> Result<(), OrderRefused> {
-        if deed == Deed::Pause {
+    fn interruption_word(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
+        if deed == OperatorCommand::Pause {
             return self.pause();
         }
         if self.words_wait() && !self.dnc.order.inhibited() {
             if self.dnc.waiting.len() == WORDS {
-                return Err(OrderRefused::NotNow("too many words wait for the machine to stand"));
+                return Err(CommandError::NotNow("too many words wait for the machine to stand"));
             }
             self.dnc.waiting.push_back(deed);
             return Ok(());
@@ -214,7 +214,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.step(deed)
     }
 
-    fn pause(&mut self) -> Result<(), OrderRefused> {
+    fn pause(&mut self) -> Result<(), CommandError> {
         if self.dnc.pausing {
             return Err(retrace_core::interruption::Refused::AlreadyPaused.into());
         }
@@ -242,15 +242,17 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Carries a step out.
-    fn step(&mut self, deed: Deed) -> Result<(), OrderRefused> {
+    fn step(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
         let latched = self.dnc.order.latch().copied();
         let turned = latched.and_then(|latch| latch.spindle);
         let said = match deed {
-            Deed::SpindleStop => Said::StopSpindle,
-            Deed::SpindleStart => Said::StartSpindle(turned.map_or(Direction::Clockwise, |was| was.direction)),
-            Deed::Online => Said::Online,
-            Deed::Jog { axis, mm } => return self.jog(axis, mm),
-            Deed::ToolLength(length) => return self.propose_tool_length(length),
+            OperatorCommand::SpindleStop => Said::StopSpindle,
+            OperatorCommand::SpindleStart => {
+                Said::StartSpindle(turned.map_or(Direction::Clockwise, |was| was.direction))
+            }
+            OperatorCommand::Online => Said::Online,
+            OperatorCommand::Jog { axis, mm } => return self.jog(axis, mm),
+            OperatorCommand::ToolLength(length) => return self.propose_tool_length(length),
             _ => Said::CycleStart { program: latched.map_or(0, |latch| latch.program) },
         };
         let before = self.dnc.order;
@@ -303,11 +305,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.send_by_hand(Change { channel, value });
     }
 
-    fn jog(&mut self, letter: char, mm: f64) -> Result<(), OrderRefused> {
+    fn jog(&mut self, letter: char, mm: f64) -> Result<(), CommandError> {
         let found = self.dnc.axes.iter().position(|axis| axis.letter == letter);
         let mut trial = self.dnc.order;
         trial.say(Said::Jog)?;
-        let index = found.ok_or(OrderRefused::NoAxis(letter))?;
+        let index = found.ok_or(CommandError::NoAxis(letter))?;
         let Axis { pulses_per_mm, travel: [low, high], .. } = self.dnc.axes[index];
         let counts = self.card.status().counts;
         let from = counts[index];
@@ -315,7 +317,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let wanted = from.saturating_add((mm * pulses_per_mm).round() as i64);
         let to = wanted.clamp(low.min(from), high.max(from));
         if to == from && wanted != from {
-            return Err(OrderRefused::BeyondLimit(letter));
+            return Err(CommandError::BeyondLimit(letter));
         }
         let mut end = counts;
         end[index] = to;
@@ -323,7 +325,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.begin_trip(Request::Straight { from: counts, to: end }, aim)
     }
 
-    fn begin_trip(&mut self, request: Request<A>, aim: Aim<A>) -> Result<(), OrderRefused> {
+    fn begin_trip(&mut self, request: Request<A>, aim: Aim<A>) -> Result<(), CommandError> {
         let executed = self.dnc.left.map_or(self.card.status().executed, |left| left.executed);
         let hand = self.dnc.hand.as_mut().ok_or(NO_HAND)?;
         let trip = Trip::begin(hand, request, executed, self.enough, self.manner.wall_time);
@@ -332,7 +334,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Goes on with whatever is under way at a breakpoint. To be called before every control period.
-    pub(super) fn watch_interruption(&mut self) -> Result<(), Trouble> {
+    pub(super) fn watch_interruption(&mut self) -> Result<(), CardError> {
         if self.dnc.pausing {
             self.watch_pausing();
         }
@@ -345,7 +347,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             && let Some(deed) = self.dnc.waiting.pop_front()
         {
             if let Err(why) = self.step(deed) {
-                self.tell(Happening::OrderRefused(why));
+                self.tell(EventKind::CommandRejected(why));
             }
         }
         Ok(())
@@ -390,11 +392,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let program = hand.program();
         self.dnc.identifying = false;
         if let Err(why) = self.approach(program) {
-            self.tell(Happening::OrderRefused(why));
+            self.tell(EventKind::CommandRejected(why));
         }
     }
 
-    fn approach(&mut self, program: u64) -> Result<(), OrderRefused> {
+    fn approach(&mut self, program: u64) -> Result<(), CommandError> {
         let before = self.dnc.order;
         let mut after = before;
         let Effect::Approach(to) = after.say(Said::CycleStart { program })? else { return Ok(()) };
@@ -404,7 +406,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             from != to && !(low..=high).contains(*to)
         });
         if let Some((axis, _)) = beyond {
-            return Err(OrderRefused::BeyondLimit(axis.letter));
+            return Err(CommandError::BeyondLimit(axis.letter));
         }
         self.begin_trip(Request::Approach { from, to }, Aim::Approach(before))?;
         self.dnc.order = after;
@@ -412,11 +414,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         Ok(())
     }
 
-    fn watch_trip(&mut self) -> Result<(), Trouble> {
+    fn watch_trip(&mut self) -> Result<(), CardError> {
         let here = self.here();
         let Some((trip, aim)) = &mut self.dnc.trip else { return Ok(()) };
         let Some(hand) = &mut self.dnc.hand else { return Ok(()) };
-        let ended = trip.turn(hand, &mut self.card).map_err(|fault| Trouble::of(&fault))?;
+        let ended = trip.turn(hand, &mut self.card).map_err(|fault| CardError::of(&fault))?;
         if trip.is_off_path() {
             self.dnc.left.get_or_insert(here);
             self.target = None;
@@ -425,11 +427,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let aim = *aim;
         self.dnc.trip = None;
         match aim {
-            Aim::Jog { .. } if ended == Ended::NotPlanned => self.tell(Happening::OrderRefused(NOT_PLANNED)),
+            Aim::Jog { .. } if ended == Ended::NotPlanned => self.tell(EventKind::CommandRejected(NOT_PLANNED)),
             Aim::Jog { axis, from, to, cut_short } => self.tell_jogged(axis, from, to, cut_short),
             Aim::Approach(before) if ended == Ended::NotPlanned => {
                 self.dnc.order = before;
-                self.tell(Happening::OrderRefused(NOT_PLANNED));
+                self.tell(EventKind::CommandRejected(NOT_PLANNED));
             }
             // *Pause* has said so already.
             Aim::Approach(_) if ended == Ended::Stopped => {}
@@ -439,21 +441,21 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// The axes are back: the program's path is taken up where it was left (DNC-7, DNC-8).
-    fn arrive(&mut self) -> Result<(), Trouble> {
+    fn arrive(&mut self) -> Result<(), CardError> {
         let counts = self.card.status().counts;
         if let Err(why) = self.dnc.order.say(Said::Arrived(counts)) {
-            self.tell(Happening::OrderRefused(why.into()));
+            self.tell(EventKind::CommandRejected(why.into()));
             let _ = self.pause();
             return Ok(());
         }
         let line = self.dnc_line();
         if let Some(start) = self.dnc.left.take() {
-            self.card.begin(start).map_err(|fault| Trouble::of(&fault))?;
+            self.card.begin(start).map_err(|fault| CardError::of(&fault))?;
             let _ = self.card.send(Word::Replay { on: self.replays });
         }
         self.target = None;
         let flags = Flags::of(&self.dnc.order);
-        self.tell_at(line, Happening::Dnc(Dnc { step: Step::Arrived, flags }));
+        self.tell_at(line, EventKind::Dnc(Dnc { step: Step::Arrived, flags }));
         // Whoever pressed cycle start wants it to go on; of outputs that differ, a cutter that was armed was agreed to.
         let agreed = std::mem::take(&mut self.dnc.armed) && self.only_cutters_differ();
         let _ = self.operation.order(retrace_core::mode::Order::Restart { agreed });
@@ -482,10 +484,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// A control period off the program's path.
-    pub(super) fn turn_off_path(&mut self) -> Result<Option<Outcome>, Trouble> {
+    pub(super) fn turn_off_path(&mut self) -> Result<Option<Outcome>, CardError> {
         self.take_orders();
         self.advance_restart();
-        let status = *self.card.period().map_err(|fault| Trouble::of(&fault))?;
+        let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
         if let Some(off) = status.cutter_off {
             self.cutter_went_off(off);
         }
@@ -517,7 +519,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     pub(super) fn tell_step(&mut self, step: Step) {
         let flags = Flags::of(&self.dnc.order);
         let line = self.dnc_line();
-        self.tell_at(line, Happening::Dnc(Dnc { step, flags }));
+        self.tell_at(line, EventKind::Dnc(Dnc { step, flags }));
     }
 
     /// The program line of the breakpoint; off the path the card knows none.
@@ -551,8 +553,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 }
 
-const NO_HAND: OrderRefused = OrderRefused::NotNow("nobody is there to plan moves by hand");
-const NOT_PLANNED: OrderRefused = OrderRefused::NotNow("the move by hand cannot be planned");
+const NO_HAND: CommandError = CommandError::NotNow("nobody is there to plan moves by hand");
+const NOT_PLANNED: CommandError = CommandError::NotNow("the move by hand cannot be planned");
 
 fn sign(direction: Direction) -> i32 {
     match direction {

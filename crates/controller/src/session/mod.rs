@@ -23,7 +23,7 @@ use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, RateTarget};
 use retrace_link::{MotionCard, Outputs, Status, Word, channel};
 
-use crate::event::{Happening, OffReason, Trouble};
+use crate::event::{CardError, CutterOffReason, EventKind};
 use crate::item::{Ending, Kind};
 use crate::machine::{Machine, RetraceOutputs};
 use crate::operator::percent;
@@ -210,7 +210,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let _ = self.card.send(Word::Replay { on: self.replays });
         self.override_rate();
         self.teller.outputs(&self.card.status().outputs);
-        self.tell(Happening::Started);
+        self.tell(EventKind::Started);
         if self.operation.mode() != Mode::Run {
             self.tell_mode();
         }
@@ -224,10 +224,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         // A restart that was under way may complete behind the end: no rate may be left that would set the machine in motion then.
         let _ = self.card.send(Word::rate(0));
         self.end_switched_off(match outcome {
-            Outcome::Completed => OffReason::ProgramEnd,
-            _ => OffReason::JobStopped,
+            Outcome::Completed => CutterOffReason::ProgramEnd,
+            _ => CutterOffReason::JobStopped,
         });
-        self.tally.untold = self.teller.untold();
+        self.tally.dropped_events = self.teller.dropped_events();
         (outcome, self.tally, self.card)
     }
 
@@ -250,7 +250,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.bar_beyond_limits(prepared.counts()[axis], prepared.start().place);
         }
         let begun = self.go_to_breakpoint(prepared.counts()).and_then(|ended| match ended {
-            None => self.card.begin(*prepared.start()).map(|()| None).map_err(|fault| Trouble::of(&fault)),
+            None => self.card.begin(*prepared.start()).map(|()| None).map_err(|fault| CardError::of(&fault)),
             ended => Ok(ended),
         });
         match begun {
@@ -271,16 +271,16 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// The end of a job by something that is told unless an alarm was.
-    fn ends_in(&mut self, trouble: Trouble) -> Outcome {
+    fn ends_in(&mut self, trouble: CardError) -> Outcome {
         let (number, cause, remedy) = trouble.parts();
         if !self.alarmed {
-            self.tell(Happening::Alarm(trouble));
+            self.tell(EventKind::Alarm(trouble));
         }
         Outcome::Alarm(number, cause, remedy)
     }
 
     /// One control period. `Err` is a fault of the card.
-    fn turn(&mut self) -> Result<Option<Outcome>, Trouble> {
+    fn turn(&mut self) -> Result<Option<Outcome>, CardError> {
         self.watch_interruption()?;
         if self.dnc.is_off_path() {
             return self.turn_off_path();
@@ -297,7 +297,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             return Ok(Some(outcome));
         }
         self.set_rate(demand);
-        let status = *self.card.period().map_err(|fault| Trouble::of(&fault))?;
+        let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
         self.book(&status);
         Ok(self.alarm(&status))
     }
@@ -306,10 +306,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn alarm(&mut self, status: &Status<A>) -> Option<Outcome> {
         let alarm = status.alarm?;
         if !self.alarmed {
-            self.tell(Happening::Alarm(Trouble::Latched(alarm)));
+            self.tell(EventKind::Alarm(CardError::Latched(alarm)));
             self.alarmed = true;
         }
-        status.at_rest.then(|| self.ends_in(Trouble::Latched(alarm)))
+        status.at_rest.then(|| self.ends_in(CardError::Latched(alarm)))
     }
 
     /// Looks what is planned by now. In virtual time the run must not depend on how fast the planner is: it waits until enough is.
@@ -369,14 +369,14 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             Some(Notice::Oldest) => {
                 let there = self.back.as_ref().is_some_and(|back| back.is_there(facts.oldest));
                 self.tell(match self.supply.barrier() {
-                    _ if there => Happening::There,
-                    _ if self.cutter_boundary() == Some(facts.oldest) => Happening::CutterBoundary,
-                    Some(code) => Happening::OneWay(code),
-                    None => Happening::Oldest,
+                    _ if there => EventKind::BackTargetReached,
+                    _ if self.cutter_boundary() == Some(facts.oldest) => EventKind::CutterBoundary,
+                    Some(code) => EventKind::RetraceBarrier(code),
+                    None => EventKind::HistoryStartReached,
                 });
             }
             Some(Notice::OutputsDiffer) => self.tell_differing(),
-            Some(Notice::GoesOn) => self.tell(Happening::GoesOn),
+            Some(Notice::GoesOn) => self.tell(EventKind::RunResumed),
             None => {}
         }
         self.watch_wheel(&facts);
@@ -409,7 +409,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         } else if !at_reached {
             self.wheel_behind = true;
         } else if facts.at_rest && std::mem::take(&mut self.wheel_behind) {
-            self.tell(Happening::Reached);
+            self.tell(EventKind::HistoryEndReached);
         }
     }
 
@@ -419,7 +419,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.acknowledge();
         if let Some(planned) = self.overrides.pass(status.reached) {
             // Overrides are asked for in steps of a hundredth of a percent.
-            self.tell(Happening::OverridePlanned((100.0 * percent(planned)).round() / 100.0));
+            self.tell(EventKind::OverridePlanned((100.0 * percent(planned)).round() / 100.0));
             self.override_rate();
         }
         if let Some(off) = status.cutter_off {
@@ -445,9 +445,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             match news {
                 News::Action(action, line) => {
                     self.tally.switch_events += 1;
-                    self.tell_at(line, Happening::SwitchedInPassing(action.channel, action.after));
+                    self.tell_at(line, EventKind::OutputChanged(action.channel, action.after));
                 }
-                News::Message(line, text) => self.tell_at(line, Happening::Message(text)),
+                News::Message(line, text) => self.tell_at(line, EventKind::Message(text)),
                 News::Active(active) => self.teller.tell(Told::Active(active)),
             }
         }
@@ -491,8 +491,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn wait_for_release(&mut self) {
         if !self.program_ended {
             self.program_ended = true;
-            self.tell(Happening::ProgramEnd);
-            self.switch_off_at_end(OffReason::ProgramEnd);
+            self.tell(EventKind::ProgramEnd);
+            self.switch_off_at_end(CutterOffReason::ProgramEnd);
         }
     }
 

@@ -9,19 +9,19 @@ use retrace_link::{Change, MotionCard, channel};
 use super::Session;
 use super::back::Wanted;
 use super::restart::LeavingRun;
-use crate::event::{Happening, OffReason};
-use crate::operator::{Deed, OrderRefused};
+use crate::event::{CutterOffReason, EventKind};
+use crate::operator::{CommandError, OperatorCommand};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn take_orders(&mut self) {
         let (period, line) = (self.card.status().period, self.card.status().line);
         while let Some(deed) = self.operators.next_word(period, line) {
-            self.tell(Happening::Operator(deed));
+            self.tell(EventKind::Operator(deed));
             // Somebody is there.
             self.still_periods = 0;
             let mode = self.operation.mode();
             if let Err(why) = self.order(deed) {
-                self.tell(Happening::OrderRefused(why));
+                self.tell(EventKind::CommandRejected(why));
             }
             if self.operation.mode() != mode {
                 if mode == Mode::Run {
@@ -35,50 +35,50 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.wheel.turn(counts);
     }
 
-    fn order(&mut self, deed: Deed) -> Result<(), OrderRefused> {
+    fn order(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
         if let Some(taken) = self.order_interrupted(deed) {
             return taken;
         }
         match deed {
-            Deed::Resume | Deed::CycleStart => return self.cycle_start(),
+            OperatorCommand::Resume | OperatorCommand::CycleStart => return self.cycle_start(),
             // Taken above.
-            Deed::Pause
-            | Deed::SpindleStop
-            | Deed::SpindleStart
-            | Deed::Jog { .. }
-            | Deed::ToolLength(_)
-            | Deed::Online => {}
-            Deed::BackBy(mm) => return self.go_back(Wanted::By(mm)),
-            Deed::BackToBlock => return self.go_back(Wanted::Block),
-            Deed::BackToJet => return self.go_back(Wanted::Jet),
-            Deed::Override(rate) => return self.ask_override(rate),
-            Deed::RapidOverride(rate) => self.set_rapid_override(rate)?,
-            Deed::Output { number, on } => return self.switch_output(number, on),
-            Deed::CutterOff => self.cutter_off(),
-            Deed::CutterOn => return self.cutter_on(),
-            Deed::OptionalStop(on) => self.optional_stop = on,
-            Deed::Recover => return self.recover(),
-            Deed::Single => self.switch_single(),
-            Deed::Hold => self.operation.order(Order::Hold)?,
-            Deed::Agree => self.operation.order(Order::Agree)?,
-            Deed::Stop => {
+            OperatorCommand::Pause
+            | OperatorCommand::SpindleStop
+            | OperatorCommand::SpindleStart
+            | OperatorCommand::Jog { .. }
+            | OperatorCommand::ToolLength(_)
+            | OperatorCommand::Online => {}
+            OperatorCommand::BackBy(mm) => return self.go_back(Wanted::By(mm)),
+            OperatorCommand::BackToBlock => return self.go_back(Wanted::Block),
+            OperatorCommand::BackToPierce => return self.go_back(Wanted::Jet),
+            OperatorCommand::Override(rate) => return self.ask_override(rate),
+            OperatorCommand::RapidOverride(rate) => self.set_rapid_override(rate)?,
+            OperatorCommand::Output { number, on } => return self.switch_output(number, on),
+            OperatorCommand::CutterOff => self.cutter_off(),
+            OperatorCommand::CutterOn => return self.cutter_on(),
+            OperatorCommand::OptionalStop(on) => self.optional_stop = on,
+            OperatorCommand::Recover => return self.recover(),
+            OperatorCommand::Single => self.switch_single(),
+            OperatorCommand::Hold => self.operation.order(Order::Hold)?,
+            OperatorCommand::Confirm => self.operation.order(Order::Agree)?,
+            OperatorCommand::Stop => {
                 self.stopping = true;
                 self.operation.order(Order::Hold)?;
             }
-            Deed::Wheel { .. } if self.operation.mode() == Mode::Wheel => {}
-            Deed::Wheel { .. } => {
+            OperatorCommand::Wheel { .. } if self.operation.mode() == Mode::Wheel => {}
+            OperatorCommand::Wheel { .. } => {
                 self.wheel.reset();
                 self.retrace(Order::Wheel)?;
             }
-            Deed::Reverse(rate) => self.retrace(Order::Reverse(rate))?,
-            Deed::Forward(rate) => self.retrace(Order::Forward(rate))?,
-            Deed::Leave { ask } => self.retrace(Order::Leave { ask })?,
+            OperatorCommand::Reverse(rate) => self.retrace(Order::Reverse(rate))?,
+            OperatorCommand::Forward(rate) => self.retrace(Order::Forward(rate))?,
+            OperatorCommand::Leave { ask } => self.retrace(Order::Leave { ask })?,
         }
         Ok(())
     }
 
     /// A word that changes the way the path is retraced: whatever reverse run was to end somewhere ends.
-    fn retrace(&mut self, order: Order) -> Result<(), OrderRefused> {
+    fn retrace(&mut self, order: Order) -> Result<(), CommandError> {
         // Whoever goes back again from where the cutter was switched agrees to pass it.
         let boundary = self.cutter_boundary();
         let status = self.card.status();
@@ -95,7 +95,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     /// Switches an output by hand; a cutter's as by *cutter off* and *cutter on*.
-    fn switch_output(&mut self, number: u8, on: bool) -> Result<(), OrderRefused> {
+    fn switch_output(&mut self, number: u8, on: bool) -> Result<(), CommandError> {
         if self.cutting.contains(&number) {
             return if on {
                 self.cutter_on()
@@ -106,11 +106,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         if number == channel::SPINDLE && on {
             let why = "the spindle is started by M3, or by `spindle start` in a pause";
-            return Err(OrderRefused::NotNow(why));
+            return Err(CommandError::NotNow(why));
         }
         let change = Change { channel: number, value: i32::from(on) };
         if !self.send_by_hand(change) {
-            return Err(OrderRefused::NoOutput(number));
+            return Err(CommandError::NoOutput(number));
         }
         if number == channel::SPINDLE && self.supply.expected()[usize::from(channel::SPINDLE)] != 0 {
             // No feed into the work with a tool that does not turn.
@@ -124,7 +124,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.cancel_restart();
         let expected = self.supply.expected();
         let cuts = self.cutting.iter().any(|&c| expected.get(usize::from(c)).is_some_and(|&value| value != 0));
-        self.switch_cutters_off(OffReason::Operator);
+        self.switch_cutters_off(CutterOffReason::Operator);
         if cuts && self.hold_program() {
             self.cutter_is_out = true;
         }
@@ -142,37 +142,37 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// *Cutter on*: the instructions that light it are carried out again, where the machine retraces and may cut; it goes out again where
     /// the machine does not move (CUT-9).
-    fn cutter_on(&mut self) -> Result<(), OrderRefused> {
+    fn cutter_on(&mut self) -> Result<(), CommandError> {
         if self.inhibits_outputs {
-            return Err(OrderRefused::NotNow("this is a dry run: the cutter stays off"));
+            return Err(CommandError::NotNow("this is a dry run: the cutter stays off"));
         }
         match self.operation.mode() {
             Mode::Run => {
                 let why = "the cutter is started with the motion: `recover` starts it and goes on";
-                return Err(OrderRefused::NotNow(why));
+                return Err(CommandError::NotNow(why));
             }
             _ if !self.retrace_cuts => {
                 let why = "only a jet whose [[cutter]] says retrace_cut = true can cut while the path is retraced";
-                return Err(OrderRefused::NotNow(why));
+                return Err(CommandError::NotNow(why));
             }
             _ => {}
         }
         if self.restart.is_active() {
-            return Err(OrderRefused::NotNow("outputs are being restored"));
+            return Err(CommandError::NotNow("outputs are being restored"));
         }
-        let channel = self.supply.last_lit().ok_or(OrderRefused::NoJet)?;
-        self.tell(Happening::CutterOn(channel));
+        let channel = self.supply.last_lit().ok_or(CommandError::NoPierce)?;
+        self.tell(EventKind::CutterOn(channel));
         if !self.card.status().at_rest {
             // a jet may be opened in passing
             let change = Change { channel, value: 1 };
-            return if self.send_by_hand(change) { Ok(()) } else { Err(OrderRefused::NoOutput(channel)) };
+            return if self.send_by_hand(change) { Ok(()) } else { Err(CommandError::NoOutput(channel)) };
         }
         self.light(channel);
         Ok(())
     }
 
     /// *Recover*: the outputs are restored, the cutter last, and the program goes on.
-    fn recover(&mut self) -> Result<(), OrderRefused> {
+    fn recover(&mut self) -> Result<(), CommandError> {
         self.operation.order(Order::Recover)?;
         self.go_on_from_stop();
         Ok(())
@@ -188,7 +188,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     /// *Cycle start*: at a program stop, at the end of a block, after a hold.
-    fn cycle_start(&mut self) -> Result<(), OrderRefused> {
+    fn cycle_start(&mut self) -> Result<(), CommandError> {
         let stands = self.program_stop || self.single_stop;
         if self.operation.held() || !stands {
             self.operation.order(Order::Resume)?;
@@ -199,26 +199,26 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(())
     }
 
-    fn ask_override(&mut self, rate: Travel) -> Result<(), OrderRefused> {
+    fn ask_override(&mut self, rate: Travel) -> Result<(), CommandError> {
         let (most, stood) = (self.overrides.most(), self.operation.override_rate() == 0);
         let reached = self.dnc.reached().unwrap_or(self.card.status().reached);
-        self.overrides.ask(rate, reached).map_err(|_| OrderRefused::TooManyOverrides)?;
+        self.overrides.ask(rate, reached).map_err(|_| CommandError::TooManyOverrides)?;
         self.override_rate();
         if stood && rate > 0 && !self.operation.held() {
             // a hold has its own way on
             let _ = self.operation.order(Order::Restart { agreed: false });
         }
-        if rate > most { Err(OrderRefused::MostOverride(most)) } else { Ok(()) }
+        if rate > most { Err(CommandError::AboveMaxOverride(most)) } else { Ok(()) }
     }
 
     /// Rapid override, 0 … 100 %. Where rapid motion stood by it, the outputs are compared before it goes on.
-    fn set_rapid_override(&mut self, rate: Travel) -> Result<(), OrderRefused> {
+    fn set_rapid_override(&mut self, rate: Travel) -> Result<(), CommandError> {
         let stood = self.operation.rapid_override() == 0 && self.card.status().at_rest;
         self.operation.order(Order::RapidOverride(rate))?;
         if stood && rate > 0 && !self.operation.held() && self.operation.mode() == Mode::Run {
             let _ = self.operation.order(Order::Restart { agreed: false });
         }
-        if rate > ONE { Err(OrderRefused::MostOverride(ONE)) } else { Ok(()) }
+        if rate > ONE { Err(CommandError::AboveMaxOverride(ONE)) } else { Ok(()) }
     }
 
     /// Sets the part of the override that the rate does.

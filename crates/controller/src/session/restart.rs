@@ -8,7 +8,7 @@ use retrace_core::mode::Mode;
 use retrace_link::{Change, CutterOff, CutterOffCause, MotionCard, Outputs, RepeatedInstruction, Word, channel};
 
 use super::Session;
-use crate::event::{Happening, OffReason};
+use crate::event::{CutterOffReason, EventKind};
 use crate::restart::RestartStep;
 
 /// How far a restart is.
@@ -73,7 +73,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         (self.restart.before, self.restart.sent, self.restart.done) = (self.card.status().repeated, 0, 0);
         self.restart.stage = if self.restart.steps.is_empty() { Stage::Idle } else { Stage::Asking };
         if !self.restart.is_active() {
-            self.tell(Happening::OutputsRestored);
+            self.tell(EventKind::OutputsRestored);
         }
     }
 
@@ -117,11 +117,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             while self.restart.done < complete.min(self.restart.sent) {
                 let step = self.restart.steps[self.restart.done];
                 self.restart.done += 1;
-                self.tell_at(step.line, Happening::RestartSwitched(step.code));
+                self.tell_at(step.line, EventKind::RestartSwitched(step.code));
             }
             if self.restart.done == self.restart.steps.len() {
                 self.restart.stage = Stage::Idle;
-                self.tell(Happening::OutputsRestored);
+                self.tell(EventKind::OutputsRestored);
                 return;
             }
             if self.restart.sent > self.restart.done || !self.card.status().at_rest {
@@ -135,7 +135,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             }
             changes[..usize::from(count)].iter().for_each(|change| self.by_hand.superseded(change.channel));
             self.restart.sent += 1;
-            self.tell_at(line, Happening::RestartSwitching(code));
+            self.tell_at(line, EventKind::RestartSwitching(code));
         }
     }
 
@@ -143,7 +143,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn cutter_went_off(&mut self, off: CutterOff) {
         for at in (0..self.cutting_channels.len()).filter(|at| off.channels >> at & 1 != 0) {
             let channel = self.cutting_channels[at];
-            self.tell(Happening::CutterOff { channel, reason: OffReason::Card(off.cause) });
+            self.tell(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });
         }
         if off.cause == CutterOffCause::Standing && self.operation.mode() == Mode::Run {
             // never refused
@@ -153,29 +153,29 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     /// Switches every cutting output off, now.
-    pub(super) fn switch_cutters_off(&mut self, reason: OffReason) {
+    pub(super) fn switch_cutters_off(&mut self, reason: CutterOffReason) {
         for at in 0..self.cutting.len() {
             self.switch_off(self.cutting[at], reason);
         }
     }
 
-    fn switch_off(&mut self, channel: u8, reason: OffReason) {
+    fn switch_off(&mut self, channel: u8, reason: CutterOffReason) {
         if self.card.status().outputs.get(usize::from(channel)).is_some_and(|&value| value != 0) {
             // a card takes every channel that its settings name
             self.send_by_hand(Change { channel, value: 0 });
-            self.tell(Happening::CutterOff { channel, reason });
+            self.tell(EventKind::CutterOff { channel, reason });
         }
     }
 
     /// Switches off what the end of a program switches off, now.
-    pub(super) fn switch_off_at_end(&mut self, reason: OffReason) {
+    pub(super) fn switch_off_at_end(&mut self, reason: CutterOffReason) {
         for at in 0..self.off_at_end.len() {
             self.switch_off(self.off_at_end[at], reason);
         }
     }
 
     /// The end of a job: every channel of a cutter goes off, and the spindle (CUT-4, CUT-10); waits until the card has reported it.
-    pub(super) fn end_switched_off(&mut self, reason: OffReason) {
+    pub(super) fn end_switched_off(&mut self, reason: CutterOffReason) {
         let is_on =
             |outputs: &Outputs, channel: &u8| outputs.get(usize::from(*channel)).is_some_and(|&value| value != 0);
         let mut outputs = self.card.status().outputs;
@@ -213,7 +213,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let status = self.card.status();
         if self.leaving_run == LeavingRun::Braking && status.at_rest {
             self.leaving_run = LeavingRun::SwitchingOff;
-            self.switch_cutters_off(OffReason::Retrace);
+            self.switch_cutters_off(CutterOffReason::Retrace);
         }
         let outputs = self.card.status().outputs;
         let lit = |&channel: &u8| outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);

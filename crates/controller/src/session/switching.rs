@@ -7,13 +7,13 @@ use retrace_core::mode::{Demand, Mode, Order};
 use retrace_link::{Change, Instruction, MotionCard, Word, channel};
 
 use super::Session;
-use crate::event::{Happening, Trouble};
+use crate::event::{CardError, EventKind};
 use crate::item::Kind;
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// The instruction whose place the motion has come to, if there is one and it may be executed now (GMC-5). False where there is
     /// nothing to do, and where the rate is to be zero: the card would keep it until there is one.
-    pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, Trouble> {
+    pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, CardError> {
         let stands = self.operation.held() || self.restart.is_active();
         if self.operation.mode() != Mode::Run || stands || demand.target.faster() <= 0 {
             return Ok(false);
@@ -30,8 +30,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 self.program_stop = true;
                 let tool = exclusive.changes.iter().find(|change| change.channel == channel::TOOL);
                 let happening = match (kind, tool) {
-                    (Kind::ToolChange, Some(change)) => Happening::ToolChange(change.value),
-                    _ => Happening::ProgramStop(code),
+                    (Kind::ToolChange, Some(change)) => EventKind::ToolChange(change.value),
+                    _ => EventKind::ProgramStop(code),
                 };
                 self.tell_at(line, happening);
             }
@@ -44,7 +44,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter };
         // First the rate: where that is zero still, the card would keep the instruction for a period.
         self.set_rate(demand);
-        self.card.send(Word::Instruction(instruction)).map_err(|refusal| Trouble::Fault {
+        self.card.send(Word::Instruction(instruction)).map_err(|refusal| CardError::Fault {
             number: "E3001",
             cause: format!("the card did not take {code}: {refusal:?}"),
             remedy: "the machine stands where the card says; check the card, then resume".into(),
@@ -53,7 +53,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.supply.sent();
         self.executing = Some(kind);
         self.tally.switch_events += u64::from(kind == Kind::Switch);
-        self.tell_at(line, Happening::Switching(code));
+        self.tell_at(line, EventKind::Switching(code));
         self.acknowledge();
         Ok(true)
     }
@@ -61,7 +61,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn acknowledge(&mut self) {
         if let Some(done) = self.supply.acknowledge(self.card.status().executed) {
             self.executing = None;
-            self.tell_at(done.line, Happening::Switched(done.code));
+            self.tell_at(done.line, EventKind::Switched(done.code));
             let want = self.supply.expected();
             let are = self.outputs_compared_with(want);
             let differs = |change: &Change| are[usize::from(change.channel)] != want[usize::from(change.channel)];

@@ -6,7 +6,7 @@ use retrace_core::mode::Mode;
 use retrace_link::{MotionCard, Status, channel};
 
 use super::Session;
-use crate::event::{Differing, Event, Happening};
+use crate::event::{DifferingOutputs, Event, EventKind};
 use crate::stream::{Period, Standing, Told};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
@@ -32,7 +32,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         for at in (0..channel::COUNT).filter(|&at| before[at] != status.outputs[at]) {
             if !self.cutting.contains(&(at as u8)) {
-                self.tell(Happening::RetraceSwitched(at as u8, status.outputs[at]));
+                self.tell(EventKind::RetraceSwitched(at as u8, status.outputs[at]));
             }
         }
     }
@@ -60,7 +60,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let differs = (0..channel::COUNT).filter(|&at| are[at] != want[at]);
         let mut list = differs.map(|at| (at as u8, are[at], want[at])).peekable();
         while list.peek().is_some() {
-            self.tell(Happening::OutputsDiffer(Differing::first(&mut list)));
+            self.tell(EventKind::OutputsDiffer(DifferingOutputs::first(&mut list)));
         }
     }
 
@@ -70,20 +70,20 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             Mode::Reverse => "reverse",
             Mode::Forward => "forward",
             Mode::Wheel => "wheel",
-            Mode::Return => "return",
-            Mode::Settle => "settle",
+            Mode::Return => "rejoin",
+            Mode::Settle => "await_outputs",
         };
-        self.tell(Happening::Mode(name));
+        self.tell(EventKind::Mode(name));
     }
 
-    pub(super) fn tell(&mut self, happening: Happening) {
+    pub(super) fn tell(&mut self, happening: EventKind) {
         self.tell_at(self.card.status().line, happening);
     }
 
-    pub(super) fn tell_at(&mut self, line: u32, happening: Happening) {
+    pub(super) fn tell_at(&mut self, line: u32, happening: EventKind) {
         let status = self.card.status();
         let time_s = status.period as f64 * self.period_s;
-        let event = Event { period: status.period, time_s, place: status.place, line, happening };
+        let event = Event { period: status.period, time_s, place: status.place, line, kind: happening };
         self.teller.tell(Told::Event(event));
     }
 }

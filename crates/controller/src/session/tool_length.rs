@@ -13,9 +13,9 @@ use retrace_link::MotionCard;
 
 use super::Session;
 use crate::dnc::Step;
-use crate::event::Happening;
+use crate::event::EventKind;
 use crate::machine::Machine;
-use crate::operator::OrderRefused;
+use crate::operator::CommandError;
 use crate::tool_length::{Answer, EnteredLength, LengthEntry, NoOffer, Offer, Proposal};
 
 /// How far entering a tool length is.
@@ -70,16 +70,16 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Asks the planning thread what the length would come to.
-    pub(super) fn propose_tool_length(&mut self, length: EnteredLength) -> Result<(), OrderRefused> {
+    pub(super) fn propose_tool_length(&mut self, length: EnteredLength) -> Result<(), CommandError> {
         // Whether it may be entered at all.
         self.dnc.displace([0; A])?;
         if self.tool_length.axis.is_none_or(|axis| axis.index >= A) {
-            return Err(OrderRefused::ToolLength(NoOffer::NoToolAxis));
+            return Err(CommandError::ToolLength(NoOffer::NoToolAxis));
         }
         let here = self.card.status().place;
         let place = self.dnc.breakpoint(here).map_or(here, |(_, place)| place).record;
         let entry = self.tool_length.entry.as_mut();
-        let entry = entry.ok_or(OrderRefused::NotNow("nobody is there to plan with another tool length"))?;
+        let entry = entry.ok_or(CommandError::NotNow("nobody is there to plan with another tool length"))?;
         entry.propose(Proposal { length, place });
         self.tool_length.stage = Stage::Proposed;
         Ok(())
@@ -112,7 +112,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     fn refuse_tool_length(&mut self, why: NoOffer) {
         self.tool_length.stage = Stage::Idle;
-        self.tell(Happening::OrderRefused(OrderRefused::ToolLength(why)));
+        self.tell(EventKind::CommandRejected(CommandError::ToolLength(why)));
     }
 
     /// Takes an offer where nothing of the ring that would be moved leaves the soft limits.

@@ -8,15 +8,15 @@ use retrace_link::{MotionCard, Start, Status};
 
 use super::{Outcome, Session};
 use crate::dnc::{Dnc, Flags, Step};
-use crate::event::{Happening, Trouble};
+use crate::event::{CardError, EventKind};
 use crate::manual::hand::Request;
 use crate::manual::trip::{Ended, Trip};
-use crate::operator::{Deed, OrderRefused};
+use crate::operator::{CommandError, OperatorCommand};
 use crate::stream::{Period, Standing, Told};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Moves the axes from where they stand to the counts `to`; nothing moves where they are there. `Some`: the job ends instead.
-    pub(super) fn go_to_breakpoint(&mut self, to: [i64; A]) -> Result<Option<Outcome>, Trouble> {
+    pub(super) fn go_to_breakpoint(&mut self, to: [i64; A]) -> Result<Option<Outcome>, CardError> {
         let Status { counts: from, executed, .. } = *self.card.status();
         if from == to {
             return Ok(None);
@@ -24,12 +24,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let Some(mut hand) = self.dnc.take_hand() else { return Err(not_planned()) };
         // A card that was only asked where it stands is opened by that.
         let begins = Start { executed, ..Start::at(hand.ring.write()) };
-        self.card.begin(begins).map_err(|fault| Trouble::of(&fault))?;
+        self.card.begin(begins).map_err(|fault| CardError::of(&fault))?;
         self.tell_way_back(Step::Approaching);
         let request = Request::Approach { from, to };
         let mut trip = Trip::begin(&mut hand, request, executed, self.enough, self.manner.wall_time);
         let ended = loop {
-            let turned = trip.turn(&mut hand, &mut self.card).map_err(|fault| Trouble::of(&fault))?;
+            let turned = trip.turn(&mut hand, &mut self.card).map_err(|fault| CardError::of(&fault))?;
             if let Some(ended) = turned {
                 break ended;
             }
@@ -55,19 +55,19 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn is_told_to_stop(&mut self) -> bool {
         let mut stops = false;
         while let Some(deed) = self.operators.live_word() {
-            self.tell(Happening::Operator(deed));
+            self.tell(EventKind::Operator(deed));
             match deed {
-                Deed::Stop | Deed::Hold | Deed::Pause => stops = true,
-                Deed::OptionalStop(on) => self.optional_stop = on,
-                _ => self.tell(Happening::OrderRefused(OrderRefused::NotNow("the axes go back to the breakpoint"))),
+                OperatorCommand::Stop | OperatorCommand::Hold | OperatorCommand::Pause => stops = true,
+                OperatorCommand::OptionalStop(on) => self.optional_stop = on,
+                _ => self.tell(EventKind::CommandRejected(CommandError::NotNow("the axes go back to the breakpoint"))),
             }
         }
         stops
     }
 
     /// A control period that belongs to no program.
-    fn period_off_path(&mut self) -> Result<Option<Outcome>, Trouble> {
-        let status = *self.card.period().map_err(|fault| Trouble::of(&fault))?;
+    fn period_off_path(&mut self) -> Result<Option<Outcome>, CardError> {
+        let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
         self.tally.pause();
         self.teller.outputs(&status.outputs);
         let period = Period { mode: Mode::Run, standing: Standing::Paused, off_path: true, ..Period::of(&status) };
@@ -76,12 +76,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     fn tell_way_back(&mut self, step: Step) {
-        self.tell(Happening::Dnc(Dnc { step, flags: Flags::default() }));
+        self.tell(EventKind::Dnc(Dnc { step, flags: Flags::default() }));
     }
 }
 
-fn not_planned() -> Trouble {
-    Trouble::Fault {
+fn not_planned() -> CardError {
+    CardError::Fault {
         number: "E2217",
         cause: "the way back to the breakpoint cannot be planned".into(),
         remedy: "bring the machine nearer to the breakpoint by hand, then resume again".into(),

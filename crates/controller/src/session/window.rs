@@ -9,7 +9,7 @@ use retrace_link::{MotionCard, Status, Word};
 
 use super::Session;
 use super::back::Back;
-use crate::event::Happening;
+use crate::event::EventKind;
 use crate::supply::Road;
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
@@ -100,7 +100,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let dry = status.short && status.rate != 0 && mode == Mode::Run && !at_block_end;
         if dry && !self.dry {
             self.tally.underruns += 1;
-            self.tell(Happening::Underrun);
+            self.tell(EventKind::Underrun);
         }
         self.dry = dry;
         if at_block_end
@@ -110,7 +110,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             && status.place == Place::start_of(status.high)
         {
             self.single_stop = true;
-            self.tell(Happening::SingleBlock);
+            self.tell(EventKind::SingleBlock);
         }
     }
 }

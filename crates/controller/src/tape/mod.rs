@@ -162,7 +162,7 @@ impl TapeReader {
         if bytes().all(|byte| byte < 0x80) {
             return Decoding::Plain;
         }
-        // Of the leader only what is no NUL shows anything.
+        // Of the leader only what is not a NUL shows anything.
         let shown = || bytes().filter(|byte| byte & 0x7F != 0);
         if shown().all(|byte| byte.count_ones().is_multiple_of(2)) {
             Decoding::Parity { odd: false }

@@ -317,7 +317,7 @@ impl<'m> Track<'m> {
             _ => (LEAST_DEVIATION_MM, PathMode::blend(LEAST_DEVIATION_MM)),
         };
         self.cutters.before_feed(self.machine, line, sink);
-        // The mode in force is that of the spline's end; inside, a chord is no block of its own.
+        // The mode in force is that of the spline's end; inside, a chord is not a block of its own.
         let mut held = None;
         let feed = self.feed();
         chords(spline, deviation_mm / self.unit.millimetres(), |(x, y)| {

@@ -184,7 +184,7 @@ impl Track<'_> {
     ) -> Result<(), Untrackable> {
         self.cutters.switched(self.machine, &[change]);
         match (switching.class, switching.in_reverse) {
-            (Class::Synchronous, InReverse::AsIs) => sink.lasting_action(change, line),
+            (Class::Synchronous, InReverse::Unchanged) => sink.lasting_action(change, line),
             (Class::Synchronous, _) => sink.action(change, line),
             (Class::Exclusive, _) => return self.exclusive(code, &[change], switching, line, sink),
         }

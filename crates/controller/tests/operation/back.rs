@@ -2,8 +2,8 @@
 //!
 //! Invariant: what is asked for is compared with a plain run, never with the code that looked for it.
 
-use retrace_controller::event::Happening;
-use retrace_controller::operator::OrderRefused;
+use retrace_controller::event::EventKind;
+use retrace_controller::operator::CommandError;
 use retrace_core::mode::Mode;
 use retrace_core::{ONE, Travel};
 use retrace_link::MotionCard;
@@ -32,8 +32,8 @@ fn back_by_a_length_stands_at_the_first_boundary_at_or_beyond_it() {
         let script = format!("{at} back {mm} mm\nafter 12s leave\n");
         let (end, log) = complete(&machine, CUT, &script);
         assert_eq!(end.card.status().counts, plain_end.card.status().counts);
-        let asked = log.event(|h| matches!(h, Happening::Operator(_)));
-        let there = log.event(|h| *h == Happening::There);
+        let asked = log.event(|h| matches!(h, EventKind::Operator(_)));
+        let there = log.event(|h| *h == EventKind::BackTargetReached);
         assert_eq!((there.place.fraction, asked.place.fraction), (0, 0));
         let (from, to) = (asked.place.record, there.place.record);
         let (length, shorter) = (length_mm(&plain, to, from), length_mm(&plain, to + 1, from));
@@ -67,7 +67,7 @@ fn back_to_the_block_and_from_its_beginning_to_the_one_before() {
     let lines: Vec<[u32; 2]> = log
         .events
         .iter()
-        .filter(|e| e.happening == Happening::There)
+        .filter(|e| e.kind == EventKind::BackTargetReached)
         .map(|e| {
             let line = |record: u32| {
                 let passed = log.periods.iter().find(|p| p.mode == Mode::Run && p.place == boundary(record));
@@ -82,12 +82,12 @@ fn back_to_the_block_and_from_its_beginning_to_the_one_before() {
 #[test]
 fn back_to_the_jet_is_where_it_came_on_and_without_one_nothing_moves() {
     let machine = machine(600.0);
-    let (_, log) = complete(&machine, CUT, "at line 10 hold\nafter 2s back to jet\nafter 9s leave\n");
-    let on = log.event(|h| *h == Happening::Switching("M64"));
-    let there = log.event(|h| *h == Happening::There);
+    let (_, log) = complete(&machine, CUT, "at line 10 hold\nafter 2s back to pierce\nafter 9s leave\n");
+    let on = log.event(|h| *h == EventKind::Switching("M64"));
+    let there = log.event(|h| *h == EventKind::BackTargetReached);
     assert_eq!(there.place, on.place);
-    let (_, log) = complete(&machine, CUT, "at line 2 back to jet\n");
-    assert_eq!(log.count(|h| *h == Happening::OrderRefused(OrderRefused::NoJet)), 1);
+    let (_, log) = complete(&machine, CUT, "at line 2 back to pierce\n");
+    assert_eq!(log.count(|h| *h == EventKind::CommandRejected(CommandError::NoPierce)), 1);
     assert!(log.periods.iter().all(|p| p.mode == Mode::Run));
 }
 
@@ -95,12 +95,19 @@ fn back_to_the_jet_is_where_it_came_on_and_without_one_nothing_moves() {
 fn where_history_does_not_reach_it_stands_at_the_oldest_and_says_that() {
     let machine = machine(1.0);
     let (_, log) = complete(&machine, CUT, "at line 7 back 500 mm\nafter 5s leave\n");
-    assert_eq!((log.count(|h| *h == Happening::Oldest), log.count(|h| *h == Happening::There)), (1, 0));
-    let (_, log) = complete(&machine, CUT, "at line 10 back to jet\n");
-    assert_eq!(log.count(|h| *h == Happening::OrderRefused(OrderRefused::NoJet)), 1, "the jet came on before that");
+    assert_eq!(
+        (log.count(|h| *h == EventKind::HistoryStartReached), log.count(|h| *h == EventKind::BackTargetReached)),
+        (1, 0)
+    );
+    let (_, log) = complete(&machine, CUT, "at line 10 back to pierce\n");
+    assert_eq!(
+        log.count(|h| *h == EventKind::CommandRejected(CommandError::NoPierce)),
+        1,
+        "the jet came on before that"
+    );
     // At the very beginning there is nothing behind.
     let (_, log) = run(&machine, CUT, "at 0s back 1 mm\n");
-    assert_eq!(log.count(|h| *h == Happening::OrderRefused(OrderRefused::NothingBehind)), 1);
+    assert_eq!(log.count(|h| *h == EventKind::CommandRejected(CommandError::NothingBehind)), 1);
 }
 
 #[test]
@@ -111,9 +118,9 @@ fn whoever_is_going_back_already_goes_on_from_where_he_comes_to_rest() {
         CUT,
         "at line 7 reverse 100%\nafter 0.6s back 0.01 mm\nafter 3s forward 50%\nafter 3s agree\n",
     );
-    let there = log.event(|h| *h == Happening::There);
+    let there = log.event(|h| *h == EventKind::BackTargetReached);
     assert_eq!(there.place.fraction, 0);
-    assert_eq!(log.count(|h| *h == Happening::GoesOn), 1);
+    assert_eq!(log.count(|h| *h == EventKind::RunResumed), 1);
 }
 
 #[test]
@@ -121,5 +128,5 @@ fn the_wheel_says_when_it_has_come_forward_to_its_end() {
     let machine = machine(600.0);
     let script = "at line 7 wheel -100 for 1s\nafter 0.5s wheel 100 for 3s\nafter 1s wheel -100 for 0.2s\nafter 1s wheel 100 for 2s\nafter 1s leave\n";
     let (_, log) = complete(&machine, CUT, script);
-    assert_eq!(log.count(|h| *h == Happening::Reached), 2);
+    assert_eq!(log.count(|h| *h == EventKind::HistoryEndReached), 2);
 }

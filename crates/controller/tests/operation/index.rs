@@ -112,7 +112,7 @@ fn an_override_is_noted_where_it_counts() {
     let noted = notes.iter().position(|note| matches!(note, Note::Override { .. })).expect("a note");
     let Note::Override { place, planned } = notes[noted] else { unreachable!() };
     assert_eq!(planned, (ONE * 7 + 2) / 5);
-    let told = log.event(|h| matches!(h, retrace_controller::event::Happening::OverridePlanned(_)));
+    let told = log.event(|h| matches!(h, retrace_controller::event::EventKind::OverridePlanned(_)));
     assert_eq!(told.place.record, place);
     let marked_before = |note: &Note| matches!(note, Note::Mark(mark) if !before(place, mark.place));
     assert!(notes[..noted].iter().all(marked_before), "before any mark beyond it");

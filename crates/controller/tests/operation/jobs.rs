@@ -3,7 +3,7 @@
 //! Invariant: time is virtual, so that a run is the same at any speed.
 #![allow(unreachable_pub)] // a module of a test
 
-use retrace_controller::event::{Event, Happening};
+use retrace_controller::event::{Event, EventKind};
 use retrace_controller::index::Keeping;
 use retrace_controller::job::{self, Begin, Conduct, JobEnd};
 use retrace_controller::machine::Machine;
@@ -37,15 +37,15 @@ impl Observer<AXES> for Log {
 
 impl Log {
     /// The first such event.
-    pub fn event(&self, what: impl Fn(&Happening) -> bool) -> &Event {
-        let found = self.events.iter().find(|event| what(&event.happening));
+    pub fn event(&self, what: impl Fn(&EventKind) -> bool) -> &Event {
+        let found = self.events.iter().find(|event| what(&event.kind));
         found
             .unwrap_or_else(|| panic!("it is not among {:#?}", self.events.iter().map(Event::text).collect::<Vec<_>>()))
     }
 
     /// How many such events.
-    pub fn count(&self, what: impl Fn(&Happening) -> bool) -> usize {
-        self.events.iter().filter(|event| what(&event.happening)).count()
+    pub fn count(&self, what: impl Fn(&EventKind) -> bool) -> usize {
+        self.events.iter().filter(|event| what(&event.kind)).count()
     }
 }
 

@@ -4,7 +4,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use retrace_controller::event::Happening;
+use retrace_controller::event::EventKind;
 use retrace_controller::index::{Index, Keeping, Mark, Note};
 use retrace_controller::job::{self, Begin, CannotBegin, JobEnd};
 use retrace_controller::machine::Machine;
@@ -184,8 +184,8 @@ fn outputs_are_brought_back_by_their_instructions_before_anything_moves() {
     let left = at.start.place;
     let (end, log, _) = part(&machine, LAPS, "", Begin::At(Box::new(at)), end.card);
     assert_eq!(end.outcome, Outcome::Completed);
-    assert_eq!(log.event(|h| *h == Happening::RestartSwitched("M3")).place, left);
-    let restored = log.event(|h| *h == Happening::OutputsRestored);
+    assert_eq!(log.event(|h| *h == EventKind::RestartSwitched("M3")).place, left);
+    let restored = log.event(|h| *h == EventKind::OutputsRestored);
     assert_eq!(restored.place, left);
     assert!(log.periods.iter().all(|period| period.place == left || period.period > restored.period));
 }

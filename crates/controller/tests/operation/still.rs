@@ -45,7 +45,7 @@ fn eventful(times: usize) -> (String, String) {
         after 0.2s reverse 100%\nafter 0.2s output 5 on\nafter 0.1s back 1 mm\nafter 0.5s wheel -90 for 0.2s\nafter 0.2s wheel 80 for 2s\n\
         after 0.1s leave ask\nafter 1s agree\nafter 0.1s single\nafter 1s cycle start\nafter 0.2s single\nafter 0.5s pause\n\
         after 0.5s spindle stop\nafter 0.1s jog x 1\nafter 0.5s spindle start\nafter 0.2s online\nafter 0.2s cycle start\n\
-        after 1s back to jet\nafter 0.5s back to block\nafter 0.3s leave\nafter 0.3s cycle start\nafter 0.3s resume\n";
+        after 1s back to pierce\nafter 0.5s back to block\nafter 0.3s leave\nafter 0.3s cycle start\nafter 0.3s resume\n";
     (program, once.repeat(times) + &"after 0.5s cycle start\n".repeat(60))
 }
 

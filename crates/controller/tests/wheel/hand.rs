@@ -3,7 +3,7 @@
 //! Invariant: it follows from the seed alone.
 #![allow(unreachable_pub)] // a module of a test
 
-use retrace_controller::operator::Deed;
+use retrace_controller::operator::OperatorCommand;
 use retrace_core::ONE;
 use retrace_hal_sim::Random;
 
@@ -12,7 +12,7 @@ use crate::wired::pick;
 /// What is done in one turn of the motion path.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Moment {
-    pub word: Option<Deed>,
+    pub word: Option<OperatorCommand>,
     /// Counts of the wheel on the screen.
     pub screen: i16,
     /// Counts of the wheel that is wired to the card.
@@ -53,30 +53,33 @@ pub fn moments(random: &mut Random, setting: Setting) -> Vec<Moment> {
         turned(random, &mut moments, run, setting, Signal::Jitter);
         if random.up_to(3) == 0 {
             let rate = ONE * i64::from(1 + random.up_to(99)) / 100;
-            say(&mut moments, pick(random, &[Deed::Reverse(rate), Deed::Hold, Deed::Override(rate)]));
+            say(
+                &mut moments,
+                pick(random, &[OperatorCommand::Reverse(rate), OperatorCommand::Hold, OperatorCommand::Override(rate)]),
+            );
             turned(random, &mut moments, 400, setting, Signal::Jitter);
         }
-        say(&mut moments, Deed::Wheel { counts_per_s: 0.0, seconds: 0.0 });
+        say(&mut moments, OperatorCommand::Wheel { counts_per_s: 0.0, seconds: 0.0 });
         for _ in 0..1 + random.up_to(7) {
             let signal = Signal::any(random);
             let longest = pick(random, &[100, 1500]);
             let periods = 20 + random.up_to(longest);
             turned(random, &mut moments, periods, setting, signal);
             if random.up_to(15) == 0 {
-                say(&mut moments, Deed::Hold);
+                say(&mut moments, OperatorCommand::Hold);
                 turned(random, &mut moments, 100, setting, signal);
-                say(&mut moments, Deed::Resume);
+                say(&mut moments, OperatorCommand::Resume);
             }
         }
-        say(&mut moments, Deed::Leave { ask: false });
+        say(&mut moments, OperatorCommand::Leave { ask: false });
     }
-    for word in [Deed::Override(ONE), Deed::Resume, Deed::Leave { ask: false }] {
+    for word in [OperatorCommand::Override(ONE), OperatorCommand::Resume, OperatorCommand::Leave { ask: false }] {
         say(&mut moments, word);
     }
     moments
 }
 
-fn say(moments: &mut Vec<Moment>, word: Deed) {
+fn say(moments: &mut Vec<Moment>, word: OperatorCommand) {
     moments.push(Moment { word: Some(word), ..Moment::default() });
 }
 

@@ -18,11 +18,11 @@ mod hand;
 use std::collections::{HashMap, VecDeque};
 
 use hand::{Moment, Setting, moments};
-use retrace_controller::event::Happening;
+use retrace_controller::event::EventKind;
 use retrace_controller::index::Keeping;
 use retrace_controller::job::{self, Begin, Conduct};
 use retrace_controller::machine::Machine;
-use retrace_controller::operator::Deed;
+use retrace_controller::operator::OperatorCommand;
 use retrace_controller::orders::{Operators, Orders, orders};
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Outcome};
@@ -104,7 +104,7 @@ impl Observer<AXES> for Log {
     fn told(&mut self, told: &Told<AXES>) {
         match told {
             Told::Period(period) => self.periods.push(*period),
-            Told::Event(event) => self.reached += usize::from(event.happening == Happening::Reached),
+            Told::Event(event) => self.reached += usize::from(event.kind == EventKind::HistoryEndReached),
             _ => {}
         }
         assert!(self.periods.len() < 200_000, "it hangs");
@@ -187,7 +187,8 @@ impl Case {
         let mut reached_at_wheel = None;
         for (turn, period) in periods.iter().enumerate() {
             assert_eq!(period.period, turn as u64 + 1);
-            let is_entered = matches!(self.moments.get(turn), Some(Moment { word: Some(Deed::Wheel { .. }), .. }));
+            let is_entered =
+                matches!(self.moments.get(turn), Some(Moment { word: Some(OperatorCommand::Wheel { .. }), .. }));
             if is_entered && last_mode != Mode::Wheel {
                 since = turn;
             }

@@ -6,7 +6,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use retrace_controller::event::{Event, Happening};
+use retrace_controller::event::{Event, EventKind};
 use retrace_controller::index::Keeping;
 use retrace_controller::job::{self, Begin, Conduct, Decode, Decoded};
 use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
@@ -70,7 +70,7 @@ impl Path {
                             self.0.push(period.counts);
                         }
                     }
-                    Told::Event(Event { happening: Happening::Switching(_), place, .. }) => self.1.push(place.record),
+                    Told::Event(Event { kind: EventKind::Switching(_), place, .. }) => self.1.push(place.record),
                     _ => {}
                 }
             }
@@ -218,8 +218,8 @@ impl Done {
         self.outcome == Outcome::Completed
     }
 
-    pub fn saw(&self, happening: &Happening) -> bool {
-        self.events.iter().any(|event| event.happening == *happening)
+    pub fn saw(&self, happening: &EventKind) -> bool {
+        self.events.iter().any(|event| event.kind == *happening)
     }
 }
 

@@ -124,7 +124,7 @@ impl<const A: usize, const M: usize> Drive<A, M> {
         let (fast, slow) = (fast.min(ONE), slow.min(ONE));
         let rapid_is_fast = target.rapid > target.feed;
         let average = Travel::from(self.limits.average());
-        // From the slower rate being commanded until the cursor runs at it; the last step of the ramp is no whole one.
+        // From the slower rate being commanded until the cursor runs at it; the last step of the ramp is not a whole one.
         let settling = (slow >> 1) * (average + 1) + 3 * ONE;
         // From a planned stop the rate jumps, and its lead with it.
         let stopping = Travel::from(self.cursor.law().smoothing().stopping_records());

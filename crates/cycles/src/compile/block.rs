@@ -71,7 +71,7 @@ impl Compiler<'_> {
                         return fault(
                             Code::WordUnknown,
                             span,
-                            "this is no variable, and an address has no number before =",
+                            "this is not a variable, and an address has no number before =",
                         );
                     }
                     self.word(&mut words, letter, Some(value), span)?;
@@ -113,11 +113,11 @@ impl Compiler<'_> {
             "DIAMOF" => self.code_g(words, 80, span),
             _ => match name.as_bytes() {
                 [letter] if is_address(*letter) => self.word(words, *letter, None, span),
-                [_] => fault(Code::WordUnknown, span, format!("{name} is no address of a cycle's block")),
+                [_] => fault(Code::WordUnknown, span, format!("{name} is not an address of a cycle's block")),
                 _ => fault(
                     Code::NameUnknown,
                     span,
-                    format!("{name} is no variable, and a call stands alone in its block"),
+                    format!("{name} is not a variable, and a call stands alone in its block"),
                 ),
             },
         }
@@ -170,7 +170,7 @@ impl Compiler<'_> {
     /// A word of one letter; its value was read with it, or follows.
     fn word(&mut self, words: &mut Words, letter: u8, value: Option<f64>, span: Span) -> Parsed {
         if letter == b'G' {
-            // 33.1 is no exact number, its tenths are.
+            // 33.1 is not an exact number, its tenths are.
             return match value.map(|value| (value * 10.0, (value * 10.0).round())) {
                 Some((exact, tenths)) if (exact - tenths).abs() < 1e-9 && tenths < 10_000.0 => {
                     let known = KNOWN_G.iter().find(|(here, _)| f64::from(*here) == tenths);
@@ -184,7 +184,7 @@ impl Compiler<'_> {
             };
         }
         if !is_address(letter) {
-            let message = format!("{} is no address of a cycle's block", char::from(letter));
+            let message = format!("{} is not an address of a cycle's block", char::from(letter));
             return fault(Code::WordUnknown, span, message);
         }
         if letter == b'M' {

@@ -304,7 +304,7 @@ impl Compiler<'_> {
         }
         match Function::named(name) {
             Some(function) => self.function(function, span),
-            None => fault(Code::NameUnknown, span, format!("{name} is no variable and no function")),
+            None => fault(Code::NameUnknown, span, format!("{name} is neither a variable nor a function")),
         }
     }
 

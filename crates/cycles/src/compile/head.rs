@@ -46,7 +46,7 @@ impl Compiler<'_> {
                 "PATTERN" => self.unit.is_pattern = true,
                 // A cycle is one block of its caller anyway.
                 "DISPLOF" | "DISPLON" | "SBLOF" => {}
-                _ => return fault(Code::AttributeUnknown, self.here_span(), "this is no attribute of PROC"),
+                _ => return fault(Code::AttributeUnknown, self.here_span(), "this is not an attribute of PROC"),
             }
             self.skip();
         }

@@ -177,7 +177,7 @@ fn number(line: &str, at: &mut usize) -> Parsed<f64> {
     }
     let value = format!("{mantissa}e{exponent}").parse::<f64>().unwrap_or(f64::NAN);
     if mantissa == "." || !value.is_finite() || bytes.get(*at) == Some(&b'.') {
-        return fault(Code::BadNumber, Span { start, end: *at }, "this is no number");
+        return fault(Code::BadNumber, Span { start, end: *at }, "this is not a number");
     }
     Ok(value)
 }

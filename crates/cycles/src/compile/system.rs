@@ -71,7 +71,7 @@ impl Compiler<'_> {
         }
         match System::named(name) {
             Some(system) => self.system(system),
-            None => fault(Code::NameUnknown, span, format!("{name} is no system variable that is known here")),
+            None => fault(Code::NameUnknown, span, format!("{name} is not a system variable that is known here")),
         }
     }
 

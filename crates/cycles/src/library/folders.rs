@@ -1,6 +1,6 @@
 //! The two folders (PRE-1): sources, and compiled forms.
 //!
-//! Invariant: a missing folder is no error; a compiled form is written whole or not at all.
+//! Invariant: a missing folder is not an error; a compiled form is written whole or not at all.
 
 use super::Finding;
 use crate::code::Unit;

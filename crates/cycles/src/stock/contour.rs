@@ -19,7 +19,7 @@ pub(super) fn read(elements: &[Element]) -> Result<Vec<Segment>, Fault> {
     if let Some(other) = elements.iter().find(|element| element.kind == Kind::Other) {
         return Err(Fault::Interpolation(other.line));
     }
-    // The block that tells the start is one of the three, and is no element.
+    // The block that tells the start is one of the three, and is not an element.
     if elements.len() < 2 {
         return Err(Fault::TooFewBlocks);
     }

@@ -42,7 +42,7 @@ pub enum Fault {
     StartInBlank,
     /// MID is 0, or so small that the levels cannot be counted.
     InfeedDepth,
-    /// The element is no G0, G1, G2 or G3.
+    /// The element is not a G0, G1, G2 or G3.
     Interpolation(u32),
     /// An arc of more than half a turn.
     LongArc(u32),

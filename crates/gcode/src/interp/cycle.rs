@@ -392,7 +392,7 @@ impl Host for Caller<'_> {
                 Spindle::Counterclockwise => 4.0,
                 Spindle::Stopped => 5.0,
             },
-            // RS274/NGC has no D number: the offset of a tool is the tool's own line of the table, and G43 is no condition for a
+            // RS274/NGC has no D number: the offset of a tool is the tool's own line of the table, and G43 is not a condition for a
             // radius. A program that selects no tool works with the one that is clamped, so none is refused (our decision: 61000 never
             // comes, as retrace drills what any program drills).
             Query::OffsetNumber => state.current_tool.max(1).into(),

@@ -16,7 +16,7 @@ use crate::params::INPUT;
 pub struct UserCodes(u128);
 
 impl UserCodes {
-    /// These, too; a number that is no user code is left out.
+    /// These, too; a number that is not a user code is left out.
     #[must_use]
     pub const fn with(self, number: u8) -> UserCodes {
         match number {

@@ -81,7 +81,7 @@ impl Writer {
         last(&["g20", "g21"]) > last(&["g64"])
     }
 
-    /// The axis across the plane of the lines written so far; what stands in a comment or an expression is no code.
+    /// The axis across the plane of the lines written so far; what stands in a comment or an expression is not a code.
     fn normal_axis(&self) -> &'static str {
         let plane = self.lines.iter().rev().flat_map(|line| line.lines().rev()).find_map(|line| {
             let line = line.to_lowercase();

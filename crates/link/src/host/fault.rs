@@ -57,7 +57,9 @@ impl CardFault for HostFault {
             Self::Refused(_) => "see what the card's alarm says, and run the program again; please report this",
             Self::Protocol(_) => "put the card's firmware and this program on versions that belong together",
             Self::Moved => "resume the job; check the line if it happens again",
-            Self::Unfit => "wait until the machine stands; compare the machine file with what `retrace card who` says",
+            Self::Unfit => {
+                "wait until the machine stands; compare the machine file with what `retrace card identify` says"
+            }
         }
     }
 }

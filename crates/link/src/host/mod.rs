@@ -49,7 +49,7 @@ enum Staged {
     Stream(u16),
 }
 
-/// An order to clear the alarm, on its way: until its outcome is known the alarm is no fault.
+/// An order to clear the alarm, on its way: until its outcome is known the alarm is not a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Clearing {
     /// The word has this number.
@@ -338,7 +338,7 @@ impl<const A: usize> Host<A> {
             }
             _ => {}
         }
-        // A few places are kept for what is no record, so that it never has to wait behind records.
+        // A few places are kept for what is not a record, so that it never has to wait behind records.
         let room = if matches!(word, Word::Ahead { .. } | Word::Behind { .. } | Word::Action(_)) { 16 } else { 0 };
         if usize::from(self.count) + room >= WORDS {
             return Err(Refusal::Full);

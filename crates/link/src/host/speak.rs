@@ -127,7 +127,7 @@ impl<const A: usize> Host<A> {
         now.saturating_sub(self.times.frame) >= HEARTBEAT_US && self.compose_now(kind::NOW)
     }
 
-    /// Is there a word to be sent that is no record?
+    /// Is there a word to be sent that is not a record?
     fn has_order(&self) -> bool {
         let word = |k: u16| &self.queue[usize::from(self.base.wrapping_add(k)) % WORDS];
         (self.sent..self.count).any(|k| !matches!(word(k), Word::Ahead { .. } | Word::Behind { .. }))

@@ -17,7 +17,7 @@ const ROUNDING: f64 = 1e-12;
 /// The sum of the durations of the phases is then the number times the period, to a part in 10¹².
 ///
 /// `None`, and nothing is changed, where the chain does not start and end at rest, is empty or takes no time, or where `period`
-/// is no duration.
+/// is not a duration.
 pub fn whole_periods(profiles: &mut [Profile], period: f64) -> Option<u64> {
     let (first, last) = (profiles.first()?, profiles.last()?);
     if !(is_rest(first.start()) && is_rest(last.end())) {
