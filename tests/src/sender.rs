@@ -46,8 +46,8 @@ impl Chance {
 impl Trouble {
     /// So many cuts and stalls of up to so many ms each, anywhere in a program of `length` bytes.
     #[must_use]
-    pub fn anywhere(chance: &mut Chance, length: usize, cuts: usize, stalls: usize, most_ms: usize) -> Self {
-        let stall = |chance: &mut Chance| (chance.below(length), Duration::from_millis(chance.below(most_ms) as u64));
+    pub fn anywhere(chance: &mut Chance, length: usize, cuts: usize, stalls: usize, max_ms: usize) -> Self {
+        let stall = |chance: &mut Chance| (chance.below(length), Duration::from_millis(chance.below(max_ms) as u64));
         Self {
             cuts: (0..cuts).map(|_| chance.below(length)).collect(),
             goes_away: true,

@@ -43,7 +43,7 @@ fn run(machine: &str, program: &str, script: &str, more: &[&str]) -> (Run, Vec<S
 }
 
 /// For how long, at the most, an output was on without a break while the machine stood, in ms, and the program line of it.
-fn longest_standing_ms(samples: &[Sample], output: &str) -> (u64, u64) {
+fn max_standing_ms(samples: &[Sample], output: &str) -> (u64, u64) {
     let (mut longest, mut since, mut line) = (0, None, 0);
     for sample in samples {
         if sample.at_rest && sample.is_on(output) {
@@ -106,13 +106,13 @@ fn a_hold_puts_out_a_torch_at_once_a_jet_after_its_grace_and_lets_a_spindle_turn
     let out = torch.of_kind("cutter_off").next().expect("it goes out").clone();
     assert_eq!((&out["reason"], &out["line"]), (&json!("standing"), &json!(4)));
     // M3 takes 400 ms, and up to 100 ms may pass until the motion begins
-    assert!(longest_standing_ms(&pins, "spindle").0 <= 502, "{:?}", longest_standing_ms(&pins, "spindle"));
+    assert!(max_standing_ms(&pins, "spindle").0 <= 502, "{:?}", max_standing_ms(&pins, "spindle"));
     let at_rest = pins.iter().find(|sample| sample.at_us / 1000 >= time_ms(&out)).expect("a sample");
     assert!(at_rest.at_rest && !at_rest.is_on("spindle"));
 
     let (jet, pins) = run(&machine(JET, ""), JET_PROGRAM, &holds.replace("line 4", "line 5"), &[]);
     jet.assert_exact_and_legal();
-    let (standing, line) = longest_standing_ms(&pins, "out3");
+    let (standing, line) = max_standing_ms(&pins, "out3");
     assert!((499..=502).contains(&standing) && line == 5, "{standing} ms at line {line}");
     // a hold that is shorter than the grace goes on without a restart
     let short = "at line 5 override 100%\nafter 0.3s hold\nafter 0.4s resume\n";
@@ -123,7 +123,7 @@ fn a_hold_puts_out_a_torch_at_once_a_jet_after_its_grace_and_lets_a_spindle_turn
     let (router, pins) = run(&machine(SPINDLE, ""), TORCH_PROGRAM, &holds.replace("recover", "resume"), &[]);
     router.assert_exact_and_legal();
     assert_eq!(router.of_kind("outputs_differ").count(), 0);
-    assert!(longest_standing_ms(&pins, "spindle").0 >= 1900);
+    assert!(max_standing_ms(&pins, "spindle").0 >= 1900);
 }
 
 #[test]
@@ -147,7 +147,7 @@ fn every_other_stop_puts_the_torch_out_as_well() {
     for (program, script, what) in cases {
         let (run, pins) = run(&machine(TORCH, ""), program, script, &[]);
         run.assert_exact_and_legal();
-        let (standing, line) = longest_standing_ms(&pins, "spindle");
+        let (standing, line) = max_standing_ms(&pins, "spindle");
         assert!(standing <= 502, "{what}: lit for {standing} ms at rest, line {line}");
         assert!(run.of_kind("cutter_off").any(|off| off["reason"] == "standing"), "{what}");
     }
@@ -454,7 +454,7 @@ fn a_stream_that_is_refused_in_the_cut_leaves_the_cutter_off() {
     assert!(run.said.code == Some(1) && run.said.err.contains("E4304"), "{}", run.said.err);
     let samples = samples(&vcd);
     assert_off_at_the_end(&samples, "out3");
-    let (standing, line) = longest_standing_ms(&samples, "out3");
+    let (standing, line) = max_standing_ms(&samples, "out3");
     assert!(standing <= 600, "{standing} ms in line {line}");
     assert!(samples.iter().any(|sample| sample.line == 4 && sample.is_on("out3")));
 }

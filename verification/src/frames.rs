@@ -317,9 +317,9 @@ pub const ROWS: &[Row] = &[
 #[cfg(not(any(kani, verify_wasm)))]
 fn long(size: Size) -> String {
     use crate::native::Draw;
-    use retrace_link::frame::{MOST_PAYLOAD, MOST_WIRE};
+    use retrace_link::frame::{MAX_PAYLOAD, MAX_WIRE};
     let frames = if size.full { 2_000_000 } else { 20_000 };
-    let (mut draw, mut decoder, mut refused) = (Draw::new(size.seed), Decoder::<MOST_PAYLOAD>::new(), 0);
+    let (mut draw, mut decoder, mut refused) = (Draw::new(size.seed), Decoder::<MAX_PAYLOAD>::new(), 0);
     for _ in 0..frames {
         for _ in 0..draw.below(40) {
             let noise = draw.word() as u8;
@@ -329,16 +329,16 @@ fn long(size: Size) -> String {
             }
         }
         refused += u64::from(decoder.take(0).is_some());
-        let (count, zeros) = (1 + draw.below(MOST_PAYLOAD as u32) as usize, 1 + draw.below(300));
-        let payload: [u8; MOST_PAYLOAD] =
+        let (count, zeros) = (1 + draw.below(MAX_PAYLOAD as u32) as usize, 1 + draw.below(300));
+        let payload: [u8; MAX_PAYLOAD] =
             core::array::from_fn(|_| if draw.below(zeros) == 0 { 0 } else { draw.word() as u8 });
-        let mut wire = [0; MOST_WIRE];
+        let mut wire = [0; MAX_WIRE];
         let frame = encode(&payload[..count], &mut wire).expect("a payload of 1 to 200 bytes");
         let (last, others) = frame.split_last().expect("a frame has bytes");
         assert!(others.iter().all(|&byte| byte != 0 && decoder.take(byte).is_none()) && *last == 0);
         assert!(decoder.take(0) == Some(Ok(&payload[..count])));
     }
-    format!("{frames} frames of up to {MOST_PAYLOAD} bytes came back, {refused} stretches of noise were refused")
+    format!("{frames} frames of up to {MAX_PAYLOAD} bytes came back, {refused} stretches of noise were refused")
 }
 
 /// What one flipped bit does to the comparison of check and bytes, for each bit of the longest frame in the order of the line.

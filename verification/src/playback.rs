@@ -157,7 +157,7 @@ fn every_increment(size: crate::ledger::Size) -> String {
 
 /// Long walks: any rates over the longest history there is, against sums kept in 128 bits.
 #[cfg(not(any(kani, verify_wasm)))]
-fn longest_history(size: crate::ledger::Size) -> String {
+fn max_history(size: crate::ledger::Size) -> String {
     let extreme: [Record<1>; 2] = [i16::MIN, i16::MAX].map(|n| Record { increments: [n], ..Record::default() });
     let records = if size.full { 1 << 30 } else { 1 << 24 };
     for (which, record) in extreme.iter().enumerate() {
@@ -240,7 +240,7 @@ pub const ROWS: &[Row] = &[
         harnesses: &["playback_part", "playback_within", "playback_order"],
         searches: &[
             Search { name: "playback-every", run: every_increment },
-            Search { name: "playback-longest", run: longest_history },
+            Search { name: "playback-longest", run: max_history },
         ],
         models: &[],
         mutants: &[

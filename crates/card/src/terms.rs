@@ -26,7 +26,7 @@ impl<const A: usize> Terms<A> {
         let period_us = settings.period_us;
         let numbers = settings.epoch != 0
             && (1..=identity.axes).contains(&settings.axes)
-            && (identity.shortest_period_us..=identity.longest_period_us).contains(&period_us)
+            && (identity.min_period_us..=identity.max_period_us).contains(&period_us)
             && settings.report_periods != 0
             && settings.watchdog_periods != 0
             && usize::from(settings.safe_count) <= MAX_SAFE
@@ -43,7 +43,7 @@ impl<const A: usize> Terms<A> {
         }
         let (pulse_ns, setup_ns) = (settings.pulse_ns, settings.direction_setup_ns);
         let timing = StepTiming::of_clock(identity.tick_hz, period_us, pulse_ns, setup_ns).ok_or(Refusal::Unfit)?;
-        let fastest = u64::from(identity.most_pulses_hz) * u64::from(period_us) / 1_000_000;
+        let fastest = u64::from(identity.max_pulses_hz) * u64::from(period_us) / 1_000_000;
         // No more than the timing's, which is a u16.
         let most = fastest.min(u64::from(timing.most())) as u16;
         // One pulse is kept for the rounding where a period takes parts of two records.

@@ -22,7 +22,7 @@ pub struct Told<'a, const A: usize> {
 }
 
 /// Lines that are listed for a person; a script gets all of them.
-const MOST_LISTED: usize = 10;
+const MAX_LISTED: usize = 10;
 
 impl<const A: usize> Told<'_, A> {
     /// In words.
@@ -196,8 +196,8 @@ fn range_text(what: &str, range: Option<Range>, unit: &str) -> Option<String> {
 
 /// A line with the first of many things, and how many more there are.
 fn listed(what: &str, things: impl ExactSizeIterator<Item = String>) -> String {
-    let more = things.len().saturating_sub(MOST_LISTED);
-    let shown: Vec<String> = things.take(MOST_LISTED).collect();
+    let more = things.len().saturating_sub(MAX_LISTED);
+    let shown: Vec<String> = things.take(MAX_LISTED).collect();
     match (shown.is_empty(), more) {
         (true, _) => String::new(),
         (false, 0) => format!("\n  {what}: {}", shown.join(", ")),

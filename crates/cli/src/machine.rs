@@ -104,7 +104,7 @@ fn warnings(machine: &Machine, name: &str) -> Vec<Refusal> {
         let what = format!("{name}: code.{code} waits for input {input}, which no [[card.input]] declares");
         Refusal::new("W2115", what, format!("declare it: [[card.input]] with number = {input} and use = \"plain\""))
     });
-    let most = machine.card.most_pulses_hz();
+    let most = machine.card.max_pulses_hz();
     let too_fast = machine.axes.iter().filter_map(|axis| {
         let pulses = axis.pulses_per_mm * axis.max_velocity_mm_per_s;
         (pulses > most).then(|| {

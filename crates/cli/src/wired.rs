@@ -53,22 +53,22 @@ pub fn misfits(identity: &Identity, machine: &Machine) -> Vec<String> {
     if machine.axes.len() > usize::from(identity.axes) {
         misfits.push(format!("the machine has {} axes, the card {}", machine.axes.len(), identity.axes));
     }
-    let (least, most) = (identity.shortest_period_us, identity.longest_period_us);
+    let (least, most) = (identity.min_period_us, identity.max_period_us);
     if !(least..=most).contains(&machine.period_us) {
         misfits.push(format!("a control period of {} µs, and the card takes {least} to {most}", machine.period_us));
     }
     let settings = Settings { epoch: 1, ..machine.card_settings::<MAX_AXES>(Start::at(0)) };
-    let most_pulses = retrace_hal_sim::most_pulses_a_period(identity, &settings);
-    let most_hz = most_pulses.map_or(f64::INFINITY, |pulses| f64::from(pulses) / machine.period_s());
+    let max_pulses = retrace_hal_sim::max_pulses_a_period(identity, &settings);
+    let max_hz = max_pulses.map_or(f64::INFINITY, |pulses| f64::from(pulses) / machine.period_s());
     for axis in &machine.axes {
         let pulses = axis.pulses_per_mm * axis.max_velocity_mm_per_s;
         let name = axis.name.to_ascii_uppercase();
-        if pulses > f64::from(identity.most_pulses_hz) {
-            let most = identity.most_pulses_hz;
+        if pulses > f64::from(identity.max_pulses_hz) {
+            let most = identity.max_pulses_hz;
             misfits.push(format!("axis {name} makes up to {pulses:.0} pulses a second, the card {most}"));
-        } else if pulses > most_hz * (1.0 + 1e-9) {
+        } else if pulses > max_hz * (1.0 + 1e-9) {
             misfits.push(format!(
-                "axis {name} makes up to {pulses:.0} pulses a second, the card {most_hz:.0} with step_pulse_us and direction_setup_us as they are"
+                "axis {name} makes up to {pulses:.0} pulses a second, the card {max_hz:.0} with step_pulse_us and direction_setup_us as they are"
             ));
         }
     }
@@ -84,7 +84,7 @@ pub fn misfits(identity: &Identity, machine: &Machine) -> Vec<String> {
             misfits.push(format!("{name} is output {channel}, and the card has {} outputs", identity.outputs));
         }
     }
-    if let (true, Err(_)) = (misfits.is_empty(), most_pulses) {
+    if let (true, Err(_)) = (misfits.is_empty(), max_pulses) {
         misfits.push("the card does not take step_pulse_us and direction_setup_us at this control period".into());
     }
     misfits.dedup();

@@ -172,7 +172,7 @@ impl WrittenCard {
 impl CardSettings {
     /// The most pulses a second that drives take whose step pulses have this length: each is high and low for as long at least.
     #[must_use]
-    pub fn most_pulses_hz(&self) -> f64 {
+    pub fn max_pulses_hz(&self) -> f64 {
         1e9 / (2.0 * f64::from(self.pulse_ns.max(1)))
     }
 

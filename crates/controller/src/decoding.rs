@@ -14,7 +14,7 @@ use crate::item::Ending;
 use crate::job::{Decode, Decoded};
 
 /// Steps after which the decoder waits until the batch is taken. A block has as many as it has.
-const MOST_STEPS: usize = 2048;
+const MAX_STEPS: usize = 2048;
 /// So long a decoder with no room sleeps: less than a planner takes for a batch.
 const NAP: Duration = Duration::from_micros(300);
 
@@ -33,8 +33,8 @@ pub(crate) struct Batch {
 
 impl Batch {
     fn with_room() -> Self {
-        let (steps, ends) = (Vec::with_capacity(MOST_STEPS + 64), Vec::with_capacity(MOST_STEPS));
-        Self { steps, ends, modes: Vec::with_capacity(MOST_STEPS), ending: None }
+        let (steps, ends) = (Vec::with_capacity(MAX_STEPS + 64), Vec::with_capacity(MAX_STEPS));
+        Self { steps, ends, modes: Vec::with_capacity(MAX_STEPS), ending: None }
     }
 
     /// Empties it and keeps its room.
@@ -89,7 +89,7 @@ impl Belt {
     fn put(&self, steps: &mut Vec<Step>, changed: Option<Box<Active>>, decoded: Decoded) -> bool {
         while !self.given_up.load(Ordering::Relaxed) {
             let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
-            if held.steps.len() < MOST_STEPS && held.ends.len() < MOST_STEPS {
+            if held.steps.len() < MAX_STEPS && held.ends.len() < MAX_STEPS {
                 held.steps.append(steps);
                 if let Some(active) = changed {
                     let block = held.ends.len() as u32;
@@ -173,7 +173,7 @@ mod tests {
                     first = end as usize;
                 }
                 lines.extend(batch.steps.iter().map(|step| step.line));
-                assert!(batch.steps.len() < MOST_STEPS + 3 && batch.ends.len() <= MOST_STEPS);
+                assert!(batch.steps.len() < MAX_STEPS + 3 && batch.ends.len() <= MAX_STEPS);
                 if let Some(ending) = &batch.ending {
                     assert_eq!(*ending, Ending::Refused("why".into()));
                     break;

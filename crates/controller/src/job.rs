@@ -76,7 +76,7 @@ pub enum Decoded {
 const ITEMS: usize = 1024;
 
 /// With so many findings a program is not looked at any further.
-const MOST_FINDINGS: usize = 100;
+const MAX_FINDINGS: usize = 100;
 
 /// What is left of a job.
 #[derive(Debug)]
@@ -364,7 +364,7 @@ pub fn feed_each<const A: usize, S: Sink<A>>(
             }
             look(&track, sink);
         }
-        if decoded == Decoded::End || findings.len() >= MOST_FINDINGS {
+        if decoded == Decoded::End || findings.len() >= MAX_FINDINGS {
             return (blocks, findings);
         }
         blocks += 1;

@@ -78,7 +78,7 @@ const FIRST_FOR_EXTREMES: usize = 3;
 /// Rate 1: motion as recorded, in units of 2⁻³².
 const RATE_ONE: i64 = 1 << 32;
 /// Increments are judged as if they were no larger than this, so that no difference overflows; no limit comes near it.
-const LARGEST_INCREMENT: i32 = 1 << 20;
+const MAX_INCREMENT: i32 = 1 << 20;
 
 /// Which bounds hold for a window, by what the rate does in it.
 #[derive(Clone, Copy)]
@@ -164,7 +164,7 @@ impl<const A: usize> LimitJudge<A> {
         let at = self.periods as usize;
         let before = self.positions[at % KEPT];
         let now: [i32; A] = std::array::from_fn(|axis| {
-            before[axis].wrapping_add(increments[axis].clamp(-LARGEST_INCREMENT, LARGEST_INCREMENT))
+            before[axis].wrapping_add(increments[axis].clamp(-MAX_INCREMENT, MAX_INCREMENT))
         });
         self.positions[(at + 1) % KEPT] = now;
         for stride in 0..STRIDES {

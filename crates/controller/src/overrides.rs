@@ -13,10 +13,10 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_cha
 
 use retrace_core::place::before;
 use retrace_core::{ONE, Travel};
-use retrace_motion::MOST_OVERRIDE;
+use retrace_motion::MAX_OVERRIDE;
 
 /// The most that can be asked for, 200 %.
-pub const MOST: Travel = (MOST_OVERRIDE as Travel) * ONE;
+pub const MOST: Travel = (MAX_OVERRIDE as Travel) * ONE;
 
 /// So many changes may be on their way at a time.
 const CHANGES: usize = 64;

@@ -8,7 +8,7 @@ use retrace_gcode::Nurbs;
 const PARTS: u32 = 4;
 
 /// Halvings of a part at most: 4 096 chords between two knots.
-const MOST_HALVINGS: u32 = 10;
+const MAX_HALVINGS: u32 = 10;
 
 /// A chord is held against the curve at the ends of so many parts.
 const PLACES: u32 = 16;
@@ -27,7 +27,7 @@ pub fn chords<E>(spline: &Nurbs, deviation: f64, mut chord: impl FnMut(Point) ->
     for span in 0..spline.spans() {
         for part in 0..PARTS {
             let from = span as f64 + f64::from(part) / f64::from(PARTS);
-            piece(spline, (from, from + 1.0 / f64::from(PARTS)), deviation, MOST_HALVINGS, &mut chord)?;
+            piece(spline, (from, from + 1.0 / f64::from(PARTS)), deviation, MAX_HALVINGS, &mut chord)?;
         }
     }
     Ok(())

@@ -28,15 +28,15 @@ pub enum Road {
 }
 
 /// So many instructions are held at a time.
-const MOST_EXCLUSIVES: usize = 64;
+const MAX_EXCLUSIVES: usize = 64;
 /// So many output actions; the oldest that were passed make room.
-const MOST_ACTIONS: usize = 1 << 16;
+const MAX_ACTIONS: usize = 1 << 16;
 /// So many messages.
-const MOST_MESSAGES: usize = 1024;
+const MAX_MESSAGES: usize = 1024;
 /// So many modal states.
-const MOST_MODES: usize = 1024;
+const MAX_MODES: usize = 1024;
 /// So many places where a cutting output was switched on.
-const MOST_JETS: usize = 4096;
+const MAX_JETS: usize = 4096;
 
 /// The consumer's side of planning: ring, items, and what of them the card has.
 #[derive(Debug)]
@@ -97,21 +97,21 @@ impl<'r, const A: usize> Supply<'r, A> {
             ring,
             items,
             start,
-            exclusives: VecDeque::with_capacity(MOST_EXCLUSIVES),
+            exclusives: VecDeque::with_capacity(MAX_EXCLUSIVES),
             gates: Gates::default(),
             next_number: executed.wrapping_add(1),
-            actions: VecDeque::with_capacity(MOST_ACTIONS),
+            actions: VecDeque::with_capacity(MAX_ACTIONS),
             passed: 0,
-            messages: VecDeque::with_capacity(MOST_MESSAGES),
-            modes: VecDeque::with_capacity(MOST_MODES),
+            messages: VecDeque::with_capacity(MAX_MESSAGES),
+            modes: VecDeque::with_capacity(MAX_MODES),
             summary: None,
             cut_off: false,
             known: start,
             full: false,
             durable: None,
             kept_from: None,
-            jets: VecDeque::with_capacity(MOST_JETS),
-            cut_changes: VecDeque::with_capacity(MOST_JETS),
+            jets: VecDeque::with_capacity(MAX_JETS),
+            cut_changes: VecDeque::with_capacity(MAX_JETS),
             cutting: Vec::new(),
             last_lit: None,
             marks: None,
@@ -200,17 +200,17 @@ impl<'r, const A: usize> Supply<'r, A> {
 
     /// Lets the oldest action go where there is no room for another: what lies before it cannot be gone back to any more.
     fn make_room(&mut self) {
-        if self.actions.len() == MOST_ACTIONS && self.passed > 0 {
+        if self.actions.len() == MAX_ACTIONS && self.passed > 0 {
             self.kept_from = self.actions.pop_front().map(|(action, _)| action.place.wrapping_add(1));
             self.passed -= 1;
         }
     }
 
     fn is_full(&self) -> bool {
-        self.exclusives.len() == MOST_EXCLUSIVES
-            || self.actions.len() == MOST_ACTIONS
-            || self.messages.len() == MOST_MESSAGES
-            || self.modes.len() == MOST_MODES
+        self.exclusives.len() == MAX_EXCLUSIVES
+            || self.actions.len() == MAX_ACTIONS
+            || self.messages.len() == MAX_MESSAGES
+            || self.modes.len() == MAX_MODES
     }
 
     /// The place up to which everything is known, and may be sent as far as the index goes.
@@ -305,14 +305,14 @@ impl<'r, const A: usize> Supply<'r, A> {
     fn expect(&mut self, place: u32, channel: u8, value: i32) {
         let expected = &mut self.expected[usize::from(channel)];
         if (*expected == 0) != (value == 0) && self.cutting.contains(&channel) {
-            if self.cut_changes.len() == MOST_JETS {
+            if self.cut_changes.len() == MAX_JETS {
                 self.cut_changes.pop_front();
             }
             self.cut_changes.push_back(place);
         }
         if *expected == 0 && value != 0 && self.cutting.contains(&channel) {
             self.last_lit = Some(channel);
-            if self.jets.len() == MOST_JETS {
+            if self.jets.len() == MAX_JETS {
                 self.jets.pop_front();
             }
             self.jets.push_back(place);

@@ -98,7 +98,7 @@ pub struct Survey<'m, const A: usize> {
 }
 
 /// So many offsets are told apart; a program that sets more has the last in one.
-const MOST_OFFSETS: usize = 100;
+const MAX_OFFSETS: usize = 100;
 
 impl<'m, const A: usize> Survey<'m, A> {
     /// A survey that begins where the machine stands.
@@ -187,7 +187,7 @@ impl<'m, const A: usize> Survey<'m, A> {
     fn in_work(&mut self, offset: WorkOffset) {
         let Some(moved) = self.scan.take_last() else { return };
         let known = self.work.iter().position(|work| work.offset == offset);
-        let index = known.unwrap_or(self.work.len().min(MOST_OFFSETS - 1));
+        let index = known.unwrap_or(self.work.len().min(MAX_OFFSETS - 1));
         if index == self.work.len() {
             self.work.push(WorkExtents { offset, extents_mm: None });
         }

@@ -105,8 +105,8 @@ fn a_plasma_torch_waits_for_its_arc_and_raises_an_alarm_where_none_comes() {
     let arc = |hangs| Process {
         channel: channel::SPINDLE,
         input: 5,
-        least_us: 600_000,
-        most_us: 600_000,
+        min_us: 600_000,
+        max_us: 600_000,
         hangs,
         fails: Chance::NEVER,
     };

@@ -6,7 +6,7 @@ mod stock;
 
 use proptest::prelude::*;
 use retrace_cycles::stock::{
-    Corner, Element, Fault, Feed, Job, Kind, LARGEST, MOST_MOVES, MoveKind, Path, Point, Tip, Warning, plan,
+    Corner, Element, Fault, Feed, Job, Kind, LARGEST, MAX_MOVES, MoveKind, Path, Point, Tip, Warning, plan,
 };
 use stock::{blocks, contour, expect, job, path};
 
@@ -459,7 +459,7 @@ proptest! {
         };
         match plan(&job) {
             Ok(path) => {
-                prop_assert!(path.moves.len() <= MOST_MOVES);
+                prop_assert!(path.moves.len() <= MAX_MOVES);
                 for step in &path.moves {
                     prop_assert!([step.end.u, step.end.v, step.centre.u, step.centre.v].iter().all(|value| value.is_finite()), "{step:?}");
                 }

@@ -6,7 +6,7 @@
 mod stock;
 
 use proptest::prelude::*;
-use retrace_cycles::stock::{Axes, Feed, Job, MOST_MOVES, Move, MoveKind, Path, Point, Tip, plan};
+use retrace_cycles::stock::{Axes, Feed, Job, MAX_MOVES, Move, MoveKind, Path, Point, Tip, plan};
 use stock::part::{self, Dice, Edge, Lie, Part, Step};
 
 /// Differences the arithmetic may make, mm.
@@ -92,7 +92,7 @@ fn points(step: &Step) -> Vec<Point> {
 }
 
 fn well_formed(moves: &[Move]) {
-    assert!(moves.len() <= MOST_MOVES);
+    assert!(moves.len() <= MAX_MOVES);
     for pair in moves.windows(2) {
         let (from, step) = (pair[0].end, &pair[1]);
         for value in [step.end.u, step.end.v, step.centre.u, step.centre.v] {

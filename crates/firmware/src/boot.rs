@@ -5,7 +5,7 @@
 
 use retrace_link::{Identity, PROTOCOL};
 
-use crate::period::{LONGEST_US, SHORTEST_US, SLOT_HZ};
+use crate::period::{MAX_PERIOD_US, MIN_PERIOD_US, SLOT_HZ};
 use crate::{AXES, MEMORY, WINDOW, pins};
 
 /// The card's name on the line.
@@ -43,9 +43,9 @@ pub const IDENTITY: Identity = Identity {
     window: WINDOW as u32,
     memory: MEMORY as u16,
     tick_hz: SLOT_HZ,
-    shortest_period_us: SHORTEST_US,
-    longest_period_us: LONGEST_US,
-    most_pulses_hz: SLOT_HZ / 2,
+    min_period_us: MIN_PERIOD_US,
+    max_period_us: MAX_PERIOD_US,
+    max_pulses_hz: SLOT_HZ / 2,
 };
 
 #[cfg(test)]

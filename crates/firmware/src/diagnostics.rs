@@ -15,9 +15,9 @@ const MARK: u32 = 0x5254_0001;
 pub(crate) struct Diagnostics {
     mark: AtomicU32,
     /// Cycles of the longest control period's computation, interrupts taken out.
-    pub(crate) longest_period: AtomicU32,
+    pub(crate) max_period: AtomicU32,
     /// Cycles of the longest step interrupt.
-    longest_interrupt: AtomicU32,
+    max_interrupt: AtomicU32,
     /// Cycles spent in step interrupts, wrapping around.
     in_interrupts: AtomicU32,
     /// Control periods computed, wrapping around.
@@ -35,8 +35,8 @@ pub(crate) struct Diagnostics {
 /// The one of them.
 pub(crate) static DIAGNOSTICS: Diagnostics = Diagnostics {
     mark: AtomicU32::new(0),
-    longest_period: AtomicU32::new(0),
-    longest_interrupt: AtomicU32::new(0),
+    max_period: AtomicU32::new(0),
+    max_interrupt: AtomicU32::new(0),
     in_interrupts: AtomicU32::new(0),
     periods: AtomicU32::new(0),
     late_periods: AtomicU32::new(0),
@@ -54,7 +54,7 @@ impl Diagnostics {
     /// The step interrupt has taken so many cycles.
     pub(crate) fn interrupted(&self, cycles: u32) {
         self.in_interrupts.store(self.in_interrupts.load(Relaxed).wrapping_add(cycles), Relaxed);
-        self.longest_interrupt.fetch_max(cycles, Relaxed);
+        self.max_interrupt.fetch_max(cycles, Relaxed);
     }
 
     /// Cycles spent in step interrupts so far.

@@ -69,7 +69,7 @@ fn period(card: &mut Card, shape: &mut Shape) {
     board::set_outputs(&status.outputs);
     ORDERS.put(&Order { increments: *card.card().pulses(), shape: *shape });
     let interrupted = DIAGNOSTICS.in_interrupts().wrapping_sub(interrupts);
-    DIAGNOSTICS.longest_period.fetch_max(stopwatch::since(began).saturating_sub(interrupted), Relaxed);
+    DIAGNOSTICS.max_period.fetch_max(stopwatch::since(began).saturating_sub(interrupted), Relaxed);
     DIAGNOSTICS.periods.fetch_add(1, Relaxed);
 }
 

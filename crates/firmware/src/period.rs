@@ -5,9 +5,9 @@
 /// Slots a second: steps begin and end on them, so an axis makes at most half as many steps a second.
 pub const SLOT_HZ: u32 = 100_000;
 /// Shortest control period that is accepted, in microseconds: what the chip has time for (docs/firmware.md, *Figures*).
-pub const SHORTEST_US: u32 = if cfg!(feature = "f405") { 500 } else { 1000 };
+pub const MIN_PERIOD_US: u32 = if cfg!(feature = "f405") { 500 } else { 1000 };
 /// Longest control period that is accepted, in microseconds.
-pub const LONGEST_US: u32 = 20_000;
+pub const MAX_PERIOD_US: u32 = 20_000;
 
 /// A control period as the step timer runs it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,16 +19,16 @@ pub struct Period {
 }
 
 impl Period {
-    /// The slots of a period of `us` microseconds, held to [`SHORTEST_US`] … [`LONGEST_US`], for a timer of `timer_hz`.
+    /// The slots of a period of `us` microseconds, held to [`MIN_PERIOD_US`] … [`MAX_PERIOD_US`], for a timer of `timer_hz`.
     ///
     /// A period that is a multiple of 10 µs is exact where the timer's rate is a multiple of [`SLOT_HZ`]; another one is off by at most
     /// half a tick a slot.
     #[must_use]
     pub const fn new(us: u32, timer_hz: u32) -> Self {
-        let us = if us < SHORTEST_US {
-            SHORTEST_US
-        } else if us > LONGEST_US {
-            LONGEST_US
+        let us = if us < MIN_PERIOD_US {
+            MIN_PERIOD_US
+        } else if us > MAX_PERIOD_US {
+            MAX_PERIOD_US
         } else {
             us
         };
@@ -47,7 +47,7 @@ mod tests {
     #[test]
     fn every_period_is_within_half_a_tick_a_slot() {
         for timer_hz in [84_000_000, 100_000_000, 1_000_000_000] {
-            for us in SHORTEST_US..=LONGEST_US {
+            for us in MIN_PERIOD_US..=MAX_PERIOD_US {
                 let Period { slots, ticks_per_slot } = Period::new(us, timer_hz);
                 let wanted = u64::from(us) * u64::from(timer_hz) / 1_000_000;
                 let error = (u64::from(slots) * u64::from(ticks_per_slot)).abs_diff(wanted);
@@ -55,7 +55,7 @@ mod tests {
                 assert!(us % 10 != 0 || error == 0, "{us} µs at {timer_hz} is exact");
             }
         }
-        assert_eq!(Period::new(0, 84_000_000), Period::new(SHORTEST_US, 84_000_000));
-        assert_eq!(Period::new(u32::MAX, 84_000_000), Period::new(LONGEST_US, 84_000_000));
+        assert_eq!(Period::new(0, 84_000_000), Period::new(MIN_PERIOD_US, 84_000_000));
+        assert_eq!(Period::new(u32::MAX, 84_000_000), Period::new(MAX_PERIOD_US, 84_000_000));
     }
 }

@@ -59,7 +59,7 @@ fn radians(degrees: f64) -> Extended {
 const QUARTER: [f64; 3] = [1.570_796_326_734_125_6, 6.077_100_506_303_966e-11, 2.022_266_248_795_950_6e-21];
 
 /// Angles up to this many quarter turns are reduced exactly.
-const MOST_QUARTERS: f64 = 1e6;
+const MAX_QUARTERS: f64 = 1e6;
 
 /// The quarter turn that an angle is nearest to, and how far it is from there: at most π/4.
 fn reduced(angle: Extended) -> (i64, Extended) {
@@ -121,7 +121,7 @@ fn sine_and_cosine(degrees: f64) -> (Extended, Extended) {
 
 /// Sine and cosine of an angle in radians.
 fn sine_and_cosine_of(angle: Extended) -> (Extended, Extended) {
-    if angle.high.abs() > MOST_QUARTERS {
+    if angle.high.abs() > MAX_QUARTERS {
         // What the sum has beyond its first part is up to whole radians here.
         let ((sine, cosine), (small_sine, small_cosine)) = (angle.high.sin_cos(), angle.low.sin_cos());
         return (

@@ -17,7 +17,7 @@ use std::io::BufRead;
 use std::sync::Arc;
 
 /// Bytes of text that subprograms and one loop may have together.
-const MOST_KEPT: usize = 16 << 20;
+const MAX_KEPT: usize = 16 << 20;
 
 /// What has been kept.
 #[derive(Debug, Default)]
@@ -80,7 +80,7 @@ impl Arriving {
                 interpreter.set_line(0, lines.number().saturating_add(1));
                 return Err(cut_off);
             }
-            if !more || self.kept + code.text_len() > MOST_KEPT {
+            if !more || self.kept + code.text_len() > MAX_KEPT {
                 return Err(self.unfinished(more, interpreter));
             }
             interpreter.set_line(0, lines.number());

@@ -56,7 +56,7 @@ fn span(place: Place) -> Span {
 }
 
 /// M codes that one block may hold.
-const MOST_M: u8 = 4;
+const MAX_M: u8 = 4;
 
 /// The largest value of a word, and of an offset: sums and squares of such stay finite.
 pub(crate) const LARGEST: f64 = 1e15;
@@ -277,7 +277,7 @@ impl Words {
             return fault(Code::TwoMOfGroup, at, format!("M{other} and M{code} exclude each other"));
         }
         self.m_count += 1;
-        if self.m_count > MOST_M {
+        if self.m_count > MAX_M {
             return fault(Code::TooManyM, at, Code::TooManyM.title());
         }
         self.m_present |= 1 << group as u8;

@@ -13,7 +13,7 @@ use retrace_cycles::{CycleId, Library, Type};
 use std::sync::Arc;
 
 /// Most bytes of a name.
-const LONGEST_NAME: usize = 32;
+const MAX_NAME_LENGTH: usize = 32;
 
 /// What a call gives for one parameter.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,8 +57,8 @@ pub(crate) fn begins(cursor: &mut Cursor<'_>, cycles: Option<&Library>) -> bool 
 }
 
 /// A name, in lower case, as far as it goes.
-fn name(cursor: &mut Cursor<'_>) -> ([u8; LONGEST_NAME], usize) {
-    let (mut name, mut length) = ([0; LONGEST_NAME], 0);
+fn name(cursor: &mut Cursor<'_>) -> ([u8; MAX_NAME_LENGTH], usize) {
+    let (mut name, mut length) = ([0; MAX_NAME_LENGTH], 0);
     while let letter @ (b'a'..=b'z' | b'0'..=b'9' | b'_') = cursor.peek() {
         if let Some(place) = name.get_mut(length) {
             *place = letter;

@@ -18,13 +18,13 @@ use retrace_cycles::{StockCall, StockFault, StockFeed, StockMove};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Lines that a contour may have.
-const MOST_LINES: u32 = 10_000;
+const MAX_LINES: u32 = 10_000;
 /// Elements that are taken before the path is determined, which refuses far fewer; and canonical functions of a profile.
-const MOST_ELEMENTS: usize = 50_000;
+const MAX_ELEMENTS: usize = 50_000;
 /// Moves of all paths that are kept.
-const MOST_MOVES: usize = 500_000;
+const MAX_MOVES: usize = 500_000;
 /// Paths that are kept.
-const MOST_PATHS: usize = 64;
+const MAX_PATHS: usize = 64;
 
 /// Paths that have been determined, by their jobs.
 #[derive(Debug, Default)]
@@ -47,7 +47,7 @@ impl Paths {
         }
         let path = planned(&job)?;
         let moves: usize = paths.iter().map(|(_, path)| path.moves.len()).sum();
-        if paths.len() < MOST_PATHS && moves + path.moves.len() <= MOST_MOVES {
+        if paths.len() < MAX_PATHS && moves + path.moves.len() <= MAX_MOVES {
             paths.push((job, path.clone()));
         }
         Ok(path)
@@ -121,7 +121,7 @@ impl ContourReader<'_> {
     ) -> Result<(), StockFault> {
         let Some(mut flow) = flow else { return Ok(()) };
         let mut steps = Vec::new();
-        for _ in 0..MOST_LINES {
+        for _ in 0..MAX_LINES {
             steps.clear();
             match flow.step(scratch, &mut steps).map_err(|fault| wrong(&fault.message))? {
                 Stepped::Block => {
@@ -176,8 +176,8 @@ pub(crate) fn drawn(flow: &Flow, number: f64, scratch: &mut Interpreter) -> Outc
 /// The canonical functions of a subprogram; none where it is not a profile.
 fn draw(mut flow: Flow, scratch: &mut Interpreter) -> Outcome<Option<Vec<Step>>> {
     let mut steps = Vec::new();
-    for _ in 0..MOST_LINES {
-        if steps.len() > MOST_ELEMENTS {
+    for _ in 0..MAX_LINES {
+        if steps.len() > MAX_ELEMENTS {
             break;
         }
         match flow.step(scratch, &mut steps)? {
@@ -236,7 +236,7 @@ impl Contour {
             return Err(refused(&Fault::CompensationInside(line)));
         }
         for step in steps {
-            if self.elements.len() > MOST_ELEMENTS {
+            if self.elements.len() > MAX_ELEMENTS {
                 return Err(refused(&Fault::TooManyElements));
             }
             match &step.canon {

@@ -12,7 +12,7 @@ use crate::params::Names;
 use retrace_cycles::Library;
 
 /// Most arguments of a call: parameters 1 … 30 take them.
-pub(crate) const MOST_ARGUMENTS: usize = 30;
+pub(crate) const MAX_ARGUMENTS: usize = 30;
 
 /// What follows the O: a number, or a name in angle brackets, in lower case and without blanks.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -241,7 +241,7 @@ fn values(
                 let first_op = block.ops.len();
                 Compiler::new(cursor, &mut block.ops, names).bracket()?;
                 arguments += 1;
-                if arguments > given + most_arguments(control.keyword) {
+                if arguments > given + max_arguments(control.keyword) {
                     let message = format!("{} takes no more values", control.label);
                     return fault(Code::BadControl, cursor.since(start), message);
                 }
@@ -315,9 +315,9 @@ pub(crate) fn parse_fanuc(
     Ok(())
 }
 
-const fn most_arguments(keyword: Keyword) -> usize {
+const fn max_arguments(keyword: Keyword) -> usize {
     match keyword {
-        Keyword::Call => MOST_ARGUMENTS,
+        Keyword::Call => MAX_ARGUMENTS,
         Keyword::If | Keyword::ElseIf | Keyword::While | Keyword::Repeat | Keyword::Return | Keyword::EndSub => 1,
         _ => 0,
     }

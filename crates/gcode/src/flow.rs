@@ -18,7 +18,7 @@ use crate::whereabouts::{LoopKind, Within};
 use std::sync::Arc;
 
 /// Calls that may be open at once, as in LinuxCNC.
-const MOST_CALLS: usize = 9;
+const MAX_CALLS: usize = 9;
 
 /// What a call puts away.
 #[derive(Debug)]
@@ -306,7 +306,7 @@ impl Flow {
         if sub.for_m98 != is_m98 {
             return Err(Box::new(wrong_call(label, is_m98, at)));
         }
-        if self.calls >= MOST_CALLS {
+        if self.calls >= MAX_CALLS {
             return fault(Number::TooManyCalls, at, Number::TooManyCalls.title());
         }
         let rounds = match interpreter.argument(1) {

@@ -6,12 +6,12 @@
 use crate::bytes::line_feed;
 use crate::codes::Code;
 use crate::diag::{Fault, Span};
-use crate::parse::LONGEST_LINE;
+use crate::parse::MAX_LINE_LENGTH;
 use crate::text::{Text, TextLines};
 use std::io::{self, BufRead, Read as _};
 
 /// Bytes of a line that are held: one more than the longest shows that it is too long, two are its end.
-pub(crate) const MAX_HELD_LINE: usize = LONGEST_LINE + 3;
+pub(crate) const MAX_HELD_LINE: usize = MAX_LINE_LENGTH + 3;
 
 /// Bytes of a line that are passed over at most: more is not a program.
 const MAX_SKIPPED: usize = 1 << 20;

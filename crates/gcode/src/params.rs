@@ -84,7 +84,7 @@ fn place_of(text: &[u8]) -> usize {
 }
 
 /// Names that a program may have: one that is fed line by line may go on inventing them.
-const MOST_NAMES: usize = 50_000;
+const MAX_NAMES: usize = 50_000;
 
 impl Names {
     /// The same, and these names have values that are given, in lower case.
@@ -141,8 +141,8 @@ impl Names {
         if let Some(id) = self.numbers.get(name.as_str()) {
             return Ok(Reference::Named(*id));
         }
-        if self.texts.len() >= MOST_NAMES {
-            return fault(Code::TooMuchToKeep, at, format!("more than {MOST_NAMES} names of parameters"));
+        if self.texts.len() >= MAX_NAMES {
+            return fault(Code::TooMuchToKeep, at, format!("more than {MAX_NAMES} names of parameters"));
         }
         let id = NameId { index: self.texts.len() as u32, is_global: name.starts_with('_') };
         self.texts.push(name.as_str().into());

@@ -19,7 +19,7 @@ use retrace_cycles::Library;
 use std::sync::Arc;
 
 /// Longest line in bytes, without its end, as in LinuxCNC.
-pub(crate) const LONGEST_LINE: usize = 252;
+pub(crate) const MAX_LINE_LENGTH: usize = 252;
 
 /// Compiles lines one after the other.
 #[derive(Clone, Debug)]
@@ -139,9 +139,9 @@ fn has_delete_mark(text: &[u8]) -> bool {
 
 #[inline]
 fn check_text(text: &[u8]) -> Outcome<()> {
-    if text.len() > LONGEST_LINE {
-        let message = format!("the line has more than {LONGEST_LINE} bytes");
-        return fault(Code::LineTooLong, Span::new(LONGEST_LINE, LONGEST_LINE + 1), message);
+    if text.len() > MAX_LINE_LENGTH {
+        let message = format!("the line has more than {MAX_LINE_LENGTH} bytes");
+        return fault(Code::LineTooLong, Span::new(MAX_LINE_LENGTH, MAX_LINE_LENGTH + 1), message);
     }
     if is_plain(text) { Ok(()) } else { check_unusual(text) }
 }

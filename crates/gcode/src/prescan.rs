@@ -371,7 +371,7 @@ impl Prescan {
 
     /// Whether so much is wrong that the scan stops.
     pub(crate) fn has_too_many_errors(&self) -> bool {
-        self.diagnostics.len() >= crate::interp::MOST_ERRORS
+        self.diagnostics.len() >= crate::interp::MAX_ERRORS
     }
 
     /// How much has been found wrong.
@@ -386,7 +386,7 @@ impl Prescan {
 
     pub(crate) fn report(&mut self, file: u16, line: u32, fault: Fault) {
         let Fault { code, span, message } = fault;
-        if self.diagnostics.len() < crate::interp::MOST_ERRORS {
+        if self.diagnostics.len() < crate::interp::MAX_ERRORS {
             self.diagnostics.push(Diagnostic { code, file, line, span, message });
         }
     }

@@ -16,10 +16,10 @@ use peer::compare;
 use writer::{Case, Writer};
 
 /// Lines that are taken out of a program at most.
-const MOST_MENDED: u32 = 12;
+const MAX_MENDED: u32 = 12;
 
 fn mended(seed: u64, case: Case) -> Case {
-    if seed.is_multiple_of(5) { case } else { case.without_refused_lines(MOST_MENDED) }
+    if seed.is_multiple_of(5) { case } else { case.without_refused_lines(MAX_MENDED) }
 }
 
 #[test]

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 const LONGEST: Duration = Duration::from_secs(60);
 
 /// Memory that the whole of a campaign may take, MiB.
-const MOST_MEMORY: u64 = 1024;
+const MAX_MEMORY: u64 = 1024;
 
 fn survives(way: Way, text: &[u8]) {
     match way {
@@ -149,5 +149,5 @@ fn a_campaign_of_broken_programs() {
         peak_memory()
     );
     assert!(failed.is_empty(), "{} of {cases} cases from seed {seed}: {failed:?}", failed.len());
-    assert!(peak_memory().is_none_or(|most| most < MOST_MEMORY), "{:?} MiB", peak_memory());
+    assert!(peak_memory().is_none_or(|most| most < MAX_MEMORY), "{:?} MiB", peak_memory());
 }

@@ -28,7 +28,7 @@ pub enum Latency {
 }
 
 /// Shortest time that FTDI's chips have, in milliseconds.
-const SHORTEST_MS: u32 = 1;
+const MIN_MS: u32 = 1;
 
 /// Makes an adapter's time as short as can be.
 #[must_use]
@@ -42,13 +42,13 @@ pub(crate) fn hasten(path: &Path) -> Latency {
 fn shorten(timer: &Path) -> Latency {
     let read = || std::fs::read_to_string(timer).ok()?.trim().parse::<u32>().ok();
     let Some(ms) = read() else { return Latency::None };
-    if ms <= SHORTEST_MS {
+    if ms <= MIN_MS {
         return Latency::Set { ms };
     }
-    match std::fs::write(timer, SHORTEST_MS.to_string()) {
-        Ok(()) => Latency::Set { ms: read().unwrap_or(SHORTEST_MS) },
+    match std::fs::write(timer, MIN_MS.to_string()) {
+        Ok(()) => Latency::Set { ms: read().unwrap_or(MIN_MS) },
         Err(_) => {
-            Latency::Kept { ms, remedy: format!("echo {SHORTEST_MS} | sudo tee {} (once a plugging)", timer.display()) }
+            Latency::Kept { ms, remedy: format!("echo {MIN_MS} | sudo tee {} (once a plugging)", timer.display()) }
         }
     }
 }

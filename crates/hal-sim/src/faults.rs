@@ -39,7 +39,7 @@ pub struct Rates {
     pub drop: Chance,
     /// [`Fault::Duplicate`].
     pub duplicate: Chance,
-    /// [`Fault::Cut`] to the end of the burst, or of up to [`Rates::LONGEST_CUT`] bytes.
+    /// [`Fault::Cut`] to the end of the burst, or of up to [`Rates::MAX_CUT`] bytes.
     pub cut: Chance,
     /// [`Fault::Stall`] of up to `stall_us`, half of them with loss.
     pub stall: Chance,
@@ -55,7 +55,7 @@ impl Default for Rates {
 
 impl Rates {
     /// The longest cut that is drawn, in bytes: longer than the longest frame.
-    pub const LONGEST_CUT: u32 = 300;
+    pub const MAX_CUT: u32 = 300;
 
     /// Each kind as likely as this; stalls up to 50 ms.
     #[must_use]
@@ -78,7 +78,7 @@ impl Rates {
             0 => Fault::Flip { bit: random.up_to(7) as u8 },
             1 => Fault::Drop,
             2 => Fault::Duplicate,
-            3 => Fault::Cut { bytes: if random.up_to(1) == 0 { 0 } else { 1 + random.up_to(Self::LONGEST_CUT - 1) } },
+            3 => Fault::Cut { bytes: if random.up_to(1) == 0 { 0 } else { 1 + random.up_to(Self::MAX_CUT - 1) } },
             _ => Fault::Stall { us: 1 + random.up_to(self.stall_us.saturating_sub(1)), lost: random.up_to(1) == 0 },
         })
     }
@@ -162,7 +162,7 @@ mod tests {
         for (k, &count) in seen.iter().enumerate() {
             assert!((i64::from(count) - 1000 * (k as i64 + 1)).abs() < 350, "kind {k}: {count}");
         }
-        assert_eq!((bits, longest), (255, Rates::LONGEST_CUT));
+        assert_eq!((bits, longest), (255, Rates::MAX_CUT));
         assert!(ends > 1700 && ends < 2300 && waits.iter().all(|&n| n > 1400) && losses.iter().all(|&n| n > 2200));
     }
 

@@ -27,7 +27,7 @@ pub use faults::{Fault, Rates, Tally};
 pub use in_process::{InProcess, NoFault};
 pub use line::{Leftover, Line, LineSettings};
 pub use machine::{Event, Machine, MachineSettings, Process, Reply, Switch, wiring};
-pub use on_line::{SimOnLine, TICK_HZ, identity, most_pulses_a_period};
+pub use on_line::{SimOnLine, TICK_HZ, identity, max_pulses_a_period};
 pub use pins::{PinEdge, Pins};
 pub use pulses::PulseCounters;
 pub use random::{Chance, Random};

@@ -28,9 +28,9 @@ pub struct Process {
     /// The input that says *done*.
     pub input: u8,
     /// Shortest time that it takes, in microseconds.
-    pub least_us: u32,
+    pub min_us: u32,
     /// Longest time, in microseconds.
-    pub most_us: u32,
+    pub max_us: u32,
     /// How likely it never says *done*.
     pub hangs: Chance,
     /// How likely it reports that it failed.
@@ -266,7 +266,7 @@ impl<const A: usize> Machine<A> {
             running.value = value;
             set(&mut self.active, process.input, false);
             self.switched[0] += 1;
-            let us = process.least_us + self.random.up_to(process.most_us.saturating_sub(process.least_us));
+            let us = process.min_us + self.random.up_to(process.max_us.saturating_sub(process.min_us));
             let due = now_us + u64::from(us);
             let (hangs, fails) = (process.hangs.draw(&mut self.random), process.fails.draw(&mut self.random));
             self.switched[1] += u64::from(hangs);
@@ -367,8 +367,8 @@ mod tests {
         let process = Process {
             channel: channel::SPINDLE,
             input: wiring::DONE,
-            least_us: 500,
-            most_us: 900,
+            min_us: 500,
+            max_us: 900,
             hangs: Chance::NEVER,
             fails: Chance::NEVER,
         };
@@ -411,7 +411,7 @@ mod tests {
     #[test]
     fn what_hangs_stays_silent_and_what_fails_says_so_once() {
         let certain = Chance::new(1.0).expect("a probability");
-        let hang = Process { channel: 0, input: 15, least_us: 1, most_us: 1, hangs: certain, fails: Chance::NEVER };
+        let hang = Process { channel: 0, input: 15, min_us: 1, max_us: 1, hangs: certain, fails: Chance::NEVER };
         let fail = Process { channel: 1, input: 14, hangs: Chance::NEVER, fails: certain, ..hang };
         let settings = MachineSettings { processes: vec![hang, fail], ..MachineSettings::default() };
         let mut machine = Machine::<1>::new(&settings);

@@ -31,9 +31,9 @@ pub fn identity<const A: usize>(serial: u32, boot: u32) -> Identity {
         window: WINDOW as u32,
         memory: MEMORY as u16,
         tick_hz: TICK_HZ,
-        shortest_period_us: 100,
-        longest_period_us: 100_000,
-        most_pulses_hz: 2_000_000,
+        min_period_us: 100,
+        max_period_us: 100_000,
+        max_pulses_hz: 2_000_000,
     }
 }
 
@@ -42,6 +42,6 @@ pub fn identity<const A: usize>(serial: u32, boot: u32) -> Identity {
 ///
 /// # Errors
 /// What the card refuses of the settings.
-pub fn most_pulses_a_period<const A: usize>(identity: &Identity, settings: &Settings<A>) -> Result<u16, Refusal> {
+pub fn max_pulses_a_period<const A: usize>(identity: &Identity, settings: &Settings<A>) -> Result<u16, Refusal> {
     Terms::agree(settings, identity).map(|terms| terms.most() - 1)
 }

@@ -122,7 +122,7 @@ impl<const A: usize> SimCard<A> {
     /// # Errors
     /// As [`Deck::open`].
     pub fn with_machine(settings: Settings<A>, machine: &MachineSettings, clock: Clock) -> Result<Self, Refusal> {
-        let identity = Identity { tick_hz: FINE_HZ, most_pulses_hz: u32::MAX, ..identity::<A>(0, 0) };
+        let identity = Identity { tick_hz: FINE_HZ, max_pulses_hz: u32::MAX, ..identity::<A>(0, 0) };
         let settings = Settings { epoch: 1, pulse_ns: 0, direction_setup_ns: 0, ..settings };
         let mut card = Box::new(Card::new(identity).ok_or(Refusal::Unfit)?);
         card.open(&settings)?;

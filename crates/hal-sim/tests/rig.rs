@@ -117,8 +117,8 @@ fn done() -> Process {
     Process {
         channel: channel::SPINDLE,
         input: wiring::DONE,
-        least_us: 5_000,
-        most_us: 80_000,
+        min_us: 5_000,
+        max_us: 80_000,
         hangs: Chance::NEVER,
         fails: Chance::NEVER,
     }

@@ -8,7 +8,7 @@
 
 use retrace_core::{RateTarget, Travel};
 
-use crate::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE, encode_with_key};
+use crate::frame::{Decoder, MAX_PAYLOAD, MAX_WIRE, encode_with_key};
 use crate::frame_size::FrameSize;
 use crate::wire::{Entry, Greeting, Opening, Reader, Run, Writer, kind, read_word};
 use crate::{Change, Deck, Outputs, Status, Word, channel, echo, next_epoch, session_key};
@@ -22,7 +22,7 @@ const IN_FLIGHT: u16 = 96;
 /// The card's end, for `A` axes, keeping up to `E` entries that the host has not confirmed.
 #[derive(Clone, Debug)]
 pub struct CardEnd<const A: usize, const E: usize> {
-    decoder: Decoder<MOST_PAYLOAD>,
+    decoder: Decoder<MAX_PAYLOAD>,
     epoch: u16,
     last_epoch: u16,
     axes: u8,
@@ -54,7 +54,7 @@ pub struct CardEnd<const A: usize, const E: usize> {
     patience: u32,
     urgent: bool,
     frames: FrameSize,
-    stage: [u8; MOST_WIRE],
+    stage: [u8; MAX_WIRE],
     staged: (usize, usize),
 }
 
@@ -112,7 +112,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
             patience: 50,
             urgent: false,
             frames: FrameSize::new(),
-            stage: [0; MOST_WIRE],
+            stage: [0; MAX_WIRE],
             staged: (0, 0),
         }
     }
@@ -126,7 +126,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
     /// Takes a byte off the line.
     pub fn receive(&mut self, byte: u8, deck: &mut impl Deck<A>) {
         let Some(Ok(payload)) = self.decoder.take(byte) else { return };
-        let mut copy = [0; MOST_PAYLOAD];
+        let mut copy = [0; MAX_PAYLOAD];
         let length = payload.len();
         copy[..length].copy_from_slice(payload);
         // A payload that cannot be read to its end is left where it stops making sense; its words have to come again.
@@ -363,7 +363,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
     /// Stages the next frame, if one is due.
     fn compose(&mut self, deck: &impl Deck<A>) {
         self.staged = (0, 0);
-        let mut payload = [0; MOST_PAYLOAD];
+        let mut payload = [0; MAX_PAYLOAD];
         let mut writer = Writer::new(&mut payload);
         let mut key = 0;
         let written = if let Some(nonce) = self.greeting.take() {

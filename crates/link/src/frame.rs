@@ -43,13 +43,13 @@
 use crate::crc;
 
 /// Most bytes in the payload of a frame between host and card.
-pub const MOST_PAYLOAD: usize = 240;
+pub const MAX_PAYLOAD: usize = 240;
 /// Bytes of the check: 32 bits, seven a byte.
 const CHECK: u8 = 5;
 /// Bytes that a frame has besides its payload: length, one of stuffing, check, and the zero byte.
 pub const OVERHEAD: usize = 3 + CHECK as usize;
 /// Bytes of the longest frame between host and card.
-pub const MOST_WIRE: usize = MOST_PAYLOAD + OVERHEAD;
+pub const MAX_WIRE: usize = MAX_PAYLOAD + OVERHEAD;
 /// Most bytes that a payload can have in this format: a code byte then counts to 254 at most, and 255 would mean a
 /// stretch that no zero ends.
 const LIMIT: usize = 253;
@@ -269,6 +269,6 @@ mod tests {
         assert_eq!(encode(&[1; 4], &mut wire), None);
         assert_eq!(wire, [0xEE; 3 + OVERHEAD]);
         assert!(encode(&[1; 3], &mut wire).is_some());
-        assert!(encode(&[1; MOST_PAYLOAD], &mut [0; MOST_WIRE]).is_some_and(|frame| frame.len() == MOST_WIRE));
+        assert!(encode(&[1; MAX_PAYLOAD], &mut [0; MAX_WIRE]).is_some_and(|frame| frame.len() == MAX_WIRE));
     }
 }

@@ -40,11 +40,11 @@ pub struct Identity {
     /// Ticks a second of its clock.
     pub tick_hz: u32,
     /// Shortest control period in microseconds.
-    pub shortest_period_us: u32,
+    pub min_period_us: u32,
     /// Longest control period in microseconds.
-    pub longest_period_us: u32,
+    pub max_period_us: u32,
     /// Most pulses that an axis can make in a second.
-    pub most_pulses_hz: u32,
+    pub max_pulses_hz: u32,
 }
 
 /// What an input means.

@@ -3,7 +3,7 @@
 mod dice;
 
 use dice::Dice;
-use retrace_link::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE, encode};
+use retrace_link::frame::{Decoder, MAX_PAYLOAD, MAX_WIRE, encode};
 
 fn asked(usual: u64) -> (u64, u64) {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
@@ -51,18 +51,18 @@ fn damage(dice: &mut Dice, wire: &mut Vec<u8>) {
 fn no_frame_is_taken_that_was_not_sent() {
     let (cases, seed) = asked(200_000);
     let mut dice = Dice(seed);
-    let mut decoder = Decoder::<MOST_PAYLOAD>::new();
+    let mut decoder = Decoder::<MAX_PAYLOAD>::new();
     let (mut taken_false, mut taken, mut refused) = (0u64, 0u64, 0u64);
     let mut wire = Vec::new();
     for case in 0..cases {
-        let mut payload = [0u8; MOST_PAYLOAD];
-        let length = 1 + dice.below(if case % 64 == 0 { MOST_PAYLOAD } else { 24 });
+        let mut payload = [0u8; MAX_PAYLOAD];
+        let length = 1 + dice.below(if case % 64 == 0 { MAX_PAYLOAD } else { 24 });
         payload[..length].fill_with(|| if dice.below(4) == 0 { 0 } else { dice.next() as u8 });
         wire.clear();
         if case % 2 == 0 {
             noise(&mut dice, &mut wire);
         } else {
-            let mut room = [0; MOST_WIRE];
+            let mut room = [0; MAX_WIRE];
             wire.extend_from_slice(encode(&payload[..length], &mut room).expect("it fits"));
             damage(&mut dice, &mut wire);
         }
@@ -85,13 +85,13 @@ fn no_frame_is_taken_that_was_not_sent() {
 fn after_any_noise_the_next_frame_is_found() {
     let (cases, seed) = asked(20_000);
     let mut dice = Dice(seed ^ 0xABCD);
-    let mut decoder = Decoder::<MOST_PAYLOAD>::new();
+    let mut decoder = Decoder::<MAX_PAYLOAD>::new();
     for _ in 0..cases.min(1_000_000) {
         for _ in 0..dice.below(40) {
             let _ = decoder.take(dice.next() as u8);
         }
         let _ = decoder.take(0);
-        let mut room = [0; MOST_WIRE];
+        let mut room = [0; MAX_WIRE];
         let payload = [dice.next() as u8, 0, dice.next() as u8];
         let frame = encode(&payload, &mut room).expect("it fits");
         let mut found = None;

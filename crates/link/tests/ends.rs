@@ -38,9 +38,9 @@ impl Works {
             window: WINDOW,
             memory: 64,
             tick_hz: 1_000_000,
-            shortest_period_us: 100,
-            longest_period_us: 20_000,
-            most_pulses_hz: 1_000_000,
+            min_period_us: 100,
+            max_period_us: 20_000,
+            max_pulses_hz: 1_000_000,
         };
         let records = vec![Record::default(); WINDOW as usize];
         let status = Status { counts: [5, -6, 7], ..Status::standing(Start::at(0)) };

@@ -3,23 +3,23 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use retrace_link::crc;
-use retrace_link::frame::{Damage, Decoder, MOST_PAYLOAD, MOST_WIRE, OVERHEAD, encode};
+use retrace_link::frame::{Damage, Decoder, MAX_PAYLOAD, MAX_WIRE, OVERHEAD, encode};
 
 /// The longest payload that the format allows, longer than host and card use.
 const LONGEST: usize = 253;
 
 fn frame(payload: &[u8]) -> Vec<u8> {
-    encode(payload, &mut [0; MOST_WIRE]).expect("a payload of 1 to 240 bytes").to_vec()
+    encode(payload, &mut [0; MAX_WIRE]).expect("a payload of 1 to 240 bytes").to_vec()
 }
 
 fn decoded(bytes: &[u8]) -> Vec<Result<Vec<u8>, Damage>> {
-    let mut decoder = Decoder::<MOST_PAYLOAD>::new();
+    let mut decoder = Decoder::<MAX_PAYLOAD>::new();
     bytes.iter().filter_map(|&byte| decoder.take(byte).map(|found| found.map(<[u8]>::to_vec))).collect()
 }
 
 /// How many frames are accepted.
 fn accepted(bytes: &[u8]) -> usize {
-    let mut decoder = Decoder::<MOST_PAYLOAD>::new();
+    let mut decoder = Decoder::<MAX_PAYLOAD>::new();
     bytes.iter().filter(|&&byte| matches!(decoder.take(byte), Some(Ok(_)))).count()
 }
 
@@ -67,7 +67,7 @@ fn some_frames(counts: &[usize]) -> Vec<Vec<u8>> {
 #[test]
 fn every_length_of_every_kind_comes_back() {
     let mut random = Random(1);
-    for count in 1..=MOST_PAYLOAD {
+    for count in 1..=MAX_PAYLOAD {
         let mut one_zero = vec![1; count];
         one_zero[random.below(count)] = 0;
         for payload in [vec![0; count], vec![1; count], vec![0xFF; count], one_zero, random.payload(count)] {
@@ -113,7 +113,7 @@ fn framed(body: &[u8]) -> Vec<u8> {
 }
 
 fn payloads() -> impl Strategy<Value = Vec<u8>> {
-    vec(prop_oneof![Just(0), Just(1), 0..=3u8, any::<u8>()], 1..=MOST_PAYLOAD)
+    vec(prop_oneof![Just(0), Just(1), 0..=3u8, any::<u8>()], 1..=MAX_PAYLOAD)
 }
 
 fn noise() -> impl Strategy<Value = Vec<u8>> {
@@ -130,7 +130,7 @@ proptest! {
 
     /// Noise up to any zero byte, cut frames among it, costs no frame after that.
     #[test]
-    fn frames_come_back_from_among_noise(sent in vec((noise(), payloads(), 0..MOST_WIRE), 1..5)) {
+    fn frames_come_back_from_among_noise(sent in vec((noise(), payloads(), 0..MAX_WIRE), 1..5)) {
         let mut line = Vec::new();
         for (noise, payload, cut) in &sent {
             let whole = frame(payload);
@@ -190,7 +190,7 @@ fn no_error_of_three_bits_is_accepted_in_a_short_frame() {
 #[test]
 fn no_error_of_four_or_five_bits_drawn_at_random_is_accepted() {
     let mut random = Random(4);
-    for mut wire in some_frames(&[1, 3, 17, 60, MOST_PAYLOAD]) {
+    for mut wire in some_frames(&[1, 3, 17, 60, MAX_PAYLOAD]) {
         let bits = (wire.len() - 1) * 8;
         for round in 0..20_000 {
             let mut chosen = Vec::new();

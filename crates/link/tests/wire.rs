@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use retrace_core::limits::{AxisLimits, RateLimits};
 use retrace_core::{Flags, Place, RapidCap, Record};
-use retrace_link::frame::MOST_PAYLOAD;
+use retrace_link::frame::MAX_PAYLOAD;
 use retrace_link::wire::{Entry, Greeting, Opening, Reader, Run, Writer, read_word, write_word};
 use retrace_link::{
     Action, Alarm, Await, Change, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, Homing, Identity,
@@ -170,9 +170,9 @@ fn handshakes_are_read_back() {
         window: 4096,
         memory: 64,
         tick_hz: 168_000_000,
-        shortest_period_us: 250,
-        longest_period_us: 20_000,
-        most_pulses_hz: 100_000,
+        min_period_us: 250,
+        max_period_us: 20_000,
+        max_pulses_hz: 100_000,
     };
     let greeting = Greeting::<4> {
         nonce: 99,
@@ -226,7 +226,7 @@ fn the_longest_opening_of_four_axes_fits_a_frame() {
     settings.cutting =
         CuttingSettings { channels: [channel; MAX_CUTTING_CHANNELS], count: 8, handover_periods: 400, inhibit: true };
     // kind and epoch binding besides
-    let mut bytes = [0; MOST_PAYLOAD - 1];
+    let mut bytes = [0; MAX_PAYLOAD - 1];
     let mut writer = Writer::new(&mut bytes);
     Opening(settings).write(&mut writer).expect("room");
 }

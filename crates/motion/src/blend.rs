@@ -74,7 +74,7 @@ pub(crate) struct Blender<const A: usize> {
 }
 
 /// Segments after which some are handed on even if they are short.
-const MOST_SEGMENTS: usize = 4096;
+const MAX_SEGMENTS: usize = 4096;
 /// Road, in widest corrections, after which segments are handed on again.
 const STEP: f64 = 8.0;
 /// Segments after which some are handed on again; where many more must be kept, half as many as those.
@@ -163,7 +163,7 @@ impl<const A: usize> Blender<A> {
 
     /// Is there enough to hand some of it on?
     pub(crate) fn is_ready(&self) -> bool {
-        self.total > self.enough || self.segments.len() >= self.many.min(MOST_SEGMENTS)
+        self.total > self.enough || self.segments.len() >= self.many.min(MAX_SEGMENTS)
     }
 
     /// Hands pieces on, each with the joint at its start, and their marks, each from the start of its piece: all of them where the run has `ended`, else those that later moves
@@ -176,7 +176,7 @@ impl<const A: usize> Blender<A> {
             self.corners.len()
         } else {
             let far = self.corners.partition_point(|c| c.corner.s <= self.total - 2.0 * self.reach);
-            let many = if self.segments.len() >= MOST_SEGMENTS { self.corners.len() / 2 } else { 0 };
+            let many = if self.segments.len() >= MAX_SEGMENTS { self.corners.len() / 2 } else { 0 };
             far.max(many).max(self.decided)
         };
         self.widen(end);
@@ -188,7 +188,7 @@ impl<const A: usize> Blender<A> {
             // A corner that is yet to come may reach this far back.
             let open = self.corners.get(end).map_or(self.total, |c| c.corner.s);
             let before = |place: f64| self.segments.partition_point(|(_, s, _)| *s <= place);
-            let many = if self.segments.len() >= MOST_SEGMENTS { before(open) / 2 } else { 0 };
+            let many = if self.segments.len() >= MAX_SEGMENTS { before(open) / 2 } else { 0 };
             before(open - self.reach).saturating_sub(1).max(many)
         };
         self.cut(done, out, lines);

@@ -8,7 +8,7 @@ use crate::corner::G_MOST;
 use crate::glide::tracks::FarEnd;
 use crate::limits::AxisLimits;
 use crate::piece::Joint;
-use crate::planner::MOST_OVERRIDE;
+use crate::planner::MAX_OVERRIDE;
 use crate::run::least;
 
 /// Share of the jerk that joints may take: the first that lets a joint pass at full speed, else the last.
@@ -62,7 +62,7 @@ fn rough<const A: usize>(
     let needed = taken(full);
     // The share is chosen for the programmed feed; an override may pass the joint as fast as that share lets it.
     let raised = |share: f64| {
-        let (mut low, mut high) = (full, (MOST_OVERRIDE * full).min(axes.path_v));
+        let (mut low, mut high) = (full, (MAX_OVERRIDE * full).min(axes.path_v));
         if taken(high) <= share {
             return high;
         }

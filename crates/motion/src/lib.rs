@@ -60,4 +60,4 @@ pub use error::{LimitError, MoveError};
 pub use glide::Blending;
 pub use glide::source::{GlideRatio, RatioOf};
 pub use limits::Limits;
-pub use planner::{Feed, MOST_OVERRIDE, PathMode, Planner};
+pub use planner::{Feed, MAX_OVERRIDE, PathMode, Planner};

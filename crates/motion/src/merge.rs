@@ -17,7 +17,7 @@ use crate::curve::Curve;
 /// Share of the tolerance that merging uses where the program does not say: what is left makes corners fast.
 const SHARE: f64 = 0.05;
 /// Share of the tolerance that it may use at most: with nothing left, the corners between merged lines would be stops.
-const MOST_SHARE: f64 = 0.5;
+const MAX_SHARE: f64 = 0.5;
 /// Lines that are merged at most: a bound on the memory.
 const MOST: usize = 4096;
 
@@ -44,7 +44,7 @@ pub(crate) struct Line<const A: usize> {
 
 /// What merging may use of `tolerance`, mm, where the program asks for `asked`.
 pub(crate) fn merging(tolerance: f64, asked: Option<f64>) -> f64 {
-    asked.map_or(SHARE * tolerance, |asked| asked.min(MOST_SHARE * tolerance))
+    asked.map_or(SHARE * tolerance, |asked| asked.min(MAX_SHARE * tolerance))
 }
 
 /// Lines that are merged so far.

@@ -17,7 +17,7 @@ use crate::pulses::counts_of;
 use crate::road::Road;
 
 /// The most that an override may raise feeds to, as a factor: 200 %.
-pub const MOST_OVERRIDE: f64 = 2.0;
+pub const MAX_OVERRIDE: f64 = 2.0;
 
 /// How fast a move goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -177,7 +177,7 @@ impl<const A: usize> Planner<A> {
     }
 
     /// The feed override above 100 %: from the next record on, feeds of programmed moves count times `factor`, which is held within
-    /// 1 … [`MOST_OVERRIDE`]; gives the factor that is in force. Rapid moves, and what the axes and the path velocity allow,
+    /// 1 … [`MAX_OVERRIDE`]; gives the factor that is in force. Rapid moves, and what the axes and the path velocity allow,
     /// stay as they are. Records that came out before never change; what was planned of the road ahead is planned anew.
     ///
     /// The path does not depend on it: corners are cut as at the programmed feeds, and glides are passed as fast as these allow. One
@@ -186,7 +186,7 @@ impl<const A: usize> Planner<A> {
     /// Where the motion is faster than a lower factor allows, it brakes at once, as fast as the axes allow; where no plan
     /// does that, the old one is kept as far as the first place from which one does.
     pub fn set_feed_override(&mut self, factor: f64) -> f64 {
-        let factor = if factor >= 1.0 { factor.min(MOST_OVERRIDE) } else { 1.0 };
+        let factor = if factor >= 1.0 { factor.min(MAX_OVERRIDE) } else { 1.0 };
         self.road.override_feeds(factor);
         factor
     }

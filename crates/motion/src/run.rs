@@ -49,13 +49,13 @@ pub(crate) struct Run<const A: usize> {
     /// Road in mm that is kept back when a part of the plan is committed.
     keep: f64,
     /// Blocks after which the run is planned and partly committed however short they are.
-    most_blocks: usize,
+    max_blocks: usize,
     /// How often the plan could not be extended since it was last.
     failures: usize,
 }
 
 /// Blocks after which a run is planned and partly committed even if they are short.
-const MOST_BLOCKS: usize = 8192;
+const MAX_BLOCKS: usize = 8192;
 /// Blocks that are planned together where the road is long enough.
 const BATCH: usize = 48;
 /// Stopping distances from the end of a plan to what more road does not change.
@@ -88,14 +88,14 @@ impl<const A: usize> Run<A> {
             look_ahead: LookAhead::default(),
             fresh: Vec::new(),
             keep: 3.0 * stopping,
-            most_blocks: MOST_BLOCKS,
+            max_blocks: MAX_BLOCKS,
             failures: 0,
         }
     }
 
     /// From now on looks ahead over `blocks`, whatever their length.
     pub(crate) fn look_over(&mut self, blocks: usize) {
-        (self.keep, self.most_blocks) = (f64::MAX, blocks.max(2));
+        (self.keep, self.max_blocks) = (f64::MAX, blocks.max(2));
     }
 
     /// Appends a piece that is entered through `entry`.
@@ -103,7 +103,7 @@ impl<const A: usize> Run<A> {
         self.push_tail(entry, emitter);
         self.tail = Some((piece, entry));
         let fresh = self.blocks.len() - self.planned;
-        let must = self.length > 8.0 * self.keep || self.blocks.len() >= self.most_blocks;
+        let must = self.length > 8.0 * self.keep || self.blocks.len() >= self.max_blocks;
         if must || self.length > 2.0 * self.keep && fresh >= (self.failures + 1) * BATCH {
             if must {
                 self.replan(State::default(), false);

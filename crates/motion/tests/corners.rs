@@ -82,7 +82,7 @@ fn the_table_is_what_linear_programs_say() {
     for [degrees, leg, tolerance, seconds, stop, share] in rows.into_iter().step_by(11) {
         let legs = Legs { turn: degrees.to_radians(), leg, allowed: Allowed::BUILT_IN };
         assert!((legs.stopping().iter().sum::<f64>() - stop).abs() < 1e-6);
-        let least = |seconds: f64, share: f64| legs.least_tolerance(Optimum { seconds, share }, 80);
+        let least = |seconds: f64, share: f64| legs.min_tolerance(Optimum { seconds, share }, 80);
         let name = format!("{degrees}°, {leg} mm, {tolerance} mm");
         let enough = least(1.003 * seconds, share).expect("there is a way");
         assert!(enough <= tolerance, "{name}: {enough} mm in the table's time");

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
 use retrace_core::Flags;
-use retrace_motion::{Feed, Limits, MOST_OVERRIDE, PathMode, Planner};
+use retrace_motion::{Feed, Limits, MAX_OVERRIDE, PathMode, Planner};
 
 /// Feeds `moves`, with `most` records taken out after each move; the override is changed before the records of these numbers.
 fn play_overridden(limits: Limits<3>, moves: &[Move], most: usize, changes: &[(usize, f64)]) -> Run {
@@ -31,7 +31,7 @@ fn mode() -> impl Strategy<Value = PathMode> {
 
 /// Changes at growing record numbers, mostly within a second or two, some at the very next record.
 fn changes() -> impl Strategy<Value = Vec<(usize, f64)>> {
-    let factor = prop_oneof![Just(1.0), Just(1.5), Just(MOST_OVERRIDE), 1.0..MOST_OVERRIDE];
+    let factor = prop_oneof![Just(1.0), Just(1.5), Just(MAX_OVERRIDE), 1.0..MAX_OVERRIDE];
     let gap = prop_oneof![Just(0usize), Just(1), 2..30usize, 30..800usize];
     prop::collection::vec((gap, factor), 1..12).prop_map(|changes| {
         let mut at = 0;
@@ -96,7 +96,7 @@ fn raised_feeds_save_time_and_glide_through_the_same_corners() {
     let limits = Limits::built_in();
     let mut runner = TestRunner::deterministic();
     let corner = (0.0..1.3f64, 0.3..2.8f64, any::<bool>(), 0u8..8, -2.0..2.0f64);
-    let programs = (prop::collection::vec(corner, 2..30), 0usize..500, 1.0..60.0f64, 1.05..MOST_OVERRIDE);
+    let programs = (prop::collection::vec(corner, 2..30), 0usize..500, 1.0..60.0f64, 1.05..MAX_OVERRIDE);
     let (mut plain_time, mut raised_time, mut different) = (0, 0, 0);
     for _ in 0..300 {
         let (corners, at, feed, factor) = programs.new_tree(&mut runner).expect("a program").current();
@@ -165,7 +165,7 @@ fn rapids_and_nonsense_change_nothing() {
     let plain = play(limits, &moves, usize::MAX);
     assert_eq!(play_overridden(limits, &moves, usize::MAX, &[(0, 1.5)]), plain);
     let mut planner = Planner::<3>::new(limits, [0.0; 3]).expect("valid limits");
-    for (asked, given) in [(f64::NAN, 1.0), (0.3, 1.0), (-1.0, 1.0), (f64::INFINITY, MOST_OVERRIDE), (1.25, 1.25)] {
+    for (asked, given) in [(f64::NAN, 1.0), (0.3, 1.0), (-1.0, 1.0), (f64::INFINITY, MAX_OVERRIDE), (1.25, 1.25)] {
         assert_eq!(planner.set_feed_override(asked), given);
     }
 }

@@ -25,9 +25,9 @@ impl LastPart {
 }
 
 /// All stops but those whose last phase is shorter than a period: there speed and acceleration do not say it.
-fn last_parts(moves: &[Move], most_blocks: Option<usize>) -> Vec<LastPart> {
+fn last_parts(moves: &[Move], max_blocks: Option<usize>) -> Vec<LastPart> {
     let limits = Limits::built_in();
-    let mut planner = match most_blocks {
+    let mut planner = match max_blocks {
         None => Planner::<3>::new(limits, [0.0; 3]),
         Some(blocks) => Planner::with_look_ahead(limits, [0.0; 3], blocks),
     }

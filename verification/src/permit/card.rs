@@ -56,9 +56,9 @@ impl Observer {
             window: 0,
             memory: 0,
             tick_hz: 1_000_000,
-            shortest_period_us: 100,
-            longest_period_us: 10_000,
-            most_pulses_hz: 250_000,
+            min_period_us: 100,
+            max_period_us: 10_000,
+            max_pulses_hz: 250_000,
         };
         let mut observer = Self {
             card: TestCard::new(identity).expect("a memory"),

@@ -62,9 +62,9 @@ pub(super) fn rows(
         return Ok(Vec::new());
     }
     let (name, most) = largest(&over_s_curve);
-    let (name_t, most_t) = largest(&over_trapezoid);
+    let (name_t, max_t) = largest(&over_trapezoid);
     let count = over_s_curve.len();
-    let q6 = format!("largest {most_t:.3}, {name_t}");
+    let q6 = format!("largest {max_t:.3}, {name_t}");
     let what = |of: &str| format!("{count} programs, time over LinuxCNC's {of} planner, geometric mean");
     Ok(vec![
         Row::at_most(

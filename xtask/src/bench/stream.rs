@@ -19,8 +19,8 @@ const FULL: u64 = 2 << 30;
 const SHORT: u64 = 64 << 20;
 
 /// Most resident memory, MiB, and least speed, lines a second.
-const MOST_MIB: f64 = 48.0;
-const LEAST_SPEED: f64 = 1e6;
+const MAX_MIB: f64 = 48.0;
+const MIN_SPEED: f64 = 1e6;
 
 impl Streamed {
     fn speed(&self) -> f64 {
@@ -28,13 +28,13 @@ impl Streamed {
     }
 
     pub(super) fn is_within(&self) -> bool {
-        self.rss_mib <= MOST_MIB && self.speed() >= LEAST_SPEED
+        self.rss_mib <= MAX_MIB && self.speed() >= MIN_SPEED
     }
 
     pub(super) fn text(&self) -> String {
         format!(
             "`retrace canon -` fed {:.3} GiB ({} lines) on standard input: {:.2} million lines a second of wall time (goal ≥ 1), \
-             {:.1} MiB\nresident at most (goal ≤ {MOST_MIB}).\n",
+             {:.1} MiB\nresident at most (goal ≤ {MAX_MIB}).\n",
             self.bytes as f64 / f64::from(1 << 30),
             self.lines,
             self.speed() / 1e6,

@@ -17,9 +17,9 @@ const STOPWATCH_MHZ: u64 = 168;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Diagnostics {
     /// Cycles of the stopwatch that the longest control period took, interrupts taken out.
-    pub(super) longest_period: u32,
+    pub(super) max_period: u32,
     /// Cycles that the longest step interrupt took.
-    pub(super) longest_interrupt: u32,
+    pub(super) max_interrupt: u32,
     /// Control periods computed.
     pub(super) periods: u32,
     /// Control periods that began late.
@@ -44,8 +44,8 @@ impl Diagnostics {
             return Err(format!("the firmware's diagnostics begin with {:#x}, not {MARK:#x}", words[0]));
         }
         Ok(Self {
-            longest_period: words[1],
-            longest_interrupt: words[2],
+            max_period: words[1],
+            max_interrupt: words[2],
             periods: words[4],
             late_periods: words[5],
             lost_bytes: words[6],

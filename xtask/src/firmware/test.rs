@@ -110,8 +110,8 @@ fn emulation(root: &Path) -> Result<bool, String> {
         found.late_periods,
         found.lost_bytes,
         found.refused,
-        diagnostics::instructions(found.longest_period),
-        diagnostics::instructions(found.longest_interrupt) / SLOTS,
+        diagnostics::instructions(found.max_period),
+        diagnostics::instructions(found.max_interrupt) / SLOTS,
     );
     println!("emulation: pulses at the outputs {:?}, counts reported {:?}", found.counted, report.counts);
     let told = [

@@ -13,7 +13,7 @@ use super::view::View;
 /// Space between the path and the frame, as a share of the larger extent.
 const PADDING: f64 = 0.04;
 /// The smallest extent that is drawn, in mm: a single point has none.
-const SMALLEST_MM: f64 = 0.01;
+const MIN_MM: f64 = 0.01;
 /// A frame is no flatter than this share of the space there is.
 const FLATTEST: f32 = 0.3;
 /// The least distance of two marks in pixels: side by side, and one above the other.
@@ -56,7 +56,7 @@ impl Sheet {
                 .copied()
                 .for_each(include);
         }
-        let padding = ((high[0] - low[0]).max(high[1] - low[1]) * PADDING).max(SMALLEST_MM);
+        let padding = ((high[0] - low[0]).max(high[1] - low[1]) * PADDING).max(MIN_MM);
         let extent = |side: usize| high[side] - low[side] + 2.0 * padding;
         // The space inside the frame; in the isometric view the labels along the box need some of it.
         let inset = if view == View::Iso { 34.0 } else { 0.0 };

@@ -195,7 +195,7 @@ fn measured(model: &Mutex<Model>, took: Duration) {
     let redraw = &mut model.redraw;
     redraw.count += 1;
     redraw.mean_ms += (ms - redraw.mean_ms) / redraw.count as f64;
-    redraw.most_ms = redraw.most_ms.max(ms);
+    redraw.max_ms = redraw.max_ms.max(ms);
 }
 
 /// The key, if it is one that the screen knows.

@@ -126,7 +126,7 @@ pub struct Redraw {
     /// The mean of all.
     pub mean_ms: f64,
     /// The longest.
-    pub most_ms: f64,
+    pub max_ms: f64,
     /// How many there were.
     pub count: u64,
 }

@@ -12,7 +12,7 @@ use retrace_motion::{Arc, Feed, PathMode};
 use super::trail::{Knot, Trail};
 
 /// Lines whose ends are kept at most.
-const MOST_ENDS: usize = 1_000_000;
+const MAX_ENDS: usize = 1_000_000;
 
 /// A program's path and the ends of its blocks.
 #[derive(Clone, Debug, Default)]
@@ -73,7 +73,7 @@ impl Preview {
 
     fn end(&mut self, line: u32) {
         let (index, end) = (line as usize, self.at_mm.map(|mm| mm as f32));
-        if index >= MOST_ENDS {
+        if index >= MAX_ENDS {
             return;
         }
         if index >= self.ends.len() {

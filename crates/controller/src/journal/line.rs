@@ -9,7 +9,7 @@
 use retrace_link::crc;
 
 /// Longest line, in bytes: the machine file and the list of files stand in one.
-pub const MOST_LINE: usize = 16 << 20;
+pub const MAX_LINE: usize = 16 << 20;
 
 /// The generator's remainders, a byte at a time.
 const TABLE: [u32; 256] = {

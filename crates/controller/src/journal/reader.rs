@@ -10,7 +10,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::entry::{Entry, FORMAT};
-use super::line::{self, MOST_LINE};
+use super::line::{self, MAX_LINE};
 use crate::refusal::Refusal;
 
 /// What is wrong with a journal.
@@ -103,10 +103,10 @@ impl<R: BufRead> Entries<R> {
         self.tail
     }
 
-    /// Reads the next line, whole or not. At most [`MOST_LINE`] bytes are taken at once, so that memory stays bounded whatever the file is.
+    /// Reads the next line, whole or not. At most [`MAX_LINE`] bytes are taken at once, so that memory stays bounded whatever the file is.
     fn fetch(&mut self) -> io::Result<usize> {
         self.buffer.clear();
-        (&mut self.from).take(MOST_LINE as u64).read_until(b'\n', &mut self.buffer)
+        (&mut self.from).take(MAX_LINE as u64).read_until(b'\n', &mut self.buffer)
     }
 
     fn advance(&mut self) -> Result<Option<(u64, Entry)>, Flaw> {

@@ -19,7 +19,7 @@ use entered_length::LengthCorrection;
 pub use untrackable::Untrackable;
 
 /// Chords of splines come no nearer than this has to be, mm.
-const LEAST_DEVIATION_MM: f64 = 0.001;
+const MIN_DEVIATION_MM: f64 = 0.001;
 
 /// What lies between machine and program coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -313,8 +313,8 @@ impl<'m> Track<'m> {
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
         let (deviation_mm, inside) = match self.path {
-            PathMode::Blend { tolerance_mm, .. } => ((tolerance_mm / 10.0).max(LEAST_DEVIATION_MM), self.path),
-            _ => (LEAST_DEVIATION_MM, PathMode::blend(LEAST_DEVIATION_MM)),
+            PathMode::Blend { tolerance_mm, .. } => ((tolerance_mm / 10.0).max(MIN_DEVIATION_MM), self.path),
+            _ => (MIN_DEVIATION_MM, PathMode::blend(MIN_DEVIATION_MM)),
         };
         self.cutters.before_feed(self.machine, line, sink);
         // The mode in force is that of the spline's end; inside, a chord is not a block of its own.

@@ -130,7 +130,7 @@ struct Came {
     at_oldest: usize,
     at_reached: usize,
     /// Periods from the first with a mean of zero to rest, at most.
-    longest_stop: usize,
+    max_stop: usize,
 }
 
 fn run(seed: u64) -> Case {
@@ -213,7 +213,7 @@ impl Case {
                 "no rest {asked_for_rest} periods after the word: {period:?}"
             );
             if asked_for_rest > 0 && period.at_rest && !was_at_rest {
-                came.longest_stop = came.longest_stop.max(asked_for_rest);
+                came.max_stop = came.max_stop.max(asked_for_rest);
             }
             self.is_within_what_was_asked(turn);
             (last_mode, was_at_rest) = (period.mode, period.at_rest);
@@ -312,7 +312,7 @@ fn motion_follows_the_mean_of_the_wheel_whatever_it_is_turned_like() {
         assert!(judged.is_ok(), "that was seed {seed}: RETRACE_CASES=1 RETRACE_FIRST_SEED={seed} runs it alone");
     }
     println!("{cases} cases: {came:?}");
-    let some = [came.at_the_wheel, came.saturated, came.longest_stop];
+    let some = [came.at_the_wheel, came.saturated, came.max_stop];
     assert!(some.iter().all(|&n| n > 0), "{came:?}");
     assert!(cases < 16 || came.at_oldest > 0 && came.at_reached > 0, "both ends are come to: {came:?}");
 }

@@ -94,7 +94,7 @@ impl<const N: usize> Braking<N> {
 
     /// The least slope at any rate up to one.
     #[must_use]
-    pub fn least_slope(&self) -> Travel {
+    pub fn min_slope(&self) -> Travel {
         self.slope_of_stretch(N - 1, 16)
     }
 

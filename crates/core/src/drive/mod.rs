@@ -160,7 +160,7 @@ impl<const A: usize, const M: usize> Drive<A, M> {
     /// The next commanded rate on the way from the last one to `asked`, as fast as the records allow.
     fn toward(&self, asked: Travel, way: &Way<'_, A, impl Road<A>>) -> Travel {
         let rate = self.cursor.law().target().abs();
-        let least = self.braking.least_slope();
+        let least = self.braking.min_slope();
         let eased = ONE - ease::eased_from(least);
         if asked == ONE && eased <= rate && rate <= ONE {
             let commanded = way.at.moved(self.lead()).fraction;
@@ -176,11 +176,11 @@ impl<const A: usize, const M: usize> Drive<A, M> {
         let survey = Survey::of(&self.limits, way, self.reach(asked.max(ONE)));
         if asked < rate {
             let slope = slope::falling(&self.limits, &survey, rate, self.cursor.law().highest());
-            let slope = slope.max(self.braking.slope(rate, survey.least_cap));
+            let slope = slope.max(self.braking.slope(rate, survey.min_cap));
             (rate - slope).max(asked)
         } else {
             let slope = slope::rising(&self.limits, &survey, rate);
-            let slope = slope.max(self.braking.rising_slope(rate, survey.least_cap));
+            let slope = slope.max(self.braking.rising_slope(rate, survey.min_cap));
             // rate one itself is eased into
             (rate + slope).min(if asked == ONE { eased } else { asked })
         }

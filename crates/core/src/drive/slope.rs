@@ -24,7 +24,7 @@ pub(super) fn falling<const A: usize>(
 
 /// The steepest rise from `rate` on.
 pub(super) fn rising<const A: usize>(limits: &RateLimits<A>, survey: &Survey<A>, rate: Travel) -> Travel {
-    let highest = Travel::from(survey.most_cap) * (ONE / 16);
+    let highest = Travel::from(survey.max_cap) * (ONE / 16);
     each(limits, survey, |axis, demand| {
         // Jensen's inequality wants the slope at the rate that is reached
         let at_most = by_acceleration(axis, demand, rate);
@@ -115,7 +115,7 @@ mod tests {
         fn what_is_played_keeps_acceleration_and_jerk(
             (limits, demand) in scene(), asked in prop::collection::vec((prop_oneof![Just(0), Just(ONE), 0..=ONE], 1usize..150), 1..12),
         ) {
-            let survey = Survey { demands: [demand], least_cap: 16, most_cap: 16 };
+            let survey = Survey { demands: [demand], min_cap: 16, max_cap: 16 };
             let (n, axis) = (usize::from(limits.average()), limits.axes()[0]);
             let (mut commanded, mut played) = (vec![0; n], vec![0.0; 3]);
             for (asked, periods) in asked {

@@ -35,8 +35,8 @@ pub(super) struct Demand {
 pub(super) struct Survey<const A: usize> {
     pub(super) demands: [Demand; A],
     /// Least and greatest cap among the records, in sixteenths.
-    pub(super) least_cap: u8,
-    pub(super) most_cap: u8,
+    pub(super) min_cap: u8,
+    pub(super) max_cap: u8,
 }
 
 /// Largest differences of sums over 1, 2 and 4 blocks, in pulses.
@@ -52,25 +52,25 @@ impl<const A: usize> Survey<A> {
     /// Looks at the records from the cursor on, `reach` (in records) along the way and a few beyond.
     pub(super) fn of(limits: &RateLimits<A>, way: &Way<'_, A, impl Road<A>>, reach: Travel) -> Self {
         let (first, count) = way.stretch(reach);
-        let (mut least_cap, mut most_cap) = (u8::MAX, 16);
+        let (mut min_cap, mut max_cap) = (u8::MAX, 16);
         for k in 0..count {
             let cap = way.road.cap(first.wrapping_add(k)).get();
-            (least_cap, most_cap) = (least_cap.min(cap), most_cap.max(cap));
+            (min_cap, max_cap) = (min_cap.min(cap), max_cap.max(cap));
         }
-        let least_cap = least_cap.clamp(16, most_cap);
+        let min_cap = min_cap.clamp(16, max_cap);
         let start = (first & !(BLOCK - 1)).wrapping_sub(MARGIN * BLOCK);
         let blocks = (first.wrapping_add(count).wrapping_sub(start)).div_ceil(BLOCK) + MARGIN;
         let (differences, known) = look(way, start, blocks);
         let mut demands = [Demand::default(); A];
         for ((demand, axis), found) in demands.iter_mut().zip(limits.axes()).zip(&differences) {
-            let most = Demand::most(limits, axis, least_cap);
+            let most = Demand::most(limits, axis, min_cap);
             *demand = match known {
                 Known::All => found.demand(most),
                 Known::Most => found.demand(most).widened(most),
                 Known::Little => most,
             };
         }
-        Self { demands, least_cap, most_cap }
+        Self { demands, min_cap, max_cap }
     }
 }
 

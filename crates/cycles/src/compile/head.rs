@@ -10,11 +10,11 @@ use crate::codes::Code;
 use crate::cycle::{Parameter, Type};
 
 /// Most parameters of a cycle.
-const MOST_PARAMETERS: usize = 64;
+const MAX_PARAMETERS: usize = 64;
 /// Longest text.
-const LONGEST_TEXT: f64 = 1000.0;
+const MAX_TEXT_LENGTH: f64 = 1000.0;
 /// Most elements of an array.
-const LARGEST_ARRAY: usize = 1000;
+const MAX_ARRAY: usize = 1000;
 
 impl Compiler<'_> {
     /// `PROC NAME(REAL A, STRING[20] B, INT C=1) SAVE DISPLOF`
@@ -58,7 +58,7 @@ impl Compiler<'_> {
         let of = self.type_name()?;
         let name_span = self.here_span();
         let name = self.new_name(&of.to_string())?;
-        if self.unit.parameters.len() >= MOST_PARAMETERS {
+        if self.unit.parameters.len() >= MAX_PARAMETERS {
             return self.too_large(self.since(span.start), "parameters");
         }
         let default = if self.eat(Sign::Assign) { converted(of, self.constant_number()?) } else { 0.0 };
@@ -110,11 +110,11 @@ impl Compiler<'_> {
         }
         let length = self.constant_number()?;
         self.close(Sign::CloseIndex, open)?;
-        if length.fract() != 0.0 || !(1.0..=LONGEST_TEXT).contains(&length) {
+        if length.fract() != 0.0 || !(1.0..=MAX_TEXT_LENGTH).contains(&length) {
             return fault(
                 Code::ArraySize,
                 self.since(open.start),
-                format!("a text has from 1 to {LONGEST_TEXT} bytes"),
+                format!("a text has from 1 to {MAX_TEXT_LENGTH} bytes"),
             );
         }
         Ok(Type::Text(length as u16))
@@ -156,7 +156,7 @@ impl Compiler<'_> {
         let mut count = 0;
         loop {
             let size = self.constant_number()?;
-            let fits = size.fract() == 0.0 && (1.0..=LARGEST_ARRAY as f64).contains(&size);
+            let fits = size.fract() == 0.0 && (1.0..=MAX_ARRAY as f64).contains(&size);
             match sizes.get_mut(count) {
                 Some(place) if fits => *place = size as u16,
                 _ => {
@@ -174,8 +174,8 @@ impl Compiler<'_> {
         }
         self.close(Sign::CloseIndex, open)?;
         let shape = if count == 1 { Shape::Row(sizes[0]) } else { Shape::Table(sizes[0], sizes[1]) };
-        if shape.slots() > LARGEST_ARRAY {
-            let message = format!("an array has at most {LARGEST_ARRAY} elements, not {}", shape.slots());
+        if shape.slots() > MAX_ARRAY {
+            let message = format!("an array has at most {MAX_ARRAY} elements, not {}", shape.slots());
             return fault(Code::ArraySize, self.since(open.start), message);
         }
         Ok(shape)

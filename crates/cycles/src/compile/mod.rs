@@ -24,10 +24,10 @@ use std::collections::HashMap;
 pub(crate) const VERSION: u32 = 1;
 
 /// Longest source, and longest line of one, in bytes.
-const LONGEST_SOURCE: usize = 1 << 20;
-const LONGEST_LINE: usize = 10_000;
+const MAX_SOURCE_LENGTH: usize = 1 << 20;
+const MAX_LINE_LENGTH: usize = 10_000;
 /// Errors of one source that are shown.
-const MOST_ERRORS: usize = 50;
+const MAX_ERRORS: usize = 50;
 
 /// What compiling a source gives.
 #[derive(Debug)]
@@ -41,21 +41,21 @@ pub(crate) struct Compiled {
 /// Compiles a source; `file_name` is the name of its file without the ending.
 pub(crate) fn compile(source: &[u8], file_name: &str) -> Compiled {
     let mut compiler = Compiler::new(file_name);
-    if source.len() > LONGEST_SOURCE {
-        let message = format!("the source has {} bytes; {LONGEST_SOURCE} are the most", source.len());
+    if source.len() > MAX_SOURCE_LENGTH {
+        let message = format!("the source has {} bytes; {MAX_SOURCE_LENGTH} are the most", source.len());
         compiler.diagnostics.push(Diagnostic::of_file(Code::SourceTooLong, message));
     } else {
         for (index, line) in source.split(|byte| *byte == b'\n').enumerate() {
             compiler.line = index as u32 + 1;
             compiler.line_of_bytes(line.strip_suffix(b"\r").unwrap_or(line));
-            if compiler.errors >= MOST_ERRORS {
+            if compiler.errors >= MAX_ERRORS {
                 break;
             }
         }
         compiler.finish();
     }
     compiler.diagnostics.sort_by_key(|diagnostic| (diagnostic.line, diagnostic.start));
-    if compiler.errors >= MOST_ERRORS {
+    if compiler.errors >= MAX_ERRORS {
         compiler.report(Code::TooManyErrors, Span::default(), "more errors are not shown".to_owned());
     }
     let is_whole = !compiler.diagnostics.iter().any(|d| d.severity() == crate::diag::Severity::Error);
@@ -119,9 +119,9 @@ impl<'s> Compiler<'s> {
     }
 
     fn line_of_bytes(&mut self, bytes: &'s [u8]) {
-        let whole = Span { start: 0, end: bytes.len().min(LONGEST_LINE) };
-        if bytes.len() > LONGEST_LINE {
-            let message = format!("the line has {} bytes; {LONGEST_LINE} are the most", bytes.len());
+        let whole = Span { start: 0, end: bytes.len().min(MAX_LINE_LENGTH) };
+        if bytes.len() > MAX_LINE_LENGTH {
+            let message = format!("the line has {} bytes; {MAX_LINE_LENGTH} are the most", bytes.len());
             return self.report(Code::SourceTooLong, whole, message);
         }
         let is_control = |byte: &u8| *byte < b' ' && *byte != b'\t';
@@ -342,13 +342,13 @@ mod tests {
     fn the_longest_source_is_answered_in_time() {
         let begin = std::time::Instant::now();
         for part in ["R1=R1+1\n", "IF R1\n", "LA:\n", "(", "N10 GOTOF N10\n", "\"", "X"] {
-            compile(part.repeat(LONGEST_SOURCE / part.len()).as_bytes(), "LONG");
+            compile(part.repeat(MAX_SOURCE_LENGTH / part.len()).as_bytes(), "LONG");
         }
         let texts: String = (0..60_000).map(|number| format!("MSG(\"{number}\")\n")).collect();
         assert!(compile(texts.as_bytes(), "LONG").unit.is_some());
         // A second would do on a machine that has nothing else to do.
         assert!(begin.elapsed().as_secs() < 20, "{:?}", begin.elapsed());
-        let too_long = compile(&vec![b' '; LONGEST_SOURCE + 1], "LONG");
+        let too_long = compile(&vec![b' '; MAX_SOURCE_LENGTH + 1], "LONG");
         assert_eq!(too_long.diagnostics.first().map(|d| d.code), Some(Code::SourceTooLong));
     }
 }

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 /// Number of R parameters.
 pub(super) const R_PARAMETERS: u16 = 100;
 /// Most slots of a frame.
-const MOST_SLOTS: usize = 8000;
+const MAX_SLOTS: usize = 8000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Shape {
@@ -128,7 +128,7 @@ impl Names {
     /// Slots without a name.
     pub(super) fn reserve(&mut self, count: usize) -> Option<u16> {
         let slot = self.slots;
-        if usize::from(slot) + count > MOST_SLOTS {
+        if usize::from(slot) + count > MAX_SLOTS {
             return None;
         }
         self.slots += count as u16;

@@ -18,7 +18,7 @@ const SOURCE_ENDING: &str = "SPF";
 /// Ending of compiled forms.
 const FORM_ENDING: &str = "CYC";
 /// Largest source that is read at all.
-const LARGEST_SOURCE: u64 = 2 << 20;
+const MAX_SOURCE_BYTES: u64 = 2 << 20;
 
 /// The two folders. Either may be absent.
 #[derive(Clone, Copy, Debug, Default)]
@@ -97,7 +97,7 @@ impl Folders<'_> {
 
 fn read_source(path: &Path) -> std::io::Result<Vec<u8>> {
     let length = std::fs::metadata(path)?.len();
-    if length > LARGEST_SOURCE {
+    if length > MAX_SOURCE_BYTES {
         return Err(std::io::Error::other(format!("{length} bytes are too many for a source")));
     }
     std::fs::read(path)

@@ -3,7 +3,7 @@
 //! Invariant: a name in a library never reads as words of a block, so no block changes its meaning by a cycle that is added.
 
 /// Most bytes of a name that a program can call.
-const LONGEST_NAME: usize = 32;
+const MAX_NAME_LENGTH: usize = 32;
 
 /// Words that open a control line of a program, with or without a number behind them.
 const CONTROL_WORDS: [&str; 6] = ["IF", "THEN", "GOTO", "WHILE", "DO", "END"];
@@ -12,7 +12,7 @@ const CONTROL_WORDS: [&str; 6] = ["IF", "THEN", "GOTO", "WHILE", "DO", "END"];
 pub(super) fn cannot_be_called(name: &str) -> Option<String> {
     let letters = name.bytes().filter(u8::is_ascii_alphabetic).count();
     let has_early_digit = name.as_bytes().get(1).is_some_and(u8::is_ascii_digit);
-    let why = if name.len() > LONGEST_NAME {
+    let why = if name.len() > MAX_NAME_LENGTH {
         "is longer than 32 characters"
     } else if letters < 2 {
         "has fewer than two letters"

@@ -24,7 +24,7 @@ pub(super) fn read(elements: &[Element]) -> Result<Vec<Segment>, Fault> {
         return Err(Fault::TooFewBlocks);
     }
     // Far more than the table holds: refused before any work is done on them.
-    if elements.len() > 10 * super::shape::MOST_ELEMENTS {
+    if elements.len() > 10 * super::shape::MAX_ELEMENTS {
         return Err(Fault::TooManyElements);
     }
     for (number, element) in elements.iter().enumerate() {

@@ -1,7 +1,7 @@
 //! Stock removal along a contour (CYCLE95): from contour elements and a job to the list of moves.
 //!
 //! Invariant: `plan` is a pure function of the job. Every check runs before the first move exists; whatever finite numbers come in,
-//! the answer is a path of at most [`MOST_MOVES`] finite moves or a [`Fault`], and numbers that are not finite are refused.
+//! the answer is a path of at most [`MAX_MOVES`] finite moves or a [`Fault`], and numbers that are not finite are refused.
 //!
 //! The rooms, in the order in which a `job` passes through them: `contour` (reading and checks, with `corner` for chamfers and roundings),
 //! `shape` (normalised coordinates, with `frame`), `rough` (allowances, with `envelope` and `nose`), `sections` (profile, relief cuts,
@@ -28,7 +28,7 @@ mod shape;
 pub use fault::Fault;
 
 /// The largest number of moves of one path; a job that needs more is refused.
-pub const MOST_MOVES: usize = 200_000;
+pub const MAX_MOVES: usize = 200_000;
 
 /// The largest magnitude of a coordinate or length that is accepted, in the program's unit.
 pub const LARGEST: f64 = 1e6;

@@ -1,10 +1,10 @@
 //! The pen: writes moves down in plane coordinates, from points in normalised ones.
 //!
-//! Invariant: a move that goes nowhere is not written, and no path grows beyond [`MOST_MOVES`].
+//! Invariant: a move that goes nowhere is not written, and no path grows beyond [`MAX_MOVES`].
 
 use super::frame::Frame;
 use super::piece::{Bend, Piece, TINY};
-use super::{Axes, Compensation, Fault, Feed, MOST_MOVES, Move, MoveKind, Point};
+use super::{Axes, Compensation, Fault, Feed, MAX_MOVES, Move, MoveKind, Point};
 
 /// Writes the moves of a path.
 #[derive(Debug)]
@@ -74,7 +74,7 @@ impl Pen {
         let (from, length) = (self.at, (self.at.u - u).abs());
         if self.dam > 0.0 {
             let stops = ((length - TINY) / self.dam).floor();
-            if stops > MOST_MOVES as f64 {
+            if stops > MAX_MOVES as f64 {
                 return Err(Fault::TooManyMoves);
             }
             for stop in 1..=stops.max(0.0) as u32 {
@@ -121,7 +121,7 @@ impl Pen {
             }
             _ => Axes::Both,
         };
-        if self.moves.len() >= MOST_MOVES {
+        if self.moves.len() >= MAX_MOVES {
             return Err(Fault::TooManyMoves);
         }
         let compensation = std::mem::replace(&mut self.compensation, Compensation::Unchanged);

@@ -10,7 +10,7 @@ use super::{Fault, Point};
 pub(super) const SHALLOW: f64 = 1e-6;
 
 /// The largest number of levels of one section.
-const MOST_LEVELS: f64 = 10_000.0;
+const MAX_LEVELS: f64 = 10_000.0;
 
 /// Profile and relief cuts of a rough contour.
 #[derive(Clone, Debug, Default)]
@@ -78,7 +78,7 @@ pub(super) fn levels(top: f64, bottom: f64, mid: f64) -> Result<Vec<f64>, Fault>
     }
     // A depth that is a whole number of infeeds but for the last digit needs no further level.
     let count = (depth / mid - 1e-9).ceil().max(1.0);
-    if count > MOST_LEVELS {
+    if count > MAX_LEVELS {
         return Err(Fault::InfeedDepth);
     }
     let step = depth / count;

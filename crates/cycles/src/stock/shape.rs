@@ -12,7 +12,7 @@ use super::segment::{Arc, Segment};
 use super::{Fault, Point};
 
 /// The largest number of elements after splitting.
-pub(super) const MOST_ELEMENTS: usize = 100;
+pub(super) const MAX_ELEMENTS: usize = 100;
 
 /// How far the contour may go back along the cut axis: what centres written with three places make of a quarter circle.
 const OVERHANG: f64 = 1e-5;
@@ -130,7 +130,7 @@ impl Chain {
             self.pieces.push(piece);
             self.at = to;
         }
-        if self.pieces.len() > MOST_ELEMENTS { Err(Fault::TooManyElements) } else { Ok(()) }
+        if self.pieces.len() > MAX_ELEMENTS { Err(Fault::TooManyElements) } else { Ok(()) }
     }
 }
 

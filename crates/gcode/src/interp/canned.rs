@@ -25,7 +25,7 @@ const fn chip_clearance(units: LengthUnit) -> f64 {
 }
 
 /// A block that asks for more holes and pecks than this has a slip of the pen in it.
-const MOST_HOLES_AND_PECKS: f64 = 10_000.0;
+const MAX_HOLES_AND_PECKS: f64 = 10_000.0;
 
 /// Levels along the normal axis.
 #[derive(Clone, Copy, Debug)]
@@ -204,7 +204,7 @@ fn repeats(cycle: Cycle, given: &CycleWords, levels: &Levels, words: &Words) -> 
         Some(depth) if cycle.has_pecks() && depth > 0.0 => (levels.clearance - levels.bottom) / depth,
         _ => 0.0,
     };
-    if repeats == 0.0 || repeats * (pecks + 1.0) > MOST_HOLES_AND_PECKS {
+    if repeats == 0.0 || repeats * (pecks + 1.0) > MAX_HOLES_AND_PECKS {
         return fault(Code::CycleRepeats, words.span(b'l'), Code::CycleRepeats.title());
     }
     Ok(repeats as u32)

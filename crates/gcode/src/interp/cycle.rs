@@ -20,12 +20,12 @@ use retrace_cycles::{
 use std::sync::Arc;
 
 /// Most parameters of a cycle.
-const MOST_ARGUMENTS: usize = 64;
+const MAX_ARGUMENTS: usize = 64;
 
 /// Canonical functions that one call may give: a program does not fill the memory with one line.
-const MOST_FUNCTIONS: usize = 500_000;
+const MAX_FUNCTIONS: usize = 500_000;
 /// Steps and blocks of the modal cycle over all holes of a pattern.
-const MOST_MODAL_COST: u64 = 100_000_000;
+const MAX_MODAL_COST: u64 = 100_000_000;
 
 /// A cycle that follows every block with motion (MCALL).
 #[derive(Clone, Debug)]
@@ -254,7 +254,7 @@ impl super::Interpreter {
             words,
             path: None,
             centres,
-            most_steps: steps.len().saturating_add(MOST_FUNCTIONS),
+            max_steps: steps.len().saturating_add(MAX_FUNCTIONS),
             modal_cost: 0,
             emit: Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None },
             at: call.at,
@@ -272,8 +272,8 @@ impl super::Interpreter {
 }
 
 /// The arguments of a call as the machine of cycles takes them.
-fn arguments<'a>(call: &'a CycleCall, values: &[f64]) -> [Argument<'a>; MOST_ARGUMENTS] {
-    let mut arguments = [Argument::Missing; MOST_ARGUMENTS];
+fn arguments<'a>(call: &'a CycleCall, values: &[f64]) -> [Argument<'a>; MAX_ARGUMENTS] {
+    let mut arguments = [Argument::Missing; MAX_ARGUMENTS];
     let mut values = values.iter();
     for (place, given) in arguments.iter_mut().zip(call.arguments.iter()) {
         *place = match given {
@@ -297,7 +297,7 @@ struct Caller<'a> {
     /// What centre words mean in the program, and so in its contours.
     centres: ArcCentres,
     /// Where the list of canonical functions may end.
-    most_steps: usize,
+    max_steps: usize,
     /// What the modal cycle has cost so far.
     modal_cost: u64,
     emit: Emit<'a>,
@@ -365,9 +365,9 @@ impl Caller<'_> {
     }
 
     fn check_size(&self) -> Outcome<()> {
-        if self.emit.steps.len() > self.most_steps || self.modal_cost > MOST_MODAL_COST {
+        if self.emit.steps.len() > self.max_steps || self.modal_cost > MAX_MODAL_COST {
             let message =
-                format!("one call gives more than {MOST_FUNCTIONS} functions, or its holes do not come to an end");
+                format!("one call gives more than {MAX_FUNCTIONS} functions, or its holes do not come to an end");
             return fault(Code::CycleAlarm, self.at, message);
         }
         Ok(())
@@ -450,10 +450,10 @@ impl Host for Caller<'_> {
 
     fn message(&mut self, message: &Message<'_>) {
         match message.warning {
-            Some(_) if self.warnings.len() >= super::MOST_ERRORS => {}
+            Some(_) if self.warnings.len() >= super::MAX_ERRORS => {}
             Some(number) => self.warnings.push(format!("{number}: {}", message.text)),
             // A loop of messages alone ends with the machine's steps.
-            None if self.emit.steps.len() > self.most_steps => {}
+            None if self.emit.steps.len() > self.max_steps => {}
             None => self.emit.call(Canon::Message(message.text.into())),
         }
     }

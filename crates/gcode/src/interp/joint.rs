@@ -13,7 +13,7 @@ use crate::diag::{Outcome, Span, fault};
 const SMOOTH: f64 = 0.05;
 
 /// A chord that leaves the entry arc less than this cosine has no arc through it.
-const LEAST_COSINE: f64 = 0.0001;
+const MIN_COSINE: f64 = 0.0001;
 
 /// The tool beside the path.
 #[derive(Clone, Copy, Debug)]
@@ -133,7 +133,7 @@ pub(super) fn entry_arc(cutter: Cutter, from: Point, arc: &Programmed, at: Span)
     let half = distance(end, from) / 2.0;
     let to_centre = direction(end, arc.centre);
     let cosine = (direction(end, from) - to_centre).cos();
-    if cosine.abs() < LEAST_COSINE {
+    if cosine.abs() < MIN_COSINE {
         return too_small(cutter, at);
     }
     Ok((end, polar(end, half / cosine, to_centre)))

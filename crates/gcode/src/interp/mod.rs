@@ -39,7 +39,7 @@ use crate::canon::{Canon, LengthUnit, Step};
 use crate::carried::CarriedOver;
 use crate::code::Code as CompiledLines;
 use crate::codes::Code;
-use crate::control::{Control, Keyword, MOST_ARGUMENTS};
+use crate::control::{Control, Keyword, MAX_ARGUMENTS};
 use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span, fault};
 use crate::groups::GroupG;
 use crate::modal::{Motion, State};
@@ -53,7 +53,7 @@ use retrace_cycles::Library;
 use std::sync::Arc;
 
 /// Errors after which nothing more is checked; of warnings, no more are kept.
-pub(crate) const MOST_ERRORS: usize = 100;
+pub(crate) const MAX_ERRORS: usize = 100;
 
 /// What an interpreter is made for.
 #[derive(Clone, Debug)]
@@ -335,7 +335,7 @@ impl Interpreter {
 
     /// Begins a subprogram with the values of the O word that was evaluated last, the first `given` of them left out.
     pub(crate) fn enter_sub(&mut self, given: usize) -> Frame {
-        let mut arguments = [0.0; MOST_ARGUMENTS];
+        let mut arguments = [0.0; MAX_ARGUMENTS];
         for (place, value) in arguments.iter_mut().zip(self.arguments().skip(given)) {
             *place = value;
         }
@@ -529,7 +529,7 @@ impl Interpreter {
     /// Whether so much is wrong that checking stops.
     #[must_use]
     pub fn has_too_many_errors(&self) -> bool {
-        self.errors >= MOST_ERRORS
+        self.errors >= MAX_ERRORS
     }
 
     /// Notes something about the line last taken.
@@ -550,7 +550,7 @@ impl Interpreter {
         }
         let is_error = diagnostic.severity() == Severity::Error;
         let count = if is_error { &mut self.errors } else { &mut self.warnings };
-        if *count >= MOST_ERRORS {
+        if *count >= MAX_ERRORS {
             return;
         }
         *count += 1;

@@ -37,7 +37,7 @@ pub(crate) enum Course {
 }
 
 /// So many functions may wait; a program that is fed line by line may never come to its next corner.
-const MOST_WAITING: usize = 10_000;
+const MAX_WAITING: usize = 10_000;
 
 /// No shift: unlike zero, −0 leaves the sign of a zero alone.
 pub(crate) const UNSHIFTED: Point = (-0.0, -0.0);
@@ -83,7 +83,7 @@ impl Queue {
 
     /// Whether more waits than a program can mean to have between two corners.
     pub(crate) fn is_full(&self) -> bool {
-        self.waiting.len() >= MOST_WAITING
+        self.waiting.len() >= MAX_WAITING
     }
 
     /// Whether the controlled point is not the centre of the tool's tip.

@@ -13,9 +13,9 @@ use crate::pose::Axis;
 use crate::spline::{ControlPoint, Nurbs};
 
 /// The order of a G5.2 without an L word, and the least there is.
-const LEAST_ORDER: u32 = 3;
+const MIN_ORDER: u32 = 3;
 /// Control points that are collected.
-const MOST_POINTS: usize = 50_000;
+const MAX_POINTS: usize = 50_000;
 
 impl Core {
     /// G5, G5.1. They leave the motion mode as it was.
@@ -92,13 +92,13 @@ impl Core {
         if is_first {
             let start = ControlPoint::plain(state.position[Axis::X], state.position[Axis::Y]);
             state.control_points = vec![start];
-            state.spline_order = LEAST_ORDER;
+            state.spline_order = MIN_ORDER;
         }
         if let Some(order) = words.get(b'l') {
-            state.spline_order = (order as u32).max(LEAST_ORDER);
+            state.spline_order = (order as u32).max(MIN_ORDER);
         }
-        if has_point && state.control_points.len() >= MOST_POINTS {
-            let message = format!("a spline has at most {MOST_POINTS} control points");
+        if has_point && state.control_points.len() >= MAX_POINTS {
+            let message = format!("a spline has at most {MAX_POINTS} control points");
             return fault(Code::SplineWords, at, message);
         }
         if has_point {

@@ -13,7 +13,7 @@ use crate::modal::Motion;
 use crate::pose::{Axis, Pose};
 
 /// More passes than this are a slip of the pen.
-const MOST_PASSES: f64 = 10_000.0;
+const MAX_PASSES: f64 = 10_000.0;
 
 /// A thread, as the words give it; lengths in program units.
 #[derive(Clone, Copy, Debug)]
@@ -93,7 +93,7 @@ impl Thread {
         }
         let degression = words.get(b'r').unwrap_or(1.0).max(1.0);
         let passes = (full_depth / first_depth).powf(degression) + word(b'h');
-        if passes.is_nan() || passes > MOST_PASSES {
+        if passes.is_nan() || passes > MAX_PASSES {
             return wrong(b'j', "G76 would need more than 10 000 passes");
         }
         let taper = word(b'e');

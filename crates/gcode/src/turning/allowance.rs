@@ -7,7 +7,7 @@ use super::frame::{ArcOf, Point, Segment, TINY};
 
 /// An outer corner whose arc would be shorter than this along the profile, in either unit, gets none: its neighbours are drawn out
 /// until they meet, if they do.
-const LEAST_ARC: f64 = 0.01;
+const MIN_ARC: f64 = 0.01;
 
 /// The segments `distance` above these. What the distance leaves nothing of is absorbed: its neighbours end where they meet.
 ///
@@ -38,7 +38,7 @@ fn join(path: &mut Vec<Segment>, moved: Segment, of: &Segment, mut has_gap: bool
         let (into, out) = (before.direction(before.to), moved.direction(moved.from));
         let turn = into.cross(out);
         if !has_gap && turn <= 1e-7 {
-            let is_blunt = turn < -1e-7 && (moved.from.a - before.to.a).abs() <= LEAST_ARC;
+            let is_blunt = turn < -1e-7 && (moved.from.a - before.to.a).abs() <= MIN_ARC;
             if is_blunt && let Some(meet) = meeting(before, &moved, of.from) {
                 before.to = meet;
                 path.push(Segment { from: meet, ..moved });

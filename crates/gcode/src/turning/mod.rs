@@ -12,7 +12,7 @@ pub(crate) use frame::{Frame, Place};
 pub(crate) use profile::Profile;
 
 use frame::{Point, Segment};
-use rough::MOST_LEVELS;
+use rough::MAX_LEVELS;
 
 /// Which levels G71 and G72 rough.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,8 +101,8 @@ pub(crate) fn turn(profile: &Profile, start: Place, job: &Job, out: &mut impl Fn
             }
             let path = allowance::offset(&segments, allowance)?;
             let lowest = path.iter().map(|segment| segment.to.h).fold(f64::INFINITY, f64::min);
-            if path.iter().any(|segment| (segment.to.h - lowest) / infeed > MOST_LEVELS)
-                || (start.h - lowest) / infeed > MOST_LEVELS
+            if path.iter().any(|segment| (segment.to.h - lowest) / infeed > MAX_LEVELS)
+                || (start.h - lowest) / infeed > MAX_LEVELS
             {
                 return Err(Refusal::TooManyLevels);
             }

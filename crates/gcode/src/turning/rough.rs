@@ -6,7 +6,7 @@ use super::frame::{Point, Segment, TINY};
 use super::{Move, Pockets, Tool};
 
 /// Levels of one profile are bounded: beyond, the infeed is a slip of the pen.
-pub(super) const MOST_LEVELS: f64 = 10_000.0;
+pub(super) const MAX_LEVELS: f64 = 10_000.0;
 
 /// Roughs a path from `start` in levels `infeed` apart, with a retreat after each.
 pub(super) fn rough<O: FnMut(Move)>(

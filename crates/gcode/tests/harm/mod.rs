@@ -1,6 +1,6 @@
 //! What must hold whatever comes in: one function for each way in, shared by the tests and by the fuzz targets of cargo-fuzz.
 //!
-//! Invariant: each function returns or panics with what is wrong; the work is bounded by [`MOST_LINES`] and [`MOST_STEPS`], so one that
+//! Invariant: each function returns or panics with what is wrong; the work is bounded by [`MAX_LINES`] and [`MAX_STEPS`], so one that
 //! does not return has found a hang.
 
 use retrace_gcode::cycles::Library;
@@ -12,11 +12,11 @@ use std::io::BufRead;
 use std::sync::{Arc, OnceLock};
 
 /// Lines of a program that are carried out.
-const MOST_LINES: usize = 2_000;
+const MAX_LINES: usize = 2_000;
 /// Canonical functions that are looked at.
-const MOST_STEPS: usize = 50_000;
+const MAX_STEPS: usize = 50_000;
 /// Canonical functions that one line may have: twice what a cycle may, as one may run at every hole of another.
-const MOST_OF_A_LINE: usize = 1_100_000;
+const MAX_OF_A_LINE: usize = 1_100_000;
 
 /// The cycles that come with retrace.
 fn shipped() -> Arc<Library> {
@@ -82,9 +82,9 @@ fn program_with(bytes: &[u8], library: Arc<Library>) {
 fn run<R: BufRead>(program: &mut Program<R>) -> bool {
     let mut steps: Vec<Step> = Vec::new();
     let mut seen = 0;
-    for _ in 0..MOST_LINES {
+    for _ in 0..MAX_LINES {
         let progress = program.advance(&mut steps);
-        assert!(steps.len() <= MOST_OF_A_LINE, "{} functions of one line", steps.len());
+        assert!(steps.len() <= MAX_OF_A_LINE, "{} functions of one line", steps.len());
         seen += steps.len();
         for step in &steps {
             assert!(is_finite(&step.canon), "{step:?}");
@@ -96,7 +96,7 @@ fn run<R: BufRead>(program: &mut Program<R>) -> bool {
         steps.clear();
         match progress {
             Progress::End => return true,
-            _ if seen > MOST_STEPS => return false,
+            _ if seen > MAX_STEPS => return false,
             _ => {}
         }
     }

@@ -3,7 +3,7 @@
 //! Invariant: an entry is taken once, in its order; what cannot be read to its end leaves what was read before it.
 
 use super::{Clearing, ENTRIES, Host, HostFault, Phase, Staged, WORDS};
-use crate::frame::MOST_PAYLOAD;
+use crate::frame::MAX_PAYLOAD;
 use crate::wire::{Entry, Greeting, Reader, kind};
 
 /// After a gap that the card tells of words are sent again, at most so often.
@@ -18,7 +18,7 @@ impl<const A: usize> Host<A> {
         self.times.now = now_us;
         self.counts.read += bytes.len() as u64;
         for &byte in bytes {
-            let mut copy = [0; MOST_PAYLOAD];
+            let mut copy = [0; MAX_PAYLOAD];
             let length = match self.decoder.take(byte) {
                 None => continue,
                 Some(Err(_)) => {

@@ -18,7 +18,7 @@ use retrace_core::drive::Braking;
 use retrace_core::limits::RateLimits;
 use retrace_core::{ONE, Place, RateTarget, Travel};
 
-use crate::frame::{Decoder, MOST_PAYLOAD, MOST_WIRE};
+use crate::frame::{Decoder, MAX_PAYLOAD, MAX_WIRE};
 use crate::frame_size::FrameSize;
 use crate::mirror::Mirror;
 use crate::wire::{Entry, Greeting};
@@ -86,7 +86,7 @@ pub struct Host<const A: usize> {
     probe: u32,
     probing: bool,
     settings: Option<Settings<A>>,
-    decoder: Decoder<MOST_PAYLOAD>,
+    decoder: Decoder<MAX_PAYLOAD>,
     queue: [Word<A>; WORDS],
     /// Number of the oldest word that is not confirmed.
     base: u16,
@@ -125,7 +125,7 @@ pub struct Host<const A: usize> {
     times: Times,
     counts: LineCounts,
     frames: FrameSize,
-    stage: [u8; MOST_WIRE + 1],
+    stage: [u8; MAX_WIRE + 1],
     staged: (usize, usize),
     kind: Staged,
 }
@@ -188,7 +188,7 @@ impl<const A: usize> Host<A> {
             times: Times::default(),
             counts: LineCounts::default(),
             frames: FrameSize::new(),
-            stage: [0; MOST_WIRE + 1],
+            stage: [0; MAX_WIRE + 1],
             // who opens a line in use sends a zero first
             staged: (0, 1),
             kind: Staged::Other,

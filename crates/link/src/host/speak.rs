@@ -4,7 +4,7 @@
 
 use super::{Host, Phase, Staged, WORDS};
 use crate::Word;
-use crate::frame::{MOST_PAYLOAD, MOST_WIRE, encode_with_key};
+use crate::frame::{MAX_PAYLOAD, MAX_WIRE, encode_with_key};
 use crate::wire::{Opening, Run, Writer, kind, write_word};
 
 /// Records are sent when there are so many, or when one has waited for [`GATHER_US`].
@@ -153,7 +153,7 @@ impl<const A: usize> Host<A> {
     }
 
     fn compose_stream(&mut self) -> bool {
-        let mut payload = [0; MOST_PAYLOAD];
+        let mut payload = [0; MAX_PAYLOAD];
         let mut writer = Writer::new(&mut payload);
         let Some(settings) = &self.settings else { return false };
         let offset = self.sent;
@@ -185,7 +185,7 @@ impl<const A: usize> Host<A> {
     }
 
     fn compose_other(&mut self) -> bool {
-        let mut payload = [0; MOST_PAYLOAD];
+        let mut payload = [0; MAX_PAYLOAD];
         let mut writer = Writer::new(&mut payload);
         let written = (|| match (self.phase, &self.settings) {
             (Phase::Opening, Some(settings)) => {
@@ -218,7 +218,7 @@ impl<const A: usize> Host<A> {
     }
 
     fn stage(&mut self, payload: &[u8], key: u32) -> bool {
-        let mut wire = [0; MOST_WIRE];
+        let mut wire = [0; MAX_WIRE];
         let Some(frame) = encode_with_key(payload, &mut wire, key) else { return false };
         self.stage[..frame.len()].copy_from_slice(frame);
         self.staged = (0, frame.len());

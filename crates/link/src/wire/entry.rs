@@ -148,7 +148,7 @@ impl Entry {
                     _ => reader.signed()?,
                 };
                 let count = if tag & MANY != 0 { reader.count32()? } else { 1 };
-                let within = travel.unsigned_abs() <= MOST_TRAVEL && count > 0;
+                let within = travel.unsigned_abs() <= MAX_TRAVEL && count > 0;
                 return within.then_some(Self::Ran {
                     travel,
                     count,
@@ -182,7 +182,7 @@ impl Entry {
 
 const BACK: Travel = -ONE;
 /// No cursor goes farther in a period: eight records, and a little for rounding.
-const MOST_TRAVEL: u64 = 9 << 32;
+const MAX_TRAVEL: u64 = 9 << 32;
 
 pub(super) fn write_alarm(writer: &mut Writer<'_>, alarm: Option<Alarm>) -> Option<()> {
     let (code, detail) = alarm.map_or((0, 0), Alarm::to_wire);

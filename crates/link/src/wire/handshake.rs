@@ -48,7 +48,7 @@ impl<const A: usize> Greeting<A> {
         writer.u32(of.serial)?;
         writer.u32(of.boot)?;
         writer.slice(&[of.axes, of.outputs, of.inputs])?;
-        for value in [of.window, of.tick_hz, of.shortest_period_us, of.longest_period_us, of.most_pulses_hz] {
+        for value in [of.window, of.tick_hz, of.min_period_us, of.max_period_us, of.max_pulses_hz] {
             writer.count(u64::from(value))?;
         }
         writer.u16(of.memory)?;
@@ -83,9 +83,9 @@ impl<const A: usize> Greeting<A> {
             inputs,
             window: reader.count32()?,
             tick_hz: reader.count32()?,
-            shortest_period_us: reader.count32()?,
-            longest_period_us: reader.count32()?,
-            most_pulses_hz: reader.count32()?,
+            min_period_us: reader.count32()?,
+            max_period_us: reader.count32()?,
+            max_pulses_hz: reader.count32()?,
             memory: reader.u16()?,
         };
         let (epoch, last_epoch) = (reader.u16()?, reader.u16()?);

@@ -82,7 +82,7 @@ impl Legs {
         let [first, second] = self.stopping();
         let mut best = Optimum { seconds: first + second, share: first / (first + second) };
         for _ in 0..5 {
-            let seconds = self.least_time(tolerance, best, steps);
+            let seconds = self.min_time(tolerance, best, steps);
             let share = self.best_share(Optimum { seconds, ..best }, steps);
             let gained = best.seconds - seconds;
             best = Optimum { seconds, share };
@@ -94,9 +94,9 @@ impl Legs {
     }
 
     /// Least time for the given share, which `known` has been shown to be enough for.
-    fn least_time(&self, tolerance: f64, known: Optimum, steps: usize) -> f64 {
+    fn min_time(&self, tolerance: f64, known: Optimum, steps: usize) -> f64 {
         let excess = |seconds: f64| {
-            let least = self.least_tolerance(Optimum { seconds, ..known }, steps);
+            let least = self.min_tolerance(Optimum { seconds, ..known }, steps);
             least.map(|least| least.cbrt() - tolerance.cbrt())
         };
         // The cube root of the tolerance falls nearly evenly with the time.
@@ -124,7 +124,7 @@ impl Legs {
 
     /// The share of the time before the switch that needs the least tolerance, by golden sections around the one given.
     fn best_share(&self, from: Optimum, steps: usize) -> f64 {
-        let least = |share: f64| self.least_tolerance(Optimum { share, ..from }, steps).unwrap_or(f64::MAX);
+        let least = |share: f64| self.min_tolerance(Optimum { share, ..from }, steps).unwrap_or(f64::MAX);
         let golden = 0.5 * (5f64.sqrt() - 1.0);
         let (mut low, mut high) = (from.share - 0.02, from.share + 0.02);
         let mut inner = [high - golden * (high - low), low + golden * (high - low)];
@@ -145,7 +145,7 @@ impl Legs {
     }
 
     /// The least tolerance, mm, within which the corner is passed in those times; `None` where it cannot be at all.
-    pub(crate) fn least_tolerance(&self, times: Optimum, steps: usize) -> Option<f64> {
+    pub(crate) fn min_tolerance(&self, times: Optimum, steps: usize) -> Option<f64> {
         let before = steps / 2;
         let each = [times.seconds * times.share, times.seconds * (1.0 - times.share)];
         let [one, two] = [each[0] / before as f64, each[1] / (steps - before) as f64];

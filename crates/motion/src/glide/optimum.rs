@@ -40,7 +40,7 @@ const TRUST: f64 = 2.0;
 /// A program that promises less than this part of the time is the last.
 const ENOUGH: f64 = 2e-3;
 /// Tangents kept for each track.
-const MOST_TANGENTS: usize = 8;
+const MAX_TANGENTS: usize = 8;
 /// Seconds are counted in this unit in the programs, so that all numbers are about 1.
 const UNIT: f64 = 0.01;
 /// Share of its length within which a track that moves on must be able to come to rest.
@@ -196,7 +196,7 @@ impl Optimiser {
                 for of in [overrun, overreach, undershoot, overspeed] {
                     walls.extend(wall(&next, side, tracks, &responses, of));
                 }
-                let many = walls.len().saturating_sub(2 * MOST_TANGENTS);
+                let many = walls.len().saturating_sub(2 * MAX_TANGENTS);
                 walls.drain(..many);
             }
             match there {
@@ -270,7 +270,7 @@ impl Optimiser {
             let own = &x[side * n..(side + 1) * n];
             let Some(here) = tangents.last().map(|newest| newest.value(own)) else { continue };
             tangents.retain(|tangent| tangent.value(own) <= here + 1e-4);
-            let many = tangents.len().saturating_sub(MOST_TANGENTS);
+            let many = tangents.len().saturating_sub(MAX_TANGENTS);
             tangents.drain(..many);
         }
     }

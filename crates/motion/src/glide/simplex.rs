@@ -21,7 +21,7 @@ pub(crate) struct Program {
 }
 
 /// Steps after which a program is left where it is: allowed, if not the best.
-const MOST_STEPS: usize = 400;
+const MAX_STEPS: usize = 400;
 
 impl Program {
     /// An empty program with `columns` variables.
@@ -45,7 +45,7 @@ impl Program {
     /// Makes c·z as large as it can be and writes z.
     pub(crate) fn maximise(&mut self, c: &[f64], z: &mut [f64]) {
         self.cost[..self.columns].copy_from_slice(c);
-        for step in 0..MOST_STEPS {
+        for step in 0..MAX_STEPS {
             let Some((column, sign)) = self.entering(step) else { break };
             if sign < 0.0 {
                 self.flip(column);
@@ -71,7 +71,7 @@ impl Program {
             let free = variable & !FLIPPED < self.columns;
             let size = if free { gain.abs() } else { gain };
             if size > best.0 {
-                best = (if step > MOST_STEPS / 2 { f64::MAX } else { size }, Some((column, gain.signum())));
+                best = (if step > MAX_STEPS / 2 { f64::MAX } else { size }, Some((column, gain.signum())));
             }
         }
         best.1

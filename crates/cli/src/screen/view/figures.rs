@@ -176,7 +176,7 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, lo
     lines.extend(wrapped(&model.active.modal, width));
     if lines.len() < usize::from(inside.height) {
         let redraw = model.redraw;
-        lines.push(format!("redraw {:.1} ms, most {:.0} ms", redraw.mean_ms, redraw.most_ms));
+        lines.push(format!("redraw {:.1} ms, most {:.0} ms", redraw.mean_ms, redraw.max_ms));
     }
     for (row, line) in lines.iter().enumerate() {
         put_at(out, inside, 1, row as u16, &fitted(line, width), Style::new());

@@ -74,17 +74,17 @@ mod tests {
                 prop_assert!((end.v - speed).abs() < 1e-9 * speed && end.a.abs() < 1e-6);
                 prop_assert!((end.s - 0.5 * speed * ramps.duration()).abs() < 1e-9 * end.s);
             }
-            let (most_a, most_j) = (0..3).fold((0.0f64, 0.0f64), |(most_a, most_j), i| {
+            let (max_a, max_j) = (0..3).fold((0.0f64, 0.0f64), |(max_a, max_j), i| {
                 let [u, w] = tracks.pair.map(|track| track.direction[i]);
                 let nodes = ramps.pair.map(|ramp| ramp.nodes(ramps.cell));
-                (0..CELLS).fold((most_a, most_j), |(most_a, most_j), k| {
+                (0..CELLS).fold((max_a, max_j), |(max_a, max_j), k| {
                     let a = (nodes[1][k].a * w - nodes[0][CELLS - k].a * u).abs() / axes.a[i];
                     let j = (ramps.pair[1].0[k] * w + ramps.pair[0].0[CELLS - 1 - k] * u).abs() / axes.j[i];
-                    (most_a.max(a), most_j.max(j))
+                    (max_a.max(a), max_j.max(j))
                 })
             });
-            prop_assert!(most_a <= 1.0 + 1e-9 && most_j <= 1.0 + 1e-9);
-            prop_assert!(most_a.max(most_j) >= 1.0 - 1e-9);
+            prop_assert!(max_a <= 1.0 + 1e-9 && max_j <= 1.0 + 1e-9);
+            prop_assert!(max_a.max(max_j) >= 1.0 - 1e-9);
         }
     }
 }
