@@ -195,7 +195,7 @@ impl Host {
     /// The coarse thread at a front marker: shuts gate B, and sleeps until the instruction is done. Did K hold at once?
     fn pass_marker(&self, number: u32, place: u32) -> bool {
         let mut desk = self.desk();
-        assert!(desk.gates.take(number, place), "gate A: one instruction at a time");
+        assert!(desk.gates.accept(number, place), "gate A: one instruction at a time");
         let due = desk.k();
         if due {
             // the card had reported before the marker was set, and will not report again

@@ -82,7 +82,7 @@ impl Tape {
     fn walk_through(self, consumer: &mut Consumer<'_, u32>) -> u32 {
         let (mut next, mut starved) = (0, 0);
         while next < self.records {
-            let Some(record) = consumer.forward() else {
+            let Some(record) = consumer.advance() else {
                 starved += 1;
                 thread::yield_now();
                 continue;
@@ -92,11 +92,11 @@ impl Tape {
             if next % self.turn == 0 || next == self.records {
                 let kept = next.min(self.keep);
                 for back in 0..kept {
-                    assert_eq!(consumer.backward(), Some(next - 1 - back));
+                    assert_eq!(consumer.retreat(), Some(next - 1 - back));
                 }
-                assert_eq!(consumer.backward(), None, "history is what is kept and no more");
+                assert_eq!(consumer.retreat(), None, "history is what is kept and no more");
                 for again in next - kept..next {
-                    assert_eq!(consumer.forward(), Some(again));
+                    assert_eq!(consumer.advance(), Some(again));
                 }
             }
         }
@@ -115,16 +115,16 @@ impl Tape {
             // every record ahead is sent, and all but the last of them executed before the card is heard of again
             self.check(consumer, reached, planned);
             reached = (planned - 1).max(reached + 1);
-            assert!(consumer.follow(self.start.wrapping_add(reached)));
+            assert!(consumer.seek(self.start.wrapping_add(reached)));
             let oldest = reached - reached.min(self.keep);
             self.check(consumer, oldest, planned);
             if oldest > 0 {
                 assert_eq!(consumer.record(self.start.wrapping_add(oldest - 1)), None, "what is let go is gone");
             }
             if reached % self.turn == 0 {
-                assert!(consumer.follow(self.start.wrapping_add(oldest)));
+                assert!(consumer.seek(self.start.wrapping_add(oldest)));
                 self.check(consumer, oldest, planned);
-                assert!(consumer.follow(self.start.wrapping_add(reached)));
+                assert!(consumer.seek(self.start.wrapping_add(reached)));
             }
         }
         starved

@@ -9,10 +9,10 @@ use crate::harness::{harnesses, holds};
 use crate::ledger::{Mutant, Row, Search, Size};
 #[cfg(not(any(kani, verify_wasm)))]
 use retrace_core::drive::Drive;
-use retrace_core::drive::{Braking, Cursor, Road, Way};
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::drive::{Braking, Cursor, DirectedWindow, RecordWindow};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::playback::emission;
-use retrace_core::rate::{RateLaw, Smoothing};
+use retrace_core::rate::{FilterLengths, RateFilter};
 use retrace_core::{ONE, Place, RapidCap, Record, Travel};
 
 /// Most boundaries of a modelled road.
@@ -26,7 +26,7 @@ struct Short {
     rests: u32,
 }
 
-impl Road<1> for Short {
+impl RecordWindow<1> for Short {
     fn low(&self) -> u32 {
         self.low
     }
@@ -62,7 +62,7 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
     /// Any state with an average of `M` periods that the invariant allows, on a road of up to `records`.
     fn any(c: &mut impl Choice, records: u32) -> Option<Self> {
         let sign = if c.flag() { 1 } else { -1 };
-        let mut law = RateLaw::new(Smoothing::new(1, M as u16)?)?;
+        let mut law = RateFilter::new(FilterLengths::new(1, M as u16)?)?;
         let mut k = 0;
         while k < M {
             let target = c.between(0, ONE >> GRAIN) << GRAIN;
@@ -101,7 +101,7 @@ fn stays_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, reco
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
     let wished = c.between(0, ONE >> GRAIN) << GRAIN;
     let braked = c.between(0, ONE >> GRAIN) << GRAIN;
-    let way = Way { at: scene.at, sign: scene.sign, road: &scene.road };
+    let way = DirectedWindow { at: scene.at, sign: scene.sign, road: &scene.road };
     let step = scene.cursor.advance(wished, braked, &way);
     let rate = scene.at.to(step.to);
     holds!(if scene.sign < 0 { rate <= 0 } else { rate >= 0 });
@@ -118,9 +118,9 @@ fn starts_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, rec
     let record = c.below(records + 1);
     c.assume(record <= road.records && road.rests >> record & 1 == 1)?;
     let at = Place::start_of(road.low.wrapping_add(record));
-    let mut cursor = Cursor::<M>::with_law(RateLaw::new(Smoothing::new(1, M as u16)?)?);
+    let mut cursor = Cursor::<M>::with_law(RateFilter::new(FilterLengths::new(1, M as u16)?)?);
     let (braked, asked) = (c.between(0, ONE >> GRAIN) << GRAIN, c.between(0, ONE >> GRAIN) << GRAIN);
-    let rate = cursor.launch(braked, asked, &Way { at, sign, road: &road });
+    let rate = cursor.launch(braked, asked, &DirectedWindow { at, sign, road: &road });
     holds!(0 <= rate && rate <= ONE);
     holds!(Scene::<M, GRAIN> { cursor, road, at, sign }.legal(records));
     Some(())
@@ -131,7 +131,7 @@ fn rests_on_the_end<const M: usize, const GRAIN: u32>(c: &mut impl Choice, recor
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
     let mut k = 0;
     while k < periods {
-        let way = Way { at: scene.at, sign: scene.sign, road: &scene.road };
+        let way = DirectedWindow { at: scene.at, sign: scene.sign, road: &scene.road };
         scene.at = scene.cursor.advance(ONE, ONE, &way).to;
         k += 1;
     }
@@ -148,7 +148,7 @@ fn presses_on<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u3
     let before = scene.at.moved(scene.cursor.law().lead());
     let wished = c.between(1, ONE >> GRAIN) << GRAIN;
     let braked = c.between(1, ONE >> GRAIN) << GRAIN;
-    let way = Way { at: scene.at, sign: scene.sign, road: &scene.road };
+    let way = DirectedWindow { at: scene.at, sign: scene.sign, road: &scene.road };
     let to = scene.cursor.advance(wished, braked, &way).to;
     let after = to.moved(scene.cursor.law().lead());
     let end = Place::start_of(if scene.sign > 0 { scene.road.high() } else { scene.road.low });
@@ -161,10 +161,10 @@ fn presses_on<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u3
 }
 
 /// A machine whose rate may change by a hundredth or so a period.
-const SOFT: AxisLimits = AxisLimits { velocity: 100 << 32, acceleration: 3 << 32, jerk: 1 << 32 };
+const SOFT: PulseLimits = PulseLimits { velocity: 100 << 32, acceleration: 3 << 32, jerk: 1 << 32 };
 
 /// Braking on a machine with that axis, the plan using a share of its limits.
-fn braking(axis: AxisLimits, share: u16) -> Option<Braking<8>> {
+fn braking(axis: PulseLimits, share: u16) -> Option<Braking<8>> {
     Braking::new(&RateLimits::new(3, share, [axis])?)
 }
 
@@ -206,12 +206,12 @@ fn braking_keeps_its_promise(size: Size) -> String {
 fn planned_stops_are_free<const SIGN: Travel>(c: &mut impl Choice, records: u32) -> Option<()> {
     let low = c.word();
     let road = Short { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
-    let mut cursor = Cursor::<3>::with_law(RateLaw::new(Smoothing::new(1, 3)?)?);
+    let mut cursor = Cursor::<3>::with_law(RateFilter::new(FilterLengths::new(1, 3)?)?);
     let mut at = if SIGN > 0 { road.low() } else { road.high() };
     let mut k = 0;
     while k < records {
         let next = at.wrapping_add(SIGN as u32);
-        let way = Way { at: Place::start_of(at), sign: SIGN, road: &road };
+        let way = DirectedWindow { at: Place::start_of(at), sign: SIGN, road: &road };
         if cursor.law().at_rest() && road.rests_at(at) {
             cursor.launch(c.between(0, ONE), ONE, &way);
         }
@@ -325,7 +325,7 @@ impl Wavy {
 }
 
 #[cfg(not(any(kani, verify_wasm)))]
-impl Road<1> for Wavy {
+impl RecordWindow<1> for Wavy {
     fn low(&self) -> u32 {
         0
     }
@@ -390,7 +390,7 @@ pub const ROWS: &[Row] = &[
             },
             Mutant {
                 name: "the stop behind the cursor counts",
-                file: "crates/core/src/drive/way.rs",
+                file: "crates/core/src/drive/directed_window.rs",
                 find: "if along(self.sign, self.at.to(here)) <= 0 {",
                 put: "if along(self.sign, self.at.to(here)) < 0 {",
                 killer: "drive_presses_3",
@@ -451,7 +451,7 @@ pub const ROWS: &[Row] = &[
         mutants: &[
             Mutant {
                 name: "half the speed is seen",
-                file: "crates/core/src/drive/survey.rs",
+                file: "crates/core/src/drive/bounds.rs",
                 find: "self.first = self.first.max(over(0, 2).unsigned_abs());",
                 put: "self.first = self.first.max(over(0, 1).unsigned_abs());",
                 killer: "slopes-leave-room",

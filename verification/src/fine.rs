@@ -6,7 +6,7 @@ use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
-use retrace_core::fine::Pulses;
+use retrace_core::fine::PulseSlots;
 use retrace_core::size::{history_bytes, history_records, ring_cells};
 
 /// p pulses in up to `MOST` slots: exactly p, spacings that differ by at most one, and slot 0 empty while the pulses fill less than
@@ -14,7 +14,7 @@ use retrace_core::size::{history_bytes, history_records, ring_cells};
 fn evenly_spaced<const MOST: u32>(c: &mut impl Choice) -> Option<()> {
     let slots = 1 + c.below(MOST);
     let pulses = c.below(slots + 1);
-    let mut fine = Pulses::new(pulses as u16, slots);
+    let mut fine = PulseSlots::new(pulses as u16, slots);
     let (mut count, mut last, mut least, mut most) = (0, MOST, MOST, 0);
     let mut slot = 0;
     while slot < MOST {
@@ -78,7 +78,7 @@ fn every_period(size: Size) -> String {
     let most = if size.full { 1000 } else { 300 };
     for slots in 1..=most {
         for pulses in 0..=slots {
-            let mut fine = Pulses::new(pulses as u16, slots);
+            let mut fine = PulseSlots::new(pulses as u16, slots);
             let walked: Vec<u32> = (0..slots).filter(|_| fine.slot()).collect();
             let closed: Vec<u32> = retrace_core::fine::pulse_slots(pulses as u16, slots).collect();
             assert_eq!(walked.len(), pulses as usize);

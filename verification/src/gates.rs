@@ -19,7 +19,7 @@ fn any_gates(c: &mut impl Choice) -> (Gates, InHand) {
         return (gates, None);
     }
     let (number, place, sent) = (c.word(), c.word(), c.flag());
-    holds!(gates.take(number, place));
+    holds!(gates.accept(number, place));
     if sent {
         gates.sent();
     }
@@ -53,7 +53,7 @@ fn gates_keep_order(c: &mut impl Choice) -> Option<()> {
     match c.below(3) {
         0 => {
             let (number, place) = (c.word(), c.word());
-            holds!(gates.take(number, place) == in_hand.is_none());
+            holds!(gates.accept(number, place) == in_hand.is_none());
             in_hand = in_hand.or(Some((number, place, false)));
         }
         1 => {

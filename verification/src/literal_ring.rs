@@ -7,7 +7,7 @@ use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
-use retrace_core::positions::Played;
+use retrace_core::ring_indices::ConsumerIndices;
 
 /// Most cells that are modelled.
 pub const MOST: usize = 8;
@@ -88,7 +88,7 @@ impl LiteralRing {
 
     /// Is this the ring that keeps `played`'s history? The source's W is `reached`, and its R the record before `read`.
     #[must_use]
-    pub fn mirrors(&self, played: &Played) -> bool {
+    pub fn mirrors(&self, played: &ConsumerIndices) -> bool {
         let kept = played.reached().wrapping_sub(played.head()) as usize;
         let back = played.reached().wrapping_sub(played.read()) as usize;
         if self.filled != kept || self.h != self.behind_write(kept) {
@@ -122,13 +122,18 @@ impl LiteralRing {
 }
 
 /// Any ring of `size` cells that mirrors the positions returned with it.
-fn any_pair(c: &mut impl Choice, size: u32) -> Option<(LiteralRing, Played)> {
+fn any_pair(c: &mut impl Choice, size: u32) -> Option<(LiteralRing, ConsumerIndices)> {
     let kept = c.below(size + 1);
     let (back, w) = (c.below(kept + 1), c.below(size) as usize);
     let reached = c.word();
     let seen = c.upto(1 << 20);
-    let played =
-        Played::at(reached.wrapping_sub(kept), reached.wrapping_sub(back), reached, reached.wrapping_add(seen), size)?;
+    let played = ConsumerIndices::at(
+        reached.wrapping_sub(kept),
+        reached.wrapping_sub(back),
+        reached,
+        reached.wrapping_add(seen),
+        size,
+    )?;
     let mut literal = LiteralRing::new(size as usize);
     (literal.w, literal.filled) = (w, kept as usize);
     literal.h = literal.behind_write(kept as usize);
@@ -159,21 +164,21 @@ enum Question {
 }
 
 /// Asks both machines, where the source says what is to happen; their answers must be the same, and the mirror stays whole.
-fn ask(literal: &mut LiteralRing, played: &mut Played, question: Question) -> Option<()> {
+fn ask(literal: &mut LiteralRing, played: &mut ConsumerIndices, question: Question) -> Option<()> {
     let empty = played.head() == played.reached();
     match question {
         Question::Store if !played.at_reached() || played.reached() == played.write() => return None,
         Question::Store => {
-            let place = played.forward();
+            let place = played.advance_cursor();
             holds!(place.is_some());
             literal.store(place.unwrap_or(0));
         }
         // The source leaves the empty ring undefined; ours stops at once.
-        Question::Reverse if empty => holds!(played.backward().is_none()),
+        Question::Reverse if empty => holds!(played.retreat().is_none()),
         Question::Forward if empty => holds!(played.at_reached()),
-        Question::Reverse => holds!(literal.reverse() == played.backward()),
+        Question::Reverse => holds!(literal.reverse() == played.retreat()),
         Question::Forward if played.at_reached() => holds!(literal.forward().is_none()),
-        Question::Forward => holds!(literal.forward() == played.forward()),
+        Question::Forward => holds!(literal.forward() == played.advance_cursor()),
     }
     holds!(literal.mirrors(played));
     Some(())
@@ -202,14 +207,14 @@ harnesses! {
 mod search {
     use super::{LiteralRing, MOST, Question, ask};
     use crate::ledger::Size;
-    use retrace_core::positions::Played;
-    use retrace_core::ring::{Cell, Ring, Stretch};
+    use retrace_core::ring::{Cell, RecordSpan, Ring};
+    use retrace_core::ring_indices::ConsumerIndices;
     use std::collections::{HashSet, VecDeque};
 
     const LOOK_AHEAD: u32 = 3;
 
     /// What of a state matters: place numbers only by their distances.
-    fn key(literal: &LiteralRing, played: &Played) -> ([usize; 4], [bool; 2], [u32; 3]) {
+    fn key(literal: &LiteralRing, played: &ConsumerIndices) -> ([usize; 4], [bool; 2], [u32; 3]) {
         let LiteralRing { filled, h, r, w, over_h_negative, over_w_negative, .. } = *literal;
         let from_head = |place: u32| place.wrapping_sub(played.head());
         (
@@ -220,30 +225,30 @@ mod search {
     }
 
     /// The same step on the real ring, its cells filled as pushes fill them.
-    fn ask_ring(before: &Played, keep: u32, question: Question) -> (Option<u32>, [u32; 3]) {
+    fn ask_ring(before: &ConsumerIndices, keep: u32, question: Question) -> (Option<u32>, [u32; 3]) {
         let size = (keep + LOOK_AHEAD).next_power_of_two();
         let (head, reached, write) = (before.head(), before.reached(), before.write());
         let cells: Vec<Cell<u32>> =
             (0..size).map(|n| Cell::new(head.wrapping_add(n.wrapping_sub(head) & (size - 1)))).collect();
         let mut ring =
-            Ring::holding(&cells[..], keep, LOOK_AHEAD, Stretch { head, reached, write }).expect("a valid state");
+            Ring::holding(&cells[..], keep, LOOK_AHEAD, RecordSpan { head, reached, write }).expect("a valid state");
         let (_, mut consumer) = ring.split();
         for _ in 0..reached.wrapping_sub(before.read()) {
-            consumer.backward().expect("kept");
+            consumer.retreat().expect("kept");
         }
         let record = match question {
-            Question::Reverse => consumer.backward(),
+            Question::Reverse => consumer.retreat(),
             Question::Forward if consumer.read() == consumer.reached() => None,
-            Question::Store | Question::Forward => consumer.forward(),
+            Question::Store | Question::Forward => consumer.advance(),
         };
         (record, [consumer.head(), consumer.read(), consumer.reached()])
     }
 
-    fn expand(literal: LiteralRing, played: Played, keep: u32) -> Vec<(LiteralRing, Played)> {
+    fn expand(literal: LiteralRing, played: ConsumerIndices, keep: u32) -> Vec<(LiteralRing, ConsumerIndices)> {
         let mut next = Vec::new();
         if played.write().wrapping_sub(played.reached()) < LOOK_AHEAD {
             let mut planned = played;
-            planned.see(played.write().wrapping_add(1));
+            planned.observe_write(played.write().wrapping_add(1));
             next.push((literal, planned));
         }
         for question in [Question::Store, Question::Reverse, Question::Forward] {
@@ -264,8 +269,10 @@ mod search {
         let mut states = 0;
         for keep in 1..=MOST as u32 {
             for start in [0, u32::MAX - 9] {
-                let first =
-                    (LiteralRing::new(keep as usize), Played::at(start, start, start, start, keep).expect("valid"));
+                let first = (
+                    LiteralRing::new(keep as usize),
+                    ConsumerIndices::at(start, start, start, start, keep).expect("valid"),
+                );
                 let (mut seen, mut queue) = (HashSet::from([key(&first.0, &first.1)]), VecDeque::from([first]));
                 while let Some((literal, played)) = queue.pop_front() {
                     for (l, p) in expand(literal, played, keep) {
@@ -305,28 +312,28 @@ pub const ROWS: &[Row] = &[Row {
     mutants: &[
         Mutant {
             name: "reverse ends on the record behind the oldest",
-            file: "crates/core/src/positions.rs",
+            file: "crates/core/src/ring_indices.rs",
             find: "        if self.read == self.head {\n",
             put: "        if self.read.wrapping_add(1) == self.head {\n",
             killer: "literal_3",
         },
         Mutant {
             name: "reached follows the cursor back",
-            file: "crates/core/src/positions.rs",
+            file: "crates/core/src/ring_indices.rs",
             find: "        self.read = self.read.wrapping_sub(1);\n",
             put: "        self.read = self.read.wrapping_sub(1);\n        self.reached = self.read;\n",
             killer: "literal_3",
         },
         Mutant {
             name: "forward run goes on into the look-ahead",
-            file: "crates/core/src/positions.rs",
+            file: "crates/core/src/ring_indices.rs",
             find: "self.read == self.reached\n",
             put: "self.read == self.write\n",
             killer: "literal_4",
         },
         Mutant {
             name: "history ends one record early",
-            file: "crates/core/src/positions.rs",
+            file: "crates/core/src/ring_indices.rs",
             find: "self.head = self.floor();",
             put: "self.head = self.floor().wrapping_add(1);",
             killer: "literal-search",

@@ -6,26 +6,26 @@ use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
-use retrace_core::mode::{Facts, Mode, Notice, Operation, Order};
+use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts, OperatorNotice};
 use retrace_core::{ONE, Place, RateTarget};
 
-fn any_order(c: &mut impl Choice) -> Order {
+fn any_order(c: &mut impl Choice) -> ModeCommand {
     match c.below(11) {
-        0 => Order::Hold,
-        1 => Order::Resume,
-        2 => Order::Override(c.between(-ONE, 9 * ONE)),
-        9 => Order::RapidOverride(c.between(-ONE, 9 * ONE)),
-        3 => Order::Reverse(c.between(-1, 9 * ONE)),
-        4 => Order::Forward(c.between(-1, 9 * ONE)),
-        5 => Order::Wheel,
-        6 => Order::Leave { ask: c.flag() },
-        7 => Order::Recover,
-        8 => Order::Restart { agreed: c.flag() },
-        _ => Order::Agree,
+        0 => ModeCommand::Hold,
+        1 => ModeCommand::Resume,
+        2 => ModeCommand::Override(c.between(-ONE, 9 * ONE)),
+        9 => ModeCommand::RapidOverride(c.between(-ONE, 9 * ONE)),
+        3 => ModeCommand::Reverse(c.between(-1, 9 * ONE)),
+        4 => ModeCommand::Forward(c.between(-1, 9 * ONE)),
+        5 => ModeCommand::Wheel,
+        6 => ModeCommand::Leave { ask: c.flag() },
+        7 => ModeCommand::Recover,
+        8 => ModeCommand::Restart { agreed: c.flag() },
+        _ => ModeCommand::Agree,
     }
 }
 
-fn any_facts(c: &mut impl Choice) -> Facts {
+fn any_facts(c: &mut impl Choice) -> MotionFacts {
     let reached = c.word();
     let place = match c.below(3) {
         0 => Place::start_of(reached),
@@ -33,12 +33,12 @@ fn any_facts(c: &mut impl Choice) -> Facts {
         _ => Place { record: c.word(), fraction: c.word() },
     };
     let wheel = c.between(-ONE, ONE);
-    Facts { place, at_rest: c.flag(), reached, oldest: c.word(), outputs_agree: c.flag(), wheel }
+    MotionFacts { place, at_rest: c.flag(), reached, oldest: c.word(), outputs_agree: c.flag(), wheel }
 }
 
 /// `ORDERS` times an order or none, and a demand: each demand is as the modes allow.
 fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> {
-    let mut operation = Operation::default();
+    let mut operation = ModeController::default();
     // has the cursor been at rest since normal run was left?
     // and may outputs be restored without asking again?
     // and has a stop been ended by a word, so that outputs are compared before motion goes on?
@@ -48,16 +48,19 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         let before = operation;
         match (operation.order(order), order) {
             (Err(_), _) => holds!(operation == before),
-            (Ok(()), Order::Leave { ask: false } | Order::Agree | Order::Recover) => agreed = true,
-            (Ok(()), Order::Restart { agreed: word }) if was == Mode::Run => agreed = word,
-            (Ok(()), Order::Resume) if was == Mode::Run => agreed = false,
-            (Ok(()), Order::Leave { .. } | Order::Reverse(_) | Order::Forward(_) | Order::Wheel) => agreed = false,
+            (Ok(()), ModeCommand::Leave { ask: false } | ModeCommand::Agree | ModeCommand::Recover) => agreed = true,
+            (Ok(()), ModeCommand::Restart { agreed: word }) if was == Mode::Run => agreed = word,
+            (Ok(()), ModeCommand::Resume) if was == Mode::Run => agreed = false,
+            (
+                Ok(()),
+                ModeCommand::Leave { .. } | ModeCommand::Reverse(_) | ModeCommand::Forward(_) | ModeCommand::Wheel,
+            ) => agreed = false,
             (Ok(()), _) => {}
         }
         match (order, was) {
-            (Order::Resume | Order::Recover, Mode::Run) => compares |= before.held(),
-            (Order::Restart { .. }, Mode::Run) => compares = true,
-            (Order::Hold, _) => compares = false,
+            (ModeCommand::Resume | ModeCommand::Recover, Mode::Run) => compares |= before.held(),
+            (ModeCommand::Restart { .. }, Mode::Run) => compares = true,
+            (ModeCommand::Hold, _) => compares = false,
             _ => compares &= operation.mode() == Mode::Run,
         }
         if was == Mode::Run && operation.mode() != Mode::Run {
@@ -74,13 +77,13 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         holds!(!compares || demand.target == RateTarget::ZERO || facts.outputs_agree || demand.restore_outputs);
         compares &= !facts.outputs_agree && operation.mode() == Mode::Run && !demand.restore_outputs;
         // normal run is entered at the furthest place, at rest, with outputs that agree or are restored by word
-        if demand.notice == Some(Notice::GoesOn) {
+        if demand.notice == Some(OperatorNotice::GoesOn) {
             holds!(operation.mode() == Mode::Run);
             holds!(facts.at_rest && facts.place.boundary_ahead() == facts.reached);
             holds!(demand.restore_outputs != facts.outputs_agree);
         } else {
             holds!(mode == Mode::Run || operation.mode() != Mode::Run);
-            holds!(!demand.restore_outputs && demand.notice != Some(Notice::GoesOn));
+            holds!(!demand.restore_outputs && demand.notice != Some(OperatorNotice::GoesOn));
         }
         holds!(!demand.restore_outputs || agreed);
         // what was agreed to in normal run holds until motion goes on
@@ -92,7 +95,7 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         holds!(feed >= 0 && rapid >= 0 || backward);
         holds!(-8 * ONE <= feed && feed <= 8 * ONE);
         // the overrides apply to program motion alone, and a feed override of zero stops all of it
-        let overridden = matches!(operation.mode(), Mode::Run | Mode::Return);
+        let overridden = matches!(operation.mode(), Mode::Run | Mode::Rejoin);
         holds!(!overridden || feed <= operation.override_rate() && rapid <= operation.rapid_override());
         holds!(!overridden || operation.override_rate() != 0 || rapid == 0);
         holds!(overridden || feed == rapid);

@@ -7,7 +7,7 @@ use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
-use retrace_core::rate::{RateLaw, Smoothing};
+use retrace_core::rate::{FilterLengths, RateFilter};
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Travel};
 
@@ -20,8 +20,8 @@ fn any_law<const M: usize, const PERIODS: usize>(
     first: u16,
     second: u16,
     top: Travel,
-) -> Option<(RateLaw<M>, [Travel; PERIODS])> {
-    let mut law = RateLaw::new(Smoothing::new(first, second)?)?;
+) -> Option<(RateFilter<M>, [Travel; PERIODS])> {
+    let mut law = RateFilter::new(FilterLengths::new(first, second)?)?;
     let mut targets = [0; PERIODS];
     let mut k = PERIODS;
     while k > 0 {
@@ -236,10 +236,10 @@ fn long_averages(size: Size) -> String {
     let mut draw = Draw::new(size.seed);
     let runs = if size.full { 400 } else { 20 };
     for _ in 0..runs {
-        let first = 1 + draw.upto(Smoothing::LONGEST.into()).min(4095) as u16;
-        let second = (1 + draw.upto(Smoothing::LONGEST.into()).min(4095) as u16) & !1 | first & 1;
-        let Some(smoothing) = Smoothing::new(first, second.max(2 - first % 2)) else { continue };
-        let mut law = Box::new(RateLaw::<4096>::new(smoothing).expect("fits"));
+        let first = 1 + draw.upto(FilterLengths::LONGEST.into()).min(4095) as u16;
+        let second = (1 + draw.upto(FilterLengths::LONGEST.into()).min(4095) as u16) & !1 | first & 1;
+        let Some(smoothing) = FilterLengths::new(first, second.max(2 - first % 2)) else { continue };
+        let mut law = Box::new(RateFilter::<4096>::new(smoothing).expect("fits"));
         let (mut commanded, mut run) = (0i128, 0i128);
         for _ in 0..draw.upto(60) {
             let target = draw.between(0, 8 * ONE);
@@ -255,7 +255,7 @@ fn long_averages(size: Size) -> String {
         }
         assert!(run == commanded && law.at_rest() && law.lead() == 0);
     }
-    format!("{runs} drawn runs with averages of up to {} periods", Smoothing::LONGEST)
+    format!("{runs} drawn runs with averages of up to {} periods", FilterLengths::LONGEST)
 }
 
 #[cfg(not(any(kani, verify_wasm)))]

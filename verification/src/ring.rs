@@ -7,14 +7,14 @@ use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row};
-use retrace_core::positions::{Planned, Played};
-use retrace_core::ring::{Cell, Ring, Stretch};
+use retrace_core::ring::{Cell, RecordSpan, Ring};
+use retrace_core::ring_indices::{ConsumerIndices, ProducerIndices};
 
 /// Both sides and the two shared words.
 #[derive(Clone, Copy, Debug)]
 struct System {
-    planned: Planned,
-    played: Played,
+    planned: ProducerIndices,
+    played: ConsumerIndices,
     floor: u32,
     write: u32,
     keep: u32,
@@ -33,8 +33,8 @@ impl System {
         let (floor, write) = (reached.wrapping_sub(keep), reached.wrapping_add(ahead));
         let room = keep + look_ahead;
         let lag = c.upto(room - (keep + ahead));
-        let planned = Planned::at(write, floor.wrapping_sub(lag), room);
-        let played = Played::at(head, reached.wrapping_sub(back), reached, reached.wrapping_add(seen), keep)?;
+        let planned = ProducerIndices::at(write, floor.wrapping_sub(lag), room);
+        let played = ConsumerIndices::at(head, reached.wrapping_sub(back), reached, reached.wrapping_add(seen), keep)?;
         Some(Self { planned, played, floor, write, keep, look_ahead })
     }
 
@@ -55,9 +55,9 @@ impl System {
 
     /// What [`retrace_core::ring::Producer::push`] does, without the cell.
     fn push(&mut self) -> Option<u32> {
-        if self.planned.full() {
-            self.planned.see(self.floor);
-            if self.planned.full() {
+        if self.planned.is_full() {
+            self.planned.observe_floor(self.floor);
+            if self.planned.is_full() {
                 return None;
             }
         }
@@ -85,7 +85,7 @@ fn push_keeps_order(c: &mut impl Choice) -> Option<()> {
 
 /// What every move of the cursor must keep: `reached` and the floor only grow, and with the cursor only; `head` follows `reached`
 /// at the distance `keep`, never `read`, and never lies before the floor.
-fn moved_in_order(before: &System, after: &Played) {
+fn moved_in_order(before: &System, after: &ConsumerIndices) {
     let (was, kept) = (before.played.reached(), before.played.reached().wrapping_sub(before.played.head()));
     let gone_on = after.reached().wrapping_sub(was);
     holds!(gone_on <= before.write.wrapping_sub(was));
@@ -100,7 +100,7 @@ fn moved_in_order(before: &System, after: &Played) {
 fn forward_keeps_order(c: &mut impl Choice) -> Option<()> {
     let system = System::any(c)?;
     let (before, mut after) = (system.played, system.played);
-    match after.forward() {
+    match after.advance_cursor() {
         None => holds!(before.read() == before.write() && after == before),
         Some(place) => {
             holds!(before.read() != before.write() && before.holds(place));
@@ -115,7 +115,7 @@ fn forward_keeps_order(c: &mut impl Choice) -> Option<()> {
 fn backward_keeps_order(c: &mut impl Choice) -> Option<()> {
     let system = System::any(c)?;
     let (before, mut after) = (system.played, system.played);
-    match after.backward() {
+    match after.retreat() {
         None => holds!(before.read() == before.head() && after == before),
         Some(place) => {
             holds!(before.read() != before.head() && before.holds(place));
@@ -133,7 +133,7 @@ fn follow_keeps_order(c: &mut impl Choice) -> Option<()> {
     let (before, mut after) = (system.played, system.played);
     let place = before.head().wrapping_add(c.word());
     let held = place.wrapping_sub(before.head()) <= before.write().wrapping_sub(before.head());
-    holds!(after.follow(place) == held);
+    holds!(after.seek(place) == held);
     holds!(if held { after.read() == place } else { after == before });
     moved_in_order(&system, &after);
     Some(())
@@ -143,7 +143,7 @@ fn follow_keeps_order(c: &mut impl Choice) -> Option<()> {
 fn look_keeps_order(c: &mut impl Choice) -> Option<()> {
     let system = System::any(c)?;
     let mut after = system.played;
-    after.see(system.write);
+    after.observe_write(system.write);
     holds!(after.read() == system.played.read() && after.head() == system.played.head());
     moved_in_order(&system, &after);
     Some(())
@@ -176,7 +176,7 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
         let place = head.wrapping_add((n as u32).wrapping_sub(head) & (N as u32 - 1));
         Cell::new(if place.wrapping_sub(head) < write.wrapping_sub(head) { place } else { !place })
     });
-    let Ok(mut ring) = Ring::holding(&cells[..], keep, look_ahead, Stretch { head, reached, write }) else {
+    let Ok(mut ring) = Ring::holding(&cells[..], keep, look_ahead, RecordSpan { head, reached, write }) else {
         return None;
     };
     let (mut producer, mut consumer) = ring.split();
@@ -191,7 +191,7 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
             }
             1 => {
                 let end = read == reached.wrapping_add(ahead);
-                let record = consumer.forward();
+                let record = consumer.advance();
                 holds!(if end { record.is_none() } else { record == Some(read) });
                 if !end {
                     read = read.wrapping_add(1);
@@ -205,7 +205,7 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
             }
             _ => {
                 let end = read == head;
-                let record = consumer.backward();
+                let record = consumer.retreat();
                 if !end {
                     read = read.wrapping_sub(1);
                 }
@@ -231,7 +231,7 @@ harnesses! {
 }
 
 #[cfg(not(any(kani, verify_wasm)))]
-const POSITIONS: &str = "crates/core/src/positions.rs";
+const POSITIONS: &str = "crates/core/src/ring_indices.rs";
 
 /// The rows of this module.
 #[cfg(not(any(kani, verify_wasm)))]

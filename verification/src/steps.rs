@@ -7,7 +7,9 @@ use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
-use retrace_core::interruption::{Direction, Effect, Interruption, Latch, Turning, Word};
+use retrace_core::interruption::{
+    Breakpoint, Interruption, InterruptionAction, InterruptionEvent, SpindleDirection, SpindleState,
+};
 
 /// Flags, mode and spindle, each as the requirements name it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -18,8 +20,8 @@ pub struct LiteralSteps<const A: usize> {
     inhibit: bool,
     /// Has the spindle stopped since the pause? Where it stood at the breakpoint there is nothing to stop.
     has_stopped: bool,
-    turns: Option<Direction>,
-    latched: Option<Latch<A>>,
+    turns: Option<SpindleDirection>,
+    latched: Option<Breakpoint<A>>,
 }
 
 impl<const A: usize> LiteralSteps<A> {
@@ -53,40 +55,40 @@ impl<const A: usize> LiteralSteps<A> {
     }
 
     /// Takes a word where the requirements let it through.
-    pub fn say(&mut self, word: Word<A>) -> bool {
+    pub fn say(&mut self, word: InterruptionEvent<A>) -> bool {
         let by_hand = self.dnc_paused && !self.inhibit;
         match (word, self.latched) {
             // DNC-1, DNC-2; the breakpoint of an unfinished return stays the one that it is
-            (Word::Pause(latch), latched) if self.on_line => {
+            (InterruptionEvent::Pause(latch), latched) if self.on_line => {
                 let breakpoint = latched.unwrap_or(latch);
                 (self.on_line, self.dnc_paused, self.mode_changed, self.inhibit) = (false, true, true, false);
                 (self.latched, self.turns) = (Some(breakpoint), breakpoint.spindle.map(|turning| turning.direction));
                 self.has_stopped = false;
             }
             // DNC-3
-            (Word::StopSpindle, _) if by_hand && self.turns.is_some() => {
+            (InterruptionEvent::StopSpindle, _) if by_hand && self.turns.is_some() => {
                 (self.turns, self.has_stopped) = (None, true);
                 (self.on_line, self.mode_changed) = (false, true);
             }
-            (Word::Jog, _) if self.mode_changed => {}
+            (InterruptionEvent::Jog, _) if self.mode_changed => {}
             // DNC-4
-            (Word::StartSpindle(direction), Some(Latch { spindle: Some(turning), .. }))
+            (InterruptionEvent::StartSpindle(direction), Some(Breakpoint { spindle: Some(turning), .. }))
                 if by_hand && self.turns.is_none() && direction == turning.direction =>
             {
                 self.turns = Some(direction);
             }
             // DNC-5
-            (Word::Online, _) if self.mode_changed && self.spindle_is_back() => {
+            (InterruptionEvent::Online, _) if self.mode_changed && self.spindle_is_back() => {
                 (self.on_line, self.mode_changed) = (true, false);
             }
             // DNC-6
-            (Word::CycleStart { program }, Some(latch))
+            (InterruptionEvent::CycleStart { program }, Some(latch))
                 if by_hand && self.on_line && self.spindle_is_back() && program == latch.program =>
             {
                 self.inhibit = true;
             }
             // DNC-7
-            (Word::Arrived(counts), Some(latch)) if self.inhibit && counts == latch.counts => {
+            (InterruptionEvent::Arrived(counts), Some(latch)) if self.inhibit && counts == latch.counts => {
                 (self.inhibit, self.dnc_paused, self.latched) = (false, false, None);
                 (self.turns, self.has_stopped) = (None, false);
             }
@@ -114,20 +116,20 @@ impl<const A: usize> LiteralSteps<A> {
 }
 
 /// The words of the order, up to step `step`, said to both machines.
-fn both_at<const A: usize>(step: u32, latch: &Latch<A>) -> (Interruption<A>, LiteralSteps<A>) {
+fn both_at<const A: usize>(step: u32, latch: &Breakpoint<A>) -> (Interruption<A>, LiteralSteps<A>) {
     let (mut real, mut literal) = (Interruption::reading(), LiteralSteps::on_line());
     let mut n = 1;
     while n <= step {
         let word = match (n, latch.spindle) {
-            (1, _) => Some(Word::Pause(*latch)),
-            (2, Some(_)) => Some(Word::StopSpindle),
-            (3, Some(turning)) => Some(Word::StartSpindle(turning.direction)),
-            (4, _) => Some(Word::Online),
-            (5, _) => Some(Word::CycleStart { program: latch.program }),
+            (1, _) => Some(InterruptionEvent::Pause(*latch)),
+            (2, Some(_)) => Some(InterruptionEvent::StopSpindle),
+            (3, Some(turning)) => Some(InterruptionEvent::StartSpindle(turning.direction)),
+            (4, _) => Some(InterruptionEvent::Online),
+            (5, _) => Some(InterruptionEvent::CycleStart { program: latch.program }),
             _ => None,
         };
         if let Some(word) = word {
-            holds!(real.say(word).is_ok() && literal.say(word));
+            holds!(real.apply(word).is_ok() && literal.say(word));
         }
         n += 1;
     }
@@ -142,17 +144,17 @@ fn alike<const A: usize>(real: &Interruption<A>, literal: &LiteralSteps<A>) {
 }
 
 /// What a taken word has done is what the requirement says, with what was latched.
-fn does_what_is_said<const A: usize>(effect: Effect<A>, word: Word<A>, latch: &Latch<A>) {
+fn does_what_is_said<const A: usize>(effect: InterruptionAction<A>, word: InterruptionEvent<A>, latch: &Breakpoint<A>) {
     let right = match (word, effect) {
-        (Word::StartSpindle(direction), Effect::StartSpindle(turning)) => {
+        (InterruptionEvent::StartSpindle(direction), InterruptionAction::StartSpindle(turning)) => {
             latch.spindle == Some(turning) && turning.direction == direction
         }
-        (Word::CycleStart { .. }, Effect::Approach(counts)) => counts == latch.counts,
-        (Word::Pause(_), Effect::Halt)
-        | (Word::StopSpindle, Effect::StopSpindle)
-        | (Word::Jog, Effect::Jog)
-        | (Word::Online, Effect::Online)
-        | (Word::Arrived(_), Effect::GoOn) => true,
+        (InterruptionEvent::CycleStart { .. }, InterruptionAction::Approach(counts)) => counts == latch.counts,
+        (InterruptionEvent::Pause(_), InterruptionAction::Halt)
+        | (InterruptionEvent::StopSpindle, InterruptionAction::StopSpindle)
+        | (InterruptionEvent::Jog, InterruptionAction::Jog)
+        | (InterruptionEvent::Online, InterruptionAction::Online)
+        | (InterruptionEvent::Arrived(_), InterruptionAction::GoOn) => true,
         _ => false,
     };
     holds!(right);
@@ -160,9 +162,13 @@ fn does_what_is_said<const A: usize>(effect: Effect<A>, word: Word<A>, latch: &L
 
 /// A word said to both: the same answer, the same flags, and where it is refused nothing has changed. Then both are in one of the
 /// states that the words of the order lead to, so that this holds again of the next word.
-fn said_to_both<const A: usize>(real: &mut Interruption<A>, literal: &mut LiteralSteps<A>, word: Word<A>) -> bool {
+fn said_to_both<const A: usize>(
+    real: &mut Interruption<A>,
+    literal: &mut LiteralSteps<A>,
+    word: InterruptionEvent<A>,
+) -> bool {
     let before = (*real, *literal);
-    let answer = real.say(word);
+    let answer = real.apply(word);
     let taken = literal.say(word);
     holds!(answer.is_ok() == taken);
     holds!(taken || (*real, *literal) == before);
@@ -173,32 +179,34 @@ fn said_to_both<const A: usize>(real: &mut Interruption<A>, literal: &mut Litera
     taken
 }
 
-fn any_latch<const A: usize>(c: &mut impl Choice) -> Latch<A> {
+fn any_latch<const A: usize>(c: &mut impl Choice) -> Breakpoint<A> {
     let spindle = match any_direction(c) {
-        direction if c.flag() => Some(Turning { direction, speed: c.word() }),
+        direction if c.flag() => Some(SpindleState { direction, speed: c.word() }),
         _ => None,
     };
-    Latch { program: any_long(c), counts: core::array::from_fn(|_| any_long(c) as i64), spindle }
+    Breakpoint { program: any_long(c), counts: core::array::from_fn(|_| any_long(c) as i64), spindle }
 }
 
 fn any_long(c: &mut impl Choice) -> u64 {
     u64::from(c.word()) << 32 | u64::from(c.word())
 }
 
-fn any_direction(c: &mut impl Choice) -> Direction {
-    if c.flag() { Direction::Clockwise } else { Direction::Counterclockwise }
+fn any_direction(c: &mut impl Choice) -> SpindleDirection {
+    if c.flag() { SpindleDirection::Clockwise } else { SpindleDirection::Counterclockwise }
 }
 
 /// Any word; natively half of the numbers are those latched.
-fn any_word<const A: usize>(c: &mut impl Choice, latch: &Latch<A>) -> Word<A> {
+fn any_word<const A: usize>(c: &mut impl Choice, latch: &Breakpoint<A>) -> InterruptionEvent<A> {
     match c.below(7) {
-        0 => Word::Pause(any_latch(c)),
-        1 => Word::StopSpindle,
-        2 => Word::StartSpindle(any_direction(c)),
-        3 => Word::Jog,
-        4 => Word::Online,
-        5 => Word::CycleStart { program: if c.flag() { latch.program } else { any_long(c) } },
-        _ => Word::Arrived(latch.counts.map(|latched| if c.flag() { latched } else { any_long(c) as i64 })),
+        0 => InterruptionEvent::Pause(any_latch(c)),
+        1 => InterruptionEvent::StopSpindle,
+        2 => InterruptionEvent::StartSpindle(any_direction(c)),
+        3 => InterruptionEvent::Jog,
+        4 => InterruptionEvent::Online,
+        5 => InterruptionEvent::CycleStart { program: if c.flag() { latch.program } else { any_long(c) } },
+        _ => {
+            InterruptionEvent::Arrived(latch.counts.map(|latched| if c.flag() { latched } else { any_long(c) as i64 }))
+        }
     }
 }
 
@@ -222,21 +230,26 @@ fn one_way_back<const A: usize>(c: &mut impl Choice) -> Option<()> {
     let (real, literal) = both_at(step, &latch);
     let word = any_word(c, &latch);
     let mut after = real;
-    c.assume(after.say(word).is_ok())?;
+    c.assume(after.apply(word).is_ok())?;
     let mut expected = literal;
     expected.say(word);
     let (from, to) = (literal.step(), expected.step());
     let next = match word {
-        Word::Jog => to == from,
-        Word::Pause(_) => to == 1 || to == 3 && expected.latched.is_some_and(|latch| latch.spindle.is_none()),
-        Word::StopSpindle => to == 2,
-        Word::StartSpindle(_) => (from, to) == (2, 3),
-        Word::Online => (from, to) == (3, 4),
-        Word::CycleStart { program } => (from, to) == (4, 5) && program == latch.program,
-        Word::Arrived(counts) => (from, to) == (5, 0) && counts == latch.counts,
+        InterruptionEvent::Jog => to == from,
+        InterruptionEvent::Pause(_) => {
+            to == 1 || to == 3 && expected.latched.is_some_and(|latch| latch.spindle.is_none())
+        }
+        InterruptionEvent::StopSpindle => to == 2,
+        InterruptionEvent::StartSpindle(_) => (from, to) == (2, 3),
+        InterruptionEvent::Online => (from, to) == (3, 4),
+        InterruptionEvent::CycleStart { program } => (from, to) == (4, 5) && program == latch.program,
+        InterruptionEvent::Arrived(counts) => (from, to) == (5, 0) && counts == latch.counts,
     };
     holds!(next);
-    holds!(after.may_read() == (to == 0) && (real.may_read() || !after.may_read() || matches!(word, Word::Arrived(_))));
+    holds!(
+        after.may_read() == (to == 0)
+            && (real.may_read() || !after.may_read() || matches!(word, InterruptionEvent::Arrived(_)))
+    );
     Some(())
 }
 
@@ -250,21 +263,21 @@ harnesses! {
 mod search {
     use super::{LiteralSteps, said_to_both};
     use crate::ledger::Size;
-    use retrace_core::interruption::{Direction, Interruption, Latch, Turning, Word};
+    use retrace_core::interruption::{Breakpoint, Interruption, InterruptionEvent, SpindleDirection, SpindleState};
     use std::collections::{HashSet, VecDeque};
 
-    fn words() -> Vec<Word<2>> {
-        let directions = [Direction::Clockwise, Direction::Counterclockwise];
-        let turning = |speed: u32| directions.map(|direction| Some(Turning { direction, speed }));
+    fn words() -> Vec<InterruptionEvent<2>> {
+        let directions = [SpindleDirection::Clockwise, SpindleDirection::Counterclockwise];
+        let turning = |speed: u32| directions.map(|direction| Some(SpindleState { direction, speed }));
         let spindles = [turning(1), turning(u32::MAX), [None; 2]].concat();
         let counts = [[0, 0], [0, 1], [1, 0], [1 << 32, 0], [i64::MIN, i64::MAX]];
-        let mut words = vec![Word::StopSpindle, Word::Jog, Word::Online];
-        words.extend(directions.map(Word::StartSpindle));
-        words.extend(counts.map(Word::Arrived));
+        let mut words = vec![InterruptionEvent::StopSpindle, InterruptionEvent::Jog, InterruptionEvent::Online];
+        words.extend(directions.map(InterruptionEvent::StartSpindle));
+        words.extend(counts.map(InterruptionEvent::Arrived));
         for program in [0, 1, 1 << 32] {
-            words.push(Word::CycleStart { program });
+            words.push(InterruptionEvent::CycleStart { program });
             for (counts, spindle) in counts.iter().flat_map(|c| spindles.iter().map(move |s| (*c, *s))) {
-                words.push(Word::Pause(Latch { program, counts, spindle }));
+                words.push(InterruptionEvent::Pause(Breakpoint { program, counts, spindle }));
             }
         }
         words

@@ -6,7 +6,7 @@
 //! Invariant: what came out beside the path is 0 or the whole play, or on the way from one to the other; while it is on its way the machine
 //! does not count as standing. No period is fuller than the axis' velocity allows, by more than one pulse at most.
 
-use retrace_core::limits::AxisLimits;
+use retrace_core::limits::PulseLimits;
 
 use crate::Terms;
 
@@ -29,7 +29,7 @@ impl Play {
     const NEW: Self = Self { side: 0, left: 0, pace: 0 };
 
     /// One period with this increment of the path: pulses to be made beside it, of `whole` pulses of play.
-    fn period(&mut self, increment: i32, whole: u16, limits: &AxisLimits, most: u16) -> i32 {
+    fn period(&mut self, increment: i32, whole: u16, limits: &PulseLimits, most: u16) -> i32 {
         let way = increment.signum() as i8;
         if way != 0 && way != self.side {
             // What was made before it turned again is what is to be made now.
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const LIMITS: AxisLimits = AxisLimits { velocity: 40 << 32, acceleration: 3 << 32, jerk: 1 << 32 };
+    const LIMITS: PulseLimits = PulseLimits { velocity: 40 << 32, acceleration: 3 << 32, jerk: 1 << 32 };
 
     #[test]
     fn play_is_taken_up_with_ramps_and_the_first_way_is_taken_as_it_is() {
@@ -162,7 +162,7 @@ mod tests {
             increments in prop::collection::vec(-500i32..=500, 1..40), whole in any::<u16>(), velocity in any::<u64>(), acceleration in any::<u64>(),
         ) {
             let mut play = Play::NEW;
-            let limits = AxisLimits { velocity, acceleration, jerk: 1 };
+            let limits = PulseLimits { velocity, acceleration, jerk: 1 };
             for increment in increments {
                 prop_assert!((increment + play.period(increment, whole, &limits, 500)).abs() <= 500);
             }

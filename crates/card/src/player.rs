@@ -3,7 +3,7 @@
 //! Invariant: `counts` is `P(place)` at all times, P being the sum of the records before a place (core, `playback`), on top of what
 //! they were where the epoch began. The cursor never passes the place of an instruction that is not executed.
 
-use retrace_core::drive::{Drive, Road};
+use retrace_core::drive::{Drive, RecordWindow};
 use retrace_core::limits::RateLimits;
 use retrace_core::place::before;
 use retrace_core::playback::emission;
@@ -504,14 +504,14 @@ struct Stretch<'w, R> {
 impl<'w, R> Stretch<'w, R> {
     fn new<const A: usize>(road: &'w R, end: Option<u32>) -> Self
     where
-        R: Road<A>,
+        R: RecordWindow<A>,
     {
         let high = end.filter(|&end| before(end, road.high())).unwrap_or(road.high());
         Self { road, high }
     }
 }
 
-impl<const A: usize, R: Road<A>> Road<A> for Stretch<'_, R> {
+impl<const A: usize, R: RecordWindow<A>> RecordWindow<A> for Stretch<'_, R> {
     fn low(&self) -> u32 {
         self.road.low()
     }
@@ -541,12 +541,12 @@ impl<const A: usize, R: Road<A>> Road<A> for Stretch<'_, R> {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use retrace_core::limits::AxisLimits;
+    use retrace_core::limits::PulseLimits;
     use retrace_core::{Flags, ONE};
     use retrace_link::{Action, Instruction};
 
     fn player() -> Player<1, 64, 32> {
-        let axis = AxisLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+        let axis = PulseLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
         Player::new(0, RateLimits::new(13, 1 << 15, [axis]).expect("valid")).expect("fits")
     }
 

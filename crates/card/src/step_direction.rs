@@ -8,7 +8,7 @@
 //! its length and low for at least as long, also over the end of a period; the direction stands for its set-up time before
 //! every rising edge and after every falling edge. The edges and the ticks are two views of the same plan.
 
-use retrace_core::fine::{Pulses, pulse_slots};
+use retrace_core::fine::{PulseSlots, pulse_slots};
 
 /// The times of a step and direction output, in ticks of the card's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,7 +106,7 @@ pub struct StepDirection {
     /// The tick from which on pulses are spread.
     first: u32,
     now: u32,
-    pulses: Pulses,
+    pulses: PulseSlots,
     high: u32,
     level: bool,
 }
@@ -123,7 +123,7 @@ impl StepDirection {
             turn: None,
             first: 0,
             now: 0,
-            pulses: Pulses::new(0, timing.period),
+            pulses: PulseSlots::new(0, timing.period),
             high: 0,
             level: false,
         }
@@ -138,7 +138,7 @@ impl StepDirection {
         let count = increment.unsigned_abs();
         (self.count, self.turn, self.first, self.now, self.high) = (0, None, 0, 0, 0);
         self.level = self.backward;
-        self.pulses = Pulses::new(0, period);
+        self.pulses = PulseSlots::new(0, period);
         let turns = count > 0 && (increment < 0) != self.backward;
         let turn = setup.saturating_sub(self.idle);
         let first = if turns { turn + setup } else { 0 };
@@ -156,7 +156,7 @@ impl StepDirection {
             self.backward = !self.backward;
         }
         (self.count, self.first) = (count as u16, first);
-        self.pulses = Pulses::new(self.count, room);
+        self.pulses = PulseSlots::new(self.count, room);
         // The last pulse begins where half of its share of the room is still to come (core, `pulse_slots`).
         self.idle = room / 2 / count + 1 - pulse;
         Ok(())

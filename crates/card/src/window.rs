@@ -4,7 +4,7 @@
 //! has to make room is taken from the far end, and never within a quarter of the window of the cursor, nor where the
 //! cursor is already bound to go.
 
-use retrace_core::drive::Road;
+use retrace_core::drive::RecordWindow;
 use retrace_core::place::before;
 use retrace_core::{Flags, Place, RapidCap, Record};
 use retrace_link::Refusal;
@@ -129,7 +129,7 @@ impl<const A: usize, const W: usize, S: Records<A>> Window<A, W, S> {
     }
 }
 
-impl<const A: usize, const W: usize, S: Records<A>> Road<A> for Window<A, W, S> {
+impl<const A: usize, const W: usize, S: Records<A>> RecordWindow<A> for Window<A, W, S> {
     fn low(&self) -> u32 {
         self.low
     }

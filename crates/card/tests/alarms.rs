@@ -7,7 +7,7 @@ mod common;
 use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, STOP, STOPS_WITHIN, TestCard, UPPER_LIMIT};
 use common::{identity, levels, moved, opened, record, rests_before, settings};
 use retrace_card::{Card, Inputs};
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{ONE, Place, RapidCap, Record};
 use retrace_link::{
     Action, Alarm, Await, Change, Deck, Homing, InputUse, Instruction, Refusal, Settings, Word, channel,
@@ -243,7 +243,7 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
     let mut card = TestCard::new(identity()).expect("a memory");
     assert_eq!((card.identity().window, card.identity().memory, card.identity().axes), (64, 32, 2));
     let good = settings(1, 9);
-    let axis = AxisLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+    let axis = PulseLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
     let limits = RateLimits::new(41, 1 << 15, [axis; 2]).expect("valid");
     let door = |number: usize| {
         let mut bad = good;

@@ -88,7 +88,7 @@ impl Host<'_> {
         }
         if self.done < self.job.markers.len() {
             let instruction = self.instruction(self.done);
-            self.gates.take(instruction.number, instruction.place);
+            self.gates.accept(instruction.number, instruction.place);
             let due = self.gates.c_open(report.place, report.at_rest);
             if !self.asked && (due || self.job.early) {
                 self.gates.sent();

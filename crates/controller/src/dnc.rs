@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-use retrace_core::interruption::{Interruption, Refused};
+use retrace_core::interruption::{Interruption, InterruptionError};
 use serde_json::{Value, json};
 
 use crate::machine::AXIS_LETTERS;
@@ -188,21 +188,23 @@ fn direction(spindle: i32) -> &'static str {
 ///
 /// # Errors
 /// As the formatter's.
-pub fn explain(refused: Refused, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+pub fn explain(refused: InterruptionError, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     f.write_str(match refused {
-        Refused::NotPaused => "the program is not paused: pause comes first",
-        Refused::AlreadyPaused => "the program is paused already",
-        Refused::SpindleTurns => "the spindle turns: spindle stop comes first",
-        Refused::SpindleStands => "the spindle stands: spindle start comes first",
-        Refused::SpindleStood => "the spindle stood when the program was paused, and is left standing",
-        Refused::SpindleDirection => "the spindle turned in the other direction",
-        Refused::NotOnline => "on-line mode is not restored: online comes first",
-        Refused::AlreadyOnline => "on-line mode is restored: cycle start comes next, or pause to leave it again",
-        Refused::OtherProgram => {
+        InterruptionError::NotPaused => "the program is not paused: pause comes first",
+        InterruptionError::AlreadyPaused => "the program is paused already",
+        InterruptionError::SpindleTurns => "the spindle turns: spindle stop comes first",
+        InterruptionError::SpindleStands => "the spindle stands: spindle start comes first",
+        InterruptionError::SpindleStood => "the spindle stood when the program was paused, and is left standing",
+        InterruptionError::SpindleDirection => "the spindle turned in the other direction",
+        InterruptionError::NotOnline => "on-line mode is not restored: online comes first",
+        InterruptionError::AlreadyOnline => {
+            "on-line mode is restored: cycle start comes next, or pause to leave it again"
+        }
+        InterruptionError::OtherProgram => {
             "another program is in the place of the one that was paused: put it back, or stop the job"
         }
-        Refused::NotApproaching => "the axes are not on the way to the breakpoint: cycle start comes first",
-        Refused::Approaching => "the axes are on the way to the breakpoint: pause stops them",
-        Refused::NotThere { axis } => return write!(f, "axis number {axis} is not at the breakpoint"),
+        InterruptionError::NotApproaching => "the axes are not on the way to the breakpoint: cycle start comes first",
+        InterruptionError::Approaching => "the axes are on the way to the breakpoint: pause stops them",
+        InterruptionError::NotThere { axis } => return write!(f, "axis number {axis} is not at the breakpoint"),
     })
 }

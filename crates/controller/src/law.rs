@@ -3,7 +3,7 @@
 //! Invariant: nothing is told that is better than the machine file's limits, and the average is the shortest with `n ≥ A/J` on every axis.
 
 use retrace_core::drive::Braking;
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 
 use crate::machine::Axis;
 
@@ -24,14 +24,14 @@ pub fn rate_limits<const A: usize>(axes: &[Axis], reserve: f64, period_s: f64) -
 }
 
 /// One axis in fixed point; what is more than can be told counts as that much.
-fn fixed(axis: &Axis, period_s: f64) -> Option<AxisLimits> {
+fn fixed(axis: &Axis, period_s: f64) -> Option<PulseLimits> {
     let figure = |per_s: f64, power: i32| {
         let pulses = per_s * axis.pulses_per_mm * period_s.powi(power);
         // A figure that is whole on paper is not to fall short by the floats' own rounding.
         let figure = (pulses * 4_294_967_296.0 * (1.0 + 1e-12)) as u64;
-        (figure >= AxisLimits::LEAST).then_some(figure.min(AxisLimits::MOST))
+        (figure >= PulseLimits::LEAST).then_some(figure.min(PulseLimits::MOST))
     };
-    Some(AxisLimits {
+    Some(PulseLimits {
         velocity: figure(axis.max_velocity_mm_per_s, 1)?,
         acceleration: figure(axis.max_acceleration_mm_per_s2, 2)?,
         jerk: figure(axis.max_jerk_mm_per_s3, 3)?,

@@ -5,7 +5,7 @@
 use std::fmt;
 
 use retrace_core::interruption;
-use retrace_core::mode::Refused;
+use retrace_core::mode::ModeError;
 use retrace_core::{ONE, Travel};
 use retrace_link::channel;
 
@@ -139,7 +139,7 @@ impl fmt::Display for OperatorCommand {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CommandError {
     /// The mode of operation is another.
-    Mode(Refused),
+    Mode(ModeError),
     /// The override asked for is above this, which is in force now.
     AboveMaxOverride(Travel),
     /// More changes of the override are on their way than there is room for.
@@ -151,7 +151,7 @@ pub enum CommandError {
     /// Nothing was executed yet that could be gone back over.
     NothingBehind,
     /// The step is not the next in the sequence that pausing and going on has (DNC-1 … DNC-8).
-    Interrupted(interruption::Refused),
+    Interrupted(interruption::InterruptionError),
     /// The axis stands at its soft limit already, or the place to go to lies beyond it.
     BeyondLimit(char),
     /// The machine has no such axis.
@@ -165,10 +165,10 @@ pub enum CommandError {
 impl fmt::Display for CommandError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Mode(Refused::NotRetracing) => "there is nothing to leave: the machine is in normal run",
-            Self::Mode(Refused::NothingAsked) => "there is nothing to agree to",
-            Self::Mode(Refused::NotHeld) => "no feed hold is in force",
-            Self::Mode(Refused::NoRate) => "a rate above 0 % is needed",
+            Self::Mode(ModeError::NotRetracing) => "there is nothing to leave: the machine is in normal run",
+            Self::Mode(ModeError::NothingAsked) => "there is nothing to agree to",
+            Self::Mode(ModeError::NotHeld) => "no feed hold is in force",
+            Self::Mode(ModeError::NoRate) => "a rate above 0 % is needed",
             Self::TooManyOverrides => "too many changes of the override are on their way already",
             Self::NoPierce => "no cutting output was switched on within the history that is kept",
             Self::NothingBehind => "nothing was executed yet that could be gone back over",
@@ -185,14 +185,14 @@ impl fmt::Display for CommandError {
     }
 }
 
-impl From<Refused> for CommandError {
-    fn from(refused: Refused) -> Self {
+impl From<ModeError> for CommandError {
+    fn from(refused: ModeError) -> Self {
         Self::Mode(refused)
     }
 }
 
-impl From<interruption::Refused> for CommandError {
-    fn from(refused: interruption::Refused) -> Self {
+impl From<interruption::InterruptionError> for CommandError {
+    fn from(refused: interruption::InterruptionError) -> Self {
         Self::Interrupted(refused)
     }
 }

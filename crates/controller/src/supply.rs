@@ -159,7 +159,7 @@ impl<'r, const A: usize> Supply<'r, A> {
         if self.gates.a_open()
             && let Some(next) = self.exclusives.front()
         {
-            self.gates.take(self.next_number, next.place);
+            self.gates.accept(self.next_number, next.place);
         }
     }
 
@@ -386,7 +386,7 @@ impl<'r, const A: usize> Supply<'r, A> {
             self.one_way = Some((done.place, done.code));
         }
         if let Some(next) = self.exclusives.front() {
-            self.gates.take(self.next_number, next.place);
+            self.gates.accept(self.next_number, next.place);
         }
         Some(done)
     }
@@ -405,15 +405,15 @@ impl<'r, const A: usize> Supply<'r, A> {
 
     /// Puts the cursor on a place, without the card.
     pub fn stand_at(&mut self, place: u32) {
-        self.ring.follow(place);
+        self.ring.seek(place);
         self.forget_actions();
     }
 
     /// Follows the card's cursor: history and outputs come up to date. [`Supply::news`] has what the cursor has passed for the first time.
     pub fn follow(&mut self, status: &Status<A>) {
         // `reached` counts a record that was only begun; it is never beyond `write`, so the ring takes it.
-        self.ring.follow(status.reached);
-        self.ring.follow(status.place.record);
+        self.ring.seek(status.reached);
+        self.ring.seek(status.place.record);
         self.forget_actions();
     }
 

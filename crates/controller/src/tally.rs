@@ -114,7 +114,7 @@ mod tests {
         tally.count(spent(Mode::Run, true, None, ONE, 7));
         tally.count(spent(Mode::Run, true, None, 0, 7));
         tally.count(spent(Mode::Reverse, false, None, -ONE, 6));
-        tally.count(spent(Mode::Return, false, None, ONE, 7));
+        tally.count(spent(Mode::Rejoin, false, None, ONE, 7));
         tally.count(spent(Mode::Run, false, Some(true), 0, 7));
         tally.count(spent(Mode::Run, false, Some(false), 0, 7));
         tally.count(spent(Mode::Run, false, None, 0, 7));

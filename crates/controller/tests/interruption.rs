@@ -12,7 +12,9 @@ use retrace_controller::orders::Operators;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Told};
-use retrace_core::interruption::{Direction, Effect, Interruption, Latch, Refused, Turning, Word};
+use retrace_core::interruption::{
+    Breakpoint, Interruption, InterruptionAction, InterruptionError, InterruptionEvent, SpindleDirection, SpindleState,
+};
 use retrace_gcode::{Program, Progress, Setup, Step as Decodes};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::MotionCard;
@@ -62,24 +64,24 @@ fn run(machine: &Machine, script: &str) -> ([i64; AXES], Vec<Event>) {
 }
 
 /// What the model says of the same words, each said when the machine stands again: taken or refused.
-fn model(words: &[&str]) -> (Vec<Result<(), Refused>>, bool) {
-    let latch = Latch {
+fn model(words: &[&str]) -> (Vec<Result<(), InterruptionError>>, bool) {
+    let latch = Breakpoint {
         program: 0,
         counts: [0; AXES],
-        spindle: Some(Turning { direction: Direction::Clockwise, speed: 1_000_000 }),
+        spindle: Some(SpindleState { direction: SpindleDirection::Clockwise, speed: 1_000_000 }),
     };
     let mut order = Interruption::<AXES>::reading();
     let said = words.iter().map(|&word| {
-        let effect = order.say(match word {
-            "pause" => Word::Pause(latch),
-            "spindle stop" => Word::StopSpindle,
-            "spindle start" => Word::StartSpindle(Direction::Clockwise),
-            "online" => Word::Online,
-            "cycle start" => Word::CycleStart { program: 0 },
-            _ => Word::Jog,
+        let effect = order.apply(match word {
+            "pause" => InterruptionEvent::Pause(latch),
+            "spindle stop" => InterruptionEvent::StopSpindle,
+            "spindle start" => InterruptionEvent::StartSpindle(SpindleDirection::Clockwise),
+            "online" => InterruptionEvent::Online,
+            "cycle start" => InterruptionEvent::CycleStart { program: 0 },
+            _ => InterruptionEvent::Jog,
         })?;
-        if let Effect::Approach(to) = effect {
-            order.say(Word::Arrived(to))?;
+        if let InterruptionAction::Approach(to) = effect {
+            order.apply(InterruptionEvent::Arrived(to))?;
         }
         Ok(())
     });
@@ -102,9 +104,11 @@ fn check(machine: &Machine, words: &[&str], plain: [i64; AXES]) -> bool {
         })
         .collect();
     // The jog before anything is paused, and what the model refuses. After a cycle start that is none of these steps, a hold is asked for.
-    let mut wanted = vec![CommandError::Interrupted(Refused::NotPaused)];
+    let mut wanted = vec![CommandError::Interrupted(InterruptionError::NotPaused)];
     wanted.extend(words.iter().zip(&said).filter_map(|(word, said)| match said {
-        Err(Refused::NotPaused) if *word == "cycle start" => Some(retrace_core::mode::Refused::NotHeld.into()),
+        Err(InterruptionError::NotPaused) if *word == "cycle start" => {
+            Some(retrace_core::mode::ModeError::NotHeld.into())
+        }
         Err(why) => Some(CommandError::Interrupted(*why)),
         Ok(()) => None,
     }));

@@ -70,7 +70,7 @@ impl Policy for Acknowledged {
             self.next += 1;
         }
         if let Some(&(place, _)) = tape.markers.get(self.next as usize - 1) {
-            self.gates.take(self.next, place);
+            self.gates.accept(self.next, place);
         }
     }
     fn record_may_go(&self, place: u32) -> bool {

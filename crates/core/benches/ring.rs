@@ -78,7 +78,7 @@ fn pass(records: u64, push: impl FnMut(Record<4>) -> bool + Send, pop: impl FnMu
 fn two_threads_ring(records: u64, keep: u32, look_ahead: u32) -> Duration {
     let mut ring = ring(keep, look_ahead);
     let (mut producer, mut consumer) = ring.split();
-    pass(records, move |record| producer.push(record).is_ok(), move || consumer.forward())
+    pass(records, move |record| producer.push(record).is_ok(), move || consumer.advance())
 }
 
 fn two_threads_rtrb(records: u64) -> Duration {
@@ -108,7 +108,7 @@ fn one_thread_ring(records: u64) -> Duration {
     let mut ring = ring(HALF, HALF);
     // nobody else has the ring, and the compiler knows: it would leave out the stores that are for the other thread
     let (mut producer, mut consumer) = black_box(&mut ring).split();
-    back_and_forth(records, |record| producer.push(record).is_ok(), || consumer.forward())
+    back_and_forth(records, |record| producer.push(record).is_ok(), || consumer.advance())
 }
 
 fn one_thread_rtrb(records: u64) -> Duration {

@@ -5,13 +5,13 @@
 
 /// Evenly spaced pulses of one axis in one control period, slot by slot.
 #[derive(Clone, Copy, Debug)]
-pub struct Pulses {
+pub struct PulseSlots {
     due: u32,
     slots: u32,
     accumulator: u32,
 }
 
-impl Pulses {
+impl PulseSlots {
     /// `pulses` (at most `slots`) in a period of `slots` slots (below 2³¹).
     #[must_use]
     pub const fn new(pulses: u16, slots: u32) -> Self {
@@ -47,7 +47,7 @@ mod tests {
     fn exactly_p_pulses_evenly_spaced() {
         let cases = (1..=64u32).flat_map(|s| (0..=s as u16).map(move |p| (p, s)));
         for (p, s) in cases.chain([(100, 1000), (999, 1000), (333, 84_000), (32_767, 84_000)]) {
-            let mut fine = Pulses::new(p, s);
+            let mut fine = PulseSlots::new(p, s);
             let (mut last, mut count, mut gaps) = (None, 0u32, (u32::MAX, 0));
             let mut slots = pulse_slots(p, s);
             for slot in 0..s {

@@ -12,7 +12,7 @@ use crate::place::before;
 
 /// The instruction in hand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct InHand {
+struct PendingInstruction {
     number: u32,
     place: u32,
     sent: bool,
@@ -21,7 +21,7 @@ struct InHand {
 /// The gates A, B and C.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Gates {
-    in_hand: Option<InHand>,
+    in_hand: Option<PendingInstruction>,
 }
 
 impl Gates {
@@ -33,10 +33,10 @@ impl Gates {
 
     /// Takes the instruction `number` in hand, whose front marker stands before record `place`. False, and nothing changed,
     /// where another is in hand.
-    pub fn take(&mut self, number: u32, place: u32) -> bool {
+    pub fn accept(&mut self, number: u32, place: u32) -> bool {
         let open = self.a_open();
         if open {
-            self.in_hand = Some(InHand { number, place, sent: false });
+            self.in_hand = Some(PendingInstruction { number, place, sent: false });
         }
         open
     }
@@ -80,7 +80,7 @@ mod tests {
     #[test]
     fn only_the_instruction_that_was_sent_is_acknowledged() {
         let mut gates = Gates::default();
-        assert!(gates.take(7, 3) && !gates.take(8, 4));
+        assert!(gates.accept(7, 3) && !gates.accept(8, 4));
         assert_eq!(gates.acknowledge(7), None);
         gates.sent();
         assert_eq!(gates.acknowledge(6), None);
@@ -108,7 +108,7 @@ mod tests {
                 // host, with a report that is `lag` periods old
                 let (place, rest, done) = reports[reports.len() - 1 - lag];
                 if gates.acknowledge(done).is_some() { next += 1; }
-                if next < markers.len() { gates.take(next as u32 + 1, markers[next]); }
+                if next < markers.len() { gates.accept(next as u32 + 1, markers[next]); }
                 while sent != end && gates.b_open(sent) { sent = sent.wrapping_add(1); }
                 if gates.c_open(Place::start_of(place), rest) {
                     gates.sent();

@@ -23,7 +23,7 @@
 
 /// A direction of the spindle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Direction {
+pub enum SpindleDirection {
     /// Clockwise, M3.
     Clockwise,
     /// Counterclockwise, M4.
@@ -32,33 +32,33 @@ pub enum Direction {
 
 /// A spindle that turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Turning {
+pub struct SpindleState {
     /// Which way.
-    pub direction: Direction,
+    pub direction: SpindleDirection,
     /// How fast, in thousandths of a revolution a minute.
     pub speed: u32,
 }
 
 /// What is kept of the breakpoint (DNC-2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Latch<const A: usize> {
+pub struct Breakpoint<const A: usize> {
     /// Which program was interrupted: the same number for the same content only.
     pub program: u64,
     /// Machine counts of each axis, in pulses.
     pub counts: [i64; A],
     /// The spindle; `None` where it stood.
-    pub spindle: Option<Turning>,
+    pub spindle: Option<SpindleState>,
 }
 
 /// Something that the operator or the machine says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Word<const A: usize> {
+pub enum InterruptionEvent<const A: usize> {
     /// *Pause*, with what is to be latched. On the way back to a breakpoint that one stays, and this is not looked at (DNC-1).
-    Pause(Latch<A>),
+    Pause(Breakpoint<A>),
     /// The spindle is to stop (DNC-3).
     StopSpindle,
     /// The spindle is to turn, by hand (DNC-4).
-    StartSpindle(Direction),
+    StartSpindle(SpindleDirection),
     /// An axis is to be moved by hand (DNC-3).
     Jog,
     /// Back to on-line mode (DNC-5).
@@ -74,13 +74,13 @@ pub enum Word<const A: usize> {
 
 /// What a word that is taken leads to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Effect<const A: usize> {
+pub enum InterruptionAction<const A: usize> {
     /// The axes stop, on-line mode is left.
     Halt,
     /// The spindle stops, on-line mode is left.
     StopSpindle,
     /// The spindle turns as it did.
-    StartSpindle(Turning),
+    StartSpindle(SpindleState),
     /// The axis moves.
     Jog,
     /// On-line mode is entered; nothing is read yet.
@@ -93,7 +93,7 @@ pub enum Effect<const A: usize> {
 
 /// Why a word is not taken: the first thing in the order that is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Refused {
+pub enum InterruptionError {
     /// The program is not interrupted.
     NotPaused,
     /// The program is interrupted already.
@@ -141,7 +141,7 @@ enum Step {
 /// An on-line program: read, or interrupted at a breakpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Interruption<const A: usize> {
-    breakpoint: Option<(Latch<A>, Step)>,
+    breakpoint: Option<(Breakpoint<A>, Step)>,
 }
 
 impl<const A: usize> Default for Interruption<A> {
@@ -189,7 +189,7 @@ impl<const A: usize> Interruption<A> {
 
     /// What is kept of the breakpoint, while there is one.
     #[must_use]
-    pub const fn latch(&self) -> Option<&Latch<A>> {
+    pub const fn latch(&self) -> Option<&Breakpoint<A>> {
         match &self.breakpoint {
             Some((latch, _)) => Some(latch),
             None => None,
@@ -200,15 +200,15 @@ impl<const A: usize> Interruption<A> {
     ///
     /// # Errors
     /// [`Refused`] says why it may not be; nothing has changed then.
-    pub const fn say(&mut self, word: Word<A>) -> Result<Effect<A>, Refused> {
+    pub const fn apply(&mut self, word: InterruptionEvent<A>) -> Result<InterruptionAction<A>, InterruptionError> {
         let (latch, next) = match (&self.breakpoint, word) {
-            (None, Word::Pause(latch)) => (latch, Ok((Self::halted(&latch), Effect::Halt))),
-            (None, _) => return Err(Refused::NotPaused),
+            (None, InterruptionEvent::Pause(latch)) => (latch, Ok((Self::halted(&latch), InterruptionAction::Halt))),
+            (None, _) => return Err(InterruptionError::NotPaused),
             (Some((latch, step)), word) => (*latch, Self::follow(latch, *step, word)),
         };
         match next {
             Ok((step, effect)) => {
-                self.breakpoint = if matches!(effect, Effect::GoOn) { None } else { Some((latch, step)) };
+                self.breakpoint = if matches!(effect, InterruptionAction::GoOn) { None } else { Some((latch, step)) };
                 Ok(effect)
             }
             Err(reason) => Err(reason),
@@ -220,14 +220,14 @@ impl<const A: usize> Interruption<A> {
     ///
     /// # Errors
     /// [`Refused`] says why it may not be; nothing has changed then.
-    pub const fn displace(&mut self, pulses: [i64; A]) -> Result<(), Refused> {
-        let Some((latch, step)) = &mut self.breakpoint else { return Err(Refused::NotPaused) };
+    pub const fn displace(&mut self, pulses: [i64; A]) -> Result<(), InterruptionError> {
+        let Some((latch, step)) = &mut self.breakpoint else { return Err(InterruptionError::NotPaused) };
         match step {
             Step::SpindleStopped => {}
             Step::SpindleAsItWas if latch.spindle.is_none() => {}
-            Step::Paused | Step::SpindleAsItWas => return Err(Refused::SpindleTurns),
-            Step::OnlineAgain => return Err(Refused::AlreadyOnline),
-            Step::Approaching => return Err(Refused::Approaching),
+            Step::Paused | Step::SpindleAsItWas => return Err(InterruptionError::SpindleTurns),
+            Step::OnlineAgain => return Err(InterruptionError::AlreadyOnline),
+            Step::Approaching => return Err(InterruptionError::Approaching),
         }
         let mut moved = 0;
         while moved < A {
@@ -238,47 +238,67 @@ impl<const A: usize> Interruption<A> {
     }
 
     /// The step that a pause leads to.
-    const fn halted(latch: &Latch<A>) -> Step {
+    const fn halted(latch: &Breakpoint<A>) -> Step {
         if latch.spindle.is_some() { Step::Paused } else { Step::SpindleAsItWas }
     }
 
     /// The step that a word leads to, at a breakpoint.
-    const fn follow(latch: &Latch<A>, step: Step, word: Word<A>) -> Result<(Step, Effect<A>), Refused> {
+    const fn follow(
+        latch: &Breakpoint<A>,
+        step: Step,
+        word: InterruptionEvent<A>,
+    ) -> Result<(Step, InterruptionAction<A>), InterruptionError> {
         match (step, word) {
-            (Step::OnlineAgain | Step::Approaching, Word::Pause(_)) => Ok((Self::halted(latch), Effect::Halt)),
-            (_, Word::Pause(_)) => Err(Refused::AlreadyPaused),
-            (Step::Approaching, Word::Arrived(counts)) => match first_apart(&latch.counts, &counts) {
-                None => Ok((step, Effect::GoOn)),
-                Some(axis) => Err(Refused::NotThere { axis }),
+            (Step::OnlineAgain | Step::Approaching, InterruptionEvent::Pause(_)) => {
+                Ok((Self::halted(latch), InterruptionAction::Halt))
+            }
+            (_, InterruptionEvent::Pause(_)) => Err(InterruptionError::AlreadyPaused),
+            (Step::Approaching, InterruptionEvent::Arrived(counts)) => match first_apart(&latch.counts, &counts) {
+                None => Ok((step, InterruptionAction::GoOn)),
+                Some(axis) => Err(InterruptionError::NotThere { axis }),
             },
-            (_, Word::Arrived(_)) => Err(Refused::NotApproaching),
-            (Step::Approaching, _) => Err(Refused::Approaching),
-            (_, Word::StopSpindle | Word::StartSpindle(_)) => Self::spindle(latch, step, word),
-            (Step::OnlineAgain, Word::Jog | Word::Online) => Err(Refused::AlreadyOnline),
-            (_, Word::Jog) => Ok((step, Effect::Jog)),
-            (Step::Paused, _) => Err(Refused::SpindleTurns),
-            (Step::SpindleStopped, _) => Err(Refused::SpindleStands),
-            (Step::SpindleAsItWas, Word::Online) => Ok((Step::OnlineAgain, Effect::Online)),
-            (Step::SpindleAsItWas, Word::CycleStart { .. }) => Err(Refused::NotOnline),
-            (Step::OnlineAgain, Word::CycleStart { program }) if program != latch.program => Err(Refused::OtherProgram),
-            (Step::OnlineAgain, Word::CycleStart { .. }) => Ok((Step::Approaching, Effect::Approach(latch.counts))),
+            (_, InterruptionEvent::Arrived(_)) => Err(InterruptionError::NotApproaching),
+            (Step::Approaching, _) => Err(InterruptionError::Approaching),
+            (_, InterruptionEvent::StopSpindle | InterruptionEvent::StartSpindle(_)) => {
+                Self::spindle(latch, step, word)
+            }
+            (Step::OnlineAgain, InterruptionEvent::Jog | InterruptionEvent::Online) => {
+                Err(InterruptionError::AlreadyOnline)
+            }
+            (_, InterruptionEvent::Jog) => Ok((step, InterruptionAction::Jog)),
+            (Step::Paused, _) => Err(InterruptionError::SpindleTurns),
+            (Step::SpindleStopped, _) => Err(InterruptionError::SpindleStands),
+            (Step::SpindleAsItWas, InterruptionEvent::Online) => Ok((Step::OnlineAgain, InterruptionAction::Online)),
+            (Step::SpindleAsItWas, InterruptionEvent::CycleStart { .. }) => Err(InterruptionError::NotOnline),
+            (Step::OnlineAgain, InterruptionEvent::CycleStart { program }) if program != latch.program => {
+                Err(InterruptionError::OtherProgram)
+            }
+            (Step::OnlineAgain, InterruptionEvent::CycleStart { .. }) => {
+                Ok((Step::Approaching, InterruptionAction::Approach(latch.counts)))
+            }
         }
     }
 
     /// The step that a word for the spindle leads to, while the axes are not on their way.
-    const fn spindle(latch: &Latch<A>, step: Step, word: Word<A>) -> Result<(Step, Effect<A>), Refused> {
+    const fn spindle(
+        latch: &Breakpoint<A>,
+        step: Step,
+        word: InterruptionEvent<A>,
+    ) -> Result<(Step, InterruptionAction<A>), InterruptionError> {
         match (latch.spindle, step, word) {
-            (None, _, Word::StartSpindle(_)) => Err(Refused::SpindleStood),
-            (None, ..) | (_, Step::SpindleStopped, Word::StopSpindle) => Err(Refused::SpindleStands),
-            (_, _, Word::StopSpindle) => Ok((Step::SpindleStopped, Effect::StopSpindle)),
-            (Some(turning), Step::SpindleStopped, Word::StartSpindle(direction)) => {
+            (None, _, InterruptionEvent::StartSpindle(_)) => Err(InterruptionError::SpindleStood),
+            (None, ..) | (_, Step::SpindleStopped, InterruptionEvent::StopSpindle) => {
+                Err(InterruptionError::SpindleStands)
+            }
+            (_, _, InterruptionEvent::StopSpindle) => Ok((Step::SpindleStopped, InterruptionAction::StopSpindle)),
+            (Some(turning), Step::SpindleStopped, InterruptionEvent::StartSpindle(direction)) => {
                 if direction as u8 == turning.direction as u8 {
-                    Ok((Step::SpindleAsItWas, Effect::StartSpindle(turning)))
+                    Ok((Step::SpindleAsItWas, InterruptionAction::StartSpindle(turning)))
                 } else {
-                    Err(Refused::SpindleDirection)
+                    Err(InterruptionError::SpindleDirection)
                 }
             }
-            _ => Err(Refused::SpindleTurns),
+            _ => Err(InterruptionError::SpindleTurns),
         }
     }
 }
@@ -300,13 +320,13 @@ mod tests {
     use super::*;
     use std::collections::{BTreeSet, HashSet, VecDeque};
 
-    const TURNING: Turning = Turning { direction: Direction::Clockwise, speed: 12_000_000 };
-    const LATCH: Latch<2> = Latch { program: 7, counts: [5, -3], spindle: Some(TURNING) };
+    const TURNING: SpindleState = SpindleState { direction: SpindleDirection::Clockwise, speed: 12_000_000 };
+    const LATCH: Breakpoint<2> = Breakpoint { program: 7, counts: [5, -3], spindle: Some(TURNING) };
 
-    fn after(words: &[Word<2>]) -> Interruption<2> {
+    fn after(words: &[InterruptionEvent<2>]) -> Interruption<2> {
         let mut interruption = Interruption::reading();
         for word in words {
-            interruption.say(*word).expect("a word in its order");
+            interruption.apply(*word).expect("a word in its order");
         }
         interruption
     }
@@ -314,17 +334,25 @@ mod tests {
     #[test]
     fn the_order_of_the_requirements_leads_back_to_reading() {
         let mut interruption = Interruption::reading();
-        let steps: [(Word<2>, Effect<2>, [bool; 4]); 7] = [
-            (Word::Pause(LATCH), Effect::Halt, [true, true, false, true]),
-            (Word::Jog, Effect::Jog, [true, true, false, true]),
-            (Word::StopSpindle, Effect::StopSpindle, [true, true, false, true]),
-            (Word::StartSpindle(Direction::Clockwise), Effect::StartSpindle(TURNING), [true, true, false, true]),
-            (Word::Online, Effect::Online, [true, false, false, false]),
-            (Word::CycleStart { program: 7 }, Effect::Approach([5, -3]), [true, false, true, false]),
-            (Word::Arrived([5, -3]), Effect::GoOn, [false, false, false, false]),
+        let steps: [(InterruptionEvent<2>, InterruptionAction<2>, [bool; 4]); 7] = [
+            (InterruptionEvent::Pause(LATCH), InterruptionAction::Halt, [true, true, false, true]),
+            (InterruptionEvent::Jog, InterruptionAction::Jog, [true, true, false, true]),
+            (InterruptionEvent::StopSpindle, InterruptionAction::StopSpindle, [true, true, false, true]),
+            (
+                InterruptionEvent::StartSpindle(SpindleDirection::Clockwise),
+                InterruptionAction::StartSpindle(TURNING),
+                [true, true, false, true],
+            ),
+            (InterruptionEvent::Online, InterruptionAction::Online, [true, false, false, false]),
+            (
+                InterruptionEvent::CycleStart { program: 7 },
+                InterruptionAction::Approach([5, -3]),
+                [true, false, true, false],
+            ),
+            (InterruptionEvent::Arrived([5, -3]), InterruptionAction::GoOn, [false, false, false, false]),
         ];
         for (word, effect, flags) in steps {
-            assert_eq!(interruption.say(word), Ok(effect));
+            assert_eq!(interruption.apply(word), Ok(effect));
             let i = &interruption;
             assert_eq!([i.paused(), i.mode_changed(), i.inhibited(), i.may_jog()], flags, "{word:?}");
             assert_eq!((i.may_read(), i.latch()), (!flags[0], flags[0].then_some(&LATCH)));
@@ -334,68 +362,88 @@ mod tests {
 
     #[test]
     fn the_breakpoint_is_moved_while_the_spindle_stands_and_never_else() {
-        let start = Word::StartSpindle(Direction::Clockwise);
-        let refused = |words: &[Word<2>]| {
+        let start = InterruptionEvent::StartSpindle(SpindleDirection::Clockwise);
+        let refused = |words: &[InterruptionEvent<2>]| {
             let mut interruption = after(words);
             let refused = interruption.displace([1, 2]).expect_err("not now");
             assert_eq!(interruption, after(words), "a refusal changes nothing");
             refused
         };
-        assert_eq!(refused(&[]), Refused::NotPaused);
-        assert_eq!(refused(&[Word::Pause(LATCH)]), Refused::SpindleTurns);
-        assert_eq!(refused(&[Word::Pause(LATCH), Word::StopSpindle, start]), Refused::SpindleTurns);
-        let online = [Word::Pause(LATCH), Word::StopSpindle, start, Word::Online, Word::CycleStart { program: 7 }];
-        assert_eq!(refused(&online[..4]), Refused::AlreadyOnline);
-        assert_eq!(refused(&online), Refused::Approaching);
+        assert_eq!(refused(&[]), InterruptionError::NotPaused);
+        assert_eq!(refused(&[InterruptionEvent::Pause(LATCH)]), InterruptionError::SpindleTurns);
+        assert_eq!(
+            refused(&[InterruptionEvent::Pause(LATCH), InterruptionEvent::StopSpindle, start]),
+            InterruptionError::SpindleTurns
+        );
+        let online = [
+            InterruptionEvent::Pause(LATCH),
+            InterruptionEvent::StopSpindle,
+            start,
+            InterruptionEvent::Online,
+            InterruptionEvent::CycleStart { program: 7 },
+        ];
+        assert_eq!(refused(&online[..4]), InterruptionError::AlreadyOnline);
+        assert_eq!(refused(&online), InterruptionError::Approaching);
         let mut interruption = after(&online[..2]);
         assert_eq!(interruption.displace([10, i64::MIN]), Ok(()));
-        assert_eq!(interruption.latch(), Some(&Latch { counts: [15, i64::MIN], ..LATCH }));
+        assert_eq!(interruption.latch(), Some(&Breakpoint { counts: [15, i64::MIN], ..LATCH }));
         for word in &online[2..] {
-            interruption.say(*word).expect("the order goes on");
+            interruption.apply(*word).expect("the order goes on");
         }
-        assert_eq!(interruption.say(Word::Arrived([5, -3])), Err(Refused::NotThere { axis: 0 }));
-        assert_eq!(interruption.say(Word::Arrived([15, i64::MIN])), Ok(Effect::GoOn));
-        let mut stood = after(&[Word::Pause(Latch { spindle: None, ..LATCH })]);
+        assert_eq!(
+            interruption.apply(InterruptionEvent::Arrived([5, -3])),
+            Err(InterruptionError::NotThere { axis: 0 })
+        );
+        assert_eq!(interruption.apply(InterruptionEvent::Arrived([15, i64::MIN])), Ok(InterruptionAction::GoOn));
+        let mut stood = after(&[InterruptionEvent::Pause(Breakpoint { spindle: None, ..LATCH })]);
         assert_eq!(stood.displace([0, 1]), Ok(()));
     }
 
     #[test]
     fn a_wrong_order_is_refused_with_the_first_thing_that_is_missing() {
-        let start = Word::StartSpindle(Direction::Clockwise);
-        let cycle = Word::CycleStart { program: 7 };
-        let order = [Word::Pause(LATCH), Word::StopSpindle, start, Word::Online, cycle];
-        let refused = |steps: usize, word| after(&order[..steps]).say(word).err();
-        assert_eq!(refused(0, Word::Online), Some(Refused::NotPaused));
-        assert_eq!(refused(1, Word::Pause(LATCH)), Some(Refused::AlreadyPaused));
-        assert_eq!(refused(1, Word::Online), Some(Refused::SpindleTurns));
-        assert_eq!(refused(1, start), Some(Refused::SpindleTurns));
-        assert_eq!(refused(2, cycle), Some(Refused::SpindleStands));
-        assert_eq!(refused(2, Word::StopSpindle), Some(Refused::SpindleStands));
-        assert_eq!(refused(2, Word::StartSpindle(Direction::Counterclockwise)), Some(Refused::SpindleDirection));
-        assert_eq!(refused(3, cycle), Some(Refused::NotOnline));
-        assert_eq!(refused(4, Word::Jog), Some(Refused::AlreadyOnline));
-        assert_eq!(refused(4, Word::CycleStart { program: 8 }), Some(Refused::OtherProgram));
-        assert_eq!(refused(4, Word::Arrived(LATCH.counts)), Some(Refused::NotApproaching));
-        assert_eq!(refused(5, Word::StopSpindle), Some(Refused::Approaching));
-        assert_eq!(refused(5, Word::Arrived([5, -4])), Some(Refused::NotThere { axis: 1 }));
+        let start = InterruptionEvent::StartSpindle(SpindleDirection::Clockwise);
+        let cycle = InterruptionEvent::CycleStart { program: 7 };
+        let order =
+            [InterruptionEvent::Pause(LATCH), InterruptionEvent::StopSpindle, start, InterruptionEvent::Online, cycle];
+        let refused = |steps: usize, word| after(&order[..steps]).apply(word).err();
+        assert_eq!(refused(0, InterruptionEvent::Online), Some(InterruptionError::NotPaused));
+        assert_eq!(refused(1, InterruptionEvent::Pause(LATCH)), Some(InterruptionError::AlreadyPaused));
+        assert_eq!(refused(1, InterruptionEvent::Online), Some(InterruptionError::SpindleTurns));
+        assert_eq!(refused(1, start), Some(InterruptionError::SpindleTurns));
+        assert_eq!(refused(2, cycle), Some(InterruptionError::SpindleStands));
+        assert_eq!(refused(2, InterruptionEvent::StopSpindle), Some(InterruptionError::SpindleStands));
+        assert_eq!(
+            refused(2, InterruptionEvent::StartSpindle(SpindleDirection::Counterclockwise)),
+            Some(InterruptionError::SpindleDirection)
+        );
+        assert_eq!(refused(3, cycle), Some(InterruptionError::NotOnline));
+        assert_eq!(refused(4, InterruptionEvent::Jog), Some(InterruptionError::AlreadyOnline));
+        assert_eq!(refused(4, InterruptionEvent::CycleStart { program: 8 }), Some(InterruptionError::OtherProgram));
+        assert_eq!(refused(4, InterruptionEvent::Arrived(LATCH.counts)), Some(InterruptionError::NotApproaching));
+        assert_eq!(refused(5, InterruptionEvent::StopSpindle), Some(InterruptionError::Approaching));
+        assert_eq!(refused(5, InterruptionEvent::Arrived([5, -4])), Some(InterruptionError::NotThere { axis: 1 }));
     }
 
     #[test]
     fn a_spindle_that_stood_is_neither_started_nor_stopped() {
-        let mut interruption = after(&[Word::Pause(Latch { spindle: None, ..LATCH })]);
-        assert_eq!(interruption.say(Word::StartSpindle(Direction::Clockwise)), Err(Refused::SpindleStood));
-        assert_eq!(interruption.say(Word::StopSpindle), Err(Refused::SpindleStands));
-        assert_eq!(interruption.say(Word::Online), Ok(Effect::Online));
+        let mut interruption = after(&[InterruptionEvent::Pause(Breakpoint { spindle: None, ..LATCH })]);
+        assert_eq!(
+            interruption.apply(InterruptionEvent::StartSpindle(SpindleDirection::Clockwise)),
+            Err(InterruptionError::SpindleStood)
+        );
+        assert_eq!(interruption.apply(InterruptionEvent::StopSpindle), Err(InterruptionError::SpindleStands));
+        assert_eq!(interruption.apply(InterruptionEvent::Online), Ok(InterruptionAction::Online));
     }
 
     #[test]
     fn a_pause_on_the_way_back_keeps_the_breakpoint() {
-        let start = Word::StartSpindle(Direction::Clockwise);
-        let (online, cycle) = (Word::Online, Word::CycleStart { program: 7 });
-        let mut interruption = after(&[Word::Pause(LATCH), Word::StopSpindle, start, online, cycle]);
-        let elsewhere = Latch { program: 9, counts: [0, 0], spindle: None };
-        assert_eq!(interruption.say(Word::Pause(elsewhere)), Ok(Effect::Halt));
-        assert_eq!(interruption, after(&[Word::Pause(LATCH)]));
+        let start = InterruptionEvent::StartSpindle(SpindleDirection::Clockwise);
+        let (online, cycle) = (InterruptionEvent::Online, InterruptionEvent::CycleStart { program: 7 });
+        let mut interruption =
+            after(&[InterruptionEvent::Pause(LATCH), InterruptionEvent::StopSpindle, start, online, cycle]);
+        let elsewhere = Breakpoint { program: 9, counts: [0, 0], spindle: None };
+        assert_eq!(interruption.apply(InterruptionEvent::Pause(elsewhere)), Ok(InterruptionAction::Halt));
+        assert_eq!(interruption, after(&[InterruptionEvent::Pause(LATCH)]));
     }
 
     /// What has been said in the order since the last pause.
@@ -405,15 +453,15 @@ mod tests {
     impl Said {
         /// With a word that was taken. The order stands here once more, as numbers: a word is the next one, undoes a step, or is no
         /// part of the order.
-        fn with(self, word: Word<2>, stood: bool) -> Self {
+        fn with(self, word: InterruptionEvent<2>, stood: bool) -> Self {
             let number = match word {
-                Word::Pause(_) => return Self(if stood { 2 } else { 0 }),
-                Word::Jog => return self,
-                Word::StopSpindle => return Self(1),
-                Word::StartSpindle(_) => 2,
-                Word::Online => 3,
-                Word::CycleStart { .. } => 4,
-                Word::Arrived(_) => 5,
+                InterruptionEvent::Pause(_) => return Self(if stood { 2 } else { 0 }),
+                InterruptionEvent::Jog => return self,
+                InterruptionEvent::StopSpindle => return Self(1),
+                InterruptionEvent::StartSpindle(_) => 2,
+                InterruptionEvent::Online => 3,
+                InterruptionEvent::CycleStart { .. } => 4,
+                InterruptionEvent::Arrived(_) => 5,
             };
             assert_eq!(self.0 + 1, number, "{word:?} out of order");
             Self(number)
@@ -421,41 +469,50 @@ mod tests {
     }
 
     /// Every word over two values of everything.
-    fn words() -> Vec<Word<2>> {
-        let directions = [Direction::Clockwise, Direction::Counterclockwise];
+    fn words() -> Vec<InterruptionEvent<2>> {
+        let directions = [SpindleDirection::Clockwise, SpindleDirection::Counterclockwise];
         let spindles = directions.iter().flat_map(|direction| {
-            [Some(Turning { direction: *direction, speed: 1 }), Some(Turning { direction: *direction, speed: 2 })]
+            [
+                Some(SpindleState { direction: *direction, speed: 1 }),
+                Some(SpindleState { direction: *direction, speed: 2 }),
+            ]
         });
         let spindles: Vec<_> = spindles.chain([None]).collect();
         let counts = [[0, 0], [0, 1], [1, 0], [1 << 32, 0]];
-        let mut words = vec![Word::StopSpindle, Word::Jog, Word::Online];
-        words.extend(directions.map(Word::StartSpindle));
-        words.extend(counts.map(Word::Arrived));
+        let mut words = vec![InterruptionEvent::StopSpindle, InterruptionEvent::Jog, InterruptionEvent::Online];
+        words.extend(directions.map(InterruptionEvent::StartSpindle));
+        words.extend(counts.map(InterruptionEvent::Arrived));
         for program in [1, u64::MAX] {
-            words.push(Word::CycleStart { program });
+            words.push(InterruptionEvent::CycleStart { program });
             for counts in counts {
-                words.extend(spindles.iter().map(|spindle| Word::Pause(Latch { program, counts, spindle: *spindle })));
+                words.extend(
+                    spindles
+                        .iter()
+                        .map(|spindle| InterruptionEvent::Pause(Breakpoint { program, counts, spindle: *spindle })),
+                );
             }
         }
         words
     }
 
-    fn check(before: &Interruption<2>, word: Word<2>) -> Option<Interruption<2>> {
+    fn check(before: &Interruption<2>, word: InterruptionEvent<2>) -> Option<Interruption<2>> {
         let mut interruption = *before;
-        let Ok(effect) = interruption.say(word) else {
+        let Ok(effect) = interruption.apply(word) else {
             assert_eq!(interruption, *before, "{word:?} was refused");
             return None;
         };
         let flags = [interruption.paused(), interruption.mode_changed(), interruption.inhibited()];
         assert_eq!(interruption.may_read(), flags == [false; 3]);
         assert!(!interruption.may_jog() || interruption.mode_changed());
-        assert!(word != Word::Jog || before.may_jog());
+        assert!(word != InterruptionEvent::Jog || before.may_jog());
         match (word, before.latch()) {
-            (Word::Pause(latch), None) => assert_eq!(interruption.latch(), Some(&latch)),
-            (Word::Arrived(counts), Some(latch)) => assert!(effect == Effect::GoOn && counts == latch.counts),
+            (InterruptionEvent::Pause(latch), None) => assert_eq!(interruption.latch(), Some(&latch)),
+            (InterruptionEvent::Arrived(counts), Some(latch)) => {
+                assert!(effect == InterruptionAction::GoOn && counts == latch.counts)
+            }
             (_, latch) => assert_eq!(interruption.latch(), latch),
         }
-        assert_eq!(interruption.may_read(), effect == Effect::GoOn);
+        assert_eq!(interruption.may_read(), effect == InterruptionAction::GoOn);
         Some(interruption)
     }
 

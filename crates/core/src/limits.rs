@@ -5,7 +5,7 @@
 
 /// What one axis can do. All three in units of 2⁻³², rounded down, [`AxisLimits::LEAST`] to [`AxisLimits::MOST`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct AxisLimits {
+pub struct PulseLimits {
     /// Highest velocity, in pulses a control period.
     pub velocity: u64,
     /// Highest acceleration, in pulses a period².
@@ -14,7 +14,7 @@ pub struct AxisLimits {
     pub jerk: u64,
 }
 
-impl AxisLimits {
+impl PulseLimits {
     /// Lowest figure that is taken: 2⁻²⁴ pulses. Below it the units' own rounding would show.
     pub const LEAST: u64 = 1 << 8;
     /// Highest figure that is taken: 65 536 pulses. Whoever has more says this much; the law is as slow as is true for that.
@@ -26,7 +26,7 @@ impl AxisLimits {
 pub struct RateLimits<const A: usize> {
     average: u16,
     share: u16,
-    axes: [AxisLimits; A],
+    axes: [PulseLimits; A],
 }
 
 impl<const A: usize> RateLimits<A> {
@@ -37,9 +37,9 @@ impl<const A: usize> RateLimits<A> {
     /// 2⁻¹⁶; the axes. `None` where n is even (a steady rate then has a lead of half a unit), zero or above
     /// [`RateLimits::LONGEST`], α is zero, a figure is out of range, or an axis' acceleration is above n times its jerk.
     #[must_use]
-    pub fn new(average: u16, share: u16, axes: [AxisLimits; A]) -> Option<Self> {
-        let within = |figure| (AxisLimits::LEAST..=AxisLimits::MOST).contains(&figure);
-        let fits = |axis: &AxisLimits| {
+    pub fn new(average: u16, share: u16, axes: [PulseLimits; A]) -> Option<Self> {
+        let within = |figure| (PulseLimits::LEAST..=PulseLimits::MOST).contains(&figure);
+        let fits = |axis: &PulseLimits| {
             let each = within(axis.velocity) && within(axis.acceleration) && within(axis.jerk);
             each && axis.acceleration <= axis.jerk * u64::from(average)
         };
@@ -50,7 +50,8 @@ impl<const A: usize> RateLimits<A> {
     /// Those of a machine that nobody has told of yet: any slope will do, and nothing may be played by them.
     #[must_use]
     pub const fn unknown() -> Self {
-        let axis = AxisLimits { velocity: AxisLimits::LEAST, acceleration: AxisLimits::MOST, jerk: AxisLimits::MOST };
+        let axis =
+            PulseLimits { velocity: PulseLimits::LEAST, acceleration: PulseLimits::MOST, jerk: PulseLimits::MOST };
         Self { average: 1, share: 1, axes: [axis; A] }
     }
 
@@ -68,7 +69,7 @@ impl<const A: usize> RateLimits<A> {
 
     /// The axes, in the order of a record's increments.
     #[must_use]
-    pub const fn axes(&self) -> &[AxisLimits; A] {
+    pub const fn axes(&self) -> &[PulseLimits; A] {
         &self.axes
     }
 }
@@ -77,7 +78,7 @@ impl<const A: usize> RateLimits<A> {
 mod tests {
     use super::*;
 
-    const AXIS: AxisLimits = AxisLimits { velocity: 100 << 32, acceleration: 1 << 32, jerk: (1 << 32) / 50 };
+    const AXIS: PulseLimits = PulseLimits { velocity: 100 << 32, acceleration: 1 << 32, jerk: (1 << 32) / 50 };
 
     #[test]
     fn limits_that_the_law_cannot_keep_are_refused() {
@@ -88,7 +89,7 @@ mod tests {
             assert_eq!(of(average, 58_982, AXIS), None);
         }
         assert_eq!(of(51, 0, AXIS), None);
-        assert_eq!(of(51, 58_982, AxisLimits { velocity: 255, ..AXIS }), None);
-        assert_eq!(of(51, 58_982, AxisLimits { acceleration: (1 << 48) + 1, jerk: 1 << 48, ..AXIS }), None);
+        assert_eq!(of(51, 58_982, PulseLimits { velocity: 255, ..AXIS }), None);
+        assert_eq!(of(51, 58_982, PulseLimits { acceleration: (1 << 48) + 1, jerk: 1 << 48, ..AXIS }), None);
     }
 }

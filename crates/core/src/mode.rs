@@ -21,14 +21,14 @@ pub enum Mode {
     /// The handwheel gives speed and direction.
     Wheel,
     /// On the way to `reached` by itself (REV-9).
-    Return,
+    Rejoin,
     /// At the furthest place, with outputs that differ from what the program expects there.
-    Settle,
+    AwaitOutputs,
 }
 
 /// A word of the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Order {
+pub enum ModeCommand {
     /// Feed hold: bring the rate to zero, keep the position.
     Hold,
     /// Cycle start after a hold. In normal run the outputs are compared first, and [`Order::Agree`] is waited for where they differ.
@@ -61,7 +61,7 @@ pub enum Order {
 
 /// Why an order was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refused {
+pub enum ModeError {
     /// Nothing to leave: the machine is in normal run.
     NotRetracing,
     /// Nothing to agree to.
@@ -74,7 +74,7 @@ pub enum Refused {
 
 /// What the card reports, as far as the mode depends on it.
 #[derive(Clone, Copy, Debug)]
-pub struct Facts {
+pub struct MotionFacts {
     /// Where the cursor stands.
     pub place: Place,
     /// Is the cursor at rest?
@@ -91,7 +91,7 @@ pub struct Facts {
 
 /// Something that the operator should be told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Notice {
+pub enum OperatorNotice {
     /// Reverse run stands at the oldest record (REV-8).
     Oldest,
     /// The machine stands at the furthest place and the outputs differ: it waits for [`Order::Agree`].
@@ -102,7 +102,7 @@ pub enum Notice {
 
 /// What the next control period is to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Demand {
+pub struct ModeOutput {
     /// The rates to run at, along feed motion and along rapid motion.
     pub target: RateTarget,
     /// May records beyond `reached` be on the road?
@@ -110,7 +110,7 @@ pub struct Demand {
     /// The outputs are to be brought to what the program expects, now.
     pub restore_outputs: bool,
     /// News for the operator.
-    pub notice: Option<Notice>,
+    pub notice: Option<OperatorNotice>,
 }
 
 /// Is normal run to go on after a stop, and what of outputs that differ then?
@@ -126,7 +126,7 @@ enum Resuming {
 
 /// The state of operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Operation {
+pub struct ModeController {
     mode: Mode,
     held: bool,
     /// Has the cursor come to rest since the mode was entered from normal run?
@@ -141,7 +141,7 @@ pub struct Operation {
     resuming: Resuming,
 }
 
-impl Default for Operation {
+impl Default for ModeController {
     fn default() -> Self {
         Self {
             mode: Mode::Run,
@@ -157,11 +157,11 @@ impl Default for Operation {
     }
 }
 
-impl Operation {
+impl ModeController {
     /// On the way to `reached`, as after leaving reverse run with a question: an interrupted job is taken up so.
     #[must_use]
     pub fn returning() -> Self {
-        Self { mode: Mode::Return, ..Self::default() }
+        Self { mode: Mode::Rejoin, ..Self::default() }
     }
 
     /// The mode.
@@ -192,30 +192,30 @@ impl Operation {
     ///
     /// # Errors
     /// [`Refused`] says why it does not apply; nothing has changed then.
-    pub fn order(&mut self, order: Order) -> Result<(), Refused> {
+    pub fn order(&mut self, order: ModeCommand) -> Result<(), ModeError> {
         match order {
-            Order::Hold => (self.held, self.resuming) = (true, Resuming::No),
-            Order::Resume if self.held => self.restart(Resuming::Asking),
-            Order::Resume => return Err(Refused::NotHeld),
-            Order::Recover if self.mode == Mode::Settle => (self.held, self.agreed) = (false, true),
-            Order::Recover if self.held => self.restart(Resuming::Agreed),
-            Order::Recover => return Err(Refused::NothingAsked),
-            Order::Restart { agreed } => self.restart(if agreed { Resuming::Agreed } else { Resuming::Asking }),
-            Order::Override(rate) => self.override_rate = rate.clamp(0, ONE),
-            Order::RapidOverride(rate) => self.rapid_override = rate.clamp(0, ONE),
-            Order::Reverse(rate) | Order::Forward(rate) if rate <= 0 => return Err(Refused::NoRate),
-            Order::Reverse(rate) => self.enter(Mode::Reverse, rate),
-            Order::Forward(rate) => self.enter(Mode::Forward, rate),
-            Order::Wheel => self.enter(Mode::Wheel, ONE),
-            Order::Leave { ask } => match self.mode {
-                Mode::Run => return Err(Refused::NotRetracing),
+            ModeCommand::Hold => (self.held, self.resuming) = (true, Resuming::No),
+            ModeCommand::Resume if self.held => self.restart(Resuming::Asking),
+            ModeCommand::Resume => return Err(ModeError::NotHeld),
+            ModeCommand::Recover if self.mode == Mode::AwaitOutputs => (self.held, self.agreed) = (false, true),
+            ModeCommand::Recover if self.held => self.restart(Resuming::Agreed),
+            ModeCommand::Recover => return Err(ModeError::NothingAsked),
+            ModeCommand::Restart { agreed } => self.restart(if agreed { Resuming::Agreed } else { Resuming::Asking }),
+            ModeCommand::Override(rate) => self.override_rate = rate.clamp(0, ONE),
+            ModeCommand::RapidOverride(rate) => self.rapid_override = rate.clamp(0, ONE),
+            ModeCommand::Reverse(rate) | ModeCommand::Forward(rate) if rate <= 0 => return Err(ModeError::NoRate),
+            ModeCommand::Reverse(rate) => self.enter(Mode::Reverse, rate),
+            ModeCommand::Forward(rate) => self.enter(Mode::Forward, rate),
+            ModeCommand::Wheel => self.enter(Mode::Wheel, ONE),
+            ModeCommand::Leave { ask } => match self.mode {
+                Mode::Run => return Err(ModeError::NotRetracing),
                 _ => {
-                    self.enter(Mode::Return, ONE);
+                    self.enter(Mode::Rejoin, ONE);
                     self.agreed = !ask;
                 }
             },
-            Order::Agree if self.mode == Mode::Settle => self.agreed = true,
-            Order::Agree => return Err(Refused::NothingAsked),
+            ModeCommand::Agree if self.mode == Mode::AwaitOutputs => self.agreed = true,
+            ModeCommand::Agree => return Err(ModeError::NothingAsked),
         }
         Ok(())
     }
@@ -239,8 +239,9 @@ impl Operation {
     }
 
     /// What the next control period is to do.
-    pub fn demand(&mut self, facts: &Facts) -> Demand {
-        let mut demand = Demand { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
+    pub fn demand(&mut self, facts: &MotionFacts) -> ModeOutput {
+        let mut demand =
+            ModeOutput { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
         if self.mode != Mode::Run && !self.turned {
             // The road must not be cut short under a moving cursor: rest first.
             if !facts.at_rest {
@@ -256,47 +257,47 @@ impl Operation {
             Mode::Run if self.resuming != Resuming::No && facts.outputs_agree => self.resuming = Resuming::No,
             Mode::Run if self.resuming != Resuming::No && at_furthest => {
                 self.agreed = self.resuming == Resuming::Agreed;
-                (self.mode, self.resuming, self.told) = (Mode::Settle, Resuming::No, false);
+                (self.mode, self.resuming, self.told) = (Mode::AwaitOutputs, Resuming::No, false);
             }
-            Mode::Forward | Mode::Return if at_reached => {
-                self.mode = Mode::Settle;
+            Mode::Forward | Mode::Rejoin if at_reached => {
+                self.mode = Mode::AwaitOutputs;
                 self.told = false;
             }
             // whatever brought the cursor off it, normal run begins at `reached` only
-            Mode::Settle if !at_furthest => self.mode = Mode::Return,
+            Mode::AwaitOutputs if !at_furthest => self.mode = Mode::Rejoin,
             Mode::Reverse if facts.at_rest && facts.place == Place::start_of(facts.oldest) && !self.told => {
                 self.told = true;
-                demand.notice = Some(Notice::Oldest);
+                demand.notice = Some(OperatorNotice::Oldest);
             }
             _ => {}
         }
-        if self.mode == Mode::Settle && !self.held {
+        if self.mode == Mode::AwaitOutputs && !self.held {
             self.settle(facts, &mut demand);
         }
         demand.look_ahead = self.mode == Mode::Run;
         demand.target = match self.mode {
             _ if self.held || self.resuming != Resuming::No => RateTarget::ZERO,
-            Mode::Run | Mode::Return if self.override_rate == 0 => RateTarget::ZERO,
-            Mode::Run | Mode::Return => RateTarget { feed: self.override_rate, rapid: self.rapid_override },
+            Mode::Run | Mode::Rejoin if self.override_rate == 0 => RateTarget::ZERO,
+            Mode::Run | Mode::Rejoin => RateTarget { feed: self.override_rate, rapid: self.rapid_override },
             Mode::Reverse => RateTarget::both(-self.retrace_rate),
             Mode::Forward => RateTarget::both(self.retrace_rate),
             Mode::Wheel => RateTarget::both(facts.wheel),
-            Mode::Settle => RateTarget::ZERO,
+            Mode::AwaitOutputs => RateTarget::ZERO,
         };
         demand
     }
 
     /// At the furthest place: on with normal run if the outputs agree or may be restored, else wait.
-    fn settle(&mut self, facts: &Facts, demand: &mut Demand) {
+    fn settle(&mut self, facts: &MotionFacts, demand: &mut ModeOutput) {
         if facts.outputs_agree || self.agreed {
             demand.restore_outputs = !facts.outputs_agree;
-            demand.notice = Some(Notice::GoesOn);
+            demand.notice = Some(OperatorNotice::GoesOn);
             self.mode = Mode::Run;
             self.agreed = false;
             self.told = false;
         } else if !self.told {
             self.told = true;
-            demand.notice = Some(Notice::OutputsDiffer);
+            demand.notice = Some(OperatorNotice::OutputsDiffer);
         }
     }
 }
@@ -305,126 +306,131 @@ impl Operation {
 mod tests {
     use super::*;
 
-    fn facts(record: u32, reached: u32, at_rest: bool) -> Facts {
-        Facts { place: Place::start_of(record), at_rest, reached, oldest: 10, outputs_agree: true, wheel: 0 }
+    fn facts(record: u32, reached: u32, at_rest: bool) -> MotionFacts {
+        MotionFacts { place: Place::start_of(record), at_rest, reached, oldest: 10, outputs_agree: true, wheel: 0 }
     }
 
     #[test]
     fn reverse_run_rests_before_the_road_is_cut_and_tells_the_end_once() {
-        let mut operation = Operation::default();
-        operation.order(Order::Reverse(ONE)).expect("a rate");
+        let mut operation = ModeController::default();
+        operation.order(ModeCommand::Reverse(ONE)).expect("a rate");
         let braking = operation.demand(&facts(100, 100, false));
         assert_eq!((braking.target.feed, braking.look_ahead), (0, true));
         let turned = operation.demand(&facts(101, 101, true));
         assert_eq!((turned.target.feed, turned.look_ahead), (-ONE, false));
-        assert_eq!(operation.demand(&facts(10, 101, true)).notice, Some(Notice::Oldest));
+        assert_eq!(operation.demand(&facts(10, 101, true)).notice, Some(OperatorNotice::Oldest));
         assert_eq!(operation.demand(&facts(10, 101, true)).notice, None);
-        operation.order(Order::Forward(ONE / 2)).expect("a rate");
+        operation.order(ModeCommand::Forward(ONE / 2)).expect("a rate");
         // already turned: no need to rest again before the rate changes sign, the drive sees to that
         assert_eq!(operation.demand(&facts(50, 101, false)).target.feed, ONE / 2);
     }
 
     #[test]
     fn leaving_goes_forward_to_reached_and_on() {
-        let mut operation = Operation::default();
-        assert_eq!(operation.order(Order::Leave { ask: false }), Err(Refused::NotRetracing));
-        operation.order(Order::Reverse(ONE)).expect("a rate");
+        let mut operation = ModeController::default();
+        assert_eq!(operation.order(ModeCommand::Leave { ask: false }), Err(ModeError::NotRetracing));
+        operation.order(ModeCommand::Reverse(ONE)).expect("a rate");
         operation.demand(&facts(50, 100, true));
-        operation.order(Order::Leave { ask: false }).expect("retracing");
+        operation.order(ModeCommand::Leave { ask: false }).expect("retracing");
         let back = operation.demand(&facts(50, 100, false));
-        assert_eq!((back.target.feed, back.look_ahead, operation.mode()), (ONE, false, Mode::Return));
+        assert_eq!((back.target.feed, back.look_ahead, operation.mode()), (ONE, false, Mode::Rejoin));
         let on = operation.demand(&facts(100, 100, true));
-        assert_eq!((on.target.feed, on.look_ahead, on.notice), (ONE, true, Some(Notice::GoesOn)));
+        assert_eq!((on.target.feed, on.look_ahead, on.notice), (ONE, true, Some(OperatorNotice::GoesOn)));
     }
 
     #[test]
     fn forward_run_ends_at_reached_and_at_rest_and_nowhere_else() {
-        let mut operation = Operation::default();
-        operation.order(Order::Forward(8 * ONE)).expect("a rate");
+        let mut operation = ModeController::default();
+        operation.order(ModeCommand::Forward(8 * ONE)).expect("a rate");
         assert_eq!(operation.demand(&facts(50, 100, true)).target.feed, 8 * ONE);
         assert_eq!(operation.demand(&facts(100, 100, false)).target.feed, 8 * ONE);
         assert_eq!(operation.mode(), Mode::Forward);
-        assert_eq!(operation.demand(&facts(100, 100, true)).notice, Some(Notice::GoesOn));
+        assert_eq!(operation.demand(&facts(100, 100, true)).notice, Some(OperatorNotice::GoesOn));
         assert_eq!(operation.mode(), Mode::Run);
     }
 
     #[test]
     fn different_outputs_stop_at_reached_until_the_operator_agrees() {
-        let mut operation = Operation::default();
-        operation.order(Order::Wheel).expect("always");
+        let mut operation = ModeController::default();
+        operation.order(ModeCommand::Wheel).expect("always");
         operation.demand(&facts(50, 100, true));
-        operation.order(Order::Leave { ask: true }).expect("retracing");
-        let differ = Facts { outputs_agree: false, ..facts(100, 100, true) };
-        assert_eq!(operation.order(Order::Agree), Err(Refused::NothingAsked));
-        assert_eq!(operation.demand(&differ).notice, Some(Notice::OutputsDiffer));
+        operation.order(ModeCommand::Leave { ask: true }).expect("retracing");
+        let differ = MotionFacts { outputs_agree: false, ..facts(100, 100, true) };
+        assert_eq!(operation.order(ModeCommand::Agree), Err(ModeError::NothingAsked));
+        assert_eq!(operation.demand(&differ).notice, Some(OperatorNotice::OutputsDiffer));
         let waits = operation.demand(&differ);
         assert_eq!((waits.notice, waits.target.feed, waits.look_ahead), (None, 0, false));
-        operation.order(Order::Agree).expect("asked");
+        operation.order(ModeCommand::Agree).expect("asked");
         let on = operation.demand(&differ);
         assert_eq!((on.restore_outputs, on.target.feed, on.look_ahead), (true, ONE, true));
     }
 
     #[test]
     fn normal_run_goes_on_after_a_stop_only_with_outputs_that_agree() {
-        let mut operation = Operation::default();
-        operation.order(Order::Hold).expect("always");
+        let mut operation = ModeController::default();
+        operation.order(ModeCommand::Hold).expect("always");
         // inside of a record
         let inside = Place { record: 99, fraction: 5 };
-        let differ = Facts { place: inside, outputs_agree: false, ..facts(99, 100, true) };
-        operation.order(Order::Resume).expect("held");
-        let braking = operation.demand(&Facts { at_rest: false, ..differ });
+        let differ = MotionFacts { place: inside, outputs_agree: false, ..facts(99, 100, true) };
+        operation.order(ModeCommand::Resume).expect("held");
+        let braking = operation.demand(&MotionFacts { at_rest: false, ..differ });
         assert_eq!((braking.target.feed, braking.look_ahead, operation.mode()), (0, true, Mode::Run));
         let asks = operation.demand(&differ);
-        assert_eq!((asks.target.feed, asks.notice, operation.mode()), (0, Some(Notice::OutputsDiffer), Mode::Settle));
+        assert_eq!(
+            (asks.target.feed, asks.notice, operation.mode()),
+            (0, Some(OperatorNotice::OutputsDiffer), Mode::AwaitOutputs)
+        );
         assert_eq!(operation.demand(&differ).notice, None);
-        operation.order(Order::Recover).expect("asked");
+        operation.order(ModeCommand::Recover).expect("asked");
         let on = operation.demand(&differ);
         assert_eq!((on.restore_outputs, on.target.feed, operation.mode()), (true, ONE, Mode::Run));
         // agreed at once
-        operation.order(Order::Hold).expect("always");
-        operation.order(Order::Recover).expect("held");
+        operation.order(ModeCommand::Hold).expect("always");
+        operation.order(ModeCommand::Recover).expect("held");
         let on = operation.demand(&differ);
         assert_eq!((on.restore_outputs, on.target.feed, operation.mode()), (true, ONE, Mode::Run));
         // nothing to ask, nothing to say
-        for order in [Order::Restart { agreed: false }, Order::Restart { agreed: true }] {
+        for order in [ModeCommand::Restart { agreed: false }, ModeCommand::Restart { agreed: true }] {
             operation.order(order).expect("always");
-            let on = operation.demand(&Facts { outputs_agree: true, ..differ });
+            let on = operation.demand(&MotionFacts { outputs_agree: true, ..differ });
             assert_eq!((on.restore_outputs, on.target.feed, on.notice), (false, ONE, None));
         }
-        assert_eq!(operation.order(Order::Recover), Err(Refused::NothingAsked));
+        assert_eq!(operation.order(ModeCommand::Recover), Err(ModeError::NothingAsked));
     }
 
     #[test]
     fn rapid_motion_has_an_override_of_its_own_and_stands_at_a_feed_override_of_zero() {
-        let mut operation = Operation::default();
-        operation.order(Order::Override(ONE / 2)).expect("always");
-        operation.order(Order::RapidOverride(ONE / 4)).expect("always");
-        let target = |operation: &mut Operation| operation.demand(&facts(50, 50, true)).target;
+        let mut operation = ModeController::default();
+        operation.order(ModeCommand::Override(ONE / 2)).expect("always");
+        operation.order(ModeCommand::RapidOverride(ONE / 4)).expect("always");
+        let target = |operation: &mut ModeController| operation.demand(&facts(50, 50, true)).target;
         assert_eq!(target(&mut operation), RateTarget { feed: ONE / 2, rapid: ONE / 4 });
-        operation.order(Order::RapidOverride(9 * ONE)).expect("always");
+        operation.order(ModeCommand::RapidOverride(9 * ONE)).expect("always");
         assert_eq!(target(&mut operation), RateTarget { feed: ONE / 2, rapid: ONE });
-        operation.order(Order::RapidOverride(0)).expect("always");
+        operation.order(ModeCommand::RapidOverride(0)).expect("always");
         assert_eq!(target(&mut operation), RateTarget { feed: ONE / 2, rapid: 0 });
-        operation.order(Order::RapidOverride(ONE)).expect("always");
-        operation.order(Order::Override(0)).expect("always");
+        operation.order(ModeCommand::RapidOverride(ONE)).expect("always");
+        operation.order(ModeCommand::Override(0)).expect("always");
         assert_eq!(target(&mut operation), RateTarget::ZERO);
-        operation.order(Order::Reverse(ONE)).expect("a rate");
+        operation.order(ModeCommand::Reverse(ONE)).expect("a rate");
         assert_eq!(target(&mut operation), RateTarget::both(-ONE));
     }
 
     #[test]
     fn hold_keeps_every_mode_standing() {
-        let mut operation = Operation::default();
-        assert_eq!(operation.order(Order::Resume), Err(Refused::NotHeld));
-        for order in [Order::Override(ONE), Order::Wheel, Order::Reverse(ONE), Order::Forward(ONE)] {
+        let mut operation = ModeController::default();
+        assert_eq!(operation.order(ModeCommand::Resume), Err(ModeError::NotHeld));
+        for order in
+            [ModeCommand::Override(ONE), ModeCommand::Wheel, ModeCommand::Reverse(ONE), ModeCommand::Forward(ONE)]
+        {
             operation.order(order).expect("always");
-            operation.order(Order::Hold).expect("always");
-            let wheel = Facts { wheel: ONE, ..facts(50, 100, true) };
+            operation.order(ModeCommand::Hold).expect("always");
+            let wheel = MotionFacts { wheel: ONE, ..facts(50, 100, true) };
             assert_eq!((operation.demand(&wheel).target.feed, operation.held()), (0, true));
-            operation.order(Order::Resume).expect("held");
+            operation.order(ModeCommand::Resume).expect("held");
             assert!(!operation.held());
             assert_ne!(operation.demand(&wheel).target.feed, 0);
         }
-        assert_eq!(operation.order(Order::Reverse(0)), Err(Refused::NoRate));
+        assert_eq!(operation.order(ModeCommand::Reverse(0)), Err(ModeError::NoRate));
     }
 }

@@ -65,12 +65,12 @@ impl RateTarget {
 
 /// The lengths of the two moving averages, in control periods.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Smoothing {
+pub struct FilterLengths {
     first: u16,
     second: u16,
 }
 
-impl Smoothing {
+impl FilterLengths {
     /// The longest average there is, in periods: sums of rates up to 8 then fit 64 bits.
     pub const LONGEST: u16 = 4096;
 
@@ -110,14 +110,14 @@ impl Smoothing {
 
 /// A moving sum over the last `length` values.
 #[derive(Clone, Debug)]
-struct MovingSum<const M: usize> {
+struct MovingAverage<const M: usize> {
     values: [Travel; M],
     length: u16,
     at: u16,
     sum: Travel,
 }
 
-impl<const M: usize> MovingSum<M> {
+impl<const M: usize> MovingAverage<M> {
     const fn new(length: u16) -> Self {
         Self { values: [0; M], length, at: 0, sum: 0 }
     }
@@ -144,28 +144,28 @@ impl<const M: usize> MovingSum<M> {
 
 /// The law's state: the memory of both averages, for lengths up to `M`.
 #[derive(Clone, Debug)]
-pub struct RateLaw<const M: usize> {
-    smoothing: Smoothing,
-    targets: MovingSum<M>,
-    sums: MovingSum<M>,
+pub struct RateFilter<const M: usize> {
+    smoothing: FilterLengths,
+    targets: MovingAverage<M>,
+    sums: MovingAverage<M>,
     remainder: Travel,
     lead: Travel,
 }
 
-impl<const M: usize> RateLaw<M> {
+impl<const M: usize> RateFilter<M> {
     /// At rest. `None` where the smoothing is longer than the memory.
     #[must_use]
-    pub const fn new(smoothing: Smoothing) -> Option<Self> {
+    pub const fn new(smoothing: FilterLengths) -> Option<Self> {
         if smoothing.first as usize > M || smoothing.second as usize > M {
             return None;
         }
-        let (targets, sums) = (MovingSum::new(smoothing.first), MovingSum::new(smoothing.second));
+        let (targets, sums) = (MovingAverage::new(smoothing.first), MovingAverage::new(smoothing.second));
         Some(Self { smoothing, targets, sums, remainder: 0, lead: 0 })
     }
 
     /// The smoothing in force.
     #[must_use]
-    pub const fn smoothing(&self) -> Smoothing {
+    pub const fn smoothing(&self) -> FilterLengths {
         self.smoothing
     }
 
@@ -230,8 +230,8 @@ mod tests {
     use crate::ONE;
     use proptest::prelude::*;
 
-    fn law(first: u16, second: u16) -> RateLaw<32> {
-        RateLaw::new(Smoothing::new(first, second).expect("valid")).expect("fits")
+    fn law(first: u16, second: u16) -> RateFilter<32> {
+        RateFilter::new(FilterLengths::new(first, second).expect("valid")).expect("fits")
     }
 
     /// Lengths whose sum is even.
@@ -241,10 +241,10 @@ mod tests {
 
     #[test]
     fn lengths_that_are_not_exact_are_refused() {
-        assert_eq!(Smoothing::new(3, 4), None);
-        assert_eq!(Smoothing::new(0, 4), None);
-        assert_eq!(Smoothing::new(4098, 4), None);
-        assert!(RateLaw::<8>::new(Smoothing::new(10, 2).expect("valid")).is_none());
+        assert_eq!(FilterLengths::new(3, 4), None);
+        assert_eq!(FilterLengths::new(0, 4), None);
+        assert_eq!(FilterLengths::new(4098, 4), None);
+        assert!(RateFilter::<8>::new(FilterLengths::new(10, 2).expect("valid")).is_none());
     }
 
     #[test]

@@ -14,8 +14,8 @@
 
 use core::ops::Deref;
 
-use crate::positions::{Planned, Played};
-use crate::sync::{AtomicU32, Line, Ordering, UnsafeCell};
+use crate::ring_indices::{ConsumerIndices, ProducerIndices};
+use crate::sync::{AtomicU32, CachePadded, Ordering, UnsafeCell};
 
 /// One cell of a ring's storage.
 #[derive(Debug, Default)]
@@ -40,8 +40,8 @@ pub struct Ring<S> {
     keep: u32,
     look_ahead: u32,
     kept: u32,
-    floor: Line<AtomicU32>,
-    write: Line<AtomicU32>,
+    floor: CachePadded<AtomicU32>,
+    write: CachePadded<AtomicU32>,
 }
 
 /// Why a ring cannot be made.
@@ -57,7 +57,7 @@ pub enum RingError {
 
 /// The records that a ring holds: history `head … reached`, look-ahead `reached … write`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stretch {
+pub struct RecordSpan {
     /// Oldest record.
     pub head: u32,
     /// The furthest place ever executed.
@@ -70,12 +70,12 @@ impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
     /// A ring over `cells` (a power of two of them, at most 2³⁰) that keeps `keep` records behind `reached` and lets at most
     /// `look_ahead` records be planned beyond it. Its first record will have the place number `start`.
     pub fn new(cells: S, keep: u32, look_ahead: u32, start: u32) -> Result<Self, RingError> {
-        Self::holding(cells, keep, look_ahead, Stretch { head: start, reached: start, write: start })
+        Self::holding(cells, keep, look_ahead, RecordSpan { head: start, reached: start, write: start })
     }
 
     /// A ring over cells that hold records already: record `place` in cell `place` modulo their number. The cursor stands at
     /// `reached`.
-    pub fn holding(cells: S, keep: u32, look_ahead: u32, stretch: Stretch) -> Result<Self, RingError> {
+    pub fn holding(cells: S, keep: u32, look_ahead: u32, stretch: RecordSpan) -> Result<Self, RingError> {
         let n = cells.len();
         if !n.is_power_of_two() || n > 1 << 30 {
             return Err(RingError::NotAPowerOfTwo);
@@ -83,13 +83,15 @@ impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
         if look_ahead == 0 || keep as u64 + look_ahead as u64 > n as u64 {
             return Err(RingError::TooSmall);
         }
-        let Stretch { head, reached, write } = stretch;
-        if Played::at(head, reached, reached, write, keep).is_none() || write.wrapping_sub(reached) > look_ahead {
+        let RecordSpan { head, reached, write } = stretch;
+        if ConsumerIndices::at(head, reached, reached, write, keep).is_none()
+            || write.wrapping_sub(reached) > look_ahead
+        {
             return Err(RingError::NoSuchStretch);
         }
-        let floor = Line(AtomicU32::new(reached.wrapping_sub(keep)));
+        let floor = CachePadded(AtomicU32::new(reached.wrapping_sub(keep)));
         let kept = reached.wrapping_sub(head);
-        Ok(Self { cells, keep, look_ahead, kept, floor, write: Line(AtomicU32::new(write)) })
+        Ok(Self { cells, keep, look_ahead, kept, floor, write: CachePadded(AtomicU32::new(write)) })
     }
 
     /// The two ends; one pair at a time. A second pair begins without history.
@@ -99,8 +101,8 @@ impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
         let reached = floor.wrapping_add(self.keep);
         let kept = core::mem::take(&mut self.kept);
         let shared = Shared { cells: &self.cells, floor: &self.floor.0, write: &self.write.0 };
-        let planned = Planned::at(write, floor, self.keep + self.look_ahead);
-        let played = Played::at(reached.wrapping_sub(kept), reached, reached, write, self.keep);
+        let planned = ProducerIndices::at(write, floor, self.keep + self.look_ahead);
+        let played = ConsumerIndices::at(reached.wrapping_sub(kept), reached, reached, write, self.keep);
         let Some(played) = played else { unreachable!("a ring's own positions are in order") };
         (Producer { shared, planned }, Consumer { shared, played })
     }
@@ -132,7 +134,7 @@ impl<R> Shared<'_, R> {
 #[derive(Debug)]
 pub struct Producer<'a, R> {
     shared: Shared<'a, R>,
-    planned: Planned,
+    planned: ProducerIndices,
 }
 
 impl<R: Copy> Producer<'_, R> {
@@ -154,23 +156,23 @@ impl<R: Copy> Producer<'_, R> {
     /// Would [`Producer::push`] take a record now?
     #[inline]
     pub fn has_room(&mut self) -> bool {
-        if self.planned.full() {
-            self.look();
+        if self.planned.is_full() {
+            self.refresh_floor();
         }
-        !self.planned.full()
+        !self.planned.is_full()
     }
 
     /// How many records there is room for now.
     #[inline]
-    pub fn room(&mut self) -> u32 {
-        self.look();
-        self.planned.left()
+    pub fn slots(&mut self) -> u32 {
+        self.refresh_floor();
+        self.planned.slots()
     }
 
     /// Looks up what the consumer has let go.
     #[inline]
-    fn look(&mut self) {
-        self.planned.see(self.shared.floor.load(Ordering::Acquire));
+    fn refresh_floor(&mut self) {
+        self.planned.observe_floor(self.shared.floor.load(Ordering::Acquire));
     }
 
     /// The place number that the next record will have.
@@ -184,7 +186,7 @@ impl<R: Copy> Producer<'_, R> {
 #[derive(Debug)]
 pub struct Consumer<'a, R> {
     shared: Shared<'a, R>,
-    played: Played,
+    played: ConsumerIndices,
 }
 
 impl<R: Copy> Consumer<'_, R> {
@@ -209,7 +211,7 @@ impl<R: Copy> Consumer<'_, R> {
     /// The end of what is planned, looked up anew.
     #[inline]
     pub fn write(&mut self) -> u32 {
-        self.played.see(self.shared.write.load(Ordering::Acquire));
+        self.played.observe_write(self.shared.write.load(Ordering::Acquire));
         self.played.write()
     }
 
@@ -230,12 +232,12 @@ impl<R: Copy> Consumer<'_, R> {
 
     /// Reads the record under the cursor and moves it forward (REV-5, REV-7); `None` at `write`.
     #[inline]
-    pub fn forward(&mut self) -> Option<R> {
+    pub fn advance(&mut self) -> Option<R> {
         if self.played.read() == self.played.write() {
             self.write();
         }
         let floor = self.played.floor();
-        let place = self.played.forward()?;
+        let place = self.played.advance_cursor()?;
         // wrapped up before the store, which nothing is moved across: so it is copied once
         let record = Some(self.content(place));
         self.publish(floor);
@@ -244,15 +246,15 @@ impl<R: Copy> Consumer<'_, R> {
 
     /// Moves the cursor back and reads the record it passes (REV-6); `None` at `head`.
     #[inline]
-    pub fn backward(&mut self) -> Option<R> {
-        self.played.backward().map(|place| self.content(place))
+    pub fn retreat(&mut self) -> Option<R> {
+        self.played.retreat().map(|place| self.content(place))
     }
 
     /// Puts the cursor on `place`, as the card reports it; false, and nothing changed, where that is not in `head … write`.
     #[inline]
-    pub fn follow(&mut self, place: u32) -> bool {
+    pub fn seek(&mut self, place: u32) -> bool {
         let floor = self.played.floor();
-        let followed = self.played.follow(place);
+        let followed = self.played.seek(place);
         self.publish(floor);
         followed
     }
@@ -283,7 +285,7 @@ mod tests {
         assert_eq!(Ring::new(cells(0), 0, 1, 0).err(), Some(RingError::NotAPowerOfTwo));
         assert_eq!(Ring::new(cells(4), 4, 1, 0).err(), Some(RingError::TooSmall));
         assert_eq!(Ring::new(cells(4), 1, 0, 0).err(), Some(RingError::TooSmall));
-        let holding = |head, reached, write| Ring::holding(cells(4), 2, 2, Stretch { head, reached, write }).err();
+        let holding = |head, reached, write| Ring::holding(cells(4), 2, 2, RecordSpan { head, reached, write }).err();
         assert_eq!(holding(u32::MAX, 1, 3), None);
         for (head, reached, write) in [(1, 0, 2), (0, 3, 4), (0, 2, 5), (0, 2, 1)] {
             assert_eq!(holding(head, reached, write), Some(RingError::NoSuchStretch));
@@ -293,22 +295,22 @@ mod tests {
     #[test]
     fn a_second_pair_of_ends_goes_on_without_history() {
         let held: Box<[Cell<u32>]> = (0..4).map(Cell::new).collect();
-        let mut ring = Ring::holding(held, 2, 2, Stretch { head: u32::MAX, reached: 1, write: 2 }).expect("valid");
+        let mut ring = Ring::holding(held, 2, 2, RecordSpan { head: u32::MAX, reached: 1, write: 2 }).expect("valid");
         let (mut producer, mut consumer) = ring.split();
         producer.push(7).expect("room");
-        assert_eq!((consumer.backward(), consumer.backward(), consumer.backward()), (Some(0), Some(3), None));
-        assert!(consumer.follow(2));
+        assert_eq!((consumer.retreat(), consumer.retreat(), consumer.retreat()), (Some(0), Some(3), None));
+        assert!(consumer.seek(2));
         let (_, mut consumer) = ring.split();
-        assert_eq!((consumer.backward(), consumer.forward(), consumer.forward()), (None, Some(7), None));
+        assert_eq!((consumer.retreat(), consumer.advance(), consumer.advance()), (None, Some(7), None));
     }
 
     #[test]
     fn the_empty_ring_stops_at_once_in_both_directions() {
         let mut ring = Ring::new(cells(4), 2, 2, 9).expect("valid");
         let (_, mut consumer) = ring.split();
-        assert_eq!(consumer.backward(), None);
-        assert_eq!(consumer.forward(), None);
-        assert!(!consumer.follow(10) && !consumer.follow(8) && consumer.follow(9));
+        assert_eq!(consumer.retreat(), None);
+        assert_eq!(consumer.advance(), None);
+        assert!(!consumer.seek(10) && !consumer.seek(8) && consumer.seek(9));
     }
 
     proptest! {
@@ -330,19 +332,19 @@ mod tests {
                     0 | 1 => {
                         let full = all.len() - reached == look_ahead as usize;
                         // the producer may lag behind in what it knows, but here it always looks before it refuses
-                        prop_assert_eq!(producer.room() as usize, look_ahead as usize - (all.len() - reached));
+                        prop_assert_eq!(producer.slots() as usize, look_ahead as usize - (all.len() - reached));
                         prop_assert_eq!(producer.push(all.len() as u32).is_err(), full);
                         if !full { all.push(all.len() as u32); }
                     }
                     2 => {
                         let want = all.get(read).copied();
-                        prop_assert_eq!(consumer.forward(), want);
+                        prop_assert_eq!(consumer.advance(), want);
                         if want.is_some() { read += 1; reached = reached.max(read); }
                     }
                     _ => {
                         let oldest = reached.saturating_sub(keep as usize);
                         let want = if read > oldest { read -= 1; Some(all[read]) } else { None };
-                        prop_assert_eq!(consumer.backward(), want);
+                        prop_assert_eq!(consumer.retreat(), want);
                     }
                 }
                 prop_assert_eq!(consumer.read(), start.wrapping_add(read as u32));
@@ -368,19 +370,19 @@ mod tests {
             let mut back = VecDeque::new();
             let mut next = 0u32;
             while next < 100_000 {
-                match consumer.forward() {
+                match consumer.advance() {
                     None => std::thread::yield_now(),
                     Some(v) => {
                         assert_eq!(v, next);
                         back.push_back(v);
                         next += 1;
                         if next.is_multiple_of(37) {
-                            while let Some(v) = consumer.backward() {
+                            while let Some(v) = consumer.retreat() {
                                 assert_eq!(Some(v), back.pop_back());
                             }
                             assert_eq!(consumer.reached().wrapping_sub(consumer.head()), next.min(40));
                             for v in next - next.min(40)..next {
-                                assert_eq!(consumer.forward(), Some(v));
+                                assert_eq!(consumer.advance(), Some(v));
                                 back.push_back(v);
                             }
                         }

@@ -28,4 +28,4 @@ impl<T> UnsafeCell<T> {
 /// A value in a cache line of its own, so that the other side's stores do not slow down ours.
 #[repr(align(128))]
 #[derive(Debug)]
-pub(crate) struct Line<T>(pub(crate) T);
+pub(crate) struct CachePadded<T>(pub(crate) T);

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{ONE, Record};
 use retrace_hal_serial::{Address, Pty, SerialPort};
 use retrace_hal_sim::{Rig, RigSettings};
@@ -49,7 +49,7 @@ fn main() {
     let (slower, pressed, ended) = (Arc::new(AtomicU64::new(1)), AtomicU64::new(0), AtomicBool::new(false));
     let pty = Pty::open().expect("a pseudo-terminal");
     let address = Address::parse(&pty.path().display().to_string()).expect("a path");
-    let axis = AxisLimits { velocity: 100 << 32, acceleration: 1 << 32, jerk: (1 << 32) / 50 };
+    let axis = PulseLimits { velocity: 100 << 32, acceleration: 1 << 32, jerk: (1 << 32) / 50 };
     let limits = RateLimits::new(51, 58_983, [axis; AXES]).expect("valid");
     let mut latencies = Vec::new();
     std::thread::scope(|scope| {

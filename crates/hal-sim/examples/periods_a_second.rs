@@ -4,7 +4,7 @@
 
 use std::time::Instant;
 
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{ONE, Record};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{MotionCard, Word};
@@ -12,7 +12,7 @@ use retrace_link::{MotionCard, Word};
 const PERIODS: u32 = 1_000_000;
 
 fn main() {
-    let axis = AxisLimits { velocity: 100 << 32, acceleration: 1 << 32, jerk: 1 << 28 };
+    let axis = PulseLimits { velocity: 100 << 32, acceleration: 1 << 32, jerk: 1 << 28 };
     let limits = RateLimits::new(51, 1 << 15, [axis; 4]).expect("valid");
     for rate in [ONE, ONE / 3 * 2] {
         for pulses in [5, 50] {

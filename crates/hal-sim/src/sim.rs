@@ -241,11 +241,11 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_core::limits::AxisLimits;
+    use retrace_core::limits::PulseLimits;
     use retrace_core::{Flags, ONE, Record};
 
     fn limits<const A: usize>() -> RateLimits<A> {
-        let axis = AxisLimits { velocity: 100 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+        let axis = PulseLimits { velocity: 100 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
         RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
     }
 

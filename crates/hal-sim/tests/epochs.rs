@@ -4,7 +4,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::place::before;
 use retrace_core::playback::part;
 use retrace_core::{Flags, ONE, Place, Record, Travel};
@@ -22,7 +22,7 @@ const RECORDS: u32 = 600;
 const EVERY: u32 = 100;
 
 fn limits<const A: usize>() -> RateLimits<A> {
-    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    let axis = PulseLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
     RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }
 

@@ -4,7 +4,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, Record};
 use retrace_hal_sim::{InProcess, NoFault, Rig, RigSettings};
 use retrace_link::{Change, MotionCard, Patience, Port, Settings, Start, Wired, Word};
@@ -68,7 +68,7 @@ fn find(rig: Rig<3>, nonce: u32) -> (Host, Arc<Mutex<Tape>>) {
 }
 
 fn open(host: &mut Host) {
-    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    let axis = PulseLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
     let limits = RateLimits::new(13, 1 << 15, [axis; 3]).expect("valid");
     host.open(Settings::new(0, Start::at(0), 1000, limits)).expect("it takes the settings");
 }

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Record, Travel};
 use retrace_hal_sim::{
     Chance, InProcess, LineSettings, MachineSettings, Process, Rates, Rig, RigSettings, Tally, wiring,
@@ -350,6 +350,6 @@ fn the_steps_in_which_time_passes_change_nothing() {
 
 /// Limits of a machine that stops within some tens of periods.
 fn limits<const A: usize>() -> RateLimits<A> {
-    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    let axis = PulseLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
     RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::io::{self, Write};
 use std::sync::{Arc, Mutex};
 
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Record};
 use retrace_hal_sim::{InProcess, Rig, RigSettings};
 use retrace_link::{
@@ -198,6 +198,6 @@ fn a_host_that_vanishes_leaves_the_torch_lit_for_the_watchdog_and_no_longer() {
 
 /// Limits of a machine that stops within some tens of periods.
 fn limits<const A: usize>() -> RateLimits<A> {
-    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    let axis = PulseLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
     RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }

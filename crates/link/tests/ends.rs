@@ -5,7 +5,7 @@ mod dice;
 
 use dice::Dice;
 use proptest::prelude::*;
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_link::{
     CardEnd, Change, CutterOff, CutterOffCause, Deck, Host, HostFault, Identity, Instruction, PROTOCOL, Refusal,
@@ -408,6 +408,6 @@ fn a_record_at_constant_speed_costs_little() {
 
 /// Limits of a machine that stops within some tens of periods.
 fn limits<const A: usize>() -> RateLimits<A> {
-    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    let axis = PulseLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
     RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }

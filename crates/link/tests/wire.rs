@@ -1,7 +1,7 @@
 //! Messages as bytes: what is written is read back, and any bytes are read as something or refused.
 
 use proptest::prelude::*;
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, Place, RapidCap, Record};
 use retrace_link::frame::MAX_PAYLOAD;
 use retrace_link::wire::{Entry, Greeting, Opening, Reader, Run, Writer, read_word, write_word};
@@ -216,7 +216,7 @@ fn handshakes_are_read_back() {
 /// The longest opening that a card of four axes can get fits a frame.
 #[test]
 fn the_longest_opening_of_four_axes_fits_a_frame() {
-    let axis = AxisLimits { velocity: 2000 << 32, acceleration: 2000 << 32, jerk: 2000 << 32 };
+    let axis = PulseLimits { velocity: 2000 << 32, acceleration: 2000 << 32, jerk: 2000 << 32 };
     let limits = RateLimits::new(255, 1 << 15, [axis; 4]).expect("valid");
     let mut settings = Settings::<4>::new(9, Start::at(77), 10_000, limits);
     settings.backlash_pulses = [u16::MAX; 4];
@@ -233,6 +233,6 @@ fn the_longest_opening_of_four_axes_fits_a_frame() {
 
 /// Limits of a machine that stops within some tens of periods.
 fn limits<const A: usize>() -> RateLimits<A> {
-    let axis = AxisLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
+    let axis = PulseLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
     RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }

@@ -9,4 +9,4 @@ pub(crate) use loom::thread;
 
 /// A value on its own; loom knows no cache lines.
 #[derive(Debug)]
-pub(crate) struct Line<T>(pub(crate) T);
+pub(crate) struct CachePadded<T>(pub(crate) T);

@@ -1,6 +1,6 @@
 //! The concurrent parts under shuttle: many random schedules of larger cases than loom can take.
 //!
-//! `ring.rs` and `positions.rs` are the files of `retrace-core`, compiled again over shuttle's atomics (`sync`); the models are
+//! `ring.rs` and `ring_indices.rs` are the files of `retrace-core`, compiled again over shuttle's atomics (`sync`); the models are
 //! those of `verification/concurrent`, which loom runs too. Shuttle runs every atomic operation in one order that all threads
 //! see alike: it finds wrong turns, not orderings that are too weak. Those are loom's.
 //!
@@ -10,11 +10,11 @@
 #[path = "../../concurrent/coordination.rs"]
 pub mod coordination;
 pub mod explore;
-#[path = "../../../crates/core/src/positions.rs"]
-pub mod positions;
 #[allow(unsafe_code)]
 #[path = "../../../crates/core/src/ring.rs"]
 pub mod ring;
+#[path = "../../../crates/core/src/ring_indices.rs"]
+pub mod ring_indices;
 mod sync;
 #[path = "../../concurrent/tape.rs"]
 pub mod tape;

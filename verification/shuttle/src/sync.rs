@@ -39,4 +39,4 @@ impl<T> UnsafeCell<T> {
 
 /// A value on its own; shuttle knows no cache lines.
 #[derive(Debug)]
-pub(crate) struct Line<T>(pub(crate) T);
+pub(crate) struct CachePadded<T>(pub(crate) T);

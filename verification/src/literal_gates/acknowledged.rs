@@ -75,7 +75,7 @@ impl Acknowledged {
     fn gates(&self, state: &State) -> Gates {
         let mut gates = Gates::default();
         if state.in_hand {
-            gates.take(u32::from(state.taken), self.marker(state));
+            gates.accept(u32::from(state.taken), self.marker(state));
             if state.card.instructions == state.taken {
                 gates.sent();
             }
@@ -99,7 +99,7 @@ impl Acknowledged {
         if usize::from(state.taken) < markers {
             let number = state.taken + 1;
             let marker = place(self.program.markers[usize::from(state.taken)]);
-            if self.gates(&state).take(u32::from(number), marker) {
+            if self.gates(&state).accept(u32::from(number), marker) {
                 (state.taken, state.in_hand) = (number, true);
             }
         }

@@ -6,7 +6,7 @@ use crate::choice::Choice;
 use crate::ledger::Size;
 use crate::native::Draw;
 use retrace_card::{Card, Inputs};
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, Record};
 use retrace_link::{
     Action, Change, CutterOffCause, CuttingChannel, CuttingSettings, Deck, Identity, InputSetting, InputUse,
@@ -84,7 +84,7 @@ impl Observer {
     }
 
     fn open(&mut self) {
-        let axis = AxisLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+        let axis = PulseLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
         let limits = RateLimits::new(13, 1 << 15, [axis]).expect("valid");
         let epoch = self.epoch + 1;
         let mut settings = Settings::new(epoch, Start::at(0), 1000, limits);

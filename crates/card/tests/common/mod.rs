@@ -5,7 +5,7 @@
 
 use retrace_card::{Card, Inputs};
 use retrace_core::drive::Braking;
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, RapidCap, Record};
 use retrace_link::{Change, Deck, Identity, InputSetting, InputUse, MAX_INPUTS, PROTOCOL, Settings, Start, channel};
 
@@ -40,7 +40,7 @@ pub(crate) fn identity() -> Identity {
 
 /// Stops within [`STOPS_WITHIN`] periods; a fault switches output 3 and the spindle off.
 pub(crate) fn settings(epoch: u16, start: u32) -> Settings<2> {
-    let axis = AxisLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+    let axis = PulseLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
     let limits = RateLimits::new(13, 1 << 15, [axis; 2]).expect("valid");
     let braking = Braking::<32>::new(&limits).expect("brakes");
     assert_eq!(braking.periods() + 13, i64::from(STOPS_WITHIN), "what the law says of these limits");

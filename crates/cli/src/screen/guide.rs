@@ -197,10 +197,10 @@ fn retracing(model: &Model, mode: Mode) -> Guide {
             let acts = [Act::Turn, Act::Leave, Act::LeaveAsk, Act::Forward, Act::Reverse, Act::Output, Act::Quit];
             guide(Grade::Waits, "HANDWHEEL", why, &acts)
         }
-        Mode::Return if !model.at_rest => {
+        Mode::Rejoin if !model.at_rest => {
             guide(Grade::Well, "RETURNING", format!("{back}, then on with the program"), &[Act::Hold, Act::Reverse])
         }
-        Mode::Return | Mode::Settle => {
+        Mode::Rejoin | Mode::AwaitOutputs => {
             let acts = [Act::Leave, Act::Reverse, Act::Wheel, Act::Quit];
             guide(Grade::Waits, "RETURNING", format!("stands; {back}"), &acts)
         }

@@ -15,7 +15,7 @@ use retrace_controller::orders::Operators;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::Manner;
 use retrace_controller::stream::{Observer, Period, Standing, Told};
-use retrace_core::mode::{Facts as ModeFacts, Mode, Operation, Order};
+use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts as ModeFacts};
 use retrace_core::{ONE, Place, Travel};
 use retrace_hal_sim::Clock;
 use retrace_link::Change;
@@ -80,7 +80,7 @@ pub struct Pretended {
     tape: Tape,
     model: Arc<Mutex<Model>>,
     live: Live,
-    operation: Operation,
+    operation: ModeController,
     period_s: f64,
     period: u64,
     cursor: Travel,
@@ -101,7 +101,7 @@ impl Pretended {
             tape,
             model,
             live,
-            operation: Operation::default(),
+            operation: ModeController::default(),
             period_s,
             period: 0,
             cursor: 0,
@@ -160,22 +160,22 @@ impl Pretended {
             return Ok(());
         }
         let order = match deed {
-            OperatorCommand::Hold => Order::Hold,
+            OperatorCommand::Hold => ModeCommand::Hold,
             OperatorCommand::Pause => {
                 self.paused = true;
-                Order::Hold
+                ModeCommand::Hold
             }
             OperatorCommand::Resume | OperatorCommand::CycleStart => {
                 self.paused = false;
-                Order::Resume
+                ModeCommand::Resume
             }
-            OperatorCommand::Reverse(rate) => Order::Reverse(rate),
-            OperatorCommand::Forward(rate) => Order::Forward(rate),
-            OperatorCommand::Override(rate) => Order::Override(rate),
-            OperatorCommand::RapidOverride(rate) => Order::RapidOverride(rate),
-            OperatorCommand::Wheel { .. } => Order::Wheel,
-            OperatorCommand::Leave { ask } => Order::Leave { ask },
-            OperatorCommand::Confirm => Order::Agree,
+            OperatorCommand::Reverse(rate) => ModeCommand::Reverse(rate),
+            OperatorCommand::Forward(rate) => ModeCommand::Forward(rate),
+            OperatorCommand::Override(rate) => ModeCommand::Override(rate),
+            OperatorCommand::RapidOverride(rate) => ModeCommand::RapidOverride(rate),
+            OperatorCommand::Wheel { .. } => ModeCommand::Wheel,
+            OperatorCommand::Leave { ask } => ModeCommand::Leave { ask },
+            OperatorCommand::Confirm => ModeCommand::Agree,
             _ => return Err(CommandError::NotNow("the pretended machine does not do that")),
         };
         let mode = self.operation.mode();
@@ -234,9 +234,9 @@ impl Pretended {
         }
         let demand = self.operation.demand(&facts);
         match demand.notice {
-            Some(retrace_core::mode::Notice::Oldest) => self.event(EventKind::HistoryStartReached),
-            Some(retrace_core::mode::Notice::GoesOn) => self.event(EventKind::RunResumed),
-            Some(retrace_core::mode::Notice::OutputsDiffer) => {
+            Some(retrace_core::mode::OperatorNotice::Oldest) => self.event(EventKind::HistoryStartReached),
+            Some(retrace_core::mode::OperatorNotice::GoesOn) => self.event(EventKind::RunResumed),
+            Some(retrace_core::mode::OperatorNotice::OutputsDiffer) => {
                 let differ = (0..expected.len()).filter(|&c| expected[c] != self.outputs[c]);
                 let mut differ = differ.map(|c| (c as u8, self.outputs[c], expected[c]));
                 let some = DifferingOutputs::first(&mut differ);

@@ -373,7 +373,7 @@ fn place() -> impl Strategy<Value = Place> {
 }
 
 fn mode() -> impl Strategy<Value = Mode> {
-    prop::sample::select(vec![Mode::Run, Mode::Reverse, Mode::Forward, Mode::Wheel, Mode::Return, Mode::Settle])
+    prop::sample::select(vec![Mode::Run, Mode::Reverse, Mode::Forward, Mode::Wheel, Mode::Rejoin, Mode::AwaitOutputs])
 }
 
 prop_compose! {

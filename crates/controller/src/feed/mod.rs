@@ -405,7 +405,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
                 self.mark();
                 // Somebody may wait for the last of the marks, and let no record go before he has it.
                 let wanted = if self.was.is_empty() { RECORDS_A_MARK } else { 1 };
-                self.patiently(|feeder| (feeder.ring.room() >= wanted).then_some(Ok(())))?;
+                self.patiently(|feeder| (feeder.ring.slots() >= wanted).then_some(Ok(())))?;
             }
             if let Some(planned) = self.overrides.due(self.ring.write()) {
                 self.index.note(Note::Override { place: self.ring.write(), planned });

@@ -107,8 +107,8 @@ fn mode_of(mode: mode::Mode) -> Mode {
         mode::Mode::Reverse => Mode::Reverse,
         mode::Mode::Forward => Mode::Forward,
         mode::Mode::Wheel => Mode::Wheel,
-        mode::Mode::Return => Mode::Rejoin,
-        mode::Mode::Settle => Mode::AwaitOutputs,
+        mode::Mode::Rejoin => Mode::Rejoin,
+        mode::Mode::AwaitOutputs => Mode::AwaitOutputs,
     }
 }
 

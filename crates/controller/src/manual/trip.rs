@@ -126,7 +126,7 @@ impl Trip {
     fn end<const A: usize, C: MotionCard<A>>(&mut self, hand: &mut Hand<'_, A>, card: &mut C, how: Ended) {
         let _ = card.send(Word::rate(0));
         let write = hand.ring.write();
-        hand.ring.follow(write);
+        hand.ring.seek(write);
         self.state = State::Ended(how);
     }
 
@@ -145,7 +145,7 @@ impl Trip {
     }
 
     fn fill<const A: usize, C: MotionCard<A>>(&self, hand: &mut Hand<'_, A>, card: &mut C) {
-        hand.ring.follow(card.status().place.record);
+        hand.ring.seek(card.status().place.record);
         self.is_planned(hand, card.status().place.record);
         let end = hand.ring.write();
         let mut place = card.status().high;

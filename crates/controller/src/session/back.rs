@@ -5,7 +5,7 @@
 //!
 //! Invariant: the machine does not go back before the place is known; a length is run whole, to the first record boundary at or beyond it.
 
-use retrace_core::mode::{Mode, Order};
+use retrace_core::mode::{Mode, ModeCommand};
 use retrace_core::place::before;
 use retrace_core::{ONE, Place};
 use retrace_link::MotionCard;
@@ -80,7 +80,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let search = if counts_from_here { self.begin_search(wanted, status.place) } else { Some(Search::AtRest) };
         let search = search.ok_or(CommandError::NoPierce)?;
         // The records' own caps, and 100 % while something cuts, are what limits it.
-        self.operation.order(Order::Reverse(8 * ONE))?;
+        self.operation.order(ModeCommand::Reverse(8 * ONE))?;
         self.back = Some(Back { wanted, search });
         Ok(())
     }
@@ -120,7 +120,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                     self.back = None;
                     self.tell(EventKind::CommandRejected(CommandError::NoPierce));
                     // It stands, and in this mode it would go on to the oldest record.
-                    let _ = self.operation.order(Order::Hold);
+                    let _ = self.operation.order(ModeCommand::Hold);
                     return;
                 }
             }

@@ -7,8 +7,10 @@ use std::collections::VecDeque;
 use std::thread;
 use std::time::Duration;
 
-use retrace_core::interruption::{Direction, Effect, Interruption, Latch, Turning, Word as Said};
-use retrace_core::mode::{Demand, Mode};
+use retrace_core::interruption::{
+    Breakpoint, Interruption, InterruptionAction, InterruptionEvent as Said, SpindleDirection, SpindleState,
+};
+use retrace_core::mode::{Mode, ModeOutput};
 use retrace_core::{Flags as RecordFlags, Place, RateTarget};
 use retrace_link::{Change, MotionCard, Start, Status, Word, channel};
 
@@ -133,7 +135,7 @@ impl<'r, const A: usize> Interrupted<'r, A> {
     }
 
     /// May a tool length be entered? The breakpoint is moved then.
-    pub(super) fn displace(&mut self, pulses: [i64; A]) -> Result<(), retrace_core::interruption::Refused> {
+    pub(super) fn displace(&mut self, pulses: [i64; A]) -> Result<(), retrace_core::interruption::InterruptionError> {
         self.order.displace(pulses)
     }
 
@@ -216,13 +218,13 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     fn pause(&mut self) -> Result<(), CommandError> {
         if self.dnc.pausing {
-            return Err(retrace_core::interruption::Refused::AlreadyPaused.into());
+            return Err(retrace_core::interruption::InterruptionError::AlreadyPaused.into());
         }
         let Some(&latch) = self.dnc.order.latch() else {
             (self.dnc.pausing, self.dnc.stood) = (true, 0);
             return Ok(());
         };
-        self.dnc.order.say(Said::Pause(latch))?;
+        self.dnc.order.apply(Said::Pause(latch))?;
         self.dnc.identifying = false;
         if let Some((trip, _)) = &mut self.dnc.trip {
             trip.stop();
@@ -248,7 +250,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let said = match deed {
             OperatorCommand::SpindleStop => Said::StopSpindle,
             OperatorCommand::SpindleStart => {
-                Said::StartSpindle(turned.map_or(Direction::Clockwise, |was| was.direction))
+                Said::StartSpindle(turned.map_or(SpindleDirection::Clockwise, |was| was.direction))
             }
             OperatorCommand::Online => Said::Online,
             OperatorCommand::Jog { axis, mm } => return self.jog(axis, mm),
@@ -256,13 +258,13 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             _ => Said::CycleStart { program: latched.map_or(0, |latch| latch.program) },
         };
         let before = self.dnc.order;
-        match self.dnc.order.say(said)? {
-            Effect::StopSpindle => {
+        match self.dnc.order.apply(said)? {
+            InterruptionAction::StopSpindle => {
                 self.dnc.armed = false;
                 self.by_hand_now(channel::SPINDLE, 0);
                 self.tell_step(Step::SpindleStopped);
             }
-            Effect::StartSpindle(turning) => {
+            InterruptionAction::StartSpindle(turning) => {
                 let spindle = sign(turning.direction);
                 let step = Step::SpindleStarted { spindle, speed: turning.speed };
                 if self.spindle_is_a_cutter() {
@@ -274,15 +276,15 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                     self.start_spindle(spindle, turning.speed);
                 }
             }
-            Effect::Online => self.tell_step(Step::OnLine),
-            Effect::Approach(_) => {
+            InterruptionAction::Online => self.tell_step(Step::OnLine),
+            InterruptionAction::Approach(_) => {
                 // Not before it is known which program would be read.
                 self.dnc.order = before;
                 let hand = self.dnc.hand.as_mut().ok_or(NO_HAND)?;
                 hand.ask(Request::Identify);
                 self.dnc.identifying = true;
             }
-            Effect::Halt | Effect::Jog | Effect::GoOn => {}
+            InterruptionAction::Halt | InterruptionAction::Jog | InterruptionAction::GoOn => {}
         }
         Ok(())
     }
@@ -308,7 +310,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn jog(&mut self, letter: char, mm: f64) -> Result<(), CommandError> {
         let found = self.dnc.axes.iter().position(|axis| axis.letter == letter);
         let mut trial = self.dnc.order;
-        trial.say(Said::Jog)?;
+        trial.apply(Said::Jog)?;
         let index = found.ok_or(CommandError::NoAxis(letter))?;
         let Axis { pulses_per_mm, travel: [low, high], .. } = self.dnc.axes[index];
         let counts = self.card.status().counts;
@@ -369,12 +371,12 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         // A cutter went out when the machine came to rest: what the program expects is what it is to come back to.
         let outputs = if self.spindle_is_a_cutter() { self.supply.expected() } else { &status.outputs };
         let (way, speed) = (outputs[usize::from(channel::SPINDLE)], outputs[usize::from(channel::SPEED)]);
-        let direction = if way < 0 { Direction::Counterclockwise } else { Direction::Clockwise };
-        let spindle = (way != 0).then_some(Turning { direction, speed: speed.unsigned_abs() });
-        let latch = Latch { program: self.dnc.program, counts: status.counts, spindle };
+        let direction = if way < 0 { SpindleDirection::Counterclockwise } else { SpindleDirection::Clockwise };
+        let spindle = (way != 0).then_some(SpindleState { direction, speed: speed.unsigned_abs() });
+        let latch = Breakpoint { program: self.dnc.program, counts: status.counts, spindle };
         self.dnc.pausing = false;
         // Nothing is paused yet: it is not refused.
-        if self.dnc.order.say(Said::Pause(latch)).is_ok() {
+        if self.dnc.order.apply(Said::Pause(latch)).is_ok() {
             self.tell_paused(&latch);
         }
     }
@@ -399,7 +401,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn approach(&mut self, program: u64) -> Result<(), CommandError> {
         let before = self.dnc.order;
         let mut after = before;
-        let Effect::Approach(to) = after.say(Said::CycleStart { program })? else { return Ok(()) };
+        let InterruptionAction::Approach(to) = after.apply(Said::CycleStart { program })? else { return Ok(()) };
         let from = self.card.status().counts;
         let beyond = self.dnc.axes.iter().zip(from.iter().zip(&to)).find(|(axis, (from, to))| {
             let [low, high] = axis.travel;
@@ -443,7 +445,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// The axes are back: the program's path is taken up where it was left (DNC-7, DNC-8).
     fn arrive(&mut self) -> Result<(), CardError> {
         let counts = self.card.status().counts;
-        if let Err(why) = self.dnc.order.say(Said::Arrived(counts)) {
+        if let Err(why) = self.dnc.order.apply(Said::Arrived(counts)) {
             self.tell(EventKind::CommandRejected(why.into()));
             let _ = self.pause();
             return Ok(());
@@ -458,7 +460,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.tell_at(line, EventKind::Dnc(Dnc { step: Step::Arrived, flags }));
         // Whoever pressed cycle start wants it to go on; of outputs that differ, a cutter that was armed was agreed to.
         let agreed = std::mem::take(&mut self.dnc.armed) && self.only_cutters_differ();
-        let _ = self.operation.order(retrace_core::mode::Order::Restart { agreed });
+        let _ = self.operation.order(retrace_core::mode::ModeCommand::Restart { agreed });
         Ok(())
     }
 
@@ -478,9 +480,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// What is asked of the card at a breakpoint: nothing.
-    pub(super) fn demand_paused(&self) -> Demand {
+    pub(super) fn demand_paused(&self) -> ModeOutput {
         let look_ahead = self.operation.mode() == Mode::Run;
-        Demand { target: RateTarget::ZERO, look_ahead, restore_outputs: false, notice: None }
+        ModeOutput { target: RateTarget::ZERO, look_ahead, restore_outputs: false, notice: None }
     }
 
     /// A control period off the program's path.
@@ -530,7 +532,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         record.map_or(status.line, |record| record.line)
     }
 
-    fn tell_paused(&mut self, latch: &Latch<A>) {
+    fn tell_paused(&mut self, latch: &Breakpoint<A>) {
         let (spindle, speed) = latch.spindle.map_or((0, 0), |turning| (sign(turning.direction), turning.speed));
         let counts = AxisCounts::new(&latch.counts, self.dnc.axes.len());
         self.tell_step(Step::Paused { counts, spindle, speed });
@@ -556,9 +558,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 const NO_HAND: CommandError = CommandError::NotNow("nobody is there to plan moves by hand");
 const NOT_PLANNED: CommandError = CommandError::NotNow("the move by hand cannot be planned");
 
-fn sign(direction: Direction) -> i32 {
+fn sign(direction: SpindleDirection) -> i32 {
     match direction {
-        Direction::Clockwise => 1,
-        Direction::Counterclockwise => -1,
+        SpindleDirection::Clockwise => 1,
+        SpindleDirection::Counterclockwise => -1,
     }
 }

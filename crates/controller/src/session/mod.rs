@@ -18,7 +18,7 @@ mod window;
 use std::thread;
 use std::time::Duration;
 
-use retrace_core::mode::{Demand, Facts, Mode, Notice, Operation, Order};
+use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice};
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, RateTarget};
 use retrace_link::{MotionCard, Outputs, Status, Word, channel};
@@ -73,7 +73,7 @@ const NOBODY_THERE_S: f64 = 10.0;
 pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     card: C,
     supply: Supply<'r, A>,
-    operation: Operation,
+    operation: ModeController,
     operators: Operators,
     overrides: Asking,
     wheel: Box<Wheel<512>>,
@@ -156,7 +156,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             tally: Tally::new(card.status().place.record),
             supply: supply.cutting(&machine.cutting_outputs),
             card,
-            operation: Operation::default(),
+            operation: ModeController::default(),
             operators,
             overrides: Asking::default(),
             wheel: Box::new(Wheel::new(machine.wheel_periods, machine.wheel_counts)),
@@ -261,7 +261,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 return Ok((outcome, self.tally, self.card));
             }
         }
-        self.operation = Operation::returning();
+        self.operation = ModeController::returning();
         self.tally = Tally::new(at.start.reached);
         // Before anything moves in the work its tool has to turn; what cuts by itself is lit at the furthest place only.
         let cutting = std::mem::take(&mut self.cutting);
@@ -331,13 +331,13 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.supply.cut_off() || self.teller.deaf() {
             // A defect over there, which is passed on when the machine stands.
             self.stopping = true;
-            let _ = self.operation.order(Order::Hold);
+            let _ = self.operation.order(ModeCommand::Hold);
         }
     }
 
-    fn facts(&self) -> Facts {
+    fn facts(&self) -> MotionFacts {
         let status = self.card.status();
-        Facts {
+        MotionFacts {
             place: status.place,
             at_rest: status.at_rest,
             reached: status.reached,
@@ -347,13 +347,13 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
     }
 
-    fn demand(&mut self) -> Demand {
+    fn demand(&mut self) -> ModeOutput {
         if self.dnc.is_paused() {
             return self.demand_paused();
         }
         if self.restart.is_active() && self.operation.mode() != Mode::Run {
             // One restart at a time: what the furthest place needs is compared when this one is over.
-            return Demand { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
+            return ModeOutput { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
         }
         self.search_back();
         let (facts, mode) = (self.facts(), self.operation.mode());
@@ -366,7 +366,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             demand.target = RateTarget::ZERO;
         }
         match demand.notice {
-            Some(Notice::Oldest) => {
+            Some(OperatorNotice::Oldest) => {
                 let there = self.back.as_ref().is_some_and(|back| back.is_there(facts.oldest));
                 self.tell(match self.supply.barrier() {
                     _ if there => EventKind::BackTargetReached,
@@ -375,8 +375,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                     None => EventKind::HistoryStartReached,
                 });
             }
-            Some(Notice::OutputsDiffer) => self.tell_differing(),
-            Some(Notice::GoesOn) => self.tell(EventKind::RunResumed),
+            Some(OperatorNotice::OutputsDiffer) => self.tell_differing(),
+            Some(OperatorNotice::GoesOn) => self.tell(EventKind::RunResumed),
             None => {}
         }
         self.watch_wheel(&facts);
@@ -389,7 +389,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         } else if demand.target != RateTarget::ZERO && !self.restart.is_active() && self.card.status().blocked {
             // The cutter went out where the machine stood; retracing goes on without it, normal run with outputs that agree.
             if self.operation.mode() == Mode::Run && !facts.outputs_agree {
-                let _ = self.operation.order(Order::Restart { agreed: false });
+                let _ = self.operation.order(ModeCommand::Restart { agreed: false });
                 demand.target = RateTarget::ZERO;
             } else {
                 self.release_block();
@@ -402,7 +402,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// The handwheel's forward end is `reached`: that it stands there again is told once.
-    fn watch_wheel(&mut self, facts: &Facts) {
+    fn watch_wheel(&mut self, facts: &MotionFacts) {
         let at_reached = facts.place == Place::start_of(facts.reached);
         if self.operation.mode() != Mode::Wheel {
             self.wheel_behind = false;

@@ -2,7 +2,7 @@
 //!
 //! Invariant: an order that does not apply changes nothing and is answered with the reason.
 
-use retrace_core::mode::{Mode, Order};
+use retrace_core::mode::{Mode, ModeCommand};
 use retrace_core::{ONE, Place, Travel};
 use retrace_link::{Change, MotionCard, channel};
 
@@ -59,26 +59,26 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::OptionalStop(on) => self.optional_stop = on,
             OperatorCommand::Recover => return self.recover(),
             OperatorCommand::Single => self.switch_single(),
-            OperatorCommand::Hold => self.operation.order(Order::Hold)?,
-            OperatorCommand::Confirm => self.operation.order(Order::Agree)?,
+            OperatorCommand::Hold => self.operation.order(ModeCommand::Hold)?,
+            OperatorCommand::Confirm => self.operation.order(ModeCommand::Agree)?,
             OperatorCommand::Stop => {
                 self.stopping = true;
-                self.operation.order(Order::Hold)?;
+                self.operation.order(ModeCommand::Hold)?;
             }
             OperatorCommand::Wheel { .. } if self.operation.mode() == Mode::Wheel => {}
             OperatorCommand::Wheel { .. } => {
                 self.wheel.reset();
-                self.retrace(Order::Wheel)?;
+                self.retrace(ModeCommand::Wheel)?;
             }
-            OperatorCommand::Reverse(rate) => self.retrace(Order::Reverse(rate))?,
-            OperatorCommand::Forward(rate) => self.retrace(Order::Forward(rate))?,
-            OperatorCommand::Leave { ask } => self.retrace(Order::Leave { ask })?,
+            OperatorCommand::Reverse(rate) => self.retrace(ModeCommand::Reverse(rate))?,
+            OperatorCommand::Forward(rate) => self.retrace(ModeCommand::Forward(rate))?,
+            OperatorCommand::Leave { ask } => self.retrace(ModeCommand::Leave { ask })?,
         }
         Ok(())
     }
 
     /// A word that changes the way the path is retraced: whatever reverse run was to end somewhere ends.
-    fn retrace(&mut self, order: Order) -> Result<(), CommandError> {
+    fn retrace(&mut self, order: ModeCommand) -> Result<(), CommandError> {
         // Whoever goes back again from where the cutter was switched agrees to pass it.
         let boundary = self.cutter_boundary();
         let status = self.card.status();
@@ -88,7 +88,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.passed_boundary = boundary;
         }
         self.back = None;
-        if !matches!(order, Order::Leave { .. } | Order::Forward(_)) {
+        if !matches!(order, ModeCommand::Leave { .. } | ModeCommand::Forward(_)) {
             self.cancel_restart();
         }
         Ok(())
@@ -135,7 +135,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let is_executed = self.operation.mode() == Mode::Run && !self.dnc.is_on();
         if is_executed {
             // never refused
-            let _ = self.operation.order(Order::Hold);
+            let _ = self.operation.order(ModeCommand::Hold);
         }
         is_executed
     }
@@ -173,7 +173,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// *Recover*: the outputs are restored, the cutter last, and the program goes on.
     fn recover(&mut self) -> Result<(), CommandError> {
-        self.operation.order(Order::Recover)?;
+        self.operation.order(ModeCommand::Recover)?;
         self.go_on_from_stop();
         Ok(())
     }
@@ -191,9 +191,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn cycle_start(&mut self) -> Result<(), CommandError> {
         let stands = self.program_stop || self.single_stop;
         if self.operation.held() || !stands {
-            self.operation.order(Order::Resume)?;
+            self.operation.order(ModeCommand::Resume)?;
         } else {
-            self.operation.order(Order::Restart { agreed: false })?;
+            self.operation.order(ModeCommand::Restart { agreed: false })?;
         }
         self.go_on_from_stop();
         Ok(())
@@ -206,7 +206,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.override_rate();
         if stood && rate > 0 && !self.operation.held() {
             // a hold has its own way on
-            let _ = self.operation.order(Order::Restart { agreed: false });
+            let _ = self.operation.order(ModeCommand::Restart { agreed: false });
         }
         if rate > most { Err(CommandError::AboveMaxOverride(most)) } else { Ok(()) }
     }
@@ -214,9 +214,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Rapid override, 0 … 100 %. Where rapid motion stood by it, the outputs are compared before it goes on.
     fn set_rapid_override(&mut self, rate: Travel) -> Result<(), CommandError> {
         let stood = self.operation.rapid_override() == 0 && self.card.status().at_rest;
-        self.operation.order(Order::RapidOverride(rate))?;
+        self.operation.order(ModeCommand::RapidOverride(rate))?;
         if stood && rate > 0 && !self.operation.held() && self.operation.mode() == Mode::Run {
-            let _ = self.operation.order(Order::Restart { agreed: false });
+            let _ = self.operation.order(ModeCommand::Restart { agreed: false });
         }
         if rate > ONE { Err(CommandError::AboveMaxOverride(ONE)) } else { Ok(()) }
     }
@@ -224,7 +224,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Sets the part of the override that the rate does.
     pub(super) fn override_rate(&mut self) {
         // Never refused.
-        let _ = self.operation.order(Order::Override(self.overrides.rate()));
+        let _ = self.operation.order(ModeCommand::Override(self.overrides.rate()));
     }
 
     fn switch_single(&mut self) {

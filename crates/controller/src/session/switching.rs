@@ -3,7 +3,7 @@
 //! Invariant: an instruction goes to the card in normal run only, with the cursor at rest on its marker; the next one when the
 //! card has reported it complete.
 
-use retrace_core::mode::{Demand, Mode, Order};
+use retrace_core::mode::{Mode, ModeCommand, ModeOutput};
 use retrace_link::{Change, Instruction, MotionCard, Word, channel};
 
 use super::Session;
@@ -13,7 +13,7 @@ use crate::item::Kind;
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// The instruction whose place the motion has come to, if there is one and it may be executed now (GMC-5). False where there is
     /// nothing to do, and where the rate is to be zero: the card would keep it until there is one.
-    pub(super) fn switch_what_is_due(&mut self, demand: Demand) -> Result<bool, CardError> {
+    pub(super) fn switch_what_is_due(&mut self, demand: ModeOutput) -> Result<bool, CardError> {
         let stands = self.operation.held() || self.restart.is_active();
         if self.operation.mode() != Mode::Run || stands || demand.target.faster() <= 0 {
             return Ok(false);
@@ -68,7 +68,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let switched_by_hand = done.changes[..usize::from(done.count)].iter().any(differs);
             if switched_by_hand && self.operation.mode() == Mode::Run && !self.operation.held() {
                 // While it was carried out somebody has switched it back: motion does not begin without a question.
-                let _ = self.operation.order(Order::Restart { agreed: false });
+                let _ = self.operation.order(ModeCommand::Restart { agreed: false });
             }
         }
     }

@@ -70,8 +70,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             Mode::Reverse => "reverse",
             Mode::Forward => "forward",
             Mode::Wheel => "wheel",
-            Mode::Return => "rejoin",
-            Mode::Settle => "await_outputs",
+            Mode::Rejoin => "rejoin",
+            Mode::AwaitOutputs => "await_outputs",
         };
         self.tell(EventKind::Mode(name));
     }

@@ -2,7 +2,7 @@
 //!
 //! Invariant: a road that the mode has end somewhere ends there before anything moves; what was asked for and taken is not asked for again.
 
-use retrace_core::mode::{Demand, Mode};
+use retrace_core::mode::{Mode, ModeOutput};
 use retrace_core::place::before;
 use retrace_core::{ONE, Place, RateTarget, Travel};
 use retrace_link::{MotionCard, Status, Word};
@@ -35,7 +35,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Slides the window. In a mode that retraces the road is cut at `reached`, and at the oldest place, before anything moves; a card
     /// at the end of a line may have to be told more than once.
-    pub(super) fn slide(&mut self, demand: Demand) {
+    pub(super) fn slide(&mut self, demand: ModeOutput) {
         let road = if demand.look_ahead { Road::LookAhead } else { Road::Reached };
         if road == Road::Reached {
             let Status { reached, low, high, .. } = *self.card.status();
@@ -61,7 +61,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    pub(super) fn set_rate(&mut self, demand: Demand) {
+    pub(super) fn set_rate(&mut self, demand: ModeOutput) {
         let outputs = &self.card.status().outputs;
         let cutting = self.cutting.iter().any(|&c| outputs.get(usize::from(c)).is_some_and(|&v| v != 0));
         // Rapid retrace only with the cutting outputs off.

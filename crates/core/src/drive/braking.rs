@@ -5,7 +5,7 @@
 //! commanded place that may go on by u and then brake may also do so after going on by u⁻, and comes to rest exactly where it must.
 
 use super::slope::{highest_acceleration, highest_jerk, ratio, scaled};
-use crate::limits::{AxisLimits, RateLimits};
+use crate::limits::{PulseLimits, RateLimits};
 use crate::{ONE, Travel};
 
 /// Stretches of the rate over which the slope is taken as constant, where nothing else is said.
@@ -159,7 +159,7 @@ impl<const N: usize> Braking<N> {
 }
 
 /// The slope that one axis has at a rate up to one whatever the records ask, as long as they are within what the plan may use.
-fn least<const A: usize>(limits: &RateLimits<A>, axis: &AxisLimits, rate: Travel) -> Travel {
+fn least<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits, rate: Travel) -> Travel {
     let (second, third) = (highest_acceleration(limits, axis), highest_jerk(limits, axis));
     let by_acceleration = ratio(axis.acceleration.saturating_sub(scaled(second, rate, 2)), axis.velocity);
     let bend = 3 * second + 2 * axis.velocity / u64::from(limits.average()) + 1;
@@ -178,7 +178,7 @@ mod tests {
         figures.prop_filter_map("too slow", |(velocity, acceleration, jerk, share)| {
             let velocity = 1 << velocity;
             let acceleration = (velocity >> acceleration).max(1 << 8);
-            let axis = AxisLimits { velocity, acceleration, jerk: (acceleration >> jerk).max(1 << 8) };
+            let axis = PulseLimits { velocity, acceleration, jerk: (acceleration >> jerk).max(1 << 8) };
             Braking::<STRETCHES>::new(&RateLimits::new(255, share, [axis])?)
         })
     }

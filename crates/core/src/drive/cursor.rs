@@ -9,14 +9,14 @@
 //! that end, and the cursor will not pass the last one before the first half of this sentence holds. So the cursor
 //! never leaves the road.
 
-use super::Road;
-use super::way::{Way, along};
-use crate::rate::RateLaw;
+use super::RecordWindow;
+use super::directed_window::{DirectedWindow, along};
+use crate::rate::RateFilter;
 use crate::{Place, Travel};
 
 /// Where one control period brought the cursor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Step {
+pub struct CursorStep {
     /// The place after the period.
     pub to: Place,
     /// The end of the road, which was no planned stop, kept the rate below its target.
@@ -26,30 +26,35 @@ pub struct Step {
 /// The cursor and its commanded place: a rate law on a road.
 #[derive(Clone, Debug)]
 pub struct Cursor<const M: usize> {
-    law: RateLaw<M>,
+    law: RateFilter<M>,
 }
 
 impl<const M: usize> Cursor<M> {
     /// In motion as far as `law` is.
     #[must_use]
-    pub const fn with_law(law: RateLaw<M>) -> Self {
+    pub const fn with_law(law: RateFilter<M>) -> Self {
         Self { law }
     }
 
     /// The rate law's state.
     #[must_use]
-    pub const fn law(&self) -> &RateLaw<M> {
+    pub const fn law(&self) -> &RateFilter<M> {
         &self.law
     }
 
     /// One period at rest.
-    pub fn stand(&mut self, at: Place) -> Step {
-        Step { to: at.moved(self.law.step(0)), short: false }
+    pub fn stand(&mut self, at: Place) -> CursorStep {
+        CursorStep { to: at.moved(self.law.step(0)), short: false }
     }
 
     /// From a planned stop, at rest, the rate may jump: to `asked` where another one lies ahead, else to `braked`, from which the road is
     /// long enough to brake again, and at most as far as it is long enough to stop at all. The rate comes back.
-    pub fn launch<const A: usize>(&mut self, braked: Travel, asked: Travel, way: &Way<'_, A, impl Road<A>>) -> Travel {
+    pub fn launch<const A: usize>(
+        &mut self,
+        braked: Travel,
+        asked: Travel,
+        way: &DirectedWindow<'_, A, impl RecordWindow<A>>,
+    ) -> Travel {
         let periods = Travel::from(self.law.smoothing().stopping_records()) + 1;
         let rate = if braked < asked && way.last_rest().is_some() { asked } else { braked };
         let rate = if rate * periods <= way.room() || way.last_rest().is_some() { rate } else { way.room() / periods };
@@ -59,7 +64,12 @@ impl<const M: usize> Cursor<M> {
 
     /// One period in which the commanded place goes on by `wished`, 0 … 8 records, or where nothing but the end of the road lies ahead by
     /// `braked`, and no further than to the end.
-    pub fn advance<const A: usize>(&mut self, wished: Travel, braked: Travel, way: &Way<'_, A, impl Road<A>>) -> Step {
+    pub fn advance<const A: usize>(
+        &mut self,
+        wished: Travel,
+        braked: Travel,
+        way: &DirectedWindow<'_, A, impl RecordWindow<A>>,
+    ) -> CursorStep {
         let free = way.room() - self.law.lead().abs();
         let within = wished.min(braked).min(free.max(0));
         let last_rest = if within < wished || free < 0 { way.last_rest() } else { None };
@@ -69,8 +79,8 @@ impl<const M: usize> Cursor<M> {
             && along(way.sign, to.to(rest)) <= 0
         {
             self.law.set_steady(0);
-            return Step { to: rest, short: false };
+            return CursorStep { to: rest, short: false };
         }
-        Step { to, short: allowed < wished }
+        CursorStep { to, short: allowed < wished }
     }
 }

@@ -8,24 +8,24 @@
 //! held, or a planned stop lies ahead.
 
 use crate::limits::RateLimits;
-use crate::rate::{RateLaw, RateTarget, Smoothing};
+use crate::rate::{FilterLengths, RateFilter, RateTarget};
 use crate::{ONE, Place, RapidCap, Travel};
 
+mod bounds;
 mod braking;
 mod cursor;
-mod ease;
+mod directed_window;
 mod slope;
-mod survey;
-mod way;
+mod unity_blend;
 
+use bounds::IncrementBounds;
 pub use braking::Braking;
-pub use cursor::{Cursor, Step};
-use survey::Survey;
-pub use way::Way;
-use way::along;
+pub use cursor::{Cursor, CursorStep};
+pub use directed_window::DirectedWindow;
+use directed_window::along;
 
 /// The records held, as the drive sees them: numbers `low … high`, high excluded, for `A` axes.
-pub trait Road<const A: usize> {
+pub trait RecordWindow<const A: usize> {
     /// First record held.
     fn low(&self) -> u32;
     /// The place behind the last record held.
@@ -52,7 +52,7 @@ impl<const A: usize, const M: usize> Drive<A, M> {
     /// At rest. `None` where the limits' average is longer than `M`, or the machine brakes too slowly.
     #[must_use]
     pub fn new(limits: RateLimits<A>) -> Option<Self> {
-        let law = RateLaw::new(Smoothing::new(1, limits.average())?)?;
+        let law = RateFilter::new(FilterLengths::new(1, limits.average())?)?;
         Some(Self { cursor: Cursor::with_law(law), limits, braking: Braking::new(&limits)? })
     }
 
@@ -60,8 +60,8 @@ impl<const A: usize, const M: usize> Drive<A, M> {
     #[must_use]
     pub const fn idle() -> Option<Self> {
         // no `?` in a constant
-        let Some(smoothing) = Smoothing::new(1, 1) else { return None };
-        let Some(law) = RateLaw::new(smoothing) else { return None };
+        let Some(smoothing) = FilterLengths::new(1, 1) else { return None };
+        let Some(law) = RateFilter::new(smoothing) else { return None };
         Some(Self { cursor: Cursor::with_law(law), limits: RateLimits::unknown(), braking: Braking::stiff() })
     }
 
@@ -92,13 +92,13 @@ impl<const A: usize, const M: usize> Drive<A, M> {
 
     /// One control period from `at` (on the road) toward the rate `target`, in records a period, signed, at most 8 either
     /// way. A change of direction goes through rest.
-    pub fn step(&mut self, at: Place, target: Travel, road: &impl Road<A>) -> Step {
+    pub fn step(&mut self, at: Place, target: Travel, road: &impl RecordWindow<A>) -> CursorStep {
         let target = target.clamp(-8 * ONE, 8 * ONE);
         let sign = if self.at_rest() { target.signum() } else { self.cursor.law().direction() };
         if sign == 0 {
             return self.cursor.stand(at);
         }
-        let way = Way { at, sign, road };
+        let way = DirectedWindow { at, sign, road };
         let asked = if target.signum() == sign { target.abs() } else { 0 };
         let asked = self.within_caps(asked, &way);
         let mut launched_slower = false;
@@ -108,14 +108,14 @@ impl<const A: usize, const M: usize> Drive<A, M> {
         let wished = self.toward(asked, &way);
         let braked = self.braking.within(wished, way.room() - self.lead().abs());
         let step = self.cursor.advance(wished, braked, &way);
-        Step { short: step.short || launched_slower, ..step }
+        CursorStep { short: step.short || launched_slower, ..step }
     }
 
     /// The rate that may be asked for at `at`, where feed and rapid motion are to run at different rates: the faster one, as far as it can
     /// be lowered to the slower one before the first record that it does not apply to. What is not held yet is such a record, and so is
     /// all motion backward. Rates that differ count as at most 1.
     #[must_use]
-    pub fn within_overrides(&self, at: Place, target: RateTarget, road: &impl Road<A>) -> Travel {
+    pub fn within_overrides(&self, at: Place, target: RateTarget, road: &impl RecordWindow<A>) -> Travel {
         let (fast, slow) = (target.faster(), target.slower());
         if fast == slow || fast <= 0 {
             return slow;
@@ -158,22 +158,22 @@ impl<const A: usize, const M: usize> Drive<A, M> {
     }
 
     /// The next commanded rate on the way from the last one to `asked`, as fast as the records allow.
-    fn toward(&self, asked: Travel, way: &Way<'_, A, impl Road<A>>) -> Travel {
+    fn toward(&self, asked: Travel, way: &DirectedWindow<'_, A, impl RecordWindow<A>>) -> Travel {
         let rate = self.cursor.law().target().abs();
         let least = self.braking.min_slope();
-        let eased = ONE - ease::eased_from(least);
+        let eased = ONE - unity_blend::eased_from(least);
         if asked == ONE && eased <= rate && rate <= ONE {
             let commanded = way.at.moved(self.lead()).fraction;
             let passed = if way.sign > 0 { commanded } else { commanded.wrapping_neg() };
             if rate == ONE && passed == 0 {
                 return ONE;
             }
-            return ONE - ease::next(ONE - rate, Travel::from(passed), least);
+            return ONE - unity_blend::next(ONE - rate, Travel::from(passed), least);
         }
         if asked == rate {
             return asked;
         }
-        let survey = Survey::of(&self.limits, way, self.reach(asked.max(ONE)));
+        let survey = IncrementBounds::of(&self.limits, way, self.reach(asked.max(ONE)));
         if asked < rate {
             let slope = slope::falling(&self.limits, &survey, rate, self.cursor.law().highest());
             let slope = slope.max(self.braking.slope(rate, survey.min_cap));
@@ -194,7 +194,7 @@ impl<const A: usize, const M: usize> Drive<A, M> {
 
     /// Rapid retrace: the largest rate up to `asked` that no record forbids which may be crossed before that rate has fallen and left
     /// the average. What is not held yet may be as slow as planned.
-    fn within_caps(&self, asked: Travel, way: &Way<'_, A, impl Road<A>>) -> Travel {
+    fn within_caps(&self, asked: Travel, way: &DirectedWindow<'_, A, impl RecordWindow<A>>) -> Travel {
         if asked <= ONE {
             return asked;
         }
@@ -219,7 +219,7 @@ impl<const A: usize, const M: usize> Drive<A, M> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::limits::AxisLimits;
+    use crate::limits::PulseLimits;
     use proptest::prelude::*;
 
     #[derive(Debug, Clone)]
@@ -230,7 +230,7 @@ mod tests {
         slow: Vec<u32>,
     }
 
-    impl Road<1> for Strip {
+    impl RecordWindow<1> for Strip {
         fn low(&self) -> u32 {
             self.low
         }
@@ -253,13 +253,13 @@ mod tests {
 
     /// A drive whose commanded rate may jump, the cursor being its average.
     fn drive(average: u16) -> Drive<1, 64> {
-        let stiff = AxisLimits { velocity: 1 << 32, acceleration: 1 << 40, jerk: 1 << 40 };
+        let stiff = PulseLimits { velocity: 1 << 32, acceleration: 1 << 40, jerk: 1 << 40 };
         Drive::new(RateLimits::new(average, 1 << 15, [stiff]).expect("valid")).expect("fits")
     }
 
     /// One with limits: |q'| up to 100 pulses, and slopes from a 4 000th to a 30th of a rate a period.
     fn soft(average: u16, share: u16) -> Drive<1, 64> {
-        let axis = AxisLimits { velocity: 100 << 32, acceleration: 3 << 32, jerk: 1 << 32 };
+        let axis = PulseLimits { velocity: 100 << 32, acceleration: 3 << 32, jerk: 1 << 32 };
         Drive::new(RateLimits::new(average, share, [axis]).expect("valid")).expect("fits")
     }
 

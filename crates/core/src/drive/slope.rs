@@ -8,14 +8,14 @@
 //! - The jerk's bound falls as r rises. A slope down is that of the highest rate still in the average: where the rate falls at r, each of the
 //!   slopes that it falls by was taken at no less than r. A slope up is that of the highest rate that any record ahead allows.
 
-use super::survey::{Demand, Survey};
-use crate::limits::{AxisLimits, RateLimits};
+use super::bounds::{AxisBounds, IncrementBounds};
+use crate::limits::{PulseLimits, RateLimits};
 use crate::{ONE, Travel};
 
 /// The steepest fall of the commanded rate from `rate` on; `highest` is the highest rate in the average.
 pub(super) fn falling<const A: usize>(
     limits: &RateLimits<A>,
-    survey: &Survey<A>,
+    survey: &IncrementBounds<A>,
     rate: Travel,
     highest: Travel,
 ) -> Travel {
@@ -23,7 +23,7 @@ pub(super) fn falling<const A: usize>(
 }
 
 /// The steepest rise from `rate` on.
-pub(super) fn rising<const A: usize>(limits: &RateLimits<A>, survey: &Survey<A>, rate: Travel) -> Travel {
+pub(super) fn rising<const A: usize>(limits: &RateLimits<A>, survey: &IncrementBounds<A>, rate: Travel) -> Travel {
     let highest = Travel::from(survey.max_cap) * (ONE / 16);
     each(limits, survey, |axis, demand| {
         // Jensen's inequality wants the slope at the rate that is reached
@@ -34,29 +34,29 @@ pub(super) fn rising<const A: usize>(limits: &RateLimits<A>, survey: &Survey<A>,
 
 fn each<const A: usize>(
     limits: &RateLimits<A>,
-    survey: &Survey<A>,
-    slope: impl Fn(&AxisLimits, &Demand) -> Travel,
+    survey: &IncrementBounds<A>,
+    slope: impl Fn(&PulseLimits, &AxisBounds) -> Travel,
 ) -> Travel {
     limits.axes().iter().zip(&survey.demands).map(|(axis, demand)| slope(axis, demand)).min().unwrap_or(ONE)
 }
 
-fn by_acceleration(axis: &AxisLimits, demand: &Demand, rate: Travel) -> Travel {
+fn by_acceleration(axis: &PulseLimits, demand: &AxisBounds, rate: Travel) -> Travel {
     ratio(axis.acceleration.saturating_sub(scaled(demand.acceleration, rate, 2)), demand.velocity)
 }
 
-fn by_jerk<const A: usize>(limits: &RateLimits<A>, axis: &AxisLimits, demand: &Demand, highest: Travel) -> Travel {
+fn by_jerk<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits, demand: &AxisBounds, highest: Travel) -> Travel {
     let left = (2 * axis.jerk).saturating_sub(scaled(demand.jerk, highest, 3));
     let bend = 2 * demand.velocity / u64::from(limits.average()) + 1;
     ratio(left, scaled(demand.acceleration, highest, 1).saturating_mul(3).saturating_add(bend))
 }
 
 /// The largest second difference that the plan asks of an axis.
-pub(super) fn highest_acceleration<const A: usize>(limits: &RateLimits<A>, axis: &AxisLimits) -> u64 {
+pub(super) fn highest_acceleration<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits) -> u64 {
     share(limits, axis.acceleration).min(2 * axis.velocity)
 }
 
 /// The largest third difference that the plan asks of an axis.
-pub(super) fn highest_jerk<const A: usize>(limits: &RateLimits<A>, axis: &AxisLimits) -> u64 {
+pub(super) fn highest_jerk<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits) -> u64 {
     share(limits, axis.jerk).min(4 * axis.velocity)
 }
 
@@ -89,16 +89,16 @@ mod tests {
     use proptest::prelude::*;
 
     /// An axis, and records that ask of it, all over, what they are drawn to ask within what the plan may use.
-    fn scene() -> impl Strategy<Value = (RateLimits<1>, Demand)> {
+    fn scene() -> impl Strategy<Value = (RateLimits<1>, AxisBounds)> {
         let figures = (20u32..40, 0u32..8, 1u64..80, 20_000u16..62_000, [0.02..1.0f64, 0.0..1.0f64, 0.0..1.0f64]);
         figures.prop_filter_map("too fast for a length of 100", |(bits, acceleration, n, share, shares)| {
             let velocity = 1 << bits;
             let acceleration = (velocity >> acceleration).max(1 << 10);
-            let axis = AxisLimits { velocity, acceleration, jerk: (acceleration / n).max(1 << 9) };
+            let axis = PulseLimits { velocity, acceleration, jerk: (acceleration / n).max(1 << 9) };
             let average = axis.acceleration.div_ceil(axis.jerk).min(99) as u16 | 1;
             let limits = RateLimits::new(average, share, [axis])?;
             let part = |figure: u64, share: f64| (figure as f64 * share) as u64;
-            let demand = Demand {
+            let demand = AxisBounds {
                 velocity: part(axis.velocity, shares[0]).max(1),
                 acceleration: part(highest_acceleration(&limits, &axis), shares[1]),
                 jerk: part(highest_jerk(&limits, &axis), shares[2]),
@@ -115,7 +115,7 @@ mod tests {
         fn what_is_played_keeps_acceleration_and_jerk(
             (limits, demand) in scene(), asked in prop::collection::vec((prop_oneof![Just(0), Just(ONE), 0..=ONE], 1usize..150), 1..12),
         ) {
-            let survey = Survey { demands: [demand], min_cap: 16, max_cap: 16 };
+            let survey = IncrementBounds { demands: [demand], min_cap: 16, max_cap: 16 };
             let (n, axis) = (usize::from(limits.average()), limits.axes()[0]);
             let (mut commanded, mut played) = (vec![0; n], vec![0.0; 3]);
             for (asked, periods) in asked {

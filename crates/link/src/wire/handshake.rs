@@ -3,7 +3,7 @@
 //! Invariant: a greeting of another version of the protocol is still read as far as its version, so that it can be told.
 
 use retrace_core::Place;
-use retrace_core::limits::{AxisLimits, RateLimits};
+use retrace_core::limits::{PulseLimits, RateLimits};
 
 use super::entry::{read_alarm, write_alarm};
 use super::message::{read_change, write_change};
@@ -241,9 +241,9 @@ fn read_start(reader: &mut Reader<'_>) -> Option<Start> {
 /// The limits of so many axes; those that are not told are as the first.
 fn read_limits<const A: usize>(reader: &mut Reader<'_>, told: usize) -> Option<RateLimits<A>> {
     let (average, share) = (reader.u16()?, reader.u16()?);
-    let mut axes = [AxisLimits::default(); A];
+    let mut axes = [PulseLimits::default(); A];
     for slot in axes.get_mut(..told)? {
-        *slot = AxisLimits { velocity: reader.count()?, acceleration: reader.count()?, jerk: reader.count()? };
+        *slot = PulseLimits { velocity: reader.count()?, acceleration: reader.count()?, jerk: reader.count()? };
     }
     let (told, rest) = axes.split_at_mut(told);
     rest.fill(*told.first()?);

@@ -2,7 +2,7 @@
 //!
 //! Invariant: nothing is asked of the road outside `low … high`.
 
-use super::Road;
+use super::RecordWindow;
 use crate::place::before;
 use crate::{Place, RapidCap, Travel};
 
@@ -13,7 +13,7 @@ pub(super) const fn along(sign: Travel, distance: Travel) -> Travel {
 
 /// The road from the cursor to its end in one direction.
 #[derive(Debug)]
-pub struct Way<'r, const A: usize, R> {
+pub struct DirectedWindow<'r, const A: usize, R> {
     /// The cursor.
     pub at: Place,
     /// 1 forward, −1 backward.
@@ -22,7 +22,7 @@ pub struct Way<'r, const A: usize, R> {
     pub road: &'r R,
 }
 
-impl<const A: usize, R: Road<A>> Way<'_, A, R> {
+impl<const A: usize, R: RecordWindow<A>> DirectedWindow<'_, A, R> {
     fn end(&self) -> u32 {
         if self.sign > 0 { self.road.high() } else { self.road.low() }
     }

@@ -8,9 +8,9 @@
 //! behind a planned stop, counts as if it asked for all that it may.
 
 use super::slope::{highest_acceleration, highest_jerk};
-use super::{Road, Way};
+use super::{DirectedWindow, RecordWindow};
 use crate::Travel;
-use crate::limits::{AxisLimits, RateLimits};
+use crate::limits::{PulseLimits, RateLimits};
 
 /// Records of a block.
 const BLOCK: u32 = 8;
@@ -21,7 +21,7 @@ const KEPT: usize = 8;
 
 /// The most that records ask of an axis at rate one, in units of 2⁻³² pulses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Demand {
+pub(super) struct AxisBounds {
     /// Largest increment |q′|, a period.
     pub(super) velocity: u64,
     /// Largest second difference |q″|, a period².
@@ -32,8 +32,8 @@ pub(super) struct Demand {
 
 /// What a stretch of records asks of all axes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Survey<const A: usize> {
-    pub(super) demands: [Demand; A],
+pub(super) struct IncrementBounds<const A: usize> {
+    pub(super) demands: [AxisBounds; A],
     /// Least and greatest cap among the records, in sixteenths.
     pub(super) min_cap: u8,
     pub(super) max_cap: u8,
@@ -41,16 +41,16 @@ pub(super) struct Survey<const A: usize> {
 
 /// Largest differences of sums over 1, 2 and 4 blocks, in pulses.
 #[derive(Clone, Copy, Default)]
-struct Differences {
+struct IncrementDifferences {
     /// Sums over two blocks.
     first: u32,
     second: [u32; 3],
     third: [u32; 2],
 }
 
-impl<const A: usize> Survey<A> {
+impl<const A: usize> IncrementBounds<A> {
     /// Looks at the records from the cursor on, `reach` (in records) along the way and a few beyond.
-    pub(super) fn of(limits: &RateLimits<A>, way: &Way<'_, A, impl Road<A>>, reach: Travel) -> Self {
+    pub(super) fn of(limits: &RateLimits<A>, way: &DirectedWindow<'_, A, impl RecordWindow<A>>, reach: Travel) -> Self {
         let (first, count) = way.stretch(reach);
         let (mut min_cap, mut max_cap) = (u8::MAX, 16);
         for k in 0..count {
@@ -61,13 +61,13 @@ impl<const A: usize> Survey<A> {
         let start = (first & !(BLOCK - 1)).wrapping_sub(MARGIN * BLOCK);
         let blocks = (first.wrapping_add(count).wrapping_sub(start)).div_ceil(BLOCK) + MARGIN;
         let (differences, known) = look(way, start, blocks);
-        let mut demands = [Demand::default(); A];
+        let mut demands = [AxisBounds::default(); A];
         for ((demand, axis), found) in demands.iter_mut().zip(limits.axes()).zip(&differences) {
-            let most = Demand::most(limits, axis, min_cap);
+            let most = AxisBounds::most(limits, axis, min_cap);
             *demand = match known {
-                Known::All => found.demand(most),
-                Known::Most => found.demand(most).widened(most),
-                Known::Little => most,
+                KnownBounds::All => found.demand(most),
+                KnownBounds::Most => found.demand(most).widened(most),
+                KnownBounds::Little => most,
             };
         }
         Self { demands, min_cap, max_cap }
@@ -76,7 +76,7 @@ impl<const A: usize> Survey<A> {
 
 /// How much of the stretch is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Known {
+enum KnownBounds {
     All,
     /// All but blocks at its ends.
     Most,
@@ -84,8 +84,12 @@ enum Known {
 }
 
 /// The largest differences of `blocks` blocks from record `start` on.
-fn look<const A: usize>(way: &Way<'_, A, impl Road<A>>, start: u32, blocks: u32) -> ([Differences; A], Known) {
-    let mut differences = [Differences::default(); A];
+fn look<const A: usize>(
+    way: &DirectedWindow<'_, A, impl RecordWindow<A>>,
+    start: u32,
+    blocks: u32,
+) -> ([IncrementDifferences; A], KnownBounds) {
+    let mut differences = [IncrementDifferences::default(); A];
     let mut kept = [[0; A]; KEPT];
     let (mut held, mut missing) = (0, 0);
     for b in 0..blocks {
@@ -101,14 +105,14 @@ fn look<const A: usize>(way: &Way<'_, A, impl Road<A>>, start: u32, blocks: u32)
         }
     }
     let known = match missing {
-        0 => Known::All,
-        _ if blocks - missing >= 4 && missing <= 2 * (MARGIN + 1) => Known::Most,
-        _ => Known::Little,
+        0 => KnownBounds::All,
+        _ if blocks - missing >= 4 && missing <= 2 * (MARGIN + 1) => KnownBounds::Most,
+        _ => KnownBounds::Little,
     };
     (differences, known)
 }
 
-impl Differences {
+impl IncrementDifferences {
     /// Takes in a block; `sum` gives the sums of it and of the `held` − 1 before it.
     fn take(&mut self, held: usize, sum: impl Fn(usize) -> i32) {
         let over = |from: usize, blocks: usize| (from..from + blocks).map(&sum).sum::<i32>();
@@ -135,20 +139,20 @@ impl Differences {
     /// A second difference of rounded positions is off by 2 pulses, a third by 4. Over short strides that much is left out, as it moves the
     /// axis by no more than rounding does; over the longest nothing is. A peak lies up to half a block from the middle of a stride, and the
     /// stride's mean is below it: by the jerk times half a block.
-    fn demand(&self, most: Demand) -> Demand {
+    fn demand(&self, most: AxisBounds) -> AxisBounds {
         let part = |pulses: u32, slack: u32, bits: u32| (u64::from(pulses.saturating_sub(slack)) << 32) >> bits;
         let jerk = part(self.third[0], 4, 9).max(part(self.third[1], 4, 12)).min(most.jerk);
         let [short, middle, long] = self.second;
         let steady = part(short, 2, 6).max(part(middle, 1, 8)).max(part(long, 0, 10));
         let acceleration = (steady + 4 * jerk).min(most.acceleration);
         let velocity = (part(self.first + 1, 0, 4) + 19 * jerk).min(most.velocity);
-        Demand { velocity, acceleration, jerk }
+        AxisBounds { velocity, acceleration, jerk }
     }
 }
 
-impl Demand {
+impl AxisBounds {
     /// All that the plan may ask of an axis in records that have caps from `cap` sixteenths on.
-    fn most<const A: usize>(limits: &RateLimits<A>, axis: &AxisLimits, cap: u8) -> Self {
+    fn most<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits, cap: u8) -> Self {
         let per_cap = |figure: u64, power: u8| {
             if cap == 16 { figure } else { (0..power).fold(figure, |f, _| (f * 16).div_ceil(u64::from(cap))) }
         };

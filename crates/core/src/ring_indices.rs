@@ -8,13 +8,13 @@
 
 /// The planner's view: where it writes, and how far that is free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Planned {
+pub struct ProducerIndices {
     write: u32,
     floor: u32,
     room: u32,
 }
 
-impl Planned {
+impl ProducerIndices {
     /// Writes at `write` while that is less than `room` beyond `floor`.
     #[must_use]
     pub const fn at(write: u32, floor: u32, room: u32) -> Self {
@@ -30,20 +30,20 @@ impl Planned {
     /// Is there no room, as far as is known?
     #[inline]
     #[must_use]
-    pub const fn full(&self) -> bool {
+    pub const fn is_full(&self) -> bool {
         self.write.wrapping_sub(self.floor) >= self.room
     }
 
     /// How many records there is room for, as far as is known.
     #[inline]
     #[must_use]
-    pub const fn left(&self) -> u32 {
+    pub const fn slots(&self) -> u32 {
         self.room.saturating_sub(self.write.wrapping_sub(self.floor))
     }
 
     /// The floor is now known to be there.
     #[inline]
-    pub const fn see(&mut self, floor: u32) {
+    pub const fn observe_floor(&mut self, floor: u32) {
         self.floor = floor;
     }
 
@@ -56,7 +56,7 @@ impl Planned {
 
 /// The motion path's view: history, cursor, and how much is planned as far as it has seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Played {
+pub struct ConsumerIndices {
     head: u32,
     read: u32,
     reached: u32,
@@ -64,7 +64,7 @@ pub struct Played {
     keep: u32,
 }
 
-impl Played {
+impl ConsumerIndices {
     /// At these positions. `None` where they are not `head ≤ read ≤ reached ≤ write`, keep more than `keep` records behind
     /// `reached`, or span more than 2³⁰ records.
     #[must_use]
@@ -116,7 +116,7 @@ impl Played {
 
     /// The end of what is planned is now known to be there.
     #[inline]
-    pub const fn see(&mut self, write: u32) {
+    pub const fn observe_write(&mut self, write: u32) {
         self.write = write;
     }
 
@@ -129,7 +129,7 @@ impl Played {
 
     /// Moves the cursor over the record under it, which is the place that comes back; `None` at `write`. (REV-5, REV-7)
     #[inline]
-    pub const fn forward(&mut self) -> Option<u32> {
+    pub const fn advance_cursor(&mut self) -> Option<u32> {
         if self.read == self.write {
             return None;
         }
@@ -144,7 +144,7 @@ impl Played {
 
     /// Moves the cursor back over a record, which is the place that comes back; `None` at `head`. (REV-6)
     #[inline]
-    pub const fn backward(&mut self) -> Option<u32> {
+    pub const fn retreat(&mut self) -> Option<u32> {
         if self.read == self.head {
             return None;
         }
@@ -154,7 +154,7 @@ impl Played {
 
     /// Puts the cursor on `place`, as the card reports it; false, and nothing changed, where that is not in `head … write`.
     #[inline]
-    pub const fn follow(&mut self, place: u32) -> bool {
+    pub const fn seek(&mut self, place: u32) -> bool {
         let within = place.wrapping_sub(self.head) <= self.write.wrapping_sub(self.head);
         if within {
             self.settle(place);
@@ -189,23 +189,23 @@ mod tests {
 
     #[test]
     fn positions_out_of_order_are_none() {
-        assert!(Played::at(5, 7, 9, 12, 4).is_some());
-        assert!(Played::at(u32::MAX, 0, 1, 1, 2).is_some());
+        assert!(ConsumerIndices::at(5, 7, 9, 12, 4).is_some());
+        assert!(ConsumerIndices::at(u32::MAX, 0, 1, 1, 2).is_some());
         for (head, read, reached, write, keep) in
             [(5, 4, 9, 12, 4), (5, 10, 9, 12, 4), (5, 7, 13, 12, 9), (5, 7, 9, 12, 3), (5, 7, 9, 4, 4)]
         {
-            assert_eq!(Played::at(head, read, reached, write, keep), None);
+            assert_eq!(ConsumerIndices::at(head, read, reached, write, keep), None);
         }
     }
 
     #[test]
     fn head_follows_reached_once_there_is_more_than_is_kept() {
-        let mut played = Played::at(9, 9, 9, 20, 3).expect("valid");
+        let mut played = ConsumerIndices::at(9, 9, 9, 20, 3).expect("valid");
         for place in 9..14 {
-            assert_eq!(played.forward(), Some(place));
+            assert_eq!(played.advance_cursor(), Some(place));
         }
         assert_eq!((played.head(), played.reached(), played.floor()), (11, 14, 11));
-        assert!(played.follow(12) && played.follow(20) && !played.follow(21) && !played.follow(16));
+        assert!(played.seek(12) && played.seek(20) && !played.seek(21) && !played.seek(16));
         assert_eq!((played.head(), played.read()), (17, 20));
     }
 }
