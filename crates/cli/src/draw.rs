@@ -17,7 +17,7 @@ use retrace_controller::sink::Sink;
 use retrace_controller::stream::{Observer, Told};
 use retrace_core::mode::Mode;
 use retrace_hal_sim::Clock;
-use retrace_link::Change;
+use retrace_link::OutputChange;
 use retrace_motion::{Arc, Feed, PathMode};
 
 use crate::args;
@@ -193,7 +193,7 @@ impl Sink<9> for Drawing {
         Ok(())
     }
 
-    fn action(&mut self, _: Change, _: u32) {}
+    fn action(&mut self, _: OutputChange, _: u32) {}
 
     fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
         Ok(())

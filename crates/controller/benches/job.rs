@@ -18,7 +18,7 @@ use retrace_controller::machine::Machine;
 use retrace_controller::sink::Sink;
 use retrace_core::Flags;
 use retrace_gcode::{Prescan, Program, Progress, Setup, Step, Text};
-use retrace_link::Change;
+use retrace_link::OutputChange;
 use retrace_motion::{Arc, Feed, PathMode, Planner};
 
 use roads::Way;
@@ -65,7 +65,7 @@ impl Sink<3> for Records {
         Ok(())
     }
 
-    fn action(&mut self, _: Change, _: u32) {}
+    fn action(&mut self, _: OutputChange, _: u32) {}
 
     fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
         self.planner.stop(Flags::NONE);

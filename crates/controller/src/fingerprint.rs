@@ -6,7 +6,7 @@
 
 use retrace_core::Flags;
 use retrace_gcode::{Program, Progress, Step};
-use retrace_link::Change;
+use retrace_link::OutputChange;
 use retrace_motion::{Arc, Feed, PathMode, Planner};
 
 use crate::by_hand;
@@ -87,7 +87,7 @@ impl Sink<4> for Planned {
         Ok(())
     }
 
-    fn action(&mut self, _: Change, _: u32) {}
+    fn action(&mut self, _: OutputChange, _: u32) {}
 
     fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
         self.rest();

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use retrace_link::{Change, channel};
+use retrace_link::{OutputChange, channel};
 use retrace_motion::{Arc, Feed, PathMode};
 
 use crate::feed::{Cancelled, Refused, Switch};
@@ -144,7 +144,7 @@ impl<'m, const A: usize> Scan<'m, A> {
     }
 
     /// An output is switched.
-    fn switched(&mut self, change: Change, line: u32) {
+    fn switched(&mut self, change: OutputChange, line: u32) {
         if change.value == 0 {
             self.on.remove(&change.channel);
         } else {
@@ -206,7 +206,7 @@ impl<const A: usize> Sink<A> for Scan<'_, A> {
         Ok(())
     }
 
-    fn action(&mut self, change: Change, line: u32) {
+    fn action(&mut self, change: OutputChange, line: u32) {
         self.switched(change, line);
     }
 

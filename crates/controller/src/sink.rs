@@ -2,7 +2,7 @@
 //!
 //! Invariant: both sinks are given the same calls for the same program, so that what was scanned is what is run.
 
-use retrace_link::Change;
+use retrace_link::OutputChange;
 use retrace_motion::{Arc, Feed, PathMode};
 
 use crate::feed::{Cancelled, Feeder, Refused, Switch};
@@ -22,10 +22,10 @@ pub trait Sink<const A: usize> {
     fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused>;
 
     /// A synchronous action, executed where the next move begins.
-    fn action(&mut self, change: Change, line: u32);
+    fn action(&mut self, change: OutputChange, line: u32);
 
     /// The same, which reverse run leaves as it is.
-    fn lasting_action(&mut self, change: Change, line: u32) {
+    fn lasting_action(&mut self, change: OutputChange, line: u32) {
         self.action(change, line);
     }
 
@@ -51,11 +51,11 @@ impl<const A: usize> Sink<A> for Feeder<'_, A> {
         Feeder::arc(self, arc, feed, mode, line)
     }
 
-    fn action(&mut self, change: Change, line: u32) {
+    fn action(&mut self, change: OutputChange, line: u32) {
         Feeder::action(self, change, line);
     }
 
-    fn lasting_action(&mut self, change: Change, line: u32) {
+    fn lasting_action(&mut self, change: OutputChange, line: u32) {
         Feeder::lasting_action(self, change, line);
     }
 

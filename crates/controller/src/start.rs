@@ -4,7 +4,7 @@
 //! cutters before the first move, the cutters where the skipped motion ended (CUT-17). The axes come there in the order of DNC-6, tool axis
 //! up to the retract plane or higher, other axes, tool axis down.
 
-use retrace_link::{Action, Change, Outputs};
+use retrace_link::{OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, Feed, PathMode};
 
 use crate::feed::{Cancelled, Feeder, Refused, Switch};
@@ -92,10 +92,10 @@ impl<const A: usize> Sink<A> for Skipped {
         Ok(())
     }
 
-    fn action(&mut self, change: Change, line: u32) {
-        let Change { channel, value } = change;
+    fn action(&mut self, change: OutputChange, line: u32) {
+        let OutputChange { channel, value } = change;
         let before = std::mem::replace(&mut self.outputs[usize::from(channel)], value);
-        self.origins.passed(&Action { place: self.moves, channel, before, after: value }, line);
+        self.origins.passed(&OutputAction { place: self.moves, channel, before, after: value }, line);
     }
 
     fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {

@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use retrace_core::Flags;
-use retrace_link::{Change, channel};
+use retrace_link::{OutputChange, channel};
 use retrace_motion::{Arc, Feed, LimitError, PathMode, Planner};
 
 use crate::feed::{Cancelled, Refused, Switch};
@@ -162,7 +162,7 @@ impl<'m, const A: usize> Survey<'m, A> {
         linear.map(|(index, _)| (to[index] - from[index]).powi(2)).sum()
     }
 
-    fn switched(&mut self, change: Change) {
+    fn switched(&mut self, change: OutputChange) {
         let cutting = &self.scan.machine().cutting_outputs;
         if cutting.contains(&change.channel) || cutting.is_empty() && change.channel == channel::SPINDLE {
             let was_on = self.cutters_on.contains(&change.channel);
@@ -221,7 +221,7 @@ impl<const A: usize> Sink<A> for Survey<'_, A> {
         Ok(())
     }
 
-    fn action(&mut self, change: Change, line: u32) {
+    fn action(&mut self, change: OutputChange, line: u32) {
         self.scan.action(change, line);
         self.switched(change);
     }

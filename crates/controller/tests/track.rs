@@ -5,7 +5,7 @@ use retrace_controller::job::{Decode, Decoded, Finding, feed_all};
 use retrace_controller::machine::Machine;
 use retrace_controller::sink::Sink;
 use retrace_gcode::{Axis, AxisSet, Program, Progress, Setup, Step};
-use retrace_link::Change;
+use retrace_link::OutputChange;
 use retrace_motion::{Arc, Feed, PathMode};
 
 /// Code, channels with their values, periods.
@@ -28,7 +28,7 @@ impl Sink<3> for Moves {
         self.arcs.push(*arc);
         Ok(())
     }
-    fn action(&mut self, change: Change, _: u32) {
+    fn action(&mut self, change: OutputChange, _: u32) {
         self.actions.push((change.channel, change.value));
     }
     fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {

@@ -6,7 +6,7 @@ use retrace_controller::feed::{Cancelled, Refused, Switch};
 use retrace_controller::job::{self, Decode};
 use retrace_controller::machine::Machine;
 use retrace_controller::sink::Sink;
-use retrace_link::Change;
+use retrace_link::OutputChange;
 use retrace_motion::{Arc, Feed, PathMode};
 
 use super::trail::{Knot, Trail};
@@ -115,7 +115,7 @@ impl Sink<9> for Preview {
         Ok(())
     }
 
-    fn action(&mut self, _: Change, _: u32) {}
+    fn action(&mut self, _: OutputChange, _: u32) {}
 
     fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
         Ok(())

@@ -24,7 +24,7 @@ pub use self::findings::Examination;
 pub use self::serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
 pub use self::setting_up::SettingUp;
 use self::setting_up::Written;
-use crate::card::CardSettings;
+use crate::card::CardConfig;
 use crate::law::{self, Stopping};
 use crate::refusal::Refusal;
 use crate::session::ON_THE_WAY;
@@ -72,7 +72,7 @@ pub struct Machine {
     /// How programs come over a serial line.
     pub serial: SerialSettings,
     /// What the card is told besides.
-    pub card: CardSettings,
+    pub card: CardConfig,
     /// What M, S and T codes switch, how, and for how long.
     pub switching: SwitchingTable,
     /// How the rate law stops this machine.

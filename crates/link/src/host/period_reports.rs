@@ -6,11 +6,11 @@ use retrace_core::Travel;
 use retrace_core::place::before;
 use retrace_core::playback::emission;
 
-use super::{ENTRIES, Host, HostFault};
-use crate::echo;
-use crate::wire::Entry;
+use super::{ENTRIES, HostEndpoint, LinkError};
+use crate::state_crc;
+use crate::wire::ReportEntry;
 
-impl<const A: usize> Host<A> {
+impl<const A: usize> HostEndpoint<A> {
     /// Gives out the next control period that the card reported: [`Host::status`] is that of its end. False where there is none yet.
     pub fn next_period(&mut self) -> bool {
         if self.waiting > 0 && core::mem::take(&mut self.given) {
@@ -19,9 +19,9 @@ impl<const A: usize> Host<A> {
         while self.waiting > 0 && self.fault.is_none() {
             let at = usize::from(self.taken) % ENTRIES;
             let entry = self.entries[at];
-            if let Entry::Ran { travel, count, short, at_rest } = entry {
+            if let ReportEntry::Ran { travel, count, short, at_rest } = entry {
                 if count > 1 {
-                    self.entries[at] = Entry::Ran { travel, count: count - 1, short, at_rest };
+                    self.entries[at] = ReportEntry::Ran { travel, count: count - 1, short, at_rest };
                 } else {
                     self.drop_entry();
                 }
@@ -40,30 +40,30 @@ impl<const A: usize> Host<A> {
         self.waiting -= 1;
     }
 
-    fn note(&mut self, entry: Entry) {
+    fn note(&mut self, entry: ReportEntry) {
         match entry {
-            Entry::Output(change) => {
+            ReportEntry::Output(change) => {
                 if let Some(output) = self.status.outputs.get_mut(usize::from(change.channel)) {
                     *output = change.value;
                 }
             }
-            Entry::Executed(number) => self.status.executed = number,
-            Entry::Alarm(alarm) => {
+            ReportEntry::Executed(number) => self.status.executed = number,
+            ReportEntry::Alarm(alarm) => {
                 self.alarm = alarm;
                 self.status.alarm = alarm;
             }
-            Entry::Inputs(inputs) => self.status.inputs = inputs,
-            Entry::Wheel(counts) => self.status.wheel = self.status.wheel.saturating_add(counts),
-            Entry::CutterOff(off) => self.status.cutter_off = Some(off),
-            Entry::Repeated(number) => self.status.repeated = number,
-            Entry::Blocked(blocked) => self.status.blocked = blocked,
-            Entry::Refused(number) | Entry::RepeatRefused(number) => {
+            ReportEntry::Inputs(inputs) => self.status.inputs = inputs,
+            ReportEntry::Wheel(counts) => self.status.wheel = self.status.wheel.saturating_add(counts),
+            ReportEntry::CutterOff(off) => self.status.cutter_off = Some(off),
+            ReportEntry::Repeated(number) => self.status.repeated = number,
+            ReportEntry::Blocked(blocked) => self.status.blocked = blocked,
+            ReportEntry::Refused(number) | ReportEntry::RepeatRefused(number) => {
                 // While an alarm is latched that is what is to be told.
                 if self.alarm.is_none() {
-                    self.fault = Some(HostFault::Refused(number));
+                    self.fault = Some(LinkError::Refused(number));
                 }
             }
-            Entry::Ran { .. } => {}
+            ReportEntry::Ran { .. } => {}
         }
     }
 
@@ -71,12 +71,12 @@ impl<const A: usize> Host<A> {
         let from = self.status.place;
         let to = from.moved(travel);
         let Some(increments) = emission(from, to, |place| self.mirror.record(place)) else {
-            self.fault = Some(HostFault::Disagrees);
+            self.fault = Some(LinkError::Disagrees);
             return;
         };
         let status = &mut self.status;
         status.period += 1;
-        (status.place, status.rate, status.short, status.at_rest) = (to, travel, short, at_rest);
+        (status.place, status.rate, status.starved, status.at_rest) = (to, travel, short, at_rest);
         // at most nine records a period
         status.increments = increments.map(|pulses| pulses as i32);
         for (count, increment) in status.counts.iter_mut().zip(increments) {
@@ -92,9 +92,9 @@ impl<const A: usize> Host<A> {
         if self.waiting == 0
             && let (Some(told), Some(settings)) = (self.echo.take(), &self.settings)
             && !self.off_path
-            && told != echo(status.place, &status.counts, settings.axes)
+            && told != state_crc(status.place, &status.counts, settings.axes)
         {
-            self.fault = Some(HostFault::Disagrees);
+            self.fault = Some(LinkError::Disagrees);
         }
     }
 }

@@ -6,7 +6,7 @@ use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering};
 
 /// How steps are to be made, as the host's settings say it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shape {
+pub struct StepShape {
     /// Control period in microseconds.
     pub period_us: u32,
     /// Least length of a step pulse, in nanoseconds.
@@ -19,15 +19,15 @@ pub struct Shape {
 
 /// Net pulses of each axis in a control period, and how they are to be made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Order<const A: usize> {
+pub struct StepBatch<const A: usize> {
     /// Net pulses of each axis.
     pub increments: [i32; A],
     /// How.
-    pub shape: Shape,
+    pub shape: StepShape,
 }
 
 /// Room for one order: one context puts, one takes.
-pub struct Handover<const A: usize> {
+pub struct StepMailbox<const A: usize> {
     /// Is there an order? Set by the putting side, cleared by the taking side; the rest belongs to whom it says.
     full: AtomicBool,
     increments: [AtomicI32; A],
@@ -37,7 +37,7 @@ pub struct Handover<const A: usize> {
     inverted: AtomicU32,
 }
 
-impl<const A: usize> Handover<A> {
+impl<const A: usize> StepMailbox<A> {
     /// No order.
     #[must_use]
     pub const fn new() -> Self {
@@ -57,14 +57,14 @@ impl<const A: usize> Handover<A> {
     }
 
     /// Puts an order; false where the last one was not taken yet, and nothing has changed then. The putting side's.
-    pub fn put(&self, order: &Order<A>) -> bool {
+    pub fn put(&self, order: &StepBatch<A>) -> bool {
         if !self.is_free() {
             return false;
         }
         for (cell, &increment) in self.increments.iter().zip(&order.increments) {
             cell.store(increment, Ordering::Relaxed);
         }
-        let Shape { period_us, pulse_ns, setup_ns, inverted } = order.shape;
+        let StepShape { period_us, pulse_ns, setup_ns, inverted } = order.shape;
         self.period_us.store(period_us, Ordering::Relaxed);
         self.times.store(u32::from(pulse_ns) | u32::from(setup_ns) << 16, Ordering::Relaxed);
         self.inverted.store(u32::from(inverted), Ordering::Relaxed);
@@ -73,7 +73,7 @@ impl<const A: usize> Handover<A> {
     }
 
     /// Takes the order, if there is one. The taking side's.
-    pub fn take(&self) -> Option<Order<A>> {
+    pub fn take(&self) -> Option<StepBatch<A>> {
         if !self.full.load(Ordering::Acquire) {
             return None;
         }
@@ -82,18 +82,18 @@ impl<const A: usize> Handover<A> {
             *increment = cell.load(Ordering::Relaxed);
         }
         let times = self.times.load(Ordering::Relaxed);
-        let shape = Shape {
+        let shape = StepShape {
             period_us: self.period_us.load(Ordering::Relaxed),
             pulse_ns: times as u16,
             setup_ns: (times >> 16) as u16,
             inverted: self.inverted.load(Ordering::Relaxed) as u16,
         };
         self.full.store(false, Ordering::Release);
-        Some(Order { increments, shape })
+        Some(StepBatch { increments, shape })
     }
 }
 
-impl<const A: usize> Default for Handover<A> {
+impl<const A: usize> Default for StepMailbox<A> {
     fn default() -> Self {
         Self::new()
     }
@@ -103,15 +103,19 @@ impl<const A: usize> Default for Handover<A> {
 mod tests {
     use super::*;
 
-    fn order(n: u32) -> Order<2> {
-        let shape =
-            Shape { period_us: n.rotate_left(9), pulse_ns: n as u16, setup_ns: !n as u16, inverted: (n >> 3) as u16 };
-        Order { increments: [n as i32, -(n as i32)], shape }
+    fn order(n: u32) -> StepBatch<2> {
+        let shape = StepShape {
+            period_us: n.rotate_left(9),
+            pulse_ns: n as u16,
+            setup_ns: !n as u16,
+            inverted: (n >> 3) as u16,
+        };
+        StepBatch { increments: [n as i32, -(n as i32)], shape }
     }
 
     #[test]
     fn every_order_arrives_whole_and_once_between_threads() {
-        static HANDOVER: Handover<2> = Handover::new();
+        static HANDOVER: StepMailbox<2> = StepMailbox::new();
         const COUNT: u32 = 20_000;
         let putting = std::thread::spawn(|| {
             for n in 0..COUNT {
@@ -135,9 +139,9 @@ mod tests {
 
     #[test]
     fn an_order_that_was_not_taken_is_not_overwritten() {
-        let handover = Handover::new();
-        assert!(handover.is_free() && handover.put(&order(1)));
-        assert!(!handover.is_free() && !handover.put(&order(2)));
-        assert_eq!(handover.take(), Some(order(1)));
+        let mailbox = StepMailbox::new();
+        assert!(mailbox.is_free() && mailbox.put(&order(1)));
+        assert!(!mailbox.is_free() && !mailbox.put(&order(2)));
+        assert_eq!(mailbox.take(), Some(order(1)));
     }
 }

@@ -9,7 +9,7 @@ use crate::Address;
 
 /// A port that was not opened: its number in the table of errors, what is wrong, and what to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Refused {
+pub struct PortError {
     /// Its number, `E2…`.
     pub number: &'static str,
     /// What is wrong.
@@ -18,15 +18,15 @@ pub struct Refused {
     pub remedy: String,
 }
 
-impl fmt::Display for Refused {
+impl fmt::Display for PortError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "error[{}]: {}\n  help: {}", self.number, self.what, self.remedy)
     }
 }
 
-impl std::error::Error for Refused {}
+impl std::error::Error for PortError {}
 
-impl Refused {
+impl PortError {
     fn new(number: &'static str, what: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { number, what: what.into(), remedy: remedy.into() }
     }
@@ -78,7 +78,7 @@ impl Refused {
     }
 
     /// It did not come back.
-    pub(crate) fn gone(address: &Address, seconds: f64, why: &Refused) -> Self {
+    pub(crate) fn gone(address: &Address, seconds: f64, why: &PortError) -> Self {
         let what =
             format!("the line to {} was lost, and did not come back within {seconds:.1} s", address.path.display());
         Self::new("E2147", what, format!("{}: {}", why.what, why.remedy))
@@ -137,9 +137,9 @@ mod tests {
         let table = "root:x:0:\ndialout:x:20:ann,bob\nbroken\nuucp:x:14:";
         assert_eq!(group_named(table, 20).as_deref(), Some("dialout"));
         assert_eq!(group_named(table, 15), None);
-        let refused = Refused::forbidden(Path::new("/dev/ttyUSB0"), Some("dialout"));
+        let refused = PortError::forbidden(Path::new("/dev/ttyUSB0"), Some("dialout"));
         assert!(refused.to_string().contains("sudo usermod -aG dialout $USER"), "{refused}");
-        let refused = Refused::forbidden(Path::new("/dev/ttyS0"), Some("root"));
+        let refused = PortError::forbidden(Path::new("/dev/ttyS0"), Some("root"));
         assert!(!refused.to_string().contains("usermod"), "nobody is to join the group root: {refused}");
     }
 

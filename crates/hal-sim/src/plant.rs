@@ -2,7 +2,7 @@
 //!
 //! Invariant: it knows what comes out of the card's pins and what goes into them, and nothing of what the card means by it.
 
-use retrace_card::Inputs;
+use retrace_card::InputLevels;
 use retrace_link::{InputSetting, InputUse, MAX_INPUTS, Outputs, channel};
 
 use crate::random::{Chance, Random};
@@ -53,7 +53,7 @@ pub struct Reply {
 
 /// What happens to an input at a time, whatever else does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Event {
+pub struct InputEvent {
     /// When, in microseconds.
     pub at_us: u64,
     /// The input.
@@ -64,7 +64,7 @@ pub struct Event {
 
 /// What a machine is made of.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct MachineSettings {
+pub struct PlantSettings {
     /// Switches on the axes.
     pub switches: Vec<Switch>,
     /// What takes time to switch.
@@ -72,7 +72,7 @@ pub struct MachineSettings {
     /// What says in which state it is.
     pub replies: Vec<Reply>,
     /// What happens to inputs, in the order of its time: doors, emergency stops.
-    pub events: Vec<Event>,
+    pub events: Vec<InputEvent>,
     /// Inputs whose level is low while what is wired to them is active, one bit each.
     pub active_low: u16,
     /// What all chance follows from.
@@ -99,7 +99,7 @@ pub mod wiring {
     pub const AXES: usize = 4;
 }
 
-impl MachineSettings {
+impl PlantSettings {
     /// A machine wired as the card is told that it is: limit switches at `travel` (lower and upper end of each axis, in pulses), home
     /// switches `home[axis]` pulses before the lower one. Doors are shut and the emergency-stop chain is closed.
     #[must_use]
@@ -141,26 +141,26 @@ impl MachineSettings {
 
 /// What a process is about to say.
 #[derive(Clone, Copy, Debug)]
-enum Promise {
+enum PendingReply {
     Done,
     Failed,
 }
 
 #[derive(Clone, Debug)]
-struct Running {
+struct RunningProcess {
     process: Process,
     value: i32,
-    due: Option<(u64, Promise)>,
+    due: Option<(u64, PendingReply)>,
 }
 
 #[derive(Clone, Debug)]
-struct Replying {
+struct RunningReply {
     reply: Reply,
     value: i32,
     due_us: Option<u64>,
 }
 
-impl Replying {
+impl RunningReply {
     /// What its input says of its state.
     const fn says(&self) -> bool {
         self.reply.active[(self.value != 0) as usize]
@@ -169,7 +169,7 @@ impl Replying {
 
 /// The handwheel being turned.
 #[derive(Clone, Copy, Debug)]
-struct Turning {
+struct WheelMotion {
     counts_per_s: i32,
     since_us: u64,
     until_us: u64,
@@ -179,37 +179,41 @@ struct Turning {
 
 /// A machine of `A` axes.
 #[derive(Clone, Debug)]
-pub struct Machine<const A: usize> {
+pub struct Plant<const A: usize> {
     switches: Vec<Switch>,
-    running: Vec<Running>,
-    replying: Vec<Replying>,
-    events: std::collections::VecDeque<Event>,
+    running: Vec<RunningProcess>,
+    replying: Vec<RunningReply>,
+    events: std::collections::VecDeque<InputEvent>,
     random: Random,
     active: u16,
     active_low: u16,
     failed: bool,
     encoder: u16,
     /// Somebody turns the wheel.
-    turning: Option<Turning>,
+    turning: Option<WheelMotion>,
     /// Things that were switched, that hung, and that failed.
     switched: [u64; 3],
 }
 
-impl<const A: usize> Machine<A> {
+impl<const A: usize> Plant<A> {
     /// A machine at rest, at position 0, with all outputs off.
     #[must_use]
-    pub fn new(settings: &MachineSettings) -> Self {
+    pub fn new(settings: &PlantSettings) -> Self {
         let mut events = settings.events.clone();
         events.sort_by_key(|event| event.at_us);
-        let replying = settings.replies.iter().map(|&reply| Replying { reply, value: 0, due_us: None });
-        let replying: Vec<Replying> = replying.collect();
+        let replying = settings.replies.iter().map(|&reply| RunningReply { reply, value: 0, due_us: None });
+        let replying: Vec<RunningReply> = replying.collect();
         let mut active = 0;
         for each in replying.iter().filter(|each| each.says()) {
             set(&mut active, each.reply.input, true);
         }
         Self {
             switches: settings.switches.clone(),
-            running: settings.processes.iter().map(|&process| Running { process, value: 0, due: None }).collect(),
+            running: settings
+                .processes
+                .iter()
+                .map(|&process| RunningProcess { process, value: 0, due: None })
+                .collect(),
             replying,
             events: events.into(),
             random: Random::new(settings.seed),
@@ -223,7 +227,7 @@ impl<const A: usize> Machine<A> {
     }
 
     /// What the card reads at `now_us`, the axes being at `positions`.
-    pub fn inputs(&mut self, now_us: u64, positions: &[i64; A]) -> Inputs {
+    pub fn inputs(&mut self, now_us: u64, positions: &[i64; A]) -> InputLevels {
         for switch in &self.switches {
             let Some(&position) = positions.get(usize::from(switch.axis)) else { continue };
             let active = if switch.upper { position >= switch.at } else { position <= switch.at };
@@ -235,8 +239,8 @@ impl<const A: usize> Machine<A> {
             {
                 running.due = None;
                 match promise {
-                    Promise::Done => set(&mut self.active, running.process.input, true),
-                    Promise::Failed => self.failed = true,
+                    PendingReply::Done => set(&mut self.active, running.process.input, true),
+                    PendingReply::Failed => self.failed = true,
                 }
             }
         }
@@ -252,7 +256,7 @@ impl<const A: usize> Machine<A> {
         }
         self.turn_on(now_us);
         let failed = std::mem::take(&mut self.failed);
-        Inputs { levels: self.active ^ self.active_low, encoder: self.encoder, failed }
+        InputLevels { levels: self.active ^ self.active_low, encoder: self.encoder, failed }
     }
 
     /// The card's outputs are these at `now_us`.
@@ -271,7 +275,7 @@ impl<const A: usize> Machine<A> {
             let (hangs, fails) = (process.hangs.draw(&mut self.random), process.fails.draw(&mut self.random));
             self.switched[1] += u64::from(hangs);
             self.switched[2] += u64::from(fails && !hangs);
-            running.due = (!hangs).then_some((due, if fails { Promise::Failed } else { Promise::Done }));
+            running.due = (!hangs).then_some((due, if fails { PendingReply::Failed } else { PendingReply::Done }));
         }
         for each in &mut self.replying {
             let Some(&value) = outputs.get(usize::from(each.reply.channel)) else { continue };
@@ -289,14 +293,14 @@ impl<const A: usize> Machine<A> {
     }
 
     /// Turns the handwheel by so many counts of its encoder.
-    pub const fn turn(&mut self, counts: i16) {
+    pub const fn turn_wheel(&mut self, counts: i16) {
         self.encoder = self.encoder.wrapping_add_signed(counts);
     }
 
     /// Turns the handwheel at so many counts a second for so many microseconds from `now_us` on; ends what is left of another turn.
-    pub const fn turn_for(&mut self, now_us: u64, counts_per_s: i32, for_us: u64) {
+    pub const fn turn_wheel_for(&mut self, now_us: u64, counts_per_s: i32, for_us: u64) {
         let until_us = now_us.saturating_add(for_us);
-        self.turning = Some(Turning { counts_per_s, since_us: now_us, until_us, turned: 0 });
+        self.turning = Some(WheelMotion { counts_per_s, since_us: now_us, until_us, turned: 0 });
     }
 
     /// What the handwheel was turned by up to now.
@@ -311,7 +315,7 @@ impl<const A: usize> Machine<A> {
         if now_us >= turning.until_us {
             self.turning = None;
         }
-        self.turn(counts);
+        self.turn_wheel(counts);
     }
 
     /// How often something was switched, hung, and failed.
@@ -334,7 +338,7 @@ mod tests {
 
     #[test]
     fn switches_stand_at_the_ends_of_the_travel() {
-        let mut machine = Machine::<2>::new(&MachineSettings::with_switches(&[[-100, 500], [0, 10]], 20));
+        let mut machine = Plant::<2>::new(&PlantSettings::with_switches(&[[-100, 500], [0, 10]], 20));
         let mut active = |x, y| -> Vec<u32> {
             let levels = u32::from(machine.inputs(0, &[x, y]).levels);
             (0..16).filter(|n| levels >> n & 1 == 1).collect()
@@ -353,8 +357,8 @@ mod tests {
         inputs[5] = InputSetting { used_for: InputUse::Home { axis: 0 }, active_low: false };
         inputs[7] = InputSetting { used_for: InputUse::EmergencyStop, active_low: true };
         inputs[9] = InputSetting { used_for: InputUse::Limit { axis: 8, upper: true }, active_low: false };
-        let settings = MachineSettings::wired_as(&inputs, &[[-100, 100], [-50, 50]], &[10]);
-        let mut machine = Machine::<2>::new(&settings);
+        let settings = PlantSettings::wired_as(&inputs, &[[-100, 100], [-50, 50]], &[10]);
+        let mut machine = Plant::<2>::new(&settings);
         let closed = 1 << 3 | 1 << 7;
         assert_eq!(machine.inputs(0, &[0, 49]).levels, closed);
         assert_eq!(machine.inputs(0, &[-90, 50]).levels, 1 << 5 | 1 << 7);
@@ -372,8 +376,8 @@ mod tests {
             hangs: Chance::NEVER,
             fails: Chance::NEVER,
         };
-        let settings = MachineSettings { processes: vec![process], seed: 3, ..MachineSettings::default() };
-        let mut machine = Machine::<1>::new(&settings);
+        let settings = PlantSettings { processes: vec![process], seed: 3, ..PlantSettings::default() };
+        let mut machine = Plant::<1>::new(&settings);
         let (mut outputs, mut times) = ([0; channel::COUNT], Vec::new());
         for round in 1..=50u64 {
             let begin = round * 10_000;
@@ -393,10 +397,10 @@ mod tests {
         let arc = Reply { channel: channel::SPINDLE, input: 5, active: [false, true], after_us: 500 };
         let still = Reply { input: 6, active: [true, false], ..arc };
         let changed = Reply { input: 7, active: [true, true], ..arc };
-        let settings = MachineSettings { replies: vec![arc, still, changed], ..MachineSettings::default() };
-        let mut machine = Machine::<1>::new(&settings);
+        let settings = PlantSettings { replies: vec![arc, still, changed], ..PlantSettings::default() };
+        let mut machine = Plant::<1>::new(&settings);
         let mut outputs = [0; channel::COUNT];
-        let levels = |machine: &mut Machine<1>, us| machine.inputs(us, &[0]).levels >> 5;
+        let levels = |machine: &mut Plant<1>, us| machine.inputs(us, &[0]).levels >> 5;
         machine.outputs(0, &outputs);
         assert_eq!(levels(&mut machine, 9_999), 0b110, "nothing is switched: it stands");
         outputs[usize::from(channel::SPINDLE)] = 1;
@@ -413,12 +417,12 @@ mod tests {
         let certain = Chance::new(1.0).expect("a probability");
         let hang = Process { channel: 0, input: 15, min_us: 1, max_us: 1, hangs: certain, fails: Chance::NEVER };
         let fail = Process { channel: 1, input: 14, hangs: Chance::NEVER, fails: certain, ..hang };
-        let settings = MachineSettings { processes: vec![hang, fail], ..MachineSettings::default() };
-        let mut machine = Machine::<1>::new(&settings);
+        let settings = PlantSettings { processes: vec![hang, fail], ..PlantSettings::default() };
+        let mut machine = Plant::<1>::new(&settings);
         let mut outputs = [0; channel::COUNT];
         (outputs[0], outputs[1]) = (1, 1);
         machine.outputs(0, &outputs);
-        let seen: Vec<Inputs> = (0..10).map(|us| machine.inputs(us, &[0])).collect();
+        let seen: Vec<InputLevels> = (0..10).map(|us| machine.inputs(us, &[0])).collect();
         assert!(seen.iter().all(|inputs| inputs.levels == 0));
         assert_eq!(seen.iter().filter(|inputs| inputs.failed).count(), 1);
         assert_eq!(machine.switched(), [2, 1, 1]);
@@ -427,13 +431,13 @@ mod tests {
     #[test]
     fn events_and_the_wheel() {
         let events = vec![
-            Event { at_us: 20, input: wiring::DOOR, active: false },
-            Event { at_us: 10, input: wiring::DOOR, active: true },
+            InputEvent { at_us: 20, input: wiring::DOOR, active: false },
+            InputEvent { at_us: 10, input: wiring::DOOR, active: true },
         ];
-        let mut machine = Machine::<1>::new(&MachineSettings { events, ..MachineSettings::default() });
-        let door = |machine: &mut Machine<1>, us| machine.inputs(us, &[0]).levels >> wiring::DOOR & 1;
+        let mut machine = Plant::<1>::new(&PlantSettings { events, ..PlantSettings::default() });
+        let door = |machine: &mut Plant<1>, us| machine.inputs(us, &[0]).levels >> wiring::DOOR & 1;
         assert_eq!([9, 10, 19, 20].map(|us| door(&mut machine, us)), [0, 1, 1, 0]);
-        machine.turn(-5);
+        machine.turn_wheel(-5);
         assert_eq!(machine.inputs(30, &[0]).encoder, u16::MAX - 4);
         machine.press(wiring::PROBE, true);
         assert_eq!(machine.inputs(30, &[0]).levels, 1 << wiring::PROBE);
@@ -441,8 +445,8 @@ mod tests {
 
     #[test]
     fn the_wheel_is_turned_evenly_and_by_as_much_as_was_said() {
-        let mut machine = Machine::<1>::new(&MachineSettings::default());
-        machine.turn_for(10_000, -120, 2_000_000);
+        let mut machine = Plant::<1>::new(&PlantSettings::default());
+        machine.turn_wheel_for(10_000, -120, 2_000_000);
         let mut last = 0;
         for now_us in (10_000..3_000_000).step_by(1000) {
             let encoder = machine.inputs(now_us, &[0]).encoder as i16;

@@ -6,14 +6,17 @@
 use std::fmt;
 use std::io::{self, Write};
 
-use retrace_card::{Card, Inputs};
+use retrace_card::{Card, InputLevels};
 use retrace_core::limits::RateLimits;
-use retrace_link::{Alarm, CardFault, Deck, Identity, MotionCard, Outputs, Refusal, Settings, Start, Status, Word};
+use retrace_link::{
+    Alarm, CardCore, CardFailure, CardIdentity, CardSettings, CardStatus, CommandRefusal, HostCommand, MotionCard,
+    Outputs, PathStart,
+};
 
-use crate::compared::Compared;
+use crate::count_checker::CountChecker;
 use crate::pins::Pins;
 use crate::trace::Trace;
-use crate::{Clock, Machine, MachineSettings, PulseCounters, identity};
+use crate::{Clock, Plant, PlantSettings, PulseCounters, identity};
 
 /// Records that the simulated card holds.
 pub const WINDOW: usize = 4096;
@@ -40,19 +43,19 @@ impl<const A: usize> fmt::Debug for Traced<A> {
 #[derive(Debug)]
 pub struct SimCard<const A: usize> {
     card: Box<Card<A, WINDOW, MEMORY>>,
-    machine: Machine<A>,
+    machine: Plant<A>,
     counters: PulseCounters<A>,
-    compared: Compared<A>,
+    compared: CountChecker<A>,
     /// Counts of the axes where the counters' positions are 0, before any homing.
     stood_at: [i64; A],
-    settings: Settings<A>,
+    settings: CardSettings<A>,
     clock: Clock,
     traced: Option<Box<Traced<A>>>,
 }
 
 /// What can go wrong with a simulated card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SimFault {
+pub enum SimCardError {
     /// The card latched an alarm and stands. [`Word::ClearAlarm`] may clear it.
     Alarm(Alarm),
     /// More pulses than the card can emit.
@@ -66,10 +69,10 @@ pub enum SimFault {
         period: u64,
     },
     /// The card did not begin an epoch.
-    NotBegun(Refusal),
+    NotBegun(CommandRefusal),
 }
 
-impl fmt::Display for SimFault {
+impl fmt::Display for SimCardError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Alarm(alarm) => alarm.fmt(f),
@@ -79,13 +82,15 @@ impl fmt::Display for SimFault {
             Self::Apart { period } => {
                 write!(f, "control period {period}: the card's counts are not what was counted at its outputs")
             }
-            Self::NotBegun(Refusal::InMotion) => write!(f, "the card is in motion, and cannot begin a path anew"),
+            Self::NotBegun(CommandRefusal::InMotion) => {
+                write!(f, "the card is in motion, and cannot begin a path anew")
+            }
             Self::NotBegun(_) => write!(f, "the card cannot begin a path anew like that"),
         }
     }
 }
 
-impl CardFault for SimFault {
+impl CardFailure for SimCardError {
     fn number(&self) -> &'static str {
         match self {
             Self::Alarm(alarm) => alarm.number(),
@@ -112,8 +117,8 @@ impl<const A: usize> SimCard<A> {
     /// the rate law's average is too long for a card.
     #[must_use]
     pub fn new(start: u32, limits: RateLimits<A>, clock: Clock) -> Option<Self> {
-        let settings = Settings::new(1, Start::at(start), clock.period_us().unwrap_or(1000), limits);
-        Self::with_machine(settings, &MachineSettings::default(), clock).ok()
+        let settings = CardSettings::new(1, PathStart::at(start), clock.period_us().unwrap_or(1000), limits);
+        Self::with_machine(settings, &PlantSettings::default(), clock).ok()
     }
 
     /// A card at rest with a machine on it. Whoever has it in hand is there: the watchdog never trips; and its clock is so fine that pulses are
@@ -121,16 +126,20 @@ impl<const A: usize> SimCard<A> {
     ///
     /// # Errors
     /// As [`Deck::open`].
-    pub fn with_machine(settings: Settings<A>, machine: &MachineSettings, clock: Clock) -> Result<Self, Refusal> {
-        let identity = Identity { tick_hz: FINE_HZ, max_pulses_hz: u32::MAX, ..identity::<A>(0, 0) };
-        let settings = Settings { epoch: 1, pulse_ns: 0, direction_setup_ns: 0, ..settings };
-        let mut card = Box::new(Card::new(identity).ok_or(Refusal::Unfit)?);
+    pub fn with_machine(
+        settings: CardSettings<A>,
+        machine: &PlantSettings,
+        clock: Clock,
+    ) -> Result<Self, CommandRefusal> {
+        let identity = CardIdentity { tick_hz: FINE_HZ, max_pulses_hz: u32::MAX, ..identity::<A>(0, 0) };
+        let settings = CardSettings { epoch: 1, pulse_ns: 0, direction_setup_ns: 0, ..settings };
+        let mut card = Box::new(Card::new(identity).ok_or(CommandRefusal::Unfit)?);
         card.open(&settings)?;
-        let mut compared = Compared::new([0; A]);
+        let mut compared = CountChecker::new([0; A]);
         compared.expect_play(&settings.backlash_pulses, &[0; A], &[0; A]);
         Ok(Self {
             card,
-            machine: Machine::new(machine),
+            machine: Plant::new(machine),
             counters: PulseCounters::default(),
             compared,
             stood_at: [0; A],
@@ -145,7 +154,7 @@ impl<const A: usize> SimCard<A> {
     #[must_use]
     pub fn standing_at(mut self, counts: [i64; A], outputs: &Outputs) -> Self {
         self.card.stand_at(counts, outputs);
-        self.compared = Compared::new(counts);
+        self.compared = CountChecker::new(counts);
         self.compared.expect_play(&self.settings.backlash_pulses, &counts, &[0; A]);
         self.stood_at = counts;
         self.machine.outputs(0, outputs);
@@ -179,12 +188,12 @@ impl<const A: usize> SimCard<A> {
     }
 
     /// What hangs on the card, to be meddled with.
-    pub const fn machine(&mut self) -> &mut Machine<A> {
+    pub const fn machine(&mut self) -> &mut Plant<A> {
         &mut self.machine
     }
 
     /// What the machine has on the card's inputs at the beginning of period `number`.
-    fn inputs(&mut self, now_us: u64) -> Inputs {
+    fn inputs(&mut self, now_us: u64) -> InputLevels {
         let mut positions = *self.counters.positions();
         for (position, stood_at) in positions.iter_mut().zip(self.stood_at) {
             *position += stood_at;
@@ -194,17 +203,17 @@ impl<const A: usize> SimCard<A> {
 }
 
 impl<const A: usize> MotionCard<A> for SimCard<A> {
-    type Fault = SimFault;
+    type Fault = SimCardError;
 
     fn window(&self) -> u32 {
         WINDOW as u32
     }
 
-    fn send(&mut self, word: Word<A>) -> Result<(), Refusal> {
-        self.card.take(word)
+    fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
+        self.card.accept(word)
     }
 
-    fn period(&mut self) -> Result<&Status<A>, SimFault> {
+    fn period(&mut self) -> Result<&CardStatus<A>, SimCardError> {
         let before = self.card.status();
         let (number, counts) = (before.period + 1, before.counts);
         let stood_under_alarm = before.alarm.is_some() && before.at_rest;
@@ -215,25 +224,25 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         self.card.period(inputs);
         let (status, pulses) = (self.card.status(), self.card.pulses());
         if !self.counters.emit(pulses) {
-            return Err(SimFault::TooManyPulses { period: number });
+            return Err(SimCardError::TooManyPulses { period: number });
         }
         if !self.compared.agrees(&counts, status, self.counters.positions()) {
-            return Err(SimFault::Apart { period: number });
+            return Err(SimCardError::Apart { period: number });
         }
         self.machine.outputs(now_us, &status.outputs);
         let alarm = status.alarm;
         self.trace_period(now_us);
         match alarm {
-            Some(alarm) if stood_under_alarm => Err(SimFault::Alarm(alarm)),
+            Some(alarm) if stood_under_alarm => Err(SimCardError::Alarm(alarm)),
             _ => Ok(self.card.status()),
         }
     }
 
-    fn begin(&mut self, start: Start) -> Result<(), SimFault> {
-        self.card.open(&Settings { start, ..self.settings }).map_err(SimFault::NotBegun)
+    fn begin(&mut self, start: PathStart) -> Result<(), SimCardError> {
+        self.card.open(&CardSettings { start, ..self.settings }).map_err(SimCardError::NotBegun)
     }
 
-    fn status(&self) -> &Status<A> {
+    fn status(&self) -> &CardStatus<A> {
         self.card.status()
     }
 }
@@ -255,14 +264,14 @@ mod tests {
         for place in 0..100u32 {
             let flags = if place == 99 { Flags::REST } else { Flags::NONE };
             let record = Record { increments: [7, -(place as i16)], flags, ..Record::default() };
-            card.send(Word::Ahead { place, record }).expect("room");
+            card.send(HostCommand::Ahead { place, record }).expect("room");
         }
-        card.send(Word::rate(ONE)).expect("a rate");
+        card.send(HostCommand::rate(ONE)).expect("a rate");
         for _ in 0..100 {
             card.period().expect("no fault");
         }
         assert_eq!(card.status().counts, [700, -4950]);
-        card.send(Word::rate(-ONE / 3)).expect("a rate");
+        card.send(HostCommand::rate(-ONE / 3)).expect("a rate");
         for _ in 0..310 {
             card.period().expect("no fault");
         }

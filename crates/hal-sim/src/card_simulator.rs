@@ -7,24 +7,24 @@
 use std::fmt;
 use std::io::{self, Write};
 
-use retrace_link::Status;
+use retrace_link::CardStatus;
 
-use crate::compared::Compared;
-use crate::line::{Leftover, Line, LineSettings};
-use crate::machine::{Machine, MachineSettings};
-use crate::on_line::{SimOnLine, TICK_HZ, identity};
+use crate::count_checker::CountChecker;
+use crate::linked_card::{SimLinkedCard, TICK_HZ, identity};
 use crate::pins::Pins;
+use crate::plant::{Plant, PlantSettings};
+use crate::serial_channel::{InFlightPolicy, SerialChannel, SerialChannelSettings};
 use crate::trace::Trace;
 
 /// What a rig is made of.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct RigSettings {
+pub struct CardSimulatorSettings {
     /// The line from host to card.
-    pub up: LineSettings,
+    pub up: SerialChannelSettings,
     /// The line from card to host.
-    pub down: LineSettings,
+    pub down: SerialChannelSettings,
     /// What hangs on the card.
-    pub machine: MachineSettings,
+    pub machine: PlantSettings,
     /// Serial number of the card.
     pub serial: u32,
     /// The number that tells this start of the card from others.
@@ -40,21 +40,21 @@ const BURST: usize = 4096;
 
 /// What a watcher of the card is told of each control period, in the card's own time.
 #[derive(Clone, Copy, Debug)]
-pub struct Moment<'a, const A: usize> {
+pub struct PeriodSample<'a, const A: usize> {
     /// When it began, in microseconds.
     pub at_us: u64,
     /// What the card says of it, and would tell the host.
-    pub status: &'a Status<A>,
+    pub status: &'a CardStatus<A>,
     /// Net pulses that were counted on each axis' wires since the start, this period's among them.
     pub positions: &'a [i64; A],
 }
 
 /// What becomes of a moment.
-pub type Watcher<const A: usize> = Box<dyn FnMut(&Moment<'_, A>) + Send>;
+pub type PeriodObserver<const A: usize> = Box<dyn FnMut(&PeriodSample<'_, A>) + Send>;
 
 /// What the pins did that they should not have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Faults {
+pub struct SimulationFaults {
     /// Periods whose increments did not fit the pulses' times.
     pub too_many: u64,
     /// Periods after which the card's counts were not what was counted at its pins. Homing, which sets counts, is none, nor is play that is
@@ -63,44 +63,44 @@ pub struct Faults {
 }
 
 /// A simulated card with all that hangs on it.
-pub struct Rig<const A: usize> {
-    card: Box<SimOnLine<A>>,
-    machine: Machine<A>,
+pub struct CardSimulator<const A: usize> {
+    card: Box<SimLinkedCard<A>>,
+    machine: Plant<A>,
     pins: Pins<A>,
-    up: Line,
-    down: Line,
+    up: SerialChannel,
+    down: SerialChannel,
     now_ns: u64,
     /// When the next control period begins.
     due_ns: u64,
     /// When the card's UART can take bytes again, if there are more.
     more_at: Option<u64>,
-    compared: Compared<A>,
-    faults: Faults,
-    watcher: Option<Watcher<A>>,
+    compared: CountChecker<A>,
+    faults: SimulationFaults,
+    watcher: Option<PeriodObserver<A>>,
     trace: Option<Trace<Box<dyn Write + Send>, A>>,
 }
 
-impl<const A: usize> fmt::Debug for Rig<A> {
+impl<const A: usize> fmt::Debug for CardSimulator<A> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Rig").field("now_us", &self.now_us()).field("status", self.status()).finish_non_exhaustive()
     }
 }
 
-impl<const A: usize> Rig<A> {
+impl<const A: usize> CardSimulator<A> {
     /// A rig at rest, at time 0. `None` where the card cannot be made.
     #[must_use]
-    pub fn new(settings: &RigSettings) -> Option<Self> {
+    pub fn new(settings: &CardSimulatorSettings) -> Option<Self> {
         Some(Self {
-            card: Box::new(SimOnLine::new(identity::<A>(settings.serial, settings.boot))?),
-            machine: Machine::new(&settings.machine),
+            card: Box::new(SimLinkedCard::new(identity::<A>(settings.serial, settings.boot))?),
+            machine: Plant::new(&settings.machine),
             pins: Pins::default(),
-            up: Line::new(&settings.up),
-            down: Line::new(&settings.down),
+            up: SerialChannel::new(&settings.up),
+            down: SerialChannel::new(&settings.down),
             now_ns: 0,
             due_ns: IDLE_PERIOD_NS,
             more_at: None,
-            compared: Compared::new([0; A]),
-            faults: Faults::default(),
+            compared: CountChecker::new([0; A]),
+            faults: SimulationFaults::default(),
             watcher: None,
             trace: None,
         })
@@ -163,7 +163,7 @@ impl<const A: usize> Rig<A> {
         self.machine.outputs(self.now_us(), &status.outputs);
         if let Some(watcher) = &mut self.watcher {
             let positions = self.pins.positions();
-            watcher(&Moment { at_us: self.now_ns / 1000, status: &status, positions });
+            watcher(&PeriodSample { at_us: self.now_ns / 1000, status: &status, positions });
         }
         if let Some(trace) = &mut self.trace
             && trace.period(self.now_ns, &status, self.pins.edges(), TICK_HZ).is_err()
@@ -218,25 +218,25 @@ impl<const A: usize> Rig<A> {
     }
 
     /// Pulls the cable and plugs it in again, now.
-    pub fn reconnect(&mut self, leftover: Leftover) {
+    pub fn reconnect(&mut self, leftover: InFlightPolicy) {
         self.up.reconnect(self.now_ns, leftover);
         self.down.reconnect(self.now_ns, leftover);
     }
 
     /// The last period's report, as the card has it.
     #[must_use]
-    pub fn status(&self) -> &Status<A> {
+    pub fn status(&self) -> &CardStatus<A> {
         self.card.status()
     }
 
     /// The card.
     #[must_use]
-    pub const fn card(&self) -> &SimOnLine<A> {
+    pub const fn card(&self) -> &SimLinkedCard<A> {
         &self.card
     }
 
     /// The machine, to be meddled with.
-    pub const fn machine(&mut self) -> &mut Machine<A> {
+    pub const fn machine(&mut self) -> &mut Plant<A> {
         &mut self.machine
     }
 
@@ -248,18 +248,18 @@ impl<const A: usize> Rig<A> {
 
     /// The lines: from the host, and to it.
     #[must_use]
-    pub const fn lines(&self) -> [&Line; 2] {
+    pub const fn lines(&self) -> [&SerialChannel; 2] {
         [&self.up, &self.down]
     }
 
     /// What the pins did that they should not have.
     #[must_use]
-    pub const fn faults(&self) -> Faults {
+    pub const fn faults(&self) -> SimulationFaults {
         self.faults
     }
 
     /// Tells `watcher` of every control period from now on.
-    pub fn watch(&mut self, watcher: Watcher<A>) {
+    pub fn watch(&mut self, watcher: PeriodObserver<A>) {
         self.watcher = Some(watcher);
     }
 

@@ -4,11 +4,11 @@
 
 use retrace_core::Place;
 
-use crate::{Identity, Refusal, Settings, Status, Word, crc};
+use crate::{CardIdentity, CardSettings, CardStatus, CommandRefusal, HostCommand, crc};
 
 /// A check of place and counts, by which host and card see that they agree on where the machine stands.
 #[must_use]
-pub fn echo(place: Place, counts: &[i64], axes: u8) -> u32 {
+pub fn state_crc(place: Place, counts: &[i64], axes: u8) -> u32 {
     let place = [place.record.to_le_bytes(), place.fraction.to_le_bytes()];
     let start = place.iter().flatten().fold(crc::START, |register, &byte| crc::update(register, byte));
     let counts = counts.iter().take(usize::from(axes)).flat_map(|count| count.to_le_bytes());
@@ -16,45 +16,45 @@ pub fn echo(place: Place, counts: &[i64], axes: u8) -> u32 {
 }
 
 /// The card's works, as its end of the line sees them.
-pub trait Deck<const A: usize> {
+pub trait CardCore<const A: usize> {
     /// Who the card is.
-    fn identity(&self) -> &Identity;
+    fn identity(&self) -> &CardIdentity;
 
     /// Begins an epoch: the window is empty, at the counts as they are, and these settings hold. Only while the machine stands.
     ///
     /// # Errors
     /// [`Refusal`]; nothing has changed then.
-    fn open(&mut self, settings: &Settings<A>) -> Result<(), Refusal>;
+    fn open(&mut self, settings: &CardSettings<A>) -> Result<(), CommandRefusal>;
 
     /// Ends the epoch; only while the machine stands.
     ///
     /// # Errors
     /// [`Refusal::InMotion`]
-    fn close(&mut self) -> Result<(), Refusal>;
+    fn close(&mut self) -> Result<(), CommandRefusal>;
 
     /// A whole frame of the open epoch came: the host is there.
-    fn heard(&mut self);
+    fn host_is_alive(&mut self);
 
     /// Takes a word.
     ///
     /// # Errors
     /// [`Refusal`]; nothing has changed then.
-    fn take(&mut self, word: Word<A>) -> Result<(), Refusal>;
+    fn accept(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal>;
 
     /// The last period's report.
-    fn status(&self) -> &Status<A>;
+    fn status(&self) -> &CardStatus<A>;
 }
 
 /// The host's port to a line of bytes, which may lose, change and delay them.
-pub trait Port {
+pub trait BytePort {
     /// How the line can be gone.
-    type Fault: CardFault;
+    type Fault: CardFailure;
 
     /// Microseconds since some moment, never going back.
     fn now_us(&self) -> u64;
 
     /// How many bytes may be written now, so that no more than some 4 ms of them wait in the operating system.
-    fn room(&mut self) -> usize;
+    fn writable_bytes(&mut self) -> usize;
 
     /// Writes bytes, at most [`Port::room`] of them; how many were taken.
     ///
@@ -75,7 +75,7 @@ pub trait Port {
 }
 
 /// What ends a run on a card for good.
-pub trait CardFault: core::fmt::Display {
+pub trait CardFailure: core::fmt::Display {
     /// Its number in the table of errors.
     fn number(&self) -> &'static str;
 

@@ -6,14 +6,14 @@
 use retrace_core::place::before;
 use retrace_core::{Place, Record};
 
-use crate::{Refusal, Word};
+use crate::{CommandRefusal, HostCommand};
 
 /// Records that the cursor may have run since it was last heard of, as a rule. Where it is more, the card refuses, and that is seen.
 const MARGIN: u32 = 40;
 
 /// The window that is foreseen, and `N` cells of records (a power of two, at least twice the window).
 #[derive(Clone, Debug)]
-pub(crate) struct Mirror<const A: usize, const N: usize> {
+pub(crate) struct PredictedWindow<const A: usize, const N: usize> {
     cells: [Record<A>; N],
     low: u32,
     high: u32,
@@ -22,7 +22,7 @@ pub(crate) struct Mirror<const A: usize, const N: usize> {
     lead: u32,
 }
 
-impl<const A: usize, const N: usize> Mirror<A, N> {
+impl<const A: usize, const N: usize> PredictedWindow<A, N> {
     const CHECKED: () = assert!(N.is_power_of_two());
 
     /// An empty window of a card that can hold `window` records.
@@ -61,51 +61,51 @@ impl<const A: usize, const N: usize> Mirror<A, N> {
     ///
     /// # Errors
     /// As the card would refuse it.
-    pub(crate) fn foresee(&mut self, word: &Word<A>, cursor: Place, runs: bool) -> Result<(), Refusal> {
+    pub(crate) fn predict(&mut self, word: &HostCommand<A>, cursor: Place, runs: bool) -> Result<(), CommandRefusal> {
         let margin = if runs { self.lead } else { 0 };
         match *word {
-            Word::Ahead { place, record } => {
+            HostCommand::Ahead { place, record } => {
                 if place != self.high {
-                    return Err(Refusal::OutOfOrder);
+                    return Err(CommandRefusal::OutOfOrder);
                 }
                 if self.high.wrapping_sub(self.low) == self.window {
                     if before(cursor.record, self.low.wrapping_add(self.window / 4 + 1)) {
-                        return Err(Refusal::Full);
+                        return Err(CommandRefusal::Full);
                     }
                     self.low = self.low.wrapping_add(1);
                 }
                 self.cells[place as usize & (N - 1)] = record;
                 self.high = place.wrapping_add(1);
             }
-            Word::Behind { place, record, .. } => {
+            HostCommand::Behind { place, record, .. } => {
                 if place != self.low.wrapping_sub(1) {
-                    return Err(Refusal::OutOfOrder);
+                    return Err(CommandRefusal::OutOfOrder);
                 }
                 if self.high.wrapping_sub(self.low) == self.window {
                     let needed = cursor.boundary_ahead().wrapping_add(margin + self.window / 4 + 1);
                     if before(self.high, needed) {
-                        return Err(Refusal::Full);
+                        return Err(CommandRefusal::Full);
                     }
                     self.high = self.high.wrapping_sub(1);
                 }
                 self.cells[place as usize & (N - 1)] = record;
                 self.low = place;
             }
-            Word::Trim { high } => {
+            HostCommand::Trim { high } => {
                 if before(self.high, high) || before(high, self.low) {
-                    return Err(Refusal::OutOfOrder);
+                    return Err(CommandRefusal::OutOfOrder);
                 }
                 if before(high, cursor.boundary_ahead().wrapping_add(margin)) {
-                    return Err(Refusal::InMotion);
+                    return Err(CommandRefusal::InMotion);
                 }
                 self.high = high;
             }
-            Word::Forget { low } => {
+            HostCommand::Forget { low } => {
                 if before(low, self.low) || before(self.high, low) {
-                    return Err(Refusal::OutOfOrder);
+                    return Err(CommandRefusal::OutOfOrder);
                 }
                 if before(cursor.record, low.wrapping_add(margin)) {
-                    return Err(Refusal::InMotion);
+                    return Err(CommandRefusal::InMotion);
                 }
                 self.low = low;
             }

@@ -3,26 +3,28 @@
 //! Invariant: what stands here was checked as a whole; whoever has terms need not look at the settings again.
 
 use retrace_core::Record;
-use retrace_link::{Alarm, Identity, InputUse, MAX_CUTTING_CHANNELS, MAX_INPUTS, MAX_SAFE, Refusal, Settings};
+use retrace_link::{
+    Alarm, CardIdentity, CardSettings, CommandRefusal, InputUse, MAX_CUTTING_CHANNELS, MAX_INPUTS, MAX_SAFE,
+};
 
 use crate::step_direction::StepTiming;
 use crate::{backlash, outputs};
 
 /// Agreed settings.
 #[derive(Clone, Debug)]
-pub struct Terms<const A: usize> {
-    settings: Settings<A>,
+pub struct CheckedSettings<const A: usize> {
+    settings: CardSettings<A>,
     timing: StepTiming,
     most: u16,
 }
 
-impl<const A: usize> Terms<A> {
+impl<const A: usize> CheckedSettings<A> {
     /// Looks the settings through: epoch, axes, control period, reports, watchdog, play, pulses, inputs and safe outputs. Whether the rate law
     /// fits the memory is for the player to say.
     ///
     /// # Errors
     /// [`Refusal::Unfit`] where the card cannot work by them, [`Refusal::NoSuchChannel`] for a safe output or a cutting channel that is not there.
-    pub fn agree(settings: &Settings<A>, identity: &Identity) -> Result<Self, Refusal> {
+    pub fn validate(settings: &CardSettings<A>, identity: &CardIdentity) -> Result<Self, CommandRefusal> {
         let period_us = settings.period_us;
         let numbers = settings.epoch != 0
             && (1..=identity.axes).contains(&settings.axes)
@@ -31,28 +33,29 @@ impl<const A: usize> Terms<A> {
             && settings.watchdog_periods != 0
             && usize::from(settings.safe_count) <= MAX_SAFE
             && usize::from(settings.cutting.count) <= MAX_CUTTING_CHANNELS;
-        let play = backlash::TAKEN_UP || settings.backlash_pulses.iter().all(|&pulses| pulses == 0);
+        let play = backlash::IS_COMPENSATED || settings.backlash_pulses.iter().all(|&pulses| pulses == 0);
         if !numbers || !play || !inputs_are_there(settings, identity.inputs) {
-            return Err(Refusal::Unfit);
+            return Err(CommandRefusal::Unfit);
         }
         if !settings.safe().iter().all(|change| outputs::has(identity.outputs, change.channel)) {
-            return Err(Refusal::NoSuchChannel);
+            return Err(CommandRefusal::NoSuchChannel);
         }
         if !settings.cutting.channels().iter().all(|of| outputs::has(identity.outputs, of.channel)) {
-            return Err(Refusal::NoSuchChannel);
+            return Err(CommandRefusal::NoSuchChannel);
         }
         let (pulse_ns, setup_ns) = (settings.pulse_ns, settings.direction_setup_ns);
-        let timing = StepTiming::of_clock(identity.tick_hz, period_us, pulse_ns, setup_ns).ok_or(Refusal::Unfit)?;
+        let timing =
+            StepTiming::of_clock(identity.tick_hz, period_us, pulse_ns, setup_ns).ok_or(CommandRefusal::Unfit)?;
         let fastest = u64::from(identity.max_pulses_hz) * u64::from(period_us) / 1_000_000;
         // No more than the timing's, which is a u16.
-        let most = fastest.min(u64::from(timing.most())) as u16;
+        let most = fastest.min(u64::from(timing.max_increment())) as u16;
         // One pulse is kept for the rounding where a period takes parts of two records.
-        if most < 2 { Err(Refusal::Unfit) } else { Ok(Self { settings: *settings, timing, most }) }
+        if most < 2 { Err(CommandRefusal::Unfit) } else { Ok(Self { settings: *settings, timing, most }) }
     }
 
     /// The settings.
     #[must_use]
-    pub const fn settings(&self) -> &Settings<A> {
+    pub const fn settings(&self) -> &CardSettings<A> {
         &self.settings
     }
 
@@ -64,7 +67,7 @@ impl<const A: usize> Terms<A> {
 
     /// The most pulses of an axis in a control period.
     #[must_use]
-    pub const fn most(&self) -> u16 {
+    pub const fn max_increment(&self) -> u16 {
         self.most
     }
 
@@ -92,7 +95,7 @@ impl<const A: usize> Terms<A> {
 }
 
 /// Do the inputs that mean something exist, and the axes that they name?
-fn inputs_are_there<const A: usize>(settings: &Settings<A>, inputs: u8) -> bool {
+fn inputs_are_there<const A: usize>(settings: &CardSettings<A>, inputs: u8) -> bool {
     settings.inputs.iter().enumerate().all(|(number, setting)| {
         let there = number < usize::from(inputs).min(MAX_INPUTS);
         match setting.used_for {

@@ -2,25 +2,25 @@
 //!
 //! Invariant: it is the same code that a microcontroller runs; nothing is added.
 
-use retrace_card::{OnLine, Terms};
-use retrace_link::{Identity, PROTOCOL, Refusal, Settings};
+use retrace_card::{CheckedSettings, LinkedCard};
+use retrace_link::{CardIdentity, CardSettings, CommandRefusal, PROTOCOL};
 
 use crate::WINDOW;
-use crate::sim::MEMORY;
+use crate::sim_card::MEMORY;
 
 /// Reports that it keeps until the host has them.
 const ENTRIES: usize = 1024;
 
 /// A simulated card of `A` axes with its end of the line.
-pub type SimOnLine<const A: usize> = OnLine<A, WINDOW, MEMORY, ENTRIES>;
+pub type SimLinkedCard<const A: usize> = LinkedCard<A, WINDOW, MEMORY, ENTRIES>;
 
 /// Ticks a second of the simulated card's clock.
 pub const TICK_HZ: u32 = 10_000_000;
 
 /// What the simulated card says of itself: its serial number, and the number that tells this start from others.
 #[must_use]
-pub fn identity<const A: usize>(serial: u32, boot: u32) -> Identity {
-    Identity {
+pub fn identity<const A: usize>(serial: u32, boot: u32) -> CardIdentity {
+    CardIdentity {
         protocol: PROTOCOL,
         name: *b"retrace-sim\0\0\0\0\0",
         serial,
@@ -42,6 +42,9 @@ pub fn identity<const A: usize>(serial: u32, boot: u32) -> Identity {
 ///
 /// # Errors
 /// What the card refuses of the settings.
-pub fn max_pulses_a_period<const A: usize>(identity: &Identity, settings: &Settings<A>) -> Result<u16, Refusal> {
-    Terms::agree(settings, identity).map(|terms| terms.most() - 1)
+pub fn max_pulses_a_period<const A: usize>(
+    identity: &CardIdentity,
+    settings: &CardSettings<A>,
+) -> Result<u16, CommandRefusal> {
+    CheckedSettings::validate(settings, identity).map(|terms| terms.max_increment() - 1)
 }

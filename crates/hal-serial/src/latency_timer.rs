@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// How long an adapter holds bytes back.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Latency {
+pub enum LatencyTimer {
     /// It has no such time.
     None,
     /// So many milliseconds: as it was, or as we set it.
@@ -32,23 +32,23 @@ const MIN_MS: u32 = 1;
 
 /// Makes an adapter's time as short as can be.
 #[must_use]
-pub(crate) fn hasten(path: &Path) -> Latency {
-    path.canonicalize().map_or(Latency::None, |path| match path.file_name() {
+pub(crate) fn set_low_latency(path: &Path) -> LatencyTimer {
+    path.canonicalize().map_or(LatencyTimer::None, |path| match path.file_name() {
         Some(name) => shorten(&Path::new("/sys/bus/usb-serial/devices").join(name).join("latency_timer")),
-        None => Latency::None,
+        None => LatencyTimer::None,
     })
 }
 
-fn shorten(timer: &Path) -> Latency {
+fn shorten(timer: &Path) -> LatencyTimer {
     let read = || std::fs::read_to_string(timer).ok()?.trim().parse::<u32>().ok();
-    let Some(ms) = read() else { return Latency::None };
+    let Some(ms) = read() else { return LatencyTimer::None };
     if ms <= MIN_MS {
-        return Latency::Set { ms };
+        return LatencyTimer::Set { ms };
     }
     match std::fs::write(timer, MIN_MS.to_string()) {
-        Ok(()) => Latency::Set { ms: read().unwrap_or(MIN_MS) },
+        Ok(()) => LatencyTimer::Set { ms: read().unwrap_or(MIN_MS) },
         Err(_) => {
-            Latency::Kept { ms, remedy: format!("echo {MIN_MS} | sudo tee {} (once a plugging)", timer.display()) }
+            LatencyTimer::Kept { ms, remedy: format!("echo {MIN_MS} | sudo tee {} (once a plugging)", timer.display()) }
         }
     }
 }
@@ -61,12 +61,12 @@ mod tests {
     fn the_timer_is_set_where_there_is_one() {
         let folder = tempfile::tempdir().expect("a folder");
         let timer = folder.path().join("latency_timer");
-        assert_eq!(shorten(&timer), Latency::None);
+        assert_eq!(shorten(&timer), LatencyTimer::None);
         std::fs::write(&timer, "16\n").expect("a file");
-        assert_eq!(shorten(&timer), Latency::Set { ms: 1 });
+        assert_eq!(shorten(&timer), LatencyTimer::Set { ms: 1 });
         assert_eq!(std::fs::read_to_string(&timer).expect("there"), "1");
         std::fs::write(&timer, "no number").expect("a file");
-        assert_eq!(shorten(&timer), Latency::None);
-        assert_eq!(hasten(Path::new("/dev/null")), Latency::None);
+        assert_eq!(shorten(&timer), LatencyTimer::None);
+        assert_eq!(set_low_latency(Path::new("/dev/null")), LatencyTimer::None);
     }
 }

@@ -3,11 +3,11 @@
 //! Invariant: only homing, which sets a count while nothing is on the window, changes by how much the two differ, and play that is taken
 //! up: at rest none of it or all.
 
-use retrace_link::Status;
+use retrace_link::CardStatus;
 
 /// By how much each axis' count differs from its position at the pins.
 #[derive(Clone, Debug)]
-pub(crate) struct Compared<const A: usize> {
+pub(crate) struct CountChecker<const A: usize> {
     /// Counts where the positions are 0 and no play is taken up.
     homed: [i64; A],
     play: [u16; A],
@@ -15,7 +15,7 @@ pub(crate) struct Compared<const A: usize> {
     way: [i64; A],
 }
 
-impl<const A: usize> Compared<A> {
+impl<const A: usize> CountChecker<A> {
     /// Counts that are `counts` where the pins' positions are 0.
     pub(crate) const fn new(counts: [i64; A]) -> Self {
         Self { homed: counts, play: [0; A], way: [0; A] }
@@ -32,7 +32,7 @@ impl<const A: usize> Compared<A> {
     }
 
     /// A period has passed, the counts having been `before`: are they what was counted?
-    pub(crate) fn agrees(&mut self, before: &[i64; A], status: &Status<A>, positions: &[i64; A]) -> bool {
+    pub(crate) fn agrees(&mut self, before: &[i64; A], status: &CardStatus<A>, positions: &[i64; A]) -> bool {
         let mut agrees = true;
         for axis in 0..A {
             let jump = status.counts[axis] - before[axis] - i64::from(status.increments[axis]);

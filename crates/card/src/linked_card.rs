@@ -4,37 +4,37 @@
 //! Invariant: the works see words in their order only, and every period is reported.
 
 use retrace_core::Record;
-use retrace_link::{CardEnd, Deck, Identity, Status};
+use retrace_link::{CardCore, CardEndpoint, CardIdentity, CardStatus};
 
-use crate::window::Records;
-use crate::{Card, Inputs, Terms};
+use crate::window::RecordStorage;
+use crate::{Card, CheckedSettings, InputLevels};
 
 /// A card for `A` axes, a window of `W` records, averages up to `M` periods, and `E` entries of reports that are not confirmed (a power of
 /// two).
 #[derive(Clone, Debug)]
-pub struct OnLine<const A: usize, const W: usize, const M: usize, const E: usize, S = [Record<A>; W]> {
+pub struct LinkedCard<const A: usize, const W: usize, const M: usize, const E: usize, S = [Record<A>; W]> {
     card: Card<A, W, M, S>,
-    end: CardEnd<A, E>,
+    end: CardEndpoint<A, E>,
 }
 
-impl<const A: usize, const W: usize, const M: usize, const E: usize> OnLine<A, W, M, E> {
+impl<const A: usize, const W: usize, const M: usize, const E: usize> LinkedCard<A, W, M, E> {
     /// A card that nobody has opened yet; `None` as [`Card::new`]. In a constant it is put in its place by the linker: built at run time it would
     /// pass over the stack, twice.
     #[must_use]
-    pub const fn new(identity: Identity) -> Option<Self> {
+    pub const fn new(identity: CardIdentity) -> Option<Self> {
         match Card::new(identity) {
-            Some(card) => Some(Self { card, end: CardEnd::new() }),
+            Some(card) => Some(Self { card, end: CardEndpoint::new() }),
             None => None,
         }
     }
 }
 
-impl<const A: usize, const W: usize, const M: usize, const E: usize> OnLine<A, W, M, E, &'static mut [Record<A>]> {
+impl<const A: usize, const W: usize, const M: usize, const E: usize> LinkedCard<A, W, M, E, &'static mut [Record<A>]> {
     /// As [`OnLine::new`], with a window whose records [`OnLine::lend`] brings.
     #[must_use]
-    pub const fn without_records(identity: Identity) -> Option<Self> {
+    pub const fn without_records(identity: CardIdentity) -> Option<Self> {
         match Card::without_records(identity) {
-            Some(card) => Some(Self { card, end: CardEnd::new() }),
+            Some(card) => Some(Self { card, end: CardEndpoint::new() }),
             None => None,
         }
     }
@@ -45,7 +45,7 @@ impl<const A: usize, const W: usize, const M: usize, const E: usize> OnLine<A, W
     }
 }
 
-impl<const A: usize, const W: usize, const M: usize, const E: usize, S: Records<A>> OnLine<A, W, M, E, S> {
+impl<const A: usize, const W: usize, const M: usize, const E: usize, S: RecordStorage<A>> LinkedCard<A, W, M, E, S> {
     /// As [`Card::name`].
     pub const fn name(&mut self, serial: u32, boot: u32) {
         self.card.name(serial, boot);
@@ -57,7 +57,7 @@ impl<const A: usize, const W: usize, const M: usize, const E: usize, S: Records<
     }
 
     /// Lets one control period pass: what its report says of outputs is what is to be emitted, and [`Card::pulses`].
-    pub fn period(&mut self, inputs: Inputs) -> &Status<A> {
+    pub fn period(&mut self, inputs: InputLevels) -> &CardStatus<A> {
         self.card.period(inputs);
         self.end.period(self.card.status());
         self.card.status()
@@ -70,13 +70,13 @@ impl<const A: usize, const W: usize, const M: usize, const E: usize, S: Records<
 
     /// What the epoch goes by; `None` before the first.
     #[must_use]
-    pub const fn terms(&self) -> Option<&Terms<A>> {
+    pub const fn terms(&self) -> Option<&CheckedSettings<A>> {
         self.card.terms()
     }
 
     /// The last period's report.
     #[must_use]
-    pub fn status(&self) -> &Status<A> {
+    pub fn status(&self) -> &CardStatus<A> {
         self.card.status()
     }
 

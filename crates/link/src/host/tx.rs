@@ -2,10 +2,10 @@
 //!
 //! Invariant: a frame is on the line whole, or ended by a zero byte before its end, so that the card never takes two for one.
 
-use super::{Host, Phase, Staged, WORDS};
-use crate::Word;
+use super::{HostEndpoint, Phase, StagedFrame, WORDS};
+use crate::HostCommand;
 use crate::frame::{MAX_PAYLOAD, MAX_WIRE, encode_with_key};
-use crate::wire::{Opening, Run, Writer, kind, write_word};
+use crate::wire::{ByteWriter, Opening, Run, kind, write_word};
 
 /// Records are sent when there are so many, or when one has waited for [`GATHER_US`].
 const GATHER: usize = 8;
@@ -27,7 +27,7 @@ const MISSED_US: u64 = 8_000;
 /// Bytes of a frame that carries a rate, about.
 const RATE_FRAME: usize = 22;
 
-impl<const A: usize> Host<A> {
+impl<const A: usize> HostEndpoint<A> {
     /// Bytes for the line, as many as are due and fit.
     pub fn transmit(&mut self, now_us: u64, out: &mut [u8]) -> usize {
         self.times.now = now_us;
@@ -50,11 +50,11 @@ impl<const A: usize> Host<A> {
     /// A rate that stops or turns cuts short a long frame that is on its way: a zero byte, and the rate. The frame comes again.
     fn overtake(&mut self) {
         let (at, end) = self.staged;
-        let Staged::Stream(offset) = self.kind else { return };
+        let StagedFrame::Stream(offset) = self.kind else { return };
         if self.phase == Phase::Open && at < end && self.rate_due() && (at == 0 || end - at > 2 * RATE_FRAME) {
             self.sent = self.sent.min(offset);
-            self.kind = Staged::Other;
-            self.compose_now(kind::NOW);
+            self.kind = StagedFrame::Other;
+            self.compose_now(kind::RATE);
             if at > 0 {
                 self.stage.copy_within(..self.staged.1, 1);
                 self.stage[0] = 0;
@@ -82,7 +82,7 @@ impl<const A: usize> Host<A> {
     /// Stages the next frame that is due. False where none is.
     fn compose(&mut self) -> bool {
         self.staged = (0, 0);
-        self.kind = Staged::Other;
+        self.kind = StagedFrame::Other;
         let now = self.times.now;
         let asks = now.saturating_sub(self.times.asked) >= ASK_US || self.times.asked == 0;
         match self.phase {
@@ -114,28 +114,28 @@ impl<const A: usize> Host<A> {
         }
         if self.missing && now.saturating_sub(self.times.missed) >= MISSED_US {
             (self.missing, self.times.missed) = (false, now);
-            return self.compose_now(kind::MISSED);
+            return self.compose_now(kind::NAK);
         }
         if self.rate_due() {
-            return self.compose_now(kind::NOW);
+            return self.compose_now(kind::RATE);
         }
         let unsent = usize::from(self.count - self.sent);
         let waited = now.saturating_sub(self.times.queued) >= GATHER_US;
         if unsent > 0 && (unsent >= GATHER || waited || self.has_order()) {
             return self.compose_stream();
         }
-        now.saturating_sub(self.times.frame) >= HEARTBEAT_US && self.compose_now(kind::NOW)
+        now.saturating_sub(self.times.frame) >= HEARTBEAT_US && self.compose_now(kind::RATE)
     }
 
     /// Is there a word to be sent that is not a record?
     fn has_order(&self) -> bool {
         let word = |k: u16| &self.queue[usize::from(self.base.wrapping_add(k)) % WORDS];
-        (self.sent..self.count).any(|k| !matches!(word(k), Word::Ahead { .. } | Word::Behind { .. }))
+        (self.sent..self.count).any(|k| !matches!(word(k), HostCommand::Ahead { .. } | HostCommand::Behind { .. }))
     }
 
     fn compose_now(&mut self, kind: u8) -> bool {
         let mut payload = [0; 32];
-        let mut writer = Writer::new(&mut payload);
+        let mut writer = ByteWriter::new(&mut payload);
         let Some(settings) = &self.settings else { return false };
         let written = (|| {
             writer.u8(kind)?;
@@ -154,7 +154,7 @@ impl<const A: usize> Host<A> {
 
     fn compose_stream(&mut self) -> bool {
         let mut payload = [0; MAX_PAYLOAD];
-        let mut writer = Writer::new(&mut payload);
+        let mut writer = ByteWriter::new(&mut payload);
         let Some(settings) = &self.settings else { return false };
         let offset = self.sent;
         let mut run = Run::new(settings.axes);
@@ -180,13 +180,13 @@ impl<const A: usize> Host<A> {
         }
         self.times.queued = self.times.now;
         let staged = self.sent > offset && self.stage(&payload[..length], self.key);
-        self.kind = Staged::Stream(offset);
+        self.kind = StagedFrame::Stream(offset);
         staged
     }
 
     fn compose_other(&mut self) -> bool {
         let mut payload = [0; MAX_PAYLOAD];
-        let mut writer = Writer::new(&mut payload);
+        let mut writer = ByteWriter::new(&mut payload);
         let written = (|| match (self.phase, &self.settings) {
             (Phase::Opening, Some(settings)) => {
                 writer.u8(kind::OPEN)?;

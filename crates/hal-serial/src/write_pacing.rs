@@ -11,12 +11,12 @@ pub(crate) const AHEAD_NS: u64 = 4_000_000;
 
 /// What is still on its way out, in nanoseconds of the line's time.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Budget {
+pub(crate) struct WritePacing {
     byte_ns: u64,
     free_at_ns: u64,
 }
 
-impl Budget {
+impl WritePacing {
     /// A line that takes `byte_ns` nanoseconds, at least 1, for a byte, with nothing on its way.
     #[must_use]
     pub(crate) const fn new(byte_ns: u64) -> Self {
@@ -25,7 +25,7 @@ impl Budget {
 
     /// How many bytes may be written at `now_ns`, where the driver says that `queued` wait: always one at least when nothing does.
     #[must_use]
-    pub(crate) const fn room(&self, now_ns: u64, queued: u64) -> usize {
+    pub(crate) const fn writable_bytes(&self, now_ns: u64, queued: u64) -> usize {
         let counted = self.free_at_ns.saturating_sub(now_ns);
         let told = queued.saturating_mul(self.byte_ns);
         let waiting = if told > counted { told } else { counted };
@@ -54,24 +54,28 @@ mod tests {
             byte_ns in prop::sample::select(vec![833u64, 10_000, 43_402, 86_805, 1_041_666]),
             asks in prop::collection::vec((0u64..20_000_000, 0u64..600), 1..200),
         ) {
-            let mut budget = Budget::new(byte_ns);
+            let mut budget = WritePacing::new(byte_ns);
             let (mut now, mut given) = (0, 0u64);
             for (pause, queued) in asks {
                 now += pause;
-                let room = budget.room(now, queued);
+                let room = budget.writable_bytes(now, queued);
                 budget.spend(now, room);
                 given += room as u64;
                 prop_assert!(given * byte_ns <= now + AHEAD_NS);
                 prop_assert!(queued * byte_ns <= AHEAD_NS || room == 0);
-                prop_assert_eq!(budget.room(now, 0) as u64, (AHEAD_NS - (budget.free_at_ns - now)) / byte_ns);
+                prop_assert_eq!(budget.writable_bytes(now, 0) as u64, (AHEAD_NS - (budget.free_at_ns - now)) / byte_ns);
             }
         }
     }
 
     #[test]
     fn four_milliseconds_of_common_lines() {
-        let room = |byte_ns| Budget::new(byte_ns).room(7, 0);
+        let room = |byte_ns| WritePacing::new(byte_ns).writable_bytes(7, 0);
         assert_eq!([room(10_000), room(43_402), room(86_805)], [400, 92, 46]);
-        assert_eq!(Budget::new(5_000_000).room(7, 0), 1, "a line slower than that still takes a byte at a time");
+        assert_eq!(
+            WritePacing::new(5_000_000).writable_bytes(7, 0),
+            1,
+            "a line slower than that still takes a byte at a time"
+        );
     }
 }

@@ -5,12 +5,12 @@
 
 use std::collections::VecDeque;
 
-use crate::faults::{Fault, Rates, Tally};
+use crate::faults::{FaultRates, LineCounters, LineFault};
 use crate::random::Random;
 
 /// What a line is like.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct LineSettings {
+pub struct SerialChannelSettings {
     /// Bits a second, ten to a byte; 0: a byte takes no time.
     pub baud: u32,
     /// Time from the end of a byte at the sender to its arrival, in microseconds.
@@ -18,16 +18,16 @@ pub struct LineSettings {
     /// Each burst takes up to so many microseconds more, drawn anew. Bytes do not overtake each other.
     pub jitter_us: u32,
     /// What happens by chance.
-    pub rates: Rates,
+    pub rates: FaultRates,
     /// What happens for certain, by the number of the byte, from 0, of all that are sent.
-    pub script: Vec<(u64, Fault)>,
+    pub script: Vec<(u64, LineFault)>,
     /// What all chance follows from.
     pub seed: u64,
 }
 
 /// What becomes of the bytes that are on their way when a connection is made anew.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Leftover {
+pub enum InFlightPolicy {
     /// They are lost.
     Lost,
     /// They come all at once so many microseconds later, between the bytes of the new connection.
@@ -42,12 +42,12 @@ type InFlight = (u64, u8);
 
 /// One direction of a line.
 #[derive(Clone, Debug)]
-pub struct Line {
+pub struct SerialChannel {
     byte_ns: u64,
     latency_ns: u64,
     jitter_us: u32,
-    rates: Option<Rates>,
-    script: VecDeque<(u64, Fault)>,
+    rates: Option<FaultRates>,
+    script: VecDeque<(u64, LineFault)>,
     random: Random,
     /// When the sender is done with what it was given.
     free_at: u64,
@@ -58,15 +58,15 @@ pub struct Line {
     cut: Option<Option<u32>>,
     stall_until: u64,
     stall_loses: bool,
-    on_the_way: VecDeque<InFlight>,
+    in_flight: VecDeque<InFlight>,
     late: VecDeque<InFlight>,
-    tally: Tally,
+    tally: LineCounters,
 }
 
-impl Line {
+impl SerialChannel {
     /// A line at rest.
     #[must_use]
-    pub fn new(settings: &LineSettings) -> Self {
+    pub fn new(settings: &SerialChannelSettings) -> Self {
         let mut script = settings.script.clone();
         script.sort_by_key(|&(byte, _)| byte);
         Self {
@@ -82,9 +82,9 @@ impl Line {
             cut: None,
             stall_until: 0,
             stall_loses: false,
-            on_the_way: VecDeque::new(),
+            in_flight: VecDeque::new(),
             late: VecDeque::new(),
-            tally: Tally::default(),
+            tally: LineCounters::default(),
         }
     }
 
@@ -112,11 +112,11 @@ impl Line {
         self.tally.sent += 1;
         let due = (self.free_at + self.latency_ns + self.burst_delay).max(self.last_due);
         match fault {
-            Some(Fault::Cut { bytes }) => {
+            Some(LineFault::Cut { bytes }) => {
                 self.tally.cuts += 1;
                 self.cut = Some((bytes > 0).then_some(bytes));
             }
-            Some(Fault::Stall { us, lost }) => {
+            Some(LineFault::Stall { us, lost }) => {
                 self.tally.stalls += 1;
                 self.stall_until = self.stall_until.max(due + u64::from(us) * 1000);
                 self.stall_loses = lost;
@@ -140,21 +140,21 @@ impl Line {
         let due = due.max(self.stall_until);
         self.last_due = due;
         match fault {
-            Some(Fault::Drop) => self.tally.dropped += 1,
-            Some(Fault::Duplicate) => {
+            Some(LineFault::Drop) => self.tally.dropped += 1,
+            Some(LineFault::Duplicate) => {
                 self.tally.duplicated += 1;
-                self.on_the_way.extend([(due, byte); 2]);
+                self.in_flight.extend([(due, byte); 2]);
             }
-            Some(Fault::Flip { bit }) => {
+            Some(LineFault::Flip { bit }) => {
                 self.tally.flipped += 1;
-                self.on_the_way.push_back((due, byte ^ 1 << (bit & 7)));
+                self.in_flight.push_back((due, byte ^ 1 << (bit & 7)));
             }
-            _ => self.on_the_way.push_back((due, byte)),
+            _ => self.in_flight.push_back((due, byte)),
         }
     }
 
     /// What happens to the byte that is sent now.
-    fn fate(&mut self) -> Option<Fault> {
+    fn fate(&mut self) -> Option<LineFault> {
         let drawn = self.rates.as_ref().and_then(|rates| rates.draw(&mut self.random));
         let mut scripted = None;
         while self.script.front().is_some_and(|&(byte, _)| byte <= self.tally.sent) {
@@ -167,7 +167,7 @@ impl Line {
     pub fn receive(&mut self, now_ns: u64) -> Option<u8> {
         let due = self.next_arrival().filter(|&due| due <= now_ns)?;
         let from_late = self.late.front().is_some_and(|&(at, _)| at == due);
-        let queue = if from_late { &mut self.late } else { &mut self.on_the_way };
+        let queue = if from_late { &mut self.late } else { &mut self.in_flight };
         self.tally.delivered += 1;
         self.tally.late += u64::from(from_late);
         queue.pop_front().map(|(_, byte)| byte)
@@ -177,7 +177,7 @@ impl Line {
     #[must_use]
     pub fn next_arrival(&self) -> Option<u64> {
         let first = |queue: &VecDeque<InFlight>| queue.front().map(|&(due, _)| due);
-        first(&self.late).into_iter().chain(first(&self.on_the_way)).min()
+        first(&self.late).into_iter().chain(first(&self.in_flight)).min()
     }
 
     /// When the sender is done with what it was given, in nanoseconds.
@@ -202,11 +202,11 @@ impl Line {
     }
 
     /// Makes the connection anew at `now_ns`, as after pulling a cable.
-    pub fn reconnect(&mut self, now_ns: u64, leftover: Leftover) {
-        let left = self.late.drain(..).chain(self.on_the_way.drain(..)).map(|(_, byte)| byte);
+    pub fn reconnect(&mut self, now_ns: u64, leftover: InFlightPolicy) {
+        let left = self.late.drain(..).chain(self.in_flight.drain(..)).map(|(_, byte)| byte);
         match leftover {
-            Leftover::Lost => self.tally.cast += left.count() as u64,
-            Leftover::Late { us } => {
+            InFlightPolicy::Lost => self.tally.cast += left.count() as u64,
+            InFlightPolicy::Late { us } => {
                 let due = now_ns + u64::from(us) * 1000;
                 self.late = left.map(|byte| (due, byte)).collect();
             }
@@ -218,7 +218,7 @@ impl Line {
 
     /// What it did so far.
     #[must_use]
-    pub const fn tally(&self) -> &Tally {
+    pub const fn counters(&self) -> &LineCounters {
         &self.tally
     }
 }

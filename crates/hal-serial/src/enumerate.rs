@@ -6,7 +6,7 @@ use std::path::Path;
 
 /// What a USB adapter or card says of itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Usb {
+pub struct UsbDevice {
     /// Number of the vendor.
     pub vendor: u16,
     /// Number of the product.
@@ -17,7 +17,7 @@ pub struct Usb {
     pub name: String,
 }
 
-impl Usb {
+impl UsbDevice {
     /// Is it the same thing, as far as can be told? Two adapters without a serial number are told apart by nothing.
     #[must_use]
     pub fn same(&self, other: &Self) -> bool {
@@ -31,7 +31,7 @@ pub struct FoundPort {
     /// Its device file.
     pub path: String,
     /// What stands behind it, where it is on the USB.
-    pub usb: Option<Usb>,
+    pub usb: Option<UsbDevice>,
 }
 
 /// The serial ports that are there now.
@@ -50,7 +50,7 @@ pub fn ports() -> Vec<FoundPort> {
 impl From<serialport::SerialPortInfo> for FoundPort {
     fn from(info: serialport::SerialPortInfo) -> Self {
         let usb = match info.port_type {
-            serialport::SerialPortType::UsbPort(usb) => Some(Usb {
+            serialport::SerialPortType::UsbPort(usb) => Some(UsbDevice {
                 vendor: usb.vid,
                 product: usb.pid,
                 serial: usb.serial_number.filter(|s| !s.is_empty()),
@@ -63,13 +63,13 @@ impl From<serialport::SerialPortInfo> for FoundPort {
 }
 
 /// What stands behind a device file or a link to one.
-pub(crate) fn usb_of(path: &Path) -> Option<Usb> {
+pub(crate) fn usb_of(path: &Path) -> Option<UsbDevice> {
     let path = path.canonicalize().ok()?;
     ports().into_iter().find(|port| Path::new(&port.path) == path)?.usb
 }
 
 /// Where something on the USB is now: at `path` if it is that, else wherever it is.
-pub(crate) fn whereabouts(usb: &Usb, path: &Path, there: &[FoundPort]) -> Option<String> {
+pub(crate) fn find_device(usb: &UsbDevice, path: &Path, there: &[FoundPort]) -> Option<String> {
     let is_it = |port: &&FoundPort| port.usb.as_ref().is_some_and(|found| found.same(usb));
     let resolved = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let same_place = there.iter().filter(is_it).find(|port| Path::new(&port.path) == resolved);
@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     fn port(path: &str, product: u16, serial: Option<&str>) -> FoundPort {
-        let usb = Usb { vendor: 0x0403, product, serial: serial.map(str::to_owned), name: String::new() };
+        let usb = UsbDevice { vendor: 0x0403, product, serial: serial.map(str::to_owned), name: String::new() };
         FoundPort { path: path.to_owned(), usb: Some(usb) }
     }
 
@@ -93,12 +93,12 @@ mod tests {
         let mine = usb(port("", 1, Some("A1")));
         let old = Path::new("/dev/ttyUSB0");
         let there = [port("/dev/ttyUSB0", 1, Some("B2")), port("/dev/ttyUSB1", 1, Some("A1"))];
-        assert_eq!(whereabouts(&mine, old, &there).as_deref(), Some("/dev/ttyUSB1"));
-        assert_eq!(whereabouts(&mine, old, &there[..1]), None, "another adapter has taken its place");
+        assert_eq!(find_device(&mine, old, &there).as_deref(), Some("/dev/ttyUSB1"));
+        assert_eq!(find_device(&mine, old, &there[..1]), None, "another adapter has taken its place");
         let nameless = usb(port("", 2, None));
         let there = [port("/dev/ttyUSB0", 2, None), port("/dev/ttyUSB1", 2, None)];
-        assert_eq!(whereabouts(&nameless, old, &there).as_deref(), Some("/dev/ttyUSB0"));
-        assert_eq!(whereabouts(&nameless, old, &there[1..]), None, "nothing says that this is it");
+        assert_eq!(find_device(&nameless, old, &there).as_deref(), Some("/dev/ttyUSB0"));
+        assert_eq!(find_device(&nameless, old, &there[1..]), None, "nothing says that this is it");
     }
 
     #[test]

@@ -2,9 +2,9 @@
 //!
 //! Invariant: what is not understood is refused with the item that it stands in.
 
-use crate::faults::Fault;
-use crate::line::LineSettings;
+use crate::faults::LineFault;
 use crate::random::{Chance, Random};
+use crate::serial_channel::SerialChannelSettings;
 
 /// What can be written, for whoever wrote something else.
 const ITEMS: &str = "seed=N, baud=N, latency-us=N, jitter-us=N, stall-ms=N, rate=P, flip=P, drop=P, duplicate=P, cut=P, stall=P, \
@@ -16,8 +16,8 @@ const ITEMS: &str = "seed=N, baud=N, latency-us=N, jitter-us=N, stall-ms=N, rate
 ///
 /// # Errors
 /// The item that is not understood, and what can be written.
-pub fn faults(text: &str) -> Result<[LineSettings; 2], String> {
-    let mut lines = [LineSettings::default(), LineSettings::default()];
+pub fn faults(text: &str) -> Result<[SerialChannelSettings; 2], String> {
+    let mut lines = [SerialChannelSettings::default(), SerialChannelSettings::default()];
     for item in text.split(',').map(str::trim).filter(|item| !item.is_empty()) {
         let (both, one) = match item.split_once('.') {
             Some(("up", rest)) => (rest, Some(0)),
@@ -36,7 +36,7 @@ pub fn faults(text: &str) -> Result<[LineSettings; 2], String> {
     Ok(lines)
 }
 
-fn apply(item: &str, line: &mut LineSettings) -> Option<()> {
+fn apply(item: &str, line: &mut SerialChannelSettings) -> Option<()> {
     if let Some((what, place)) = item.split_once('@') {
         line.script.push(scripted(what, place)?);
         return Some(());
@@ -68,24 +68,24 @@ fn apply(item: &str, line: &mut LineSettings) -> Option<()> {
 }
 
 /// A fault at one byte.
-fn scripted(what: &str, place: &str) -> Option<(u64, Fault)> {
+fn scripted(what: &str, place: &str) -> Option<(u64, LineFault)> {
     let tail = |separator: char| match place.split_once(separator) {
         Some((byte, tail)) => Some((byte.parse::<u64>().ok()?, Some(tail.parse::<u32>().ok()?))),
         None => Some((place.parse().ok()?, None)),
     };
     let wait = |lost| {
         let (byte, ms) = tail('+')?;
-        Some((byte, Fault::Stall { us: ms?.checked_mul(1000)?, lost }))
+        Some((byte, LineFault::Stall { us: ms?.checked_mul(1000)?, lost }))
     };
     match what {
         "flip" => {
             let (byte, bit) = tail('.')?;
             let bit = u8::try_from(bit?).ok().filter(|&bit| bit < 8)?;
-            Some((byte, Fault::Flip { bit }))
+            Some((byte, LineFault::Flip { bit }))
         }
-        "drop" => Some((place.parse().ok()?, Fault::Drop)),
-        "duplicate" => Some((place.parse().ok()?, Fault::Duplicate)),
-        "cut" => tail('+').map(|(byte, bytes)| (byte, Fault::Cut { bytes: bytes.unwrap_or(0) })),
+        "drop" => Some((place.parse().ok()?, LineFault::Drop)),
+        "duplicate" => Some((place.parse().ok()?, LineFault::Duplicate)),
+        "cut" => tail('+').map(|(byte, bytes)| (byte, LineFault::Cut { bytes: bytes.unwrap_or(0) })),
         "stall" => wait(false),
         "lose" => wait(true),
         _ => None,
@@ -108,10 +108,10 @@ mod tests {
         assert!(up.seed == 7 && down.seed != 7);
         let [up, down] =
             faults("up.flip@120.3,drop@5,up.cut@9,up.cut@10+4,down.stall@7+20,down.lose@8+1").expect("good");
-        let cuts = [(9, Fault::Cut { bytes: 0 }), (10, Fault::Cut { bytes: 4 })];
-        assert_eq!(up.script, [&[(120, Fault::Flip { bit: 3 }), (5, Fault::Drop)], &cuts[..]].concat());
-        let stalls = [Fault::Stall { us: 20_000, lost: false }, Fault::Stall { us: 1000, lost: true }];
-        assert_eq!(down.script, [(5, Fault::Drop), (7, stalls[0]), (8, stalls[1])]);
+        let cuts = [(9, LineFault::Cut { bytes: 0 }), (10, LineFault::Cut { bytes: 4 })];
+        assert_eq!(up.script, [&[(120, LineFault::Flip { bit: 3 }), (5, LineFault::Drop)], &cuts[..]].concat());
+        let stalls = [LineFault::Stall { us: 20_000, lost: false }, LineFault::Stall { us: 1000, lost: true }];
+        assert_eq!(down.script, [(5, LineFault::Drop), (7, stalls[0]), (8, stalls[1])]);
         assert!(faults("").expect("nothing").iter().all(|line| line.rates.are_none()));
     }
 

@@ -8,10 +8,10 @@
 
 use retrace_core::{RateTarget, Travel};
 
-use crate::frame::{Decoder, MAX_PAYLOAD, MAX_WIRE, encode_with_key};
+use crate::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE, encode_with_key};
 use crate::frame_size::FrameSize;
-use crate::wire::{Entry, Greeting, Opening, Reader, Run, Writer, kind, read_word};
-use crate::{Change, Deck, Outputs, Status, Word, channel, echo, next_epoch, session_key};
+use crate::wire::{ByteReader, ByteWriter, Greeting, Opening, ReportEntry, Run, kind, read_word};
+use crate::{CardCore, CardStatus, HostCommand, OutputChange, Outputs, channel, next_epoch, session_key, state_crc};
 
 /// What is left free at the end of a report, for the echo.
 const ECHO: usize = 4;
@@ -21,8 +21,8 @@ const IN_FLIGHT: u16 = 96;
 
 /// The card's end, for `A` axes, keeping up to `E` entries that the host has not confirmed.
 #[derive(Clone, Debug)]
-pub struct CardEnd<const A: usize, const E: usize> {
-    decoder: Decoder<MAX_PAYLOAD>,
+pub struct CardEndpoint<const A: usize, const E: usize> {
+    decoder: FrameDecoder<MAX_PAYLOAD>,
     epoch: u16,
     last_epoch: u16,
     axes: u8,
@@ -31,7 +31,7 @@ pub struct CardEnd<const A: usize, const E: usize> {
     /// Number of the last rate taken.
     now_seen: u16,
     gap: bool,
-    entries: [Entry; E],
+    entries: [ReportEntry; E],
     /// Number of the oldest entry kept.
     first: u16,
     count: u16,
@@ -40,7 +40,7 @@ pub struct CardEnd<const A: usize, const E: usize> {
     fixed: u16,
     /// Entries were lost for want of room.
     lost: bool,
-    shadow: Shadow,
+    shadow: ReportedState,
     greeting: Option<u32>,
     /// Nonce and key of the last opening.
     nonce: u32,
@@ -60,7 +60,7 @@ pub struct CardEnd<const A: usize, const E: usize> {
 
 /// What the host knows from entries.
 #[derive(Clone, Copy, Debug)]
-struct Shadow {
+struct ReportedState {
     outputs: Outputs,
     executed: u32,
     inputs: u16,
@@ -69,39 +69,39 @@ struct Shadow {
     blocked: bool,
 }
 
-impl Shadow {
+impl ReportedState {
     /// What the host knows when an epoch begins.
     const fn new(executed: u32) -> Self {
         Self { outputs: [0; channel::COUNT], executed, inputs: 0, alarm: None, repeated: 0, blocked: false }
     }
 }
 
-impl<const A: usize, const E: usize> Default for CardEnd<A, E> {
+impl<const A: usize, const E: usize> Default for CardEndpoint<A, E> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<const A: usize, const E: usize> CardEnd<A, E> {
+impl<const A: usize, const E: usize> CardEndpoint<A, E> {
     /// An end that nobody has opened.
     #[must_use]
     pub const fn new() -> Self {
         const { assert!(E >= 16 && E <= 16384 && E.is_power_of_two(), "room for entries, and numbers that tell them apart") }
         Self {
-            decoder: Decoder::new(),
+            decoder: FrameDecoder::new(),
             epoch: 0,
             last_epoch: 0,
             axes: A as u8,
             next_word: 0,
             now_seen: 0,
             gap: false,
-            entries: [Entry::Inputs(0); E],
+            entries: [ReportEntry::Inputs(0); E],
             first: 0,
             count: 0,
             sent: 0,
             fixed: 0,
             lost: false,
-            shadow: Shadow::new(0),
+            shadow: ReportedState::new(0),
             greeting: None,
             nonce: 0,
             key: 0,
@@ -124,38 +124,38 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
     }
 
     /// Takes a byte off the line.
-    pub fn receive(&mut self, byte: u8, deck: &mut impl Deck<A>) {
+    pub fn receive(&mut self, byte: u8, deck: &mut impl CardCore<A>) {
         let Some(Ok(payload)) = self.decoder.take(byte) else { return };
         let mut copy = [0; MAX_PAYLOAD];
         let length = payload.len();
         copy[..length].copy_from_slice(payload);
         // A payload that cannot be read to its end is left where it stops making sense; its words have to come again.
         let has_key = self.decoder.has_key();
-        let _ = self.payload(Reader::new(&copy[..length]), has_key, deck);
+        let _ = self.payload(ByteReader::new(&copy[..length]), has_key, deck);
     }
 
-    fn payload(&mut self, mut reader: Reader<'_>, has_key: bool, deck: &mut impl Deck<A>) -> Option<()> {
+    fn payload(&mut self, mut reader: ByteReader<'_>, has_key: bool, deck: &mut impl CardCore<A>) -> Option<()> {
         match (reader.u8()?, has_key) {
             (kind::HELLO, false) => self.greeting = Some(reader.u32()?),
             (kind::OPEN, false) => {
                 let (boot, nonce) = (reader.u32()?, reader.u32()?);
                 self.open(boot, nonce, &Opening::read(&mut reader)?, deck);
             }
-            (kind::STREAM, true) if self.heard(&mut reader, deck)? => {
-                self.confirmed(reader.u16()?);
-                self.words(reader, deck)?;
+            (kind::STREAM, true) if self.receive_session_frame(&mut reader, deck)? => {
+                self.acknowledge(reader.u16()?);
+                self.receive_commands(reader, deck)?;
             }
-            (kind::NOW, true) if self.heard(&mut reader, deck)? => {
-                self.confirmed(reader.u16()?);
-                self.now(reader, deck)?;
+            (kind::RATE, true) if self.receive_session_frame(&mut reader, deck)? => {
+                self.acknowledge(reader.u16()?);
+                self.receive_rate(reader, deck)?;
             }
-            (kind::MISSED, true) if self.heard(&mut reader, deck)? => {
-                self.confirmed(reader.u16()?);
-                self.say_again();
-                self.now(reader, deck)?;
+            (kind::NAK, true) if self.receive_session_frame(&mut reader, deck)? => {
+                self.acknowledge(reader.u16()?);
+                self.retransmit_reports();
+                self.receive_rate(reader, deck)?;
             }
             (kind::CLOSE, true) => {
-                if self.heard(&mut reader, deck)? && deck.close().is_ok() {
+                if self.receive_session_frame(&mut reader, deck)? && deck.close().is_ok() {
                     self.epoch = 0;
                     (self.count, self.sent) = (0, self.first);
                 }
@@ -168,18 +168,18 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
     }
 
     /// Is this of the open epoch?
-    fn heard(&mut self, reader: &mut Reader<'_>, deck: &mut impl Deck<A>) -> Option<bool> {
+    fn receive_session_frame(&mut self, reader: &mut ByteReader<'_>, deck: &mut impl CardCore<A>) -> Option<bool> {
         let open = reader.u16()? == self.epoch && self.epoch != 0;
         if open {
             self.spoken = true;
-            deck.heard();
+            deck.host_is_alive();
         }
         Some(open)
     }
 
     /// An opening of this start of the card, under the next number, begins anew; one that is open already is only answered, and any other is
     /// a straggler or a recording.
-    fn open(&mut self, boot: u32, nonce: u32, opening: &Opening<A>, deck: &mut impl Deck<A>) {
+    fn open(&mut self, boot: u32, nonce: u32, opening: &Opening<A>, deck: &mut impl CardCore<A>) {
         let settings = &opening.0;
         let is_next = boot == deck.identity().boot && settings.epoch == next_epoch(self.last_epoch);
         if is_next && deck.open(settings).is_ok() {
@@ -193,17 +193,17 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
             self.report_periods = settings.report_periods.max(1);
             self.patience = (40_000 / settings.period_us.max(1)).max(2 + 2 * u32::from(self.report_periods));
             self.staged = (0, 0);
-            self.shadow = Shadow::new(status.executed);
-            deck.heard();
+            self.shadow = ReportedState::new(status.executed);
+            deck.host_is_alive();
         } else if self.epoch != 0 && (settings.epoch, nonce) == (self.epoch, self.nonce) && !self.spoken {
             // Its host has not heard the answer yet, and is there.
-            deck.heard();
+            deck.host_is_alive();
         }
         self.greeting = Some(nonce);
     }
 
     /// The host has every entry before this number.
-    fn confirmed(&mut self, number: u16) {
+    fn acknowledge(&mut self, number: u16) {
         let known = number.wrapping_sub(self.first);
         if known <= self.count && known > 0 {
             let sent = self.sent.wrapping_sub(self.first);
@@ -216,13 +216,13 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
     }
 
     /// From the first entry that is not confirmed.
-    fn say_again(&mut self) {
+    fn retransmit_reports(&mut self) {
         (self.sent, self.unconfirmed) = (self.first, 0);
         self.frames.lost();
         self.urgent = true;
     }
 
-    fn words(&mut self, mut reader: Reader<'_>, deck: &mut impl Deck<A>) -> Option<()> {
+    fn receive_commands(&mut self, mut reader: ByteReader<'_>, deck: &mut impl CardCore<A>) -> Option<()> {
         let mut number = reader.u16()?;
         if (number.wrapping_sub(self.next_word) as i16) > 0 {
             self.gap = true;
@@ -235,9 +235,11 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
             if number == self.next_word {
                 self.next_word = self.next_word.wrapping_add(1);
                 self.gap = false;
-                match (deck.take(word), word) {
-                    (Err(_), Word::Instruction(instruction)) => self.push(Entry::Refused(instruction.number)),
-                    (Err(_), Word::Repeat(repeated)) => self.push(Entry::RepeatRefused(repeated.number)),
+                match (deck.accept(word), word) {
+                    (Err(_), HostCommand::Instruction(instruction)) => {
+                        self.push(ReportEntry::Refused(instruction.number))
+                    }
+                    (Err(_), HostCommand::Repeat(repeated)) => self.push(ReportEntry::RepeatRefused(repeated.number)),
                     _ => {}
                 }
             }
@@ -246,19 +248,19 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         Some(())
     }
 
-    fn now(&mut self, mut reader: Reader<'_>, deck: &mut impl Deck<A>) -> Option<()> {
+    fn receive_rate(&mut self, mut reader: ByteReader<'_>, deck: &mut impl CardCore<A>) -> Option<()> {
         let number = reader.u16()?;
         let (feed, rapid): (Travel, Travel) = (reader.signed()?, reader.signed()?);
         if (number.wrapping_sub(self.now_seen) as i16) > 0 {
             self.now_seen = number;
             // A latched alarm refuses it; the host is told of that by an entry.
-            let _ = deck.take(Word::Rate(RateTarget { feed, rapid }));
+            let _ = deck.accept(HostCommand::Rate(RateTarget { feed, rapid }));
         }
         Some(())
     }
 
     /// A control period has passed.
-    pub fn period(&mut self, status: &Status<A>) {
+    pub fn period(&mut self, status: &CardStatus<A>) {
         self.since_report = self.since_report.saturating_add(1);
         if self.epoch == 0 {
             return;
@@ -266,35 +268,35 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         if self.sent != self.first {
             self.unconfirmed += 1;
             if self.unconfirmed > self.patience {
-                self.say_again();
+                self.retransmit_reports();
             }
         }
         self.changes(status);
-        let (travel, short, at_rest) = (status.rate, status.short, status.at_rest);
+        let (travel, short, at_rest) = (status.rate, status.starved, status.at_rest);
         let newest = self.first.wrapping_add(self.count).wrapping_sub(1);
         let unsent = self.count > 0 && newest.wrapping_sub(self.fixed) < self.count;
         let last = &mut self.entries[usize::from(newest) % E];
         match last {
-            Entry::Ran { travel: t, count, short: s, at_rest: r }
+            ReportEntry::Ran { travel: t, count, short: s, at_rest: r }
                 if unsent && (*t, *s, *r) == (travel, short, at_rest) && *count < u32::MAX =>
             {
                 *count += 1;
             }
-            _ => self.push(Entry::Ran { travel, count: 1, short, at_rest }),
+            _ => self.push(ReportEntry::Ran { travel, count: 1, short, at_rest }),
         }
     }
 
     /// Entries for what is not as the host knows it.
-    fn changes(&mut self, status: &Status<A>) {
+    fn changes(&mut self, status: &CardStatus<A>) {
         if status.alarm != self.shadow.alarm {
             self.shadow.alarm = status.alarm;
-            self.push(Entry::Alarm(status.alarm));
+            self.push(ReportEntry::Alarm(status.alarm));
             self.urgent = true;
         }
         if status.outputs != self.shadow.outputs {
             for (number, &value) in status.outputs.iter().enumerate() {
                 if value != self.shadow.outputs[number] {
-                    self.push(Entry::Output(Change { channel: number as u8, value }));
+                    self.push(ReportEntry::Output(OutputChange { channel: number as u8, value }));
                 }
             }
             self.shadow.outputs = status.outputs;
@@ -302,37 +304,37 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         self.cutting_changes(status);
         if status.inputs != self.shadow.inputs {
             self.shadow.inputs = status.inputs;
-            self.push(Entry::Inputs(status.inputs));
+            self.push(ReportEntry::Inputs(status.inputs));
         }
         if status.wheel != 0 {
-            self.push(Entry::Wheel(status.wheel));
+            self.push(ReportEntry::Wheel(status.wheel));
         }
         if status.executed != self.shadow.executed {
             self.shadow.executed = status.executed;
-            self.push(Entry::Executed(status.executed));
+            self.push(ReportEntry::Executed(status.executed));
             self.urgent = true;
         }
     }
 
     /// Entries for what is new of the cutting outputs, of repeated instructions and of the block.
-    fn cutting_changes(&mut self, status: &Status<A>) {
+    fn cutting_changes(&mut self, status: &CardStatus<A>) {
         if let Some(off) = status.cutter_off {
-            self.push(Entry::CutterOff(off));
+            self.push(ReportEntry::CutterOff(off));
             self.urgent = true;
         }
         if status.repeated != self.shadow.repeated {
             self.shadow.repeated = status.repeated;
-            self.push(Entry::Repeated(status.repeated));
+            self.push(ReportEntry::Repeated(status.repeated));
             self.urgent = true;
         }
         if status.blocked != self.shadow.blocked {
             self.shadow.blocked = status.blocked;
-            self.push(Entry::Blocked(status.blocked));
+            self.push(ReportEntry::Blocked(status.blocked));
             self.urgent = true;
         }
     }
 
-    fn push(&mut self, entry: Entry) {
+    fn push(&mut self, entry: ReportEntry) {
         if usize::from(self.count) == E {
             self.lost = true;
             return;
@@ -342,7 +344,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
     }
 
     /// Bytes for the line, as many as there are and fit.
-    pub fn transmit(&mut self, deck: &impl Deck<A>, out: &mut [u8]) -> usize {
+    pub fn transmit(&mut self, deck: &impl CardCore<A>, out: &mut [u8]) -> usize {
         let mut given = 0;
         while given < out.len() {
             if self.staged.0 == self.staged.1 {
@@ -361,10 +363,10 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
     }
 
     /// Stages the next frame, if one is due.
-    fn compose(&mut self, deck: &impl Deck<A>) {
+    fn compose(&mut self, deck: &impl CardCore<A>) {
         self.staged = (0, 0);
         let mut payload = [0; MAX_PAYLOAD];
-        let mut writer = Writer::new(&mut payload);
+        let mut writer = ByteWriter::new(&mut payload);
         let mut key = 0;
         let written = if let Some(nonce) = self.greeting.take() {
             self.greet(&mut writer, nonce, deck)
@@ -383,7 +385,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         }
     }
 
-    fn greet(&self, writer: &mut Writer<'_>, nonce: u32, deck: &impl Deck<A>) -> Option<()> {
+    fn greet(&self, writer: &mut ByteWriter<'_>, nonce: u32, deck: &impl CardCore<A>) -> Option<()> {
         let status = deck.status();
         let greeting = Greeting {
             nonce,
@@ -402,7 +404,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
     }
 
     /// The head, entries from `sent` on as many as fit, and, if these are all, the echo of place and counts.
-    fn report(&mut self, writer: &mut Writer<'_>, status: &Status<A>) -> Option<()> {
+    fn report(&mut self, writer: &mut ByteWriter<'_>, status: &CardStatus<A>) -> Option<()> {
         writer.u8(kind::REPORT)?;
         writer.u16(self.epoch)?;
         writer.u16(self.next_word)?;
@@ -429,7 +431,7 @@ impl<const A: usize, const E: usize> CardEnd<A, E> {
         let all = self.sent == end;
         writer.put_at(flags_at, u8::from(self.gap) | u8::from(all) << 1 | u8::from(self.lost) << 2);
         if all {
-            writer.u32(echo(status.place, &status.counts, self.axes))?;
+            writer.u32(state_crc(status.place, &status.counts, self.axes))?;
         } else if self.sent.wrapping_sub(self.first) < IN_FLIGHT {
             // the rest at once
             self.urgent = true;

@@ -2,9 +2,9 @@
 //!
 //! Invariant: an entry is taken once, in its order; what cannot be read to its end leaves what was read before it.
 
-use super::{Clearing, ENTRIES, Host, HostFault, Phase, Staged, WORDS};
+use super::{AlarmClearing, ENTRIES, HostEndpoint, LinkError, Phase, StagedFrame, WORDS};
 use crate::frame::MAX_PAYLOAD;
-use crate::wire::{Entry, Greeting, Reader, kind};
+use crate::wire::{ByteReader, Greeting, ReportEntry, kind};
 
 /// After a gap that the card tells of words are sent again, at most so often.
 const GAP_US: u64 = 12_000;
@@ -12,7 +12,7 @@ const GAP_US: u64 = 12_000;
 /// A card that has answered so many openings without opening will not.
 const REFUSALS: u8 = 3;
 
-impl<const A: usize> Host<A> {
+impl<const A: usize> HostEndpoint<A> {
     /// Takes bytes off the line.
     pub fn receive(&mut self, bytes: &[u8], now_us: u64) {
         self.times.now = now_us;
@@ -32,16 +32,16 @@ impl<const A: usize> Host<A> {
             };
             // What cannot be read to its end is left; it comes again.
             let has_key = self.decoder.has_key();
-            let _ = self.payload(Reader::new(&copy[..length]), has_key);
+            let _ = self.payload(ByteReader::new(&copy[..length]), has_key);
         }
     }
 
-    fn payload(&mut self, mut reader: Reader<'_>, has_key: bool) -> Option<()> {
+    fn payload(&mut self, mut reader: ByteReader<'_>, has_key: bool) -> Option<()> {
         match (reader.u8()?, has_key) {
             (kind::WELCOME, false) => match Greeting::read(&mut reader)? {
                 Ok(greeting) => self.greeted(&greeting),
                 // Of a card that was asked who it is: in an epoch it has said so already.
-                Err(version) if self.phase == Phase::Asking => self.fault = Some(HostFault::Protocol(version)),
+                Err(version) if self.phase == Phase::Asking => self.fault = Some(LinkError::Protocol(version)),
                 Err(_) => {}
             },
             (kind::REPORT, true) => self.reported(reader)?,
@@ -65,24 +65,24 @@ impl<const A: usize> Host<A> {
         let Some(settings) = &self.settings else { return };
         let same = greeting.identity.boot == self.boot;
         match self.phase {
-            Phase::Opening if answers_opening && !same => self.fault = Some(HostFault::Restarted),
+            Phase::Opening if answers_opening && !same => self.fault = Some(LinkError::Restarted),
             Phase::Opening if answers_opening && greeting.epoch == settings.epoch => self.phase = Phase::Open,
             Phase::Opening if answers_opening && greeting.at_rest => {
                 // Answered, at rest, and not opened.
                 self.refusals += 1;
                 if self.refusals >= REFUSALS {
-                    self.fault = Some(HostFault::Unfit);
+                    self.fault = Some(LinkError::Unfit);
                 }
             }
             Phase::Open if (answers || answers_probe) && (!same || greeting.epoch != settings.epoch) => {
-                self.fault = Some(HostFault::Restarted);
+                self.fault = Some(LinkError::Restarted);
             }
             Phase::Closing if answers_opening && greeting.epoch != settings.epoch => self.phase = Phase::Closed,
             _ => {}
         }
     }
 
-    fn reported(&mut self, mut reader: Reader<'_>) -> Option<()> {
+    fn reported(&mut self, mut reader: ByteReader<'_>) -> Option<()> {
         let (epoch, next_word, now_seen) = (reader.u16()?, reader.u16()?, reader.u16()?);
         if self.settings.as_ref().is_none_or(|settings| settings.epoch != epoch) {
             return None;
@@ -95,7 +95,7 @@ impl<const A: usize> Host<A> {
         (self.times.heard, self.probing) = (self.times.now, false);
         self.entries_of(&mut reader, first, flags & 2 != 0)?;
         if flags & 4 != 0 {
-            self.fault.get_or_insert(HostFault::ReportLost);
+            self.fault.get_or_insert(LinkError::ReportLost);
         }
         self.follow_clearing(next_word, flags & 2 != 0);
         self.confirm(next_word, low, low.wrapping_add(length));
@@ -110,20 +110,20 @@ impl<const A: usize> Host<A> {
     }
 
     /// Takes the entries that are new. Those of a number that is not due yet were preceded by a report that was lost.
-    fn entries_of(&mut self, reader: &mut Reader<'_>, first: u16, all: bool) -> Option<()> {
+    fn entries_of(&mut self, reader: &mut ByteReader<'_>, first: u16, all: bool) -> Option<()> {
         let mut number = first;
         if (number.wrapping_sub(self.next_entry) as i16) > 0 {
             self.missing = true;
             return Some(());
         }
         let tail = if all { 4 } else { 0 };
-        while reader.left() > tail {
-            let entry = Entry::read(reader)?;
+        while reader.remaining() > tail {
+            let entry = ReportEntry::read(reader)?;
             if number == self.next_entry {
                 if usize::from(self.waiting) == ENTRIES {
                     return Some(());
                 }
-                if let Entry::Ran { travel, count, .. } = entry {
+                if let ReportEntry::Ran { travel, count, .. } = entry {
                     self.newest = self.newest.moved(travel.saturating_mul(i64::from(count)));
                 }
                 self.entries[usize::from(self.taken.wrapping_add(self.waiting)) % ENTRIES] = entry;
@@ -144,11 +144,11 @@ impl<const A: usize> Host<A> {
     /// Has the card taken an order to clear the alarm, and told what came of it? `all`: the report had every entry.
     fn follow_clearing(&mut self, next_word: u16, all: bool) {
         match self.clearing {
-            Some(Clearing::Asked(number)) if all && (next_word.wrapping_sub(number) as i16) > 0 => {
-                self.clearing = Some(Clearing::Taken(self.next_entry));
+            Some(AlarmClearing::Asked(number)) if all && (next_word.wrapping_sub(number) as i16) > 0 => {
+                self.clearing = Some(AlarmClearing::Taken(self.next_entry));
             }
             // Every period that was told of since is one that came after the word.
-            Some(Clearing::Taken(number)) if self.next_entry != number => self.clearing = None,
+            Some(AlarmClearing::Taken(number)) if self.next_entry != number => self.clearing = None,
             _ => {}
         }
     }
@@ -165,8 +165,8 @@ impl<const A: usize> Host<A> {
             self.base = next_word;
             self.count -= taken;
             self.sent = self.sent.saturating_sub(taken);
-            if let Staged::Stream(offset) = self.kind {
-                self.kind = Staged::Stream(offset.saturating_sub(taken));
+            if let StagedFrame::Stream(offset) = self.kind {
+                self.kind = StagedFrame::Stream(offset.saturating_sub(taken));
             }
         }
         self.mirror.set(low, high);
@@ -174,14 +174,14 @@ impl<const A: usize> Host<A> {
         for k in 0..self.count {
             let word = self.queue[usize::from(self.base.wrapping_add(k)) % WORDS];
             // What was foreseen to be taken is so still; what the card refuses all the same shows in a later report.
-            let _ = self.mirror.foresee(&word, self.newest, false);
+            let _ = self.mirror.predict(&word, self.newest, false);
         }
         self.show_window();
     }
 
     pub(super) fn again(&mut self) {
         if self.sent > 0 {
-            self.counts.again += 1;
+            self.counts.retransmitted += 1;
             self.sent = 0;
             self.frames.lost();
         }
