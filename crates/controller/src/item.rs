@@ -3,7 +3,7 @@
 //! Invariant: an item is sent before the first record at or beyond its place, so that whoever has seen that record has seen the
 //! item (GMC-3: the front marker stands in the stream at its place).
 
-use retrace_gcode::Active;
+use retrace_gcode::ActiveCodes;
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange};
 
 use crate::index::Difference;
@@ -90,7 +90,7 @@ pub enum Item {
         /// The record before which it stands.
         place: u32,
         /// The state.
-        active: Box<Active>,
+        active: Box<ActiveCodes>,
     },
     /// A place of the plan is not as it was when the job ran before.
     Differs(Box<Difference>),

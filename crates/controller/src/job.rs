@@ -15,7 +15,7 @@ use std::thread;
 use retrace_core::Record;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::size::ring_cells;
-use retrace_gcode::{Active, Step};
+use retrace_gcode::{ActiveCodes, CanonStep};
 use retrace_link::{CardStatus, MotionCard, Outputs};
 use retrace_motion::Planner;
 
@@ -42,10 +42,10 @@ use crate::track::Track;
 /// A program as a source of canonical functions.
 pub trait Decode {
     /// Decodes the next block and puts its steps behind those in `steps`.
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded;
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded;
 
     /// The modal state behind the last block, where the source has one.
-    fn active(&self) -> Option<Active> {
+    fn active(&self) -> Option<ActiveCodes> {
         None
     }
 

@@ -12,7 +12,7 @@ use std::time::Duration;
 use retrace_core::place::before;
 use retrace_core::playback::part;
 use retrace_core::{ONE, Travel};
-use retrace_gcode::Active;
+use retrace_gcode::ActiveCodes;
 use retrace_link::{CardStatus, Outputs, PathStart, channel};
 
 use crate::approach::approach;
@@ -211,7 +211,7 @@ pub(crate) struct Following<'s, 'r, const A: usize> {
     place: u32,
     sum: [i64; A],
     /// The modal state that is in force there.
-    active: Option<Box<Active>>,
+    active: Option<Box<ActiveCodes>>,
     /// At the place where it was left.
     counts: Option<[i64; A]>,
     line: u32,

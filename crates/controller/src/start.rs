@@ -5,7 +5,7 @@
 //! up to the retract plane or higher, other axes, tool axis down.
 
 use retrace_link::{OutputAction, OutputChange, Outputs};
-use retrace_motion::{Arc, Feed, PathMode};
+use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::feed::{Cancelled, Feeder, Refused, Switch};
 use crate::item::Kind;
@@ -46,7 +46,7 @@ impl Skipped {
         self.switch(feeder, line, |channel| !self.cutting.contains(&channel))?;
         let at = feeder.commanded_mm();
         for end in ends_mm(machine, at, target_mm) {
-            feeder.straight(end, Feed::Rapid, PathMode::ExactStop, line)?;
+            feeder.straight(end, FeedRate::Rapid, PathMode::ExactStop, line)?;
         }
         feeder.rest()?;
         Ok(self.switch(feeder, line, |channel| self.cutting.contains(&channel))?)
@@ -82,12 +82,12 @@ fn ends_mm<const A: usize>(machine: &Machine, at: [f64; A], target: [f64; A]) ->
 }
 
 impl<const A: usize> Sink<A> for Skipped {
-    fn straight(&mut self, _: [f64; A], _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+    fn straight(&mut self, _: [f64; A], _: FeedRate, _: PathMode, _: u32) -> Result<(), Refused> {
         self.moves = self.moves.wrapping_add(1);
         Ok(())
     }
 
-    fn arc(&mut self, _: &Arc<A>, _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+    fn arc(&mut self, _: &Arc<A>, _: FeedRate, _: PathMode, _: u32) -> Result<(), Refused> {
         self.moves = self.moves.wrapping_add(1);
         Ok(())
     }

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Travel};
-use retrace_gcode::Active;
+use retrace_gcode::ActiveCodes;
 use retrace_link::{CardStatus, OutputChange, Outputs, channel};
 
 use crate::event::Event;
@@ -122,7 +122,7 @@ pub enum Told<const A: usize> {
     /// An output has taken a value, by the program or by hand. At the start every output that is not 0 is told.
     Output(OutputChange),
     /// From here on this modal state is in force.
-    Active(Box<Active>),
+    Active(Box<ActiveCodes>),
     /// Something happened.
     Event(Event),
 }

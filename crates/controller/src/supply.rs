@@ -11,7 +11,7 @@ use retrace_core::gate::Gates;
 use retrace_core::place::before;
 use retrace_core::ring::Consumer;
 use retrace_core::{Flags, Place, Record};
-use retrace_gcode::Active;
+use retrace_gcode::ActiveCodes;
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputAction, Outputs};
 
 use crate::index::{Difference, Durable};
@@ -54,7 +54,7 @@ pub struct Supply<'r, const A: usize> {
     passed: usize,
     messages: VecDeque<(u32, u32, String)>,
     /// Modal states, each from its place on.
-    modes: VecDeque<(u32, Box<Active>)>,
+    modes: VecDeque<(u32, Box<ActiveCodes>)>,
     summary: Option<Summary>,
     /// Nobody plans any more, and the program has not ended: a defect over there.
     cut_off: bool,
@@ -446,7 +446,7 @@ impl<'r, const A: usize> Supply<'r, A> {
     }
 
     /// This modal state is in force where the cursor stands: it is news yet.
-    pub fn still_active(&mut self, active: Box<Active>) {
+    pub fn still_active(&mut self, active: Box<ActiveCodes>) {
         self.modes.push_front((self.ring.reached(), active));
     }
 
@@ -578,5 +578,5 @@ pub enum News {
     /// A message's line and text.
     Message(u32, String),
     /// The modal state that is in force from there on.
-    Active(Box<Active>),
+    Active(Box<ActiveCodes>),
 }

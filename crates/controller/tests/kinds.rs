@@ -13,7 +13,7 @@ use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Told};
 use retrace_core::mode::Mode;
-use retrace_gcode::{Program, Progress, Setup, Step, Tool, ToolTable};
+use retrace_gcode::{CanonStep, Program, Progress, Setup, Tool, ToolTable};
 use retrace_hal_sim::{Chance, Clock, PlantSettings, Process, SimCard};
 use retrace_link::{MotionCard, Outputs, PathStart, channel};
 
@@ -25,7 +25,7 @@ const LATHE: &str = include_str!("../../cli/src/machine/lathe.toml");
 struct Decoder(Program<&'static [u8]>);
 
 impl Decode for Decoder {
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
         match self.0.advance(steps) {
             Progress::Line => Decoded::Block,
             Progress::End => Decoded::End,

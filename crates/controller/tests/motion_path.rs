@@ -19,7 +19,7 @@ use retrace_core::ring::{Cell, Ring};
 use retrace_core::{Place, Record, size};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{CardStatus, MotionCard, OutputChange, channel};
-use retrace_motion::{Feed, PathMode, Planner};
+use retrace_motion::{FeedRate, PathMode, Planner};
 
 /// Everything that was executed.
 struct Log {
@@ -111,7 +111,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut Feeder<'_, 3>) + 
     Run { outcome, tally, status, verdict: log.judge.finish(), rows: log.rows, events: log.events }
 }
 
-const FEED: Feed = Feed::PerSecond(80.0);
+const FEED: FeedRate = FeedRate::PerSecond(80.0);
 
 fn zigzag(feeder: &mut Feeder<'_, 3>) {
     for k in 0..40u32 {

@@ -12,9 +12,9 @@ use std::time::Duration;
 
 use retrace_core::ring::Producer;
 use retrace_core::{Flags, ONE, Record};
-use retrace_gcode::Active;
+use retrace_gcode::ActiveCodes;
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs};
-use retrace_motion::{Arc, Feed, MoveError, PathMode, Planner};
+use retrace_motion::{Arc, FeedRate, MoveError, PathMode, Planner};
 
 use crate::index::{Difference, Index, Mark, Note};
 use crate::item::{Exclusive, Item, Kind, Summary};
@@ -119,7 +119,7 @@ pub struct Feeder<'r, const A: usize> {
     /// Actions that wait for the first record of the move with their serial number.
     waiting: VecDeque<Waiting>,
     /// Modal states that wait for the first record of the move with that serial number.
-    modes: VecDeque<(u32, Box<Active>)>,
+    modes: VecDeque<(u32, Box<ActiveCodes>)>,
     /// The outputs as the program has set them, actions still waiting included.
     outputs: Outputs,
     index: Box<dyn Index>,
@@ -231,7 +231,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
     }
 
     /// From the next move on this modal state is in force.
-    pub fn active(&mut self, active: Box<Active>) {
+    pub fn active(&mut self, active: Box<ActiveCodes>) {
         self.modes.push_back((self.serial.wrapping_add(1), active));
     }
 
@@ -249,7 +249,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
     ///
     /// # Errors
     /// What the planner refuses, with nothing changed.
-    pub fn straight(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    pub fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         let reach_mm = self.check_limits(&[end_mm], line)?;
         self.planner.line(end_mm, feed, mode, self.serial.wrapping_add(1))?;
         Ok(self.moved(line, reach_mm)?)
@@ -259,7 +259,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
     ///
     /// # Errors
     /// What the planner refuses, with nothing changed.
-    pub fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    pub fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         let mut points = extremes(&self.planner.commanded_mm(), arc);
         points.push(arc.end_mm);
         let reach_mm = self.check_limits(&points, line)?;

@@ -13,7 +13,7 @@ mod setting_up;
 use std::collections::BTreeMap;
 
 use retrace_core::limits::RateLimits;
-use retrace_motion::{Blending, Limits};
+use retrace_motion::{Blending, MachineLimits};
 
 pub use self::axis::{AXIS_LETTERS, Axis, Home};
 pub use self::cutter::{Cutter, CutterKind};
@@ -239,7 +239,7 @@ impl Machine {
 
     /// The limits as the planner takes them; axes that the machine does not have are those of its first axis.
     #[must_use]
-    pub fn limits<const A: usize>(&self) -> Limits<A> {
+    pub fn limits<const A: usize>(&self) -> MachineLimits<A> {
         let each = |value: fn(&Axis) -> f64| {
             let mut all = [value(&self.axes[0]); A];
             for (slot, axis) in all.iter_mut().zip(&self.axes) {
@@ -247,7 +247,7 @@ impl Machine {
             }
             all
         };
-        Limits {
+        MachineLimits {
             velocity_mm_s: each(|a| a.max_velocity_mm_per_s),
             acceleration_mm_s2: each(|a| a.max_acceleration_mm_per_s2),
             jerk_mm_s3: each(|a| a.max_jerk_mm_per_s3),
@@ -294,7 +294,7 @@ mod tests {
         assert_eq!(machine.axes.len(), 3);
         assert_eq!((machine.period_us, machine.history_records, machine.look_ahead_records), (1000, 1_800_000, 500));
         assert_eq!((machine.wheel_periods, machine.wheel_counts), (100, 10));
-        assert_eq!(machine.limits::<4>(), Limits::built_in());
+        assert_eq!(machine.limits::<4>(), MachineLimits::built_in());
     }
 
     #[test]

@@ -7,7 +7,7 @@ use retrace_controller::machine::Machine;
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{CardStatus, HostCommand, MotionCard};
-use retrace_motion::{Arc, Feed, PathMode, Planner};
+use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 /// The fastest feed.
 pub const FEED_MM_S: f64 = 100.0;
@@ -76,7 +76,7 @@ pub fn records(path: &[Move]) -> Vec<Record<3>> {
         if records.len() > LONGEST / 4 {
             break;
         }
-        let (feed, tag) = (Feed::PerSecond(m.feed), k as u32 + 1);
+        let (feed, tag) = (FeedRate::PerSecond(m.feed), k as u32 + 1);
         match m.centre {
             None => planner.line(m.end, feed, m.mode, tag).expect("a valid line"),
             Some(centre_mm) => {

@@ -18,7 +18,7 @@ use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Told};
 use retrace_core::playback::part;
 use retrace_core::{Place, Travel};
-use retrace_gcode::{AxisSet, Program, Progress, Setup, Step};
+use retrace_gcode::{AxisSet, CanonStep, Program, Progress, Setup};
 use retrace_hal_sim::{
     CardSimulator, CardSimulatorSettings, Clock, InFlightPolicy, InProcess, NoFault, Random, SerialChannelSettings,
     SimCard,
@@ -40,7 +40,7 @@ impl Decoder {
 }
 
 impl Decode for Decoder {
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
         match self.0.advance(steps) {
             Progress::End => Decoded::End,
             Progress::Refused => Decoded::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
