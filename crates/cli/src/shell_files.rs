@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use clap::CommandFactory;
 use clap_complete::Shell;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::numbered_error::NumberedError;
 
 use crate::args::Cli;
 use crate::console::unwritable;
@@ -41,7 +41,7 @@ pub fn print_completions(args: &Completions) {
 ///
 /// # Errors
 /// Where the folder cannot be created, or a page cannot be written.
-pub fn write_manual(args: &Man) -> Result<(), Refusal> {
+pub fn write_manual(args: &Man) -> Result<(), NumberedError> {
     let write = || -> io::Result<()> {
         std::fs::create_dir_all(&args.folder)?;
         clap_mangen::generate_to(Cli::command(), &args.folder)
