@@ -129,14 +129,14 @@ impl JobRunner<'_> {
             real_time: manners.real_time,
         };
         let script = with_optional_stop(manners.optional_stop.filter(|_| terminal.is_none()), manners.script)?;
-        let script = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
+        let script = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
         // Without a screen signals stop the job.
         let (signals, stops) = if heard.is_none() { StopSignals::watch(StopPolicy::Job) } else { None }.unzip();
         let operators = match heard {
-            Some(heard) => script.and(heard).releasing_the_end(),
+            Some(heard) => script.with_operator(heard).with_release_at_end(),
             None => match enter {
-                Some(enter) => script.and(enter).stopped_by(stops),
-                None => script.stopped_by(stops),
+                Some(enter) => script.with_operator(enter).with_stop_receiver(stops),
+                None => script.with_stop_receiver(stops),
             },
         };
         // Where something is asked first, Ctrl-C ends the command until that is agreed to: nothing moves before.
@@ -144,7 +144,7 @@ impl JobRunner<'_> {
             signals.listen();
         }
         let keeping = kept.as_ref().map_or_else(JournalConfig::default, JournaledJob::keeping);
-        let conduct = JobOptions { begin, operators, manner, keeping };
+        let conduct = JobOptions { start: begin, commands: operators, run_mode: manner, journal: keeping };
         let mut watching = RunObservers {
             console,
             keeper: kept.as_ref().map(|kept| kept.keeper(machine)),
@@ -170,7 +170,7 @@ impl JobRunner<'_> {
         if let Some(refused) = refused {
             return Err(refused);
         }
-        let JobEnd { outcome, tally, summary, card } = end.map_err(cannot_begin)?;
+        let JobEnd { outcome, stats: tally, summary, card } = end.map_err(cannot_begin)?;
         let wall_s = started.elapsed().as_secs_f64();
         let RunObservers { console, keeper, .. } = watching;
         drop(keeper);

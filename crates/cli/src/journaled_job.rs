@@ -45,9 +45,9 @@ impl ReservedJobFolder {
     /// # Errors
     /// `E2201`, `E2105`: there is no folder for jobs, or it cannot be written.
     pub fn new(journal: Option<&Path>, program: &str) -> Result<Self, NumberedError> {
-        let (jobs, when) = (JobStore::named(journal)?, Timestamp::now());
+        let (jobs, when) = (JobStore::open_or_default(journal)?, Timestamp::now());
         let folder = jobs.create(program, when)?;
-        let held = folder.hold()?;
+        let held = folder.lock()?;
         Ok(Self { jobs, folder, held, when })
     }
 
@@ -74,7 +74,7 @@ impl ReservedJobFolder {
     ) -> Result<JournaledJob, NumberedError> {
         let Self { jobs, folder, held, when } = self;
         let job = JobHeader { id: folder.id().into(), when, ..job };
-        let logbook = JournalWriter::begin(folder.new_journal()?, care, job, spool)?;
+        let logbook = JournalWriter::begin(folder.create_journal()?, care, job, spool)?;
         Ok(JournaledJob { jobs, folder, _held: held, logbook, known: None, overrides: Vec::new() })
     }
 }
@@ -111,7 +111,7 @@ impl JournaledJob {
         resumed: ResumeEntry,
         spool: Option<SpoolProgress>,
     ) -> Result<(), NumberedError> {
-        self.logbook.resume(self.folder.old_journal()?, record.tail, resumed, spool)
+        self.logbook.resume(self.folder.open_journal()?, record.tail, resumed, spool)
     }
 
     /// The job's name.

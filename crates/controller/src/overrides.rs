@@ -1,11 +1,12 @@
-//! The feed override: which part of it the rate does, which part the plan, and where.
+//! The feed override: the part that is applied by the rate, the part that is planned, and from which place.
 //!
-//! Up to 100 % the rate does it, within a period. More is planned: the motion path asks the planning thread for it, from the first
-//! place on that cannot be written yet whatever the planner has done by now. So the override acts within the look-ahead of
-//! the ring, and at a place that does not depend on how fast the planner is: a run can still be repeated to the pulse.
-//! Until the cursor comes there the rate makes up for what is planned, as far as it can: it never is above 100 %.
+//! Up to 100 % it is applied by the rate, within a period. More is planned: the motion path requests it from the
+//! planning thread, for the first place that cannot have been written yet, whatever the planner has done by now. So the
+//! override takes effect within the look-ahead of the ring, and at a place that does not depend on the planner's speed:
+//! a run can still be repeated to the pulse. Until the cursor reaches that place, the rate compensates as far as it
+//! can: it is never above 100 %.
 //!
-//! Invariant: rate times planned override is the override that was asked for, or less. Neither side waits for the other, and
+//! Invariant: rate times planned override is the requested override, or less. Neither side waits for the other, and
 //! nothing is allocated on the motion path after the start.
 
 use std::collections::VecDeque;
@@ -15,20 +16,20 @@ use retrace_core::place::before;
 use retrace_core::{ONE, Travel};
 use retrace_motion::MAX_OVERRIDE;
 
-/// The most that can be asked for, 200 %.
+/// Maximum override, 200 %.
 pub const MOST: Travel = (MAX_OVERRIDE as Travel) * ONE;
 
-/// So many changes may be on their way at a time.
+/// Maximum number of pending changes.
 const CHANGES: usize = 64;
 
-/// From `place` on, the plan is to use another override.
+/// Another override is to be planned from `place` on.
 #[derive(Clone, Copy, Debug)]
 struct OverrideChange {
     place: u32,
     planned: Travel,
 }
 
-/// The two ends of the way from the motion path to the planning thread; `look_ahead` is that of the ring, in records.
+/// Creates the motion path's and the planning thread's end of the queue. `look_ahead` is that of the ring, in records.
 #[must_use]
 pub fn overrides(look_ahead: u32) -> (OverrideRequester, OverrideApplier) {
     let (changes, heard) = sync_channel(CHANGES);
@@ -37,23 +38,23 @@ pub fn overrides(look_ahead: u32) -> (OverrideRequester, OverrideApplier) {
     (asking, OverrideApplier { again: VecDeque::new(), heard: Some(heard), next: None })
 }
 
-/// More changes are on their way than there is room for.
+/// The queue of override changes is full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OverrideQueueFull;
 
 /// The motion path's end.
 #[derive(Debug)]
 pub struct OverrideRequester {
-    /// `None` where nobody plans: 100 % is the most then.
+    /// `None` where overrides are not planned: the maximum is 100 % then.
     changes: Option<SyncSender<OverrideChange>>,
     look_ahead: u32,
-    /// What the operator asks for.
+    /// Override that the operator requests.
     asked: Travel,
-    /// What was asked of the planner last.
+    /// Override that was requested from the planner last.
     sent: Travel,
-    /// What is planned where the cursor is furthest.
+    /// Override that is planned at the furthest place of the cursor.
     planned: Travel,
-    /// Changes that the cursor has yet to reach.
+    /// Changes that the cursor has not reached yet.
     pending: VecDeque<OverrideChange>,
 }
 
@@ -65,8 +66,8 @@ impl Default for OverrideRequester {
 }
 
 impl OverrideRequester {
-    /// The same for a job that is taken up in its middle, `changed` being the changes that were heeded already, by their places. The
-    /// operator asks for what is planned last.
+    /// Restores the state of a resumed job; `changed` are the changes that were applied already, by their places. The
+    /// last planned override is the requested one.
     #[must_use]
     pub fn again(mut self, changed: &[(u32, Travel)], reached: u32) -> Self {
         for &(place, planned) in changed {
@@ -77,29 +78,29 @@ impl OverrideRequester {
         self
     }
 
-    /// What the operator asks for.
+    /// Override that the operator requests.
     #[must_use]
     pub fn asked(&self) -> Travel {
         self.asked
     }
 
-    /// The most that can be asked for.
+    /// Maximum override.
     #[must_use]
     pub fn most(&self) -> Travel {
         if self.changes.is_some() { MOST } else { ONE }
     }
 
-    /// The operator asks for `rate`, which counts as [`Asking::most`] where it is more; the cursor is at `reached` at the furthest.
+    /// Requests `rate`, limited to [`OverrideRequester::max_override`]; `reached` is the furthest place of the cursor.
     ///
     /// # Errors
-    /// [`TooMany`]; nothing has changed then.
+    /// [`OverrideQueueFull`]; nothing has changed then.
     pub fn request(&mut self, rate: Travel, reached: u32) -> Result<(), OverrideQueueFull> {
         let rate = rate.clamp(0, self.most());
         let planned = rate.max(ONE);
         if planned != self.sent
             && let Some(changes) = &self.changes
         {
-            // The ring has room up to this place.
+            // The ring has space up to this place.
             let change = OverrideChange { place: reached.wrapping_add(self.look_ahead), planned };
             if self.pending.len() > CHANGES {
                 return Err(OverrideQueueFull);
@@ -107,7 +108,7 @@ impl OverrideRequester {
             match changes.try_send(change) {
                 Ok(()) => self.pending.push_back(change),
                 Err(TrySendError::Full(_)) => return Err(OverrideQueueFull),
-                // Everything is planned, and its end lies before that place.
+                // Everything is planned, and the end is before that place.
                 Err(TrySendError::Disconnected(_)) => {}
             }
             self.sent = planned;
@@ -116,7 +117,7 @@ impl OverrideRequester {
         Ok(())
     }
 
-    /// The cursor has come to `reached`: what is planned there, if that has changed.
+    /// Advances to `reached`. Returns the override that is planned there, if it has changed.
     pub fn pass(&mut self, reached: u32) -> Option<Travel> {
         let was = self.planned;
         while let Some(change) = self.pending.front()
@@ -128,14 +129,14 @@ impl OverrideRequester {
         (self.planned != was).then_some(self.planned)
     }
 
-    /// The rate that comes to what is asked for, or as near as it can, 0 … 1.
+    /// The rate that gives the requested override, or the nearest one that is possible, 0 … 1.
     #[must_use]
     pub fn rate(&self) -> Travel {
         if self.asked >= self.planned {
             return ONE;
         }
         let rate = i128::from(self.asked) * i128::from(ONE) / i128::from(self.planned);
-        // Below 1, as the override asked for is below the planned one.
+        // Below 1, as the requested override is below the planned one.
         rate as Travel
     }
 }
@@ -143,7 +144,7 @@ impl OverrideRequester {
 /// The planning thread's end.
 #[derive(Debug, Default)]
 pub struct OverrideApplier {
-    /// Changes that were heeded already when the job ran before, by their places.
+    /// Changes that were applied already when the job ran before, by their places.
     again: VecDeque<OverrideChange>,
     heard: Option<Receiver<OverrideChange>>,
     /// The next change, which is not due yet.
@@ -151,14 +152,14 @@ pub struct OverrideApplier {
 }
 
 impl OverrideApplier {
-    /// The same for a job that is taken up in its middle: changes that were heeded already, place and override, in their order.
+    /// Restores the state of a resumed job: changes that were applied already, place and override, in order.
     #[must_use]
     pub fn again(self, changed: &[(u32, Travel)]) -> Self {
         Self { again: changed.iter().map(|&(place, planned)| OverrideChange { place, planned }).collect(), ..self }
     }
 
-    /// The override by which feeds count from the record at `place` on, where it changes there. Records are asked about in their order,
-    /// and only where the ring has room for them.
+    /// The override that counts from the record at `place` on, where it changes there. To be called for the records in
+    /// order, and only where the ring has space for them.
     pub fn due(&mut self, place: u32) -> Option<Travel> {
         let mut due = None;
         loop {

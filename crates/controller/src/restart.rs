@@ -1,14 +1,14 @@
-//! How outputs are brought back at a restart: by the instructions that switched them, in program order, each with its duration and with what
-//! it waits for (CUT-17, DNC-9).
+//! The plan of a restart: outputs are restored by the instructions that switched them, in program order, each with its
+//! duration and its input (CUT-17, DNC-9).
 //!
 //! Invariant: a cutter is lit last and put out first; no output is switched that agrees already.
 
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs, channel};
 
-/// What switched an output last.
+/// The instruction that switched an output last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct OutputOrigin {
-    /// Counts the instructions in program order; 0 where nothing of the program switched it.
+    /// Number of the instruction in program order; 0 where none of the program's instructions switched it.
     sequence: u32,
     code: &'static str,
     line: u32,
@@ -17,20 +17,20 @@ struct OutputOrigin {
     until: Option<InputWait>,
 }
 
-/// One instruction to carry out again.
+/// One instruction to execute again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RestartStep {
-    /// As it is written in the program: `M3`, `M64` …
+    /// Code as written in the program: `M3`, `M64` …
     pub code: &'static str,
-    /// Its program line; 0 where nothing of the program switched the output.
+    /// Program line; 0 where no instruction of the program switched the output.
     pub line: u32,
-    /// The outputs to switch; the first `count` of them.
+    /// Outputs to switch; the first `count` of them are valid.
     pub changes: [OutputChange; MAX_CHANGES],
-    /// How many of `changes` are valid.
+    /// Number of valid `changes`.
     pub count: u8,
-    /// Control periods that it takes at least.
+    /// Minimum duration in control periods.
     pub periods: u32,
-    /// The input that it waits for.
+    /// Input that it waits for.
     pub until: Option<InputWait>,
 }
 
@@ -42,7 +42,7 @@ impl RestartStep {
     }
 }
 
-/// Which instruction switched each output last, off and on.
+/// The instructions that switched each output last, off and on.
 #[derive(Clone, Debug)]
 pub struct OutputOrigins {
     of: [[OutputOrigin; 2]; channel::COUNT],
@@ -56,7 +56,7 @@ impl Default for OutputOrigins {
 }
 
 impl OutputOrigins {
-    /// An instruction of the program has switched these outputs, before the record at `place`.
+    /// Records that an instruction of the program has switched these outputs before the record at `place`.
     pub fn switched(
         &mut self,
         changes: &[OutputChange],
@@ -73,14 +73,14 @@ impl OutputOrigins {
         }
     }
 
-    /// The program has switched an output in passing.
+    /// Records that the program has switched an output without a stop.
     pub fn passed(&mut self, action: &OutputAction, line: u32) {
         let code = if action.after == 0 { "M63" } else { "M62" };
         let change = OutputChange { channel: action.channel, value: action.after };
         self.switched(&[change], (code, line, action.place), 0, None);
     }
 
-    /// A dwell of so many control periods before the record at `place`. Where a cutter was lit at this very place it is the pierce, and
+    /// Records a dwell before the record at `place`. Where a cutter was lit at this very place it is the pierce, and
     /// belongs to the start of the cutter.
     pub fn dwelt(&mut self, place: u32, periods: u32, expected: &Outputs, cutting: &[u8]) {
         for &channel in cutting {
@@ -95,9 +95,9 @@ impl OutputOrigins {
         }
     }
 
-    /// Puts into `steps`, which is emptied first, what brings the outputs `are` to what the program `wants`, of the channels that `concerned`
-    /// names: what goes off first, the cutters before anything else; then what comes on, in program order, the cutters last. Allocates
-    /// nothing where `steps` has room for all channels.
+    /// Replaces the contents of `steps` by what brings the outputs from `are` to `wants`, for the channels selected by
+    /// `concerned`: first what goes off, the cutters before anything else; then what comes on, in program order, the
+    /// cutters last. Does not allocate where `steps` has capacity for all channels.
     pub fn steps(
         &self,
         are: &Outputs,
@@ -191,7 +191,7 @@ mod tests {
             ("M101", vec![change(3, 1)], 1500),
         ];
         assert_eq!(all, expected);
-        // what agrees is left alone
+        // outputs that agree are not switched
         let are = outputs(&[(3, 1), (SPEED, 900_000), (SPINDLE, 1), (FLOOD, 1)]);
         assert_eq!(steps(&origins, &are, &wants), vec![("M3", vec![change(4, 1)], 800)]);
     }

@@ -87,7 +87,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
         events: Vec::new(),
     };
     let script = ScriptPlayer::new(operator::parse(script, "script").expect("valid"), machine.period_us);
-    let operators = CommandSources::script(script);
+    let operators = CommandSources::from_script(script);
     let manner = RunMode { wall_time: false, operator: true, real_time: false };
     let outputs = card.status().outputs;
     let cancel = AtomicBool::new(false);
@@ -101,7 +101,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
             let _ = feeder.end(summary);
         });
         let (teller, hearing) = telemetry_channel(false, machine.period_s());
-        scope.spawn(|| hearing.report(&mut log));
+        scope.spawn(|| hearing.run(&mut log));
         let supply = RecordStreamer::new(consumer, receiver, start, outputs, 0);
         let session = Session::new(card, &machine, supply, operators, manner, teller);
         let (outcome, tally, card) = session.run();

@@ -1,17 +1,18 @@
 //! A line of the journal: `crc32c sequence {"…"}` and a line feed.
 //!
-//! The check stands over everything behind it, the line feed left out. An asterisk behind the sequence number says that a batch
-//! begins here: all lines before it were handed to the disk, and where the journal is synced they had arrived there, before this
-//! one was written. So a damaged line before the last batch was once whole, and one in the last batch may never have been.
+//! The checksum covers everything behind it except the line feed. An asterisk behind the sequence number marks the
+//! beginning of a batch: all lines before it were written, and where the journal is synced they were durable, before
+//! this one was written. So a damaged line before the last batch was once whole, and one in the last batch may never
+//! have been.
 //!
-//! Invariant: nothing but what [`put`] has written is taken by [`take`]: no other spelling of a number, no space more.
+//! Invariant: [`parse`] accepts only what [`append`] has written: no other spelling of a number, no additional space.
 
 use retrace_link::crc;
 
-/// Longest line, in bytes: the machine file and the list of files stand in one.
+/// Maximum length of a line in bytes: one line contains the machine file and the list of files.
 pub const MAX_LINE: usize = 16 << 20;
 
-/// The generator's remainders, a byte at a time.
+/// Remainders of the generator polynomial, one per byte value.
 const TABLE: [u32; 256] = {
     let mut table = [0; 256];
     let mut byte = 0;
@@ -28,7 +29,7 @@ fn check(bytes: &[u8]) -> u32 {
     crc::finish(register)
 }
 
-/// Puts a line behind those in `out`. `json` has no line feed in it.
+/// Appends a line to `out`. `json` contains no line feed.
 pub fn append(out: &mut Vec<u8>, sequence: u64, begins: bool, json: &[u8]) {
     let start = out.len();
     out.extend_from_slice(b"........ ");
@@ -40,18 +41,18 @@ pub fn append(out: &mut Vec<u8>, sequence: u64, begins: bool, json: &[u8]) {
     out.push(b'\n');
 }
 
-/// A line that is whole.
+/// A complete line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct JournalLine<'l> {
-    /// Its number, from 0.
+    /// Sequence number, from 0.
     pub sequence: u64,
-    /// Does a batch begin with it?
+    /// Whether a batch begins with it.
     pub begins: bool,
-    /// What it says.
+    /// Content.
     pub json: &'l [u8],
 }
 
-/// The line that these bytes are, the line feed among them; `None` if they are none.
+/// Parses the bytes of one line, line feed included. `None` if they are not a valid line.
 #[must_use]
 pub fn parse(bytes: &[u8]) -> Option<JournalLine<'_>> {
     let line = bytes.strip_suffix(b"\n")?;
@@ -71,14 +72,15 @@ pub fn parse(bytes: &[u8]) -> Option<JournalLine<'_>> {
     (said == check(rest)).then_some(JournalLine { sequence, begins, json })
 }
 
-/// The first whole line with which these bytes end: where a line feed was damaged, it hangs on the line before.
+/// The first valid line with which these bytes end. Where a line feed was damaged, a valid line follows the damaged
+/// one.
 #[must_use]
 pub fn take_end(bytes: &[u8]) -> Option<JournalLine<'_>> {
     let looks = |at: usize| {
         let head = &bytes[at..];
         head.len() > 10 && head[8] == b' ' && head[9].is_ascii_digit() && head[..8].iter().all(is_hex)
     };
-    // The bound is for bytes that only look like many lines.
+    // The bound is for bytes that only resemble many lines.
     (0..bytes.len()).filter(|&at| looks(at)).take(1000).find_map(|at| parse(&bytes[at..]))
 }
 

@@ -1,7 +1,7 @@
-//! Where entries are handed over: any thread on one side, the one that writes on the other.
+//! The queue of journal entries: any thread pushes, the writer thread takes batches.
 //!
-//! Invariant: entries are taken in the order in which they were handed over, and what the job cannot be resumed without is never lost
-//! where the motion path follows what is durable.
+//! Invariant: entries are taken in the order in which they were pushed. Entries that are needed to resume the job are
+//! never lost where the motion path follows the durable place.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -11,26 +11,26 @@ use super::entry::{JournalEntry, LostEntries};
 use crate::event::{CardError, EventKind};
 use crate::place_index::DurablePlace;
 
-/// Entries that may wait where somebody can be made to wait, or entries can be lost.
+/// Capacity of the queue where a thread can wait or entries can be lost.
 pub(super) const WAITING: usize = 4096;
-/// Entries that are written at once.
+/// Maximum number of entries in a batch.
 const BATCH: usize = 1024;
-/// After so long a disk that failed is tried again.
+/// Interval at which writing to a failed disk is tried again.
 const RETRY: Duration = Duration::from_millis(if cfg!(test) { 3 } else { 500 });
-/// For so long entries are gathered where nothing waits for them to be durable.
+/// Time for which entries are gathered where nothing waits for them to be durable.
 const GATHER: Duration = Duration::from_millis(5);
 
-/// How the journal is kept.
+/// Durability of the journal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Durability {
-    /// Synced to the disk with every batch, and the motion path follows what is durable: for a card that outlives the process. Whoever
-    /// hands over notes never waits: there are never more than the ring's look-ahead holds.
+    /// Synced to the disk with every batch, and the motion path follows the durable place: for a card that outlives the
+    /// process. Pushing index entries never waits: there are never more than the ring's look-ahead holds.
     Synced,
-    /// Written only, for a card that ends with the process; nothing is kept back for it.
+    /// Written only, for a card that ends with the process. Nothing waits for it.
     Written,
 }
 
-/// The end at which entries are handed over; it can be had more than once.
+/// A handle to the queue. It can be cloned.
 #[derive(Clone, Debug)]
 pub(super) struct JournalQueue(Arc<QueueShared>);
 
@@ -45,14 +45,14 @@ struct QueueShared {
 #[derive(Debug, Default)]
 pub(super) struct QueueState {
     pub(super) queue: VecDeque<JournalEntry>,
-    /// Entries that were taken off the queue and are not kept yet.
+    /// Number of entries that were taken off the queue and are not saved yet.
     pub(super) in_hand: usize,
     pub(super) lost: u64,
-    /// Nothing more will come.
+    /// No more entries will be pushed.
     pub(super) closed: bool,
     /// The writer has ended.
     pub(super) over: bool,
-    /// Why the last attempt to write failed, until one does not.
+    /// Error of the last attempt to write, until an attempt succeeds.
     pub(super) trouble: Option<String>,
     pub(super) news: VecDeque<EventKind>,
 }
@@ -70,12 +70,12 @@ impl JournalQueue {
         &self.0.durable
     }
 
-    /// Waits as long as this holds; [`Desk::changed`] has it looked at again.
+    /// Waits while `waits` returns true; [`JournalQueue::notify_changed`] makes it check again.
     pub(super) fn wait_while(&self, waits: impl FnMut(&mut QueueState) -> bool) -> MutexGuard<'_, QueueState> {
         self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The state has changed.
+    /// Wakes the threads that wait for a change of the state.
     pub(super) fn changed(&self) {
         self.0.changed.notify_all();
     }
@@ -84,11 +84,11 @@ impl JournalQueue {
         self.0.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Hands over an entry of the index.
+    /// Pushes an entry of the index.
     pub(super) fn note(&self, entry: JournalEntry) {
         let mut state = self.waited(self.state());
         if self.0.care == Durability::Written && state.queue.len() >= WAITING {
-            // Nobody will take it up: a card that ends with the process cannot be found again by what was not written.
+            // This job cannot be resumed: a card that ends with the process cannot be found again.
             state.lost += 1;
             return;
         }
@@ -97,7 +97,7 @@ impl JournalQueue {
         self.0.changed.notify_all();
     }
 
-    /// Hands over an entry that the job can be resumed without.
+    /// Pushes an entry that the job can be resumed without.
     pub(super) fn tell(&self, entry: JournalEntry) {
         let mut state = self.waited(self.state());
         if state.trouble.is_some()
@@ -116,7 +116,7 @@ impl JournalQueue {
         self.0.changed.notify_all();
     }
 
-    /// In virtual time, whoever hands over waits for room, as long as there is hope of it.
+    /// In virtual time, waits for space, as long as writing may still succeed.
     fn waited<'s>(&'s self, state: MutexGuard<'s, QueueState>) -> MutexGuard<'s, QueueState> {
         if self.0.care == Durability::Synced {
             return state;
@@ -125,12 +125,12 @@ impl JournalQueue {
         self.0.changed.wait_while(state, waits).unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The next thing that the operator has to be told of the journal: an alarm where it cannot be written, a message when it can again.
+    /// Next notice to the operator about the journal: an alarm where it cannot be written, a message when it can again.
     pub(super) fn news(&self) -> Option<EventKind> {
         self.state().news.pop_front()
     }
 
-    /// What waits to be written, once something does; `None` at the end.
+    /// Takes the next batch, waiting for one. `None` at the end.
     pub(super) fn take(&self) -> Option<Vec<JournalEntry>> {
         let waits = |state: &mut QueueState| state.queue.is_empty() && state.lost == 0 && !state.closed;
         let mut state = self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner);
@@ -142,7 +142,7 @@ impl JournalQueue {
         let count = state.queue.len().min(BATCH);
         let mut batch: Vec<JournalEntry> = state.queue.drain(..count).collect();
         if state.lost > 0 {
-            // In front of the end, which is the last word.
+            // Before the end entry, which is the last one.
             let at = batch.len() - usize::from(matches!(batch.last(), Some(JournalEntry::End(_))));
             batch.insert(at, JournalEntry::Lost(LostEntries { entries: std::mem::take(&mut state.lost) }));
         }
@@ -150,7 +150,7 @@ impl JournalQueue {
         (!batch.is_empty()).then_some(batch)
     }
 
-    /// The batch is kept, up to this place.
+    /// Records that the batch is saved, up to this place.
     pub(super) fn kept(&self, place: Option<u32>) {
         if let Some(place) = place {
             self.0.durable.advance(place);
@@ -164,7 +164,7 @@ impl JournalQueue {
         self.0.changed.notify_all();
     }
 
-    /// The batch could not be kept. Is it to be tried again?
+    /// Records that the batch could not be saved. Returns whether to try again.
     pub(super) fn failed(&self, why: String) -> bool {
         let mut state = self.state();
         if state.trouble.is_none() {

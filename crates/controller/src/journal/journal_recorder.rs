@@ -1,7 +1,8 @@
-//! Decides what of the stream goes into the journal: every event, and positions often enough.
+//! Selects from the telemetry what goes into the journal: every event, and positions at sufficient intervals.
 //!
-//! Invariant: a position is kept once a second of machine time, a tenth of a second after the machine has come to rest, with every
-//! change of the mode, of why it stands and of the instructions that are complete, and at the end. It never is one off the path.
+//! Invariant: a position is recorded once per second of machine time, a tenth of a second after the machine has come to
+//! rest, with every change of the mode, of the hold reason and of the completed instructions, and at the end. Positions
+//! off the path are never recorded.
 
 use retrace_core::mode;
 use retrace_link::{Outputs, channel};
@@ -13,7 +14,8 @@ use super::timestamp::Timestamp;
 use crate::event::{ChannelNames, EventKind};
 use crate::telemetry::{self, PeriodRecord, Telemetry};
 
-/// The reporter's end of the logbook; what it has not kept yet it keeps when it is dropped, which is before [`Logbook::end`].
+/// The reporting thread's end of the journal. The last position is saved when it is dropped, which is before
+/// [`JournalWriter::end`].
 #[derive(Debug)]
 pub struct JournalRecorder<const A: usize> {
     desk: JournalQueue,
@@ -24,7 +26,7 @@ pub struct JournalRecorder<const A: usize> {
 }
 
 impl<const A: usize> JournalRecorder<A> {
-    /// For a machine of so many axes, and of this control period in microseconds.
+    /// Creates a recorder for a machine with this number of axes and this control period in microseconds.
     #[must_use]
     pub fn new(logbook: &JournalWriter, axes: usize, period_us: u32) -> Self {
         let periods = |ms: u64| (ms * 1000).div_ceil(u64::from(period_us.max(1)));
@@ -38,14 +40,14 @@ impl<const A: usize> JournalRecorder<A> {
         }
     }
 
-    /// The same, which calls outputs by these names in events.
+    /// Sets the names of outputs in events.
     #[must_use]
     pub fn naming(mut self, names: ChannelNames) -> Self {
         self.names = names;
         self
     }
 
-    /// Takes what is told.
+    /// Records a telemetry message.
     pub fn told(&mut self, told: &Telemetry<A>) {
         match told {
             Telemetry::Period(period) => {
@@ -63,14 +65,14 @@ impl<const A: usize> JournalRecorder<A> {
         }
     }
 
-    /// Keeps the last position, if it is not kept yet: before the operator is waited for, and at the end.
+    /// Records the last position, if it is not recorded yet: before the operator is waited for, and at the end.
     pub fn keep_last(&mut self) {
         if let Some(period) = self.often.rest_of_it() {
             self.keep(&period);
         }
     }
 
-    /// The next thing that the operator has to be told of the journal itself: `E3020` where it cannot be written.
+    /// Next notice to the operator about the journal itself: `E3020` where it cannot be written.
     #[must_use]
     pub fn output_changes(&self) -> Option<EventKind> {
         self.desk.news()
@@ -114,7 +116,7 @@ fn mode_of(mode: mode::Mode) -> JournalMode {
 
 fn standing_of(standing: telemetry::HoldReason) -> JournalHoldReason {
     match standing {
-        // Where a program has come to its end, nothing is waited for that resuming would have to know.
+        // Where a program has ended, nothing is pending that resuming would need.
         telemetry::HoldReason::None | telemetry::HoldReason::Ended => JournalHoldReason::None,
         telemetry::HoldReason::Hold => JournalHoldReason::Hold,
         telemetry::HoldReason::ProgramStop => JournalHoldReason::ProgramStop,
@@ -123,22 +125,22 @@ fn standing_of(standing: telemetry::HoldReason) -> JournalHoldReason {
     }
 }
 
-/// Which periods are kept.
+/// Selects the periods to record.
 #[derive(Debug)]
 struct PositionSampler<const A: usize> {
-    /// Periods in a second, and in a tenth of one.
+    /// Number of periods in a second, and in a tenth of one.
     second: u64,
     tenth: u64,
-    /// The one that was kept last.
+    /// The period that was recorded last.
     kept: Option<PeriodRecord<A>>,
-    /// The one that came last.
+    /// The last period.
     last: Option<PeriodRecord<A>>,
-    /// Number of the period in which the machine came to rest, unless that is kept.
+    /// Number of the period in which the machine came to rest, unless that is recorded.
     rest: Option<u64>,
 }
 
 impl<const A: usize> PositionSampler<A> {
-    /// Takes a period, and gives one back that is to be kept.
+    /// Takes a period. Returns a period that is to be recorded, if any.
     fn pick(&mut self, period: &PeriodRecord<A>) -> Option<PeriodRecord<A>> {
         if period.off_path {
             return None;
@@ -165,7 +167,7 @@ impl<const A: usize> PositionSampler<A> {
         Some(*period)
     }
 
-    /// The last one, if it was not kept.
+    /// The last period, if it was not recorded.
     fn rest_of_it(&mut self) -> Option<PeriodRecord<A>> {
         let period = self.last.take_if(|last| self.kept.is_none_or(|kept| kept.period != last.period))?;
         self.kept = Some(period);
@@ -206,7 +208,7 @@ mod tests {
         }
     }
 
-    /// The numbers of those that are kept.
+    /// Numbers of the recorded periods.
     fn kept(periods: impl IntoIterator<Item = PeriodRecord<1>>) -> Vec<u64> {
         let mut often = often();
         let mut kept: Vec<u64> = periods.into_iter().filter_map(|p| often.pick(&p)).map(|p| p.period).collect();

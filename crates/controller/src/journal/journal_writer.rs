@@ -1,8 +1,9 @@
-//! Writes the journal, in a thread of its own.
+//! Writes the journal in its own thread.
 //!
-//! Invariant: [`Durable`] is never beyond the last mark that a reader would find after a power cut (after the end of the process,
-//! where the journal is only written); entries are kept in the order in which they were handed over. A disk that fails
-//! loses nothing that was durable: what was not is kept back and written again, until it works or the job ends.
+//! Invariant: [`DurablePlace`] is never beyond the last mark that a reader would find after a power cut (after the end
+//! of the process, where the journal is only written). Entries are saved in the order in which they were pushed. A
+//! failing disk loses nothing that was durable: the rest is retained and written again, until it succeeds or the job
+//! ends.
 
 use std::collections::VecDeque;
 use std::io;
@@ -21,7 +22,8 @@ use crate::numbered_error::NumberedError;
 use crate::place_index::{DurablePlace, IndexEntry, IndexWriter};
 use crate::tool_length::LengthChange;
 
-/// Writes the journal of a job. Dropped without [`Logbook::end`] it writes what it has, and the job counts as interrupted.
+/// Writes the journal of a job. Dropped without [`JournalWriter::end`], it writes what it has, and the job counts as
+/// interrupted.
 #[derive(Debug)]
 pub struct JournalWriter {
     desk: JournalQueue,
@@ -29,7 +31,7 @@ pub struct JournalWriter {
 }
 
 impl JournalWriter {
-    /// Begins a journal: its first entry is kept before this returns. The spool is that of a program that arrives.
+    /// Begins a journal: its first entry is saved before this returns. The spool is that of a streamed program.
     ///
     /// # Errors
     /// `E2207`; nothing may move then.
@@ -44,14 +46,15 @@ impl JournalWriter {
         Ok(logbook)
     }
 
-    /// A logbook that takes notes and writes none before [`Logbook::take_up`]: for a job that may be taken up again, whose marks reach up to
-    /// `durable`. Dropped before, it leaves the journal as it is.
+    /// Creates a writer that queues entries and writes none before [`JournalWriter::resume`]: for a job that may be
+    /// resumed, whose marks reach up to `durable`. Dropped before, it leaves the journal unchanged.
     #[must_use]
     pub fn waiting(care: Durability, durable: DurablePlace) -> Self {
         Self { desk: JournalQueue::new(care, durable), writer: None }
     }
 
-    /// Goes on with a journal that was read up to this tail, and whose marks reach up to `durable`. What was torn is cut off.
+    /// Continues a journal that was read up to this tail, and whose marks reach up to `durable`. What was torn is cut
+    /// off.
     ///
     /// # Errors
     /// `E2207`; nothing may move then.
@@ -68,7 +71,7 @@ impl JournalWriter {
         Ok(logbook)
     }
 
-    /// Goes on with the journal that this logbook waits for, as [`Logbook::go_on`].
+    /// Continues the journal that this writer waits for, as [`JournalWriter::reopen`].
     ///
     /// # Errors
     /// `E2207`; nothing may move then.
@@ -99,7 +102,7 @@ impl JournalWriter {
         let writer = thread::Builder::new()
             .name("journal".into())
             .spawn(move || {
-                // A job that is resumed begins it from its motion thread.
+                // A job that is resumed calls this from its motion thread.
                 let _ = crate::real_time::leave();
                 writer.run();
             })
@@ -108,28 +111,28 @@ impl JournalWriter {
         Ok(())
     }
 
-    /// The end for the planning thread: takes the notes of the index. A job that was resumed hands over `known`, the place of the last
-    /// mark in the journal, and the overrides there: what is noted again up to there is in the journal already.
+    /// The planning thread's end, which receives the index entries. A resumed job passes `known`, the place of the last
+    /// mark in the journal, and the overrides there: entries up to there are in the journal already.
     #[must_use]
     pub fn index_writer(&self, known: Option<u32>, overrides: &[PlannedOverride]) -> JournalIndexWriter {
         JournalIndexWriter { desk: self.desk.clone(), known, overrides: overrides.iter().copied().collect() }
     }
 
-    /// How far the index is durable, for the motion path; `None` where it is to be kept back by nothing.
+    /// Durable place of the index, for the motion path. `None` where the motion path does not wait for it.
     #[must_use]
     pub fn durable(&self) -> Option<DurablePlace> {
         (self.desk.care() == Durability::Synced).then(|| self.desk.durable().clone())
     }
 
-    /// The desk, for the reporter's keeper.
+    /// The queue, for the journal recorder.
     pub(super) fn desk(&self) -> JournalQueue {
         self.desk.clone()
     }
 
-    /// Waits until everything that was handed over is kept.
+    /// Waits until everything that was pushed is saved.
     ///
     /// # Errors
-    /// `E2207`: it is not, the disk fails.
+    /// `E2207`: it is not saved, because the disk fails.
     pub fn settle(&self) -> Result<(), NumberedError> {
         let waits = |state: &mut QueueState| {
             (!state.queue.is_empty() || state.in_hand > 0) && state.trouble.is_none() && !state.over
@@ -138,10 +141,10 @@ impl JournalWriter {
         state.trouble.as_ref().map_or(Ok(()), |why| Err(refused(why)))
     }
 
-    /// Writes how the job ended, and all that still waits.
+    /// Writes the end of the job, and all that is still pending.
     ///
     /// # Errors
-    /// `E2207`: that is not kept, and the job counts as interrupted.
+    /// `E2207`: that is not saved, and the job counts as interrupted.
     pub fn end(mut self, end: EndEntry) -> Result<(), NumberedError> {
         self.desk.state().queue.push_back(JournalEntry::End(Box::new(end)));
         self.close();
@@ -153,7 +156,7 @@ impl JournalWriter {
         self.desk.state().closed = true;
         self.desk.changed();
         if let Some(writer) = self.writer.take() {
-            // A panic over there is a defect, never an input; it is passed on, unless one is under way already.
+            // A panic in the writer is a defect, never an input; it is propagated, unless one is in progress already.
             if let Err(panic) = writer.join()
                 && !thread::panicking()
             {
@@ -177,11 +180,11 @@ fn refused(why: &str) -> NumberedError {
     )
 }
 
-/// The planning thread's end of the logbook.
+/// The planning thread's end of the journal.
 #[derive(Debug)]
 pub struct JournalIndexWriter {
     desk: JournalQueue,
-    /// Place of the last mark that the journal has already.
+    /// Place of the last mark that is in the journal already.
     known: Option<u32>,
     overrides: VecDeque<PlannedOverride>,
 }
@@ -204,7 +207,7 @@ impl IndexWriter for JournalIndexWriter {
                     self.overrides.pop_front();
                     return;
                 }
-                // From here on the plan is another one, and so are its marks.
+                // From here on the plan differs, and so do its marks.
                 (self.known, self.overrides) = (None, VecDeque::new());
                 self.desk.note(JournalEntry::Override(noted));
             }
@@ -221,7 +224,7 @@ impl IndexWriter for JournalIndexWriter {
 /// Entries as lines.
 struct EntryBatch {
     bytes: Vec<u8>,
-    /// Number of the line behind them.
+    /// Sequence number of the line behind them.
     next: u64,
     /// Place of the last mark.
     place: Option<u32>,
@@ -232,7 +235,7 @@ struct WriterThread<S> {
     desk: JournalQueue,
     next: u64,
     spool: Option<SpoolProgress>,
-    /// What the journal says of the spool.
+    /// Length of the spool that the journal records.
     spooled: SpooledBytes,
 }
 
@@ -258,21 +261,21 @@ impl<S: JournalStore> WriterThread<S> {
         self.desk.changed();
     }
 
-    /// Puts entries into lines; what the spool has come to stands before them, as they may depend on it.
+    /// Formats entries as lines. The state of the spool precedes them, as they may depend on it.
     fn batch(&mut self, entries: Vec<JournalEntry>) -> EntryBatch {
         let mut batch = EntryBatch { bytes: Vec::new(), next: self.next, place: None };
         let spooled = self.spool.as_ref().map(SpoolProgress::spooled).filter(|now| *now != self.spooled);
         if let Some(now) = spooled {
             self.spooled = now;
         }
-        // The first line of all is the job's.
+        // The very first line is the job's.
         let (before, behind) = if self.next == 0 { (None, spooled) } else { (spooled, None) };
         let spooled = |spooled: Option<SpooledBytes>| spooled.map(JournalEntry::Spooled);
         for entry in spooled(before).into_iter().chain(entries).chain(spooled(behind)) {
             if let JournalEntry::Mark(mark) = &entry {
                 batch.place = Some(mark.place);
             }
-            // An entry is made of numbers and strings, and its maps have strings for keys: it can always be written.
+            // An entry consists of numbers and strings, and its maps have string keys: it can always be serialized.
             let json = serde_json::to_vec(&entry).unwrap_or_default();
             journal_line::append(&mut batch.bytes, batch.next, batch.next == self.next, &json);
             batch.next += 1;
@@ -280,7 +283,7 @@ impl<S: JournalStore> WriterThread<S> {
         batch
     }
 
-    /// Tries to keep the batch.
+    /// Tries to save the batch.
     fn attempt(&mut self, batch: &EntryBatch) -> io::Result<()> {
         let care = self.desk.care();
         if let (Durability::Synced, Some(spool)) = (care, &mut self.spool) {
@@ -290,17 +293,17 @@ impl<S: JournalStore> WriterThread<S> {
     }
 }
 
-/// A store, and how much of it is as it should be.
+/// A store, and the length of its valid part.
 struct JournalFile<S> {
     store: S,
     length: u64,
-    /// Something else may be behind that.
+    /// Other bytes may follow that part.
     dirty: bool,
 }
 
 impl<S: JournalStore> JournalFile<S> {
-    /// Appends the bytes, or leaves the store to be cut off the next time. After a sync that failed they are written anew: the system
-    /// may have forgotten that they never arrived.
+    /// Appends the bytes, or leaves the store to be truncated the next time. After a failed sync they are written
+    /// again: the system may have discarded them without notice.
     fn append(&mut self, bytes: &[u8], care: Durability) -> io::Result<()> {
         if self.dirty {
             self.store.truncate(self.length)?;
@@ -330,7 +333,7 @@ mod tests {
     use std::sync::{Arc, Mutex, MutexGuard};
     use std::time::Duration;
 
-    /// A disk of a test: what was written, and how much of it survives a power cut.
+    /// A disk for tests: what was written, and the part of it that survives a power cut.
     #[derive(Clone, Debug, Default)]
     struct FakeDiskState(Arc<Mutex<FakeDisk>>);
 
@@ -338,12 +341,12 @@ mod tests {
     struct FakeDisk {
         bytes: Vec<u8>,
         synced: usize,
-        /// So many bytes can be written before it fails for good.
+        /// Bytes that can be written before it fails for good.
         room: Option<usize>,
-        /// Calls so far, and those that fail.
+        /// Number of calls so far, and the calls that fail.
         calls: usize,
         failing: Vec<usize>,
-        /// Nothing else works.
+        /// Every later call fails.
         dead: bool,
     }
 
@@ -381,7 +384,7 @@ mod tests {
 
         fn sync(&mut self) -> io::Result<()> {
             if let Err(error) = self.call() {
-                // As Linux does it: what could not be written is forgotten, and the next sync says that all is well.
+                // Like Linux: what could not be written is forgotten, and the next sync succeeds.
                 let mut platter = self.platter();
                 let from = platter.synced;
                 platter.bytes[from..].fill(0);
@@ -421,7 +424,7 @@ mod tests {
         JournalWriter::begin(disk.clone(), care, job("[machine]", JobCard::Sim), None)
     }
 
-    /// What a reader finds, or the flaw.
+    /// The entries that a reader finds, or the error.
     fn found(bytes: &[u8]) -> Result<Vec<JournalEntry>, String> {
         JournalEntries::new(bytes).map(|entry| entry.map(|(_, entry)| entry).map_err(|flaw| flaw.to_string())).collect()
     }
@@ -431,7 +434,8 @@ mod tests {
         entries.iter().rev().find_map(place)
     }
 
-    /// Hands over a synthetic job, settled now and then, and looks after each time that what counts as durable is there.
+    /// Pushes a synthetic job, waits for it to be saved now and then, and checks each time that what counts as durable
+    /// is on the disk.
     fn keep_a_job(disk: &FakeDiskState) -> (Vec<JournalEntry>, Result<(), NumberedError>) {
         let mut handed = vec![JournalEntry::Job(Box::new(job("[machine]", JobCard::Sim)))];
         let logbook = match begin(disk, Durability::Synced) {
@@ -512,7 +516,7 @@ mod tests {
                 continue;
             };
             assert_eq!(kept[..], handed[..kept.len()], "room for {room} bytes");
-            // A power cut may leave anything of what was not synced, as long as the file is.
+            // A power cut may leave anything of what was not synced, as long as the file exists.
             let durable = found(&platter.bytes[..platter.synced]).expect("what is synced is whole");
             for damage in [0_u8, b'x', b'\n'] {
                 let mut cut = platter.bytes.clone();

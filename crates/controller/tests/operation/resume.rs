@@ -167,7 +167,7 @@ fn what_will_be_done_is_told_before_anything_moves() {
     assert_eq!(std::mem::replace(&mut expected[spindle], 1), 0);
     assert_eq!((seen.expected_outputs(), seen.matches_card()), (&expected, true));
     assert_eq!(seen.line(), log.periods.last().expect("periods").line);
-    assert_eq!((again.outcome, again.tally.periods), (Outcome::Stopped, 0));
+    assert_eq!((again.outcome, again.stats.periods), (Outcome::Stopped, 0));
     assert_eq!(again.card.status().period, status.period, "nothing has moved");
 }
 

@@ -81,8 +81,13 @@ impl Path {
         let mut rows = Rows(vec![[0; AXES]], Vec::new());
         let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
         let manner = RunMode { wall_time: false, operator: false, real_time: false };
-        let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us));
-        let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
+        let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
+        let conduct = JobOptions {
+            start: JobStart::First,
+            commands: operators,
+            run_mode: manner,
+            journal: JournalConfig::default(),
+        };
         let end = job::run(machine, Decoder::new(text), conduct, card, &mut rows).expect("a job");
         assert_eq!(end.outcome, Outcome::Completed);
         Self { counts: rows.0, markers: rows.1, in_passing: text.contains("M62") || text.contains("M63") }
@@ -282,11 +287,12 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     card.open(trial.machine.card_settings(PathStart::at(0))).map_err(|fault| fault.to_string())?;
     let mut watch = Watch { periods: 0, events: Vec::new() };
     let script = operator::parse(trial.script, "script").expect("a script");
-    let operators = CommandSources::script(ScriptPlayer::new(script, trial.machine.period_us));
+    let operators = CommandSources::from_script(ScriptPlayer::new(script, trial.machine.period_us));
     let manner = RunMode { wall_time: false, operator: true, real_time: false };
-    let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
+    let conduct =
+        JobOptions { start: JobStart::First, commands: operators, run_mode: manner, journal: JournalConfig::default() };
     let end = job::run(trial.machine, Decoder::new(trial.program), conduct, &mut *card, &mut watch).expect("a job");
-    let (outcome, tally) = (end.outcome, end.tally);
+    let (outcome, tally) = (end.outcome, end.stats);
     if outcome == Outcome::Completed {
         card.close().map_err(|fault| format!("not closed: {fault}"))?;
     }
