@@ -13,6 +13,10 @@ mod arrives;
 mod by_hand;
 mod canon;
 mod card;
+#[cfg(unix)]
+mod card_serve;
+#[cfg(not(unix))]
+#[path = "card_serve_elsewhere.rs"]
 mod card_serve;
 mod check;
 mod check_progress;

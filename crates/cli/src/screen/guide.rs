@@ -137,10 +137,10 @@ fn normal(model: &Model) -> Guide {
             guide(Grade::Waits, "FEED HOLD", "the cutter is off; c asks before it starts again, k does not", &acts)
         }
         Standing::Hold => guide(Grade::Waits, "FEED HOLD", "held by the operator", &held),
-        Standing::ProgramStop if let Some(tool) = model.tool_change => {
-            guide(Grade::Waits, "TOOL CHANGE", tool_change_words(model, tool), &held)
-        }
-        Standing::ProgramStop => guide(Grade::Waits, "PROGRAM STOP", "the program asked for a stop", &held),
+        Standing::ProgramStop => match model.tool_change {
+            Some(tool) => guide(Grade::Waits, "TOOL CHANGE", tool_change_words(model, tool), &held),
+            None => guide(Grade::Waits, "PROGRAM STOP", "the program asked for a stop", &held),
+        },
         Standing::SingleBlock => guide(Grade::Waits, "SINGLE BLOCK", "at the end of a block", &held),
         Standing::Ended => {
             let acts = [
@@ -158,16 +158,18 @@ fn normal(model: &Model) -> Guide {
         }
         Standing::Paused => guide(Grade::Waits, "PAUSED", "at the breakpoint", &[Act::CycleStart, Act::Quit]),
         Standing::None => match model.switching {
-            None if model.at_rest
-                && let Some((source, seconds)) = model.waits_for() =>
-            {
-                let why = format!("waiting for {source} since {seconds:.0} s");
-                guide(Grade::Waits, "WAITING", why, &running)
-            }
             Some(code) => guide(Grade::Well, "RUNNING", format!("waits until {code} is done"), &running),
-            None if model.short => guide(Grade::Well, "RUNNING", "slowed down: the program comes too slowly", &running),
-            None if model.at_rest => guide(Grade::Well, "RUNNING", "stands until more is planned", &running),
-            None => guide(Grade::Well, "RUNNING", "along the program", &running),
+            None => match model.waits_for() {
+                Some((source, seconds)) if model.at_rest => {
+                    let why = format!("waiting for {source} since {seconds:.0} s");
+                    guide(Grade::Waits, "WAITING", why, &running)
+                }
+                _ if model.short => {
+                    guide(Grade::Well, "RUNNING", "slowed down: the program comes too slowly", &running)
+                }
+                _ if model.at_rest => guide(Grade::Well, "RUNNING", "stands until more is planned", &running),
+                _ => guide(Grade::Well, "RUNNING", "along the program", &running),
+            },
         },
     }
 }
