@@ -72,13 +72,13 @@ fn cases() -> Vec<Case> {
         ),
         made(
             "half calls, first",
-            "the same with the subprograms before the program, where nothing has to be looked for",
+            "the same with the subprograms before the program, so that no search is needed",
             generate::calls(50_000, 100, Subs::First),
             0.0,
         ),
         made(
             "half calls, 10 behind M2",
-            "the same with 10 subprograms: the peer looks for each of them once, through the rest of the program, so the ratio \
+            "the same with 10 subprograms: the peer searches for each of them once, through the rest of the program, so the ratio \
              grows with their number and with the length of the program",
             generate::calls(50_000, 10, Subs::BehindTheEnd),
             0.0,
@@ -196,9 +196,9 @@ fn growth(ours: &Path, folder: &Path, rounds: usize) -> Result<Vec<(u64, f64)>, 
 fn page(root: &Path, rows: &[Row], growth: &[(u64, f64)], streamed: &stream::Streamed) -> String {
     let mut page = String::from(
         "# Decoding programs: figures\n\n\
-         Written by `cargo xtask bench programs`; `--full` takes the full sizes. `retrace canon FILE` beside `rs274 -g FILE` of\n\
-         LinuxCNC, in turn, with their output to nowhere: processor time of the whole process, the time for a program of one\n\
-         line taken off. The programs are made by the bench from fixed seeds.\n\n",
+         Written by `cargo xtask bench programs`; `--full` uses the full sizes. `retrace canon FILE` is compared with `rs274 -g FILE` of\n\
+         LinuxCNC, alternately, with discarded output: processor time of the whole process, less the time for a program of one\n\
+         line. The bench generates the programs from fixed seeds.\n\n",
     );
     let _ = writeln!(page, "{} Medians of {ROUNDS} rounds.\n", circumstances(root));
     page.push_str("| program | lines | retrace, ms | million lines/s | rs274, ms | ratio | goal |\n|---|--:|--:|--:|--:|--:|--:|\n");
