@@ -8,7 +8,7 @@ use clap::builder::TypedValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use retrace_controller::journal::entry::MachineTables;
 
-use crate::shell_files::{Completions, Man};
+use crate::shell_files::ShellFiles;
 
 /// CNC control that runs NC programs and retraces the executed path, exact to the pulse.
 #[derive(Debug, Parser)]
@@ -99,12 +99,8 @@ pub enum Command {
         after_help = "Examples:\n  retrace card serve --pty\n  retrace card identify /dev/ttyUSB0@230400"
     )]
     Card(Card),
-    /// Print a completion script for a shell.
-    #[command(hide = true, after_help = "Example:\n  retrace completions bash > retrace.bash")]
-    Completions(Completions),
-    /// Write the manual pages.
-    #[command(hide = true, after_help = "Example:\n  retrace man target/man")]
-    Man(Man),
+    #[command(flatten)]
+    ShellFiles(ShellFiles),
 }
 
 /// `retrace doctor`
