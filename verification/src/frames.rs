@@ -9,12 +9,12 @@ use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_link::crc;
-use retrace_link::frame::{Decoder, OVERHEAD, encode};
+use retrace_link::frame::{FrameDecoder, OVERHEAD, encode};
 
 /// Feeds the frame of any payload of `COUNT` bytes, `W` = `COUNT` + 8, and has it come back at the last byte, and nothing before.
 /// No byte of it but the last is zero.
 #[inline(always)]
-fn comes_back<const COUNT: usize, const W: usize, const N: usize>(c: &mut impl Choice, decoder: &mut Decoder<N>) {
+fn comes_back<const COUNT: usize, const W: usize, const N: usize>(c: &mut impl Choice, decoder: &mut FrameDecoder<N>) {
     let payload: [u8; COUNT] = core::array::from_fn(|_| c.word() as u8);
     let mut wire = [0; W];
     holds!(encode(&payload, &mut wire).is_some_and(|frame| frame.len() == W));
@@ -36,14 +36,14 @@ fn comes_back<const COUNT: usize, const W: usize, const N: usize>(c: &mut impl C
 
 /// A byte in a frame is not zero and yields nothing.
 #[inline(always)]
-fn pass_nothing<const N: usize>(decoder: &mut Decoder<N>, byte: u8) {
+fn pass_nothing<const N: usize>(decoder: &mut FrameDecoder<N>, byte: u8) {
     holds!(byte != 0);
     holds!(decoder.take(byte).is_none());
 }
 
 /// Every payload of `COUNT` bytes is what comes back from its frame.
 fn identity<const COUNT: usize, const W: usize>(c: &mut impl Choice) -> Option<()> {
-    comes_back::<COUNT, W, COUNT>(c, &mut Decoder::new());
+    comes_back::<COUNT, W, COUNT>(c, &mut FrameDecoder::new());
     Some(())
 }
 
@@ -54,7 +54,7 @@ fn finds_back(c: &mut impl Choice) -> Option<()> {
     let mut start = [0; MOST];
     encode(&[0, 7], &mut start)?;
     let (good, bytes) = (c.below(MOST as u32) as usize, c.below(MOST as u32 + 1) as usize);
-    let mut decoder = Decoder::<2>::new();
+    let mut decoder = FrameDecoder::<2>::new();
     let mut at = 0;
     while at < MOST {
         if at < bytes {
@@ -76,7 +76,7 @@ fn finds_back(c: &mut impl Choice) -> Option<()> {
 /// Bytes that are accepted as a payload are the frame that is made of it: its length, its body, and their check.
 fn accepts_only_frames(c: &mut impl Choice) -> Option<()> {
     const COUNT: usize = 2;
-    let mut decoder = Decoder::<COUNT>::new();
+    let mut decoder = FrameDecoder::<COUNT>::new();
     let body = [c.word() as u8, c.word() as u8, c.word() as u8];
     c.assume(body[0] != 0 && body[1] != 0 && body[2] != 0)?;
     let covered = [COUNT as u8 + 1, body[0], body[1], body[2]];
@@ -319,7 +319,7 @@ fn long(size: Size) -> String {
     use crate::native::Draw;
     use retrace_link::frame::{MAX_PAYLOAD, MAX_WIRE};
     let frames = if size.full { 2_000_000 } else { 20_000 };
-    let (mut draw, mut decoder, mut refused) = (Draw::new(size.seed), Decoder::<MAX_PAYLOAD>::new(), 0);
+    let (mut draw, mut decoder, mut refused) = (Draw::new(size.seed), FrameDecoder::<MAX_PAYLOAD>::new(), 0);
     for _ in 0..frames {
         for _ in 0..draw.below(40) {
             let noise = draw.word() as u8;

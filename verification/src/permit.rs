@@ -7,20 +7,20 @@ use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 #[cfg(not(any(kani, verify_wasm)))]
-use retrace_card::permit::Permit;
-use retrace_card::permit::{Conditions, Timer, check};
+use retrace_card::permit::CutterPermit;
+use retrace_card::permit::{PermitConditions, PermitTimer, check};
 #[cfg(not(any(kani, verify_wasm)))]
 use retrace_link::MAX_CUTTING_CHANNELS;
 use retrace_link::{CutterOffCause, CuttingChannel, CuttingSettings};
 
-fn any_conditions(c: &mut impl Choice) -> Conditions {
+fn any_conditions(c: &mut impl Choice) -> PermitConditions {
     let denied = match c.below(4) {
         0 => Some(CutterOffCause::Alarm),
         1 => Some(CutterOffCause::HostSilent),
         2 => Some(CutterOffCause::EpochClosed),
         _ => None,
     };
-    Conditions { denied, backward: c.flag(), moving: c.flag(), awaits: c.flag(), keeps: c.flag() }
+    PermitConditions { denied, backward: c.flag(), moving: c.flag(), awaits: c.flag(), keeps: c.flag() }
 }
 
 fn any_channel(c: &mut impl Choice, number: u8, most: u32) -> CuttingChannel {
@@ -28,13 +28,13 @@ fn any_channel(c: &mut impl Choice, number: u8, most: u32) -> CuttingChannel {
     CuttingChannel { channel: number, fires: c.flag(), standing_periods, lit_in_reverse: c.flag() }
 }
 
-fn any_timer(c: &mut impl Choice, of: &CuttingChannel, settings: &CuttingSettings) -> Timer {
+fn any_timer(c: &mut impl Choice, of: &CuttingChannel, settings: &CuttingSettings) -> PermitTimer {
     let handover = c.upto(u32::from(settings.handover_periods)) as u16;
-    Timer { handover, standing: c.upto(u32::from(of.standing_periods)) as u16 }
+    PermitTimer { handover, standing: c.upto(u32::from(of.standing_periods)) as u16 }
 }
 
 /// What the requirements say of a channel that fires: may it be on in this period, with so long a standing before it?
-fn is_permitted(of: &CuttingChannel, settings: &CuttingSettings, timer: Timer, now: &Conditions) -> bool {
+fn is_permitted(of: &CuttingChannel, settings: &CuttingSettings, timer: PermitTimer, now: &PermitConditions) -> bool {
     let stands = !now.moving && !now.keeps;
     let waits = now.awaits && timer.handover < settings.handover_periods;
     let stood_too_long = stands && !waits && timer.standing >= of.standing_periods;
@@ -70,11 +70,11 @@ fn outputs_of_a_period(c: &mut impl Choice) -> Option<()> {
     settings.inhibit = c.flag();
     settings.channels[0] = any_channel(c, 0, 3);
     settings.channels[1] = any_channel(c, 2, 3);
-    let mut timers = [Timer::default(); MAX_CUTTING_CHANNELS];
+    let mut timers = [PermitTimer::default(); MAX_CUTTING_CHANNELS];
     timers[0] = any_timer(c, &settings.channels[0], &settings);
     timers[1] = any_timer(c, &settings.channels[1], &settings);
     let lit = c.below(4) as u8;
-    let mut permit = Permit::with_state(settings, timers, lit);
+    let mut permit = CutterPermit::with_state(settings, timers, lit);
     let now = any_conditions(c);
     let (asked, other) = ([c.word() as i32, c.word() as i32], c.word() as i32);
     let mut outputs = [asked[0], other, asked[1]];
@@ -85,7 +85,7 @@ fn outputs_of_a_period(c: &mut impl Choice) -> Option<()> {
     while k < 2 {
         let of = settings.channels[k];
         let was_lit = lit >> k & 1 == 1;
-        let before = if was_lit { timers[k] } else { Timer::default() };
+        let before = if was_lit { timers[k] } else { PermitTimer::default() };
         let permitted = if of.fires { is_permitted(&of, &settings, before, &now) } else { !settings.inhibit };
         holds!(after[k] == if permitted { asked[k] } else { 0 });
         if of.fires && asked[k] != 0 && !permitted {
@@ -107,7 +107,7 @@ fn a_history<const PERIODS: usize>(c: &mut impl Choice) -> Option<()> {
     let handover_periods = c.upto(2) as u16;
     let settings = CuttingSettings { handover_periods, inhibit: c.flag(), ..CuttingSettings::default() };
     let most = u32::from(of.standing_periods) + u32::from(settings.handover_periods);
-    let (mut lit, mut timer) = (false, Timer::default());
+    let (mut lit, mut timer) = (false, PermitTimer::default());
     let (mut stood, mut k) = (0, 0);
     while k < PERIODS {
         let now = any_conditions(c);
@@ -117,7 +117,7 @@ fn a_history<const PERIODS: usize>(c: &mut impl Choice) -> Option<()> {
         }
         let after = check(&of, &settings, timer, &now);
         lit &= after.is_ok();
-        timer = if let (true, Ok(after)) = (lit, after) { after } else { Timer::default() };
+        timer = if let (true, Ok(after)) = (lit, after) { after } else { PermitTimer::default() };
         holds!(!lit || now.denied.is_none() && !settings.inhibit && (of.lit_in_reverse || !now.backward));
         stood = if lit && !now.moving && !now.keeps { stood + 1 } else { 0 };
         holds!(stood <= most);

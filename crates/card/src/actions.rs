@@ -5,12 +5,12 @@
 
 use retrace_core::place::before;
 use retrace_core::{Place, Travel};
-use retrace_link::{Action, Refusal};
+use retrace_link::{CommandRefusal, OutputAction};
 
 /// At most `N` actions, in order of their places.
 #[derive(Clone, Debug)]
 pub struct ActionTable<const N: usize> {
-    actions: [Action; N],
+    actions: [OutputAction; N],
     count: usize,
 }
 
@@ -24,7 +24,7 @@ impl<const N: usize> ActionTable<N> {
     /// No actions.
     #[must_use]
     pub const fn new() -> Self {
-        Self { actions: [Action { place: 0, channel: 0, before: 0, after: 0 }; N], count: 0 }
+        Self { actions: [OutputAction { place: 0, channel: 0, before: 0, after: 0 }; N], count: 0 }
     }
 
     /// Forgets all actions.
@@ -34,7 +34,7 @@ impl<const N: usize> ActionTable<N> {
 
     /// Takes an action in at its place, behind those of the same place. Where the table is full, one that lies outside the
     /// window (`low … high`) makes room.
-    pub fn insert(&mut self, action: Action, low: u32, high: u32) -> Result<(), Refusal> {
+    pub fn insert(&mut self, action: OutputAction, low: u32, high: u32) -> Result<(), CommandRefusal> {
         if self.actions[..self.count].contains(&action) {
             return Ok(());
         }
@@ -42,7 +42,7 @@ impl<const N: usize> ActionTable<N> {
             self.forget_outside(low, high);
         }
         if self.count == N {
-            return Err(Refusal::Full);
+            return Err(CommandRefusal::Full);
         }
         let at = self.actions[..self.count].iter().position(|a| before(action.place, a.place)).unwrap_or(self.count);
         self.actions.copy_within(at..self.count, at + 1);
@@ -64,13 +64,13 @@ impl<const N: usize> ActionTable<N> {
     }
 
     /// The actions whose place the cursor leaves forward on its way `from` … `to`, in order.
-    pub fn left_forward(&self, from: Place, to: Place) -> impl Iterator<Item = &Action> {
+    pub fn left_forward(&self, from: Place, to: Place) -> impl Iterator<Item = &OutputAction> {
         let way = from.to(to);
         self.actions[..self.count].iter().filter(move |a| within(from.to(Place::start_of(a.place)), way))
     }
 
     /// The actions that the cursor comes back over on its way `from` … `to` (`to` lying behind), last first.
-    pub fn undone_backward(&self, from: Place, to: Place) -> impl Iterator<Item = &Action> {
+    pub fn undone_backward(&self, from: Place, to: Place) -> impl Iterator<Item = &OutputAction> {
         let way = to.to(from);
         self.actions[..self.count].iter().rev().filter(move |a| within(to.to(Place::start_of(a.place)), way))
     }
@@ -85,8 +85,8 @@ fn within(x: Travel, way: Travel) -> bool {
 mod tests {
     use super::*;
 
-    fn action(place: u32, after: i32) -> Action {
-        Action { place, channel: 1, before: 1 - after, after }
+    fn action(place: u32, after: i32) -> OutputAction {
+        OutputAction { place, channel: 1, before: 1 - after, after }
     }
 
     #[test]
@@ -95,9 +95,9 @@ mod tests {
         for a in [action(5, 1), action(3, 0), action(5, 0)] {
             table.insert(a, 0, 10).expect("room");
         }
-        let all: Vec<Action> = table.left_forward(Place::start_of(3), Place::start_of(6)).copied().collect();
+        let all: Vec<OutputAction> = table.left_forward(Place::start_of(3), Place::start_of(6)).copied().collect();
         assert_eq!(all, [action(3, 0), action(5, 1), action(5, 0)]);
-        let back: Vec<Action> = table.undone_backward(Place::start_of(6), Place::start_of(3)).copied().collect();
+        let back: Vec<OutputAction> = table.undone_backward(Place::start_of(6), Place::start_of(3)).copied().collect();
         assert_eq!(back, [action(5, 0), action(5, 1), action(3, 0)]);
         // a place that is only arrived at is not left yet
         assert_eq!(table.left_forward(Place::start_of(4), Place::start_of(5)).count(), 0);
@@ -109,7 +109,7 @@ mod tests {
         let mut table = ActionTable::<2>::default();
         table.insert(action(1, 1), 0, 10).expect("room");
         table.insert(action(2, 0), 0, 10).expect("room");
-        assert_eq!(table.insert(action(3, 1), 0, 10), Err(Refusal::Full));
+        assert_eq!(table.insert(action(3, 1), 0, 10), Err(CommandRefusal::Full));
         table.insert(action(3, 1), 2, 10).expect("the first is behind the window");
         assert_eq!(table.left_forward(Place::start_of(0), Place::start_of(9)).count(), 2);
     }

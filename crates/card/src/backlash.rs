@@ -8,15 +8,15 @@
 
 use retrace_core::limits::PulseLimits;
 
-use crate::Terms;
+use crate::CheckedSettings;
 
 /// Does this build take up play? The feature `backlash`, which is on where nothing else is said. A card without it refuses settings that
 /// have any.
-pub(crate) const TAKEN_UP: bool = cfg!(feature = "backlash");
+pub(crate) const IS_COMPENSATED: bool = cfg!(feature = "backlash");
 
 /// The play of one axis.
 #[derive(Clone, Copy, Debug)]
-struct Play {
+struct AxisBacklash {
     /// The way that it went last: 1, −1, or 0 where it never went.
     side: i8,
     /// Pulses still to be made, toward that side.
@@ -25,7 +25,7 @@ struct Play {
     pace: u16,
 }
 
-impl Play {
+impl AxisBacklash {
     const NEW: Self = Self { side: 0, left: 0, pace: 0 };
 
     /// One period with this increment of the path: pulses to be made beside it, of `whole` pulses of play.
@@ -61,37 +61,41 @@ impl Play {
 
 /// The play of all axes. Which side each is at outlasts every epoch.
 #[derive(Clone, Debug)]
-pub struct Backlash<const A: usize> {
-    axes: [Play; A],
+pub struct BacklashCompensation<const A: usize> {
+    axes: [AxisBacklash; A],
 }
 
-impl<const A: usize> Default for Backlash<A> {
+impl<const A: usize> Default for BacklashCompensation<A> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<const A: usize> Backlash<A> {
+impl<const A: usize> BacklashCompensation<A> {
     /// Axes that have never moved.
     #[must_use]
     pub const fn new() -> Self {
-        Self { axes: [Play::NEW; A] }
+        Self { axes: [AxisBacklash::NEW; A] }
     }
 
     /// Is play being taken up?
     #[must_use]
-    pub fn is_turning(&self) -> bool {
-        TAKEN_UP && self.axes.iter().any(|play| play.left != 0)
+    pub fn is_taking_up(&self) -> bool {
+        IS_COMPENSATED && self.axes.iter().any(|play| play.left != 0)
     }
 
     /// A period with these increments of the path: the pulses that are to come out of the pins.
     #[must_use]
-    pub fn period(&mut self, increments: &[i32; A], terms: &Terms<A>) -> [i32; A] {
+    pub fn period(&mut self, increments: &[i32; A], terms: &CheckedSettings<A>) -> [i32; A] {
         let settings = terms.settings();
         let mut pulses = *increments;
         for (axis, (play, pulses)) in self.axes.iter_mut().zip(&mut pulses).enumerate() {
-            *pulses +=
-                play.period(*pulses, settings.backlash_pulses[axis], &settings.limits.axes()[axis], terms.most());
+            *pulses += play.period(
+                *pulses,
+                settings.backlash_pulses[axis],
+                &settings.limits.axes()[axis],
+                terms.max_increment(),
+            );
         }
         pulses
     }
@@ -106,7 +110,7 @@ mod tests {
 
     #[test]
     fn play_is_taken_up_with_ramps_and_the_first_way_is_taken_as_it_is() {
-        let mut play = Play::NEW;
+        let mut play = AxisBacklash::NEW;
         assert_eq!(play.period(5, 40, &LIMITS, 100), 0);
         let mut made = vec![play.period(-1, 40, &LIMITS, 100)];
         while play.left != 0 {
@@ -128,7 +132,7 @@ mod tests {
             whole in 0u16..300,
             walk in prop::collection::vec((-30i64..=30, 0u32..40), 1..60),
         ) {
-            let (mut play, mut motor, mut path, mut carried) = (Play::NEW, 0i64, 0i64, 0i64);
+            let (mut play, mut motor, mut path, mut carried) = (AxisBacklash::NEW, 0i64, 0i64, 0i64);
             let whole_play = i64::from(whole);
             let (mut first, mut exact) = (0, true);
             for (increment, pause) in walk {
@@ -161,7 +165,7 @@ mod tests {
         fn any_numbers_are_borne(
             increments in prop::collection::vec(-500i32..=500, 1..40), whole in any::<u16>(), velocity in any::<u64>(), acceleration in any::<u64>(),
         ) {
-            let mut play = Play::NEW;
+            let mut play = AxisBacklash::NEW;
             let limits = PulseLimits { velocity, acceleration, jerk: 1 };
             for increment in increments {
                 prop_assert!((increment + play.period(increment, whole, &limits, 500)).abs() <= 500);

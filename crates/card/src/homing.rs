@@ -8,11 +8,11 @@
 //! speeds rounded up, and a search ends at rest.
 
 use retrace_core::ONE;
-use retrace_link::Homing;
+use retrace_link::HomingCommand;
 
 /// Where a search is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
+enum HomingPhase {
     /// Fast toward the switch.
     Toward,
     /// It has closed: to rest.
@@ -22,12 +22,12 @@ enum Phase {
     /// It has opened where the axis had moved so far: to rest.
     Settle { edge: i64 },
     /// No further: to rest, and this is how it ends.
-    GiveUp(Ending),
+    GiveUp(HomingEnd),
 }
 
 /// How a search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ending {
+pub enum HomingEnd {
     /// The switch was found; the axis' count is this.
     Found(i64),
     /// The switch did not close, or did not open again, on the farthest way.
@@ -38,9 +38,9 @@ pub enum Ending {
 
 /// One axis on the way to its switch.
 #[derive(Clone, Debug)]
-pub struct Search {
-    order: Homing,
-    phase: Phase,
+pub struct HomingSearch {
+    order: HomingCommand,
+    phase: HomingPhase,
     /// Speed toward the switch, in 2⁻³² pulses a period.
     speed: i64,
     /// Part of a pulse that is still to be made, in 2⁻³².
@@ -49,16 +49,16 @@ pub struct Search {
     moved: i64,
 }
 
-impl Search {
+impl HomingSearch {
     /// A search at rest. `None` where the order's speeds are not above 0, or faster than `most` pulses a period, or its count is beyond
     /// 2⁴⁸, where no axis is.
     #[must_use]
-    pub fn new(order: Homing, most: u16) -> Option<Self> {
+    pub fn new(order: HomingCommand, most: u16) -> Option<Self> {
         let limit = i64::from(most) * ONE;
         let legal = |speed: i64| 0 < speed && speed <= limit;
         let near = order.count.unsigned_abs() <= 1 << 48;
-        let valid = near && legal(order.fast) && legal(order.slow) && order.acceleration > 0;
-        valid.then_some(Self { order, phase: Phase::Toward, speed: 0, fraction: 0, moved: 0 })
+        let valid = near && legal(order.search_speed) && legal(order.latch_speed) && order.acceleration > 0;
+        valid.then_some(Self { order, phase: HomingPhase::Toward, speed: 0, fraction: 0, moved: 0 })
     }
 
     /// The axis, and whether its upper end is sought.
@@ -69,21 +69,21 @@ impl Search {
 
     /// Brings the axis to rest; the search then ends as [`Ending::Stopped`], unless it has failed already.
     pub fn stop(&mut self) {
-        if !matches!(self.phase, Phase::GiveUp(_)) {
-            self.phase = Phase::GiveUp(Ending::Stopped);
+        if !matches!(self.phase, HomingPhase::GiveUp(_)) {
+            self.phase = HomingPhase::GiveUp(HomingEnd::Stopped);
         }
     }
 
     /// One control period, the switch being `closed` at its beginning: the axis' increment, and the ending where this was the last.
-    pub fn period(&mut self, closed: bool) -> (i32, Option<Ending>) {
-        self.look(closed);
+    pub fn period(&mut self, closed: bool) -> (i32, Option<HomingEnd>) {
+        self.observe_switch(closed);
         if let (0, Some(ending)) = (self.speed, self.ending()) {
             return (0, Some(ending));
         }
         let wanted = match self.phase {
-            Phase::Toward => self.order.fast,
-            Phase::Back { .. } => -self.order.slow,
-            Phase::Overrun | Phase::Settle { .. } | Phase::GiveUp(_) => 0,
+            HomingPhase::Toward => self.order.search_speed,
+            HomingPhase::Back { .. } => -self.order.latch_speed,
+            HomingPhase::Overrun | HomingPhase::Settle { .. } | HomingPhase::GiveUp(_) => 0,
         };
         let most = self.order.acceleration;
         self.speed += (wanted - self.speed).clamp(-most, most);
@@ -97,28 +97,28 @@ impl Search {
     }
 
     /// What the switch says, and how far it is.
-    fn look(&mut self, closed: bool) {
-        let farthest = i64::from(self.order.farthest);
+    fn observe_switch(&mut self, closed: bool) {
+        let farthest = i64::from(self.order.max_travel);
         self.phase = match self.phase {
-            Phase::Toward if closed => Phase::Overrun,
-            Phase::Toward if self.moved >= farthest => Phase::GiveUp(Ending::NotFound),
-            Phase::Back { .. } if !closed => Phase::Settle { edge: self.moved },
-            Phase::Back { turned } if turned - self.moved >= farthest => Phase::GiveUp(Ending::NotFound),
+            HomingPhase::Toward if closed => HomingPhase::Overrun,
+            HomingPhase::Toward if self.moved >= farthest => HomingPhase::GiveUp(HomingEnd::NotFound),
+            HomingPhase::Back { .. } if !closed => HomingPhase::Settle { edge: self.moved },
+            HomingPhase::Back { turned } if turned - self.moved >= farthest => HomingPhase::GiveUp(HomingEnd::NotFound),
             phase => phase,
         };
-        if self.phase == Phase::Overrun && self.speed == 0 {
-            self.phase = Phase::Back { turned: self.moved };
+        if self.phase == HomingPhase::Overrun && self.speed == 0 {
+            self.phase = HomingPhase::Back { turned: self.moved };
         }
     }
 
-    fn ending(&self) -> Option<Ending> {
+    fn ending(&self) -> Option<HomingEnd> {
         match self.phase {
-            Phase::Settle { edge } => {
+            HomingPhase::Settle { edge } => {
                 let beyond = if self.order.upper { self.moved - edge } else { edge - self.moved };
-                Some(Ending::Found(self.order.count + beyond))
+                Some(HomingEnd::Found(self.order.count + beyond))
             }
-            Phase::GiveUp(ending) => Some(ending),
-            Phase::Toward | Phase::Overrun | Phase::Back { .. } => None,
+            HomingPhase::GiveUp(ending) => Some(ending),
+            HomingPhase::Toward | HomingPhase::Overrun | HomingPhase::Back { .. } => None,
         }
     }
 }
@@ -129,8 +129,8 @@ mod tests {
     use proptest::prelude::*;
 
     /// A switch that is closed from position `at` on, seen from the axis; ends with the position, what ended it, and the periods.
-    fn run(order: Homing, at: i64, stop: Option<u32>) -> (i64, Ending, u32) {
-        let mut search = Search::new(order, 100).expect("valid");
+    fn run(order: HomingCommand, at: i64, stop: Option<u32>) -> (i64, HomingEnd, u32) {
+        let mut search = HomingSearch::new(order, 100).expect("valid");
         let (mut position, mut speed) = (0i64, 0i64);
         for n in 0..1_000_000 {
             if stop == Some(n) {
@@ -139,7 +139,7 @@ mod tests {
             let closed = if order.upper { position >= at } else { position <= -at };
             let (increment, ending) = search.period(closed);
             position += i64::from(increment);
-            let fastest = order.fast.max(order.slow);
+            let fastest = order.search_speed.max(order.latch_speed);
             assert!(i64::from(increment.abs()) <= (fastest + ONE - 1) / ONE);
             assert!((search.speed - speed).abs() <= order.acceleration, "a jump of the speed");
             speed = search.speed;
@@ -151,39 +151,48 @@ mod tests {
         panic!("it has no end");
     }
 
-    fn order(upper: bool, fast: i64, slow: i64, acceleration: i64) -> Homing {
-        Homing { axis: 1, upper, fast, slow, acceleration, farthest: 2000, count: -500 }
+    fn order(upper: bool, fast: i64, slow: i64, acceleration: i64) -> HomingCommand {
+        HomingCommand {
+            axis: 1,
+            upper,
+            search_speed: fast,
+            latch_speed: slow,
+            acceleration,
+            max_travel: 2000,
+            count: -500,
+        }
     }
 
     #[test]
     fn a_search_without_speed_is_refused() {
         let good = order(true, ONE, ONE, ONE);
-        assert!(Search::new(good, 1).is_some());
+        assert!(HomingSearch::new(good, 1).is_some());
         let bad = [
-            Homing { fast: 0, ..good },
-            Homing { slow: -1, ..good },
-            Homing { acceleration: 0, ..good },
-            Homing { fast: ONE + 1, ..good },
+            HomingCommand { search_speed: 0, ..good },
+            HomingCommand { latch_speed: -1, ..good },
+            HomingCommand { acceleration: 0, ..good },
+            HomingCommand { search_speed: ONE + 1, ..good },
         ];
-        assert!(bad.iter().all(|&order| Search::new(order, 1).is_none()));
-        let hostile = Homing { fast: i64::MAX, acceleration: i64::MAX, ..good };
+        assert!(bad.iter().all(|&order| HomingSearch::new(order, 1).is_none()));
+        let hostile = HomingCommand { search_speed: i64::MAX, acceleration: i64::MAX, ..good };
         assert!(
-            Search::new(hostile, u16::MAX).is_none() && Search::new(Homing { count: i64::MIN, ..good }, 1).is_none()
+            HomingSearch::new(hostile, u16::MAX).is_none()
+                && HomingSearch::new(HomingCommand { count: i64::MIN, ..good }, 1).is_none()
         );
     }
 
     #[test]
     fn a_switch_out_of_reach_is_not_found_and_a_switch_that_stays_closed_neither() {
         let (position, ending, _) = run(order(true, 3 * ONE, ONE / 4, ONE / 8), 5000, None);
-        assert!(ending == Ending::NotFound && (2000..2050).contains(&position), "{position}");
-        let mut search = Search::new(order(false, 3 * ONE, ONE / 4, ONE / 8), 100).expect("valid");
+        assert!(ending == HomingEnd::NotFound && (2000..2050).contains(&position), "{position}");
+        let mut search = HomingSearch::new(order(false, 3 * ONE, ONE / 4, ONE / 8), 100).expect("valid");
         let (mut position, mut ending) = (0, None);
         while ending.is_none() {
             let increment;
             (increment, ending) = search.period(true);
             position += increment;
         }
-        assert!(ending == Some(Ending::NotFound) && (2000..2003).contains(&position), "{position}");
+        assert!(ending == Some(HomingEnd::NotFound) && (2000..2003).contains(&position), "{position}");
     }
 
     proptest! {
@@ -197,7 +206,7 @@ mod tests {
             // slow enough searches take for ever
             prop_assume!(fast > ONE / 50);
             let (position, ending, _) = run(order, at, None);
-            let Ending::Found(count) = ending else { panic!("{ending:?}") };
+            let HomingEnd::Found(count) = ending else { panic!("{ending:?}") };
             let from_edge = if upper { position - at } else { position + at };
             let error = (count - order.count) - from_edge;
             // the switch opens on the first pulse on the far side of its edge, and is seen at the end of that period
@@ -211,8 +220,8 @@ mod tests {
             let order = order(true, fast, ONE / 2, acceleration);
             let (_, ending, periods) = run(order, 1500, Some(stop));
             let ramp = (fast / acceleration + 2) as u32;
-            prop_assert!(ending != Ending::Stopped || (stop..=stop + ramp).contains(&periods));
-            prop_assert!(ending != Ending::NotFound);
+            prop_assert!(ending != HomingEnd::Stopped || (stop..=stop + ramp).contains(&periods));
+            prop_assert!(ending != HomingEnd::NotFound);
         }
     }
 }

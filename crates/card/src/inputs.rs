@@ -6,7 +6,7 @@ use retrace_link::{InputSetting, InputUse, MAX_INPUTS};
 
 /// What a card reads once a control period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Inputs {
+pub struct InputLevels {
     /// Levels of the inputs, one bit each, as they are at the pins.
     pub levels: u16,
     /// The handwheel's quadrature count; it runs freely and wraps.
@@ -17,7 +17,7 @@ pub struct Inputs {
 
 /// The inputs as the settings describe them.
 #[derive(Clone, Debug, Default)]
-pub struct Panel {
+pub struct Inputs {
     uses: [InputUse; MAX_INPUTS],
     present: u16,
     active_low: u16,
@@ -25,7 +25,7 @@ pub struct Panel {
     encoder: Option<u16>,
 }
 
-impl Panel {
+impl Inputs {
     /// No inputs.
     #[must_use]
     pub const fn new() -> Self {
@@ -45,7 +45,7 @@ impl Panel {
     }
 
     /// Reads the inputs of a control period; how far the wheel has turned since the last one.
-    pub const fn read(&mut self, inputs: &Inputs) -> i16 {
+    pub const fn read(&mut self, inputs: &InputLevels) -> i16 {
         self.active = (inputs.levels ^ self.active_low) & self.present;
         let before = match self.encoder {
             Some(before) => before,
@@ -64,7 +64,7 @@ impl Panel {
     /// Is an input active that is used so?
     #[must_use]
     pub fn is_active(&self, used_for: InputUse) -> bool {
-        self.active & self.of(used_for) != 0
+        self.active & self.mask_of(used_for) != 0
     }
 
     /// The limit switches that are tripped: bit, axis, and whether it is the upper end.
@@ -78,13 +78,13 @@ impl Panel {
     /// The switch by which an axis is homed at an end: its home switch, else the limit switch there, as a set of bits; 0 for none.
     #[must_use]
     pub fn home_switch(&self, axis: u8, upper: bool) -> u16 {
-        match self.of(InputUse::Home { axis }) {
-            0 => self.of(InputUse::Limit { axis, upper }),
+        match self.mask_of(InputUse::Home { axis }) {
+            0 => self.mask_of(InputUse::Limit { axis, upper }),
             home => home,
         }
     }
 
-    fn of(&self, wanted: InputUse) -> u16 {
+    fn mask_of(&self, wanted: InputUse) -> u16 {
         let used = self.uses.iter().enumerate().filter(|(_, used_for)| **used_for == wanted);
         used.fold(0, |bits, (number, _)| bits | 1 << number) & self.present
     }
@@ -100,25 +100,25 @@ mod tests {
         settings[0] = InputSetting { used_for: InputUse::EmergencyStop, active_low: true };
         settings[1] = InputSetting { used_for: InputUse::Limit { axis: 1, upper: true }, active_low: false };
         settings[15] = InputSetting { used_for: InputUse::Door, active_low: true };
-        let mut panel = Panel::default();
+        let mut panel = Inputs::default();
         panel.describe(&settings, 4);
-        panel.read(&Inputs { levels: 0b0011, ..Inputs::default() });
+        panel.read(&InputLevels { levels: 0b0011, ..InputLevels::default() });
         assert_eq!((panel.active(), panel.tripped().next()), (0b0010, Some((0b10, 1, true))));
         assert!(!panel.is_active(InputUse::EmergencyStop) && !panel.is_active(InputUse::Door));
-        panel.read(&Inputs::default());
+        panel.read(&InputLevels::default());
         assert!(panel.is_active(InputUse::EmergencyStop) && panel.tripped().next().is_none());
         assert_eq!((panel.home_switch(1, true), panel.home_switch(1, false), panel.home_switch(0, true)), (2, 0, 0));
         settings[2].used_for = InputUse::Home { axis: 1 };
         panel.describe(&settings, 255);
         assert_eq!((panel.home_switch(1, true), panel.home_switch(1, false)), (4, 4));
-        panel.read(&Inputs { levels: 0x7FFF, ..Inputs::default() });
+        panel.read(&InputLevels { levels: 0x7FFF, ..InputLevels::default() });
         assert!(panel.is_active(InputUse::Door));
     }
 
     #[test]
     fn the_wheel_turns_by_wrapping_differences_and_not_at_all_at_first() {
-        let mut panel = Panel::default();
-        let mut turned = |encoder| panel.read(&Inputs { encoder, ..Inputs::default() });
+        let mut panel = Inputs::default();
+        let mut turned = |encoder| panel.read(&InputLevels { encoder, ..InputLevels::default() });
         assert_eq!([65_530, 3, 65_535, 65_535].map(&mut turned), [0, 9, -4, 0]);
     }
 }

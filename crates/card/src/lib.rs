@@ -15,32 +15,32 @@
 mod actions;
 mod backlash;
 mod card;
-mod guard;
+mod checked_settings;
 mod homing;
 mod inputs;
-mod on_line;
+mod linked_card;
 mod outputs;
 pub mod permit;
 mod player;
+mod safety_monitor;
 mod step_direction;
 mod switching;
-mod terms;
 mod window;
 
 pub use actions::ActionTable;
-pub use backlash::Backlash;
+pub use backlash::BacklashCompensation;
 pub use card::Card;
-pub use guard::{Guard, Sight};
-pub use homing::{Ending, Search};
-pub use inputs::{Inputs, Panel};
-pub use on_line::OnLine;
+pub use checked_settings::CheckedSettings;
+pub use homing::{HomingEnd, HomingSearch};
+pub use inputs::{InputLevels, Inputs};
+pub use linked_card::LinkedCard;
 pub use outputs::OutputBank;
-pub use permit::Permit;
+pub use permit::CutterPermit;
 pub use player::Player;
-pub use step_direction::{DoesNotFit, Edge, Levels, StepDirection, StepTiming};
-pub use switching::Switching;
-pub use terms::Terms;
-pub use window::{Records, Window};
+pub use safety_monitor::{MotionState, SafetyMonitor};
+pub use step_direction::{Edge, Levels, PulsesDoNotFit, StepDirection, StepTiming};
+pub use switching::InstructionExecutor;
+pub use window::{CardWindow, RecordStorage};
 
 /// A card of four axes leaves a microcontroller of 64 KiB room for everything else.
 const _: () = assert!(size_of::<Card<4, 1024, 256>>() <= 30 * 1024);

@@ -2,7 +2,7 @@
 //!
 //! Invariant: while an alarm is latched, the channels that the settings call safe keep their safe values, whoever asks for another.
 
-use retrace_link::{Change, Outputs, Refusal, channel};
+use retrace_link::{CommandRefusal, OutputChange, Outputs, channel};
 
 /// The values of all channels.
 #[derive(Clone, Debug)]
@@ -41,7 +41,7 @@ impl OutputBank {
     }
 
     /// Sets a channel, unless an alarm keeps it: then nothing changes. So do instructions and actions in passing.
-    pub fn set(&mut self, change: Change) {
+    pub fn set(&mut self, change: OutputChange) {
         if self.has(change.channel) && self.locked >> change.channel & 1 == 0 {
             self.values[usize::from(change.channel)] = change.value;
         }
@@ -51,19 +51,19 @@ impl OutputBank {
     ///
     /// # Errors
     /// There is no such channel, or an alarm keeps it at another value.
-    pub fn set_by_hand(&mut self, change: Change) -> Result<(), Refusal> {
+    pub fn set_by_hand(&mut self, change: OutputChange) -> Result<(), CommandRefusal> {
         if !self.has(change.channel) {
-            return Err(Refusal::NoSuchChannel);
+            return Err(CommandRefusal::NoSuchChannel);
         }
         if self.locked >> change.channel & 1 == 1 && self.values[usize::from(change.channel)] != change.value {
-            return Err(Refusal::Alarm);
+            return Err(CommandRefusal::Alarm);
         }
         self.set(change);
         Ok(())
     }
 
     /// Makes these changes at once and keeps their channels so until [`OutputBank::release`].
-    pub fn keep_safe(&mut self, changes: &[Change]) {
+    pub fn keep_safe(&mut self, changes: &[OutputChange]) {
         self.locked = 0;
         for &change in changes {
             self.set(change);
@@ -91,14 +91,14 @@ mod tests {
     #[test]
     fn an_alarm_keeps_what_is_safe_and_nothing_else() {
         let mut bank = OutputBank::new(8);
-        let change = |channel, value| Change { channel, value };
-        assert_eq!(bank.set_by_hand(change(8, 1)), Err(Refusal::NoSuchChannel));
-        assert_eq!(bank.set_by_hand(change(channel::COUNT as u8, 1)), Err(Refusal::NoSuchChannel));
+        let change = |channel, value| OutputChange { channel, value };
+        assert_eq!(bank.set_by_hand(change(8, 1)), Err(CommandRefusal::NoSuchChannel));
+        assert_eq!(bank.set_by_hand(change(channel::COUNT as u8, 1)), Err(CommandRefusal::NoSuchChannel));
         bank.set(change(3, 1));
         bank.set(change(4, 1));
         bank.keep_safe(&[change(3, 0), change(channel::SPINDLE, 0), change(200, 1)]);
         bank.set(change(3, 1));
-        assert_eq!(bank.set_by_hand(change(channel::SPINDLE, 1)), Err(Refusal::Alarm));
+        assert_eq!(bank.set_by_hand(change(channel::SPINDLE, 1)), Err(CommandRefusal::Alarm));
         assert_eq!(bank.set_by_hand(change(3, 0)), Ok(()));
         bank.set(change(4, 2));
         assert_eq!((bank.values()[3], bank.values()[4], bank.values()[64]), (0, 2, 0));

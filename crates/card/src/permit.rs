@@ -15,7 +15,7 @@ use retrace_link::{CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, M
 
 /// What a control period was like, as far as the permit depends on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Conditions {
+pub struct PermitConditions {
     /// Why no cutting output may be on whatever the path does: no epoch is open, an alarm is latched, or the host is silent.
     pub denied: Option<CutterOffCause>,
     /// The path ran backward, or is about to.
@@ -30,7 +30,7 @@ pub struct Conditions {
 
 /// How long the machine has stood with a channel on, in control periods.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Timer {
+pub struct PermitTimer {
     /// Periods that were not counted because motion was about to begin.
     pub handover: u16,
     /// Periods that were counted.
@@ -39,7 +39,7 @@ pub struct Timer {
 
 /// What a control period did to the cutting outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Outcome {
+pub struct PermitOutcome {
     /// The channels that were on and are off now.
     pub off: Option<CutterOff>,
     /// The grace ran out: motion must not begin before a restart.
@@ -48,16 +48,16 @@ pub struct Outcome {
 
 /// The permits of all cutting outputs.
 #[derive(Clone, Debug)]
-pub struct Permit {
+pub struct CutterPermit {
     settings: CuttingSettings,
-    timers: [Timer; MAX_CUTTING_CHANNELS],
+    timers: [PermitTimer; MAX_CUTTING_CHANNELS],
     /// The channels that were on after the last period, one bit for each index in the settings.
     lit: u8,
     /// Channels that were switched off since the last period.
     pending: Option<CutterOff>,
 }
 
-impl Permit {
+impl CutterPermit {
     /// A card without cutting outputs.
     #[must_use]
     pub const fn new() -> Self {
@@ -65,25 +65,25 @@ impl Permit {
             CuttingChannel { channel: 0, fires: false, standing_periods: 0, lit_in_reverse: false };
         let settings =
             CuttingSettings { channels: [NONE; MAX_CUTTING_CHANNELS], count: 0, handover_periods: 0, inhibit: false };
-        let timers = [Timer { handover: 0, standing: 0 }; MAX_CUTTING_CHANNELS];
+        let timers = [PermitTimer { handover: 0, standing: 0 }; MAX_CUTTING_CHANNELS];
         Self { settings, timers, lit: 0, pending: None }
     }
 
     /// A state as any history may have left it: for proofs.
     #[must_use]
-    pub const fn with_state(settings: CuttingSettings, timers: [Timer; MAX_CUTTING_CHANNELS], lit: u8) -> Self {
+    pub const fn with_state(settings: CuttingSettings, timers: [PermitTimer; MAX_CUTTING_CHANNELS], lit: u8) -> Self {
         Self { settings, timers, lit, pending: None }
     }
 
     /// The timers, one for each index in the settings.
     #[must_use]
-    pub const fn timers(&self) -> &[Timer; MAX_CUTTING_CHANNELS] {
+    pub const fn timers(&self) -> &[PermitTimer; MAX_CUTTING_CHANNELS] {
         &self.timers
     }
 
     /// Switches every channel off that fires, with this cause.
     pub fn put_out(&mut self, outputs: &mut [i32], cause: CutterOffCause) {
-        let everything = Conditions { denied: Some(cause), ..Conditions::default() };
+        let everything = PermitConditions { denied: Some(cause), ..PermitConditions::default() };
         let off = self.apply(outputs, &everything).off;
         self.pending = self.pending.or(off);
     }
@@ -98,19 +98,19 @@ impl Permit {
     }
 
     /// One control period: switches off every channel whose permit is missing.
-    pub fn period(&mut self, outputs: &mut [i32], conditions: &Conditions) -> Outcome {
+    pub fn period(&mut self, outputs: &mut [i32], conditions: &PermitConditions) -> PermitOutcome {
         let outcome = self.apply(outputs, conditions);
-        Outcome { off: self.pending.take().or(outcome.off), ..outcome }
+        PermitOutcome { off: self.pending.take().or(outcome.off), ..outcome }
     }
 
-    fn apply(&mut self, outputs: &mut [i32], conditions: &Conditions) -> Outcome {
-        let mut outcome = Outcome::default();
+    fn apply(&mut self, outputs: &mut [i32], conditions: &PermitConditions) -> PermitOutcome {
+        let mut outcome = PermitOutcome::default();
         let Self { settings, timers, lit, .. } = self;
         for (index, (of, timer)) in settings.channels().iter().zip(timers).enumerate() {
             let Some(output) = outputs.get_mut(usize::from(of.channel)) else { continue };
             let was_lit = *lit >> index & 1 == 1;
-            let before = if was_lit { *timer } else { Timer::default() };
-            *timer = Timer::default();
+            let before = if was_lit { *timer } else { PermitTimer::default() };
+            *timer = PermitTimer::default();
             *lit &= !(1 << index);
             if *output == 0 {
                 continue;
@@ -135,9 +135,9 @@ impl Permit {
 
     /// May this channel be switched on by hand now? Yes for one that does not cut.
     #[must_use]
-    pub fn may_light(&self, channel: u8, conditions: &Conditions) -> bool {
+    pub fn may_light(&self, channel: u8, conditions: &PermitConditions) -> bool {
         let mut of_channel = self.settings.channels().iter().filter(|of| of.channel == channel);
-        of_channel.all(|of| check(of, &self.settings, Timer::default(), conditions).is_ok())
+        of_channel.all(|of| check(of, &self.settings, PermitTimer::default(), conditions).is_ok())
     }
 
     /// Does this channel fire, and may it not be on while the path runs backward? An action that is replayed does not light it.
@@ -167,7 +167,7 @@ impl Permit {
     }
 }
 
-impl Default for Permit {
+impl Default for CutterPermit {
     fn default() -> Self {
         Self::new()
     }
@@ -180,9 +180,9 @@ impl Default for Permit {
 pub const fn check(
     of: &CuttingChannel,
     settings: &CuttingSettings,
-    timer: Timer,
-    now: &Conditions,
-) -> Result<Timer, CutterOffCause> {
+    timer: PermitTimer,
+    now: &PermitConditions,
+) -> Result<PermitTimer, CutterOffCause> {
     if !of.fires {
         return if settings.inhibit { Err(CutterOffCause::Inhibited) } else { Ok(timer) };
     }
@@ -196,13 +196,13 @@ pub const fn check(
         return Err(CutterOffCause::Reverse);
     }
     if now.moving || now.keeps {
-        return Ok(Timer { handover: 0, standing: 0 });
+        return Ok(PermitTimer { handover: 0, standing: 0 });
     }
     if now.awaits && timer.handover < settings.handover_periods {
-        return Ok(Timer { handover: timer.handover + 1, ..timer });
+        return Ok(PermitTimer { handover: timer.handover + 1, ..timer });
     }
     if timer.standing >= of.standing_periods {
         return Err(CutterOffCause::Standing);
     }
-    Ok(Timer { standing: timer.standing + 1, ..timer })
+    Ok(PermitTimer { standing: timer.standing + 1, ..timer })
 }

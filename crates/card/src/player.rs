@@ -9,20 +9,20 @@ use retrace_core::place::before;
 use retrace_core::playback::emission;
 use retrace_core::{Place, RapidCap, RateTarget, Record, Travel};
 use retrace_link::{
-    Action, Alarm, Change, CutterOffCause, CuttingSettings, Instruction, Outputs, Refusal, RepeatedInstruction, Start,
-    Status, Word, channel,
+    Alarm, CardStatus, CommandRefusal, CutterOffCause, CuttingSettings, HostCommand, Instruction, OutputAction,
+    OutputChange, Outputs, PathStart, RepeatedInstruction, channel,
 };
 
-use crate::permit::Conditions;
-use crate::window::Records;
-use crate::{ActionTable, OutputBank, Permit, Switching, Window};
+use crate::permit::PermitConditions;
+use crate::window::RecordStorage;
+use crate::{ActionTable, CardWindow, CutterPermit, InstructionExecutor, OutputBank};
 
 /// Most output actions that a card holds at a time.
 const ACTIONS: usize = 256;
 
 /// What keeps the motion from starting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Block {
+enum MotionBlock {
     None,
     /// A restart, until the repeated instruction of this number is complete.
     Restart {
@@ -39,23 +39,23 @@ enum Block {
 /// It plays what it is given and switches where it is told to. Alarms, inputs, homing and the watchdog are the [`crate::Card`]'s around it.
 #[derive(Clone, Debug)]
 pub struct Player<const A: usize, const W: usize, const M: usize, S = [Record<A>; W]> {
-    window: Window<A, W, S>,
+    window: CardWindow<A, W, S>,
     drive: Drive<A, M>,
     actions: ActionTable<ACTIONS>,
-    switching: Switching,
+    switching: InstructionExecutor,
     outputs: OutputBank,
     target: RateTarget,
     replay: bool,
     /// The axes move beside the path: homing.
-    beside: bool,
+    off_path: bool,
     /// Play is being taken up: what is driven stands only when that is done.
-    turning: bool,
+    taking_up_backlash: bool,
     /// Motion is blocked until a restart is complete.
-    block: Block,
-    permit: Permit,
+    block: MotionBlock,
+    permit: CutterPermit,
     /// What the last period was like, as far as the player knows.
-    conditions: Conditions,
-    status: Status<A>,
+    conditions: PermitConditions,
+    status: CardStatus<A>,
 }
 
 impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
@@ -71,7 +71,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     pub(crate) const fn idle(start: u32, digital: u8) -> Option<Self> {
         // no `?` in a constant
         let Some(drive) = Drive::idle() else { return None };
-        Some(Self::with_window(Window::new(start), drive, start, digital))
+        Some(Self::with_window(CardWindow::new(start), drive, start, digital))
     }
 }
 
@@ -79,7 +79,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M, &'static mu
     /// The same, whose records are to be lent.
     pub(crate) const fn idle_without_records(digital: u8) -> Option<Self> {
         let Some(drive) = Drive::idle() else { return None };
-        Some(Self::with_window(Window::with_records(0, &mut []), drive, 0, digital))
+        Some(Self::with_window(CardWindow::with_records(0, &mut []), drive, 0, digital))
     }
 
     /// Where the records are to stand: `W` of them.
@@ -89,26 +89,26 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M, &'static mu
 }
 
 impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
-    const fn with_window(window: Window<A, W, S>, drive: Drive<A, M>, start: u32, digital: u8) -> Self {
+    const fn with_window(window: CardWindow<A, W, S>, drive: Drive<A, M>, start: u32, digital: u8) -> Self {
         Self {
             window,
             drive,
             actions: ActionTable::new(),
-            switching: Switching::new(),
+            switching: InstructionExecutor::new(),
             outputs: OutputBank::new(digital),
             target: RateTarget::ZERO,
             replay: false,
-            beside: false,
-            turning: false,
-            block: Block::None,
-            permit: Permit::new(),
-            conditions: Conditions { denied: None, backward: false, moving: false, awaits: false, keeps: false },
-            status: Status::standing(Start::at(start)),
+            off_path: false,
+            taking_up_backlash: false,
+            block: MotionBlock::None,
+            permit: CutterPermit::new(),
+            conditions: PermitConditions { denied: None, backward: false, moving: false, awaits: false, keeps: false },
+            status: CardStatus::at_rest(PathStart::at(start)),
         }
     }
 }
 
-impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W, M, S> {
+impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player<A, W, M, S> {
     /// Begins an epoch: nothing on the window, which begins with the record of `start`; counts and outputs stay as they are, but for
     /// cutting outputs, which are switched off. An
     /// instruction in hand is given up, also one that is being executed: so a host may end one that waits for ever.
@@ -118,25 +118,25 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
     /// nothing has changed then.
     pub(crate) fn reopen(
         &mut self,
-        start: Start,
+        start: PathStart,
         limits: RateLimits<A>,
         cutting: &CuttingSettings,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), CommandRefusal> {
         if !self.status.at_rest {
-            return Err(Refusal::InMotion);
+            return Err(CommandRefusal::InMotion);
         }
         if !start.is_valid() {
-            return Err(Refusal::Unfit);
+            return Err(CommandRefusal::Unfit);
         }
-        self.drive = Drive::new(limits).ok_or(Refusal::Unfit)?;
+        self.drive = Drive::new(limits).ok_or(CommandRefusal::Unfit)?;
         self.window.restart(start.place.record, start.rests);
         self.actions.clear();
         self.permit.open(cutting, self.outputs.values_mut());
         self.switching.restart(start.executed);
-        (self.target, self.replay, self.block) = (RateTarget::ZERO, false, Block::None);
+        (self.target, self.replay, self.block) = (RateTarget::ZERO, false, MotionBlock::None);
         let status = &mut self.status;
         (status.place, status.reached) = (start.place, start.reached);
-        (status.rate, status.short, status.line) = (0, false, 0);
+        (status.rate, status.starved, status.line) = (0, false, 0);
         status.increments = [0; A];
         self.mirror();
         Ok(())
@@ -146,7 +146,7 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
     pub(crate) fn stand_at(&mut self, counts: [i64; A], outputs: &Outputs) {
         self.status.counts = counts;
         for (channel, &value) in (0u8..).zip(outputs) {
-            self.outputs.set(Change { channel, value });
+            self.outputs.set(OutputChange { channel, value });
         }
         self.put_out(CutterOffCause::EpochOpened);
     }
@@ -160,11 +160,11 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
     /// Switches off every cutting output whose permit is missing, at the end of a period. `denied`: why none may be on whatever the
     /// path does.
     pub(crate) fn apply_permit(&mut self, denied: Option<CutterOffCause>) {
-        let conditions = Conditions { denied, ..self.conditions };
+        let conditions = PermitConditions { denied, ..self.conditions };
         let outcome = self.permit.period(self.outputs.values_mut(), &conditions);
         self.status.cutter_off = outcome.off;
         if outcome.blocks {
-            self.block = Block::Standing;
+            self.block = MotionBlock::Standing;
         }
         self.mirror();
     }
@@ -176,41 +176,41 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
 
     /// The last period's report.
     #[must_use]
-    pub const fn status(&self) -> &Status<A> {
+    pub const fn status(&self) -> &CardStatus<A> {
         &self.status
     }
 
     /// What the card around the player has to say in the report.
-    pub(crate) const fn report(&mut self) -> &mut Status<A> {
+    pub(crate) const fn report(&mut self) -> &mut CardStatus<A> {
         &mut self.status
     }
 
     /// Does the motion stand, and is no instruction being executed?
-    pub(crate) fn stands(&self) -> bool {
-        self.drive.at_rest() && !self.turning && !self.switching.busy()
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.drive.at_rest() && !self.taking_up_backlash && !self.switching.busy()
     }
 
     /// Would the next period move the machine or begin an instruction, or go on with either?
     pub(crate) fn is_about_to_act(&self) -> bool {
-        let (place, road) = (self.status.place, self.road());
+        let (place, road) = (self.status.place, self.record_window());
         let way = match self.unblocked_target().signum() {
             0 => 0,
-            _ if !self.has_ground() => 0,
+            _ if !self.has_record_under_cursor() => 0,
             1 => place.to(Place::start_of(road.high())),
             _ => Place::start_of(road.low()).to(place),
         };
-        !self.stands() || way > 0 || self.is_due()
+        !self.is_at_rest() || way > 0 || self.is_due()
     }
 
     /// Is nothing on the window and nothing in hand?
     pub(crate) fn is_empty(&self) -> bool {
-        self.window.low() == self.window.high() && self.switching.kept_for().is_none() && self.stands()
+        self.window.low() == self.window.high() && self.switching.waits_for_place().is_none() && self.is_at_rest()
     }
 
     /// An alarm: brakes on the path, gives up the instruction in hand, makes the outputs safe and keeps them so.
-    pub(crate) fn halt(&mut self, safe: &[Change]) {
+    pub(crate) fn halt(&mut self, safe: &[OutputChange]) {
         self.target = RateTarget::ZERO;
-        self.switching.give_up();
+        self.switching.cancel();
         self.outputs.keep_safe(safe);
         self.mirror();
     }
@@ -224,30 +224,32 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
     ///
     /// # Errors
     /// A [`Refusal`]; nothing has changed then.
-    pub fn take(&mut self, word: Word<A>) -> Result<(), Refusal> {
+    pub fn accept(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
         let place = self.status.place;
         match word {
-            Word::Ahead { place: n, record } => self.window.push_ahead(n, record, place)?,
-            Word::Behind { place: n, record, rests } => self.window.push_behind(n, record, rests, self.bound())?,
-            Word::Trim { high } => self.window.trim(high, self.bound())?,
-            Word::Forget { low } => self.window.forget(low, self.bound_behind())?,
-            Word::Action(action) => self.take_action(action)?,
-            Word::Rate(target) => self.target = target,
-            Word::Replay { on } => self.replay = on,
-            Word::Instruction(instruction) => self.keep(instruction)?,
-            Word::ByHand(change) => self.outputs.set_by_hand(change)?,
-            Word::ClearAlarm => {}
-            Word::Home(_) => return Err(Refusal::Unfit),
-            Word::Restart { last } => self.restart(last),
-            Word::Repeat(repeated) => self.repeat(repeated)?,
+            HostCommand::Ahead { place: n, record } => self.window.push_ahead(n, record, place)?,
+            HostCommand::Behind { place: n, record, rests } => {
+                self.window.push_behind(n, record, rests, self.bound())?
+            }
+            HostCommand::Trim { high } => self.window.trim(high, self.bound())?,
+            HostCommand::Forget { low } => self.window.forget(low, self.bound_behind())?,
+            HostCommand::Action(action) => self.accept_action(action)?,
+            HostCommand::Rate(target) => self.target = target,
+            HostCommand::Replay { on } => self.replay = on,
+            HostCommand::Instruction(instruction) => self.store_instruction(instruction)?,
+            HostCommand::ManualOutput(change) => self.outputs.set_by_hand(change)?,
+            HostCommand::ClearAlarm => {}
+            HostCommand::Home(_) => return Err(CommandRefusal::Unfit),
+            HostCommand::Restart { last } => self.restart(last),
+            HostCommand::Repeat(repeated) => self.repeat(repeated)?,
         }
         self.mirror();
         Ok(())
     }
 
-    fn take_action(&mut self, action: Action) -> Result<(), Refusal> {
+    fn accept_action(&mut self, action: OutputAction) -> Result<(), CommandRefusal> {
         if !self.outputs.has(action.channel) {
-            return Err(Refusal::NoSuchChannel);
+            return Err(CommandRefusal::NoSuchChannel);
         }
         self.actions.insert(action, self.window.low(), self.window.high())
     }
@@ -255,10 +257,10 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
     /// Keeps an instruction for its place, which becomes the end of the road: so nothing can pass it, whatever records there are.
     ///
     /// It must not lie behind the furthest place ever executed, where its order is lost, and the cursor must still be able to stop there.
-    fn keep(&mut self, instruction: Instruction) -> Result<(), Refusal> {
+    fn store_instruction(&mut self, instruction: Instruction) -> Result<(), CommandRefusal> {
         self.switching.check(&instruction, &self.outputs)?;
         if before(instruction.place, self.status.reached) {
-            return Err(Refusal::OutOfOrder);
+            return Err(CommandRefusal::OutOfOrder);
         }
         let at = Place::start_of(instruction.place);
         // Only a place on the window makes the road shorter than it is.
@@ -266,17 +268,17 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
         let can_brake = is_beyond || self.bound().to(at) >= 0;
         let runs_into = self.status.place.to(at) > 0 && self.planned_stop_at(instruction.place);
         if !(can_brake || runs_into) {
-            return Err(Refusal::InMotion);
+            return Err(CommandRefusal::InMotion);
         }
-        self.switching.keep(instruction, &self.outputs)?;
-        self.begin_what_is_due();
+        self.switching.store(instruction, &self.outputs)?;
+        self.begin_due_instruction();
         Ok(())
     }
 
     /// May this change be made by hand? A cutting output is not lit where it would be put out at once.
-    pub(crate) fn may_switch(&self, change: Change, denied: Option<CutterOffCause>) -> bool {
+    pub(crate) fn may_switch(&self, change: OutputChange, denied: Option<CutterOffCause>) -> bool {
         let status = &self.status;
-        let now = Conditions {
+        let now = PermitConditions {
             denied,
             backward: status.rate < 0 || status.at_rest && self.unblocked_target() < 0,
             moving: !status.at_rest,
@@ -288,17 +290,17 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
 
     /// Blocks motion until the repeated instruction `last` is complete; releases the block where it is complete already.
     fn restart(&mut self, last: u32) {
-        self.block = Block::Restart { last, begun: false };
+        self.block = MotionBlock::Restart { last, begun: false };
         self.release_block();
     }
 
     /// Executes switching again, where the machine stands.
-    fn repeat(&mut self, repeated: RepeatedInstruction) -> Result<(), Refusal> {
+    fn repeat(&mut self, repeated: RepeatedInstruction) -> Result<(), CommandRefusal> {
         if !self.has_stopped() {
-            return Err(Refusal::InMotion);
+            return Err(CommandRefusal::InMotion);
         }
         self.switching.repeat(repeated, &mut self.outputs)?;
-        if let Block::Restart { begun, .. } = &mut self.block {
+        if let MotionBlock::Restart { begun, .. } = &mut self.block {
             *begun = true;
         }
         self.release_block();
@@ -307,21 +309,21 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
 
     /// Releases the block where its last repeated instruction is complete.
     fn release_block(&mut self) {
-        if let Block::Restart { last, .. } = self.block
+        if let MotionBlock::Restart { last, .. } = self.block
             && last.wrapping_sub(self.switching.repeated()) as i32 <= 0
         {
-            self.block = Block::None;
+            self.block = MotionBlock::None;
         }
     }
 
     /// Is motion about to begin, or is a restart between two repeated instructions?
     fn awaits(&self) -> bool {
-        self.unblocked_target() != 0 || matches!(self.block, Block::Restart { begun: true, .. })
+        self.unblocked_target() != 0 || matches!(self.block, MotionBlock::Restart { begun: true, .. })
     }
 
     /// The rate asked for, of feed and rapid motion the faster, as far as the block lets it pass.
     fn unblocked_target(&self) -> Travel {
-        if self.block == Block::None { self.target.faster() } else { 0 }
+        if self.block == MotionBlock::None { self.target.faster() } else { 0 }
     }
 
     fn planned_stop_at(&self, place: u32) -> bool {
@@ -331,17 +333,20 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
 
     /// Is the cursor at rest on the place of the kept instruction, and wants to go on?
     fn is_due(&self) -> bool {
-        let here = self.switching.kept_for().is_some_and(|place| self.status.place == Place::start_of(place));
-        here && self.drive.at_rest() && !self.turning && self.unblocked_target() > 0 && !self.switching.busy()
+        let here = self.switching.waits_for_place().is_some_and(|place| self.status.place == Place::start_of(place));
+        here && self.drive.at_rest()
+            && !self.taking_up_backlash
+            && self.unblocked_target() > 0
+            && !self.switching.busy()
     }
 
     /// Is the record there that the cursor stands in? At the beginning of an epoch inside of a record it is not at first.
-    fn has_ground(&self) -> bool {
+    fn has_record_under_cursor(&self) -> bool {
         let place = self.status.place;
         place.fraction == 0 || self.window.record(place.record).is_some()
     }
 
-    fn begin_what_is_due(&mut self) {
+    fn begin_due_instruction(&mut self) {
         if self.is_due() {
             self.switching.begin(&mut self.outputs);
         }
@@ -357,12 +362,12 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
         self.status.place.moved(self.drive.stopping().min(0))
     }
 
-    fn road(&self) -> Stretch<'_, Window<A, W, S>> {
-        Stretch::new(&self.window, self.switching.barrier())
+    fn record_window(&self) -> PlayedWindow<'_, CardWindow<A, W, S>> {
+        PlayedWindow::new(&self.window, self.switching.barrier())
     }
 
     /// Lets one control period pass. While an instruction is executed the motion stands.
-    pub fn period(&mut self) -> &Status<A> {
+    pub fn period(&mut self) -> &CardStatus<A> {
         if let Some(alarm) = self.play(0, false) {
             self.status.alarm.get_or_insert(alarm);
         }
@@ -372,9 +377,9 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
     /// Lets one control period pass, with these inputs active; `failed`: the machine says that the instruction has failed.
     pub(crate) fn play(&mut self, active: u16, failed: bool) -> Option<Alarm> {
         let begins = self.is_due();
-        self.begin_what_is_due();
+        self.begin_due_instruction();
         let from = self.status.place;
-        let waits = self.unblocked_target() != 0 && !self.has_ground();
+        let waits = self.unblocked_target() != 0 && !self.has_record_under_cursor();
         // Also where it takes no time: the host sends what follows only when it has heard that it is executed.
         let wanted = if begins || self.switching.busy() || waits { 0 } else { self.unblocked_target() };
         // The path comes to rest, and cutting outputs go off, before it runs backward.
@@ -383,7 +388,7 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
         let ran = !self.drive.at_rest();
         let mut alarm = self.switching.period(active, failed);
         self.release_block();
-        let road = Stretch::new(&self.window, self.switching.barrier());
+        let road = PlayedWindow::new(&self.window, self.switching.barrier());
         let target = if turns || wanted == 0 { 0 } else { self.drive.within_overrides(from, self.target, &road) };
         let step = self.drive.step(from, target, &road);
         // The drive never leaves the window, so the records are there; were one missing, the card would stand still.
@@ -397,34 +402,35 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
             }
         };
         self.switch_in_passing(from, to);
-        self.book(to, increments, step.short || waits);
+        self.commit_period(to, increments, step.short || waits);
         let rate = self.status.rate;
         let backward = rate < 0 || rate == 0 && wanted < 0;
-        self.conditions = Conditions { backward, moving: ran || rate != 0, awaits: self.awaits(), keeps, denied: None };
+        self.conditions =
+            PermitConditions { backward, moving: ran || rate != 0, awaits: self.awaits(), keeps, denied: None };
         alarm
     }
 
     /// A period in which the axes move beside the path, homing; `going`: they do so in the next one too.
-    pub(crate) fn beside_the_path(&mut self, increments: [i32; A], going: bool) {
-        self.beside = going;
-        self.book(self.status.place, increments, false);
-        self.conditions = Conditions::default();
+    pub(crate) fn move_off_path(&mut self, increments: [i32; A], going: bool) {
+        self.off_path = going;
+        self.commit_period(self.status.place, increments, false);
+        self.conditions = PermitConditions::default();
     }
 
     /// Is play being taken up?
-    pub(crate) fn turn(&mut self, turning: bool) {
-        self.turning = turning;
+    pub(crate) fn take_up_backlash(&mut self, turning: bool) {
+        self.taking_up_backlash = turning;
         self.status.at_rest = self.has_stopped();
     }
 
     /// Do the axes stand?
     fn has_stopped(&self) -> bool {
-        self.drive.at_rest() && !self.beside && !self.turning
+        self.drive.at_rest() && !self.off_path && !self.taking_up_backlash
     }
 
     /// The axes are about to move beside the path.
-    pub(crate) fn leave_the_path(&mut self) {
-        self.beside = true;
+    pub(crate) fn leave_path(&mut self) {
+        self.off_path = true;
         self.mirror();
     }
 
@@ -435,12 +441,12 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
         }
     }
 
-    fn book(&mut self, to: Place, increments: [i32; A], short: bool) {
+    fn commit_period(&mut self, to: Place, increments: [i32; A], short: bool) {
         let status = &mut self.status;
         status.period += 1;
         status.rate = status.place.to(to);
         status.place = to;
-        status.short = short;
+        status.starved = short;
         status.increments = increments;
         for (count, &increment) in status.counts.iter_mut().zip(&increments) {
             *count += i64::from(increment);
@@ -463,14 +469,18 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
             for action in self.actions.left_forward(from, to) {
                 let first_time = !before(action.place, reached);
                 if first_time {
-                    self.outputs.set(Change { channel: action.channel, value: action.after });
+                    self.outputs.set(OutputChange { channel: action.channel, value: action.after });
                 } else if self.replay {
-                    replay(&self.permit, &mut self.outputs, Change { channel: action.channel, value: action.after });
+                    replay(
+                        &self.permit,
+                        &mut self.outputs,
+                        OutputChange { channel: action.channel, value: action.after },
+                    );
                 }
             }
         } else if self.replay {
             for action in self.actions.undone_backward(from, to) {
-                replay(&self.permit, &mut self.outputs, Change { channel: action.channel, value: action.before });
+                replay(&self.permit, &mut self.outputs, OutputChange { channel: action.channel, value: action.before });
             }
         }
     }
@@ -483,25 +493,25 @@ impl<const A: usize, const W: usize, const M: usize, S: Records<A>> Player<A, W,
         status.high = self.window.high();
         status.executed = self.switching.executed();
         status.repeated = self.switching.repeated();
-        status.blocked = self.block != Block::None;
+        status.blocked = self.block != MotionBlock::None;
         status.outputs = *self.outputs.values();
     }
 }
 
 /// An action that is passed again: it puts a cutting output out, and lights it only where that may be on in reverse.
-fn replay(permit: &Permit, outputs: &mut OutputBank, change: Change) {
+fn replay(permit: &CutterPermit, outputs: &mut OutputBank, change: OutputChange) {
     if change.value == 0 || !permit.is_forward_only(change.channel) {
         outputs.set(change);
     }
 }
 
 /// A road that ends at a place, where the one below is longer.
-struct Stretch<'w, R> {
+struct PlayedWindow<'w, R> {
     road: &'w R,
     high: u32,
 }
 
-impl<'w, R> Stretch<'w, R> {
+impl<'w, R> PlayedWindow<'w, R> {
     fn new<const A: usize>(road: &'w R, end: Option<u32>) -> Self
     where
         R: RecordWindow<A>,
@@ -511,7 +521,7 @@ impl<'w, R> Stretch<'w, R> {
     }
 }
 
-impl<const A: usize, R: RecordWindow<A>> RecordWindow<A> for Stretch<'_, R> {
+impl<const A: usize, R: RecordWindow<A>> RecordWindow<A> for PlayedWindow<'_, R> {
     fn low(&self) -> u32 {
         self.road.low()
     }
@@ -543,7 +553,7 @@ mod tests {
     use proptest::prelude::*;
     use retrace_core::limits::PulseLimits;
     use retrace_core::{Flags, ONE};
-    use retrace_link::{Action, Instruction};
+    use retrace_link::{Instruction, OutputAction};
 
     fn player() -> Player<1, 64, 32> {
         let axis = PulseLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
@@ -554,7 +564,7 @@ mod tests {
         for (increment, flags) in records {
             let place = player.status().high;
             let record = Record { increments: [increment], flags, line: place + 1, ..Record::default() };
-            player.take(Word::Ahead { place, record }).expect("room");
+            player.accept(HostCommand::Ahead { place, record }).expect("room");
         }
     }
 
@@ -562,14 +572,14 @@ mod tests {
     fn runs_to_the_planned_stop_in_as_many_periods_as_there_are_records() {
         let mut player = player();
         fill(&mut player, (1..=20).map(|n| (n, if n == 20 { Flags::REST } else { Flags::NONE })));
-        player.take(Word::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::rate(ONE)).expect("a rate");
         for n in 1..=20u32 {
             let status = player.period();
             assert_eq!((status.increments[0], status.line), (n as i32, n));
         }
         assert!(player.status().at_rest);
         assert_eq!(player.status().counts, [210]);
-        player.take(Word::rate(-ONE)).expect("a rate");
+        player.accept(HostCommand::rate(-ONE)).expect("a rate");
         for _ in 0..20 {
             player.period();
         }
@@ -583,11 +593,11 @@ mod tests {
     fn an_instruction_waits_for_the_motion_and_holds_it() {
         let mut player = player();
         fill(&mut player, [(5, Flags::NONE), (5, Flags::REST), (5, Flags::REST)]);
-        player.take(Word::rate(ONE / 2)).expect("a rate");
+        player.accept(HostCommand::rate(ONE / 2)).expect("a rate");
         player.period();
         let instruction = Instruction { number: 1, place: 2, periods: 3, ..Instruction::default() };
         // kept while the motion is under way (it was refused then, before instructions carried their place), and the road ends there
-        player.take(Word::Instruction(instruction)).expect("a planned stop");
+        player.accept(HostCommand::Instruction(instruction)).expect("a planned stop");
         while !player.period().at_rest {}
         assert_eq!((player.status().place, player.status().executed), (Place::start_of(2), 0));
         for done in [0, 0, 1] {
@@ -601,23 +611,23 @@ mod tests {
     fn an_instruction_that_cannot_be_executed_in_order_is_refused() {
         let mut player = player();
         fill(&mut player, (0..60).map(|n| (5, if n == 55 { Flags::REST } else { Flags::NONE })));
-        player.take(Word::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::rate(ONE)).expect("a rate");
         for _ in 0..10 {
             player.period();
         }
-        let at = |place| Word::Instruction(Instruction { number: 1, place, ..Instruction::default() });
-        assert_eq!(player.take(at(9)), Err(Refusal::OutOfOrder));
+        let at = |place| HostCommand::Instruction(Instruction { number: 1, place, ..Instruction::default() });
+        assert_eq!(player.accept(at(9)), Err(CommandRefusal::OutOfOrder));
         // some records are needed to stop, but for a planned stop
-        let nearest = (10..55).find(|&place| player.take(at(place)).is_ok()).expect("there is room");
+        let nearest = (10..55).find(|&place| player.accept(at(place)).is_ok()).expect("there is room");
         assert!((16..40).contains(&nearest), "{nearest}");
-        assert_eq!(player.take(at(nearest + 1)), Err(Refusal::Busy));
-        player.take(Word::rate(-ONE)).expect("a rate");
+        assert_eq!(player.accept(at(nearest + 1)), Err(CommandRefusal::Busy));
+        player.accept(HostCommand::rate(-ONE)).expect("a rate");
         for _ in 0..90 {
             player.period();
         }
         assert_eq!((player.status().place, player.status().executed), (Place::start_of(0), 0));
-        player.take(Word::rate(0)).expect("a rate");
-        player.take(Word::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::rate(0)).expect("a rate");
+        player.accept(HostCommand::rate(ONE)).expect("a rate");
         let mut executed_at = None;
         while player.status().executed == 0 {
             let status = player.period();
@@ -631,17 +641,17 @@ mod tests {
     fn a_hold_defers_an_instruction_that_has_come_to_its_place() {
         let mut player = player();
         let instruction = Instruction { number: 1, ..Instruction::default() };
-        player.take(Word::Instruction(instruction)).expect("at its place");
+        player.accept(HostCommand::Instruction(instruction)).expect("at its place");
         for _ in 0..5 {
             assert_eq!(player.period().executed, 0);
         }
-        player.take(Word::rate(-ONE)).expect("a rate");
+        player.accept(HostCommand::rate(-ONE)).expect("a rate");
         assert_eq!(player.period().executed, 0);
-        player.take(Word::rate(1)).expect("a rate");
+        player.accept(HostCommand::rate(1)).expect("a rate");
         let status = player.period();
-        assert_eq!((status.executed, status.short), (1, false), "what follows is not late, it is not due yet");
+        assert_eq!((status.executed, status.starved), (1, false), "what follows is not late, it is not due yet");
         let second = Instruction { number: 2, ..Instruction::default() };
-        player.take(Word::Instruction(second)).expect("at its place");
+        player.accept(HostCommand::Instruction(second)).expect("at its place");
         assert_eq!(player.status().executed, 2, "where it may begin at once it does");
     }
 
@@ -649,55 +659,58 @@ mod tests {
     fn a_restart_blocks_motion_until_its_last_repeat_is_complete() {
         let mut player = player();
         fill(&mut player, (0..40).map(|n| (4, if n == 39 { Flags::REST } else { Flags::NONE })));
-        player.take(Word::rate(ONE * 5 / 9)).expect("a rate");
+        player.accept(HostCommand::rate(ONE * 5 / 9)).expect("a rate");
         for _ in 0..20 {
             player.period();
         }
-        player.take(Word::Restart { last: 2 }).expect("any time");
+        player.accept(HostCommand::Restart { last: 2 }).expect("any time");
         let repeat = |number, periods| RepeatedInstruction {
             number,
             periods,
-            changes: [Change { channel: 3, value: number as i32 }; 4],
+            changes: [OutputChange { channel: 3, value: number as i32 }; 4],
             count: 1,
             until: None,
         };
-        assert_eq!(player.take(Word::Repeat(repeat(1, 3))), Err(Refusal::InMotion));
+        assert_eq!(player.accept(HostCommand::Repeat(repeat(1, 3))), Err(CommandRefusal::InMotion));
         while !player.period().at_rest {}
         let place = player.status().place;
         assert!(place.fraction != 0 && player.status().blocked);
-        assert_eq!(player.take(Word::Repeat(repeat(2, 3))), Err(Refusal::Busy), "out of its order");
-        player.take(Word::Repeat(repeat(1, 3))).expect("at rest");
+        assert_eq!(player.accept(HostCommand::Repeat(repeat(2, 3))), Err(CommandRefusal::Busy), "out of its order");
+        player.accept(HostCommand::Repeat(repeat(1, 3))).expect("at rest");
         for repeated in [0, 0, 1, 1] {
             let status = player.period();
             assert_eq!((status.repeated, status.place, status.outputs[3]), (repeated, place, 1));
         }
-        player.take(Word::Repeat(repeat(2, 0))).expect("at rest");
+        player.accept(HostCommand::Repeat(repeat(2, 0))).expect("at rest");
         assert_eq!((player.status().repeated, player.status().blocked), (2, false));
         assert!(player.period().place != place);
-        player.take(Word::Restart { last: 2 }).expect("any time");
+        player.accept(HostCommand::Restart { last: 2 }).expect("any time");
         assert!(!player.status().blocked, "it is complete already");
     }
 
     #[test]
     fn actions_fire_once_and_are_replayed_only_where_wanted() {
         let mut player = player();
-        let action = Action { place: 2, channel: 3, before: 0, after: 1 };
-        player.take(Word::Action(action)).expect("room");
-        assert_eq!(player.take(Word::Action(Action { channel: 200, ..action })), Err(Refusal::NoSuchChannel));
+        let action = OutputAction { place: 2, channel: 3, before: 0, after: 1 };
+        player.accept(HostCommand::Action(action)).expect("room");
+        assert_eq!(
+            player.accept(HostCommand::Action(OutputAction { channel: 200, ..action })),
+            Err(CommandRefusal::NoSuchChannel)
+        );
         fill(&mut player, (0..4).map(|n| (1, if n == 3 { Flags::REST } else { Flags::NONE })));
-        player.take(Word::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::rate(ONE)).expect("a rate");
         let outputs = |p: &mut Player<1, 64, 32>| -> Vec<i32> { (0..4).map(|_| p.period().outputs[3]).collect() };
         assert_eq!(outputs(&mut player), [0, 0, 1, 1]);
-        player.take(Word::rate(-ONE)).expect("a rate");
+        player.accept(HostCommand::rate(-ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [1, 1, 1, 1]);
-        player.take(Word::ByHand(Change { channel: 3, value: 0 })).expect("a channel");
-        player.take(Word::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 0 })).expect("a channel");
+        player.accept(HostCommand::rate(ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [0, 0, 0, 0]);
-        player.take(Word::Replay { on: true }).expect("a switch");
-        player.take(Word::ByHand(Change { channel: 3, value: 1 })).expect("a channel");
-        player.take(Word::rate(-ONE)).expect("a rate");
+        player.accept(HostCommand::Replay { on: true }).expect("a switch");
+        player.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("a channel");
+        player.accept(HostCommand::rate(-ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [1, 0, 0, 0]);
-        player.take(Word::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::rate(ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [0, 0, 1, 1]);
     }
 
@@ -712,15 +725,15 @@ mod tests {
             let mut sums = vec![0i64];
             for &i in &increments { sums.push(sums[sums.len() - 1] + i64::from(i)); }
             for (target, periods) in words {
-                player.take(Word::rate(target)).expect("a rate");
+                player.accept(HostCommand::rate(target)).expect("a rate");
                 for _ in 0..periods {
                     let status = *player.status();
                     let record = |n: u32| Record { increments: [increments[n as usize]], ..Record::default() };
                     if target > 0 && (status.high as usize) < increments.len() {
-                        let _ = player.take(Word::Ahead { place: status.high, record: record(status.high) });
+                        let _ = player.accept(HostCommand::Ahead { place: status.high, record: record(status.high) });
                     } else if target < 0 && status.low > 0 {
                         let place = status.low - 1;
-                        let _ = player.take(Word::Behind { place, record: record(place), rests: place == 0 });
+                        let _ = player.accept(HostCommand::Behind { place, record: record(place), rests: place == 0 });
                     }
                     player.period();
                     let status = player.status();

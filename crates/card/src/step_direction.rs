@@ -27,7 +27,7 @@ impl StepTiming {
         let valid = period < 1 << 31 && pulse >= 1 && setup >= 1;
         // Both are u16 in the settings; no clock makes them as long as this.
         let short = pulse < 1 << 28 && setup < 1 << 28;
-        if valid && short && timing.most() >= 1 { Some(timing) } else { None }
+        if valid && short && timing.max_increment() >= 1 { Some(timing) } else { None }
     }
 
     /// From a clock of `tick_hz` ticks a second: a period of whole ticks, and a pulse and a set-up that are at least as long as
@@ -49,7 +49,7 @@ impl StepTiming {
 
     /// The most pulses that fit a period whatever went before: also where the direction turns in it.
     #[must_use]
-    pub const fn most(self) -> u16 {
+    pub const fn max_increment(self) -> u16 {
         // The last falling edge lies at least one tick before the end of its period: the direction may turn at `setup` − 1.
         let before = 2 * self.setup as u64 - 1;
         let room = (self.period as u64).saturating_sub(before);
@@ -66,7 +66,7 @@ const fn ticks(ns: u16, tick_hz: u32) -> u32 {
 
 /// The increment has more pulses than the period can hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct DoesNotFit;
+pub struct PulsesDoNotFit;
 
 /// What happens on the two wires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -133,7 +133,7 @@ impl StepDirection {
     ///
     /// # Errors
     /// [`DoesNotFit`], which up to [`StepTiming::most`] pulses never meet: the period is begun and stays without any.
-    pub const fn begin(&mut self, increment: i32) -> Result<(), DoesNotFit> {
+    pub const fn begin(&mut self, increment: i32) -> Result<(), PulsesDoNotFit> {
         let StepTiming { period, pulse, setup } = self.timing;
         let count = increment.unsigned_abs();
         (self.count, self.turn, self.first, self.now, self.high) = (0, None, 0, 0, 0);
@@ -145,7 +145,7 @@ impl StepDirection {
         let room = period.saturating_sub(first);
         if count as u64 * 2 * pulse as u64 > room as u64 || count > u16::MAX as u32 {
             self.idle = self.idle.saturating_add(period);
-            return Err(DoesNotFit);
+            return Err(PulsesDoNotFit);
         }
         if count == 0 {
             self.idle = self.idle.saturating_add(period);
@@ -239,7 +239,7 @@ mod tests {
     }
 
     /// One period through both views: the levels of every tick are those that the edges say.
-    fn run(output: &mut StepDirection, scope: &mut Scope, increment: i32) -> Result<(), DoesNotFit> {
+    fn run(output: &mut StepDirection, scope: &mut Scope, increment: i32) -> Result<(), PulsesDoNotFit> {
         let mut expected = Levels { step: false, backward: output.backward };
         let begun = output.begin(increment);
         let before = scope.position;
@@ -275,7 +275,7 @@ mod tests {
             (1..=26u32).flat_map(|p| (1..=3).flat_map(move |w| (1..=5).map(move |s| (p, w, s))))
         {
             let Some(timing) = StepTiming::new(period, pulse, setup) else { continue };
-            let (most, beyond) = (i32::from(timing.most()), (period / pulse / 2) as i32);
+            let (most, beyond) = (i32::from(timing.max_increment()), (period / pulse / 2) as i32);
             for first in -beyond..=beyond {
                 for (second, pause) in (-beyond - 1..=beyond + 1).flat_map(|s| [(s, false), (s, true)]) {
                     let (mut output, mut scope) = (StepDirection::new(timing), Scope::new(timing));
@@ -298,10 +298,10 @@ mod tests {
     #[test]
     fn one_pulse_more_than_the_most_does_not_always_fit() {
         let timing = StepTiming::new(40, 2, 3).expect("fits");
-        assert_eq!(timing.most(), 8);
+        assert_eq!(timing.max_increment(), 8);
         let mut output = StepDirection::new(timing);
         output.begin(10).expect("straight on");
-        assert_eq!(output.begin(-9), Err(DoesNotFit));
+        assert_eq!(output.begin(-9), Err(PulsesDoNotFit));
         assert_eq!(output.edges().count(), 0);
         output.begin(10).expect("the direction has not turned");
         output.begin(-8).expect("the most");
@@ -312,7 +312,7 @@ mod tests {
         assert_eq!(StepTiming::of_clock(84_000_000, 1000, 2000, 5000), StepTiming::new(84_000, 168, 420));
         assert_eq!(StepTiming::of_clock(100_000, 1000, 2000, 5000), StepTiming::new(100, 1, 1));
         assert_eq!(StepTiming::of_clock(100_000, 1000, 10_001, 0), StepTiming::new(100, 2, 1));
-        assert_eq!(StepTiming::of_clock(100_000, 1000, 2000, 5000).map(StepTiming::most), Some(49));
+        assert_eq!(StepTiming::of_clock(100_000, 1000, 2000, 5000).map(StepTiming::max_increment), Some(49));
         assert_eq!(StepTiming::of_clock(100_000, 20, 2000, 5000), None);
         for hostile in [(u32::MAX, u32::MAX), (u32::MAX, 1), (0, 1000), (1, 1)] {
             assert_eq!(StepTiming::of_clock(hostile.0, hostile.1, u16::MAX, u16::MAX), None);
@@ -330,7 +330,7 @@ mod tests {
             let timing = StepTiming::new(period, pulse, setup);
             prop_assume!(timing.is_some());
             let Some(timing) = timing else { return Ok(()) };
-            let most = i32::from(timing.most());
+            let most = i32::from(timing.max_increment());
             let (mut output, mut scope, mut sum) = (StepDirection::new(timing), Scope::new(timing), 0i64);
             for number in seed {
                 // often slow, often as fast as can be
@@ -347,7 +347,7 @@ mod tests {
             if let Some(timing) = StepTiming::new(period, pulse, setup) {
                 let mut output = StepDirection::new(timing);
                 let fits = output.begin(increment).is_ok();
-                prop_assert!(fits || increment.unsigned_abs() > u32::from(timing.most()));
+                prop_assert!(fits || increment.unsigned_abs() > u32::from(timing.max_increment()));
                 prop_assert_eq!(output.edges().take(1).count(), usize::from(fits && increment != 0));
             }
         }

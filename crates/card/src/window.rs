@@ -7,24 +7,24 @@
 use retrace_core::drive::RecordWindow;
 use retrace_core::place::before;
 use retrace_core::{Flags, Place, RapidCap, Record};
-use retrace_link::Refusal;
+use retrace_link::CommandRefusal;
 
 /// Storage for the records of a window: an array, or one that is lent.
-pub trait Records<const A: usize>: AsRef<[Record<A>]> + AsMut<[Record<A>]> {}
+pub trait RecordStorage<const A: usize>: AsRef<[Record<A>]> + AsMut<[Record<A>]> {}
 
-impl<const A: usize, S: AsRef<[Record<A>]> + AsMut<[Record<A>]>> Records<A> for S {}
+impl<const A: usize, S: AsRef<[Record<A>]> + AsMut<[Record<A>]>> RecordStorage<A> for S {}
 
 /// A window of at most `W` records (a power of two, at least 4), which stand in `S`: its own array as a rule. On a microcontroller they are
 /// lent, so that the card's first value in flash is without them.
 #[derive(Clone, Debug)]
-pub struct Window<const A: usize, const W: usize, S = [Record<A>; W]> {
+pub struct CardWindow<const A: usize, const W: usize, S = [Record<A>; W]> {
     records: S,
     low: u32,
     high: u32,
     low_rests: bool,
 }
 
-impl<const A: usize, const W: usize> Window<A, W> {
+impl<const A: usize, const W: usize> CardWindow<A, W> {
     const CHECKED: () = assert!(W.is_power_of_two() && W >= 4 && W <= 1 << 24);
 
     /// An empty window at `place`, where the path is at rest.
@@ -35,7 +35,7 @@ impl<const A: usize, const W: usize> Window<A, W> {
     }
 }
 
-impl<const A: usize, const W: usize, S> Window<A, W, S> {
+impl<const A: usize, const W: usize, S> CardWindow<A, W, S> {
     /// The same, with its records in `records`.
     pub(crate) const fn with_records(place: u32, records: S) -> Self {
         Self { records, low: place, high: place, low_rests: true }
@@ -52,7 +52,7 @@ impl<const A: usize, const W: usize, S> Window<A, W, S> {
     }
 }
 
-impl<const A: usize, const W: usize, S: Records<A>> Window<A, W, S> {
+impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
     fn index(place: u32) -> usize {
         place as usize & (W - 1)
     }
@@ -68,13 +68,13 @@ impl<const A: usize, const W: usize, S: Records<A>> Window<A, W, S> {
     }
 
     /// Takes the next record ahead. `cursor` is where the card stands.
-    pub fn push_ahead(&mut self, place: u32, record: Record<A>, cursor: Place) -> Result<(), Refusal> {
+    pub fn push_ahead(&mut self, place: u32, record: Record<A>, cursor: Place) -> Result<(), CommandRefusal> {
         if place != self.high {
-            return Err(Refusal::OutOfOrder);
+            return Err(CommandRefusal::OutOfOrder);
         }
         if self.len() as usize == W {
             if (cursor.record.wrapping_sub(self.low) as usize) <= W / 4 {
-                return Err(Refusal::Full);
+                return Err(CommandRefusal::Full);
             }
             self.low_rests = self.records.as_ref()[Self::index(self.low)].flags.has(Flags::REST);
             self.low = self.low.wrapping_add(1);
@@ -86,14 +86,20 @@ impl<const A: usize, const W: usize, S: Records<A>> Window<A, W, S> {
 
     /// Takes the next record behind; `rests`: the path is at rest before it. `bound` is the furthest place ahead that the
     /// cursor stands at or is bound to run to.
-    pub fn push_behind(&mut self, place: u32, record: Record<A>, rests: bool, bound: Place) -> Result<(), Refusal> {
+    pub fn push_behind(
+        &mut self,
+        place: u32,
+        record: Record<A>,
+        rests: bool,
+        bound: Place,
+    ) -> Result<(), CommandRefusal> {
         if place != self.low.wrapping_sub(1) {
-            return Err(Refusal::OutOfOrder);
+            return Err(CommandRefusal::OutOfOrder);
         }
         if self.len() as usize == W {
             let ahead = self.high.wrapping_sub(bound.boundary_ahead()) as i32;
             if ahead <= (W / 4) as i32 {
-                return Err(Refusal::Full);
+                return Err(CommandRefusal::Full);
             }
             self.high = self.high.wrapping_sub(1);
         }
@@ -104,24 +110,24 @@ impl<const A: usize, const W: usize, S: Records<A>> Window<A, W, S> {
     }
 
     /// Forgets the records from `high` on; not those that the cursor stands in or is bound to run to.
-    pub fn trim(&mut self, high: u32, bound: Place) -> Result<(), Refusal> {
+    pub fn trim(&mut self, high: u32, bound: Place) -> Result<(), CommandRefusal> {
         if before(self.high, high) || before(high, self.low) {
-            return Err(Refusal::OutOfOrder);
+            return Err(CommandRefusal::OutOfOrder);
         }
         if before(high, bound.boundary_ahead()) {
-            return Err(Refusal::InMotion);
+            return Err(CommandRefusal::InMotion);
         }
         self.high = high;
         Ok(())
     }
 
     /// Forgets the records before `low`; not those that the cursor stands in or is bound to run back to.
-    pub fn forget(&mut self, low: u32, bound: Place) -> Result<(), Refusal> {
+    pub fn forget(&mut self, low: u32, bound: Place) -> Result<(), CommandRefusal> {
         if before(low, self.low) || before(self.high, low) {
-            return Err(Refusal::OutOfOrder);
+            return Err(CommandRefusal::OutOfOrder);
         }
         if before(bound.record, low) {
-            return Err(Refusal::InMotion);
+            return Err(CommandRefusal::InMotion);
         }
         self.low_rests = self.rests_at(low);
         self.low = low;
@@ -129,7 +135,7 @@ impl<const A: usize, const W: usize, S: Records<A>> Window<A, W, S> {
     }
 }
 
-impl<const A: usize, const W: usize, S: Records<A>> RecordWindow<A> for Window<A, W, S> {
+impl<const A: usize, const W: usize, S: RecordStorage<A>> RecordWindow<A> for CardWindow<A, W, S> {
     fn low(&self) -> u32 {
         self.low
     }
@@ -169,31 +175,31 @@ mod tests {
     #[test]
     fn slides_both_ways_and_keeps_a_quarter_around_the_cursor() {
         let start = u32::MAX - 3;
-        let mut window = Window::<1, 8>::new(start);
+        let mut window = CardWindow::<1, 8>::new(start);
         let at = |n: u32| Place::start_of(start.wrapping_add(n));
         for n in 0..8 {
             window.push_ahead(start.wrapping_add(n), record(n as i16), at(0)).expect("room");
         }
-        assert_eq!(window.push_ahead(start.wrapping_add(8), record(8), at(2)), Err(Refusal::Full));
+        assert_eq!(window.push_ahead(start.wrapping_add(8), record(8), at(2)), Err(CommandRefusal::Full));
         window.push_ahead(start.wrapping_add(8), record(8), at(3)).expect("the oldest goes");
         assert_eq!(window.record(start), None);
         assert_eq!(window.record(start.wrapping_add(8)), Some(&record(8)));
-        assert_eq!(window.push_behind(start, record(0), true, at(7)), Err(Refusal::Full));
+        assert_eq!(window.push_behind(start, record(0), true, at(7)), Err(CommandRefusal::Full));
         window.push_behind(start, record(0), true, at(6)).expect("the newest goes");
         assert_eq!(window.record(start.wrapping_add(8)), None);
         assert!(window.rests_at(start));
-        assert_eq!(window.push_behind(start, record(0), true, at(0)), Err(Refusal::OutOfOrder));
-        assert_eq!(window.trim(start.wrapping_add(2), at(3)), Err(Refusal::InMotion));
+        assert_eq!(window.push_behind(start, record(0), true, at(0)), Err(CommandRefusal::OutOfOrder));
+        assert_eq!(window.trim(start.wrapping_add(2), at(3)), Err(CommandRefusal::InMotion));
         window.trim(start.wrapping_add(3), at(3)).expect("behind nothing that is needed");
         assert_eq!(window.high(), start.wrapping_add(3));
-        assert_eq!(window.forget(start.wrapping_add(3), at(2)), Err(Refusal::InMotion));
+        assert_eq!(window.forget(start.wrapping_add(3), at(2)), Err(CommandRefusal::InMotion));
         window.forget(start.wrapping_add(2), at(2)).expect("nothing that is needed");
         assert!(window.low() == start.wrapping_add(2) && !window.rests_at(window.low()));
     }
 
     #[test]
     fn a_planned_stop_is_known_even_when_its_record_has_gone() {
-        let mut window = Window::<1, 4>::new(0);
+        let mut window = CardWindow::<1, 4>::new(0);
         let rest = Record { flags: Flags::REST, ..record(1) };
         for (n, r) in [rest, record(2), record(3), record(4), record(5)].into_iter().enumerate() {
             window.push_ahead(n as u32, r, Place::start_of(3)).expect("room");

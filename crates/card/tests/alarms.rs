@@ -6,11 +6,12 @@ mod common;
 
 use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, STOP, STOPS_WITHIN, TestCard, UPPER_LIMIT};
 use common::{identity, levels, moved, opened, record, rests_before, settings};
-use retrace_card::{Card, Inputs};
+use retrace_card::{Card, InputLevels};
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{ONE, Place, RapidCap, Record};
 use retrace_link::{
-    Action, Alarm, Await, Change, Deck, Homing, InputUse, Instruction, Refusal, Settings, Word, channel,
+    Alarm, CardCore, CardSettings, CommandRefusal, HomingCommand, HostCommand, InputUse, InputWait, Instruction,
+    OutputAction, OutputChange, channel,
 };
 
 /// A card in motion over 60 records at full rate, ten periods under way.
@@ -19,10 +20,10 @@ fn running() -> TestCard {
     for place in 0..60 {
         // without planned stops, so that every stop has to be braked
         let record = Record { flags: retrace_core::Flags::NONE, ..record(place) };
-        card.take(Word::Ahead { place, record }).expect("room");
+        card.accept(HostCommand::Ahead { place, record }).expect("room");
     }
-    card.take(Word::ByHand(Change { channel: 3, value: 1 })).expect("an output");
-    card.take(Word::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("an output");
+    card.accept(HostCommand::rate(ONE)).expect("a rate");
     for _ in 0..10 {
         card.heard();
         card.period(levels(0));
@@ -32,14 +33,14 @@ fn running() -> TestCard {
 }
 
 /// The alarm is latched in the period that `inputs` come in, and the card comes to rest on the path as the law says.
-fn brakes(card: &mut TestCard, inputs: Inputs, alarm: Alarm) {
+fn brakes(card: &mut TestCard, inputs: InputLevels, alarm: Alarm) {
     let rate = card.status().rate;
     let status = *card.period(inputs);
     assert_eq!((status.alarm, status.outputs[3]), (Some(alarm), 0));
     assert!(status.rate != 0 && status.rate <= rate, "braked, not cut off");
     for _ in 1..STOPS_WITHIN {
         card.heard();
-        assert_eq!(card.take(Word::rate(ONE)), Err(Refusal::Alarm));
+        assert_eq!(card.accept(HostCommand::rate(ONE)), Err(CommandRefusal::Alarm));
         card.period(inputs);
     }
     assert!(card.status().at_rest);
@@ -59,23 +60,27 @@ fn every_cause_brakes_on_the_path_and_keeps_the_outputs_safe_until_it_is_gone_an
         brakes(&mut card, levels(input), alarm);
         let is_limit = matches!(alarm, Alarm::LimitSwitch { .. });
         if !is_limit {
-            assert_eq!(card.take(Word::ClearAlarm), Err(Refusal::Alarm));
+            assert_eq!(card.accept(HostCommand::ClearAlarm), Err(CommandRefusal::Alarm));
         }
-        assert_eq!(card.take(Word::ByHand(Change { channel: 3, value: 1 })), Err(Refusal::Alarm));
-        assert_eq!(card.take(Word::ByHand(Change { channel: 4, value: 1 })), Ok(()));
-        assert_eq!(card.take(Word::Instruction(Instruction::default())), Err(Refusal::Alarm));
-        assert_eq!(card.take(Word::Home(Homing::default())), Err(Refusal::Alarm));
-        card.take(Word::Ahead { place: 60, record: record(60) }).expect("records are taken all the same");
+        assert_eq!(
+            card.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })),
+            Err(CommandRefusal::Alarm)
+        );
+        assert_eq!(card.accept(HostCommand::ManualOutput(OutputChange { channel: 4, value: 1 })), Ok(()));
+        assert_eq!(card.accept(HostCommand::Instruction(Instruction::default())), Err(CommandRefusal::Alarm));
+        assert_eq!(card.accept(HostCommand::Home(HomingCommand::default())), Err(CommandRefusal::Alarm));
+        card.accept(HostCommand::Ahead { place: 60, record: record(60) }).expect("records are taken all the same");
         card.heard();
         card.period(levels(0));
-        card.take(Word::ClearAlarm).expect("the cause has gone");
-        card.take(Word::ByHand(Change { channel: 3, value: 2 })).expect("nothing keeps it any more");
+        card.accept(HostCommand::ClearAlarm).expect("the cause has gone");
+        card.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 2 }))
+            .expect("nothing keeps it any more");
         let place = card.status().place;
         for _ in 0..20 {
             card.heard();
             assert_eq!((card.period(levels(0)).place, card.status().alarm), (place, None));
         }
-        card.take(Word::rate(ONE)).expect("a new word");
+        card.accept(HostCommand::rate(ONE)).expect("a new word");
         card.period(levels(0));
         assert!(place.to(card.status().place) > 0);
     }
@@ -90,23 +95,26 @@ fn a_silent_host_stops_the_card_also_at_rest_and_opening_anew_does_not_clear_it(
         assert_eq!(silent, n >= 29, "{n}");
     }
     assert!(card.status().at_rest && card.status().outputs[3] == 0);
-    assert_eq!(card.take(Word::ClearAlarm), Err(Refusal::Alarm));
+    assert_eq!(card.accept(HostCommand::ClearAlarm), Err(CommandRefusal::Alarm));
     card.open(&settings(2, 500)).expect("at rest");
     assert_eq!(card.status().alarm, Some(Alarm::HostSilent));
-    assert_eq!((card.status().place, card.take(Word::rate(ONE))), (Place::start_of(500), Err(Refusal::Alarm)));
+    assert_eq!(
+        (card.status().place, card.accept(HostCommand::rate(ONE))),
+        (Place::start_of(500), Err(CommandRefusal::Alarm))
+    );
     let mut other = settings(3, 500);
-    other.safe[0] = Change { channel: 5, value: 9 };
+    other.safe[0] = OutputChange { channel: 5, value: 9 };
     card.open(&other).expect("at rest");
     assert_eq!(card.status().outputs[5], 9, "what is safe is said anew and holds at once");
     card.heard();
-    card.take(Word::ClearAlarm).expect("the host is there");
+    card.accept(HostCommand::ClearAlarm).expect("the host is there");
 
     let mut idle = TestCard::new(identity()).expect("a memory");
     for _ in 0..100 {
         assert_eq!(idle.period(levels(!0)).alarm, None, "nobody has opened it");
     }
     idle.open(&settings(1, 0)).expect("fit");
-    idle.take(Word::ByHand(Change { channel: 3, value: 1 })).expect("an output");
+    idle.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("an output");
     for _ in 0..30 {
         idle.period(levels(0));
     }
@@ -117,24 +125,25 @@ fn a_silent_host_stops_the_card_also_at_rest_and_opening_anew_does_not_clear_it(
 fn a_door_may_be_open_while_nothing_moves_and_stops_what_is_about_to() {
     let mut card = opened(0);
     for place in 0..40 {
-        card.take(Word::Ahead { place, record: record(place) }).expect("room");
+        card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
         card.heard();
         assert_eq!(card.period(levels(DOOR)).alarm, None);
     }
-    card.take(Word::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(ONE)).expect("a rate");
     assert_eq!((card.period(levels(DOOR)).alarm, card.status().rate), (Some(Alarm::DoorOpen), 0));
     let mut card = opened(0);
-    card.take(Word::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(ONE)).expect("a rate");
     assert_eq!(card.period(levels(DOOR)).alarm, None, "there is nothing to run");
-    card.take(Word::Instruction(Instruction { number: 1, periods: 3, ..Instruction::default() })).expect("in order");
+    card.accept(HostCommand::Instruction(Instruction { number: 1, periods: 3, ..Instruction::default() }))
+        .expect("in order");
     assert_eq!(card.period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
     assert_eq!(card.status().executed, 0);
     let mut card = opened(0);
     let mut instruction = Instruction { number: 1, count: 1, ..Instruction::default() };
-    instruction.changes[0] = Change { channel: channel::TOOL, value: 5 };
-    card.take(Word::Instruction(instruction)).expect("in order");
+    instruction.changes[0] = OutputChange { channel: channel::TOOL, value: 5 };
+    card.accept(HostCommand::Instruction(instruction)).expect("in order");
     assert_eq!(card.period(levels(DOOR)).alarm, None, "it is kept");
-    card.take(Word::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(ONE)).expect("a rate");
     assert_eq!(card.period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
     assert_eq!(card.status().outputs[usize::from(channel::TOOL)], 0, "it has not begun");
 }
@@ -145,12 +154,12 @@ fn a_limit_switch_that_was_cleared_lets_the_axis_leave_and_nothing_else() {
         let mut card = opened(0);
         let limit = Alarm::LimitSwitch { axis: 0, upper: true };
         assert_eq!(card.period(levels(UPPER_LIMIT)).alarm, Some(limit));
-        card.take(Word::ClearAlarm).expect("at rest; only motion can open the switch");
+        card.accept(HostCommand::ClearAlarm).expect("at rest; only motion can open the switch");
         for place in 0..40 {
             let record = Record { increments: [increment, 7], ..Record::default() };
-            card.take(Word::Ahead { place, record }).expect("room");
+            card.accept(HostCommand::Ahead { place, record }).expect("room");
         }
-        card.take(Word::rate(ONE)).expect("a rate");
+        card.accept(HostCommand::rate(ONE)).expect("a rate");
         card.heard();
         let alarm = card.period(levels(UPPER_LIMIT)).alarm;
         assert_eq!(alarm, wrong.then_some(limit));
@@ -163,21 +172,21 @@ fn a_limit_switch_that_was_cleared_lets_the_axis_leave_and_nothing_else() {
 fn a_record_with_too_many_pulses_is_refused_brakes_the_card_and_is_never_emitted() {
     let mut card = running();
     // 1000 ticks a period, 2 a pulse, 5 to set the direction up: (1000 − 9) / 4; one is kept for rounding
-    assert_eq!(card.terms().map(|terms| terms.most()), Some(247));
+    assert_eq!(card.terms().map(|terms| terms.max_increment()), Some(247));
     let place = card.status().high;
     let too_many = |increment, cap| Record { increments: [0, increment], cap, ..Record::default() };
-    assert_eq!(card.take(Word::Ahead { place, record: too_many(246, RapidCap::PLANNED) }), Ok(()));
+    assert_eq!(card.accept(HostCommand::Ahead { place, record: too_many(246, RapidCap::PLANNED) }), Ok(()));
     assert_eq!(card.status().alarm, None);
-    let fast = Word::Ahead { place: place + 1, record: too_many(130, RapidCap::sixteenths(32)) };
-    assert_eq!(card.take(fast), Err(Refusal::Unfit));
+    let fast = HostCommand::Ahead { place: place + 1, record: too_many(130, RapidCap::sixteenths(32)) };
+    assert_eq!(card.accept(fast), Err(CommandRefusal::Unfit));
     assert_eq!(card.status().alarm, Some(Alarm::TooManyPulses { axis: 1 }));
     brakes(&mut card, levels(0), Alarm::TooManyPulses { axis: 1 });
     assert_eq!(card.status().high, place + 1);
     for increment in [247, -247, i16::MIN] {
         let mut card = opened(0);
         assert_eq!(
-            card.take(Word::Ahead { place: 0, record: too_many(increment, RapidCap::PLANNED) }),
-            Err(Refusal::Unfit)
+            card.accept(HostCommand::Ahead { place: 0, record: too_many(increment, RapidCap::PLANNED) }),
+            Err(CommandRefusal::Unfit)
         );
         assert_eq!(card.status().alarm, Some(Alarm::TooManyPulses { axis: 1 }));
     }
@@ -185,12 +194,12 @@ fn a_record_with_too_many_pulses_is_refused_brakes_the_card_and_is_never_emitted
 
 #[test]
 fn an_instruction_that_fails_or_takes_too_long_is_not_executed_and_its_number_stays() {
-    let until = Some(Await { input: 5, active: true, at_most: 10 });
+    let until = Some(InputWait { input: 5, active: true, timeout_periods: 10 });
     let instruction = Instruction { number: 1, periods: 5, until, ..Instruction::default() };
     let begun = || {
         let mut card = opened(0);
-        card.take(Word::rate(ONE)).expect("a rate");
-        card.take(Word::Instruction(instruction)).expect("in order");
+        card.accept(HostCommand::rate(ONE)).expect("a rate");
+        card.accept(HostCommand::Instruction(instruction)).expect("in order");
         card
     };
     let mut card = begun();
@@ -198,23 +207,23 @@ fn an_instruction_that_fails_or_takes_too_long_is_not_executed_and_its_number_st
         let alarm = (n == 15).then_some(Alarm::TimedOut { instruction: 1 });
         assert_eq!((card.period(levels(0)).alarm, card.status().executed), (alarm, 0));
     }
-    card.take(Word::ClearAlarm).expect("nothing stands against it");
+    card.accept(HostCommand::ClearAlarm).expect("nothing stands against it");
     card.heard();
-    card.take(Word::Instruction(instruction)).expect("the number is the next still");
+    card.accept(HostCommand::Instruction(instruction)).expect("the number is the next still");
     for _ in 0..8 {
         assert_eq!(card.period(levels(PLAIN)).executed, 0, "the target is 0 since the alarm");
     }
-    card.take(Word::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(ONE)).expect("a rate");
     for n in 1..=5 {
         assert_eq!(card.period(levels(PLAIN)).executed, u32::from(n == 5));
     }
     let mut card = begun();
-    let failed = Inputs { failed: true, ..Inputs::default() };
+    let failed = InputLevels { failed: true, ..InputLevels::default() };
     card.period(levels(0));
     assert_eq!(card.period(failed).alarm, Some(Alarm::Failed { instruction: 1 }));
-    assert_eq!((card.take(Word::ClearAlarm), card.status().executed), (Err(Refusal::Alarm), 0));
+    assert_eq!((card.accept(HostCommand::ClearAlarm), card.status().executed), (Err(CommandRefusal::Alarm), 0));
     card.period(levels(0));
-    assert_eq!(card.take(Word::ClearAlarm), Ok(()));
+    assert_eq!(card.accept(HostCommand::ClearAlarm), Ok(()));
 }
 
 #[test]
@@ -222,15 +231,15 @@ fn an_action_that_is_passed_while_braking_does_not_undo_what_is_safe() {
     let mut card = opened(0);
     for place in 0..60 {
         for channel in [3, 4] {
-            let action = Action { place, channel, before: 0, after: 1 };
-            card.take(Word::Action(action)).expect("room");
+            let action = OutputAction { place, channel, before: 0, after: 1 };
+            card.accept(HostCommand::Action(action)).expect("room");
         }
-        card.take(Word::Ahead { place, record: record(place) }).expect("room");
+        card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
-    card.take(Word::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(ONE)).expect("a rate");
     card.period(levels(0));
     assert_eq!(card.status().outputs[3..5], [1, 1]);
-    card.take(Word::ByHand(Change { channel: 4, value: 0 })).expect("an output");
+    card.accept(HostCommand::ManualOutput(OutputChange { channel: 4, value: 0 })).expect("an output");
     for _ in 0..STOPS_WITHIN {
         card.period(levels(STOP));
         assert_eq!(card.status().outputs[3], 0);
@@ -254,51 +263,51 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
     no_axis.inputs[0].used_for = InputUse::Home { axis: 2 };
     let mut no_output = good;
     no_output.safe[0].channel = 8;
-    let unfit: [Settings<2>; 14] = [
-        Settings { epoch: 0, ..good },
-        Settings { axes: 0, ..good },
-        Settings { axes: 3, ..good },
-        Settings { period_us: 99, ..good },
-        Settings { period_us: 10_001, ..good },
-        Settings { limits, ..good },
-        Settings { report_periods: 0, ..good },
-        Settings { watchdog_periods: 0, ..good },
-        Settings { safe_count: 17, ..good },
-        Settings { pulse_ns: u16::MAX, period_us: 200, ..good },
-        Settings { direction_setup_ns: u16::MAX, period_us: 100, ..good },
+    let unfit: [CardSettings<2>; 14] = [
+        CardSettings { epoch: 0, ..good },
+        CardSettings { axes: 0, ..good },
+        CardSettings { axes: 3, ..good },
+        CardSettings { period_us: 99, ..good },
+        CardSettings { period_us: 10_001, ..good },
+        CardSettings { limits, ..good },
+        CardSettings { report_periods: 0, ..good },
+        CardSettings { watchdog_periods: 0, ..good },
+        CardSettings { safe_count: 17, ..good },
+        CardSettings { pulse_ns: u16::MAX, period_us: 200, ..good },
+        CardSettings { direction_setup_ns: u16::MAX, period_us: 100, ..good },
         door(6),
         door(15),
         no_axis,
     ];
     for (number, bad) in unfit.iter().enumerate() {
-        assert_eq!(card.open(bad), Err(Refusal::Unfit), "number {number}");
+        assert_eq!(card.open(bad), Err(CommandRefusal::Unfit), "number {number}");
     }
-    assert_eq!(card.open(&no_output), Err(Refusal::NoSuchChannel));
+    assert_eq!(card.open(&no_output), Err(CommandRefusal::NoSuchChannel));
     assert!(card.terms().is_none() && card.status().place == Place::start_of(0));
-    let words: [Word<2>; 5] = [
-        Word::rate(1),
-        Word::Ahead { place: 0, record: record(0) },
-        Word::ClearAlarm,
-        Word::ByHand(Change::default()),
-        Word::Instruction(Instruction { number: 1, ..Instruction::default() }),
+    let words: [HostCommand<2>; 5] = [
+        HostCommand::rate(1),
+        HostCommand::Ahead { place: 0, record: record(0) },
+        HostCommand::ClearAlarm,
+        HostCommand::ManualOutput(OutputChange::default()),
+        HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() }),
     ];
     for word in words {
-        assert_eq!(card.take(word), Err(Refusal::Unfit), "nobody has opened it");
+        assert_eq!(card.accept(word), Err(CommandRefusal::Unfit), "nobody has opened it");
     }
-    card.take(Word::rate(0)).expect("a stop is always taken");
+    card.accept(HostCommand::rate(0)).expect("a stop is always taken");
     card.open(&good).expect("fit");
-    card.take(Word::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(ONE)).expect("a rate");
     let place = card.status().high;
-    card.take(Word::Ahead { place, record: record(place) }).expect("room");
-    card.take(Word::Ahead { place: place + 1, record: record(place + 1) }).expect("room");
-    card.take(Word::rate(ONE / 9)).expect("a rate");
+    card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
+    card.accept(HostCommand::Ahead { place: place + 1, record: record(place + 1) }).expect("room");
+    card.accept(HostCommand::rate(ONE / 9)).expect("a rate");
     card.period(levels(0));
-    assert_eq!(card.open(&settings(2, 0)), Err(Refusal::InMotion));
-    let one_axis = Settings { axes: 1, inputs: Default::default(), ..settings(3, 0) };
+    assert_eq!(card.open(&settings(2, 0)), Err(CommandRefusal::InMotion));
+    let one_axis = CardSettings { axes: 1, inputs: Default::default(), ..settings(3, 0) };
     let mut card = TestCard::new(identity()).expect("a memory");
     card.open(&one_axis).expect("fit");
     let both = Record { increments: [1, 1], ..Record::default() };
-    assert_eq!(card.take(Word::Ahead { place: 0, record: both }), Err(Refusal::Unfit));
+    assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: both }), Err(CommandRefusal::Unfit));
     assert_eq!(card.status().alarm, None);
 }
 
@@ -306,11 +315,11 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
 fn an_epoch_begins_at_the_counts_as_they_are_with_nothing_on_the_window() {
     let mut card = opened(0);
     for place in 0..16 {
-        card.take(Word::Ahead { place, record: record(place) }).expect("room");
+        card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
-    card.take(Word::Instruction(Instruction { number: 1, ..Instruction::default() })).expect("in order");
-    card.take(Word::rate(ONE)).expect("a rate");
-    card.take(Word::ByHand(Change { channel: channel::FLOOD, value: 1 })).expect("an output");
+    card.accept(HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() })).expect("in order");
+    card.accept(HostCommand::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::ManualOutput(OutputChange { channel: channel::FLOOD, value: 1 })).expect("an output");
     for _ in 0..20 {
         card.period(levels(0));
     }
@@ -324,23 +333,23 @@ fn an_epoch_begins_at_the_counts_as_they_are_with_nothing_on_the_window() {
     assert_eq!(status.outputs[usize::from(channel::FLOOD)], 1);
     for n in 0..16 {
         let place = start.wrapping_add(n);
-        card.take(Word::Ahead { place, record: record(place) }).expect("room");
+        card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
     card.period(levels(0));
     assert_eq!(card.status().place, Place::start_of(start), "the rate of the last epoch is gone");
-    card.take(Word::Behind { place: start - 1, record: record(start - 1), rests: rests_before(start - 1, 0) })
+    card.accept(HostCommand::Behind { place: start - 1, record: record(start - 1), rests: rests_before(start - 1, 0) })
         .expect("room");
 }
 
 #[test]
 fn actions_of_another_epoch_are_not_executed() {
     let mut card = opened(0);
-    card.take(Word::Action(Action { place: 2, channel: 4, before: 0, after: 1 })).expect("room");
+    card.accept(HostCommand::Action(OutputAction { place: 2, channel: 4, before: 0, after: 1 })).expect("room");
     card.open(&settings(2, 0)).expect("at rest");
     for place in 0..16 {
-        card.take(Word::Ahead { place, record: record(place) }).expect("room");
+        card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
-    card.take(Word::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(ONE)).expect("a rate");
     for _ in 0..20 {
         card.period(levels(0));
     }
@@ -350,17 +359,24 @@ fn actions_of_another_epoch_are_not_executed() {
 #[test]
 fn the_wheel_and_the_inputs_are_reported() {
     let mut card = opened(0);
-    card.period(Inputs { levels: PLAIN, encoder: 65_530, failed: false });
+    card.period(InputLevels { levels: PLAIN, encoder: 65_530, failed: false });
     assert_eq!((card.status().inputs, card.status().wheel), (PLAIN, 0));
-    card.period(Inputs { levels: 0xFFC0, encoder: 4, failed: false });
+    card.period(InputLevels { levels: 0xFFC0, encoder: 4, failed: false });
     assert_eq!((card.status().inputs, card.status().wheel), (0, 10));
 }
 
 /// Homes a card whose switch closes at `at` pulses above where it stands, and returns the card and the position it moved to.
 fn home(card: &mut TestCard, at: i64, farthest: u32, mut each: impl FnMut(&mut TestCard, u32)) -> i64 {
-    let order =
-        Homing { axis: 0, upper: true, fast: 5 * ONE, slow: ONE / 4, acceleration: ONE / 4, farthest, count: 1000 };
-    card.take(Word::Home(order)).expect("at rest, nothing on the window");
+    let order = HomingCommand {
+        axis: 0,
+        upper: true,
+        search_speed: 5 * ONE,
+        latch_speed: ONE / 4,
+        acceleration: ONE / 4,
+        max_travel: farthest,
+        count: 1000,
+    };
+    card.accept(HostCommand::Home(order)).expect("at rest, nothing on the window");
     let mut position = 0;
     for n in 0..20_000 {
         card.heard();
@@ -373,16 +389,16 @@ fn home(card: &mut TestCard, at: i64, farthest: u32, mut each: impl FnMut(&mut T
         if status.at_rest {
             return position;
         }
-        let path: [Word<2>; 3] = [
-            Word::Ahead { place: 0, record: record(0) },
-            Word::rate(ONE),
-            Word::Instruction(Instruction { number: 1, ..Instruction::default() }),
+        let path: [HostCommand<2>; 3] = [
+            HostCommand::Ahead { place: 0, record: record(0) },
+            HostCommand::rate(ONE),
+            HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() }),
         ];
-        assert!(path.into_iter().all(|word| card.take(word).is_err()));
-        assert_eq!(card.open(&settings(2, 0)), Err(Refusal::InMotion));
+        assert!(path.into_iter().all(|word| card.accept(word).is_err()));
+        assert_eq!(card.open(&settings(2, 0)), Err(CommandRefusal::InMotion));
         assert_eq!(
-            card.take(Word::Home(order)),
-            Err(if status_alarm(card) { Refusal::Alarm } else { Refusal::InMotion })
+            card.accept(HostCommand::Home(order)),
+            Err(if status_alarm(card) { CommandRefusal::Alarm } else { CommandRefusal::InMotion })
         );
         assert!(!card.status().at_rest);
     }
@@ -402,12 +418,12 @@ fn homing_sets_the_count_at_the_switch_and_asks_for_a_new_epoch() {
         assert!((-4..=0).contains(&(position - at)), "off the switch, at rest: {position}");
         // the switch opened on the pulse below its edge, seen in the next period
         assert!((0..=1).contains(&(card.status().counts[0] - 1000 - (position - at))), "{:?}", card.status().counts);
-        assert_eq!(card.take(Word::rate(ONE)), Err(Refusal::Unfit));
-        assert_eq!(card.take(Word::Ahead { place: 0, record: record(0) }), Err(Refusal::Unfit));
+        assert_eq!(card.accept(HostCommand::rate(ONE)), Err(CommandRefusal::Unfit));
+        assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: record(0) }), Err(CommandRefusal::Unfit));
         let counts = card.status().counts;
         card.open(&settings(2, 77)).expect("at rest");
         assert_eq!((card.status().counts, card.status().low), (counts, 77));
-        card.take(Word::Ahead { place: 77, record: record(77) }).expect("an epoch is open");
+        card.accept(HostCommand::Ahead { place: 77, record: record(77) }).expect("an epoch is open");
     }
 }
 
@@ -416,23 +432,37 @@ fn homing_ends_in_an_alarm_or_cleanly_and_always_at_rest() {
     let mut card = opened(0);
     assert!(home(&mut card, 5000, 1000, |_, _| {}) >= 1000);
     assert_eq!(card.status().alarm, Some(Alarm::HomingFailed { axis: 0 }));
-    card.take(Word::ClearAlarm).expect("no cause is left");
-    card.take(Word::Home(Homing { axis: 1, fast: 1, slow: 1, acceleration: 1, ..Homing::default() }))
-        .expect_err("no switch");
+    card.accept(HostCommand::ClearAlarm).expect("no cause is left");
+    card.accept(HostCommand::Home(HomingCommand {
+        axis: 1,
+        search_speed: 1,
+        latch_speed: 1,
+        acceleration: 1,
+        ..HomingCommand::default()
+    }))
+    .expect_err("no switch");
 
     let mut card = opened(0);
     let stop = |card: &mut TestCard, n: u32| {
         if n == 50 {
-            card.take(Word::rate(0)).expect("always taken");
+            card.accept(HostCommand::rate(0)).expect("always taken");
         }
     };
     let position = home(&mut card, 5000, 100_000, stop);
     assert_eq!((card.status().alarm, card.status().counts[0]), (None, position));
-    assert_eq!(card.take(Word::Ahead { place: 0, record: record(0) }), Err(Refusal::Unfit));
+    assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: record(0) }), Err(CommandRefusal::Unfit));
 
     let mut card = opened(0);
-    let order = Homing { axis: 0, upper: true, fast: 5 * ONE, slow: ONE, acceleration: ONE, farthest: 1000, count: 0 };
-    card.take(Word::Home(order)).expect("at rest");
+    let order = HomingCommand {
+        axis: 0,
+        upper: true,
+        search_speed: 5 * ONE,
+        latch_speed: ONE,
+        acceleration: ONE,
+        max_travel: 1000,
+        count: 0,
+    };
+    card.accept(HostCommand::Home(order)).expect("at rest");
     for _ in 0..20 {
         card.period(levels(0));
     }
@@ -441,21 +471,32 @@ fn homing_ends_in_an_alarm_or_cleanly_and_always_at_rest() {
         card.period(levels(LOWER_LIMIT));
     }
     assert!(card.status().at_rest && card.status().increments == [0, 0]);
-    card.take(Word::Ahead { place: 0, record: record(0) }).expect_err("a new epoch first");
+    card.accept(HostCommand::Ahead { place: 0, record: record(0) }).expect_err("a new epoch first");
 }
 
 #[test]
 fn homing_needs_an_empty_window_and_a_card_at_rest() {
-    let order = Homing { axis: 0, upper: true, fast: ONE, slow: ONE, acceleration: ONE, farthest: 10, count: 0 };
+    let order = HomingCommand {
+        axis: 0,
+        upper: true,
+        search_speed: ONE,
+        latch_speed: ONE,
+        acceleration: ONE,
+        max_travel: 10,
+        count: 0,
+    };
     let mut card = running();
-    assert_eq!(card.take(Word::Home(order)), Err(Refusal::InMotion));
+    assert_eq!(card.accept(HostCommand::Home(order)), Err(CommandRefusal::InMotion));
     let mut card = opened(0);
-    card.take(Word::Ahead { place: 0, record: record(0) }).expect("room");
-    assert_eq!(card.take(Word::Home(order)), Err(Refusal::InMotion));
+    card.accept(HostCommand::Ahead { place: 0, record: record(0) }).expect("room");
+    assert_eq!(card.accept(HostCommand::Home(order)), Err(CommandRefusal::InMotion));
     let mut card = opened(0);
-    assert_eq!(card.take(Word::Home(Homing { fast: 300 * ONE, ..order })), Err(Refusal::Unfit));
-    assert_eq!(card.take(Word::Home(Homing { axis: 9, ..order })), Err(Refusal::Unfit));
-    card.take(Word::Ahead { place: 0, record: record(0) }).expect("a refused order changes nothing");
+    assert_eq!(
+        card.accept(HostCommand::Home(HomingCommand { search_speed: 300 * ONE, ..order })),
+        Err(CommandRefusal::Unfit)
+    );
+    assert_eq!(card.accept(HostCommand::Home(HomingCommand { axis: 9, ..order })), Err(CommandRefusal::Unfit));
+    card.accept(HostCommand::Ahead { place: 0, record: record(0) }).expect("a refused order changes nothing");
 }
 
 /// What a microcontroller has to find room for.

@@ -7,11 +7,11 @@ mod common;
 use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, STOP, STOPS_WITHIN, TestCard, UPPER_LIMIT};
 use common::{identity, moved, record, rests_before, settings};
 use proptest::prelude::*;
-use retrace_card::{Edge, Inputs, StepDirection};
+use retrace_card::{Edge, InputLevels, StepDirection};
 use retrace_core::{Flags, ONE, Place, RateTarget, Record, Travel};
 use retrace_link::{
-    Action, Alarm, Await, Change, CutterOffCause, CuttingChannel, CuttingSettings, Deck, Homing, Instruction, Refusal,
-    RepeatedInstruction, Settings, Status, Word, channel,
+    Alarm, CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings,
+    HomingCommand, HostCommand, InputWait, Instruction, OutputAction, OutputChange, RepeatedInstruction, channel,
 };
 
 /// The cutting channels: a torch, a jet that may be on in reverse, and an auxiliary one.
@@ -23,11 +23,11 @@ const CUTTING: [CuttingChannel; 3] = [
 const HANDOVER: u16 = 5;
 
 /// Settings with these cutting channels; a dry run where the number of the epoch is a multiple of eight.
-fn cutting_settings(epoch: u16, start: u32) -> Settings<2> {
+fn cutting_settings(epoch: u16, start: u32) -> CardSettings<2> {
     let mut cutting = CuttingSettings { count: 3, handover_periods: HANDOVER, ..CuttingSettings::default() };
     cutting.channels[..3].copy_from_slice(&CUTTING);
     cutting.inhibit = epoch.is_multiple_of(8);
-    Settings { cutting, ..settings(epoch, start) }
+    CardSettings { cutting, ..settings(epoch, start) }
 }
 
 /// What may be done between two periods.
@@ -192,7 +192,7 @@ struct CuttingWitness {
     /// The repeat that was taken and is not complete.
     repeat: Option<RepeatedInstruction>,
     /// Actions of the epoch.
-    actions: Vec<Action>,
+    actions: Vec<OutputAction>,
     /// A word or an instruction may have lit the channel since the last period.
     asked: [bool; 2],
     stood: [Stood; 2],
@@ -230,19 +230,19 @@ impl Witness {
         }
     }
 
-    fn status(&self) -> Status<2> {
+    fn status(&self) -> CardStatus<2> {
         *self.card.status()
     }
 
     /// Hands a word over; a refused one changes nothing but what it latches.
-    fn send(&mut self, word: Word<2>) -> bool {
+    fn send(&mut self, word: HostCommand<2>) -> bool {
         let before = self.status();
-        let taken = self.card.take(word);
+        let taken = self.card.accept(word);
         let mut after = self.status();
         if taken.is_err() {
             let too_fast = matches!(after.alarm, Some(Alarm::TooManyPulses { .. })) && before.alarm.is_none();
             if too_fast {
-                assert_eq!(taken, Err(Refusal::Unfit));
+                assert_eq!(taken, Err(CommandRefusal::Unfit));
                 (after.alarm, after.outputs) = (before.alarm, before.outputs);
             }
             assert_eq!(before, after, "{word:?} was refused and changed the report");
@@ -257,7 +257,7 @@ impl Witness {
             Deed::Ahead(count) => {
                 for n in 0..count {
                     let place = status.high.wrapping_add(n);
-                    self.send(Word::Ahead { place, record: record(place) });
+                    self.send(HostCommand::Ahead { place, record: record(place) });
                 }
             }
             Deed::Behind(count) => {
@@ -267,11 +267,11 @@ impl Witness {
                         break;
                     }
                     let rests = rests_before(place, self.start);
-                    self.send(Word::Behind { place, record: record(place), rests });
+                    self.send(HostCommand::Behind { place, record: record(place), rests });
                 }
             }
             Deed::Rate(target) => {
-                let taken = self.send(Word::Rate(target));
+                let taken = self.send(HostCommand::Rate(target));
                 self.rated |= taken && target != RateTarget::ZERO;
                 if taken {
                     self.cutting.target = target.faster();
@@ -281,11 +281,11 @@ impl Witness {
                 self.instruct(after, number, periods, at_most, lights);
             }
             Deed::Repeat { number, channel, value, periods, at_most } => {
-                self.repeat(number, Change { channel, value }, periods, at_most);
+                self.repeat(number, OutputChange { channel, value }, periods, at_most);
             }
             Deed::Restart(last) => {
                 let last = status.repeated.wrapping_add(last);
-                if self.send(Word::Restart { last }) {
+                if self.send(HostCommand::Restart { last }) {
                     assert_eq!(self.status().blocked, last != status.repeated);
                     self.cutting.restarting = self.status().blocked;
                 }
@@ -298,32 +298,40 @@ impl Witness {
             }
             Deed::Act { after, channel, after_value } => {
                 let place = status.place.record.wrapping_add(after);
-                let action = Action { place, channel, before: i32::from(after_value == 0), after: after_value };
-                if self.send(Word::Action(action)) {
+                let action = OutputAction { place, channel, before: i32::from(after_value == 0), after: after_value };
+                if self.send(HostCommand::Action(action)) {
                     self.cutting.actions.push(action);
                 }
             }
             Deed::ByHand(channel, value) => {
-                if self.send(Word::ByHand(Change { channel, value })) {
-                    self.asks(Change { channel, value });
+                if self.send(HostCommand::ManualOutput(OutputChange { channel, value })) {
+                    self.asks(OutputChange { channel, value });
                 }
             }
             Deed::Replay(on) => {
-                if self.send(Word::Replay { on }) {
+                if self.send(HostCommand::Replay { on }) {
                     self.cutting.replay = on;
                 }
             }
             Deed::Trim(n) => {
-                self.send(Word::Trim { high: status.high.wrapping_sub(n) });
+                self.send(HostCommand::Trim { high: status.high.wrapping_sub(n) });
             }
             Deed::Forget(n) => {
-                self.send(Word::Forget { low: status.low.wrapping_add(n) });
+                self.send(HostCommand::Forget { low: status.low.wrapping_add(n) });
             }
             Deed::Clear => self.clear(),
             Deed::Open(start) => self.open(start),
             Deed::Home { upper, fast, slow } => {
-                let order = Homing { axis: 0, upper, fast, slow, acceleration: ONE / 5, farthest: 60, count: 77 };
-                let taken = self.send(Word::Home(order));
+                let order = HomingCommand {
+                    axis: 0,
+                    upper,
+                    search_speed: fast,
+                    latch_speed: slow,
+                    acceleration: ONE / 5,
+                    max_travel: 60,
+                    count: 77,
+                };
+                let taken = self.send(HostCommand::Home(order));
                 assert!(!taken || status.at_rest && status.low == status.high && status.alarm.is_none());
                 self.homed |= taken;
                 self.cutting.off_the_path |= taken;
@@ -332,7 +340,7 @@ impl Witness {
             Deed::TooFast(increment) => {
                 let record = Record { increments: [increment, 1], ..Record::default() };
                 if increment.unsigned_abs() > 246 {
-                    assert!(!self.send(Word::Ahead { place: status.high, record }));
+                    assert!(!self.send(HostCommand::Ahead { place: status.high, record }));
                 }
             }
             Deed::Periods { count, levels, failed, heard } => {
@@ -356,19 +364,19 @@ impl Witness {
     }
 
     /// This change was taken.
-    fn asks(&mut self, change: Change) {
+    fn asks(&mut self, change: OutputChange) {
         for (of, asked) in CUTTING.iter().zip(&mut self.cutting.asked) {
             *asked |= change.channel == of.channel && change.value != 0;
         }
     }
 
-    fn repeat(&mut self, number: u32, change: Change, periods: u32, at_most: Option<u32>) {
+    fn repeat(&mut self, number: u32, change: OutputChange, periods: u32, at_most: Option<u32>) {
         let status = self.status();
         let number = status.repeated.wrapping_add(number);
-        let until = at_most.map(|at_most| Await { input: 5, active: true, at_most });
+        let until = at_most.map(|at_most| InputWait { input: 5, active: true, timeout_periods: at_most });
         let mut repeated = RepeatedInstruction { number, periods, until, count: 1, ..RepeatedInstruction::default() };
         repeated.changes[0] = change;
-        if self.send(Word::Repeat(repeated)) {
+        if self.send(HostCommand::Repeat(repeated)) {
             assert!(status.at_rest && status.alarm.is_none() && number == status.repeated.wrapping_add(1));
             self.asks(change);
             self.cutting.repeat = (self.status().repeated != number).then_some(repeated);
@@ -377,7 +385,7 @@ impl Witness {
     }
 
     /// No cutting output is on without the permit, and none is lit by anything but what may light it.
-    fn check_cutting(&mut self, before: &Status<2>, now: &Status<2>, kept: bool) {
+    fn check_cutting(&mut self, before: &CardStatus<2>, now: &CardStatus<2>, kept: bool) {
         self.cutting.silent += 1;
         self.seen.blocked += u32::from(now.blocked);
         self.seen.put_out += u32::from(now.cutter_off.is_some());
@@ -450,15 +458,15 @@ impl Witness {
         let status = self.status();
         let place = status.place.boundary_ahead().wrapping_add(after);
         let number = status.executed.wrapping_add(number);
-        let until = at_most.map(|at_most| Await { input: 5, active: true, at_most });
+        let until = at_most.map(|at_most| InputWait { input: 5, active: true, timeout_periods: at_most });
         let keeps_cutter = lights.keeps;
         let mut instruction =
             Instruction { number, place, periods, until, count: 2, keeps_cutter, ..Instruction::default() };
-        instruction.changes[1] = Change { channel: lights.channel, value: lights.value };
+        instruction.changes[1] = OutputChange { channel: lights.channel, value: lights.value };
         // so that its beginning is seen at the outputs; the speed is not among the safe ones
-        instruction.changes[0] = Change { channel: channel::SPEED, value: self.mark };
+        instruction.changes[0] = OutputChange { channel: channel::SPEED, value: self.mark };
         self.mark += 1;
-        let taken = self.send(Word::Instruction(instruction));
+        let taken = self.send(HostCommand::Instruction(instruction));
         assert!(!taken || self.instruction.is_none() && number == status.executed.wrapping_add(1));
         if taken {
             (self.instruction, self.begun, self.barrier) = (Some(instruction), None, Some(place));
@@ -471,7 +479,7 @@ impl Witness {
 
     fn clear(&mut self) {
         let before = self.status();
-        if self.send(Word::ClearAlarm) && before.alarm.is_some() {
+        if self.send(HostCommand::ClearAlarm) && before.alarm.is_some() {
             assert!(before.at_rest && self.status().alarm.is_none());
             assert_eq!(before.inputs & STOP, 0, "cleared beside an open chain");
             (self.rated, self.alarmed) = (false, 0);
@@ -511,7 +519,7 @@ impl Witness {
             || self.begun.is_some() && self.instruction.is_some_and(|instruction| instruction.keeps_cutter);
         let lights = self.instruction;
         let begun = self.begun.is_some();
-        self.card.period(Inputs { levels, encoder: 0, failed });
+        self.card.period(InputLevels { levels, encoder: 0, failed });
         let now = self.status();
         assert_eq!(now.period, before.period + 1);
         self.check_pulses(&before, &now);
@@ -530,7 +538,7 @@ impl Witness {
     }
 
     /// What comes out of the pins is what is reported.
-    fn check_pulses(&mut self, before: &Status<2>, now: &Status<2>) {
+    fn check_pulses(&mut self, before: &CardStatus<2>, now: &CardStatus<2>) {
         for axis in 0..2 {
             let increment = now.increments[axis];
             self.outputs[axis].begin(increment).expect("a card never asks for more than a period holds");
@@ -544,7 +552,7 @@ impl Witness {
     }
 
     /// Counts are P(place), and the cursor stays on what is held.
-    fn check_path(&self, before: &Status<2>, now: &Status<2>) {
+    fn check_path(&self, before: &CardStatus<2>, now: &CardStatus<2>) {
         assert!(Place::start_of(now.low).to(now.place) >= 0 && now.place.to(Place::start_of(now.high)) >= 0);
         assert_eq!(before.place.to(now.place), now.rate);
         if self.homed {
@@ -579,7 +587,7 @@ impl Witness {
     }
 
     /// Nothing passes an instruction, and nothing moves while one is executed.
-    fn check_instruction(&mut self, before: &Status<2>, now: &Status<2>) {
+    fn check_instruction(&mut self, before: &CardStatus<2>, now: &CardStatus<2>) {
         let Some(instruction) = self.instruction else { return };
         let stood = self.begun.is_some();
         self.watch_instruction(before.period, before.place);
@@ -592,7 +600,7 @@ impl Witness {
         }
     }
 
-    fn check_alarm(&mut self, before: &Status<2>, now: &Status<2>, levels: u16) {
+    fn check_alarm(&mut self, before: &CardStatus<2>, now: &CardStatus<2>, levels: u16) {
         if levels & STOP != 0 {
             assert!(now.alarm.is_some(), "the chain is open");
         }

@@ -8,7 +8,10 @@ use common::{TestCard, levels, moved, opened, record, rests_before, settings};
 use proptest::prelude::*;
 use retrace_core::place::before;
 use retrace_core::{ONE, Place, Travel};
-use retrace_link::{Action, Alarm, Change, Deck, Instruction, Refusal, Settings, Start, Word, channel};
+use retrace_link::{
+    Alarm, CardCore, CardSettings, CommandRefusal, HostCommand, Instruction, OutputAction, OutputChange, PathStart,
+    channel,
+};
 
 /// Records of the job; exclusive instructions stand before every 32nd, output actions at every 9th.
 const RECORDS: u32 = 256;
@@ -34,12 +37,12 @@ impl Host {
     fn new(first: u32, base: [i64; 2]) -> Self {
         let mut card = opened(first);
         // the counts are not 0 where a job begins
-        card.take(Word::Ahead {
+        card.accept(HostCommand::Ahead {
             place: first,
             record: retrace_core::Record { increments: base.map(|b| b as i16), ..record(15) },
         })
         .expect("room");
-        card.take(Word::rate(ONE)).expect("a rate");
+        card.accept(HostCommand::rate(ONE)).expect("a rate");
         while Place::start_of(first).to(card.status().place) < ONE {
             card.heard();
             card.period(levels(0));
@@ -78,8 +81,8 @@ impl Host {
         if before(gate, self.end()) {
             let mut instruction =
                 Instruction { number: next, place: gate, periods: next % 3, count: 1, ..Instruction::default() };
-            instruction.changes[0] = Change { channel: channel::SPEED, value: next as i32 };
-            let _ = self.card.take(Word::Instruction(instruction));
+            instruction.changes[0] = OutputChange { channel: channel::SPEED, value: next as i32 };
+            let _ = self.card.accept(HostCommand::Instruction(instruction));
         }
         for _ in 0..20 {
             let place = self.card.status().high;
@@ -89,9 +92,11 @@ impl Host {
             let offset = place.wrapping_sub(self.first);
             if offset.is_multiple_of(ACTS) {
                 let (before, after) = ((offset / ACTS) as i32, (offset / ACTS) as i32 + 1);
-                self.card.take(Word::Action(Action { place, channel: COUNTER, before, after })).expect("room");
+                self.card
+                    .accept(HostCommand::Action(OutputAction { place, channel: COUNTER, before, after }))
+                    .expect("room");
             }
-            if self.card.take(Word::Ahead { place, record: self.record(place) }).is_err() {
+            if self.card.accept(HostCommand::Ahead { place, record: self.record(place) }).is_err() {
                 break;
             }
         }
@@ -100,8 +105,8 @@ impl Host {
             if before(place, self.first) {
                 break;
             }
-            let word = Word::Behind { place, record: self.record(place), rests: self.rests_before(place) };
-            if self.card.take(word).is_err() {
+            let word = HostCommand::Behind { place, record: self.record(place), rests: self.rests_before(place) };
+            if self.card.accept(word).is_err() {
                 break;
             }
         }
@@ -129,7 +134,7 @@ impl Host {
     /// Stands, however it came to: by the host's word, or by its silence.
     fn interrupt(&mut self, silent: bool) {
         if !silent {
-            self.card.take(Word::rate(0)).expect("a rate");
+            self.card.accept(HostCommand::rate(0)).expect("a rate");
         }
         for _ in 0..120 {
             self.period(!silent);
@@ -142,24 +147,24 @@ impl Host {
         let said = *self.card.status();
         self.epoch += 1;
         let rests = said.place.fraction == 0 && self.rests_before(said.place.record);
-        let start = Start { place: said.place, rests, reached: said.reached, executed: said.executed };
-        self.card.open(&Settings { start, ..settings(self.epoch, 0) }).expect("it stands");
+        let start = PathStart { place: said.place, rests, reached: said.reached, executed: said.executed };
+        self.card.open(&CardSettings { start, ..settings(self.epoch, 0) }).expect("it stands");
         let now = *self.card.status();
         assert_eq!((now.place, now.reached, now.executed), (said.place, said.reached, said.executed));
         assert_eq!((now.counts, now.outputs), (said.counts, said.outputs));
         assert_eq!((now.low, now.high), (said.place.record, said.place.record));
-        self.card.take(Word::ClearAlarm).expect("nothing is wrong any more");
+        self.card.accept(HostCommand::ClearAlarm).expect("nothing is wrong any more");
         assert_eq!(self.card.status().alarm, None);
         // Neither way is there anything to run on yet.
         for target in [ONE, -ONE] {
-            self.card.take(Word::rate(target)).expect("a rate");
+            self.card.accept(HostCommand::rate(target)).expect("a rate");
             for _ in 0..3 {
                 self.period(true);
                 assert_eq!((self.card.status().place, self.card.status().at_rest), (said.place, true));
-                assert!(self.card.status().short || said.place.fraction == 0);
+                assert!(self.card.status().starved || said.place.fraction == 0);
             }
         }
-        self.card.take(Word::rate(0)).expect("a rate");
+        self.card.accept(HostCommand::rate(0)).expect("a rate");
     }
 }
 
@@ -179,7 +184,7 @@ proptest! {
     ) {
         let mut host = Host::new(first, base);
         for (target, periods, silent, interrupted) in legs {
-            host.card.take(Word::rate(target)).expect("a rate");
+            host.card.accept(HostCommand::rate(target)).expect("a rate");
             for _ in 0..periods {
                 host.feed();
                 host.period(true);
@@ -189,7 +194,7 @@ proptest! {
                 host.begin();
             }
         }
-        host.card.take(Word::rate(ONE)).expect("a rate");
+        host.card.accept(HostCommand::rate(ONE)).expect("a rate");
         for _ in 0..1500 {
             host.feed();
             host.period(true);
@@ -208,22 +213,22 @@ fn a_start_that_contradicts_itself_is_refused() {
     let mut card = opened(7);
     let before = *card.status();
     let inside = Place { record: 7, fraction: 1 };
-    let good = Start { place: inside, rests: false, reached: 8, executed: 5 };
+    let good = PathStart { place: inside, rests: false, reached: 8, executed: 5 };
     let bad = [
-        Start { reached: 7, ..good },
-        Start { reached: 8u32.wrapping_sub(1 << 31), ..good },
-        Start { rests: true, ..good },
-        Start { place: Place::start_of(9), ..good },
+        PathStart { reached: 7, ..good },
+        PathStart { reached: 8u32.wrapping_sub(1 << 31), ..good },
+        PathStart { rests: true, ..good },
+        PathStart { place: Place::start_of(9), ..good },
     ];
     for start in bad {
-        assert_eq!(card.open(&Settings { start, ..settings(2, 0) }), Err(Refusal::Unfit), "{start:?}");
+        assert_eq!(card.open(&CardSettings { start, ..settings(2, 0) }), Err(CommandRefusal::Unfit), "{start:?}");
         assert_eq!(*card.status(), before);
     }
-    card.open(&Settings { start: good, ..settings(2, 0) }).expect("good");
-    let at = |number, place| Word::Instruction(Instruction { number, place, ..Instruction::default() });
-    assert_eq!(card.take(at(6, 7)), Err(Refusal::OutOfOrder), "where it has been");
-    assert_eq!((card.take(at(5, 8)), card.take(at(7, 8))), (Err(Refusal::Busy), Err(Refusal::Busy)));
-    card.take(at(6, 8)).expect("the next, at the furthest place");
+    card.open(&CardSettings { start: good, ..settings(2, 0) }).expect("good");
+    let at = |number, place| HostCommand::Instruction(Instruction { number, place, ..Instruction::default() });
+    assert_eq!(card.accept(at(6, 7)), Err(CommandRefusal::OutOfOrder), "where it has been");
+    assert_eq!((card.accept(at(5, 8)), card.accept(at(7, 8))), (Err(CommandRefusal::Busy), Err(CommandRefusal::Busy)));
+    card.accept(at(6, 8)).expect("the next, at the furthest place");
 }
 
 /// In the middle of a motion the path is left with a ramp, at a planned stop at full rate: also where an epoch begins there.
@@ -231,13 +236,13 @@ fn a_start_that_contradicts_itself_is_refused() {
 fn a_path_in_motion_is_not_left_at_full_rate() {
     let rate_after = |rests: bool| -> Travel {
         let mut card = opened(0);
-        let start = Start { rests, ..Start::at(20) };
-        card.open(&Settings { start, ..settings(2, 0) }).expect("good");
+        let start = PathStart { rests, ..PathStart::at(20) };
+        card.open(&CardSettings { start, ..settings(2, 0) }).expect("good");
         for place in 20..84 {
             let record = retrace_core::Record { increments: [20, 0], ..record(0) };
-            card.take(Word::Ahead { place, record }).expect("room");
+            card.accept(HostCommand::Ahead { place, record }).expect("room");
         }
-        card.take(Word::rate(ONE)).expect("a rate");
+        card.accept(HostCommand::rate(ONE)).expect("a rate");
         card.heard();
         card.period(levels(0)).rate
     };

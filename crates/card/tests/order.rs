@@ -14,7 +14,7 @@ use proptest::prelude::*;
 use retrace_core::gate::Gates;
 use retrace_core::place::before;
 use retrace_core::{Flags, ONE, Place, Record, Travel};
-use retrace_link::{Await, Change, Deck, Instruction, Status, Word, channel};
+use retrace_link::{CardCore, CardStatus, HostCommand, InputWait, Instruction, OutputChange, channel};
 
 /// Records of a run; they fit the window, so that nothing has to be sent twice.
 const RECORDS: u32 = 56;
@@ -73,15 +73,15 @@ struct Host<'j> {
 impl Host<'_> {
     fn instruction(&self, n: usize) -> Instruction {
         let (offset, periods, waits) = self.job.markers[n];
-        let until = waits.map(|_| Await { input: 5, active: true, at_most: 0 });
+        let until = waits.map(|_| InputWait { input: 5, active: true, timeout_periods: 0 });
         let place = self.job.start.wrapping_add(offset);
         let number = n as u32 + 1;
         let mut instruction = Instruction { number, place, periods, until, count: 1, ..Instruction::default() };
-        instruction.changes[0] = Change { channel: channel::TOOL, value: number as i32 };
+        instruction.changes[0] = OutputChange { channel: channel::TOOL, value: number as i32 };
         instruction
     }
 
-    fn turn(&mut self, report: &Status<2>) -> Vec<Word<2>> {
+    fn turn(&mut self, report: &CardStatus<2>) -> Vec<HostCommand<2>> {
         let mut words = Vec::new();
         if self.gates.acknowledge(report.executed).is_some() {
             (self.done, self.asked) = (self.done + 1, false);
@@ -93,11 +93,11 @@ impl Host<'_> {
             if !self.asked && (due || self.job.early) {
                 self.gates.sent();
                 self.asked = true;
-                words.push(Word::Instruction(instruction));
+                words.push(HostCommand::Instruction(instruction));
             }
         }
         while self.sent != self.job.start.wrapping_add(RECORDS) && self.gates.b_open(self.sent) {
-            words.push(Word::Ahead { place: self.sent, record: record(self.job, self.sent) });
+            words.push(HostCommand::Ahead { place: self.sent, record: record(self.job, self.sent) });
             self.sent = self.sent.wrapping_add(1);
         }
         words
@@ -119,7 +119,7 @@ struct Judge<'j> {
 }
 
 impl Judge<'_> {
-    fn look(&mut self, before_it: &Status<2>, now: &Status<2>) {
+    fn look(&mut self, before_it: &CardStatus<2>, now: &CardStatus<2>) {
         let next = self.job.markers.get(before_it.executed as usize);
         let Some(&(offset, periods, _)) = next else { return };
         let place = self.job.start.wrapping_add(offset);
@@ -155,14 +155,14 @@ fn run(job: &Job) {
     let asked = job.rates.iter().copied().chain([end]).flat_map(|(rate, n)| (0..n).map(move |_| rate));
     let mut last = None;
     for rate in asked {
-        let word = (last != Some(rate)).then_some(Word::rate(rate));
+        let word = (last != Some(rate)).then_some(HostCommand::rate(rate));
         last = Some(rate);
         for word in rates.pass(word.into_iter().collect()) {
-            card.take(word).expect("a rate");
+            card.accept(word).expect("a rate");
         }
         for word in words.pass(host.turn(&heard)) {
             let was = *card.status();
-            card.take(word).expect("every word of this host is in order");
+            card.accept(word).expect("every word of this host is in order");
             judge.look(&was, card.status());
         }
         card.heard();

@@ -7,8 +7,8 @@ mod common;
 use common::{DOOR, PLAIN, STOP, TestCard, identity, levels, settings};
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_link::{
-    Action, Await, Change, CutterOffCause, CuttingChannel, CuttingSettings, Deck, Instruction, MAX_CHANGES, Refusal,
-    RepeatedInstruction, Settings, Status, Word, channel,
+    CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings, HostCommand,
+    InputWait, Instruction, MAX_CHANGES, OutputAction, OutputChange, RepeatedInstruction, channel,
 };
 
 const TORCH: u8 = channel::SPINDLE;
@@ -20,7 +20,7 @@ const HANDOVER: u16 = 10;
 const TORCH_BIT: u8 = 1;
 const JET_BIT: u8 = 2;
 
-fn cutting_settings(epoch: u16, jet_lit_in_reverse: bool, inhibit: bool) -> Settings<2> {
+fn cutting_settings(epoch: u16, jet_lit_in_reverse: bool, inhibit: bool) -> CardSettings<2> {
     let mut settings = settings(epoch, 0);
     settings.safe_count = 0;
     let channels = [
@@ -53,23 +53,23 @@ impl Bench {
         for place in self.status().high..to {
             let flags = if place % 60 == 59 { Flags::REST } else { Flags::NONE };
             let record = Record { increments: [5, 0], flags, ..Record::default() };
-            self.send(Word::Ahead { place, record });
+            self.send(HostCommand::Ahead { place, record });
         }
     }
 
-    fn status(&self) -> Status<2> {
+    fn status(&self) -> CardStatus<2> {
         *self.card.status()
     }
 
-    fn send(&mut self, word: Word<2>) {
-        self.card.take(word).expect("it is taken");
+    fn send(&mut self, word: HostCommand<2>) {
+        self.card.accept(word).expect("it is taken");
     }
 
     fn rate(&mut self, target: Travel) {
-        self.send(Word::rate(target));
+        self.send(HostCommand::rate(target));
     }
 
-    fn period(&mut self) -> Status<2> {
+    fn period(&mut self) -> CardStatus<2> {
         if !self.silent {
             self.card.heard();
         }
@@ -90,9 +90,9 @@ impl Bench {
     fn light(&mut self, channel: u8) {
         let mut instruction = Instruction { number: self.status().executed + 1, count: 1, ..Instruction::default() };
         instruction.place = self.status().place.record;
-        instruction.changes[0] = Change { channel, value: 1 };
+        instruction.changes[0] = OutputChange { channel, value: 1 };
         self.rate(ONE / 4);
-        self.send(Word::Instruction(instruction));
+        self.send(HostCommand::Instruction(instruction));
         assert_eq!(self.value(channel), 1);
     }
 
@@ -110,7 +110,7 @@ impl Bench {
     }
 
     /// Periods until the channel is off, from now on, and the report of that one.
-    fn until_off(&mut self, channel: u8) -> (u32, Status<2>) {
+    fn until_off(&mut self, channel: u8) -> (u32, CardStatus<2>) {
         for n in 0..2000 {
             if self.value(channel) == 0 {
                 return (n, self.status());
@@ -121,13 +121,13 @@ impl Bench {
     }
 }
 
-fn repeat(number: u32, channel: u8, value: i32, periods: u32) -> Word<2> {
-    let mut changes = [Change::default(); MAX_CHANGES];
-    changes[0] = Change { channel, value };
-    Word::Repeat(RepeatedInstruction { number, changes, count: 1, periods, until: None })
+fn repeat(number: u32, channel: u8, value: i32, periods: u32) -> HostCommand<2> {
+    let mut changes = [OutputChange::default(); MAX_CHANGES];
+    changes[0] = OutputChange { channel, value };
+    HostCommand::Repeat(RepeatedInstruction { number, changes, count: 1, periods, until: None })
 }
 
-fn off(status: &Status<2>) -> Option<(u8, CutterOffCause)> {
+fn off(status: &CardStatus<2>) -> Option<(u8, CutterOffCause)> {
     status.cutter_off.map(|off| (off.channels, off.cause))
 }
 
@@ -170,7 +170,7 @@ fn motion_stays_blocked_in_both_directions_until_a_restart() {
         assert_eq!((bench.status().place, bench.status().blocked), (place, true));
     }
     bench.rate(ONE / 4);
-    bench.send(Word::Restart { last: 2 });
+    bench.send(HostCommand::Restart { last: 2 });
     bench.send(repeat(1, ABRASIVE, 1, 3));
     bench.periods(3);
     assert_eq!(bench.status().repeated, 1);
@@ -190,7 +190,7 @@ fn a_restart_with_nothing_to_repeat_releases_the_block() {
     bench.rate(0);
     bench.rest();
     bench.periods(3);
-    bench.send(Word::Restart { last: 0 });
+    bench.send(HostCommand::Restart { last: 0 });
     bench.rate(-ONE);
     let place = bench.status().place;
     bench.periods(30);
@@ -231,10 +231,10 @@ fn records_that_come_within_the_handover_go_on() {
 fn a_pierce_does_not_count_as_standing_and_the_waiting_behind_it_does() {
     let mut bench = Bench::new(false, false);
     bench.rate(ONE);
-    let until = Some(Await { input: 5, active: true, at_most: 0 });
+    let until = Some(InputWait { input: 5, active: true, timeout_periods: 0 });
     let mut pierce = Instruction { number: 1, periods: 100, until, count: 1, ..Instruction::default() };
-    (pierce.changes[0], pierce.keeps_cutter) = (Change { channel: TORCH, value: 1 }, true);
-    bench.send(Word::Instruction(pierce));
+    (pierce.changes[0], pierce.keeps_cutter) = (OutputChange { channel: TORCH, value: 1 }, true);
+    bench.send(HostCommand::Instruction(pierce));
     bench.periods(40);
     bench.rate(0);
     bench.periods(200);
@@ -248,7 +248,7 @@ fn a_pierce_does_not_count_as_standing_and_the_waiting_behind_it_does() {
 fn an_instruction_that_does_not_need_the_cutter_counts_as_standing() {
     let mut bench = Bench::cutting(false, TORCH);
     let place = bench.status().place.record + 20;
-    bench.send(Word::Instruction(Instruction { number: 2, place, periods: 500, ..Instruction::default() }));
+    bench.send(HostCommand::Instruction(Instruction { number: 2, place, periods: 500, ..Instruction::default() }));
     while bench.status().place != Place::start_of(place) {
         bench.period();
     }
@@ -274,7 +274,10 @@ fn the_torch_is_out_before_the_path_runs_backward() {
         }
     }
     assert!(!bench.status().blocked);
-    assert_eq!(bench.card.take(Word::ByHand(Change { channel: TORCH, value: 1 })), Err(Refusal::Unfit));
+    assert_eq!(
+        bench.card.accept(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 1 })),
+        Err(CommandRefusal::Unfit)
+    );
     bench.rate(ONE);
     bench.periods(60);
     assert_eq!(bench.value(TORCH), 0, "never given back");
@@ -295,9 +298,9 @@ fn a_jet_that_may_be_on_in_reverse_stays_on() {
 fn replayed(jet_lit_in_reverse: bool) -> Bench {
     let mut bench = Bench::new(jet_lit_in_reverse, false);
     for (place, channel, before) in [(5, JET, 0), (5, TORCH, 0), (20, JET, 1), (20, TORCH, 1), (30, ABRASIVE, 0)] {
-        bench.send(Word::Action(Action { place, channel, before, after: 1 - before }));
+        bench.send(HostCommand::Action(OutputAction { place, channel, before, after: 1 - before }));
     }
-    bench.send(Word::Replay { on: true });
+    bench.send(HostCommand::Replay { on: true });
     bench.rate(ONE);
     bench.periods(10);
     assert_eq!((bench.value(JET), bench.value(TORCH)), (1, 1));
@@ -333,7 +336,7 @@ fn a_replayed_action_lights_a_jet_that_may_be_on_in_reverse_and_puts_others_out(
     // forward again, the torch lit by hand on the way: the action at 20 puts it out
     bench.rate(ONE);
     bench.periods(10);
-    bench.send(Word::ByHand(Change { channel: TORCH, value: 1 }));
+    bench.send(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 1 }));
     bench.periods(2);
     assert_eq!(bench.value(TORCH), 1);
     bench.periods(25);
@@ -350,7 +353,7 @@ fn an_alarm_puts_out_in_the_period_that_sampled_it() {
         bench.rest();
         bench.levels = 0;
         bench.period();
-        bench.send(Word::ClearAlarm);
+        bench.send(HostCommand::ClearAlarm);
         bench.rate(ONE);
         bench.periods(30);
         assert_eq!(bench.value(TORCH), 0, "never given back");
@@ -385,7 +388,10 @@ fn opening_and_closing_an_epoch_put_out() {
     bench.light(JET);
     bench.card.close().expect("it stands");
     assert_eq!(bench.value(JET), 0);
-    assert_eq!(bench.card.take(Word::ByHand(Change { channel: JET, value: 1 })), Err(Refusal::Unfit));
+    assert_eq!(
+        bench.card.accept(HostCommand::ManualOutput(OutputChange { channel: JET, value: 1 })),
+        Err(CommandRefusal::Unfit)
+    );
 }
 
 #[test]
@@ -403,23 +409,29 @@ fn a_dry_run_keeps_fire_and_auxiliary_channels_off_and_blocks_nothing() {
     bench.rate(ONE);
     let mut instruction = Instruction { number: 1, periods: 5, count: 4, ..Instruction::default() };
     for (slot, channel) in instruction.changes.iter_mut().zip([TORCH, JET, ABRASIVE, 5]) {
-        *slot = Change { channel, value: 1 };
+        *slot = OutputChange { channel, value: 1 };
     }
-    bench.send(Word::Instruction(instruction));
+    bench.send(HostCommand::Instruction(instruction));
     for _ in 0..50 {
         let status = bench.period();
         let values = [TORCH, JET, ABRASIVE, 5].map(|channel| bench.value(channel));
         assert_eq!((values, status.cutter_off, status.blocked), ([0, 0, 0, 1], None, false));
     }
     assert!(bench.status().place.record > 30);
-    assert_eq!(bench.card.take(Word::ByHand(Change { channel: ABRASIVE, value: 1 })), Err(Refusal::Unfit));
+    assert_eq!(
+        bench.card.accept(HostCommand::ManualOutput(OutputChange { channel: ABRASIVE, value: 1 })),
+        Err(CommandRefusal::Unfit)
+    );
 }
 
 #[test]
 fn a_torch_is_not_lit_by_hand_at_rest() {
     let mut bench = Bench::new(false, false);
-    assert_eq!(bench.card.take(Word::ByHand(Change { channel: TORCH, value: 1 })), Err(Refusal::Unfit));
-    bench.send(Word::ByHand(Change { channel: JET, value: 1 }));
+    assert_eq!(
+        bench.card.accept(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 1 })),
+        Err(CommandRefusal::Unfit)
+    );
+    bench.send(HostCommand::ManualOutput(OutputChange { channel: JET, value: 1 }));
     assert_eq!(bench.until_off(JET).0, u32::from(JET_GRACE) + 1);
 }
 
@@ -430,7 +442,7 @@ fn a_gap_between_two_repeats_is_bounded_and_the_block_then_stays() {
     bench.rest();
     bench.periods(3);
     bench.rate(ONE);
-    bench.send(Word::Restart { last: 2 });
+    bench.send(HostCommand::Restart { last: 2 });
     bench.send(repeat(1, TORCH, 1, 5));
     bench.periods(5 + u32::from(HANDOVER));
     assert_eq!((bench.value(TORCH), bench.status().repeated), (1, 1));
@@ -444,8 +456,8 @@ fn a_gap_between_two_repeats_is_bounded_and_the_block_then_stays() {
 #[test]
 fn a_repeat_is_refused_under_an_alarm_and_in_motion() {
     let mut bench = Bench::cutting(false, TORCH);
-    assert_eq!(bench.card.take(repeat(1, TORCH, 1, 5)), Err(Refusal::InMotion));
+    assert_eq!(bench.card.accept(repeat(1, TORCH, 1, 5)), Err(CommandRefusal::InMotion));
     bench.levels = STOP;
     bench.rest();
-    assert_eq!(bench.card.take(repeat(1, TORCH, 1, 5)), Err(Refusal::Alarm));
+    assert_eq!(bench.card.accept(repeat(1, TORCH, 1, 5)), Err(CommandRefusal::Alarm));
 }

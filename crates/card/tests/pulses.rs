@@ -8,7 +8,7 @@ use common::{identity, levels, settings};
 use proptest::prelude::*;
 use retrace_card::{Card, StepDirection};
 use retrace_core::{Flags, ONE, RapidCap, Record, Travel};
-use retrace_link::{Alarm, Deck, Refusal, Settings, Word};
+use retrace_link::{Alarm, CardCore, CardSettings, CommandRefusal, HostCommand};
 
 /// A card with a longer window, so that high rates have room.
 type LongCard = Card<2, 256, 32>;
@@ -37,8 +37,8 @@ proptest! {
     ) {
         let mut card = LongCard::new(identity()).expect("a memory");
         // 100 ticks: (100 − 9) / 4 pulses
-        card.open(&Settings { period_us: 100, ..settings(1, 0) }).expect("fit");
-        let (timing, most) = card.terms().map(|terms| (terms.timing(), terms.most())).expect("open");
+        card.open(&CardSettings { period_us: 100, ..settings(1, 0) }).expect("fit");
+        let (timing, most) = card.terms().map(|terms| (terms.timing(), terms.max_increment())).expect("open");
         prop_assert_eq!(most, 22);
         let mut outputs = [StepDirection::new(timing), StepDirection::new(timing)];
         let mut place = 0;
@@ -52,14 +52,14 @@ proptest! {
                 let share = 21 * 16 / i16::from(record.cap.get());
                 record.increments = record.increments.map(|i| i.clamp(-share, share));
             }
-            match card.take(Word::Ahead { place, record }) {
+            match card.accept(HostCommand::Ahead { place, record }) {
                 Ok(()) => place += 1,
-                refused => prop_assert_eq!(refused, Err(Refusal::Full)),
+                refused => prop_assert_eq!(refused, Err(CommandRefusal::Full)),
             }
         }
         let mut fullest = 0;
         for (target, periods) in words {
-            card.take(Word::rate(target)).expect("a rate");
+            card.accept(HostCommand::rate(target)).expect("a rate");
             for _ in 0..periods {
                 card.heard();
                 let increments = card.period(levels(0)).increments;
@@ -81,9 +81,9 @@ proptest! {
         let cap = RapidCap::sixteenths(cap);
         let record = Record { increments: [0, increment], cap, ..Record::default() };
         let place = if back { u32::MAX } else { 0 };
-        let word = if back { Word::Behind { place, record, rests: true } } else { Word::Ahead { place, record } };
+        let word = if back { HostCommand::Behind { place, record, rests: true } } else { HostCommand::Ahead { place, record } };
         let fits = Travel::from(increment).abs() * Travel::from(cap.get()) <= 246 * 16;
-        prop_assert_eq!(card.take(word), if fits { Ok(()) } else { Err(Refusal::Unfit) });
+        prop_assert_eq!(card.accept(word), if fits { Ok(()) } else { Err(CommandRefusal::Unfit) });
         prop_assert_eq!(card.status().alarm, (!fits).then_some(Alarm::TooManyPulses { axis: 1 }));
     }
 }

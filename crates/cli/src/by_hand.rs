@@ -2,7 +2,7 @@
 //!
 //! Invariant: a line that is not understood does nothing, and is told.
 
-use retrace_hal_sim::Rig;
+use retrace_hal_sim::CardSimulator;
 use retrace_link::{InputSetting, InputUse};
 
 /// What can be said.
@@ -52,12 +52,12 @@ impl Deed {
     }
 
     /// Does it.
-    pub fn to<const A: usize>(self, rig: &mut Rig<A>) {
+    pub fn to<const A: usize>(self, rig: &mut CardSimulator<A>) {
         let now_us = rig.now_us();
         let machine = rig.machine();
         match self {
-            Self::Wheel { counts_per_s, for_us } => machine.turn_for(now_us, counts_per_s, for_us),
-            Self::Notch(counts) => machine.turn(counts),
+            Self::Wheel { counts_per_s, for_us } => machine.turn_wheel_for(now_us, counts_per_s, for_us),
+            Self::Notch(counts) => machine.turn_wheel(counts),
             Self::Input { number, active } => machine.press(number, active),
         }
     }

@@ -3,13 +3,13 @@
 //! Invariant: asking who is there moves nothing; a card that works for a host is only greeted, one that stands alone is opened for a moment to see its
 //! outputs, and is as it was then.
 
-use retrace_hal_serial::{FoundPort, Latency};
+use retrace_hal_serial::{FoundPort, LatencyTimer};
 use std::path::Path;
 
 use retrace_controller::event::ChannelNames;
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
-use retrace_link::{CardFault, Greeting, Identity, MotionCard, Start, Word};
+use retrace_link::{CardFailure, CardIdentity, Greeting, HostCommand, MotionCard, PathStart};
 use serde_json::{Value, json};
 
 use crate::program::Failure;
@@ -96,7 +96,7 @@ fn outputs(
         return Err("not known: the card works for a host".into());
     }
     let Greeting { place, reached, executed, .. } = *greeting;
-    let settings = machine.card_settings(Start { place, rests: false, reached, executed });
+    let settings = machine.card_settings(PathStart { place, rests: false, reached, executed });
     match wired::look(card, address, settings) {
         Ok(status) => {
             let each = status.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
@@ -124,7 +124,7 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), Failure> {
     let mut card = wired::find::<MAX_AXES>(address)?;
     card.settle(wired::nonce()).map_err(|fault| wired::failed(address, &fault))?;
     // Where it stands on its path stays known: an interrupted job may be taken up there.
-    let start = card.greeting().map_or(Start::at(0), |said| Start {
+    let start = card.greeting().map_or(PathStart::at(0), |said| PathStart {
         place: said.place,
         rests: false,
         reached: said.reached,
@@ -136,7 +136,7 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), Failure> {
         return card.close().map_err(|fault| wired::failed(address, &fault));
     };
     // What the card refuses shows below.
-    let _ = card.send(Word::ClearAlarm);
+    let _ = card.send(HostCommand::ClearAlarm);
     for _ in 0..CLEARED_WITHIN {
         if card.period().is_ok_and(|status| status.alarm.is_none()) {
             say!("{address}: cleared: {alarm}");
@@ -148,7 +148,7 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), Failure> {
 }
 
 /// The card's name, as far as it is text.
-fn name(identity: &Identity) -> String {
+fn name(identity: &CardIdentity) -> String {
     String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned()
 }
 
@@ -162,7 +162,7 @@ fn told(
     greeting: &Greeting<MAX_AXES>,
     outputs: &Outputs,
     names: &ChannelNames,
-    latency: &Latency,
+    latency: &LatencyTimer,
 ) -> String {
     let of = &greeting.identity;
     let mut text = format!(
@@ -191,17 +191,17 @@ fn told(
         Some(alarm) => text += &format!("\n  alarm[{}]: {alarm}\n  help: {}", alarm.number(), alarm.remedy()),
         None => text += "\n  no alarm",
     }
-    if let Latency::Kept { ms, remedy } = latency {
+    if let LatencyTimer::Kept { ms, remedy } = latency {
         text += &format!("\n  the adapter holds bytes back for {ms} ms; to shorten it: {remedy}");
     }
     text
 }
 
-fn told_as_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs, latency: &Latency) -> Value {
+fn told_as_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs, latency: &LatencyTimer) -> Value {
     let of = &greeting.identity;
     let latency_ms = match latency {
-        Latency::None => None,
-        Latency::Set { ms } | Latency::Kept { ms, .. } => Some(ms),
+        LatencyTimer::None => None,
+        LatencyTimer::Set { ms } | LatencyTimer::Kept { ms, .. } => Some(ms),
     };
     json!({
         "port": address,
@@ -236,7 +236,7 @@ fn told_as_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs,
 mod tests {
     use super::*;
     use retrace_core::Place;
-    use retrace_hal_serial::Usb;
+    use retrace_hal_serial::UsbDevice;
     use retrace_link::Alarm;
 
     fn greeting() -> Greeting<MAX_AXES> {
@@ -244,7 +244,7 @@ mod tests {
         counts[..3].copy_from_slice(&[1, -2, 3]);
         Greeting {
             nonce: 1,
-            identity: Identity { axes: 4, ..retrace_hal_sim::identity::<4>(77, 5) },
+            identity: CardIdentity { axes: 4, ..retrace_hal_sim::identity::<4>(77, 5) },
             epoch: 0,
             last_epoch: 3,
             place: Place::start_of(12),
@@ -258,7 +258,7 @@ mod tests {
 
     #[test]
     fn a_greeting_says_who_where_and_what_is_wrong() {
-        let kept = Latency::Kept { ms: 16, remedy: "do this".into() };
+        let kept = LatencyTimer::Kept { ms: 16, remedy: "do this".into() };
         let outputs = Ok(vec![(64, 1), (3, 1)]);
         let text = told("port", &greeting(), &outputs, &ChannelNames::default(), &kept);
         assert!(
@@ -284,7 +284,7 @@ mod tests {
 
     #[test]
     fn a_port_is_told_as_json() {
-        let usb = Usb { vendor: 0x0403, product: 0x6001, serial: None, name: "adapter".into() };
+        let usb = UsbDevice { vendor: 0x0403, product: 0x6001, serial: None, name: "adapter".into() };
         let value = port_json(&FoundPort { path: "p".into(), usb: Some(usb) });
         let expected = json!({ "vendor": "0403", "product": "6001", "serial": null, "name": "adapter" });
         assert_eq!((&value["path"], &value["usb"]), (&json!("p"), &expected));

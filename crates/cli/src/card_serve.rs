@@ -12,8 +12,8 @@ use retrace_controller::machine::Machine;
 use retrace_controller::real_time;
 use retrace_controller::refusal::Refusal;
 use retrace_hal_serial::Pty;
-use retrace_hal_sim::{Rig, RigSettings, Tally, faults};
-use retrace_link::{Alarm, CardFault, InputSetting, Start};
+use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, faults};
+use retrace_link::{Alarm, CardFailure, InputSetting, PathStart};
 use serde_json::{Value, json};
 
 use crate::by_hand::Deed;
@@ -52,7 +52,7 @@ fn refuse(what: impl Into<String>, remedy: impl Into<String>) -> Refusal {
 
 fn serve<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<(), Refusal> {
     let mut rig = rig::<A>(args, machine)?;
-    let inputs = machine.card_settings::<A>(Start::at(0)).inputs;
+    let inputs = machine.card_settings::<A>(PathStart::at(0)).inputs;
     let pty =
         Pty::open().map_err(|error| refuse(format!("no pseudo-terminal is to be had: {error}"), "see `man pts`"))?;
     if let Some(link) = &args.link {
@@ -80,11 +80,13 @@ fn serve<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<(), Re
 }
 
 /// The simulated machine that a machine file describes.
-fn rig<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<Rig<A>, Refusal> {
+fn rig<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<CardSimulator<A>, Refusal> {
     let spec = args.faults.as_deref().unwrap_or_default();
     let [up, down] = faults(spec).map_err(|why| refuse(format!("--faults {spec}: {why}"), "one of these"))?;
-    let settings = RigSettings { up, down, machine: hung_on::<A>(machine), serial: SERIAL, boot: wired::nonce() };
-    let mut rig = Rig::new(&settings).ok_or_else(|| refuse("the card cannot be made", "please report this"))?;
+    let settings =
+        CardSimulatorSettings { up, down, machine: hung_on::<A>(machine), serial: SERIAL, boot: wired::nonce() };
+    let mut rig =
+        CardSimulator::new(&settings).ok_or_else(|| refuse("the card cannot be made", "please report this"))?;
     if let Some(path) = &args.vcd {
         let named = |error| unwritable(&path.display().to_string(), &error);
         let file = std::fs::File::create(path).map_err(named)?;
@@ -112,7 +114,7 @@ struct End {
 
 impl End {
     /// Has it come? Does what was said on standard input.
-    fn look<const A: usize>(&self, started: Instant, rig: &mut Rig<A>, inputs: &[InputSetting]) -> bool {
+    fn look<const A: usize>(&self, started: Instant, rig: &mut CardSimulator<A>, inputs: &[InputSetting]) -> bool {
         let ended = loop {
             match self.lines.try_recv() {
                 Ok(line) => match Deed::read(&line, inputs) {
@@ -156,7 +158,12 @@ struct Served {
 }
 
 impl Served {
-    fn run<const A: usize>(&mut self, rig: &mut Rig<A>, end: &End, inputs: &[InputSetting]) -> Result<(), Refusal> {
+    fn run<const A: usize>(
+        &mut self,
+        rig: &mut CardSimulator<A>,
+        end: &End,
+        inputs: &[InputSetting],
+    ) -> Result<(), Refusal> {
         // As prompt as a card, where that is permitted. The threads that it has begun are scheduled as usual.
         let _ = real_time::lock_memory();
         let _ = real_time::enter();
@@ -186,7 +193,7 @@ impl Served {
     }
 
     /// The card's time now.
-    fn now_us<const A: usize>(&mut self, rig: &Rig<A>) -> u64 {
+    fn now_us<const A: usize>(&mut self, rig: &CardSimulator<A>) -> u64 {
         let passed = (self.started.elapsed().as_secs_f64() * self.speed * 1e6) as u64;
         let late = passed.saturating_sub(self.away_us).saturating_sub(rig.now_us());
         let most = (MADE_UP_US as f64 * self.speed.max(1.0)) as u64;
@@ -195,7 +202,7 @@ impl Served {
     }
 
     /// Tells of a new alarm.
-    fn tell<const A: usize>(&mut self, rig: &Rig<A>) {
+    fn tell<const A: usize>(&mut self, rig: &CardSimulator<A>) {
         let alarm = rig.status().alarm;
         if alarm != self.alarm {
             self.alarm = alarm;
@@ -208,8 +215,8 @@ impl Served {
 }
 
 /// What was counted.
-fn told<const A: usize>(rig: &Rig<A>, served: &Served) -> Value {
-    let [up, down] = rig.lines().map(|line| tally(line.tally()));
+fn told<const A: usize>(rig: &CardSimulator<A>, served: &Served) -> Value {
+    let [up, down] = rig.lines().map(|line| tally(line.counters()));
     let (pins, status, faults) = (rig.pins(), rig.status(), rig.faults());
     json!({
         "periods": status.period,
@@ -228,7 +235,7 @@ fn told<const A: usize>(rig: &Rig<A>, served: &Served) -> Value {
     })
 }
 
-fn tally(of: &Tally) -> Value {
+fn tally(of: &LineCounters) -> Value {
     json!({
         "sent": of.sent,
         "delivered": of.delivered,

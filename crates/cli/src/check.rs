@@ -4,7 +4,7 @@
 
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
-use retrace_gcode::{Prescan, Target};
+use retrace_gcode::{BranchDestination, Prescan};
 use serde_json::json;
 
 use crate::args;
@@ -66,10 +66,10 @@ fn print_table(prescan: &Prescan) {
             None => branch.kind.to_owned(),
         };
         let to = match branch.target {
-            Target::Line { file, line } => place(file, line),
-            Target::Cycle => "compiled cycle".to_owned(),
-            Target::Calculated => "known when the program runs".to_owned(),
-            Target::Missing => "nothing".to_owned(),
+            BranchDestination::Line { file, line } => place(file, line),
+            BranchDestination::Cycle => "compiled cycle".to_owned(),
+            BranchDestination::Calculated => "known when the program runs".to_owned(),
+            BranchDestination::Missing => "nothing".to_owned(),
         };
         say!("{:>6}  {from:<24} {what:<20} -> {to}", branch.number);
     }

@@ -6,7 +6,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use retrace_controller::refusal::{Refusal, nearest};
-use retrace_cycles::{Cycle, Finding, Folders, Library, Origin, Severity, shipped_source};
+use retrace_cycles::{Cycle, CycleLibrary, Folders, LibraryFinding, Origin, Severity, shipped_source};
 
 use crate::args::{self, CycleFolders, CyclesAction};
 use crate::files;
@@ -26,7 +26,7 @@ pub fn run(args: &args::Cycles) -> Result<(), Failure> {
             Ok(())
         }
         Some(CyclesAction::Check) => {
-            let library = Library::open(Folders { compiled: None, ..folders.folders() });
+            let library = CycleLibrary::open(Folders { compiled: None, ..folders.folders() });
             show_findings(&library);
             finish(&library, &format!("{} cycles, no errors", library.iter().count()))
         }
@@ -49,7 +49,7 @@ pub fn run(args: &args::Cycles) -> Result<(), Failure> {
 ///
 /// # Errors
 /// A folder that was named and is none.
-pub fn library(folders: &CycleFolders) -> Result<Library, Refusal> {
+pub fn library(folders: &CycleFolders) -> Result<CycleLibrary, Refusal> {
     Ok(Named::of(folders)?.library())
 }
 
@@ -80,8 +80,8 @@ impl Named {
         Folders { sources: self.sources.as_deref(), compiled: self.compiled.as_deref() }
     }
 
-    fn library(&self) -> Library {
-        Library::open(self.folders())
+    fn library(&self) -> CycleLibrary {
+        CycleLibrary::open(self.folders())
     }
 }
 
@@ -94,7 +94,7 @@ fn usual(base: Option<OsString>, home: Option<OsString>, in_home: &str) -> Optio
 }
 
 fn show(folders: &Named, name: &str) -> Result<(), Failure> {
-    let library = Library::open(Folders { compiled: None, ..folders.folders() });
+    let library = CycleLibrary::open(Folders { compiled: None, ..folders.folders() });
     let Some(cycle) = library.find(name).and_then(|id| library.get(id)) else {
         let known: Vec<&str> = library.iter().map(|(_, cycle)| cycle.name()).collect();
         let remedy = match nearest(&name.to_ascii_uppercase(), known.iter().copied()) {
@@ -114,7 +114,7 @@ fn show(folders: &Named, name: &str) -> Result<(), Failure> {
 }
 
 /// The last word: all is well, or the command fails because sources have errors.
-fn finish(library: &Library, well: &str) -> Result<(), Failure> {
+fn finish(library: &CycleLibrary, well: &str) -> Result<(), Failure> {
     if library.findings().iter().any(|finding| finding.diagnostic.severity() == Severity::Error) {
         return Err(Failure::Program);
     }
@@ -123,7 +123,7 @@ fn finish(library: &Library, well: &str) -> Result<(), Failure> {
 }
 
 /// A row a cycle.
-fn table(library: &Library) -> String {
+fn table(library: &CycleLibrary) -> String {
     let from = |cycle: &Cycle| match cycle.origin() {
         Origin::Shipped => "shipped".to_owned(),
         Origin::User => cycle.source().display().to_string(),
@@ -144,7 +144,7 @@ fn table(library: &Library) -> String {
 }
 
 /// Every finding with its source line and a mark, on standard error.
-fn show_findings(library: &Library) {
+fn show_findings(library: &CycleLibrary) {
     for finding in library.findings() {
         eprintln!("{}", rendered(finding, source_line(&finding.source, finding.diagnostic.line).as_deref()));
     }
@@ -157,8 +157,8 @@ fn source_line(path: &Path, line: u32) -> Option<String> {
 }
 
 /// Number, message, place, line, mark, help: in the form that program errors have.
-fn rendered(finding: &Finding, line: Option<&str>) -> String {
-    let Finding { source, diagnostic } = finding;
+fn rendered(finding: &LibraryFinding, line: Option<&str>) -> String {
+    let LibraryFinding { source, diagnostic } = finding;
     let level = if diagnostic.severity() == Severity::Error { "error" } else { "warning" };
     let mut text = format!("{level}[{}]: {}\n --> {}", diagnostic.number(), diagnostic.message, source.display());
     let margin = " ".repeat(diagnostic.line.to_string().len());
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn a_finding_shows_its_line_and_a_mark_below_what_is_meant() {
-        let library = Library::of_sources(&[("TEST", "R1=1\n\tR2=R1+WRONG")]);
+        let library = CycleLibrary::of_sources(&[("TEST", "R1=1\n\tR2=R1+WRONG")]);
         let shown = rendered(&library.findings()[0], Some("\tR2=R1+WRONG"));
         let expected = "error[E1906]: WRONG is neither a variable nor a function\n --> TEST:2:8\n  |\n2 | \tR2=R1+WRONG\n  | \t      ^^^^^\n  = help: ";
         assert!(shown.starts_with(expected), "{shown}");
@@ -201,7 +201,7 @@ mod tests {
 
     #[test]
     fn the_table_has_a_row_for_each_cycle() {
-        let text = table(&Library::shipped());
+        let text = table(&CycleLibrary::shipped());
         assert!(text.contains("CYCLE81  2     shipped  compiled now  REAL RTP, REAL RFP, REAL SDIS"), "{text}");
         assert!(text.contains("CYCLE95  3     shipped") && text.lines().count() == 14, "{text}");
     }

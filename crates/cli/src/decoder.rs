@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 use retrace_controller::job::{Decode, Decoded};
 use retrace_controller::journal::hash::Hash;
 use retrace_controller::manual::hand::Identify;
-use retrace_gcode::{Active, Canon, Progress, Severity, Step};
+use retrace_gcode::{ActiveCodes, Canon, CanonStep, Progress, Severity};
 
 use crate::check_progress::CheckProgress;
 use crate::left::Left;
@@ -45,7 +45,7 @@ impl Decode for Decoder {
         self.given_up.clone()
     }
 
-    fn active(&self) -> Option<Active> {
+    fn active(&self) -> Option<ActiveCodes> {
         Some(self.program.interpreter().state().into())
     }
 
@@ -58,7 +58,7 @@ impl Decode for Decoder {
         }))
     }
 
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
         if self.has_looped_too_long() {
             self.is_told = true;
             return Decoded::End;

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use retrace_controller::machine::Machine;
 use retrace_controller::real_time;
-use retrace_hal_serial::Latency;
-use retrace_link::Start;
+use retrace_hal_serial::LatencyTimer;
+use retrace_link::PathStart;
 use serde_json::{Value, json};
 
 use crate::program::Failure;
@@ -179,16 +179,16 @@ fn line<const A: usize>(port: &str, seconds: f64) -> Result<Line, Failure> {
     let begun = Instant::now();
     while trips.len() < QUESTIONS || begun.elapsed().as_secs_f64() < seconds {
         let asked = Instant::now();
-        card.ask(wired::nonce()).map_err(|fault| wired::failed(port, &fault))?;
+        card.request_greeting(wired::nonce()).map_err(|fault| wired::failed(port, &fault))?;
         trips.push(asked.elapsed().as_micros() as u64);
         std::thread::sleep(PAUSE);
     }
     let _ = real_time::leave();
     trips.sort_unstable();
     let latency = match card.port().latency() {
-        Latency::None => "none".to_owned(),
-        Latency::Set { ms } => format!("{ms} ms"),
-        Latency::Kept { ms, remedy } => format!("{ms} ms; {remedy}"),
+        LatencyTimer::None => "none".to_owned(),
+        LatencyTimer::Set { ms } => format!("{ms} ms"),
+        LatencyTimer::Kept { ms, remedy } => format!("{ms} ms; {remedy}"),
     };
     Ok(Line {
         typical_us: trips.get(trips.len() / 2).copied().unwrap_or(0),
@@ -214,7 +214,7 @@ impl Verdict {
         let worst_us = wake_ups.worst_us + line.map_or(0, |line| line.worst_us);
         let period_us = u64::from(machine.period_us);
         let held_us = line.map(|line| u64::from(line.window.min(machine.look_ahead_records)) * period_us);
-        let watchdog_periods = machine.card_settings::<9>(Start::at(0)).watchdog_periods;
+        let watchdog_periods = machine.card_settings::<9>(PathStart::at(0)).watchdog_periods;
         let has_watchdog_ms = u64::from(watchdog_periods) * period_us / 1000;
         let watchdog_ms = (4 * worst_us / 1000).max(50).next_multiple_of(10);
         // The card runs on what it holds: half of that may pass without the host.

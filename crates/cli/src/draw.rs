@@ -17,8 +17,8 @@ use retrace_controller::sink::Sink;
 use retrace_controller::stream::{Observer, Told};
 use retrace_core::mode::Mode;
 use retrace_hal_sim::Clock;
-use retrace_link::Change;
-use retrace_motion::{Arc, Feed, PathMode};
+use retrace_link::OutputChange;
+use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::args;
 use crate::console::unwritable;
@@ -170,12 +170,12 @@ impl Drawing {
 }
 
 impl Sink<9> for Drawing {
-    fn straight(&mut self, end_mm: [f64; 9], feed: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
-        self.go(end_mm, if feed == Feed::Rapid { StrokeKind::Rapid } else { StrokeKind::Feed });
+    fn straight(&mut self, end_mm: [f64; 9], feed: FeedRate, _: PathMode, _: u32) -> Result<(), Refused> {
+        self.go(end_mm, if feed == FeedRate::Rapid { StrokeKind::Rapid } else { StrokeKind::Feed });
         Ok(())
     }
 
-    fn arc(&mut self, arc: &Arc<9>, _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<9>, _: FeedRate, _: PathMode, _: u32) -> Result<(), Refused> {
         let ([p, q], [cp, cq], start) = (arc.plane, arc.centre_mm, self.at);
         let radius = (start[p] - cp).hypot(start[q] - cq);
         let (from, sweep) = arc.sweep(&start);
@@ -193,7 +193,7 @@ impl Sink<9> for Drawing {
         Ok(())
     }
 
-    fn action(&mut self, _: Change, _: u32) {}
+    fn action(&mut self, _: OutputChange, _: u32) {}
 
     fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
         Ok(())

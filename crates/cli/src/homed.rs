@@ -7,7 +7,7 @@ use retrace_controller::homed::{CardOn, Homed, required};
 use retrace_controller::machine::Machine;
 use retrace_controller::manual::{Done, NotDone, Task};
 use retrace_controller::refusal::Refusal;
-use retrace_link::Identity;
+use retrace_link::CardIdentity;
 
 use crate::screen::model::AxisHoming;
 
@@ -29,7 +29,7 @@ impl Homing {
 
     /// A card at this address that says who it is.
     #[must_use]
-    pub fn of(address: &str, identity: &Identity) -> Self {
+    pub fn of(address: &str, identity: &CardIdentity) -> Self {
         let remedy = format!(
             "`retrace home --card {address}` with its machine file; see docs/machine-file.md for `allow_unhomed`"
         );

@@ -10,8 +10,8 @@ use std::path::Path;
 use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::switching::Switching;
-use retrace_hal_sim::{Clock, MachineSettings, Reply, SimCard};
-use retrace_link::{Await, InputUse, Start, channel};
+use retrace_hal_sim::{Clock, PlantSettings, Reply, SimCard};
+use retrace_link::{InputUse, InputWait, PathStart, channel};
 
 use crate::console::unwritable;
 
@@ -27,7 +27,7 @@ const TAKES_US: u32 = 50_000;
 /// # Errors
 /// `E2113`
 pub fn simulated<const A: usize>(machine: &Machine, clock: Clock) -> Result<SimCard<A>, Refusal> {
-    SimCard::with_machine(machine.card_settings(Start::at(0)), &hung_on::<A>(machine), clock)
+    SimCard::with_machine(machine.card_settings(PathStart::at(0)), &hung_on::<A>(machine), clock)
         .map_err(|_| Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
 }
 
@@ -50,10 +50,10 @@ pub fn traced<const A: usize>(
 }
 
 /// What hangs on a simulated card of a machine that stands at 0: switches, and what says that it is done.
-pub fn hung_on<const A: usize>(machine: &Machine) -> MachineSettings {
-    let inputs = machine.card_settings::<A>(Start::at(0)).inputs;
+pub fn hung_on<const A: usize>(machine: &Machine) -> PlantSettings {
+    let inputs = machine.card_settings::<A>(PathStart::at(0)).inputs;
     let travel: Vec<[i64; 2]> = (0..machine.axes.len()).map(|axis| limits(machine, axis)).collect();
-    let mut settings = MachineSettings::wired_as(&inputs, &travel, &[]);
+    let mut settings = PlantSettings::wired_as(&inputs, &travel, &[]);
     for switch in &mut settings.switches {
         let axis = usize::from(switch.axis);
         let Some(Some(home)) = machine.setting_up.homes.get(axis) else { continue };
@@ -86,7 +86,7 @@ fn limits(machine: &Machine, axis: usize) -> [i64; 2] {
 fn replies(machine: &Machine) -> Vec<Reply> {
     let mut replies: Vec<Reply> = Vec::new();
     for (code, Switching { until, .. }) in machine.switching.described() {
-        let Some(Await { input, active, at_most }) = until else { continue };
+        let Some(InputWait { input, active, timeout_periods: at_most }) = until else { continue };
         let waits_us = match at_most {
             0 => u32::MAX,
             periods => periods.saturating_mul(machine.period_us) / 2,

@@ -312,7 +312,7 @@ mod tests {
     use retrace_controller::journal::stamp::Stamp;
     use retrace_controller::stream::{Period, Told};
     use retrace_core::{Place, mode};
-    use retrace_link::{Change, Status};
+    use retrace_link::{CardStatus, OutputChange};
 
     /// A job that ran on a card, was stopped while it went back, and was taken up again once.
     fn stopped(jobs: &Jobs) -> JobFolder {
@@ -355,15 +355,15 @@ mod tests {
         let logbook = Logbook::go_on(store, Care::Written, tail, Durable::from(0), resumed, None).expect("it works");
         let mut keeper = Keeper::<3>::new(&logbook, 3, 1000);
         for (channel, value) in [(channel::SPINDLE, 1), (channel::SPEED, 12_000_000), (3, 1)] {
-            keeper.told(&Told::Output(Change { channel, value }));
+            keeper.told(&Told::Output(OutputChange { channel, value }));
         }
-        let status = Status::<3> {
+        let status = CardStatus::<3> {
             place,
             reached: 1300,
             executed: 2,
             line: 37,
             counts: [1200, 0, -5],
-            ..Status::standing(retrace_link::Start::at(0))
+            ..CardStatus::at_rest(retrace_link::PathStart::at(0))
         };
         keeper.told(&Told::Period(Period { mode: mode::Mode::Reverse, at_rest: true, ..Period::of(&status) }));
         drop(keeper);

@@ -20,7 +20,7 @@ use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::session::Outcome;
 use retrace_controller::state_file::{self, Access};
-use retrace_link::{Identity, Outputs, Status};
+use retrace_link::{CardIdentity, CardStatus, Outputs};
 use serde_json::Value;
 
 use crate::args::Reading;
@@ -178,7 +178,7 @@ impl Beginning<'_> {
     ///
     /// # Errors
     /// None in practice, see [`retrace_controller::fingerprint::of_planning`].
-    pub fn job<const A: usize>(self, status: &Status<A>) -> Result<Job, Refusal> {
+    pub fn job<const A: usize>(self, status: &CardStatus<A>) -> Result<Job, Refusal> {
         let (path, text) = self.machine_file;
         let name = self.program.name();
         let source = match self.program.arrives() {
@@ -228,7 +228,7 @@ fn arguments(reading: &Reading, start_line: Option<u32>) -> Arguments {
 
 /// A card at the end of a line, as the journal names it.
 #[must_use]
-pub fn wired(address: &str, identity: &Identity) -> entry::Card {
+pub fn wired(address: &str, identity: &CardIdentity) -> entry::Card {
     let name = String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned();
     entry::Card::Wired(WiredCard { address: address.into(), name, serial: identity.serial, boot: identity.boot })
 }

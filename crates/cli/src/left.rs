@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use retrace_gcode::{Canon, Parameters, Step, ToolTable};
+use retrace_gcode::{Canon, CanonStep, Parameters, ToolTable};
 
 /// Gathers it while a program is decoded.
 #[derive(Debug, Default)]
@@ -27,7 +27,7 @@ impl Left {
     }
 
     /// Writes what a block logs (LOGOPEN, LOGAPPEND, LOG, LOGCLOSE).
-    pub fn take(&mut self, steps: &[Step]) {
+    pub fn take(&mut self, steps: &[CanonStep]) {
         for step in steps {
             let done = match &step.canon {
                 Canon::LogOpen { file, append } => self.open(file, *append),

@@ -229,8 +229,8 @@ fn described_code(switching: Switching, period_s: f64) -> String {
     if let Some(until) = switching.until {
         let state = if until.active { "active" } else { "inactive" };
         let _ = write!(text, ", until input {} is {state}", until.input);
-        if until.at_most > 0 {
-            let _ = write!(text, ", {} s at most", f64::from(until.at_most) * period_s);
+        if until.timeout_periods > 0 {
+            let _ = write!(text, ", {} s at most", f64::from(until.timeout_periods) * period_s);
         }
     }
     text + match switching.in_reverse {

@@ -14,7 +14,7 @@ use retrace_controller::journal::entry::{Arguments, LatchedTables, MachineTables
 use retrace_controller::journal::hash::Hash;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::state_file::{self, Access};
-use retrace_gcode::{Axis, CarriedOver, Parameters, Pose, Setup, StartTables, Tool, ToolTable};
+use retrace_gcode::{Axis, ModalSnapshot, Parameters, Pose, Setup, StartTables, Tool, ToolTable};
 
 use crate::args::Reading;
 use crate::console::unwritable;
@@ -148,7 +148,7 @@ impl TableFiles {
     pub fn write_parameters(&self, began: &Parameters, ended: &Parameters) -> Result<(), Refusal> {
         let Some(path) = &self.parameters else { return Ok(()) };
         let is_kept = |number: &usize| !self.parameters_are_own || Parameters::is_machine_offset(*number);
-        let changed: Vec<usize> = Parameters::kept_numbers()
+        let changed: Vec<usize> = Parameters::persistent_numbers()
             .filter(is_kept)
             .filter(|&number| began.get(number).to_bits() != ended.get(number).to_bits())
             .collect();
@@ -201,8 +201,8 @@ impl TableKeeper {
     ///
     /// # Errors
     /// A file cannot be read or written; it is tried again with the next change.
-    pub fn keep(&mut self, carried: &CarriedOver) -> Result<(), Refusal> {
-        if self.parameters.kept() != carried.parameters().kept() {
+    pub fn keep(&mut self, carried: &ModalSnapshot) -> Result<(), Refusal> {
+        if self.parameters.persistent() != carried.parameters().persistent() {
             self.files.write_parameters(&self.parameters, carried.parameters())?;
             self.parameters = carried.parameters().clone();
         }
@@ -214,7 +214,7 @@ impl TableKeeper {
     }
 
     /// Notes that this has been written already, or is not to be: it is what a program has left.
-    pub fn is_kept(&mut self, carried: &CarriedOver) {
+    pub fn is_kept(&mut self, carried: &ModalSnapshot) {
         (self.parameters, self.tools) = (carried.parameters().clone(), carried.tools().clone());
     }
 }
@@ -260,7 +260,7 @@ pub fn unlatched(latched: &LatchedTables) -> Result<StartTables, Refusal> {
 #[must_use]
 pub fn differences(job: &StartTables, now: &StartTables) -> Vec<String> {
     let mut lines = Vec::new();
-    for number in Parameters::kept_numbers().filter(|&number| Parameters::is_machine_offset(number)) {
+    for number in Parameters::persistent_numbers().filter(|&number| Parameters::is_machine_offset(number)) {
         let (was, is) = (job.parameters.get(number), now.parameters.get(number));
         if was.to_bits() != is.to_bits() {
             lines.push(format!("{}: {was:.4} in the job, {is:.4} now", parameter_name(number)));

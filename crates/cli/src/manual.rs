@@ -12,7 +12,7 @@ use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::Manner;
 use retrace_controller::stream::{Observer, Told};
 use retrace_hal_sim::Clock;
-use retrace_link::{CardFault, MotionCard, Start};
+use retrace_link::{CardFailure, MotionCard, PathStart};
 use serde_json::{Map, Value, json};
 
 use crate::console::{Console, Show};
@@ -109,7 +109,7 @@ fn on_card<const A: usize>(
     {
         homing.check(machine)?;
     }
-    card.open(machine.card_settings(Start::at(0))).map_err(|fault| wired::failed(&args.card, &fault))?;
+    card.open(machine.card_settings(PathStart::at(0))).map_err(|fault| wired::failed(&args.card, &fault))?;
     let code = on(args, machine, task, desk, &mut *card, &homing)?;
     // The card stands, or has an alarm that says more than this would.
     let _ = card.close();
@@ -126,7 +126,7 @@ fn on<const A: usize, C: MotionCard<A>>(
     homing: &Homing,
 ) -> Result<u8, Failure>
 where
-    C::Fault: CardFault,
+    C::Fault: CardFailure,
 {
     let show = if args.json { Show::Json } else { Show::Plain };
     let mut console = Console::<A>::new(show, machine, None)?;

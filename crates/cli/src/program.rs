@@ -16,7 +16,7 @@ use retrace_controller::reading::SourceStatus;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::scan::Scan;
 use retrace_controller::survey::{self, Survey};
-use retrace_gcode::cycles::Library;
+use retrace_gcode::cycles::CycleLibrary;
 use retrace_gcode::{
     Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, StartTables, Tool, ToolTable,
 };
@@ -527,11 +527,11 @@ fn read_tables(reading: &Reading, setup: &mut Setup, files: &mut Vec<FileRead>) 
 }
 
 /// The sources of the cycles that can be called: each of the user's, and the shipped ones together.
-fn cycle_files(library: &Library) -> Vec<FileRead> {
+fn cycle_files(library: &CycleLibrary) -> Vec<FileRead> {
     let file =
         |path: String, number: u128| FileRead { role: Role::Cycles, path, hash: Hash::of(&number.to_le_bytes()) };
     let users = library.source_files().iter().map(|(path, number)| file(files::absolute(path), *number));
-    std::iter::once(file(String::new(), Library::shipped_identity())).chain(users).collect()
+    std::iter::once(file(String::new(), CycleLibrary::shipped_identity())).chain(users).collect()
 }
 
 /// A file that was read, and its hash.

@@ -21,7 +21,7 @@ use retrace_controller::operator::{self, Instruction};
 use retrace_controller::refusal::Refusal;
 use retrace_controller::resume::{Prepared, Resumption};
 use retrace_core::place::before;
-use retrace_link::{Greeting, MotionCard, Outputs, Start, channel};
+use retrace_link::{Greeting, MotionCard, Outputs, PathStart, channel};
 
 use crate::args::{self, OnOff};
 use crate::homed::Homing;
@@ -264,7 +264,7 @@ impl Taking<'_> {
         wired::fits(&address, &greeting.identity, &self.machine)?;
         let start = self.start(&address, &greeting, was)?;
         let stands =
-            Start { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
+            PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
         let settings = self.machine.card_settings(stands);
         let status = wired::look(&mut card, &address, settings)?;
         let named = kept::wired(&address, &greeting.identity);
@@ -284,7 +284,7 @@ impl Taking<'_> {
         address: &str,
         greeting: &Greeting<A>,
         was: &entry::WiredCard,
-    ) -> Result<Start, Refusal> {
+    ) -> Result<PathStart, Refusal> {
         let (is, stood) = (&greeting.identity, &self.record.stood);
         if is.serial != was.serial {
             let what = format!("{address}: serial number {}, and the job's card has {}", is.serial, was.serial);
@@ -299,7 +299,7 @@ impl Taking<'_> {
             return Ok(stood.start);
         }
         let said =
-            Start { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
+            PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
         let is_behind = before(said.reached, stood.start.reached) || before(said.executed, stood.start.executed);
         let is_off_path = said.place.record.wrapping_sub(self.record.job.origin) >= BEYOND;
         let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == entry::Ending::Stopped);
@@ -344,7 +344,7 @@ impl Taking<'_> {
     }
 
     /// What the journal says of where it was left.
-    fn resumption(&self, start: Start) -> Result<Resumption, Refusal> {
+    fn resumption(&self, start: PathStart) -> Result<Resumption, Refusal> {
         let job = &self.record.job;
         // Where it was the journal says once a second: marks that were made since come again with the plan, and are too far ahead to wait for.
         let is_old = start == self.record.stood.start;
@@ -373,7 +373,7 @@ impl Taking<'_> {
         program: &Program,
         script: Vec<Instruction>,
         (mut card, homing): (C, Homing),
-        start: Start,
+        start: PathStart,
         named: Card,
         wall_time: bool,
     ) -> Result<(u8, C), Failure> {
@@ -474,7 +474,7 @@ fn table_differences(program: &Program, job: &Job) -> Vec<String> {
 }
 
 fn resumed<const A: usize>(prepared: &Prepared<A>, card: Card, machine: &Machine) -> Resumed {
-    let Start { place, reached, executed, .. } = *prepared.start();
+    let PathStart { place, reached, executed, .. } = *prepared.start();
     let counts = prepared.counts()[..machine.axes.len().min(A)].to_vec();
     Resumed { when: Stamp::now(), retrace: env!("CARGO_PKG_VERSION").into(), card, place, reached, executed, counts }
 }

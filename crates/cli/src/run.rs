@@ -9,7 +9,7 @@ use retrace_controller::machine::Machine;
 use retrace_controller::operator::Instruction;
 use retrace_controller::refusal::Refusal;
 use retrace_hal_sim::Clock;
-use retrace_link::{MotionCard, Start, Status};
+use retrace_link::{CardStatus, MotionCard, PathStart};
 
 use crate::args::{self, OnOff};
 use crate::files;
@@ -100,7 +100,7 @@ impl With<'_> {
         }
         let machine = machine.standing_at(&counts);
         let program = self.open(&machine)?;
-        let settings = machine.card_settings(Start::at(0));
+        let settings = machine.card_settings(PathStart::at(0));
         if self.at_screen {
             card.open(settings).map_err(|fault| wired::failed(&args.card, &fault))?;
             let (homing, work) = (homing.at_screen(), (self.script, (self.text, named)));
@@ -169,7 +169,7 @@ fn keep<const A: usize>(
     program: &Program,
     machine: &Machine,
     (text, card): (&str, entry::Card),
-    status: &Status<A>,
+    status: &CardStatus<A>,
 ) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
     let input = program.arriving()?;
     // What was run without its outputs is not to be taken up with them.
@@ -210,7 +210,7 @@ impl<'a> Job<'a> {
     ///
     /// # Errors
     /// The journal cannot be written, or the program cannot be had.
-    pub fn keep<const A: usize>(&self, status: &Status<A>) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
+    pub fn keep<const A: usize>(&self, status: &CardStatus<A>) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
         let (text, named) = self.at;
         keep(self.args, &self.program, self.machine, (text, named.clone()), status)
     }

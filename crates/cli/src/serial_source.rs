@@ -17,7 +17,7 @@ use retrace_controller::program_end::ProgramEndDetector;
 use retrace_controller::reading::SourceStatus;
 use retrace_controller::refusal::Refusal;
 use retrace_controller::tape::{Received, TapeReader};
-use retrace_hal_serial::{Character, CharacterFormat, Lost, ParityBit, ProgramPort};
+use retrace_hal_serial::{Character, CharacterFormat, ParityBit, PortLost, ProgramPort};
 
 /// What such a program's name begins with.
 const SCHEME: &str = "serial:";
@@ -167,22 +167,22 @@ impl Read for SerialSource {
 
 /// What a receiver needs of a port; [`ProgramPort`] has it.
 trait ProgramLine {
-    fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), Lost>;
-    fn send(&mut self, byte: u8) -> Result<bool, Lost>;
-    fn set_request_to_send(&mut self, level: bool) -> Result<(), Lost>;
+    fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), PortLost>;
+    fn send(&mut self, byte: u8) -> Result<bool, PortLost>;
+    fn set_request_to_send(&mut self, level: bool) -> Result<(), PortLost>;
     fn is_clear_to_send(&mut self) -> bool;
 }
 
 impl ProgramLine for ProgramPort {
-    fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), Lost> {
+    fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), PortLost> {
         Self::read(self, characters, wait)
     }
 
-    fn send(&mut self, byte: u8) -> Result<bool, Lost> {
+    fn send(&mut self, byte: u8) -> Result<bool, PortLost> {
         Self::send(self, byte)
     }
 
-    fn set_request_to_send(&mut self, level: bool) -> Result<(), Lost> {
+    fn set_request_to_send(&mut self, level: bool) -> Result<(), PortLost> {
         Self::set_request_to_send(self, level)
     }
 
@@ -330,7 +330,7 @@ impl<P: ProgramLine> Receiver<P> {
 
     /// Tells the sender to send, or to pause.
     fn ask(&mut self, sends: bool) -> io::Result<()> {
-        let lost = |lost: Lost| io::Error::other(format!("E2309: {lost}"));
+        let lost = |lost: PortLost| io::Error::other(format!("E2309: {lost}"));
         let handshake = self.settings.handshake;
         if handshake.has_rts_cts() {
             self.port.set_request_to_send(sends).map_err(lost)?;
@@ -368,7 +368,7 @@ mod tests {
     }
 
     impl ProgramLine for &Mutex<ModemLine> {
-        fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), Lost> {
+        fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), PortLost> {
             let mut line = self.lock().expect("whole");
             let end = if line.is_requested { line.program.len().min(line.at + 100) } else { line.at };
             characters.extend(line.program[line.at..end].iter().map(|&byte| Character::Byte(byte)));
@@ -380,12 +380,12 @@ mod tests {
             Ok(())
         }
 
-        fn send(&mut self, byte: u8) -> Result<bool, Lost> {
+        fn send(&mut self, byte: u8) -> Result<bool, PortLost> {
             self.lock().expect("whole").codes.push(byte);
             Ok(true)
         }
 
-        fn set_request_to_send(&mut self, level: bool) -> Result<(), Lost> {
+        fn set_request_to_send(&mut self, level: bool) -> Result<(), PortLost> {
             let mut line = self.lock().expect("whole");
             if line.is_requested != level {
                 let at = line.at;

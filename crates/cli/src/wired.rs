@@ -8,14 +8,14 @@ use retrace_controller::machine::Machine;
 use retrace_controller::refusal::Refusal;
 use retrace_hal_serial::{Address, SerialPort};
 use retrace_link::{
-    CardFault, HostFault, Identity, InputUse, MotionCard, Patience, Settings, Start, Status, Wired, WiredFault, Word,
-    channel,
+    CardFailure, CardIdentity, CardSettings, CardStatus, HostCommand, InputUse, LinkError, LinkTimeouts, LinkedCard,
+    LinkedCardError, MotionCard, PathStart, channel,
 };
 
 use crate::program::Failure;
 
 /// A card behind a serial port or a pseudo-terminal.
-pub type SerialCard<const A: usize> = Box<Wired<A, SerialPort>>;
+pub type SerialCard<const A: usize> = Box<LinkedCard<A, SerialPort>>;
 
 /// Finds the card at `PATH[@BAUD]`.
 ///
@@ -24,7 +24,7 @@ pub type SerialCard<const A: usize> = Box<Wired<A, SerialPort>>;
 pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, Failure> {
     let address = Address::parse(address).map_err(refused)?;
     let port = SerialPort::open(&address).map_err(refused)?;
-    let card = Wired::find(port, nonce(), Patience::default()).map_err(|fault| {
+    let card = LinkedCard::find(port, nonce(), LinkTimeouts::default()).map_err(|fault| {
         let refusal = Refusal::new(fault.number(), format!("{address}: {fault}"), fault.remedy());
         Failure::Card(refusal)
     })?;
@@ -35,7 +35,7 @@ pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, Failure> {
 ///
 /// # Errors
 /// `E3008` with the first thing that it cannot.
-pub fn fits(address: &str, identity: &Identity, machine: &Machine) -> Result<(), Failure> {
+pub fn fits(address: &str, identity: &CardIdentity, machine: &Machine) -> Result<(), Failure> {
     match misfits(identity, machine).into_iter().next() {
         Some(what) => Err(Failure::Card(Refusal::new("E3008", format!("{address}: {what}"), MISFIT_REMEDY))),
         None => Ok(()),
@@ -48,7 +48,7 @@ pub const MISFIT_REMEDY: &str =
 
 /// Everything that a machine file asks for and this card cannot do.
 #[must_use]
-pub fn misfits(identity: &Identity, machine: &Machine) -> Vec<String> {
+pub fn misfits(identity: &CardIdentity, machine: &Machine) -> Vec<String> {
     let mut misfits = Vec::new();
     if machine.axes.len() > usize::from(identity.axes) {
         misfits.push(format!("the machine has {} axes, the card {}", machine.axes.len(), identity.axes));
@@ -57,7 +57,7 @@ pub fn misfits(identity: &Identity, machine: &Machine) -> Vec<String> {
     if !(least..=most).contains(&machine.period_us) {
         misfits.push(format!("a control period of {} µs, and the card takes {least} to {most}", machine.period_us));
     }
-    let settings = Settings { epoch: 1, ..machine.card_settings::<MAX_AXES>(Start::at(0)) };
+    let settings = CardSettings { epoch: 1, ..machine.card_settings::<MAX_AXES>(PathStart::at(0)) };
     let max_pulses = retrace_hal_sim::max_pulses_a_period(identity, &settings);
     let max_hz = max_pulses.map_or(f64::INFINITY, |pulses| f64::from(pulses) / machine.period_s());
     for axis in &machine.axes {
@@ -101,13 +101,13 @@ pub const MAX_AXES: usize = 9;
 pub fn look<const A: usize>(
     card: &mut SerialCard<A>,
     address: &str,
-    settings: Settings<A>,
-) -> Result<Status<A>, Failure> {
+    settings: CardSettings<A>,
+) -> Result<CardStatus<A>, Failure> {
     let told = |fault| failed(address, &fault);
     card.open(settings).map_err(told)?;
     let status = *card.status();
     card.close().map_err(told)?;
-    card.ask(nonce()).map_err(told)?;
+    card.request_greeting(nonce()).map_err(told)?;
     Ok(status)
 }
 
@@ -119,9 +119,9 @@ const CLEARED_WITHIN: u32 = 500;
 #[derive(Debug)]
 pub struct Greeted<const A: usize> {
     card: SerialCard<A>,
-    settings: Settings<A>,
+    settings: CardSettings<A>,
     /// As it was when it was asked.
-    status: Status<A>,
+    status: CardStatus<A>,
     boot: u32,
     is_open: bool,
 }
@@ -129,7 +129,7 @@ pub struct Greeted<const A: usize> {
 impl<const A: usize> Greeted<A> {
     /// A card that was looked at.
     #[must_use]
-    pub fn new(card: SerialCard<A>, settings: Settings<A>, status: Status<A>, boot: u32) -> Self {
+    pub fn new(card: SerialCard<A>, settings: CardSettings<A>, status: CardStatus<A>, boot: u32) -> Self {
         Self { card, settings, status, boot, is_open: false }
     }
 
@@ -141,19 +141,19 @@ impl<const A: usize> Greeted<A> {
         }
     }
 
-    fn open(&mut self, start: Start) -> Result<(), Fault<A>> {
+    fn open(&mut self, start: PathStart) -> Result<(), Fault<A>> {
         self.card.settle(nonce())?;
         let same = |greeting: &retrace_link::Greeting<A>| {
             greeting.identity.boot == self.boot && greeting.counts == self.status.counts
         };
         if !self.card.greeting().is_some_and(same) {
-            return Err(WiredFault::Host(HostFault::Restarted));
+            return Err(LinkedCardError::Host(LinkError::Restarted));
         }
-        self.card.open(Settings { start, ..self.settings })?;
+        self.card.open(CardSettings { start, ..self.settings })?;
         self.is_open = true;
         if self.card.status().alarm.is_some() {
             // What the card refuses shows in what it reports.
-            let _ = self.card.send(Word::ClearAlarm);
+            let _ = self.card.send(HostCommand::ClearAlarm);
             for _ in 0..CLEARED_WITHIN {
                 if self.card.period()?.alarm.is_none() {
                     break;
@@ -164,7 +164,7 @@ impl<const A: usize> Greeted<A> {
     }
 }
 
-type Fault<const A: usize> = <Wired<A, SerialPort> as MotionCard<A>>::Fault;
+type Fault<const A: usize> = <LinkedCard<A, SerialPort> as MotionCard<A>>::Fault;
 
 impl<const A: usize> MotionCard<A> for Greeted<A> {
     type Fault = Fault<A>;
@@ -173,19 +173,19 @@ impl<const A: usize> MotionCard<A> for Greeted<A> {
         self.card.window()
     }
 
-    fn send(&mut self, word: Word<A>) -> Result<(), retrace_link::Refusal> {
-        if self.is_open { self.card.send(word) } else { Err(retrace_link::Refusal::Unfit) }
+    fn send(&mut self, word: HostCommand<A>) -> Result<(), retrace_link::CommandRefusal> {
+        if self.is_open { self.card.send(word) } else { Err(retrace_link::CommandRefusal::Unfit) }
     }
 
-    fn period(&mut self) -> Result<&Status<A>, Fault<A>> {
+    fn period(&mut self) -> Result<&CardStatus<A>, Fault<A>> {
         self.card.period()
     }
 
-    fn begin(&mut self, start: Start) -> Result<(), Fault<A>> {
+    fn begin(&mut self, start: PathStart) -> Result<(), Fault<A>> {
         if self.is_open { self.card.begin(start) } else { self.open(start) }
     }
 
-    fn status(&self) -> &Status<A> {
+    fn status(&self) -> &CardStatus<A> {
         if self.is_open { self.card.status() } else { &self.status }
     }
 
@@ -195,11 +195,11 @@ impl<const A: usize> MotionCard<A> for Greeted<A> {
 }
 
 /// The card, or the line to it.
-pub fn failed(address: &str, fault: &impl CardFault) -> Failure {
+pub fn failed(address: &str, fault: &impl CardFailure) -> Failure {
     Failure::Card(Refusal::new(fault.number(), format!("{address}: {fault}"), fault.remedy()))
 }
 
-fn refused(refused: retrace_hal_serial::Refused) -> Failure {
+fn refused(refused: retrace_hal_serial::PortError) -> Failure {
     Refusal::new(refused.number, refused.what, refused.remedy).into()
 }
 

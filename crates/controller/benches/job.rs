@@ -17,9 +17,9 @@ use retrace_controller::job::{Decode, Decoded, feed_all};
 use retrace_controller::machine::Machine;
 use retrace_controller::sink::Sink;
 use retrace_core::Flags;
-use retrace_gcode::{Prescan, Program, Progress, Setup, Step, Text};
-use retrace_link::Change;
-use retrace_motion::{Arc, Feed, PathMode, Planner};
+use retrace_gcode::{CanonStep, Prescan, Program, Progress, Setup, Text};
+use retrace_link::OutputChange;
+use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 use roads::Way;
 use row::{Goal, Row, median};
@@ -28,7 +28,7 @@ use row::{Goal, Row, median};
 struct Decoder(Program<&'static [u8]>);
 
 impl Decode for Decoder {
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
         match self.0.advance(steps) {
             Progress::End => Decoded::End,
             _ => Decoded::Block,
@@ -53,19 +53,19 @@ impl Records {
 }
 
 impl Sink<3> for Records {
-    fn straight(&mut self, end_mm: [f64; 3], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    fn straight(&mut self, end_mm: [f64; 3], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         self.planner.line(end_mm, feed, mode, line)?;
         self.drain();
         Ok(())
     }
 
-    fn arc(&mut self, arc: &Arc<3>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<3>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         self.planner.arc(arc, feed, mode, line)?;
         self.drain();
         Ok(())
     }
 
-    fn action(&mut self, _: Change, _: u32) {}
+    fn action(&mut self, _: OutputChange, _: u32) {}
 
     fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
         self.planner.stop(Flags::NONE);

@@ -6,8 +6,8 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use retrace_gcode::{
-    Active, Axis, AxisSet, CarriedOver, Diagnostic, Interpreter, Parameters, Pose, Program, Progress, Setup, Severity,
-    Step, ToolTable, UserCodes,
+    ActiveCodes, Axis, AxisSet, CanonStep, Diagnostic, Interpreter, ModalSnapshot, Parameters, Pose, Program, Progress,
+    Setup, Severity, ToolTable, UserCodes,
 };
 
 use crate::job::{self, Decode, Decoded};
@@ -31,26 +31,26 @@ fn position(machine: &Machine) -> Pose {
 #[derive(Clone, Debug)]
 pub struct Desk {
     setup: Setup,
-    carried: CarriedOver,
+    carried: ModalSnapshot,
 }
 
 impl Desk {
     /// Nothing has been carried out; `setup` has tools, parameters, cycles and folders of subprograms.
     #[must_use]
     pub fn new(setup: Setup) -> Self {
-        let carried = Interpreter::new(setup.clone()).carried();
+        let carried = Interpreter::new(setup.clone()).modal_snapshot();
         Self { setup, carried }
     }
 
     /// The modal state.
     #[must_use]
-    pub fn active(&self) -> Active {
+    pub fn active(&self) -> ActiveCodes {
         self.carried.state().into()
     }
 
     /// Parameters, tools and modal state.
     #[must_use]
-    pub fn carried(&self) -> &CarriedOver {
+    pub fn carried(&self) -> &ModalSnapshot {
         &self.carried
     }
 
@@ -66,8 +66,8 @@ impl Desk {
     /// What is wrong with it, rendered: its diagnostics, and what this machine cannot run (E43…). Nothing has changed then.
     pub fn block(&self, machine: &Machine, text: &str) -> Result<Block, Vec<String>> {
         let begin = || {
-            let setup = Setup { position: position(machine), ..self.setup.clone() }.going_on(&self.carried);
-            let program = Program::by_hand(text, setup).map_err(|found| rendered(&found, text))?;
+            let setup = Setup { position: position(machine), ..self.setup.clone() }.continuing(&self.carried);
+            let program = Program::mdi(text, setup).map_err(|found| rendered(&found, text))?;
             Ok::<_, Vec<String>>(Block { text: text.to_owned(), program, left: None, moves: false })
         };
         let mut looked_at = begin()?;
@@ -82,17 +82,17 @@ impl Desk {
 
     /// Takes over what a block has left that was carried out.
     pub fn done(&mut self, block: &Block) {
-        self.carried = block.program.interpreter().carried();
+        self.carried = block.program.interpreter().modal_snapshot();
     }
 
     /// Replaces parameters and tools by those that a program has left; the modes stay.
     pub fn set_tables(&mut self, parameters: Parameters, tools: ToolTable) {
         let carried = self.carried.clone().with_tables(parameters, tools);
-        self.carried = Interpreter::new(self.setup.clone().going_on(&carried)).carried();
+        self.carried = Interpreter::new(self.setup.clone().continuing(&carried)).modal_snapshot();
     }
 
     /// Takes over what a program has left that was carried out.
-    pub fn take_over(&mut self, left: CarriedOver) {
+    pub fn take_over(&mut self, left: ModalSnapshot) {
         self.carried = left;
     }
 }
@@ -113,7 +113,7 @@ pub struct Block {
 }
 
 /// Where a block that was decoded to its end puts what it leaves.
-pub(crate) type Left = Arc<Mutex<Option<CarriedOver>>>;
+pub(crate) type Left = Arc<Mutex<Option<ModalSnapshot>>>;
 
 impl Block {
     /// Does it move the machine?
@@ -130,12 +130,12 @@ impl Block {
 }
 
 impl Decode for Block {
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
         match self.program.advance(steps) {
             Progress::Line => Decoded::Block,
             Progress::End => {
                 if let Some(left) = &self.left {
-                    let carried = self.program.interpreter().carried();
+                    let carried = self.program.interpreter().modal_snapshot();
                     *left.lock().unwrap_or_else(PoisonError::into_inner) = Some(carried);
                 }
                 Decoded::End
@@ -176,7 +176,7 @@ mod tests {
         let program = Interpreter::new(setup);
         let state = program.state();
         assert_eq!(state.position, Pose::xyz(6.0, 0.0, 3.0));
-        assert_eq!((state.current_tool, state.distance), (1, retrace_gcode::Distance::Absolute));
+        assert_eq!((state.current_tool, state.distance), (1, retrace_gcode::DistanceMode::Absolute));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! Invariant: settings that were checked here name only inputs, outputs and axes that there can be.
 
 use retrace_core::limits::RateLimits;
-use retrace_link::{Change, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, Settings, Start, channel};
+use retrace_link::{CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, OutputChange, PathStart, channel};
 use serde::Deserialize;
 
 use crate::machine::{Axis, Machine, within};
@@ -67,7 +67,7 @@ impl Default for WrittenCard {
 
 /// What the card is told besides the axes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CardSettings {
+pub struct CardConfig {
     watchdog_periods: u16,
     report_periods: u8,
     pulse_ns: u16,
@@ -82,7 +82,7 @@ pub struct CardSettings {
 
 impl WrittenCard {
     /// Checks what is written. Without a list of its own a fault switches off what cuts, and the spindle.
-    pub(crate) fn checked(self, axes: &[Axis], cutting: &[u8], period_ms: f64) -> Result<CardSettings, Refusal> {
+    pub(crate) fn checked(self, axes: &[Axis], cutting: &[u8], period_ms: f64) -> Result<CardConfig, Refusal> {
         within(
             "card.watchdog_ms",
             self.watchdog_ms,
@@ -140,7 +140,7 @@ impl WrittenCard {
             )));
         }
         let periods = |ms: f64| (ms / period_ms).round().max(1.0);
-        Ok(CardSettings {
+        Ok(CardConfig {
             watchdog_periods: periods(self.watchdog_ms) as u16,
             // A report costs some thirty bytes: on a slow clock it may come a little later.
             report_periods: periods(self.report_every_ms).max((16.0 / period_ms).floor().min(8.0)).min(255.0) as u8,
@@ -169,7 +169,7 @@ impl WrittenCard {
     }
 }
 
-impl CardSettings {
+impl CardConfig {
     /// The most pulses a second that drives take whose step pulses have this length: each is high and low for as long at least.
     #[must_use]
     pub fn max_pulses_hz(&self) -> f64 {
@@ -194,11 +194,11 @@ impl CardSettings {
 impl Machine {
     /// What a card is told of this machine, and where the path is to be taken up.
     #[must_use]
-    pub fn card_settings<const A: usize>(&self, start: Start) -> Settings<A> {
+    pub fn card_settings<const A: usize>(&self, start: PathStart) -> CardSettings<A> {
         let card = &self.card;
         // A checked machine has them.
         let limits = self.rate_limits().unwrap_or(RateLimits::unknown());
-        let mut settings = Settings {
+        let mut settings = CardSettings {
             axes: self.axes.len().min(A) as u8,
             report_periods: card.report_periods,
             watchdog_periods: card.watchdog_periods,
@@ -213,10 +213,10 @@ impl Machine {
                 self.period_s() * 1e3,
                 self.inhibits_outputs,
             ),
-            ..Settings::new(0, start, self.period_us, limits)
+            ..CardSettings::new(0, start, self.period_us, limits)
         };
         for (slot, &channel) in settings.safe.iter_mut().zip(&card.off_at_fault) {
-            *slot = Change { channel, value: 0 };
+            *slot = OutputChange { channel, value: 0 };
         }
         for (slot, axis) in settings.backlash_pulses.iter_mut().zip(&self.axes) {
             // At most 10 mm; where that is more pulses than can be told, the most that can.
@@ -239,13 +239,13 @@ mod tests {
         let text = "control_period_ms = 2.0\ncutting_outputs = [4]\n[card]\nwatchdog_ms = 300\nstep_pulse_us = 3.5\n\
             inverted_axes = [\"Y\"]\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\nactive_low = true\n\
             [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
-        let settings = machine(text).expect("valid").card_settings::<4>(Start::at(7));
-        assert_eq!((settings.start, settings.axes, settings.period_us), (Start::at(7), 3, 2000));
+        let settings = machine(text).expect("valid").card_settings::<4>(PathStart::at(7));
+        assert_eq!((settings.start, settings.axes, settings.period_us), (PathStart::at(7), 3, 2000));
         assert_eq!((settings.watchdog_periods, settings.report_periods), (150, 8));
         assert_eq!((settings.pulse_ns, settings.direction_inverted), (3500, 2));
         let limit = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
         assert_eq!((settings.inputs[2], settings.inputs[13].used_for), (limit, InputUse::EmergencyStop));
-        let off = [4, channel::SPINDLE].map(|channel| Change { channel, value: 0 });
+        let off = [4, channel::SPINDLE].map(|channel| OutputChange { channel, value: 0 });
         assert_eq!(settings.safe(), off);
     }
 
@@ -257,7 +257,8 @@ mod tests {
                 max_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 100]\nbacklash_mm = {mm:?}\n"
             )
         };
-        let settings = machine(&(axis("x", 0.0) + &axis("z", 0.015))).expect("valid").card_settings::<4>(Start::at(0));
+        let settings =
+            machine(&(axis("x", 0.0) + &axis("z", 0.015))).expect("valid").card_settings::<4>(PathStart::at(0));
         assert_eq!(settings.backlash_pulses, [0, 12, 0, 0]);
     }
 

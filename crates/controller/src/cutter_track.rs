@@ -2,7 +2,7 @@
 //!
 //! Invariant: no rapid move is given to a sink with a cutter on, unless its machine file allows it.
 
-use retrace_link::Change;
+use retrace_link::OutputChange;
 
 use crate::machine::{CutterKind, Machine};
 use crate::sink::Sink;
@@ -43,7 +43,7 @@ impl CutterTrack {
             let cutter = &machine.cutters[at];
             let goes_off = self.lit[at] && cutter.kind == CutterKind::Beam && !cutter.rapid_lit;
             if goes_off && !std::mem::replace(&mut self.interrupted[at], true) {
-                sink.action(Change { channel: cutter.fire, value: 0 }, line);
+                sink.action(OutputChange { channel: cutter.fire, value: 0 }, line);
             }
         }
         Ok(())
@@ -53,13 +53,13 @@ impl CutterTrack {
     pub(crate) fn before_feed<const A: usize>(&mut self, machine: &Machine, line: u32, sink: &mut impl Sink<A>) {
         for (cutter, interrupted) in machine.cutters.iter().zip(&mut self.interrupted) {
             if std::mem::take(interrupted) {
-                sink.action(Change { channel: cutter.fire, value: 1 }, line);
+                sink.action(OutputChange { channel: cutter.fire, value: 1 }, line);
             }
         }
     }
 
     /// The program switches these outputs.
-    pub(crate) fn switched(&mut self, machine: &Machine, changes: &[Change]) {
+    pub(crate) fn switched(&mut self, machine: &Machine, changes: &[OutputChange]) {
         for (at, cutter) in machine.cutters.iter().enumerate() {
             for change in changes.iter().filter(|change| change.channel == cutter.fire) {
                 self.lit[at] = change.value != 0;

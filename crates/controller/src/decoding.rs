@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use retrace_gcode::{Active, Step};
+use retrace_gcode::{ActiveCodes, CanonStep};
 
 use crate::item::Ending;
 use crate::job::{Decode, Decoded};
@@ -22,11 +22,11 @@ const NAP: Duration = Duration::from_micros(300);
 #[derive(Debug, Default)]
 pub(crate) struct Batch {
     /// The steps.
-    pub(crate) steps: Vec<Step>,
+    pub(crate) steps: Vec<CanonStep>,
     /// Behind how many of the steps each block ends.
     pub(crate) ends: Vec<u32>,
     /// The modal state from a block of the batch on, wherever it changes.
-    pub(crate) modes: Vec<(u32, Box<Active>)>,
+    pub(crate) modes: Vec<(u32, Box<ActiveCodes>)>,
     /// How the program ended, behind the last step.
     pub(crate) ending: Option<Ending>,
 }
@@ -86,7 +86,7 @@ impl Belt {
     }
 
     /// Puts a block on the belt, and the modal state where it has changed; false where nobody takes it. Waits for room, with short naps: neither side wakes the other.
-    fn put(&self, steps: &mut Vec<Step>, changed: Option<Box<Active>>, decoded: Decoded) -> bool {
+    fn put(&self, steps: &mut Vec<CanonStep>, changed: Option<Box<ActiveCodes>>, decoded: Decoded) -> bool {
         while !self.given_up.load(Ordering::Relaxed) {
             let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
             if held.steps.len() < MAX_STEPS && held.ends.len() < MAX_STEPS {
@@ -146,10 +146,10 @@ mod tests {
     struct Counts(u32);
 
     impl Decode for Counts {
-        fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+        fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
             self.0 += 1;
             for _ in 0..self.0 % 3 {
-                steps.push(Step { line: self.0, number: None, canon: Canon::FloodOn });
+                steps.push(CanonStep { line: self.0, number: None, canon: Canon::FloodOn });
             }
             if self.0 == 10_000 { Decoded::Refused("why".into()) } else { Decoded::Block }
         }

@@ -3,7 +3,7 @@
 //! Invariant: every event carries the period and the place at which it happened.
 
 use retrace_core::Place;
-use retrace_link::{Alarm, CardFault, CutterOffCause};
+use retrace_link::{Alarm, CardFailure, CutterOffCause};
 use serde_json::{Value, json};
 
 use crate::dnc::Dnc;
@@ -30,7 +30,7 @@ pub enum CardError {
 impl CardError {
     /// A fault in words.
     #[must_use]
-    pub fn of(fault: &impl CardFault) -> Self {
+    pub fn of(fault: &impl CardFailure) -> Self {
         Self::Fault { number: fault.number(), cause: fault.to_string(), remedy: fault.remedy().to_string() }
     }
 

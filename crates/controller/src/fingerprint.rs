@@ -5,9 +5,9 @@
 //! Invariant: nothing but the fixed program on the built-in machine goes into it; it is reckoned each time, and kept by nobody.
 
 use retrace_core::Flags;
-use retrace_gcode::{Program, Progress, Step};
-use retrace_link::Change;
-use retrace_motion::{Arc, Feed, PathMode, Planner};
+use retrace_gcode::{CanonStep, Program, Progress};
+use retrace_link::OutputChange;
+use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 use crate::by_hand;
 use crate::feed::{Cancelled, Refused, Switch};
@@ -43,7 +43,7 @@ pub fn of_planning() -> Result<u32, Refusal> {
 struct Fixed(Program<&'static [u8]>);
 
 impl Decode for Fixed {
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
         match self.0.advance(steps) {
             Progress::Line => Decoded::Block,
             Progress::Refused => Decoded::Refused(String::new()),
@@ -75,19 +75,19 @@ impl Planned {
 }
 
 impl Sink<4> for Planned {
-    fn straight(&mut self, end_mm: [f64; 4], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    fn straight(&mut self, end_mm: [f64; 4], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         self.planner.line(end_mm, feed, mode, line)?;
         self.take();
         Ok(())
     }
 
-    fn arc(&mut self, arc: &Arc<4>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<4>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         self.planner.arc(arc, feed, mode, line)?;
         self.take();
         Ok(())
     }
 
-    fn action(&mut self, _: Change, _: u32) {}
+    fn action(&mut self, _: OutputChange, _: u32) {}
 
     fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
         self.rest();

@@ -7,7 +7,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use retrace_link::Identity;
+use retrace_link::CardIdentity;
 use serde::{Deserialize, Serialize};
 
 use crate::jobs::Jobs;
@@ -28,8 +28,8 @@ pub struct CardOn {
     boot: u32,
 }
 
-impl From<&Identity> for CardOn {
-    fn from(identity: &Identity) -> Self {
+impl From<&CardIdentity> for CardOn {
+    fn from(identity: &CardIdentity) -> Self {
         let name = String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned();
         Self { name, serial: identity.serial, boot: identity.boot }
     }

@@ -3,8 +3,8 @@
 //! Invariant: an item is sent before the first record at or beyond its place, so that whoever has seen that record has seen the
 //! item (GMC-3: the front marker stands in the stream at its place).
 
-use retrace_gcode::Active;
-use retrace_link::{Action, Await, Change, MAX_CHANGES};
+use retrace_gcode::ActiveCodes;
+use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange};
 
 use crate::index::Difference;
 
@@ -36,13 +36,13 @@ pub struct Exclusive {
     /// As it is written in the program, for messages: `M3`, `G4` …
     pub code: &'static str,
     /// The outputs it switches, the first `count` of them.
-    pub changes: [Change; MAX_CHANGES],
+    pub changes: [OutputChange; MAX_CHANGES],
     /// How many of `changes` hold.
     pub count: u8,
     /// Control periods that it takes at least.
     pub periods: u32,
     /// What it waits for besides.
-    pub until: Option<Await>,
+    pub until: Option<InputWait>,
     /// It cannot be passed backward (tool change).
     pub one_way: bool,
 }
@@ -75,7 +75,7 @@ pub enum Item {
     /// An exclusive instruction.
     Exclusive(Exclusive),
     /// A synchronous action and its program line; line 0 where an exclusive instruction that was told of has done it already.
-    Action(Action, u32),
+    Action(OutputAction, u32),
     /// A message of the program, to be shown when the motion comes to the place.
     Message {
         /// The record before which it stands.
@@ -90,7 +90,7 @@ pub enum Item {
         /// The record before which it stands.
         place: u32,
         /// The state.
-        active: Box<Active>,
+        active: Box<ActiveCodes>,
     },
     /// A place of the plan is not as it was when the job ran before.
     Differs(Box<Difference>),

@@ -15,8 +15,8 @@ use std::thread;
 use retrace_core::Record;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::size::ring_cells;
-use retrace_gcode::{Active, Step};
-use retrace_link::{MotionCard, Outputs, Status};
+use retrace_gcode::{ActiveCodes, CanonStep};
+use retrace_link::{CardStatus, MotionCard, Outputs};
 use retrace_motion::Planner;
 
 use crate::decoding::{self, Belt};
@@ -42,10 +42,10 @@ use crate::track::Track;
 /// A program as a source of canonical functions.
 pub trait Decode {
     /// Decodes the next block and puts its steps behind those in `steps`.
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded;
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded;
 
     /// The modal state behind the last block, where the source has one.
-    fn active(&self) -> Option<Active> {
+    fn active(&self) -> Option<ActiveCodes> {
         None
     }
 
@@ -273,9 +273,9 @@ struct Origin<const A: usize> {
 }
 
 impl<const A: usize> Origin<A> {
-    fn of(machine: &Machine, begin: &Begin, status: &Status<A>) -> Self {
+    fn of(machine: &Machine, begin: &Begin, status: &CardStatus<A>) -> Self {
         let Begin::At(at) = begin else {
-            let Status { place, counts, outputs, executed, .. } = *status;
+            let CardStatus { place, counts, outputs, executed, .. } = *status;
             return Self { place: place.record, counts, outputs, executed };
         };
         let mut counts = [0; A];

@@ -5,7 +5,7 @@
 use std::thread;
 use std::time::Duration;
 
-use retrace_gcode::{Axis, Canon, Step};
+use retrace_gcode::{Axis, Canon, CanonStep};
 
 use crate::decoding::{Batch, Belt};
 use crate::feed::{Cancelled, Feeder};
@@ -126,7 +126,7 @@ impl<const A: usize> Planning<'_, '_, A> {
     }
 
     /// Gives a block's steps to the feeder; those before the line to begin at are only remembered.
-    fn give(&mut self, steps: &[Step]) -> Result<(), (Untrackable, u32)> {
+    fn give(&mut self, steps: &[CanonStep]) -> Result<(), (Untrackable, u32)> {
         self.feeder.block(self.blocks + 1);
         let ends_length = steps.iter().any(|step| self.track.ends_entered_length(&step.canon));
         self.feeder.has_end_of_length(ends_length);

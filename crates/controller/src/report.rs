@@ -3,7 +3,7 @@
 //! Invariant: positions come from the card, commanded positions from the program; nothing in the report is estimated. What was not measured is
 //! null, with a note that says why.
 
-use retrace_link::Status;
+use retrace_link::CardStatus;
 use serde_json::{Map, Value, json};
 
 use crate::judge::Verdict;
@@ -31,7 +31,7 @@ pub struct Report<'a, const A: usize> {
     /// End position of the program on the machine's axes, mm; empty where the program did not come to its end.
     pub commanded_mm: &'a [f64],
     /// What the card has reported last.
-    pub card: &'a Status<A>,
+    pub card: &'a CardStatus<A>,
     /// The judge's verdict over what was emitted.
     pub verdict: &'a Verdict<A>,
     /// Real time in seconds.

@@ -3,7 +3,7 @@
 //!
 //! Invariant: a cutter is lit last and put out first; no output is switched that agrees already.
 
-use retrace_link::{Action, Await, Change, MAX_CHANGES, Outputs, channel};
+use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs, channel};
 
 /// What switched an output last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -14,7 +14,7 @@ struct Origin {
     line: u32,
     place: u32,
     periods: u32,
-    until: Option<Await>,
+    until: Option<InputWait>,
 }
 
 /// One instruction to carry out again.
@@ -25,19 +25,19 @@ pub struct RestartStep {
     /// Its program line; 0 where nothing of the program switched the output.
     pub line: u32,
     /// The outputs to switch; the first `count` of them.
-    pub changes: [Change; MAX_CHANGES],
+    pub changes: [OutputChange; MAX_CHANGES],
     /// How many of `changes` are valid.
     pub count: u8,
     /// Control periods that it takes at least.
     pub periods: u32,
     /// The input that it waits for.
-    pub until: Option<Await>,
+    pub until: Option<InputWait>,
 }
 
 impl RestartStep {
     /// The valid changes.
     #[must_use]
-    pub fn changes(&self) -> &[Change] {
+    pub fn changes(&self) -> &[OutputChange] {
         &self.changes[..usize::from(self.count).min(MAX_CHANGES)]
     }
 }
@@ -59,10 +59,10 @@ impl OutputOrigins {
     /// An instruction of the program has switched these outputs, before the record at `place`.
     pub fn switched(
         &mut self,
-        changes: &[Change],
+        changes: &[OutputChange],
         (code, line, place): (&'static str, u32, u32),
         periods: u32,
-        until: Option<Await>,
+        until: Option<InputWait>,
     ) {
         self.sequence = self.sequence.saturating_add(1);
         let origin = Origin { sequence: self.sequence, code, line, place, periods, until };
@@ -74,9 +74,9 @@ impl OutputOrigins {
     }
 
     /// The program has switched an output in passing.
-    pub fn passed(&mut self, action: &Action, line: u32) {
+    pub fn passed(&mut self, action: &OutputAction, line: u32) {
         let code = if action.after == 0 { "M63" } else { "M62" };
-        let change = Change { channel: action.channel, value: action.after };
+        let change = OutputChange { channel: action.channel, value: action.after };
         self.switched(&[change], (code, line, action.place), 0, None);
     }
 
@@ -130,7 +130,7 @@ impl OutputOrigins {
         channels.sort_unstable_by_key(|&channel| (key(channel), channel));
         let mut last = None;
         for &channel in &*channels {
-            let change = Change { channel, value: wants[usize::from(channel)] };
+            let change = OutputChange { channel, value: wants[usize::from(channel)] };
             let origin = origin_of(channel);
             match steps.last_mut() {
                 Some(step)
@@ -140,7 +140,7 @@ impl OutputOrigins {
                     step.count += 1;
                 }
                 _ => {
-                    let mut changes = [Change::default(); MAX_CHANGES];
+                    let mut changes = [OutputChange::default(); MAX_CHANGES];
                     changes[0] = change;
                     let Origin { code, line, periods, until, .. } = origin;
                     let code = if code.is_empty() { "output" } else { code };
@@ -165,11 +165,11 @@ mod tests {
         outputs
     }
 
-    fn change(channel: u8, value: i32) -> Change {
-        Change { channel, value }
+    fn change(channel: u8, value: i32) -> OutputChange {
+        OutputChange { channel, value }
     }
 
-    fn steps(origins: &OutputOrigins, are: &Outputs, wants: &Outputs) -> Vec<(&'static str, Vec<Change>, u32)> {
+    fn steps(origins: &OutputOrigins, are: &Outputs, wants: &Outputs) -> Vec<(&'static str, Vec<OutputChange>, u32)> {
         let mut steps = Vec::new();
         origins.steps(are, wants, &[3], |_| true, &mut steps);
         steps.iter().map(|step| (step.code, step.changes().to_vec(), step.periods)).collect()

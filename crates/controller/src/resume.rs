@@ -12,8 +12,8 @@ use std::time::Duration;
 use retrace_core::place::before;
 use retrace_core::playback::part;
 use retrace_core::{ONE, Travel};
-use retrace_gcode::Active;
-use retrace_link::{Outputs, Start, Status, channel};
+use retrace_gcode::ActiveCodes;
+use retrace_link::{CardStatus, Outputs, PathStart, channel};
 
 use crate::approach::approach;
 use crate::index::{Difference, Mark};
@@ -26,7 +26,7 @@ use crate::tool_length::LengthChange;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resumption {
     /// Where the machine stands on the path, and what was done of it. Whether the path rests there is found out.
-    pub start: Start,
+    pub start: PathStart,
     /// The place where the job's path began.
     pub origin: u32,
     /// Number of the last instruction that was executed before the job began.
@@ -46,7 +46,7 @@ pub struct Resumption {
 impl Resumption {
     /// A job that began at `origin` with all outputs off, at 100 %, and whose index says nothing.
     #[must_use]
-    pub fn at(start: Start, origin: u32) -> Self {
+    pub fn at(start: PathStart, origin: u32) -> Self {
         let outputs = [0; channel::COUNT];
         Self {
             start,
@@ -64,7 +64,7 @@ impl Resumption {
 impl Resumption {
     /// Can a ring that plans `look_ahead` records ahead have left such a place, and made such marks?
     pub(crate) fn could_be(&self, look_ahead: u32) -> Result<(), Unfound> {
-        let Start { place, reached, .. } = self.start;
+        let PathStart { place, reached, .. } = self.start;
         let last = self.marks.last().map_or(reached, |mark| mark.place);
         let ahead = before(reached, last) && last.wrapping_sub(reached) > look_ahead;
         if !self.start.is_valid() || before(place.record, self.origin) || ahead {
@@ -122,7 +122,7 @@ impl fmt::Display for Unfound {
 /// A job that is ready to go on from where it was left.
 #[derive(Clone, Debug)]
 pub struct Prepared<const A: usize> {
-    start: Start,
+    start: PathStart,
     counts: [i64; A],
     expected: Outputs,
     oldest: u32,
@@ -130,13 +130,13 @@ pub struct Prepared<const A: usize> {
     into_line_mm: f64,
     history_mm: f64,
     planned: Travel,
-    card: Status<A>,
+    card: CardStatus<A>,
 }
 
 impl<const A: usize> Prepared<A> {
     /// Where it was left; whether the path rests there its records say.
     #[must_use]
-    pub fn start(&self) -> &Start {
+    pub fn start(&self) -> &PathStart {
         &self.start
     }
 
@@ -184,7 +184,7 @@ impl<const A: usize> Prepared<A> {
 
     /// What the card says of itself.
     #[must_use]
-    pub fn card(&self) -> &Status<A> {
+    pub fn card(&self) -> &CardStatus<A> {
         &self.card
     }
 
@@ -211,7 +211,7 @@ pub(crate) struct Following<'s, 'r, const A: usize> {
     place: u32,
     sum: [i64; A],
     /// The modal state that is in force there.
-    active: Option<Box<Active>>,
+    active: Option<Box<ActiveCodes>>,
     /// At the place where it was left.
     counts: Option<[i64; A]>,
     line: u32,
@@ -252,7 +252,7 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
     }
 
     /// Follows to the end; waits for the planner.
-    pub(crate) fn follow(mut self, card: &Status<A>) -> Result<Prepared<A>, Unfound> {
+    pub(crate) fn follow(mut self, card: &CardStatus<A>) -> Result<Prepared<A>, Unfound> {
         let start = self.at.start;
         while !self.step()? {
             thread::sleep(Duration::from_micros(50));
@@ -266,7 +266,7 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
         }
         self.supply.stand_at(start.place.record);
         let rests = start.place.fraction == 0 && self.supply.rests_before(start.place.record);
-        let start = Start { rests, ..start };
+        let start = PathStart { rests, ..start };
         if let Some(active) = self.active.take() {
             self.supply.still_active(active);
         }

@@ -5,8 +5,8 @@
 
 use std::collections::BTreeMap;
 
-use retrace_link::{Change, channel};
-use retrace_motion::{Arc, Feed, PathMode};
+use retrace_link::{OutputChange, channel};
+use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::feed::{Cancelled, Refused, Switch};
 use crate::job::Finding;
@@ -144,7 +144,7 @@ impl<'m, const A: usize> Scan<'m, A> {
     }
 
     /// An output is switched.
-    fn switched(&mut self, change: Change, line: u32) {
+    fn switched(&mut self, change: OutputChange, line: u32) {
         if change.value == 0 {
             self.on.remove(&change.channel);
         } else {
@@ -185,8 +185,8 @@ pub(crate) fn passed_limit(axis: &Axis, x: f64) -> Option<f64> {
 }
 
 impl<const A: usize> Sink<A> for Scan<'_, A> {
-    fn straight(&mut self, end_mm: [f64; A], feed: Feed, _: PathMode, line: u32) -> Result<(), Refused> {
-        if !matches!(feed, Feed::Rapid) {
+    fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, _: PathMode, line: u32) -> Result<(), Refused> {
+        if !matches!(feed, FeedRate::Rapid) {
             self.fed();
         }
         self.moves += 1;
@@ -195,7 +195,7 @@ impl<const A: usize> Sink<A> for Scan<'_, A> {
         Ok(())
     }
 
-    fn arc(&mut self, arc: &Arc<A>, _: Feed, _: PathMode, line: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<A>, _: FeedRate, _: PathMode, line: u32) -> Result<(), Refused> {
         self.fed();
         self.moves += 1;
         for point in extremes(&self.at, arc) {
@@ -206,7 +206,7 @@ impl<const A: usize> Sink<A> for Scan<'_, A> {
         Ok(())
     }
 
-    fn action(&mut self, change: Change, line: u32) {
+    fn action(&mut self, change: OutputChange, line: u32) {
         self.switched(change, line);
     }
 
@@ -250,12 +250,12 @@ mod tests {
         let machine = Machine::parse("[[axis]]\nname = \"x\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-5, 12]\n[[axis]]\nname = \"y\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-12, 12]\n", "m").expect("valid");
         let mut scan = Scan::<2>::new(&machine);
         let mode = PathMode::ExactPath;
-        scan.straight([10.0, 0.0], Feed::Rapid, mode, 1).expect("looks only");
+        scan.straight([10.0, 0.0], FeedRate::Rapid, mode, 1).expect("looks only");
         let half = |rotation| Arc { plane: [0, 1], centre_mm: [0.0, 0.0], rotation, end_mm: [0.0, 10.0] };
-        scan.arc(&half(1), Feed::PerSecond(1.0), mode, 2).expect("looks only");
+        scan.arc(&half(1), FeedRate::PerSecond(1.0), mode, 2).expect("looks only");
         assert_eq!(scan.beyond, []);
-        scan.straight([10.0, 0.0], Feed::Rapid, mode, 3).expect("looks only");
-        scan.arc(&half(-1), Feed::PerSecond(1.0), mode, 4).expect("looks only");
+        scan.straight([10.0, 0.0], FeedRate::Rapid, mode, 3).expect("looks only");
+        scan.arc(&half(-1), FeedRate::PerSecond(1.0), mode, 4).expect("looks only");
         assert_eq!(scan.beyond, [BeyondLimit { axis: 'x', position_mm: -10.0, limit_mm: -5.0, line: 4 }]);
         assert_eq!(scan.extents_mm, Some([[-10.0, 10.0], [-10.0, 10.0]]));
     }

@@ -2,8 +2,8 @@
 //!
 //! Invariant: both sinks are given the same calls for the same program, so that what was scanned is what is run.
 
-use retrace_link::Change;
-use retrace_motion::{Arc, Feed, PathMode};
+use retrace_link::OutputChange;
+use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::feed::{Cancelled, Feeder, Refused, Switch};
 
@@ -13,19 +13,19 @@ pub trait Sink<const A: usize> {
     ///
     /// # Errors
     /// What cannot be run, with nothing changed.
-    fn straight(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused>;
+    fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused>;
 
     /// An arc or helix that begins where the last move ended.
     ///
     /// # Errors
     /// What cannot be run, with nothing changed.
-    fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused>;
+    fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused>;
 
     /// A synchronous action, executed where the next move begins.
-    fn action(&mut self, change: Change, line: u32);
+    fn action(&mut self, change: OutputChange, line: u32);
 
     /// The same, which reverse run leaves as it is.
-    fn lasting_action(&mut self, change: Change, line: u32) {
+    fn lasting_action(&mut self, change: OutputChange, line: u32) {
         self.action(change, line);
     }
 
@@ -43,19 +43,19 @@ pub trait Sink<const A: usize> {
 }
 
 impl<const A: usize> Sink<A> for Feeder<'_, A> {
-    fn straight(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         Feeder::straight(self, end_mm, feed, mode, line)
     }
 
-    fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         Feeder::arc(self, arc, feed, mode, line)
     }
 
-    fn action(&mut self, change: Change, line: u32) {
+    fn action(&mut self, change: OutputChange, line: u32) {
         Feeder::action(self, change, line);
     }
 
-    fn lasting_action(&mut self, change: Change, line: u32) {
+    fn lasting_action(&mut self, change: OutputChange, line: u32) {
         Feeder::lasting_action(self, change, line);
     }
 

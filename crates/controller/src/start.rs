@@ -4,8 +4,8 @@
 //! cutters before the first move, the cutters where the skipped motion ended (CUT-17). The axes come there in the order of DNC-6, tool axis
 //! up to the retract plane or higher, other axes, tool axis down.
 
-use retrace_link::{Action, Change, Outputs};
-use retrace_motion::{Arc, Feed, PathMode};
+use retrace_link::{OutputAction, OutputChange, Outputs};
+use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::feed::{Cancelled, Feeder, Refused, Switch};
 use crate::item::Kind;
@@ -46,7 +46,7 @@ impl Skipped {
         self.switch(feeder, line, |channel| !self.cutting.contains(&channel))?;
         let at = feeder.commanded_mm();
         for end in ends_mm(machine, at, target_mm) {
-            feeder.straight(end, Feed::Rapid, PathMode::ExactStop, line)?;
+            feeder.straight(end, FeedRate::Rapid, PathMode::ExactStop, line)?;
         }
         feeder.rest()?;
         Ok(self.switch(feeder, line, |channel| self.cutting.contains(&channel))?)
@@ -82,20 +82,20 @@ fn ends_mm<const A: usize>(machine: &Machine, at: [f64; A], target: [f64; A]) ->
 }
 
 impl<const A: usize> Sink<A> for Skipped {
-    fn straight(&mut self, _: [f64; A], _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+    fn straight(&mut self, _: [f64; A], _: FeedRate, _: PathMode, _: u32) -> Result<(), Refused> {
         self.moves = self.moves.wrapping_add(1);
         Ok(())
     }
 
-    fn arc(&mut self, _: &Arc<A>, _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+    fn arc(&mut self, _: &Arc<A>, _: FeedRate, _: PathMode, _: u32) -> Result<(), Refused> {
         self.moves = self.moves.wrapping_add(1);
         Ok(())
     }
 
-    fn action(&mut self, change: Change, line: u32) {
-        let Change { channel, value } = change;
+    fn action(&mut self, change: OutputChange, line: u32) {
+        let OutputChange { channel, value } = change;
         let before = std::mem::replace(&mut self.outputs[usize::from(channel)], value);
-        self.origins.passed(&Action { place: self.moves, channel, before, after: value }, line);
+        self.origins.passed(&OutputAction { place: self.moves, channel, before, after: value }, line);
     }
 
     fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {

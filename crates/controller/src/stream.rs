@@ -12,8 +12,8 @@ use std::time::Duration;
 
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Travel};
-use retrace_gcode::Active;
-use retrace_link::{Change, Outputs, Status, channel};
+use retrace_gcode::ActiveCodes;
+use retrace_link::{CardStatus, OutputChange, Outputs, channel};
 
 use crate::event::Event;
 
@@ -89,7 +89,7 @@ pub struct Period<const A: usize> {
 impl<const A: usize> Period<A> {
     /// From the card's report; what the card does not know is as at the beginning of a job.
     #[must_use]
-    pub fn of(status: &Status<A>) -> Self {
+    pub fn of(status: &CardStatus<A>) -> Self {
         Self {
             period: status.period,
             place: status.place,
@@ -103,7 +103,7 @@ impl<const A: usize> Period<A> {
             counts: status.counts,
             executed: status.executed,
             at_rest: status.at_rest,
-            short: status.short,
+            short: status.starved,
             inputs: status.inputs,
             mode: Mode::Run,
             standing: Standing::None,
@@ -120,9 +120,9 @@ pub enum Told<const A: usize> {
     /// A control period has passed.
     Period(Period<A>),
     /// An output has taken a value, by the program or by hand. At the start every output that is not 0 is told.
-    Output(Change),
+    Output(OutputChange),
     /// From here on this modal state is in force.
-    Active(Box<Active>),
+    Active(Box<ActiveCodes>),
     /// Something happened.
     Event(Event),
 }
@@ -185,7 +185,7 @@ impl<const A: usize> Teller<A> {
         }
         for (channel, &value) in (0u8..).zip(now) {
             if std::mem::replace(&mut self.outputs[usize::from(channel)], value) != value {
-                self.tell(Told::Output(Change { channel, value }));
+                self.tell(Told::Output(OutputChange { channel, value }));
             }
         }
     }
@@ -287,7 +287,7 @@ mod tests {
         drop(teller);
         let mut heard = Heard(Vec::new(), Duration::ZERO);
         hearing.report(&mut heard);
-        let told = [(3, 1), (68, 7), (3, 0)].map(|(channel, value)| Told::Output(Change { channel, value }));
+        let told = [(3, 1), (68, 7), (3, 0)].map(|(channel, value)| Told::Output(OutputChange { channel, value }));
         assert_eq!(heard.0, told);
     }
 

@@ -11,8 +11,8 @@ use retrace_core::gate::Gates;
 use retrace_core::place::before;
 use retrace_core::ring::Consumer;
 use retrace_core::{Flags, Place, Record};
-use retrace_gcode::Active;
-use retrace_link::{Action, MotionCard, Outputs, Status, Word};
+use retrace_gcode::ActiveCodes;
+use retrace_link::{CardStatus, HostCommand, MotionCard, OutputAction, Outputs};
 
 use crate::index::{Difference, Durable};
 use crate::item::{Exclusive, Item, Kind, Summary};
@@ -49,12 +49,12 @@ pub struct Supply<'r, const A: usize> {
     gates: Gates,
     next_number: u32,
     /// Output actions of the records that are kept, in path order.
-    actions: VecDeque<(Action, u32)>,
+    actions: VecDeque<(OutputAction, u32)>,
     /// How many of `actions` lie behind `reached`.
     passed: usize,
     messages: VecDeque<(u32, u32, String)>,
     /// Modal states, each from its place on.
-    modes: VecDeque<(u32, Box<Active>)>,
+    modes: VecDeque<(u32, Box<ActiveCodes>)>,
     summary: Option<Summary>,
     /// Nobody plans any more, and the program has not ended: a defect over there.
     cut_off: bool,
@@ -223,7 +223,7 @@ impl<'r, const A: usize> Supply<'r, A> {
 
     /// Is enough planned that the rate does not depend on when the planner gets on? `enough`: records ahead.
     #[must_use]
-    pub fn is_enough(&mut self, status: &Status<A>, enough: u32) -> bool {
+    pub fn is_enough(&mut self, status: &CardStatus<A>, enough: u32) -> bool {
         let sure = self.sure();
         sure.wrapping_sub(status.place.record) >= enough
             || self.exclusives.front().is_some_and(|next| !before(sure, next.place))
@@ -269,7 +269,7 @@ impl<'r, const A: usize> Supply<'r, A> {
     }
 
     /// Has everything been executed for the first time?
-    pub fn all_executed(&mut self, status: &Status<A>) -> bool {
+    pub fn all_executed(&mut self, status: &CardStatus<A>) -> bool {
         self.summary.is_some() && self.exclusives.is_empty() && status.reached == self.ring.write()
     }
 
@@ -353,7 +353,7 @@ impl<'r, const A: usize> Supply<'r, A> {
 
     /// The instruction in hand, if the card rests on its place and may have it now (gate C).
     #[must_use]
-    pub fn due(&self, status: &Status<A>) -> Option<&Exclusive> {
+    pub fn due(&self, status: &CardStatus<A>) -> Option<&Exclusive> {
         self.exclusives.front().filter(|_| self.gates.c_open(status.place, status.at_rest))
     }
 
@@ -410,7 +410,7 @@ impl<'r, const A: usize> Supply<'r, A> {
     }
 
     /// Follows the card's cursor: history and outputs come up to date. [`Supply::news`] has what the cursor has passed for the first time.
-    pub fn follow(&mut self, status: &Status<A>) {
+    pub fn follow(&mut self, status: &CardStatus<A>) {
         // `reached` counts a record that was only begun; it is never beyond `write`, so the ring takes it.
         self.ring.seek(status.reached);
         self.ring.seek(status.place.record);
@@ -446,7 +446,7 @@ impl<'r, const A: usize> Supply<'r, A> {
     }
 
     /// This modal state is in force where the cursor stands: it is news yet.
-    pub fn still_active(&mut self, active: Box<Active>) {
+    pub fn still_active(&mut self, active: Box<ActiveCodes>) {
         self.modes.push_front((self.ring.reached(), active));
     }
 
@@ -467,12 +467,12 @@ impl<'r, const A: usize> Supply<'r, A> {
             while let Some((next, _)) = self.actions.get(action)
                 && next.place == place
             {
-                if card.send(Word::Action(*next)).is_err() {
+                if card.send(HostCommand::Action(*next)).is_err() {
                     return;
                 }
                 action += 1;
             }
-            if card.send(Word::Ahead { place, record }).is_err() {
+            if card.send(HostCommand::Ahead { place, record }).is_err() {
                 return;
             }
             place = place.wrapping_add(1);
@@ -488,12 +488,12 @@ impl<'r, const A: usize> Supply<'r, A> {
             let Some(record) = self.ring.record(n) else { break };
             let rests = self.rests_before(n);
             while action > 0 && self.actions[action - 1].0.place == n {
-                if card.send(Word::Action(self.actions[action - 1].0)).is_err() {
+                if card.send(HostCommand::Action(self.actions[action - 1].0)).is_err() {
                     return;
                 }
                 action -= 1;
             }
-            if card.send(Word::Behind { place: n, record, rests }).is_err() {
+            if card.send(HostCommand::Behind { place: n, record, rests }).is_err() {
                 return;
             }
             place = n;
@@ -535,7 +535,7 @@ impl<'r, const A: usize> Supply<'r, A> {
         let mut place = after;
         while before(place, card.status().high) {
             place = place.wrapping_add(1);
-            if self.block_ends(place) && card.send(Word::Trim { high: place }).is_ok() {
+            if self.block_ends(place) && card.send(HostCommand::Trim { high: place }).is_ok() {
                 self.block = Some(Block { looked: place, ends: true });
                 return;
             }
@@ -574,9 +574,9 @@ struct Block {
 #[derive(Clone, Debug)]
 pub enum News {
     /// An action and its line.
-    Action(Action, u32),
+    Action(OutputAction, u32),
     /// A message's line and text.
     Message(u32, String),
     /// The modal state that is in force from there on.
-    Active(Box<Active>),
+    Active(Box<ActiveCodes>),
 }

@@ -7,8 +7,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use retrace_core::Flags;
-use retrace_link::{Change, channel};
-use retrace_motion::{Arc, Feed, LimitError, PathMode, Planner};
+use retrace_link::{OutputChange, channel};
+use retrace_motion::{Arc, FeedRate, LimitError, PathMode, Planner};
 
 use crate::feed::{Cancelled, Refused, Switch};
 use crate::item::Kind;
@@ -141,16 +141,16 @@ impl<'m, const A: usize> Survey<'m, A> {
         self.count();
     }
 
-    fn moved(&mut self, feed: Feed, length_mm: f64, line: u32) {
-        if let Feed::PerSecond(mm_s) = feed {
+    fn moved(&mut self, feed: FeedRate, length_mm: f64, line: u32) {
+        if let FeedRate::PerSecond(mm_s) = feed {
             Range::take(&mut self.feed_mm_per_min, mm_s * 60.0);
             if mm_s > self.scan.machine().path_velocity_mm_s * (1.0 + 1e-9) && length_mm > 0.0 {
                 self.feed_beyond.get_or_insert((line, mm_s * 60.0));
             }
         }
         match feed {
-            Feed::Rapid => self.rapid_mm += length_mm,
-            Feed::PerSecond(_) | Feed::Duration(_) => self.cutting_mm += length_mm,
+            FeedRate::Rapid => self.rapid_mm += length_mm,
+            FeedRate::PerSecond(_) | FeedRate::Duration(_) => self.cutting_mm += length_mm,
         }
         self.count();
     }
@@ -162,7 +162,7 @@ impl<'m, const A: usize> Survey<'m, A> {
         linear.map(|(index, _)| (to[index] - from[index]).powi(2)).sum()
     }
 
-    fn switched(&mut self, change: Change) {
+    fn switched(&mut self, change: OutputChange) {
         let cutting = &self.scan.machine().cutting_outputs;
         if cutting.contains(&change.channel) || cutting.is_empty() && change.channel == channel::SPINDLE {
             let was_on = self.cutters_on.contains(&change.channel);
@@ -201,7 +201,7 @@ impl<'m, const A: usize> Survey<'m, A> {
 }
 
 impl<const A: usize> Sink<A> for Survey<'_, A> {
-    fn straight(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         let length_mm = self.linear_squared(&self.planner.commanded_mm(), &end_mm, &[]).sqrt();
         self.planner.line(end_mm, feed, mode, line)?;
         self.scan.straight(end_mm, feed, mode, line)?;
@@ -209,7 +209,7 @@ impl<const A: usize> Sink<A> for Survey<'_, A> {
         Ok(())
     }
 
-    fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         let from = self.planner.commanded_mm();
         self.planner.arc(arc, feed, mode, line)?;
         let [p, q] = arc.plane;
@@ -221,7 +221,7 @@ impl<const A: usize> Sink<A> for Survey<'_, A> {
         Ok(())
     }
 
-    fn action(&mut self, change: Change, line: u32) {
+    fn action(&mut self, change: OutputChange, line: u32) {
         self.scan.action(change, line);
         self.switched(change);
     }

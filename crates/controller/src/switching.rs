@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use retrace_link::{Await, MAX_INPUTS};
+use retrace_link::{InputWait, MAX_INPUTS};
 use serde::Deserialize;
 
 use crate::machine::within;
@@ -84,7 +84,7 @@ pub struct Switching {
     /// Control periods that it takes at least, if it is exclusive.
     pub periods: u32,
     /// What it waits for besides.
-    pub until: Option<Await>,
+    pub until: Option<InputWait>,
     /// What becomes of it in reverse.
     pub in_reverse: InReverse,
 }
@@ -237,14 +237,14 @@ fn switching(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<
     Ok(Switching { class: code.class, periods: periods(code.duration_ms, period_us), until, in_reverse })
 }
 
-fn awaited(name: &str, waits_for: WaitsFor, period_us: u32) -> Result<Await, Refusal> {
+fn awaited(name: &str, waits_for: WaitsFor, period_us: u32) -> Result<InputWait, Refusal> {
     if usize::from(waits_for.input) >= MAX_INPUTS {
         let what = format!("[code.{name}]: waits_for.input = {}: there is no such input", waits_for.input);
         return Err(Refusal::new("E2112", what, "an input is a number from 0 to 15"));
     }
     within(&format!("code.{name}: waits_for.timeout_ms"), waits_for.timeout_ms, 0.0, 3.6e6)?;
     let at_most = periods(waits_for.timeout_ms, period_us).max(u32::from(waits_for.timeout_ms > 0.0));
-    Ok(Await { input: waits_for.input, active: waits_for.active, at_most })
+    Ok(InputWait { input: waits_for.input, active: waits_for.active, timeout_periods: at_most })
 }
 
 fn periods(ms: f64, period_us: u32) -> u32 {
@@ -309,8 +309,8 @@ mod tests {
     fn a_code_waits_for_its_input_and_fails_in_time() {
         let waits = |text: &str| code(&format!("control_period_ms = 2\n[code.M3]\nwaits_for = {{ {text} }}\n"));
         let until = waits("input = 5, active = false, timeout_ms = 3000").expect("valid").until;
-        assert_eq!(until, Some(Await { input: 5, active: false, at_most: 1500 }));
-        let until = |text: &str| waits(text).expect("valid").until.map(|until| (until.active, until.at_most));
+        assert_eq!(until, Some(InputWait { input: 5, active: false, timeout_periods: 1500 }));
+        let until = |text: &str| waits(text).expect("valid").until.map(|until| (until.active, until.timeout_periods));
         assert_eq!((until("input = 0"), until("input = 0, timeout_ms = 0")), (Some((true, 5000)), Some((true, 0))));
         assert_eq!(until("input = 0, timeout_ms = 0.1"), Some((true, 1)));
         assert!(waits("input = 16").expect_err("16 inputs").what.contains("waits_for.input = 16"));

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use retrace_controller::machine::Machine;
 use retrace_controller::session::Outcome;
-use retrace_hal_sim::RigSettings;
+use retrace_hal_sim::CardSimulatorSettings;
 use wired::{Done, Path, Trial, ended_well, good_line, run};
 
 /// Four axes, a control period in ms.
@@ -40,7 +40,7 @@ fn programs() -> Vec<PathBuf> {
 }
 
 fn over(machine: &Machine, program: &str, script: &str, baud: u32) -> Done {
-    let rig = RigSettings { up: good_line(baud), down: good_line(baud), ..RigSettings::default() };
+    let rig = CardSimulatorSettings { up: good_line(baud), down: good_line(baud), ..CardSimulatorSettings::default() };
     run(Trial { machine, program, script, rig, pulled: Vec::new(), tapped: false }).expect("opened")
 }
 

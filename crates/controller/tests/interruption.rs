@@ -15,7 +15,7 @@ use retrace_controller::stream::{Observer, Told};
 use retrace_core::interruption::{
     Breakpoint, Interruption, InterruptionAction, InterruptionError, InterruptionEvent, SpindleDirection, SpindleState,
 };
-use retrace_gcode::{Program, Progress, Setup, Step as Decodes};
+use retrace_gcode::{CanonStep as Decodes, Program, Progress, Setup};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::MotionCard;
 

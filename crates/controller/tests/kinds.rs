@@ -13,9 +13,9 @@ use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Told};
 use retrace_core::mode::Mode;
-use retrace_gcode::{Program, Progress, Setup, Step, Tool, ToolTable};
-use retrace_hal_sim::{Chance, Clock, MachineSettings, Process, SimCard};
-use retrace_link::{MotionCard, Outputs, Start, channel};
+use retrace_gcode::{CanonStep, Program, Progress, Setup, Tool, ToolTable};
+use retrace_hal_sim::{Chance, Clock, PlantSettings, Process, SimCard};
+use retrace_link::{MotionCard, Outputs, PathStart, channel};
 
 const WATERJET: &str = include_str!("../../cli/src/machine/waterjet.toml");
 const PLASMA: &str = include_str!("../../cli/src/machine/plasma.toml");
@@ -25,7 +25,7 @@ const LATHE: &str = include_str!("../../cli/src/machine/lathe.toml");
 struct Decoder(Program<&'static [u8]>);
 
 impl Decode for Decoder {
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
         match self.0.advance(steps) {
             Progress::Line => Decoded::Block,
             Progress::End => Decoded::End,
@@ -54,15 +54,13 @@ impl Observer<4> for Seen {
 
 /// Runs a program on a simulated machine that is wired as its file says, with `processes` on it.
 fn run(machine: &Machine, program: &'static str, script: &str, processes: &[Process]) -> (JobEnd<SimCard<4>>, Seen) {
-    let settings = machine.card_settings::<4>(Start::at(0));
+    let settings = machine.card_settings::<4>(PathStart::at(0));
     // the switches a little outside of the soft limits
     let ends = |axis: usize| machine.axes[axis].travel_mm.map(|mm| machine.counts_of(axis, mm * 1.01));
     let travel: Vec<[i64; 2]> =
         (0..machine.axes.len()).map(ends).map(|[low, high]| [low - 1000, high + 1000]).collect();
-    let wired = MachineSettings {
-        processes: processes.to_vec(),
-        ..MachineSettings::wired_as(&settings.inputs, &travel, &[0; 4])
-    };
+    let wired =
+        PlantSettings { processes: processes.to_vec(), ..PlantSettings::wired_as(&settings.inputs, &travel, &[0; 4]) };
     let card = SimCard::with_machine(settings, &wired, Clock::Virtual).expect("it opens");
     let mut tools = ToolTable::default();
     tools.insert(Tool { number: 1, ..Tool::default() });

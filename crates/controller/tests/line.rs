@@ -4,7 +4,9 @@ mod wired;
 
 use retrace_controller::machine::Machine;
 use retrace_controller::session::Outcome;
-use retrace_hal_sim::{Chance, Fault, Leftover, LineSettings, Random, Rates, RigSettings};
+use retrace_hal_sim::{
+    CardSimulatorSettings, Chance, FaultRates, InFlightPolicy, LineFault, Random, SerialChannelSettings,
+};
 use wired::{Path, Trial, ended_well, good_line, on_the_path, pick, program, run, script};
 
 /// How many cases, and the seed of the first: `cargo xtask campaign line`.
@@ -14,11 +16,11 @@ fn asked(usual: u64) -> (u64, u64) {
 }
 
 /// A line with faults at a rate a byte that is drawn from 1e-6 to 1e-2, all kinds alike likely, some of the stalls longer than the watchdog.
-fn bad_line(random: &mut Random, baud: u32, exponent: f64) -> LineSettings {
+fn bad_line(random: &mut Random, baud: u32, exponent: f64) -> SerialChannelSettings {
     let chance = Chance::new(10f64.powf(exponent) / 5.0).expect("a probability");
     let stall_us = pick(random, &[2_000, 20_000, 100_000, 400_000]);
-    let rates = Rates { stall_us, ..Rates::all(chance) };
-    LineSettings {
+    let rates = FaultRates { stall_us, ..FaultRates::all(chance) };
+    SerialChannelSettings {
         baud,
         latency_us: random.up_to(2000),
         jitter_us: random.up_to(3000),
@@ -42,12 +44,15 @@ fn whatever_the_line_does_a_job_ends_exactly_or_in_a_latched_alarm() {
         let (up, down) = (bad_line(&mut random, baud, exponent), bad_line(&mut random, baud, exponent));
         let mut pulled = Vec::new();
         for _ in 0..random.up_to(6).saturating_sub(3) {
-            let leftover =
-                if random.up_to(1) == 0 { Leftover::Lost } else { Leftover::Late { us: random.up_to(30_000) } };
+            let leftover = if random.up_to(1) == 0 {
+                InFlightPolicy::Lost
+            } else {
+                InFlightPolicy::Late { us: random.up_to(30_000) }
+            };
             pulled.push((u64::from(random.up_to(3_000_000)), leftover));
         }
         let path = Path::of(&machine, &program);
-        let rig = RigSettings { up, down, ..RigSettings::default() };
+        let rig = CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() };
         let trial = Trial { machine: &machine, program: &program, script: &script, rig, pulled, tapped: false };
         match run(trial) {
             Ok(done) => {
@@ -56,7 +61,7 @@ fn whatever_the_line_does_a_job_ends_exactly_or_in_a_latched_alarm() {
                 }
                 assert_eq!(done.violations, 0, "seed {seed}: {}", done.first_violation);
                 let lines = done.cable.port.rig().lines();
-                faults += lines.iter().map(|line| line.tally().faults()).sum::<u64>();
+                faults += lines.iter().map(|line| line.counters().faults()).sum::<u64>();
                 if done.completed() { completed += 1 } else { alarms += 1 }
             }
             Err(_) => not_opened += 1,
@@ -82,8 +87,8 @@ fn every_single_fault_at_every_frame_of_a_short_run() {
     let path = Path::of(&machine, SHORT);
     let script = "at 0.1s reverse 100%\nafter 0.08s leave\n";
     let line = || good_line(460_800);
-    let trial = |up: LineSettings, down: LineSettings, tapped: bool| {
-        let rig = RigSettings { up, down, ..RigSettings::default() };
+    let trial = |up: SerialChannelSettings, down: SerialChannelSettings, tapped: bool| {
+        let rig = CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() };
         run(Trial { machine: &machine, program: SHORT, script, rig, pulled: Vec::new(), tapped }).expect("opened")
     };
     let clean = trial(line(), line(), true);
@@ -98,18 +103,18 @@ fn every_single_fault_at_every_frame_of_a_short_run() {
             let (begin, last) = (bounds[0], bounds[1] - 1);
             let middle = begin.midpoint(last);
             let faults = [
-                (begin, Fault::Flip { bit: 0 }),
-                (middle, Fault::Flip { bit: 7 }),
-                (last, Fault::Flip { bit: 3 }),
-                (begin, Fault::Drop),
-                (last, Fault::Drop),
-                (middle, Fault::Duplicate),
-                (last, Fault::Duplicate),
-                (begin, Fault::Cut { bytes: (last - begin + 1) as u32 }),
-                (middle, Fault::Cut { bytes: 40 }),
-                (begin, Fault::Stall { us: 30_000, lost: false }),
-                (middle, Fault::Stall { us: 30_000, lost: true }),
-                (middle, Fault::Stall { us: 400_000, lost: true }),
+                (begin, LineFault::Flip { bit: 0 }),
+                (middle, LineFault::Flip { bit: 7 }),
+                (last, LineFault::Flip { bit: 3 }),
+                (begin, LineFault::Drop),
+                (last, LineFault::Drop),
+                (middle, LineFault::Duplicate),
+                (last, LineFault::Duplicate),
+                (begin, LineFault::Cut { bytes: (last - begin + 1) as u32 }),
+                (middle, LineFault::Cut { bytes: 40 }),
+                (begin, LineFault::Stall { us: 30_000, lost: false }),
+                (middle, LineFault::Stall { us: 30_000, lost: true }),
+                (middle, LineFault::Stall { us: 400_000, lost: true }),
             ];
             for (at, fault) in faults {
                 let mut lines = [line(), line()];
@@ -121,7 +126,7 @@ fn every_single_fault_at_every_frame_of_a_short_run() {
                 if let Err(what) = ended_well(&path, &done) {
                     panic!("direction {direction}, byte {at}, {fault:?}: {what}\n{:?}", done.events);
                 }
-                let long = matches!(fault, Fault::Stall { us: 400_000, .. });
+                let long = matches!(fault, LineFault::Stall { us: 400_000, .. });
                 assert!(long || done.completed(), "direction {direction}, byte {at}, {fault:?}: {:?}", done.outcome);
             }
         }
@@ -138,8 +143,8 @@ fn a_host_that_dies_leaves_the_machine_at_rest_on_the_path() {
         // From then on nothing of the host's comes through.
         let byte_us = 10_000_000 / 1_000_000;
         let mut up = good_line(1_000_000);
-        up.script = vec![((at_us / byte_us) / 25, Fault::Stall { us: 60_000_000, lost: true })];
-        let rig = RigSettings { up, down: good_line(1_000_000), ..RigSettings::default() };
+        up.script = vec![((at_us / byte_us) / 25, LineFault::Stall { us: 60_000_000, lost: true })];
+        let rig = CardSimulatorSettings { up, down: good_line(1_000_000), ..CardSimulatorSettings::default() };
         let script = "";
         let done =
             run(Trial { machine: &machine, program, script, rig, pulled: Vec::new(), tapped: false }).expect("opened");

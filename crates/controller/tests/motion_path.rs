@@ -18,8 +18,8 @@ use retrace_controller::tally::Tally;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::{Place, Record, size};
 use retrace_hal_sim::{Clock, SimCard};
-use retrace_link::{Change, MotionCard, Status, channel};
-use retrace_motion::{Feed, PathMode, Planner};
+use retrace_link::{CardStatus, MotionCard, OutputChange, channel};
+use retrace_motion::{FeedRate, PathMode, Planner};
 
 /// Everything that was executed.
 struct Log {
@@ -47,7 +47,7 @@ impl Observer<3> for Log {
 struct Run {
     outcome: Outcome,
     tally: Tally,
-    status: Status<3>,
+    status: CardStatus<3>,
     verdict: Verdict<3>,
     rows: Vec<(Place, [i64; 3], i64)>,
     events: Vec<Event>,
@@ -111,7 +111,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut Feeder<'_, 3>) + 
     Run { outcome, tally, status, verdict: log.judge.finish(), rows: log.rows, events: log.events }
 }
 
-const FEED: Feed = Feed::PerSecond(80.0);
+const FEED: FeedRate = FeedRate::PerSecond(80.0);
 
 fn zigzag(feeder: &mut Feeder<'_, 3>) {
     for k in 0..40u32 {
@@ -160,7 +160,7 @@ fn a_short_history_ends_reverse_run_at_its_oldest_record_and_says_so() {
 #[test]
 fn instructions_stand_between_the_motion_before_and_behind() {
     let switch = |feeder: &mut Feeder<'_, 3>, value, periods| {
-        let changes = [Change { channel: channel::SPINDLE, value }];
+        let changes = [OutputChange { channel: channel::SPINDLE, value }];
         let (kind, code) = (Kind::Switch, "M3");
         feeder
             .exclusive(Switch { line: 9, kind, code, changes: &changes, periods, ..Switch::default() })
@@ -170,7 +170,7 @@ fn instructions_stand_between_the_motion_before_and_behind() {
         switch(feeder, 1, 100);
         for k in 0..5 {
             feeder.straight([f64::from(k + 1) * 10.0, 0.0, 0.0], FEED, PathMode::ExactPath, k + 1).expect("in range");
-            feeder.action(Change { channel: 7, value: (k % 2) as i32 }, k + 1);
+            feeder.action(OutputChange { channel: 7, value: (k % 2) as i32 }, k + 1);
             switch(feeder, k as i32, 50);
         }
     });
@@ -209,7 +209,7 @@ fn a_thousand_full_stops_cost_no_period() {
 #[test]
 fn outputs_that_were_changed_by_hand_are_asked_for_at_reached() {
     let program = |feeder: &mut Feeder<'_, 3>| {
-        feeder.action(Change { channel: 3, value: 1 }, 1);
+        feeder.action(OutputChange { channel: 3, value: 1 }, 1);
         zigzag(feeder);
     };
     let script = "at 2s reverse 100%\nafter 1s output 3 off\nafter 1s leave ask\nafter 4s agree";

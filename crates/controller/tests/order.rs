@@ -7,8 +7,11 @@ use retrace_controller::machine::Machine;
 use retrace_core::gate::Gates;
 use retrace_core::place::before;
 use retrace_core::{Flags, ONE, Place, Record};
-use retrace_hal_sim::{InProcess, LineSettings, Random, Rig, RigSettings};
-use retrace_link::{Change, HostFault, Instruction, MotionCard, Patience, Start, Wired, WiredFault, Word, channel};
+use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, InProcess, Random, SerialChannelSettings};
+use retrace_link::{
+    HostCommand, Instruction, LinkError, LinkTimeouts, LinkedCard, LinkedCardError, MotionCard, OutputChange,
+    PathStart, channel,
+};
 use wired::{AXES, Path, Period, Trial, ended_well, in_order, pick, run, watched};
 
 fn asked(usual: u64) -> (u64, u64) {
@@ -42,7 +45,7 @@ impl Tape {
     fn instruction(&self, number: u32) -> Instruction {
         let (place, periods) = self.markers[number as usize - 1];
         let mut instruction = Instruction { number, place, periods, count: 1, ..Instruction::default() };
-        instruction.changes[0] = Change { channel: channel::SPINDLE, value: number as i32 };
+        instruction.changes[0] = OutputChange { channel: channel::SPINDLE, value: number as i32 };
         instruction
     }
 }
@@ -50,10 +53,10 @@ impl Tape {
 /// The host's gates: may a record be sent, may the instruction in hand be sent?
 trait Policy {
     /// Looks at what is known of the card.
-    fn look(&mut self, tape: &Tape, status: &retrace_link::Status<AXES>);
+    fn look(&mut self, tape: &Tape, status: &retrace_link::CardStatus<AXES>);
     fn record_may_go(&self, place: u32) -> bool;
     /// The instruction that may go now.
-    fn due(&self, status: &retrace_link::Status<AXES>) -> Option<u32>;
+    fn due(&self, status: &retrace_link::CardStatus<AXES>) -> Option<u32>;
     fn sent(&mut self);
 }
 
@@ -65,7 +68,7 @@ struct Acknowledged {
 }
 
 impl Policy for Acknowledged {
-    fn look(&mut self, tape: &Tape, status: &retrace_link::Status<AXES>) {
+    fn look(&mut self, tape: &Tape, status: &retrace_link::CardStatus<AXES>) {
         if self.gates.acknowledge(status.executed).is_some() || self.next == 0 {
             self.next += 1;
         }
@@ -76,7 +79,7 @@ impl Policy for Acknowledged {
     fn record_may_go(&self, place: u32) -> bool {
         self.gates.b_open(place)
     }
-    fn due(&self, status: &retrace_link::Status<AXES>) -> Option<u32> {
+    fn due(&self, status: &retrace_link::CardStatus<AXES>) -> Option<u32> {
         self.gates.c_open(status.place, status.at_rest).then_some(self.next)
     }
     fn sent(&mut self) {
@@ -97,7 +100,7 @@ struct Sampled {
 }
 
 impl Policy for Sampled {
-    fn look(&mut self, tape: &Tape, status: &retrace_link::Status<AXES>) {
+    fn look(&mut self, tape: &Tape, status: &retrace_link::CardStatus<AXES>) {
         if self.next == 0 {
             (self.next, self.b1) = (1, true);
         }
@@ -109,7 +112,7 @@ impl Policy for Sampled {
         // A front marker that is next shuts B1; B = B1 and B2.
         self.marker.is_none_or(|marker| before(place, marker)) && self.b1 && self.ready
     }
-    fn due(&self, status: &retrace_link::Status<AXES>) -> Option<u32> {
+    fn due(&self, status: &retrace_link::CardStatus<AXES>) -> Option<u32> {
         let marker = self.marker?;
         // Coarse interpolation has come to the marker (C1); fine interpolation has finished (C2); ready (B2).
         let at_marker = status.high == marker;
@@ -132,13 +135,13 @@ enum End {
 }
 
 /// Plays a tape with these gates; what the card did, and how it ended.
-fn play(tape: &Tape, policy: &mut impl Policy, rig: &RigSettings) -> (Vec<Period>, End) {
+fn play(tape: &Tape, policy: &mut impl Policy, rig: &CardSimulatorSettings) -> (Vec<Period>, End) {
     let machine = Machine::built_in().expect("valid");
-    let mut rig = Rig::<AXES>::new(rig).expect("a card");
+    let mut rig = CardSimulator::<AXES>::new(rig).expect("a card");
     let log = watched(&mut rig);
-    let mut card = Box::new(Wired::find(InProcess::new(rig), 7, Patience::default()).expect("it answers"));
-    card.open(machine.card_settings(Start::at(0))).expect("it opens");
-    card.send(Word::rate(ONE)).expect("a rate");
+    let mut card = Box::new(LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("it answers"));
+    card.open(machine.card_settings(PathStart::at(0))).expect("it opens");
+    card.send(HostCommand::rate(ONE)).expect("a rate");
     let end = tape.records.len() as u32;
     let mut ended = End::Hangs;
     for _ in 0..6_000 {
@@ -146,17 +149,17 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &RigSettings) -> (Vec<Period
         policy.look(tape, &status);
         while let Some(&record) = tape.records.get(card.status().high as usize) {
             let place = card.status().high;
-            if !policy.record_may_go(place) || card.send(Word::Ahead { place, record }).is_err() {
+            if !policy.record_may_go(place) || card.send(HostCommand::Ahead { place, record }).is_err() {
                 break;
             }
         }
         if let Some(number) = policy.due(&status)
-            && card.send(Word::Instruction(tape.instruction(number))).is_ok()
+            && card.send(HostCommand::Instruction(tape.instruction(number))).is_ok()
         {
             policy.sent();
         }
         if let Err(fault) = card.period() {
-            assert!(matches!(fault, WiredFault::Host(HostFault::Refused(_))), "{fault}");
+            assert!(matches!(fault, LinkedCardError::Host(LinkError::Refused(_))), "{fault}");
             ended = End::Refused;
             break;
         }
@@ -170,14 +173,14 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &RigSettings) -> (Vec<Period
     (log, ended)
 }
 
-fn delayed(random: &mut Random) -> LineSettings {
+fn delayed(random: &mut Random) -> SerialChannelSettings {
     let latency_us = pick(random, &[50, 500, 2_000, 8_000, 20_000]);
-    LineSettings {
+    SerialChannelSettings {
         baud: 1_000_000,
         latency_us,
         jitter_us: random.up_to(10_000),
         seed: random.next(),
-        ..LineSettings::default()
+        ..SerialChannelSettings::default()
     }
 }
 
@@ -188,7 +191,11 @@ fn no_motion_stands_on_the_wrong_side_of_an_instruction() {
     for seed in first..first + cases {
         let mut random = Random::new(seed);
         let tape = Tape::draw(&mut random);
-        let rig = RigSettings { up: delayed(&mut random), down: delayed(&mut random), ..RigSettings::default() };
+        let rig = CardSimulatorSettings {
+            up: delayed(&mut random),
+            down: delayed(&mut random),
+            ..CardSimulatorSettings::default()
+        };
         let markers: Vec<u32> = tape.markers.iter().map(|&(place, _)| place).collect();
         let (log, ended) = play(&tape, &mut Acknowledged::default(), &rig);
         if let Err(what) = in_order(&markers, &log) {
@@ -222,7 +229,11 @@ fn whole_jobs_stay_in_order_whatever_the_line_delays() {
         let program = wired::program(&mut random, 10).replace("M62", "M64").replace("M63", "M65");
         let script = wired::script(&mut random);
         let path = Path::of(&machine, &program);
-        let rig = RigSettings { up: delayed(&mut random), down: delayed(&mut random), ..RigSettings::default() };
+        let rig = CardSimulatorSettings {
+            up: delayed(&mut random),
+            down: delayed(&mut random),
+            ..CardSimulatorSettings::default()
+        };
         let done = run(Trial {
             machine: &machine,
             program: &program,

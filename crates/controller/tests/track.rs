@@ -4,31 +4,31 @@ use retrace_controller::feed::{Cancelled, Refused, Switch};
 use retrace_controller::job::{Decode, Decoded, Finding, feed_all};
 use retrace_controller::machine::Machine;
 use retrace_controller::sink::Sink;
-use retrace_gcode::{Axis, AxisSet, Program, Progress, Setup, Step};
-use retrace_link::Change;
-use retrace_motion::{Arc, Feed, PathMode};
+use retrace_gcode::{Axis, AxisSet, CanonStep, Program, Progress, Setup};
+use retrace_link::OutputChange;
+use retrace_motion::{Arc, FeedRate, PathMode};
 
 /// Code, channels with their values, periods.
 type Switched = (String, Vec<(u8, i32)>, u32);
 
 #[derive(Debug, Default)]
 struct Moves {
-    moves: Vec<([f64; 3], Feed, PathMode)>,
+    moves: Vec<([f64; 3], FeedRate, PathMode)>,
     arcs: Vec<Arc<3>>,
     switched: Vec<Switched>,
     actions: Vec<(u8, i32)>,
 }
 
 impl Sink<3> for Moves {
-    fn straight(&mut self, end_mm: [f64; 3], feed: Feed, mode: PathMode, _: u32) -> Result<(), Refused> {
+    fn straight(&mut self, end_mm: [f64; 3], feed: FeedRate, mode: PathMode, _: u32) -> Result<(), Refused> {
         self.moves.push((end_mm, feed, mode));
         Ok(())
     }
-    fn arc(&mut self, arc: &Arc<3>, _: Feed, _: PathMode, _: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<3>, _: FeedRate, _: PathMode, _: u32) -> Result<(), Refused> {
         self.arcs.push(*arc);
         Ok(())
     }
-    fn action(&mut self, change: Change, _: u32) {
+    fn action(&mut self, change: OutputChange, _: u32) {
         self.actions.push((change.channel, change.value));
     }
     fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
@@ -44,7 +44,7 @@ impl Sink<3> for Moves {
 struct Text(Program<std::io::Cursor<Vec<u8>>>);
 
 impl Decode for Text {
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
         match self.0.advance(steps) {
             Progress::End => Decoded::End,
             Progress::Line => Decoded::Block,
@@ -74,19 +74,19 @@ fn near(a: [f64; 3], b: [f64; 3]) -> bool {
 #[test]
 fn inches_and_millimetres_come_out_in_millimetres() {
     let moves = run("G20\nG1 X1 Y-2 F60\nG21 X1\nG0 Z3\nM2\n").moves;
-    let an_inch_a_second = |feed| matches!(feed, Feed::PerSecond(v) if (v - 25.4).abs() < 1e-9);
+    let an_inch_a_second = |feed| matches!(feed, FeedRate::PerSecond(v) if (v - 25.4).abs() < 1e-9);
     assert!(near(moves[0].0, [25.4, -50.8, 0.0]) && an_inch_a_second(moves[0].1), "{moves:?}");
     // the feed was set in inches and stays what it was
     assert!(near(moves[1].0, [1.0, -50.8, 0.0]) && an_inch_a_second(moves[1].1));
-    assert_eq!(moves[2].1, Feed::Rapid);
+    assert_eq!(moves[2].1, FeedRate::Rapid);
 }
 
 #[test]
 fn inverse_time_gives_the_speed_that_the_block_needs() {
     // 10 mm in half a minute, then in a second
     let moves = run("G21 G93\nG1 X10 F2\nX20 F60\nM2\n").moves;
-    assert_eq!(moves[0].1, Feed::PerSecond(20.0 / 60.0));
-    assert_eq!(moves[1].1, Feed::PerSecond(10.0));
+    assert_eq!(moves[0].1, FeedRate::PerSecond(20.0 / 60.0));
+    assert_eq!(moves[1].1, FeedRate::PerSecond(10.0));
 }
 
 #[test]

@@ -6,7 +6,9 @@
 use std::fmt::Write as _;
 use std::path::Path as Folder;
 
-use retrace_cycles::stock::{Corner, Element, Feed, Job, Kind, LIFT_OFF, MoveKind, Path, Point, Tip, plan};
+use retrace_cycles::stock::{
+    Corner, Element, Feed, Kind, LIFT_OFF, MoveKind, Path, Point, StockRemovalParams, ToolTip, plan,
+};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = std::env::args().nth(1).ok_or("usage: draw_stock FOLDER")?;
@@ -21,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// Name, VARI, infeed, nose radius, points (Z, X as a radius) with the corner at each.
 type Drawing<'a> = (&'a str, i32, f64, f64, &'a [(f64, f64, Corner)]);
 
-fn jobs() -> Vec<(String, Job)> {
+fn jobs() -> Vec<(String, StockRemovalParams)> {
     const NONE: Corner = Corner::None;
     const ROUND: Corner = Corner::Rounding(2.0);
     const OUTSIDE: &[(f64, f64, Corner)] = &[
@@ -73,12 +75,12 @@ fn jobs() -> Vec<(String, Job)> {
     drawings.map(|(name, vari, mid, nose, points)| (name.to_owned(), job(vari, mid, nose, points))).into()
 }
 
-fn job(vari: i32, mid: f64, nose_radius: f64, points: &[(f64, f64, Corner)]) -> Job {
+fn job(vari: i32, mid: f64, nose_radius: f64, points: &[(f64, f64, Corner)]) -> StockRemovalParams {
     let element = |pair: &[(f64, f64, Corner)]| {
         let (start, end) = (Point::new(pair[0].0, pair[0].1), Point::new(pair[1].0, pair[1].1));
         Element { kind: Kind::Line, start, end, centre: start, corner: pair[1].2, line: 0 }
     };
-    Job {
+    StockRemovalParams {
         contour: points.windows(2).map(element).collect(),
         vari,
         mid,
@@ -88,7 +90,7 @@ fn job(vari: i32, mid: f64, nose_radius: f64, points: &[(f64, f64, Corner)]) -> 
         dam: 0.0,
         vrt: LIFT_OFF,
         nose_radius,
-        tip: Tip::of_orientation(2),
+        tip: ToolTip::of_orientation(2),
         clearance_angle: 0.0,
         rough_compensated: true,
         position: None,
@@ -96,7 +98,7 @@ fn job(vari: i32, mid: f64, nose_radius: f64, points: &[(f64, f64, Corner)]) -> 
 }
 
 /// Z to the right, X upwards, one millimetre to ten units.
-fn svg(job: &Job, path: &Path) -> String {
+fn svg(job: &StockRemovalParams, path: &Path) -> String {
     let mut ends: Vec<Point> = path.moves.iter().map(|step| step.end).collect();
     ends.extend(job.contour.iter().map(|element| element.start));
     let low = ends.iter().fold((f64::MAX, f64::MAX), |low, end| (low.0.min(end.u), low.1.min(end.v)));

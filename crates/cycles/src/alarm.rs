@@ -3,15 +3,15 @@
 //! Invariant: cycles name alarms by the numbers of this table's first column; what users see is the second, so that numbers
 //! can be corrected here without touching a cycle.
 
-use crate::codes::Code;
 use crate::cycle::CycleId;
+use crate::error_codes::ErrorCode;
 use std::fmt;
 
 /// A run that has ended with an alarm: none of the cycle's motion has taken place if it came from a check of the parameters.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Alarm {
-    /// Ours; [`Code::CycleAlarm`] for what a cycle raises with SETAL.
-    pub code: Code,
+    /// Ours; [`ErrorCode::CycleAlarm`] for what a cycle raises with SETAL.
+    pub code: ErrorCode,
     /// The control's alarm number, where there is one.
     pub number: Option<u32>,
     /// The cycle that was running.

@@ -2,7 +2,7 @@
 //!
 //! Invariant: columns count bytes of the line from 1; a span never leaves its line.
 
-use crate::codes::Code;
+use crate::error_codes::ErrorCode;
 use std::fmt;
 
 /// How bad it is.
@@ -18,7 +18,7 @@ pub enum Severity {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
     /// What it is about; its number stands in `docs/errors.md`.
-    pub code: Code,
+    pub code: ErrorCode,
     /// Line of the source, counted from 1; 0 where it is about the whole file.
     pub line: u32,
     /// First byte of the line that is meant, from 0.
@@ -31,7 +31,7 @@ pub struct Diagnostic {
 
 impl Diagnostic {
     /// A diagnostic about the whole file.
-    pub(crate) fn of_file(code: Code, message: impl Into<String>) -> Self {
+    pub(crate) fn of_file(code: ErrorCode, message: impl Into<String>) -> Self {
         Self { code, line: 0, start: 0, end: 0, message: message.into() }
     }
 

@@ -48,7 +48,7 @@ pub enum Query {
 
 /// One word of a block: its letter in capitals and its value.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Word {
+pub struct CycleWord {
     /// `X Y Z A B C U V W`, `I J K` (centre from the start of the arc, or pitch), `R` (radius of an arc, or angle of M19), `F`, `S`,
     /// `P` (seconds of G4), `D`.
     pub letter: u8,
@@ -68,7 +68,7 @@ pub(crate) const MAX_WORDS: usize = 16;
 /// `SPOS=a` is M19 R(a), `CR=r` is R, G4 F and G4 S are G4 P in seconds, DIAMON and DIAMOF are G7 and G8, `AX[n]` and `IP[n]` are the
 /// letters of the plane in force, G60 is G61.
 #[derive(Clone, Copy, Debug)]
-pub struct Block {
+pub struct CycleBlock {
     /// Cycle whose block it is.
     pub cycle: CycleId,
     /// Line of its source, from 1.
@@ -77,11 +77,11 @@ pub struct Block {
     pub triggers: bool,
     codes_g: [u16; MAX_G],
     codes_m: [u16; MAX_M],
-    words: [Word; MAX_WORDS],
+    words: [CycleWord; MAX_WORDS],
     counts: [u8; 3],
 }
 
-impl Block {
+impl CycleBlock {
     /// An empty block.
     #[must_use]
     pub const fn new(cycle: CycleId, line: u32) -> Self {
@@ -91,7 +91,7 @@ impl Block {
             triggers: false,
             codes_g: [0; MAX_G],
             codes_m: [0; MAX_M],
-            words: [Word { letter: 0, value: 0.0 }; MAX_WORDS],
+            words: [CycleWord { letter: 0, value: 0.0 }; MAX_WORDS],
             counts: [0; 3],
         }
     }
@@ -115,7 +115,7 @@ impl Block {
 
     /// The other words, in the order of the source.
     #[must_use]
-    pub fn words(&self) -> &[Word] {
+    pub fn words(&self) -> &[CycleWord] {
         &self.words[..usize::from(self.counts[2])]
     }
 
@@ -146,7 +146,7 @@ impl Block {
         let count = usize::from(self.counts[2]);
         match self.words[..count].iter_mut().find(|word| word.letter == letter) {
             Some(word) => word.value = value,
-            None => push(&mut self.words, &mut self.counts[2], Word { letter, value }),
+            None => push(&mut self.words, &mut self.counts[2], CycleWord { letter, value }),
         }
     }
 }
@@ -173,7 +173,7 @@ pub struct Message<'a> {
 
 /// The host has stopped at a block, and knows why; the run ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stopped;
+pub struct CycleStopped;
 
 /// What the built-in `STOCKPATH` of CYCLE95 asks for; the host adds the contour's elements and the tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -198,7 +198,7 @@ pub struct StockCall<'a> {
 
 /// Why there is no path along a contour.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct StockFault {
+pub struct StockFailure {
     /// Alarm number of the control, such as 61605.
     pub alarm: u32,
     /// What is wrong.
@@ -244,7 +244,7 @@ pub trait Host {
     ///
     /// # Errors
     /// The run ends; the host keeps the reason.
-    fn block(&mut self, block: &Block) -> Result<(), Stopped>;
+    fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStopped>;
 
     /// Shows a message or a warning.
     fn message(&mut self, message: &Message<'_>);
@@ -257,7 +257,7 @@ pub trait Host {
     ///
     /// # Errors
     /// The run ends; the host keeps the reason.
-    fn leave(&mut self, _cycle: &Cycle) -> Result<(), Stopped> {
+    fn leave(&mut self, _cycle: &Cycle) -> Result<(), CycleStopped> {
         Ok(())
     }
 
@@ -265,8 +265,8 @@ pub trait Host {
     ///
     /// # Errors
     /// The alarm of the control that fits.
-    fn stock(&mut self, _call: &StockCall<'_>) -> Result<u32, StockFault> {
-        Err(StockFault { alarm: 61606, text: "contours cannot be read here".to_owned() })
+    fn stock(&mut self, _call: &StockCall<'_>) -> Result<u32, StockFailure> {
+        Err(StockFailure { alarm: 61606, text: "contours cannot be read here".to_owned() })
     }
 
     /// A move of the path that [`Host::stock`] has determined, by its number from 0.

@@ -7,23 +7,25 @@
 #![forbid(unsafe_code)]
 
 mod alarm;
+mod builtin;
 mod code;
-mod codes;
 mod compile;
 mod cycle;
 mod diag;
+mod error_codes;
 mod host;
 mod library;
-mod machine;
-mod shipped;
 pub mod stock;
 mod stored;
+mod vm;
 
 pub use alarm::{Alarm, AlarmText, Halt, alarm_text};
-pub use codes::Code;
+pub use builtin::shipped_source;
 pub use cycle::{Cycle, CycleId, Given, Kind, Origin, Parameter, Type};
 pub use diag::{Diagnostic, Severity};
-pub use host::{Block, Host, Message, Query, StockCall, StockFault, StockFeed, StockMove, Stopped, Word};
-pub use library::{Finding, Folders, Library};
-pub use machine::{Argument, Limits, Machine};
-pub use shipped::shipped_source;
+pub use error_codes::ErrorCode;
+pub use host::{
+    CycleBlock, CycleStopped, CycleWord, Host, Message, Query, StockCall, StockFailure, StockFeed, StockMove,
+};
+pub use library::{CycleLibrary, Folders, LibraryFinding};
+pub use vm::{Argument, Vm, VmLimits};

@@ -4,13 +4,13 @@
 //! not in it, and neither is one that calls it; nor does a shipped cycle stand in for a user's that has errors.
 
 mod folders;
-mod join;
+mod linker;
 mod name;
 
-use crate::codes::Code;
+use crate::builtin;
 use crate::cycle::{Cycle, CycleId, Origin};
 use crate::diag::Diagnostic;
-use crate::shipped;
+use crate::error_codes::ErrorCode;
 use crate::stored;
 use folders::Source;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ pub use folders::Folders;
 
 /// Something wrong with a source.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Finding {
+pub struct LibraryFinding {
     /// The source: its path, or the name of a shipped one.
     pub source: PathBuf,
     /// What is wrong.
@@ -28,16 +28,16 @@ pub struct Finding {
 
 /// The cycles that can be called.
 #[derive(Clone, Debug, Default)]
-pub struct Library {
+pub struct CycleLibrary {
     cycles: Vec<Cycle>,
-    findings: Vec<Finding>,
+    findings: Vec<LibraryFinding>,
     identity: u128,
     source_files: Vec<(PathBuf, u128)>,
     /// A name has a digit behind its first letter.
     has_early_digit: bool,
 }
 
-impl Library {
+impl CycleLibrary {
     /// The shipped cycles alone.
     #[must_use]
     pub fn shipped() -> Self {
@@ -51,7 +51,7 @@ impl Library {
         let mut findings = Vec::new();
         let mut sources = folders.users(&mut findings);
         let source_files = sources.iter().map(Source::identified).collect();
-        let shipped = shipped::SOURCES.iter();
+        let shipped = builtin::SOURCES.iter();
         sources
             .extend(shipped.map(|(name, text)| Source::new(Path::new(name), Origin::Shipped, text.as_bytes().into())));
         Self { source_files, ..Self::of(sources, folders, findings) }
@@ -71,20 +71,20 @@ impl Library {
         Self { cycles, ..Self::default() }
     }
 
-    fn of(sources: Vec<Source>, folders: Folders<'_>, mut findings: Vec<Finding>) -> Self {
+    fn of(sources: Vec<Source>, folders: Folders<'_>, mut findings: Vec<LibraryFinding>) -> Self {
         let mut forms = folders::forms(sources, folders, &mut findings);
         forms.retain(|form| match name::cannot_be_called(&form.unit.name) {
             None => true,
             Some(message) => {
-                let diagnostic = Diagnostic { code: Code::NameNotCallable, line: 1, start: 0, end: 0, message };
-                findings.push(Finding { source: form.path.clone(), diagnostic });
+                let diagnostic = Diagnostic { code: ErrorCode::NameNotCallable, line: 1, start: 0, end: 0, message };
+                findings.push(LibraryFinding { source: form.path.clone(), diagnostic });
                 false
             }
         });
         // By name, so that a name is found by halving and the numbers do not depend on the order of a folder.
         forms.sort_by(|a, b| a.unit.name.cmp(&b.unit.name));
         let keys: Vec<u8> = forms.iter().flat_map(|form| form.key.to_le_bytes()).collect();
-        let cycles = join::join(forms, &mut findings);
+        let cycles = linker::join(forms, &mut findings);
         findings.sort_by(|a, b| (&a.source, a.diagnostic.line).cmp(&(&b.source, b.diagnostic.line)));
         let has_early_digit = cycles.iter().any(|cycle| cycle.name().as_bytes().get(1).is_some_and(u8::is_ascii_digit));
         Self { cycles, findings, identity: stored::hash(&[&keys]), source_files: Vec::new(), has_early_digit }
@@ -117,7 +117,7 @@ impl Library {
 
     /// What is wrong with the sources, and what is suspicious.
     #[must_use]
-    pub fn findings(&self) -> &[Finding] {
+    pub fn findings(&self) -> &[LibraryFinding] {
         &self.findings
     }
 
@@ -131,7 +131,7 @@ impl Library {
     #[must_use]
     pub fn shipped_identity() -> u128 {
         let keys: Vec<u8> =
-            shipped::SOURCES.iter().flat_map(|(name, text)| stored::key(text.as_bytes(), name).to_le_bytes()).collect();
+            builtin::SOURCES.iter().flat_map(|(name, text)| stored::key(text.as_bytes(), name).to_le_bytes()).collect();
         stored::hash(&[&keys])
     }
 

@@ -6,10 +6,10 @@
 //! and the hash of all bytes before it (`u128`). Numbers are little-endian.
 
 use crate::code::{CallSite, Input, Op, Operand, Passed, Unit};
-use crate::codes::Code;
 use crate::compile::VERSION;
 use crate::cycle::{Parameter, Type};
 use crate::diag::Diagnostic;
+use crate::error_codes::ErrorCode;
 
 const MAGIC: &[u8; 8] = b"RETRCYC\x1a";
 const HEAD: usize = 8 + 4 + 16 + 4;
@@ -37,7 +37,7 @@ pub(crate) fn key(source: &[u8], file_name: &str) -> u128 {
 
 /// Why a file holds no form that can be taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Unusable {
+pub(crate) enum FormError {
     /// Of another source, or of another version: as it should be after a change.
     Stale,
     /// Damaged, or no compiled form at all.
@@ -50,7 +50,7 @@ pub(crate) fn write(unit: &Unit, warnings: &[Diagnostic], key: u128) -> Vec<u8> 
     put_unit(unit, &mut body);
     (warnings.len() as u32).put(&mut body);
     for warning in warnings {
-        let code = Code::ALL.iter().position(|code| *code == warning.code).unwrap_or_default();
+        let code = ErrorCode::ALL.iter().position(|code| *code == warning.code).unwrap_or_default();
         (code as u32).put(&mut body);
         for place in [warning.line, warning.start, warning.end] {
             place.put(&mut body);
@@ -68,30 +68,30 @@ pub(crate) fn write(unit: &Unit, warnings: &[Diagnostic], key: u128) -> Vec<u8> 
 }
 
 /// Reads what [`write`] has made for this key.
-pub(crate) fn read(bytes: &[u8], key: u128) -> Result<(Unit, Vec<Diagnostic>), Unusable> {
-    let whole = bytes.len().checked_sub(HASH).filter(|length| *length >= HEAD).ok_or(Unusable::Torn)?;
+pub(crate) fn read(bytes: &[u8], key: u128) -> Result<(Unit, Vec<Diagnostic>), FormError> {
+    let whole = bytes.len().checked_sub(HASH).filter(|length| *length >= HEAD).ok_or(FormError::Torn)?;
     let (content, sum) = bytes.split_at(whole);
     if !content.starts_with(MAGIC) || hash(&[content]).to_le_bytes() != sum {
-        return Err(Unusable::Torn);
+        return Err(FormError::Torn);
     }
     let mut input = Input(&content[MAGIC.len()..]);
-    let version = u32::take(&mut input).ok_or(Unusable::Torn)?;
+    let version = u32::take(&mut input).ok_or(FormError::Torn)?;
     let found = input.bytes(16).and_then(|bytes| bytes.try_into().ok()).map(u128::from_le_bytes);
     if version != VERSION || found != Some(key) {
-        return Err(Unusable::Stale);
+        return Err(FormError::Stale);
     }
-    let length = u32::take(&mut input).ok_or(Unusable::Torn)?;
+    let length = u32::take(&mut input).ok_or(FormError::Torn)?;
     if length as usize != input.0.len() {
-        return Err(Unusable::Torn);
+        return Err(FormError::Torn);
     }
-    take_form(&mut input).filter(|_| input.0.is_empty()).ok_or(Unusable::Torn)
+    take_form(&mut input).filter(|_| input.0.is_empty()).ok_or(FormError::Torn)
 }
 
 fn take_form(input: &mut Input<'_>) -> Option<(Unit, Vec<Diagnostic>)> {
     let unit = take_unit(input)?;
     let warnings = take_list(input, |input| {
         Some(Diagnostic {
-            code: *Code::ALL.get(u32::take(input)? as usize)?,
+            code: *ErrorCode::ALL.get(u32::take(input)? as usize)?,
             line: u32::take(input)?,
             start: u32::take(input)?,
             end: u32::take(input)?,
@@ -216,7 +216,7 @@ mod tests {
         assert_eq!(warnings.len(), 1, "X is an address");
         let bytes = write(&unit, &warnings, 7);
         assert_eq!(read(&bytes, 7), Ok((unit, warnings)));
-        assert_eq!(read(&bytes, 8), Err(Unusable::Stale));
+        assert_eq!(read(&bytes, 8), Err(FormError::Stale));
     }
 
     #[test]
@@ -224,16 +224,16 @@ mod tests {
         let (unit, warnings) = form();
         let bytes = write(&unit, &warnings, 7);
         for length in 0..bytes.len() {
-            assert_eq!(read(&bytes[..length], 7), Err(Unusable::Torn), "cut to {length}");
+            assert_eq!(read(&bytes[..length], 7), Err(FormError::Torn), "cut to {length}");
         }
         for at in 0..bytes.len() {
             let mut changed = bytes.clone();
             changed[at] ^= 0x10;
-            assert_eq!(read(&changed, 7), Err(Unusable::Torn), "byte {at}");
+            assert_eq!(read(&changed, 7), Err(FormError::Torn), "byte {at}");
         }
         let mut longer = bytes;
         longer.push(0);
-        assert_eq!(read(&longer, 7), Err(Unusable::Torn));
+        assert_eq!(read(&longer, 7), Err(FormError::Torn));
     }
 
     #[test]

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Recorder, halted, run};
-use retrace_cycles::{Library, alarm_text, shipped_source};
+use retrace_cycles::{CycleLibrary, alarm_text, shipped_source};
 
 const DOCUMENT: &str = include_str!("../../../docs/cycles.md");
 
@@ -17,7 +17,7 @@ fn the_example_of_a_users_cycle_runs() {
         .take_while(|line| line.starts_with("    "))
         .map(|line| format!("{}\n", line.trim()))
         .collect();
-    let library = Library::of_sources(&[("POCKET", &source)]);
+    let library = CycleLibrary::of_sources(&[("POCKET", &source)]);
     assert_eq!(library.findings(), [], "{source}");
     let mut host = Recorder { position: [1.0, 2.0, 0.0], ..Recorder::default() };
     assert_eq!(run(&library, "POCKET(10,20,4,2)", &mut host), Ok(()));
@@ -29,7 +29,7 @@ fn the_example_of_a_users_cycle_runs() {
 
 #[test]
 fn every_cycle_is_written_with_its_parameters() {
-    for (_, cycle) in Library::shipped().iter() {
+    for (_, cycle) in CycleLibrary::shipped().iter() {
         let parameters: Vec<&str> = cycle.parameters().iter().map(|parameter| parameter.name.as_str()).collect();
         // Those that are only read over stand elsewhere.
         let parameters: Vec<&str> =
@@ -47,7 +47,7 @@ fn raised(source: &str) -> impl Iterator<Item = u32> {
 #[test]
 fn every_alarm_is_in_the_table_and_in_the_document() {
     let documented = |number: u32| DOCUMENT.contains(&format!("\n| {number} | "));
-    for (_, cycle) in Library::shipped().iter() {
+    for (_, cycle) in CycleLibrary::shipped().iter() {
         for number in raised(shipped_source(cycle.name()).expect("a source")) {
             assert!(alarm_text(number).is_some() && documented(number), "{number} of {}", cycle.name());
         }

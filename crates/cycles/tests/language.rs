@@ -5,11 +5,11 @@
 mod common;
 
 use common::{Recorder, halted, run};
-use retrace_cycles::{Code, Finding, Library};
+use retrace_cycles::{CycleLibrary, ErrorCode, LibraryFinding};
 
 /// Runs a source that defines `TEST`, and gives its blocks.
 fn test(source: &str, call: &str) -> Recorder {
-    let library = Library::of_sources(&[("TEST", source)]);
+    let library = CycleLibrary::of_sources(&[("TEST", source)]);
     assert!(library.find("TEST").is_some(), "{source}\n{:?}", library.findings());
     let mut host = Recorder::default();
     assert_eq!(run(&library, call, &mut host), Ok(()), "{source}");
@@ -24,9 +24,9 @@ fn value(expression: &str) -> String {
     messages(&format!("MSG({expression})")).join("")
 }
 
-fn faults(source: &str) -> Vec<(Code, u32)> {
-    let library = Library::of_sources(&[("TEST", source)]);
-    library.findings().iter().map(|Finding { diagnostic, .. }| (diagnostic.code, diagnostic.line)).collect()
+fn faults(source: &str) -> Vec<(ErrorCode, u32)> {
+    let library = CycleLibrary::of_sources(&[("TEST", source)]);
+    library.findings().iter().map(|LibraryFinding { diagnostic, .. }| (diagnostic.code, diagnostic.line)).collect()
 }
 
 #[test]
@@ -113,10 +113,10 @@ fn parameters_are_known_by_their_places() {
     assert_eq!(said("TEST(1.5,\"xy\",2.4,3)"), "1.5,xy,2,1:1111");
     assert_eq!(said("TEST(,,,1)"), "0,,7,1:0001");
     assert_eq!(said("TEST"), "0,,7,0:0000");
-    let library = Library::of_sources(&[("TEST", source)]);
+    let library = CycleLibrary::of_sources(&[("TEST", source)]);
     for wrong in ["TEST(\"x\")", "TEST(1,2)", "TEST(1,\"x\",1,1,1)", "TEST(,\"123456789012345678901\")"] {
         let alarm = halted(run(&library, wrong, &mut Recorder::default()));
-        assert_eq!((alarm.code, alarm.line), (Code::BadArgument, 0), "{wrong}");
+        assert_eq!((alarm.code, alarm.line), (ErrorCode::BadArgument, 0), "{wrong}");
     }
 }
 
@@ -135,7 +135,7 @@ fn blocks_are_translated_into_rs274() {
 
 #[test]
 fn cycles_call_cycles() {
-    let library = Library::of_sources(&[
+    let library = CycleLibrary::of_sources(&[
         ("OUTER", "PROC OUTER(STRING[9] AA)\nDEF REAL BB=3\nINNER(BB*2,,AA)\nMSG(BB)\nINNER\n"),
         (
             "INNER",
@@ -152,32 +152,32 @@ fn cycles_call_cycles() {
 #[test]
 fn what_goes_wrong_in_a_run_is_an_alarm_with_its_line() {
     for (body, code) in [
-        ("MSG(1/0)", Code::Arithmetic),
-        ("MSG(1 MOD 0)", Code::Arithmetic),
-        ("MSG(SQRT(-1))", Code::Arithmetic),
-        ("MSG(ASIN(2))", Code::Arithmetic),
-        ("MSG(TAN(90))", Code::Arithmetic),
-        ("MSG(EXP(1000))", Code::Arithmetic),
-        ("R[100]=1", Code::IndexRange),
-        ("R[-1]=1", Code::IndexRange),
-        ("AX[4]=1", Code::IndexRange),
-        ("AX[0]=1", Code::IndexRange),
-        ("MSG($PATH[0,0])", Code::IndexRange),
-        ("LOOP\nENDLOOP", Code::Endless),
-        ("LOOP\nG0 X1\nENDLOOP", Code::Endless),
-        ("TEST", Code::CallsTooDeep),
-        ("M=99", Code::CodeUnknown),
-        ("SETAL(61000,\"text\")", Code::CycleAlarm),
+        ("MSG(1/0)", ErrorCode::Arithmetic),
+        ("MSG(1 MOD 0)", ErrorCode::Arithmetic),
+        ("MSG(SQRT(-1))", ErrorCode::Arithmetic),
+        ("MSG(ASIN(2))", ErrorCode::Arithmetic),
+        ("MSG(TAN(90))", ErrorCode::Arithmetic),
+        ("MSG(EXP(1000))", ErrorCode::Arithmetic),
+        ("R[100]=1", ErrorCode::IndexRange),
+        ("R[-1]=1", ErrorCode::IndexRange),
+        ("AX[4]=1", ErrorCode::IndexRange),
+        ("AX[0]=1", ErrorCode::IndexRange),
+        ("MSG($PATH[0,0])", ErrorCode::IndexRange),
+        ("LOOP\nENDLOOP", ErrorCode::Endless),
+        ("LOOP\nG0 X1\nENDLOOP", ErrorCode::Endless),
+        ("TEST", ErrorCode::CallsTooDeep),
+        ("M=99", ErrorCode::CodeUnknown),
+        ("SETAL(61000,\"text\")", ErrorCode::CycleAlarm),
     ] {
-        let library = Library::of_sources(&[("TEST", &format!("PROC TEST\n{body}"))]);
+        let library = CycleLibrary::of_sources(&[("TEST", &format!("PROC TEST\n{body}"))]);
         assert!(library.find("TEST").is_some(), "{body}: {:?}", library.findings());
         let alarm = halted(run(&library, "TEST", &mut Recorder::default()));
         let is_loop = body.starts_with("LOOP");
         assert!(alarm.code == code && (alarm.line == 2 || is_loop), "{body}: {alarm:?}");
     }
-    let library = Library::of_sources(&[("TEST", "G4 S3")]);
+    let library = CycleLibrary::of_sources(&[("TEST", "G4 S3")]);
     let mut host = Recorder { speed: 0.0, ..Recorder::default() };
-    assert_eq!(halted(run(&library, "TEST", &mut host)).code, Code::NoSpeed);
+    assert_eq!(halted(run(&library, "TEST", &mut host)).code, ErrorCode::NoSpeed);
 }
 
 /// 90 000 blocks of some ten steps are more steps than the tests allow without one.
@@ -189,7 +189,7 @@ fn a_long_cycle_is_not_an_endless_one() {
 
 #[test]
 fn the_host_can_stop_a_run() {
-    let library = Library::shipped();
+    let library = CycleLibrary::shipped();
     let mut host = Recorder { stop_at: Some(1), ..Recorder::default() };
     assert_eq!(run(&library, "CYCLE81(10,0,2,-20)", &mut host), Err(retrace_cycles::Halt::Stopped));
     assert_eq!(host.lines, ["G0 G90 Z2"]);
@@ -197,7 +197,7 @@ fn the_host_can_stop_a_run() {
 
 #[test]
 fn alarms_and_warnings_carry_their_text() {
-    let library = Library::of_sources(&[(
+    let library = CycleLibrary::of_sources(&[(
         "TEST",
         "PROC TEST(REAL AA)\nSETAL(62801,\"w\")\nSETAL(65000, \"AA=\" << AA << \"!\")",
     )]);
@@ -214,57 +214,57 @@ fn every_error_of_a_source_is_told_with_its_line() {
     let deep = format!("R1={}1{}", "(".repeat(60), ")".repeat(60));
     let long = "X".repeat(11_000);
     for (source, code, line) in [
-        ("R1=1\n\u{1}", Code::NotText, 2),
-        ("R1=1\nR2=1 # 2", Code::BadCharacter, 2),
-        ("MSG(\"a", Code::TextNotClosed, 1),
-        ("R1=1.2.3", Code::BadNumber, 1),
-        ("R1", Code::NotUnderstood, 1),
-        ("R1=1 5", Code::NotUnderstood, 1),
-        ("MCALL CYCLE81(1)", Code::NotUnderstood, 1),
-        ("R1=FOO", Code::NameUnknown, 1),
-        ("R1=$P_FOO", Code::NameUnknown, 1),
-        ("R100=1", Code::NameUnknown, 1),
-        ("DEF REAL AA, AA", Code::NameTaken, 1),
-        ("DEF REAL WHILE", Code::NameTaken, 1),
-        ("R1=\"a\"", Code::TypeMismatch, 1),
-        ("DEF STRING[3] TT\nTT=1", Code::TypeMismatch, 2),
-        ("R1=1+\"a\"", Code::TypeMismatch, 1),
-        ("R1=", Code::ValueMissing, 1),
-        ("R1=1+", Code::ValueMissing, 1),
-        ("G1 X", Code::ValueMissing, 1),
-        ("R1=(1+2", Code::NotClosed, 1),
-        (&deep, Code::TooDeep, 1),
-        ("IF R1>0 AND R2>0\nENDIF", Code::ComparisonChained, 1),
-        ("IF 1<R1<2\nENDIF", Code::ComparisonChained, 1),
-        ("R1=SIN(1,2)", Code::FunctionArguments, 1),
-        ("R1=STOCKPATH(\"a\",1)", Code::FunctionArguments, 1),
-        ("R1=1\nENDIF", Code::NotOpen, 2),
-        ("IF R1>1\nENDWHILE\nENDIF", Code::NotOpen, 2),
-        ("R1=1\nWHILE R1>0\nR1=0", Code::StructureOpen, 2),
-        ("GOTOF NOWHERE", Code::LabelMissing, 1),
-        ("AA: R1=1\nAA: R1=2", Code::LabelTwice, 2),
-        ("GOTOB AA\nAA: R1=1", Code::LabelDirection, 1),
-        ("R1=1\nPROC TEST", Code::ProcPlace, 2),
-        ("PROC TEST\nPROC TEST", Code::ProcPlace, 2),
-        ("PROC TEST FOO", Code::AttributeUnknown, 1),
-        ("R1=1\nDEF REAL AA", Code::DefinitionPlace, 2),
-        ("DEF REAL AA[0]", Code::ArraySize, 1),
-        ("DEF REAL AA[2]=(1,2,3)", Code::ArraySize, 1),
-        ("DEF REAL AA[2]\nAA=1", Code::ArrayIndex, 2),
-        ("DEF REAL AA\nAA[1]=1", Code::ArrayIndex, 2),
-        ("T1", Code::WordUnknown, 1),
-        ("X1=5", Code::WordUnknown, 1),
-        ("G5 X1", Code::CodeUnknown, 1),
-        ("G=R1", Code::CodeUnknown, 1),
-        ("M30", Code::CodeUnknown, 1),
-        ("M199", Code::CodeUnknown, 1),
-        ("G1 X1 X2", Code::WordTwice, 1),
-        ("G0 G0 G0 G0 G0 G0 G0 G0 G0", Code::WordTwice, 1),
-        ("DEF STRING[3] TT\nTT=\"a\"<<\"b\"", Code::TextJoin, 2),
-        (&long, Code::SourceTooLong, 1),
-        ("R1=1\nFOO(1)", Code::CycleUnknown, 2),
-        ("PROC TEST(REAL AA)\nTEST(1,2)", Code::CallArguments, 2),
-        ("PROC TEST(REAL AA)\nTEST(\"a\")", Code::CallArguments, 2),
+        ("R1=1\n\u{1}", ErrorCode::NotText, 2),
+        ("R1=1\nR2=1 # 2", ErrorCode::BadCharacter, 2),
+        ("MSG(\"a", ErrorCode::TextNotClosed, 1),
+        ("R1=1.2.3", ErrorCode::BadNumber, 1),
+        ("R1", ErrorCode::NotUnderstood, 1),
+        ("R1=1 5", ErrorCode::NotUnderstood, 1),
+        ("MCALL CYCLE81(1)", ErrorCode::NotUnderstood, 1),
+        ("R1=FOO", ErrorCode::NameUnknown, 1),
+        ("R1=$P_FOO", ErrorCode::NameUnknown, 1),
+        ("R100=1", ErrorCode::NameUnknown, 1),
+        ("DEF REAL AA, AA", ErrorCode::NameTaken, 1),
+        ("DEF REAL WHILE", ErrorCode::NameTaken, 1),
+        ("R1=\"a\"", ErrorCode::TypeMismatch, 1),
+        ("DEF STRING[3] TT\nTT=1", ErrorCode::TypeMismatch, 2),
+        ("R1=1+\"a\"", ErrorCode::TypeMismatch, 1),
+        ("R1=", ErrorCode::ValueMissing, 1),
+        ("R1=1+", ErrorCode::ValueMissing, 1),
+        ("G1 X", ErrorCode::ValueMissing, 1),
+        ("R1=(1+2", ErrorCode::NotClosed, 1),
+        (&deep, ErrorCode::TooDeep, 1),
+        ("IF R1>0 AND R2>0\nENDIF", ErrorCode::ComparisonChained, 1),
+        ("IF 1<R1<2\nENDIF", ErrorCode::ComparisonChained, 1),
+        ("R1=SIN(1,2)", ErrorCode::FunctionArguments, 1),
+        ("R1=STOCKPATH(\"a\",1)", ErrorCode::FunctionArguments, 1),
+        ("R1=1\nENDIF", ErrorCode::NotOpen, 2),
+        ("IF R1>1\nENDWHILE\nENDIF", ErrorCode::NotOpen, 2),
+        ("R1=1\nWHILE R1>0\nR1=0", ErrorCode::StructureOpen, 2),
+        ("GOTOF NOWHERE", ErrorCode::LabelMissing, 1),
+        ("AA: R1=1\nAA: R1=2", ErrorCode::LabelTwice, 2),
+        ("GOTOB AA\nAA: R1=1", ErrorCode::LabelDirection, 1),
+        ("R1=1\nPROC TEST", ErrorCode::ProcPlace, 2),
+        ("PROC TEST\nPROC TEST", ErrorCode::ProcPlace, 2),
+        ("PROC TEST FOO", ErrorCode::AttributeUnknown, 1),
+        ("R1=1\nDEF REAL AA", ErrorCode::DefinitionPlace, 2),
+        ("DEF REAL AA[0]", ErrorCode::ArraySize, 1),
+        ("DEF REAL AA[2]=(1,2,3)", ErrorCode::ArraySize, 1),
+        ("DEF REAL AA[2]\nAA=1", ErrorCode::ArrayIndex, 2),
+        ("DEF REAL AA\nAA[1]=1", ErrorCode::ArrayIndex, 2),
+        ("T1", ErrorCode::WordUnknown, 1),
+        ("X1=5", ErrorCode::WordUnknown, 1),
+        ("G5 X1", ErrorCode::CodeUnknown, 1),
+        ("G=R1", ErrorCode::CodeUnknown, 1),
+        ("M30", ErrorCode::CodeUnknown, 1),
+        ("M199", ErrorCode::CodeUnknown, 1),
+        ("G1 X1 X2", ErrorCode::WordTwice, 1),
+        ("G0 G0 G0 G0 G0 G0 G0 G0 G0", ErrorCode::WordTwice, 1),
+        ("DEF STRING[3] TT\nTT=\"a\"<<\"b\"", ErrorCode::TextJoin, 2),
+        (&long, ErrorCode::SourceTooLong, 1),
+        ("R1=1\nFOO(1)", ErrorCode::CycleUnknown, 2),
+        ("PROC TEST(REAL AA)\nTEST(1,2)", ErrorCode::CallArguments, 2),
+        ("PROC TEST(REAL AA)\nTEST(\"a\")", ErrorCode::CallArguments, 2),
     ] {
         assert!(faults(source).contains(&(code, line)), "{source}: {:?}", faults(source));
     }
@@ -277,12 +277,12 @@ fn all_errors_of_a_source_come_in_one_go() {
     assert_eq!(lines, [2, 4, 5, 8], "the structure whose condition is wrong is closed all the same: {found:?}");
     let many = "R1=\n".repeat(500);
     let found = faults(&many);
-    assert_eq!((found.len(), found.last().map(|found| found.0)), (51, Some(Code::TooManyErrors)));
+    assert_eq!((found.len(), found.last().map(|found| found.0)), (51, Some(ErrorCode::TooManyErrors)));
 }
 
 #[test]
 fn spans_point_at_what_is_meant() {
-    let library = Library::of_sources(&[("TEST", "R1=1\n  R2=R1+WRONG*2")]);
+    let library = CycleLibrary::of_sources(&[("TEST", "R1=1\n  R2=R1+WRONG*2")]);
     let diagnostic = &library.findings()[0].diagnostic;
     assert_eq!((diagnostic.column(), diagnostic.end - diagnostic.start), (9, 5));
     let shown = diagnostic.to_string();

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Recorder, run};
-use retrace_cycles::{Code, Folders, Library, Origin, shipped_source};
+use retrace_cycles::{CycleLibrary, ErrorCode, Folders, Origin, shipped_source};
 use std::path::{Path, PathBuf};
 
 /// Two folders that exist only as long as the value.
@@ -27,12 +27,12 @@ impl Place {
         self.0.join("compiled").join(name)
     }
 
-    fn open(&self) -> Library {
+    fn open(&self) -> CycleLibrary {
         let (sources, compiled) = (self.0.join("sources"), self.0.join("compiled"));
-        Library::open(Folders { sources: Some(&sources), compiled: Some(&compiled) })
+        CycleLibrary::open(Folders { sources: Some(&sources), compiled: Some(&compiled) })
     }
 
-    fn codes(&self) -> Vec<Code> {
+    fn codes(&self) -> Vec<ErrorCode> {
         self.open().findings().iter().map(|finding| finding.diagnostic.code).collect()
     }
 }
@@ -43,19 +43,19 @@ impl Drop for Place {
     }
 }
 
-fn says(library: &Library, call: &str) -> Vec<String> {
+fn says(library: &CycleLibrary, call: &str) -> Vec<String> {
     let mut host = Recorder::default();
     assert_eq!(run(library, call, &mut host), Ok(()), "{call}");
     host.messages
 }
 
-fn was_fresh(library: &Library, name: &str) -> bool {
+fn was_fresh(library: &CycleLibrary, name: &str) -> bool {
     library.find(name).and_then(|id| library.get(id)).expect(name).was_fresh()
 }
 
 #[test]
 fn shipped_cycles_have_no_fault_and_can_be_shown() {
-    let library = Library::shipped();
+    let library = CycleLibrary::shipped();
     assert_eq!(library.findings(), []);
     let names: Vec<&str> = library.iter().map(|(_, cycle)| cycle.name()).collect();
     let expected = [
@@ -76,7 +76,7 @@ fn shipped_cycles_have_no_fault_and_can_be_shown() {
 #[test]
 fn missing_folders_are_no_error() {
     let nowhere = Path::new("nowhere/at/all");
-    let library = Library::open(Folders { sources: Some(nowhere), compiled: None });
+    let library = CycleLibrary::open(Folders { sources: Some(nowhere), compiled: None });
     assert_eq!((library.findings(), library.iter().count()), (&[][..], 12));
 }
 
@@ -118,7 +118,7 @@ fn a_form_that_is_torn_or_of_another_source_is_never_run() {
         std::fs::write(place.compiled("AA.CYC"), bytes).expect("written");
         let library = place.open();
         assert_eq!(says(&library, "AA"), ["a"], "{spoil}");
-        assert_eq!(library.findings()[0].diagnostic.code, Code::StoredTorn, "{spoil}");
+        assert_eq!(library.findings()[0].diagnostic.code, ErrorCode::StoredTorn, "{spoil}");
         assert_eq!(place.codes(), [], "repaired");
     }
 }
@@ -128,7 +128,10 @@ fn a_users_cycle_takes_the_place_of_a_shipped_one() {
     let place = Place::new("replaced");
     place.write("CYCLE81.SPF", "PROC CYCLE81(REAL AA)\nMSG(\"mine\" << AA)");
     let library = place.open();
-    assert_eq!((says(&library, "CYCLE81(7)"), place.codes()), (vec!["mine7".to_owned()], vec![Code::ShippedReplaced]));
+    assert_eq!(
+        (says(&library, "CYCLE81(7)"), place.codes()),
+        (vec!["mine7".to_owned()], vec![ErrorCode::ShippedReplaced])
+    );
     assert_eq!(library.iter().count(), 12);
     // One with an error is not called, and the shipped one does not stand in for it.
     place.write("CYCLE81.SPF", "PROC CYCLE81(REAL AA)\nMSG(");
@@ -140,7 +143,7 @@ fn a_users_cycle_takes_the_place_of_a_shipped_one() {
 fn warnings_come_again_with_a_fresh_form() {
     let place = Place::new("warnings");
     place.write("FILE.SPF", "PROC OTHER(REAL X)\nMSG(X)");
-    let expected = [Code::NameDiffers, Code::NameIsAddress];
+    let expected = [ErrorCode::NameDiffers, ErrorCode::NameIsAddress];
     assert_eq!((place.codes(), place.codes()), (expected.to_vec(), expected.to_vec()));
     assert!(was_fresh(&place.open(), "OTHER"));
 }
@@ -161,10 +164,10 @@ fn names_that_clash_and_calls_that_lead_nowhere_are_refused() {
         })
         .collect();
     let expected = [
-        ("AA.SPF", Code::NameDiffers),
-        ("CALLED.SPF", Code::CycleUnknown),
-        ("CALLER.SPF", Code::CycleUnknown),
-        ("SAME.SPF", Code::CycleTwice),
+        ("AA.SPF", ErrorCode::NameDiffers),
+        ("CALLED.SPF", ErrorCode::CycleUnknown),
+        ("CALLER.SPF", ErrorCode::CycleUnknown),
+        ("SAME.SPF", ErrorCode::CycleTwice),
     ];
     assert_eq!(found, expected);
     assert_eq!((says(&library, "SAME"), library.find("CALLER")), (vec!["a".to_owned()], None));
@@ -177,7 +180,7 @@ fn a_folder_that_cannot_be_written_is_told_and_nothing_is_lost() {
     // A file stands where the folder should be.
     std::fs::write(place.0.join("compiled"), "").expect("a file");
     let library = place.open();
-    assert!(library.findings().iter().all(|finding| finding.diagnostic.code == Code::NotStored));
+    assert!(library.findings().iter().all(|finding| finding.diagnostic.code == ErrorCode::NotStored));
     assert_eq!((library.findings().len(), says(&library, "AA")), (13, vec!["a".to_owned()]));
 }
 
@@ -185,7 +188,7 @@ fn a_folder_that_cannot_be_written_is_told_and_nothing_is_lost() {
 fn a_cycle_that_no_program_can_call_is_an_error() {
     for name in ["M7", "X1Y2", "N1AB", "MCALLS", "END1"] {
         let source = format!("PROC {name}\nG0 X1\nRET\n");
-        let library = retrace_cycles::Library::of_sources(&[("A.SPF", &source)]);
+        let library = retrace_cycles::CycleLibrary::of_sources(&[("A.SPF", &source)]);
         let found: Vec<_> = library.findings().iter().map(|finding| finding.diagnostic.number()).collect();
         assert!(library.find(name).is_none() && found.contains(&"E1947"), "{name}: {found:?}");
     }

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Recorder, alarm, alarm_from, blocks, blocks_from};
-use retrace_cycles::{Kind, Library, StockFault, StockFeed, StockMove};
+use retrace_cycles::{CycleLibrary, Kind, StockFailure, StockFeed, StockMove};
 
 /// Radius 20 around 0/0, six holes: 60° apart, the first at 20/0; sin 60° · 20 = 17.320508.
 #[test]
@@ -69,11 +69,11 @@ fn holes1_follows_its_angle() {
 
 #[test]
 fn the_three_kinds_are_told_apart() {
-    let library = Library::shipped();
+    let library = CycleLibrary::shipped();
     let kind = |name| library.find(name).and_then(|id| library.get(id)).map(|cycle| cycle.kind());
     assert_eq!(kind("cycle81"), Some(Kind::Parameters));
     assert_eq!(kind("CYCLE95"), Some(Kind::Contour(0)));
-    let own = Library::of_sources(&[
+    let own = CycleLibrary::of_sources(&[
         ("HOME", "G0 Z0\n"),
         ("INNER", "PROC INNER(INT AA, STRING[20] BB)\nAA=STOCKPATH(BB,1,0,0,0,1,0,1)"),
         ("OUTER", "PROC OUTER(STRING[20] CC)\nINNER(3,CC)"),
@@ -146,7 +146,7 @@ fn cycle95_checks_before_it_moves() {
     assert_eq!(alarm_from("CYCLE95(\"C\",1,,,,,,,1)", Recorder { feed: 0.0, ..turning() }), 61003);
     assert_eq!(alarm_from("CYCLE95(\"C\",1,,,,2,,,9)", Recorder { feed: 0.0, ..turning() }), 61003);
     assert_eq!(alarm_from("CYCLE95(\"C\",1,,,,2,,,9)", Recorder { compensation: 41.0, ..turning() }), 61815);
-    let fault = StockFault { alarm: 10933, text: "two blocks".to_owned() };
+    let fault = StockFailure { alarm: 10933, text: "two blocks".to_owned() };
     assert_eq!(alarm_from("CYCLE95(\"C\",1,,,,2,,3,9)", Recorder { path: Err(fault), ..turning() }), 10933);
     // Finishing needs no infeed and no feed for roughing; omitted feeds follow FF1 and F.
     let host = blocks_from("CYCLE95(\"C\",,,,,,,3,205)", Recorder { feed: 0.0, ..turning() });

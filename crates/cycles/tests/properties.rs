@@ -6,7 +6,7 @@ mod common;
 
 use common::Recorder;
 use proptest::prelude::*;
-use retrace_cycles::{Argument, Code, Halt, Library, Limits, Machine};
+use retrace_cycles::{Argument, CycleLibrary, ErrorCode, Halt, Vm, VmLimits};
 
 const WORDS: &[&str] = &[
     "PROC TEST(REAL AA, STRING[9] BB)",
@@ -121,17 +121,17 @@ fn statements() -> impl Strategy<Value = String> {
     })
 }
 
-const SMALL: Limits = Limits { steps: 5_000, blocks: 500, depth: 6 };
+const SMALL: VmLimits = VmLimits { steps: 5_000, blocks: 500, depth: 6 };
 
 /// How a run ended, its blocks and its messages.
 type Ran = (Result<(), Halt>, Vec<String>, Vec<String>);
 
-fn run_all(library: &Library, number: f64) -> Vec<Ran> {
+fn run_all(library: &CycleLibrary, number: f64) -> Vec<Ran> {
     let arguments = [Argument::Number(number), Argument::Text("t")];
     let runs = library.iter().map(|(id, cycle)| {
         let mut host = Recorder::default();
         let count = cycle.parameters().len().min(2);
-        let done = Machine::new(SMALL).run(library, id, &arguments[..count], &mut host);
+        let done = Vm::new(SMALL).run(library, id, &arguments[..count], &mut host);
         (done, host.lines, host.messages)
     });
     runs.collect()
@@ -142,12 +142,12 @@ proptest! {
 
     #[test]
     fn any_text_is_answered(text in "\\PC*", number in -1e3..1e3) {
-        run_all(&Library::of_sources(&[("TEST", &text)]), number);
+        run_all(&CycleLibrary::of_sources(&[("TEST", &text)]), number);
     }
 
     #[test]
     fn any_words_are_answered_and_spans_stay_in_their_lines(text in source(), number in -1e3..1e3) {
-        let library = Library::of_sources(&[("TEST", &text)]);
+        let library = CycleLibrary::of_sources(&[("TEST", &text)]);
         let lines: Vec<&str> = text.split('\n').collect();
         for finding in library.findings() {
             let diagnostic = &finding.diagnostic;
@@ -160,11 +160,11 @@ proptest! {
 
     #[test]
     fn statements_run_to_an_end(text in statements(), number in -20.0..20.0_f64) {
-        let library = Library::of_sources(&[("TEST", &text)]);
+        let library = CycleLibrary::of_sources(&[("TEST", &text)]);
         for (done, lines, _) in run_all(&library, number.round()) {
             prop_assert!(lines.len() <= 500);
             if let Err(Halt::Alarm(alarm)) = done {
-                prop_assert!(alarm.code != Code::CycleUnknown && alarm.line as usize <= text.lines().count());
+                prop_assert!(alarm.code != ErrorCode::CycleUnknown && alarm.line as usize <= text.lines().count());
             }
         }
     }
@@ -182,7 +182,7 @@ proptest! {
         plane in 17..20,
         inch in 0..2,
     ) {
-        let library = Library::shipped();
+        let library = CycleLibrary::shipped();
         let (id, cycle) = library.iter().nth(which).expect("twelve");
         let arguments: Vec<Argument<'_>> = cycle.parameters().iter().zip(&values).map(|(parameter, value)| match value {
             None => Argument::Missing,
@@ -192,10 +192,10 @@ proptest! {
             Some(value) => Argument::Number(*value),
         }).collect();
         let mut host = Recorder { plane: f64::from(plane), inch: f64::from(inch), ..Recorder::default() };
-        match Machine::default().run(&library, id, &arguments, &mut host) {
+        match Vm::default().run(&library, id, &arguments, &mut host) {
             Ok(()) => {}
             Err(Halt::Alarm(alarm)) => {
-                prop_assert!(alarm.code == Code::CycleAlarm, "{:?}", alarm);
+                prop_assert!(alarm.code == ErrorCode::CycleAlarm, "{:?}", alarm);
                 prop_assert!(host.lines.is_empty(), "{:?} behind {:?}", alarm, host.lines);
                 let named = alarm.text.starts_with(cycle.name());
                 prop_assert!(named && alarm.number.is_some_and(|number| retrace_cycles::alarm_text(number).is_some()));
@@ -220,7 +220,7 @@ proptest! {
         };
         let call = format!("{which}({rtp},{rfp},{sdis},{end}{}{tail})", if which == "CYCLE83" { "," } else { "" });
         let mut host = Recorder::default();
-        if common::run(&Library::shipped(), &call, &mut host) == Ok(()) {
+        if common::run(&CycleLibrary::shipped(), &call, &mut host) == Ok(()) {
             let heights: Vec<f64> = host.lines.iter().filter_map(|line| {
                 line.split(' ').find_map(|word| word.strip_prefix('Z')).map(|z| z.parse::<f64>().expect("a number"))
             }).map(|z| side * (z - rfp)).collect();
@@ -248,7 +248,7 @@ proptest! {
         std::fs::write(sources.join("TEST.SPF"), &text).expect("written");
         let compiled = folder.join("compiled");
         let folders = retrace_cycles::Folders { sources: Some(&sources), compiled: Some(&compiled) };
-        let (now, kept) = (Library::open(folders), Library::open(folders));
+        let (now, kept) = (CycleLibrary::open(folders), CycleLibrary::open(folders));
         let both = (run_all(&now, number), run_all(&kept, number));
         let fresh = kept.iter().all(|(_, cycle)| cycle.was_fresh());
         let _ = std::fs::remove_dir_all(&folder);

@@ -6,17 +6,18 @@ mod stock;
 
 use proptest::prelude::*;
 use retrace_cycles::stock::{
-    Corner, Element, Fault, Feed, Job, Kind, LARGEST, MAX_MOVES, MoveKind, Path, Point, Tip, Warning, plan,
+    Corner, Element, Feed, Kind, LARGEST, MAX_MOVES, MoveKind, Path, Point, StockRemovalError, StockRemovalParams,
+    ToolTip, Warning, plan,
 };
 use stock::{blocks, contour, expect, job, path};
 
 /// The outside contour of the worked example.
-fn example() -> Job {
+fn example() -> StockRemovalParams {
     let text = "G1 X20 Z0\nZ-12\nX32 Z-18\nZ-24\nX26 Z-30\nZ-38\nX44\nG3 X50 Z-41 CR=3\nG1 Z-50";
-    Job { fal_z: 0.1, fal_x: 0.2, ..job(contour(text), 1, 2.8) }
+    StockRemovalParams { fal_z: 0.1, fal_x: 0.2, ..job(contour(text), 1, 2.8) }
 }
 
-fn refused(job: &Job) -> (u32, Option<u32>, Option<u32>) {
+fn refused(job: &StockRemovalParams) -> (u32, Option<u32>, Option<u32>) {
     match plan(job) {
         Ok(path) => panic!("not refused:\n{}", blocks(&path).join("\n")),
         Err(fault) => (fault.number(), fault.followed_by(), fault.line()),
@@ -49,7 +50,7 @@ fn a_depth_is_divided_equally() {
 #[test]
 fn an_unknown_machining_type_is_refused_before_anything_else() {
     for vari in [i32::MIN, -1, 0, 13, 100, 112, 200, 213, i32::MAX] {
-        let job = Job { vari, contour: Vec::new(), mid: 0.0, ..example() };
+        let job = StockRemovalParams { vari, contour: Vec::new(), mid: 0.0, ..example() };
         assert_eq!(refused(&job), (61002, None, None));
     }
 }
@@ -68,8 +69,14 @@ fn a_contour_that_cannot_be_prepared_is_refused_with_the_alarm_and_its_line() {
     let stairs: String = (1..=50).map(|step| format!("X{0}\nZ-{0}\n", 20 + step)).collect();
     assert!(plan(&job(contour(&format!("G1 X20 Z0\n{stairs}")), 1, 2.0)).is_ok());
     // What the reader of the contour refuses itself has its alarm here too.
-    assert_eq!((Fault::CompensationInside(4).number(), Fault::CompensationInside(4).followed_by()), (10931, after));
-    assert_eq!((Fault::MissingMotion(1).number(), Fault::MissingAxis(1).number()), (15800, 61605));
+    assert_eq!(
+        (StockRemovalError::CompensationInside(4).number(), StockRemovalError::CompensationInside(4).followed_by()),
+        (10931, after)
+    );
+    assert_eq!(
+        (StockRemovalError::MissingMotion(1).number(), StockRemovalError::MissingAxis(1).number()),
+        (15800, 61605)
+    );
 }
 
 #[test]
@@ -92,19 +99,19 @@ fn a_wrong_contour_is_refused() {
 fn numbers_that_are_none_are_refused() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 2.0 * LARGEST] {
         let jobs = [
-            Job { mid: bad, ..example() },
-            Job { fal_z: bad, ..example() },
-            Job { fal_x: bad, ..example() },
-            Job { fal: bad, ..example() },
-            Job { dam: bad, ..example() },
-            Job { vrt: bad, ..example() },
-            Job { nose_radius: bad, ..example() },
-            Job { clearance_angle: bad, ..example() },
-            Job { tip: Tip { u: bad, v: 0.0 }, ..example() },
-            Job { position: Some(Point::new(0.0, bad)), ..example() },
+            StockRemovalParams { mid: bad, ..example() },
+            StockRemovalParams { fal_z: bad, ..example() },
+            StockRemovalParams { fal_x: bad, ..example() },
+            StockRemovalParams { fal: bad, ..example() },
+            StockRemovalParams { dam: bad, ..example() },
+            StockRemovalParams { vrt: bad, ..example() },
+            StockRemovalParams { nose_radius: bad, ..example() },
+            StockRemovalParams { clearance_angle: bad, ..example() },
+            StockRemovalParams { tip: ToolTip { u: bad, v: 0.0 }, ..example() },
+            StockRemovalParams { position: Some(Point::new(0.0, bad)), ..example() },
         ];
         for job in jobs {
-            assert!(matches!(plan(&job), Err(Fault::Number(_))), "{job:?}");
+            assert!(matches!(plan(&job), Err(StockRemovalError::Number(_))), "{job:?}");
         }
         let mut job = example();
         job.contour[2].end.u = bad;
@@ -115,34 +122,37 @@ fn numbers_that_are_none_are_refused() {
 #[test]
 fn no_infeed_is_refused_unless_only_finishing_is_asked_for() {
     for vari in 1..=12 {
-        let job = Job { mid: 0.0, vari, ..example() };
+        let job = StockRemovalParams { mid: 0.0, vari, ..example() };
         if (5..=8).contains(&vari) {
-            assert!(!matches!(plan(&job), Err(Fault::InfeedDepth)));
+            assert!(!matches!(plan(&job), Err(StockRemovalError::InfeedDepth)));
         } else {
             assert_eq!(refused(&job), (61610, None, None));
         }
     }
-    assert_eq!(refused(&Job { mid: 1e-9, ..example() }).0, 61610);
-    assert_eq!(refused(&Job { dam: 1e-7, ..example() }).0, 10934);
+    assert_eq!(refused(&StockRemovalParams { mid: 1e-9, ..example() }).0, 61610);
+    assert_eq!(refused(&StockRemovalParams { dam: 1e-7, ..example() }).0, 10934);
 }
 
 /// 3 mm down over 6 mm: atan(0.5) = 26.565 degrees.
 #[test]
 fn a_flank_steeper_than_the_tool_clears_is_refused() {
     for vari in [1, 5, 9] {
-        assert_eq!(refused(&Job { clearance_angle: 26.0, vari, ..example() }), (61604, None, Some(5)));
-        assert!(plan(&Job { clearance_angle: 26.57, vari, ..example() }).is_ok());
-        assert!(plan(&Job { clearance_angle: 0.0, vari, ..example() }).is_ok());
+        assert_eq!(refused(&StockRemovalParams { clearance_angle: 26.0, vari, ..example() }), (61604, None, Some(5)));
+        assert!(plan(&StockRemovalParams { clearance_angle: 26.57, vari, ..example() }).is_ok());
+        assert!(plan(&StockRemovalParams { clearance_angle: 0.0, vari, ..example() }).is_ok());
     }
     // A falling quarter circle ends upright.
     let round = contour("G1 X30 Z0\nZ-5\nG3 X20 Z-10 CR=5\nG1 Z-15\nX40\nZ-20");
-    assert_eq!(refused(&Job { clearance_angle: 89.0, ..job(round.clone(), 1, 2.0) }), (61604, None, Some(3)));
-    assert!(plan(&Job { clearance_angle: 90.0, ..job(round, 1, 2.0) }).is_ok());
+    assert_eq!(
+        refused(&StockRemovalParams { clearance_angle: 89.0, ..job(round.clone(), 1, 2.0) }),
+        (61604, None, Some(3))
+    );
+    assert!(plan(&StockRemovalParams { clearance_angle: 90.0, ..job(round, 1, 2.0) }).is_ok());
 }
 
 #[test]
 fn a_tool_inside_the_blank_is_refused() {
-    let at = |x: f64, z: f64, vari| Job { position: Some(Point::new(z, x / 2.0)), vari, ..example() };
+    let at = |x: f64, z: f64, vari| StockRemovalParams { position: Some(Point::new(z, x / 2.0)), vari, ..example() };
     assert_eq!(refused(&at(40.0, -10.0, 1)), (61607, None, None));
     assert!(plan(&at(60.0, -10.0, 1)).is_ok() && plan(&at(40.0, 1.0, 1)).is_ok());
     // Before finishing alone the blank is gone already.
@@ -153,7 +163,7 @@ fn a_tool_inside_the_blank_is_refused() {
 #[test]
 fn a_roughing_cut_is_interrupted_each_dam() {
     let stops = |dam: f64, x: f64| -> Vec<f64> {
-        let path = path(&Job { dam, ..example() });
+        let path = path(&StockRemovalParams { dam, ..example() });
         let dwells = path.moves.iter().filter(|step| step.dwell_after && (2.0 * step.end.v - x).abs() < 1e-9);
         dwells.map(|step| step.end.u).collect()
     };
@@ -166,7 +176,7 @@ fn a_roughing_cut_is_interrupted_each_dam() {
     // In the relief cut, from Z-27.1 to Z-37.9.
     close(stops(5.0, 29.4), &[-32.1, -37.1]);
     assert_eq!(stops(0.0, 40.4), []);
-    let path = path(&Job { dam: 3.0, ..example() });
+    let path = path(&StockRemovalParams { dam: 3.0, ..example() });
     assert!(
         path.moves.iter().all(|step| !step.dwell_after || (step.feed == Feed::Rough && step.kind == MoveKind::Line))
     );
@@ -176,9 +186,9 @@ fn a_roughing_cut_is_interrupted_each_dam() {
 #[test]
 fn a_relief_cut_that_closes_up_is_left_to_finishing_with_a_warning() {
     let groove = contour("G1 X30 Z0\nZ-10\nX20\nZ-11\nX30\nZ-20\nX40");
-    let open = path(&Job { fal_z: 0.4, ..job(groove.clone(), 9, 2.0) });
+    let open = path(&StockRemovalParams { fal_z: 0.4, ..job(groove.clone(), 9, 2.0) });
     assert_eq!((open.warnings.len(), open.moves.iter().any(|step| step.feed == Feed::Plunge)), (0, true));
-    let closed = path(&Job { fal_z: 0.6, ..job(groove, 9, 2.0) });
+    let closed = path(&StockRemovalParams { fal_z: 0.6, ..job(groove, 9, 2.0) });
     assert_eq!(closed.warnings, [Warning::ReliefLeftToFinishing(1)]);
     assert!(closed.moves.iter().all(|step| step.feed != Feed::Plunge));
     assert!(closed.moves.iter().any(|step| step.feed == Feed::Finish && step.end == Point::new(-10.0, 10.0)));
@@ -188,7 +198,7 @@ fn a_relief_cut_that_closes_up_is_left_to_finishing_with_a_warning() {
 #[test]
 fn the_walls_of_a_narrow_valley_meet_higher() {
     let valley = contour("G1 X30 Z0\nZ-10\nX20 Z-15\nX30 Z-20\nZ-25\nX32");
-    let path = path(&Job { fal_z: 1.0, ..job(valley, 1, 10.0) });
+    let path = path(&StockRemovalParams { fal_z: 1.0, ..job(valley, 1, 10.0) });
     let lowest = path.moves.iter().map(|step| step.end).min_by(|a, b| a.v.total_cmp(&b.v));
     assert!(lowest.is_some_and(|at| (at.u + 15.0).abs() < 1e-9 && (at.v - 11.0).abs() < 1e-9), "{lowest:?}");
 }
@@ -326,7 +336,7 @@ fn a_rounding_touches_an_arc_too() {
 fn a_sign_is_dropped_with_a_warning_and_no_lift_off_is_a_millimetre() {
     let plain = path(&example());
     let job = example();
-    let signed = Job { mid: -job.mid, fal_z: -job.fal_z, fal_x: -job.fal_x, vrt: 0.0, ..job };
+    let signed = StockRemovalParams { mid: -job.mid, fal_z: -job.fal_z, fal_x: -job.fal_x, vrt: 0.0, ..job };
     let signed = path(&signed);
     assert_eq!(signed.moves, plain.moves);
     assert_eq!(signed.warnings, ["MID", "FALZ", "FALX"].map(Warning::SignDropped));
@@ -335,15 +345,20 @@ fn a_sign_is_dropped_with_a_warning_and_no_lift_off_is_a_millimetre() {
 /// FAL adds to both allowances: 0.1 + 0.3 along Z, 0.2 + 0.3 along X.
 #[test]
 fn the_allowance_along_the_contour_adds_to_both() {
-    let with = path(&Job { fal: 0.3, ..example() });
-    let same = path(&Job { fal_z: 0.4, fal_x: 0.5, ..example() });
+    let with = path(&StockRemovalParams { fal: 0.3, ..example() });
+    let same = path(&StockRemovalParams { fal_z: 0.4, fal_x: 0.5, ..example() });
     assert_eq!(blocks(&with), blocks(&same));
 }
 
 #[test]
 fn without_a_nose_compensation_in_roughing_changes_nothing() {
     let with = |nose_radius, rough_compensated| {
-        blocks(&path(&Job { nose_radius, rough_compensated, tip: Tip::of_orientation(2), ..example() }))
+        blocks(&path(&StockRemovalParams {
+            nose_radius,
+            rough_compensated,
+            tip: ToolTip::of_orientation(2),
+            ..example()
+        }))
     };
     assert_eq!(with(0.0, true), with(0.0, false));
     assert_eq!(with(0.8, false), with(0.0, false));
@@ -356,7 +371,7 @@ fn without_a_nose_compensation_in_roughing_changes_nothing() {
 #[test]
 fn a_compensated_nose_does_not_cut_into_falling_walls() {
     let groove = contour("G1 X30 Z0\nZ-10\nX20\nZ-20\nX32\nZ-25");
-    let nose = Job { nose_radius: 1.0, tip: Tip::of_orientation(2), ..job(groove, 1, 6.0) };
+    let nose = StockRemovalParams { nose_radius: 1.0, tip: ToolTip::of_orientation(2), ..job(groove, 1, 6.0) };
     expect(
         &path(&nose),
         "G0 X34.000 Z1.000
@@ -381,7 +396,7 @@ fn a_compensated_nose_does_not_cut_into_falling_walls() {
 #[test]
 fn a_nose_that_does_not_fit_the_contour_is_refused_where_finishing_is_asked_for() {
     let groove = |width: f64| contour(&format!("G1 X30 Z0\nZ-10\nX20\nZ-{}\nX32\nZ-25", 10.0 + width));
-    let nose = |width, vari| Job { nose_radius: 0.8, ..job(groove(width), vari, 2.0) };
+    let nose = |width, vari| StockRemovalParams { nose_radius: 0.8, ..job(groove(width), vari, 2.0) };
     assert!(plan(&nose(1.7, 5)).is_ok());
     assert_eq!(refused(&nose(1.5, 5)).0, 61604);
     assert_eq!(refused(&nose(1.5, 9)).0, 61604);
@@ -389,7 +404,7 @@ fn a_nose_that_does_not_fit_the_contour_is_refused_where_finishing_is_asked_for(
     assert!(matches!(path(&nose(1.5, 1)).warnings[..], [Warning::NoseLeavesStock(3..=5)]));
     // A hollow of radius 0.5.
     let hollow = contour("G1 X20 Z0\nZ-10\nG2 X21 Z-10.5 CR=0.5\nG1 X30\nZ-20");
-    assert_eq!(refused(&Job { nose_radius: 0.8, ..job(hollow, 5, 2.0) }), (61604, None, Some(3)));
+    assert_eq!(refused(&StockRemovalParams { nose_radius: 0.8, ..job(hollow, 5, 2.0) }), (61604, None, Some(3)));
 }
 
 /// Any number a program can hold, and now and then one of ordinary size.
@@ -453,9 +468,9 @@ proptest! {
             at = element.end;
         }
         let [mid, fal_z, fal_x, fal, dam, vrt, nose_radius, clearance_angle, _] = sizes;
-        let job = Job {
+        let job = StockRemovalParams {
             contour, vari, mid, fal_z, fal_x, fal, dam, vrt, nose_radius,
-            tip: Tip::of_orientation(tip), clearance_angle, rough_compensated: true, position: None,
+            tip: ToolTip::of_orientation(tip), clearance_angle, rough_compensated: true, position: None,
         };
         match plan(&job) {
             Ok(path) => {

@@ -6,7 +6,7 @@
 mod stock;
 
 use proptest::prelude::*;
-use retrace_cycles::stock::{Axes, Feed, Job, MAX_MOVES, Move, MoveKind, Path, Point, Tip, plan};
+use retrace_cycles::stock::{Axes, Feed, MAX_MOVES, Move, MoveKind, Path, Point, StockRemovalParams, ToolTip, plan};
 use stock::part::{self, Dice, Edge, Lie, Part, Step};
 
 /// Differences the arithmetic may make, mm.
@@ -18,7 +18,7 @@ const LEFT: f64 = 3e-6;
 struct Case {
     part: Part,
     lie: Lie,
-    job: Job,
+    job: StockRemovalParams,
     backwards: bool,
 }
 
@@ -214,7 +214,7 @@ proptest! {
         let mut case = case(seed, falls, 0);
         let radius = Dice(seed ^ 7).size(0.1, 1.6);
         case.job.nose_radius = radius;
-        case.job.tip = Tip::of_orientation(orientation);
+        case.job.tip = ToolTip::of_orientation(orientation);
         let path = rough_path(&case);
         well_formed(&path.moves);
         let tip = case.lie.judge(Point::new(case.job.tip.u, case.job.tip.v));

@@ -5,7 +5,7 @@
 
 mod stock;
 
-use retrace_cycles::stock::{Element, Job, Point};
+use retrace_cycles::stock::{Element, Point, StockRemovalParams};
 use stock::{blocks, contour, job, path};
 
 const PATHS: &str = include_str!("stock/paths.txt");
@@ -26,7 +26,7 @@ fn place(at: Point, face: bool, inside: bool) -> Point {
     if face { Point::new(infeed, at.u + 40.0) } else { Point::new(at.u, infeed) }
 }
 
-fn example(name: &str, vari: i32) -> Job {
+fn example(name: &str, vari: i32) -> StockRemovalParams {
     let (elements, mid) = longitudinal(name);
     let (face, inside) = (vari % 2 == 0, matches!((vari - 1) % 4, 2 | 3));
     let elements = elements.into_iter().map(|mut element| {
@@ -44,7 +44,7 @@ fn example(name: &str, vari: i32) -> Job {
     });
     // Half a millimetre along the cut, one along the infeed.
     let (fal_z, fal_x) = if face { (1.0, 0.5) } else { (0.5, 1.0) };
-    Job { fal_z, fal_x, ..job(elements.collect(), vari, mid) }
+    StockRemovalParams { fal_z, fal_x, ..job(elements.collect(), vari, mid) }
 }
 
 /// The lists: name of the contour, VARI, blocks.

@@ -4,7 +4,7 @@
 
 mod stock;
 
-use retrace_cycles::stock::{Compensation, Element, Feed, Job, Move, MoveKind};
+use retrace_cycles::stock::{Compensation, Element, Feed, Move, MoveKind, StockRemovalParams};
 use stock::{blocks, contour, job, path};
 
 const OUTSIDE: &str = "G1 X20 Z0\nZ-12\nX32 Z-18\nZ-24\nX26 Z-30\nZ-38\nX44\nG3 X50 Z-41 CR=3\nG1 Z-50";
@@ -13,8 +13,8 @@ const INSIDE: &str = "G1 X60 Z0\nZ-12\nX48 Z-18\nZ-24\nX54 Z-30\nZ-38\nX36\nG2 X
 const OUTSIDE_BACKWARDS: &str = "G1 X50 Z-50\nZ-41\nG2 X44 Z-38 CR=3\nG1 X26\nZ-30\nX32 Z-24\nZ-18\nX20 Z-12\nZ0";
 const ROWS: &str = include_str!("stock/worked_example.txt");
 
-fn example(elements: Vec<Element>, vari: i32) -> Job {
-    Job { fal_z: 0.1, fal_x: 0.2, vrt: 0.0, ..job(elements, vari, 2.8) }
+fn example(elements: Vec<Element>, vari: i32) -> StockRemovalParams {
+    StockRemovalParams { fal_z: 0.1, fal_x: 0.2, vrt: 0.0, ..job(elements, vari, 2.8) }
 }
 
 #[derive(Debug)]

@@ -3,7 +3,7 @@
 //! Invariant: two starts are given the same number only by chance, at odds of about one in the cycles that the host's first byte may come
 //! earlier or later.
 
-use retrace_link::{Identity, PROTOCOL};
+use retrace_link::{CardIdentity, PROTOCOL};
 
 use crate::period::{MAX_PERIOD_US, MIN_PERIOD_US, SLOT_HZ};
 use crate::{AXES, MEMORY, WINDOW, pins};
@@ -32,7 +32,7 @@ const fn mix(word: u32) -> u32 {
 }
 
 /// What the card says of itself, before it has a serial number and the number of a start.
-pub const IDENTITY: Identity = Identity {
+pub const IDENTITY: CardIdentity = CardIdentity {
     protocol: PROTOCOL,
     name: NAME,
     serial: 0,

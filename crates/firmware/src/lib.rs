@@ -5,10 +5,10 @@
 #![forbid(unsafe_code)]
 
 pub mod boot;
-pub mod handover;
 pub mod period;
 pub mod pins;
 pub mod ring;
+pub mod step_mailbox;
 pub mod steps;
 
 /// Axes of this card.

@@ -4,13 +4,13 @@
 
 use core::sync::atomic::Ordering::Relaxed;
 
-use retrace_card::{Inputs, OnLine};
+use retrace_card::{InputLevels, LinkedCard};
 use retrace_core::Record;
-use retrace_firmware::handover::{Order, Shape};
 use retrace_firmware::pins::{ALL_OUTPUTS_LOW, ALL_STEPS_LOW};
+use retrace_firmware::step_mailbox::{StepBatch, StepShape};
 use retrace_firmware::steps::Steps;
 use retrace_firmware::{AXES, ENTRIES, MEMORY, WINDOW, boot};
-use retrace_link::Settings;
+use retrace_link::CardSettings;
 
 use crate::board::step_timer::ORDERS;
 use crate::board::{self, registers, serial, stopwatch};
@@ -19,7 +19,7 @@ use crate::diagnostics::DIAGNOSTICS;
 /// Bytes that are fetched from the card at a time.
 const CHUNK: usize = 64;
 
-type Card = OnLine<AXES, WINDOW, MEMORY, ENTRIES, &'static mut [Record<AXES>]>;
+type Card = LinkedCard<AXES, WINDOW, MEMORY, ENTRIES, &'static mut [Record<AXES>]>;
 
 /// As a constant, so that it never passes over the stack. Its window's records stand apart: they are zeros, which need no flash.
 const FRESH: Card = match Card::without_records(boot::IDENTITY) {
@@ -55,27 +55,27 @@ fn main() -> ! {
 
 /// Computes a control period and orders its pulses. Where an opening has changed how steps are made, a period without any goes ahead of
 /// it, so that the directions stand.
-fn period(card: &mut Card, shape: &mut Shape) {
+fn period(card: &mut Card, shape: &mut StepShape) {
     if let Some(wanted) = card.terms().map(|terms| shape_of(terms.settings()))
         && wanted != *shape
     {
         *shape = wanted;
-        ORDERS.put(&Order { increments: [0; AXES], shape: wanted });
+        ORDERS.put(&StepBatch { increments: [0; AXES], shape: wanted });
         return;
     }
     let (began, interrupts) = (stopwatch::now(), DIAGNOSTICS.in_interrupts());
-    let inputs = Inputs { levels: board::input_levels(), encoder: board::encoder(), failed: false };
+    let inputs = InputLevels { levels: board::input_levels(), encoder: board::encoder(), failed: false };
     let status = card.period(inputs);
     board::set_outputs(&status.outputs);
-    ORDERS.put(&Order { increments: *card.card().pulses(), shape: *shape });
+    ORDERS.put(&StepBatch { increments: *card.card().pulses(), shape: *shape });
     let interrupted = DIAGNOSTICS.in_interrupts().wrapping_sub(interrupts);
     DIAGNOSTICS.max_period.fetch_max(stopwatch::since(began).saturating_sub(interrupted), Relaxed);
     DIAGNOSTICS.periods.fetch_add(1, Relaxed);
 }
 
 /// How the host wants steps to be made.
-fn shape_of(settings: &Settings<AXES>) -> Shape {
-    Shape {
+fn shape_of(settings: &CardSettings<AXES>) -> StepShape {
+    StepShape {
         period_us: settings.period_us,
         pulse_ns: settings.pulse_ns,
         setup_ns: settings.direction_setup_ns,

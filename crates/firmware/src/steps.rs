@@ -6,9 +6,9 @@
 use retrace_card::{StepDirection, StepTiming};
 
 use crate::AXES;
-use crate::handover::{Handover, Order, Shape};
 use crate::period::{Period, SLOT_HZ};
 use crate::pins::axes_word;
+use crate::step_mailbox::{StepBatch, StepMailbox, StepShape};
 
 /// The steppers of all axes, and where in the period they are.
 pub struct Steps {
@@ -17,7 +17,7 @@ pub struct Steps {
     high: u32,
     backward: u32,
     /// How steps are made.
-    shape: Shape,
+    shape: StepShape,
     period: Period,
     timer_hz: u32,
     /// Slots left of the period; 0: the next one is due.
@@ -39,7 +39,7 @@ pub struct Slot {
 
 impl Steps {
     /// Before anybody has said how steps are to be made: a period of 1 ms.
-    pub const SHAPE: Shape = Shape { period_us: 1000, pulse_ns: 2000, setup_ns: 5000, inverted: 0 };
+    pub const SHAPE: StepShape = StepShape { period_us: 1000, pulse_ns: 2000, setup_ns: 5000, inverted: 0 };
     const TIMING: StepTiming = match timing(Self::SHAPE) {
         Some(timing) => timing,
         None => unreachable!(),
@@ -63,7 +63,7 @@ impl Steps {
 
     /// Goes one slot on. `None` where no order is there: the outputs stay as they are, which is all steps low.
     #[inline]
-    pub fn slot(&mut self, orders: &Handover<AXES>) -> Option<Slot> {
+    pub fn slot(&mut self, orders: &StepMailbox<AXES>) -> Option<Slot> {
         let mut began = None;
         if self.left == 0 {
             let order = orders.take()?;
@@ -91,7 +91,7 @@ impl Steps {
         }
     }
 
-    fn begin(&mut self, order: &Order<AXES>) {
+    fn begin(&mut self, order: &StepBatch<AXES>) {
         if order.shape != self.shape {
             self.take_shape(order.shape);
         }
@@ -104,7 +104,7 @@ impl Steps {
     }
 
     /// Makes steps in another way. The direction outputs go forward with it, so the order that brings a new shape is to have no pulses.
-    fn take_shape(&mut self, shape: Shape) {
+    fn take_shape(&mut self, shape: StepShape) {
         // what the card has agreed to always has one
         if let Some(timing) = timing(shape) {
             self.steppers = [const { StepDirection::new(Self::TIMING) }; AXES].map(|_| StepDirection::new(timing));
@@ -133,7 +133,7 @@ impl Steps {
 }
 
 /// The same times in slots.
-const fn timing(shape: Shape) -> Option<StepTiming> {
+const fn timing(shape: StepShape) -> Option<StepTiming> {
     StepTiming::of_clock(SLOT_HZ, shape.period_us, shape.pulse_ns, shape.setup_ns)
 }
 
@@ -177,18 +177,18 @@ mod tests {
                 1..6,
             ),
         ) {
-            let handover = Handover::new();
+            let mailbox = StepMailbox::new();
             let mut steps = Steps::new(84_000_000);
             let mut drives = Drives { port: 0, counts: [0; AXES] };
             let mut sum = [0; AXES];
             for (periods, pulse_ns, setup_ns, inverted, increments) in runs {
-                let shape = Shape { period_us: 1000 + periods * 500, pulse_ns, setup_ns, inverted };
+                let shape = StepShape { period_us: 1000 + periods * 500, pulse_ns, setup_ns, inverted };
                 for increments in [[0; AXES]].into_iter().chain(increments) {
-                    prop_assert_eq!(steps.slot(&handover), None);
-                    prop_assert!(handover.put(&Order { increments, shape }), "free");
+                    prop_assert_eq!(steps.slot(&mailbox), None);
+                    prop_assert!(mailbox.put(&StepBatch { increments, shape }), "free");
                     let slots = shape.period_us / 10;
                     for n in 0..slots {
-                        let slot = steps.slot(&handover).expect("a period is under way");
+                        let slot = steps.slot(&mailbox).expect("a period is under way");
                         prop_assert_eq!(slot.began, (n == 0).then_some(840));
                         drives.see(slot.word, inverted);
                     }

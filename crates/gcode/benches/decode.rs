@@ -6,7 +6,7 @@
 //! Invariant: what is timed is the whole way of a program that is at hand as text; programs and cycles are made before.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use retrace_gcode::cycles::Library;
+use retrace_gcode::cycles::CycleLibrary;
 use retrace_gcode::{CanonText, Prescan, Program, Progress, Setup, Text};
 use std::fmt::Write as _;
 use std::hint::black_box;
@@ -36,7 +36,7 @@ fn programs() -> [(&'static str, Text); 5] {
 }
 
 /// Decodes a program; each canonical function goes to `take`.
-fn decode(text: &Text, setup: &Setup, take: &mut impl FnMut(&retrace_gcode::Step)) {
+fn decode(text: &Text, setup: &Setup, take: &mut impl FnMut(&retrace_gcode::CanonStep)) {
     let prescan = Arc::new(Prescan::of("program", text.clone(), setup));
     let mut program = Program::<&[u8]>::prescanned(prescan, setup.clone());
     let mut steps = Vec::new();
@@ -51,7 +51,7 @@ fn decode(text: &Text, setup: &Setup, take: &mut impl FnMut(&retrace_gcode::Step
 }
 
 fn decoding(criterion: &mut Criterion) {
-    let setup = Setup { cycles: Some(Arc::new(Library::shipped())), ..Setup::rs274() };
+    let setup = Setup { cycles: Some(Arc::new(CycleLibrary::shipped())), ..Setup::rs274() };
     let mut group = criterion.benchmark_group("decode");
     group.throughput(Throughput::Elements(LINES.into()));
     for (name, text) in programs() {

@@ -5,21 +5,21 @@
 
 use crate::canon::{FeedMode, LengthUnit, PathControl, Plane};
 use crate::compensation::Side;
-use crate::modal::{ArcCentres, Distance, Motion, Spindle, State};
+use crate::modal::{ArcCentres, DistanceMode, ModalState, MotionMode, SpindleRotation};
 use crate::pose::Pose;
 use std::fmt;
 
 /// What is in force between two blocks. Lengths are in `units`, angles in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Active {
+pub struct ActiveCodes {
     /// The motion mode, drilling cycles included; none after G80.
-    pub motion: Option<Motion>,
+    pub motion: Option<MotionMode>,
     /// The plane of arcs.
     pub plane: Plane,
     /// The program's length unit.
     pub units: LengthUnit,
     /// What axis words mean.
-    pub distance: Distance,
+    pub distance: DistanceMode,
     /// What centre words mean.
     pub arc_centres: ArcCentres,
     /// What F words mean.
@@ -47,7 +47,7 @@ pub struct Active {
     /// G7: X words are diameters.
     pub lathe_diameter: bool,
     /// What the spindle was told to do.
-    pub spindle: Spindle,
+    pub spindle: SpindleRotation,
     /// Turns a minute, or under G96 metres or feet a minute.
     pub spindle_speed: f64,
     /// G96.
@@ -79,9 +79,9 @@ pub fn system_name(system: u8) -> &'static str {
     names.get(usize::from(system).wrapping_sub(1)).unwrap_or(&"G54")
 }
 
-impl From<&State> for Active {
-    fn from(state: &State) -> Active {
-        Active {
+impl From<&ModalState> for ActiveCodes {
+    fn from(state: &ModalState) -> ActiveCodes {
+        ActiveCodes {
             motion: state.motion,
             plane: state.plane,
             units: state.units,
@@ -115,7 +115,7 @@ impl From<&State> for Active {
     }
 }
 
-impl Active {
+impl ActiveCodes {
     /// The coordinate system as it is written: G54 … G59.3.
     #[must_use]
     pub fn system_name(&self) -> &'static str {
@@ -125,7 +125,7 @@ impl Active {
     /// Whether a drilling cycle is in force.
     #[must_use]
     pub fn is_in_cycle(&self) -> bool {
-        matches!(self.motion, Some(Motion::Cycle(_)))
+        matches!(self.motion, Some(MotionMode::Cycle(_)))
     }
 
     /// The modes whose code a person looks for first: motion, plane, units, compensation, tool length, coordinate system.
@@ -174,7 +174,7 @@ impl Active {
             (true, false) => " G98",
             (true, true) => " G99",
         })?;
-        f.write_str(if self.distance == Distance::Absolute { " G90" } else { " G91" })?;
+        f.write_str(if self.distance == DistanceMode::Absolute { " G90" } else { " G91" })?;
         f.write_str(if self.arc_centres == ArcCentres::Absolute { " G90.1" } else { " G91.1" })?;
         if self.g92_offset != Pose::ZERO {
             f.write_str(" G92")?;
@@ -196,9 +196,9 @@ impl Active {
     /// Spindle, coolant, and the overrides that are not as at a program's beginning.
     fn write_switches(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self.spindle {
-            Spindle::Stopped => " M5",
-            Spindle::Clockwise => " M3",
-            Spindle::Counterclockwise => " M4",
+            SpindleRotation::Stopped => " M5",
+            SpindleRotation::Clockwise => " M3",
+            SpindleRotation::Counterclockwise => " M4",
         })?;
         f.write_str(match (self.mist, self.flood) {
             (false, false) => " M9",
@@ -218,7 +218,7 @@ impl Active {
 }
 
 /// As the field writes it: `G1 G17 G21 G40 G49 G54 G64 G80 G90 G91.1 G94 G97 M3 M9 T2 F600 S12000`. T is the tool in the spindle.
-impl fmt::Display for Active {
+impl fmt::Display for ActiveCodes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.write_geometry(f)?;
         self.write_modes(f)?;
@@ -247,7 +247,7 @@ mod tests {
         for line in lines {
             interpreter.line(line.as_bytes(), &mut Vec::new()).expect("valid");
         }
-        Active::from(interpreter.state()).to_string()
+        ActiveCodes::from(interpreter.state()).to_string()
     }
 
     #[test]

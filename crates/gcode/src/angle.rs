@@ -14,45 +14,45 @@ const FINER: f64 = 2048.0;
 
 /// A value of 64 bits of mantissa as a sum.
 #[derive(Clone, Copy)]
-struct Extended {
+struct ExtendedFloat {
     high: f64,
     low: f64,
 }
 
-impl Extended {
+impl ExtendedFloat {
     /// The sum of a value and a much smaller one, rounded.
-    fn sum(high: f64, low: f64) -> Extended {
+    fn sum(high: f64, low: f64) -> ExtendedFloat {
         let sum = high + low;
         let rest = low - (sum - high);
         let place = (f64::from_bits(sum.to_bits() + 1) - sum).abs() / FINER;
         let low = if place > 0.0 { (rest / place).round_ties_even() * place } else { rest };
-        Extended { high: sum, low }
+        ExtendedFloat { high: sum, low }
     }
 
     /// The sum of a value and a much smaller one, with all of it that two `f64` hold.
-    fn of(high: f64, low: f64) -> Extended {
+    fn of(high: f64, low: f64) -> ExtendedFloat {
         let sum = high + low;
-        Extended { high: sum, low: low - (sum - high) }
+        ExtendedFloat { high: sum, low: low - (sum - high) }
     }
 
-    fn negative(self) -> Extended {
-        Extended { high: -self.high, low: -self.low }
+    fn negative(self) -> ExtendedFloat {
+        ExtendedFloat { high: -self.high, low: -self.low }
     }
 
-    fn times_pi(factor: f64) -> Extended {
+    fn times_pi(factor: f64) -> ExtendedFloat {
         let high = factor * PI;
-        Extended::sum(high, factor.mul_add(PI, -high) + factor * PI_LOW)
+        ExtendedFloat::sum(high, factor.mul_add(PI, -high) + factor * PI_LOW)
     }
 
-    fn over(self, divisor: f64) -> Extended {
+    fn over(self, divisor: f64) -> ExtendedFloat {
         let quotient = self.high / divisor;
         let rest = (-quotient).mul_add(divisor, self.high) + self.low;
-        Extended::sum(quotient, rest / divisor)
+        ExtendedFloat::sum(quotient, rest / divisor)
     }
 }
 
-fn radians(degrees: f64) -> Extended {
-    Extended::times_pi(degrees).over(180.0)
+fn radians(degrees: f64) -> ExtendedFloat {
+    ExtendedFloat::times_pi(degrees).over(180.0)
 }
 
 /// Half a right angle and the rest of it: π/2 as three parts, of which a small multiple of the first two is exact.
@@ -62,12 +62,12 @@ const QUARTER: [f64; 3] = [1.570_796_326_734_125_6, 6.077_100_506_303_966e-11, 2
 const MAX_QUARTERS: f64 = 1e6;
 
 /// The quarter turn that an angle is nearest to, and how far it is from there: at most π/4.
-fn reduced(angle: Extended) -> (i64, Extended) {
+fn reduced(angle: ExtendedFloat) -> (i64, ExtendedFloat) {
     let quarters = (angle.high / QUARTER[0]).round();
     let near = (angle.high - quarters * QUARTER[0]) - quarters * QUARTER[1];
     let lost = ((angle.high - quarters * QUARTER[0]) - near) - quarters * QUARTER[1];
     let low = angle.low + lost - quarters * QUARTER[2];
-    (quarters as i64, Extended::of(near, low))
+    (quarters as i64, ExtendedFloat::of(near, low))
 }
 
 /// Taylor coefficients of the sine from the third power on.
@@ -100,33 +100,33 @@ fn series(coefficients: &[f64], z: f64) -> f64 {
 }
 
 /// Sine within an eighth of a turn of zero: the angle, and a small correction to it.
-fn small_sine(Extended { high: x, low }: Extended) -> Extended {
+fn small_sine(ExtendedFloat { high: x, low }: ExtendedFloat) -> ExtendedFloat {
     let z = x * x;
-    Extended::of(x, x * z * series(&SINE, z) + low * (1.0 - z / 2.0))
+    ExtendedFloat::of(x, x * z * series(&SINE, z) + low * (1.0 - z / 2.0))
 }
 
 /// Cosine within an eighth of a turn of zero: one less half the square, and a small correction to it.
-fn small_cosine(Extended { high: x, low }: Extended) -> Extended {
+fn small_cosine(ExtendedFloat { high: x, low }: ExtendedFloat) -> ExtendedFloat {
     let z = x * x;
     let z_low = x.mul_add(x, -z);
     let most = 1.0 - z / 2.0;
     let lost = (1.0 - most) - z / 2.0;
-    Extended::of(most, lost - z_low / 2.0 - x * low + z * z * series(&COSINE, z))
+    ExtendedFloat::of(most, lost - z_low / 2.0 - x * low + z * z * series(&COSINE, z))
 }
 
 /// Sine and cosine of an angle in degrees.
-fn sine_and_cosine(degrees: f64) -> (Extended, Extended) {
+fn sine_and_cosine(degrees: f64) -> (ExtendedFloat, ExtendedFloat) {
     sine_and_cosine_of(radians(degrees))
 }
 
 /// Sine and cosine of an angle in radians.
-fn sine_and_cosine_of(angle: Extended) -> (Extended, Extended) {
+fn sine_and_cosine_of(angle: ExtendedFloat) -> (ExtendedFloat, ExtendedFloat) {
     if angle.high.abs() > MAX_QUARTERS {
         // What the sum has beyond its first part is up to whole radians here.
         let ((sine, cosine), (small_sine, small_cosine)) = (angle.high.sin_cos(), angle.low.sin_cos());
         return (
-            Extended::of(sine * small_cosine + cosine * small_sine, 0.0),
-            Extended::of(cosine * small_cosine - sine * small_sine, 0.0),
+            ExtendedFloat::of(sine * small_cosine + cosine * small_sine, 0.0),
+            ExtendedFloat::of(cosine * small_cosine - sine * small_sine, 0.0),
         );
     }
     let (quarter, rest) = reduced(angle);
@@ -173,7 +173,7 @@ pub(crate) fn to_degrees(radians: f64) -> f64 {
 }
 
 /// An angle in radians and a whole number of right angles as a sum.
-fn with_quarters(angle: f64, quarters: i32, more: f64) -> Extended {
+fn with_quarters(angle: f64, quarters: i32, more: f64) -> ExtendedFloat {
     let exact_sum = |first: f64, second: f64| {
         let sum = first + second;
         let rest = sum - first;
@@ -183,7 +183,7 @@ fn with_quarters(angle: f64, quarters: i32, more: f64) -> Extended {
     let turned = quarters * FRAC_PI_2;
     let (sum, lost) = exact_sum(angle, turned);
     let (sum, lost_too) = exact_sum(sum, more);
-    Extended::of(sum, lost + lost_too + quarters.mul_add(FRAC_PI_2, -turned) + quarters * (PI_LOW / 2.0))
+    ExtendedFloat::of(sum, lost + lost_too + quarters.mul_add(FRAC_PI_2, -turned) + quarters * (PI_LOW / 2.0))
 }
 
 /// An angle in radians, a whole number of right angles and another angle, added up with 80 bits.

@@ -3,15 +3,15 @@
 //! Invariant: a block says what its line says and no more; what depends on parameters is kept as operations and calculated when
 //! the block is carried out. Cleared and filled again, a block allocates nothing once its buffers have grown.
 
-use crate::call::CycleCall;
-use crate::codes::Code;
+use crate::comment::Comment;
 use crate::control::Control;
-use crate::diag::{Outcome, Span, fault};
+use crate::cycle_call::CycleCall;
+use crate::diag::{BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
 use crate::eval::{Environment, evaluate, whole};
 use crate::expr::Op;
 use crate::groups::{GroupG, GroupM, Tenths, group_of_g, group_of_m};
 use crate::params::NameId;
-use crate::remark::Remark;
 use std::fmt;
 
 /// The N word of a line, with its digits as they are written.
@@ -184,10 +184,10 @@ impl Words {
 
     /// Notes that the word of this letter is there.
     #[inline]
-    pub(crate) fn claim(&mut self, letter: u8, at: Span) -> Outcome<()> {
+    pub(crate) fn claim(&mut self, letter: u8, at: Span) -> BlockResult<()> {
         if self.has(letter) {
             let name = char::from(letter.to_ascii_uppercase());
-            return fault(Code::WordTwice, at, format!("{name} is given twice"));
+            return fault(ErrorCode::WordTwice, at, format!("{name} is given twice"));
         }
         self.present |= 1 << index(letter);
         self.at[index(letter)] = place(at);
@@ -196,7 +196,7 @@ impl Words {
 
     /// Sets the value of a claimed word.
     #[inline]
-    pub(crate) fn fill(&mut self, letter: u8, value: f64, at: Span) -> Outcome<()> {
+    pub(crate) fn fill(&mut self, letter: u8, value: f64, at: Span) -> BlockResult<()> {
         if value.abs() > LARGEST {
             return too_large(letter, value, at);
         }
@@ -233,25 +233,25 @@ impl Words {
     }
 
     /// Adds a G code; G80 gives way to another motion code.
-    pub(crate) fn add_g(&mut self, value: f64, at: Span) -> Outcome<()> {
+    pub(crate) fn add_g(&mut self, value: f64, at: Span) -> BlockResult<()> {
         if value < 0.0 {
             return negative(b'g', value, at);
         }
         // Rounded by hand: a call of the library would cost more than all the rest.
         let tenths = (value * 10.0 + 0.5) as Tenths;
         if (value * 10.0 - f64::from(tenths)).abs() > 0.001 || tenths > 999 {
-            return fault(Code::UnknownG, at, format!("there is no G{value}"));
+            return fault(ErrorCode::UnknownG, at, format!("there is no G{value}"));
         }
         let group = match group_of_g(tenths) {
             Some(group) => group,
-            None => return fault(Code::UnknownG, at, format!("there is no {}", name_of_g(tenths))),
+            None => return fault(ErrorCode::UnknownG, at, format!("there is no {}", name_of_g(tenths))),
         };
         match self.g(group) {
             Some(_) if group == GroupG::Motion && tenths == 800 => return Ok(()),
             Some(800) | None => {}
             Some(other) => {
                 let (other, name) = (name_of_g(other), name_of_g(tenths));
-                return fault(Code::TwoGOfGroup, at, format!("{other} and {name} exclude each other"));
+                return fault(ErrorCode::TwoGOfGroup, at, format!("{other} and {name} exclude each other"));
             }
         }
         self.g_present |= 1 << group as u8;
@@ -261,7 +261,7 @@ impl Words {
     }
 
     /// Adds an M code.
-    pub(crate) fn add_m(&mut self, value: f64, at: Span) -> Outcome<()> {
+    pub(crate) fn add_m(&mut self, value: f64, at: Span) -> BlockResult<()> {
         let code = whole(value, at, "M")?;
         if code < 0 {
             return negative(b'm', value, at);
@@ -269,16 +269,16 @@ impl Words {
         let group = match u8::try_from(code).ok().and_then(group_of_m) {
             Some(group) => group,
             None if matches!(code, 98 | 99) => {
-                return fault(Code::NotAlone, at, format!("M{code} stands alone in its block, at the beginning"));
+                return fault(ErrorCode::NotAlone, at, format!("M{code} stands alone in its block, at the beginning"));
             }
-            None => return fault(Code::UnknownM, at, format!("there is no M{code}")),
+            None => return fault(ErrorCode::UnknownM, at, format!("there is no M{code}")),
         };
         if let Some(other) = self.m(group) {
-            return fault(Code::TwoMOfGroup, at, format!("M{other} and M{code} exclude each other"));
+            return fault(ErrorCode::TwoMOfGroup, at, format!("M{other} and M{code} exclude each other"));
         }
         self.m_count += 1;
         if self.m_count > MAX_M {
-            return fault(Code::TooManyM, at, Code::TooManyM.title());
+            return fault(ErrorCode::TooManyM, at, ErrorCode::TooManyM.title());
         }
         self.m_present |= 1 << group as u8;
         self.m[group as usize] = code as u8;
@@ -288,15 +288,15 @@ impl Words {
 }
 
 #[cold]
-fn too_large(letter: u8, value: f64, at: Span) -> Outcome<()> {
+fn too_large(letter: u8, value: f64, at: Span) -> BlockResult<()> {
     let letter = char::from(letter.to_ascii_uppercase());
-    fault(Code::NumberTooLarge, at, format!("{letter} takes values below {LARGEST:e}, not {value:e}"))
+    fault(ErrorCode::NumberTooLarge, at, format!("{letter} takes values below {LARGEST:e}, not {value:e}"))
 }
 
 #[cold]
-fn negative(letter: u8, value: f64, at: Span) -> Outcome<()> {
+fn negative(letter: u8, value: f64, at: Span) -> BlockResult<()> {
     fault(
-        Code::NegativeValue,
+        ErrorCode::NegativeValue,
         at,
         format!("{} must not be negative, but is {value}", char::from(letter.to_ascii_uppercase())),
     )
@@ -380,7 +380,7 @@ pub(crate) enum Slot {
 
 /// A value that is calculated when the block is carried out.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Late {
+pub(crate) struct DeferredValue {
     slot: Slot,
     first_op: u16,
     end_op: u16,
@@ -398,18 +398,18 @@ pub(crate) enum Assignment {
 
 /// One compiled line.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Block {
+pub(crate) struct NcBlock {
     pub(crate) number: Option<BlockNumber>,
     pub(crate) words: Words,
-    pub(crate) remark: Option<Remark>,
+    pub(crate) remark: Option<Comment>,
     pub(crate) control: Option<Control>,
     /// The cycle that the line calls.
     pub(crate) cycle: Option<CycleCall>,
     pub(crate) ops: Vec<Op>,
-    pub(crate) late: Vec<Late>,
+    pub(crate) late: Vec<DeferredValue>,
 }
 
-impl Block {
+impl NcBlock {
     pub(crate) fn clear(&mut self) {
         self.number = None;
         self.words.clear();
@@ -423,13 +423,13 @@ impl Block {
     /// Adds a value that the operations from `first_op` on calculate.
     pub(crate) fn add_late(&mut self, slot: Slot, first_op: usize, at: Span) {
         let (first_op, end_op) = (first_op as u16, self.ops.len() as u16);
-        self.late.push(Late { slot, first_op, end_op, at: place(at) });
+        self.late.push(DeferredValue { slot, first_op, end_op, at: place(at) });
     }
 
     /// Adds a value that these operations calculate.
     pub(crate) fn add_late_range(&mut self, slot: Slot, first_op: usize, end_op: usize, at: Span) {
         let (first_op, end_op) = (first_op as u16, end_op as u16);
-        self.late.push(Late { slot, first_op, end_op, at: place(at) });
+        self.late.push(DeferredValue { slot, first_op, end_op, at: place(at) });
     }
 
     /// Whether its words have all their values.
@@ -439,7 +439,7 @@ impl Block {
     }
 
     /// The first of the values that are calculated; 0 where there is none.
-    pub(crate) fn first_value(&self, environment: &impl Environment) -> Outcome<f64> {
+    pub(crate) fn first_value(&self, environment: &impl Environment) -> BlockResult<f64> {
         let Some(late) = self.late.first() else { return Ok(0.0) };
         let ops = &self.ops[usize::from(late.first_op)..usize::from(late.end_op)];
         evaluate(ops, environment).map(|(_, value)| value)
@@ -456,7 +456,7 @@ impl Block {
         environment: &impl Environment,
         words: &mut Words,
         assignments: &mut Vec<Assignment>,
-    ) -> Outcome<()> {
+    ) -> BlockResult<()> {
         words.clone_from(&self.words);
         assignments.clear();
         for late in &self.late {
@@ -477,14 +477,14 @@ impl Block {
 }
 
 /// The number of a parameter that may be assigned to.
-fn assignable(number: f64, at: Span) -> Outcome<usize> {
+fn assignable(number: f64, at: Span) -> BlockResult<usize> {
     use crate::params::Parameters;
     let number = whole(number, at, "#")?;
     match usize::try_from(number) {
         Ok(number) if Parameters::is_read_only(number) => {
-            fault(Code::ParameterReadOnly, at, format!("#{number} is read-only"))
+            fault(ErrorCode::ParameterReadOnly, at, format!("#{number} is read-only"))
         }
         Ok(number) if Parameters::has(number) => Ok(number),
-        _ => fault(Code::ParameterRange, at, format!("there is no parameter #{number}")),
+        _ => fault(ErrorCode::ParameterRange, at, format!("there is no parameter #{number}")),
     }
 }

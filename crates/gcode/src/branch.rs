@@ -3,7 +3,7 @@
 //! Invariant: numbers count from 1, file by file in the order of their lines; a target is a line of a file, or none where it is
 //! calculated when the program runs or where there is none.
 
-use crate::code::{BY_NUMBER, Code, Jump};
+use crate::compiled_code::{BY_NUMBER, CompiledCode, Jump};
 use crate::control::Label;
 use crate::prescan::Subs;
 use std::sync::Arc;
@@ -22,12 +22,12 @@ pub struct Branch {
     /// The label of a call.
     pub label: Option<String>,
     /// Where the program goes on when it branches.
-    pub target: Target,
+    pub target: BranchDestination,
 }
 
 /// Where a branch leads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Target {
+pub enum BranchDestination {
     /// A line of a file.
     Line {
         /// The file; 0 is the program itself.
@@ -44,30 +44,32 @@ pub enum Target {
 }
 
 /// The rows of all files.
-pub(crate) fn table(codes: &[Arc<Code>], subs: &Subs) -> Vec<Branch> {
+pub(crate) fn table(codes: &[Arc<CompiledCode>], subs: &Subs) -> Vec<Branch> {
     let mut rows = Vec::new();
     for code in codes {
         for line in 0..code.len() {
             let Some((kind, to)) = code.jump(line).and_then(kind_of) else { continue };
             let (label, target) = match to {
-                Leads::Exactly(to) => (None, Target::Line { file: code.file, line: code.line_number(to) }),
-                Leads::Calculated => (None, Target::Calculated),
-                Leads::Line(to) => (None, Target::Line { file: code.file, line: behind(code, to) }),
-                Leads::Call(call) => {
+                BranchTarget::Exactly(to) => {
+                    (None, BranchDestination::Line { file: code.file, line: code.line_number(to) })
+                }
+                BranchTarget::Calculated => (None, BranchDestination::Calculated),
+                BranchTarget::Line(to) => (None, BranchDestination::Line { file: code.file, line: behind(code, to) }),
+                BranchTarget::Call(call) => {
                     let Some(call) = code.calls.get(call as usize) else { continue };
                     let sub = call.sub.and_then(|sub| subs.get(sub));
                     let line = sub.and_then(|sub| {
                         let code = codes.get(sub.code as usize)?;
-                        Some(Target::Line { file: code.file, line: code.line_number(sub.entry) })
+                        Some(BranchDestination::Line { file: code.file, line: code.line_number(sub.entry) })
                     });
                     match &call.label {
-                        Label::Calculated => (None, Target::Calculated),
-                        label => (Some(label.to_string()), line.unwrap_or(Target::Missing)),
+                        Label::Calculated => (None, BranchDestination::Calculated),
+                        label => (Some(label.to_string()), line.unwrap_or(BranchDestination::Missing)),
                     }
                 }
-                Leads::Cycle(call) => {
+                BranchTarget::Cycle(call) => {
                     let name = code.cycles.get(call as usize).map(|(_, call)| call.name.to_string());
-                    (name, Target::Cycle)
+                    (name, BranchDestination::Cycle)
                 }
             };
             let number = rows.len() as u32 + 1;
@@ -77,7 +79,7 @@ pub(crate) fn table(codes: &[Arc<Code>], subs: &Subs) -> Vec<Branch> {
     rows
 }
 
-enum Leads {
+enum BranchTarget {
     Line(u32),
     /// That very line, wherever it stands.
     Exactly(u32),
@@ -87,7 +89,7 @@ enum Leads {
 }
 
 /// The number of a compiled line in its file; behind the last, the line behind it.
-fn behind(code: &Code, line: u32) -> u32 {
+fn behind(code: &CompiledCode, line: u32) -> u32 {
     match line.checked_sub(1) {
         Some(before) if line >= code.len() => code.line_number(before) + 1,
         Some(before) if code.line_number(line) < code.line_number(before) => code.line_number(before) + 1,
@@ -97,22 +99,22 @@ fn behind(code: &Code, line: u32) -> u32 {
     }
 }
 
-fn kind_of(jump: Jump) -> Option<(&'static str, Leads)> {
+fn kind_of(jump: Jump) -> Option<(&'static str, BranchTarget)> {
     Some(match jump {
         Jump::None | Jump::Faulty | Jump::Pass | Jump::Return | Jump::ModalEnd | Jump::IfThen => return None,
-        Jump::GoTo { to: BY_NUMBER, .. } => ("goto", Leads::Calculated),
-        Jump::GoTo { to, .. } => ("goto", Leads::Exactly(to)),
-        Jump::Cycle { call } => ("cycle", Leads::Cycle(call)),
-        Jump::ModalCall { call } => ("MCALL", Leads::Cycle(call)),
-        Jump::Over { to } => ("sub", Leads::Line(to)),
-        Jump::Call { call } => ("call", Leads::Call(call)),
-        Jump::If { otherwise } => ("if", Leads::Line(otherwise)),
-        Jump::ElseIf { otherwise, .. } => ("elseif", Leads::Line(otherwise)),
-        Jump::Else { end } => ("else", Leads::Line(end)),
-        Jump::While { end } => ("while", Leads::Line(end)),
-        Jump::WhileOfDo { begin } => ("do while", Leads::Line(begin)),
-        Jump::Repeat { end } => ("repeat", Leads::Line(end)),
-        Jump::EndRepeat { begin } => ("endrepeat", Leads::Line(begin)),
-        Jump::Leave { to } => ("jump", Leads::Line(to)),
+        Jump::GoTo { to: BY_NUMBER, .. } => ("goto", BranchTarget::Calculated),
+        Jump::GoTo { to, .. } => ("goto", BranchTarget::Exactly(to)),
+        Jump::Cycle { call } => ("cycle", BranchTarget::Cycle(call)),
+        Jump::ModalCall { call } => ("MCALL", BranchTarget::Cycle(call)),
+        Jump::Over { to } => ("sub", BranchTarget::Line(to)),
+        Jump::Call { call } => ("call", BranchTarget::Call(call)),
+        Jump::If { otherwise } => ("if", BranchTarget::Line(otherwise)),
+        Jump::ElseIf { otherwise, .. } => ("elseif", BranchTarget::Line(otherwise)),
+        Jump::Else { end } => ("else", BranchTarget::Line(end)),
+        Jump::While { end } => ("while", BranchTarget::Line(end)),
+        Jump::WhileOfDo { begin } => ("do while", BranchTarget::Line(begin)),
+        Jump::Repeat { end } => ("repeat", BranchTarget::Line(end)),
+        Jump::EndRepeat { begin } => ("endrepeat", BranchTarget::Line(begin)),
+        Jump::Leave { to } => ("jump", BranchTarget::Line(to)),
     })
 }

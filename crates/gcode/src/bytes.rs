@@ -47,7 +47,7 @@ pub(crate) fn is_plain(text: &[u8]) -> bool {
 
 /// A number at the beginning of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Short {
+pub(crate) struct ShortNumber {
     /// Its digits, without the decimal point.
     pub(crate) mantissa: u32,
     /// How many of them stand behind the point.
@@ -59,7 +59,7 @@ pub(crate) struct Short {
 /// A number of seven characters at most behind which something else follows within eight characters, or the end of the text; `at` is
 /// where it begins. None of longer ones, and of those without a digit.
 #[inline]
-pub(crate) fn short_number(text: &[u8], at: usize) -> Option<Short> {
+pub(crate) fn short_number(text: &[u8], at: usize) -> Option<ShortNumber> {
     let word = match text.get(at..).and_then(word) {
         Some(word) => word,
         None => {
@@ -94,7 +94,7 @@ pub(crate) fn short_number(text: &[u8], at: usize) -> Option<Short> {
     let pairs = (digits.wrapping_mul(10) + (digits >> 8)) & 0x00ff_00ff_00ff_00ff;
     let fours = (pairs.wrapping_mul(100) + (pairs >> 16)) & 0x0000_ffff_0000_ffff;
     let mantissa = (fours.wrapping_mul(10_000) + (fours >> 32)) as u32;
-    Some(Short { mantissa, decimals: count - whole, length })
+    Some(ShortNumber { mantissa, decimals: count - whole, length })
 }
 
 /// The length of the UTF-8 byte-order mark that the text begins with, or 0.

@@ -103,7 +103,7 @@ pub struct Probing {
 
 /// An input of the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Input {
+pub enum WaitInput {
     /// On or off (P word).
     Digital(i32),
     /// A value (E word).
@@ -127,9 +127,9 @@ pub enum WaitFor {
 
 /// M66.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wait {
+pub struct WaitForInput {
     /// The input that is asked.
-    pub input: Input,
+    pub input: WaitInput,
     /// What is waited for.
     pub wait_for: WaitFor,
     /// For how long at most, seconds.
@@ -265,7 +265,7 @@ pub enum Canon {
         value: f64,
     },
     /// An input is asked for (M66); the answer becomes parameter 5399.
-    Wait(Wait),
+    Wait(WaitForInput),
     /// M100 … M199: what the machine has declared under this number.
     UserCode {
         number: u8,
@@ -308,7 +308,7 @@ impl Canon {
 
 /// One canonical function with the block that it comes from.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Step {
+pub struct CanonStep {
     /// Line of the program, counted from 1; 0 before the first line and after the last. Steps of a subprogram in another file have the
     /// line that called it.
     pub line: u32,

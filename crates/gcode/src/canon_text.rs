@@ -2,8 +2,8 @@
 //!
 //! Invariant: the counter goes up by one with every line but those of PRINT, which go out as they are.
 
-use crate::canon::{ArcFeed, Canon, FeedMode, LengthUnit, PathControl, Plane, Step};
-use crate::digits::{Gathered, Head, Piece};
+use crate::canon::{ArcFeed, Canon, CanonStep, FeedMode, LengthUnit, PathControl, Plane};
+use crate::output_text::{Head, TextBuffer, TextPiece};
 use crate::pose::{Axis, Pose};
 use crate::tool::Tool;
 use std::io::{self, Write};
@@ -14,21 +14,21 @@ pub struct CanonText<W> {
     out: W,
     head: Head,
     /// Lines that are to be written.
-    text: Gathered,
+    text: TextBuffer,
     ends: Ends,
 }
 
 impl<W: Write> CanonText<W> {
     /// A writer that counts from 1.
     pub fn new(out: W) -> CanonText<W> {
-        CanonText { out, head: Head::new(), text: Gathered::new(), ends: Ends::default() }
+        CanonText { out, head: Head::new(), text: TextBuffer::new(), ends: Ends::default() }
     }
 
     /// Takes one step; its line is written with those that follow, at the latest by [`CanonText::into_inner`].
     ///
     /// # Errors
     /// Those of the writer.
-    pub fn write(&mut self, step: &Step) -> io::Result<()> {
+    pub fn write(&mut self, step: &CanonStep) -> io::Result<()> {
         if let Canon::Wait(_) | Canon::UserCode { .. } | Canon::MachineCoordinates = &step.canon {
             // The peer waits for nothing, knows no user codes and has no word for machine coordinates: it prints nothing.
             return Ok(());
@@ -71,12 +71,12 @@ impl<W: Write> CanonText<W> {
 
 /// The last coordinates of straight moves: most moves leave some of them as they are.
 #[derive(Debug, Default)]
-struct Ends([(u64, Piece); 6]);
+struct Ends([(u64, TextPiece); 6]);
 
 impl Ends {
     /// The name of a move and its end.
     #[inline]
-    fn write<const N: usize>(&mut self, out: &mut Gathered, name: &[u8; N], end: &Pose) -> io::Result<()> {
+    fn write<const N: usize>(&mut self, out: &mut TextBuffer, name: &[u8; N], end: &Pose) -> io::Result<()> {
         out.fixed(name);
         let [x, y, z, a, b, c] = &mut self.0;
         coordinate(out, x, end[Axis::X])?;
@@ -100,17 +100,17 @@ impl Ends {
 
 /// A coordinate, from the last text if it is the same.
 #[inline]
-fn coordinate(out: &mut Gathered, last: &mut (u64, Piece), value: f64) -> io::Result<()> {
+fn coordinate(out: &mut TextBuffer, last: &mut (u64, TextPiece), value: f64) -> io::Result<()> {
     // No piece is empty but that of the beginning.
-    if last.0 != value.to_bits() || last.1 == Piece::default() {
-        let Some(piece) = Piece::of_number(value) else { return write!(out, "{value:.4}") };
+    if last.0 != value.to_bits() || last.1 == TextPiece::default() {
+        let Some(piece) = TextPiece::of_number(value) else { return write!(out, "{value:.4}") };
         *last = (value.to_bits(), piece);
     }
     out.piece(&last.1);
     Ok(())
 }
 
-fn call(out: &mut Gathered, canon: &Canon) -> io::Result<()> {
+fn call(out: &mut TextBuffer, canon: &Canon) -> io::Result<()> {
     match canon {
         Canon::UseLengthUnits(LengthUnit::Inch) => write!(out, "USE_LENGTH_UNITS(CANON_UNITS_INCHES)"),
         Canon::UseLengthUnits(LengthUnit::Millimetre) => write!(out, "USE_LENGTH_UNITS(CANON_UNITS_MM)"),
@@ -213,7 +213,7 @@ const fn plain_name(canon: &Canon) -> &'static str {
 }
 
 /// Numbers with commas between them and a parenthesis behind.
-fn list(out: &mut Gathered, numbers: &[f64]) -> io::Result<()> {
+fn list(out: &mut TextBuffer, numbers: &[f64]) -> io::Result<()> {
     for (index, value) in numbers.iter().enumerate() {
         if index > 0 {
             out.fixed(b", ");
@@ -224,17 +224,17 @@ fn list(out: &mut Gathered, numbers: &[f64]) -> io::Result<()> {
     Ok(())
 }
 
-fn six(out: &mut Gathered, pose: &Pose) -> io::Result<()> {
+fn six(out: &mut TextBuffer, pose: &Pose) -> io::Result<()> {
     list(out, &pose.0[..6])
 }
 
-fn pose(out: &mut Gathered, name: &str, pose: &Pose) -> io::Result<()> {
+fn pose(out: &mut TextBuffer, name: &str, pose: &Pose) -> io::Result<()> {
     out.any(name.as_bytes());
     out.fixed(b"(");
     six(out, pose)
 }
 
-fn arc(out: &mut Gathered, feed: &ArcFeed) -> io::Result<()> {
+fn arc(out: &mut TextBuffer, feed: &ArcFeed) -> io::Result<()> {
     let [first, second, normal] = feed.plane.axes();
     out.fixed(b"ARC_FEED(");
     for value in [feed.end[first], feed.end[second], feed.first_centre, feed.second_centre] {
@@ -245,7 +245,7 @@ fn arc(out: &mut Gathered, feed: &ArcFeed) -> io::Result<()> {
     list(out, &[feed.end[normal], feed.end[Axis::A], feed.end[Axis::B], feed.end[Axis::C]])
 }
 
-fn path_control(out: &mut Gathered, mode: PathControl) -> io::Result<()> {
+fn path_control(out: &mut TextBuffer, mode: PathControl) -> io::Result<()> {
     match mode {
         PathControl::ExactPath => {
             out.fixed(b"SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)");
@@ -263,12 +263,12 @@ fn path_control(out: &mut Gathered, mode: PathControl) -> io::Result<()> {
     }
 }
 
-fn tool_offset(out: &mut Gathered, offset: &Pose) -> io::Result<()> {
+fn tool_offset(out: &mut TextBuffer, offset: &Pose) -> io::Result<()> {
     let [x, y, z, a, b, c, u, v, w] = offset.0;
     write!(out, "USE_TOOL_LENGTH_OFFSET({x:.4} {y:.4} {z:.4}, {a:.4} {b:.4} {c:.4}, {u:.4} {v:.4} {w:.4})")
 }
 
-fn tool_entry(out: &mut Gathered, index: u32, tool: &Tool) -> io::Result<()> {
+fn tool_entry(out: &mut TextBuffer, index: u32, tool: &Tool) -> io::Result<()> {
     write!(out, "SET_TOOL_TABLE_ENTRY({index}, {},", tool.number)?;
     for length in tool.offset.0 {
         write!(out, " {length:.4}")?;

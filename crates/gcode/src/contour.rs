@@ -3,18 +3,20 @@
 //! Invariant: a contour is carried out in a copy of the interpreter, so nothing of it moves or switches anything; what it may not
 //! hold is refused with the control's alarm (cycles, section 7.3). A path that has been determined once is kept with the pre-scan.
 
-use crate::call::CycleCall;
-use crate::canon::{ArcFeed, Canon, Plane, Step};
-use crate::codes::Code;
+use crate::canon::{ArcFeed, Canon, CanonStep, Plane};
 use crate::control::{Label, plain_name};
-use crate::diag::{Outcome, Span, fault};
-use crate::flow::{Flow, Stepped};
-use crate::interp::{Contours, Core, Interpreter, Planned, Read};
+use crate::cycle_call::CycleCall;
+use crate::diag::{BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
+use crate::flow_controller::{FlowController, LineOutcome};
+use crate::interp::{Contours, Core, Interpreter, LineRead, PlannedContour};
 use crate::parse::LineReader;
 use crate::pose::{Axis, Pose};
 use crate::prescan::Prescan;
-use retrace_cycles::stock::{Axes, Corner, Element, Fault, Job, Kind, MoveKind, Point, Tip, Warning, plan};
-use retrace_cycles::{StockCall, StockFault, StockFeed, StockMove};
+use retrace_cycles::stock::{
+    Axes, Corner, Element, Kind, MoveKind, Point, StockRemovalError, StockRemovalParams, ToolTip, Warning, plan,
+};
+use retrace_cycles::{StockCall, StockFailure, StockFeed, StockMove};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Lines that a contour may have.
@@ -28,7 +30,7 @@ const MAX_PATHS: usize = 64;
 
 /// Paths that have been determined, by their jobs.
 #[derive(Debug, Default)]
-pub(crate) struct Paths(Mutex<Vec<(Job, Planned)>>);
+pub(crate) struct Paths(Mutex<Vec<(StockRemovalParams, PlannedContour)>>);
 
 impl Clone for Paths {
     /// They are determined anew.
@@ -39,7 +41,7 @@ impl Clone for Paths {
 
 impl Paths {
     /// The path of a job, determined now unless it has been before.
-    fn of(&self, job: Job) -> Result<Planned, StockFault> {
+    fn of(&self, job: StockRemovalParams) -> Result<PlannedContour, StockFailure> {
         // A thread that has panicked while it held the list has left it whole.
         let mut paths = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, path)) = paths.iter().find(|(known, _)| *known == job) {
@@ -56,17 +58,17 @@ impl Paths {
 
 /// What reads contours for a cycle of a program.
 pub(crate) struct ContourReader<'a> {
-    pub(crate) flow: &'a Flow,
+    pub(crate) flow: &'a FlowController,
     pub(crate) prescan: Option<&'a Prescan>,
     pub(crate) reader: LineReader,
 }
 
 impl Contours for ContourReader<'_> {
-    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<Planned, StockFault> {
+    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<PlannedContour, StockFailure> {
         let mut contour = Contour::new(core.state.plane);
         self.read(core, call.contour, &mut contour)?;
         let tool = core.tools.get(core.state.current_tool).unwrap_or_default();
-        let job = Job {
+        let job = StockRemovalParams {
             contour: contour.elements,
             vari: call.vari,
             mid: call.mid,
@@ -76,7 +78,7 @@ impl Contours for ContourReader<'_> {
             dam: call.dam,
             vrt: call.vrt,
             nose_radius: core.to_program_unit(Axis::X, tool.diameter) / 2.0,
-            tip: Tip::of_orientation(tool.orientation as i32),
+            tip: ToolTip::of_orientation(tool.orientation as i32),
             clearance_angle: tool.back_angle,
             rough_compensated: true,
             position: Some(point(&core.state.position, core.state.plane)),
@@ -89,7 +91,7 @@ impl Contours for ContourReader<'_> {
 }
 
 impl ContourReader<'_> {
-    fn read(&self, core: &Core, name: &str, contour: &mut Contour) -> Result<(), StockFault> {
+    fn read(&self, core: &Core, name: &str, contour: &mut Contour) -> Result<(), StockFailure> {
         let mut scratch = Interpreter::scratch(core.clone(), self.reader.clone());
         if let Some((start, end)) = name.split_once(':') {
             let lines = self.prescan.and_then(|prescan| prescan.between(start, end));
@@ -115,23 +117,23 @@ impl ContourReader<'_> {
 
     fn subprogram(
         &self,
-        flow: Option<Flow>,
+        flow: Option<FlowController>,
         scratch: &mut Interpreter,
         contour: &mut Contour,
-    ) -> Result<(), StockFault> {
+    ) -> Result<(), StockFailure> {
         let Some(mut flow) = flow else { return Ok(()) };
         let mut steps = Vec::new();
         for _ in 0..MAX_LINES {
             steps.clear();
             match flow.step(scratch, &mut steps).map_err(|fault| wrong(&fault.message))? {
-                Stepped::Block => {
+                LineOutcome::Block => {
                     scratch.carry_out(&mut steps).map_err(|fault| wrong(&fault.message))?;
                     contour.take(&steps, scratch, true)?;
                 }
-                Stepped::Jumped => {}
-                Stepped::Faulty | Stepped::Ahead(..) => return Err(wrong("a block of it is refused")),
-                Stepped::Cycle(_) => return Err(refused(&Fault::Interpolation(scratch.line_number()))),
-                Stepped::Idle | Stepped::ProgramEnd => return Ok(()),
+                LineOutcome::Jumped => {}
+                LineOutcome::Faulty | LineOutcome::Ahead(..) => return Err(wrong("a block of it is refused")),
+                LineOutcome::Cycle(_) => return Err(refused(&StockRemovalError::Interpolation(scratch.line_number()))),
+                LineOutcome::Idle | LineOutcome::ProgramEnd => return Ok(()),
             }
         }
         Err(wrong("it does not come to an end"))
@@ -139,18 +141,18 @@ impl ContourReader<'_> {
 }
 
 /// The lines of a text, the first of which has this number.
-fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Contour) -> Result<(), StockFault> {
+fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Contour) -> Result<(), StockFailure> {
     let mut steps = Vec::new();
     for (index, line) in crate::lines::Split::new(text).enumerate() {
         steps.clear();
         let number = first.saturating_add(index as u32);
         match scratch.read(number, line).map_err(|fault| wrong(&fault.message))? {
-            Read::Block => {
+            LineRead::Block => {
                 scratch.carry_out(&mut steps).map_err(|fault| wrong(&fault.message))?;
                 contour.take(&steps, scratch, true)?;
             }
-            Read::Deleted => {}
-            Read::Control(_) => return Err(refused(&Fault::ChangeInside(number))),
+            LineRead::Deleted => {}
+            LineRead::Control(_) => return Err(refused(&StockRemovalError::ChangeInside(number))),
         }
     }
     Ok(())
@@ -160,33 +162,33 @@ fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Con
 ///
 /// # Errors
 /// There is none of that number, or a block of it is wrong; told at the Q word, with the line of the block.
-pub(crate) fn drawn(flow: &Flow, number: f64, scratch: &mut Interpreter) -> Outcome<Vec<Step>> {
+pub(crate) fn drawn(flow: &FlowController, number: f64, scratch: &mut Interpreter) -> BlockResult<Vec<CanonStep>> {
     let at = scratch.last_words().span(b'q');
     let label = Label::Number(number.round().clamp(0.0, 1e15) as u64);
     let Some(flow) = flow.subs.find(0, &label).and_then(|sub| flow.alone(sub)) else {
-        return fault(Code::NoContour, at, format!("there is no subprogram {label}"));
+        return fault(ErrorCode::NoContour, at, format!("there is no subprogram {label}"));
     };
     match draw(flow, scratch) {
         Ok(Some(steps)) => Ok(steps),
-        Ok(None) => fault(Code::TurningProfile, at, format!("{label} is not a profile")),
+        Ok(None) => fault(ErrorCode::TurningProfile, at, format!("{label} is not a profile")),
         Err(wrong) => fault(wrong.code, at, format!("profile, line {}: {}", scratch.line_number(), wrong.message)),
     }
 }
 
 /// The canonical functions of a subprogram; none where it is not a profile.
-fn draw(mut flow: Flow, scratch: &mut Interpreter) -> Outcome<Option<Vec<Step>>> {
+fn draw(mut flow: FlowController, scratch: &mut Interpreter) -> BlockResult<Option<Vec<CanonStep>>> {
     let mut steps = Vec::new();
     for _ in 0..MAX_LINES {
         if steps.len() > MAX_ELEMENTS {
             break;
         }
         match flow.step(scratch, &mut steps)? {
-            Stepped::Block => {
+            LineOutcome::Block => {
                 scratch.carry_out(&mut steps)?;
             }
-            Stepped::Jumped => {}
-            Stepped::Faulty | Stepped::Cycle(_) | Stepped::Ahead(..) => break,
-            Stepped::Idle | Stepped::ProgramEnd => return Ok(Some(steps)),
+            LineOutcome::Jumped => {}
+            LineOutcome::Faulty | LineOutcome::Cycle(_) | LineOutcome::Ahead(..) => break,
+            LineOutcome::Idle | LineOutcome::ProgramEnd => return Ok(Some(steps)),
         }
     }
     Ok(None)
@@ -200,20 +202,20 @@ pub(crate) fn label(name: &str) -> Label {
     }
 }
 
-fn no_contour(name: &str) -> StockFault {
-    StockFault { alarm: 61605, text: format!("there is no contour {name}") }
+fn no_contour(name: &str) -> StockFailure {
+    StockFailure { alarm: 61605, text: format!("there is no contour {name}") }
 }
 
-fn wrong(message: &str) -> StockFault {
-    StockFault { alarm: 61606, text: format!("contour: {message}") }
+fn wrong(message: &str) -> StockFailure {
+    StockFailure { alarm: 61606, text: format!("contour: {message}") }
 }
 
-fn refused(fault: &Fault) -> StockFault {
+fn refused(fault: &StockRemovalError) -> StockFailure {
     let text = match fault.line() {
         Some(line) => format!("contour, line {line}: {fault}"),
         None => fault.to_string(),
     };
-    StockFault { alarm: fault.number(), text }
+    StockFailure { alarm: fault.number(), text }
 }
 
 /// A contour while it is read.
@@ -230,14 +232,14 @@ impl Contour {
     }
 
     /// Takes what a block asks for; of a block of the program the first is checked for its words.
-    fn take(&mut self, steps: &[Step], scratch: &Interpreter, is_block: bool) -> Result<(), StockFault> {
+    fn take(&mut self, steps: &[CanonStep], scratch: &Interpreter, is_block: bool) -> Result<(), StockFailure> {
         let line = scratch.line_number();
         if scratch.state().compensation.is_some() {
-            return Err(refused(&Fault::CompensationInside(line)));
+            return Err(refused(&StockRemovalError::CompensationInside(line)));
         }
         for step in steps {
             if self.elements.len() > MAX_ELEMENTS {
-                return Err(refused(&Fault::TooManyElements));
+                return Err(refused(&StockRemovalError::TooManyElements));
             }
             match &step.canon {
                 Canon::StraightTraverse(end) | Canon::StraightFeed(end) => {
@@ -256,11 +258,11 @@ impl Contour {
                 | Canon::UseLengthUnits(_)
                 | Canon::SetG5xOffset { .. }
                 | Canon::SetG92Offset(_)
-                | Canon::SetXyRotation(_) => return Err(refused(&Fault::ChangeInside(line))),
+                | Canon::SetXyRotation(_) => return Err(refused(&StockRemovalError::ChangeInside(line))),
                 Canon::StartSpeedFeedSynch { .. }
                 | Canon::RigidTap(_)
                 | Canon::NurbsFeed(_)
-                | Canon::StraightProbe(..) => return Err(refused(&Fault::Interpolation(line))),
+                | Canon::StraightProbe(..) => return Err(refused(&StockRemovalError::Interpolation(line))),
                 // M, S and F are read over.
                 _ => {}
             }
@@ -268,21 +270,21 @@ impl Contour {
         Ok(())
     }
 
-    fn check_first(&self, scratch: &Interpreter, line: u32) -> Result<(), StockFault> {
+    fn check_first(&self, scratch: &Interpreter, line: u32) -> Result<(), StockFailure> {
         let words = scratch.last_words();
         if words.g(crate::groups::GroupG::Motion).is_none() {
-            return Err(refused(&Fault::MissingMotion(line)));
+            return Err(refused(&StockRemovalError::MissingMotion(line)));
         }
         let [first, second, _] = self.plane.axes().map(|axis| axis.letter().to_ascii_lowercase());
-        if words.has(first) && words.has(second) { Ok(()) } else { Err(refused(&Fault::MissingAxis(line))) }
+        if words.has(first) && words.has(second) { Ok(()) } else { Err(refused(&StockRemovalError::MissingAxis(line))) }
     }
 
-    fn arc(&mut self, arc: &ArcFeed, line: u32) -> Result<(), StockFault> {
+    fn arc(&mut self, arc: &ArcFeed, line: u32) -> Result<(), StockFailure> {
         if arc.plane != self.plane {
-            return Err(refused(&Fault::ChangeInside(line)));
+            return Err(refused(&StockRemovalError::ChangeInside(line)));
         }
         if arc.turns.abs() != 1 {
-            return Err(refused(&Fault::LongArc(line)));
+            return Err(refused(&StockRemovalError::LongArc(line)));
         }
         let kind = if arc.turns < 0 { Kind::Clockwise } else { Kind::Counterclockwise };
         let centre = Point::new(arc.first_centre, arc.second_centre);
@@ -306,7 +308,7 @@ fn point(pose: &Pose, plane: Plane) -> Point {
 }
 
 /// Determines a path.
-fn planned(job: &Job) -> Result<Planned, StockFault> {
+fn planned(job: &StockRemovalParams) -> Result<PlannedContour, StockFailure> {
     let path = plan(job).map_err(|fault| refused(&fault))?;
     let mut at = job.position.unwrap_or_default();
     let moves = path.moves.iter().map(|step| {
@@ -342,7 +344,7 @@ fn planned(job: &Job) -> Result<Planned, StockFault> {
             Some(format!("contour, line {line}: the nose leaves stock that finishing meets"))
         }
     });
-    Ok(Planned { moves, warnings: warnings.collect() })
+    Ok(PlannedContour { moves, warnings: warnings.collect() })
 }
 
 const fn feed(feed: retrace_cycles::stock::Feed) -> StockFeed {

@@ -2,14 +2,14 @@
 //!
 //! Invariant: such a line holds its label, one keyword and values in brackets, and nothing else but comments.
 
-use crate::block::{Block, Slot};
-use crate::call;
-use crate::codes::Code;
-use crate::diag::{Outcome, Span, fault};
+use crate::block::{NcBlock, Slot};
+use crate::cycle_call;
+use crate::diag::{BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
 use crate::expr::{Compiler, OpKind};
 use crate::lex::Cursor;
 use crate::params::Names;
-use retrace_cycles::Library;
+use retrace_cycles::CycleLibrary;
 
 /// Most arguments of a call: parameters 1 … 30 take them.
 pub(crate) const MAX_ARGUMENTS: usize = 30;
@@ -171,7 +171,7 @@ pub(crate) struct Control {
 
 /// Whether a line may be one of these, from its first characters alone.
 #[inline]
-pub(crate) fn may_be(text: &[u8], cycles: Option<&Library>) -> bool {
+pub(crate) fn may_be(text: &[u8], cycles: Option<&CycleLibrary>) -> bool {
     let mut cursor = Cursor::new(text);
     if matches!(cursor.peek(), b'n' | b'/') {
         begin(&mut cursor);
@@ -179,7 +179,7 @@ pub(crate) fn may_be(text: &[u8], cycles: Option<&Library>) -> bool {
     match cursor.peek() {
         b'o' => true,
         b'm' if fanuc(&mut cursor).is_some() => true,
-        _ => call::begins(&mut cursor, cycles),
+        _ => cycle_call::begins(&mut cursor, cycles),
     }
 }
 
@@ -212,14 +212,14 @@ pub(crate) fn fanuc(cursor: &mut Cursor<'_>) -> Option<Keyword> {
 }
 
 /// Compiles the rest of a line whose O has been taken.
-pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<()> {
+pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
     let control = head(cursor, names, block)?;
     let given = usize::from(control.label == Label::Calculated);
     let arguments = values(cursor, names, block, &control, given)?;
     let needs_one =
         matches!(control.keyword, Keyword::If | Keyword::ElseIf | Keyword::While | Keyword::Repeat) && arguments == 0;
     if needs_one {
-        return fault(Code::BadControl, control.at, "a condition or count in brackets is missing");
+        return fault(ErrorCode::BadControl, control.at, "a condition or count in brackets is missing");
     }
     block.control = Some(control);
     Ok(())
@@ -229,10 +229,10 @@ pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Bloc
 fn values(
     cursor: &mut Cursor<'_>,
     names: &mut Names,
-    block: &mut Block,
+    block: &mut NcBlock,
     control: &Control,
     given: usize,
-) -> Outcome<usize> {
+) -> BlockResult<usize> {
     let mut arguments = given;
     loop {
         let start = cursor.at();
@@ -243,23 +243,23 @@ fn values(
                 arguments += 1;
                 if arguments > given + max_arguments(control.keyword) {
                     let message = format!("{} takes no more values", control.label);
-                    return fault(Code::BadControl, cursor.since(start), message);
+                    return fault(ErrorCode::BadControl, cursor.since(start), message);
                 }
                 block.add_late(Slot::Argument, first_op, cursor.since(start));
             }
             b'(' => comment(cursor, start)?,
             0 | b';' => return Ok(arguments),
-            _ => return fault(Code::BadControl, cursor.here(), "nothing else may stand in a line with an O word"),
+            _ => return fault(ErrorCode::BadControl, cursor.here(), "nothing else may stand in a line with an O word"),
         }
     }
 }
 
-pub(crate) fn comment(cursor: &mut Cursor<'_>, start: usize) -> Outcome<()> {
+pub(crate) fn comment(cursor: &mut Cursor<'_>, start: usize) -> BlockResult<()> {
     if cursor.take_to(b')').is_some() {
         return Ok(());
     }
     cursor.finish();
-    fault(Code::UnclosedComment, cursor.since(start), Code::UnclosedComment.title())
+    fault(ErrorCode::UnclosedComment, cursor.since(start), ErrorCode::UnclosedComment.title())
 }
 
 /// Compiles the rest of a line whose M98 or M99 has been taken.
@@ -267,8 +267,8 @@ pub(crate) fn parse_fanuc(
     keyword: Keyword,
     cursor: &mut Cursor<'_>,
     names: &mut Names,
-    block: &mut Block,
-) -> Outcome<()> {
+    block: &mut NcBlock,
+) -> BlockResult<()> {
     let at = cursor.since(0);
     let mut label = None;
     let mut repeats = None;
@@ -284,12 +284,12 @@ pub(crate) fn parse_fanuc(
                 Compiler::new(cursor, &mut block.ops, names).value()?;
                 let place = if letter == b'p' { &mut label } else { &mut repeats };
                 if place.replace((first_op, block.ops.len(), cursor.since(start))).is_some() {
-                    return fault(Code::WordTwice, cursor.since(start), "M98 takes one P word and one L word");
+                    return fault(ErrorCode::WordTwice, cursor.since(start), "M98 takes one P word and one L word");
                 }
             }
             _ => {
                 let message = format!("nothing else may stand in a line with {}", keyword.name());
-                return fault(Code::BadControl, cursor.here(), message);
+                return fault(ErrorCode::BadControl, cursor.here(), message);
             }
         }
     }
@@ -298,7 +298,7 @@ pub(crate) fn parse_fanuc(
         return Ok(());
     }
     let Some((first, end, place)) = label else {
-        return fault(Code::WordMissing, at, "M98 needs a P word: the number of the subprogram");
+        return fault(ErrorCode::WordMissing, at, "M98 needs a P word: the number of the subprogram");
     };
     let label = match block.ops.get(first..end) {
         Some([one]) => match one.kind {
@@ -324,7 +324,7 @@ const fn max_arguments(keyword: Keyword) -> usize {
 }
 
 /// Label and keyword.
-fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<Control> {
+fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<Control> {
     let next = cursor.peek();
     let start = cursor.at().saturating_sub(1);
     let label = match next {
@@ -332,7 +332,11 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcom
             cursor.skip();
             let Some(name) = cursor.take_to(b'>') else {
                 cursor.finish();
-                return fault(Code::BadControl, cursor.since(start), "the name behind O< has no >; write O<name> call");
+                return fault(
+                    ErrorCode::BadControl,
+                    cursor.since(start),
+                    "the name behind O< has no >; write O<name> call",
+                );
             };
             Label::Name(plain_name(name))
         }
@@ -346,13 +350,13 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcom
             (1..=18, number) => {
                 // A decimal point with nothing behind it but zeros is taken for none.
                 if cursor.eat(b'.') && cursor.digits().1 != 0 {
-                    return fault(Code::BadControl, cursor.since(start), "O is followed by a whole number");
+                    return fault(ErrorCode::BadControl, cursor.since(start), "O is followed by a whole number");
                 }
                 Label::Number(number)
             }
             _ => {
                 let message = "O is followed by a number, a name in angle brackets or a value";
-                return fault(Code::BadControl, cursor.since(start), message);
+                return fault(ErrorCode::BadControl, cursor.since(start), message);
             }
         },
     };
@@ -361,12 +365,12 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcom
         None if label != Label::Calculated && matches!(cursor.peek(), 0 | b'(' | b';') => Keyword::Start,
         None => {
             let message = format!("{label} is not followed by a keyword such as sub or if");
-            return fault(Code::BadControl, cursor.here(), message);
+            return fault(ErrorCode::BadControl, cursor.here(), message);
         }
     };
     if label == Label::Calculated && keyword != Keyword::Call {
         let message = format!("only a call may calculate its number, not {}", keyword.name());
-        return fault(Code::BadControl, cursor.since(start), message);
+        return fault(ErrorCode::BadControl, cursor.since(start), message);
     }
     Ok(Control { label, keyword, at: cursor.since(start) })
 }

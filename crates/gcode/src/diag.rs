@@ -2,7 +2,7 @@
 //!
 //! Invariant: columns count bytes of the line from 1, and a span never leaves its line.
 
-use crate::codes::Code;
+use crate::error_codes::ErrorCode;
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 
 /// A stretch of one line, in bytes from its beginning; `end` is the first byte that is no longer in it.
@@ -33,7 +33,7 @@ pub enum Severity {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
     /// What it is about; its number stands in `docs/errors.md`.
-    pub code: Code,
+    pub code: ErrorCode,
     /// The file: 0 for the program itself, and above the files of its subprograms, as the pre-scan numbers them.
     pub file: u16,
     /// Line of the file, counted from 1.
@@ -102,31 +102,31 @@ fn floor_char_boundary(text: &str, at: usize) -> usize {
 
 /// A fault found while a line is read or carried out; the line's number is added where it is recorded.
 #[derive(Debug)]
-pub(crate) struct Fault {
-    pub(crate) code: Code,
+pub(crate) struct BlockError {
+    pub(crate) code: ErrorCode,
     pub(crate) span: Span,
     pub(crate) message: String,
 }
 
-impl Fault {
+impl BlockError {
     #[cold]
-    pub(crate) fn new(code: Code, span: Span, message: impl Into<String>) -> Fault {
-        Fault { code, span, message: message.into() }
+    pub(crate) fn new(code: ErrorCode, span: Span, message: impl Into<String>) -> BlockError {
+        BlockError { code, span, message: message.into() }
     }
 
     /// A fault whose general title says it all.
     #[cold]
-    pub(crate) fn plain(code: Code, span: Span) -> Fault {
-        Fault::new(code, span, code.title())
+    pub(crate) fn plain(code: ErrorCode, span: Span) -> BlockError {
+        BlockError::new(code, span, code.title())
     }
 }
 
 /// What reading or carrying out gives.
-pub(crate) type Outcome<T> = Result<T, Box<Fault>>;
+pub(crate) type BlockResult<T> = Result<T, Box<BlockError>>;
 
 #[cold]
-pub(crate) fn fault<T>(code: Code, span: Span, message: impl Into<String>) -> Outcome<T> {
-    Err(Box::new(Fault::new(code, span, message)))
+pub(crate) fn fault<T>(code: ErrorCode, span: Span, message: impl Into<String>) -> BlockResult<T> {
+    Err(Box::new(BlockError::new(code, span, message)))
 }
 
 #[cfg(test)]
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn a_rendered_diagnostic_shows_number_place_line_mark_and_help() {
         let diagnostic = Diagnostic {
-            code: Code::WordTwice,
+            code: ErrorCode::WordTwice,
             file: 0,
             line: 7,
             span: Span { start: 6, end: 8 },
@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn a_span_beyond_the_line_or_inside_a_character_does_not_panic() {
         let mut diagnostic = Diagnostic {
-            code: Code::NotText,
+            code: ErrorCode::NotText,
             file: 0,
             line: 0,
             span: Span { start: 1, end: 900 },

@@ -3,8 +3,8 @@
 //! Invariant: it allocates nothing, and every result is a finite number or a fault: the compiler bounds the depth.
 
 use crate::angle;
-use crate::codes::Code;
-use crate::diag::{Outcome, Span, fault};
+use crate::diag::{BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
 use crate::expr::{Function, Op, OpKind, Operator, STACK};
 use crate::params::{NameId, Parameters};
 use crate::system::SystemParameter;
@@ -32,7 +32,7 @@ pub(crate) trait Environment {
 }
 
 /// Runs the operations; the last value is the result, and the one below it, if there is one, comes first.
-pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> Outcome<(f64, f64)> {
+pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> BlockResult<(f64, f64)> {
     let mut stack = [0.0; STACK + 3];
     let mut top = 1;
     for op in ops {
@@ -50,7 +50,11 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> Outcome<(f
                         let near = environment.nearest_name(name);
                         let near = near.map_or_else(String::new, |near| format!("; do you mean #<{near}>?"));
                         let name = environment.name(name);
-                        return fault(Code::ParameterUndefined, op.span(), format!("#<{name}> has no value yet{near}"));
+                        return fault(
+                            ErrorCode::ParameterUndefined,
+                            op.span(),
+                            format!("#<{name}> has no value yet{near}"),
+                        );
                     }
                 }
             }
@@ -79,37 +83,37 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> Outcome<(f
             }
         };
         if !value.is_finite() {
-            return fault(Code::NotFinite, op.span(), Code::NotFinite.title());
+            return fault(ErrorCode::NotFinite, op.span(), ErrorCode::NotFinite.title());
         }
         stack[top] = value;
     }
     Ok((stack[top - 1], stack[top]))
 }
 
-fn numbered(number: f64, op: Op, environment: &impl Environment) -> Outcome<f64> {
+fn numbered(number: f64, op: Op, environment: &impl Environment) -> BlockResult<f64> {
     let number = whole(number, op.span(), "#")?;
     if usize::try_from(number).is_ok_and(|number| !environment.is_readable(number)) {
-        return fault(Code::CompensationPosition, op.span(), Code::CompensationPosition.title());
+        return fault(ErrorCode::CompensationPosition, op.span(), ErrorCode::CompensationPosition.title());
     }
     match usize::try_from(number).ok().and_then(|number| environment.numbered(number)) {
         Some(value) => Ok(value),
-        None => fault(Code::ParameterRange, op.span(), format!("there is no parameter #{number}")),
+        None => fault(ErrorCode::ParameterRange, op.span(), format!("there is no parameter #{number}")),
     }
 }
 
 /// The whole number that a value has to be, within 0.0001.
-pub(crate) fn whole(value: f64, span: Span, of: &str) -> Outcome<i32> {
+pub(crate) fn whole(value: f64, span: Span, of: &str) -> BlockResult<i32> {
     let rounded = value.round();
     if (value - rounded).abs() > WHOLE {
-        return fault(Code::NotAnInteger, span, format!("{of} takes a whole number, not {value}"));
+        return fault(ErrorCode::NotAnInteger, span, format!("{of} takes a whole number, not {value}"));
     }
     if rounded.abs() > f64::from(i32::MAX) {
-        return fault(Code::NumberTooLarge, span, format!("{value} is too large for {of}"));
+        return fault(ErrorCode::NumberTooLarge, span, format!("{value} is too large for {of}"));
     }
     Ok(rounded as i32)
 }
 
-fn apply(function: Function, x: f64, op: Op) -> Outcome<f64> {
+fn apply(function: Function, x: f64, op: Op) -> BlockResult<f64> {
     let in_domain = match function {
         Function::Acos | Function::Asin => (-1.0..=1.0).contains(&x),
         Function::Ln => x > 0.0,
@@ -118,7 +122,7 @@ fn apply(function: Function, x: f64, op: Op) -> Outcome<f64> {
         _ => true,
     };
     if !in_domain {
-        return fault(Code::OutOfDomain, op.span(), format!("{function:?} has no value at {x}"));
+        return fault(ErrorCode::OutOfDomain, op.span(), format!("{function:?} has no value at {x}"));
     }
     Ok(match function {
         // A negative zero stays one, as in the peer.
@@ -139,7 +143,7 @@ fn apply(function: Function, x: f64, op: Op) -> Outcome<f64> {
     })
 }
 
-fn combine(operator: Operator, left: f64, right: f64, op: Op) -> Outcome<f64> {
+fn combine(operator: Operator, left: f64, right: f64, op: Op) -> BlockResult<f64> {
     let truth = |condition: bool| f64::from(u8::from(condition));
     let near = (left - right).abs() < EQUAL;
     Ok(match operator {
@@ -156,7 +160,7 @@ fn combine(operator: Operator, left: f64, right: f64, op: Op) -> Outcome<f64> {
         Operator::Subtract => left - right,
         Operator::Multiply => left * right,
         Operator::Divide | Operator::Modulo if right == 0.0 => {
-            return fault(Code::DivisionByZero, op.span(), Code::DivisionByZero.title());
+            return fault(ErrorCode::DivisionByZero, op.span(), ErrorCode::DivisionByZero.title());
         }
         Operator::Divide => left / right,
         Operator::Modulo => {
@@ -164,7 +168,7 @@ fn combine(operator: Operator, left: f64, right: f64, op: Op) -> Outcome<f64> {
             if rest < 0.0 { rest + right.abs() } else { rest }
         }
         Operator::Power if left < 0.0 && right.fract() != 0.0 => {
-            return fault(Code::OutOfDomain, op.span(), format!("{left} has no power of {right}"));
+            return fault(ErrorCode::OutOfDomain, op.span(), format!("{left} has no power of {right}"));
         }
         Operator::Power => left.powf(right),
     })

@@ -3,8 +3,8 @@
 //! Invariant: what would need more than [`STACK`] values at once is refused. Operators of one rank go from left to right; a sign
 //! binds to the value behind it before any operator does.
 
-use crate::codes::Code;
-use crate::diag::{Outcome, Span, fault};
+use crate::diag::{BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
 use crate::lex::Cursor;
 use crate::nearest::nearest;
 use crate::params::{NameId, Names};
@@ -144,7 +144,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
 
     /// The value behind a word letter: a plain number needs no operation.
     #[inline]
-    pub(crate) fn operand(&mut self) -> Outcome<Operand> {
+    pub(crate) fn operand(&mut self) -> BlockResult<Operand> {
         match self.cursor.peek() {
             b'0'..=b'9' | b'.' => Ok(Operand::Constant(self.cursor.number()?)),
             b'-' => {
@@ -167,7 +167,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
     }
 
     /// One value: number, parameter, function, bracket, with or without signs.
-    pub(crate) fn value(&mut self) -> Outcome<()> {
+    pub(crate) fn value(&mut self) -> BlockResult<()> {
         let next = self.cursor.peek();
         let start = self.cursor.at();
         match next {
@@ -187,27 +187,27 @@ impl<'a, 'b> Compiler<'a, 'b> {
                 let number = self.cursor.number()?;
                 self.push(OpKind::Constant(number), start)
             }
-            _ => fault(Code::NumberMissing, self.cursor.here(), "a value is missing here"),
+            _ => fault(ErrorCode::NumberMissing, self.cursor.here(), "a value is missing here"),
         }
     }
 
     /// `[expression]`.
-    pub(crate) fn bracket(&mut self) -> Outcome<()> {
+    pub(crate) fn bracket(&mut self) -> BlockResult<()> {
         let open = self.cursor.here();
         if !self.cursor.eat(b'[') {
-            return fault(Code::BracketMissing, open, "an opening bracket is missing here");
+            return fault(ErrorCode::BracketMissing, open, "an opening bracket is missing here");
         }
         self.binary(0)?;
         if self.cursor.eat(b']') { Ok(()) } else { self.bad_operator(open) }
     }
 
     /// A value, or several with operators between them, without brackets around.
-    pub(crate) fn expression(&mut self) -> Outcome<()> {
+    pub(crate) fn expression(&mut self) -> BlockResult<()> {
         self.binary(0)
     }
 
     /// A chain of operators of at least this rank.
-    fn binary(&mut self, rank: u8) -> Outcome<()> {
+    fn binary(&mut self, rank: u8) -> BlockResult<()> {
         let start = self.cursor.at();
         self.value()?;
         loop {
@@ -233,26 +233,30 @@ impl<'a, 'b> Compiler<'a, 'b> {
     }
 
     #[cold]
-    fn bad_operator(&mut self, open: Span) -> Outcome<()> {
+    fn bad_operator(&mut self, open: Span) -> BlockResult<()> {
         if self.cursor.peek() == 0 {
-            return fault(Code::UnclosedBracket, open, "this bracket is not closed");
+            return fault(ErrorCode::UnclosedBracket, open, "this bracket is not closed");
         }
         if self.cursor.peek() == b'=' {
-            return fault(Code::EqualsCompares, self.cursor.here(), "= does not compare; EQ does");
+            return fault(ErrorCode::EqualsCompares, self.cursor.here(), "= does not compare; EQ does");
         }
         if self.cursor.peek() == b',' {
-            return fault(Code::DecimalComma, self.cursor.here(), "a comma is not a decimal point");
+            return fault(ErrorCode::DecimalComma, self.cursor.here(), "a comma is not a decimal point");
         }
-        fault(Code::UnknownFunction, self.cursor.here(), "no operator begins here")
+        fault(ErrorCode::UnknownFunction, self.cursor.here(), "no operator begins here")
     }
 
-    fn function(&mut self) -> Outcome<()> {
+    fn function(&mut self) -> BlockResult<()> {
         let (first, start) = (self.cursor.peek(), self.cursor.at());
         let begins = |text: &[u8]| text.first() == Some(&first);
         if first == b'a' && self.cursor.eat_word(b"atan") {
             self.bracket()?;
             if !self.cursor.eat(b'/') {
-                return fault(Code::BracketMissing, self.cursor.here(), "ATAN needs a slash and a second argument");
+                return fault(
+                    ErrorCode::BracketMissing,
+                    self.cursor.here(),
+                    "ATAN needs a slash and a second argument",
+                );
             }
             self.bracket()?;
             return self.push(OpKind::Atan, start);
@@ -274,7 +278,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
 
     /// That no function begins here; the function that may be meant is named.
     #[cold]
-    fn unknown_function(&mut self) -> Outcome<()> {
+    fn unknown_function(&mut self) -> BlockResult<()> {
         let (at, mut name) = (self.cursor.here(), String::new());
         let mut cursor = self.cursor.clone();
         let mut whole = at;
@@ -289,22 +293,22 @@ impl<'a, 'b> Compiler<'a, 'b> {
         let near = if name.len() > 1 { nearest(&name, NAMES.into_iter()) } else { None };
         match near {
             Some(near) => {
-                fault(Code::UnknownFunction, whole, format!("there is no function {name}; do you mean {near}?"))
+                fault(ErrorCode::UnknownFunction, whole, format!("there is no function {name}; do you mean {near}?"))
             }
             None if name.len() > 1 && self.cursor.follows(b'[') => {
                 let written = name.to_lowercase();
                 let message = format!("there is no function {name}; a named parameter is written #<{written}>");
-                fault(Code::UnknownFunction, whole, message)
+                fault(ErrorCode::UnknownFunction, whole, message)
             }
-            None => fault(Code::UnknownFunction, at, "no function begins here"),
+            None => fault(ErrorCode::UnknownFunction, at, "no function begins here"),
         }
     }
 
     /// EXISTS\[#<name>\]: whether the parameter has a value. A numbered one has a value if there is one of its number.
-    fn exists(&mut self, start: usize) -> Outcome<()> {
+    fn exists(&mut self, start: usize) -> BlockResult<()> {
         let open = self.cursor.here();
         if !self.cursor.eat(b'[') || self.cursor.peek() != b'#' {
-            return fault(Code::BracketMissing, open, "EXISTS needs a parameter in brackets");
+            return fault(ErrorCode::BracketMissing, open, "EXISTS needs a parameter in brackets");
         }
         let reference = self.reference()?;
         if !self.cursor.eat(b']') {
@@ -317,7 +321,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
         }
     }
 
-    fn parameter_value(&mut self) -> Outcome<()> {
+    fn parameter_value(&mut self) -> BlockResult<()> {
         let start = self.cursor.at();
         match self.reference()? {
             Reference::Numbered => self.push(OpKind::Numbered, start),
@@ -327,7 +331,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
     }
 
     /// `#` and what it names; a number's value is left to the operations.
-    pub(crate) fn reference(&mut self) -> Outcome<Reference> {
+    pub(crate) fn reference(&mut self) -> BlockResult<Reference> {
         let start = self.cursor.at();
         self.cursor.skip();
         if !self.cursor.eat(b'<') {
@@ -336,12 +340,12 @@ impl<'a, 'b> Compiler<'a, 'b> {
         }
         let Some(text) = self.cursor.take_to(b'>') else {
             self.cursor.finish();
-            return fault(Code::NameNotClosed, self.cursor.since(start), Code::NameNotClosed.title());
+            return fault(ErrorCode::NameNotClosed, self.cursor.since(start), ErrorCode::NameNotClosed.title());
         };
         self.names.resolve(text, self.cursor.since(start))
     }
 
-    fn push(&mut self, kind: OpKind, start: usize) -> Outcome<()> {
+    fn push(&mut self, kind: OpKind, start: usize) -> BlockResult<()> {
         let span = self.cursor.since(start);
         match kind {
             OpKind::Constant(_) | OpKind::Named(_) | OpKind::System(_) | OpKind::Exists(_) => self.held += 1,
@@ -349,7 +353,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
             OpKind::Numbered | OpKind::ExistsNumbered | OpKind::Negate | OpKind::Function(_) => {}
         }
         if self.held > STACK {
-            return fault(Code::TooDeep, span, Code::TooDeep.title());
+            return fault(ErrorCode::TooDeep, span, ErrorCode::TooDeep.title());
         }
         self.ops.push(Op { kind, at: (span.start.min(255) as u8, span.end.min(255) as u8) });
         Ok(())
@@ -381,7 +385,7 @@ mod tests {
         }
     }
 
-    fn value(text: &str) -> Result<f64, Code> {
+    fn value(text: &str) -> Result<f64, ErrorCode> {
         let (mut ops, mut names) = (Vec::new(), Names::default());
         let mut cursor = Cursor::new(text.as_bytes());
         let result = Compiler::new(&mut cursor, &mut ops, &mut names).value();

@@ -4,11 +4,11 @@
 //! looked at anew.
 
 use crate::bytes::byte_order_mark;
-use crate::code::{Code, Jump};
-use crate::codes::Code as Number;
+use crate::compiled_code::{CompiledCode, Jump};
 use crate::control::{Control, Keyword, Label, may_be};
-use crate::diag::{Fault, Span};
-use crate::nest::Nest;
+use crate::control_flow::ControlFlowBuilder;
+use crate::diag::{BlockError, Span};
+use crate::error_codes::ErrorCode as Number;
 use crate::parse::LineReader;
 use crate::prescan::{Prescan, Region, Sub};
 use crate::program::{is_percent, unreadable};
@@ -69,8 +69,8 @@ fn has_o_word(text: &[u8]) -> bool {
 pub(crate) struct FileScan<'a> {
     prescan: &'a mut Prescan,
     file: u16,
-    code: Code,
-    nest: Nest,
+    code: CompiledCode,
+    nest: ControlFlowBuilder,
     /// The number that M98 of another file looks for.
     called: Option<u64>,
     /// Stretches that M98 calls: their first and their last line; looked for when the first O number alone is met.
@@ -87,7 +87,7 @@ pub(crate) struct FileScan<'a> {
 impl<'a> FileScan<'a> {
     /// A file before its first line; `called` is the number that M98 of another file looks for in it.
     pub(crate) fn new(prescan: &'a mut Prescan, file: u16, text: Text, called: Option<u64>) -> FileScan<'a> {
-        let (code, nest) = (Code::new(file), Nest::default());
+        let (code, nest) = (CompiledCode::new(file), ControlFlowBuilder::default());
         FileScan {
             prescan,
             file,
@@ -103,7 +103,7 @@ impl<'a> FileScan<'a> {
     }
 
     /// Compiles its stretches, and tells the pre-scan of them.
-    pub(crate) fn scan(mut self) -> Code {
+    pub(crate) fn scan(mut self) -> CompiledCode {
         let (mut line, found, subs) = (0, self.prescan.found(), self.prescan.subs.list.len());
         let mut scanned = self.all(&mut line);
         if self.nest.has_goto && scanned.is_ok() {
@@ -112,7 +112,7 @@ impl<'a> FileScan<'a> {
             if self.file == 0 {
                 self.prescan.regions.clear();
             }
-            (self.code, self.nest) = (Code::new(self.file), Nest::default());
+            (self.code, self.nest) = (CompiledCode::new(self.file), ControlFlowBuilder::default());
             (self.is_whole, self.has_unread_control, line) = (true, false, 0);
             scanned = self.whole(&mut line);
         }
@@ -126,7 +126,11 @@ impl<'a> FileScan<'a> {
     fn whole(&mut self, line: &mut u32) -> io::Result<()> {
         if self.text.len() > MAX_WHOLE {
             let message = "a file with GOTO may have 16 MiB";
-            self.prescan.report(self.file, 1, Fault::new(Number::TooMuchToKeep, Span::default(), message.to_owned()));
+            self.prescan.report(
+                self.file,
+                1,
+                BlockError::new(Number::TooMuchToKeep, Span::default(), message.to_owned()),
+            );
             return Ok(());
         }
         self.starts = Some(called_starts(&self.text, self.called)?);
@@ -211,12 +215,12 @@ impl<'a> FileScan<'a> {
         loop {
             let is_end = !lines.advance()? || self.is_whole && is_percent(lines.line());
             if is_end && self.is_whole {
-                let open = self.nest.give_up().filter(|_| !self.has_unread_control);
+                let open = self.nest.abandon().filter(|_| !self.has_unread_control);
                 open.into_iter().for_each(|open| self.prescan.report(self.file, open.line, *open.without_end()));
                 break;
             }
             if is_end {
-                let open = self.nest.give_up();
+                let open = self.nest.abandon();
                 self.code.truncate(start);
                 self.nest.found.clear();
                 self.nest.faults.clear();
@@ -246,9 +250,9 @@ impl<'a> FileScan<'a> {
                 self.prescan.report(
                     self.file,
                     first,
-                    Fault::new(Number::TooMuchToKeep, Span::default(), message.to_owned()),
+                    BlockError::new(Number::TooMuchToKeep, Span::default(), message.to_owned()),
                 );
-                self.nest.give_up();
+                self.nest.abandon();
                 self.nest.found.clear();
                 self.code.truncate(start);
                 self.is_full = true;
@@ -284,7 +288,7 @@ impl<'a> FileScan<'a> {
             let sub = Sub { code: self.file.into(), entry: found.entry, for_m98: found.for_m98 };
             if !self.prescan.subs.add(self.file, found.label.clone(), sub) {
                 let message = format!("{} has been defined before", found.label);
-                let fault = Fault::new(Number::SubTwice, Span::default(), message);
+                let fault = BlockError::new(Number::SubTwice, Span::default(), message);
                 self.prescan.report(self.file, found.line, fault);
             }
         }

@@ -3,8 +3,8 @@
 //! Invariant: what the configuration asks for and is not carried out is refused by its name; what concerns other parts of a machine
 //! is passed over.
 
-use crate::codes::Code;
 use crate::diag::{Diagnostic, Span};
+use crate::error_codes::ErrorCode;
 
 /// What an INI file says to the interpreter.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -45,7 +45,7 @@ impl Ini {
         let mut section = "";
         for (index, line) in text.lines().enumerate() {
             let content = line.trim();
-            let complain = |code: Code, message: String| Diagnostic {
+            let complain = |code: ErrorCode, message: String| Diagnostic {
                 file: 0,
                 code,
                 line: index as u32 + 1,
@@ -60,11 +60,11 @@ impl Ini {
                 continue;
             }
             let Some((name, value)) = content.split_once('=') else {
-                diagnostics.push(complain(Code::IniLine, Code::IniLine.title().to_owned()));
+                diagnostics.push(complain(ErrorCode::IniLine, ErrorCode::IniLine.title().to_owned()));
                 continue;
             };
             if let Err(message) = ini.take(section, name.trim(), value.trim()) {
-                diagnostics.push(complain(Code::IniNotSupported, message));
+                diagnostics.push(complain(ErrorCode::IniNotSupported, message));
             }
         }
         if diagnostics.is_empty() { Ok(ini) } else { Err(diagnostics) }

@@ -3,8 +3,8 @@
 //! Invariant: blanks between any two characters mean nothing, as RS274/NGC has it; the cursor never leaves the line.
 
 use crate::bytes::{byte_order_mark, short_number};
-use crate::codes::Code;
-use crate::diag::{Fault, Outcome, Span, fault};
+use crate::diag::{BlockError, BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
 
 /// A place in one line.
 #[derive(Clone)]
@@ -151,7 +151,7 @@ impl<'a> Cursor<'a> {
 
     /// Takes a number without a sign: digits with at most one decimal point among them.
     #[inline]
-    pub(crate) fn number(&mut self) -> Outcome<f64> {
+    pub(crate) fn number(&mut self) -> BlockResult<f64> {
         self.peek();
         if let Some(short) = short_number(self.text, self.at) {
             let end = self.at + short.length as usize;
@@ -170,7 +170,7 @@ impl<'a> Cursor<'a> {
     }
 
     #[inline(never)]
-    fn longer_number(&mut self) -> Outcome<f64> {
+    fn longer_number(&mut self) -> BlockResult<f64> {
         let text = self.text.get(self.at..).unwrap_or_default();
         let (mut at, mut mantissa) = (0, 0);
         take_digits(text, &mut at, &mut mantissa);
@@ -190,7 +190,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// A number with blanks among its digits, or with very many of them, or none.
-    fn spaced_number(&mut self) -> Outcome<f64> {
+    fn spaced_number(&mut self) -> BlockResult<f64> {
         let start = self.at;
         let (mut mantissa, mut digits, mut decimals, mut point) = (0_u64, 0_u32, 0_usize, false);
         let mut end = start;
@@ -206,7 +206,13 @@ impl<'a> Cursor<'a> {
                     point = true;
                     end = self.at + 1;
                 }
-                b'.' => return fault(Code::BadNumber, Span::new(start, self.at + 1), "a number has one decimal point"),
+                b'.' => {
+                    return fault(
+                        ErrorCode::BadNumber,
+                        Span::new(start, self.at + 1),
+                        "a number has one decimal point",
+                    );
+                }
                 blank if is_blank(blank) => {}
                 _ => break,
             }
@@ -215,7 +221,7 @@ impl<'a> Cursor<'a> {
         self.at = end;
         if digits <= 18 && mantissa <= EXACT && decimals < POWERS_OF_TEN.len() && end > start {
             if end - start == 1 && point {
-                return fault(Code::BadNumber, Span::new(start, end), "a decimal point alone is not a number");
+                return fault(ErrorCode::BadNumber, Span::new(start, end), "a decimal point alone is not a number");
             }
             return Ok(mantissa as f64 / POWERS_OF_TEN[decimals]);
         }
@@ -224,17 +230,17 @@ impl<'a> Cursor<'a> {
 
     /// A number that needs more than one division of exact values, or none at all.
     #[cold]
-    fn long_number(&self, start: usize, end: usize) -> Outcome<f64> {
+    fn long_number(&self, start: usize, end: usize) -> BlockResult<f64> {
         let span = Span::new(start, end.max((start + 1).min(self.text.len())));
         let digits: String =
             self.text[start..end].iter().filter(|byte| !is_blank(**byte)).map(|byte| char::from(*byte)).collect();
         if digits.is_empty() {
-            return fault(Code::NumberMissing, span, "a number is missing here");
+            return fault(ErrorCode::NumberMissing, span, "a number is missing here");
         }
         match digits.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(value),
-            Ok(_) => Err(Box::new(Fault::plain(Code::NumberTooLarge, span))),
-            Err(_) => Err(Box::new(Fault::plain(Code::BadNumber, span))),
+            Ok(_) => Err(Box::new(BlockError::plain(ErrorCode::NumberTooLarge, span))),
+            Err(_) => Err(Box::new(BlockError::plain(ErrorCode::BadNumber, span))),
         }
     }
 }
@@ -262,7 +268,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn number(text: &str) -> Result<f64, Code> {
+    fn number(text: &str) -> Result<f64, ErrorCode> {
         Cursor::new(text.as_bytes()).number().map_err(|fault| fault.code)
     }
 
@@ -283,12 +289,12 @@ mod tests {
 
     #[test]
     fn what_is_no_number_is_refused() {
-        assert_eq!(number("1.5.5"), Err(Code::BadNumber));
-        assert_eq!(number("."), Err(Code::BadNumber));
-        assert_eq!(number(" . "), Err(Code::BadNumber));
-        assert_eq!(number(""), Err(Code::NumberMissing));
-        assert_eq!(number("x"), Err(Code::NumberMissing));
-        assert_eq!(number(&"9".repeat(1000)), Err(Code::NumberTooLarge));
+        assert_eq!(number("1.5.5"), Err(ErrorCode::BadNumber));
+        assert_eq!(number("."), Err(ErrorCode::BadNumber));
+        assert_eq!(number(" . "), Err(ErrorCode::BadNumber));
+        assert_eq!(number(""), Err(ErrorCode::NumberMissing));
+        assert_eq!(number("x"), Err(ErrorCode::NumberMissing));
+        assert_eq!(number(&"9".repeat(1000)), Err(ErrorCode::NumberTooLarge));
         assert_eq!(number(&format!("0.{}", "9".repeat(1000))), Ok(1.0));
     }
 

@@ -3,9 +3,9 @@
 //! Invariant: a GOTO stays within its part of the file, the program or one subprogram of M98, and never goes into a WHILE loop that it is
 //! not in. Of several lines with one number the next one ahead counts, or else the first.
 
-use crate::code::{Code, Jump};
-use crate::codes;
-use crate::diag::{Fault, Span};
+use crate::compiled_code::{CompiledCode, Jump};
+use crate::diag::{BlockError, Span};
+use crate::error_codes;
 use crate::lex::Cursor;
 use std::ops::Range;
 
@@ -29,14 +29,18 @@ pub(crate) enum NoLine {
 
 impl NoLine {
     /// As a fault of the line with the GOTO.
-    pub(crate) fn fault(self, number: u64, at: Span) -> Fault {
+    pub(crate) fn fault(self, number: u64, at: Span) -> BlockError {
         match self {
-            NoLine::Missing => {
-                Fault::new(codes::Code::NoSuchLineNumber, at, format!("there is no line N{number} here"))
-            }
-            NoLine::InLoop => {
-                Fault::new(codes::Code::GoToIntoLoop, at, format!("N{number} stands inside of a WHILE loop"))
-            }
+            NoLine::Missing => BlockError::new(
+                error_codes::ErrorCode::NoSuchLineNumber,
+                at,
+                format!("there is no line N{number} here"),
+            ),
+            NoLine::InLoop => BlockError::new(
+                error_codes::ErrorCode::GoToIntoLoop,
+                at,
+                format!("N{number} stands inside of a WHILE loop"),
+            ),
         }
     }
 }
@@ -84,7 +88,7 @@ impl SeenNumbers {
 
 impl LineNumbers {
     /// Of all lines of `code`, whose subprograms for M98 begin at the lines `starts`, in their order.
-    pub(crate) fn of(code: &Code, starts: Vec<u32>) -> LineNumbers {
+    pub(crate) fn of(code: &CompiledCode, starts: Vec<u32>) -> LineNumbers {
         let mut numbers = LineNumbers { lines: Vec::new(), parts: starts, loops: Vec::new() };
         for line in 0..code.len() {
             if let Some(number) = code.block_number(line) {

@@ -4,8 +4,8 @@
 //! only where it ends the program: the sender may have been cut off inside it (DNC-10).
 
 use crate::bytes::line_feed;
-use crate::codes::Code;
-use crate::diag::{Fault, Span};
+use crate::diag::{BlockError, Span};
+use crate::error_codes::ErrorCode;
 use crate::parse::MAX_LINE_LENGTH;
 use crate::text::{Text, TextLines};
 use std::io::{self, BufRead, Read as _};
@@ -18,7 +18,7 @@ const MAX_SKIPPED: usize = 1 << 20;
 
 /// Where lines come from.
 #[derive(Debug)]
-enum Input<R> {
+enum LineSource<R> {
     /// A text that is at hand.
     Text(TextLines),
     /// A program that arrives, and the line that has been taken.
@@ -28,7 +28,7 @@ enum Input<R> {
 /// The lines of a program.
 #[derive(Debug)]
 pub(crate) struct Lines<R> {
-    input: Input<R>,
+    input: LineSource<R>,
     /// The line that was taken last, from 1; 0 before the first.
     current: u32,
     /// A program that arrives ended inside a line.
@@ -37,12 +37,12 @@ pub(crate) struct Lines<R> {
 
 impl<R: BufRead> Lines<R> {
     pub(crate) fn new(input: R) -> Lines<R> {
-        Lines { input: Input::Arriving(input, Vec::new()), current: 0, is_cut_off: false }
+        Lines { input: LineSource::Arriving(input, Vec::new()), current: 0, is_cut_off: false }
     }
 
     /// The lines of a text.
     pub(crate) fn of_text(text: Text) -> Lines<R> {
-        Lines { input: Input::Text(TextLines::new(text)), current: 0, is_cut_off: false }
+        Lines { input: LineSource::Text(TextLines::new(text)), current: 0, is_cut_off: false }
     }
 
     /// Takes the next line; false when there is none.
@@ -52,11 +52,11 @@ impl<R: BufRead> Lines<R> {
     #[inline]
     pub(crate) fn advance(&mut self) -> io::Result<bool> {
         let found = match &mut self.input {
-            Input::Text(lines) => lines.advance()?,
-            Input::Arriving(input, line) => match arrive(input, line)? {
-                Arrived::Line => true,
-                Arrived::Nothing => false,
-                Arrived::CutOff => {
+            LineSource::Text(lines) => lines.advance()?,
+            LineSource::Arriving(input, line) => match arrive(input, line)? {
+                LineArrival::Line => true,
+                LineArrival::Nothing => false,
+                LineArrival::CutOff => {
                     self.is_cut_off = true;
                     false
                 }
@@ -79,24 +79,24 @@ impl<R: BufRead> Lines<R> {
     #[inline]
     pub(crate) fn text(&self) -> &[u8] {
         match &self.input {
-            Input::Text(lines) => lines.line(),
-            Input::Arriving(_, line) => line,
+            LineSource::Text(lines) => lines.line(),
+            LineSource::Arriving(_, line) => line,
         }
     }
 
     /// The beginning of the line inside which a program that arrives has ended; it is not executed.
     pub(crate) fn cut_off(&self) -> Option<&[u8]> {
         match &self.input {
-            Input::Arriving(_, line) if self.is_cut_off => Some(line),
+            LineSource::Arriving(_, line) if self.is_cut_off => Some(line),
             _ => None,
         }
     }
 
     /// That it ended inside a line, if it did.
-    pub(crate) fn cut_off_fault(&self) -> Option<Box<Fault>> {
+    pub(crate) fn cut_off_fault(&self) -> Option<Box<BlockError>> {
         let cut_off = String::from_utf8_lossy(self.cut_off()?);
         let message = format!("the program that arrives ends inside a line: nothing of \"{cut_off}\" is executed");
-        Some(Box::new(Fault::new(Code::NoProgramEnd, Span::default(), message)))
+        Some(Box::new(BlockError::new(ErrorCode::NoProgramEnd, Span::default(), message)))
     }
 
     /// The number of the line taken last, from 1.
@@ -106,7 +106,7 @@ impl<R: BufRead> Lines<R> {
 }
 
 /// What came of a program that arrives.
-enum Arrived {
+enum LineArrival {
     /// A line.
     Line,
     /// Its end, behind a line.
@@ -115,10 +115,10 @@ enum Arrived {
     CutOff,
 }
 
-fn arrive(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Arrived> {
+fn arrive(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<LineArrival> {
     line.clear();
     if input.by_ref().take(MAX_HELD_LINE as u64).read_until(b'\n', line)? == 0 {
-        return Ok(Arrived::Nothing);
+        return Ok(LineArrival::Nothing);
     }
     if line.last() == Some(&b'\n') {
         line.pop();
@@ -128,9 +128,9 @@ fn arrive(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Arrived> {
     } else if line.len() == MAX_HELD_LINE {
         skip_line(input)?;
     } else if !is_program_end(line) {
-        return Ok(Arrived::CutOff);
+        return Ok(LineArrival::CutOff);
     }
-    Ok(Arrived::Line)
+    Ok(LineArrival::Line)
 }
 
 /// Passes over the rest of a line that is too long.

@@ -3,17 +3,17 @@
 //!
 //! Invariant: a condition is the first value of its line, and the number of a GOTO the last, so that both can be calculated.
 
-use crate::block::{Block, Slot};
-use crate::codes::Code;
+use crate::block::{NcBlock, Slot};
 use crate::control::{Control, Keyword, Label, MACRO_LOOP, comment};
-use crate::diag::{Outcome, fault};
+use crate::diag::{BlockResult, fault};
+use crate::error_codes::ErrorCode;
 use crate::expr::Compiler;
 use crate::lex::Cursor;
 use crate::params::Names;
 use crate::parse::assignment;
 
 /// Compiles a line that begins with one of these words; false and nothing taken if it does not.
-pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<bool> {
+pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<bool> {
     let (start, before) = (cursor.at(), cursor.clone());
     let opens_bracket = |cursor: &mut Cursor<'_>| cursor.peek() == b'[';
     if cursor.eat_word(b"while") && opens_bracket(cursor) {
@@ -51,12 +51,12 @@ pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Bloc
     Ok(false)
 }
 
-fn wrong<T>(cursor: &Cursor<'_>, start: usize, message: &str) -> Outcome<T> {
-    fault(Code::MacroControl, cursor.since(start), message)
+fn wrong<T>(cursor: &Cursor<'_>, start: usize, message: &str) -> BlockResult<T> {
+    fault(ErrorCode::MacroControl, cursor.since(start), message)
 }
 
 /// A condition in brackets: the first value of the line.
-fn condition(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<()> {
+fn condition(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
     let (first_op, from) = (block.ops.len(), cursor.at());
     Compiler::new(cursor, &mut block.ops, names).bracket()?;
     block.add_late(Slot::Argument, first_op, cursor.since(from));
@@ -64,7 +64,7 @@ fn condition(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> O
 }
 
 /// The number behind DO or END.
-fn loop_number(cursor: &mut Cursor<'_>, start: usize, keyword: Keyword, block: &mut Block) -> Outcome<bool> {
+fn loop_number(cursor: &mut Cursor<'_>, start: usize, keyword: Keyword, block: &mut NcBlock) -> BlockResult<bool> {
     let number = match cursor.digits() {
         (1, number @ 1..=3) => number,
         _ => return wrong(cursor, start, "DO and END are followed by 1, 2 or 3"),
@@ -81,8 +81,8 @@ fn go_to(
     names: &mut Names,
     start: usize,
     keyword: Keyword,
-    block: &mut Block,
-) -> Outcome<bool> {
+    block: &mut NcBlock,
+) -> BlockResult<bool> {
     let (first_op, from) = (block.ops.len(), cursor.at());
     let mut ahead = cursor.clone();
     let written = match ahead.digits() {
@@ -101,7 +101,7 @@ fn go_to(
 }
 
 /// The assignments behind THEN.
-fn then(cursor: &mut Cursor<'_>, names: &mut Names, start: usize, block: &mut Block) -> Outcome<bool> {
+fn then(cursor: &mut Cursor<'_>, names: &mut Names, start: usize, block: &mut NcBlock) -> BlockResult<bool> {
     if cursor.peek() != b'#' {
         return wrong(cursor, start, "THEN is followed by an assignment, as in IF [#1 GT 5] THEN #1=5");
     }
@@ -115,13 +115,13 @@ fn then(cursor: &mut Cursor<'_>, names: &mut Names, start: usize, block: &mut Bl
 }
 
 /// Comments, and the end of the line.
-fn end_of_line(cursor: &mut Cursor<'_>) -> Outcome<()> {
+fn end_of_line(cursor: &mut Cursor<'_>) -> BlockResult<()> {
     loop {
         let start = cursor.at();
         match cursor.peek() {
             b'(' => comment(cursor, start)?,
             0 | b';' => return Ok(()),
-            _ => return fault(Code::MacroControl, cursor.here(), "nothing else may stand in this line"),
+            _ => return fault(ErrorCode::MacroControl, cursor.here(), "nothing else may stand in this line"),
         }
     }
 }

@@ -5,14 +5,14 @@
 use crate::angle::rotate;
 use crate::canon::{FeedMode, LengthUnit, PathControl, Plane, Probing};
 use crate::compensation::Compensation;
-use crate::cycle::{Cycle, Series};
+use crate::drilling_cycle::{DrillingCycle, DrillingSeries};
 use crate::interp::{Context, Queue};
 use crate::pose::{Axis, Pose};
 use crate::spline::ControlPoint;
 
 /// The motion modes that are carried out; none is G80.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Motion {
+pub enum MotionMode {
     /// G0.
     Traverse,
     /// G1.
@@ -28,7 +28,7 @@ pub enum Motion {
     /// G76.
     ThreadingCycle,
     /// G73, G74, G81 … G89.
-    Cycle(Cycle),
+    Cycle(DrillingCycle),
     /// G5; never a mode that is in force.
     CubicSpline,
     /// G5.1; never a mode that is in force.
@@ -41,40 +41,40 @@ pub enum Motion {
     Probe(Probing),
 }
 
-impl Motion {
+impl MotionMode {
     /// How it is written.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Motion::Traverse => "G0",
-            Motion::Feed => "G1",
-            Motion::ArcClockwise => "G2",
-            Motion::ArcCounterclockwise => "G3",
-            Motion::SpindleFeed => "G33",
-            Motion::RigidTap => "G33.1",
-            Motion::ThreadingCycle => "G76",
-            Motion::Cycle(cycle) => cycle.name(),
-            Motion::CubicSpline => "G5",
-            Motion::QuadraticSpline => "G5.1",
-            Motion::ControlPoint => "G5.2",
-            Motion::EndOfPoints => "G5.3",
-            Motion::Probe(Probing { away: false, must_answer: true }) => "G38.2",
-            Motion::Probe(Probing { away: false, must_answer: false }) => "G38.3",
-            Motion::Probe(Probing { away: true, must_answer: true }) => "G38.4",
-            Motion::Probe(Probing { away: true, must_answer: false }) => "G38.5",
+            MotionMode::Traverse => "G0",
+            MotionMode::Feed => "G1",
+            MotionMode::ArcClockwise => "G2",
+            MotionMode::ArcCounterclockwise => "G3",
+            MotionMode::SpindleFeed => "G33",
+            MotionMode::RigidTap => "G33.1",
+            MotionMode::ThreadingCycle => "G76",
+            MotionMode::Cycle(cycle) => cycle.name(),
+            MotionMode::CubicSpline => "G5",
+            MotionMode::QuadraticSpline => "G5.1",
+            MotionMode::ControlPoint => "G5.2",
+            MotionMode::EndOfPoints => "G5.3",
+            MotionMode::Probe(Probing { away: false, must_answer: true }) => "G38.2",
+            MotionMode::Probe(Probing { away: false, must_answer: false }) => "G38.3",
+            MotionMode::Probe(Probing { away: true, must_answer: true }) => "G38.4",
+            MotionMode::Probe(Probing { away: true, must_answer: false }) => "G38.5",
         }
     }
 
     /// G2 or G3.
     #[must_use]
     pub const fn is_arc(self) -> bool {
-        matches!(self, Motion::ArcClockwise | Motion::ArcCounterclockwise)
+        matches!(self, MotionMode::ArcClockwise | MotionMode::ArcCounterclockwise)
     }
 }
 
 /// What axis words mean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Distance {
+pub enum DistanceMode {
     /// G90: the end.
     Absolute,
     /// G91: from the current position.
@@ -92,7 +92,7 @@ pub enum ArcCentres {
 
 /// What the spindle was told to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Spindle {
+pub enum SpindleRotation {
     /// M5.
     Stopped,
     /// M3.
@@ -103,15 +103,15 @@ pub enum Spindle {
 
 /// The whole modal state between two blocks.
 #[derive(Clone, Debug, PartialEq)]
-pub struct State {
+pub struct ModalState {
     /// The motion mode; none after G80.
-    pub motion: Option<Motion>,
+    pub motion: Option<MotionMode>,
     /// The plane of arcs.
     pub plane: Plane,
     /// The program's length unit.
     pub units: LengthUnit,
     /// What axis words mean.
-    pub distance: Distance,
+    pub distance: DistanceMode,
     /// What centre words mean.
     pub arc_centres: ArcCentres,
     /// What F words mean.
@@ -148,9 +148,9 @@ pub struct State {
     /// G99; else G98.
     pub retract_to_r: bool,
     /// The series of drilling cycles; none after another motion.
-    pub series: Option<Series>,
+    pub series: Option<DrillingSeries>,
     /// What the spindle was told to do.
-    pub spindle: Spindle,
+    pub spindle: SpindleRotation,
     /// Turns a minute, or with constant surface speed metres or feet a minute.
     pub spindle_speed: f64,
     /// G96.
@@ -189,15 +189,15 @@ pub struct State {
     pub(crate) contexts: Vec<Option<Context>>,
 }
 
-impl State {
+impl ModalState {
     /// What holds before the first block, at the machine's zero.
     #[must_use]
-    pub fn initial(units: LengthUnit) -> State {
-        State {
+    pub fn initial(units: LengthUnit) -> ModalState {
+        ModalState {
             motion: None,
             plane: Plane::Xy,
             units,
-            distance: Distance::Absolute,
+            distance: DistanceMode::Absolute,
             arc_centres: ArcCentres::Incremental,
             feed_mode: FeedMode::UnitsPerMinute,
             feed_rate: 0.0,
@@ -216,7 +216,7 @@ impl State {
             naivecam_tolerance: 0.0,
             retract_to_r: true,
             series: None,
-            spindle: Spindle::Stopped,
+            spindle: SpindleRotation::Stopped,
             spindle_speed: 0.0,
             constant_surface_speed: false,
             highest_spindle_speed: 0.0,

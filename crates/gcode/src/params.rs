@@ -2,8 +2,8 @@
 //!
 //! Invariant: numbered parameters 1 … 5601 always have a value; a named one has a value from its first assignment on.
 
-use crate::codes::Code;
-use crate::diag::{Diagnostic, Outcome, Span, fault};
+use crate::diag::{BlockResult, Diagnostic, Span, fault};
+use crate::error_codes::ErrorCode;
 use crate::expr::Reference;
 use crate::system::SystemParameter;
 use std::collections::HashMap;
@@ -60,12 +60,12 @@ pub(crate) struct Names {
     /// The name that is being looked up, kept for its memory.
     plain: String,
     /// What names as they were written last stood for; empty before the first.
-    recent: Vec<Option<Recent>>,
+    recent: Vec<Option<RecentParameters>>,
 }
 
 /// A name as it was written, and what it stands for.
 #[derive(Clone, Copy, Debug)]
-struct Recent {
+struct RecentParameters {
     text: [u8; MAX_RECENT],
     length: u8,
     is: Reference,
@@ -97,7 +97,7 @@ impl Names {
     ///
     /// # Errors
     /// There are too many names.
-    pub(crate) fn resolve(&mut self, text: &[u8], at: Span) -> Outcome<Reference> {
+    pub(crate) fn resolve(&mut self, text: &[u8], at: Span) -> BlockResult<Reference> {
         if text.len() > MAX_RECENT {
             return self.look_up(text, at);
         }
@@ -108,7 +108,7 @@ impl Names {
             return Ok(recent.is);
         }
         let is = self.look_up(text, at)?;
-        let mut recent = Recent { text: [0; MAX_RECENT], length: text.len() as u8, is };
+        let mut recent = RecentParameters { text: [0; MAX_RECENT], length: text.len() as u8, is };
         recent.text[..text.len()].copy_from_slice(text);
         self.recent.resize(RECENT, None);
         self.recent[place] = Some(recent);
@@ -116,7 +116,7 @@ impl Names {
     }
 
     /// The same for a name that was not looked up just before.
-    fn look_up(&mut self, text: &[u8], at: Span) -> Outcome<Reference> {
+    fn look_up(&mut self, text: &[u8], at: Span) -> BlockResult<Reference> {
         let name = &mut self.plain;
         name.clear();
         match text.is_ascii() {
@@ -142,7 +142,7 @@ impl Names {
             return Ok(Reference::Named(*id));
         }
         if self.texts.len() >= MAX_NAMES {
-            return fault(Code::TooMuchToKeep, at, format!("more than {MAX_NAMES} names of parameters"));
+            return fault(ErrorCode::TooMuchToKeep, at, format!("more than {MAX_NAMES} names of parameters"));
         }
         let id = NameId { index: self.texts.len() as u32, is_global: name.starts_with('_') };
         self.texts.push(name.as_str().into());
@@ -262,16 +262,16 @@ impl Parameters {
 
     /// What outlives a program: what a parameter file keeps, and nothing else.
     #[must_use]
-    pub fn kept(&self) -> Parameters {
+    pub fn persistent(&self) -> Parameters {
         let mut kept = Parameters::default();
-        for number in Self::kept_numbers() {
+        for number in Self::persistent_numbers() {
             kept.set(number, self.get(number));
         }
         kept
     }
 
     /// Numbers of the parameters that a parameter file keeps, in rising order.
-    pub fn kept_numbers() -> impl Iterator<Item = usize> {
+    pub fn persistent_numbers() -> impl Iterator<Item = usize> {
         KEPT.iter().flat_map(|(first, last)| *first..=*last)
     }
 
@@ -279,7 +279,7 @@ impl Parameters {
     /// and G30. Those below are variables of programs.
     #[must_use]
     pub fn is_machine_offset(number: usize) -> bool {
-        number >= G28_HOME && Self::kept_numbers().any(|kept| kept == number)
+        number >= G28_HOME && Self::persistent_numbers().any(|kept| kept == number)
     }
 
     /// Every numbered parameter that differs from its initial value, in the format of a parameter file, with as many digits as give
@@ -290,7 +290,7 @@ impl Parameters {
         let mut text = String::new();
         for number in (1..=LAST).filter(|&number| self.get(number) != initial.get(number)) {
             // Writing to a string cannot fail.
-            let _ = writeln!(text, "{number}\t{}", Exact(self.get(number)));
+            let _ = writeln!(text, "{number}\t{}", ExactNumber(self.get(number)));
         }
         text
     }
@@ -317,11 +317,11 @@ impl Parameters {
                     parameters.set(number, value);
                 }
                 _ => diagnostics.push(Diagnostic {
-                    code: Code::ParameterFileLine,
+                    code: ErrorCode::ParameterFileLine,
                     file: 0,
                     line: index as u32 + 1,
                     span: Span::new(0, line.len()),
-                    message: Code::ParameterFileLine.title().to_owned(),
+                    message: ErrorCode::ParameterFileLine.title().to_owned(),
                 }),
             }
         }
@@ -337,7 +337,7 @@ impl Parameters {
                 let value = self.get(number);
                 if value != 0.0 || number >= G28_HOME {
                     // Writing to a string cannot fail.
-                    let _ = writeln!(text, "{number}\t{}", Exact(value));
+                    let _ = writeln!(text, "{number}\t{}", ExactNumber(value));
                 }
             }
         }
@@ -346,9 +346,9 @@ impl Parameters {
 }
 
 /// Prints at least six decimals, and more where they are needed to give the value back.
-struct Exact(f64);
+struct ExactNumber(f64);
 
-impl std::fmt::Display for Exact {
+impl std::fmt::Display for ExactNumber {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let short = format!("{:.6}", self.0);
         if short.parse() == Ok(self.0) { formatter.write_str(&short) } else { write!(formatter, "{}", self.0) }

@@ -2,20 +2,20 @@
 //!
 //! Invariant: every character of the line is understood, or the line is refused with the place of the first that is not.
 
-use crate::block::{Block, BlockNumber, Slot, Words};
+use crate::block::{BlockNumber, NcBlock, Slot, Words};
 use crate::bytes::{byte_order_mark, is_plain, shown};
-use crate::call;
-use crate::codes::Code;
+use crate::comment::{Comment, refuse_python};
 use crate::control;
-use crate::diag::{Outcome, Span, fault};
+use crate::cycle_call;
+use crate::diag::{BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
 use crate::expr::{Compiler, Operand, Reference};
 use crate::interp::Setup;
 use crate::lex::Cursor;
 use crate::macro_words;
 use crate::params::Names;
 use crate::pose::{Axis, AxisSet};
-use crate::remark::{Remark, refuse_python};
-use retrace_cycles::Library;
+use retrace_cycles::CycleLibrary;
 use std::sync::Arc;
 
 /// Longest line in bytes, without its end, as in LinuxCNC.
@@ -28,16 +28,16 @@ pub(crate) struct LineReader {
     pub(crate) block_delete: bool,
     pub(crate) names: Names,
     /// The cycles that a program may call.
-    pub(crate) cycles: Option<Arc<Library>>,
+    pub(crate) cycles: Option<Arc<CycleLibrary>>,
     /// Whether M98, M99 and an O number alone are refused.
     pub(crate) disable_fanuc_subs: bool,
     /// The line compiled last.
-    pub(crate) block: Block,
+    pub(crate) block: NcBlock,
 }
 
 impl LineReader {
-    pub(crate) fn new(axes: AxisSet, block_delete: bool, cycles: Option<Arc<Library>>) -> LineReader {
-        let (names, block) = (Names::default(), Block::default());
+    pub(crate) fn new(axes: AxisSet, block_delete: bool, cycles: Option<Arc<CycleLibrary>>) -> LineReader {
+        let (names, block) = (Names::default(), NcBlock::default());
         LineReader { axes, block_delete, names, cycles, disable_fanuc_subs: false, block }
     }
 
@@ -54,7 +54,7 @@ impl LineReader {
     /// # Errors
     /// What is wrong with it; the block is then not to be used.
     #[inline]
-    pub(crate) fn read(&mut self, text: &[u8]) -> Outcome<bool> {
+    pub(crate) fn read(&mut self, text: &[u8]) -> BlockResult<bool> {
         if self.block_delete && has_delete_mark(text) {
             self.block.clear();
             return Ok(false);
@@ -64,7 +64,7 @@ impl LineReader {
             && let Some(control) = &self.block.control
             && matches!(control.keyword, control::Keyword::M98 | control::Keyword::M99 | control::Keyword::Start)
         {
-            return fault(Code::FanucSubsDisabled, control.at, Code::FanucSubsDisabled.title());
+            return fault(ErrorCode::FanucSubsDisabled, control.at, ErrorCode::FanucSubsDisabled.title());
         }
         Ok(true)
     }
@@ -73,12 +73,12 @@ impl LineReader {
 impl LineReader {
     /// Refuses U and W words of axes that the machine does not have.
     #[cold]
-    pub(crate) fn check_increments(&self, words: &Words) -> Outcome<()> {
+    pub(crate) fn check_increments(&self, words: &Words) -> BlockResult<()> {
         for axis in [Axis::U, Axis::W] {
             let letter = axis.letter().to_ascii_lowercase();
             if words.has(letter) && !self.axes.has(axis) {
                 let message = format!("the machine has no axis {}", char::from(axis.letter()));
-                return fault(Code::AxisMissing, words.span(letter), message);
+                return fault(ErrorCode::AxisMissing, words.span(letter), message);
             }
         }
         Ok(())
@@ -86,20 +86,26 @@ impl LineReader {
 }
 
 /// Compiles a line into `block`, which is cleared first.
-fn parse(text: &[u8], axes: AxisSet, names: &mut Names, cycles: Option<&Library>, block: &mut Block) -> Outcome<()> {
+fn parse(
+    text: &[u8],
+    axes: AxisSet,
+    names: &mut Names,
+    cycles: Option<&CycleLibrary>,
+    block: &mut NcBlock,
+) -> BlockResult<()> {
     block.clear();
     check_text(text)?;
     let mut cursor = Cursor::new(text);
     cursor.eat(b'/');
-    if !call::begins(&mut cursor, cycles) {
+    if !cycle_call::begins(&mut cursor, cycles) {
         block_number(&mut cursor, block)?;
     }
-    if call::begins(&mut cursor, cycles) {
+    if cycle_call::begins(&mut cursor, cycles) {
         if macro_words::parse(&mut cursor, names, block)? {
             return Ok(());
         }
-        call::label(&mut cursor);
-        if call::begins(&mut cursor, cycles) && call::parse(&mut cursor, names, cycles, block)? {
+        cycle_call::label(&mut cursor);
+        if cycle_call::begins(&mut cursor, cycles) && cycle_call::parse(&mut cursor, names, cycles, block)? {
             return Ok(());
         }
         block_number(&mut cursor, block)?;
@@ -138,23 +144,27 @@ fn has_delete_mark(text: &[u8]) -> bool {
 }
 
 #[inline]
-fn check_text(text: &[u8]) -> Outcome<()> {
+fn check_text(text: &[u8]) -> BlockResult<()> {
     if text.len() > MAX_LINE_LENGTH {
         let message = format!("the line has more than {MAX_LINE_LENGTH} bytes");
-        return fault(Code::LineTooLong, Span::new(MAX_LINE_LENGTH, MAX_LINE_LENGTH + 1), message);
+        return fault(ErrorCode::LineTooLong, Span::new(MAX_LINE_LENGTH, MAX_LINE_LENGTH + 1), message);
     }
     if is_plain(text) { Ok(()) } else { check_unusual(text) }
 }
 
 #[cold]
-fn check_unusual(text: &[u8]) -> Outcome<()> {
+fn check_unusual(text: &[u8]) -> BlockResult<()> {
     if std::str::from_utf8(text).is_err()
         && let Some(at) = first_high_byte_outside_comments(text)
     {
-        return fault(Code::NotText, Span::new(at, at + 1), format!("byte {:#04x} is not valid UTF-8 here", text[at]));
+        return fault(
+            ErrorCode::NotText,
+            Span::new(at, at + 1),
+            format!("byte {:#04x} is not valid UTF-8 here", text[at]),
+        );
     }
     match text.iter().position(|byte| byte.is_ascii_control() && !matches!(byte, b'\t' | b'\r')) {
-        Some(at) => fault(Code::NotText, Span::new(at, at + 1), format!("control character {:#04x}", text[at])),
+        Some(at) => fault(ErrorCode::NotText, Span::new(at, at + 1), format!("control character {:#04x}", text[at])),
         None => Ok(()),
     }
 }
@@ -175,28 +185,28 @@ fn first_high_byte_outside_comments(text: &[u8]) -> Option<usize> {
 }
 
 #[cold]
-fn bad_character(cursor: &mut Cursor<'_>, start: usize) -> Outcome<()> {
+fn bad_character(cursor: &mut Cursor<'_>, start: usize) -> BlockResult<()> {
     let at = cursor.here();
     if cursor.peek() == b',' && follows_digit(cursor, start) {
-        return fault(Code::DecimalComma, at, "a comma is not a decimal point");
+        return fault(ErrorCode::DecimalComma, at, "a comma is not a decimal point");
     }
     // U+FEFF, U+200B to U+200F, and the blank that does not break.
     let rest = cursor.rest();
     if rest.starts_with(b"\xef\xbb\xbf") || rest.starts_with(b"\xe2\x80") || rest.starts_with(b"\xc2\xa0") {
-        return fault(Code::HiddenMark, at, Code::HiddenMark.title());
+        return fault(ErrorCode::HiddenMark, at, ErrorCode::HiddenMark.title());
     }
     let what = match cursor.peek() {
         b'/' => "a slash deletes a block only at its beginning",
         b'%' => "a percent sign stands alone in its line, at the beginning and the end of a program",
         b'=' => "an equals sign belongs behind a parameter at the beginning of an assignment",
         b')' => "no comment is open here",
-        _ => Code::BadCharacter.title(),
+        _ => ErrorCode::BadCharacter.title(),
     };
-    fault(Code::BadCharacter, Span::new(start, at.end as usize), what)
+    fault(ErrorCode::BadCharacter, Span::new(start, at.end as usize), what)
 }
 
 /// The N word, which stands at the beginning; a fraction is allowed and means nothing.
-fn block_number(cursor: &mut Cursor<'_>, block: &mut Block) -> Outcome<()> {
+fn block_number(cursor: &mut Cursor<'_>, block: &mut NcBlock) -> BlockResult<()> {
     if !cursor.eat(b'n') {
         return Ok(());
     }
@@ -204,7 +214,7 @@ fn block_number(cursor: &mut Cursor<'_>, block: &mut Block) -> Outcome<()> {
     let (digits, value) = cursor.digits();
     if digits == 0 || digits > 18 {
         let at = cursor.since(start);
-        return fault(Code::BadBlockNumber, at, "N is followed by 1 to 18 digits");
+        return fault(ErrorCode::BadBlockNumber, at, "N is followed by 1 to 18 digits");
     }
     if cursor.eat(b'.') {
         cursor.digits();
@@ -213,17 +223,23 @@ fn block_number(cursor: &mut Cursor<'_>, block: &mut Block) -> Outcome<()> {
     Ok(())
 }
 
-fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, block: &mut Block) -> Outcome<()> {
+fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
     let start = cursor.at();
     cursor.skip();
     match letter {
         b'n' => {
-            return fault(Code::BadBlockNumber, cursor.since(start), "N stands once, at the beginning of the block");
+            return fault(
+                ErrorCode::BadBlockNumber,
+                cursor.since(start),
+                "N stands once, at the beginning of the block",
+            );
         }
         b'o' if follows_digit(cursor, start) => {
-            return fault(Code::LetterO, cursor.since(start), "the letter O stands behind a digit; is a 0 meant?");
+            return fault(ErrorCode::LetterO, cursor.since(start), "the letter O stands behind a digit; is a 0 meant?");
         }
-        b'o' => return fault(Code::BadControl, cursor.since(start), "an O word stands at the beginning of its line"),
+        b'o' => {
+            return fault(ErrorCode::BadControl, cursor.since(start), "an O word stands at the beginning of its line");
+        }
         _ => {}
     }
     let first_op = block.ops.len();
@@ -239,7 +255,7 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
         && !matches!(axis, Axis::U | Axis::W)
     {
         let name = char::from(axis.letter());
-        return fault(Code::AxisMissing, at, format!("the machine has no axis {name}"));
+        return fault(ErrorCode::AxisMissing, at, format!("the machine has no axis {name}"));
     }
     let slot = match letter {
         b'g' => Slot::G,
@@ -263,26 +279,26 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
 /// A missing number is told with the word letter that it belongs to.
 #[cold]
 fn named(
-    mut found: Box<crate::diag::Fault>,
+    mut found: Box<crate::diag::BlockError>,
     letter: u8,
     start: usize,
     value_at: u32,
     cursor: &mut Cursor<'_>,
-) -> Box<crate::diag::Fault> {
-    let is_at_value = value_at == found.span.start && found.code == Code::UnknownFunction;
+) -> Box<crate::diag::BlockError> {
+    let is_at_value = value_at == found.span.start && found.code == ErrorCode::UnknownFunction;
     if is_at_value && found.message == NO_FUNCTION {
         let name = char::from(letter.to_ascii_uppercase());
         if cursor.peek() == b'o' {
-            found.code = Code::LetterO;
+            found.code = ErrorCode::LetterO;
             found.message = format!("{name} is followed by the letter O; is a 0 meant?");
         } else {
-            found.code = Code::NumberMissing;
+            found.code = ErrorCode::NumberMissing;
             found.message = format!("{name} is not followed by a value");
         }
         found.span.start = start as u32;
         return found;
     }
-    if found.code == Code::NumberMissing && found.span.start as usize <= start + 1 {
+    if found.code == ErrorCode::NumberMissing && found.span.start as usize <= start + 1 {
         found.message = format!("{} is not followed by a value", char::from(letter.to_ascii_uppercase()));
         found.span.start = start as u32;
     }
@@ -295,28 +311,28 @@ fn follows_digit(cursor: &Cursor<'_>, at: usize) -> bool {
 }
 
 /// `#number=value` or `#<name>=value`.
-pub(crate) fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<()> {
+pub(crate) fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
     let start = cursor.at();
     let first_op = block.ops.len();
     let mut compiler = Compiler::new(cursor, &mut block.ops, names);
     let is_text =
         compiler.cursor.peek_next().is_some_and(|next| next.is_ascii_alphabetic() || b"#!-=*".contains(&next));
     let reference = match compiler.reference() {
-        Err(found) if is_text && matches!(found.code, Code::UnknownFunction | Code::NumberMissing) => {
+        Err(found) if is_text && matches!(found.code, ErrorCode::UnknownFunction | ErrorCode::NumberMissing) => {
             compiler.cursor.finish();
-            return fault(Code::HashComment, compiler.cursor.since(start), Code::HashComment.title());
+            return fault(ErrorCode::HashComment, compiler.cursor.since(start), ErrorCode::HashComment.title());
         }
         reference => reference?,
     };
     if !compiler.cursor.eat(b'=') {
-        return fault(Code::EqualsMissing, compiler.cursor.here(), "an equals sign is missing here");
+        return fault(ErrorCode::EqualsMissing, compiler.cursor.here(), "an equals sign is missing here");
     }
     let slot = match reference {
         Reference::Numbered => Slot::Numbered,
         Reference::Named(name) => Slot::Named(name),
         Reference::System(_) => {
             let at = compiler.cursor.since(start);
-            return fault(Code::ParameterReadOnly, at, "a predefined parameter is read-only");
+            return fault(ErrorCode::ParameterReadOnly, at, "a predefined parameter is read-only");
         }
     };
     compiler.value()?;
@@ -326,17 +342,17 @@ pub(crate) fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut
 }
 
 /// `(comment)`; of several in one block the last is passed on.
-fn comment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut Block) -> Outcome<()> {
+fn comment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
     let start = cursor.at();
     cursor.skip();
     let Some(text) = cursor.take_to(b')') else {
         cursor.finish();
-        return fault(Code::UnclosedComment, cursor.since(start), Code::UnclosedComment.title());
+        return fault(ErrorCode::UnclosedComment, cursor.since(start), ErrorCode::UnclosedComment.title());
     };
     if let Some(inner) = text.iter().position(|byte| *byte == b'(') {
         let at = Span::new(start + 1 + inner, start + 2 + inner);
-        return fault(Code::NestedComment, at, Code::NestedComment.title());
+        return fault(ErrorCode::NestedComment, at, ErrorCode::NestedComment.title());
     }
-    block.remark = Remark::of(text, cursor.since(start), names)?;
+    block.remark = Comment::of(text, cursor.since(start), names)?;
     Ok(())
 }

@@ -4,12 +4,12 @@
 //! jump whose target can be known has it; what cannot be carried out is told. Running looks nothing up by name.
 
 use crate::branch::Branch;
-use crate::call::Given;
-use crate::code::{Code, SubId};
-use crate::codes::Code as Number;
+use crate::compiled_code::{CompiledCode, SubId};
 use crate::contour::{Paths, label};
 use crate::control::Label;
-use crate::diag::{Diagnostic, Fault, Span};
+use crate::cycle_call::CycleArgument;
+use crate::diag::{BlockError, Diagnostic, Span};
+use crate::error_codes::ErrorCode as Number;
 use crate::file_scan::FileScan;
 use crate::interp::Setup;
 use crate::lines::Split;
@@ -118,7 +118,7 @@ type LabelPlaces = HashMap<Box<str>, Vec<(u64, u32)>>;
 #[derive(Clone, Debug)]
 pub struct Prescan {
     files: Vec<File>,
-    pub(crate) codes: Vec<Arc<Code>>,
+    pub(crate) codes: Vec<Arc<CompiledCode>>,
     /// The stretches of the program itself, in order.
     pub(crate) regions: Vec<Region>,
     pub(crate) subs: Subs,
@@ -288,7 +288,7 @@ impl Prescan {
                         _ => None,
                     };
                     let near = near.map_or_else(String::new, |near| format!("; do you mean {near}?"));
-                    Fault::new(Number::NoSuchSub, call.at, format!("there is no subprogram {name}{near}"))
+                    BlockError::new(Number::NoSuchSub, call.at, format!("there is no subprogram {name}{near}"))
                 }
                 Some(sub) if sub.for_m98 != call.is_m98 => wrong_call(&call.label, call.is_m98, call.at),
                 Some(_) => continue,
@@ -309,7 +309,7 @@ impl Prescan {
         };
         for (line, call) in &code.cycles {
             let Some(Kind::Contour(index)) = cycles.get(call.id).map(Cycle::kind) else { continue };
-            let Some(Given::Text(name)) = call.arguments.get(index) else { continue };
+            let Some(CycleArgument::Text(name)) = call.arguments.get(index) else { continue };
             let is_there = match name.split_once(':') {
                 Some((start, end)) => {
                     self.find_labels();
@@ -328,7 +328,7 @@ impl Prescan {
             };
             if !is_there && !name.is_empty() {
                 let message = format!("{} is given the contour {name}, and there is none", call.name);
-                self.report(file, *line, Fault::new(Number::NoContour, call.at, message));
+                self.report(file, *line, BlockError::new(Number::NoContour, call.at, message));
             }
         }
     }
@@ -349,7 +349,7 @@ impl Prescan {
             Ok(text) => text,
             Err(why) => {
                 let message = format!("{} cannot be read: {why}", found.name);
-                return self.report(caller, line, Fault::new(Number::SubFile, at, message));
+                return self.report(caller, line, BlockError::new(Number::SubFile, at, message));
             }
         };
         if self.files.len() >= usize::from(u16::MAX) {
@@ -364,7 +364,7 @@ impl Prescan {
             }
             None => {
                 let message = format!("{} holds no subprogram {label}", self.file_name(file));
-                self.report(caller, line, Fault::new(Number::SubFile, at, message));
+                self.report(caller, line, BlockError::new(Number::SubFile, at, message));
             }
         }
     }
@@ -384,8 +384,8 @@ impl Prescan {
         self.diagnostics.truncate(found);
     }
 
-    pub(crate) fn report(&mut self, file: u16, line: u32, fault: Fault) {
-        let Fault { code, span, message } = fault;
+    pub(crate) fn report(&mut self, file: u16, line: u32, fault: BlockError) {
+        let BlockError { code, span, message } = fault;
         if self.diagnostics.len() < crate::interp::MAX_ERRORS {
             self.diagnostics.push(Diagnostic { code, file, line, span, message });
         }
@@ -393,12 +393,12 @@ impl Prescan {
 }
 
 /// That a subprogram of one kind is called as one of the other.
-pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> Fault {
+pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> BlockError {
     let message = match is_m98 {
         true => format!("{label} is a sub: it is called with O… call"),
         false => format!("{label} ends with M99: it is called with M98"),
     };
-    Fault::new(Number::WrongCall, at, message)
+    BlockError::new(Number::WrongCall, at, message)
 }
 
 /// Where the lines with labels begin, and their numbers.
@@ -411,7 +411,7 @@ fn labels_of(text: &Text) -> io::Result<LabelPlaces> {
             return Ok(labels);
         }
         number = number.saturating_add(1);
-        if let Some(label) = crate::call::label_of(lines.line()) {
+        if let Some(label) = crate::cycle_call::label_of(lines.line()) {
             labels.entry(label).or_default().push((at, number));
         }
     }

@@ -3,23 +3,23 @@
 //! Invariant: lines that are in no subprogram, loop or branch are read, carried out and forgotten; the others are compiled once,
 //! by the pre-scan, or as they arrive.
 
-use crate::active::Active;
-use crate::arriving::Arriving;
+use crate::active::ActiveCodes;
 use crate::bytes::{byte_order_mark, shown};
-use crate::call::CycleCall;
-use crate::canon::{Canon, Step};
-use crate::carried::check_by_hand;
-use crate::codes::Code;
+use crate::canon::{Canon, CanonStep};
 use crate::contour::{self, ContourReader};
 use crate::control::{Control, Keyword};
-use crate::diag::{Diagnostic, Fault, Outcome, Span, fault};
-use crate::flow::{Flow, Stepped};
-use crate::interp::{self, Interpreter, Read, Setup};
+use crate::cycle_call::CycleCall;
+use crate::diag::{BlockError, BlockResult, Diagnostic, Span, fault};
+use crate::error_codes::ErrorCode;
+use crate::flow_controller::{FlowController, LineOutcome};
+use crate::interp::{self, Interpreter, LineRead, Setup};
 use crate::line_numbers::{NoLine, number_of};
 use crate::lines::Lines;
+use crate::modal_snapshot::check_by_hand;
 use crate::prescan::Prescan;
+use crate::program_location::ProgramLocation;
+use crate::stream_compiler::StreamCompiler;
 use crate::text::Text;
-use crate::whereabouts::Whereabouts;
 use retrace_cycles::Kind;
 use std::borrow::Cow;
 use std::io::BufRead;
@@ -57,12 +57,12 @@ enum Phase {
 pub struct Program<R> {
     lines: Lines<R>,
     interpreter: Interpreter,
-    flow: Flow,
+    flow: FlowController,
     /// What the pre-scan has found; none for a program that arrives.
     prescan: Option<Arc<Prescan>>,
     /// The first of its stretches that may lie ahead.
     region: usize,
-    arriving: Arriving,
+    arriving: StreamCompiler,
     phase: Phase,
     /// It opened with a percent sign, so it may close with one.
     percent: bool,
@@ -90,10 +90,10 @@ impl<R: BufRead> Program<R> {
         Program {
             lines,
             interpreter: Interpreter::new(setup),
-            flow: Flow::default(),
+            flow: FlowController::default(),
             prescan: None,
             region: 0,
-            arriving: Arriving::default(),
+            arriving: StreamCompiler::default(),
             phase: Phase::Opening,
             percent: false,
             is_held: false,
@@ -111,7 +111,7 @@ impl<R: BufRead> Program<R> {
     ///
     /// # Errors
     /// What no block by hand can be, and what the pre-scan of a program tells.
-    pub fn by_hand(text: &str, setup: Setup) -> Result<Program<R>, Vec<Diagnostic>> {
+    pub fn mdi(text: &str, setup: Setup) -> Result<Program<R>, Vec<Diagnostic>> {
         check_by_hand(text, &setup)?;
         let prescan = Prescan::of("by hand", text.into(), &setup);
         if prescan.diagnostics().is_empty() {
@@ -138,7 +138,7 @@ impl<R: BufRead> Program<R> {
 
     /// Takes the next line and adds its canonical functions to `steps`; the first call adds those that come before any program, the
     /// last those after.
-    pub fn advance(&mut self, steps: &mut Vec<Step>) -> Progress {
+    pub fn advance(&mut self, steps: &mut Vec<CanonStep>) -> Progress {
         match self.phase {
             Phase::Closed => return Progress::End,
             Phase::Opening => {
@@ -156,7 +156,7 @@ impl<R: BufRead> Program<R> {
             let first = steps.len();
             let outcome = self.compiled_line(steps);
             if self.count_loop_block(steps.get(first..).unwrap_or_default()) {
-                self.interpreter.report(Fault::plain(Code::EndlessProgram, Span::default()));
+                self.interpreter.report(BlockError::plain(ErrorCode::EndlessProgram, Span::default()));
                 return self.close(steps);
             }
             outcome
@@ -174,7 +174,7 @@ impl<R: BufRead> Program<R> {
 
     /// Counts a block of a loop or a call that has made these steps; whether there have been too many without a motion.
     #[inline]
-    fn count_loop_block(&mut self, steps: &[Step]) -> bool {
+    fn count_loop_block(&mut self, steps: &[CanonStep]) -> bool {
         self.loop_blocks += 1;
         self.blocks_without_motion += 1;
         if steps.iter().any(|step| step.canon.takes_time()) {
@@ -204,28 +204,28 @@ impl<R: BufRead> Program<R> {
     /// Notes that whoever checks the program does not go on behind the line taken last (W1004).
     pub fn report_check_stopped(&mut self) {
         let message = format!("checking stopped here after {} blocks in loops and calls", self.loop_blocks);
-        self.interpreter.report(Fault::new(Code::CheckStopped, Span::default(), message));
+        self.interpreter.report(BlockError::new(ErrorCode::CheckStopped, Span::default(), message));
     }
 
     /// Carries out the next compiled line.
-    fn compiled_line(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
+    fn compiled_line(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
         match self.flow.step(&mut self.interpreter, steps)? {
-            Stepped::Block => match self.block(steps)? {
-                interp::Flow::Continue => Ok(Progress::Line),
-                interp::Flow::ProgramEnd => Ok(self.end_of_program(steps)),
+            LineOutcome::Block => match self.block(steps)? {
+                interp::ProgramFlow::Continue => Ok(Progress::Line),
+                interp::ProgramFlow::ProgramEnd => Ok(self.end_of_program(steps)),
             },
-            Stepped::Cycle(call) => {
+            LineOutcome::Cycle(call) => {
                 self.cycle(&call, steps)?;
                 Ok(Progress::Line)
             }
-            Stepped::Jumped => Ok(Progress::Line),
-            Stepped::Faulty => Ok(Progress::Refused),
-            Stepped::Idle => self.own_line(steps),
-            Stepped::ProgramEnd => self.end_by_m99(steps),
-            Stepped::Ahead(number, at) => {
+            LineOutcome::Jumped => Ok(Progress::Line),
+            LineOutcome::Faulty => Ok(Progress::Refused),
+            LineOutcome::Idle => self.own_line(steps),
+            LineOutcome::ProgramEnd => self.end_by_m99(steps),
+            LineOutcome::Ahead(number, at) => {
                 if self.arriving.has_seen(number) {
                     let message = format!("N{number} has been executed, and a program that arrives cannot go back");
-                    return fault(Code::GoToBackward, at, message);
+                    return fault(ErrorCode::GoToBackward, at, message);
                 }
                 self.ahead = Some((number, self.interpreter.place().1, at));
                 Ok(Progress::Line)
@@ -234,7 +234,7 @@ impl<R: BufRead> Program<R> {
     }
 
     /// Takes a line that lies before the one that a GOTO goes to; false where it is that one.
-    fn pass_ahead(&mut self, (number, line, at): (u64, u32, Span)) -> Outcome<bool> {
+    fn pass_ahead(&mut self, (number, line, at): (u64, u32, Span)) -> BlockResult<bool> {
         if is_percent(self.lines.text()) {
             self.ahead = None;
             self.interpreter.set_line(0, line);
@@ -250,7 +250,7 @@ impl<R: BufRead> Program<R> {
 
     /// Carries out the block that has been read; of a turning cycle the subprogram with its profile is run before.
     #[inline]
-    fn block(&mut self, steps: &mut Vec<Step>) -> Outcome<interp::Flow> {
+    fn block(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<interp::ProgramFlow> {
         if self.interpreter.is_turning() {
             self.draw_profile()?;
         }
@@ -258,7 +258,7 @@ impl<R: BufRead> Program<R> {
     }
 
     #[cold]
-    fn draw_profile(&mut self) -> Outcome<()> {
+    fn draw_profile(&mut self) -> BlockResult<()> {
         if let Some((number, mut scratch)) = self.interpreter.turning()? {
             let drawn = contour::drawn(&self.flow, number, &mut scratch)?;
             self.interpreter.set_profile(&drawn);
@@ -267,7 +267,7 @@ impl<R: BufRead> Program<R> {
     }
 
     /// Runs a cycle; one of the third kind reads its contour from the program.
-    fn cycle(&mut self, call: &CycleCall, steps: &mut Vec<Step>) -> Outcome<()> {
+    fn cycle(&mut self, call: &CycleCall, steps: &mut Vec<CanonStep>) -> BlockResult<()> {
         let reader = &self.interpreter.reader_mut();
         let cycle = reader.cycles.as_deref().and_then(|cycles| cycles.get(call.id));
         if !cycle.is_some_and(|cycle| matches!(cycle.kind(), Kind::Contour(_))) {
@@ -279,7 +279,7 @@ impl<R: BufRead> Program<R> {
     }
 
     /// Carries out the next line that is in no stretch.
-    fn own_line(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
+    fn own_line(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
         if !std::mem::take(&mut self.is_held) && !self.read_line() {
             if let Some((number, line, at)) = self.ahead.take() {
                 self.interpreter.set_line(0, line);
@@ -289,7 +289,7 @@ impl<R: BufRead> Program<R> {
                 self.interpreter.release(steps);
                 return Ok(self.close(steps));
             }
-            self.report_no_end(if self.percent { Code::NoClosingPercent } else { Code::NoProgramEnd });
+            self.report_no_end(if self.percent { ErrorCode::NoClosingPercent } else { ErrorCode::NoProgramEnd });
             return Ok(self.close(steps));
         }
         if self.enter_region() {
@@ -310,12 +310,12 @@ impl<R: BufRead> Program<R> {
             self.arriving.see(self.interpreter.block_number());
         }
         match read {
-            Read::Deleted => Ok(Progress::Line),
-            Read::Block => match self.block(steps)? {
-                interp::Flow::Continue => Ok(Progress::Line),
-                interp::Flow::ProgramEnd => Ok(self.end_of_program(steps)),
+            LineRead::Deleted => Ok(Progress::Line),
+            LineRead::Block => match self.block(steps)? {
+                interp::ProgramFlow::Continue => Ok(Progress::Line),
+                interp::ProgramFlow::ProgramEnd => Ok(self.end_of_program(steps)),
             },
-            Read::Control(control) => self.control(control, steps),
+            LineRead::Control(control) => self.control(control, steps),
         }
     }
 
@@ -344,7 +344,7 @@ impl<R: BufRead> Program<R> {
     }
 
     /// A line with an O word that the pre-scan has not compiled, or that has just arrived.
-    fn control(&mut self, control: Control, steps: &mut Vec<Step>) -> Outcome<Progress> {
+    fn control(&mut self, control: Control, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
         match control.keyword {
             Keyword::Start => return Ok(Progress::Line),
             Keyword::M99 => return self.end_by_m99(steps),
@@ -361,7 +361,7 @@ impl<R: BufRead> Program<R> {
         Ok(Progress::Line)
     }
 
-    fn end_of_program(&mut self, steps: &mut Vec<Step>) -> Progress {
+    fn end_of_program(&mut self, steps: &mut Vec<CanonStep>) -> Progress {
         if self.percent && !self.find_closing_percent() {
             emit(steps, Canon::Note("interpreter: percent sign missing from end of file"));
         }
@@ -369,13 +369,13 @@ impl<R: BufRead> Program<R> {
     }
 
     /// M99 in the program itself ends it, as M2 does.
-    fn end_by_m99(&mut self, steps: &mut Vec<Step>) -> Outcome<Progress> {
+    fn end_by_m99(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
         self.interpreter.end_program(steps)?;
         Ok(self.end_of_program(steps))
     }
 
     /// Ends the program here and adds the canonical functions that come after any program.
-    pub fn close(&mut self, steps: &mut Vec<Step>) -> Progress {
+    pub fn close(&mut self, steps: &mut Vec<CanonStep>) -> Progress {
         if self.phase == Phase::Running {
             emit(steps, Canon::OnReset);
             emit(steps, Canon::OnReset);
@@ -401,7 +401,7 @@ impl<R: BufRead> Program<R> {
             let text = self.lines.text();
             if !text.trim_ascii().is_empty() && !is_percent(text) {
                 let at = Span::new(0, text.len());
-                return self.report(Fault::plain(Code::TextAfterEnd, at));
+                return self.report(BlockError::plain(ErrorCode::TextAfterEnd, at));
             }
         }
     }
@@ -429,18 +429,18 @@ impl<R: BufRead> Program<R> {
 
     /// What is in force: to be asked between two lines.
     #[must_use]
-    pub fn active(&self) -> Active {
+    pub fn active(&self) -> ActiveCodes {
         self.interpreter.state().into()
     }
 
     /// Where the program is: the line taken last, and the calls and loops that it is in. It allocates: to be asked now and then.
     #[must_use]
-    pub fn whereabouts(&self) -> Whereabouts {
+    pub fn whereabouts(&self) -> ProgramLocation {
         let name = |file| self.prescan.as_ref().map_or(String::new(), |prescan| prescan.file_name(file).to_owned());
         let (file, line) = self.interpreter.place();
         let cycle = self.flow.cycle((file, line)).or_else(|| self.interpreter.cycle());
         let cycle = cycle.map(str::to_owned);
-        Whereabouts { file: name(file), line, within: self.flow.within(name), cycle }
+        ProgramLocation { file: name(file), line, within: self.flow.within(name), cycle }
     }
 
     /// The interpreter, to ask for its state and its diagnostics.
@@ -458,7 +458,7 @@ impl<R: BufRead> Program<R> {
     fn open(&mut self) -> bool {
         loop {
             if !self.read_line() {
-                self.report_no_end(Code::EmptyProgram);
+                self.report_no_end(ErrorCode::EmptyProgram);
                 return false;
             }
             if is_percent(self.lines.text()) {
@@ -494,12 +494,12 @@ impl<R: BufRead> Program<R> {
 
     /// Reports that the program ends too early: inside a line, or else as `code` says.
     #[cold]
-    fn report_no_end(&mut self, code: Code) {
+    fn report_no_end(&mut self, code: ErrorCode) {
         match self.lines.cut_off_fault() {
             // Why there are no more lines has been reported.
             _ if self.is_unreadable => {}
             Some(cut_off) => self.report_next(*cut_off),
-            None => self.report(Fault::plain(code, Span::default())),
+            None => self.report(BlockError::plain(code, Span::default())),
         }
     }
 
@@ -510,25 +510,25 @@ impl<R: BufRead> Program<R> {
     }
 
     /// Notes something about the line behind the one last taken.
-    fn report_next(&mut self, fault: Fault) {
+    fn report_next(&mut self, fault: BlockError) {
         self.interpreter.set_line(0, self.lines.number().saturating_add(1));
         self.interpreter.report(fault);
     }
 
     /// Notes something about the line last taken.
-    fn report(&mut self, fault: Fault) {
+    fn report(&mut self, fault: BlockError) {
         self.interpreter.set_line(0, self.lines.number());
         self.interpreter.report(fault);
     }
 }
 
 /// That the program cannot be read any further.
-pub(crate) fn unreadable(error: &std::io::Error) -> Fault {
-    Fault::new(Code::Unreadable, Span::default(), format!("{}: {error}", Code::Unreadable.title()))
+pub(crate) fn unreadable(error: &std::io::Error) -> BlockError {
+    BlockError::new(ErrorCode::Unreadable, Span::default(), format!("{}: {error}", ErrorCode::Unreadable.title()))
 }
 
-fn emit(steps: &mut Vec<Step>, canon: Canon) {
-    steps.push(Step { line: 0, number: None, canon });
+fn emit(steps: &mut Vec<CanonStep>, canon: Canon) {
+    steps.push(CanonStep { line: 0, number: None, canon });
 }
 
 /// Whether a line has a percent sign and nothing else.
@@ -540,12 +540,12 @@ pub(crate) fn is_percent(text: &[u8]) -> bool {
 #[derive(Debug)]
 pub struct Steps<R> {
     program: Program<R>,
-    steps: Vec<Step>,
+    steps: Vec<CanonStep>,
     next: usize,
 }
 
 impl<R: BufRead> IntoIterator for Program<R> {
-    type Item = Step;
+    type Item = CanonStep;
     type IntoIter = Steps<R>;
 
     fn into_iter(self) -> Steps<R> {
@@ -562,9 +562,9 @@ impl<R> Steps<R> {
 }
 
 impl<R: BufRead> Iterator for Steps<R> {
-    type Item = Step;
+    type Item = CanonStep;
 
-    fn next(&mut self) -> Option<Step> {
+    fn next(&mut self) -> Option<CanonStep> {
         while self.next == self.steps.len() {
             self.steps.clear();
             self.next = 0;

@@ -3,7 +3,7 @@
 //! Invariant: a [`SpindleTurn`] is a turning spindle; one that stands still has none.
 
 use crate::canon::Canon;
-use crate::modal::Spindle;
+use crate::modal::SpindleRotation;
 
 /// Which way a turning spindle turns, seen from it towards the work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,14 +43,14 @@ impl SpindleTurn {
     }
 }
 
-impl Spindle {
+impl SpindleRotation {
     /// Which way it turns, if it does.
     #[must_use]
     pub const fn turn(self) -> Option<SpindleTurn> {
         match self {
-            Spindle::Stopped => None,
-            Spindle::Clockwise => Some(SpindleTurn::Clockwise),
-            Spindle::Counterclockwise => Some(SpindleTurn::Counterclockwise),
+            SpindleRotation::Stopped => None,
+            SpindleRotation::Clockwise => Some(SpindleTurn::Clockwise),
+            SpindleRotation::Counterclockwise => Some(SpindleTurn::Counterclockwise),
         }
     }
 }

@@ -4,7 +4,7 @@
 
 use crate::canon::{FeedMode, Plane, Probing};
 use crate::compensation::Side;
-use crate::modal::{ArcCentres, Distance, Motion, Spindle, State};
+use crate::modal::{ArcCentres, DistanceMode, ModalState, MotionMode, SpindleRotation};
 use crate::pose::Axis;
 
 /// A predefined named parameter.
@@ -112,7 +112,7 @@ impl SystemParameter {
     }
 
     /// Its value in this state; `line` counts from 1.
-    pub(crate) fn value(self, state: &State, line: u32) -> f64 {
+    pub(crate) fn value(self, state: &ModalState, line: u32) -> f64 {
         use SystemParameter as P;
         let truth = |condition: bool| f64::from(u8::from(condition));
         match self {
@@ -121,17 +121,19 @@ impl SystemParameter {
             P::Fixed(value) => value,
             P::Line => line.into(),
             P::MotionMode => match state.motion {
-                Some(Motion::Traverse) => 0.0,
-                Some(Motion::Feed) => 10.0,
-                Some(Motion::ArcClockwise) => 20.0,
-                Some(Motion::ArcCounterclockwise) => 30.0,
-                Some(Motion::SpindleFeed) => 330.0,
-                Some(Motion::RigidTap) => 331.0,
-                Some(Motion::ThreadingCycle) => 760.0,
-                Some(Motion::Cycle(cycle)) => cycle.tenths().into(),
-                Some(Motion::ControlPoint) => 52.0,
-                Some(Motion::Probe(Probing { away, must_answer })) => 382.0 + 2.0 * truth(away) + truth(!must_answer),
-                Some(Motion::CubicSpline | Motion::QuadraticSpline | Motion::EndOfPoints) | None => 800.0,
+                Some(MotionMode::Traverse) => 0.0,
+                Some(MotionMode::Feed) => 10.0,
+                Some(MotionMode::ArcClockwise) => 20.0,
+                Some(MotionMode::ArcCounterclockwise) => 30.0,
+                Some(MotionMode::SpindleFeed) => 330.0,
+                Some(MotionMode::RigidTap) => 331.0,
+                Some(MotionMode::ThreadingCycle) => 760.0,
+                Some(MotionMode::Cycle(cycle)) => cycle.tenths().into(),
+                Some(MotionMode::ControlPoint) => 52.0,
+                Some(MotionMode::Probe(Probing { away, must_answer })) => {
+                    382.0 + 2.0 * truth(away) + truth(!must_answer)
+                }
+                Some(MotionMode::CubicSpline | MotionMode::QuadraticSpline | MotionMode::EndOfPoints) | None => 800.0,
             },
             P::Plane => match state.plane {
                 Plane::Xy => 170.0,
@@ -143,8 +145,8 @@ impl SystemParameter {
             },
             P::Metric => truth(state.is_metric()),
             P::Imperial => truth(!state.is_metric()),
-            P::Absolute => truth(state.distance == Distance::Absolute),
-            P::Incremental => truth(state.distance == Distance::Incremental),
+            P::Absolute => truth(state.distance == DistanceMode::Absolute),
+            P::Incremental => truth(state.distance == DistanceMode::Incremental),
             P::InverseTime => truth(state.feed_mode == FeedMode::InverseTime),
             P::UnitsPerMinute => truth(state.feed_mode == FeedMode::UnitsPerMinute),
             P::UnitsPerRevolution => truth(state.feed_mode == FeedMode::UnitsPerRevolution),
@@ -158,8 +160,8 @@ impl SystemParameter {
             P::RetractToR => truth(state.retract_to_r),
             P::RetractToOldZ => truth(!state.retract_to_r),
             P::ArcCentresAbsolute => truth(state.arc_centres == ArcCentres::Absolute),
-            P::SpindleOn => truth(state.spindle != Spindle::Stopped),
-            P::SpindleClockwise => truth(state.spindle == Spindle::Clockwise),
+            P::SpindleOn => truth(state.spindle != SpindleRotation::Stopped),
+            P::SpindleClockwise => truth(state.spindle == SpindleRotation::Clockwise),
             P::Mist => truth(state.mist),
             P::Flood => truth(state.flood),
             P::SpeedOverride => truth(state.speed_override),

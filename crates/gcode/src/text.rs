@@ -16,23 +16,23 @@ const LINES_AN_ENTRY: u64 = 4096;
 
 /// The text of a file, shared.
 #[derive(Clone, Debug)]
-pub struct Text(Kind);
+pub struct Text(TextKind);
 
 #[derive(Clone, Debug)]
-enum Kind {
+enum TextKind {
     Held(Arc<Vec<u8>>),
-    Stored(Arc<Stored>),
+    Stored(Arc<StoredText>),
 }
 
 impl Default for Text {
     fn default() -> Text {
-        Text(Kind::Held(Arc::default()))
+        Text(TextKind::Held(Arc::default()))
     }
 }
 
 impl From<Vec<u8>> for Text {
     fn from(bytes: Vec<u8>) -> Text {
-        Text(Kind::Held(Arc::new(bytes)))
+        Text(TextKind::Held(Arc::new(bytes)))
     }
 }
 
@@ -50,7 +50,7 @@ impl From<&str> for Text {
 
 /// A file that is read again.
 #[derive(Debug)]
-struct Stored {
+struct StoredText {
     file: Mutex<File>,
     length: u64,
     lines: u64,
@@ -68,8 +68,8 @@ impl Text {
     #[must_use]
     pub fn held(&self) -> Option<&[u8]> {
         match &self.0 {
-            Kind::Held(bytes) => Some(bytes),
-            Kind::Stored(_) => None,
+            TextKind::Held(bytes) => Some(bytes),
+            TextKind::Stored(_) => None,
         }
     }
 
@@ -113,22 +113,22 @@ impl Text {
             at += block.len() as u64;
         }
         lines += u64::from(block.last() != Some(&b'\n'));
-        Ok(Text(Kind::Stored(Arc::new(Stored { file: Mutex::new(file), length, lines, checksums, index }))))
+        Ok(Text(TextKind::Stored(Arc::new(StoredText { file: Mutex::new(file), length, lines, checksums, index }))))
     }
 
     /// Its length in bytes.
     pub(crate) fn len(&self) -> u64 {
         match &self.0 {
-            Kind::Held(bytes) => bytes.len() as u64,
-            Kind::Stored(stored) => stored.length,
+            TextKind::Held(bytes) => bytes.len() as u64,
+            TextKind::Stored(stored) => stored.length,
         }
     }
 
     /// How many lines it has.
     pub(crate) fn lines(&self) -> u64 {
         match &self.0 {
-            Kind::Held(bytes) => crate::lines::Split::new(bytes).count() as u64,
-            Kind::Stored(stored) => stored.lines,
+            TextKind::Held(bytes) => crate::lines::Split::new(bytes).count() as u64,
+            TextKind::Stored(stored) => stored.lines,
         }
     }
 
@@ -138,8 +138,8 @@ impl Text {
     /// They cannot be read, or are not those of the first time.
     pub(crate) fn bytes(&self, from: u64, to: u64) -> io::Result<Vec<u8>> {
         let stored = match &self.0 {
-            Kind::Held(bytes) => return Ok(bytes.get(from as usize..to as usize).unwrap_or_default().to_vec()),
-            Kind::Stored(stored) => stored,
+            TextKind::Held(bytes) => return Ok(bytes.get(from as usize..to as usize).unwrap_or_default().to_vec()),
+            TextKind::Stored(stored) => stored,
         };
         let mut bytes = Vec::new();
         let mut at = from;
@@ -174,7 +174,7 @@ fn checksum(block: &[u8]) -> u64 {
     mix(mixed, u64::from_le_bytes(last)) ^ block.len() as u64
 }
 
-impl Stored {
+impl StoredText {
     /// Reads a block again.
     fn block(&self, number: u64) -> io::Result<Vec<u8>> {
         let at = number * BLOCK as u64;
@@ -213,8 +213,8 @@ impl TextLines {
     /// At the line of this number, from 1, or the last place before it that is known; the number of the line that comes next.
     pub(crate) fn near(text: Text, line: u64) -> (TextLines, u64) {
         let (next, number) = match &text.0 {
-            Kind::Held(_) => (0, 1),
-            Kind::Stored(stored) => {
+            TextKind::Held(_) => (0, 1),
+            TextKind::Stored(stored) => {
                 let entry = (line.saturating_sub(1) / LINES_AN_ENTRY).min(stored.index.len() as u64 - 1);
                 (stored.index.get(entry as usize).copied().unwrap_or(0), entry * LINES_AN_ENTRY + 1)
             }
@@ -239,7 +239,7 @@ impl TextLines {
     #[inline]
     pub(crate) fn advance(&mut self) -> io::Result<bool> {
         match &self.text.0 {
-            Kind::Held(bytes) => match split(bytes.get(self.next as usize..).unwrap_or_default()) {
+            TextKind::Held(bytes) => match split(bytes.get(self.next as usize..).unwrap_or_default()) {
                 Some((line, taken)) => {
                     self.line = (self.next, line);
                     self.next += taken as u64;
@@ -247,7 +247,7 @@ impl TextLines {
                 }
                 None => Ok(false),
             },
-            Kind::Stored(stored) => {
+            TextKind::Stored(stored) => {
                 let stored = Arc::clone(stored);
                 self.advance_stored(&stored)
             }
@@ -259,15 +259,15 @@ impl TextLines {
     pub(crate) fn line(&self) -> &[u8] {
         let (from, length) = self.line;
         match &self.text.0 {
-            Kind::Held(bytes) => bytes.get(from as usize..from as usize + length).unwrap_or_default(),
-            Kind::Stored(_) => {
+            TextKind::Held(bytes) => bytes.get(from as usize..from as usize + length).unwrap_or_default(),
+            TextKind::Stored(_) => {
                 let from = from.saturating_sub(self.window_at) as usize;
                 self.window.get(from..from + length).unwrap_or_default()
             }
         }
     }
 
-    fn advance_stored(&mut self, stored: &Stored) -> io::Result<bool> {
+    fn advance_stored(&mut self, stored: &StoredText) -> io::Result<bool> {
         if self.next >= stored.length {
             return Ok(false);
         }
@@ -299,7 +299,7 @@ impl TextLines {
 }
 
 /// The place behind the next line feed.
-fn behind_line_feed(stored: &Stored, from: u64) -> io::Result<u64> {
+fn behind_line_feed(stored: &StoredText, from: u64) -> io::Result<u64> {
     let mut at = from;
     while at < stored.length {
         let block = stored.block(at / BLOCK as u64)?;

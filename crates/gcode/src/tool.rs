@@ -4,8 +4,8 @@
 
 use crate::block::LARGEST;
 use crate::canon::LengthUnit;
-use crate::codes::Code;
 use crate::diag::{Diagnostic, Span};
+use crate::error_codes::ErrorCode;
 use crate::pose::{Axis, Pose};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -116,7 +116,7 @@ impl ToolTable {
                 Err((word, message)) => {
                     let start = line.find(word).unwrap_or(0);
                     diagnostics.push(Diagnostic {
-                        code: Code::ToolTableLine,
+                        code: ErrorCode::ToolTableLine,
                         file: 0,
                         line: index as u32 + 1,
                         span: Span::new(start, start + word.len()),

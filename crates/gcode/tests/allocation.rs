@@ -1,7 +1,7 @@
 //! Carrying out a block allocates nothing, once the buffers have grown: neither reading its line, nor its expressions, nor its moves.
 
 use allocation_counter::measure;
-use retrace_gcode::{Prescan, Program, Progress, Setup, Step};
+use retrace_gcode::{CanonStep, Prescan, Program, Progress, Setup};
 use std::io::BufRead;
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ const BLOCKS: usize = 3_000;
 
 /// What the second part of a program allocates.
 fn allocated<R: BufRead>(mut program: Program<R>, name: &str) -> u64 {
-    let mut steps: Vec<Step> = Vec::with_capacity(4096);
+    let mut steps: Vec<CanonStep> = Vec::with_capacity(4096);
     let mut blocks = |program: &mut Program<R>| {
         for _ in 0..BLOCKS {
             steps.clear();

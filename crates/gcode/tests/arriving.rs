@@ -3,13 +3,13 @@
 #[allow(dead_code)] // other tests use the rest of it
 mod writer;
 
-use retrace_gcode::{Program, Progress, Setup, Step};
+use retrace_gcode::{CanonStep, Program, Progress, Setup};
 use std::io::BufRead;
 use std::sync::Arc;
 use writer::Writer;
 
 /// The steps of a program up to the first line that is refused, and the number of that refusal.
-fn steps<R: BufRead>(mut program: Program<R>) -> (Vec<Step>, Option<&'static str>) {
+fn steps<R: BufRead>(mut program: Program<R>) -> (Vec<CanonStep>, Option<&'static str>) {
     let mut steps = Vec::new();
     for _ in 0..100_000 {
         match program.advance(&mut steps) {
@@ -24,7 +24,7 @@ fn steps<R: BufRead>(mut program: Program<R>) -> (Vec<Step>, Option<&'static str
     (steps, None)
 }
 
-fn both(text: &str) -> [(Vec<Step>, Option<&'static str>); 2] {
+fn both(text: &str) -> [(Vec<CanonStep>, Option<&'static str>); 2] {
     let prescan = retrace_gcode::Prescan::of("program", text.into(), &Setup::rs274());
     [
         steps(Program::<&[u8]>::prescanned(Arc::new(prescan), Setup::rs274())),

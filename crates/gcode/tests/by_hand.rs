@@ -1,8 +1,8 @@
 //! Blocks by hand, one after the other, against a program that holds the same lines; and what the program after them sees.
 
 use retrace_gcode::{
-    Active, Axis, Canon, CarriedOver, Code, Pose, Program, Progress, Setup, Severity, Step, SubFile, SubFiles, Tool,
-    ToolTable,
+    ActiveCodes, Axis, Canon, CanonStep, ErrorCode, ModalSnapshot, Pose, Program, Progress, Setup, Severity, SubFile,
+    SubFiles, Tool, ToolTable,
 };
 use std::sync::Arc;
 
@@ -23,37 +23,37 @@ fn setup() -> Setup {
 }
 
 /// Where the machine is behind these steps, and what they came to.
-fn carried_out(mut program: Program<&'static [u8]>) -> (CarriedOver, Vec<Step>) {
+fn carried_out(mut program: Program<&'static [u8]>) -> (ModalSnapshot, Vec<CanonStep>) {
     let mut steps = Vec::new();
     while program.advance(&mut steps) == Progress::Line {}
     let errors: Vec<_> = program
         .interpreter()
         .diagnostics()
         .iter()
-        .filter(|d| d.severity() == Severity::Error && d.code != Code::NoProgramEnd)
+        .filter(|d| d.severity() == Severity::Error && d.code != ErrorCode::NoProgramEnd)
         .collect();
     assert!(errors.is_empty(), "{errors:?}");
-    (program.interpreter().carried(), steps)
+    (program.interpreter().modal_snapshot(), steps)
 }
 
 /// Carries out blocks by hand; the machine stands each time where the block before has brought it, or where `moved` says.
-fn by_hand(lines: &[&str], moved: impl Fn(usize, Pose) -> Pose) -> (CarriedOver, Vec<Vec<Step>>) {
-    let mut carried: Option<CarriedOver> = None;
+fn by_hand(lines: &[&str], moved: impl Fn(usize, Pose) -> Pose) -> (ModalSnapshot, Vec<Vec<CanonStep>>) {
+    let mut carried: Option<ModalSnapshot> = None;
     let mut all = Vec::new();
     for (index, line) in lines.iter().enumerate() {
         let position = carried.as_ref().map_or(Pose::ZERO, |carried| {
             carried.state().machine_position().scaled_lengths(carried.state().units.millimetres())
         });
         let setup = Setup { position: moved(index, position), ..setup() };
-        let setup = carried.iter().fold(setup, |setup, carried| setup.going_on(carried));
-        let (left, steps) = carried_out(Program::by_hand(line, setup).expect("a block by hand"));
+        let setup = carried.iter().fold(setup, |setup, carried| setup.continuing(carried));
+        let (left, steps) = carried_out(Program::mdi(line, setup).expect("a block by hand"));
         carried = Some(left);
         all.push(steps);
     }
     (carried.expect("at least one"), all)
 }
 
-fn is_move(step: &Step) -> bool {
+fn is_move(step: &CanonStep) -> bool {
     matches!(step.canon, Canon::StraightTraverse(_) | Canon::StraightFeed(_) | Canon::ArcFeed(_))
 }
 
@@ -94,7 +94,7 @@ fn blocks_by_hand_do_what_the_same_lines_do_in_a_program() {
         let mut steps = Vec::new();
         while program.advance(&mut steps) == Progress::Line {}
         let (left, by_hand) = by_hand(lines, |_, position| position);
-        assert_eq!(Active::from(left.state()).to_string(), program.active().to_string(), "{lines:?}");
+        assert_eq!(ActiveCodes::from(left.state()).to_string(), program.active().to_string(), "{lines:?}");
         for axis in Axis::ALL {
             let [hand, whole] = [left.state(), program.interpreter().state()].map(|state| state.position[axis]);
             assert!((hand - whole).abs() < 1e-9, "{lines:?}: {hand} {whole}");
@@ -150,33 +150,33 @@ fn the_program_after_them_sees_offsets_and_tools_and_no_modes() {
     let follow = setup().following(&left);
     let program = Program::prescanned(Arc::new(retrace_gcode::Prescan::of("p", text.into(), &follow)), follow.clone());
     let (after, _) = carried_out(program);
-    let told = Active::from(after.state()).to_string();
+    let told = ActiveCodes::from(after.state()).to_string();
     assert_eq!(told, "G1 G17 G21 G40 G43 G56 G64 G80 G90 G91.1 G92 G94 G97 M5 M9 T1 F7 S0");
     assert_eq!((after.state().tool_offset[Axis::Z], after.state().origin[Axis::X]), (33.0, 5.0));
     assert_eq!(after.parameters().get(31), 0.0);
     // The same by way of the file.
     let file = retrace_gcode::Parameters::read(&left.parameters().write()).expect("its own text");
-    assert_eq!(file, left.parameters().kept());
+    assert_eq!(file, left.parameters().persistent());
 }
 
 #[test]
 fn what_needs_more_than_a_line_is_refused_with_its_place() {
-    let refused = |text: &str| Program::<&[u8]>::by_hand(text, setup()).expect_err("refused")[0].code;
+    let refused = |text: &str| Program::<&[u8]>::mdi(text, setup()).expect_err("refused")[0].code;
     for text in
         ["O1 while [1]", "O1 if [1]", "O1 endwhile", "O2 sub", "O100", "M99", "G41.1 D3", "G0 X1\nG0 X2", "%", "MCALL"]
     {
-        assert_eq!(refused(text), Code::NotByHand, "{text}");
+        assert_eq!(refused(text), ErrorCode::NotByHand, "{text}");
     }
     assert_eq!(
         (refused("  "), refused("G0 G1 X1"), refused("O<none> call")),
-        (Code::EmptyProgram, Code::TwoGOfGroup, Code::NoSuchSub)
+        (ErrorCode::EmptyProgram, ErrorCode::TwoGOfGroup, ErrorCode::NoSuchSub)
     );
     // In the block itself the diagnostics come as in a program.
-    let mut program = Program::<&[u8]>::by_hand("G1 X1", setup()).expect("it can be read");
+    let mut program = Program::<&[u8]>::mdi("G1 X1", setup()).expect("it can be read");
     let mut steps = Vec::new();
     assert_eq!(program.advance(&mut steps), Progress::Refused);
-    assert_eq!(program.interpreter().diagnostics()[0].code, Code::ZeroFeed);
+    assert_eq!(program.interpreter().diagnostics()[0].code, ErrorCode::ZeroFeed);
     for text in ["M2", "M30", "G40", "/G0 X1", "(MSG, hello)", "#1=2"] {
-        carried_out(Program::by_hand(text, setup()).expect(text));
+        carried_out(Program::mdi(text, setup()).expect(text));
     }
 }

@@ -1,7 +1,9 @@
 //! Cutter radius compensation, looked at without LinuxCNC's interpreter: where the tool is, what waits, and what is refused.
 
 use proptest::prelude::*;
-use retrace_gcode::{Axis, Canon, CanonText, Interpreter, LengthUnit, Pose, Program, Setup, Side, Step, ToolTable};
+use retrace_gcode::{
+    Axis, Canon, CanonStep, CanonText, Interpreter, LengthUnit, Pose, Program, Setup, Side, ToolTable,
+};
 
 const TOOLS: &str = "T1 D0.125\nT2 D0.0625\nT4 D-0.0625\nT8 D0.06 Q2\n";
 
@@ -27,7 +29,7 @@ fn faults(program: &str) -> Vec<(&'static str, u32)> {
 }
 
 /// Every step with its line, of the blocks that were not refused.
-fn steps(program: &str) -> Vec<Step> {
+fn steps(program: &str) -> Vec<CanonStep> {
     let mut interpreter = Interpreter::new(setup());
     let mut steps = Vec::new();
     for line in program.lines() {
@@ -240,7 +242,7 @@ fn the_state_tells_side_and_both_positions() {
 }
 
 /// Points of the tool's path, as the steps give it.
-fn path(steps: &[Step]) -> Vec<(f64, f64)> {
+fn path(steps: &[CanonStep]) -> Vec<(f64, f64)> {
     let mut at = (0.0, 0.0);
     let mut points = Vec::new();
     for step in steps {

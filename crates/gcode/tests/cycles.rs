@@ -283,7 +283,7 @@ fn m19_turns_by_the_offset_too_and_without_r_and_p_it_only_stops() {
 
 #[test]
 fn any_name_of_a_cycle_opens_its_call_with_parentheses_or_without() {
-    use retrace_gcode::cycles::Library;
+    use retrace_gcode::cycles::CycleLibrary;
     let sources: Vec<(String, String)> = ["NEST", "OPEN", "M7X", "PARK", "NEXT2", "_AB"]
         .iter()
         .enumerate()
@@ -292,7 +292,7 @@ fn any_name_of_a_cycle_opens_its_call_with_parentheses_or_without() {
         })
         .collect();
     let sources: Vec<(&str, &str)> = sources.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
-    let library = std::sync::Arc::new(Library::of_sources(&sources));
+    let library = std::sync::Arc::new(CycleLibrary::of_sources(&sources));
     assert!(library.findings().is_empty(), "{:?}", library.findings());
     let ends = |line: &str| {
         let setup = Setup { cycles: Some(library.clone()), ..Setup::rs274() };

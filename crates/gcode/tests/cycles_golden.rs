@@ -5,7 +5,7 @@
 mod common;
 
 use common::{canon_text, canon_text_with};
-use retrace_gcode::{AxisSet, Setup, ToolTable, cycles::Library};
+use retrace_gcode::{AxisSet, Setup, ToolTable, cycles::CycleLibrary};
 use std::sync::Arc;
 
 const TOOLS: &str = "T1 P1 D4\nT2 P2 D0.8 Q2\nT3 P3 D0.8 Q3\nT9 P9 D0 Q3\n";
@@ -14,7 +14,7 @@ fn setup() -> Setup {
     Setup {
         axes: AxisSet::XYZ,
         tools: ToolTable::read(TOOLS).expect("a tool table"),
-        cycles: Some(Arc::new(Library::shipped())),
+        cycles: Some(Arc::new(CycleLibrary::shipped())),
         ..Setup::default()
     }
 }

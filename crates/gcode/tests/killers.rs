@@ -4,11 +4,11 @@
 
 mod harm;
 
-use retrace_gcode::{Parameters, Prescan, Program, Progress, Setup, Text, ToolTable, check, cycles::Library};
+use retrace_gcode::{Parameters, Prescan, Program, Progress, Setup, Text, ToolTable, check, cycles::CycleLibrary};
 use std::sync::Arc;
 
 fn setup() -> Setup {
-    Setup { cycles: Some(Arc::new(Library::shipped())), ..Setup::default() }
+    Setup { cycles: Some(Arc::new(CycleLibrary::shipped())), ..Setup::default() }
 }
 
 /// What a check finds, after the program has survived every way in.

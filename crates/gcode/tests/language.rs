@@ -3,7 +3,7 @@
 mod common;
 
 use common::canon_text;
-use retrace_gcode::{Canon, ControlPoint, Input, Program, Progress, Setup, UserCodes, Wait, WaitFor};
+use retrace_gcode::{Canon, ControlPoint, Program, Progress, Setup, UserCodes, WaitFor, WaitForInput, WaitInput};
 
 /// Every canonical function of a program, and the numbers of what is wrong with it.
 fn run(program: &str, setup: Setup) -> (Vec<Canon>, Vec<&'static str>) {
@@ -68,8 +68,8 @@ fn an_input_is_asked_for_with_what_is_waited_for() {
     assert_eq!(
         asked,
         [
-            Wait { input: Input::Digital(3), wait_for: WaitFor::Fall, timeout: 1.5 },
-            Wait { input: Input::Analog(1), wait_for: WaitFor::Immediate, timeout: 0.0 },
+            WaitForInput { input: WaitInput::Digital(3), wait_for: WaitFor::Fall, timeout: 1.5 },
+            WaitForInput { input: WaitInput::Analog(1), wait_for: WaitFor::Immediate, timeout: 0.0 },
         ]
     );
 }

@@ -5,7 +5,7 @@ mod common;
 
 use common::canon_text;
 use proptest::prelude::*;
-use retrace_gcode::{Canon, Prescan, Program, Setup, Target, Within, check};
+use retrace_gcode::{BranchDestination, CallFrame, Canon, Prescan, Program, Setup, check};
 
 /// The X coordinates of the rapid moves of a program in a file, in order.
 fn moves(program: &str) -> Vec<i64> {
@@ -92,7 +92,7 @@ fn a_loop_that_was_left_begins_anew() {
         moves += steps.iter().filter(|step| matches!(step.canon, Canon::StraightTraverse(_))).count();
     }
     let within = program.whereabouts().within;
-    assert!(matches!(within[..], [Within::Loop { round: 1, line: 2, .. }]), "{within:?}");
+    assert!(matches!(within[..], [CallFrame::Loop { round: 1, line: 2, .. }]), "{within:?}");
 }
 
 #[test]
@@ -137,8 +137,8 @@ fn every_goto_is_in_the_branch_table() {
         &Setup::default(),
     );
     let rows: Vec<_> = prescan.branches().iter().map(|row| (row.number, row.line, row.kind, row.target)).collect();
-    let line = |line| Target::Line { file: 0, line };
-    assert_eq!(rows, [(1, 2, "goto", line(1)), (2, 3, "goto", Target::Calculated), (3, 4, "goto", line(5))]);
+    let line = |line| BranchDestination::Line { file: 0, line };
+    assert_eq!(rows, [(1, 2, "goto", line(1)), (2, 3, "goto", BranchDestination::Calculated), (3, 4, "goto", line(5))]);
 }
 
 /// A line of a random program.

@@ -6,7 +6,7 @@
 mod common;
 
 use common::canon_text_with;
-use retrace_gcode::{AxisSet, Setup, ToolTable, cycles::Library};
+use retrace_gcode::{AxisSet, Setup, ToolTable, cycles::CycleLibrary};
 use std::sync::Arc;
 
 /// T2 is a turning tool with the nose towards -X and -Z, radius 0.4; T9 has none.
@@ -16,7 +16,7 @@ fn setup() -> Setup {
     Setup {
         axes: AxisSet::XYZ,
         tools: ToolTable::read(TOOLS).expect("a tool table"),
-        cycles: Some(Arc::new(Library::shipped())),
+        cycles: Some(Arc::new(CycleLibrary::shipped())),
         ..Setup::default()
     }
 }

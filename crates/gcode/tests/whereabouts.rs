@@ -1,6 +1,6 @@
 //! Where a program says that it is: held against counters that the program keeps itself.
 
-use retrace_gcode::{LoopKind, Prescan, Program, Progress, Setup, SubFile, SubFiles, Whereabouts, Within};
+use retrace_gcode::{CallFrame, LoopKind, Prescan, Program, ProgramLocation, Progress, Setup, SubFile, SubFiles};
 use std::io::BufRead;
 use std::sync::Arc;
 
@@ -55,10 +55,10 @@ fn prescanned(text: &str, setup: Setup) -> Program<&'static [u8]> {
     Program::prescanned(Arc::new(Prescan::of("part.ngc", text.into(), &setup)), setup)
 }
 
-fn rounds(whereabouts: &Whereabouts) -> Vec<(LoopKind, u64, Option<u64>)> {
-    let of = |within: &Within| match within {
-        Within::Loop { kind, round, of, .. } => Some((*kind, *round, *of)),
-        Within::Sub { .. } => None,
+fn rounds(whereabouts: &ProgramLocation) -> Vec<(LoopKind, u64, Option<u64>)> {
+    let of = |within: &CallFrame| match within {
+        CallFrame::Loop { kind, round, of, .. } => Some((*kind, *round, *of)),
+        CallFrame::Sub { .. } => None,
     };
     whereabouts.within.iter().filter_map(of).collect()
 }
@@ -120,7 +120,7 @@ fn cycles_are_named() {
     let text = "G0 Z5\nG81 X1 Y1 Z-1 R1 F100 (mark)\nX2 (mark)\nG80 (mark)\nM2\n";
     let seen = at_marks(prescanned(text, Setup::default()), |program| program.whereabouts().to_string());
     assert_eq!(seen, ["part.ngc line 2, in G81", "part.ngc line 3, in G81", "part.ngc line 4"]);
-    let library = retrace_gcode::cycles::Library::shipped();
+    let library = retrace_gcode::cycles::CycleLibrary::shipped();
     let setup = Setup { cycles: Some(Arc::new(library)), ..Setup::default() };
     let text = "F100 S100 M3\nCYCLE81(10, 0, 2, -5) (mark)\nMCALL CYCLE81(10, 0, 2, -5)\nG0 X2 (mark)\nMCALL (off)\nG0 X3 (mark)\nM2\n";
     let seen = at_marks(prescanned(text, setup), |program| program.whereabouts().to_string());

@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{ONE, Record};
 use retrace_hal_serial::{Address, Pty, SerialPort};
-use retrace_hal_sim::{Rig, RigSettings};
-use retrace_link::{MotionCard, Patience, Settings, Start, Wired, Word};
+use retrace_hal_sim::{CardSimulator, CardSimulatorSettings};
+use retrace_link::{CardSettings, HostCommand, LinkTimeouts, LinkedCard, MotionCard, PathStart};
 
 const AXES: usize = 4;
 const PRESSES: usize = 200;
@@ -24,7 +24,7 @@ fn us(since: Instant) -> u64 {
 /// Serves a card until it is told to end; `slower` takes the time of the first period that is slower than the one before, after it was set
 /// to 0.
 fn serve(mut pty: Pty, begun: Instant, slower: &Arc<AtomicU64>, ended: &AtomicBool) {
-    let mut rig = Rig::<AXES>::new(&RigSettings::default()).expect("a card");
+    let mut rig = CardSimulator::<AXES>::new(&CardSimulatorSettings::default()).expect("a card");
     let (mut last, slower) = (0, Arc::clone(slower));
     rig.watch(Box::new(move |moment| {
         if moment.status.rate < last {
@@ -55,8 +55,8 @@ fn main() {
     std::thread::scope(|scope| {
         scope.spawn(|| serve(pty, begun, &slower, &ended));
         let port = SerialPort::open(&address).expect("the pseudo-terminal");
-        let mut card = Box::new(Wired::<AXES, _>::find(port, 7, Patience::default()).expect("a card"));
-        card.open(Settings::new(0, Start::at(0), 1000, limits)).expect("it opens");
+        let mut card = Box::new(LinkedCard::<AXES, _>::find(port, 7, LinkTimeouts::default()).expect("a card"));
+        card.open(CardSettings::new(0, PathStart::at(0), 1000, limits)).expect("it opens");
         let (ended, pressed) = (&ended, &pressed);
         scope.spawn(move || {
             let mut wait_us = 170_000;
@@ -72,7 +72,7 @@ fn main() {
             let high = card.status().high;
             let record = Record { increments: [50, 0, 0, 0], line: 1, ..Record::default() };
             if high.wrapping_sub(card.status().place.record) < 1000
-                && card.send(Word::Ahead { place: high, record }).is_ok()
+                && card.send(HostCommand::Ahead { place: high, record }).is_ok()
             {
                 continue;
             }
@@ -80,10 +80,10 @@ fn main() {
             if at != 0 && held == 0 && card.status().rate == ONE {
                 slower.store(0, Ordering::Relaxed);
                 held = at;
-                card.send(Word::rate(0)).expect("a rate");
+                card.send(HostCommand::rate(0)).expect("a rate");
             } else if held == 0 {
                 pressed.store(0, Ordering::Relaxed);
-                card.send(Word::rate(ONE)).expect("a rate");
+                card.send(HostCommand::rate(ONE)).expect("a rate");
             }
             let status = *card.period().expect("the card");
             let seen = slower.load(Ordering::Relaxed);

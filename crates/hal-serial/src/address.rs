@@ -5,7 +5,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use crate::Refused;
+use crate::PortError;
 
 /// Bits a second where the address names none.
 pub const BAUD: u32 = 1_000_000;
@@ -29,21 +29,21 @@ impl Address {
     ///
     /// # Errors
     /// `E2148`: no path, or no baud rate that can be.
-    pub fn parse(text: &str) -> Result<Self, Refused> {
+    pub fn parse(text: &str) -> Result<Self, PortError> {
         let (path, baud) = match text.rsplit_once('@') {
             Some((path, baud)) if !baud.is_empty() && baud.bytes().all(|b| b.is_ascii_digit()) => (path, Some(baud)),
             Some((path, _)) if !Path::new(text).exists() && !path.is_empty() => {
-                return Err(Refused::address(text, "what stands behind @ is not a baud rate"));
+                return Err(PortError::address(text, "what stands behind @ is not a baud rate"));
             }
             _ => (text, None),
         };
         if path.is_empty() {
-            return Err(Refused::address(text, "the path of the port is missing"));
+            return Err(PortError::address(text, "the path of the port is missing"));
         }
         let baud = match baud.map(str::parse::<u32>) {
             None => BAUD,
             Some(Ok(baud)) if (LEAST..=MOST).contains(&baud) => baud,
-            Some(_) => return Err(Refused::address(text, "a baud rate is a number from 9600 to 12000000")),
+            Some(_) => return Err(PortError::address(text, "a baud rate is a number from 9600 to 12000000")),
         };
         Ok(Self { path: path.into(), baud })
     }

@@ -7,20 +7,20 @@
 #![forbid(unsafe_code)]
 
 mod address;
-mod budget;
-mod list;
+mod enumerate;
+mod latency_timer;
 mod port;
+mod port_error;
 mod program_port;
 #[cfg(unix)]
 mod pty;
-mod quick;
-mod refused;
+mod write_pacing;
 
 pub use address::{Address, BAUD};
-pub use list::{FoundPort, Usb, ports};
-pub use port::{Lost, SerialPort};
+pub use enumerate::{FoundPort, UsbDevice, ports};
+pub use latency_timer::LatencyTimer;
+pub use port::{PortLost, SerialPort};
+pub use port_error::PortError;
 pub use program_port::{Character, CharacterFormat, ParityBit, ProgramPort};
 #[cfg(unix)]
 pub use pty::Pty;
-pub use quick::Latency;
-pub use refused::Refused;

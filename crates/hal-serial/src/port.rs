@@ -7,12 +7,12 @@ use std::io::{self, ErrorKind};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use retrace_link::{CardFault, Port};
+use retrace_link::{BytePort, CardFailure};
 
-use crate::list::{ports, usb_of, whereabouts};
-use crate::quick::{Latency, hasten};
-use crate::refused::{group_of, holder_of};
-use crate::{Address, Refused, Usb, budget::Budget};
+use crate::enumerate::{find_device, ports, usb_of};
+use crate::latency_timer::{LatencyTimer, set_low_latency};
+use crate::port_error::{group_of, holder_of};
+use crate::{Address, PortError, UsbDevice, write_pacing::WritePacing};
 
 /// Bytes that may stay unanswered on a pseudo-terminal. Linux keeps some 18 KiB for its other end and then lets the writer
 /// wait; so what nobody reads is dropped before, as it is on a cable where nobody listens.
@@ -27,20 +27,20 @@ const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
 /// The line is gone: unplugged, or its other end closed.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Lost {
+pub struct PortLost {
     /// The port.
     pub port: String,
     /// What the operating system said.
     pub why: String,
 }
 
-impl fmt::Display for Lost {
+impl fmt::Display for PortLost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "the line to {} is lost ({})", self.port, self.why)
     }
 }
 
-impl CardFault for Lost {
+impl CardFailure for PortLost {
     fn number(&self) -> &'static str {
         "E3009"
     }
@@ -50,18 +50,18 @@ impl CardFault for Lost {
     }
 }
 
-impl std::error::Error for Lost {}
+impl std::error::Error for PortLost {}
 
 /// A serial port or pseudo-terminal, opened for this program alone, with eight data bits, no parity, no flow control.
 pub struct SerialPort {
     address: Address,
     /// None while the line is lost: what is kept open would keep its number from being given again.
     port: Option<Box<dyn serialport::SerialPort>>,
-    usb: Option<Usb>,
+    usb: Option<UsbDevice>,
     is_pty: bool,
-    latency: Latency,
+    latency: LatencyTimer,
     started: Instant,
-    budget: Budget,
+    budget: WritePacing,
     unanswered: usize,
 }
 
@@ -76,16 +76,16 @@ impl SerialPort {
     ///
     /// # Errors
     /// `E2141` absent, `E2144` busy, `E2145` forbidden, `E2146` no serial port or not at this baud rate.
-    pub fn open(address: &Address) -> Result<Self, Refused> {
+    pub fn open(address: &Address) -> Result<Self, PortError> {
         let port = open(address, &address.path)?;
         Ok(Self {
             usb: usb_of(&address.path),
             is_pty: address.path.canonicalize().is_ok_and(|path| path.starts_with("/dev/pts")),
-            latency: hasten(&address.path),
+            latency: set_low_latency(&address.path),
             address: address.clone(),
             port: Some(port),
             started: Instant::now(),
-            budget: Budget::new(address.byte_ns()),
+            budget: WritePacing::new(address.byte_ns()),
             unanswered: 0,
         })
     }
@@ -98,13 +98,13 @@ impl SerialPort {
 
     /// What stands behind it, where it is on the USB.
     #[must_use]
-    pub const fn usb(&self) -> Option<&Usb> {
+    pub const fn usb(&self) -> Option<&UsbDevice> {
         self.usb.as_ref()
     }
 
     /// How long the adapter holds bytes back.
     #[must_use]
-    pub const fn latency(&self) -> &Latency {
+    pub const fn latency(&self) -> &LatencyTimer {
         &self.latency
     }
 
@@ -119,24 +119,24 @@ impl SerialPort {
     ///
     /// # Errors
     /// As [`SerialPort::open`].
-    pub fn reopen(&mut self) -> Result<(), Refused> {
+    pub fn reopen(&mut self) -> Result<(), PortError> {
         self.port = None;
         let path = match &self.usb {
             None => self.address.path.clone(),
             Some(usb) => {
                 let there = ports();
                 let names = || there.iter().map(|port| port.path.clone()).collect::<Vec<_>>();
-                let found = whereabouts(usb, &self.address.path, &there);
-                found.ok_or_else(|| Refused::absent(&self.address.path, &names()))?.into()
+                let found = find_device(usb, &self.address.path, &there);
+                found.ok_or_else(|| PortError::absent(&self.address.path, &names()))?.into()
             }
         };
         self.port = Some(open(&self.address, &path)?);
-        self.latency = hasten(&path);
+        self.latency = set_low_latency(&path);
         // a link, as in /dev/serial/by-id, is kept; a number that has changed is followed
         if !path.canonicalize().is_ok_and(|new| self.address.path.canonicalize().is_ok_and(|old| old == new)) {
             self.address.path = path;
         }
-        self.budget = Budget::new(self.address.byte_ns());
+        self.budget = WritePacing::new(self.address.byte_ns());
         self.unanswered = 0;
         Ok(())
     }
@@ -145,13 +145,13 @@ impl SerialPort {
     ///
     /// # Errors
     /// `E2147`: it did not come back, with the last reason.
-    pub fn reopen_within(&mut self, time: Duration) -> Result<(), Refused> {
+    pub fn reopen_within(&mut self, time: Duration) -> Result<(), PortError> {
         let until = Instant::now() + time;
         loop {
             match self.reopen() {
                 Ok(()) => return Ok(()),
                 Err(why) if Instant::now() + LOOK_AGAIN > until => {
-                    return Err(Refused::gone(&self.address, time.as_secs_f64(), &why));
+                    return Err(PortError::gone(&self.address, time.as_secs_f64(), &why));
                 }
                 Err(_) => std::thread::sleep(LOOK_AGAIN),
             }
@@ -167,8 +167,8 @@ impl SerialPort {
         &mut self,
         wait: Duration,
         act: impl FnOnce(&mut dyn serialport::SerialPort) -> io::Result<usize>,
-    ) -> Result<usize, Lost> {
-        let lost = |why: String| Lost { port: self.address.path.display().to_string(), why };
+    ) -> Result<usize, PortLost> {
+        let lost = |why: String| PortLost { port: self.address.path.display().to_string(), why };
         let Some(port) = self.port.as_deref_mut() else { return Err(lost("it is closed".to_owned())) };
         let done = port.set_timeout(wait).map_err(io::Error::from).and_then(|()| act(port));
         match done {
@@ -186,14 +186,14 @@ impl SerialPort {
     }
 }
 
-impl Port for SerialPort {
-    type Fault = Lost;
+impl BytePort for SerialPort {
+    type Fault = PortLost;
 
     fn now_us(&self) -> u64 {
         self.now_ns() / 1000
     }
 
-    fn room(&mut self) -> usize {
+    fn writable_bytes(&mut self) -> usize {
         let Some(port) = &self.port else { return 0 };
         if self.is_pty && self.unanswered >= UNANSWERED {
             // On a pseudo-terminal this empties what the other end has not read.
@@ -201,11 +201,11 @@ impl Port for SerialPort {
             self.unanswered = 0;
         }
         let queued = port.bytes_to_write().unwrap_or(0);
-        self.budget.room(self.now_ns(), u64::from(queued))
+        self.budget.writable_bytes(self.now_ns(), u64::from(queued))
     }
 
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Lost> {
-        let room = self.room().min(bytes.len());
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, PortLost> {
+        let room = self.writable_bytes().min(bytes.len());
         if room == 0 && self.port.is_some() {
             return Ok(0);
         }
@@ -216,7 +216,7 @@ impl Port for SerialPort {
         Ok(count)
     }
 
-    fn read(&mut self, bytes: &mut [u8], wait_us: u32) -> Result<usize, Lost> {
+    fn read(&mut self, bytes: &mut [u8], wait_us: u32) -> Result<usize, PortLost> {
         if bytes.is_empty() {
             return Ok(0);
         }
@@ -238,7 +238,7 @@ impl Port for SerialPort {
 }
 
 /// Opens the device file and forgets what had come before.
-fn open(address: &Address, path: &Path) -> Result<Box<dyn serialport::SerialPort>, Refused> {
+fn open(address: &Address, path: &Path) -> Result<Box<dyn serialport::SerialPort>, PortError> {
     // A card that a DTR pulse resets would lose its position: the line is left as the system has it.
     open_with(address, path, serialport::SerialPortBuilder::preserve_dtr_on_open)
 }
@@ -248,33 +248,33 @@ pub(crate) fn open_with(
     address: &Address,
     path: &Path,
     set: impl FnOnce(serialport::SerialPortBuilder) -> serialport::SerialPortBuilder,
-) -> Result<Box<dyn serialport::SerialPort>, Refused> {
-    look_at(address, path)?;
+) -> Result<Box<dyn serialport::SerialPort>, PortError> {
+    check_device(address, path)?;
     let builder = set(serialport::new(path.to_string_lossy(), address.baud).timeout(Duration::ZERO));
     let port = builder.open().map_err(|error| match error.kind() {
         // the library's word for a port that is locked
-        serialport::ErrorKind::NoDevice if path.exists() => Refused::busy(path, holder_of(path)),
+        serialport::ErrorKind::NoDevice if path.exists() => PortError::busy(path, holder_of(path)),
         serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(ErrorKind::NotFound) => absent(path),
-        serialport::ErrorKind::Io(ErrorKind::PermissionDenied) => Refused::forbidden(path, group_of(path).as_deref()),
-        _ => Refused::unfit(address, &error.description),
+        serialport::ErrorKind::Io(ErrorKind::PermissionDenied) => PortError::forbidden(path, group_of(path).as_deref()),
+        _ => PortError::unfit(address, &error.description),
     })?;
     let _ = port.clear(serialport::ClearBuffer::Input);
     Ok(port)
 }
 
-fn absent(path: &Path) -> Refused {
-    Refused::absent(path, &ports().into_iter().map(|port| port.path).collect::<Vec<_>>())
+fn absent(path: &Path) -> PortError {
+    PortError::absent(path, &ports().into_iter().map(|port| port.path).collect::<Vec<_>>())
 }
 
 /// Is there a device file at all? The library would tell less of it.
 #[cfg(unix)]
-fn look_at(address: &Address, path: &Path) -> Result<(), Refused> {
+fn check_device(address: &Address, path: &Path) -> Result<(), PortError> {
     use std::os::unix::fs::FileTypeExt;
     match std::fs::metadata(path) {
         Ok(file) if file.file_type().is_char_device() => Ok(()),
-        Ok(_) => Err(Refused::unfit(address, "it is not a device")),
+        Ok(_) => Err(PortError::unfit(address, "it is not a device")),
         Err(error) if error.kind() == ErrorKind::PermissionDenied => {
-            Err(Refused::forbidden(path, group_of(path).as_deref()))
+            Err(PortError::forbidden(path, group_of(path).as_deref()))
         }
         Err(_) => Err(absent(path)),
     }
@@ -282,6 +282,6 @@ fn look_at(address: &Address, path: &Path) -> Result<(), Refused> {
 
 /// A port has a name here, and no file.
 #[cfg(not(unix))]
-fn look_at(_: &Address, _: &Path) -> Result<(), Refused> {
+fn look_at(_: &Address, _: &Path) -> Result<(), PortError> {
     Ok(())
 }

@@ -9,8 +9,8 @@ use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::port::{Lost, open_with};
-use crate::{Address, Refused};
+use crate::port::{PortLost, open_with};
+use crate::{Address, PortError};
 
 /// Parity of the port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,7 +64,7 @@ impl ProgramPort {
     ///
     /// # Errors
     /// `E2141` absent, `E2144` busy, `E2145` forbidden, `E2146` not a serial port, or not with this format.
-    pub fn open(path: &Path, format: CharacterFormat) -> Result<Self, Refused> {
+    pub fn open(path: &Path, format: CharacterFormat) -> Result<Self, PortError> {
         use serialport::{DataBits, Parity, StopBits};
         let is_pty = path.canonicalize().is_ok_and(|path| path.starts_with("/dev/pts"));
         let (data_bits, parity) = match (format.bits, format.parity) {
@@ -83,19 +83,19 @@ impl ProgramPort {
             |builder: serialport::SerialPortBuilder| builder.data_bits(data_bits).parity(parity).stop_bits(stop_bits);
         let port = open_with(&address, path, set)?;
         let marks = marking.map(|marking| marking.switch_on().map(|()| Marks::default())).transpose();
-        let marks = marks.map_err(|error| Refused::unfit(&address, &format!("damage cannot be marked: {error}")))?;
+        let marks = marks.map_err(|error| PortError::unfit(&address, &format!("damage cannot be marked: {error}")))?;
         Ok(Self { path: path.to_owned(), port, marks, is_pty })
     }
 
-    fn lost(&self, why: impl ToString) -> Lost {
-        Lost { port: self.path.display().to_string(), why: why.to_string() }
+    fn lost(&self, why: impl ToString) -> PortLost {
+        PortLost { port: self.path.display().to_string(), why: why.to_string() }
     }
 
     /// Adds what has been received to `characters`, after a wait of at most `wait` for the first; at most some hundred at a time.
     ///
     /// # Errors
     /// The line is gone.
-    pub fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), Lost> {
+    pub fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), PortLost> {
         let mut bytes = [0; 256];
         self.port.set_timeout(wait).map_err(|error| self.lost(error))?;
         let count = match self.port.read(&mut bytes) {
@@ -115,7 +115,7 @@ impl ProgramPort {
     ///
     /// # Errors
     /// The line is gone.
-    pub fn send(&mut self, byte: u8) -> Result<bool, Lost> {
+    pub fn send(&mut self, byte: u8) -> Result<bool, PortLost> {
         self.port.set_timeout(Duration::ZERO).map_err(|error| self.lost(error))?;
         match self.port.write(&[byte]) {
             Ok(count) => Ok(count == 1),
@@ -128,7 +128,7 @@ impl ProgramPort {
     ///
     /// # Errors
     /// The line is gone, or has no RTS.
-    pub fn set_request_to_send(&mut self, level: bool) -> Result<(), Lost> {
+    pub fn set_request_to_send(&mut self, level: bool) -> Result<(), PortLost> {
         match self.port.write_request_to_send(level) {
             Err(error) if !self.is_pty => Err(self.lost(error)),
             _ => Ok(()),

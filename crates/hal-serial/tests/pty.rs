@@ -4,8 +4,8 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use retrace_hal_serial::{Address, Latency, Pty, SerialPort};
-use retrace_link::Port;
+use retrace_hal_serial::{Address, LatencyTimer, Pty, SerialPort};
+use retrace_link::BytePort;
 
 fn pair() -> (Pty, SerialPort) {
     let pty = Pty::open().expect("a pseudo-terminal");
@@ -21,7 +21,7 @@ fn address(path: &Path) -> Address {
 #[test]
 fn all_bytes_come_through_both_ways() {
     let (mut card, mut host) = pair();
-    assert_eq!((host.latency(), host.usb()), (&Latency::None, None));
+    assert_eq!((host.latency(), host.usb()), (&LatencyTimer::None, None));
     let all: Vec<u8> = (0..1024u32).map(|n| (n * 7 + n / 256) as u8).collect();
     let (mut sent, mut up) = (0, Vec::new());
     while up.len() < all.len() {
@@ -48,7 +48,7 @@ fn no_more_than_four_milliseconds_are_written_ahead() {
     let begin = host.now_us();
     let mut sent = 0;
     while host.now_us() < begin + 50_000 {
-        let room = host.room();
+        let room = host.writable_bytes();
         assert!(room <= 400);
         sent += host.write(&[0x55; 1000]).expect("a line");
     }
@@ -56,7 +56,7 @@ fn no_more_than_four_milliseconds_are_written_ahead() {
     assert!(sent as u64 <= passed / 10 + 401, "{sent} bytes in {passed} µs of a line of 1 Mbaud");
     // whoever has waited for as long as that has all of the room again
     std::thread::sleep(Duration::from_millis(5));
-    assert_eq!((host.room(), host.write(&[0x55; 1000]).expect("a line")), (400, 400));
+    assert_eq!((host.writable_bytes(), host.write(&[0x55; 1000]).expect("a line")), (400, 400));
 }
 
 /// Most bytes that the system keeps for somebody who does not read, with what it has not counted yet.
@@ -140,7 +140,7 @@ fn a_closed_other_end_is_a_lost_line_and_may_come_back() {
     let lost = host.read(&mut [0; 8], 1_000_000).expect_err("closed");
     assert!(lost.to_string().contains("is lost"), "{lost}");
     assert!(!host.is_open());
-    assert_eq!(host.room(), 0);
+    assert_eq!(host.writable_bytes(), 0);
     host.write(b"x").expect_err("still lost");
     assert_eq!(host.reopen_within(Duration::from_millis(120)).expect_err("nobody there").number, "E2147");
     // a link, such as a fixed name for a card, leads to the new one

@@ -7,7 +7,7 @@ use std::time::Instant;
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{ONE, Record};
 use retrace_hal_sim::{Clock, SimCard};
-use retrace_link::{MotionCard, Word};
+use retrace_link::{HostCommand, MotionCard};
 
 const PERIODS: u32 = 1_000_000;
 
@@ -19,13 +19,13 @@ fn main() {
             let mut best = f64::INFINITY;
             for _ in 0..5 {
                 let mut card = SimCard::<4>::new(0, limits, Clock::Virtual).expect("fits");
-                card.send(Word::rate(rate)).expect("a rate");
+                card.send(HostCommand::rate(rate)).expect("a rate");
                 let began = Instant::now();
                 for _ in 0..PERIODS {
                     let place = card.status().high;
                     if place.wrapping_sub(card.status().place.record) < 2000 {
                         let increments = [pulses, -pulses, pulses / 2, 0];
-                        card.send(Word::Ahead { place, record: Record { increments, ..Record::default() } })
+                        card.send(HostCommand::Ahead { place, record: Record { increments, ..Record::default() } })
                             .expect("room");
                     }
                     card.period().expect("no fault");

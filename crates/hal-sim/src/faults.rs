@@ -6,7 +6,7 @@ use crate::random::{Chance, Random};
 
 /// One thing that happens to a byte, or from a byte on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
+pub enum LineFault {
     /// One of its bits is read wrong.
     Flip {
         /// The bit, 0 … 7.
@@ -32,7 +32,7 @@ pub enum Fault {
 
 /// How likely each of the faults is, for every byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Rates {
+pub struct FaultRates {
     /// [`Fault::Flip`] of a bit drawn.
     pub flip: Chance,
     /// [`Fault::Drop`].
@@ -47,13 +47,13 @@ pub struct Rates {
     pub stall_us: u32,
 }
 
-impl Default for Rates {
+impl Default for FaultRates {
     fn default() -> Self {
         Self::all(Chance::NEVER)
     }
 }
 
-impl Rates {
+impl FaultRates {
     /// The longest cut that is drawn, in bytes: longer than the longest frame.
     pub const MAX_CUT: u32 = 300;
 
@@ -65,7 +65,7 @@ impl Rates {
 
     /// What happens to the next byte, if anything. At most one thing does.
     #[must_use]
-    pub fn draw(&self, random: &mut Random) -> Option<Fault> {
+    pub fn draw(&self, random: &mut Random) -> Option<LineFault> {
         let kinds = [self.flip, self.drop, self.duplicate, self.cut, self.stall];
         let mut rest = random.next() & 0xFFFF_FFFF;
         let kind = kinds.iter().position(|kind| {
@@ -75,11 +75,11 @@ impl Rates {
             hit
         })?;
         Some(match kind {
-            0 => Fault::Flip { bit: random.up_to(7) as u8 },
-            1 => Fault::Drop,
-            2 => Fault::Duplicate,
-            3 => Fault::Cut { bytes: if random.up_to(1) == 0 { 0 } else { 1 + random.up_to(Self::MAX_CUT - 1) } },
-            _ => Fault::Stall { us: 1 + random.up_to(self.stall_us.saturating_sub(1)), lost: random.up_to(1) == 0 },
+            0 => LineFault::Flip { bit: random.up_to(7) as u8 },
+            1 => LineFault::Drop,
+            2 => LineFault::Duplicate,
+            3 => LineFault::Cut { bytes: if random.up_to(1) == 0 { 0 } else { 1 + random.up_to(Self::MAX_CUT - 1) } },
+            _ => LineFault::Stall { us: 1 + random.up_to(self.stall_us.saturating_sub(1)), lost: random.up_to(1) == 0 },
         })
     }
 
@@ -92,7 +92,7 @@ impl Rates {
 
 /// What a line did to the bytes that were sent over it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
+pub struct LineCounters {
     /// Bytes that were sent.
     pub sent: u64,
     /// Bytes that came out.
@@ -117,7 +117,7 @@ pub struct Tally {
     pub late: u64,
 }
 
-impl Tally {
+impl LineCounters {
     /// Did the line do anything but pass bytes on?
     #[must_use]
     pub const fn faults(&self) -> u64 {
@@ -133,7 +133,7 @@ mod tests {
     #[test]
     fn every_kind_is_drawn_at_its_rate() {
         let chance = |p| Chance::new(p).expect("a probability");
-        let rates = Rates {
+        let rates = FaultRates {
             flip: chance(0.01),
             drop: chance(0.02),
             duplicate: chance(0.03),
@@ -146,13 +146,13 @@ mod tests {
         for _ in 0..100_000 {
             match rates.draw(&mut random) {
                 None => {}
-                Some(Fault::Flip { bit }) => (seen[0], bits) = (seen[0] + 1, bits | 1 << bit),
-                Some(Fault::Drop) => seen[1] += 1,
-                Some(Fault::Duplicate) => seen[2] += 1,
-                Some(Fault::Cut { bytes }) => {
+                Some(LineFault::Flip { bit }) => (seen[0], bits) = (seen[0] + 1, bits | 1 << bit),
+                Some(LineFault::Drop) => seen[1] += 1,
+                Some(LineFault::Duplicate) => seen[2] += 1,
+                Some(LineFault::Cut { bytes }) => {
                     (seen[3], ends, longest) = (seen[3] + 1, ends + u32::from(bytes == 0), bytes.max(longest));
                 }
-                Some(Fault::Stall { us, lost }) => {
+                Some(LineFault::Stall { us, lost }) => {
                     seen[4] += 1;
                     waits[us as usize - 1] += 1;
                     losses[usize::from(lost)] += 1;
@@ -162,13 +162,15 @@ mod tests {
         for (k, &count) in seen.iter().enumerate() {
             assert!((i64::from(count) - 1000 * (k as i64 + 1)).abs() < 350, "kind {k}: {count}");
         }
-        assert_eq!((bits, longest), (255, Rates::MAX_CUT));
+        assert_eq!((bits, longest), (255, FaultRates::MAX_CUT));
         assert!(ends > 1700 && ends < 2300 && waits.iter().all(|&n| n > 1400) && losses.iter().all(|&n| n > 2200));
     }
 
     #[test]
     fn nothing_happens_at_no_rate() {
         let mut random = Random::new(9);
-        assert!(Rates::default().are_none() && (0..1000).all(|_| Rates::default().draw(&mut random).is_none()));
+        assert!(
+            FaultRates::default().are_none() && (0..1000).all(|_| FaultRates::default().draw(&mut random).is_none())
+        );
     }
 }

@@ -4,9 +4,9 @@
 
 use std::fmt;
 
-use retrace_link::{CardFault, Port};
+use retrace_link::{BytePort, CardFailure};
 
-use crate::rig::Rig;
+use crate::card_simulator::CardSimulator;
 
 /// Bytes come to the host in bunches, as from a driver: it waits for so many microseconds from the first.
 const BUNCH_US: u64 = 250;
@@ -18,7 +18,7 @@ const AHEAD: usize = 400;
 /// A port to a simulated card.
 #[derive(Debug)]
 pub struct InProcess<const A: usize> {
-    rig: Rig<A>,
+    rig: CardSimulator<A>,
 }
 
 /// What goes wrong with such a port: nothing.
@@ -31,7 +31,7 @@ impl fmt::Display for NoFault {
     }
 }
 
-impl CardFault for NoFault {
+impl CardFailure for NoFault {
     fn number(&self) -> &'static str {
         match *self {}
     }
@@ -44,36 +44,36 @@ impl CardFault for NoFault {
 impl<const A: usize> InProcess<A> {
     /// A port to this rig.
     #[must_use]
-    pub const fn new(rig: Rig<A>) -> Self {
+    pub const fn new(rig: CardSimulator<A>) -> Self {
         Self { rig }
     }
 
     /// The rig.
     #[must_use]
-    pub const fn rig(&self) -> &Rig<A> {
+    pub const fn rig(&self) -> &CardSimulator<A> {
         &self.rig
     }
 
     /// The rig, to be meddled with.
-    pub const fn rig_mut(&mut self) -> &mut Rig<A> {
+    pub const fn rig_mut(&mut self) -> &mut CardSimulator<A> {
         &mut self.rig
     }
 
     /// The rig, without a port.
     #[must_use]
-    pub fn into_rig(self) -> Rig<A> {
+    pub fn into_rig(self) -> CardSimulator<A> {
         self.rig
     }
 }
 
-impl<const A: usize> Port for InProcess<A> {
+impl<const A: usize> BytePort for InProcess<A> {
     type Fault = NoFault;
 
     fn now_us(&self) -> u64 {
         self.rig.now_us()
     }
 
-    fn room(&mut self) -> usize {
+    fn writable_bytes(&mut self) -> usize {
         let ahead = match self.rig.lines()[0].byte_ns() {
             0 => AHEAD,
             byte_ns => (AHEAD_NS / byte_ns) as usize,
@@ -82,7 +82,7 @@ impl<const A: usize> Port for InProcess<A> {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, NoFault> {
-        let count = bytes.len().min(self.room());
+        let count = bytes.len().min(self.writable_bytes());
         self.rig.send(&bytes[..count]);
         Ok(count)
     }

@@ -6,33 +6,33 @@
 //! Invariant: the counts it reports are counted pulse by pulse behind the fine interpolation, not copied from the player.
 #![forbid(unsafe_code)]
 
+mod card_simulator;
 mod clock;
-mod compared;
+mod count_checker;
+mod fault_spec;
 mod faults;
 mod in_process;
-mod line;
-mod machine;
-mod on_line;
+mod linked_card;
 mod pins;
+mod plant;
 mod pulses;
 mod random;
-mod rig;
-mod sim;
-mod spec;
+mod serial_channel;
+mod sim_card;
 mod trace;
 mod vcd;
 
+pub use card_simulator::{CardSimulator, CardSimulatorSettings, PeriodObserver, PeriodSample, SimulationFaults};
 pub use clock::Clock;
-pub use faults::{Fault, Rates, Tally};
+pub use fault_spec::faults;
+pub use faults::{FaultRates, LineCounters, LineFault};
 pub use in_process::{InProcess, NoFault};
-pub use line::{Leftover, Line, LineSettings};
-pub use machine::{Event, Machine, MachineSettings, Process, Reply, Switch, wiring};
-pub use on_line::{SimOnLine, TICK_HZ, identity, max_pulses_a_period};
+pub use linked_card::{SimLinkedCard, TICK_HZ, identity, max_pulses_a_period};
 pub use pins::{PinEdge, Pins};
+pub use plant::{InputEvent, Plant, PlantSettings, Process, Reply, Switch, wiring};
 pub use pulses::PulseCounters;
 pub use random::{Chance, Random};
-pub use rig::{Faults, Moment, Rig, RigSettings, Watcher};
-pub use sim::{SimCard, SimFault, WINDOW};
-pub use spec::faults;
+pub use serial_channel::{InFlightPolicy, SerialChannel, SerialChannelSettings};
+pub use sim_card::{SimCard, SimCardError, WINDOW};
 pub use trace::Trace;
 pub use vcd::{Signal, Vcd};

@@ -5,7 +5,7 @@
 use std::io::{self, Write};
 
 use retrace_card::Edge;
-use retrace_link::{Status, channel};
+use retrace_link::{CardStatus, channel};
 
 use crate::pins::PinEdge;
 use crate::vcd::{Signal, Vcd};
@@ -86,7 +86,7 @@ impl<W: Write, const A: usize> Trace<W, A> {
     ///
     /// # Errors
     /// What the writer reports.
-    pub fn period(&mut self, at_ns: u64, status: &Status<A>, edges: &[PinEdge], tick_hz: u32) -> io::Result<()> {
+    pub fn period(&mut self, at_ns: u64, status: &CardStatus<A>, edges: &[PinEdge], tick_hz: u32) -> io::Result<()> {
         let (vcd, card) = (&mut self.vcd, &self.card);
         let fixed = |value: i64| value as f64 / retrace_core::ONE as f64;
         let place = f64::from(status.place.record) + f64::from(status.place.fraction) / 4_294_967_296.0;

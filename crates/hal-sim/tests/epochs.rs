@@ -9,12 +9,12 @@ use retrace_core::place::before;
 use retrace_core::playback::part;
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_hal_sim::{
-    Chance, Clock, Faults, InProcess, LineSettings, MachineSettings, Random, Rates, Rig, RigSettings, SimCard,
-    SimFault, wiring,
+    CardSimulator, CardSimulatorSettings, Chance, Clock, FaultRates, InProcess, PlantSettings, Random,
+    SerialChannelSettings, SimCard, SimCardError, SimulationFaults, wiring,
 };
 use retrace_link::{
-    Alarm, CardFault, Change, Greeting, Homing, HostFault, InputSetting, InputUse, Instruction, MotionCard, Patience,
-    Refusal, Settings, Start, Wired, WiredFault, Word, channel,
+    Alarm, CardFailure, CardSettings, CommandRefusal, Greeting, HomingCommand, HostCommand, InputSetting, InputUse,
+    Instruction, LinkError, LinkTimeouts, LinkedCard, LinkedCardError, MotionCard, OutputChange, PathStart, channel,
 };
 
 const RECORDS: u32 = 600;
@@ -26,8 +26,8 @@ fn limits<const A: usize>() -> RateLimits<A> {
     RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }
 
-fn settings() -> Settings<3> {
-    Settings::new(0, Start::at(0), 1000, limits())
+fn settings() -> CardSettings<3> {
+    CardSettings::new(0, PathStart::at(0), 1000, limits())
 }
 
 fn record(place: u32) -> Record<3> {
@@ -57,22 +57,22 @@ fn feed(card: &mut impl MotionCard<3>) {
     let gate = ((next - 1) * EVERY).min(RECORDS);
     if gate < RECORDS && !before(gate, card.status().reached) {
         let mut instruction = Instruction { number: next, place: gate, periods: 3, count: 1, ..Instruction::default() };
-        instruction.changes[0] = Change { channel: channel::SPEED, value: next as i32 };
+        instruction.changes[0] = OutputChange { channel: channel::SPEED, value: next as i32 };
         if card.status().high == gate && card.arrived() == gate {
             // One that is kept already is refused by a card in this process; over a line it must not be said twice.
-            let _ = card.send(Word::Instruction(instruction));
+            let _ = card.send(HostCommand::Instruction(instruction));
         }
     }
     while card.status().high < gate {
         let place = card.status().high;
-        if card.send(Word::Ahead { place, record: record(place) }).is_err() {
+        if card.send(HostCommand::Ahead { place, record: record(place) }).is_err() {
             break;
         }
     }
     for _ in 0..20 {
         let Some(place) = card.status().low.checked_sub(1) else { break };
         let rests = place.is_multiple_of(EVERY);
-        if card.send(Word::Behind { place, record: record(place), rests }).is_err() {
+        if card.send(HostCommand::Behind { place, record: record(place), rests }).is_err() {
             break;
         }
     }
@@ -91,8 +91,8 @@ impl<C: MotionCard<3>> MotionCard<3> for Once<C> {
         self.card.window()
     }
 
-    fn send(&mut self, word: Word<3>) -> Result<(), Refusal> {
-        if let Word::Instruction(instruction) = word {
+    fn send(&mut self, word: HostCommand<3>) -> Result<(), CommandRefusal> {
+        if let HostCommand::Instruction(instruction) = word {
             if self.told == instruction.number {
                 return Ok(());
             }
@@ -101,16 +101,16 @@ impl<C: MotionCard<3>> MotionCard<3> for Once<C> {
         self.card.send(word)
     }
 
-    fn period(&mut self) -> Result<&retrace_link::Status<3>, C::Fault> {
+    fn period(&mut self) -> Result<&retrace_link::CardStatus<3>, C::Fault> {
         self.card.period()
     }
 
-    fn begin(&mut self, start: Start) -> Result<(), C::Fault> {
+    fn begin(&mut self, start: PathStart) -> Result<(), C::Fault> {
         self.told = 0;
         self.card.begin(start)
     }
 
-    fn status(&self) -> &retrace_link::Status<3> {
+    fn status(&self) -> &retrace_link::CardStatus<3> {
         self.card.status()
     }
 
@@ -121,7 +121,7 @@ impl<C: MotionCard<3>> MotionCard<3> for Once<C> {
 
 /// Runs at a rate for so many periods, or until the end.
 fn run<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C, target: Travel, periods: u32) {
-    card.send(Word::rate(target)).expect("a rate");
+    card.send(HostCommand::rate(target)).expect("a rate");
     for _ in 0..periods {
         feed(card);
         let status = *card.period().expect("no fault");
@@ -132,13 +132,13 @@ fn run<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C, target: Travel, p
     }
 }
 
-fn start_of(place: Place, reached: u32, executed: u32) -> Start {
-    Start { place, rests: place.fraction == 0 && place.record.is_multiple_of(EVERY), reached, executed }
+fn start_of(place: Place, reached: u32, executed: u32) -> PathStart {
+    PathStart { place, rests: place.fraction == 0 && place.record.is_multiple_of(EVERY), reached, executed }
 }
 
 /// Stops, and begins the path anew where the machine stands.
 fn begin_anew<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C) {
-    card.send(Word::rate(0)).expect("a rate");
+    card.send(HostCommand::rate(0)).expect("a rate");
     let mut stood = 0;
     // A rate that is lost comes again 12 ms later, and may be lost again: on the worst of these lines about two frames in three are.
     while stood < 200 {
@@ -178,8 +178,8 @@ fn a_path_that_is_begun_anew_goes_on_exactly() {
 }
 
 /// A rig, and the numbers of the executed instructions as they follow each other on the card.
-fn watched(settings: &RigSettings) -> (Rig<3>, Arc<Mutex<Vec<u32>>>) {
-    let mut rig = Rig::<3>::new(settings).expect("a card");
+fn watched(settings: &CardSimulatorSettings) -> (CardSimulator<3>, Arc<Mutex<Vec<u32>>>) {
+    let mut rig = CardSimulator::<3>::new(settings).expect("a card");
     let log = Arc::new(Mutex::new(vec![0]));
     let into = Arc::clone(&log);
     rig.watch(Box::new(move |now| {
@@ -191,17 +191,17 @@ fn watched(settings: &RigSettings) -> (Rig<3>, Arc<Mutex<Vec<u32>>>) {
     (rig, log)
 }
 
-fn line(chance: f64, seed: u64) -> LineSettings {
-    let rates = Rates { stall_us: 20_000, ..Rates::all(Chance::new(chance).expect("a probability")) };
-    LineSettings { baud: 1_000_000, latency_us: 100, jitter_us: 500, rates, seed, script: Vec::new() }
+fn line(chance: f64, seed: u64) -> SerialChannelSettings {
+    let rates = FaultRates { stall_us: 20_000, ..FaultRates::all(Chance::new(chance).expect("a probability")) };
+    SerialChannelSettings { baud: 1_000_000, latency_us: 100, jitter_us: 500, rates, seed, script: Vec::new() }
 }
 
 #[test]
 fn a_path_that_is_begun_anew_over_a_line_goes_on_exactly() {
     for (seed, chance) in [(1, 0.0), (2, 2e-4), (3, 1e-3)] {
         let (up, down) = (line(chance, seed), line(chance, seed + 100));
-        let (rig, log) = watched(&RigSettings { up, down, ..RigSettings::default() });
-        let mut wired = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+        let (rig, log) = watched(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() });
+        let mut wired = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
         wired.open(settings()).expect("it takes the settings");
         let mut card = Once { card: wired, told: 0 };
         for (rate, periods) in legs(seed) {
@@ -211,17 +211,17 @@ fn a_path_that_is_begun_anew_over_a_line_goes_on_exactly() {
         run(&mut card, ONE, 4000);
         let rig = card.card.port().rig();
         assert_eq!((rig.status().counts, rig.status().executed), (position(Place::start_of(RECORDS)), RECORDS / EVERY));
-        assert_eq!((rig.faults(), rig.pins().positions()), (Faults::default(), &rig.status().counts));
+        assert_eq!((rig.faults(), rig.pins().positions()), (SimulationFaults::default(), &rig.status().counts));
         assert_eq!(*log.lock().expect("whole"), (0..=RECORDS / EVERY).collect::<Vec<_>>(), "each once, in order");
     }
 }
 
 /// What a host that comes back does: finds the card, waits until it stands, opens at what it says, clears the alarm.
-fn come_back(mut rig: Rig<3>, nonce: u32) -> Once<Wired<3, InProcess<3>>> {
+fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> Once<LinkedCard<3, InProcess<3>>> {
     // sooner than the watchdog, and later
     let until = rig.now_us() + u64::from(nonce % 4) * 200_000;
     rig.run(until);
-    let mut wired = Wired::find(InProcess::new(rig), nonce, Patience::default()).expect("a card answers");
+    let mut wired = LinkedCard::find(InProcess::new(rig), nonce, LinkTimeouts::default()).expect("a card answers");
     wired.settle(nonce + 1000).expect("it stands");
     let stood = *wired.port().rig().status();
     assert_eq!((stood.alarm, stood.at_rest), (Some(Alarm::HostSilent), true));
@@ -229,9 +229,9 @@ fn come_back(mut rig: Rig<3>, nonce: u32) -> Once<Wired<3, InProcess<3>>> {
     assert_eq!((said.place, said.reached, said.executed), (stood.place, stood.reached, stood.executed));
     assert_eq!((said.counts, said.counts), (stood.counts, position(said.place)));
     let start = start_of(said.place, said.reached, said.executed);
-    wired.open(Settings { start, ..settings() }).expect("it takes the settings");
+    wired.open(CardSettings { start, ..settings() }).expect("it takes the settings");
     assert_eq!(wired.status().alarm, Some(Alarm::HostSilent));
-    wired.send(Word::ClearAlarm).expect("taken");
+    wired.send(HostCommand::ClearAlarm).expect("taken");
     while wired.period().expect("no fault before it is known what became of it").alarm.is_some() {}
     Once { card: wired, told: 0 }
 }
@@ -244,8 +244,8 @@ fn a_host_that_was_killed_takes_its_job_up_again() {
     for seed in 0..12 {
         let chance = [0.0, 2e-4][seed as usize % 2];
         let (up, down) = (line(chance, seed), line(chance, seed + 100));
-        let (rig, log) = watched(&RigSettings { up, down, ..RigSettings::default() });
-        let mut wired = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+        let (rig, log) = watched(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() });
+        let mut wired = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
         wired.open(settings()).expect("it takes the settings");
         let mut card = Once { card: wired, told: 0 };
         for (number, (rate, periods)) in (0u32..).zip(legs(seed).into_iter().take(6)) {
@@ -257,7 +257,7 @@ fn a_host_that_was_killed_takes_its_job_up_again() {
         run(&mut card, ONE, 6000);
         let rig = card.card.port().rig();
         assert_eq!((rig.status().counts, rig.status().alarm), (position(Place::start_of(RECORDS)), None));
-        assert_eq!((rig.faults(), rig.pins().positions()), (Faults::default(), &rig.status().counts));
+        assert_eq!((rig.faults(), rig.pins().positions()), (SimulationFaults::default(), &rig.status().counts));
         assert_eq!(*log.lock().expect("whole"), (0..=RECORDS / EVERY).collect::<Vec<_>>(), "each once, in order");
     }
     assert!(inside > 8, "it came to rest inside of a record {inside} times");
@@ -266,38 +266,39 @@ fn a_host_that_was_killed_takes_its_job_up_again() {
 /// The host hears late of what the card does: what is executed before the new epoch counts in it.
 #[test]
 fn what_is_executed_meanwhile_is_executed() {
-    let down = LineSettings { latency_us: 30_000, ..LineSettings::default() };
-    let rig = Rig::<3>::new(&RigSettings { down, ..RigSettings::default() }).expect("a card");
-    let mut card = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+    let down = SerialChannelSettings { latency_us: 30_000, ..SerialChannelSettings::default() };
+    let rig =
+        CardSimulator::<3>::new(&CardSimulatorSettings { down, ..CardSimulatorSettings::default() }).expect("a card");
+    let mut card = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     card.open(settings()).expect("it takes the settings");
     let mut instruction = Instruction { number: 1, periods: 20, count: 1, ..Instruction::default() };
-    instruction.changes[0] = Change { channel: channel::SPEED, value: 7 };
-    card.send(Word::Instruction(instruction)).expect("taken");
-    card.send(Word::rate(ONE)).expect("a rate");
+    instruction.changes[0] = OutputChange { channel: channel::SPEED, value: 7 };
+    card.send(HostCommand::Instruction(instruction)).expect("taken");
+    card.send(HostCommand::rate(ONE)).expect("a rate");
     while card.period().expect("no fault").outputs[usize::from(channel::SPEED)] == 0 {}
     assert_eq!((card.status().executed, card.port().rig().status().executed), (0, 1));
-    card.begin(Start { executed: 40, ..Start::at(9) }).expect("it stands");
+    card.begin(PathStart { executed: 40, ..PathStart::at(9) }).expect("it stands");
     assert_eq!((card.status().executed, card.port().rig().status().executed), (41, 41));
 }
 
 /// An alarm whose cause is still there stays one, and the host says so.
 #[test]
 fn an_alarm_that_cannot_be_cleared_is_a_fault_again() {
-    let rig = Rig::<3>::new(&RigSettings::default()).expect("a card");
+    let rig = CardSimulator::<3>::new(&CardSimulatorSettings::default()).expect("a card");
     let mut settings = settings();
     settings.inputs[usize::from(wiring::EMERGENCY_STOP)].used_for = InputUse::EmergencyStop;
-    let mut card = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+    let mut card = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     card.open(settings).expect("it takes the settings");
-    let stop = WiredFault::Host(HostFault::Alarm(Alarm::EmergencyStop));
+    let stop = LinkedCardError::Host(LinkError::Alarm(Alarm::EmergencyStop));
     card.port_mut().rig_mut().machine().press(wiring::EMERGENCY_STOP, true);
-    let until_fault = |card: &mut Wired<3, InProcess<3>>| (0..2000).find_map(|_| card.period().err());
+    let until_fault = |card: &mut LinkedCard<3, InProcess<3>>| (0..2000).find_map(|_| card.period().err());
     assert_eq!(until_fault(&mut card), Some(stop));
-    card.send(Word::ClearAlarm).expect("taken");
+    card.send(HostCommand::ClearAlarm).expect("taken");
     assert!(card.period().is_ok(), "nothing is known yet");
     assert_eq!(until_fault(&mut card), Some(stop));
     card.port_mut().rig_mut().machine().press(wiring::EMERGENCY_STOP, false);
     assert_eq!(until_fault(&mut card), Some(stop), "the chain is closed, and the alarm latched");
-    card.send(Word::ClearAlarm).expect("taken");
+    card.send(HostCommand::ClearAlarm).expect("taken");
     assert_eq!(until_fault(&mut card), None);
     assert_eq!(card.status().alarm, None);
 }
@@ -310,11 +311,11 @@ fn with_switches() -> SimCard<3> {
     wire(wiring::HOME + 1, InputUse::Home { axis: 1 });
     wire(wiring::UPPER, InputUse::Limit { axis: 0, upper: true });
     wire(wiring::DOOR, InputUse::Door);
-    let machine = MachineSettings::with_switches(&[[-4000, 4000]; 3], 1000);
+    let machine = PlantSettings::with_switches(&[[-4000, 4000]; 3], 1000);
     SimCard::with_machine(settings, &machine, Clock::Virtual).expect("fits")
 }
 
-fn until<const A: usize>(card: &mut SimCard<A>, done: impl Fn(&retrace_link::Status<A>) -> bool) {
+fn until<const A: usize>(card: &mut SimCard<A>, done: impl Fn(&retrace_link::CardStatus<A>) -> bool) {
     for _ in 0..20_000 {
         if done(card.period().expect("no fault")) {
             return;
@@ -326,33 +327,33 @@ fn until<const A: usize>(card: &mut SimCard<A>, done: impl Fn(&retrace_link::Sta
 #[test]
 fn the_card_in_this_process_homes_stops_and_is_turned_as_a_served_one() {
     let mut card = with_switches();
-    let order = Homing {
+    let order = HomingCommand {
         axis: 1,
         upper: false,
-        fast: 20 << 32,
-        slow: 1 << 31,
+        search_speed: 20 << 32,
+        latch_speed: 1 << 31,
         acceleration: 1 << 31,
-        farthest: 8000,
+        max_travel: 8000,
         count: 50_000,
     };
-    card.send(Word::Home(order)).expect("taken");
+    card.send(HostCommand::Home(order)).expect("taken");
     until(&mut card, |status| status.at_rest);
     let apart = card.status().counts[1] - card.counters().positions()[1];
     assert_eq!(apart, 50_000 + 2999, "the switch opens at −2999");
-    card.begin(Start::at(5)).expect("it stands");
-    card.send(Word::Ahead { place: 5, record: record(1) }).expect("the path is begun anew");
+    card.begin(PathStart::at(5)).expect("it stands");
+    card.send(HostCommand::Ahead { place: 5, record: record(1) }).expect("the path is begun anew");
     // the wheel
-    card.machine().turn(-7);
+    card.machine().turn_wheel(-7);
     assert_eq!(card.period().expect("no fault").wheel, -7);
     // a door in motion
     card.machine().press(wiring::DOOR, true);
-    card.send(Word::rate(ONE)).expect("a rate");
+    card.send(HostCommand::rate(ONE)).expect("a rate");
     until(&mut card, |status| status.alarm.is_some());
-    assert_eq!(card.period().expect_err("it stands"), SimFault::Alarm(Alarm::DoorOpen));
-    assert_eq!(card.send(Word::ClearAlarm), Err(Refusal::Alarm), "the door is open");
+    assert_eq!(card.period().expect_err("it stands"), SimCardError::Alarm(Alarm::DoorOpen));
+    assert_eq!(card.send(HostCommand::ClearAlarm), Err(CommandRefusal::Alarm), "the door is open");
     card.machine().press(wiring::DOOR, false);
     card.period().expect_err("it is still latched");
-    card.send(Word::ClearAlarm).expect("the door is shut");
+    card.send(HostCommand::ClearAlarm).expect("the door is shut");
     assert_eq!(card.period().expect("no fault").alarm, None);
 }
 
@@ -364,9 +365,9 @@ fn a_card_that_kept_its_position_stands_there_with_all_that_hangs_on_it() {
     assert_eq!((card.status().counts, card.status().outputs[3]), ([3990, -50, 7], 1));
     card.begin(start_of(Place { record: 110, fraction: 1 << 30 }, 120, 2)).expect("it stands");
     for place in 110..150 {
-        card.send(Word::Ahead { place, record: record(place) }).expect("room");
+        card.send(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
-    card.send(Word::rate(ONE)).expect("a rate");
+    card.send(HostCommand::rate(ONE)).expect("a rate");
     until(&mut card, |status| status.alarm.is_some());
     let status = card.status();
     assert_eq!(status.alarm, Some(Alarm::LimitSwitch { axis: 0, upper: true }));
@@ -377,10 +378,10 @@ fn a_card_that_kept_its_position_stands_there_with_all_that_hangs_on_it() {
 /// driven stands where the path says.
 #[test]
 fn play_is_taken_up_beside_the_counts() {
-    let rig = Rig::<3>::new(&RigSettings::default()).expect("a card");
+    let rig = CardSimulator::<3>::new(&CardSimulatorSettings::default()).expect("a card");
     let mut settings = settings();
     settings.backlash_pulses = [37, 0, 400];
-    let mut wired = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+    let mut wired = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     wired.open(settings).expect("it takes the settings");
     let mut card = Once { card: wired, told: 0 };
     let mut taken = Vec::new();
@@ -392,7 +393,7 @@ fn play_is_taken_up_beside_the_counts() {
         taken.push(apart);
     }
     let rig = card.card.port().rig();
-    assert_eq!(rig.faults(), Faults::default());
+    assert_eq!(rig.faults(), SimulationFaults::default());
     // The first axis goes up at first, and the third hardly ever turns.
     assert!(
         taken.iter().all(|apart| [0, -37].contains(&apart[0]) && apart[1] == 0 && [0, -400].contains(&apart[2])),
@@ -408,10 +409,17 @@ fn an_axis_with_play_is_homed_exactly() {
         let mut settings = settings();
         settings.inputs[usize::from(wiring::HOME)].used_for = InputUse::Home { axis: 0 };
         settings.backlash_pulses[0] = play;
-        let mut card = SimCard::<3>::with_machine(settings, &MachineSettings::default(), Clock::Virtual).expect("fits");
-        let order =
-            Homing { axis: 0, upper: false, fast: 20 << 32, slow, acceleration: 1 << 31, farthest: 8000, count: 0 };
-        card.send(Word::Home(order)).expect("taken");
+        let mut card = SimCard::<3>::with_machine(settings, &PlantSettings::default(), Clock::Virtual).expect("fits");
+        let order = HomingCommand {
+            axis: 0,
+            upper: false,
+            search_speed: 20 << 32,
+            latch_speed: slow,
+            acceleration: 1 << 31,
+            max_travel: 8000,
+            count: 0,
+        };
+        card.send(HostCommand::Home(order)).expect("taken");
         let (mut driven, mut edge) = (0i64, None);
         for _ in 0..100_000 {
             // the switch is worked by what is driven, which the drive pushes down at first
@@ -436,27 +444,28 @@ fn an_axis_with_play_is_homed_exactly() {
 /// A caller that goes by a report that is old begins no path where the machine no longer stands: E3021, and the card keeps the path that it has.
 #[test]
 fn a_path_is_not_begun_where_the_machine_has_moved_on() {
-    let down = LineSettings { latency_us: 30_000, ..LineSettings::default() };
-    let rig = Rig::<3>::new(&RigSettings { down, ..RigSettings::default() }).expect("a card");
-    let mut card = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+    let down = SerialChannelSettings { latency_us: 30_000, ..SerialChannelSettings::default() };
+    let rig =
+        CardSimulator::<3>::new(&CardSimulatorSettings { down, ..CardSimulatorSettings::default() }).expect("a card");
+    let mut card = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     card.open(settings()).expect("it takes the settings");
     for place in 0..EVERY {
-        card.send(Word::Ahead { place, record: record(place) }).expect("room");
+        card.send(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
-    card.send(Word::rate(ONE)).expect("a rate");
+    card.send(HostCommand::rate(ONE)).expect("a rate");
     let was = *card.status();
     assert_eq!((was.place, was.at_rest), (Place::start_of(0), true), "as far as the host knows");
     let epoch = card.port().rig().status().period;
-    let fault = card.begin(Start::at(0)).expect_err("it has moved on");
-    assert_eq!(fault, WiredFault::Host(HostFault::Moved));
+    let fault = card.begin(PathStart::at(0)).expect_err("it has moved on");
+    assert_eq!(fault, LinkedCardError::Host(LinkError::Moved));
     assert_eq!((fault.number(), fault.remedy()), ("E3021", "resume the job; check the line if it happens again"));
     let rig = card.port().rig();
     assert_eq!((rig.status().place, rig.status().at_rest), (Place::start_of(EVERY), true), "its own path goes on");
-    assert_eq!((rig.status().counts, rig.faults()), (position(Place::start_of(EVERY)), Faults::default()));
+    assert_eq!((rig.status().counts, rig.faults()), (position(Place::start_of(EVERY)), SimulationFaults::default()));
     assert!(rig.status().period > epoch && rig.pins().positions() == &rig.status().counts);
     // Behind the report of where it stands it can be begun.
     while card.status().place != Place::start_of(EVERY) {
         card.period().expect("no fault");
     }
-    card.begin(Start::at(EVERY)).expect("it stands there");
+    card.begin(PathStart::at(EVERY)).expect("it stands there");
 }

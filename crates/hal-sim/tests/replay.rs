@@ -6,8 +6,10 @@ use std::sync::{Arc, Mutex};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, Record};
-use retrace_hal_sim::{InProcess, NoFault, Rig, RigSettings};
-use retrace_link::{Change, MotionCard, Patience, Port, Settings, Start, Wired, Word};
+use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, InProcess, NoFault};
+use retrace_link::{
+    BytePort, CardSettings, HostCommand, LinkTimeouts, LinkedCard, MotionCard, OutputChange, PathStart,
+};
 
 /// What went over the line, and what is to be heard besides.
 #[derive(Clone, Debug, Default)]
@@ -24,15 +26,15 @@ struct Recorder {
     tape: Arc<Mutex<Tape>>,
 }
 
-impl Port for Recorder {
+impl BytePort for Recorder {
     type Fault = NoFault;
 
     fn now_us(&self) -> u64 {
         self.inner.now_us()
     }
 
-    fn room(&mut self) -> usize {
-        self.inner.room()
+    fn writable_bytes(&mut self) -> usize {
+        self.inner.writable_bytes()
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, NoFault> {
@@ -55,34 +57,34 @@ impl Port for Recorder {
     }
 }
 
-type Host = Wired<3, Recorder>;
+type Host = LinkedCard<3, Recorder>;
 
-fn rig(boot: u32) -> Rig<3> {
-    Rig::new(&RigSettings { boot, ..RigSettings::default() }).expect("a card")
+fn rig(boot: u32) -> CardSimulator<3> {
+    CardSimulator::new(&CardSimulatorSettings { boot, ..CardSimulatorSettings::default() }).expect("a card")
 }
 
-fn find(rig: Rig<3>, nonce: u32) -> (Host, Arc<Mutex<Tape>>) {
+fn find(rig: CardSimulator<3>, nonce: u32) -> (Host, Arc<Mutex<Tape>>) {
     let tape = Arc::new(Mutex::new(Tape::default()));
     let port = Recorder { inner: InProcess::new(rig), tape: Arc::clone(&tape) };
-    (Host::find(port, nonce, Patience::default()).expect("a card answers"), tape)
+    (Host::find(port, nonce, LinkTimeouts::default()).expect("a card answers"), tape)
 }
 
 fn open(host: &mut Host) {
     let axis = PulseLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
     let limits = RateLimits::new(13, 1 << 15, [axis; 3]).expect("valid");
-    host.open(Settings::new(0, Start::at(0), 1000, limits)).expect("it takes the settings");
+    host.open(CardSettings::new(0, PathStart::at(0), 1000, limits)).expect("it takes the settings");
 }
 
 /// Output 3 on, and 300 records ahead.
 fn run(host: &mut Host) {
-    host.send(Word::ByHand(Change { channel: 3, value: 1 })).expect("room");
-    host.send(Word::rate(ONE)).expect("a rate");
+    host.send(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("room");
+    host.send(HostCommand::rate(ONE)).expect("a rate");
     while host.status().place != Place::start_of(300) {
         while host.status().high < 300 {
             let place = host.status().high;
             let flags = if place == 299 { Flags::REST } else { Flags::NONE };
             let record = Record { increments: [7, -3, 1], flags, line: place, ..Record::default() };
-            if host.send(Word::Ahead { place, record }).is_err() {
+            if host.send(HostCommand::Ahead { place, record }).is_err() {
                 break;
             }
         }
@@ -93,11 +95,11 @@ fn run(host: &mut Host) {
 const END: [i64; 3] = [2100, -900, 300];
 
 /// A whole session, and what was said in it. The output is off at its end.
-fn session(boot: u32) -> (Rig<3>, Tape) {
+fn session(boot: u32) -> (CardSimulator<3>, Tape) {
     let (mut host, tape) = find(rig(boot), 7);
     open(&mut host);
     run(&mut host);
-    host.send(Word::ByHand(Change { channel: 3, value: 0 })).expect("room");
+    host.send(HostCommand::ManualOutput(OutputChange { channel: 3, value: 0 })).expect("room");
     while host.period().expect("no fault").outputs[3] != 0 {}
     host.close().expect("it stands");
     let rig = host.into_port().inner.into_rig();
@@ -107,7 +109,7 @@ fn session(boot: u32) -> (Rig<3>, Tape) {
 }
 
 /// Says these bytes to a card, as fast as its line goes; was any output on meanwhile?
-fn say(rig: &mut Rig<3>, bytes: &[u8]) -> bool {
+fn say(rig: &mut CardSimulator<3>, bytes: &[u8]) -> bool {
     let mut lit = false;
     for chunk in bytes.chunks(20) {
         rig.send(chunk);
@@ -148,7 +150,7 @@ fn a_recorded_session_moves_nothing_within_the_same_start() {
 fn a_replayed_opening_is_no_sign_of_life() {
     let (mut host, tape) = find(rig(1), 7);
     open(&mut host);
-    host.send(Word::rate(ONE)).expect("a rate");
+    host.send(HostCommand::rate(ONE)).expect("a rate");
     for _ in 0..50 {
         host.period().expect("no fault");
     }
@@ -169,13 +171,13 @@ fn replayed_greetings_and_reports_change_nothing_of_a_running_job() {
     let greetings = tape.lock().expect("whole").heard.clone();
     open(&mut host);
     let base = host.status().counts;
-    host.send(Word::rate(ONE)).expect("a rate");
+    host.send(HostCommand::rate(ONE)).expect("a rate");
     for round in 0..20 {
         tape.lock().expect("whole").injected.extend([&[0], &greetings[..], &old.heard, &[0]].concat());
         for _ in 0..10 {
             let place = host.status().high;
             let record = Record { increments: [round, -3, 1], line: place, ..Record::default() };
-            let _ = host.send(Word::Ahead { place, record });
+            let _ = host.send(HostCommand::Ahead { place, record });
             host.period().expect("a recording ends nothing");
         }
     }

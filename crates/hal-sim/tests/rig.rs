@@ -5,22 +5,23 @@ use std::sync::{Arc, Mutex};
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Record, Travel};
 use retrace_hal_sim::{
-    Chance, InProcess, LineSettings, MachineSettings, Process, Rates, Rig, RigSettings, Tally, wiring,
+    CardSimulator, CardSimulatorSettings, Chance, FaultRates, InProcess, LineCounters, PlantSettings, Process,
+    SerialChannelSettings, wiring,
 };
 use retrace_link::{
-    Alarm, Await, Change, Homing, InputSetting, InputUse, Instruction, MotionCard, Patience, Port, Settings, Start,
-    Status, Wired, Word, channel,
+    Alarm, BytePort, CardSettings, CardStatus, HomingCommand, HostCommand, InputSetting, InputUse, InputWait,
+    Instruction, LinkTimeouts, LinkedCard, MotionCard, OutputChange, PathStart, channel,
 };
 
-type Host = Wired<3, InProcess<3>>;
+type Host = LinkedCard<3, InProcess<3>>;
 
-fn settings() -> Settings<3> {
-    Settings::new(0, Start::at(0), 1000, limits())
+fn settings() -> CardSettings<3> {
+    CardSettings::new(0, PathStart::at(0), 1000, limits())
 }
 
-fn host(rig: &RigSettings, settings: Settings<3>) -> Host {
-    let rig = Rig::new(rig).expect("a card");
-    let mut host = Host::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+fn host(rig: &CardSimulatorSettings, settings: CardSettings<3>) -> Host {
+    let rig = CardSimulator::new(rig).expect("a card");
+    let mut host = Host::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     host.open(settings).expect("it takes the settings");
     host
 }
@@ -49,12 +50,12 @@ fn position(place: u32, length: u32) -> [i64; 3] {
 }
 
 /// Runs at a rate until the card rests at `to`, with the path sent as there is room; the last report.
-fn run(host: &mut Host, target: Travel, to: u32, length: u32) -> Status<3> {
-    host.send(Word::rate(target)).expect("a rate");
+fn run(host: &mut Host, target: Travel, to: u32, length: u32) -> CardStatus<3> {
+    host.send(HostCommand::rate(target)).expect("a rate");
     for _ in 0..200_000 {
         loop {
             let high = host.status().high;
-            if high >= length || host.send(Word::Ahead { place: high, record: record(high, length) }).is_err() {
+            if high >= length || host.send(HostCommand::Ahead { place: high, record: record(high, length) }).is_err() {
                 break;
             }
         }
@@ -66,28 +67,28 @@ fn run(host: &mut Host, target: Travel, to: u32, length: u32) -> Status<3> {
     panic!("it does not come to {to}: {:?}", host.status());
 }
 
-fn line(baud: u32, chance: f64, seed: u64) -> LineSettings {
-    let rates = Rates { stall_us: 20_000, ..Rates::all(Chance::new(chance).expect("a probability")) };
-    LineSettings { baud, latency_us: 100, jitter_us: 500, rates, seed, script: Vec::new() }
+fn line(baud: u32, chance: f64, seed: u64) -> SerialChannelSettings {
+    let rates = FaultRates { stall_us: 20_000, ..FaultRates::all(Chance::new(chance).expect("a probability")) };
+    SerialChannelSettings { baud, latency_us: 100, jitter_us: 500, rates, seed, script: Vec::new() }
 }
 
 #[test]
 fn there_and_back_over_lines_good_and_bad() {
     for (seed, chance) in [(1, 0.0), (2, 1e-4), (3, 1e-3)] {
         let (up, down) = (line(1_000_000, chance, seed), line(1_000_000, chance, seed + 100));
-        let mut host = host(&RigSettings { up, down, ..RigSettings::default() }, settings());
+        let mut host = host(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() }, settings());
         let status = run(&mut host, ONE, 700, 700);
         assert_eq!(status.counts, position(700, 700));
         let status = run(&mut host, -ONE / 2, 0, 700);
         assert_eq!((status.counts, status.reached), ([0; 3], 700));
         let rig = host.port().rig();
-        assert_eq!(rig.faults(), retrace_hal_sim::Faults::default(), "chance {chance}");
+        assert_eq!(rig.faults(), retrace_hal_sim::SimulationFaults::default(), "chance {chance}");
         assert_eq!(rig.pins().positions(), &[0; 3]);
         let all: i64 = (0..700).map(|n| 2 * i64::from(record(n, 700).increments[0].unsigned_abs())).sum();
         // A period across a turning point makes fewer pulses than its two halves; none makes more.
         let made = rig.pins().pulses()[0] as i64;
         assert!(made <= all && made > all - 100, "no axis goes to and fro on its way: {made} of {all}");
-        let faults: u64 = rig.lines().iter().map(|line| line.tally().faults()).sum();
+        let faults: u64 = rig.lines().iter().map(|line| line.counters().faults()).sum();
         assert_eq!(faults > 0, chance > 0.0, "{faults} faults at {chance}");
     }
 }
@@ -99,12 +100,13 @@ fn a_run_can_be_repeated() {
         let log = Arc::new(Mutex::new(Vec::new()));
         let into = Arc::clone(&log);
         let (up, down) = (line(230_400, 1e-3, 5), line(230_400, 1e-3, 6));
-        let mut rig = Rig::new(&RigSettings { up, down, ..RigSettings::default() }).expect("a card");
+        let mut rig = CardSimulator::new(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() })
+            .expect("a card");
         rig.watch(Box::new(move |now| into.lock().expect("whole").push((now.at_us, now.status.place, *now.positions))));
-        let mut host = Host::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
+        let mut host = Host::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
         host.open(settings()).expect("it takes the settings");
         run(&mut host, ONE, 400, 400);
-        let (tallies, now) = (host.port().rig().lines().map(|line| *line.tally()), host.port().rig().now_us());
+        let (tallies, now) = (host.port().rig().lines().map(|line| *line.counters()), host.port().rig().now_us());
         drop(host);
         (Arc::try_unwrap(log).expect("ours").into_inner().expect("whole"), tallies, now)
     };
@@ -125,18 +127,18 @@ fn done() -> Process {
 }
 
 /// Switches the spindle at place 0 and waits for it, then runs: the first report with an alarm, or the last one.
-fn switch_and_run(process: Process) -> (Status<3>, u64) {
-    let machine = MachineSettings { processes: vec![process], seed: 9, ..MachineSettings::default() };
-    let mut host = host(&RigSettings { machine, ..RigSettings::default() }, settings());
+fn switch_and_run(process: Process) -> (CardStatus<3>, u64) {
+    let machine = PlantSettings { processes: vec![process], seed: 9, ..PlantSettings::default() };
+    let mut host = host(&CardSimulatorSettings { machine, ..CardSimulatorSettings::default() }, settings());
     let mut instruction = Instruction { number: 1, count: 1, periods: 1, ..Instruction::default() };
-    instruction.changes[0] = Change { channel: channel::SPINDLE, value: 1 };
-    instruction.until = Some(Await { input: wiring::DONE, active: true, at_most: 100 });
-    host.send(Word::Instruction(instruction)).expect("taken");
-    host.send(Word::rate(ONE)).expect("a rate");
+    instruction.changes[0] = OutputChange { channel: channel::SPINDLE, value: 1 };
+    instruction.until = Some(InputWait { input: wiring::DONE, active: true, timeout_periods: 100 });
+    host.send(HostCommand::Instruction(instruction)).expect("taken");
+    host.send(HostCommand::rate(ONE)).expect("a rate");
     for _ in 0..1000 {
         let high = host.status().high;
         if high < 50 && host.status().executed == 1 {
-            host.send(Word::Ahead { place: high, record: record(high, 50) }).expect("room");
+            host.send(HostCommand::Ahead { place: high, record: record(high, 50) }).expect("room");
         }
         match host.period() {
             Ok(status) if status.place.record == 50 && status.at_rest => break,
@@ -162,16 +164,16 @@ fn a_process_is_waited_for_and_one_that_hangs_or_fails_is_an_alarm() {
 /// The axis runs onto its limit switch, which is where the pins say, not where anybody planned.
 #[test]
 fn a_limit_switch_stops_the_motion_on_the_path() {
-    let machine = MachineSettings::with_switches(&[[-10_000, 10_000], [-10_000, 10_000], [-10_000, 30]], 10);
+    let machine = PlantSettings::with_switches(&[[-10_000, 10_000], [-10_000, 10_000], [-10_000, 30]], 10);
     let mut settings = settings();
     settings.inputs[usize::from(wiring::UPPER + 2)] =
         InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: false };
-    let mut host = host(&RigSettings { machine, ..RigSettings::default() }, settings);
-    host.send(Word::rate(ONE)).expect("a rate");
+    let mut host = host(&CardSimulatorSettings { machine, ..CardSimulatorSettings::default() }, settings);
+    host.send(HostCommand::rate(ONE)).expect("a rate");
     for _ in 0..400 {
         let high = host.status().high;
         if high < 300 {
-            host.send(Word::Ahead { place: high, record: record(high, 300) }).expect("room");
+            host.send(HostCommand::Ahead { place: high, record: record(high, 300) }).expect("room");
         }
         if host.period().is_err() {
             break;
@@ -189,22 +191,22 @@ fn a_limit_switch_stops_the_motion_on_the_path() {
 /// The axis finds its switch, which counts pulses as a real one does; what homing sets is not a fault of the counts.
 #[test]
 fn homing_sets_the_count_where_the_switch_is() {
-    let machine = MachineSettings::with_switches(&[[-4000, 4000], [-4000, 4000], [-4000, 4000]], 1000);
+    let machine = PlantSettings::with_switches(&[[-4000, 4000], [-4000, 4000], [-4000, 4000]], 1000);
     let mut settings = settings();
     let home = InputSetting { used_for: InputUse::Home { axis: 1 }, active_low: false };
     settings.inputs[usize::from(wiring::HOME + 1)] = home;
-    let mut host = host(&RigSettings { machine, ..RigSettings::default() }, settings);
+    let mut host = host(&CardSimulatorSettings { machine, ..CardSimulatorSettings::default() }, settings);
     let pulses = |n: i64| n << 32;
-    let order = Homing {
+    let order = HomingCommand {
         axis: 1,
         upper: false,
-        fast: pulses(20),
-        slow: pulses(1) / 2,
+        search_speed: pulses(20),
+        latch_speed: pulses(1) / 2,
         acceleration: pulses(1) / 2,
-        farthest: 8000,
+        max_travel: 8000,
         count: 50_000,
     };
-    host.send(Word::Home(order)).expect("taken");
+    host.send(HostCommand::Home(order)).expect("taken");
     let mut status = *host.period().expect("no fault");
     for _ in 0..20_000 {
         if status.at_rest && status.counts[1] != 0 {
@@ -218,19 +220,19 @@ fn homing_sets_the_count_where_the_switch_is() {
     let apart = rig.status().counts[1] - rig.pins().positions()[1];
     assert_eq!(apart, 50_000 + 2999);
     assert!((-2999..-2900).contains(&rig.pins().positions()[1]), "{:?}", rig.pins().positions());
-    assert_eq!(rig.faults(), retrace_hal_sim::Faults::default());
+    assert_eq!(rig.faults(), retrace_hal_sim::SimulationFaults::default());
 }
 
 /// What the wheel turns by is in the reports, over a line that loses some of them, to the count.
 #[test]
 fn the_wheel_is_told_to_the_count() {
     let (up, down) = (line(1_000_000, 5e-4, 3), line(1_000_000, 5e-4, 4));
-    let mut host = host(&RigSettings { up, down, ..RigSettings::default() }, settings());
+    let mut host = host(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() }, settings());
     let (mut turned, mut told) = (0i64, 0i64);
     for round in 0..3000i64 {
         if round < 2500 {
             let counts = (round * 7 % 23 - 11) as i16;
-            host.port_mut().rig_mut().machine().turn(counts);
+            host.port_mut().rig_mut().machine().turn_wheel(counts);
             turned += i64::from(counts);
         }
         told += i64::from(host.period().expect("no fault").wheel);
@@ -241,11 +243,11 @@ fn the_wheel_is_told_to_the_count() {
 /// The host falls silent in motion: the card rests on the path by itself, and says why.
 #[test]
 fn a_silent_host_is_an_alarm() {
-    let mut host = host(&RigSettings::default(), settings());
-    host.send(Word::rate(ONE)).expect("a rate");
+    let mut host = host(&CardSimulatorSettings::default(), settings());
+    host.send(HostCommand::rate(ONE)).expect("a rate");
     while host.status().high < 2000 {
         let high = host.status().high;
-        if host.send(Word::Ahead { place: high, record: record(high, 2000) }).is_err() {
+        if host.send(HostCommand::Ahead { place: high, record: record(high, 2000) }).is_err() {
             host.period().expect("no fault");
         }
     }
@@ -269,15 +271,15 @@ struct Tap {
     written: Arc<Mutex<Written>>,
 }
 
-impl Port for Tap {
-    type Fault = <InProcess<3> as Port>::Fault;
+impl BytePort for Tap {
+    type Fault = <InProcess<3> as BytePort>::Fault;
 
     fn now_us(&self) -> u64 {
         self.port.now_us()
     }
 
-    fn room(&mut self) -> usize {
-        self.port.room()
+    fn writable_bytes(&mut self) -> usize {
+        self.port.writable_bytes()
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Fault> {
@@ -292,11 +294,11 @@ impl Port for Tap {
 }
 
 /// Positions after each period, bytes for the host, and what the lines did.
-type Replay = (Vec<(u64, [i64; 3])>, Vec<u8>, [Tally; 2]);
+type Replay = (Vec<(u64, [i64; 3])>, Vec<u8>, [LineCounters; 2]);
 
 /// What a rig does when these bytes are sent to it at these times, and time passes in steps of so many microseconds.
-fn replay(settings: &RigSettings, written: &Written, step_us: u64) -> Replay {
-    let mut rig = Rig::<3>::new(settings).expect("a card");
+fn replay(settings: &CardSimulatorSettings, written: &Written, step_us: u64) -> Replay {
+    let mut rig = CardSimulator::<3>::new(settings).expect("a card");
     let log = Arc::new(Mutex::new(Vec::new()));
     let into = Arc::clone(&log);
     rig.watch(Box::new(move |now| into.lock().expect("whole").push((now.at_us, *now.positions))));
@@ -316,7 +318,7 @@ fn replay(settings: &RigSettings, written: &Written, step_us: u64) -> Replay {
             count => bytes.extend_from_slice(&buffer[..count]),
         }
     }
-    let tallies = rig.lines().map(|line| *line.tally());
+    let tallies = rig.lines().map(|line| *line.counters());
     drop(rig);
     (Arc::try_unwrap(log).expect("ours").into_inner().expect("whole"), bytes, tallies)
 }
@@ -325,17 +327,17 @@ fn replay(settings: &RigSettings, written: &Written, step_us: u64) -> Replay {
 fn the_steps_in_which_time_passes_change_nothing() {
     for baud in [0, 115_200, 1_000_000] {
         let (up, down) = (line(baud, 2e-4, 15), line(baud, 2e-4, 16));
-        let settings_of_rig = RigSettings { up, down, ..RigSettings::default() };
+        let settings_of_rig = CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() };
         let written = Arc::new(Mutex::new(Vec::new()));
-        let port = InProcess::new(Rig::new(&settings_of_rig).expect("a card"));
+        let port = InProcess::new(CardSimulator::new(&settings_of_rig).expect("a card"));
         let tap = Tap { port, written: Arc::clone(&written) };
-        let mut host = Wired::find(tap, 7, Patience::default()).expect("a card answers");
+        let mut host = LinkedCard::find(tap, 7, LinkTimeouts::default()).expect("a card answers");
         host.open(settings()).expect("it takes the settings");
-        host.send(Word::rate(ONE)).expect("a rate");
+        host.send(HostCommand::rate(ONE)).expect("a rate");
         while !(host.status().place.record == 150 && host.status().at_rest) {
             let high = host.status().high;
             if high < 150 {
-                let _ = host.send(Word::Ahead { place: high, record: record(high, 150) });
+                let _ = host.send(HostCommand::Ahead { place: high, record: record(high, 150) });
             }
             host.period().expect("no fault");
         }

@@ -6,9 +6,10 @@ use std::sync::{Arc, Mutex};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Record};
-use retrace_hal_sim::{InProcess, Rig, RigSettings};
+use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, InProcess};
 use retrace_link::{
-    Change, CuttingChannel, CuttingSettings, Instruction, MotionCard, Patience, Settings, Start, Wired, Word, channel,
+    CardSettings, CuttingChannel, CuttingSettings, HostCommand, Instruction, LinkTimeouts, LinkedCard, MotionCard,
+    OutputChange, PathStart, channel,
 };
 
 /// A file in memory.
@@ -62,19 +63,19 @@ fn read(text: &str) -> HashMap<String, Vec<(u64, String)>> {
 /// 60 periods there, 60 back at full rate, and the spindle on in the middle of it.
 fn traced() -> (String, [u64; 2]) {
     let file = Shared::default();
-    let mut rig = Rig::<2>::new(&RigSettings::default()).expect("a card");
+    let mut rig = CardSimulator::<2>::new(&CardSimulatorSettings::default()).expect("a card");
     rig.trace(Box::new(file.clone()), &["x".to_owned(), "y".to_owned()]).expect("memory");
-    let mut host = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
-    host.open(Settings::new(0, Start::at(0), 1000, limits())).expect("it takes the settings");
+    let mut host = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+    host.open(CardSettings::new(0, PathStart::at(0), 1000, limits())).expect("it takes the settings");
     for place in 0..60u32 {
         let flags = if place == 59 { Flags::REST } else { Flags::NONE };
         let record = Record { increments: [5, -((place % 9) as i16)], flags, line: place, ..Record::default() };
-        host.send(Word::Ahead { place, record }).expect("room");
+        host.send(HostCommand::Ahead { place, record }).expect("room");
     }
     for (target, end) in [(ONE, 60), (-ONE, 0)] {
-        host.send(Word::rate(target)).expect("a rate");
+        host.send(HostCommand::rate(target)).expect("a rate");
         while host.period().is_ok_and(|status| status.place.record != end || !status.at_rest) {}
-        host.send(Word::ByHand(Change { channel: channel::SPINDLE, value: -1 })).expect("a channel");
+        host.send(HostCommand::ManualOutput(OutputChange { channel: channel::SPINDLE, value: -1 })).expect("a channel");
     }
     let rig = host.port().rig();
     assert_eq!((rig.status().counts, rig.pins().positions()), ([0, 0], &[0, 0]));
@@ -130,12 +131,12 @@ fn the_edges_of_the_trace_are_the_pulses() {
 
 /// A torch without a grace, lit by the first instruction, and a path that runs for a second; what the pins show from when
 /// `stops` has had the host and after half a second more.
-fn torch(stops: impl Fn(&mut Wired<2, InProcess<2>>)) -> HashMap<String, Vec<(u64, String)>> {
+fn torch(stops: impl Fn(&mut LinkedCard<2, InProcess<2>>)) -> HashMap<String, Vec<(u64, String)>> {
     let file = Shared::default();
-    let mut rig = Rig::<2>::new(&RigSettings::default()).expect("a card");
+    let mut rig = CardSimulator::<2>::new(&CardSimulatorSettings::default()).expect("a card");
     rig.trace(Box::new(file.clone()), &["x".to_owned(), "y".to_owned()]).expect("memory");
-    let mut host = Wired::find(InProcess::new(rig), 7, Patience::default()).expect("a card answers");
-    let mut settings = Settings::new(0, Start::at(0), 1000, limits());
+    let mut host = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+    let mut settings = CardSettings::new(0, PathStart::at(0), 1000, limits());
     settings.watchdog_periods = 100;
     let torch = CuttingChannel { channel: channel::SPINDLE, fires: true, ..CuttingChannel::default() };
     settings.cutting = CuttingSettings { count: 1, handover_periods: 100, ..CuttingSettings::default() };
@@ -143,14 +144,14 @@ fn torch(stops: impl Fn(&mut Wired<2, InProcess<2>>)) -> HashMap<String, Vec<(u6
     host.open(settings).expect("it takes the settings");
     let mut instruction =
         Instruction { number: 1, count: 1, periods: 20, keeps_cutter: true, ..Instruction::default() };
-    instruction.changes[0] = Change { channel: channel::SPINDLE, value: 1 };
-    host.send(Word::rate(ONE)).expect("a rate");
-    host.send(Word::Instruction(instruction)).expect("room");
+    instruction.changes[0] = OutputChange { channel: channel::SPINDLE, value: 1 };
+    host.send(HostCommand::rate(ONE)).expect("a rate");
+    host.send(HostCommand::Instruction(instruction)).expect("room");
     while host.period().is_ok_and(|status| status.place.record < 200) {
         while host.status().executed == 1 && host.status().high < 1000 {
             let place = host.status().high;
             let record = Record { increments: [5, 0], line: place, ..Record::default() };
-            if host.send(Word::Ahead { place, record }).is_err() {
+            if host.send(HostCommand::Ahead { place, record }).is_err() {
                 break;
             }
         }
@@ -174,7 +175,7 @@ fn lit(changes: &HashMap<String, Vec<(u64, String)>>) -> (u64, u64, u64) {
 #[test]
 fn a_hold_puts_the_torch_out_at_the_pins_as_soon_as_the_machine_rests() {
     let changes = torch(|host| {
-        host.send(Word::rate(0)).expect("a rate");
+        host.send(HostCommand::rate(0)).expect("a rate");
         while host.period().is_ok_and(|status| !status.at_rest) {}
         for _ in 0..20 {
             host.period().expect("no fault");

@@ -4,7 +4,7 @@
 
 use core::fmt;
 
-use crate::CardFault;
+use crate::CardFailure;
 
 /// What stopped the machine. It stays latched on the card until [`crate::Word::ClearAlarm`], and no rate moves the machine while
 /// it is.
@@ -82,7 +82,7 @@ impl Alarm {
     }
 }
 
-impl CardFault for Alarm {
+impl CardFailure for Alarm {
     fn number(&self) -> &'static str {
         match self {
             Self::HostSilent => "E3011",

@@ -2,7 +2,7 @@
 //!
 //! Invariant: the settings alone say which channel fires; the card applies its permit to them whatever the words ask for.
 
-use crate::{Await, Change, MAX_CHANGES};
+use crate::{InputWait, MAX_CHANGES, OutputChange};
 
 /// Maximum number of cutting channels of a card.
 pub const MAX_CUTTING_CHANNELS: usize = 8;
@@ -51,19 +51,19 @@ pub struct RepeatedInstruction {
     /// Its number: 1 for the first one of an epoch, and on from there.
     pub number: u32,
     /// What it switches; the first `count` are valid.
-    pub changes: [Change; MAX_CHANGES],
+    pub changes: [OutputChange; MAX_CHANGES],
     /// Number of valid `changes`.
     pub count: u8,
     /// Shortest duration, in control periods.
     pub periods: u32,
     /// Input that it waits for besides.
-    pub until: Option<Await>,
+    pub until: Option<InputWait>,
 }
 
 impl RepeatedInstruction {
     /// The valid changes.
     #[must_use]
-    pub fn changes(&self) -> &[Change] {
+    pub fn changes(&self) -> &[OutputChange] {
         &self.changes[..usize::from(self.count).min(MAX_CHANGES)]
     }
 }

@@ -98,7 +98,7 @@ const fn check_byte(rest: u32) -> u8 {
 
 /// Why the bytes before a zero byte are no frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Damage {
+pub enum FrameDamage {
     /// There are more or fewer bytes than the length says, or it says that there is no payload.
     Length,
     /// The length says that the payload is longer than this decoder takes.
@@ -121,12 +121,12 @@ enum Due {
     /// The zero byte.
     End { length: u8 },
     /// The zero byte, whatever comes before it: damage was found.
-    Nothing(Damage),
+    Nothing(FrameDamage),
 }
 
 /// Finds frames with payloads of up to `N` bytes (1 … 253) in a stream, byte by byte. Each byte takes the same few steps.
 #[derive(Clone, Debug)]
-pub struct Decoder<const N: usize> {
+pub struct FrameDecoder<const N: usize> {
     due: Due,
     /// Key of the frames that are taken besides those without one; 0: none.
     key: u32,
@@ -135,7 +135,7 @@ pub struct Decoder<const N: usize> {
     payload: [u8; N],
 }
 
-impl<const N: usize> Decoder<N> {
+impl<const N: usize> FrameDecoder<N> {
     /// A decoder that has seen nothing: it takes the first byte for the first of a frame. Who opens a line in use sends a
     /// zero byte first.
     #[must_use]
@@ -158,14 +158,14 @@ impl<const N: usize> Decoder<N> {
     /// Takes the next byte of the stream. A zero byte yields the payload before it, or what is wrong with the bytes since
     /// the last zero byte; nothing if there are none.
     #[inline(always)] // as above; and a stream is read in one place
-    pub fn take(&mut self, byte: u8) -> Option<Result<&[u8], Damage>> {
+    pub fn take(&mut self, byte: u8) -> Option<Result<&[u8], FrameDamage>> {
         if byte != 0 {
             self.due = self.after(byte);
             return None;
         }
         match core::mem::replace(&mut self.due, Due::Length) {
             Due::Length => None,
-            Due::Body { .. } | Due::Check { .. } => Some(Err(Damage::Length)),
+            Due::Body { .. } | Due::Check { .. } => Some(Err(FrameDamage::Length)),
             Due::End { length } => Some(Ok(&self.payload[..usize::from(length) - 1])),
             Due::Nothing(damage) => Some(Err(damage)),
         }
@@ -175,8 +175,8 @@ impl<const N: usize> Decoder<N> {
     #[inline(always)]
     fn after(&mut self, byte: u8) -> Due {
         match self.due {
-            Due::Length if byte == 1 => Due::Nothing(Damage::Length),
-            Due::Length if usize::from(byte) > N + 1 => Due::Nothing(Damage::TooLong),
+            Due::Length if byte == 1 => Due::Nothing(FrameDamage::Length),
+            Due::Length if usize::from(byte) > N + 1 => Due::Nothing(FrameDamage::TooLong),
             Due::Length => {
                 self.has_key = false;
                 Due::Body { length: byte, at: 0, stretch: 0, register: crc::update(crc::START, byte) }
@@ -191,7 +191,7 @@ impl<const N: usize> Decoder<N> {
                 if at + 1 < length {
                     Due::Body { length, at: at + 1, stretch, register }
                 } else if stretch > 0 {
-                    Due::Nothing(Damage::Stuffing)
+                    Due::Nothing(FrameDamage::Stuffing)
                 } else {
                     Due::Check { length, left: CHECK, rest: crc::finish(register) }
                 }
@@ -201,16 +201,16 @@ impl<const N: usize> Decoder<N> {
                 self.has_key = true;
                 Due::Check { length, left: CHECK - 1, rest: (rest ^ self.key) >> 7 }
             }
-            Due::Check { rest, .. } if byte != check_byte(rest) => Due::Nothing(Damage::Check),
+            Due::Check { rest, .. } if byte != check_byte(rest) => Due::Nothing(FrameDamage::Check),
             Due::Check { length, left: 1, .. } => Due::End { length },
             Due::Check { length, left, rest } => Due::Check { length, left: left - 1, rest: rest >> 7 },
-            Due::End { .. } => Due::Nothing(Damage::Length),
+            Due::End { .. } => Due::Nothing(FrameDamage::Length),
             Due::Nothing(damage) => Due::Nothing(damage),
         }
     }
 }
 
-impl<const N: usize> Default for Decoder<N> {
+impl<const N: usize> Default for FrameDecoder<N> {
     fn default() -> Self {
         Self::new()
     }
@@ -229,7 +229,7 @@ mod tests {
         let golden = [0x04, 0x02, 0x11, 0x02, 0x22, 0xB7, 0x94, 0xC3, 0xCB, 0x82, 0x00];
         assert_eq!(encode(&[0x11, 0x00, 0x22], &mut wire), Some(&golden[..]));
 
-        let mut decoder = Decoder::<3>::new();
+        let mut decoder = FrameDecoder::<3>::new();
         let (last, others) = golden.split_last().unwrap();
         for &byte in others {
             assert_eq!(decoder.take(byte), None);
@@ -237,8 +237,8 @@ mod tests {
         assert_eq!(decoder.take(*last), Some(Ok(&[0x11, 0x00, 0x22][..])));
     }
 
-    fn said_of<const N: usize>(bytes: &[u8]) -> Option<Damage> {
-        let mut decoder = Decoder::<N>::new();
+    fn said_of<const N: usize>(bytes: &[u8]) -> Option<FrameDamage> {
+        let mut decoder = FrameDecoder::<N>::new();
         for &byte in bytes {
             assert_eq!(decoder.take(byte), None);
         }
@@ -250,16 +250,22 @@ mod tests {
         let whole = [0x04, 0x02, 0x11, 0x02, 0x22, 0xB7, 0x94, 0xC3, 0xCB, 0x82];
         assert_eq!(said_of::<3>(&whole), None);
         for cut in 1..whole.len() {
-            assert_eq!(said_of::<3>(&whole[..cut]), Some(Damage::Length), "{cut} bytes");
-            assert_eq!(said_of::<2>(&whole[..cut]), Some(Damage::TooLong), "{cut} bytes");
+            assert_eq!(said_of::<3>(&whole[..cut]), Some(FrameDamage::Length), "{cut} bytes");
+            assert_eq!(said_of::<2>(&whole[..cut]), Some(FrameDamage::TooLong), "{cut} bytes");
         }
         assert_eq!(
             said_of::<3>(&[0x04, 0x02, 0x11, 0x02, 0x22, 0xB7, 0x94, 0xC3, 0xCB, 0x82, 0x01]),
-            Some(Damage::Length)
+            Some(FrameDamage::Length)
         );
-        assert_eq!(said_of::<3>(&[0x01, 0x01, 0x80, 0x80, 0x80, 0x80, 0x80]), Some(Damage::Length), "no payload");
-        assert_eq!(said_of::<3>(&[0x04, 0x02, 0x11, 0x03, 0x22, 0xB7, 0x94, 0xC3, 0xCB, 0x82]), Some(Damage::Stuffing));
-        assert_eq!(said_of::<3>(&[0x04, 0x02, 0x11, 0x02, 0x23, 0xB7, 0x94, 0xC3, 0xCB, 0x82]), Some(Damage::Check));
+        assert_eq!(said_of::<3>(&[0x01, 0x01, 0x80, 0x80, 0x80, 0x80, 0x80]), Some(FrameDamage::Length), "no payload");
+        assert_eq!(
+            said_of::<3>(&[0x04, 0x02, 0x11, 0x03, 0x22, 0xB7, 0x94, 0xC3, 0xCB, 0x82]),
+            Some(FrameDamage::Stuffing)
+        );
+        assert_eq!(
+            said_of::<3>(&[0x04, 0x02, 0x11, 0x02, 0x23, 0xB7, 0x94, 0xC3, 0xCB, 0x82]),
+            Some(FrameDamage::Check)
+        );
     }
 
     #[test]

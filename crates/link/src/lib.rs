@@ -9,37 +9,40 @@
 #![forbid(unsafe_code)]
 
 mod alarm;
-mod card_end;
+mod card_endpoint;
 pub mod crc;
 mod cutting;
-mod ends;
 pub mod frame;
 mod frame_size;
 mod host;
 mod message;
-mod mirror;
+mod ports;
+mod predicted_window;
+mod serial_card;
 mod session;
 mod settings;
 pub mod wire;
-mod wired;
 
 pub use alarm::Alarm;
-pub use card_end::CardEnd;
+pub use card_endpoint::CardEndpoint;
 pub use cutting::{
     CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, RepeatedInstruction,
 };
-pub use ends::{CardFault, Deck, Port, echo};
-pub use host::{Host, HostFault, LineCounts};
-pub use message::{Action, Await, Change, Homing, Instruction, MAX_CHANGES, Outputs, Refusal, Status, Word, channel};
+pub use host::{HostEndpoint, LineCounts, LinkError};
+pub use message::{
+    CardStatus, CommandRefusal, HomingCommand, HostCommand, InputWait, Instruction, MAX_CHANGES, OutputAction,
+    OutputChange, Outputs, channel,
+};
+pub use ports::{BytePort, CardCore, CardFailure, state_crc};
+pub use serial_card::{LinkTimeouts, LinkedCard, LinkedCardError};
 pub use session::{next_epoch, session_key};
-pub use settings::{Identity, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, Settings, Start};
+pub use settings::{CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, PathStart};
 pub use wire::Greeting;
-pub use wired::{Patience, Wired, WiredFault};
 
 /// What the controller sees of a card, simulated or real.
 pub trait MotionCard<const A: usize> {
     /// What holds the line or the machine up for good.
-    type Fault: CardFault;
+    type Fault: CardFailure;
 
     /// How many records the card can hold.
     fn window(&self) -> u32;
@@ -48,14 +51,14 @@ pub trait MotionCard<const A: usize> {
     ///
     /// # Errors
     /// [`Refusal`] says why the card did not take it; nothing has changed then.
-    fn send(&mut self, word: Word<A>) -> Result<(), Refusal>;
+    fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal>;
 
     /// Lets one control period pass and reports it. A card in virtual time computes it, one in wall time waits for it.
     ///
     /// # Errors
     /// A fault is final: the card stands, and no word of this run will move it again. Only an alarm can be cleared: after
     /// [`Word::ClearAlarm`] periods pass as ever, until it is known that the alarm stays.
-    fn period(&mut self) -> Result<&Status<A>, Self::Fault>;
+    fn period(&mut self) -> Result<&CardStatus<A>, Self::Fault>;
 
     /// Begins a path anew where the machine stands: an epoch. What the card holds of the old path is forgotten, counts and outputs stay,
     /// and so does an alarm. The machine has to stand.
@@ -65,10 +68,10 @@ pub trait MotionCard<const A: usize> {
     ///
     /// # Errors
     /// A fault is final, as in [`MotionCard::period`].
-    fn begin(&mut self, start: Start) -> Result<(), Self::Fault>;
+    fn begin(&mut self, start: PathStart) -> Result<(), Self::Fault>;
 
     /// The report of the last period again.
-    fn status(&self) -> &Status<A>;
+    fn status(&self) -> &CardStatus<A>;
 
     /// The place behind the last record that the card is known to hold. A card at the end of a line has been told of more than that by
     /// its status, whose window is the one that is on its way.
@@ -84,19 +87,19 @@ impl<const A: usize, C: MotionCard<A>> MotionCard<A> for &mut C {
         C::window(self)
     }
 
-    fn send(&mut self, word: Word<A>) -> Result<(), Refusal> {
+    fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
         C::send(self, word)
     }
 
-    fn period(&mut self) -> Result<&Status<A>, Self::Fault> {
+    fn period(&mut self) -> Result<&CardStatus<A>, Self::Fault> {
         C::period(self)
     }
 
-    fn begin(&mut self, start: Start) -> Result<(), Self::Fault> {
+    fn begin(&mut self, start: PathStart) -> Result<(), Self::Fault> {
         C::begin(self, start)
     }
 
-    fn status(&self) -> &Status<A> {
+    fn status(&self) -> &CardStatus<A> {
         C::status(self)
     }
 

@@ -4,7 +4,7 @@
 
 use retrace_core::{Place, RateTarget, Record, Travel};
 
-use crate::{Alarm, CutterOff, RepeatedInstruction, Start};
+use crate::{Alarm, CutterOff, PathStart, RepeatedInstruction};
 
 /// Output channels of a card and what they carry.
 pub mod channel {
@@ -29,7 +29,7 @@ pub type Outputs = [i32; channel::COUNT];
 
 /// One output channel takes a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Change {
+pub struct OutputChange {
     /// The channel, below [`channel::COUNT`].
     pub channel: u8,
     /// Its new value.
@@ -38,7 +38,7 @@ pub struct Change {
 
 /// A synchronous switching action: executed in passing at the start of a record (GMC, *Two classes*; REV-14).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Action {
+pub struct OutputAction {
     /// The record at whose start it is executed.
     pub place: u32,
     /// The output channel.
@@ -54,13 +54,13 @@ pub const MAX_CHANGES: usize = 4;
 
 /// What an instruction waits for before it is complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Await {
+pub struct InputWait {
     /// Number of the input.
     pub input: u8,
     /// Is it to become active, or inactive?
     pub active: bool,
     /// After so many periods it has failed; 0: it may take for ever.
-    pub at_most: u32,
+    pub timeout_periods: u32,
 }
 
 /// An exclusive switching instruction (GMC-3): executed while the motion stands.
@@ -74,13 +74,13 @@ pub struct Instruction {
     /// The place that it stands at: before this record.
     pub place: u32,
     /// What it switches, the first `count` of them.
-    pub changes: [Change; MAX_CHANGES],
+    pub changes: [OutputChange; MAX_CHANGES],
     /// How many of `changes` hold.
     pub count: u8,
     /// Control periods that it takes at least: the dwell of G4, the time the spindle needs.
     pub periods: u32,
     /// What it waits for besides.
-    pub until: Option<Await>,
+    pub until: Option<InputWait>,
     /// Standing with a cutting output on is not counted while it is executed: a pierce, a dwell, a pause at a contour's end.
     pub keeps_cutter: bool,
 }
@@ -89,19 +89,19 @@ pub struct Instruction {
 ///
 /// Fast toward the switch, to rest, slowly off it; where it opens the count is set. The path then begins anew there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Homing {
+pub struct HomingCommand {
     /// The axis, from 0.
     pub axis: u8,
     /// Is the switch at the upper end?
     pub upper: bool,
     /// Speed toward the switch, in pulses a period, in units of 2⁻³² pulses.
-    pub fast: i64,
+    pub search_speed: i64,
     /// Speed off it, likewise.
-    pub slow: i64,
+    pub latch_speed: i64,
     /// Change of speed a period, likewise.
     pub acceleration: i64,
     /// The farthest way to the switch, in pulses.
-    pub farthest: u32,
+    pub max_travel: u32,
     /// The axis' count where the switch opens.
     pub count: i64,
 }
@@ -109,14 +109,14 @@ pub struct Homing {
 impl Instruction {
     /// The changes that hold.
     #[must_use]
-    pub fn changes(&self) -> &[Change] {
+    pub fn changes(&self) -> &[OutputChange] {
         &self.changes[..usize::from(self.count).min(MAX_CHANGES)]
     }
 }
 
 /// Host to card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Word<const A: usize> {
+pub enum HostCommand<const A: usize> {
     /// The next record ahead of the window.
     Ahead {
         /// Its place number: where the window ends now.
@@ -144,7 +144,7 @@ pub enum Word<const A: usize> {
         low: u32,
     },
     /// An output action on the window's way. It must be there before its record is.
-    Action(Action),
+    Action(OutputAction),
     /// The rates the cursor is to run at, along feed motion and along rapid motion: a real-time word.
     Rate(RateTarget),
     /// Whether retracing replays the output actions it passes (REV-14).
@@ -155,11 +155,11 @@ pub enum Word<const A: usize> {
     /// An exclusive instruction.
     Instruction(Instruction),
     /// Switch an output by hand, at once.
-    ByHand(Change),
+    ManualOutput(OutputChange),
     /// Clears what is latched, if its cause is gone.
     ClearAlarm,
     /// Bring an axis to its home switch.
-    Home(Homing),
+    Home(HomingCommand),
     /// Blocks motion: the rate asked for counts as 0 and no instruction begins, until the repeated instruction of this number is complete.
     /// Where it is complete already, the block is released at once.
     Restart {
@@ -170,7 +170,7 @@ pub enum Word<const A: usize> {
     Repeat(RepeatedInstruction),
 }
 
-impl<const A: usize> Word<A> {
+impl<const A: usize> HostCommand<A> {
     /// The rate that the cursor is to run at along all motion, in records a period: +1 as recorded, 0 standing, −1 backward; as [`Travel`].
     #[must_use]
     pub const fn rate(target: Travel) -> Self {
@@ -180,7 +180,7 @@ impl<const A: usize> Word<A> {
 
 /// Why a card did not take a word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
+pub enum CommandRefusal {
     /// No room now: again after some periods.
     Full,
     /// The place number is not the next one at that end of the window.
@@ -199,7 +199,7 @@ pub enum Refusal {
 
 /// Card to host: what the last control period did, and where everything stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Status<const A: usize> {
+pub struct CardStatus<const A: usize> {
     /// Control periods since the card was started; this one's number.
     pub period: u64,
     /// Where the cursor stands.
@@ -215,7 +215,7 @@ pub struct Status<const A: usize> {
     /// Does the cursor stand, with nothing left to run?
     pub at_rest: bool,
     /// Was the rate held down by the end of the window, which was no planned stop?
-    pub short: bool,
+    pub starved: bool,
     /// Line of the record that the cursor was in.
     pub line: u32,
     /// Net pulses of each axis in the period.
@@ -240,10 +240,10 @@ pub struct Status<const A: usize> {
     pub cutter_off: Option<CutterOff>,
 }
 
-impl<const A: usize> Status<A> {
+impl<const A: usize> CardStatus<A> {
     /// A card at rest where an epoch begins, all counts and outputs zero.
     #[must_use]
-    pub const fn standing(start: Start) -> Self {
+    pub const fn at_rest(start: PathStart) -> Self {
         let record = start.place.record;
         Self {
             period: 0,
@@ -253,7 +253,7 @@ impl<const A: usize> Status<A> {
             high: record,
             rate: 0,
             at_rest: true,
-            short: false,
+            starved: false,
             line: 0,
             increments: [0; A],
             counts: [0; A],

@@ -7,7 +7,7 @@ use retrace_core::Place;
 use retrace_core::limits::RateLimits;
 use retrace_core::place::before;
 
-use crate::{Change, CuttingSettings};
+use crate::{CuttingSettings, OutputChange};
 
 /// Most inputs that a card reads.
 pub const MAX_INPUTS: usize = 16;
@@ -18,7 +18,7 @@ pub const PROTOCOL: u8 = 4;
 
 /// Who a card is, and what it can do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Identity {
+pub struct CardIdentity {
     /// Version of the protocol.
     pub protocol: u8,
     /// Its name, ASCII, padded with zeros.
@@ -84,7 +84,7 @@ pub struct InputSetting {
 
 /// Where an epoch begins: the place that the machine stands at on the path that is to be played, and what was done of that path before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Start {
+pub struct PathStart {
     /// Where the cursor stands; the counts stay as they are. Inside of a record the cursor stands until that record is there.
     pub place: Place,
     /// Is the path at rest there, as at a planned stop? Then it is left at full rate, else with a ramp. Never inside of a record.
@@ -95,7 +95,7 @@ pub struct Start {
     pub executed: u32,
 }
 
-impl Start {
+impl PathStart {
     /// A path that begins with this record, nothing done of it.
     #[must_use]
     pub const fn at(record: u32) -> Self {
@@ -111,11 +111,11 @@ impl Start {
 
 /// How a card is to work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings<const A: usize> {
+pub struct CardSettings<const A: usize> {
     /// Number of this opening, not 0.
     pub epoch: u16,
     /// Where the path is taken up; the counts stay as they are.
-    pub start: Start,
+    pub start: PathStart,
     /// How many of the axes are used, 1 … `A`.
     pub axes: u8,
     /// Control period in microseconds.
@@ -137,18 +137,18 @@ pub struct Settings<const A: usize> {
     /// What the inputs mean.
     pub inputs: [InputSetting; MAX_INPUTS],
     /// What a fault switches, the first `safe_count` of them.
-    pub safe: [Change; MAX_SAFE],
+    pub safe: [OutputChange; MAX_SAFE],
     /// How many of `safe` hold.
     pub safe_count: u8,
     /// The cutting outputs.
     pub cutting: CuttingSettings,
 }
 
-impl<const A: usize> Settings<A> {
+impl<const A: usize> CardSettings<A> {
     /// All axes, T in microseconds, the path from `start` on, reports every eighth period, a watchdog of 250 ms, no play, no inputs, all
     /// outputs left as they are at a fault, and no cutting outputs.
     #[must_use]
-    pub fn new(epoch: u16, start: Start, period_us: u32, limits: RateLimits<A>) -> Self {
+    pub fn new(epoch: u16, start: PathStart, period_us: u32, limits: RateLimits<A>) -> Self {
         Self {
             epoch,
             start,
@@ -162,7 +162,7 @@ impl<const A: usize> Settings<A> {
             direction_inverted: 0,
             backlash_pulses: [0; A],
             inputs: [InputSetting::default(); MAX_INPUTS],
-            safe: [Change::default(); MAX_SAFE],
+            safe: [OutputChange::default(); MAX_SAFE],
             safe_count: 0,
             cutting: CuttingSettings::default(),
         }
@@ -170,7 +170,7 @@ impl<const A: usize> Settings<A> {
 
     /// The changes that a fault makes.
     #[must_use]
-    pub fn safe(&self) -> &[Change] {
+    pub fn safe(&self) -> &[OutputChange] {
         &self.safe[..usize::from(self.safe_count).min(MAX_SAFE)]
     }
 }

@@ -3,7 +3,7 @@
 mod dice;
 
 use dice::Dice;
-use retrace_link::frame::{Decoder, MAX_PAYLOAD, MAX_WIRE, encode};
+use retrace_link::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE, encode};
 
 fn asked(usual: u64) -> (u64, u64) {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
@@ -51,7 +51,7 @@ fn damage(dice: &mut Dice, wire: &mut Vec<u8>) {
 fn no_frame_is_taken_that_was_not_sent() {
     let (cases, seed) = asked(200_000);
     let mut dice = Dice(seed);
-    let mut decoder = Decoder::<MAX_PAYLOAD>::new();
+    let mut decoder = FrameDecoder::<MAX_PAYLOAD>::new();
     let (mut taken_false, mut taken, mut refused) = (0u64, 0u64, 0u64);
     let mut wire = Vec::new();
     for case in 0..cases {
@@ -85,7 +85,7 @@ fn no_frame_is_taken_that_was_not_sent() {
 fn after_any_noise_the_next_frame_is_found() {
     let (cases, seed) = asked(20_000);
     let mut dice = Dice(seed ^ 0xABCD);
-    let mut decoder = Decoder::<MAX_PAYLOAD>::new();
+    let mut decoder = FrameDecoder::<MAX_PAYLOAD>::new();
     for _ in 0..cases.min(1_000_000) {
         for _ in 0..dice.below(40) {
             let _ = decoder.take(dice.next() as u8);

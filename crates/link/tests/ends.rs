@@ -8,26 +8,26 @@ use proptest::prelude::*;
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_link::{
-    CardEnd, Change, CutterOff, CutterOffCause, Deck, Host, HostFault, Identity, Instruction, PROTOCOL, Refusal,
-    Settings, Start, Status, Word, channel,
+    CardCore, CardEndpoint, CardIdentity, CardSettings, CardStatus, CommandRefusal, CutterOff, CutterOffCause,
+    HostCommand, HostEndpoint, Instruction, LinkError, OutputChange, PROTOCOL, PathStart, channel,
 };
 
 const WINDOW: u32 = 256;
 
 /// Works without any motion law: the cursor goes by the rate that was asked for, as far as the window goes.
 struct Works {
-    identity: Identity,
-    status: Status<3>,
+    identity: CardIdentity,
+    status: CardStatus<3>,
     records: Vec<Record<3>>,
     target: Travel,
     open: bool,
-    log: Vec<Status<3>>,
+    log: Vec<CardStatus<3>>,
     by_hand: Vec<i32>,
 }
 
 impl Works {
     fn new() -> Self {
-        let identity = Identity {
+        let identity = CardIdentity {
             protocol: PROTOCOL,
             name: *b"works for a test",
             serial: 77,
@@ -43,7 +43,7 @@ impl Works {
             max_pulses_hz: 1_000_000,
         };
         let records = vec![Record::default(); WINDOW as usize];
-        let status = Status { counts: [5, -6, 7], ..Status::standing(Start::at(0)) };
+        let status = CardStatus { counts: [5, -6, 7], ..CardStatus::at_rest(PathStart::at(0)) };
         Self { identity, status, records, target: 0, open: false, log: Vec::new(), by_hand: Vec::new() }
     }
 
@@ -72,59 +72,59 @@ impl Works {
     }
 }
 
-impl Deck<3> for Works {
-    fn identity(&self) -> &Identity {
+impl CardCore<3> for Works {
+    fn identity(&self) -> &CardIdentity {
         &self.identity
     }
-    fn open(&mut self, settings: &Settings<3>) -> Result<(), Refusal> {
+    fn open(&mut self, settings: &CardSettings<3>) -> Result<(), CommandRefusal> {
         let counts = self.status.counts;
-        self.status = Status { counts, outputs: self.status.outputs, ..Status::standing(settings.start) };
+        self.status = CardStatus { counts, outputs: self.status.outputs, ..CardStatus::at_rest(settings.start) };
         (self.target, self.open) = (0, true);
         self.log.clear();
         Ok(())
     }
-    fn close(&mut self) -> Result<(), Refusal> {
+    fn close(&mut self) -> Result<(), CommandRefusal> {
         if !self.status.at_rest {
-            return Err(Refusal::InMotion);
+            return Err(CommandRefusal::InMotion);
         }
         self.open = false;
         Ok(())
     }
-    fn heard(&mut self) {}
-    fn take(&mut self, word: Word<3>) -> Result<(), Refusal> {
+    fn host_is_alive(&mut self) {}
+    fn accept(&mut self, word: HostCommand<3>) -> Result<(), CommandRefusal> {
         let status = &mut self.status;
         let full = status.high.wrapping_sub(status.low) == WINDOW;
         match word {
-            Word::Ahead { place, record } => {
+            HostCommand::Ahead { place, record } => {
                 if place != status.high {
-                    return Err(Refusal::OutOfOrder);
+                    return Err(CommandRefusal::OutOfOrder);
                 }
                 if full && status.place.record.wrapping_sub(status.low) <= WINDOW / 4 {
-                    return Err(Refusal::Full);
+                    return Err(CommandRefusal::Full);
                 }
                 status.low = status.low.wrapping_add(u32::from(full));
                 self.records[(place % WINDOW) as usize] = record;
                 status.high = place.wrapping_add(1);
             }
-            Word::Behind { place, record, .. } => {
+            HostCommand::Behind { place, record, .. } => {
                 if place != status.low.wrapping_sub(1) {
-                    return Err(Refusal::OutOfOrder);
+                    return Err(CommandRefusal::OutOfOrder);
                 }
                 if full && status.high.wrapping_sub(status.place.boundary_ahead()) <= WINDOW / 4 {
-                    return Err(Refusal::Full);
+                    return Err(CommandRefusal::Full);
                 }
                 status.high = status.high.wrapping_sub(u32::from(full));
                 self.records[(place % WINDOW) as usize] = record;
                 status.low = place;
             }
-            Word::Rate(target) => self.target = target.feed,
-            Word::Instruction(Instruction { number, .. }) => {
+            HostCommand::Rate(target) => self.target = target.feed,
+            HostCommand::Instruction(Instruction { number, .. }) => {
                 if number != status.executed + 1 {
-                    return Err(Refusal::Busy);
+                    return Err(CommandRefusal::Busy);
                 }
                 status.executed = number;
             }
-            Word::ByHand(Change { channel, value }) => {
+            HostCommand::ManualOutput(OutputChange { channel, value }) => {
                 status.outputs[usize::from(channel)] = value;
                 self.by_hand.push(value);
             }
@@ -132,7 +132,7 @@ impl Deck<3> for Works {
         }
         Ok(())
     }
-    fn status(&self) -> &Status<3> {
+    fn status(&self) -> &CardStatus<3> {
         &self.status
     }
 }
@@ -147,20 +147,20 @@ fn record(place: u32) -> Record<3> {
 }
 
 struct Bench {
-    host: Box<Host<3>>,
-    end: CardEnd<3, 256>,
+    host: Box<HostEndpoint<3>>,
+    end: CardEndpoint<3, 256>,
     works: Works,
     dice: Dice,
     one_in: u64,
     now_us: u64,
-    log: Vec<Status<3>>,
+    log: Vec<CardStatus<3>>,
 }
 
 impl Bench {
     fn new(seed: u64, one_in: u64, start: u32) -> Self {
         let mut bench = Self {
-            host: Box::new(Host::new(seed as u32)),
-            end: CardEnd::new(),
+            host: Box::new(HostEndpoint::new(seed as u32)),
+            end: CardEndpoint::new(),
             works: Works::new(),
             dice: Dice(seed),
             one_in,
@@ -169,7 +169,7 @@ impl Bench {
         };
         bench.until(|b| b.host.greeting().is_some());
         let smoothing = limits();
-        bench.host.open(Settings::new(0, Start::at(start), 1000, smoothing));
+        bench.host.open(CardSettings::new(0, PathStart::at(start), 1000, smoothing));
         bench.until(|b| b.host.is_open());
         bench
     }
@@ -216,10 +216,10 @@ impl Bench {
             let status = self.host.status();
             let (low, high) = (status.low, status.high);
             let sent = if forward && retrace_core::place::before(high, end) {
-                self.host.send(Word::Ahead { place: high, record: record(high) })
+                self.host.send(HostCommand::Ahead { place: high, record: record(high) })
             } else if !forward && retrace_core::place::before(oldest, low) {
                 let place = low.wrapping_sub(1);
-                self.host.send(Word::Behind { place, record: record(place), rests: false })
+                self.host.send(HostCommand::Behind { place, record: record(place), rests: false })
             } else {
                 return;
             };
@@ -233,7 +233,7 @@ impl Bench {
     fn run_to(&mut self, target: Travel, to: u32, oldest: u32, end: u32) {
         for _ in 0..40_000 {
             self.fill(oldest, end, target > 0);
-            self.host.send(Word::rate(target)).expect("a rate is always taken");
+            self.host.send(HostCommand::rate(target)).expect("a rate is always taken");
             self.step_period();
             let left = self.host.status().place.to(Place::start_of(to));
             if left == 0 || left.signum() != target.signum() {
@@ -293,17 +293,17 @@ proptest! {
         let mut bench = Bench::new(seed, one_in, start);
         let at = |n: u32| start.wrapping_add(n);
         bench.run_to(rate, at(900), start, at(1500));
-        bench.host.send(Word::ByHand(Change { channel: 3, value: 1 })).expect("room");
+        bench.host.send(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("room");
         bench.run_to(-rate, at(100), start, at(1500));
-        bench.host.send(Word::Instruction(Instruction { number: 1, ..Instruction::default() })).expect("room");
+        bench.host.send(HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() })).expect("room");
         bench.run_to(rate, at(1500), start, at(1500));
-        bench.host.send(Word::ByHand(Change { channel: 3, value: 7 })).expect("room");
+        bench.host.send(HostCommand::ManualOutput(OutputChange { channel: 3, value: 7 })).expect("room");
         bench.until(|b| b.host.status().executed == 1 && b.host.status().outputs[3] == 7);
         agrees(&bench);
         prop_assert_eq!(&bench.works.by_hand, &[1, 7]);
         prop_assert_eq!(bench.works.status.place, Place::start_of(at(1500)));
         // and it is over in good order
-        bench.host.send(Word::rate(0)).expect("a rate");
+        bench.host.send(HostCommand::rate(0)).expect("a rate");
         bench.until(|b| b.host.status().at_rest);
         bench.host.close();
         bench.until(|b| b.host.is_closed());
@@ -337,12 +337,12 @@ fn a_stop_cuts_a_long_frame_short() {
     for place in 150..200 {
         let wild = (place as i16).wrapping_mul(7919);
         let record = Record { increments: [wild, !wild, wild / 3], line: place * 1000, ..Record::default() };
-        bench.host.send(Word::Ahead { place, record }).expect("room");
+        bench.host.send(HostCommand::Ahead { place, record }).expect("room");
     }
     let mut bytes = [0; 30];
     assert_eq!(bench.host.transmit(bench.now_us, &mut bytes), 30, "the beginning of a long frame");
     bytes.iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
-    bench.host.send(Word::rate(0)).expect("a rate");
+    bench.host.send(HostCommand::rate(0)).expect("a rate");
     assert_eq!(bench.host.transmit(bench.now_us, &mut bytes), 30);
     bytes.iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
     assert_eq!((bench.works.target, bench.works.status.high), (0, 150), "the stop is there before the records");
@@ -359,7 +359,7 @@ fn counts_that_are_not_those_of_the_path_are_noticed() {
         bench.step();
         while bench.host.next_period() {}
     }
-    assert_eq!(bench.host.fault(), Some(HostFault::Disagrees));
+    assert_eq!(bench.host.fault(), Some(LinkError::Disagrees));
 }
 
 /// What the card has taken and could not confirm comes again, and is not taken again.
@@ -367,7 +367,7 @@ fn counts_that_are_not_those_of_the_path_are_noticed() {
 fn a_word_that_comes_twice_is_taken_once() {
     let mut bench = Bench::new(5, 0, 0);
     for value in 1..=3 {
-        bench.host.send(Word::ByHand(Change { channel: 3, value })).expect("room");
+        bench.host.send(HostCommand::ManualOutput(OutputChange { channel: 3, value })).expect("room");
         // no report comes through for 150 ms
         for _ in 0..1500 {
             bench.now_us += 100;
@@ -378,20 +378,20 @@ fn a_word_that_comes_twice_is_taken_once() {
     }
     bench.until(|b| b.host.status().outputs[3] == 3);
     assert_eq!(bench.works.by_hand, [1, 2, 3]);
-    assert!(bench.host.line().again > 0, "words were sent again");
+    assert!(bench.host.line().retransmitted > 0, "words were sent again");
 }
 
 #[test]
 fn a_card_that_was_restarted_is_noticed() {
     let mut bench = Bench::new(5, 0, 0);
     bench.run_to(ONE, 100, 0, 200);
-    bench.end = CardEnd::new();
+    bench.end = CardEndpoint::new();
     bench.works.open = false;
     for _ in 0..3000 {
         bench.step();
         while bench.host.next_period() {}
     }
-    assert_eq!(bench.host.fault(), Some(HostFault::Restarted));
+    assert_eq!(bench.host.fault(), Some(LinkError::Restarted));
 }
 
 #[test]
@@ -401,7 +401,7 @@ fn a_record_at_constant_speed_costs_little() {
     let line = bench.host.line();
     let cost = (line.written + line.read) as f64 / bench.works.log.len() as f64;
     assert!(cost < 12.0, "{cost} bytes a period, {line:?}");
-    assert_eq!((line.damaged, line.again), (0, 0));
+    assert_eq!((line.damaged, line.retransmitted), (0, 0));
     let outputs = bench.works.status.outputs;
     assert_eq!(outputs, [0; channel::COUNT]);
 }

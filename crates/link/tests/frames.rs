@@ -3,7 +3,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use retrace_link::crc;
-use retrace_link::frame::{Damage, Decoder, MAX_PAYLOAD, MAX_WIRE, OVERHEAD, encode};
+use retrace_link::frame::{FrameDamage, FrameDecoder, MAX_PAYLOAD, MAX_WIRE, OVERHEAD, encode};
 
 /// The longest payload that the format allows, longer than host and card use.
 const LONGEST: usize = 253;
@@ -12,14 +12,14 @@ fn frame(payload: &[u8]) -> Vec<u8> {
     encode(payload, &mut [0; MAX_WIRE]).expect("a payload of 1 to 240 bytes").to_vec()
 }
 
-fn decoded(bytes: &[u8]) -> Vec<Result<Vec<u8>, Damage>> {
-    let mut decoder = Decoder::<MAX_PAYLOAD>::new();
+fn decoded(bytes: &[u8]) -> Vec<Result<Vec<u8>, FrameDamage>> {
+    let mut decoder = FrameDecoder::<MAX_PAYLOAD>::new();
     bytes.iter().filter_map(|&byte| decoder.take(byte).map(|found| found.map(<[u8]>::to_vec))).collect()
 }
 
 /// How many frames are accepted.
 fn accepted(bytes: &[u8]) -> usize {
-    let mut decoder = Decoder::<MAX_PAYLOAD>::new();
+    let mut decoder = FrameDecoder::<MAX_PAYLOAD>::new();
     bytes.iter().filter(|&&byte| matches!(decoder.take(byte), Some(Ok(_)))).count()
 }
 
@@ -94,7 +94,7 @@ fn every_short_payload_of_telling_bytes_comes_back() {
 fn the_longest_payloads_of_the_format_come_back() {
     for byte in [0, 1, 0xFF] {
         let (payload, mut wire) = ([byte; LONGEST], [0; LONGEST + OVERHEAD]);
-        let mut decoder = Decoder::<LONGEST>::new();
+        let mut decoder = FrameDecoder::<LONGEST>::new();
         let frame = encode(&payload, &mut wire).unwrap();
         let (_, others) = frame.split_last().unwrap();
         assert!(others.iter().all(|&byte| byte != 0 && decoder.take(byte).is_none()));
@@ -151,8 +151,8 @@ proptest! {
         let wire = framed(&body);
         match &decoded(&wire)[..] {
             [Ok(payload)] => prop_assert_eq!(frame(payload), wire),
-            [Err(Damage::Stuffing)] => {}
-            [Err(Damage::Length)] => prop_assert_eq!(body.len(), 1),
+            [Err(FrameDamage::Stuffing)] => {}
+            [Err(FrameDamage::Length)] => prop_assert_eq!(body.len(), 1),
             other => prop_assert!(false, "{:?}", other),
         }
     }
@@ -263,5 +263,5 @@ fn a_zero_made_or_destroyed_costs_two_frames_at_most_and_yields_none() {
 fn a_payload_can_be_made_up_whose_tail_is_a_frame() {
     let mut wire = frame(&[0x01, 0xB5, 0xA7, 0x3A, 0xD8, 0x01, 0x03, 0x03, 0x4E, 0x4F]);
     flip(&mut wire, 8 * 7);
-    assert_eq!(decoded(&wire), [Err(Damage::Length), Ok(vec![0x4E, 0x4F])]);
+    assert_eq!(decoded(&wire), [Err(FrameDamage::Length), Ok(vec![0x4E, 0x4F])]);
 }

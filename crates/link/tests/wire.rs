@@ -4,11 +4,11 @@ use proptest::prelude::*;
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, Place, RapidCap, Record};
 use retrace_link::frame::MAX_PAYLOAD;
-use retrace_link::wire::{Entry, Greeting, Opening, Reader, Run, Writer, read_word, write_word};
+use retrace_link::wire::{ByteReader, ByteWriter, Greeting, Opening, ReportEntry, Run, read_word, write_word};
 use retrace_link::{
-    Action, Alarm, Await, Change, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, Homing, Identity,
-    InputSetting, InputUse, Instruction, MAX_CHANGES, MAX_CUTTING_CHANNELS, PROTOCOL, RepeatedInstruction, Settings,
-    Start, Word,
+    Alarm, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, HomingCommand,
+    HostCommand, InputSetting, InputUse, InputWait, Instruction, MAX_CHANGES, MAX_CUTTING_CHANNELS, OutputAction,
+    OutputChange, PROTOCOL, PathStart, RepeatedInstruction,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -24,69 +24,74 @@ fn record() -> impl Strategy<Value = Record<4>> {
     })
 }
 
-fn change() -> impl Strategy<Value = Change> {
-    (0u8..69, any::<i32>()).prop_map(|(channel, value)| Change { channel, value })
+fn change() -> impl Strategy<Value = OutputChange> {
+    (0u8..69, any::<i32>()).prop_map(|(channel, value)| OutputChange { channel, value })
 }
 
 fn instruction() -> impl Strategy<Value = Instruction> {
     let until = prop::option::of((0u8..16, any::<bool>(), any::<u32>()));
     let changes = prop::collection::vec(change(), 0..=MAX_CHANGES);
     (any::<[u32; 3]>(), changes, until, any::<bool>()).prop_map(|(n, list, until, keeps_cutter)| {
-        let mut changes = [Change::default(); MAX_CHANGES];
+        let mut changes = [OutputChange::default(); MAX_CHANGES];
         changes[..list.len()].copy_from_slice(&list);
-        let until = until.map(|(input, active, at_most)| Await { input, active, at_most });
+        let until = until.map(|(input, active, at_most)| InputWait { input, active, timeout_periods: at_most });
         Instruction { number: n[0], place: n[1], changes, count: list.len() as u8, periods: n[2], until, keeps_cutter }
     })
 }
 
-fn word() -> impl Strategy<Value = Word<4>> {
+fn word() -> impl Strategy<Value = HostCommand<4>> {
     prop_oneof![
-        (any::<u32>(), record()).prop_map(|(place, record)| Word::Ahead { place, record }),
-        (any::<u32>(), record(), any::<bool>()).prop_map(|(place, record, rests)| Word::Behind {
+        (any::<u32>(), record()).prop_map(|(place, record)| HostCommand::Ahead { place, record }),
+        (any::<u32>(), record(), any::<bool>()).prop_map(|(place, record, rests)| HostCommand::Behind {
             place,
             record,
             rests
         }),
-        any::<u32>().prop_map(|high| Word::Trim { high }),
-        any::<u32>().prop_map(|low| Word::Forget { low }),
-        (any::<u32>(), 0u8..69, any::<i32>(), any::<i32>())
-            .prop_map(|(place, channel, before, after)| Word::Action(Action { place, channel, before, after })),
-        any::<bool>().prop_map(|on| Word::Replay { on }),
-        instruction().prop_map(Word::Instruction),
-        change().prop_map(Word::ByHand),
-        Just(Word::ClearAlarm),
-        any::<u32>().prop_map(|last| Word::Restart { last }),
+        any::<u32>().prop_map(|high| HostCommand::Trim { high }),
+        any::<u32>().prop_map(|low| HostCommand::Forget { low }),
+        (any::<u32>(), 0u8..69, any::<i32>(), any::<i32>()).prop_map(|(place, channel, before, after)| {
+            HostCommand::Action(OutputAction { place, channel, before, after })
+        }),
+        any::<bool>().prop_map(|on| HostCommand::Replay { on }),
+        instruction().prop_map(HostCommand::Instruction),
+        change().prop_map(HostCommand::ManualOutput),
+        Just(HostCommand::ClearAlarm),
+        any::<u32>().prop_map(|last| HostCommand::Restart { last }),
         instruction().prop_map(|Instruction { number, changes, count, periods, until, .. }| {
-            Word::Repeat(RepeatedInstruction { number, changes, count, periods, until })
+            HostCommand::Repeat(RepeatedInstruction { number, changes, count, periods, until })
         }),
         (0u8..9, any::<bool>(), any::<[i64; 4]>(), any::<u32>()).prop_map(|(axis, upper, n, farthest)| {
-            Word::Home(Homing { axis, upper, fast: n[0], slow: n[1], acceleration: n[2], farthest, count: n[3] })
+            HostCommand::Home(HomingCommand {
+                axis,
+                upper,
+                search_speed: n[0],
+                latch_speed: n[1],
+                acceleration: n[2],
+                max_travel: farthest,
+                count: n[3],
+            })
         }),
     ]
 }
 
-fn entry() -> impl Strategy<Value = Entry> {
+fn entry() -> impl Strategy<Value = ReportEntry> {
     let travel = prop_oneof![Just(0i64), Just(1 << 32), Just(-(1i64 << 32)), -(8i64 << 32)..=8 << 32];
     let alarm = (0u8..12, any::<u32>()).prop_map(|(code, detail)| Alarm::from_wire(code, detail & 0x1FF));
     prop_oneof![
-        (travel, 1u32..u32::MAX, any::<bool>(), any::<bool>()).prop_map(|(travel, count, short, at_rest)| Entry::Ran {
-            travel,
-            count,
-            short,
-            at_rest
-        }),
-        change().prop_map(Entry::Output),
-        any::<u32>().prop_map(Entry::Executed),
-        alarm.prop_map(Entry::Alarm),
-        any::<u16>().prop_map(Entry::Inputs),
-        any::<i16>().prop_map(Entry::Wheel),
-        any::<u32>().prop_map(Entry::Refused),
+        (travel, 1u32..u32::MAX, any::<bool>(), any::<bool>())
+            .prop_map(|(travel, count, short, at_rest)| ReportEntry::Ran { travel, count, short, at_rest }),
+        change().prop_map(ReportEntry::Output),
+        any::<u32>().prop_map(ReportEntry::Executed),
+        alarm.prop_map(ReportEntry::Alarm),
+        any::<u16>().prop_map(ReportEntry::Inputs),
+        any::<i16>().prop_map(ReportEntry::Wheel),
+        any::<u32>().prop_map(ReportEntry::Refused),
         (any::<u8>(), 0u8..7).prop_map(|(channels, cause)| {
-            Entry::CutterOff(CutterOff { channels, cause: CutterOffCause::from_wire(cause).expect("a cause") })
+            ReportEntry::CutterOff(CutterOff { channels, cause: CutterOffCause::from_wire(cause).expect("a cause") })
         }),
-        any::<u32>().prop_map(Entry::Repeated),
-        any::<bool>().prop_map(Entry::Blocked),
-        any::<u32>().prop_map(Entry::RepeatRefused),
+        any::<u32>().prop_map(ReportEntry::Repeated),
+        any::<bool>().prop_map(ReportEntry::Blocked),
+        any::<u32>().prop_map(ReportEntry::RepeatRefused),
     ]
 }
 
@@ -98,19 +103,19 @@ proptest! {
             // runs, as they usually come
             for (place, word) in (start..).zip(&mut words) {
                 match word {
-                    Word::Ahead { place: p, .. } => *p = place,
-                    Word::Behind { place: p, .. } => *p = 0u32.wrapping_sub(place),
+                    HostCommand::Ahead { place: p, .. } => *p = place,
+                    HostCommand::Behind { place: p, .. } => *p = 0u32.wrapping_sub(place),
                     _ => {}
                 }
             }
         }
         let mut bytes = [0; 1000];
-        let (mut writer, mut run) = (Writer::new(&mut bytes), Run::new(4));
+        let (mut writer, mut run) = (ByteWriter::new(&mut bytes), Run::new(4));
         for word in &words {
             prop_assert_eq!(write_word(&mut writer, &mut run, word), Some(()));
         }
         let length = writer.len();
-        let (mut reader, mut run) = (Reader::new(&bytes[..length]), Run::new(4));
+        let (mut reader, mut run) = (ByteReader::new(&bytes[..length]), Run::new(4));
         for word in &words {
             prop_assert_eq!(read_word(&mut reader, &mut run), Some(*word));
         }
@@ -120,14 +125,14 @@ proptest! {
     #[test]
     fn entries_are_read_back(entries in prop::collection::vec(entry(), 1..12)) {
         let mut bytes = [0; 300];
-        let mut writer = Writer::new(&mut bytes);
+        let mut writer = ByteWriter::new(&mut bytes);
         for entry in &entries {
             prop_assert_eq!(entry.write(&mut writer), Some(()));
         }
         let length = writer.len();
-        let mut reader = Reader::new(&bytes[..length]);
+        let mut reader = ByteReader::new(&bytes[..length]);
         for entry in &entries {
-            prop_assert_eq!(Entry::read(&mut reader), Some(*entry));
+            prop_assert_eq!(ReportEntry::read(&mut reader), Some(*entry));
         }
         prop_assert!(reader.is_empty());
     }
@@ -136,10 +141,10 @@ proptest! {
     #[test]
     fn a_word_without_room_leaves_no_trace(words in prop::collection::vec(word(), 1..12), room in 0usize..120) {
         let mut bytes = [0; 120];
-        let (mut writer, mut run) = (Writer::new(&mut bytes[..room]), Run::new(4));
-        let written: Vec<&Word<4>> = words.iter().filter(|word| write_word(&mut writer, &mut run, word).is_some()).collect();
+        let (mut writer, mut run) = (ByteWriter::new(&mut bytes[..room]), Run::new(4));
+        let written: Vec<&HostCommand<4>> = words.iter().filter(|word| write_word(&mut writer, &mut run, word).is_some()).collect();
         let length = writer.len();
-        let (mut reader, mut run) = (Reader::new(&bytes[..length]), Run::new(4));
+        let (mut reader, mut run) = (ByteReader::new(&bytes[..length]), Run::new(4));
         for word in written {
             prop_assert_eq!(read_word(&mut reader, &mut run), Some(*word));
         }
@@ -148,18 +153,18 @@ proptest! {
 
     #[test]
     fn any_bytes_are_messages_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
-        let (mut reader, mut run) = (Reader::new(&bytes), Run::<4>::new(4));
+        let (mut reader, mut run) = (ByteReader::new(&bytes), Run::<4>::new(4));
         while read_word(&mut reader, &mut run).is_some() {}
-        let mut reader = Reader::new(&bytes);
-        while Entry::read(&mut reader).is_some() {}
-        let _ = Greeting::<4>::read(&mut Reader::new(&bytes));
-        let _ = Opening::<4>::read(&mut Reader::new(&bytes));
+        let mut reader = ByteReader::new(&bytes);
+        while ReportEntry::read(&mut reader).is_some() {}
+        let _ = Greeting::<4>::read(&mut ByteReader::new(&bytes));
+        let _ = Opening::<4>::read(&mut ByteReader::new(&bytes));
     }
 }
 
 #[test]
 fn handshakes_are_read_back() {
-    let identity = Identity {
+    let identity = CardIdentity {
         protocol: PROTOCOL,
         name: *b"a simulated card",
         serial: 0xDEAD_BEEF,
@@ -187,30 +192,31 @@ fn handshakes_are_read_back() {
         alarm: Some(Alarm::LimitSwitch { axis: 2, upper: true }),
     };
     let mut bytes = [0; 200];
-    let mut writer = Writer::new(&mut bytes);
+    let mut writer = ByteWriter::new(&mut bytes);
     greeting.write(&mut writer).expect("room");
     let length = writer.len();
-    assert_eq!(Greeting::read(&mut Reader::new(&bytes[..length])), Some(Ok(greeting)));
+    assert_eq!(Greeting::read(&mut ByteReader::new(&bytes[..length])), Some(Ok(greeting)));
     bytes[0] = PROTOCOL + 1;
-    assert_eq!(Greeting::<4>::read(&mut Reader::new(&bytes[..length])), Some(Err(PROTOCOL + 1)));
+    assert_eq!(Greeting::<4>::read(&mut ByteReader::new(&bytes[..length])), Some(Err(PROTOCOL + 1)));
 
-    let mut settings = Settings::<4>::new(9, Start::at(77), 1000, limits());
-    settings.start = Start { place: Place { record: 70, fraction: 1 << 31 }, rests: false, reached: 77, executed: 12 };
+    let mut settings = CardSettings::<4>::new(9, PathStart::at(77), 1000, limits());
+    settings.start =
+        PathStart { place: Place { record: 70, fraction: 1 << 31 }, rests: false, reached: 77, executed: 12 };
     settings.backlash_pulses = [0, 300, u16::MAX, 7];
     settings.inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
     settings.inputs[15] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
-    settings.safe[0] = Change { channel: 64, value: 0 };
-    settings.safe[1] = Change { channel: 5, value: -1 };
+    settings.safe[0] = OutputChange { channel: 64, value: 0 };
+    settings.safe[1] = OutputChange { channel: 5, value: -1 };
     settings.safe_count = 2;
     settings.cutting.channels[0] =
         CuttingChannel { channel: 64, fires: true, standing_periods: u16::MAX, lit_in_reverse: true };
     settings.cutting.channels[1] =
         CuttingChannel { channel: 3, fires: false, standing_periods: 0, lit_in_reverse: false };
     (settings.cutting.count, settings.cutting.handover_periods, settings.cutting.inhibit) = (2, 100, true);
-    let mut writer = Writer::new(&mut bytes);
+    let mut writer = ByteWriter::new(&mut bytes);
     Opening(settings).write(&mut writer).expect("room");
     let length = writer.len();
-    assert_eq!(Opening::read(&mut Reader::new(&bytes[..length])), Some(Opening(settings)));
+    assert_eq!(Opening::read(&mut ByteReader::new(&bytes[..length])), Some(Opening(settings)));
 }
 
 /// The longest opening that a card of four axes can get fits a frame.
@@ -218,7 +224,7 @@ fn handshakes_are_read_back() {
 fn the_longest_opening_of_four_axes_fits_a_frame() {
     let axis = PulseLimits { velocity: 2000 << 32, acceleration: 2000 << 32, jerk: 2000 << 32 };
     let limits = RateLimits::new(255, 1 << 15, [axis; 4]).expect("valid");
-    let mut settings = Settings::<4>::new(9, Start::at(77), 10_000, limits);
+    let mut settings = CardSettings::<4>::new(9, PathStart::at(77), 10_000, limits);
     settings.backlash_pulses = [u16::MAX; 4];
     settings.inputs = [InputSetting { used_for: InputUse::Door, active_low: true }; 16];
     settings.safe_count = 16;
@@ -227,7 +233,7 @@ fn the_longest_opening_of_four_axes_fits_a_frame() {
         CuttingSettings { channels: [channel; MAX_CUTTING_CHANNELS], count: 8, handover_periods: 400, inhibit: true };
     // kind and epoch binding besides
     let mut bytes = [0; MAX_PAYLOAD - 1];
-    let mut writer = Writer::new(&mut bytes);
+    let mut writer = ByteWriter::new(&mut bytes);
     Opening(settings).write(&mut writer).expect("room");
 }
 

@@ -4,7 +4,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use retrace_core::Flags;
-use retrace_motion::{Feed, Limits, PathMode, Planner};
+use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
 
 const BLOCKS: usize = 100_000;
 
@@ -23,10 +23,10 @@ fn surface() -> Vec<[f64; 4]> {
 }
 
 fn plan(points: &[[f64; 4]], records: &mut u64) {
-    let mut planner = Planner::<4>::new(Limits::built_in(), [0.0; 4]).expect("the built-in machine is valid");
+    let mut planner = Planner::<4>::new(MachineLimits::built_in(), [0.0; 4]).expect("the built-in machine is valid");
     let mode = PathMode::blend(0.05);
     for (k, point) in points.iter().enumerate() {
-        planner.line(*point, Feed::PerSecond(50.0), mode, k as u32).expect("a valid line");
+        planner.line(*point, FeedRate::PerSecond(50.0), mode, k as u32).expect("a valid line");
         if *records > 0 {
             while let Some(record) = planner.next_record() {
                 black_box(record);
@@ -57,8 +57,11 @@ fn benches(c: &mut Criterion) {
 
     let mut group = c.benchmark_group("one long line");
     let line = |periods: &mut u64| {
-        let mut planner = Planner::<4>::new(Limits::built_in(), [0.0; 4]).expect("the built-in machine is valid");
-        planner.line([1000.0, 500.0, 0.0, 0.0], Feed::PerSecond(10.0), PathMode::ExactStop, 1).expect("a valid line");
+        let mut planner =
+            Planner::<4>::new(MachineLimits::built_in(), [0.0; 4]).expect("the built-in machine is valid");
+        planner
+            .line([1000.0, 500.0, 0.0, 0.0], FeedRate::PerSecond(10.0), PathMode::ExactStop, 1)
+            .expect("a valid line");
         planner.stop(Flags::NONE);
         while let Some(record) = planner.next_record() {
             black_box(record);

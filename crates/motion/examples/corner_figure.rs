@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 use retrace_core::Flags;
-use retrace_motion::{Feed, Limits, PathMode, Planner, SetPoint};
+use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner, SetPoint};
 
 /// Length of the legs and the tolerance, mm.
 const LEG: f64 = 20.0;
@@ -19,11 +19,11 @@ const SPEED: f64 = 110.0;
 
 /// Set-points every tenth of a millisecond.
 fn plan(degrees: f64, mode: PathMode) -> Vec<SetPoint<2>> {
-    let limits = Limits { pulses_per_mm: [100_000.0; 2], period_s: 1e-4, ..Limits::built_in() };
+    let limits = MachineLimits { pulses_per_mm: [100_000.0; 2], period_s: 1e-4, ..MachineLimits::built_in() };
     let mut planner = Planner::new(limits, [-LEG, 0.0]).expect("valid limits");
     let (sin, cos) = degrees.to_radians().sin_cos();
-    planner.line([0.0, 0.0], Feed::Rapid, mode, 1).expect("a valid line");
-    planner.line([LEG * cos, LEG * sin], Feed::Rapid, mode, 2).expect("a valid line");
+    planner.line([0.0, 0.0], FeedRate::Rapid, mode, 1).expect("a valid line");
+    planner.line([LEG * cos, LEG * sin], FeedRate::Rapid, mode, 2).expect("a valid line");
     planner.stop(Flags::NONE);
     let mut points = Vec::new();
     while planner.next_record().is_some() {

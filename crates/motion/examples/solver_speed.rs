@@ -13,7 +13,7 @@ mod verdict;
 
 use cases::{Case, case};
 use peer::Peer;
-use retrace_motion::profile::{State, fastest, fastest_any_way};
+use retrace_motion::profile::{KinematicState, fastest, fastest_any_way};
 use std::hint::black_box;
 use std::time::Instant;
 use verdict::{Tally, judge};
@@ -74,7 +74,7 @@ fn solve(solver: usize, case: &Case, peer: &mut Peer) {
         }
         _ => {
             // Its signs taken off, as look-ahead asks: speeds and distance are not negative.
-            let upright = |state: State| State { v: state.v.abs(), ..state };
+            let upright = |state: KinematicState| KinematicState { v: state.v.abs(), ..state };
             let _ = black_box(fastest(upright(case.from), upright(case.to), case.length.abs(), case.limits));
         }
     }

@@ -10,14 +10,14 @@
 
 use std::collections::VecDeque;
 
-use crate::corner::{Corner, Event, G_MOST, Sum};
+use crate::correction::{Correction, CorrectionEvent, CorrectionSum, G_MOST};
 use crate::curve::Curve;
-use crate::merge::Mark;
-use crate::piece::{Joint, Piece};
+use crate::merge::LineMark;
+use crate::piece::{PathPiece, PieceJunction};
 
 /// A programmed move.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Segment<const A: usize> {
+pub(crate) struct PathSegment<const A: usize> {
     pub(crate) curve: Curve<A>,
     /// Length in mm, above 0.
     pub(crate) length: f64,
@@ -32,17 +32,17 @@ pub(crate) struct Segment<const A: usize> {
 
 /// How a segment is entered from the one before.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Entry<const A: usize> {
+pub(crate) enum Junction<const A: usize> {
     /// With the jumps that there are, no faster than the joint allows.
-    Rough(Joint),
+    Kink(PieceJunction),
     /// Smoothed: the jumps of the first and second derivative.
     Smooth { turn: [f64; A], bend: [f64; A] },
 }
 
 /// A corner and the road that its correction may use.
 #[derive(Clone, Copy, Debug)]
-struct Candidate<const A: usize> {
-    corner: Corner<A>,
+struct CorrectionCandidate<const A: usize> {
+    corner: Correction<A>,
     tolerance: f64,
     /// The correction must stay between these places.
     low: f64,
@@ -52,23 +52,23 @@ struct Candidate<const A: usize> {
 /// Segments that are not handed on yet. All places are counted from the start of the first of them.
 #[derive(Debug)]
 pub(crate) struct Blender<const A: usize> {
-    segments: VecDeque<(Segment<A>, f64, Option<Joint>)>,
+    segments: VecDeque<(PathSegment<A>, f64, Option<PieceJunction>)>,
     total: f64,
     /// The total at which some is handed on.
     enough: f64,
     /// The number of segments at which some are.
     many: usize,
     /// Those of all segments, each from the start of its segment.
-    marks: VecDeque<Mark>,
+    marks: VecDeque<LineMark>,
     /// In order of place; the first `decided` have their width.
-    corners: Vec<Candidate<A>>,
+    corners: Vec<CorrectionCandidate<A>>,
     decided: usize,
     /// The end of the last exact segment, or the start of the run.
     barrier: f64,
     /// The widest correction, mm: wider ones gain no speed.
     reach: f64,
     moments: Vec<[[f64; A]; 4]>,
-    events: Vec<Event>,
+    events: Vec<CorrectionEvent>,
     /// Stretches where the tolerance is exceeded, and by which factor.
     excess: Vec<(f64, f64, f64)>,
 }
@@ -102,7 +102,7 @@ impl<const A: usize> Blender<A> {
     }
 
     /// The segment that was pushed last.
-    pub(crate) fn last(&self) -> Option<&Segment<A>> {
+    pub(crate) fn last(&self) -> Option<&PathSegment<A>> {
         self.segments.back().map(|(segment, ..)| segment)
     }
 
@@ -113,20 +113,20 @@ impl<const A: usize> Blender<A> {
     }
 
     /// Appends a segment with its marks.
-    pub(crate) fn push(&mut self, segment: Segment<A>, entry: Entry<A>, marks: &[Mark]) {
+    pub(crate) fn push(&mut self, segment: PathSegment<A>, entry: Junction<A>, marks: &[LineMark]) {
         self.marks.extend(marks);
         let s = self.total;
         let mut joint = None;
         match entry {
-            Entry::Rough(rough) => {
+            Junction::Kink(rough) => {
                 joint = Some(rough);
                 self.close(s);
             }
-            Entry::Smooth { turn, bend } => {
+            Junction::Smooth { turn, bend } => {
                 let tolerance = segment.tolerance.min(self.last().map_or(0.0, |last| last.tolerance));
                 if turn != [0.0; A] || bend != [0.0; A] {
-                    let corner = Corner { s, turn, bend, h: 0.0 };
-                    self.corners.push(Candidate { corner, tolerance, low: self.barrier, high: f64::MAX });
+                    let corner = Correction { s, turn, bend, h: 0.0 };
+                    self.corners.push(CorrectionCandidate { corner, tolerance, low: self.barrier, high: f64::MAX });
                 }
             }
         }
@@ -168,7 +168,12 @@ impl<const A: usize> Blender<A> {
 
     /// Hands pieces on, each with the joint at its start, and their marks, each from the start of its piece: all of them where the run has `ended`, else those that later moves
     /// cannot change.
-    pub(crate) fn hand_on(&mut self, ended: bool, out: &mut VecDeque<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
+    pub(crate) fn hand_on(
+        &mut self,
+        ended: bool,
+        out: &mut VecDeque<(PathPiece<A>, PieceJunction)>,
+        lines: &mut Vec<LineMark>,
+    ) {
         if ended {
             self.close(self.total);
         }
@@ -201,7 +206,7 @@ impl<const A: usize> Blender<A> {
     fn widen(&mut self, end: usize) {
         self.sum_moments();
         for k in self.decided..end {
-            let Candidate { corner, tolerance, low, high } = self.corners[k];
+            let CorrectionCandidate { corner, tolerance, low, high } = self.corners[k];
             let room = (corner.s - low.max(0.0)).min(high.min(self.total) - corner.s).min(self.reach);
             let turn = size(&corner.turn);
             let mut h = room.min(tolerance / (G_MOST * turn).max(1e-12));
@@ -221,7 +226,7 @@ impl<const A: usize> Blender<A> {
         self.moments.clear();
         let mut sums = [[0.0; A]; 4];
         self.moments.push(sums);
-        for Candidate { corner, .. } in &self.corners {
+        for CorrectionCandidate { corner, .. } in &self.corners {
             let mut power = 1.0;
             for sum in &mut sums {
                 for (sum, turn) in sum.iter_mut().zip(&corner.turn) {
@@ -259,7 +264,7 @@ impl<const A: usize> Blender<A> {
                 return;
             }
             let excess = &self.excess;
-            for Candidate { corner, .. } in &mut self.corners[self.decided..end] {
+            for CorrectionCandidate { corner, .. } in &mut self.corners[self.decided..end] {
                 let first = excess.partition_point(|&(_, to, _)| to <= corner.s - corner.h);
                 let worst = excess[first..]
                     .iter()
@@ -272,7 +277,7 @@ impl<const A: usize> Blender<A> {
         self.measure(end);
         if !self.excess.is_empty() {
             // What was decided before keeps the tolerance by itself; next to nothing is added to it.
-            for Candidate { corner, tolerance, .. } in &mut self.corners[self.decided..end] {
+            for CorrectionCandidate { corner, tolerance, .. } in &mut self.corners[self.decided..end] {
                 corner.h = corner.h.min(1e-4 * *tolerance);
             }
             self.measure(end);
@@ -285,7 +290,7 @@ impl<const A: usize> Blender<A> {
             let s = self.corners[k].corner.s;
             let before = if k > 0 { s - self.corners[k - 1].corner.s } else { f64::MAX };
             let after = self.corners.get(k + 1).map_or(f64::MAX, |next| next.corner.s - s);
-            let Candidate { corner, .. } = &mut self.corners[k];
+            let CorrectionCandidate { corner, .. } = &mut self.corners[k];
             corner.h = corner.h.min(0.25 * before.min(after));
         }
     }
@@ -293,13 +298,13 @@ impl<const A: usize> Blender<A> {
     /// Collects the events of the corners up to `end`, and where their sum exceeds the tolerance.
     fn measure(&mut self, end: usize) {
         self.events.clear();
-        for (number, Candidate { corner, .. }) in self.corners[..end].iter().enumerate() {
+        for (number, CorrectionCandidate { corner, .. }) in self.corners[..end].iter().enumerate() {
             let ahead = corner.knots().filter(|(s, _)| *s > 0.0);
-            self.events.extend(ahead.map(|(s, knot)| Event { s, corner: number as u32, knot }));
+            self.events.extend(ahead.map(|(s, knot)| CorrectionEvent { s, corner: number as u32, knot }));
         }
         sort(&mut self.events);
         self.excess.clear();
-        let mut sum = Sum::of(self.corners[..end].iter().map(|c| &c.corner), 0.0);
+        let mut sum = CorrectionSum::of(self.corners[..end].iter().map(|c| &c.corner), 0.0);
         let mut at = 0;
         for event in &self.events {
             while at + 1 < self.segments.len() && self.segments[at + 1].1 <= sum.s {
@@ -321,7 +326,7 @@ impl<const A: usize> Blender<A> {
     }
 
     /// Hands the first `done` segments on, cut where the correction changes its form.
-    fn cut(&mut self, done: usize, out: &mut VecDeque<(Piece<A>, Joint)>, lines: &mut Vec<Mark>) {
+    fn cut(&mut self, done: usize, out: &mut VecDeque<(PathPiece<A>, PieceJunction)>, lines: &mut Vec<LineMark>) {
         if done == 0 {
             return;
         }
@@ -331,7 +336,7 @@ impl<const A: usize> Blender<A> {
         let mut marks = std::mem::take(&mut self.marks);
         for (segment, start, joint) in self.segments.range(..done) {
             let end = start + segment.length;
-            let mut entry = joint.unwrap_or(Joint::SMOOTH);
+            let mut entry = joint.unwrap_or(PieceJunction::SMOOTH);
             let (mut tag, mut left) = (segment.tag, segment.marks);
             loop {
                 // All that jumps here, within rounding.
@@ -348,17 +353,17 @@ impl<const A: usize> Blender<A> {
                     (anchor, largest) = (s, sum.size());
                 }
                 let curve = segment.curve.corrected(sum.s - start, &sum.cubic());
-                let mut piece = Piece::new(curve, next - sum.s, segment.feed, tag);
+                let mut piece = PathPiece::new(curve, next - sum.s, segment.feed, tag);
                 while left > 0
                     && let Some(&mark) = marks.front()
                     && (next == end || mark.place < next - start)
                 {
                     marks.pop_front();
-                    lines.push(Mark { place: mark.place - (sum.s - start), ..mark });
+                    lines.push(LineMark { place: mark.place - (sum.s - start), ..mark });
                     (tag, left, piece.marks) = (mark.tag, left - 1, piece.marks + 1);
                 }
                 out.push_back((piece, entry));
-                entry = Joint::SMOOTH;
+                entry = PieceJunction::SMOOTH;
                 sum.advance(next);
                 if next == end {
                     break;
@@ -370,11 +375,11 @@ impl<const A: usize> Blender<A> {
     }
 
     /// The sum of the decided corrections at place `s`, from each of them anew.
-    fn sum_at(&self, s: f64) -> Sum<A> {
+    fn sum_at(&self, s: f64) -> CorrectionSum<A> {
         let decided = &self.corners[..self.decided];
         let from = decided.partition_point(|c| c.corner.s < s - self.reach);
         let near = decided[from..].iter().take_while(|c| c.corner.s <= s + self.reach);
-        Sum::of(near.map(|c| &c.corner), s)
+        CorrectionSum::of(near.map(|c| &c.corner), s)
     }
 
     /// The first `done` segments, which end at place `s`, are handed on.
@@ -393,7 +398,7 @@ impl<const A: usize> Blender<A> {
             self.decided -= usize::from(!kept);
             kept
         });
-        for Candidate { corner, low, high, .. } in &mut self.corners {
+        for CorrectionCandidate { corner, low, high, .. } in &mut self.corners {
             corner.s -= s;
             *low -= s;
             *high -= s;
@@ -406,7 +411,7 @@ impl<const A: usize> Blender<A> {
 }
 
 /// Sorts by place what is nearly sorted: each event goes back by as many as overlap it.
-fn sort(events: &mut [Event]) {
+fn sort(events: &mut [CorrectionEvent]) {
     for k in 1..events.len() {
         let event = events[k];
         let mut at = k;

@@ -11,20 +11,20 @@ use std::collections::VecDeque;
 use retrace_core::{Flags, RapidCap, Record};
 
 use crate::blend::size;
-use crate::caps::{Demand, Shares, cap, larger, larger_of, shares_of};
 use crate::curve::Derivatives;
-use crate::glide::passage::{Moment, Passage};
-use crate::glide::ramp::CELLS;
-use crate::limits::Limits;
-use crate::merge::Mark;
-use crate::piece::Piece;
-use crate::present::{Cell, Phase};
+use crate::glide::glide_segment::{GlideSample, GlideSegment};
+use crate::glide::ramp_pair::CELLS;
+use crate::limits::MachineLimits;
+use crate::merge::LineMark;
+use crate::piece::PathPiece;
 use crate::profile::{Profile, SIGNS};
 use crate::pulses::{counts_of, increment_of};
+use crate::rapid_cap::{Shares, SpeedCap, cap, larger, larger_of, shares_of};
+use crate::sampler::{CellSampler, PhaseSampler};
 
 /// A part of the committed plan.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Item<const A: usize> {
+pub(crate) enum PlanItem<const A: usize> {
     /// A profile over `length` mm from where the item before it ends; it ends in piece number `last`.
     Span { profile: Profile, duration: f64, length: f64, last: u64 },
     /// The glide in front of the queue of glides; pieces before number `piece` are done.
@@ -49,22 +49,22 @@ pub struct SetPoint<const A: usize> {
 /// Pieces and plan that wait to be emitted.
 #[derive(Debug)]
 pub(crate) struct Emitter<const A: usize> {
-    limits: Limits<A>,
-    items: VecDeque<Item<A>>,
-    glides: VecDeque<Passage<A>>,
-    pieces: VecDeque<Piece<A>>,
+    limits: MachineLimits<A>,
+    items: VecDeque<PlanItem<A>>,
+    glides: VecDeque<GlideSegment<A>>,
+    pieces: VecDeque<PathPiece<A>>,
     /// Program lines of the pieces beside the one at the start of each.
-    marks: VecDeque<Mark>,
+    marks: VecDeque<LineMark>,
     /// Number of the piece in front.
     first_piece: u64,
     /// Where the front piece starts, in mm from the start of the front span.
     piece_start: f64,
     /// What the front piece asks of the axes, as long as a span is in front.
-    demand: Demand,
+    demand: SpeedCap,
     /// Time of the last sample after the start of the front item, s; not above 0 where the item is yet to be entered.
     time: f64,
-    phase: Phase,
-    cell: Cell<A>,
+    phase: PhaseSampler,
+    cell: CellSampler<A>,
     /// Whole pulses so far.
     counts: [f64; A],
     /// One by what the plan may ask of each axis: velocity, acceleration, jerk.
@@ -73,24 +73,24 @@ pub(crate) struct Emitter<const A: usize> {
     /// The cap of the last record.
     cap: RapidCap,
     /// What the record in the making has met before where it is now.
-    met: Met,
+    met: PeriodDemand,
 }
 
 /// What a record has met.
 #[derive(Clone, Copy, Debug)]
-struct Met {
+struct PeriodDemand {
     /// What the axes themselves did in glides.
     axes: Shares,
     /// Of all pieces that are passed; `None` where there is none.
-    demand: Option<Demand>,
+    demand: Option<SpeedCap>,
     jerk: f64,
     rough: bool,
-    kind: Kind,
+    kind: RecordKind,
 }
 
 /// What motion a record is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum RecordKind {
     /// None yet.
     None,
     Rapid,
@@ -98,7 +98,7 @@ enum Kind {
     Feed,
 }
 
-impl Kind {
+impl RecordKind {
     const fn of(rapid: bool) -> Self {
         if rapid { Self::Rapid } else { Self::Feed }
     }
@@ -109,15 +109,15 @@ impl Kind {
     }
 }
 
-impl Met {
-    const NOTHING: Self = Self { axes: [0.0; 3], demand: None, jerk: 0.0, rough: false, kind: Kind::None };
+impl PeriodDemand {
+    const NOTHING: Self = Self { axes: [0.0; 3], demand: None, jerk: 0.0, rough: false, kind: RecordKind::None };
 }
 
 /// Samples that come this much of a period before the end of an item are taken at its end.
 const LATE: f64 = 1e-6;
 
 impl<const A: usize> Emitter<A> {
-    pub(crate) fn new(limits: Limits<A>, start: [f64; A]) -> Self {
+    pub(crate) fn new(limits: MachineLimits<A>, start: [f64; A]) -> Self {
         let planned = limits.planned();
         let rest = SetPoint { position_mm: start, velocity_mm_s: 0.0, acceleration_mm_s2: 0.0, jerk_mm_s3: 0.0 };
         Self {
@@ -128,10 +128,10 @@ impl<const A: usize> Emitter<A> {
             marks: VecDeque::new(),
             first_piece: 0,
             piece_start: 0.0,
-            demand: Demand::NONE,
+            demand: SpeedCap::NONE,
             time: 0.0,
-            phase: Phase::NONE,
-            cell: Cell::NONE,
+            phase: PhaseSampler::NONE,
+            cell: CellSampler::NONE,
             counts: counts_of(&start, &limits.pulses_per_mm),
             per_most: Derivatives {
                 first: planned.v.map(f64::recip),
@@ -140,23 +140,23 @@ impl<const A: usize> Emitter<A> {
             },
             point: rest,
             cap: RapidCap::PLANNED,
-            met: Met::NOTHING,
+            met: PeriodDemand::NOTHING,
         }
     }
 
     /// Appends a piece of path; gives its number.
-    pub(crate) fn append(&mut self, piece: Piece<A>) -> u64 {
+    pub(crate) fn append(&mut self, piece: PathPiece<A>) -> u64 {
         self.pieces.push_back(piece);
         self.first_piece + self.pieces.len() as u64 - 1
     }
 
     /// Appends the marks of pieces that are yet to be appended.
-    pub(crate) fn mark(&mut self, marks: &[Mark]) {
+    pub(crate) fn mark(&mut self, marks: &[LineMark]) {
         self.marks.extend(marks);
     }
 
     /// Commits a part of the plan.
-    pub(crate) fn commit(&mut self, item: Item<A>) {
+    pub(crate) fn commit(&mut self, item: PlanItem<A>) {
         self.items.push_back(item);
         if self.items.len() == 1 {
             self.enter();
@@ -164,9 +164,9 @@ impl<const A: usize> Emitter<A> {
     }
 
     /// Commits a glide; pieces before number `piece` are done when it begins.
-    pub(crate) fn commit_glide(&mut self, glide: Passage<A>, piece: u64) {
+    pub(crate) fn commit_glide(&mut self, glide: GlideSegment<A>, piece: u64) {
         self.glides.push_back(glide);
-        self.commit(Item::Glide { piece });
+        self.commit(PlanItem::Glide { piece });
     }
 
     /// The last set-point.
@@ -207,13 +207,13 @@ impl<const A: usize> Emitter<A> {
         loop {
             let time = self.time + period;
             match self.items.front()? {
-                &Item::Stop { end, flags, tag, .. } => {
+                &PlanItem::Stop { end, flags, tag, .. } => {
                     let record = self.arrive(end, flags, tag);
                     self.time = 0.0;
                     self.next_item();
                     return Some(record);
                 }
-                &Item::Span { duration, length, .. } => {
+                &PlanItem::Span { duration, length, .. } => {
                     let ends = time > duration - LATE * period;
                     self.pass_phases(if ends { f64::MAX } else { time });
                     if !ends {
@@ -224,7 +224,7 @@ impl<const A: usize> Emitter<A> {
                     self.piece_start -= length;
                     self.next_item();
                 }
-                Item::Glide { .. } => {
+                PlanItem::Glide { .. } => {
                     let duration = self.glides.front()?.duration();
                     let ends = time > duration - LATE * period;
                     self.pass_cells(if ends { f64::MAX } else { time });
@@ -234,7 +234,7 @@ impl<const A: usize> Emitter<A> {
                     }
                     self.time -= duration;
                     let glide = self.glides.pop_front();
-                    self.met.kind = self.met.kind.with(Kind::of(glide.is_some_and(|glide| glide.rapid)));
+                    self.met.kind = self.met.kind.with(RecordKind::of(glide.is_some_and(|glide| glide.rapid)));
                     self.next_item();
                 }
             }
@@ -248,15 +248,15 @@ impl<const A: usize> Emitter<A> {
 
     /// Goes to the start of the item in front.
     fn enter(&mut self) {
-        (self.phase, self.cell.until) = (Phase::NONE, f64::MIN);
+        (self.phase, self.cell.until) = (PhaseSampler::NONE, f64::MIN);
         match self.items.front() {
-            Some(Item::Span { .. }) => {
+            Some(PlanItem::Span { .. }) => {
                 self.demand =
-                    self.pieces.front().map_or(Demand::NONE, |piece| Demand::of(&piece.bounds, &self.per_most));
+                    self.pieces.front().map_or(SpeedCap::NONE, |piece| SpeedCap::of(&piece.bounds, &self.per_most));
                 self.enter_phase(0);
             }
-            Some(&Item::Stop { piece, .. }) => self.pass_pieces(piece),
-            Some(&Item::Glide { piece }) => {
+            Some(&PlanItem::Stop { piece, .. }) => self.pass_pieces(piece),
+            Some(&PlanItem::Glide { piece }) => {
                 self.pass_pieces(piece);
                 self.enter_cell(0);
                 self.met.axes = larger_of(self.met.axes, shares_of(&self.cell.start.by_time, &self.per_most));
@@ -274,10 +274,10 @@ impl<const A: usize> Emitter<A> {
     }
 
     fn next_piece(&mut self) {
-        self.met.demand.get_or_insert(Demand::NONE).raise(&self.demand);
+        self.met.demand.get_or_insert(SpeedCap::NONE).raise(&self.demand);
         if let Some(piece) = self.pieces.front() {
             self.piece_start += piece.length;
-            self.met.kind = self.met.kind.with(Kind::of(piece.is_rapid()));
+            self.met.kind = self.met.kind.with(RecordKind::of(piece.is_rapid()));
             if piece.marks > 0 {
                 self.marks.drain(..piece.marks as usize);
             }
@@ -286,12 +286,12 @@ impl<const A: usize> Emitter<A> {
         self.first_piece += 1;
         let Some(piece) = self.pieces.front() else { return };
         self.met.rough |= piece.rough_entry;
-        self.demand = Demand::of(&piece.bounds, &self.per_most);
+        self.demand = SpeedCap::of(&piece.bounds, &self.per_most);
     }
 
     /// Phase `number` of the front span begins, in the state that the one before it ends in.
     fn enter_phase(&mut self, number: usize) {
-        let Some(Item::Span { profile, duration, last, .. }) = self.items.front() else { return };
+        let Some(PlanItem::Span { profile, duration, last, .. }) = self.items.front() else { return };
         let before = self.phase;
         let (since, state) = if number == 0 {
             (0.0, profile.start())
@@ -300,7 +300,7 @@ impl<const A: usize> Emitter<A> {
             (before.since + time, before.start.after(before.jerk, time))
         };
         let end = if number == 6 { f64::MAX } else { since + profile.times[number] };
-        self.phase = Phase {
+        self.phase = PhaseSampler {
             number,
             until: end.min(duration - LATE * self.limits.period_s),
             since,
@@ -313,9 +313,9 @@ impl<const A: usize> Emitter<A> {
 
     /// Goes to the phase of the front span that holds time `t` after its start, and notes every jerk on the way.
     fn pass_phases(&mut self, t: f64) {
-        let Some(&Item::Span { profile, .. }) = self.items.front() else { return };
+        let Some(&PlanItem::Span { profile, .. }) = self.items.front() else { return };
         loop {
-            let Phase { number, since, jerk, .. } = self.phase;
+            let PhaseSampler { number, since, jerk, .. } = self.phase;
             if profile.times[number] > 0.0 {
                 self.met.jerk = larger(self.met.jerk, jerk.abs());
             }
@@ -331,7 +331,7 @@ impl<const A: usize> Emitter<A> {
         let Some(glide) = self.glides.front() else { return };
         let since = number as f64 * glide.ramps.cell;
         let end = if number == CELLS - 1 { f64::MAX } else { since + glide.ramps.cell };
-        self.cell = Cell {
+        self.cell = CellSampler {
             number,
             until: end.min(glide.duration() - LATE * self.limits.period_s),
             since,
@@ -343,7 +343,7 @@ impl<const A: usize> Emitter<A> {
     /// Goes to the cell of the front glide that holds time `t` after its start, and notes what the axes do on the way.
     fn pass_cells(&mut self, t: f64) {
         while let Some(glide) = self.glides.front() {
-            let Cell { number, since, .. } = self.cell;
+            let CellSampler { number, since, .. } = self.cell;
             let end = since + glide.ramps.cell;
             if number + 1 < CELLS && t <= end {
                 return;
@@ -363,14 +363,14 @@ impl<const A: usize> Emitter<A> {
     /// The record that ends in the present phase.
     #[inline]
     fn sample(&mut self) -> Record<A> {
-        let Phase { jerk, .. } = self.phase;
+        let PhaseSampler { jerk, .. } = self.phase;
         let state = self.phase.at(self.time);
         let (position_mm, tag) = self.place(state.s);
         let before = (self.point.velocity_mm_s, self.point.acceleration_mm_s2);
         self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3: jerk };
         let shares = self.shares(before, true, jerk);
-        let rapid = self.pieces.front().is_some_and(Piece::is_rapid);
-        self.met.kind = self.met.kind.with(Kind::of(rapid));
+        let rapid = self.pieces.front().is_some_and(PathPiece::is_rapid);
+        self.met.kind = self.met.kind.with(RecordKind::of(rapid));
         self.record(shares, Flags::NONE, tag)
     }
 
@@ -400,7 +400,7 @@ impl<const A: usize> Emitter<A> {
     /// The record that ends in the present cell.
     #[inline]
     fn glide(&mut self) -> Record<A> {
-        let Moment { position, by_time } = self.cell.at(self.time);
+        let GlideSample { position, by_time } = self.cell.at(self.time);
         let Derivatives { first, second, third } = &by_time;
         let speed = size(first);
         let along = first.iter().zip(second).map(|(v, a)| v * a).sum::<f64>() / larger(speed, 1e-9);
@@ -414,7 +414,7 @@ impl<const A: usize> Emitter<A> {
         let own = shares_of(&by_time, &self.per_most);
         let shares = larger_of(self.shares(before, false, 0.0), own);
         let rapid = self.glides.front().is_some_and(|glide| glide.rapid);
-        self.met.kind = self.met.kind.with(Kind::of(rapid));
+        self.met.kind = self.met.kind.with(RecordKind::of(rapid));
         let record = self.record(shares, Flags::NONE, self.cell.tag);
         // The next record begins like this.
         self.met.axes = own;
@@ -451,8 +451,8 @@ impl<const A: usize> Emitter<A> {
             increments[i] = increment;
         }
         self.cap = if self.met.rough { RapidCap::PLANNED } else { cap(shares, self.cap) };
-        let flags = if self.met.kind == Kind::Rapid { flags.with(Flags::RAPID) } else { flags };
-        self.met = Met::NOTHING;
+        let flags = if self.met.kind == RecordKind::Rapid { flags.with(Flags::RAPID) } else { flags };
+        self.met = PeriodDemand::NOTHING;
         Record { increments, line, flags, cap: self.cap, spare: 0 }
     }
 }

@@ -7,7 +7,7 @@ use crate::profile::PathLimits;
 
 /// One stretch of road with uniform limits.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Block {
+pub(crate) struct PathBlock {
     /// Length in mm, above 0.
     pub(crate) length: f64,
     /// Limits along the path.
@@ -40,7 +40,7 @@ pub(crate) struct Envelope {
 
 impl Envelope {
     /// Computes it for a road entered at `v0` and left at `v1`.
-    pub(crate) fn compute(&mut self, blocks: &[Block], v0: f64, v1: f64) {
+    pub(crate) fn compute(&mut self, blocks: &[PathBlock], v0: f64, v1: f64) {
         let n = blocks.len();
         for list in [&mut self.s, &mut self.cap, &mut self.v, &mut self.a] {
             list.clear();
@@ -73,7 +73,7 @@ impl Envelope {
         self.propose(blocks);
     }
 
-    fn time_blocks(&mut self, blocks: &[Block]) {
+    fn time_blocks(&mut self, blocks: &[PathBlock]) {
         self.time.clear();
         self.time.extend(blocks.iter().enumerate().map(|(k, block)| {
             let PathLimits { v, a, .. } = block.limits;
@@ -88,14 +88,14 @@ impl Envelope {
     }
 
     /// The envelope's speed in block k, `t` seconds after its start.
-    fn within(&self, blocks: &[Block], k: usize, t: f64) -> f64 {
+    fn within(&self, blocks: &[PathBlock], k: usize, t: f64) -> f64 {
         let PathLimits { v, a, .. } = blocks[k].limits;
         (self.v[k] + a * t).min(self.v[k + 1] + a * (self.time[k] - t)).min(v)
     }
 
     /// Is the envelope at joint `k`, which is none of the ends, no higher than in the blocks on both sides, and lower than in
     /// one of them? It may rise and fall again within a block.
-    pub(crate) fn is_valley(&self, blocks: &[Block], k: usize) -> bool {
+    pub(crate) fn is_valley(&self, blocks: &[PathBlock], k: usize) -> bool {
         let here = self.v[k];
         let beside = |block: usize, joint: usize| {
             let PathLimits { v, a, .. } = blocks[block].limits;
@@ -108,7 +108,7 @@ impl Envelope {
 
     /// Where the envelope touches a cap: its own slope if a motion of limited jerk can follow it, else its mean slope over a
     /// wider window. That is 0 in a sharp valley and −A in the middle of a long braking.
-    fn propose(&mut self, blocks: &[Block]) {
+    fn propose(&mut self, blocks: &[PathBlock]) {
         let n = blocks.len();
         // Four places that follow each joint: narrow and wide, behind and ahead of it.
         let mut walkers = [(0usize, 0.0f64); 4];

@@ -32,32 +32,32 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod accel_split;
 mod blend;
-mod caps;
-mod corner;
+mod correction;
 mod curve;
 mod emitter;
 mod envelope;
 mod error;
 mod glide;
-mod joining;
+mod junction;
 mod limits;
 mod lookahead;
 mod merge;
+mod path_planner;
 mod piece;
 mod planner;
-mod present;
 pub mod profile;
 mod pulses;
-mod road;
+mod rapid_cap;
+mod rest_to_rest;
 mod run;
-mod shares;
-mod stepwise;
+mod sampler;
 
 pub use curve::Arc;
 pub use emitter::SetPoint;
 pub use error::{LimitError, MoveError};
 pub use glide::Blending;
 pub use glide::source::{GlideRatio, RatioOf};
-pub use limits::Limits;
-pub use planner::{Feed, MAX_OVERRIDE, PathMode, Planner};
+pub use limits::MachineLimits;
+pub use planner::{FeedRate, MAX_OVERRIDE, PathMode, Planner};

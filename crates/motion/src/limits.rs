@@ -7,7 +7,7 @@ use crate::error::LimitError;
 
 /// Limits of a machine with `A` axes. An axis unit is a millimetre, or a degree for a rotary axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits<const A: usize> {
+pub struct MachineLimits<const A: usize> {
     /// Highest velocity of each axis, axis units/s.
     pub velocity_mm_s: [f64; A],
     /// Highest acceleration of each axis, axis units/s².
@@ -24,7 +24,7 @@ pub struct Limits<const A: usize> {
     pub period_s: f64,
 }
 
-impl<const A: usize> Limits<A> {
+impl<const A: usize> MachineLimits<A> {
     /// The built-in machine, the reference for every published figure.
     #[must_use]
     pub const fn built_in() -> Self {
@@ -121,9 +121,9 @@ mod tests {
 
     #[test]
     fn the_built_in_machine_is_valid_and_every_number_is_looked_at() {
-        let good = Limits::<3>::built_in();
+        let good = MachineLimits::<3>::built_in();
         assert_eq!(good.validate(), Ok(()));
-        let refused = |change: fn(&mut Limits<3>)| {
+        let refused = |change: fn(&mut MachineLimits<3>)| {
             let mut bad = good;
             change(&mut bad);
             bad.validate().unwrap_err().number()

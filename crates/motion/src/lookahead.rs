@@ -9,9 +9,9 @@
 //! Choosing gates decides how fast a plan is, never whether it is legal. The work has a limit; where it is used up, or the
 //! start state allows no plan, there is none, and the caller runs its previous plan on, which ends at rest.
 
-use crate::envelope::{Block, Envelope, gate_acceleration};
-use crate::profile::{Misfit, PathLimits, Profile, State, fastest};
-use crate::stepwise;
+use crate::envelope::{Envelope, PathBlock, gate_acceleration};
+use crate::profile::{KinematicState, PathLimits, Profile, ProfileError, fastest};
+use crate::rest_to_rest;
 
 /// A profile between two joints of a road.
 #[derive(Clone, Copy, Debug, Default)]
@@ -25,42 +25,42 @@ pub(crate) struct Span {
 
 /// There is no plan within the limit of work, or none from this start state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct NoPlan;
+pub(crate) struct PlanError;
 
 /// No limit at all: what an empty stretch of road asks for.
-const UNLIMITED: Stretch = Stretch { tight: PathLimits { v: f64::MAX, a: f64::MAX, j: f64::MAX }, fastest: 0.0 };
+const UNLIMITED: SpanLimits = SpanLimits { tight: PathLimits { v: f64::MAX, a: f64::MAX, j: f64::MAX }, fastest: 0.0 };
 
 /// Limits over several blocks.
 #[derive(Clone, Copy, Debug)]
-struct Stretch {
+struct SpanLimits {
     tight: PathLimits,
     /// The highest speed limit of the blocks.
     fastest: f64,
 }
 
-impl Stretch {
+impl SpanLimits {
     fn with(self, other: Self) -> Self {
         Self { tight: self.tight.tighter(other.tight), fastest: self.fastest.max(other.fastest) }
     }
 
-    fn of(blocks: &[Block]) -> Self {
+    fn of(blocks: &[PathBlock]) -> Self {
         blocks.iter().fold(UNLIMITED, |all, b| all.with(Self { tight: b.limits, fastest: b.limits.v }))
     }
 }
 
 /// A gate and the span that leads to it.
 #[derive(Clone, Copy, Debug)]
-struct Gate {
+struct PlanGate {
     joint: usize,
     v: f64,
     a: f64,
-    stretch: Stretch,
+    stretch: SpanLimits,
     profile: Profile,
 }
 
-impl Gate {
-    fn state(&self) -> State {
-        State::moving(self.v, self.a)
+impl PlanGate {
+    fn state(&self) -> KinematicState {
+        KinematicState::moving(self.v, self.a)
     }
 }
 
@@ -81,8 +81,8 @@ const DROP_REACH: usize = 256;
 #[derive(Debug, Default)]
 pub(crate) struct LookAhead {
     envelope: Envelope,
-    gates: Vec<Gate>,
-    tuned: Vec<Gate>,
+    gates: Vec<PlanGate>,
+    tuned: Vec<PlanGate>,
     tries: Vec<u8>,
     work: usize,
 }
@@ -94,17 +94,17 @@ impl LookAhead {
     /// [`NoPlan`]; `out` is unchanged then.
     pub(crate) fn plan(
         &mut self,
-        blocks: &[Block],
+        blocks: &[PathBlock],
         (v0, a0): (f64, f64),
-        end: State,
+        end: KinematicState,
         out: &mut Vec<Span>,
-    ) -> Result<(), NoPlan> {
+    ) -> Result<(), PlanError> {
         self.envelope.compute(blocks, v0, end.v);
         self.work = WORK.0 + WORK.1 * blocks.len();
         self.tries.clear();
         self.tries.resize(blocks.len() + 1, 0);
         self.gates.clear();
-        self.gates.push(Gate { joint: 0, v: v0, a: a0, stretch: UNLIMITED, profile: Profile::default() });
+        self.gates.push(PlanGate { joint: 0, v: v0, a: a0, stretch: UNLIMITED, profile: Profile::default() });
         self.connect_all(blocks, end)?;
         self.tune(blocks);
         out.extend(self.gates.windows(2).map(|g| Span { first: g[0].joint, last: g[1].joint, profile: g[1].profile }));
@@ -112,12 +112,12 @@ impl LookAhead {
     }
 
     /// The stack pass over all proposals.
-    fn connect_all(&mut self, blocks: &[Block], end: State) -> Result<(), NoPlan> {
+    fn connect_all(&mut self, blocks: &[PathBlock], end: KinematicState) -> Result<(), PlanError> {
         let n = blocks.len();
         let mut since = UNLIMITED;
         let mut elapsed = 0.0;
         for k in 1..n {
-            since = since.with(Stretch::of(&blocks[k - 1..k]));
+            since = since.with(SpanLimits::of(&blocks[k - 1..k]));
             elapsed += self.envelope.time[k - 1];
             let valley = self.envelope.is_valley(blocks, k);
             let spaced = elapsed >= SPACING * blocks[k].limits.a / blocks[k].limits.j;
@@ -126,48 +126,48 @@ impl LookAhead {
                 self.attach(
                     blocks,
                     k,
-                    State::moving(self.envelope.cap[k], self.envelope.a[k]),
+                    KinematicState::moving(self.envelope.cap[k], self.envelope.a[k]),
                     &mut since,
                     (0, valley),
                 )?;
             }
         }
-        since = since.with(Stretch::of(&blocks[n - 1..]));
-        if self.attach(blocks, n, end, &mut since, (0, false))? { Ok(()) } else { Err(NoPlan) }
+        since = since.with(SpanLimits::of(&blocks[n - 1..]));
+        if self.attach(blocks, n, end, &mut since, (0, false))? { Ok(()) } else { Err(PlanError) }
     }
 
     /// Connects joint `k` in state `to` to the gates so far; false where it cannot be reached. `since` holds the limits
     /// between the last gate and `k`, and afterwards those beyond the last gate. `must`: another state is better than none.
     fn attach(
         &mut self,
-        blocks: &[Block],
+        blocks: &[PathBlock],
         k: usize,
-        to: State,
-        since: &mut Stretch,
+        to: KinematicState,
+        since: &mut SpanLimits,
         (depth, must): (u8, bool),
-    ) -> Result<bool, NoPlan> {
+    ) -> Result<bool, PlanError> {
         while let Some(&left) = self.gates.last() {
             match self.span(blocks, &left, k, to, *since)? {
                 Ok(profile) => match self.overshoot(left.joint, k, &profile) {
                     None => {
-                        self.gates.push(Gate { joint: k, v: to.v, a: to.a, stretch: *since, profile });
+                        self.gates.push(PlanGate { joint: k, v: to.v, a: to.a, stretch: *since, profile });
                         *since = UNLIMITED;
                         return Ok(true);
                     }
                     Some((joint, a)) => {
                         self.insert(blocks, left.joint, joint, a, depth)?;
                         let last = self.gates.last().map_or(0, |gate| gate.joint);
-                        *since = Stretch::of(&blocks[last..k]);
+                        *since = SpanLimits::of(&blocks[last..k]);
                     }
                 },
                 Err(misfit) if self.relax(blocks, k, to, since, (misfit, must))? => return Ok(true),
-                Err(Misfit::TargetTooHigh) if k < blocks.len() => return Ok(false),
+                Err(ProfileError::TargetTooHigh) if k < blocks.len() => return Ok(false),
                 Err(misfit) if self.gates.len() == 1 => {
-                    let eased = misfit == Misfit::StartTooHigh
+                    let eased = misfit == ProfileError::StartTooHigh
                         && (must && self.tries[k] <= 2 || k == blocks.len())
                         && self.ease(blocks, k, to, since, depth)?;
                     // The start is fixed: fly over k, and look at its cap when the span is longer.
-                    return if eased || k < blocks.len() { Ok(eased) } else { Err(NoPlan) };
+                    return if eased || k < blocks.len() { Ok(eased) } else { Err(PlanError) };
                 }
                 Err(_) => {
                     *since = since.with(left.stretch);
@@ -175,36 +175,37 @@ impl LookAhead {
                 }
             }
         }
-        Err(NoPlan)
+        Err(PlanError)
     }
 
     /// Connects joint `k` with zero acceleration there, or at the last gate, which brakes too hard to come up to `k` again; false
     /// where that does not help.
     fn relax(
         &mut self,
-        blocks: &[Block],
+        blocks: &[PathBlock],
         k: usize,
-        to: State,
-        since: &mut Stretch,
-        (misfit, must): (Misfit, bool),
-    ) -> Result<bool, NoPlan> {
+        to: KinematicState,
+        since: &mut SpanLimits,
+        (misfit, must): (ProfileError, bool),
+    ) -> Result<bool, PlanError> {
         let Some(&left) = self.gates.last() else { return Ok(false) };
         // The end of the road stays as it is.
         let levels = must && to.a != 0.0 && k < blocks.len();
-        if levels && self.push_span(blocks, left, k, State::moving(to.v, 0.0), since)? {
+        if levels && self.push_span(blocks, left, k, KinematicState::moving(to.v, 0.0), since)? {
             return Ok(true);
         }
         let [.., before, _] = self.gates[..] else { return Ok(false) };
-        if misfit != Misfit::TargetTooHigh || left.a >= 0.0 {
+        if misfit != ProfileError::TargetTooHigh || left.a >= 0.0 {
             return Ok(false);
         }
-        let Ok(profile) = self.span(blocks, &before, left.joint, State::moving(left.v, 0.0), left.stretch)? else {
+        let Ok(profile) = self.span(blocks, &before, left.joint, KinematicState::moving(left.v, 0.0), left.stretch)?
+        else {
             return Ok(false);
         };
         if self.overshoot(before.joint, left.joint, &profile).is_some() {
             return Ok(false);
         }
-        let flat = Gate { a: 0.0, profile, ..left };
+        let flat = PlanGate { a: 0.0, profile, ..left };
         let pushed = self.push_span(blocks, flat, k, to, since)?;
         if pushed {
             let last = self.gates.len() - 2;
@@ -215,21 +216,28 @@ impl LookAhead {
 
     /// Connects joint `k` over a gate half-way, from where it can be braked for however tight the limits are there: each half of
     /// the road is then braked on within its own limits. False where that does not help.
-    fn ease(&mut self, blocks: &[Block], k: usize, to: State, since: &mut Stretch, depth: u8) -> Result<bool, NoPlan> {
+    fn ease(
+        &mut self,
+        blocks: &[PathBlock],
+        k: usize,
+        to: KinematicState,
+        since: &mut SpanLimits,
+        depth: u8,
+    ) -> Result<bool, PlanError> {
         let left = self.gates.last().map_or(0, |gate| gate.joint);
         if k < left + 2 || depth > HALVINGS {
             return Ok(false);
         }
         let (from, end) = (self.envelope.s[left], self.envelope.s[k]);
         let middle = self.envelope.s.partition_point(|s| *s < 0.5 * (from + end)).clamp(left + 1, k - 1);
-        let behind = Stretch::of(&blocks[middle..k]);
+        let behind = SpanLimits::of(&blocks[middle..k]);
         let limits = PathLimits { v: behind.fastest, ..behind.tight };
-        let way = Block { length: end - self.envelope.s[middle], limits, exit_v: to.v };
-        let v = stepwise::reach(to.v, &way).min(self.envelope.v[middle]);
-        let to = if k < blocks.len() { State { a: 0.0, ..to } } else { to };
+        let way = PathBlock { length: end - self.envelope.s[middle], limits, exit_v: to.v };
+        let v = rest_to_rest::reach(to.v, &way).min(self.envelope.v[middle]);
+        let to = if k < blocks.len() { KinematicState { a: 0.0, ..to } } else { to };
         for share in EASED {
-            let mut ahead = Stretch::of(&blocks[left..middle]);
-            if self.attach(blocks, middle, State::moving(share * v, 0.0), &mut ahead, (depth + 1, true))? {
+            let mut ahead = SpanLimits::of(&blocks[left..middle]);
+            if self.attach(blocks, middle, KinematicState::moving(share * v, 0.0), &mut ahead, (depth + 1, true))? {
                 *since = behind;
                 return self.attach(blocks, k, to, since, (depth + 1, false));
             }
@@ -240,29 +248,29 @@ impl LookAhead {
     /// Makes joint `k` a gate if one legal span leads to it from `left`, which is or replaces the last gate.
     fn push_span(
         &mut self,
-        blocks: &[Block],
-        left: Gate,
+        blocks: &[PathBlock],
+        left: PlanGate,
         k: usize,
-        to: State,
-        since: &mut Stretch,
-    ) -> Result<bool, NoPlan> {
+        to: KinematicState,
+        since: &mut SpanLimits,
+    ) -> Result<bool, PlanError> {
         let Ok(profile) = self.span(blocks, &left, k, to, *since)? else { return Ok(false) };
         let legal = self.overshoot(left.joint, k, &profile).is_none();
         if legal {
-            self.gates.push(Gate { joint: k, v: to.v, a: to.a, stretch: *since, profile });
+            self.gates.push(PlanGate { joint: k, v: to.v, a: to.a, stretch: *since, profile });
             *since = UNLIMITED;
         }
         Ok(legal)
     }
 
     /// Makes the overshot joint `m` a gate: at its cap with the span's own slope `a`; if that was tried before, ever lower.
-    fn insert(&mut self, blocks: &[Block], left: usize, m: usize, a: f64, depth: u8) -> Result<(), NoPlan> {
-        let mut since = Stretch::of(&blocks[left..m]);
+    fn insert(&mut self, blocks: &[PathBlock], left: usize, m: usize, a: f64, depth: u8) -> Result<(), PlanError> {
+        let mut since = SpanLimits::of(&blocks[left..m]);
         loop {
             let tries = self.tries[m];
             self.tries[m] = tries.saturating_add(1);
             if depth > TRIES.1 || tries > TRIES.0 {
-                return Err(NoPlan);
+                return Err(PlanError);
             }
             let own = self.envelope.a[m];
             let (share, a) = match tries {
@@ -276,7 +284,7 @@ impl LookAhead {
             let v = self.envelope.cap[m] * share;
             let tight = since.tight.tighter(blocks[m].limits);
             let most = gate_acceleration(v, PathLimits { a: 0.999 * tight.a, ..tight });
-            if self.attach(blocks, m, State::moving(v, a.clamp(-most, most)), &mut since, (depth + 1, true))? {
+            if self.attach(blocks, m, KinematicState::moving(v, a.clamp(-most, most)), &mut since, (depth + 1, true))? {
                 return Ok(());
             }
         }
@@ -285,17 +293,17 @@ impl LookAhead {
     /// The fastest profile from gate `left` to joint `k` in state `to` whose crest keeps the limits of the blocks under it.
     fn span(
         &mut self,
-        blocks: &[Block],
-        left: &Gate,
+        blocks: &[PathBlock],
+        left: &PlanGate,
         k: usize,
-        to: State,
-        stretch: Stretch,
-    ) -> Result<Result<Profile, Misfit>, NoPlan> {
+        to: KinematicState,
+        stretch: SpanLimits,
+    ) -> Result<Result<Profile, ProfileError>, PlanError> {
         let start = self.envelope.s[left.joint];
         let length = self.envelope.s[k] - start;
         let mut v = stretch.fastest;
         for _ in 0..8 {
-            self.work = self.work.checked_sub(1).ok_or(NoPlan)?;
+            self.work = self.work.checked_sub(1).ok_or(PlanError)?;
             let profile = match fastest(left.state(), to, length, PathLimits { v, ..stretch.tight }) {
                 Ok(profile) => profile,
                 Err(misfit) => return Ok(Err(misfit)),
@@ -315,16 +323,16 @@ impl LookAhead {
             }
             v = cap;
         }
-        Ok(Err(Misfit::TargetTooHigh))
+        Ok(Err(ProfileError::TargetTooHigh))
     }
 
     /// The worst overshoot of a touching cap strictly inside a span: the joint and the span's acceleration there.
     fn overshoot(&self, first: usize, last: usize, profile: &Profile) -> Option<(usize, f64)> {
-        let mut walk = Walk::new(profile);
+        let mut walk = ProfileWalk::new(profile);
         let (mut worst, mut found) = (1.0 + 1e-9, None);
         for m in first + 1..last {
             if self.envelope.touches[m] {
-                let State { v, a, .. } = walk.at(self.envelope.s[m] - self.envelope.s[first]);
+                let KinematicState { v, a, .. } = walk.at(self.envelope.s[m] - self.envelope.s[first]);
                 if v > self.envelope.cap[m] * worst {
                     worst = v / self.envelope.cap[m].max(1e-12);
                     found = Some((m, a));
@@ -336,7 +344,7 @@ impl LookAhead {
 
     /// Tries to drop or raise each gate; a change is kept only where both spans it touches stay legal and together
     /// take less time.
-    fn tune(&mut self, blocks: &[Block]) {
+    fn tune(&mut self, blocks: &[PathBlock]) {
         let mut old = std::mem::take(&mut self.gates);
         let mut new = std::mem::take(&mut self.tuned);
         new.clear();
@@ -349,9 +357,9 @@ impl LookAhead {
                 break;
             };
             match change {
-                Change::Keep => new.push(gate),
-                Change::Drop(merged) => old[g + 1] = merged,
-                Change::Move(moved, next) => {
+                GateChange::Keep => new.push(gate),
+                GateChange::Drop(merged) => old[g + 1] = merged,
+                GateChange::Move(moved, next) => {
                     new.push(moved);
                     old[g + 1] = next;
                 }
@@ -362,19 +370,25 @@ impl LookAhead {
         self.tuned = old;
     }
 
-    fn better(&mut self, blocks: &[Block], left: Gate, gate: Gate, right: Gate) -> Result<Change, NoPlan> {
+    fn better(
+        &mut self,
+        blocks: &[PathBlock],
+        left: PlanGate,
+        gate: PlanGate,
+        right: PlanGate,
+    ) -> Result<GateChange, PlanError> {
         let both = gate.stretch.with(right.stretch);
         let s = |joint: usize| self.envelope.s[joint];
         let time = gate.profile.duration() + right.profile.duration();
         if time * both.tight.v <= (s(right.joint) - s(left.joint)) * (1.0 + 1e-9) {
-            return Ok(Change::Keep); // at the speed limit all the way
+            return Ok(GateChange::Keep); // at the speed limit all the way
         }
         if right.joint - left.joint <= DROP_REACH
             && let Ok(profile) = self.span(blocks, &left, right.joint, right.state(), both)?
             && profile.duration() < time
             && self.overshoot(left.joint, right.joint, &profile).is_none()
         {
-            return Ok(Change::Drop(Gate { stretch: both, profile, ..right }));
+            return Ok(GateChange::Drop(PlanGate { stretch: both, profile, ..right }));
         }
         let cap = self.envelope.cap[gate.joint];
         for v in [cap, 0.5 * (gate.v + cap)] {
@@ -382,39 +396,39 @@ impl LookAhead {
                 break;
             }
             let most = gate_acceleration(v, PathLimits { a: 0.9999 * both.tight.a, ..both.tight });
-            let to = State::moving(v, gate.a.clamp(-most, most));
+            let to = KinematicState::moving(v, gate.a.clamp(-most, most));
             let Ok(one) = self.span(blocks, &left, gate.joint, to, gate.stretch)? else { continue };
-            let moved = Gate { v, a: to.a, profile: one, ..gate };
+            let moved = PlanGate { v, a: to.a, profile: one, ..gate };
             let Ok(two) = self.span(blocks, &moved, right.joint, right.state(), right.stretch)? else { continue };
             if one.duration() + two.duration() < time
                 && self.overshoot(left.joint, gate.joint, &one).is_none()
                 && self.overshoot(gate.joint, right.joint, &two).is_none()
             {
-                return Ok(Change::Move(moved, Gate { profile: two, ..right }));
+                return Ok(GateChange::Move(moved, PlanGate { profile: two, ..right }));
             }
         }
-        Ok(Change::Keep)
+        Ok(GateChange::Keep)
     }
 }
 
 /// What tuning does with one gate.
-enum Change {
+enum GateChange {
     Keep,
     /// The gate goes; the next gate is reached by one span.
-    Drop(Gate),
+    Drop(PlanGate),
     /// The gate and the next gate, with their new spans.
-    Move(Gate, Gate),
+    Move(PlanGate, PlanGate),
 }
 
 /// Walks a profile by place, forward only.
-struct Walk<'a> {
+struct ProfileWalk<'a> {
     profile: &'a Profile,
     phase: usize,
-    state: State,
+    state: KinematicState,
     phase_end: f64,
 }
 
-impl<'a> Walk<'a> {
+impl<'a> ProfileWalk<'a> {
     fn new(profile: &'a Profile) -> Self {
         let mut walk = Self { profile, phase: 0, state: profile.start(), phase_end: 0.0 };
         walk.phase_end = walk.end_of_phase().s;
@@ -425,12 +439,12 @@ impl<'a> Walk<'a> {
         crate::profile::SIGNS[self.phase] * self.profile.jerk
     }
 
-    fn end_of_phase(&self) -> State {
+    fn end_of_phase(&self) -> KinematicState {
         self.state.after(self.jerk(), self.profile.times[self.phase])
     }
 
     /// The state at place `s`, which must not fall from call to call.
-    fn at(&mut self, s: f64) -> State {
+    fn at(&mut self, s: f64) -> KinematicState {
         while self.phase < 6 && s > self.phase_end {
             self.state = self.end_of_phase();
             self.phase += 1;
@@ -457,7 +471,7 @@ pub(crate) mod tests {
     use proptest::prelude::*;
 
     /// Roads of all kinds: tiny and long blocks, caps that wander or jump, limits that change, full stops.
-    pub(crate) fn road() -> impl Strategy<Value = Vec<Block>> {
+    pub(crate) fn road() -> impl Strategy<Value = Vec<PathBlock>> {
         let block = (-3.0..1.5f64, 0.0..1.0f64, 0.05..1.0f64, 0.1..1.0f64, 0.0..1.0f64, prop::bool::weighted(0.1));
         (prop::collection::vec(block, 1..80), 0.02..1.0f64).prop_map(|(blocks, least)| {
             blocks
@@ -465,14 +479,14 @@ pub(crate) mod tests {
                 .map(|(size, v, a, j, exit, stop)| {
                     let v = 100.0 * (least + (1.0 - least) * v);
                     let limits = PathLimits { v, a: 900.0 * a.max(least), j: 18_000.0 * j.max(least) };
-                    Block { length: 10f64.powf(size), limits, exit_v: if stop { 0.0 } else { exit * 100.0 } }
+                    PathBlock { length: 10f64.powf(size), limits, exit_v: if stop { 0.0 } else { exit * 100.0 } }
                 })
                 .collect()
         })
     }
 
     /// Spans follow one another from (v, a) to rest, and keep every limit of every block under them.
-    pub(crate) fn check(blocks: &[Block], spans: &[Span], start: State) -> Result<(), String> {
+    pub(crate) fn check(blocks: &[PathBlock], spans: &[Span], start: KinematicState) -> Result<(), String> {
         let (mut joint, mut state) = (0, start);
         for span in spans {
             let Span { first, last, profile } = span;
@@ -483,7 +497,7 @@ pub(crate) mod tests {
             for block in &blocks[*first..*last] {
                 let (from, to) = (profile.time_at(begin), profile.time_at(begin + block.length).min(duration));
                 for k in 0..=20 {
-                    let State { v, a, .. } = profile.at(from + (to - from) * f64::from(k) / 20.0);
+                    let KinematicState { v, a, .. } = profile.at(from + (to - from) * f64::from(k) / 20.0);
                     let PathLimits { v: v_max, a: a_max, j: j_max } = block.limits;
                     if v > v_max * (1.0 + 1e-7) || a.abs() > a_max * (1.0 + 1e-7) || profile.jerk > j_max * (1.0 + 1e-9)
                     {
@@ -499,14 +513,14 @@ pub(crate) mod tests {
             if (end.s - begin).abs() > 1e-9 {
                 return Err(format!("the span to joint {last} ends {} mm off", end.s - begin));
             }
-            (joint, state) = (*last, State::moving(end.v, end.a));
+            (joint, state) = (*last, KinematicState::moving(end.v, end.a));
             // The next span starts in the exact state of the gate.
             if let Some(next) = spans.iter().find(|next| next.first == joint) {
                 let gap = (next.profile.v0 - state.v).abs().max(1e-3 * (next.profile.a0 - state.a).abs());
                 if gap > 1e-8 {
                     return Err(format!("a gap of {gap} at joint {joint}"));
                 }
-                state = State::moving(next.profile.v0, next.profile.a0);
+                state = KinematicState::moving(next.profile.v0, next.profile.a0);
             }
         }
         if joint == blocks.len() && state.v.abs() < 1e-8 { Ok(()) } else { Err("does not end at rest".into()) }
@@ -518,18 +532,18 @@ pub(crate) mod tests {
         #[test]
         fn plans_are_legal_from_rest_and_from_their_own_gates(blocks in road(), pick in any::<prop::sample::Index>()) {
             let (mut look_ahead, mut spans) = (LookAhead::default(), Vec::new());
-            if look_ahead.plan(&blocks, (0.0, 0.0), State::default(), &mut spans).is_err() {
+            if look_ahead.plan(&blocks, (0.0, 0.0), KinematicState::default(), &mut spans).is_err() {
                 prop_assert!(spans.is_empty());
                 return Ok(());
             }
-            prop_assert_eq!(check(&blocks, &spans, State::default()), Ok(()));
+            prop_assert_eq!(check(&blocks, &spans, KinematicState::default()), Ok(()));
             let bound: f64 = look_ahead.envelope.time.iter().sum();
             let total: f64 = spans.iter().map(|span| span.profile.duration()).sum();
             prop_assert!(total >= bound * (1.0 - 1e-9), "faster than the envelope: {} < {}", total, bound);
             let gate = spans[pick.index(spans.len())];
             let mut fresh = Vec::new();
-            if look_ahead.plan(&blocks[gate.first..], (gate.profile.v0, gate.profile.a0), State::default(), &mut fresh).is_ok() {
-                let start = State::moving(gate.profile.v0, gate.profile.a0);
+            if look_ahead.plan(&blocks[gate.first..], (gate.profile.v0, gate.profile.a0), KinematicState::default(), &mut fresh).is_ok() {
+                let start = KinematicState::moving(gate.profile.v0, gate.profile.a0);
                 prop_assert_eq!(check(&blocks[gate.first..], &fresh, start), Ok(()));
             }
         }
@@ -539,10 +553,10 @@ pub(crate) mod tests {
     fn a_line_in_many_blocks_is_planned_like_one_block() {
         let limits = PathLimits { v: 100.0, a: 900.0, j: 18_000.0 };
         let time = |n: usize| {
-            let blocks = vec![Block { length: 100.0 / n as f64, limits, exit_v: f64::MAX }; n];
+            let blocks = vec![PathBlock { length: 100.0 / n as f64, limits, exit_v: f64::MAX }; n];
             let mut spans = Vec::new();
             LookAhead::default()
-                .plan(&blocks, (0.0, 0.0), State::default(), &mut spans)
+                .plan(&blocks, (0.0, 0.0), KinematicState::default(), &mut spans)
                 .expect("a straight line has a plan");
             spans.iter().map(|span| span.profile.duration()).sum::<f64>()
         };

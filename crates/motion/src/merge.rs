@@ -11,7 +11,7 @@
 //! that is at most what [`merging`] allows of it; so merging and blending together stay within the tolerance. It depends on the
 //! lines alone, in their order.
 
-use crate::blend::{Segment, size};
+use crate::blend::{PathSegment, size};
 use crate::curve::Curve;
 
 /// Share of the tolerance that merging uses where the program does not say: what is left makes corners fast.
@@ -23,14 +23,14 @@ const MOST: usize = 4096;
 
 /// From `place` on, in mm from the start of a segment or piece, the program line is `tag`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Mark {
+pub(crate) struct LineMark {
     pub(crate) place: f64,
     pub(crate) tag: u32,
 }
 
 /// A line that is to be merged, or not.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Line<const A: usize> {
+pub(crate) struct LinearMove<const A: usize> {
     pub(crate) start: [f64; A],
     pub(crate) end: [f64; A],
     /// mm/s.
@@ -51,7 +51,7 @@ pub(crate) fn merging(tolerance: f64, asked: Option<f64>) -> f64 {
 #[derive(Debug)]
 pub(crate) struct Merger<const A: usize> {
     /// All lines from the start of the first to the end of the last.
-    chord: Option<Line<A>>,
+    chord: Option<LinearMove<A>>,
     /// Where each line but the last ends, and the program line of the next.
     ends: Vec<([f64; A], u32)>,
     /// Directions that a chord may have: those this near to that one.
@@ -70,7 +70,7 @@ impl<const A: usize> Merger<A> {
     }
 
     /// Takes `line` up; false where it cannot be merged with what there is, which is to be taken out first.
-    pub(crate) fn offer(&mut self, line: &Line<A>) -> bool {
+    pub(crate) fn offer(&mut self, line: &LinearMove<A>) -> bool {
         let Some(chord) = &mut self.chord else {
             self.chord = Some(*line);
             self.ends.clear();
@@ -104,7 +104,7 @@ impl<const A: usize> Merger<A> {
     }
 
     /// Takes the line out, as a segment; the program lines after its first go to the end of `marks`.
-    pub(crate) fn take(&mut self, marks: &mut Vec<Mark>) -> Option<Segment<A>> {
+    pub(crate) fn take(&mut self, marks: &mut Vec<LineMark>) -> Option<PathSegment<A>> {
         let chord = self.chord.take()?;
         let (curve, length) = Curve::line(chord.start, chord.end);
         let way = difference(&chord.end, &chord.start);
@@ -116,11 +116,11 @@ impl<const A: usize> Merger<A> {
             let aside: [f64; A] = std::array::from_fn(|i| to[i] - share * way[i]);
             off = off.max(aside.iter().map(|x| x * x).sum());
             place = place.max(share * length);
-            marks.push(Mark { place, tag: *tag });
+            marks.push(LineMark { place, tag: *tag });
         }
         let tolerance = chord.tolerance - off.sqrt();
         let marks = self.ends.len() as u32;
-        Some(Segment { curve, length, feed: chord.feed, tag: chord.tag, tolerance, marks })
+        Some(PathSegment { curve, length, feed: chord.feed, tag: chord.tag, tolerance, marks })
     }
 }
 
@@ -154,8 +154,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn line(start: [f64; 3], end: [f64; 3], tag: u32) -> Line<3> {
-        Line { start, end, feed: 10.0, tag, tolerance: 0.05, merging: merging(0.05, None) }
+    fn line(start: [f64; 3], end: [f64; 3], tag: u32) -> LinearMove<3> {
+        LinearMove { start, end, feed: 10.0, tag, tolerance: 0.05, merging: merging(0.05, None) }
     }
 
     /// Distance of `p` from the endless line through `a` and `b`.
@@ -188,7 +188,7 @@ mod tests {
             for (k, (length, y, z)) in steps.into_iter().enumerate() {
                 let (length, bend) = (10f64.powf(length), 10f64.powf(bend));
                 let next = [at[0] + length, at[1] + length * bend * y, at[2] + length * bend * z];
-                let line = Line { merging: most, ..line(at, next, k as u32) };
+                let line = LinearMove { merging: most, ..line(at, next, k as u32) };
                 if !merger.offer(&line) {
                     take(&mut merger);
                     assert!(merger.offer(&line));
@@ -247,7 +247,7 @@ mod tests {
         let lines = |asked: f64| {
             let (mut merger, mut at, mut count) = (Merger::new(), [0.0; 3], 1);
             for k in 1..=1000 {
-                let next = Line {
+                let next = LinearMove {
                     merging: merging(0.05, Some(asked)),
                     ..line(at, [30.0 * on(k).0, 30.0 * (1.0 - on(k).1), 0.0], k)
                 };
@@ -271,14 +271,14 @@ mod tests {
 
     #[test]
     fn corners_ways_back_and_other_feeds_are_kept() {
-        let merges = |next: Line<3>| {
+        let merges = |next: LinearMove<3>| {
             let mut merger = Merger::new();
             merger.offer(&line([0.0; 3], [1.0, 0.0, 0.0], 1)) && merger.offer(&next)
         };
         let next = line([1.0, 0.0, 0.0], [2.0, 0.0, 0.0], 2);
         assert!(merges(next));
-        assert!(!merges(Line { feed: 11.0, ..next }) && !merges(Line { tolerance: 0.04, ..next }));
-        assert!(!merges(Line { merging: 0.01, ..next }));
+        assert!(!merges(LinearMove { feed: 11.0, ..next }) && !merges(LinearMove { tolerance: 0.04, ..next }));
+        assert!(!merges(LinearMove { merging: 0.01, ..next }));
         assert!(!merges(line([1.0, 0.0, 0.0], [1.0, 0.1, 0.0], 2)));
         assert!(!merges(line([1.0, 0.0, 0.0], [0.999, 0.0, 0.0], 2)));
     }

@@ -3,17 +3,17 @@
 //! Invariant: motion along a piece within its path limits keeps every axis within its planned velocity, acceleration and
 //! jerk, less the share of the jerk that is left to the joints at its ends.
 
+use crate::accel_split::{GENTLE, LONG, LimitOptions, SPEED_KEPT, TANGENTIAL};
 use crate::curve::{Curve, Derivatives};
 use crate::limits::AxisLimits;
 use crate::profile::PathLimits;
-use crate::shares::{GENTLE, LONG, Offer, SPEED_KEPT, TANGENTIAL};
 
 /// The speed that is asked for along rapid motion: as fast as the axes can.
 pub(crate) const RAPID: f64 = f64::MAX;
 
 /// A piece of path that is moved along in one go.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Piece<const A: usize> {
+pub(crate) struct PathPiece<const A: usize> {
     pub(crate) curve: Curve<A>,
     /// Length in mm, above 0.
     pub(crate) length: f64,
@@ -35,21 +35,21 @@ pub(crate) struct Piece<const A: usize> {
 
 /// How a joint may be passed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Joint {
+pub(crate) struct PieceJunction {
     /// Cap on the speed, mm/s; 0 for a stop.
     pub(crate) v: f64,
     /// Share of the jerk that the pieces on both sides leave to it.
     pub(crate) share: f64,
 }
 
-impl Joint {
+impl PieceJunction {
     /// A full stop.
     pub(crate) const STOP: Self = Self { v: 0.0, share: 0.0 };
     /// No jump at all.
     pub(crate) const SMOOTH: Self = Self { v: f64::MAX, share: 0.0 };
 }
 
-impl<const A: usize> Piece<A> {
+impl<const A: usize> PathPiece<A> {
     pub(crate) fn new(curve: Curve<A>, length: f64, feed: f64, tag: u32) -> Self {
         let bounds = curve.bounds(length);
         Self { curve, length, feed, tag, marks: 0, bounds, rough_entry: false, share: 0.0, exit_v: f64::MAX }
@@ -61,7 +61,7 @@ impl<const A: usize> Piece<A> {
     }
 
     /// Path limits to choose from along the piece when its feed counts times `factor`.
-    pub(crate) fn offer(&self, axes: &AxisLimits<A>, factor: f64) -> Offer {
+    pub(crate) fn offer(&self, axes: &AxisLimits<A>, factor: f64) -> LimitOptions {
         let share = self.share;
         let (mut want, mut a, mut j) = ((factor * self.feed).min(axes.path_v), f64::MAX, f64::MAX);
         for i in 0..A {
@@ -72,7 +72,7 @@ impl<const A: usize> Piece<A> {
         }
         if self.bounds.second.iter().all(|&d| d == 0.0) {
             let limits = PathLimits { v: want, a, j };
-            return Offer { v: want, gentle: GENTLE * a, calm: limits, rough: limits };
+            return LimitOptions { v: want, gentle: GENTLE * a, calm: limits, rough: limits };
         }
         let most = self.speed(axes, share, along((a, j), TANGENTIAL[0]), want);
         let kept = |part: f64| {
@@ -84,11 +84,11 @@ impl<const A: usize> Piece<A> {
         let rough = kept(if self.length > LONG * most { SPEED_KEPT.2 } else { SPEED_KEPT.1 });
         // Where nothing was given up, nothing is to be won.
         let calm = if rough.v >= SPEED_KEPT.0 * most { rough } else { kept(SPEED_KEPT.0) };
-        Offer { v: most, gentle: GENTLE * a, calm, rough }
+        LimitOptions { v: most, gentle: GENTLE * a, calm, rough }
     }
 
     /// What tangential motion (a, j) leaves of the acceleration and jerk of axis `i`.
-    fn left(&self, axes: &AxisLimits<A>, share: f64, (a, j): (f64, f64), i: usize) -> (f64, f64) {
+    fn remaining(&self, axes: &AxisLimits<A>, share: f64, (a, j): (f64, f64), i: usize) -> (f64, f64) {
         let (a_all, j_all, first) = (a_left(axes, share, i), j_left(axes, share, i), self.bounds.first[i]);
         let along = first * a;
         let across = if self.curve.is_arc() { (a_all * a_all - along * along).max(0.0).sqrt() } else { a_all - along };
@@ -99,7 +99,7 @@ impl<const A: usize> Piece<A> {
     fn allows(&self, axes: &AxisLimits<A>, share: f64, along: (f64, f64), v: f64) -> bool {
         (0..A).all(|i| {
             let (second, third) = (self.bounds.second[i], self.bounds.third[i]);
-            let (a, j) = self.left(axes, share, along, i);
+            let (a, j) = self.remaining(axes, share, along, i);
             v * v * second <= a && v * (v * v * third + 3.0 * second * along.0) <= j
         })
     }
@@ -109,7 +109,7 @@ impl<const A: usize> Piece<A> {
         for i in 0..A {
             let (second, third) = (self.bounds.second[i], self.bounds.third[i]);
             if second > 0.0 || third > 0.0 {
-                let (a_across, j_across) = self.left(axes, share, along, i);
+                let (a_across, j_across) = self.remaining(axes, share, along, i);
                 if second * v * v > a_across {
                     v = (a_across / second).sqrt();
                 }
@@ -161,7 +161,7 @@ fn above_root(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::limits::Limits;
+    use crate::limits::MachineLimits;
     use proptest::prelude::*;
 
     proptest! {
@@ -183,13 +183,13 @@ mod tests {
 
     #[test]
     fn a_diagonal_line_is_faster_than_an_axis_and_a_small_circle_slower() {
-        let axes = Limits::<3>::built_in().planned();
+        let axes = MachineLimits::<3>::built_in().planned();
         let (curve, length) = Curve::line([0.0; 3], [10.0, 10.0, 0.0]);
-        let limits = Piece::new(curve, length, 1e9, 1).offer(&axes, 1.0).rough;
+        let limits = PathPiece::new(curve, length, 1e9, 1).offer(&axes, 1.0).rough;
         assert!((limits.a - 900.0 * 2f64.sqrt()).abs() < 1e-9 && (limits.v - 100.0).abs() < 1e-9);
         let arc = crate::Arc { plane: [0, 1], centre_mm: [0.0, 1.0], rotation: 1, end_mm: [0.0, 0.0, 0.0] };
         let (curve, length) = Curve::arc([0.0; 3], &arc).expect("valid");
-        let limits = Piece::new(curve, length, 1e9, 1).offer(&axes, 1.0).rough;
+        let limits = PathPiece::new(curve, length, 1e9, 1).offer(&axes, 1.0).rough;
         assert!(limits.v < 30.0 && limits.v > 20.0 && limits.a >= 0.05 * 900.0, "{limits:?}");
     }
 }

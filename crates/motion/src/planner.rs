@@ -5,23 +5,23 @@
 
 use retrace_core::{Flags, Record};
 
-use crate::blend::{Segment, size};
+use crate::blend::{PathSegment, size};
 use crate::curve::{Arc, Curve};
 use crate::emitter::SetPoint;
 use crate::error::{LimitError, MoveError};
 use crate::glide::Blending;
-use crate::limits::Limits;
-use crate::merge::{Line, Mark, Merger, merging};
+use crate::limits::MachineLimits;
+use crate::merge::{LineMark, LinearMove, Merger, merging};
+use crate::path_planner::PathPlanner;
 use crate::piece::RAPID;
 use crate::pulses::counts_of;
-use crate::road::Road;
 
 /// The most that an override may raise feeds to, as a factor: 200 %.
 pub const MAX_OVERRIDE: f64 = 2.0;
 
 /// How fast a move goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Feed {
+pub enum FeedRate {
     /// Along the path, mm/s (G94); degrees/s where only rotary axes move.
     PerSecond(f64),
     /// The whole move takes this long at least, s (G93).
@@ -68,9 +68,9 @@ impl PathMode {
 pub struct Planner<const A: usize> {
     pulses_per_mm: [f64; A],
     merger: Merger<A>,
-    road: Road<A>,
+    road: PathPlanner<A>,
     /// Marks of the line that comes out of the merger.
-    marks: Vec<Mark>,
+    marks: Vec<LineMark>,
     /// Where the last move ends.
     at: [f64; A],
     /// Program line of the last move.
@@ -84,12 +84,12 @@ impl<const A: usize> Planner<A> {
     ///
     /// # Errors
     /// E41xx: a limit is out of its range.
-    pub fn new(limits: Limits<A>, start_mm: [f64; A]) -> Result<Self, LimitError> {
+    pub fn new(limits: MachineLimits<A>, start_mm: [f64; A]) -> Result<Self, LimitError> {
         limits.validate()?;
         Ok(Self {
             pulses_per_mm: limits.pulses_per_mm,
             merger: Merger::new(),
-            road: Road::new(limits, start_mm),
+            road: PathPlanner::new(limits, start_mm),
             marks: Vec::new(),
             at: start_mm,
             tag: 0,
@@ -103,7 +103,7 @@ impl<const A: usize> Planner<A> {
     ///
     /// # Errors
     /// E41xx: a limit is out of its range.
-    pub fn with_look_ahead(limits: Limits<A>, start_mm: [f64; A], blocks: usize) -> Result<Self, LimitError> {
+    pub fn with_look_ahead(limits: MachineLimits<A>, start_mm: [f64; A], blocks: usize) -> Result<Self, LimitError> {
         let mut planner = Self::new(limits, start_mm)?;
         planner.road.look_over(blocks);
         Ok(planner)
@@ -126,7 +126,7 @@ impl<const A: usize> Planner<A> {
     ///
     /// # Errors
     /// E4001, E4002; nothing is changed then.
-    pub fn line(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, tag: u32) -> Result<(), MoveError> {
+    pub fn line(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, tag: u32) -> Result<(), MoveError> {
         check(&end_mm, feed, mode)?;
         let (curve, length) = Curve::line(self.at, end_mm);
         self.add(curve, length, end_mm, feed, mode, tag);
@@ -137,7 +137,7 @@ impl<const A: usize> Planner<A> {
     ///
     /// # Errors
     /// E4001 … E4004; nothing is changed then.
-    pub fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, tag: u32) -> Result<(), MoveError> {
+    pub fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, tag: u32) -> Result<(), MoveError> {
         check(&arc.end_mm, feed, mode)?;
         check(&arc.centre_mm, feed, mode)?;
         let (curve, length) = Curve::arc(self.at, arc)?;
@@ -206,27 +206,27 @@ impl<const A: usize> Planner<A> {
         self.road.point()
     }
 
-    fn add(&mut self, curve: Curve<A>, length: f64, end: [f64; A], feed: Feed, mode: PathMode, tag: u32) {
+    fn add(&mut self, curve: Curve<A>, length: f64, end: [f64; A], feed: FeedRate, mode: PathMode, tag: u32) {
         let start = std::mem::replace(&mut self.at, end);
         self.tag = tag;
         if length < 1e-9 {
             return; // no motion; should it end on another pulse, the next stop sees to it
         }
         let feed = match feed {
-            Feed::PerSecond(v) => v,
-            Feed::Duration(t) => length / t,
-            Feed::Rapid => RAPID,
+            FeedRate::PerSecond(v) => v,
+            FeedRate::Duration(t) => length / t,
+            FeedRate::Rapid => RAPID,
         };
         let (tolerance, merging) = self.tolerance(mode);
         if tolerance > 0.0 && curve.is_line() {
-            let line = Line { start, end, feed, tag, tolerance, merging };
+            let line = LinearMove { start, end, feed, tag, tolerance, merging };
             if !self.merger.offer(&line) {
                 self.pass_merged();
                 self.merger.offer(&line);
             }
         } else {
             self.pass_merged();
-            let segment = Segment { curve, length, feed, tag, tolerance, marks: 0 };
+            let segment = PathSegment { curve, length, feed, tag, tolerance, marks: 0 };
             self.road.accept(segment, mode == PathMode::ExactStop, &mut self.marks);
         }
     }
@@ -248,7 +248,7 @@ impl<const A: usize> Planner<A> {
     }
 }
 
-fn check(numbers: &[f64], feed: Feed, mode: PathMode) -> Result<(), MoveError> {
+fn check(numbers: &[f64], feed: FeedRate, mode: PathMode) -> Result<(), MoveError> {
     let sound = |x: &f64| x.abs() <= 1e6;
     let (tolerance, merge) = mode.tolerances();
     let tolerances = [tolerance, merge.unwrap_or(0.0)];
@@ -256,7 +256,7 @@ fn check(numbers: &[f64], feed: Feed, mode: PathMode) -> Result<(), MoveError> {
         return Err(MoveError::NotFinite);
     }
     match feed {
-        Feed::PerSecond(value) | Feed::Duration(value) if !(value.is_finite() && value > 0.0) => {
+        FeedRate::PerSecond(value) | FeedRate::Duration(value) if !(value.is_finite() && value > 0.0) => {
             Err(MoveError::Feed { value })
         }
         _ => Ok(()),

@@ -2,7 +2,7 @@
 //!
 //! Invariant: rounding is half away from zero, so that a path and its mirror image have mirrored pulses.
 
-use crate::caps::larger;
+use crate::rapid_cap::larger;
 
 /// Positions in whole pulses, rounded half away from zero.
 #[inline]

@@ -6,27 +6,27 @@
 
 mod replan;
 
-use crate::emitter::{Emitter, Item};
-use crate::envelope::Block;
+use crate::accel_split::{LimitOptions, LimitSelector};
+use crate::emitter::{Emitter, PlanItem};
+use crate::envelope::PathBlock;
 use crate::limits::AxisLimits;
 use crate::lookahead::{LookAhead, Span};
-use crate::piece::{Joint, Piece};
-use crate::profile::{PathLimits, Profile, State, fastest, lengthened, slowed};
-use crate::shares::{Choice, Offer};
-use crate::stepwise;
+use crate::piece::{PathPiece, PieceJunction};
+use crate::profile::{KinematicState, PathLimits, Profile, fastest, lengthened, slowed};
+use crate::rest_to_rest;
 
 /// The road since the last stop, as far as it is not committed.
 #[derive(Debug)]
-pub(crate) struct Run<const A: usize> {
+pub(crate) struct PlanRun<const A: usize> {
     axes: AxisLimits<A>,
     /// Programmed feeds count times this.
     factor: f64,
     /// The last piece and the joint at its start, kept back until the joint at its end is known.
-    tail: Option<(Piece<A>, Joint)>,
-    blocks: Vec<Block>,
+    tail: Option<(PathPiece<A>, PieceJunction)>,
+    blocks: Vec<PathBlock>,
     /// What the blocks behind the planned ones may choose from.
-    offers: Vec<Offer>,
-    choice: Choice,
+    offers: Vec<LimitOptions>,
+    choice: LimitSelector,
     /// Number of the first piece of each block.
     numbers: Vec<u64>,
     /// Number of the piece after the last block.
@@ -65,7 +65,7 @@ const OVER: f64 = 1e-6;
 /// Smooth pieces are planned together up to this length, mm: what is shorter is passed in less than a few periods.
 const GROUP: f64 = 0.02;
 
-impl<const A: usize> Run<A> {
+impl<const A: usize> PlanRun<A> {
     pub(crate) fn new(axes: AxisLimits<A>) -> Self {
         let (v, a, j) = (axes.path_v, least(axes.a), least(axes.j));
         let stopping = 0.5 * v * (v / a + a / j);
@@ -75,7 +75,7 @@ impl<const A: usize> Run<A> {
             tail: None,
             blocks: Vec::new(),
             offers: Vec::new(),
-            choice: Choice::default(),
+            choice: LimitSelector::default(),
             numbers: Vec::new(),
             next_piece: 0,
             length: 0.0,
@@ -99,14 +99,14 @@ impl<const A: usize> Run<A> {
     }
 
     /// Appends a piece that is entered through `entry`.
-    pub(crate) fn push(&mut self, piece: Piece<A>, entry: Joint, emitter: &mut Emitter<A>) {
+    pub(crate) fn push(&mut self, piece: PathPiece<A>, entry: PieceJunction, emitter: &mut Emitter<A>) {
         self.push_tail(entry, emitter);
         self.tail = Some((piece, entry));
         let fresh = self.blocks.len() - self.planned;
         let must = self.length > 8.0 * self.keep || self.blocks.len() >= self.max_blocks;
         if must || self.length > 2.0 * self.keep && fresh >= (self.failures + 1) * BATCH {
             if must {
-                self.replan(State::default(), false);
+                self.replan(KinematicState::default(), false);
             } else if !self.extend() {
                 self.failures += 1;
                 return;
@@ -118,8 +118,8 @@ impl<const A: usize> Run<A> {
 
     /// Plans and commits everything, to rest; gives the number of the next piece.
     pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
-        self.push_tail(Joint::STOP, emitter);
-        self.replan(State::default(), true);
+        self.push_tail(PieceJunction::STOP, emitter);
+        self.replan(KinematicState::default(), true);
         self.stop_on_a_period();
         self.commit_all(emitter);
         self.elapsed = 0.0;
@@ -128,7 +128,7 @@ impl<const A: usize> Run<A> {
 
     /// Begins the next run in motion, after a glide of so many seconds; within `limits` it must be able to come to rest on its first
     /// piece.
-    pub(crate) fn begin(&mut self, start: State, limits: PathLimits, glide: f64) {
+    pub(crate) fn begin(&mut self, start: KinematicState, limits: PathLimits, glide: f64) {
         (self.v, self.a) = (start.v, start.a);
         self.lead = limits;
         self.pass(glide);
@@ -155,7 +155,7 @@ impl<const A: usize> Run<A> {
             }
             return;
         }
-        let mut to = State::default();
+        let mut to = KinematicState::default();
         for span in self.plan.iter_mut().rev() {
             if let Some(slower) = lengthened(&span.profile, to, missing) {
                 span.profile = slower;
@@ -167,8 +167,8 @@ impl<const A: usize> Run<A> {
 
     /// Plans and commits everything, to state `end`; where that cannot be reached any more, to rest, and says so. Gives the
     /// number of the next piece.
-    pub(crate) fn finish_moving(&mut self, end: State, emitter: &mut Emitter<A>) -> (u64, bool) {
-        self.push_tail(Joint { v: end.v, share: 0.0 }, emitter);
+    pub(crate) fn finish_moving(&mut self, end: KinematicState, emitter: &mut Emitter<A>) -> (u64, bool) {
+        self.push_tail(PieceJunction { v: end.v, share: 0.0 }, emitter);
         let reached = self.replan(end, true) || self.approach(end, emitter);
         if reached {
             self.commit_all(emitter);
@@ -181,7 +181,7 @@ impl<const A: usize> Run<A> {
     }
 
     /// The joint at the end of the last piece is known: the piece joins the road.
-    fn push_tail(&mut self, exit: Joint, emitter: &mut Emitter<A>) {
+    fn push_tail(&mut self, exit: PieceJunction, emitter: &mut Emitter<A>) {
         let Some((mut piece, entry)) = self.tail.take() else { return };
         piece.rough_entry = entry.share > 0.0;
         (piece.share, piece.exit_v) = (entry.share.max(exit.share), exit.v);
@@ -193,14 +193,14 @@ impl<const A: usize> Run<A> {
         let grows = self.blocks.len() > 1 || self.v == 0.0;
         if let Some((block, last)) = self.blocks.last_mut().zip(self.offers.last_mut())
             && grows
-            && entry == Joint::SMOOTH
+            && entry == PieceJunction::SMOOTH
             && block.length + piece.length <= GROUP
         {
             block.length += piece.length;
             *last = last.tighter(&offer);
             block.exit_v = exit.v;
         } else {
-            self.blocks.push(Block { length: piece.length, limits: offer.rough, exit_v: exit.v });
+            self.blocks.push(PathBlock { length: piece.length, limits: offer.rough, exit_v: exit.v });
             self.offers.push(offer);
             self.numbers.push(number);
         }
@@ -210,7 +210,7 @@ impl<const A: usize> Run<A> {
     /// too, the plan there is stays up to one of its next gates, and what lies beyond is planned from there; its last gate is at
     /// rest, and from rest there always is a plan to rest. False where it came to that and `end` is not at rest. The road goes on
     /// behind the blocks unless it `ends`.
-    fn replan(&mut self, end: State, ends: bool) -> bool {
+    fn replan(&mut self, end: KinematicState, ends: bool) -> bool {
         if !self.choose(ends) {
             return true;
         }
@@ -240,7 +240,7 @@ impl<const A: usize> Run<A> {
         let aside = self.failures.div_ceil(2);
         let settled = self.settled();
         let gate = if self.failures % 2 == 1 { settled.saturating_sub(aside) } else { settled + aside };
-        let found = (gate == 0 || gate < self.plan.len()) && self.plan_from_gate(gate, State::default());
+        let found = (gate == 0 || gate < self.plan.len()) && self.plan_from_gate(gate, KinematicState::default());
         if found {
             self.offers.clear();
             self.take_over(gate);
@@ -257,7 +257,7 @@ impl<const A: usize> Run<A> {
     }
 
     /// Plans all blocks behind gate `gate` of the plan there is; false where there is no such plan.
-    fn plan_from_gate(&mut self, gate: usize, end: State) -> bool {
+    fn plan_from_gate(&mut self, gate: usize, end: KinematicState) -> bool {
         let state = self.plan.get(gate).map(|span| (span.first, span.profile.v0, span.profile.a0));
         let (first, v, a) = state.unwrap_or((0, self.v, self.a));
         self.plan_from(first, (v, a), end)
@@ -276,23 +276,23 @@ impl<const A: usize> Run<A> {
     }
 
     /// Plans what lies behind the plan there is, which ends at rest; false where that is to rest instead of `end`.
-    fn plan_from_rest(&mut self, end: State) -> bool {
+    fn plan_from_rest(&mut self, end: KinematicState) -> bool {
         if self.planned == 0 && self.v > 0.0 {
             self.stop_in_first_block();
         }
         if self.plan_from(self.planned, (0.0, 0.0), end) {
             return true;
         }
-        if !self.plan_from(self.planned, (0.0, 0.0), State::default()) {
-            stepwise::plan(&self.blocks[self.planned..], &mut self.fresh);
+        if !self.plan_from(self.planned, (0.0, 0.0), KinematicState::default()) {
+            rest_to_rest::plan(&self.blocks[self.planned..], &mut self.fresh);
         }
-        end == State::default()
+        end == KinematicState::default()
     }
 
     /// A run that begins in motion and finds no other plan comes to rest at the end of its first block, which is long enough.
     fn stop_in_first_block(&mut self) {
-        let Block { length, limits, .. } = self.blocks[0];
-        let (from, rest) = (State::moving(self.v, self.a), State::default());
+        let PathBlock { length, limits, .. } = self.blocks[0];
+        let (from, rest) = (KinematicState::moving(self.v, self.a), KinematicState::default());
         // What a block leaves to a joint at its end is not needed by motion that is at rest there; and a little more than the
         // feed is better than a jump.
         let any_feed = PathLimits { v: f64::MAX, a: self.lead.a.max(self.a.abs()), ..self.lead };
@@ -323,7 +323,7 @@ impl<const A: usize> Run<A> {
     }
 
     /// Plans the blocks from number `first` on into `fresh`; false where there is no plan between these states.
-    fn plan_from(&mut self, first: usize, from: (f64, f64), end: State) -> bool {
+    fn plan_from(&mut self, first: usize, from: (f64, f64), end: KinematicState) -> bool {
         first < self.blocks.len() && self.look_ahead.plan(&self.blocks[first..], from, end, &mut self.fresh).is_ok()
     }
 
@@ -351,9 +351,9 @@ impl<const A: usize> Run<A> {
     }
 
     /// The committed form of `profile` over `length` mm, which ends in block `last`.
-    fn item(&self, profile: Profile, length: f64, last: usize) -> Item<A> {
+    fn item(&self, profile: Profile, length: f64, last: usize) -> PlanItem<A> {
         let last = self.numbers.get(last + 1).map_or(self.next_piece, |number| *number) - 1;
-        Item::Span { profile, duration: profile.duration(), length, last }
+        PlanItem::Span { profile, duration: profile.duration(), length, last }
     }
 
     /// Commits the plan up to a place inside the block that lies `keep` before the end, or in the middle of the blocks where

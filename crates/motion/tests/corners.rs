@@ -7,13 +7,13 @@ mod oracle;
 use oracle::{Allowed, Legs, Optimum};
 use proptest::prelude::*;
 use retrace_core::Flags;
-use retrace_motion::{Feed, Limits, PathMode, Planner};
+use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
 
 const OPTIMA: &str = include_str!("../benches/motion/corner_optimum.csv");
 
 /// Control periods through a corner, from rest to rest.
-fn periods(degrees: f64, legs: [f64; 2], feed: Feed, mode: PathMode) -> usize {
-    let mut planner = Planner::<3>::new(Limits::built_in(), [0.0; 3]).expect("valid limits");
+fn periods(degrees: f64, legs: [f64; 2], feed: FeedRate, mode: PathMode) -> usize {
+    let mut planner = Planner::<3>::new(MachineLimits::built_in(), [0.0; 3]).expect("valid limits");
     let (sin, cos) = degrees.to_radians().sin_cos();
     let [one, two] = legs;
     for (tag, end) in (1..).zip([[one, 0.0, 0.0], [one + two * cos, two * sin, 0.0]]) {
@@ -32,7 +32,7 @@ fn table() -> Vec<[f64; 6]> {
     OPTIMA.lines().skip(1).map(row).collect()
 }
 
-fn slower_than_stopping(degrees: f64, legs: [f64; 2], feed: Feed, tolerance_mm: f64) -> Option<String> {
+fn slower_than_stopping(degrees: f64, legs: [f64; 2], feed: FeedRate, tolerance_mm: f64) -> Option<String> {
     let stop = periods(degrees, legs, feed, PathMode::ExactStop);
     let blend = periods(degrees, legs, feed, PathMode::blend(tolerance_mm));
     (blend > stop).then(|| format!("{degrees}°, {legs:?} mm, {tolerance_mm} mm: {blend} periods, {stop} stopping"))
@@ -44,7 +44,7 @@ fn corners_are_never_slower_than_stopping_and_never_faster_than_possible() {
     let rows = table();
     assert_eq!(rows.len(), 56);
     for [degrees, leg, tolerance_mm, optimum, ..] in rows {
-        let feed = Feed::PerSecond(100.0);
+        let feed = FeedRate::PerSecond(100.0);
         assert_eq!(slower_than_stopping(degrees, [leg; 2], feed, tolerance_mm), None);
         let ours = periods(degrees, [leg; 2], feed, PathMode::blend(tolerance_mm)) as f64 * 1e-3;
         assert!(ours >= 0.995 * optimum, "{degrees}° {leg} mm {tolerance_mm} mm: {ours} s, optimum {optimum} s");
@@ -56,7 +56,7 @@ fn short_legs_are_never_slower_than_stopping() {
     for degrees in [5.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 135.0, 170.0, 180.0] {
         for leg in [0.05, 0.1, 0.2, 0.5, 1.0, 2.0] {
             for tolerance_mm in [0.005, 0.01, 0.02, 0.05] {
-                assert_eq!(slower_than_stopping(degrees, [leg; 2], Feed::PerSecond(100.0), tolerance_mm), None);
+                assert_eq!(slower_than_stopping(degrees, [leg; 2], FeedRate::PerSecond(100.0), tolerance_mm), None);
             }
         }
     }
@@ -70,7 +70,7 @@ proptest! {
         degrees in 0.1..180.0f64, one in -1.3..1.5f64, two in -1.3..1.5f64, feed in 0.3..2.0f64, tolerance in -2.3..-1.0f64,
     ) {
         let power = |x: f64| 10f64.powf(x);
-        let feed = Feed::PerSecond(power(feed));
+        let feed = FeedRate::PerSecond(power(feed));
         prop_assert_eq!(slower_than_stopping(degrees, [power(one), power(two)], feed, power(tolerance)), None);
     }
 }

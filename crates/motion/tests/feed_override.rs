@@ -7,10 +7,10 @@ use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::TestRunner;
 use retrace_core::Flags;
-use retrace_motion::{Feed, Limits, MAX_OVERRIDE, PathMode, Planner};
+use retrace_motion::{FeedRate, MAX_OVERRIDE, MachineLimits, PathMode, Planner};
 
 /// Feeds `moves`, with `most` records taken out after each move; the override is changed before the records of these numbers.
-fn play_overridden(limits: Limits<3>, moves: &[Move], most: usize, changes: &[(usize, f64)]) -> Run {
+fn play_overridden(limits: MachineLimits<3>, moves: &[Move], most: usize, changes: &[(usize, f64)]) -> Run {
     let mut changes = changes.iter().peekable();
     let planner = Planner::new(limits, [0.0; 3]).expect("valid limits");
     play_through(planner, moves, most, |planner, run| {
@@ -65,7 +65,7 @@ proptest! {
     fn whatever_the_override_does_everything_is_kept(
         steps in prop::collection::vec(step(), 1..40), mode in mode(), changes in changes(), most in prop_oneof![Just(usize::MAX), 0usize..40],
     ) {
-        let limits = Limits::built_in();
+        let limits = MachineLimits::built_in();
         let moves = program(&steps, mode);
         let run = play_overridden(limits, &moves, most, &changes);
         let tolerance = if let PathMode::Blend { tolerance_mm, .. } = mode { tolerance_mm } else { 0.0 };
@@ -79,7 +79,7 @@ proptest! {
     fn no_override_changes_nothing(
         steps in prop::collection::vec(step(), 1..20), mode in mode(), at in prop::collection::vec(0usize..2000, 0..20),
     ) {
-        let limits = Limits::built_in();
+        let limits = MachineLimits::built_in();
         let moves = program(&steps, mode);
         let mut changes: Vec<_> = at.into_iter().map(|at| (at, 1.0)).collect();
         changes.sort_unstable_by_key(|change| change.0);
@@ -93,7 +93,7 @@ proptest! {
 /// the machine then stops in that corner.
 #[test]
 fn raised_feeds_save_time_and_glide_through_the_same_corners() {
-    let limits = Limits::built_in();
+    let limits = MachineLimits::built_in();
     let mut runner = TestRunner::deterministic();
     let corner = (0.0..1.3f64, 0.3..2.8f64, any::<bool>(), 0u8..8, -2.0..2.0f64);
     let programs = (prop::collection::vec(corner, 2..30), 0usize..500, 1.0..60.0f64, 1.05..MAX_OVERRIDE);
@@ -112,7 +112,7 @@ fn raised_feeds_save_time_and_glide_through_the_same_corners() {
         let steps: Vec<Step> = corners.into_iter().map(step).collect();
         let mut moves = program(&steps, PathMode::Blend { tolerance_mm: 0.02, merge_mm: None });
         for m in &mut moves {
-            m.feed = Feed::PerSecond(feed);
+            m.feed = FeedRate::PerSecond(feed);
         }
         let plain = play(limits, &moves, usize::MAX);
         let raised = play_overridden(limits, &moves, usize::MAX, &[(at, factor)]);
@@ -126,8 +126,8 @@ fn raised_feeds_save_time_and_glide_through_the_same_corners() {
 
 /// Speeds in mm/s at the end of each record of a line of 400 mm at 20 mm/s.
 fn speeds(moves: &[Move], changes: &[(usize, f64)]) -> Vec<f64> {
-    let run = play_overridden(Limits::built_in(), moves, usize::MAX, changes);
-    judge(&Limits::built_in(), moves, &run, 0.05, 2).expect("limits kept, path and end exact");
+    let run = play_overridden(MachineLimits::built_in(), moves, usize::MAX, changes);
+    judge(&MachineLimits::built_in(), moves, &run, 0.05, 2).expect("limits kept, path and end exact");
     run.points.windows(2).map(|w| (0..3).map(|i| (w[1][i] - w[0][i]).powi(2)).sum::<f64>().sqrt() * 1000.0).collect()
 }
 
@@ -144,7 +144,7 @@ fn a_change_acts_at_once() {
                 let x = 400.0 * f64::from(k) / f64::from(n);
                 // Not quite straight, so that nothing is merged where that is a blend.
                 let y = if mode == PathMode::ExactPath { 0.0 } else { 0.0005 * x * x };
-                Move { path: Path::Line([x, y, 0.0]), feed: Feed::PerSecond(20.0), mode, stop: false }
+                Move { path: Path::Line([x, y, 0.0]), feed: FeedRate::PerSecond(20.0), mode, stop: false }
             })
             .collect();
         let v = speeds(&moves, &[(3000, 1.5), (6000, 2.0), (9000, 1.2), (12_000, 1.0)]);
@@ -160,8 +160,8 @@ fn a_change_acts_at_once() {
 #[test]
 fn rapids_and_nonsense_change_nothing() {
     let moves =
-        [Move { path: Path::Line([90.0, 50.0, 3.0]), feed: Feed::Rapid, mode: PathMode::ExactStop, stop: false }];
-    let limits = Limits::built_in();
+        [Move { path: Path::Line([90.0, 50.0, 3.0]), feed: FeedRate::Rapid, mode: PathMode::ExactStop, stop: false }];
+    let limits = MachineLimits::built_in();
     let plain = play(limits, &moves, usize::MAX);
     assert_eq!(play_overridden(limits, &moves, usize::MAX, &[(0, 1.5)]), plain);
     let mut planner = Planner::<3>::new(limits, [0.0; 3]).expect("valid limits");

@@ -5,7 +5,7 @@ mod common;
 use common::*;
 use proptest::prelude::*;
 use retrace_core::{Flags, RapidCap, Record};
-use retrace_motion::{Feed, Limits, PathMode, Planner};
+use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
 
 fn mode() -> impl Strategy<Value = PathMode> {
     prop_oneof![
@@ -21,7 +21,7 @@ proptest! {
 
     #[test]
     fn limits_ends_and_paths_are_kept(steps in prop::collection::vec(step(), 1..40), mode in mode()) {
-        let limits = Limits::built_in();
+        let limits = MachineLimits::built_in();
         let moves = program(&steps, mode);
         let run = play(limits, &moves, usize::MAX);
         let tolerance = if let PathMode::Blend { tolerance_mm, .. } = mode { tolerance_mm } else { 0.0 };
@@ -33,7 +33,7 @@ proptest! {
     /// Played faster by its cap, every record keeps velocity, acceleration and jerk, seen over the records of a window.
     #[test]
     fn rapid_retrace_caps_leave_the_limits_whole(steps in prop::collection::vec(step(), 1..20), mode in mode()) {
-        let limits = Limits::built_in();
+        let limits = MachineLimits::built_in();
         let run = play(limits, &program(&steps, mode), usize::MAX);
         let cap = |records: &[Record<3>]| records.iter().map(|r| f64::from(r.cap.get()) / 16.0).fold(8.0, f64::min);
         for n in 3..run.points.len() {
@@ -54,7 +54,7 @@ proptest! {
         steps in prop::collection::vec(step(), 1..60), mode in mode(), most in 0usize..40,
     ) {
         let moves = program(&steps, mode);
-        let limits = Limits::built_in();
+        let limits = MachineLimits::built_in();
         prop_assert_eq!(play(limits, &moves, usize::MAX), play(limits, &moves, most));
     }
 }
@@ -76,7 +76,7 @@ fn wandering(seed: u32, size: f64, wander: f64, mode: PathMode) -> Vec<Move> {
                 at[1] + length * heading.sin(),
                 at[2] + 0.1 * length * (random() - 0.5),
             ];
-            let feed = Feed::PerSecond(if k / 700 % 2 == 0 { 100.0 } else { 20.0 });
+            let feed = FeedRate::PerSecond(if k / 700 % 2 == 0 { 100.0 } else { 20.0 });
             Move { path: Path::Line(at), feed, mode, stop: false }
         })
         .collect()
@@ -91,7 +91,7 @@ proptest! {
         seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64, most in 0usize..9,
     ) {
         let moves = wandering(seed, size, wander, PathMode::blend(tolerance_mm));
-        let limits = Limits::built_in();
+        let limits = MachineLimits::built_in();
         let run = play(limits, &moves, most);
         if let Err(broken) = judge(&limits, &moves, &run, tolerance_mm, 4000) {
             prop_assert!(false, "{}", broken);
@@ -105,7 +105,7 @@ proptest! {
         seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64, merge in 0.0..0.1f64,
     ) {
         let moves = wandering(seed, size, wander, PathMode::Blend { tolerance_mm, merge_mm: Some(merge) });
-        let limits = Limits::built_in();
+        let limits = MachineLimits::built_in();
         if let Err(broken) = judge(&limits, &moves, &play(limits, &moves, usize::MAX), tolerance_mm, 4000) {
             prop_assert!(false, "{}", broken);
         }
@@ -122,10 +122,10 @@ proptest! {
             .map(|(turn, left, length)| {
                 heading += if left { turn } else { -turn };
                 at = [at[0] + length * heading.cos(), at[1] + length * heading.sin(), 0.0];
-                Move { path: Path::Line(at), feed: Feed::Rapid, mode: PathMode::blend(tolerance_mm), stop: false }
+                Move { path: Path::Line(at), feed: FeedRate::Rapid, mode: PathMode::blend(tolerance_mm), stop: false }
             })
             .collect();
-        let limits = Limits::built_in();
+        let limits = MachineLimits::built_in();
         // Set-points leave the rounding to whole pulses its half of the diagonal.
         let rounding = 0.5e-3 * 3f64.sqrt();
         let left = if tolerance_mm - rounding > 0.1 * tolerance_mm { tolerance_mm - rounding } else { 0.0 };
@@ -144,7 +144,7 @@ proptest! {
         reserve in 0.0..0.5f64,
     ) {
         let power = |x: [f64; 3]| x.map(|x| 10f64.powf(x));
-        let limits = Limits {
+        let limits = MachineLimits {
             velocity_mm_s: power(v),
             acceleration_mm_s2: power(a),
             jerk_mm_s3: power(j),
@@ -165,7 +165,7 @@ proptest! {
     /// Exact and blended moves in turn: the exact ones are exact.
     #[test]
     fn exact_moves_stay_exact_among_blended_ones(steps in prop::collection::vec(step(), 2..60)) {
-        let limits = Limits::built_in();
+        let limits = MachineLimits::built_in();
         let mut moves = program(&steps, PathMode::blend(0.05));
         for k in (0..moves.len()).filter(|k| k % 7 > 3) {
             moves[k].mode = if k % 7 == 6 { PathMode::ExactStop } else { PathMode::ExactPath };
@@ -187,7 +187,7 @@ proptest! {
 
 #[test]
 fn a_line_takes_as_long_as_the_closed_form_says() {
-    let limits = Limits::built_in();
+    let limits = MachineLimits::built_in();
     let (v, a, j) = (100.0f64, 900.0f64, 18_000.0f64);
     for length in [0.01, 0.1, 1.0, 4.5, 10.0, 16.0, 20.0, 100.0, 1500.0] {
         // seven segments; without the constant velocity; without the constant acceleration
@@ -199,7 +199,8 @@ fn a_line_takes_as_long_as_the_closed_form_says() {
         } else {
             4.0 * (length / (2.0 * j)).cbrt()
         };
-        let m = Move { path: Path::Line([length, 0.0, 0.0]), feed: Feed::Rapid, mode: PathMode::ExactStop, stop: true };
+        let m =
+            Move { path: Path::Line([length, 0.0, 0.0]), feed: FeedRate::Rapid, mode: PathMode::ExactStop, stop: true };
         let run = play(limits, &[m], 0);
         assert_eq!(run.records.len(), (seconds / limits.period_s - 1e-6).ceil() as usize, "{length} mm");
     }
@@ -207,12 +208,12 @@ fn a_line_takes_as_long_as_the_closed_form_says() {
 
 #[test]
 fn a_line_in_many_pieces_takes_as_long_as_in_one() {
-    let limits = Limits::built_in();
+    let limits = MachineLimits::built_in();
     let line = |n: usize, end: [f64; 3]| {
         let moves: Vec<Move> = (1..=n)
             .map(|k| Move {
                 path: Path::Line(end.map(|x| x * k as f64 / n as f64)),
-                feed: Feed::Rapid,
+                feed: FeedRate::Rapid,
                 mode: PathMode::ExactPath,
                 stop: false,
             })
@@ -230,11 +231,11 @@ fn a_line_in_many_pieces_takes_as_long_as_in_one() {
 
 #[test]
 fn a_plan_beyond_the_limits_is_caught_by_both_judges() {
-    let limits = Limits::built_in();
-    let m = Move { path: Path::Line([40.0, 3.0, 0.0]), feed: Feed::Rapid, mode: PathMode::ExactStop, stop: true };
+    let limits = MachineLimits::built_in();
+    let m = Move { path: Path::Line([40.0, 3.0, 0.0]), feed: FeedRate::Rapid, mode: PathMode::ExactStop, stop: true };
     let run = play(limits, &[m], 0);
     assert_eq!(judge(&limits, &[m], &run, 0.0, 2), Ok(()));
-    let lower: [fn(&mut Limits<3>); 3] =
+    let lower: [fn(&mut MachineLimits<3>); 3] =
         [|l| l.velocity_mm_s[0] *= 0.85, |l| l.acceleration_mm_s2[0] *= 0.85, |l| l.jerk_mm_s3[0] *= 0.85];
     for lower in lower {
         let mut tighter = limits;
@@ -246,13 +247,13 @@ fn a_plan_beyond_the_limits_is_caught_by_both_judges() {
 
 #[test]
 fn a_blended_corner_is_never_slower_than_a_stop() {
-    let limits = Limits::built_in();
+    let limits = MachineLimits::built_in();
     for degrees in [1.0f64, 5.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 135.0, 170.0, 180.0] {
         for leg in [2.0, 20.0] {
             for feed in [5.0, 30.0, 100.0] {
                 let (sin, cos) = degrees.to_radians().sin_cos();
                 let corner = |mode| {
-                    let line = |end| Move { path: Path::Line(end), feed: Feed::PerSecond(feed), mode, stop: false };
+                    let line = |end| Move { path: Path::Line(end), feed: FeedRate::PerSecond(feed), mode, stop: false };
                     let moves = [line([leg, 0.0, 0.0]), line([leg + leg * cos, leg * sin, 0.0])];
                     play(limits, &moves, usize::MAX).records.len()
                 };
@@ -273,9 +274,9 @@ fn a_blended_corner_is_never_slower_than_a_stop() {
 #[test]
 fn rotary_reversals_are_kept_and_tiny_pieces_are_cheap() {
     let mode = PathMode::blend(0.05);
-    let mut planner = Planner::<4>::new(Limits::built_in(), [0.0; 4]).expect("valid limits");
+    let mut planner = Planner::<4>::new(MachineLimits::built_in(), [0.0; 4]).expect("valid limits");
     for (tag, end) in [[0.0, 0.0, 0.0, 30.0], [0.0, 0.0, 0.0, 10.0], [5.0, 0.0, 0.0, 20.0]].into_iter().enumerate() {
-        planner.line(end, Feed::PerSecond(20.0), mode, tag as u32 + 1).expect("a valid line");
+        planner.line(end, FeedRate::PerSecond(20.0), mode, tag as u32 + 1).expect("a valid line");
     }
     planner.stop(Flags::NONE);
     let mut farthest = 0.0f64;
@@ -284,10 +285,10 @@ fn rotary_reversals_are_kept_and_tiny_pieces_are_cheap() {
     }
     assert!(farthest > 29.95 && planner.set_point().position_mm == [5.0, 0.0, 0.0, 20.0]);
 
-    planner.line([1500.0, 0.0, 0.0, 20.0], Feed::Rapid, mode, 9).expect("a valid line");
+    planner.line([1500.0, 0.0, 0.0, 20.0], FeedRate::Rapid, mode, 9).expect("a valid line");
     for k in 0..40_000 {
         let x = 1500.0 + f64::from(k % 3) * 1e-5;
-        planner.line([x, f64::from(k) * 1e-4, 0.0, 20.0], Feed::Rapid, mode, 10).expect("a valid line");
+        planner.line([x, f64::from(k) * 1e-4, 0.0, 20.0], FeedRate::Rapid, mode, 10).expect("a valid line");
         while planner.next_record().is_some() {}
     }
     planner.stop(Flags::NONE);
@@ -297,9 +298,13 @@ fn rotary_reversals_are_kept_and_tiny_pieces_are_cheap() {
 
 #[test]
 fn a_slow_cut_may_be_retraced_fast() {
-    let limits = Limits::built_in();
-    let m =
-        Move { path: Path::Line([40.0, 0.0, 0.0]), feed: Feed::PerSecond(5.0), mode: PathMode::ExactStop, stop: true };
+    let limits = MachineLimits::built_in();
+    let m = Move {
+        path: Path::Line([40.0, 0.0, 0.0]),
+        feed: FeedRate::PerSecond(5.0),
+        mode: PathMode::ExactStop,
+        stop: true,
+    };
     let run = play(limits, &[m], 0);
     let fast = run.records.iter().filter(|record| record.cap == RapidCap::MAX).count();
     assert!(fast > run.records.len() - 100, "{fast} of {}", run.records.len());
@@ -309,7 +314,7 @@ fn a_slow_cut_may_be_retraced_fast() {
 /// the tolerance moves the path across their joint.
 #[test]
 fn records_of_merged_lines_carry_the_line_that_they_end_in() {
-    let limits = Limits::built_in();
+    let limits = MachineLimits::built_in();
     for (radius, chord) in [(f64::INFINITY, 0.03), (f64::INFINITY, 3.0), (30.0, 0.07), (3.0, 0.2)] {
         let at = |k: usize| {
             let way = k as f64 * chord;
@@ -319,7 +324,7 @@ fn records_of_merged_lines_carry_the_line_that_they_end_in() {
         let moves: Vec<Move> = (1..=300)
             .map(|k| {
                 let mode = PathMode::blend(0.05);
-                Move { path: Path::Line(at(k)), feed: Feed::PerSecond(50.0), mode, stop: k == 300 }
+                Move { path: Path::Line(at(k)), feed: FeedRate::PerSecond(50.0), mode, stop: k == 300 }
             })
             .collect();
         let run = play(limits, &moves, usize::MAX);
@@ -343,7 +348,7 @@ proptest! {
     fn what_follows_a_displacement_begins_where_the_machine_stands(
         ends in prop::array::uniform3(prop::array::uniform3(-50.0..50.0f64)), pulses in prop::array::uniform3(-9_000i64..9_000),
     ) {
-        let limits = Limits::built_in();
+        let limits = MachineLimits::built_in();
         let mut planner = Planner::new(limits, [0.0; 3]).expect("limits");
         let mut sum = [0i64; 3];
         let mut take = |planner: &mut Planner<3>| {
@@ -353,14 +358,14 @@ proptest! {
             sum
         };
         let counts = |at: [f64; 3]| [0, 1, 2].map(|i| (at[i] * limits.pulses_per_mm[i]).round() as i64);
-        planner.line(ends[0], Feed::Rapid, PathMode::ExactStop, 1).expect("a move");
+        planner.line(ends[0], FeedRate::Rapid, PathMode::ExactStop, 1).expect("a move");
         prop_assert!(!planner.displace(pulses), "it moves");
         planner.stop(Flags::NONE);
         prop_assert!(!planner.displace(pulses), "records wait");
         prop_assert_eq!(take(&mut planner), counts(ends[0]));
         prop_assert!(planner.displace(pulses));
         for (end, mode) in [(ends[1], PathMode::blend(0.1)), (ends[2], PathMode::ExactPath)] {
-            planner.line(end, Feed::PerSecond(30.0), mode, 2).expect("a move");
+            planner.line(end, FeedRate::PerSecond(30.0), mode, 2).expect("a move");
         }
         planner.stop(Flags::NONE);
         let end = counts(ends[2]);

@@ -4,9 +4,9 @@ mod common;
 
 use common::*;
 use proptest::prelude::*;
-use retrace_motion::{Blending, Feed, GlideRatio, Limits, PathMode, Planner, RatioOf};
+use retrace_motion::{Blending, FeedRate, GlideRatio, MachineLimits, PathMode, Planner, RatioOf};
 
-fn planner(limits: Limits<3>, value: f64, of: RatioOf) -> Planner<3> {
+fn planner(limits: MachineLimits<3>, value: f64, of: RatioOf) -> Planner<3> {
     let ratio = GlideRatio::new(value, of).expect("in range");
     Planner::new(limits, [0.0; 3]).expect("valid limits").blending_by(Blending::Source(ratio))
 }
@@ -22,7 +22,7 @@ proptest! {
     fn limits_ends_and_paths_are_kept(
         steps in prop::collection::vec(step(), 1..40), tolerance in 0.002..0.5f64, value in 0.01..1.0f64, of in ratio_of(),
     ) {
-        let limits = Limits::built_in();
+        let limits = MachineLimits::built_in();
         let moves = program(&steps, PathMode::blend(tolerance));
         let run = play_on(planner(limits, value, of), &moves, usize::MAX);
         if let Err(broken) = judge(&limits, &moves, &run, tolerance, 40) {
@@ -36,7 +36,7 @@ proptest! {
         turns in prop::collection::vec((-2.5..2.5f64, -1.5..1.0f64), 2..60), value in 0.01..0.6f64, of in ratio_of(),
         v in [1.0..2.5f64, 1.0..2.5f64], a in [2.0..4.0f64, 2.0..4.0f64], j in [3.0..6.0f64, 3.0..6.0f64],
     ) {
-        let mut limits = Limits::built_in();
+        let mut limits = MachineLimits::built_in();
         for i in 0..2 {
             limits.velocity_mm_s[i] = 10f64.powf(v[i]);
             limits.acceleration_mm_s2[i] = 10f64.powf(a[i]);
@@ -49,7 +49,7 @@ proptest! {
                 heading += turn;
                 let length = 10f64.powf(*size);
                 at = [at[0] + length * heading.cos(), at[1] + length * heading.sin(), 0.0];
-                Move { path: Path::Line(at), feed: Feed::PerSecond(60.0), mode: PathMode::blend(0.05), stop: false }
+                Move { path: Path::Line(at), feed: FeedRate::PerSecond(60.0), mode: PathMode::blend(0.05), stop: false }
             })
             .collect();
         let run = play_on(planner(limits, value, of), &moves, usize::MAX);
@@ -62,11 +62,11 @@ proptest! {
 /// It is another method: a corner is passed, not stopped in, at the speed that the ratio says, and a larger ratio is faster.
 #[test]
 fn a_corner_is_passed_at_the_speed_of_the_ratio() {
-    let limits = Limits::built_in();
+    let limits = MachineLimits::built_in();
     let mode = PathMode::blend(1.0);
     let corner = [[20.0, 0.0, 0.0], [20.0, 20.0, 0.0]].map(|end| Move {
         path: Path::Line(end),
-        feed: Feed::Rapid,
+        feed: FeedRate::Rapid,
         mode,
         stop: false,
     });

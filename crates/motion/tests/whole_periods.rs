@@ -6,7 +6,7 @@ use common::*;
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use retrace_core::Flags;
-use retrace_motion::{Limits, PathMode, Planner};
+use retrace_motion::{MachineLimits, PathMode, Planner};
 
 /// How a run ends.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +26,7 @@ impl LastPart {
 
 /// All stops but those whose last phase is shorter than a period: there speed and acceleration do not say it.
 fn last_parts(moves: &[Move], max_blocks: Option<usize>) -> Vec<LastPart> {
-    let limits = Limits::built_in();
+    let limits = MachineLimits::built_in();
     let mut planner = match max_blocks {
         None => Planner::<3>::new(limits, [0.0; 3]),
         Some(blocks) => Planner::with_look_ahead(limits, [0.0; 3], blocks),

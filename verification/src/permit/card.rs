@@ -5,12 +5,12 @@
 use crate::choice::Choice;
 use crate::ledger::Size;
 use crate::native::Draw;
-use retrace_card::{Card, Inputs};
+use retrace_card::{Card, InputLevels};
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, Record};
 use retrace_link::{
-    Action, Change, CutterOffCause, CuttingChannel, CuttingSettings, Deck, Identity, InputSetting, InputUse,
-    Instruction, PROTOCOL, RepeatedInstruction, Settings, Start, Status, Word,
+    CardCore, CardIdentity, CardSettings, CardStatus, CutterOffCause, CuttingChannel, CuttingSettings, HostCommand,
+    InputSetting, InputUse, Instruction, OutputAction, OutputChange, PROTOCOL, PathStart, RepeatedInstruction,
 };
 
 const TORCH: u8 = 3;
@@ -45,7 +45,7 @@ struct Observer {
 
 impl Observer {
     fn new() -> Self {
-        let identity = Identity {
+        let identity = CardIdentity {
             protocol: PROTOCOL,
             name: *b"drawn words\0\0\0\0\0",
             serial: 0,
@@ -79,7 +79,7 @@ impl Observer {
         observer
     }
 
-    fn status(&self) -> Status<1> {
+    fn status(&self) -> CardStatus<1> {
         *self.card.status()
     }
 
@@ -87,7 +87,7 @@ impl Observer {
         let axis = PulseLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
         let limits = RateLimits::new(13, 1 << 15, [axis]).expect("valid");
         let epoch = self.epoch + 1;
-        let mut settings = Settings::new(epoch, Start::at(0), 1000, limits);
+        let mut settings = CardSettings::new(epoch, PathStart::at(0), 1000, limits);
         settings.watchdog_periods = WATCHDOG;
         settings.inputs[0] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
         settings.cutting = CuttingSettings { count: 1, handover_periods: HANDOVER, ..CuttingSettings::default() };
@@ -108,52 +108,61 @@ impl Observer {
 
     fn word(&mut self, draw: &mut Draw) {
         let (status, value) = (self.status(), draw.below(2) as i32);
-        let mut changes = [Change::default(); 4];
-        changes[0] = Change { channel: TORCH, value };
+        let mut changes = [OutputChange::default(); 4];
+        changes[0] = OutputChange { channel: TORCH, value };
         let rates = [ONE, ONE, -ONE, 0, ONE / 3, -ONE / 5];
         let word = match draw.below(12) {
-            0..=2 => Word::rate(rates[draw.below(rates.len() as u32) as usize]),
+            0..=2 => HostCommand::rate(rates[draw.below(rates.len() as u32) as usize]),
             3 => {
                 let (number, place) = (status.executed.wrapping_add(1), status.place.record + draw.below(8));
                 let (periods, keeps_cutter) = (draw.below(9), draw.flag());
-                Word::Instruction(Instruction { number, place, changes, count: 1, periods, until: None, keeps_cutter })
+                HostCommand::Instruction(Instruction {
+                    number,
+                    place,
+                    changes,
+                    count: 1,
+                    periods,
+                    until: None,
+                    keeps_cutter,
+                })
             }
             4 | 5 => {
                 let (number, periods) = (status.repeated.wrapping_add(1), draw.below(9));
-                Word::Repeat(RepeatedInstruction { number, changes, count: 1, periods, until: None })
+                HostCommand::Repeat(RepeatedInstruction { number, changes, count: 1, periods, until: None })
             }
-            6 => Word::Restart { last: status.repeated.wrapping_add(draw.below(2)) },
-            7 => Word::ByHand(Change { channel: TORCH, value }),
-            8 => Word::Replay { on: draw.below(4) != 0 },
+            6 => HostCommand::Restart { last: status.repeated.wrapping_add(draw.below(2)) },
+            7 => HostCommand::ManualOutput(OutputChange { channel: TORCH, value }),
+            8 => HostCommand::Replay { on: draw.below(4) != 0 },
             9 => {
                 let place = status.place.record + draw.below(12);
-                Word::Action(Action { place, channel: TORCH, before: 1 - value, after: value })
+                HostCommand::Action(OutputAction { place, channel: TORCH, before: 1 - value, after: value })
             }
-            10 => Word::ClearAlarm,
+            10 => HostCommand::ClearAlarm,
             _ => {
                 for _ in 0..draw.below(30) {
                     let place = self.status().high;
                     let flags = if place % 16 == 15 { Flags::REST } else { Flags::NONE };
                     let record = Record { increments: [3], flags, ..Record::default() };
-                    let _ = self.card.take(Word::Ahead { place, record });
+                    let _ = self.card.accept(HostCommand::Ahead { place, record });
                 }
                 return;
             }
         };
-        if self.card.take(word).is_err() {
+        if self.card.accept(word).is_err() {
             return;
         }
         match word {
-            Word::Instruction(instruction) if value != 0 => {
+            HostCommand::Instruction(instruction) if value != 0 => {
                 self.asked = true;
                 self.pending = Some(instruction.number).filter(|&number| number != self.status().executed);
             }
-            Word::Repeat(_) | Word::ByHand(_) if value != 0 => self.asked = true,
-            Word::Action(action) if value != 0 => self.actions.push(action.place),
-            Word::Restart { .. } => self.blocked = false,
+            HostCommand::Repeat(_) | HostCommand::ManualOutput(_) if value != 0 => self.asked = true,
+            HostCommand::Action(action) if value != 0 => self.actions.push(action.place),
+            HostCommand::Restart { .. } => self.blocked = false,
             _ => {}
         }
-        self.keeps |= matches!(word, Word::Repeat(_) | Word::Instruction(Instruction { keeps_cutter: true, .. }));
+        self.keeps |=
+            matches!(word, HostCommand::Repeat(_) | HostCommand::Instruction(Instruction { keeps_cutter: true, .. }));
     }
 
     fn period(&mut self, levels: u16, heard: bool) {
@@ -162,7 +171,7 @@ impl Observer {
             self.card.heard();
             self.silent = 0;
         }
-        self.card.period(Inputs { levels, ..Inputs::default() });
+        self.card.period(InputLevels { levels, ..InputLevels::default() });
         self.silent += 1;
         let now = self.status();
         let (was, is) = (before.outputs[usize::from(TORCH)] != 0, now.outputs[usize::from(TORCH)] != 0);
@@ -188,7 +197,7 @@ impl Observer {
         self.pending = self.pending.filter(|&number| number != now.executed && now.alarm.is_none());
     }
 
-    fn passes_first(&self, before: &Status<1>, to: Place) -> bool {
+    fn passes_first(&self, before: &CardStatus<1>, to: Place) -> bool {
         self.actions.iter().any(|&place| {
             let at = Place::start_of(place);
             place >= before.reached && before.place.to(at) >= 0 && at.to(to) > 0

@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     fn messages(source: &str, table: &str) -> Vec<String> {
-        let tree = Tree::of(&[("crates/gcode/src/code.rs", source), (TABLE, table)]);
+        let tree = Tree::of(&[("crates/gcode/src/compiled_code.rs", source), (TABLE, table)]);
         find(&tree).into_iter().map(|finding| finding.message).collect()
     }
 

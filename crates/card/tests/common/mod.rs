@@ -3,11 +3,14 @@
 //! Invariant: the path is a function of the place number alone, so that its sums can be reckoned without the card.
 #![allow(dead_code, reason = "not every test file uses all of it")]
 
-use retrace_card::{Card, Inputs};
+use retrace_card::{Card, InputLevels};
 use retrace_core::drive::Braking;
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, ONE, Place, RapidCap, Record};
-use retrace_link::{Change, Deck, Identity, InputSetting, InputUse, MAX_INPUTS, PROTOCOL, Settings, Start, channel};
+use retrace_link::{
+    CardCore, CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, OutputChange, PROTOCOL, PathStart,
+    channel,
+};
 
 /// Two axes, a small window.
 pub(crate) type TestCard = Card<2, 64, 32>;
@@ -20,8 +23,8 @@ pub(crate) const STOP: u16 = 16;
 pub(crate) const PLAIN: u16 = 32;
 
 /// A card that makes 250 pulses a millisecond at most.
-pub(crate) fn identity() -> Identity {
-    Identity {
+pub(crate) fn identity() -> CardIdentity {
+    CardIdentity {
         protocol: PROTOCOL,
         name: *b"test card\0\0\0\0\0\0\0",
         serial: 7,
@@ -39,12 +42,12 @@ pub(crate) fn identity() -> Identity {
 }
 
 /// Stops within [`STOPS_WITHIN`] periods; a fault switches output 3 and the spindle off.
-pub(crate) fn settings(epoch: u16, start: u32) -> Settings<2> {
+pub(crate) fn settings(epoch: u16, start: u32) -> CardSettings<2> {
     let axis = PulseLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
     let limits = RateLimits::new(13, 1 << 15, [axis; 2]).expect("valid");
     let braking = Braking::<32>::new(&limits).expect("brakes");
     assert_eq!(braking.periods() + 13, i64::from(STOPS_WITHIN), "what the law says of these limits");
-    let mut settings = Settings::new(epoch, Start::at(start), 1000, limits);
+    let mut settings = CardSettings::new(epoch, PathStart::at(start), 1000, limits);
     let uses = [
         InputUse::Limit { axis: 0, upper: true },
         InputUse::Limit { axis: 0, upper: false },
@@ -58,8 +61,8 @@ pub(crate) fn settings(epoch: u16, start: u32) -> Settings<2> {
         setting.used_for = used_for;
     }
     settings.watchdog_periods = 30;
-    settings.safe[0] = Change { channel: 3, value: 0 };
-    settings.safe[1] = Change { channel: channel::SPINDLE, value: 0 };
+    settings.safe[0] = OutputChange { channel: 3, value: 0 };
+    settings.safe[1] = OutputChange { channel: channel::SPINDLE, value: 0 };
     settings.safe_count = 2;
     settings
 }
@@ -113,6 +116,6 @@ pub(crate) fn moved(start: u32, to: Place) -> [i64; 2] {
 }
 
 /// These inputs, nothing turned, nothing failed.
-pub(crate) fn levels(levels: u16) -> Inputs {
-    Inputs { levels, ..Inputs::default() }
+pub(crate) fn levels(levels: u16) -> InputLevels {
+    InputLevels { levels, ..InputLevels::default() }
 }

@@ -19,7 +19,7 @@ use retrace_controller::refusal::Refusal;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Period, Told};
-use retrace_link::{Alarm, Change, MotionCard, Start};
+use retrace_link::{Alarm, MotionCard, OutputChange, PathStart};
 
 use super::desk::Desk;
 use super::{Resuming, picture};
@@ -203,7 +203,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     fn tell_outputs(&mut self) {
         let outputs = self.card.status().outputs;
         for (channel, &value) in (0u8..).zip(&outputs) {
-            let change = Change { channel, value };
+            let change = OutputChange { channel, value };
             if locked(&self.desk.model).output(change.channel) != change.value {
                 Observer::<A>::told(&mut self.live, &Told::Output(change));
             }
@@ -335,7 +335,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             Ok(program) => program,
             Err(why) => return self.refused(&why),
         };
-        if let Err(fault) = self.card.begin(Start::at(0)) {
+        if let Err(fault) = self.card.begin(PathStart::at(0)) {
             return self.tell(EventKind::Alarm(CardError::of(&fault)));
         }
         let mut ended = Ended::default();

@@ -10,7 +10,7 @@ use std::thread;
 use retrace_controller::job::{Decode, Decoded};
 use retrace_controller::machine::Machine;
 use retrace_controller::survey;
-use retrace_gcode::{Setup, Step};
+use retrace_gcode::{CanonStep, Setup};
 
 use crate::program::{Decoder, Program};
 use crate::screen::diagnostic_text;
@@ -171,7 +171,7 @@ struct Wanted {
 }
 
 impl Decode for Wanted {
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
         if LATEST.load(Ordering::Relaxed) == self.number { self.decoder.next_block(steps) } else { Decoded::End }
     }
 }

@@ -13,7 +13,7 @@ use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::ONE;
 use retrace_core::mode::Mode;
 use retrace_core::place::before;
-use retrace_gcode::{FeedMode, Motion, Pose};
+use retrace_gcode::{FeedMode, MotionMode, Pose};
 use retrace_link::channel;
 
 use super::event_text;
@@ -82,7 +82,7 @@ impl Modes {
     }
 
     /// A modal state is told. A length that was entered counts with the tool and the offset that it was entered for.
-    fn told(&mut self, active: &retrace_gcode::Active, model: &mut Model) -> ActiveAt {
+    fn told(&mut self, active: &retrace_gcode::ActiveCodes, model: &mut Model) -> ActiveAt {
         self.tool = (active.tool_offset, active.current_tool);
         self.entered.take_if(|((_, tool), ..)| *tool != active.current_tool);
         model.moved_mm.fill(0.0);
@@ -238,12 +238,12 @@ fn take_period<const A: usize>(model: &mut Model, period: &Period<A>) {
 }
 
 /// The modal state, its feed in mm/min where that is what it is, and the work zero that follows from it.
-fn active_at(model: &Model, active: &retrace_gcode::Active) -> ActiveAt {
+fn active_at(model: &Model, active: &retrace_gcode::ActiveCodes) -> ActiveAt {
     let unit_mm = active.units.millimetres();
     let per_minute = active.feed_mode == FeedMode::UnitsPerMinute && active.feed_rate > 0.0;
     let motion = match active.motion {
-        Some(Motion::Traverse) => MotionKind::Rapid,
-        Some(Motion::Cycle(_)) => MotionKind::Cycle,
+        Some(MotionMode::Traverse) => MotionKind::Rapid,
+        Some(MotionMode::Cycle(_)) => MotionKind::Cycle,
         _ => MotionKind::Feed,
     };
     let shown = Active {

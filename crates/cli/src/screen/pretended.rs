@@ -18,7 +18,7 @@ use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts as ModeFacts};
 use retrace_core::{ONE, Place, Travel};
 use retrace_hal_sim::Clock;
-use retrace_link::Change;
+use retrace_link::OutputChange;
 
 use super::Said;
 use super::facts::{Facts, Planned, ProgramCheck};
@@ -47,7 +47,7 @@ pub struct Tape {
     /// Line and increments of each record.
     records: Vec<(u32, [i32; 9])>,
     /// Outputs that change before a record.
-    changes: Vec<(u32, Change)>,
+    changes: Vec<(u32, OutputChange)>,
 }
 
 impl Tape {
@@ -195,7 +195,7 @@ impl Pretended {
 
     fn switch(&mut self, channel: u8, value: i32) {
         self.outputs[usize::from(channel)] = value;
-        Observer::<9>::told(&mut self.live, &Told::Output(Change { channel, value }));
+        Observer::<9>::told(&mut self.live, &Told::Output(OutputChange { channel, value }));
     }
 
     /// What the program expects at the furthest place.
@@ -286,7 +286,7 @@ impl Pretended {
         let reached = (self.cursor.div_euclid(ONE) + Travel::from(self.cursor % ONE != 0)) as u32;
         while self.reached < reached {
             self.reached += 1;
-            let due: Vec<Change> =
+            let due: Vec<OutputChange> =
                 self.tape.changes.iter().filter(|(p, _)| *p + 1 == self.reached).map(|(_, c)| *c).collect();
             for change in due {
                 self.switch(change.channel, change.value);

@@ -6,8 +6,8 @@ use retrace_controller::feed::{Cancelled, Refused, Switch};
 use retrace_controller::job::{self, Decode};
 use retrace_controller::machine::Machine;
 use retrace_controller::sink::Sink;
-use retrace_link::Change;
-use retrace_motion::{Arc, Feed, PathMode};
+use retrace_link::OutputChange;
+use retrace_motion::{Arc, FeedRate, PathMode};
 
 use super::trail::{Knot, Trail};
 
@@ -91,13 +91,13 @@ impl Preview {
 }
 
 impl Sink<9> for Preview {
-    fn straight(&mut self, end_mm: [f64; 9], feed: Feed, _: PathMode, line: u32) -> Result<(), Refused> {
-        self.go(end_mm, feed == Feed::Rapid);
+    fn straight(&mut self, end_mm: [f64; 9], feed: FeedRate, _: PathMode, line: u32) -> Result<(), Refused> {
+        self.go(end_mm, feed == FeedRate::Rapid);
         self.end(line);
         Ok(())
     }
 
-    fn arc(&mut self, arc: &Arc<9>, _: Feed, _: PathMode, line: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<9>, _: FeedRate, _: PathMode, line: u32) -> Result<(), Refused> {
         let ([p, q], [cp, cq], start) = (arc.plane, arc.centre_mm, self.at_mm);
         let radius = (start[p] - cp).hypot(start[q] - cq);
         let (from, sweep) = arc.sweep(&start);
@@ -115,7 +115,7 @@ impl Sink<9> for Preview {
         Ok(())
     }
 
-    fn action(&mut self, _: Change, _: u32) {}
+    fn action(&mut self, _: OutputChange, _: u32) {}
 
     fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
         Ok(())

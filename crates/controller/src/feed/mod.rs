@@ -12,9 +12,9 @@ use std::time::Duration;
 
 use retrace_core::ring::Producer;
 use retrace_core::{Flags, ONE, Record};
-use retrace_gcode::Active;
-use retrace_link::{Action, Await, Change, MAX_CHANGES, Outputs};
-use retrace_motion::{Arc, Feed, MoveError, PathMode, Planner};
+use retrace_gcode::ActiveCodes;
+use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs};
+use retrace_motion::{Arc, FeedRate, MoveError, PathMode, Planner};
 
 use crate::index::{Difference, Index, Mark, Note};
 use crate::item::{Exclusive, Item, Kind, Summary};
@@ -61,11 +61,11 @@ pub struct Switch<'c> {
     /// As it is written in the program.
     pub code: &'static str,
     /// The outputs it switches, at most [`MAX_CHANGES`].
-    pub changes: &'c [Change],
+    pub changes: &'c [OutputChange],
     /// Control periods that it takes at least.
     pub periods: u32,
     /// What it waits for besides.
-    pub until: Option<Await>,
+    pub until: Option<InputWait>,
     /// It cannot be passed backward.
     pub one_way: bool,
     /// Its outputs are set back where reverse run passes it and outputs are replayed.
@@ -77,7 +77,7 @@ pub struct Switch<'c> {
 struct Waiting {
     /// Serial number of the move.
     serial: u32,
-    change: Change,
+    change: OutputChange,
     line: u32,
     /// Reverse run leaves it as it is.
     lasts: bool,
@@ -119,7 +119,7 @@ pub struct Feeder<'r, const A: usize> {
     /// Actions that wait for the first record of the move with their serial number.
     waiting: VecDeque<Waiting>,
     /// Modal states that wait for the first record of the move with that serial number.
-    modes: VecDeque<(u32, Box<Active>)>,
+    modes: VecDeque<(u32, Box<ActiveCodes>)>,
     /// The outputs as the program has set them, actions still waiting included.
     outputs: Outputs,
     index: Box<dyn Index>,
@@ -231,7 +231,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
     }
 
     /// From the next move on this modal state is in force.
-    pub fn active(&mut self, active: Box<Active>) {
+    pub fn active(&mut self, active: Box<ActiveCodes>) {
         self.modes.push_back((self.serial.wrapping_add(1), active));
     }
 
@@ -249,7 +249,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
     ///
     /// # Errors
     /// What the planner refuses, with nothing changed.
-    pub fn straight(&mut self, end_mm: [f64; A], feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    pub fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         let reach_mm = self.check_limits(&[end_mm], line)?;
         self.planner.line(end_mm, feed, mode, self.serial.wrapping_add(1))?;
         Ok(self.moved(line, reach_mm)?)
@@ -259,7 +259,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
     ///
     /// # Errors
     /// What the planner refuses, with nothing changed.
-    pub fn arc(&mut self, arc: &Arc<A>, feed: Feed, mode: PathMode, line: u32) -> Result<(), Refused> {
+    pub fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
         let mut points = extremes(&self.planner.commanded_mm(), arc);
         points.push(arc.end_mm);
         let reach_mm = self.check_limits(&points, line)?;
@@ -297,16 +297,16 @@ impl<'r, const A: usize> Feeder<'r, A> {
     }
 
     /// A synchronous action: executed in passing, where the next move begins.
-    pub fn action(&mut self, change: Change, line: u32) {
+    pub fn action(&mut self, change: OutputChange, line: u32) {
         self.act(change, line, false);
     }
 
     /// The same, which reverse run leaves as it is.
-    pub fn lasting_action(&mut self, change: Change, line: u32) {
+    pub fn lasting_action(&mut self, change: OutputChange, line: u32) {
         self.act(change, line, true);
     }
 
-    fn act(&mut self, change: Change, line: u32, lasts: bool) {
+    fn act(&mut self, change: OutputChange, line: u32, lasts: bool) {
         if !self.inhibited.contains(&change.channel) {
             self.waiting.push_back(Waiting { serial: self.serial.wrapping_add(1), change, line, lasts });
         }
@@ -318,7 +318,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
     /// [`Cancelled`]
     pub fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
         self.rest()?;
-        let mut changes = [Change::default(); MAX_CHANGES];
+        let mut changes = [OutputChange::default(); MAX_CHANGES];
         let mut count = 0;
         let allowed = switch.changes.iter().filter(|change| !self.inhibited.contains(&change.channel));
         for (slot, change) in changes.iter_mut().zip(allowed) {
@@ -337,8 +337,8 @@ impl<'r, const A: usize> Feeder<'r, A> {
         self.send(Item::Exclusive(exclusive))?;
         // As an action of the record behind it, it is undone and done again like any other.
         for change in changes[..count].iter().filter(|_| undone) {
-            let Change { channel, value } = *change;
-            let action = Action { place, channel, before: before[usize::from(channel)], after: value };
+            let OutputChange { channel, value } = *change;
+            let action = OutputAction { place, channel, before: before[usize::from(channel)], after: value };
             self.send(Item::Action(action, 0))?;
         }
         Ok(())
@@ -488,7 +488,7 @@ impl<'r, const A: usize> Feeder<'r, A> {
             let value = &mut self.outputs[usize::from(change.channel)];
             let (place, channel) = (self.ring.write(), change.channel);
             let before = if lasts { change.value } else { *value };
-            let action = Action { place, channel, before, after: change.value };
+            let action = OutputAction { place, channel, before, after: change.value };
             *value = change.value;
             self.send(Item::Action(action, line))?;
         }

@@ -3,7 +3,7 @@
 //! Invariant: an entry is read as it was written or not at all: what a newer version has added is refused, not guessed.
 
 use retrace_core::Place;
-use retrace_link::Start;
+use retrace_link::PathStart;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -274,9 +274,9 @@ pub struct PositionEntry {
 impl PositionEntry {
     /// Where a path begins that goes on from here.
     #[must_use]
-    pub fn start(&self) -> Start {
+    pub fn start(&self) -> PathStart {
         // Whether the path rests there the records say; a ramp is right in any case.
-        Start { place: self.place, rests: false, reached: self.reached, executed: self.executed }
+        PathStart { place: self.place, rests: false, reached: self.reached, executed: self.executed }
     }
 }
 

@@ -7,7 +7,7 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use retrace_core::place::before;
-use retrace_link::Start;
+use retrace_link::PathStart;
 use serde_json::Value;
 
 use super::entry::{End, Entry, Job, Override, PositionEntry, Resumed, Spooled, ToolLengthChange};
@@ -59,7 +59,7 @@ pub struct JobRecord {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stood {
     /// On the path.
-    pub start: Start,
+    pub start: PathStart,
     /// Counts of its axes, in pulses.
     pub counts: Vec<i64>,
 }
@@ -87,7 +87,7 @@ impl JobRecord {
     }
 
     fn of(job: Job, path: &Path) -> Self {
-        let stood = Stood { start: Start::at(job.origin), counts: job.counts.clone() };
+        let stood = Stood { start: PathStart::at(job.origin), counts: job.counts.clone() };
         Self {
             job,
             resumed: Vec::new(),
@@ -140,8 +140,12 @@ impl JobRecord {
             }
             Entry::Spooled(spooled) => self.spooled = spooled,
             Entry::Resumed(resumed) => {
-                let start =
-                    Start { place: resumed.place, rests: false, reached: resumed.reached, executed: resumed.executed };
+                let start = PathStart {
+                    place: resumed.place,
+                    rests: false,
+                    reached: resumed.reached,
+                    executed: resumed.executed,
+                };
                 self.stood = Stood { start, counts: resumed.counts.clone() };
                 (self.end, self.alarm) = (None, None);
                 self.resumed.push(*resumed);

@@ -13,7 +13,7 @@ mod setting_up;
 use std::collections::BTreeMap;
 
 use retrace_core::limits::RateLimits;
-use retrace_motion::{Blending, Limits};
+use retrace_motion::{Blending, MachineLimits};
 
 pub use self::axis::{AXIS_LETTERS, Axis, Home};
 pub use self::cutter::{Cutter, CutterKind};
@@ -24,7 +24,7 @@ pub use self::findings::Examination;
 pub use self::serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
 pub use self::setting_up::SettingUp;
 use self::setting_up::Written;
-use crate::card::CardSettings;
+use crate::card::CardConfig;
 use crate::law::{self, Stopping};
 use crate::refusal::Refusal;
 use crate::session::ON_THE_WAY;
@@ -72,7 +72,7 @@ pub struct Machine {
     /// How programs come over a serial line.
     pub serial: SerialSettings,
     /// What the card is told besides.
-    pub card: CardSettings,
+    pub card: CardConfig,
     /// What M, S and T codes switch, how, and for how long.
     pub switching: SwitchingTable,
     /// How the rate law stops this machine.
@@ -239,7 +239,7 @@ impl Machine {
 
     /// The limits as the planner takes them; axes that the machine does not have are those of its first axis.
     #[must_use]
-    pub fn limits<const A: usize>(&self) -> Limits<A> {
+    pub fn limits<const A: usize>(&self) -> MachineLimits<A> {
         let each = |value: fn(&Axis) -> f64| {
             let mut all = [value(&self.axes[0]); A];
             for (slot, axis) in all.iter_mut().zip(&self.axes) {
@@ -247,7 +247,7 @@ impl Machine {
             }
             all
         };
-        Limits {
+        MachineLimits {
             velocity_mm_s: each(|a| a.max_velocity_mm_per_s),
             acceleration_mm_s2: each(|a| a.max_acceleration_mm_per_s2),
             jerk_mm_s3: each(|a| a.max_jerk_mm_per_s3),
@@ -294,7 +294,7 @@ mod tests {
         assert_eq!(machine.axes.len(), 3);
         assert_eq!((machine.period_us, machine.history_records, machine.look_ahead_records), (1000, 1_800_000, 500));
         assert_eq!((machine.wheel_periods, machine.wheel_counts), (100, 10));
-        assert_eq!(machine.limits::<4>(), Limits::built_in());
+        assert_eq!(machine.limits::<4>(), MachineLimits::built_in());
     }
 
     #[test]

@@ -3,13 +3,13 @@
 //! Invariant: where the machine has to be homed, every axis can be, and the order holds each of them once.
 
 use retrace_core::ONE;
-use retrace_link::Homing;
+use retrace_link::HomingCommand;
 use serde::Deserialize;
 
 use super::axis::{Axis, Home, refuse};
 use super::file::within;
 use super::{AXIS_LETTERS, Machine};
-use crate::card::CardSettings;
+use crate::card::CardConfig;
 use crate::refusal::Refusal;
 
 /// `[homing]` as it is written.
@@ -53,7 +53,7 @@ pub(super) struct Written {
 }
 
 impl SettingUp {
-    pub(super) fn checked(written: Written, axes: &[Axis], card: &CardSettings) -> Result<Self, Refusal> {
+    pub(super) fn checked(written: Written, axes: &[Axis], card: &CardConfig) -> Result<Self, Refusal> {
         let homes = axes.iter().map(Axis::homing).collect::<Result<Vec<_>, _>>()?;
         for (index, (axis, home)) in axes.iter().zip(&homes).enumerate() {
             if home.is_some_and(|home| !card.can_home(index, home.upper)) {
@@ -162,17 +162,17 @@ impl Machine {
 
     /// The order to the card that homes an axis, an index of `axes`; none where it has no switch.
     #[must_use]
-    pub fn homing(&self, axis: usize) -> Option<Homing> {
+    pub fn homing(&self, axis: usize) -> Option<HomingCommand> {
         let home = (*self.setting_up.homes.get(axis)?)?;
         let (period_s, pulses_per_mm) = (self.period_s(), self.axes.get(axis)?.pulses_per_mm);
         let fixed = |per_period: f64| ((per_period * pulses_per_mm * ONE as f64).round() as i64).max(1);
-        Some(Homing {
+        Some(HomingCommand {
             axis: u8::try_from(axis).ok()?,
             upper: home.upper,
-            fast: fixed(home.search_mm_per_s * period_s),
-            slow: fixed(home.latch_mm_per_s * period_s),
+            search_speed: fixed(home.search_mm_per_s * period_s),
+            latch_speed: fixed(home.latch_mm_per_s * period_s),
             acceleration: fixed(home.acceleration_mm_per_s2 * period_s * period_s),
-            farthest: (home.max_travel_mm * pulses_per_mm).ceil() as u32,
+            max_travel: (home.max_travel_mm * pulses_per_mm).ceil() as u32,
             count: self.counts_of(axis, home.position_mm),
         })
     }
@@ -197,9 +197,9 @@ mod tests {
         let machine = machine("control_period_ms = 2\n", "").expect("valid");
         assert_eq!((machine.needs_homing(), machine.tool_axis()), (&['z', 'x'][..], Some(1)));
         let x = machine.homing(0).expect("it has a switch");
-        assert_eq!((x.axis, x.upper, x.count, x.farthest), (0, false, -1000, 132_000));
+        assert_eq!((x.axis, x.upper, x.count, x.max_travel), (0, false, -1000, 132_000));
         // 30 mm/s are 12 000 pulses/s, 24 in 2 ms; 250 mm/s² are 100 000 pulses/s², 0.4 a period more each period
-        assert_eq!((x.fast, x.slow), (24 * ONE, (1.2 * ONE as f64).round() as i64));
+        assert_eq!((x.search_speed, x.latch_speed), (24 * ONE, (1.2 * ONE as f64).round() as i64));
         assert_eq!(x.acceleration, (0.4 * ONE as f64).round() as i64);
         let z = machine.homing(1).expect("it has a switch");
         assert_eq!((z.axis, z.upper, z.count), (1, true, 0));

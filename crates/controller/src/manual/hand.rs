@@ -11,7 +11,7 @@ use std::time::Duration;
 use retrace_core::ring::{Cell, Consumer, Producer, Ring, RingError};
 use retrace_core::size::ring_cells;
 use retrace_core::{Flags, Record};
-use retrace_motion::{Feed, PathMode, Planner};
+use retrace_motion::{FeedRate, PathMode, Planner};
 
 use crate::approach::approach;
 use crate::machine::Machine;
@@ -172,7 +172,7 @@ impl<const A: usize> Requests<'_, A> {
         let mut planner = Planner::new(machine.limits(), in_mm(machine, from)).map_err(|_| Broken)?;
         let mut at = from;
         for &end in ends {
-            let feed = Feed::PerSecond(speed(machine, at, end));
+            let feed = FeedRate::PerSecond(speed(machine, at, end));
             planner.line(in_mm(machine, end), feed, PathMode::ExactStop, 0).map_err(|_| Broken)?;
             planner.stop(Flags::NONE);
             while let Some(record) = planner.next_record() {

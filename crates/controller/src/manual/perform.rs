@@ -6,7 +6,7 @@ use std::sync::PoisonError;
 use std::thread;
 
 use retrace_core::mode::Mode;
-use retrace_link::{Alarm, Change, MotionCard, Start, Status, Word};
+use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
 
 use super::Task;
 use super::hand::{self, Hand, Request};
@@ -144,8 +144,8 @@ fn block<const A: usize, C: MotionCard<A>>(
 
 /// Begins a path anew where the machine stands.
 fn anew<const A: usize, C: MotionCard<A>>(card: &mut C) -> Result<(), C::Fault> {
-    let Status { place, executed, .. } = *card.status();
-    card.begin(Start { executed, ..Start::at(place.boundary_ahead()) })
+    let CardStatus { place, executed, .. } = *card.status();
+    card.begin(PathStart { executed, ..PathStart::at(place.boundary_ahead()) })
 }
 
 /// A card in hand.
@@ -178,10 +178,10 @@ impl<const A: usize, C: MotionCard<A>> Bench<'_, '_, A, C> {
             Task::JogOn { axis, up: false } => self.jog(*axis, |_, _| i64::MIN),
             Task::ClearAlarm => self.clear(),
             Task::Output(channel, value) => {
-                let change = Change { channel: *channel, value: *value };
+                let change = OutputChange { channel: *channel, value: *value };
                 let refused =
                     |_| Refusal::new("E2161", format!("the card has no output {channel}"), "an output that it has");
-                self.card.send(Word::ByHand(change)).map_err(refused)?;
+                self.card.send(HostCommand::ManualOutput(change)).map_err(refused)?;
                 self.pass(if self.manner.wall_time { OLD_NEWS } else { 2 })
             }
             // Blocks: not here.
@@ -196,14 +196,14 @@ impl<const A: usize, C: MotionCard<A>> Bench<'_, '_, A, C> {
         let homing = self.machine.homing(index).ok_or_else(|| no_home(format!("axis {name} has no home switch")))?;
         self.begin()?;
         self.card
-            .send(Word::Home(homing))
+            .send(HostCommand::Home(homing))
             .map_err(|why| no_home(format!("the card does not home axis {name}: {why:?}")))?;
         let settled = if self.manner.wall_time { OLD_NEWS } else { 2 };
         let mut stood = 0;
         while stood < settled {
             self.period()?;
             if self.stopped {
-                let _ = self.card.send(Word::rate(0));
+                let _ = self.card.send(HostCommand::rate(0));
             }
             stood = if self.card.status().at_rest { stood + 1 } else { 0 };
         }
@@ -266,7 +266,7 @@ impl<const A: usize, C: MotionCard<A>> Bench<'_, '_, A, C> {
     fn clear(&mut self) -> Result<Done, NotDone> {
         let Some(alarm) = self.card.status().alarm else { return Ok(Done::Whole { cut_short: false }) };
         // What the card refuses shows below.
-        let _ = self.card.send(Word::ClearAlarm);
+        let _ = self.card.send(HostCommand::ClearAlarm);
         for _ in 0..HEARD {
             if self.card.period().is_ok_and(|status| status.alarm.is_none()) {
                 return Ok(Done::Whole { cut_short: false });
@@ -319,7 +319,7 @@ impl<const A: usize, C: MotionCard<A>> Bench<'_, '_, A, C> {
     }
 
     fn tell(&mut self, happening: EventKind) {
-        let Status { period, place, .. } = *self.card.status();
+        let CardStatus { period, place, .. } = *self.card.status();
         let time_s = period as f64 * self.machine.period_s();
         self.teller.tell(Told::Event(Event { period, time_s, place, line: 0, kind: happening }));
     }

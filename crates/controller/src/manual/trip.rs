@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use retrace_core::place::before;
 use retrace_core::{ONE, Place};
-use retrace_link::{MotionCard, Start, Word};
+use retrace_link::{HostCommand, MotionCard, PathStart};
 
 use super::hand::{Hand, Request};
 
@@ -93,7 +93,7 @@ impl Trip {
             if hand.is_done() && hand.ring.write() == self.begins {
                 self.state = State::Ended(if hand.failed() { Ended::NotPlanned } else { Ended::There });
             } else {
-                let start = Start { executed: self.executed, ..Start::at(self.begins) };
+                let start = PathStart { executed: self.executed, ..PathStart::at(self.begins) };
                 card.begin(start)?;
                 self.off_path = true;
                 self.state = State::OnTheWay { told: false };
@@ -101,7 +101,7 @@ impl Trip {
         }
         if let State::OnTheWay { told } = self.state {
             self.fill(hand, card);
-            if !told && self.may_move(hand, card) && card.send(Word::rate(ONE)).is_ok() {
+            if !told && self.may_move(hand, card) && card.send(HostCommand::rate(ONE)).is_ok() {
                 self.state = State::OnTheWay { told: true };
             }
             let status = card.status();
@@ -110,7 +110,7 @@ impl Trip {
             }
         }
         if self.state == State::Stopping {
-            let _ = card.send(Word::rate(0));
+            let _ = card.send(HostCommand::rate(0));
             hand.give_up();
             self.stood = if card.status().at_rest { self.stood + 1 } else { 0 };
             if hand.is_done() && self.stood > if self.wall_time { OLD_NEWS } else { 1 } {
@@ -124,7 +124,7 @@ impl Trip {
     }
 
     fn end<const A: usize, C: MotionCard<A>>(&mut self, hand: &mut Hand<'_, A>, card: &mut C, how: Ended) {
-        let _ = card.send(Word::rate(0));
+        let _ = card.send(HostCommand::rate(0));
         let write = hand.ring.write();
         hand.ring.seek(write);
         self.state = State::Ended(how);
@@ -151,7 +151,7 @@ impl Trip {
         let mut place = card.status().high;
         while before(place, end)
             && let Some(record) = hand.ring.record(place)
-            && card.send(Word::Ahead { place, record }).is_ok()
+            && card.send(HostCommand::Ahead { place, record }).is_ok()
         {
             place = place.wrapping_add(1);
         }

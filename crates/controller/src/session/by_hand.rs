@@ -3,13 +3,13 @@
 //! Invariant: a comparison of outputs counts a change by hand from the moment at which it is sent, so that no report that is on its way can
 //! hide it: the card may be many periods ahead of what is known of it.
 
-use retrace_link::{Change, MotionCard, Outputs, Status, Word, channel};
+use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, Outputs, channel};
 
 use super::Session;
 
 /// Changes that were sent and not reported yet, at most one of each channel.
 #[derive(Debug)]
-pub(super) struct ByHandChanges(Vec<Change>);
+pub(super) struct ByHandChanges(Vec<OutputChange>);
 
 impl ByHandChanges {
     /// None.
@@ -17,7 +17,7 @@ impl ByHandChanges {
         Self(Vec::with_capacity(channel::COUNT))
     }
 
-    fn sent(&mut self, change: Change) {
+    fn sent(&mut self, change: OutputChange) {
         self.0.retain(|other| other.channel != change.channel);
         self.0.push(change);
     }
@@ -35,7 +35,7 @@ impl ByHandChanges {
     /// The outputs that are reported, but where a change on its way brings one off what is wanted: the value that it brings.
     fn compared_with(&self, reported: &Outputs, wants: &Outputs) -> Outputs {
         let mut outputs = *reported;
-        for &Change { channel, value } in &self.0 {
+        for &OutputChange { channel, value } in &self.0 {
             let at = usize::from(channel);
             if let (Some(is), Some(&want)) = (outputs.get_mut(at), wants.get(at))
                 && *is == want
@@ -49,8 +49,8 @@ impl ByHandChanges {
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Switches an output by hand; false where the card has no such output.
-    pub(super) fn send_by_hand(&mut self, change: Change) -> bool {
-        let sent = self.card.send(Word::ByHand(change)).is_ok();
+    pub(super) fn send_by_hand(&mut self, change: OutputChange) -> bool {
+        let sent = self.card.send(HostCommand::ManualOutput(change)).is_ok();
         if sent {
             self.by_hand.sent(change);
         }
@@ -63,7 +63,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     /// A control period was reported.
-    pub(super) fn follow_by_hand(&mut self, status: &Status<A>) {
+    pub(super) fn follow_by_hand(&mut self, status: &CardStatus<A>) {
         self.by_hand.reported(&status.outputs);
     }
 }
@@ -75,7 +75,7 @@ mod tests {
     #[test]
     fn a_change_counts_until_it_is_reported_and_never_hides_a_difference() {
         let (mut changes, mut wants) = (ByHandChanges::new(), [0; channel::COUNT]);
-        let change = |channel, value| Change { channel, value };
+        let change = |channel, value| OutputChange { channel, value };
         wants[3] = 1;
         let (on, off) = (wants, [0; channel::COUNT]);
         changes.sent(change(3, 0));

@@ -12,7 +12,7 @@ use retrace_core::interruption::{
 };
 use retrace_core::mode::{Mode, ModeOutput};
 use retrace_core::{Flags as RecordFlags, Place, RateTarget};
-use retrace_link::{Change, MotionCard, Start, Status, Word, channel};
+use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, PathStart, channel};
 
 use super::{Outcome, Session};
 use crate::dnc::{AxisCounts, Dnc, Flags, Step};
@@ -67,7 +67,7 @@ pub(super) struct Interrupted<'r, const A: usize> {
     identifying: bool,
     trip: Option<(Trip, Aim<A>)>,
     /// The place on the program's path, while the card's epoch is another.
-    left: Option<Start>,
+    left: Option<PathStart>,
     /// *Spindle start* was given for a cutter: it is lit behind the way back, not before.
     armed: bool,
 }
@@ -304,7 +304,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     fn by_hand_now(&mut self, channel: u8, value: i32) {
         // A card takes every channel that the messages name.
-        self.send_by_hand(Change { channel, value });
+        self.send_by_hand(OutputChange { channel, value });
     }
 
     fn jog(&mut self, letter: char, mm: f64) -> Result<(), CommandError> {
@@ -453,7 +453,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let line = self.dnc_line();
         if let Some(start) = self.dnc.left.take() {
             self.card.begin(start).map_err(|fault| CardError::of(&fault))?;
-            let _ = self.card.send(Word::Replay { on: self.replays });
+            let _ = self.card.send(HostCommand::Replay { on: self.replays });
         }
         self.target = None;
         let flags = Flags::of(&self.dnc.order);
@@ -472,11 +472,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Where the program's path is, to be taken up again; the machine stands.
-    fn here(&self) -> Start {
-        let Status { place, reached, executed, .. } = *self.card.status();
+    fn here(&self) -> PathStart {
+        let CardStatus { place, reached, executed, .. } = *self.card.status();
         let before = self.supply.record(place.record.wrapping_sub(1));
         let rests = place.fraction == 0 && before.is_some_and(|record| record.flags.has(RecordFlags::REST));
-        Start { place, rests, reached, executed }
+        PathStart { place, rests, reached, executed }
     }
 
     /// What is asked of the card at a breakpoint: nothing.
@@ -503,7 +503,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Counts and reports a control period off the program's path.
-    pub(super) fn book_off_path(&mut self, status: &Status<A>) {
+    pub(super) fn book_off_path(&mut self, status: &CardStatus<A>) {
         self.tally.pause();
         self.follow_by_hand(status);
         self.teller.outputs(&status.outputs);

@@ -21,7 +21,7 @@ use std::time::Duration;
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice};
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, RateTarget};
-use retrace_link::{MotionCard, Outputs, Status, Word, channel};
+use retrace_link::{CardStatus, HostCommand, MotionCard, Outputs, channel};
 
 use crate::event::{CardError, CutterOffReason, EventKind};
 use crate::item::{Ending, Kind};
@@ -207,7 +207,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Runs the job to its end.
     pub fn run(mut self) -> (Outcome, Tally, C) {
         // Every card takes this word; it changes nothing but what retracing does.
-        let _ = self.card.send(Word::Replay { on: self.replays });
+        let _ = self.card.send(HostCommand::Replay { on: self.replays });
         self.override_rate();
         self.teller.outputs(&self.card.status().outputs);
         self.tell(EventKind::Started);
@@ -222,7 +222,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             }
         };
         // A restart that was under way may complete behind the end: no rate may be left that would set the machine in motion then.
-        let _ = self.card.send(Word::rate(0));
+        let _ = self.card.send(HostCommand::rate(0));
         self.end_switched_off(match outcome {
             Outcome::Completed => CutterOffReason::ProgramEnd,
             _ => CutterOffReason::JobStopped,
@@ -303,7 +303,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// A latched alarm: told at once, and the end of the job when the machine stands.
-    fn alarm(&mut self, status: &Status<A>) -> Option<Outcome> {
+    fn alarm(&mut self, status: &CardStatus<A>) -> Option<Outcome> {
         let alarm = status.alarm?;
         if !self.alarmed {
             self.tell(EventKind::Alarm(CardError::Latched(alarm)));
@@ -413,7 +413,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
     }
 
-    fn book(&mut self, status: &Status<A>) {
+    fn book(&mut self, status: &CardStatus<A>) {
         let executing = self.executing;
         self.follow_by_hand(status);
         self.acknowledge();

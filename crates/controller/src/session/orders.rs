@@ -4,7 +4,7 @@
 
 use retrace_core::mode::{Mode, ModeCommand};
 use retrace_core::{ONE, Place, Travel};
-use retrace_link::{Change, MotionCard, channel};
+use retrace_link::{MotionCard, OutputChange, channel};
 
 use super::Session;
 use super::back::Wanted;
@@ -108,7 +108,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let why = "the spindle is started by M3, or by `spindle start` in a pause";
             return Err(CommandError::NotNow(why));
         }
-        let change = Change { channel: number, value: i32::from(on) };
+        let change = OutputChange { channel: number, value: i32::from(on) };
         if !self.send_by_hand(change) {
             return Err(CommandError::NoOutput(number));
         }
@@ -164,7 +164,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.tell(EventKind::CutterOn(channel));
         if !self.card.status().at_rest {
             // a jet may be opened in passing
-            let change = Change { channel, value: 1 };
+            let change = OutputChange { channel, value: 1 };
             return if self.send_by_hand(change) { Ok(()) } else { Err(CommandError::NoOutput(channel)) };
         }
         self.light(channel);

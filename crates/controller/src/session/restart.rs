@@ -5,7 +5,9 @@
 //! late report and no overtaking rate can start it.
 
 use retrace_core::mode::Mode;
-use retrace_link::{Change, CutterOff, CutterOffCause, MotionCard, Outputs, RepeatedInstruction, Word, channel};
+use retrace_link::{
+    CutterOff, CutterOffCause, HostCommand, MotionCard, OutputChange, Outputs, RepeatedInstruction, channel,
+};
 
 use super::Session;
 use crate::event::{CutterOffReason, EventKind};
@@ -98,12 +100,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn release_block(&mut self) {
         let last = self.card.status().repeated;
         // Where the card has no room for the word, it is asked again in the next period: it reports that it blocks still.
-        let _ = self.card.send(Word::Restart { last });
+        let _ = self.card.send(HostCommand::Restart { last });
     }
 
     /// Goes on with a restart that is under way. To be called before every control period.
     pub(super) fn advance_restart(&mut self) {
-        if self.restart.stage == Stage::Asking && self.card.send(Word::Restart { last: self.restart.last() }).is_ok() {
+        if self.restart.stage == Stage::Asking
+            && self.card.send(HostCommand::Restart { last: self.restart.last() }).is_ok()
+        {
             self.restart.stage = Stage::Blocking;
         }
         if self.restart.stage == Stage::Blocking && self.card.status().blocked {
@@ -130,7 +134,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let RestartStep { code, line, changes, count, periods, until } = self.restart.steps[self.restart.sent];
             let number = self.restart.before.wrapping_add(self.restart.sent as u32 + 1);
             let repeated = RepeatedInstruction { number, changes, count, periods, until };
-            if self.card.send(Word::Repeat(repeated)).is_err() {
+            if self.card.send(HostCommand::Repeat(repeated)).is_err() {
                 return;
             }
             changes[..usize::from(count)].iter().for_each(|change| self.by_hand.superseded(change.channel));
@@ -162,7 +166,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn switch_off(&mut self, channel: u8, reason: CutterOffReason) {
         if self.card.status().outputs.get(usize::from(channel)).is_some_and(|&value| value != 0) {
             // a card takes every channel that its settings name
-            self.send_by_hand(Change { channel, value: 0 });
+            self.send_by_hand(OutputChange { channel, value: 0 });
             self.tell(EventKind::CutterOff { channel, reason });
         }
     }

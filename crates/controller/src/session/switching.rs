@@ -4,7 +4,7 @@
 //! card has reported it complete.
 
 use retrace_core::mode::{Mode, ModeCommand, ModeOutput};
-use retrace_link::{Change, Instruction, MotionCard, Word, channel};
+use retrace_link::{HostCommand, Instruction, MotionCard, OutputChange, channel};
 
 use super::Session;
 use crate::event::{CardError, EventKind};
@@ -39,12 +39,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place, until) = (self.supply.number(), exclusive.place, exclusive.until);
-        let fires = |change: &Change| self.cutting.contains(&change.channel);
+        let fires = |change: &OutputChange| self.cutting.contains(&change.channel);
         let keeps_cutter = kind == Kind::Dwell || changes[..usize::from(count)].iter().any(fires);
         let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter };
         // First the rate: where that is zero still, the card would keep the instruction for a period.
         self.set_rate(demand);
-        self.card.send(Word::Instruction(instruction)).map_err(|refusal| CardError::Fault {
+        self.card.send(HostCommand::Instruction(instruction)).map_err(|refusal| CardError::Fault {
             number: "E3001",
             cause: format!("the card did not take {code}: {refusal:?}"),
             remedy: "the machine stands where the card says; check the card, then resume".into(),
@@ -64,7 +64,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.tell_at(done.line, EventKind::Switched(done.code));
             let want = self.supply.expected();
             let are = self.outputs_compared_with(want);
-            let differs = |change: &Change| are[usize::from(change.channel)] != want[usize::from(change.channel)];
+            let differs = |change: &OutputChange| are[usize::from(change.channel)] != want[usize::from(change.channel)];
             let switched_by_hand = done.changes[..usize::from(done.count)].iter().any(differs);
             if switched_by_hand && self.operation.mode() == Mode::Run && !self.operation.held() {
                 // While it was carried out somebody has switched it back: motion does not begin without a question.

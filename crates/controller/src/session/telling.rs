@@ -3,14 +3,14 @@
 //! Invariant: nothing here allocates or formats; every event has the period and the place at which it happened.
 
 use retrace_core::mode::Mode;
-use retrace_link::{MotionCard, Status, channel};
+use retrace_link::{CardStatus, MotionCard, channel};
 
 use super::Session;
 use crate::event::{DifferingOutputs, Event, EventKind};
 use crate::stream::{Period, Standing, Told};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    pub(super) fn tell_period(&mut self, status: &Status<A>) {
+    pub(super) fn tell_period(&mut self, status: &CardStatus<A>) {
         self.teller.outputs(&status.outputs);
         let period = Period {
             oldest: self.supply.oldest(),
@@ -25,7 +25,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     /// Reports outputs that were switched because the path is retraced and outputs are replayed.
-    pub(super) fn watch_replayed_outputs(&mut self, status: &Status<A>) {
+    pub(super) fn watch_replayed_outputs(&mut self, status: &CardStatus<A>) {
         let before = std::mem::replace(&mut self.outputs, status.outputs);
         if !self.replays || self.operation.mode() == Mode::Run || status.rate == 0 {
             return;

@@ -4,7 +4,7 @@
 //! the job is then stopped at its breakpoint.
 
 use retrace_core::mode::Mode;
-use retrace_link::{MotionCard, Start, Status};
+use retrace_link::{CardStatus, MotionCard, PathStart};
 
 use super::{Outcome, Session};
 use crate::dnc::{Dnc, Flags, Step};
@@ -17,13 +17,13 @@ use crate::stream::{Period, Standing, Told};
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Moves the axes from where they stand to the counts `to`; nothing moves where they are there. `Some`: the job ends instead.
     pub(super) fn go_to_breakpoint(&mut self, to: [i64; A]) -> Result<Option<Outcome>, CardError> {
-        let Status { counts: from, executed, .. } = *self.card.status();
+        let CardStatus { counts: from, executed, .. } = *self.card.status();
         if from == to {
             return Ok(None);
         }
         let Some(mut hand) = self.dnc.take_hand() else { return Err(not_planned()) };
         // A card that was only asked where it stands is opened by that.
-        let begins = Start { executed, ..Start::at(hand.ring.write()) };
+        let begins = PathStart { executed, ..PathStart::at(hand.ring.write()) };
         self.card.begin(begins).map_err(|fault| CardError::of(&fault))?;
         self.tell_way_back(Step::Approaching);
         let request = Request::Approach { from, to };

@@ -5,7 +5,7 @@
 use retrace_core::mode::{Mode, ModeOutput};
 use retrace_core::place::before;
 use retrace_core::{ONE, Place, RateTarget, Travel};
-use retrace_link::{MotionCard, Status, Word};
+use retrace_link::{CardStatus, HostCommand, MotionCard};
 
 use super::Session;
 use super::back::Back;
@@ -38,20 +38,20 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn slide(&mut self, demand: ModeOutput) {
         let road = if demand.look_ahead { Road::LookAhead } else { Road::Reached };
         if road == Road::Reached {
-            let Status { reached, low, high, .. } = *self.card.status();
+            let CardStatus { reached, low, high, .. } = *self.card.status();
             let oldest = self.oldest();
             self.road_cut = !before(reached, high);
             if before(reached, high) {
-                self.road_cut = self.card.send(Word::Trim { high: reached }).is_ok();
+                self.road_cut = self.card.send(HostCommand::Trim { high: reached }).is_ok();
             }
             if before(low, oldest) && before(oldest, high) {
-                self.road_cut &= self.card.send(Word::Forget { low: oldest }).is_ok();
+                self.road_cut &= self.card.send(HostCommand::Forget { low: oldest }).is_ok();
             }
         } else {
             self.road_cut = true;
         }
         // Where a path is taken up inside of a record, that one comes first.
-        let Status { place, high, .. } = *self.card.status();
+        let CardStatus { place, high, .. } = *self.card.status();
         let stands_inside = place.fraction != 0 && high == place.record;
         if demand.target.faster() < 0 && !stands_inside {
             let oldest = self.oldest();
@@ -69,7 +69,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let within = |rate: Travel| if cutting { rate.clamp(-ONE, ONE) } else { rate };
         let target = RateTarget { feed: within(feed), rapid: within(rapid) };
         let target = if self.waits_for_records() || !self.road_cut { RateTarget::ZERO } else { target };
-        if self.target != Some(target) && self.card.send(Word::Rate(target)).is_ok() {
+        if self.target != Some(target) && self.card.send(HostCommand::Rate(target)).is_ok() {
             self.target = Some(target);
         }
     }
@@ -90,14 +90,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     /// Underruns, and the end of a single block.
-    pub(super) fn watch_supply(&mut self, status: &Status<A>, mode: Mode) {
+    pub(super) fn watch_supply(&mut self, status: &CardStatus<A>, mode: Mode) {
         if self.single && self.supply.block_end().is_some_and(|end| before(end, self.card.status().high)) {
             // The card could not stop there any more: at the next end of a block, then.
             self.next_block();
         }
         let at_block_end = self.single && self.supply.block_end() == Some(status.high);
         // who stands does not run dry: either there was nothing to run, or it was told on the way to rest
-        let dry = status.short && status.rate != 0 && mode == Mode::Run && !at_block_end;
+        let dry = status.starved && status.rate != 0 && mode == Mode::Run && !at_block_end;
         if dry && !self.dry {
             self.tally.underruns += 1;
             self.tell(EventKind::Underrun);

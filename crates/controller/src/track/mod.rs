@@ -8,7 +8,7 @@ mod switching;
 mod untrackable;
 
 use retrace_gcode::{Axis, Canon, LengthUnit, Nurbs, PathControl, Plane, Pose};
-use retrace_motion::{Arc, Feed, PathMode};
+use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::cutter_track::CutterTrack;
 use crate::machine::Machine;
@@ -124,7 +124,7 @@ impl<'m> Track<'m> {
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
         match canon {
-            Canon::StraightTraverse(end) => self.straight(end, Feed::Rapid, line, sink),
+            Canon::StraightTraverse(end) => self.straight(end, FeedRate::Rapid, line, sink),
             Canon::StraightFeed(end) => self.straight(end, self.feed(), line, sink),
             Canon::ArcFeed(arc) => self.arc(arc, line, sink),
             Canon::NurbsFeed(spline) => self.spline(spline, line, sink),
@@ -205,8 +205,8 @@ impl<'m> Track<'m> {
         Ok(own)
     }
 
-    fn feed(&self) -> Feed {
-        Feed::PerSecond(self.feed_mm_min / 60.0)
+    fn feed(&self) -> FeedRate {
+        FeedRate::PerSecond(self.feed_mm_min / 60.0)
     }
 
     /// The path mode that was programmed last.
@@ -240,7 +240,7 @@ impl<'m> Track<'m> {
     fn straight<const A: usize>(
         &mut self,
         end: &Pose,
-        feed: Feed,
+        feed: FeedRate,
         line: u32,
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
@@ -248,7 +248,7 @@ impl<'m> Track<'m> {
         let is_machine = std::mem::take(&mut self.to_machine_coordinates);
         let really = self.correction.map_or(position, |correction| correction.end_of(&self.at, &position, is_machine));
         let own = self.of_machine(&really)?;
-        if matches!(feed, Feed::Rapid) {
+        if matches!(feed, FeedRate::Rapid) {
             self.cutters.before_rapid(self.machine, line, sink)?;
         } else {
             self.cutters.before_feed(self.machine, line, sink);

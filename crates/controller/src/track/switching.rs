@@ -3,7 +3,7 @@
 //! Invariant: what no rule here knows is refused by name; a new canonical function is one that the compiler asks for here.
 
 use retrace_gcode::{Canon, FeedMode};
-use retrace_link::{Change, channel};
+use retrace_link::{OutputChange, channel};
 
 use super::{Track, Untrackable};
 use crate::feed::Switch;
@@ -128,7 +128,7 @@ impl Track<'_> {
         line: u32,
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
-        let change = Change { channel: channel::TOOL, value: tool as i32 };
+        let change = OutputChange { channel: channel::TOOL, value: tool as i32 };
         let Switching { periods, until, in_reverse, .. } = self.machine.switching.of("M6");
         let manual = self.machine.tool_change == ToolChange::Manual;
         if manual {
@@ -147,7 +147,7 @@ impl Track<'_> {
         let Some(code) = self.machine.switching.user_code(number) else {
             return Err(Untrackable::NotSupported("a user code that the machine file does not declare"));
         };
-        let change = Change { channel: code.output, value: code.value };
+        let change = OutputChange { channel: code.output, value: code.value };
         self.carry_out(code.name, change, code.switching, line, sink)
     }
 
@@ -160,14 +160,14 @@ impl Track<'_> {
         line: u32,
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
-        self.carry_out(code, Change { channel, value }, self.machine.switching.of(code), line, sink)
+        self.carry_out(code, OutputChange { channel, value }, self.machine.switching.of(code), line, sink)
     }
 
     /// Switches a digital output by M62 … M65.
     fn switch_output<const A: usize>(
         &mut self,
         code: &'static str,
-        change: Change,
+        change: OutputChange,
         line: u32,
         sink: &mut impl Sink<A>,
     ) -> Result<(), Untrackable> {
@@ -177,7 +177,7 @@ impl Track<'_> {
     fn carry_out<const A: usize>(
         &mut self,
         code: &'static str,
-        change: Change,
+        change: OutputChange,
         switching: Switching,
         line: u32,
         sink: &mut impl Sink<A>,
@@ -194,7 +194,7 @@ impl Track<'_> {
     fn exclusive<const A: usize>(
         &self,
         code: &'static str,
-        changes: &[Change],
+        changes: &[OutputChange],
         switching: Switching,
         line: u32,
         sink: &mut impl Sink<A>,
@@ -205,9 +205,9 @@ impl Track<'_> {
     }
 }
 
-fn digital(number: i32, value: i32) -> Result<Change, Untrackable> {
+fn digital(number: i32, value: i32) -> Result<OutputChange, Untrackable> {
     match u8::try_from(number) {
-        Ok(n) if usize::from(n) < channel::DIGITAL => Ok(Change { channel: n, value }),
+        Ok(n) if usize::from(n) < channel::DIGITAL => Ok(OutputChange { channel: n, value }),
         _ => Err(Untrackable::NoSuchOutput(number)),
     }
 }

@@ -6,8 +6,8 @@ use retrace_controller::judge::{AxisLimits, LimitJudge};
 use retrace_controller::machine::Machine;
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_hal_sim::{Clock, SimCard};
-use retrace_link::{MotionCard, Status, Word};
-use retrace_motion::{Arc, Feed, PathMode, Planner};
+use retrace_link::{CardStatus, HostCommand, MotionCard};
+use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 /// The fastest feed.
 pub const FEED_MM_S: f64 = 100.0;
@@ -76,7 +76,7 @@ pub fn records(path: &[Move]) -> Vec<Record<3>> {
         if records.len() > LONGEST / 4 {
             break;
         }
-        let (feed, tag) = (Feed::PerSecond(m.feed), k as u32 + 1);
+        let (feed, tag) = (FeedRate::PerSecond(m.feed), k as u32 + 1);
         match m.centre {
             None => planner.line(m.end, feed, m.mode, tag).expect("a valid line"),
             Some(centre_mm) => {
@@ -132,7 +132,7 @@ impl Played {
         Self { card, judge, records, log: Vec::new(), asked: 0 }
     }
 
-    fn status(&self) -> &Status<3> {
+    fn status(&self) -> &CardStatus<3> {
         self.card.status()
     }
 
@@ -141,11 +141,11 @@ impl Played {
         loop {
             let (low, high) = (self.status().low, self.status().high as usize);
             let word = if self.asked >= 0 && high < self.records.len() {
-                Word::Ahead { place: high as u32, record: self.records[high] }
+                HostCommand::Ahead { place: high as u32, record: self.records[high] }
             } else if self.asked < 0 && low > 0 {
                 let n = low as usize - 1;
                 let rests = n == 0 || self.records[n - 1].flags.has(Flags::REST);
-                Word::Behind { place: n as u32, record: self.records[n], rests }
+                HostCommand::Behind { place: n as u32, record: self.records[n], rests }
             } else {
                 return;
             };
@@ -164,7 +164,7 @@ impl Played {
 
     /// Asks for a rate, for so many periods.
     pub fn ask(&mut self, target: Travel, periods: u32) {
-        self.card.send(Word::rate(target)).expect("a rate");
+        self.card.send(HostCommand::rate(target)).expect("a rate");
         self.asked = target;
         (0..periods).for_each(|_| self.period());
     }

@@ -10,7 +10,7 @@ use retrace_controller::index::{Durable, Index, Keeping, Mark, Note};
 use retrace_controller::job::{self, Begin};
 use retrace_core::ONE;
 use retrace_core::place::before;
-use retrace_link::{MotionCard, Refusal, Start, Status, Word};
+use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
 
 use crate::jobs::{AXES, Decoder, Log, boundary, card, complete, conduct, machine};
 
@@ -35,19 +35,19 @@ impl<C: MotionCard<AXES>> MotionCard<AXES> for Strict<C> {
     fn window(&self) -> u32 {
         self.0.window()
     }
-    fn send(&mut self, word: Word<AXES>) -> Result<(), Refusal> {
-        if let Word::Ahead { place, .. } = word {
+    fn send(&mut self, word: HostCommand<AXES>) -> Result<(), CommandRefusal> {
+        if let HostCommand::Ahead { place, .. } = word {
             assert!(before(place, self.1.place()), "record {place}, durable up to {}", self.1.place());
         }
         self.0.send(word)
     }
-    fn period(&mut self) -> Result<&Status<AXES>, Self::Fault> {
+    fn period(&mut self) -> Result<&CardStatus<AXES>, Self::Fault> {
         self.0.period()
     }
-    fn begin(&mut self, start: Start) -> Result<(), Self::Fault> {
+    fn begin(&mut self, start: PathStart) -> Result<(), Self::Fault> {
         self.0.begin(start)
     }
-    fn status(&self) -> &Status<AXES> {
+    fn status(&self) -> &CardStatus<AXES> {
         self.0.status()
     }
 }

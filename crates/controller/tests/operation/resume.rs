@@ -12,7 +12,7 @@ use retrace_controller::resume::{Prepared, Resumption, Unfound};
 use retrace_controller::session::Outcome;
 use retrace_core::{ONE, Travel};
 use retrace_hal_sim::{Random, SimCard};
-use retrace_link::{MotionCard, Outputs, Start, channel};
+use retrace_link::{MotionCard, Outputs, PathStart, channel};
 
 use crate::jobs::{AXES, Decoder, Log, card, complete, conduct, machine};
 use crate::wired::{self, Path};
@@ -44,7 +44,7 @@ impl Kept {
 
     fn resumption(&self, left: &Card) -> Resumption {
         let status = left.status();
-        let start = Start { place: status.place, rests: false, reached: status.reached, executed: status.executed };
+        let start = PathStart { place: status.place, rests: false, reached: status.reached, executed: status.executed };
         Resumption { overrides: self.overrides(), marks: self.marks(), ..Resumption::at(start, 0) }
     }
 }
@@ -209,7 +209,7 @@ fn what_is_not_the_same_is_refused_with_the_reason() {
     assert!(matches!(unfound(&blocks, &at), Unfound::Differs(_)), "lines and blocks count, too");
     let unmarked = Resumption { marks: Vec::new(), ..at.clone() };
     assert!(matches!(unfound("G21 F2400\nM3\nG1 X1\n", &unmarked), Unfound::Ends { .. }));
-    let wrong = |executed| Resumption { start: Start { executed, ..at.start }, ..unmarked.clone() };
+    let wrong = |executed| Resumption { start: PathStart { executed, ..at.start }, ..unmarked.clone() };
     assert!(matches!(unfound(LAPS, &wrong(0)), Unfound::Instruction { number: 1, .. }));
     assert!(
         matches!(unfound(LAPS, &wrong(2)), Unfound::Instruction { number: 2, .. }),
@@ -219,7 +219,7 @@ fn what_is_not_the_same_is_refused_with_the_reason() {
     let mut far = at.clone();
     far.marks.push(Mark { place: at.start.reached + 501, ..Mark::default() });
     assert_eq!(unfound(LAPS, &far), Unfound::NoSuchPlace, "farther than anything was planned");
-    let nowhere = Start { reached: at.start.place.record.wrapping_sub(1), ..at.start };
+    let nowhere = PathStart { reached: at.start.place.record.wrapping_sub(1), ..at.start };
     assert_eq!(unfound(LAPS, &Resumption { start: nowhere, ..unmarked.clone() }), Unfound::NoSuchPlace);
     // The counts disagree: it is found, and does not go on by itself.
     let elsewhere = card(&machine).standing_at([1, 0, 0, 0], &outputs);

@@ -29,8 +29,8 @@ use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Period, Standing, Told};
 use retrace_core::mode::Mode;
 use retrace_core::{ONE, Place, Travel};
-use retrace_hal_sim::{Clock, Random, SimCard, SimFault};
-use retrace_link::{MotionCard, Refusal, Start, Status, Word};
+use retrace_hal_sim::{Clock, Random, SimCard, SimCardError};
+use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
 use wired::{AXES, Decoder, Path, pick};
 
 /// From full rate the machine rests within so many periods of the word, wherever it is (docs/rate-law.md).
@@ -63,33 +63,33 @@ impl Turned {
 }
 
 impl MotionCard<AXES> for Turned {
-    type Fault = SimFault;
+    type Fault = SimCardError;
 
     fn window(&self) -> u32 {
         self.card.window()
     }
 
-    fn send(&mut self, word: Word<AXES>) -> Result<(), Refusal> {
-        let rate = if let Word::Rate(target) = word { target.feed } else { self.asked };
+    fn send(&mut self, word: HostCommand<AXES>) -> Result<(), CommandRefusal> {
+        let rate = if let HostCommand::Rate(target) = word { target.feed } else { self.asked };
         self.card.send(word)?;
         self.asked = rate;
         Ok(())
     }
 
-    fn period(&mut self) -> Result<&Status<AXES>, SimFault> {
+    fn period(&mut self) -> Result<&CardStatus<AXES>, SimCardError> {
         self.log.push(self.asked);
         let moment = self.moments.pop_front().unwrap_or_default();
-        self.card.machine().turn(moment.encoder);
+        self.card.machine().turn_wheel(moment.encoder);
         self.say(moment);
         self.told += i64::from(self.card.period()?.wheel);
         Ok(self.card.status())
     }
 
-    fn begin(&mut self, start: Start) -> Result<(), SimFault> {
+    fn begin(&mut self, start: PathStart) -> Result<(), SimCardError> {
         self.card.begin(start)
     }
 
-    fn status(&self) -> &Status<AXES> {
+    fn status(&self) -> &CardStatus<AXES> {
         self.card.status()
     }
 }
@@ -148,7 +148,7 @@ fn run(seed: u64) -> Case {
     let moments = moments(&mut random, setting);
     let mut card = SimCard::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
     // wherever the free-running counter is, next to where it wraps more often than not
-    card.machine().turn(pick(&mut random, &[0, -1, -6, 300, 32_760, -32_760]));
+    card.machine().turn_wheel(pick(&mut random, &[0, -1, -6, 300, 32_760, -32_760]));
     let (orders, heard) = orders();
     let mut waits = VecDeque::from(moments.clone());
     let first = waits.pop_front().unwrap_or_default();

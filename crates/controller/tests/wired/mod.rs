@@ -18,9 +18,12 @@ use retrace_controller::session::{Manner, Outcome};
 use retrace_controller::stream::{Observer, Told};
 use retrace_core::playback::part;
 use retrace_core::{Place, Travel};
-use retrace_gcode::{AxisSet, Program, Progress, Setup, Step};
-use retrace_hal_sim::{Clock, InProcess, Leftover, LineSettings, NoFault, Random, Rig, RigSettings, SimCard};
-use retrace_link::{LineCounts, MotionCard, Outputs, Patience, Port, Start, Status, Wired};
+use retrace_gcode::{AxisSet, CanonStep, Program, Progress, Setup};
+use retrace_hal_sim::{
+    CardSimulator, CardSimulatorSettings, Clock, InFlightPolicy, InProcess, NoFault, Random, SerialChannelSettings,
+    SimCard,
+};
+use retrace_link::{BytePort, CardStatus, LineCounts, LinkTimeouts, LinkedCard, MotionCard, Outputs, PathStart};
 
 /// Axes of the card; the built-in machine uses three of them.
 pub const AXES: usize = 4;
@@ -37,7 +40,7 @@ impl Decoder {
 }
 
 impl Decode for Decoder {
-    fn next_block(&mut self, steps: &mut Vec<Step>) -> Decoded {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
         match self.0.advance(steps) {
             Progress::End => Decoded::End,
             Progress::Refused => Decoded::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
@@ -126,7 +129,7 @@ pub struct Period {
 pub type CardLog = Arc<Mutex<Vec<Period>>>;
 
 /// Takes down every control period of a rig's card from now on.
-pub fn watched(rig: &mut Rig<AXES>) -> CardLog {
+pub fn watched(rig: &mut CardSimulator<AXES>) -> CardLog {
     let log = CardLog::default();
     let sink = Arc::clone(&log);
     rig.watch(Box::new(move |moment| {
@@ -136,7 +139,7 @@ pub fn watched(rig: &mut Rig<AXES>) -> CardLog {
             place: s.place,
             rate: s.rate,
             at_rest: s.at_rest,
-            short: s.short,
+            short: s.starved,
             held: s.high,
             counts: s.counts,
             positions: *moment.positions,
@@ -152,19 +155,19 @@ pub fn watched(rig: &mut Rig<AXES>) -> CardLog {
 pub struct Cable {
     pub port: InProcess<AXES>,
     /// When, and what becomes of the bytes on their way; the next one last.
-    pub pulled: Vec<(u64, Leftover)>,
+    pub pulled: Vec<(u64, InFlightPolicy)>,
     /// All bytes that the host wrote, and that it read, if wanted.
     pub taps: Option<[Vec<u8>; 2]>,
 }
 
-impl Port for Cable {
+impl BytePort for Cable {
     type Fault = NoFault;
 
     fn now_us(&self) -> u64 {
         self.port.now_us()
     }
-    fn room(&mut self) -> usize {
-        self.port.room()
+    fn writable_bytes(&mut self) -> usize {
+        self.port.writable_bytes()
     }
     fn write(&mut self, bytes: &[u8]) -> Result<usize, NoFault> {
         let count = self.port.write(bytes)?;
@@ -193,15 +196,15 @@ pub struct Trial<'a> {
     pub machine: &'a Machine,
     pub program: &'a str,
     pub script: &'a str,
-    pub rig: RigSettings,
-    pub pulled: Vec<(u64, Leftover)>,
+    pub rig: CardSimulatorSettings,
+    pub pulled: Vec<(u64, InFlightPolicy)>,
     pub tapped: bool,
 }
 
 /// What came of it.
 pub struct Done {
     pub outcome: Outcome,
-    pub status: Status<AXES>,
+    pub status: CardStatus<AXES>,
     pub log: Vec<Period>,
     pub line: LineCounts,
     pub cable: Cable,
@@ -269,14 +272,14 @@ fn judged(machine: &Machine, log: &[Period]) -> Verdict<AXES> {
 
 /// Runs a job over a line. `Err`: no job was opened on the card, and why.
 pub fn run(trial: Trial<'_>) -> Result<Done, String> {
-    let mut rig = Rig::<AXES>::new(&trial.rig).expect("a card");
+    let mut rig = CardSimulator::<AXES>::new(&trial.rig).expect("a card");
     let log = watched(&mut rig);
     let mut pulled = trial.pulled;
     pulled.sort_by_key(|&(at_us, _)| std::cmp::Reverse(at_us));
     let taps = trial.tapped.then(Default::default);
     let cable = Cable { port: InProcess::new(rig), pulled, taps };
-    let mut card = Box::new(Wired::find(cable, 7, Patience::default()).map_err(|fault| fault.to_string())?);
-    card.open(trial.machine.card_settings(Start::at(0))).map_err(|fault| fault.to_string())?;
+    let mut card = Box::new(LinkedCard::find(cable, 7, LinkTimeouts::default()).map_err(|fault| fault.to_string())?);
+    card.open(trial.machine.card_settings(PathStart::at(0))).map_err(|fault| fault.to_string())?;
     let mut watch = Watch { periods: 0, events: Vec::new() };
     let script = operator::parse(trial.script, "script").expect("a script");
     let operators = Operators::script(ScriptPlayer::new(script, trial.machine.period_us));
@@ -380,8 +383,8 @@ pub fn ended_well(path: &Path, done: &Done) -> Result<(), String> {
 }
 
 /// A line with nothing wrong, at a baud rate.
-pub fn good_line(baud: u32) -> LineSettings {
-    LineSettings { baud, latency_us: 100, ..LineSettings::default() }
+pub fn good_line(baud: u32) -> SerialChannelSettings {
+    SerialChannelSettings { baud, latency_us: 100, ..SerialChannelSettings::default() }
 }
 
 /// One of some things.

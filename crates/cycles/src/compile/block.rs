@@ -3,11 +3,11 @@
 //! Invariant: assignments are carried out in their order, before the block that they stand in.
 
 use super::Compiler;
-use super::lex::{Kind, Parsed, Sign, Span, fault};
+use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use super::names::{Shape, Variable};
 use crate::code::Op;
-use crate::codes::Code;
 use crate::cycle::Type;
+use crate::error_codes::ErrorCode;
 use crate::host::{MAX_G, MAX_M, MAX_WORDS};
 
 /// Letters that a block's words begin with.
@@ -55,7 +55,7 @@ struct Words {
 
 impl Compiler<'_> {
     /// Assignments and words, to the end of the block.
-    pub(super) fn items(&mut self) -> Parsed {
+    pub(super) fn items(&mut self) -> CompileResult {
         let mut words = Words::default();
         while let Some(kind) = self.peek() {
             let span = self.here_span();
@@ -69,7 +69,7 @@ impl Compiler<'_> {
                     self.skip();
                     if self.peek() == Some(Kind::Sign(Sign::Assign)) {
                         return fault(
-                            Code::WordUnknown,
+                            ErrorCode::WordUnknown,
                             span,
                             "this is not a variable, and an address has no number before =",
                         );
@@ -77,7 +77,7 @@ impl Compiler<'_> {
                     self.word(&mut words, letter, Some(value), span)?;
                 }
                 Kind::Name => self.name_item(&mut words, span)?,
-                _ => return fault(Code::NotUnderstood, span, "a word, an assignment or a call is needed here"),
+                _ => return fault(ErrorCode::NotUnderstood, span, "a word, an assignment or a call is needed here"),
             }
         }
         if words.has_begun {
@@ -86,7 +86,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    fn name_item(&mut self, words: &mut Words, span: Span) -> Parsed {
+    fn name_item(&mut self, words: &mut Words, span: Span) -> CompileResult {
         let name = self.word_here().to_ascii_uppercase();
         self.skip();
         if let Some(variable) = self.names.get(&name) {
@@ -113,9 +113,9 @@ impl Compiler<'_> {
             "DIAMOF" => self.code_g(words, 80, span),
             _ => match name.as_bytes() {
                 [letter] if is_address(*letter) => self.word(words, *letter, None, span),
-                [_] => fault(Code::WordUnknown, span, format!("{name} is not an address of a cycle's block")),
+                [_] => fault(ErrorCode::WordUnknown, span, format!("{name} is not an address of a cycle's block")),
                 _ => fault(
-                    Code::NameUnknown,
+                    ErrorCode::NameUnknown,
                     span,
                     format!("{name} is not a variable, and a call stands alone in its block"),
                 ),
@@ -124,7 +124,7 @@ impl Compiler<'_> {
     }
 
     /// `=` and a value, for a variable whose name was just taken.
-    fn assign(&mut self, variable: Variable, name: &str, span: Span) -> Parsed {
+    fn assign(&mut self, variable: Variable, name: &str, span: Span) -> CompileResult {
         self.indices(variable, name, span)?;
         self.expect(Sign::Assign, name)?;
         self.value_for(variable.of)?;
@@ -136,21 +136,21 @@ impl Compiler<'_> {
     }
 
     /// Begins the block with its first word; counts the words.
-    fn begin(&mut self, words: &mut Words, span: Span) -> Parsed {
+    fn begin(&mut self, words: &mut Words, span: Span) -> CompileResult {
         if !words.has_begun {
             words.has_begun = true;
             self.emit(Op::Begin);
         }
         words.letters.push(0);
         if words.letters.len() > MAX_WORDS {
-            return fault(Code::WordTwice, span, format!("a block has at most {MAX_WORDS} words"));
+            return fault(ErrorCode::WordTwice, span, format!("a block has at most {MAX_WORDS} words"));
         }
         Ok(())
     }
 
-    fn once(&mut self, words: &mut Words, letter: u8, span: Span) -> Parsed {
+    fn once(&mut self, words: &mut Words, letter: u8, span: Span) -> CompileResult {
         if words.letters.contains(&letter) {
-            return fault(Code::WordTwice, span, format!("{} stands twice in this block", char::from(letter)));
+            return fault(ErrorCode::WordTwice, span, format!("{} stands twice in this block", char::from(letter)));
         }
         self.begin(words, span)?;
         if let Some(last) = words.letters.last_mut() {
@@ -159,7 +159,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    fn equals_word(&mut self, words: &mut Words, letter: u8, op: Op, span: Span) -> Parsed {
+    fn equals_word(&mut self, words: &mut Words, letter: u8, op: Op, span: Span) -> CompileResult {
         self.once(words, letter, span)?;
         self.expect(Sign::Assign, "this word")?;
         self.number()?;
@@ -168,7 +168,7 @@ impl Compiler<'_> {
     }
 
     /// A word of one letter; its value was read with it, or follows.
-    fn word(&mut self, words: &mut Words, letter: u8, value: Option<f64>, span: Span) -> Parsed {
+    fn word(&mut self, words: &mut Words, letter: u8, value: Option<f64>, span: Span) -> CompileResult {
         if letter == b'G' {
             // 33.1 is not an exact number, its tenths are.
             return match value.map(|value| (value * 10.0, (value * 10.0).round())) {
@@ -180,12 +180,12 @@ impl Compiler<'_> {
                     }
                 }
                 Some((exact, _)) => self.unknown_code("G", exact / 10.0, span),
-                None => fault(Code::CodeUnknown, span, "a G code of a cycle is a constant"),
+                None => fault(ErrorCode::CodeUnknown, span, "a G code of a cycle is a constant"),
             };
         }
         if !is_address(letter) {
             let message = format!("{} is not an address of a cycle's block", char::from(letter));
-            return fault(Code::WordUnknown, span, message);
+            return fault(ErrorCode::WordUnknown, span, message);
         }
         if letter == b'M' {
             return self.code_m(words, value, span);
@@ -202,7 +202,7 @@ impl Compiler<'_> {
     }
 
     /// `=value`, a number that follows, or the one that was read with the letter.
-    fn value_of_word(&mut self, value: Option<f64>) -> Parsed {
+    fn value_of_word(&mut self, value: Option<f64>) -> CompileResult {
         if let Some(value) = value {
             self.emit(Op::Number(value));
             return Ok(());
@@ -220,20 +220,20 @@ impl Compiler<'_> {
                 self.emit(Op::Number(if is_negative { -value } else { value }));
                 Ok(())
             }
-            _ => fault(Code::ValueMissing, self.here_span(), "a number is missing, or = before an expression"),
+            _ => fault(ErrorCode::ValueMissing, self.here_span(), "a number is missing, or = before an expression"),
         }
     }
 
-    fn code_g(&mut self, words: &mut Words, code: u16, span: Span) -> Parsed {
+    fn code_g(&mut self, words: &mut Words, code: u16, span: Span) -> CompileResult {
         if code == 40 {
             if words.letters.iter().any(|letter| b"FS".contains(letter)) {
-                return fault(Code::NotUnderstood, span, "G4 stands before its F or S");
+                return fault(ErrorCode::NotUnderstood, span, "G4 stands before its F or S");
             }
             words.dwells = true;
         }
         words.g += 1;
         if words.g > MAX_G {
-            return fault(Code::WordTwice, span, format!("a block has at most {MAX_G} G codes"));
+            return fault(ErrorCode::WordTwice, span, format!("a block has at most {MAX_G} G codes"));
         }
         if !words.has_begun {
             words.has_begun = true;
@@ -243,23 +243,23 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    fn code_m(&mut self, words: &mut Words, value: Option<f64>, span: Span) -> Parsed {
+    fn code_m(&mut self, words: &mut Words, value: Option<f64>, span: Span) -> CompileResult {
         if value.is_some_and(|value| matches!(value, 2.0 | 17.0 | 30.0)) {
             if value != Some(17.0) {
-                return fault(Code::CodeUnknown, span, "M2 and M30 end a program; a cycle ends with M17 or RET");
+                return fault(ErrorCode::CodeUnknown, span, "M2 and M30 end a program; a cycle ends with M17 or RET");
             }
             if words.has_begun {
-                return fault(Code::NotUnderstood, span, "M17 stands alone in its block");
+                return fault(ErrorCode::NotUnderstood, span, "M17 stands alone in its block");
             }
             self.emit(Op::Return);
             return Ok(());
         }
-        if let Some(value) = value.filter(|value| !crate::machine::is_known_m(*value)) {
+        if let Some(value) = value.filter(|value| !crate::vm::is_known_m(*value)) {
             return self.unknown_code("M", value, span);
         }
         words.m += 1;
         if words.m > MAX_M {
-            return fault(Code::WordTwice, span, format!("a block has at most {MAX_M} M codes"));
+            return fault(ErrorCode::WordTwice, span, format!("a block has at most {MAX_M} M codes"));
         }
         if !words.has_begun {
             words.has_begun = true;
@@ -270,7 +270,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    fn unknown_code(&self, letter: &str, value: f64, span: Span) -> Parsed {
-        fault(Code::CodeUnknown, span, format!("{letter}{value} is not known in a cycle"))
+    fn unknown_code(&self, letter: &str, value: f64, span: Span) -> CompileResult {
+        fault(ErrorCode::CodeUnknown, span, format!("{letter}{value} is not known in a cycle"))
     }
 }

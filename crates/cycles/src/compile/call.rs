@@ -4,17 +4,17 @@
 
 use super::Compiler;
 use super::expression::Ty;
-use super::lex::{Kind, Parsed, Sign, Span, fault};
+use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use crate::code::{CallSite, Op, Passed};
-use crate::codes::Code;
 use crate::cycle::Type;
+use crate::error_codes::ErrorCode;
 
 /// Arguments of STOCKPATH behind the contour: MID, FALZ, FALX, FAL, VARI, DAM, _VRT.
 const STOCK_NUMBERS: usize = 7;
 
 impl Compiler<'_> {
     /// `NAME(a, , "text")`, or `NAME` alone.
-    pub(super) fn call(&mut self, name: &str, span: Span) -> Parsed {
+    pub(super) fn call(&mut self, name: &str, span: Span) -> CompileResult {
         self.skip();
         let mut arguments = Vec::new();
         let open = self.here_span();
@@ -34,7 +34,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    fn argument(&mut self) -> Parsed<Passed> {
+    fn argument(&mut self) -> CompileResult<Passed> {
         if matches!(self.peek(), Some(Kind::Sign(Sign::Comma | Sign::Close))) {
             return Ok(Passed::Nothing);
         }
@@ -54,7 +54,7 @@ impl Compiler<'_> {
     }
 
     /// `STOCKPATH(NPP, MID, FALZ, FALX, FAL, VARI, DAM, _VRT)`: a number, the number of moves.
-    pub(super) fn stock_path(&mut self, span: Span) -> Parsed<Ty> {
+    pub(super) fn stock_path(&mut self, span: Span) -> CompileResult<Ty> {
         let open = self.here_span();
         self.expect(Sign::Open, "STOCKPATH")?;
         if let Some(parameter) = self.handed_on() {
@@ -69,14 +69,14 @@ impl Compiler<'_> {
         self.close(Sign::Close, open)?;
         if count != STOCK_NUMBERS {
             let message = format!("STOCKPATH takes a contour and {STOCK_NUMBERS} numbers, not {count}");
-            return fault(Code::FunctionArguments, self.since(span.start), message);
+            return fault(ErrorCode::FunctionArguments, self.since(span.start), message);
         }
         self.emit(Op::StockPath);
         Ok(Ty::Int)
     }
 
     /// `MSG("text" << value)`, `SETAL(61101, "text" << value)`.
-    pub(super) fn tell(&mut self, word: &str) -> Parsed {
+    pub(super) fn tell(&mut self, word: &str) -> CompileResult {
         self.skip();
         let open = self.here_span();
         self.expect(Sign::Open, word)?;

@@ -3,11 +3,11 @@
 //! Invariant: the code of an expression leaves exactly one value on the stack, of the type that is returned.
 
 use super::Compiler;
-use super::lex::{Kind, Parsed, Sign, Span, fault};
+use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use super::names::{R_PARAMETERS, Shape, Variable};
 use crate::code::{Function, Op, Operator};
-use crate::codes::Code;
 use crate::cycle::Type;
+use crate::error_codes::ErrorCode;
 
 /// Deepest nesting of parentheses and structures.
 pub(super) const DEEPEST: usize = 40;
@@ -46,34 +46,34 @@ const JOINED: u8 = OR;
 
 impl Compiler<'_> {
     /// An expression of any type.
-    pub(super) fn value(&mut self) -> Parsed<Ty> {
+    pub(super) fn value(&mut self) -> CompileResult<Ty> {
         self.operators(0)
     }
 
     /// A part of a message.
-    pub(super) fn message_part(&mut self) -> Parsed<Ty> {
+    pub(super) fn message_part(&mut self) -> CompileResult<Ty> {
         self.operators(JOINED)
     }
 
     /// An expression that is a number.
-    pub(super) fn number(&mut self) -> Parsed {
+    pub(super) fn number(&mut self) -> CompileResult {
         let start = self.here();
         match self.value()? {
-            Ty::Text => fault(Code::TypeMismatch, self.since(start), "a number is needed, and this is a text"),
+            Ty::Text => fault(ErrorCode::TypeMismatch, self.since(start), "a number is needed, and this is a text"),
             _ => Ok(()),
         }
     }
 
     /// An expression for a place of this type.
-    pub(super) fn value_for(&mut self, of: Type) -> Parsed {
+    pub(super) fn value_for(&mut self, of: Type) -> CompileResult {
         let start = self.here();
         let is_text = self.value()? == Ty::Text;
         match (is_text, of.is_text()) {
             (true, false) => {
-                fault(Code::TypeMismatch, self.since(start), format!("{of} is needed, and this is a text"))
+                fault(ErrorCode::TypeMismatch, self.since(start), format!("{of} is needed, and this is a text"))
             }
             (false, true) => {
-                fault(Code::TypeMismatch, self.since(start), format!("{of} is needed, and this is a number"))
+                fault(ErrorCode::TypeMismatch, self.since(start), format!("{of} is needed, and this is a number"))
             }
             _ => Ok(()),
         }
@@ -108,7 +108,7 @@ impl Compiler<'_> {
     }
 
     /// Operators that bind at least this close, and what they stand between.
-    fn operators(&mut self, least: u8) -> Parsed<Ty> {
+    fn operators(&mut self, least: u8) -> CompileResult<Ty> {
         let start = self.here();
         let mut left = self.operand()?;
         let mut compared = false;
@@ -124,7 +124,7 @@ impl Compiler<'_> {
             let right_span = self.since(right_start);
             left = match closeness {
                 COMPARISON if compared => {
-                    return fault(Code::ComparisonChained, sign, "what is compared here is itself a comparison");
+                    return fault(ErrorCode::ComparisonChained, sign, "what is compared here is itself a comparison");
                 }
                 COMPARISON => {
                     compared = true;
@@ -140,27 +140,29 @@ impl Compiler<'_> {
             };
         }
         if least <= COMPARISON && self.peek() == Some(Kind::Sign(Sign::Join)) {
-            return fault(Code::TextJoin, self.here_span(), "<< joins texts in MSG and SETAL only");
+            return fault(ErrorCode::TextJoin, self.here_span(), "<< joins texts in MSG and SETAL only");
         }
         Ok(left)
     }
 
-    fn comparison(&mut self, operator: Operator, left: Ty, right: Ty, sign: Span) -> Parsed<Ty> {
+    fn comparison(&mut self, operator: Operator, left: Ty, right: Ty, sign: Span) -> CompileResult<Ty> {
         match (left == Ty::Text, right == Ty::Text) {
             (false, false) => self.emit(Op::Operate(operator)),
             (true, true) if matches!(operator, Operator::Equal | Operator::Unequal) => {
                 self.emit(Op::CompareTexts(operator == Operator::Unequal));
             }
-            (true, true) => return fault(Code::TypeMismatch, sign, "texts are equal (==) or not (<>), nothing else"),
-            _ => return fault(Code::TypeMismatch, sign, "a text is compared with a number"),
+            (true, true) => {
+                return fault(ErrorCode::TypeMismatch, sign, "texts are equal (==) or not (<>), nothing else");
+            }
+            _ => return fault(ErrorCode::TypeMismatch, sign, "a text is compared with a number"),
         }
         Ok(Ty::Bool)
     }
 
-    fn arithmetic(&mut self, operator: Operator, left: (Ty, Span), right: (Ty, Span)) -> Parsed<Ty> {
+    fn arithmetic(&mut self, operator: Operator, left: (Ty, Span), right: (Ty, Span)) -> CompileResult<Ty> {
         for (ty, span) in [left, right] {
             if ty == Ty::Text {
-                return fault(Code::TypeMismatch, span, "a text cannot be calculated with");
+                return fault(ErrorCode::TypeMismatch, span, "a text cannot be calculated with");
             }
         }
         self.emit(Op::Operate(operator));
@@ -173,21 +175,21 @@ impl Compiler<'_> {
     }
 
     /// A logical operand: BOOL or INT.
-    fn truth(ty: Ty, span: Span) -> Parsed {
+    fn truth(ty: Ty, span: Span) -> CompileResult {
         match ty {
             Ty::Bool | Ty::Int => Ok(()),
             Ty::Real => {
-                fault(Code::ComparisonChained, span, "AND, OR, XOR and NOT take truth values, and this is a REAL")
+                fault(ErrorCode::ComparisonChained, span, "AND, OR, XOR and NOT take truth values, and this is a REAL")
             }
-            Ty::Text => fault(Code::TypeMismatch, span, "a truth value is needed, and this is a text"),
+            Ty::Text => fault(ErrorCode::TypeMismatch, span, "a truth value is needed, and this is a text"),
         }
     }
 
     /// A value with the operators before it.
-    fn operand(&mut self) -> Parsed<Ty> {
+    fn operand(&mut self) -> CompileResult<Ty> {
         self.depth += 1;
         if self.depth > DEEPEST {
-            return fault(Code::TooDeep, self.here_span(), "this expression is nested too deep");
+            return fault(ErrorCode::TooDeep, self.here_span(), "this expression is nested too deep");
         }
         let span = self.here_span();
         let ty = match self.peek() {
@@ -213,11 +215,11 @@ impl Compiler<'_> {
         Ok(ty)
     }
 
-    fn negated(&mut self, span: Span) -> Parsed<Ty> {
+    fn negated(&mut self, span: Span) -> CompileResult<Ty> {
         let before = self.unit.ops.len();
         let ty = self.operators(NOT)?;
         if ty == Ty::Text {
-            return fault(Code::TypeMismatch, span, "a text has no sign");
+            return fault(ErrorCode::TypeMismatch, span, "a text has no sign");
         }
         // A constant is negated here and now.
         if let ([Op::Number(value)], true) = (&mut self.unit.ops[before..], self.folds) {
@@ -228,7 +230,7 @@ impl Compiler<'_> {
         Ok(ty)
     }
 
-    fn primary(&mut self) -> Parsed<Ty> {
+    fn primary(&mut self) -> CompileResult<Ty> {
         let span = self.here_span();
         match self.peek() {
             Some(Kind::Number(value)) => {
@@ -261,16 +263,16 @@ impl Compiler<'_> {
                 self.named_value(&name, span)
             }
             Some(Kind::Word { .. }) => {
-                fault(Code::ValueMissing, span, "a word of a block stands where a value is needed")
+                fault(ErrorCode::ValueMissing, span, "a word of a block stands where a value is needed")
             }
-            _ => fault(Code::ValueMissing, span, "a value is missing here"),
+            _ => fault(ErrorCode::ValueMissing, span, "a value is missing here"),
         }
     }
 
     /// The slot of `R5`.
-    pub(super) fn r_parameter(&mut self, number: f64, span: Span) -> Parsed<u16> {
+    pub(super) fn r_parameter(&mut self, number: f64, span: Span) -> CompileResult<u16> {
         if number.fract() != 0.0 || number >= f64::from(R_PARAMETERS) {
-            return fault(Code::NameUnknown, span, format!("R parameters go from R0 to R{}", R_PARAMETERS - 1));
+            return fault(ErrorCode::NameUnknown, span, format!("R parameters go from R0 to R{}", R_PARAMETERS - 1));
         }
         match self.names.r_parameters() {
             Some(first) => Ok(first + number as u16),
@@ -278,7 +280,7 @@ impl Compiler<'_> {
         }
     }
 
-    fn named_value(&mut self, name: &str, span: Span) -> Parsed<Ty> {
+    fn named_value(&mut self, name: &str, span: Span) -> CompileResult<Ty> {
         if let Some(variable) = self.names.get(name) {
             return self.variable(variable, name, span);
         }
@@ -304,12 +306,12 @@ impl Compiler<'_> {
         }
         match Function::named(name) {
             Some(function) => self.function(function, span),
-            None => fault(Code::NameUnknown, span, format!("{name} is neither a variable nor a function")),
+            None => fault(ErrorCode::NameUnknown, span, format!("{name} is neither a variable nor a function")),
         }
     }
 
     /// Reads a variable, with its indices.
-    fn variable(&mut self, variable: Variable, name: &str, span: Span) -> Parsed<Ty> {
+    fn variable(&mut self, variable: Variable, name: &str, span: Span) -> CompileResult<Ty> {
         self.indices(variable, name, span)?;
         self.emit(match variable.shape {
             Shape::Simple => Op::Load(variable.slot),
@@ -319,7 +321,7 @@ impl Compiler<'_> {
     }
 
     /// The indices behind a variable's name; they leave one number on the stack, or none for a simple variable.
-    pub(super) fn indices(&mut self, variable: Variable, name: &str, span: Span) -> Parsed {
+    pub(super) fn indices(&mut self, variable: Variable, name: &str, span: Span) -> CompileResult {
         let wanted = variable.shape.indices();
         let mut found = 0;
         if self.peek() == Some(Kind::Sign(Sign::OpenIndex)) {
@@ -336,7 +338,7 @@ impl Compiler<'_> {
         }
         if found != wanted {
             let span = self.since(span.start);
-            return fault(Code::ArrayIndex, span, format!("{name} has {wanted} indices, and {found} are given"));
+            return fault(ErrorCode::ArrayIndex, span, format!("{name} has {wanted} indices, and {found} are given"));
         }
         if let Shape::Table(rows, columns) = variable.shape {
             self.emit(Op::Element(rows, columns));

@@ -4,11 +4,11 @@
 
 use super::Compiler;
 use super::expression::DEEPEST;
-use super::lex::{Kind, Parsed, Sign, Span, fault};
+use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use super::names::{Shape, Variable};
 use crate::code::{Op, Operator};
-use crate::codes::Code;
 use crate::cycle::Type;
+use crate::error_codes::ErrorCode;
 
 /// A structure that is not closed yet.
 #[derive(Debug)]
@@ -63,7 +63,7 @@ enum Direction {
 }
 
 impl Compiler<'_> {
-    pub(super) fn structure(&mut self, word: &str, span: Span) -> Parsed {
+    pub(super) fn structure(&mut self, word: &str, span: Span) -> CompileResult {
         self.skip();
         let top = self.unit.ops.len();
         match word {
@@ -93,7 +93,7 @@ impl Compiler<'_> {
         }
     }
 
-    fn end_structure(&mut self, word: &str, span: Span) -> Parsed {
+    fn end_structure(&mut self, word: &str, span: Span) -> CompileResult {
         let begins: &[&str] = match word {
             "ENDIF" => &["IF", "ELSE"],
             "ENDWHILE" => &["WHILE"],
@@ -122,7 +122,7 @@ impl Compiler<'_> {
     }
 
     /// `IF condition`, or `IF condition GOTOF label`.
-    fn if_block(&mut self, span: Span) -> Parsed {
+    fn if_block(&mut self, span: Span) -> CompileResult {
         // A jump in the block makes it a block of its own, without ENDIF.
         let jumps = self.tokens.iter().any(|token| {
             let word = &self.text[token.span.start..token.span.end];
@@ -140,7 +140,7 @@ impl Compiler<'_> {
     }
 
     /// `FOR variable = first TO last`: the last value is calculated once.
-    fn for_block(&mut self, span: Span) -> Parsed {
+    fn for_block(&mut self, span: Span) -> CompileResult {
         let top = self.unit.ops.len();
         self.open(Structure::For { top, exit: None, variable: None, of: Type::Real }, span)?;
         let variable = self.counter()?;
@@ -148,7 +148,7 @@ impl Compiler<'_> {
         self.number()?;
         self.emit(Op::Store(variable.slot, variable.of));
         if !self.word_here().eq_ignore_ascii_case("TO") {
-            return fault(Code::NotUnderstood, self.here_span(), "TO is missing: FOR variable = first TO last");
+            return fault(ErrorCode::NotUnderstood, self.here_span(), "TO is missing: FOR variable = first TO last");
         }
         self.skip();
         self.number()?;
@@ -166,7 +166,7 @@ impl Compiler<'_> {
     }
 
     /// The variable that FOR counts with.
-    fn counter(&mut self) -> Parsed<Variable> {
+    fn counter(&mut self) -> CompileResult<Variable> {
         let span = self.here_span();
         let variable = match self.peek() {
             Some(Kind::Word { letter: b'R', value }) => {
@@ -181,20 +181,20 @@ impl Compiler<'_> {
                 self.skip();
                 Ok(variable)
             }
-            _ => fault(Code::NameUnknown, span, "FOR counts with a simple variable that is a number"),
+            _ => fault(ErrorCode::NameUnknown, span, "FOR counts with a simple variable that is a number"),
         }
     }
 
     /// A condition, and the jump behind it that is taken where it does not hold.
-    fn condition(&mut self) -> Parsed<usize> {
+    fn condition(&mut self) -> CompileResult<usize> {
         self.number()?;
         Ok(self.jump_later(Op::JumpIfNot(0)))
     }
 
-    fn open(&mut self, shape: Structure, span: Span) -> Parsed {
+    fn open(&mut self, shape: Structure, span: Span) -> CompileResult {
         self.structures.push(Open { line: self.line, span, shape });
         if self.structures.len() > DEEPEST {
-            return fault(Code::TooDeep, span, "structures are nested too deep");
+            return fault(ErrorCode::TooDeep, span, "structures are nested too deep");
         }
         Ok(())
     }
@@ -208,7 +208,7 @@ impl Compiler<'_> {
     }
 
     /// Takes the innermost structure, which must be one of these.
-    fn closes(&mut self, word: &str, begins: &[&str], span: Span) -> Parsed<Structure> {
+    fn closes(&mut self, word: &str, begins: &[&str], span: Span) -> CompileResult<Structure> {
         match self.structures.pop_if(|open| begins.contains(&open.shape.name())) {
             Some(open) => Ok(open.shape),
             None => {
@@ -216,7 +216,7 @@ impl Compiler<'_> {
                     Some(open) => format!("{word} does not end {} of line {}", open.shape.name(), open.line),
                     None => format!("{word} has no {}", begins.first().copied().unwrap_or_default()),
                 };
-                fault(Code::NotOpen, span, message)
+                fault(ErrorCode::NotOpen, span, message)
             }
         }
     }
@@ -242,19 +242,19 @@ impl Compiler<'_> {
     }
 
     /// `GOTOF label`, as a jump of this kind.
-    pub(super) fn go_to(&mut self, word: &str, jump: Option<Op>) -> Parsed {
+    pub(super) fn go_to(&mut self, word: &str, jump: Option<Op>) -> CompileResult {
         let direction = match word {
             "GOTO" => Direction::Either,
             "GOTOF" => Direction::Forward,
             "GOTOB" => Direction::Backward,
-            _ => return fault(Code::NotUnderstood, self.here_span(), "GOTOF, GOTOB or GOTO is needed here"),
+            _ => return fault(ErrorCode::NotUnderstood, self.here_span(), "GOTOF, GOTOB or GOTO is needed here"),
         };
         self.skip();
         let span = self.here_span();
         let label = match self.peek() {
             Some(Kind::Word { letter: b'N', value }) => format!("N{value}"),
             Some(Kind::Name | Kind::Word { .. }) => self.word_here().to_ascii_uppercase(),
-            _ => return fault(Code::NotUnderstood, span, format!("a label is needed behind {word}")),
+            _ => return fault(ErrorCode::NotUnderstood, span, format!("a label is needed behind {word}")),
         };
         self.skip();
         let at = self.jump_later(jump.unwrap_or(Op::Jump(0)));
@@ -279,9 +279,11 @@ impl Compiler<'_> {
                 (Some(&(target, _)), _) => self.aim(jump.at, target),
                 (None, Some(&(_, line))) => {
                     let message = format!("{} stands in line {line}, the other way", jump.label);
-                    self.report(Code::LabelDirection, jump.span, message);
+                    self.report(ErrorCode::LabelDirection, jump.span, message);
                 }
-                (None, None) => self.report(Code::LabelMissing, jump.span, format!("there is no label {}", jump.label)),
+                (None, None) => {
+                    self.report(ErrorCode::LabelMissing, jump.span, format!("there is no label {}", jump.label))
+                }
             }
         }
     }

@@ -3,11 +3,11 @@
 //! Invariant: parameters take the first slots, in their order.
 
 use super::Compiler;
-use super::lex::{Kind, Parsed, Sign, Span, fault};
+use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use super::names::{Names, Shape, Variable};
 use crate::code::{Op, converted};
-use crate::codes::Code;
 use crate::cycle::{Parameter, Type};
+use crate::error_codes::ErrorCode;
 
 /// Most parameters of a cycle.
 const MAX_PARAMETERS: usize = 64;
@@ -18,16 +18,16 @@ const MAX_ARRAY: usize = 1000;
 
 impl Compiler<'_> {
     /// `PROC NAME(REAL A, STRING[20] B, INT C=1) SAVE DISPLOF`
-    pub(super) fn proc(&mut self, span: Span) -> Parsed {
+    pub(super) fn proc(&mut self, span: Span) -> CompileResult {
         self.skip();
         if self.has_proc || self.has_begun || self.names.slots() > 0 {
-            return fault(Code::ProcPlace, span, "PROC is the first block of a source, once");
+            return fault(ErrorCode::ProcPlace, span, "PROC is the first block of a source, once");
         }
         self.has_proc = true;
         let name = self.new_name("PROC")?;
         if !name.eq_ignore_ascii_case(self.file_name) {
             let message = format!("the file is called {}, the cycle {name}", self.file_name);
-            self.report(Code::NameDiffers, self.since(span.end), message);
+            self.report(ErrorCode::NameDiffers, self.since(span.end), message);
         }
         self.unit.name = name;
         let open = self.here_span();
@@ -46,14 +46,14 @@ impl Compiler<'_> {
                 "PATTERN" => self.unit.is_pattern = true,
                 // A cycle is one block of its caller anyway.
                 "DISPLOF" | "DISPLON" | "SBLOF" => {}
-                _ => return fault(Code::AttributeUnknown, self.here_span(), "this is not an attribute of PROC"),
+                _ => return fault(ErrorCode::AttributeUnknown, self.here_span(), "this is not an attribute of PROC"),
             }
             self.skip();
         }
         Ok(())
     }
 
-    fn parameter(&mut self) -> Parsed {
+    fn parameter(&mut self) -> CompileResult {
         let span = self.here_span();
         let of = self.type_name()?;
         let name_span = self.here_span();
@@ -68,11 +68,11 @@ impl Compiler<'_> {
     }
 
     /// `DEF REAL A, B=5, C[10], D[2,3]=SET(1,2,3)`
-    pub(super) fn def(&mut self, span: Span) -> Parsed {
+    pub(super) fn def(&mut self, span: Span) -> CompileResult {
         self.skip();
         if self.has_begun {
             return fault(
-                Code::DefinitionPlace,
+                ErrorCode::DefinitionPlace,
                 span,
                 "DEF stands at the beginning, before the first block that does something",
             );
@@ -94,14 +94,14 @@ impl Compiler<'_> {
         }
     }
 
-    fn type_name(&mut self) -> Parsed<Type> {
+    fn type_name(&mut self) -> CompileResult<Type> {
         let span = self.here_span();
         let of = match self.word_here().to_ascii_uppercase().as_str() {
             "REAL" => Type::Real,
             "INT" => Type::Int,
             "BOOL" => Type::Bool,
             "STRING" => Type::Text(200),
-            _ => return fault(Code::NotUnderstood, span, "a type is needed here: REAL, INT, BOOL or STRING[n]"),
+            _ => return fault(ErrorCode::NotUnderstood, span, "a type is needed here: REAL, INT, BOOL or STRING[n]"),
         };
         self.skip();
         let open = self.here_span();
@@ -112,7 +112,7 @@ impl Compiler<'_> {
         self.close(Sign::CloseIndex, open)?;
         if length.fract() != 0.0 || !(1.0..=MAX_TEXT_LENGTH).contains(&length) {
             return fault(
-                Code::ArraySize,
+                ErrorCode::ArraySize,
                 self.since(open.start),
                 format!("a text has from 1 to {MAX_TEXT_LENGTH} bytes"),
             );
@@ -121,24 +121,24 @@ impl Compiler<'_> {
     }
 
     /// Takes a name that is to be defined, in capitals.
-    fn new_name(&mut self, behind: &str) -> Parsed<String> {
+    fn new_name(&mut self, behind: &str) -> CompileResult<String> {
         if !matches!(self.peek(), Some(Kind::Name | Kind::Word { .. })) {
-            return fault(Code::NotUnderstood, self.here_span(), format!("a name is needed behind {behind}"));
+            return fault(ErrorCode::NotUnderstood, self.here_span(), format!("a name is needed behind {behind}"));
         }
         let name = self.word_here().to_ascii_uppercase();
         self.skip();
         Ok(name)
     }
 
-    fn define(&mut self, name: &str, of: Type, shape: Shape, span: Span) -> Parsed<Variable> {
+    fn define(&mut self, name: &str, of: Type, shape: Shape, span: Span) -> CompileResult<Variable> {
         if self.names.has(name) {
-            return fault(Code::NameTaken, span, format!("{name} is defined already"));
+            return fault(ErrorCode::NameTaken, span, format!("{name} is defined already"));
         }
         if Names::is_word_of_the_language(name) || name.contains('.') {
-            return fault(Code::NameTaken, span, format!("{name} cannot be the name of a variable"));
+            return fault(ErrorCode::NameTaken, span, format!("{name} cannot be the name of a variable"));
         }
         if matches!(name.as_bytes(), [letter] if super::block::is_address(*letter)) {
-            self.report(Code::NameIsAddress, span, format!("{name} is also an address"));
+            self.report(ErrorCode::NameIsAddress, span, format!("{name} is also an address"));
         }
         match self.names.define(name, of, shape) {
             Some(variable) => Ok(variable),
@@ -147,7 +147,7 @@ impl Compiler<'_> {
     }
 
     /// The sizes of an array, where there are any.
-    fn shape(&mut self) -> Parsed<Shape> {
+    fn shape(&mut self) -> CompileResult<Shape> {
         let open = self.here_span();
         if !self.eat(Sign::OpenIndex) {
             return Ok(Shape::Simple);
@@ -161,7 +161,7 @@ impl Compiler<'_> {
                 Some(place) if fits => *place = size as u16,
                 _ => {
                     return fault(
-                        Code::ArraySize,
+                        ErrorCode::ArraySize,
                         self.since(open.start),
                         "an array has one or two sizes from 1 to 1000",
                     );
@@ -176,13 +176,13 @@ impl Compiler<'_> {
         let shape = if count == 1 { Shape::Row(sizes[0]) } else { Shape::Table(sizes[0], sizes[1]) };
         if shape.slots() > MAX_ARRAY {
             let message = format!("an array has at most {MAX_ARRAY} elements, not {}", shape.slots());
-            return fault(Code::ArraySize, self.since(open.start), message);
+            return fault(ErrorCode::ArraySize, self.since(open.start), message);
         }
         Ok(shape)
     }
 
     /// The value behind `=`, or the values of an array in parentheses.
-    fn initial(&mut self, variable: Variable) -> Parsed {
+    fn initial(&mut self, variable: Variable) -> CompileResult {
         if variable.shape == Shape::Simple {
             self.value_for(variable.of)?;
             self.emit(Op::Store(variable.slot, variable.of));
@@ -196,7 +196,7 @@ impl Compiler<'_> {
         let mut count = 0;
         loop {
             if count >= variable.shape.slots() {
-                return fault(Code::ArraySize, self.here_span(), "there are more values than elements");
+                return fault(ErrorCode::ArraySize, self.here_span(), "there are more values than elements");
             }
             self.value_for(variable.of)?;
             self.emit(Op::Store(variable.slot + count as u16, variable.of));
@@ -209,7 +209,7 @@ impl Compiler<'_> {
     }
 
     /// A text variable is empty until something is assigned to it; slots are numbers by themselves.
-    fn clear_texts(&mut self, variable: Variable, span: Span) -> Parsed {
+    fn clear_texts(&mut self, variable: Variable, span: Span) -> CompileResult {
         let empty = self.constant_text("", span)?;
         for slot in 0..variable.shape.slots() as u16 {
             self.emit(Op::Text(empty));
@@ -219,13 +219,13 @@ impl Compiler<'_> {
     }
 
     /// A number with its sign.
-    fn constant_number(&mut self) -> Parsed<f64> {
+    fn constant_number(&mut self) -> CompileResult<f64> {
         let is_negative = self.eat(Sign::Minus);
         let value = match self.peek() {
             Some(Kind::Number(value)) => value,
             Some(Kind::Name) if self.word_here().eq_ignore_ascii_case("TRUE") => 1.0,
             Some(Kind::Name) if self.word_here().eq_ignore_ascii_case("FALSE") => 0.0,
-            _ => return fault(Code::NotUnderstood, self.here_span(), "a constant number is needed here"),
+            _ => return fault(ErrorCode::NotUnderstood, self.here_span(), "a constant number is needed here"),
         };
         self.skip();
         Ok(if is_negative { -value } else { value })

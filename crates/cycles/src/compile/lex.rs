@@ -2,7 +2,7 @@
 //!
 //! Invariant: tokens follow each other and never overlap; a comment gives none.
 
-use crate::codes::Code;
+use crate::error_codes::ErrorCode;
 
 /// A stretch of the line, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -13,18 +13,18 @@ pub(super) struct Span {
 
 /// A fault in a line; the line's number is added where it is recorded.
 #[derive(Debug)]
-pub(super) struct Fault {
-    pub(super) code: Code,
+pub(super) struct CompileError {
+    pub(super) code: ErrorCode,
     pub(super) span: Span,
     pub(super) message: String,
 }
 
 /// What reading a part of a block gives.
-pub(super) type Parsed<T = ()> = Result<T, Box<Fault>>;
+pub(super) type CompileResult<T = ()> = Result<T, Box<CompileError>>;
 
 #[cold]
-pub(super) fn fault<T>(code: Code, span: Span, message: impl Into<String>) -> Parsed<T> {
-    Err(Box::new(Fault { code, span, message: message.into() }))
+pub(super) fn fault<T>(code: ErrorCode, span: Span, message: impl Into<String>) -> CompileResult<T> {
+    Err(Box::new(CompileError { code, span, message: message.into() }))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,7 +99,7 @@ pub(super) struct Token {
 }
 
 /// Cuts a line. `is_variable` tells the names that are defined: `A1` is one of them, or the word A with the value 1.
-pub(super) fn tokens(line: &str, is_variable: impl Fn(&str) -> bool, out: &mut Vec<Token>) -> Parsed {
+pub(super) fn tokens(line: &str, is_variable: impl Fn(&str) -> bool, out: &mut Vec<Token>) -> CompileResult {
     out.clear();
     let bytes = line.as_bytes();
     let mut at = 0;
@@ -114,7 +114,7 @@ pub(super) fn tokens(line: &str, is_variable: impl Fn(&str) -> bool, out: &mut V
             b'"' => {
                 let Some(length) = bytes[at + 1..].iter().position(|byte| *byte == b'"') else {
                     let span = Span { start, end: bytes.len() };
-                    return fault(Code::TextNotClosed, span, "this text has no closing quotation mark");
+                    return fault(ErrorCode::TextNotClosed, span, "this text has no closing quotation mark");
                 };
                 at += length + 2;
                 Kind::Text
@@ -125,7 +125,7 @@ pub(super) fn tokens(line: &str, is_variable: impl Fn(&str) -> bool, out: &mut V
                 let Some((spelling, sign)) = SIGNS.iter().find(|(spelling, _)| line[at..].starts_with(spelling)) else {
                     let letter = line[at..].chars().next().unwrap_or('?');
                     let span = Span { start, end: start + letter.len_utf8() };
-                    return fault(Code::BadCharacter, span, format!("`{letter}` begins nothing"));
+                    return fault(ErrorCode::BadCharacter, span, format!("`{letter}` begins nothing"));
                 };
                 at += spelling.len();
                 Kind::Sign(*sign)
@@ -136,7 +136,7 @@ pub(super) fn tokens(line: &str, is_variable: impl Fn(&str) -> bool, out: &mut V
     Ok(())
 }
 
-fn name_or_word(line: &str, is_variable: &impl Fn(&str) -> bool, at: &mut usize) -> Parsed<Kind> {
+fn name_or_word(line: &str, is_variable: &impl Fn(&str) -> bool, at: &mut usize) -> CompileResult<Kind> {
     let bytes = line.as_bytes();
     let start = *at;
     let is_part = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_';
@@ -155,7 +155,7 @@ fn name_or_word(line: &str, is_variable: &impl Fn(&str) -> bool, at: &mut usize)
 }
 
 /// Reads digits with at most one point, and an exponent as in `1.5EX-3`.
-fn number(line: &str, at: &mut usize) -> Parsed<f64> {
+fn number(line: &str, at: &mut usize) -> CompileResult<f64> {
     let bytes = line.as_bytes();
     let start = *at;
     let digits = |from: usize| bytes[from..].iter().take_while(|byte| byte.is_ascii_digit()).count();
@@ -177,7 +177,7 @@ fn number(line: &str, at: &mut usize) -> Parsed<f64> {
     }
     let value = format!("{mantissa}e{exponent}").parse::<f64>().unwrap_or(f64::NAN);
     if mantissa == "." || !value.is_finite() || bytes.get(*at) == Some(&b'.') {
-        return fault(Code::BadNumber, Span { start, end: *at }, "this is not a number");
+        return fault(ErrorCode::BadNumber, Span { start, end: *at }, "this is not a number");
     }
     Ok(value)
 }
@@ -207,7 +207,7 @@ mod tests {
         assert_eq!(kinds("1EX"), [Kind::Number(1.0), Kind::Name]);
         let mut out = Vec::new();
         for wrong in ["1.2.3", ".", "1EX999", "1EX99999999999"] {
-            assert_eq!(tokens(wrong, |_| false, &mut out).expect_err(wrong).code, Code::BadNumber, "{wrong}");
+            assert_eq!(tokens(wrong, |_| false, &mut out).expect_err(wrong).code, ErrorCode::BadNumber, "{wrong}");
         }
     }
 }

@@ -12,10 +12,10 @@ mod names;
 mod system;
 
 use crate::code::{Op, Unit};
-use crate::codes::Code;
 use crate::diag::Diagnostic;
+use crate::error_codes::ErrorCode;
 use flow::{Jump, Open};
-use lex::{Fault, Kind, Parsed, Sign, Span, Token, fault};
+use lex::{CompileError, CompileResult, Kind, Sign, Span, Token, fault};
 use names::Names;
 use std::collections::HashMap;
 
@@ -43,7 +43,7 @@ pub(crate) fn compile(source: &[u8], file_name: &str) -> Compiled {
     let mut compiler = Compiler::new(file_name);
     if source.len() > MAX_SOURCE_LENGTH {
         let message = format!("the source has {} bytes; {MAX_SOURCE_LENGTH} are the most", source.len());
-        compiler.diagnostics.push(Diagnostic::of_file(Code::SourceTooLong, message));
+        compiler.diagnostics.push(Diagnostic::of_file(ErrorCode::SourceTooLong, message));
     } else {
         for (index, line) in source.split(|byte| *byte == b'\n').enumerate() {
             compiler.line = index as u32 + 1;
@@ -56,7 +56,7 @@ pub(crate) fn compile(source: &[u8], file_name: &str) -> Compiled {
     }
     compiler.diagnostics.sort_by_key(|diagnostic| (diagnostic.line, diagnostic.start));
     if compiler.errors >= MAX_ERRORS {
-        compiler.report(Code::TooManyErrors, Span::default(), "more errors are not shown".to_owned());
+        compiler.report(ErrorCode::TooManyErrors, Span::default(), "more errors are not shown".to_owned());
     }
     let is_whole = !compiler.diagnostics.iter().any(|d| d.severity() == crate::diag::Severity::Error);
     Compiled { unit: is_whole.then_some(compiler.unit), diagnostics: compiler.diagnostics }
@@ -111,7 +111,7 @@ impl<'s> Compiler<'s> {
         }
     }
 
-    fn report(&mut self, code: Code, span: Span, message: String) {
+    fn report(&mut self, code: ErrorCode, span: Span, message: String) {
         let (start, end) = (span.start as u32, span.end.max(span.start) as u32);
         let diagnostic = Diagnostic { code, line: self.line, start, end, message };
         self.errors += usize::from(diagnostic.severity() == crate::diag::Severity::Error);
@@ -122,12 +122,12 @@ impl<'s> Compiler<'s> {
         let whole = Span { start: 0, end: bytes.len().min(MAX_LINE_LENGTH) };
         if bytes.len() > MAX_LINE_LENGTH {
             let message = format!("the line has {} bytes; {MAX_LINE_LENGTH} are the most", bytes.len());
-            return self.report(Code::SourceTooLong, whole, message);
+            return self.report(ErrorCode::SourceTooLong, whole, message);
         }
         let is_control = |byte: &u8| *byte < b' ' && *byte != b'\t';
         match std::str::from_utf8(bytes) {
             Ok(text) if !bytes.iter().any(is_control) => self.text = text,
-            _ => return self.report(Code::NotText, whole, "this line is not text".to_owned()),
+            _ => return self.report(ErrorCode::NotText, whole, "this line is not text".to_owned()),
         }
         // A source may begin with the header of a file transfer, as in `%_N_CYCLE81_SPF`.
         if self.text.starts_with('%') && !self.has_begun && !self.has_proc {
@@ -138,13 +138,13 @@ impl<'s> Compiler<'s> {
         self.tokens = tokens;
         (self.at, self.depth) = (0, 0);
         if let Err(fault) = cut.and_then(|()| self.block()) {
-            let Fault { code, span, message } = *fault;
+            let CompileError { code, span, message } = *fault;
             self.report(code, span, message);
         }
     }
 
     /// One block: number, label, statement.
-    fn block(&mut self) -> Parsed {
+    fn block(&mut self) -> CompileResult {
         if let Some(Kind::Word { letter: b'N', value }) = self.peek() {
             self.labels.entry(format!("N{value}")).or_default().push((self.unit.ops.len(), self.line));
             self.skip();
@@ -159,13 +159,13 @@ impl<'s> Compiler<'s> {
             places.push((self.unit.ops.len(), self.line));
             if let [(_, first), _, ..] = places[..] {
                 let message = format!("this label stands in line {first} too");
-                self.report(Code::LabelTwice, span, message);
+                self.report(ErrorCode::LabelTwice, span, message);
             }
         }
         if self.peek().is_none() { Ok(()) } else { self.statement() }
     }
 
-    fn statement(&mut self) -> Parsed {
+    fn statement(&mut self) -> CompileResult {
         let span = self.here_span();
         let is_call = self.kind_at(1) == Some(Kind::Sign(Sign::Open));
         let word = if self.peek() == Some(Kind::Name) { self.word_here().to_ascii_uppercase() } else { String::new() };
@@ -192,7 +192,7 @@ impl<'s> Compiler<'s> {
                 self.emit(Op::Return);
             }
             "MSG" | "SETAL" => self.tell(&word)?,
-            "MCALL" => return fault(Code::NotUnderstood, span, "MCALL belongs into a program; a cycle has none"),
+            "MCALL" => return fault(ErrorCode::NotUnderstood, span, "MCALL belongs into a program; a cycle has none"),
             "AX" | "IP" | "CR" | "SPOS" | "DIAMON" | "DIAMOF" | "R" => return self.items(),
             _ if is_call || word.len() > 1 && self.tokens.len() == self.at + 1 => self.call(&word, span)?,
             _ => return self.items(),
@@ -200,10 +200,10 @@ impl<'s> Compiler<'s> {
         self.end_of_block()
     }
 
-    fn end_of_block(&mut self) -> Parsed {
+    fn end_of_block(&mut self) -> CompileResult {
         match self.peek() {
             None => Ok(()),
-            Some(_) => fault(Code::NotUnderstood, self.here_span(), "nothing more can stand in this block"),
+            Some(_) => fault(ErrorCode::NotUnderstood, self.here_span(), "nothing more can stand in this block"),
         }
     }
 
@@ -211,14 +211,14 @@ impl<'s> Compiler<'s> {
     fn finish(&mut self) {
         for open in std::mem::take(&mut self.structures) {
             self.line = open.line;
-            self.report(Code::StructureOpen, open.span, format!("{} has no end", open.shape.name()));
+            self.report(ErrorCode::StructureOpen, open.span, format!("{} has no end", open.shape.name()));
         }
         self.resolve_jumps();
         self.emit(Op::Return);
         self.unit.slots = self.names.slots();
         if self.unit.ops.len() > 1 << 20 {
             self.line = 0;
-            self.report(Code::TooLarge, Span::default(), "the source has too many blocks".to_owned());
+            self.report(ErrorCode::TooLarge, Span::default(), "the source has too many blocks".to_owned());
         }
     }
 
@@ -277,26 +277,28 @@ impl<'s> Compiler<'s> {
         found
     }
 
-    fn expect(&mut self, sign: Sign, behind: &str) -> Parsed {
+    fn expect(&mut self, sign: Sign, behind: &str) -> CompileResult {
         if self.eat(sign) {
             return Ok(());
         }
-        fault(Code::NotUnderstood, self.here_span(), format!("`{}` is missing behind {behind}", sign.spelling()))
+        fault(ErrorCode::NotUnderstood, self.here_span(), format!("`{}` is missing behind {behind}", sign.spelling()))
     }
 
     /// Takes the closing sign of what was opened there.
-    fn close(&mut self, sign: Sign, open: Span) -> Parsed {
+    fn close(&mut self, sign: Sign, open: Span) -> CompileResult {
         if self.eat(sign) {
             return Ok(());
         }
         match self.peek() {
-            None => fault(Code::NotClosed, open, format!("`{}` is missing", sign.spelling())),
-            Some(_) => fault(Code::NotUnderstood, self.here_span(), format!("`{}` is needed here", sign.spelling())),
+            None => fault(ErrorCode::NotClosed, open, format!("`{}` is missing", sign.spelling())),
+            Some(_) => {
+                fault(ErrorCode::NotUnderstood, self.here_span(), format!("`{}` is needed here", sign.spelling()))
+            }
         }
     }
 
     /// The number of a text among the unit's.
-    fn constant_text(&mut self, text: &str, span: Span) -> Parsed<u16> {
+    fn constant_text(&mut self, text: &str, span: Span) -> CompileResult<u16> {
         if let Some(index) = self.texts.get(text) {
             return Ok(*index);
         }
@@ -307,8 +309,8 @@ impl<'s> Compiler<'s> {
     }
 
     #[cold]
-    fn too_large<T>(&self, span: Span, of: &str) -> Parsed<T> {
-        fault(Code::TooLarge, span, format!("a cycle cannot have so many {of}"))
+    fn too_large<T>(&self, span: Span, of: &str) -> CompileResult<T> {
+        fault(ErrorCode::TooLarge, span, format!("a cycle cannot have so many {of}"))
     }
 }
 
@@ -349,6 +351,6 @@ mod tests {
         // A second would do on a machine that has nothing else to do.
         assert!(begin.elapsed().as_secs() < 20, "{:?}", begin.elapsed());
         let too_long = compile(&vec![b' '; MAX_SOURCE_LENGTH + 1], "LONG");
-        assert_eq!(too_long.diagnostics.first().map(|d| d.code), Some(Code::SourceTooLong));
+        assert_eq!(too_long.diagnostics.first().map(|d| d.code), Some(ErrorCode::SourceTooLong));
     }
 }

@@ -4,12 +4,12 @@
 
 use super::Compiler;
 use super::expression::Ty;
-use super::lex::{Kind, Parsed, Sign, Span, fault};
+use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use crate::code::{Function, Op, System};
-use crate::codes::Code;
+use crate::error_codes::ErrorCode;
 
 impl Compiler<'_> {
-    pub(super) fn function(&mut self, function: Function, span: Span) -> Parsed<Ty> {
+    pub(super) fn function(&mut self, function: Function, span: Span) -> CompileResult<Ty> {
         let open = self.here_span();
         self.expect(Sign::Open, function.name())?;
         let mut count = 0;
@@ -23,7 +23,7 @@ impl Compiler<'_> {
         self.close(Sign::Close, open)?;
         if count != function.arguments() {
             let message = format!("{} takes {} arguments, not {count}", function.name(), function.arguments());
-            return fault(Code::FunctionArguments, self.since(span.start), message);
+            return fault(ErrorCode::FunctionArguments, self.since(span.start), message);
         }
         self.emit(Op::Call1(function));
         Ok(match function {
@@ -33,7 +33,7 @@ impl Compiler<'_> {
     }
 
     /// `$P_F`, `$P_AD[24]`, `$P_EP[1]`, `$P_SUBPAR[2]`, `$PATH[i,k]`.
-    pub(super) fn system_value(&mut self, name: &str, span: Span) -> Parsed<Ty> {
+    pub(super) fn system_value(&mut self, name: &str, span: Span) -> CompileResult<Ty> {
         match name {
             "$P_SUBPAR" => {
                 self.index_in_brackets()?;
@@ -62,20 +62,22 @@ impl Compiler<'_> {
                 };
                 return match known {
                     Some(system) => self.system(system),
-                    None => {
-                        fault(Code::NameUnknown, self.since(span.start), format!("{name} is not known with this index"))
-                    }
+                    None => fault(
+                        ErrorCode::NameUnknown,
+                        self.since(span.start),
+                        format!("{name} is not known with this index"),
+                    ),
                 };
             }
             _ => {}
         }
         match System::named(name) {
             Some(system) => self.system(system),
-            None => fault(Code::NameUnknown, span, format!("{name} is not a system variable that is known here")),
+            None => fault(ErrorCode::NameUnknown, span, format!("{name} is not a system variable that is known here")),
         }
     }
 
-    fn system(&mut self, system: System) -> Parsed<Ty> {
+    fn system(&mut self, system: System) -> CompileResult<Ty> {
         self.emit(Op::Ask(system));
         Ok(match system {
             System::Feed | System::Speed | System::ToolRadius | System::Radius | System::ClearanceAngle => Ty::Real,
@@ -85,7 +87,7 @@ impl Compiler<'_> {
     }
 
     /// `$P_EP[X]` by the axis' letter, `$P_EP[n]` as the n-th axis of the plane.
-    fn position(&mut self) -> Parsed<Ty> {
+    fn position(&mut self) -> CompileResult<Ty> {
         let word = if self.kind_at(1) == Some(Kind::Name) { self.text_at(1) } else { "" };
         let letter = match word.as_bytes() {
             [letter] if !self.names.has(word) => letter.to_ascii_uppercase(),
@@ -105,7 +107,7 @@ impl Compiler<'_> {
     }
 
     /// `[` number `]`
-    pub(super) fn index_in_brackets(&mut self) -> Parsed {
+    pub(super) fn index_in_brackets(&mut self) -> CompileResult {
         let open = self.here_span();
         self.expect(Sign::OpenIndex, "this")?;
         self.number()?;

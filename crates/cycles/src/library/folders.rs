@@ -2,13 +2,13 @@
 //!
 //! Invariant: a missing folder is not an error; a compiled form is written whole or not at all.
 
-use super::Finding;
+use super::LibraryFinding;
 use crate::code::Unit;
-use crate::codes::Code;
 use crate::compile::compile;
 use crate::cycle::Origin;
 use crate::diag::{Diagnostic, Severity};
-use crate::stored::{self, Unusable};
+use crate::error_codes::ErrorCode;
+use crate::stored::{self, FormError};
 use std::borrow::Cow;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -66,11 +66,11 @@ impl Source {
 
 impl Folders<'_> {
     /// The sources of the user's folder, in the order of their names.
-    pub(super) fn users(self, findings: &mut Vec<Finding>) -> Vec<Source> {
+    pub(super) fn users(self, findings: &mut Vec<LibraryFinding>) -> Vec<Source> {
         let Some(folder) = self.sources else { return Vec::new() };
         let mut refuse = |path: &Path, error: &std::io::Error| {
-            let diagnostic = Diagnostic::of_file(Code::SourceUnreadable, format!("cannot be read: {error}"));
-            findings.push(Finding { source: path.to_owned(), diagnostic });
+            let diagnostic = Diagnostic::of_file(ErrorCode::SourceUnreadable, format!("cannot be read: {error}"));
+            findings.push(LibraryFinding { source: path.to_owned(), diagnostic });
         };
         let entries = match std::fs::read_dir(folder) {
             Ok(entries) => entries,
@@ -104,7 +104,7 @@ fn read_source(path: &Path) -> std::io::Result<Vec<u8>> {
 }
 
 /// Compiles the sources, or takes their forms; a name that comes again is refused, and a shipped one replaced.
-pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut Vec<Finding>) -> Vec<Form> {
+pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut Vec<LibraryFinding>) -> Vec<Form> {
     let mut forms: Vec<Form> = Vec::new();
     // Names that are taken, also by sources with errors.
     let mut taken: Vec<(String, PathBuf)> = Vec::new();
@@ -113,8 +113,8 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
         let holder = |name: &str| taken.iter().find(|(known, _)| known == name).map(|(_, path)| path.clone());
         if let (Origin::Shipped, Some(path)) = (source.origin, holder(&stem)) {
             let diagnostic =
-                Diagnostic::of_file(Code::ShippedReplaced, format!("{stem} takes the place of the shipped one"));
-            findings.push(Finding { source: path, diagnostic });
+                Diagnostic::of_file(ErrorCode::ShippedReplaced, format!("{stem} takes the place of the shipped one"));
+            findings.push(LibraryFinding { source: path, diagnostic });
             continue;
         }
         let key = stored::key(&source.text, &stem);
@@ -131,7 +131,8 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
                 (compiled.unit, compiled.diagnostics)
             }
         };
-        let found = diagnostics.into_iter().map(|diagnostic| Finding { source: source.path.clone(), diagnostic });
+        let found =
+            diagnostics.into_iter().map(|diagnostic| LibraryFinding { source: source.path.clone(), diagnostic });
         findings.extend(found);
         let Some(unit) = unit else {
             taken.push((stem, source.path));
@@ -139,8 +140,8 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
         };
         if let Some(path) = holder(&unit.name) {
             let message = format!("{} is defined in {} too", unit.name, path.display());
-            let diagnostic = Diagnostic::of_file(Code::CycleTwice, message);
-            findings.push(Finding { source: source.path, diagnostic });
+            let diagnostic = Diagnostic::of_file(ErrorCode::CycleTwice, message);
+            findings.push(LibraryFinding { source: source.path, diagnostic });
             continue;
         }
         taken.push((unit.name.clone(), source.path.clone()));
@@ -150,24 +151,29 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
 }
 
 /// The form in a file, if it can be taken.
-fn taken_form(path: &Path, key: u128, source: &Path, findings: &mut Vec<Finding>) -> Option<(Unit, Vec<Diagnostic>)> {
+fn taken_form(
+    path: &Path,
+    key: u128,
+    source: &Path,
+    findings: &mut Vec<LibraryFinding>,
+) -> Option<(Unit, Vec<Diagnostic>)> {
     let bytes = std::fs::read(path).ok()?;
     match stored::read(&bytes, key) {
         Ok((unit, warnings)) if warnings.iter().all(|warning| warning.severity() == Severity::Warning) => {
             Some((unit, warnings))
         }
-        Err(Unusable::Stale) => None,
-        Ok(_) | Err(Unusable::Torn) => {
+        Err(FormError::Stale) => None,
+        Ok(_) | Err(FormError::Torn) => {
             let message = format!("{} is damaged or from elsewhere", path.display());
-            let diagnostic = Diagnostic::of_file(Code::StoredTorn, message);
-            findings.push(Finding { source: source.to_owned(), diagnostic });
+            let diagnostic = Diagnostic::of_file(ErrorCode::StoredTorn, message);
+            findings.push(LibraryFinding { source: source.to_owned(), diagnostic });
             None
         }
     }
 }
 
 /// Writes a form under another name first, so that nobody ever reads half of it.
-fn keep(path: &Path, bytes: &[u8], source: &Path, findings: &mut Vec<Finding>) {
+fn keep(path: &Path, bytes: &[u8], source: &Path, findings: &mut Vec<LibraryFinding>) {
     let unfinished = path.with_extension(format!("{}.new", std::process::id()));
     let folder = path.parent().unwrap_or(path);
     let written = std::fs::create_dir_all(folder)
@@ -176,7 +182,8 @@ fn keep(path: &Path, bytes: &[u8], source: &Path, findings: &mut Vec<Finding>) {
     if let Err(error) = written {
         // What is left of the attempt is of no use; that it cannot be removed either does not matter.
         let _ = std::fs::remove_file(&unfinished);
-        let diagnostic = Diagnostic::of_file(Code::NotStored, format!("{} cannot be written: {error}", path.display()));
-        findings.push(Finding { source: source.to_owned(), diagnostic });
+        let diagnostic =
+            Diagnostic::of_file(ErrorCode::NotStored, format!("{} cannot be written: {error}", path.display()));
+        findings.push(LibraryFinding { source: source.to_owned(), diagnostic });
     }
 }

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 
 use super::corner::break_corner;
 use super::segment::{Arc, Segment};
-use super::{Corner, Element, Fault, Kind, LARGEST, Point};
+use super::{Corner, Element, Kind, LARGEST, Point, StockRemovalError};
 
 /// How far apart an end and the next start may lie, and how short an element is nothing.
 const JOINT: f64 = 1e-6;
@@ -15,22 +15,22 @@ const JOINT: f64 = 1e-6;
 const RADII: f64 = 0.01;
 
 /// The contour as segments in programmed order.
-pub(super) fn read(elements: &[Element]) -> Result<Vec<Segment>, Fault> {
+pub(super) fn read(elements: &[Element]) -> Result<Vec<Segment>, StockRemovalError> {
     if let Some(other) = elements.iter().find(|element| element.kind == Kind::Other) {
-        return Err(Fault::Interpolation(other.line));
+        return Err(StockRemovalError::Interpolation(other.line));
     }
     // The block that tells the start is one of the three, and is not an element.
     if elements.len() < 2 {
-        return Err(Fault::TooFewBlocks);
+        return Err(StockRemovalError::TooFewBlocks);
     }
     // Far more than the table holds: refused before any work is done on them.
     if elements.len() > 10 * super::shape::MAX_ELEMENTS {
-        return Err(Fault::TooManyElements);
+        return Err(StockRemovalError::TooManyElements);
     }
     for (number, element) in elements.iter().enumerate() {
         check_numbers(element)?;
         if number > 0 && elements[number - 1].end.distance(element.start) > JOINT {
-            return Err(Fault::Gap(element.line));
+            return Err(StockRemovalError::Gap(element.line));
         }
     }
     let mut segments: Vec<(Segment, Corner)> = Vec::with_capacity(elements.len());
@@ -48,7 +48,7 @@ pub(super) fn read(elements: &[Element]) -> Result<Vec<Segment>, Fault> {
     with_corners(segments)
 }
 
-fn check_numbers(element: &Element) -> Result<(), Fault> {
+fn check_numbers(element: &Element) -> Result<(), StockRemovalError> {
     let corner = match element.corner {
         Corner::None => 0.0,
         Corner::ChamferLength(size) | Corner::ChamferLeg(size) | Corner::Rounding(size) => size,
@@ -62,15 +62,15 @@ fn check_numbers(element: &Element) -> Result<(), Fault> {
 }
 
 /// A number must be finite and of a size that leaves room for arithmetic.
-pub(super) fn check_number(name: &'static str, value: f64) -> Result<(), Fault> {
-    if value.abs() <= LARGEST { Ok(()) } else { Err(Fault::Number(name)) }
+pub(super) fn check_number(name: &'static str, value: f64) -> Result<(), StockRemovalError> {
+    if value.abs() <= LARGEST { Ok(()) } else { Err(StockRemovalError::Number(name)) }
 }
 
 fn is_arc(kind: Kind) -> bool {
     matches!(kind, Kind::Clockwise | Kind::Counterclockwise)
 }
 
-fn segment(element: &Element) -> Result<Option<Segment>, Fault> {
+fn segment(element: &Element) -> Result<Option<Segment>, StockRemovalError> {
     let Element { start, end, line, .. } = *element;
     let nothing = start.distance(end) <= JOINT;
     if !is_arc(element.kind) {
@@ -78,10 +78,10 @@ fn segment(element: &Element) -> Result<Option<Segment>, Fault> {
     }
     // Both ends at one place: a full turn.
     if nothing {
-        return Err(Fault::LongArc(line));
+        return Err(StockRemovalError::LongArc(line));
     }
     if (start.distance(element.centre) - end.distance(element.centre)).abs() > RADII {
-        return Err(Fault::Centre(line));
+        return Err(StockRemovalError::Centre(line));
     }
     // The centre is moved to where both radii are equal: onto the line that halves the chord.
     let middle = start.plus(end).times(0.5);
@@ -89,12 +89,12 @@ fn segment(element: &Element) -> Result<Option<Segment>, Fault> {
     let centre = middle.plus(upright.times(element.centre.minus(middle).dot(upright)));
     let arc = Arc { centre, counterclockwise: element.kind == Kind::Counterclockwise };
     if arc.sweep(start, end) > PI + 1e-6 {
-        return Err(Fault::LongArc(line));
+        return Err(StockRemovalError::LongArc(line));
     }
     Ok(Some(Segment { start, end, arc: Some(arc), line }))
 }
 
-fn with_corners(mut segments: Vec<(Segment, Corner)>) -> Result<Vec<Segment>, Fault> {
+fn with_corners(mut segments: Vec<(Segment, Corner)>) -> Result<Vec<Segment>, StockRemovalError> {
     let mut whole = Vec::with_capacity(segments.len());
     for number in 0..segments.len() {
         let (mut before, corner) = segments[number];
@@ -105,7 +105,7 @@ fn with_corners(mut segments: Vec<(Segment, Corner)>) -> Result<Vec<Segment>, Fa
         whole.extend([Some(before), between].into_iter().flatten().filter(|segment| segment.length() > JOINT));
     }
     if whole.is_empty() {
-        return Err(Fault::NoExtent);
+        return Err(StockRemovalError::NoExtent);
     }
     Ok(whole)
 }

@@ -4,7 +4,7 @@
 
 use super::curve::{Curve, meet};
 use super::segment::{Arc, Segment};
-use super::{Corner, Fault, Point};
+use super::{Corner, Point, StockRemovalError};
 
 /// Headings that differ by a sine below this go on straight: there is no corner to break.
 const STRAIGHT: f64 = 1e-6;
@@ -14,14 +14,14 @@ pub(super) fn break_corner(
     before: &mut Segment,
     after: &mut Segment,
     corner: Corner,
-) -> Result<Option<Segment>, Fault> {
+) -> Result<Option<Segment>, StockRemovalError> {
     let at = before.end;
     let (arrive, leave) = (before.heading(at), after.heading(at));
     let turn = arrive.cross(leave);
     if corner == Corner::None || (turn.abs() < STRAIGHT && arrive.dot(leave) > 0.0) {
         return Ok(None);
     }
-    let misfit = Fault::Corner(before.line);
+    let misfit = StockRemovalError::Corner(before.line);
     if turn.abs() < STRAIGHT {
         return Err(misfit);
     }

@@ -6,7 +6,7 @@ use std::fmt;
 
 /// Why there is no path. A contour reader uses the faults of a contour too.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Fault {
+pub enum StockRemovalError {
     /// VARI is none of 1 to 12 and 201 to 212.
     MachiningType(i32),
     /// The falling flank of this line is steeper than the clearance angle.
@@ -58,7 +58,7 @@ pub enum Fault {
     MissingMotion(u32),
 }
 
-impl Fault {
+impl StockRemovalError {
     /// The control's alarm number.
     pub const fn number(&self) -> u32 {
         match self {
@@ -112,7 +112,7 @@ impl Fault {
     }
 }
 
-impl fmt::Display for Fault {
+impl fmt::Display for StockRemovalError {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let sentence = match self {
             Self::MachiningType(vari) => return write!(out, "VARI is {vari}; it must be 1 to 12 or 201 to 212"),
@@ -143,4 +143,4 @@ impl fmt::Display for Fault {
     }
 }
 
-impl std::error::Error for Fault {}
+impl std::error::Error for StockRemovalError {}

@@ -3,12 +3,17 @@
 //! Invariant: the elements come as programmed (or all of them reversed), at their own places, without allowance.
 
 use super::frame::Frame;
-use super::pen::Pen;
+use super::move_writer::MoveWriter;
 use super::segment::Segment;
-use super::{Compensation, Fault, Feed, Point};
+use super::{Compensation, Feed, Point, StockRemovalError};
 
 /// Along the contour and back to the start point. The pen stands at the start point before and after.
-pub(super) fn finish(pen: &mut Pen, segments: &[Segment], frame: Frame, with_the_cut: bool) -> Result<(), Fault> {
+pub(super) fn finish(
+    pen: &mut MoveWriter,
+    segments: &[Segment],
+    frame: Frame,
+    with_the_cut: bool,
+) -> Result<(), StockRemovalError> {
     let start = pen.at();
     let Some((first, last)) = segments.first().zip(segments.last()) else { return Ok(()) };
     pen.compensate(side(frame, with_the_cut));

@@ -14,9 +14,9 @@ mod envelope;
 mod fault;
 mod finish;
 mod frame;
-mod job;
+mod move_writer;
 mod nose;
-mod pen;
+mod params;
 mod piece;
 mod relief;
 mod rough;
@@ -25,7 +25,7 @@ mod sections;
 mod segment;
 mod shape;
 
-pub use fault::Fault;
+pub use fault::StockRemovalError;
 
 /// The largest number of moves of one path; a job that needs more is refused.
 pub const MAX_MOVES: usize = 200_000;
@@ -100,14 +100,14 @@ pub struct Element {
 
 /// Where the point lies that the program moves, seen from the centre of the nose, in nose radii: each of -1, 0 or 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Tip {
+pub struct ToolTip {
     /// Along the first axis.
     pub u: f64,
     /// Along the second axis.
     pub v: f64,
 }
 
-impl Tip {
+impl ToolTip {
     /// The tip of a turning tool from its orientation 1 to 9 in the tool table of LinuxCNC (first axis Z, second axis X).
     /// Any other number means the centre, as 9 does.
     pub fn of_orientation(number: i32) -> Self {
@@ -128,7 +128,7 @@ impl Tip {
 
 /// What CYCLE95 is asked to do. Lengths in the program's unit; those entered without sign are taken by their magnitude.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Job {
+pub struct StockRemovalParams {
     /// The contour as programmed.
     pub contour: Vec<Element>,
     /// VARI: 1 to 12, or 201 to 212.
@@ -148,7 +148,7 @@ pub struct Job {
     /// Radius of the tool's nose.
     pub nose_radius: f64,
     /// Where the programmed point lies at the nose.
-    pub tip: Tip,
+    pub tip: ToolTip,
     /// DP24: clearance angle of the tool, degrees; 0 switches the check of falling flanks off.
     pub clearance_angle: f64,
     /// Is roughing compensated for the nose too, as on the 840D? Finishing always is.
@@ -252,6 +252,6 @@ pub struct Path {
 ///
 /// # Errors
 /// A [`Fault`] with the control's alarm number; nothing has moved then.
-pub fn plan(job: &Job) -> Result<Path, Fault> {
-    job::carry_out(job)
+pub fn plan(job: &StockRemovalParams) -> Result<Path, StockRemovalError> {
+    params::carry_out(job)
 }

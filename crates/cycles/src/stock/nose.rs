@@ -4,7 +4,7 @@
 
 use super::envelope;
 use super::piece::{Bend, Piece, TINY};
-use super::{Fault, Point};
+use super::{Point, StockRemovalError};
 
 /// How many points of an element are tried before the nose is said not to reach it.
 const SAMPLES: u32 = 33;
@@ -38,7 +38,7 @@ pub(super) fn offset(pieces: &[Piece], radius: f64, tip: Point) -> Vec<Piece> {
 }
 
 /// Refuse a contour into which the nose does not fit: every element must be touched somewhere.
-pub(super) fn check(pieces: &[Piece], radius: f64) -> Result<(), Fault> {
+pub(super) fn check(pieces: &[Piece], radius: f64) -> Result<(), StockRemovalError> {
     let centres = envelope::upper(&round(pieces, radius));
     let height = |u: f64| {
         let over = centres.iter().filter(|piece| piece.from.u >= u && piece.to.u <= u && !piece.is_upright());
@@ -54,7 +54,7 @@ pub(super) fn check(pieces: &[Piece], radius: f64) -> Result<(), Fault> {
     // What is shorter than the tolerance is reached with its neighbours.
     let long = |piece: &&Piece| piece.from.distance(piece.to) > 10.0 * REACHED;
     match pieces.iter().filter(long).find(|piece| !reached(piece)) {
-        Some(piece) => Err(Fault::NoseTooLarge(piece.line)),
+        Some(piece) => Err(StockRemovalError::NoseTooLarge(piece.line)),
         None => Ok(()),
     }
 }

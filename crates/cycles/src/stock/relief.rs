@@ -3,10 +3,10 @@
 //! Invariant: rapid moves inside a relief cut stay within what its levels have cleared; what lies behind an inner hump becomes a pocket of
 //! its own, whose top is the last level cut over the hump.
 
-use super::pen::Pen;
+use super::move_writer::MoveWriter;
 use super::piece::{Piece, TINY};
 use super::sections::{SHALLOW, levels};
-use super::{Fault, Feed, Point};
+use super::{Feed, Point, StockRemovalError};
 
 /// What all relief cuts of a job share.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +26,7 @@ struct Pocket {
 }
 
 /// Cut the relief cuts; the pen stands at the start point before and after.
-pub(super) fn rough(pen: &mut Pen, reliefs: &[Vec<Piece>], cutting: Cutting) -> Result<(), Fault> {
+pub(super) fn rough(pen: &mut MoveWriter, reliefs: &[Vec<Piece>], cutting: Cutting) -> Result<(), StockRemovalError> {
     for relief in reliefs {
         let Some(top) = relief.first().map(|piece| piece.from.v) else { continue };
         // The last one put here is the nearest along the cut direction.
@@ -38,7 +38,12 @@ pub(super) fn rough(pen: &mut Pen, reliefs: &[Vec<Piece>], cutting: Cutting) -> 
     pen.rapid_cut_axis(cutting.start.u)
 }
 
-fn clear(pen: &mut Pen, pocket: Pocket, cutting: Cutting, waiting: &mut Vec<Pocket>) -> Result<(), Fault> {
+fn clear(
+    pen: &mut MoveWriter,
+    pocket: Pocket,
+    cutting: Cutting,
+    waiting: &mut Vec<Pocket>,
+) -> Result<(), StockRemovalError> {
     let Pocket { top, chain } = pocket;
     let mut chain = without_land(chain, top);
     let bottom = first_bottom(&chain, top);

@@ -2,12 +2,18 @@
 //!
 //! Invariant: rapid moves run only in front of the blank or above what the levels before have cleared.
 
-use super::pen::Pen;
+use super::move_writer::MoveWriter;
 use super::piece::{Piece, TINY};
-use super::{Fault, Feed, Point};
+use super::{Feed, Point, StockRemovalError};
 
 /// Cut the section of a profile; the pen stands at the start point before and after.
-pub(super) fn rough(pen: &mut Pen, profile: &[Piece], levels: &[f64], top: f64, lift: f64) -> Result<(), Fault> {
+pub(super) fn rough(
+    pen: &mut MoveWriter,
+    profile: &[Piece],
+    levels: &[f64],
+    top: f64,
+    lift: f64,
+) -> Result<(), StockRemovalError> {
     let start = pen.at();
     let mut before = top;
     for &level in levels {

@@ -4,7 +4,7 @@
 //! a depth equally, by no more than the infeed depth, and the last one is the bottom itself.
 
 use super::piece::{Piece, TINY};
-use super::{Fault, Point};
+use super::{Point, StockRemovalError};
 
 /// A relief cut, a hump or a rest less deep than this, or a relief cut less wide, is left: it is below any machine's resolution.
 pub(super) const SHALLOW: f64 = 1e-6;
@@ -71,7 +71,7 @@ impl Sections {
 }
 
 /// The levels of a section, from below its top to its bottom: equal steps of at most the infeed depth.
-pub(super) fn levels(top: f64, bottom: f64, mid: f64) -> Result<Vec<f64>, Fault> {
+pub(super) fn levels(top: f64, bottom: f64, mid: f64) -> Result<Vec<f64>, StockRemovalError> {
     let depth = top - bottom;
     if depth <= SHALLOW {
         return Ok(Vec::new());
@@ -79,7 +79,7 @@ pub(super) fn levels(top: f64, bottom: f64, mid: f64) -> Result<Vec<f64>, Fault>
     // A depth that is a whole number of infeeds but for the last digit needs no further level.
     let count = (depth / mid - 1e-9).ceil().max(1.0);
     if count > MAX_LEVELS {
-        return Err(Fault::InfeedDepth);
+        return Err(StockRemovalError::InfeedDepth);
     }
     let step = depth / count;
     let count = count as u32;

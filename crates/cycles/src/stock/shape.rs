@@ -9,7 +9,7 @@ use super::frame::Frame;
 use super::piece::{Bend, Piece, TINY};
 use super::rough::Allowance;
 use super::segment::{Arc, Segment};
-use super::{Fault, Point};
+use super::{Point, StockRemovalError};
 
 /// The largest number of elements after splitting.
 pub(super) const MAX_ELEMENTS: usize = 100;
@@ -55,22 +55,22 @@ impl Shape {
 
 /// Which of the four positions of VARI the contour is cut in.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Lie {
+pub(super) struct Orientation {
     pub face: bool,
     pub inside: bool,
 }
 
 /// The shape of a contour.
-pub(super) fn normalise(segments: &[Segment], lie: Lie) -> Result<Shape, Fault> {
+pub(super) fn normalise(segments: &[Segment], lie: Orientation) -> Result<Shape, StockRemovalError> {
     let infeed = if lie.inside { -1.0 } else { 1.0 };
     let mut frame = Frame { face: lie.face, cut: 1.0, infeed };
-    let ends = segments.first().zip(segments.last()).ok_or(Fault::NoExtent)?;
+    let ends = segments.first().zip(segments.last()).ok_or(StockRemovalError::NoExtent)?;
     let (first, last) = (frame.into(ends.0.start), frame.into(ends.1.end));
     // The cut starts at the deep, open end.
     let reversed = first.v > last.v + SAME;
     let along = if reversed { first.u - last.u } else { last.u - first.u };
     if along.abs() <= SAME {
-        return Err(Fault::NoExtent);
+        return Err(StockRemovalError::NoExtent);
     }
     if along > 0.0 {
         frame.cut = -1.0;
@@ -91,7 +91,7 @@ struct Chain {
 }
 
 impl Chain {
-    fn take(&mut self, segment: &Segment, frame: Frame) -> Result<(), Fault> {
+    fn take(&mut self, segment: &Segment, frame: Frame) -> Result<(), StockRemovalError> {
         let end = frame.into(segment.end);
         let Some(arc) = segment.arc else {
             return self.push(end, Bend::Straight, segment.line);
@@ -111,10 +111,10 @@ impl Chain {
         self.push(end, bend, segment.line)
     }
 
-    fn push(&mut self, to: Point, bend: Bend, line: u32) -> Result<(), Fault> {
+    fn push(&mut self, to: Point, bend: Bend, line: u32) -> Result<(), StockRemovalError> {
         let from = self.at;
         if to.u > from.u + OVERHANG {
-            return Err(Fault::Overhang(line));
+            return Err(StockRemovalError::Overhang(line));
         }
         // What goes back by less is made upright; what hardly rises is made flat.
         let steep = to.u > from.u - TINY;
@@ -125,12 +125,12 @@ impl Chain {
         if !piece.is_nothing() {
             let over = |last: &Piece| last.is_upright() && piece.is_upright() && last.rises() != piece.rises();
             if self.pieces.last().is_some_and(over) {
-                return Err(Fault::DoublesBack(line));
+                return Err(StockRemovalError::DoublesBack(line));
             }
             self.pieces.push(piece);
             self.at = to;
         }
-        if self.pieces.len() > MAX_ELEMENTS { Err(Fault::TooManyElements) } else { Ok(()) }
+        if self.pieces.len() > MAX_ELEMENTS { Err(StockRemovalError::TooManyElements) } else { Ok(()) }
     }
 }
 

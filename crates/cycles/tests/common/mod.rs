@@ -4,8 +4,8 @@
 #![allow(dead_code)] // each test uses a part
 
 use retrace_cycles::{
-    Alarm, Argument, Block, Cycle, Halt, Host, Library, Limits, Machine, Message, Query, StockCall, StockFault,
-    StockMove, Stopped,
+    Alarm, Argument, Cycle, CycleBlock, CycleLibrary, CycleStopped, Halt, Host, Message, Query, StockCall,
+    StockFailure, StockMove, Vm, VmLimits,
 };
 
 /// An interpreter in small.
@@ -24,7 +24,7 @@ pub(crate) struct Recorder {
     pub(crate) distance: f64,
     pub(crate) inch: f64,
     pub(crate) modal_cycle: f64,
-    pub(crate) path: Result<Vec<StockMove>, StockFault>,
+    pub(crate) path: Result<Vec<StockMove>, StockFailure>,
     pub(crate) stock_calls: Vec<String>,
     pub(crate) entered: Vec<String>,
     pub(crate) triggers: usize,
@@ -85,9 +85,9 @@ impl Host for Recorder {
         }
     }
 
-    fn block(&mut self, block: &Block) -> Result<(), Stopped> {
+    fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStopped> {
         if self.stop_at == Some(self.lines.len()) {
-            return Err(Stopped);
+            return Err(CycleStopped);
         }
         let mut words = Vec::new();
         for tenths in block.g() {
@@ -125,12 +125,12 @@ impl Host for Recorder {
         self.entered.push(format!("+{}", cycle.name()));
     }
 
-    fn leave(&mut self, cycle: &Cycle) -> Result<(), Stopped> {
+    fn leave(&mut self, cycle: &Cycle) -> Result<(), CycleStopped> {
         self.entered.push(format!("-{}", cycle.name()));
         Ok(())
     }
 
-    fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockFault> {
+    fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockFailure> {
         self.stock_calls.push(format!("{call:?}"));
         self.path.as_ref().map(|path| path.len() as u32).map_err(Clone::clone)
     }
@@ -149,7 +149,7 @@ pub(crate) fn call(text: &str) -> (String, Vec<Option<String>>) {
 }
 
 /// Runs a call, such as `CYCLE81(10,0,2,-20)`, over a host.
-pub(crate) fn run(library: &Library, text: &str, host: &mut Recorder) -> Result<(), Halt> {
+pub(crate) fn run(library: &CycleLibrary, text: &str, host: &mut Recorder) -> Result<(), Halt> {
     let (name, arguments) = call(text);
     let arguments: Vec<Argument<'_>> = arguments
         .iter()
@@ -160,8 +160,8 @@ pub(crate) fn run(library: &Library, text: &str, host: &mut Recorder) -> Result<
         })
         .collect();
     let cycle = library.find(&name).unwrap_or_else(|| panic!("there is no {name}"));
-    let limits = Limits { steps: 200_000, blocks: 100_000, ..Limits::default() };
-    Machine::new(limits).run(library, cycle, &arguments, host)
+    let limits = VmLimits { steps: 200_000, blocks: 100_000, ..VmLimits::default() };
+    Vm::new(limits).run(library, cycle, &arguments, host)
 }
 
 /// The blocks of a call of a shipped cycle from the usual state, which must run without an alarm.
@@ -171,7 +171,7 @@ pub(crate) fn blocks(text: &str) -> Vec<String> {
 
 /// The same from another state; gives the host back.
 pub(crate) fn blocks_from(text: &str, mut host: Recorder) -> Recorder {
-    let done = run(&Library::shipped(), text, &mut host);
+    let done = run(&CycleLibrary::shipped(), text, &mut host);
     assert_eq!(done, Ok(()), "{text}");
     host
 }
@@ -183,7 +183,7 @@ pub(crate) fn alarm(text: &str) -> u32 {
 
 /// The same from another state.
 pub(crate) fn alarm_from(text: &str, mut host: Recorder) -> u32 {
-    let alarm = halted(run(&Library::shipped(), text, &mut host));
+    let alarm = halted(run(&CycleLibrary::shipped(), text, &mut host));
     assert!(host.lines.is_empty(), "{text} has moved: {:?}", host.lines);
     alarm.number.unwrap_or_else(|| panic!("{text}: {alarm:?}"))
 }

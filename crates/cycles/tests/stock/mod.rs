@@ -6,7 +6,8 @@
 pub(crate) mod part;
 
 use retrace_cycles::stock::{
-    Axes, Compensation, Corner, Element, Feed, Job, Kind, LIFT_OFF, Move, MoveKind, Path, Point, Tip, plan,
+    Axes, Compensation, Corner, Element, Feed, Kind, LIFT_OFF, Move, MoveKind, Path, Point, StockRemovalParams,
+    ToolTip, plan,
 };
 
 /// The contour of lines such as `G3 X50 Z-41 CR=3`; the first line tells the start. A negative CR is the arc of more than half a turn.
@@ -65,8 +66,8 @@ fn centre_of(start: Point, end: Point, radius: f64, counterclockwise: bool) -> P
 }
 
 /// A job without allowances, for a pointed tool.
-pub(crate) fn job(contour: Vec<Element>, vari: i32, mid: f64) -> Job {
-    Job {
+pub(crate) fn job(contour: Vec<Element>, vari: i32, mid: f64) -> StockRemovalParams {
+    StockRemovalParams {
         contour,
         vari,
         mid,
@@ -76,7 +77,7 @@ pub(crate) fn job(contour: Vec<Element>, vari: i32, mid: f64) -> Job {
         dam: 0.0,
         vrt: LIFT_OFF,
         nose_radius: 0.0,
-        tip: Tip::default(),
+        tip: ToolTip::default(),
         clearance_angle: 0.0,
         rough_compensated: true,
         position: None,
@@ -84,7 +85,7 @@ pub(crate) fn job(contour: Vec<Element>, vari: i32, mid: f64) -> Job {
 }
 
 /// The path of a job that has one.
-pub(crate) fn path(job: &Job) -> Path {
+pub(crate) fn path(job: &StockRemovalParams) -> Path {
     plan(job).unwrap_or_else(|fault| panic!("{}: {fault}", fault.number()))
 }
 

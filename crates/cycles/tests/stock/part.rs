@@ -3,7 +3,7 @@
 //! Invariant: written from the requirement's definition (the boundary moved to its free side), with nothing of the cycle's own geometry.
 //! Judge coordinates: u along the cut, cutting towards -u; v towards the free side.
 
-use retrace_cycles::stock::{Corner, Element, Job, Kind, Move, MoveKind, Point};
+use retrace_cycles::stock::{Corner, Element, Kind, Move, MoveKind, Point, StockRemovalParams};
 
 /// A small generator of numbers: the same seed gives the same contour.
 pub(crate) struct Dice(pub(crate) u64);
@@ -285,7 +285,13 @@ pub(crate) fn steps(lie: Lie, moves: &[Move]) -> Vec<Step> {
 }
 
 /// A job for these edges.
-pub(crate) fn job(dice: &mut Dice, edges: &[Edge], lie: Lie, backwards: bool, kind: i32) -> (Job, (f64, f64)) {
+pub(crate) fn job(
+    dice: &mut Dice,
+    edges: &[Edge],
+    lie: Lie,
+    backwards: bool,
+    kind: i32,
+) -> (StockRemovalParams, (f64, f64)) {
     let number = 4 * kind + 1 + i32::from(lie.face) + if lie.infeed < 0.0 { 2 } else { 0 };
     let mut allowance = || if dice.below(3) == 0 { 0.0 } else { dice.size(0.05, 1.5) };
     let (fal_z, fal_x, fal) = (allowance(), allowance(), allowance() / 4.0);

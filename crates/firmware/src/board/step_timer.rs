@@ -7,8 +7,8 @@
 use core::sync::atomic::Ordering::Relaxed;
 
 use retrace_firmware::AXES;
-use retrace_firmware::handover::Handover;
 use retrace_firmware::period::SLOT_HZ;
+use retrace_firmware::step_mailbox::StepMailbox;
 use retrace_firmware::steps::Steps;
 
 use super::chip::{self, interrupt};
@@ -23,7 +23,7 @@ const TIMER_HZ: u32 = RATES.step_timer;
 const AT_ONCE: bool = cfg!(feature = "qemu");
 
 /// What the main loop orders for the next control period.
-pub(crate) static ORDERS: Handover<AXES> = Handover::new();
+pub(crate) static ORDERS: StepMailbox<AXES> = StepMailbox::new();
 
 /// Starts the slots; nothing moves before there is an order.
 pub(super) fn start() {

@@ -4,8 +4,8 @@
 
 use crate::angle::{plus_quarters, sweep};
 use crate::canon::LengthUnit;
-use crate::codes::Code;
-use crate::diag::{Outcome, Span, fault};
+use crate::diag::{BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
 use crate::modal::ArcCentres;
 use std::f64::consts::SQRT_2;
 
@@ -59,7 +59,7 @@ impl ArcShape {
 ///
 /// # Errors
 /// E1605 for a radius of zero, E1606 when the radii disagree.
-pub(super) fn from_centre(shape: &ArcShape, words: (f64, f64), meaning: ArcCentres) -> Outcome<(f64, f64)> {
+pub(super) fn from_centre(shape: &ArcShape, words: (f64, f64), meaning: ArcCentres) -> BlockResult<(f64, f64)> {
     let centre = match meaning {
         ArcCentres::Absolute => words,
         ArcCentres::Incremental => (shape.start.0 + words.0, shape.start.1 + words.1),
@@ -67,12 +67,12 @@ pub(super) fn from_centre(shape: &ArcShape, words: (f64, f64), meaning: ArcCentr
     let first = (centre.0 - shape.start.0).hypot(centre.1 - shape.start.1);
     let last = (centre.0 - shape.end.0).hypot(centre.1 - shape.end.1);
     if first < shape.radii.least || last < shape.radii.least {
-        return fault(Code::ArcZeroRadius, shape.at, Code::ArcZeroRadius.title());
+        return fault(ErrorCode::ArcZeroRadius, shape.at, ErrorCode::ArcZeroRadius.title());
     }
     let difference = (first - last).abs();
     if difference > shape.radii.difference && difference > RELATIVE_TOLERANCE * first.max(last) {
         let message = format!("the radius is {first:.4} at the start of the arc and {last:.4} at its end");
-        return fault(Code::ArcRadiiDiffer, shape.at, message);
+        return fault(ErrorCode::ArcRadiiDiffer, shape.at, message);
     }
     Ok(centre)
 }
@@ -81,17 +81,17 @@ pub(super) fn from_centre(shape: &ArcShape, words: (f64, f64), meaning: ArcCentr
 ///
 /// # Errors
 /// E1607 when the arc ends where it starts, E1608 when the radius is too small.
-pub(super) fn from_radius(shape: &ArcShape, radius: f64) -> Outcome<(f64, f64)> {
+pub(super) fn from_radius(shape: &ArcShape, radius: f64) -> BlockResult<(f64, f64)> {
     let ((x, y), (end_x, end_y)) = (shape.start, shape.end);
     if x == end_x && y == end_y {
-        return fault(Code::ArcSamePoint, shape.at, Code::ArcSamePoint.title());
+        return fault(ErrorCode::ArcSamePoint, shape.at, ErrorCode::ArcSamePoint.title());
     }
     let size = radius.abs();
     let (mid_x, mid_y) = ((end_x + x) / 2.0, (end_y + y) / 2.0);
     let half = (mid_x - end_x).hypot(mid_y - end_y);
     if half - size > shape.radii.least || size == 0.0 {
         let message = format!("the radius {size} does not reach over a chord of {:.4}", 2.0 * half);
-        return fault(Code::ArcRadiusTooSmall, shape.at, message);
+        return fault(ErrorCode::ArcRadiusTooSmall, shape.at, message);
     }
     // The centre lies beside the chord: on its right for a short clockwise arc, and so on.
     let sine = if half / size > 1.0 - TINY { 1.0 } else { half / size };
@@ -105,7 +105,7 @@ pub(super) fn from_radius(shape: &ArcShape, radius: f64) -> Outcome<(f64, f64)> 
 mod tests {
     use super::*;
 
-    fn centre(radius: f64, difference: f64, units: LengthUnit) -> Result<(f64, f64), Code> {
+    fn centre(radius: f64, difference: f64, units: LengthUnit) -> Result<(f64, f64), ErrorCode> {
         let end = (2.0 * radius + difference, 0.0);
         let shape = ArcShape { start: (0.0, 0.0), end, turns: 1, radii: Radii::of(units), at: Span::default() };
         from_centre(&shape, (radius, 0.0), ArcCentres::Incremental).map_err(|fault| fault.code)
@@ -119,9 +119,9 @@ mod tests {
             [(1.0, 0.028_284, mm), (100.0, 0.100_1, mm), (1.0, 0.002_828_4, inch), (100.0, 0.100_1, inch)]
         {
             assert!(centre(radius, most, units).is_ok(), "{radius} {units:?}");
-            assert_eq!(centre(radius, most * 1.001, units), Err(Code::ArcRadiiDiffer), "{radius} {units:?}");
+            assert_eq!(centre(radius, most * 1.001, units), Err(ErrorCode::ArcRadiiDiffer), "{radius} {units:?}");
         }
-        assert_eq!(centre(0.001, 0.0, mm), Err(Code::ArcZeroRadius));
+        assert_eq!(centre(0.001, 0.0, mm), Err(ErrorCode::ArcZeroRadius));
     }
 
     #[test]
@@ -133,7 +133,7 @@ mod tests {
             radii: Radii::of(LengthUnit::Millimetre),
             at: Span::default(),
         };
-        let near = |centre: Outcome<(f64, f64)>, wanted: (f64, f64)| {
+        let near = |centre: BlockResult<(f64, f64)>, wanted: (f64, f64)| {
             let centre = centre.expect("an arc");
             (centre.0 - wanted.0).hypot(centre.1 - wanted.1) < 1e-12
         };
@@ -141,7 +141,7 @@ mod tests {
         assert!(near(from_radius(&shape, 2.0), (1.0, -height)));
         assert!(near(from_radius(&shape, -2.0), (1.0, height)));
         assert!(near(from_radius(&shape, 1.0), (1.0, 0.0)) && near(from_radius(&shape, 0.999_5), (1.0, 0.0)));
-        assert_eq!(from_radius(&shape, 0.99).map_err(|fault| fault.code), Err(Code::ArcRadiusTooSmall));
+        assert_eq!(from_radius(&shape, 0.99).map_err(|fault| fault.code), Err(ErrorCode::ArcRadiusTooSmall));
         let third = ArcShape { turns: 1, end: (1.0, 1.0), ..shape };
         assert!((third.length((1.0, 0.0), 0.0) - 1.5 * std::f64::consts::PI).abs() < 1e-12);
     }

@@ -8,11 +8,11 @@ use super::polar::PolarWords;
 use super::{Core, Emit};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl};
-use crate::codes::Code;
-use crate::cycle::{Cycle, CycleWords, Series};
-use crate::diag::{Outcome, fault};
+use crate::diag::{BlockResult, fault};
+use crate::drilling_cycle::{CycleWords, DrillingCycle, DrillingSeries};
+use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::{Distance, Motion, State};
+use crate::modal::{DistanceMode, ModalState, MotionMode};
 use crate::pose::{Axis, Pose};
 use crate::spindle::SpindleTurn;
 
@@ -79,7 +79,7 @@ impl Hole<'_, '_> {
 
 impl Core {
     /// Carries out a block of a cycle: one hole, or as many as L says.
-    pub(super) fn canned_cycle(&mut self, cycle: Cycle, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn canned_cycle(&mut self, cycle: DrillingCycle, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let kept = self.kept_words(cycle);
         let given = cycle_words(words, self.state.plane.axes()[2]).or(&kept);
         let initial_level = self.initial_level();
@@ -101,15 +101,15 @@ impl Core {
             emit.call(Canon::SetMotionControlMode(path));
             emit.call(Canon::SetNaivecamTolerance(self.state.naivecam_tolerance));
         }
-        self.state.motion = Some(Motion::Cycle(cycle));
-        self.state.series = Some(Series { plane: self.state.plane, initial_level, words: given });
+        self.state.motion = Some(MotionMode::Cycle(cycle));
+        self.state.series = Some(DrillingSeries { plane: self.state.plane, initial_level, words: given });
         Ok(())
     }
 
     /// The words that the block may leave out: those of the block before, if that was the same cycle in the same plane.
-    fn kept_words(&self, cycle: Cycle) -> CycleWords {
+    fn kept_words(&self, cycle: DrillingCycle) -> CycleWords {
         match &self.state.series {
-            Some(series) if series.plane == self.state.plane && self.state.motion == Some(Motion::Cycle(cycle)) => {
+            Some(series) if series.plane == self.state.plane && self.state.motion == Some(MotionMode::Cycle(cycle)) => {
                 series.words
             }
             _ => CycleWords::default(),
@@ -125,30 +125,32 @@ impl Core {
     }
 
     /// Clearance and bottom, after the checks that need nothing else.
-    fn levels(&self, cycle: Cycle, given: &CycleWords, initial: f64, words: &Words) -> Outcome<Levels> {
+    fn levels(&self, cycle: DrillingCycle, given: &CycleWords, initial: f64, words: &Words) -> BlockResult<Levels> {
         let at = cycle_span(words);
         let name = cycle.name();
         match self.state.feed_mode {
-            FeedMode::InverseTime => return fault(Code::CycleInverseTime, at, Code::CycleInverseTime.title()),
+            FeedMode::InverseTime => {
+                return fault(ErrorCode::CycleInverseTime, at, ErrorCode::CycleInverseTime.title());
+            }
             _ if self.state.feed_rate == 0.0 => {
-                return fault(Code::ZeroFeed, at, format!("{name} needs a feed rate, and none is set"));
+                return fault(ErrorCode::ZeroFeed, at, format!("{name} needs a feed rate, and none is set"));
             }
             _ => {}
         }
         let normal = char::from(self.state.plane.axes()[2].letter());
         let Some(clearance) = given.clearance else {
-            return fault(Code::WordMissing, at, format!("{name} needs an R word: the level of clearance"));
+            return fault(ErrorCode::WordMissing, at, format!("{name} needs an R word: the level of clearance"));
         };
         let Some(bottom) = given.bottom else {
-            return fault(Code::WordMissing, at, format!("{name} needs a {normal} word: the bottom of the hole"));
+            return fault(ErrorCode::WordMissing, at, format!("{name} needs a {normal} word: the bottom of the hole"));
         };
         let (clearance, bottom) = match self.state.distance {
-            Distance::Absolute => (clearance, bottom),
-            Distance::Incremental => (initial + clearance, initial + clearance + bottom),
+            DistanceMode::Absolute => (clearance, bottom),
+            DistanceMode::Incremental => (initial + clearance, initial + clearance + bottom),
         };
         if clearance < bottom {
             let message = format!("the clearance {clearance:.4} lies below the bottom {bottom:.4} of the hole");
-            return fault(Code::CycleLevels, at, message);
+            return fault(ErrorCode::CycleLevels, at, message);
         }
         Ok(Levels { clearance, bottom, retract: clearance })
     }
@@ -156,12 +158,12 @@ impl Core {
     /// Goes over the holes of the block and makes each of them.
     fn holes(
         &mut self,
-        cycle: Cycle,
+        cycle: DrillingCycle,
         levels: Levels,
         (given, repeats): (&CycleWords, u32),
         words: &Words,
         emit: &mut Emit<'_>,
-    ) -> Outcome<()> {
+    ) -> BlockResult<()> {
         let state = &self.state;
         let axes = state.plane.axes();
         let [first, second, normal] = axes;
@@ -170,11 +172,13 @@ impl Core {
         let polar = PolarWords::of(words);
         let (mut place, step) = match (state.distance, &polar) {
             // A step of zero is added as well: it makes 0 of −0, as in the peer.
-            (Distance::Absolute, Some(polar)) => (polar.absolute(here), (0.0, 0.0)),
-            (Distance::Absolute, None) => ((word(first).unwrap_or(here.0), word(second).unwrap_or(here.1)), (0.0, 0.0)),
-            (Distance::Incremental, _) => (here, (word(first).unwrap_or(0.0), word(second).unwrap_or(0.0))),
+            (DistanceMode::Absolute, Some(polar)) => (polar.absolute(here), (0.0, 0.0)),
+            (DistanceMode::Absolute, None) => {
+                ((word(first).unwrap_or(here.0), word(second).unwrap_or(here.1)), (0.0, 0.0))
+            }
+            (DistanceMode::Incremental, _) => (here, (word(first).unwrap_or(0.0), word(second).unwrap_or(0.0))),
         };
-        let polar_step = polar.filter(|_| state.distance == Distance::Incremental);
+        let polar_step = polar.filter(|_| state.distance == DistanceMode::Incremental);
         let level = state.position[normal];
         let mut travel = if level > levels.clearance { level } else { levels.retract };
         let mut hole = Hole { emit, at: state.position, axes, levels };
@@ -198,91 +202,97 @@ impl Core {
 }
 
 /// How many holes the block makes.
-fn repeats(cycle: Cycle, given: &CycleWords, levels: &Levels, words: &Words) -> Outcome<u32> {
+fn repeats(cycle: DrillingCycle, given: &CycleWords, levels: &Levels, words: &Words) -> BlockResult<u32> {
     let repeats = words.get(b'l').unwrap_or(1.0);
     let pecks = match given.peck {
         Some(depth) if cycle.has_pecks() && depth > 0.0 => (levels.clearance - levels.bottom) / depth,
         _ => 0.0,
     };
     if repeats == 0.0 || repeats * (pecks + 1.0) > MAX_HOLES_AND_PECKS {
-        return fault(Code::CycleRepeats, words.span(b'l'), Code::CycleRepeats.title());
+        return fault(ErrorCode::CycleRepeats, words.span(b'l'), ErrorCode::CycleRepeats.title());
     }
     Ok(repeats as u32)
 }
 
 /// Makes one hole, from the clearance above it.
-fn make(cycle: Cycle, hole: &mut Hole<'_, '_>, given: &CycleWords, state: &State, words: &Words) -> Outcome<()> {
+fn make(
+    cycle: DrillingCycle,
+    hole: &mut Hole<'_, '_>,
+    given: &CycleWords,
+    state: &ModalState,
+    words: &Words,
+) -> BlockResult<()> {
     let Levels { clearance, bottom, retract } = hole.levels;
     let dwell = given.dwell.unwrap_or(0.0);
     match cycle {
-        Cycle::ChipBreaking | Cycle::PeckDrilling => {
+        DrillingCycle::ChipBreaking | DrillingCycle::PeckDrilling => {
             let depth = given.peck.unwrap_or(0.0);
             if depth <= 0.0 {
-                return fault(Code::CyclePeck, words.span(b'q'), Code::CyclePeck.title());
+                return fault(ErrorCode::CyclePeck, words.span(b'q'), ErrorCode::CyclePeck.title());
             }
-            hole.peck(depth, chip_clearance(state.units), cycle == Cycle::PeckDrilling);
+            hole.peck(depth, chip_clearance(state.units), cycle == DrillingCycle::PeckDrilling);
             hole.traverse_to(retract);
         }
-        Cycle::Drilling | Cycle::DrillingWithDwell => {
+        DrillingCycle::Drilling | DrillingCycle::DrillingWithDwell => {
             hole.feed_to(bottom);
-            if cycle == Cycle::DrillingWithDwell {
+            if cycle == DrillingCycle::DrillingWithDwell {
                 hole.emit.call(Canon::Dwell(dwell));
             }
             hole.traverse_to(retract);
         }
-        Cycle::LeftTapping => tap(cycle, hole, SpindleTurn::Counterclockwise, (dwell, state), words)?,
-        Cycle::RightTapping => tap(cycle, hole, SpindleTurn::Clockwise, (dwell, state), words)?,
-        Cycle::Boring => {
+        DrillingCycle::LeftTapping => tap(cycle, hole, SpindleTurn::Counterclockwise, (dwell, state), words)?,
+        DrillingCycle::RightTapping => tap(cycle, hole, SpindleTurn::Clockwise, (dwell, state), words)?,
+        DrillingCycle::Boring => {
             hole.feed_to(bottom);
             hole.feed_to(clearance);
             hole.traverse_to(retract);
         }
-        Cycle::BoringWithDwell => {
+        DrillingCycle::BoringWithDwell => {
             hole.feed_to(bottom);
             hole.emit.call(Canon::Dwell(dwell));
             hole.feed_to(retract);
         }
-        Cycle::BoringSpindleStop | Cycle::BoringManual => {
+        DrillingCycle::BoringSpindleStop | DrillingCycle::BoringManual => {
             let turn = turning(cycle, state, words)?;
             hole.feed_to(bottom);
             hole.emit.call(Canon::Dwell(dwell));
             hole.emit.call(Canon::StopSpindleTurning);
-            if cycle == Cycle::BoringManual {
+            if cycle == DrillingCycle::BoringManual {
                 hole.emit.call(Canon::ProgramStop);
             } else {
                 hole.traverse_to(retract);
             }
             hole.emit.call(turn.start());
         }
-        Cycle::BackBoring => bore_back(hole, given, state, words)?,
+        DrillingCycle::BackBoring => bore_back(hole, given, state, words)?,
     }
     Ok(())
 }
 
 /// Which way the spindle turns; the cycle needs it to.
-fn turning(cycle: Cycle, state: &State, words: &Words) -> Outcome<SpindleTurn> {
+fn turning(cycle: DrillingCycle, state: &ModalState, words: &Words) -> BlockResult<SpindleTurn> {
     match state.spindle.turn() {
         Some(turn) => Ok(turn),
         None => {
             let message = format!("{} needs a turning spindle", cycle.name());
-            fault(Code::SpindleNotTurning, cycle_span(words), message)
+            fault(ErrorCode::SpindleNotTurning, cycle_span(words), message)
         }
     }
 }
 
 /// G74, G84: down, the other way round, and up again, all at the feed that the program has chosen to fit the pitch.
 fn tap(
-    cycle: Cycle,
+    cycle: DrillingCycle,
     hole: &mut Hole<'_, '_>,
     needed: SpindleTurn,
-    (dwell, state): (f64, &State),
+    (dwell, state): (f64, &ModalState),
     words: &Words,
-) -> Outcome<()> {
+) -> BlockResult<()> {
     let turn = turning(cycle, state, words)?;
     if turn != needed {
         let (name, needed) = (cycle.name(), needed.name());
         return fault(
-            Code::SpindleTurnsWrongly,
+            ErrorCode::SpindleTurnsWrongly,
             cycle_span(words),
             format!("{name} needs a spindle that turns {needed}"),
         );
@@ -307,14 +317,14 @@ fn tap(
 }
 
 /// G87: through the hole beside its axis with the spindle oriented, up to the middle at the feed, and back the same way.
-fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &State, words: &Words) -> Outcome<()> {
-    let turn = turning(Cycle::BackBoring, state, words)?;
+fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &ModalState, words: &Words) -> BlockResult<()> {
+    let turn = turning(DrillingCycle::BackBoring, state, words)?;
     let [first, second, normal] = hole.axes;
     let offset = |axis: Axis| given.offsets[axis as usize].unwrap_or(0.0);
     let Levels { clearance, bottom, retract } = hole.levels;
     let middle = match state.distance {
-        Distance::Absolute => offset(normal),
-        Distance::Incremental => bottom + offset(normal),
+        DistanceMode::Absolute => offset(normal),
+        DistanceMode::Incremental => bottom + offset(normal),
     };
     let on_axis = (hole.at[first], hole.at[second]);
     let beside = (on_axis.0 + offset(first), on_axis.1 + offset(second));
@@ -349,21 +359,21 @@ fn cycle_words(words: &Words, normal: Axis) -> CycleWords {
 }
 
 /// The words that the cycle needs beside R and the bottom.
-fn check_cycle_words(cycle: Cycle, given: &CycleWords, words: &Words) -> Outcome<()> {
+fn check_cycle_words(cycle: DrillingCycle, given: &CycleWords, words: &Words) -> BlockResult<()> {
     let missing = match cycle {
         _ if cycle.needs_dwell() && given.dwell.is_none() => "P word: the dwell at the bottom, in seconds",
         _ if cycle.has_pecks() && given.peck.is_none() => "Q word: the depth of a peck",
-        Cycle::BackBoring if given.offsets.contains(&None) => "I, a J and a K word",
+        DrillingCycle::BackBoring if given.offsets.contains(&None) => "I, a J and a K word",
         _ => {
             return match given.dwell {
                 Some(dwell) if dwell < 0.0 => {
-                    fault(Code::NegativeValue, words.span(b'p'), "a dwell takes no negative time")
+                    fault(ErrorCode::NegativeValue, words.span(b'p'), "a dwell takes no negative time")
                 }
                 _ => Ok(()),
             };
         }
     };
-    fault(Code::WordMissing, cycle_span(words), format!("{} needs a {missing}", cycle.name()))
+    fault(ErrorCode::WordMissing, cycle_span(words), format!("{} needs a {missing}", cycle.name()))
 }
 
 /// Where the cycle is told of: its G code, or the first word that asks for another hole.

@@ -6,12 +6,12 @@ use super::spindle::check_spindle_words;
 use super::thread::check_thread;
 use crate::block::{Words, letters, name_of_g};
 use crate::canon::Probing;
-use crate::codes::Code;
-use crate::cycle::Cycle;
-use crate::diag::{Outcome, Span, fault};
+use crate::diag::{BlockResult, Span, fault};
+use crate::drilling_cycle::DrillingCycle;
+use crate::error_codes::ErrorCode;
 use crate::eval::whole;
 use crate::groups::{GroupG, GroupM, Tenths};
-use crate::modal::{Distance, Motion, State};
+use crate::modal::{DistanceMode, ModalState, MotionMode};
 
 /// The letters of axis words, with those of polar coordinates.
 pub(super) const AXES: &[u8] = b"xyzabcuvw@^";
@@ -21,7 +21,7 @@ pub(super) const AXES: &[u8] = b"xyzabcuvw@^";
 pub(super) enum MotionToBe {
     None,
     Cancel,
-    Move(Motion),
+    Move(MotionMode),
     /// G70, G71, G72 and their kin, in tenths: carried out once, and no mode.
     Turn(Tenths),
 }
@@ -32,9 +32,9 @@ impl MotionToBe {
     }
 
     /// The drilling cycle that the block carries out.
-    fn cycle(self) -> Option<Cycle> {
+    fn cycle(self) -> Option<DrillingCycle> {
         match self {
-            MotionToBe::Move(Motion::Cycle(cycle)) => Some(cycle),
+            MotionToBe::Move(MotionMode::Cycle(cycle)) => Some(cycle),
             _ => None,
         }
     }
@@ -42,59 +42,62 @@ impl MotionToBe {
     /// The motions that are none without axis words.
     fn needs_axes(self) -> bool {
         let MotionToBe::Move(motion) = self else { return false };
-        matches!(motion, Motion::Cycle(_) | Motion::SpindleFeed | Motion::RigidTap | Motion::ThreadingCycle)
+        matches!(
+            motion,
+            MotionMode::Cycle(_) | MotionMode::SpindleFeed | MotionMode::RigidTap | MotionMode::ThreadingCycle
+        )
     }
 }
 
 const fn motion_of(tenths: u16) -> MotionToBe {
     match tenths {
-        0 => MotionToBe::Move(Motion::Traverse),
-        10 => MotionToBe::Move(Motion::Feed),
-        20 => MotionToBe::Move(Motion::ArcClockwise),
-        30 => MotionToBe::Move(Motion::ArcCounterclockwise),
-        330 => MotionToBe::Move(Motion::SpindleFeed),
-        331 => MotionToBe::Move(Motion::RigidTap),
-        760 => MotionToBe::Move(Motion::ThreadingCycle),
-        50 => MotionToBe::Move(Motion::CubicSpline),
-        51 => MotionToBe::Move(Motion::QuadraticSpline),
-        52 => MotionToBe::Move(Motion::ControlPoint),
-        53 => MotionToBe::Move(Motion::EndOfPoints),
+        0 => MotionToBe::Move(MotionMode::Traverse),
+        10 => MotionToBe::Move(MotionMode::Feed),
+        20 => MotionToBe::Move(MotionMode::ArcClockwise),
+        30 => MotionToBe::Move(MotionMode::ArcCounterclockwise),
+        330 => MotionToBe::Move(MotionMode::SpindleFeed),
+        331 => MotionToBe::Move(MotionMode::RigidTap),
+        760 => MotionToBe::Move(MotionMode::ThreadingCycle),
+        50 => MotionToBe::Move(MotionMode::CubicSpline),
+        51 => MotionToBe::Move(MotionMode::QuadraticSpline),
+        52 => MotionToBe::Move(MotionMode::ControlPoint),
+        53 => MotionToBe::Move(MotionMode::EndOfPoints),
         382..=385 => {
-            MotionToBe::Move(Motion::Probe(Probing { away: tenths >= 384, must_answer: tenths.is_multiple_of(2) }))
+            MotionToBe::Move(MotionMode::Probe(Probing { away: tenths >= 384, must_answer: tenths.is_multiple_of(2) }))
         }
         700..730 => MotionToBe::Turn(tenths),
-        _ => match Cycle::of_g(tenths) {
-            Some(cycle) => MotionToBe::Move(Motion::Cycle(cycle)),
+        _ => match DrillingCycle::of_g(tenths) {
+            Some(cycle) => MotionToBe::Move(MotionMode::Cycle(cycle)),
             None => MotionToBe::Cancel,
         },
     }
 }
 
 /// Finds what uses the block's axis words: the motion in the block, a code that takes them over, or the motion mode in force.
-pub(super) fn motion_to_be(words: &Words, state: &State) -> Outcome<MotionToBe> {
+pub(super) fn motion_to_be(words: &Words, state: &ModalState) -> BlockResult<MotionToBe> {
     const ANY: u32 = letters(AXES);
     let axis = if words.has_of(ANY) { words.first_of(AXES) } else { None };
     let owner = words.g(GroupG::NonModal).filter(|code| matches!(code, 100 | 280 | 300 | 520 | 920));
     let to_be = match (words.g(GroupG::Motion), owner) {
         (Some(800), None) => match axis {
-            Some(axis) => return fault(Code::AxisWithG80, words.span(axis), Code::AxisWithG80.title()),
+            Some(axis) => return fault(ErrorCode::AxisWithG80, words.span(axis), ErrorCode::AxisWithG80.title()),
             None => MotionToBe::Cancel,
         },
         (Some(800), Some(_)) => MotionToBe::Cancel,
         (Some(motion), Some(owner)) => {
             let at = words.g_span(GroupG::NonModal);
             let (motion, owner) = (name_of_g(motion), name_of_g(owner));
-            return fault(Code::TwoUseAxes, at, format!("{motion} and {owner} would both use the axis words"));
+            return fault(ErrorCode::TwoUseAxes, at, format!("{motion} and {owner} would both use the axis words"));
         }
         (Some(50 | 51 | 382..=385), None) if axis.is_none() => {
             let at = words.g_span(GroupG::Motion);
-            return fault(Code::AxesMissing, at, "this motion needs at least one axis word");
+            return fault(ErrorCode::AxesMissing, at, "this motion needs at least one axis word");
         }
         (Some(motion), None) => {
             let to_be = motion_of(motion);
             if axis.is_none() && to_be.needs_axes() {
                 let name = name_of_g(motion);
-                return fault(Code::AxesMissing, words.g_span(GroupG::Motion), format!("{name} needs axis words"));
+                return fault(ErrorCode::AxesMissing, words.g_span(GroupG::Motion), format!("{name} needs axis words"));
             }
             to_be
         }
@@ -103,7 +106,7 @@ pub(super) fn motion_to_be(words: &Words, state: &State) -> Outcome<MotionToBe> 
     };
     if axis.is_none() && matches!(owner, Some(520 | 920)) {
         let at = words.g_span(GroupG::NonModal);
-        return fault(Code::AxesMissing, at, Code::AxesMissing.title());
+        return fault(ErrorCode::AxesMissing, at, ErrorCode::AxesMissing.title());
     }
     super::polar::check(words, to_be, state)?;
     check_non_modal(words, to_be, state)?;
@@ -111,69 +114,69 @@ pub(super) fn motion_to_be(words: &Words, state: &State) -> Outcome<MotionToBe> 
 }
 
 /// The motion mode in force, if the block has words for it.
-fn modal_motion(words: &Words, state: &State, axis: Option<u8>) -> Outcome<MotionToBe> {
+fn modal_motion(words: &Words, state: &ModalState, axis: Option<u8>) -> BlockResult<MotionToBe> {
     let offset = words.g(GroupG::ToolOffset);
     match (axis, state.motion) {
         (Some(_), _) if offset == Some(431) => Ok(MotionToBe::None),
         (Some(_), _) if offset == Some(432) && !words.has(b'h') => Ok(MotionToBe::None),
         (Some(_), Some(motion)) => Ok(MotionToBe::Move(motion)),
-        (Some(axis), None) => fault(Code::NoMotionMode, words.span(axis), Code::NoMotionMode.title()),
+        (Some(axis), None) => fault(ErrorCode::NoMotionMode, words.span(axis), ErrorCode::NoMotionMode.title()),
         (None, Some(motion)) if motion.is_arc() && words.has_any(b"ijk") => Ok(MotionToBe::Move(motion)),
         (None, _) => Ok(MotionToBe::None),
     }
 }
 
-fn check_non_modal(words: &Words, to_be: MotionToBe, state: &State) -> Outcome<()> {
+fn check_non_modal(words: &Words, to_be: MotionToBe, state: &ModalState) -> BlockResult<()> {
     let Some(code) = words.g(GroupG::NonModal) else { return Ok(()) };
     let at = words.g_span(GroupG::NonModal);
     match code {
         40 => check_dwell(words, to_be, at),
         100 => check_g10(words, at),
         530 => {
-            if !matches!(to_be, MotionToBe::Move(Motion::Traverse | Motion::Feed)) {
-                return fault(Code::G53Motion, at, Code::G53Motion.title());
+            if !matches!(to_be, MotionToBe::Move(MotionMode::Traverse | MotionMode::Feed)) {
+                return fault(ErrorCode::G53Motion, at, ErrorCode::G53Motion.title());
             }
             let incremental = match words.g(GroupG::Distance) {
                 Some(code) => code == 910,
-                None => state.distance == Distance::Incremental,
+                None => state.distance == DistanceMode::Incremental,
             };
-            if incremental { fault(Code::G53Incremental, at, Code::G53Incremental.title()) } else { Ok(()) }
+            if incremental { fault(ErrorCode::G53Incremental, at, ErrorCode::G53Incremental.title()) } else { Ok(()) }
         }
         _ => Ok(()),
     }
 }
 
-fn check_dwell(words: &Words, to_be: MotionToBe, at: Span) -> Outcome<()> {
+fn check_dwell(words: &Words, to_be: MotionToBe, at: Span) -> BlockResult<()> {
     // An arc whose code comes from a block before makes as many turns as the dwell takes seconds, as in the peer.
     if to_be.is_arc() && words.g(GroupG::Motion).is_some() {
-        return fault(Code::TwoUseAxes, at, "G4 and an arc would both use the P word");
+        return fault(ErrorCode::TwoUseAxes, at, "G4 and an arc would both use the P word");
     }
     match words.get(b'p') {
-        None => fault(Code::WordMissing, at, "G4 needs a P word: the time in seconds"),
+        None => fault(ErrorCode::WordMissing, at, "G4 needs a P word: the time in seconds"),
         Some(seconds) if seconds < 0.0 => {
-            fault(Code::NegativeValue, words.span(b'p'), "a dwell takes no negative time")
+            fault(ErrorCode::NegativeValue, words.span(b'p'), "a dwell takes no negative time")
         }
         Some(_) => Ok(()),
     }
 }
 
-fn check_g10(words: &Words, at: Span) -> Outcome<()> {
+fn check_g10(words: &Words, at: Span) -> BlockResult<()> {
     match words.get(b'l') {
         Some(2.0 | 20.0) => {}
         Some(0.0) => return Ok(()),
         Some(1.0 | 10.0 | 11.0) => return super::tool_data::check(words, at),
-        Some(_) => return fault(Code::BadL, words.span(b'l'), Code::BadL.title()),
-        None => return fault(Code::WordMissing, at, "G10 needs an L word"),
+        Some(_) => return fault(ErrorCode::BadL, words.span(b'l'), ErrorCode::BadL.title()),
+        None => return fault(ErrorCode::WordMissing, at, "G10 needs an L word"),
     }
     let Some(system) = words.get(b'p') else {
-        return fault(Code::WordMissing, at, "G10 needs a P word: the coordinate system");
+        return fault(ErrorCode::WordMissing, at, "G10 needs a P word: the coordinate system");
     };
     let system = whole(system, words.span(b'p'), "P")?;
     if !(0..=9).contains(&system) {
-        return fault(Code::BadP, words.span(b'p'), format!("there is no coordinate system {system}"));
+        return fault(ErrorCode::BadP, words.span(b'p'), format!("there is no coordinate system {system}"));
     }
     if words.has(b'r') && words.get(b'l') == Some(20.0) {
-        return fault(Code::WordUnused, words.span(b'r'), "G10 L20 takes no R word");
+        return fault(ErrorCode::WordUnused, words.span(b'r'), "G10 L20 takes no R word");
     }
     match words.first_of(b"ijkq") {
         Some(letter) => unused(words, letter, "G10 L2 and L20"),
@@ -181,14 +184,14 @@ fn check_g10(words: &Words, at: Span) -> Outcome<()> {
     }
 }
 
-fn unused(words: &Words, letter: u8, code: &str) -> Outcome<()> {
+fn unused(words: &Words, letter: u8, code: &str) -> BlockResult<()> {
     let name = char::from(letter.to_ascii_uppercase());
-    fault(Code::WordUnused, words.span(letter), format!("{code} takes no {name} word"))
+    fault(ErrorCode::WordUnused, words.span(letter), format!("{code} takes no {name} word"))
 }
 
 /// Refuses a word that no code of the block uses.
 #[inline]
-pub(super) fn words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
+pub(super) fn words_have_uses(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
     // Axis words, F, S and T have their uses in any block.
     const SPECIAL: u32 = letters(b"dehijklpqr$");
     if words.has_of(SPECIAL) {
@@ -196,18 +199,19 @@ pub(super) fn words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     }
     if let (Some(cycle), Some(letter)) = (to_be.cycle(), words.first_of(b"abcuvw")) {
         let name = cycle.name();
-        return fault(Code::CycleAxis, words.span(letter), format!("{name} moves X, Y and Z only"));
+        return fault(ErrorCode::CycleAxis, words.span(letter), format!("{name} moves X, Y and Z only"));
     }
-    if to_be == MotionToBe::Move(Motion::ThreadingCycle) {
+    if to_be == MotionToBe::Move(MotionMode::ThreadingCycle) {
         check_thread(words)?;
     }
     check_spindle_words(words, to_be)
 }
 
 /// G5 and G5.1.
-const SPLINES: [MotionToBe; 2] = [MotionToBe::Move(Motion::CubicSpline), MotionToBe::Move(Motion::QuadraticSpline)];
+const SPLINES: [MotionToBe; 2] =
+    [MotionToBe::Move(MotionMode::CubicSpline), MotionToBe::Move(MotionMode::QuadraticSpline)];
 
-fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
+fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
     let arc = to_be.is_arc();
     let g10 = words.g(GroupG::NonModal) == Some(100);
     let dwell = words.g(GroupG::NonModal) == Some(40);
@@ -218,22 +222,22 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     let input = words.m(GroupM::Output) == Some(66);
     let user = words.m(GroupM::User).is_some();
     let (cubic, quadratic) = (to_be == SPLINES[0], to_be == SPLINES[1]);
-    let point = to_be == MotionToBe::Move(Motion::ControlPoint);
+    let point = to_be == MotionToBe::Move(MotionMode::ControlPoint);
     let compensation = words.g(GroupG::CutterCompensation).is_some_and(|code| code != 400);
     let switch = matches!(words.m(GroupM::Override), Some(50..=53));
     let number = words.m(GroupM::Tool) == Some(61);
     let cycle = to_be.cycle();
-    let thread = to_be == MotionToBe::Move(Motion::ThreadingCycle);
-    let tap = to_be == MotionToBe::Move(Motion::RigidTap);
-    let synchronised = tap || to_be == MotionToBe::Move(Motion::SpindleFeed);
+    let thread = to_be == MotionToBe::Move(MotionMode::ThreadingCycle);
+    let tap = to_be == MotionToBe::Move(MotionMode::RigidTap);
+    let synchronised = tap || to_be == MotionToBe::Move(MotionMode::SpindleFeed);
     let finish = to_be == MotionToBe::Turn(700);
     let turn = matches!(to_be, MotionToBe::Turn(_));
     let rough = turn && !finish;
     let surface_speed = words.g(GroupG::SpindleMode) == Some(960);
     let orient = words.m(GroupM::Spindle) == Some(19);
-    let offsets = cycle == Some(Cycle::BackBoring) || thread;
-    let pause = cycle.is_some_and(Cycle::takes_dwell) || thread || orient;
-    let peck = cycle.is_some_and(Cycle::has_pecks) || thread || orient;
+    let offsets = cycle == Some(DrillingCycle::BackBoring) || thread;
+    let pause = cycle.is_some_and(DrillingCycle::takes_dwell) || thread || orient;
+    let peck = cycle.is_some_and(DrillingCycle::has_pecks) || thread || orient;
     let spline = cubic || quadratic;
     let uses: [(&[u8], bool, &str); 9] = [
         (b"d", surface_speed || compensation || turn, "G41, G41.1, G42, G42.1, G70 to G72 or G96"),
@@ -261,12 +265,12 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
     for (letters, used, users) in uses {
         if let (false, Some(letter)) = (used, words.first_of(letters)) {
             let name = char::from(letter.to_ascii_uppercase());
-            return fault(Code::WordUnused, words.span(letter), format!("{name} belongs to {users}"));
+            return fault(ErrorCode::WordUnused, words.span(letter), format!("{name} belongs to {users}"));
         }
     }
     if words.has(b'r') && !(arc || g10 || cycle.is_some() || thread || orient || rough) {
         let message = "R belongs to G2, G3, G10 L2, G71, G72, G76, M19 or a drilling cycle";
-        return fault(Code::WordUnused, words.span(b'r'), message);
+        return fault(ErrorCode::WordUnused, words.span(b'r'), message);
     }
     match words.get(b'p') {
         Some(turns) if arc => turns_of(turns, words).map(|_| ()),
@@ -275,10 +279,10 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> Outcome<()> {
 }
 
 /// The number of turns that the P word of an arc gives.
-pub(super) fn turns_of(value: f64, words: &Words) -> Outcome<i32> {
+pub(super) fn turns_of(value: f64, words: &Words) -> BlockResult<i32> {
     let at = words.span(b'p');
     match whole(value, at, "P")? {
         turns @ 1.. => Ok(turns),
-        turns => fault(Code::BadP, at, format!("an arc makes at least one turn, not {turns}")),
+        turns => fault(ErrorCode::BadP, at, format!("an arc makes at least one turn, not {turns}")),
     }
 }

@@ -7,11 +7,11 @@ use super::check::MotionToBe;
 use super::{Core, Emit};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
-use crate::codes::Code;
 use crate::compensation::Side;
-use crate::diag::{Outcome, fault};
+use crate::diag::{BlockResult, fault};
+use crate::error_codes::ErrorCode;
 use crate::groups::GroupM;
-use crate::modal::{ArcCentres, Distance, Spindle, State};
+use crate::modal::{ArcCentres, DistanceMode, ModalState, SpindleRotation};
 use crate::pose::{Axis, Pose};
 
 /// The modes that M70 and M73 keep, lengths in the units that were in force.
@@ -19,7 +19,7 @@ use crate::pose::{Axis, Pose};
 pub(crate) struct Context {
     units: LengthUnit,
     plane: Plane,
-    distance: Distance,
+    distance: DistanceMode,
     arc_centres: ArcCentres,
     feed_mode: FeedMode,
     feed_rate: f64,
@@ -29,7 +29,7 @@ pub(crate) struct Context {
     naivecam_tolerance: f64,
     retract_to_r: bool,
     lathe_diameter: bool,
-    spindle: Spindle,
+    spindle: SpindleRotation,
     spindle_speed: f64,
     constant_surface_speed: bool,
     highest_spindle_speed: f64,
@@ -51,7 +51,7 @@ fn differs(kept: f64, now: f64) -> bool {
 }
 
 impl Context {
-    fn of(state: &State, on_return: bool) -> Context {
+    fn of(state: &ModalState, on_return: bool) -> Context {
         Context {
             units: state.units,
             plane: state.plane,
@@ -81,7 +81,7 @@ impl Context {
     }
 
     /// A block that brings back what one block can; units are back already.
-    fn block(&self, state: &State) -> Outcome<Words> {
+    fn block(&self, state: &ModalState) -> BlockResult<Words> {
         let mut words = Words::default();
         self.add_feed_and_spindle(state, &mut words)?;
         let mut code = |differs: bool, code: f64| if differs { words.add_g(code, <_>::default()) } else { Ok(()) };
@@ -100,7 +100,7 @@ impl Context {
             system => 59.0 + f64::from(system - 6) / 10.0,
         };
         code(self.coordinate_system != state.coordinate_system, system)?;
-        code(self.distance != state.distance, if self.distance == Distance::Absolute { 90.0 } else { 91.0 })?;
+        code(self.distance != state.distance, if self.distance == DistanceMode::Absolute { 90.0 } else { 91.0 })?;
         let absolute = self.arc_centres == ArcCentres::Absolute;
         code(self.arc_centres != state.arc_centres, if absolute { 90.1 } else { 91.1 })?;
         code(self.retract_to_r != state.retract_to_r, if self.retract_to_r { 99.0 } else { 98.0 })?;
@@ -114,7 +114,7 @@ impl Context {
     }
 
     /// A block that switches cutter compensation on again, if that is asked for: its D is not that of G96.
-    fn compensation_block(&self, state: &State) -> Outcome<Option<Words>> {
+    fn compensation_block(&self, state: &ModalState) -> BlockResult<Option<Words>> {
         let (Some((side, radius)), None) = (self.compensation, state.compensation) else { return Ok(None) };
         let mut words = Words::default();
         words.add_g(if side == Side::Left { 41.1 } else { 42.1 }, <_>::default())?;
@@ -122,7 +122,7 @@ impl Context {
         Ok(Some(words))
     }
 
-    fn add_feed_and_spindle(&self, state: &State, words: &mut Words) -> Outcome<()> {
+    fn add_feed_and_spindle(&self, state: &ModalState, words: &mut Words) -> BlockResult<()> {
         if self.feed_mode != state.feed_mode {
             let code = match self.feed_mode {
                 FeedMode::InverseTime => 93.0,
@@ -145,9 +145,9 @@ impl Context {
         }
         if self.spindle != state.spindle {
             let code = match self.spindle {
-                Spindle::Clockwise => 3.0,
-                Spindle::Counterclockwise => 4.0,
-                Spindle::Stopped => 5.0,
+                SpindleRotation::Clockwise => 3.0,
+                SpindleRotation::Counterclockwise => 4.0,
+                SpindleRotation::Stopped => 5.0,
             };
             return words.add_m(code, <_>::default());
         }
@@ -162,7 +162,7 @@ impl Context {
     }
 
     /// Whether the path mode in force is the one that was put away.
-    fn has_same_path_control(&self, state: &State) -> bool {
+    fn has_same_path_control(&self, state: &ModalState) -> bool {
         match (self.path_control, state.path_control) {
             (PathControl::Continuous { tolerance: kept }, PathControl::Continuous { tolerance: now }) => {
                 !differs(kept, now) && !differs(self.naivecam_tolerance, state.naivecam_tolerance)
@@ -171,7 +171,7 @@ impl Context {
         }
     }
 
-    fn add_path_control(&self, state: &State, words: &mut Words) -> Outcome<()> {
+    fn add_path_control(&self, state: &ModalState, words: &mut Words) -> BlockResult<()> {
         if self.has_same_path_control(state) {
             return Ok(());
         }
@@ -190,7 +190,7 @@ impl Context {
 
 impl Core {
     /// M70 … M73.
-    pub(super) fn context(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn context(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let level = self.state.call_level as usize;
         match code {
             70 | 73 => {
@@ -207,7 +207,7 @@ impl Core {
             }
             _ => match self.state.contexts.get(level).copied().flatten() {
                 Some(kept) => self.take_up(&kept, emit),
-                None => fault(Code::NothingSaved, words.m_span(GroupM::Spindle), Code::NothingSaved.title()),
+                None => fault(ErrorCode::NothingSaved, words.m_span(GroupM::Spindle), ErrorCode::NothingSaved.title()),
             },
         }
     }
@@ -220,14 +220,14 @@ impl Core {
     }
 
     /// What M73 has put away for the end of this subprogram is taken up again.
-    pub(super) fn take_up_on_return(&mut self, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn take_up_on_return(&mut self, emit: &mut Emit<'_>) -> BlockResult<()> {
         match self.state.contexts.get(self.state.call_level as usize).copied().flatten() {
             Some(kept) if kept.on_return && self.state.call_level > 0 => self.take_up(&kept, emit),
             _ => Ok(()),
         }
     }
 
-    fn take_up(&mut self, kept: &Context, emit: &mut Emit<'_>) -> Outcome<()> {
+    fn take_up(&mut self, kept: &Context, emit: &mut Emit<'_>) -> BlockResult<()> {
         // These functions belong to no N word, as in the peer.
         let number = emit.number.take();
         if kept.units != self.state.units {

@@ -4,20 +4,25 @@
 //! does not depend on how the words stand in the line.
 
 use super::check::MotionToBe;
-use super::{Core, Emit, Flow, refusals};
+use super::{Core, Emit, ProgramFlow, unsupported};
 use crate::angle::turned_xy;
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode};
-use crate::codes::Code;
-use crate::diag::{Outcome, fault};
+use crate::diag::{BlockResult, fault};
+use crate::error_codes::ErrorCode;
 use crate::eval::whole;
 use crate::groups::{GroupG, GroupM};
-use crate::modal::Spindle;
+use crate::modal::SpindleRotation;
 use crate::tool::Tool;
 
 impl Core {
     /// Carries out a checked block; its comment has gone out already.
-    pub(super) fn execute(&mut self, words: &Words, motion: MotionToBe, emit: &mut Emit<'_>) -> Outcome<Flow> {
+    pub(super) fn execute(
+        &mut self,
+        words: &Words,
+        motion: MotionToBe,
+        emit: &mut Emit<'_>,
+    ) -> BlockResult<ProgramFlow> {
         if let Some(code) = words.g(GroupG::FeedMode) {
             self.set_feed_mode(code, emit);
         }
@@ -41,7 +46,7 @@ impl Core {
         }
         if self.state.compensation.is_some() {
             self.check_waiting(emit)?;
-            refusals::switches(words, &self.state)?;
+            unsupported::switches(words, &self.state)?;
         }
         if words.has_m() {
             self.m_codes(words, emit)?;
@@ -55,30 +60,30 @@ impl Core {
             }
             MotionToBe::Turn(code) => {
                 if self.state.compensation.is_some() {
-                    refusals::turning(words)?;
+                    unsupported::turning(words)?;
                 }
                 self.turning_cycle(code, words, emit)?;
             }
             MotionToBe::Move(motion) => {
                 if self.state.compensation.is_some() {
-                    refusals::motion(motion, words)?;
+                    unsupported::motion(motion, words)?;
                 }
                 self.move_along(motion, words, emit)?;
             }
         }
         match words.m(GroupM::Stop) {
             Some(code) => self.stop(code, words.m_span(GroupM::Stop), emit),
-            None => Ok(Flow::Continue),
+            None => Ok(ProgramFlow::Continue),
         }
     }
 
     /// The tool of this number, which a word gives.
-    pub(super) fn tool(&self, number: f64, words: &Words, letter: u8) -> Outcome<Tool> {
+    pub(super) fn tool(&self, number: f64, words: &Words, letter: u8) -> BlockResult<Tool> {
         let at = words.span(letter);
         let number = whole(number, at, "the word")?;
         match u32::try_from(number).ok().and_then(|number| self.tools.get(number)) {
             Some(tool) => Ok(tool),
-            None => fault(Code::ToolUnknown, at, format!("tool {number} is not in the tool table")),
+            None => fault(ErrorCode::ToolUnknown, at, format!("tool {number} is not in the tool table")),
         }
     }
 
@@ -93,7 +98,7 @@ impl Core {
         })
     }
 
-    fn m_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    fn m_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         if let Some(code) = words.m(GroupM::Output) {
             self.port(code, words, emit)?;
         }
@@ -123,7 +128,7 @@ impl Core {
     fn change_tool(&mut self, emit: &mut Emit<'_>) {
         emit.call(Canon::StartChange);
         emit.call(Canon::StopSpindleTurning);
-        self.state.spindle = Spindle::Stopped;
+        self.state.spindle = SpindleRotation::Stopped;
         let was = std::mem::replace(&mut self.state.current_tool, self.state.selected_tool);
         let tool = self.state.current_tool;
         let remark = self.tools.name(tool).map(Into::into);
@@ -140,9 +145,9 @@ impl Core {
     }
 
     /// M61: the tool in the spindle is another one than was thought.
-    fn rename_tool(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    fn rename_tool(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let Some(number) = words.get(b'q') else {
-            return fault(Code::WordMissing, words.m_span(GroupM::Tool), "M61 needs a Q word: the tool number");
+            return fault(ErrorCode::WordMissing, words.m_span(GroupM::Tool), "M61 needs a Q word: the tool number");
         };
         let tool = self.tool(number, words, b'q')?;
         self.state.current_tool = tool.number;
@@ -153,17 +158,17 @@ impl Core {
 
     fn spindle(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) {
         self.state.spindle = match code {
-            3 => Spindle::Clockwise,
-            4 => Spindle::Counterclockwise,
-            _ => Spindle::Stopped,
+            3 => SpindleRotation::Clockwise,
+            4 => SpindleRotation::Counterclockwise,
+            _ => SpindleRotation::Stopped,
         };
         emit.call(match self.state.spindle {
-            Spindle::Clockwise => Canon::StartSpindleClockwise,
-            Spindle::Counterclockwise => Canon::StartSpindleCounterclockwise,
-            Spindle::Stopped => Canon::StopSpindleTurning,
+            SpindleRotation::Clockwise => Canon::StartSpindleClockwise,
+            SpindleRotation::Counterclockwise => Canon::StartSpindleCounterclockwise,
+            SpindleRotation::Stopped => Canon::StopSpindleTurning,
         });
-        if self.state.spindle != Spindle::Stopped && self.state.spindle_speed == 0.0 {
-            emit.warning = Some((Code::SpindleWithoutSpeed, words.m_span(GroupM::Spindle)));
+        if self.state.spindle != SpindleRotation::Stopped && self.state.spindle_speed == 0.0 {
+            emit.warning = Some((ErrorCode::SpindleWithoutSpeed, words.m_span(GroupM::Spindle)));
         }
     }
 

@@ -6,50 +6,50 @@
 mod arc;
 mod canned;
 mod check;
+mod compensation_corner;
+mod compensation_queue;
 mod context;
-mod core;
-mod cutter;
-mod cycle;
+mod cutter_compensation;
+mod cycle_host;
 mod execute;
-mod joint;
+mod interpreter_core;
 mod modes;
 mod motion;
 mod offsets;
 mod polar;
 mod ports;
 mod probe;
-mod queue;
-mod refusals;
 mod spindle;
 mod spline;
 mod stop;
 mod thread;
 mod tool_data;
 mod turning;
+mod unsupported;
 
 pub(crate) use self::context::Context;
 pub use self::ports::UserCodes;
 
-pub(crate) use self::core::Core;
-use self::core::{BlockEnvironment, Emit};
-pub(crate) use self::cycle::{Contours, NoContours, Planned};
-pub(crate) use self::queue::{Point, Queue, UNSHIFTED};
+pub(crate) use self::compensation_queue::{Point, Queue, UNSHIFTED};
+pub(crate) use self::cycle_host::{Contours, NoContours, PlannedContour};
+pub(crate) use self::interpreter_core::Core;
+use self::interpreter_core::{BlockEnvironment, Emit};
 use crate::block::{Assignment, BlockNumber, Words, letters};
-use crate::canon::{Canon, LengthUnit, Step};
-use crate::carried::CarriedOver;
-use crate::code::Code as CompiledLines;
-use crate::codes::Code;
+use crate::canon::{Canon, CanonStep, LengthUnit};
+use crate::compiled_code::CompiledCode as CompiledLines;
 use crate::control::{Control, Keyword, MAX_ARGUMENTS};
-use crate::diag::{Diagnostic, Fault, Outcome, Severity, Span, fault};
+use crate::diag::{BlockError, BlockResult, Diagnostic, Severity, Span, fault};
+use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::{Motion, State};
+use crate::modal::{ModalState, MotionMode};
+use crate::modal_snapshot::ModalSnapshot;
 use crate::params::{Frame, Names, Parameters, SHOW_DEBUG};
 use crate::parse::LineReader;
 use crate::pose::{AxisSet, Pose};
 use crate::prescan::SubFiles;
 use crate::tool::ToolTable;
 use crate::turning::Profile;
-use retrace_cycles::Library;
+use retrace_cycles::CycleLibrary;
 use std::sync::Arc;
 
 /// Errors after which nothing more is checked; of warnings, no more are kept.
@@ -69,7 +69,7 @@ pub struct Setup {
     /// What earlier programs have left.
     pub parameters: Parameters,
     /// The cycles that a program may call.
-    pub cycles: Option<Arc<Library>>,
+    pub cycles: Option<Arc<CycleLibrary>>,
     /// Where subprograms in files of their own are found.
     pub files: Option<Arc<dyn SubFiles>>,
     /// Whether lines that begin with a slash are left out.
@@ -85,7 +85,7 @@ pub struct Setup {
     /// Named parameters that a program may read only, such as the numbers of an INI file; names in lower case.
     pub fixed_values: Vec<(String, f64)>,
     /// What earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::going_on`] and [`Setup::following`].
-    pub carried: Option<Arc<CarriedOver>>,
+    pub carried: Option<Arc<ModalSnapshot>>,
 }
 
 impl Default for Setup {
@@ -125,7 +125,7 @@ impl Setup {
 
 /// Whether a program goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Flow {
+pub enum ProgramFlow {
     /// The next line is next.
     Continue,
     /// M2 or M30 was carried out.
@@ -134,7 +134,7 @@ pub enum Flow {
 
 /// What a line is that was read.
 #[derive(Debug)]
-pub(crate) enum Read {
+pub(crate) enum LineRead {
     /// A block to be carried out.
     Block,
     /// Deleted by its slash.
@@ -153,7 +153,7 @@ pub struct Interpreter {
     core: Core,
     reader: LineReader,
     /// Cycles, once the program has called one.
-    cycles: Option<Box<cycle::Cycles>>,
+    cycles: Option<Box<cycle_host::Cycles>>,
     words: Words,
     assignments: Vec<Assignment>,
     file: u16,
@@ -174,7 +174,7 @@ impl Interpreter {
         let reader = LineReader::of(&setup);
         let (state, parameters, tools) = match setup.carried {
             Some(carried) => (carried.state.clone(), carried.parameters.clone(), carried.tools.clone()),
-            None => (State::initial(setup.program_units), setup.parameters, setup.tools),
+            None => (ModalState::initial(setup.program_units), setup.parameters, setup.tools),
         };
         let (machine_units, user_codes) = (setup.machine_units, setup.user_codes);
         let orient_offset_degrees = setup.orient_offset_degrees;
@@ -209,7 +209,7 @@ impl Interpreter {
     }
 
     /// Adds the canonical functions that come before those of any program: units and offsets in force.
-    pub fn begin(&mut self, steps: &mut Vec<Step>) {
+    pub fn begin(&mut self, steps: &mut Vec<CanonStep>) {
         let state = &self.core.state;
         let mut waiting = Queue::default();
         let mut emit = Emit { line: 0, number: None, steps, waiting: &mut waiting, warning: None };
@@ -218,18 +218,18 @@ impl Interpreter {
         emit.call(Canon::SetG92Offset(state.g92_offset));
         emit.call(Canon::SetXyRotation(state.rotation_degrees));
         emit.call(Canon::SetFeedReference);
-        CarriedOver::announce(state, &State::initial(state.units), |canon| emit.call(canon));
+        ModalSnapshot::announce(state, &ModalState::initial(state.units), |canon| emit.call(canon));
     }
 
     /// Takes the next line of the program, without its end, and adds the canonical functions that it asks for to `steps`.
     ///
     /// # Errors
     /// The block was refused; what it had asked for before the fault was found stays in `steps`.
-    pub fn line(&mut self, text: &[u8], steps: &mut Vec<Step>) -> Result<Flow, BlockRefused> {
+    pub fn line(&mut self, text: &[u8], steps: &mut Vec<CanonStep>) -> Result<ProgramFlow, BlockRefused> {
         let carried_out = self.read(self.line.saturating_add(1), text).and_then(|read| match read {
-            Read::Block => self.carry_out(steps),
-            Read::Deleted => Ok(Flow::Continue),
-            Read::Control(control) => self.line_with_control(&control, steps),
+            LineRead::Block => self.carry_out(steps),
+            LineRead::Deleted => Ok(ProgramFlow::Continue),
+            LineRead::Control(control) => self.line_with_control(&control, steps),
         });
         carried_out.map_err(|fault| {
             self.report(*fault);
@@ -238,19 +238,19 @@ impl Interpreter {
     }
 
     /// Of the lines that are no blocks, the call of a cycle needs nothing but the cycle.
-    fn line_with_control(&mut self, control: &Control, steps: &mut Vec<Step>) -> Outcome<Flow> {
+    fn line_with_control(&mut self, control: &Control, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
         match self.reader.block.cycle.take() {
             Some(call) if control.keyword == Keyword::Cycle => {
                 self.call_cycle(&call, &NoContours, steps)?;
-                Ok(Flow::Continue)
+                Ok(ProgramFlow::Continue)
             }
-            _ => fault(Code::BadControl, control.at, "an O word needs the whole program"),
+            _ => fault(ErrorCode::BadControl, control.at, "an O word needs the whole program"),
         }
     }
 
     /// Puts other cycles in the place of those that a program may call. Lines that have been compiled go on to mean the cycles that
     /// stood in their places.
-    pub fn set_cycles(&mut self, cycles: Option<Arc<Library>>) {
+    pub fn set_cycles(&mut self, cycles: Option<Arc<CycleLibrary>>) {
         self.reader.cycles = cycles;
     }
 
@@ -264,14 +264,14 @@ impl Interpreter {
 
     /// Reads a line of the program itself.
     #[inline]
-    pub(crate) fn read(&mut self, line: u32, text: &[u8]) -> Outcome<Read> {
+    pub(crate) fn read(&mut self, line: u32, text: &[u8]) -> BlockResult<LineRead> {
         self.set_line(0, line);
         if !self.reader.read(text)? {
-            return Ok(Read::Deleted);
+            return Ok(LineRead::Deleted);
         }
         Ok(match self.reader.block.control.take() {
-            Some(control) => Read::Control(control),
-            None => Read::Block,
+            Some(control) => LineRead::Control(control),
+            None => LineRead::Block,
         })
     }
 
@@ -293,7 +293,7 @@ impl Interpreter {
     }
 
     /// The first value in brackets of the O word that was taken last, after evaluation of all of them; 0 without any.
-    pub(crate) fn control_value(&mut self) -> Outcome<f64> {
+    pub(crate) fn control_value(&mut self) -> BlockResult<f64> {
         if self.reader.block.is_constant() {
             self.assignments.clear();
             return Ok(0.0);
@@ -304,13 +304,13 @@ impl Interpreter {
     }
 
     /// The first value of the block, the others not being evaluated.
-    pub(crate) fn condition(&mut self) -> Outcome<f64> {
+    pub(crate) fn condition(&mut self) -> BlockResult<f64> {
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         self.reader.block.first_value(&environment)
     }
 
     /// The last value of the block, after evaluation of all of them, and where it stands.
-    pub(crate) fn last_value(&mut self) -> Outcome<(f64, Span)> {
+    pub(crate) fn last_value(&mut self) -> BlockResult<(f64, Span)> {
         self.control_value()?;
         let value = self.arguments().last().unwrap_or(0.0);
         Ok((value, self.reader.block.last_span()))
@@ -355,7 +355,7 @@ impl Interpreter {
     }
 
     /// Takes up again what M73 has put away; to be asked before the subprogram ends.
-    pub(crate) fn take_up_on_return(&mut self, steps: &mut Vec<Step>) -> Outcome<()> {
+    pub(crate) fn take_up_on_return(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<()> {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let mut emit = Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
         let outcome = self.core.take_up_on_return(&mut emit);
@@ -371,7 +371,7 @@ impl Interpreter {
     }
 
     /// Carries out the compiled block.
-    pub(crate) fn carry_out(&mut self, steps: &mut Vec<Step>) -> Outcome<Flow> {
+    pub(crate) fn carry_out(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         let is_constant = self.reader.block.is_constant();
         if !is_constant {
@@ -422,7 +422,7 @@ impl Interpreter {
         let warning = emit.warning;
         self.core.state.waiting = waiting;
         if let Some((code, at)) = warning {
-            self.report(Fault::plain(code, at));
+            self.report(BlockError::plain(code, at));
         }
         if moves && self.has_modal() && flow.is_ok() {
             self.modal_cycle(steps)?;
@@ -431,7 +431,7 @@ impl Interpreter {
     }
 
     /// Lets out what still waits for the next corner of a compensated path: the program has ended without M2 or M30.
-    pub(crate) fn release(&mut self, steps: &mut Vec<Step>) {
+    pub(crate) fn release(&mut self, steps: &mut Vec<CanonStep>) {
         self.core.state.waiting.release(steps, None);
     }
 
@@ -439,7 +439,7 @@ impl Interpreter {
     ///
     /// # Errors
     /// What still waits for the next corner of a compensated path cannot go out as it stands.
-    pub(crate) fn end_program(&mut self, steps: &mut Vec<Step>) -> Outcome<Flow> {
+    pub(crate) fn end_program(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let mut emit = Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
         let ended = self.core.stop(2, Span::default(), &mut emit);
@@ -449,12 +449,12 @@ impl Interpreter {
 
     /// The modal state between two blocks: with the parameters, all that the next block builds on.
     #[must_use]
-    pub fn state(&self) -> &State {
+    pub fn state(&self) -> &ModalState {
         &self.core.state
     }
 
     /// Puts a modal state in force, such as that of a breakpoint.
-    pub fn set_state(&mut self, state: State) {
+    pub fn set_state(&mut self, state: ModalState) {
         self.core.state = state;
     }
 
@@ -466,7 +466,7 @@ impl Interpreter {
 
     /// Hands over the profile of the turning cycle that the next block asks for: the calls of its subprogram Q, of which the moves
     /// count and nothing else.
-    pub fn set_profile(&mut self, steps: &[Step]) {
+    pub fn set_profile(&mut self, steps: &[CanonStep]) {
         self.core.profile = Some(Profile::of_steps(steps));
     }
 
@@ -478,7 +478,7 @@ impl Interpreter {
 
     /// The number of the profile's subprogram of the turning cycle read last, if it names one, and an interpreter to run it with: it
     /// stands where the cycle begins.
-    pub(crate) fn turning(&mut self) -> Outcome<Option<(f64, Interpreter)>> {
+    pub(crate) fn turning(&mut self) -> BlockResult<Option<(f64, Interpreter)>> {
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
         let Some(number) = self.words.get(b'q') else { return Ok(None) };
@@ -488,7 +488,7 @@ impl Interpreter {
         }
         scratch.core.state.position = self.core.end_of(&self.words);
         // The cycle has moved to its start with G0, so the profile may open with axis words alone.
-        scratch.core.state.motion = Some(Motion::Traverse);
+        scratch.core.state.motion = Some(MotionMode::Traverse);
         scratch.draws_profile = true;
         Ok(Some((number, scratch)))
     }
@@ -533,8 +533,8 @@ impl Interpreter {
     }
 
     /// Notes something about the line last taken.
-    pub(crate) fn report(&mut self, fault: Fault) {
-        let Fault { code, span, message } = fault;
+    pub(crate) fn report(&mut self, fault: BlockError) {
+        let BlockError { code, span, message } = fault;
         let diagnostic = Diagnostic { code, file: self.file, line: self.line, span, message };
         self.record(diagnostic);
     }
@@ -556,7 +556,7 @@ impl Interpreter {
         *count += 1;
         self.diagnostics.push(diagnostic);
         if is_error && self.has_too_many_errors() {
-            let Fault { code, span, message } = Fault::plain(Code::TooManyErrors, Span::default());
+            let BlockError { code, span, message } = BlockError::plain(ErrorCode::TooManyErrors, Span::default());
             self.diagnostics.push(Diagnostic { code, file: self.file, line: self.line, span, message });
         }
     }

@@ -3,13 +3,13 @@
 //! Invariant: they come in a fixed order (dwell, plane, units, tool offset, coordinate system, path control, distance, retract),
 //! and before any that uses coordinates.
 
-use super::{Core, Emit, refusals};
+use super::{Core, Emit, unsupported};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
-use crate::codes::Code;
-use crate::diag::{Outcome, fault};
+use crate::diag::{BlockResult, fault};
+use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::{ArcCentres, Distance};
+use crate::modal::{ArcCentres, DistanceMode};
 use crate::params::{COORDINATE_SYSTEM, system_origin};
 use crate::pose::{Axis, Pose};
 
@@ -34,7 +34,7 @@ impl Core {
     }
 
     /// All G codes but the motions.
-    pub(super) fn g_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn g_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         if words.g(GroupG::NonModal) == Some(40) {
             emit.call(Canon::Dwell(words.get(b'p').unwrap_or_default()));
         }
@@ -59,7 +59,7 @@ impl Core {
             self.set_compensation(code, words, emit)?;
         }
         if self.state.compensation.is_some() {
-            refusals::settings(words, &self.state)?;
+            unsupported::settings(words, &self.state)?;
         }
         if let Some(code) = words.g(GroupG::ToolOffset) {
             self.set_tool_offset(code, words, emit)?;
@@ -130,7 +130,7 @@ impl Core {
     }
 
     /// G43, G43.1, G43.2, G49. The machine stays where it is, so the position changes by what the offset does.
-    fn set_tool_offset(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    fn set_tool_offset(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let old = self.state.tool_offset;
         let new = match code {
             430 => {
@@ -152,13 +152,13 @@ impl Core {
     }
 
     /// G43.2: the offset of a tool, or given lengths, on top of the offset in force.
-    fn added_offset(&self, words: &Words, old: &Pose) -> Outcome<Pose> {
+    fn added_offset(&self, words: &Words, old: &Pose) -> BlockResult<Pose> {
         let at = words.g_span(GroupG::ToolOffset);
         match (words.get(b'h'), words.first_of(super::check::AXES)) {
-            (Some(_), Some(_)) => fault(Code::TwoUseAxes, at, "G43.2 takes an H word or axis words, not both"),
+            (Some(_), Some(_)) => fault(ErrorCode::TwoUseAxes, at, "G43.2 takes an H word or axis words, not both"),
             (Some(number), None) => Ok(old.plus(&self.lengths_to_program(&self.tool(number, words, b'h')?.offset))),
             (None, Some(_)) => Ok(given_axes(words, old, |old, given| old + given)),
-            (None, None) => fault(Code::WordMissing, at, "G43.2 needs an H word or axis words"),
+            (None, None) => fault(ErrorCode::WordMissing, at, "G43.2 needs an H word or axis words"),
         }
     }
 
@@ -204,8 +204,8 @@ impl Core {
         let state = &mut self.state;
         if let Some(code) = words.g(GroupG::Distance) {
             let (distance, note) = match code {
-                900 => (Distance::Absolute, "interpreter: distance mode changed to absolute"),
-                _ => (Distance::Incremental, "interpreter: distance mode changed to incremental"),
+                900 => (DistanceMode::Absolute, "interpreter: distance mode changed to absolute"),
+                _ => (DistanceMode::Incremental, "interpreter: distance mode changed to incremental"),
             };
             if distance != state.distance {
                 emit.call(Canon::Note(note));

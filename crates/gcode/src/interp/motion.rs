@@ -8,10 +8,10 @@ use super::{Core, Emit};
 use crate::angle::rotate;
 use crate::block::{Words, letters};
 use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
-use crate::codes::Code;
-use crate::diag::{Outcome, Span, fault};
+use crate::diag::{BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::{ArcCentres, Distance, Motion};
+use crate::modal::{ArcCentres, DistanceMode, MotionMode};
 use crate::pose::{Axis, Pose};
 
 /// Minutes that a feed move may take: a day.
@@ -26,21 +26,21 @@ const TINY_WAY: f64 = 1e-7;
 impl Core {
     /// Carries out the block's motion.
     #[inline]
-    pub(super) fn move_along(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn move_along(&mut self, motion: MotionMode, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         if self.state.tool_shift.is_some() {
             self.state.tool_shift = None;
         }
         // A cycle has its own rules at the origin.
-        if !matches!(motion, Motion::Cycle(_)) {
+        if !matches!(motion, MotionMode::Cycle(_)) {
             self.check_polar_words(words)?;
         }
         match motion {
-            Motion::Traverse => {
+            MotionMode::Traverse => {
                 (self.state.motion, self.state.series) = (Some(motion), None);
                 let end = self.end_of(words);
                 self.straight(motion, end, words, emit)
             }
-            Motion::Feed => {
+            MotionMode::Feed => {
                 self.check_feed(words)?;
                 (self.state.motion, self.state.series) = (Some(motion), None);
                 let end = self.end_of(words);
@@ -50,30 +50,30 @@ impl Core {
                 }
                 self.straight(motion, end, words, emit)
             }
-            Motion::ArcClockwise | Motion::ArcCounterclockwise => {
+            MotionMode::ArcClockwise | MotionMode::ArcCounterclockwise => {
                 self.state.series = None;
                 self.arc(motion, words, emit)
             }
-            Motion::Cycle(cycle) => self.canned_cycle(cycle, words, emit),
-            Motion::SpindleFeed | Motion::RigidTap => {
+            MotionMode::Cycle(cycle) => self.canned_cycle(cycle, words, emit),
+            MotionMode::SpindleFeed | MotionMode::RigidTap => {
                 self.state.series = None;
                 self.synchronised_move(motion, words, emit)
             }
-            Motion::ThreadingCycle => {
+            MotionMode::ThreadingCycle => {
                 self.state.series = None;
                 self.threading_cycle(words, emit)
             }
-            Motion::CubicSpline | Motion::QuadraticSpline => self.spline(motion, words, emit),
-            Motion::ControlPoint => self.control_point(words),
-            Motion::EndOfPoints => self.end_of_points(words, emit),
-            Motion::Probe(probing) => self.probe(probing, words, emit),
+            MotionMode::CubicSpline | MotionMode::QuadraticSpline => self.spline(motion, words, emit),
+            MotionMode::ControlPoint => self.control_point(words),
+            MotionMode::EndOfPoints => self.end_of_points(words, emit),
+            MotionMode::Probe(probing) => self.probe(probing, words, emit),
         }
     }
 
     #[inline]
-    fn straight(&mut self, motion: Motion, end: Pose, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    fn straight(&mut self, motion: MotionMode, end: Pose, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         // No machine is so large that a faster move takes that long.
-        if motion == Motion::Feed && self.state.feed_rate < 10.0 {
+        if motion == MotionMode::Feed && self.state.feed_rate < 10.0 {
             self.check_duration(straight_length(self.state.path_position(), &end), words)?;
         }
         self.state.has_left_compensation = false;
@@ -88,7 +88,7 @@ impl Core {
         Ok(())
     }
 
-    pub(super) fn check_feed(&self, words: &Words) -> Outcome<()> {
+    pub(super) fn check_feed(&self, words: &Words) -> BlockResult<()> {
         let at = || match words.first_of(b"xyzabcuvwijkr") {
             _ if words.g(GroupG::Motion).is_some() => words.g_span(GroupG::Motion),
             Some(letter) => words.span(letter),
@@ -96,13 +96,13 @@ impl Core {
         };
         match self.state.feed_mode {
             FeedMode::UnitsPerMinute | FeedMode::UnitsPerRevolution if self.state.feed_rate == 0.0 => {
-                fault(Code::ZeroFeed, at(), "a feed move needs a feed rate, and none is set")
+                fault(ErrorCode::ZeroFeed, at(), "a feed move needs a feed rate, and none is set")
             }
             FeedMode::UnitsPerRevolution if self.state.spindle_speed == 0.0 => {
-                fault(Code::ZeroSpindleSpeed, at(), Code::ZeroSpindleSpeed.title())
+                fault(ErrorCode::ZeroSpindleSpeed, at(), ErrorCode::ZeroSpindleSpeed.title())
             }
             FeedMode::InverseTime if !words.has(b'f') => {
-                fault(Code::InverseTimeFeed, at(), Code::InverseTimeFeed.title())
+                fault(ErrorCode::InverseTimeFeed, at(), ErrorCode::InverseTimeFeed.title())
             }
             _ => Ok(()),
         }
@@ -110,7 +110,7 @@ impl Core {
 
     /// Refuses a feed move that takes longer than a day: its feed or its length is a slip of the pen.
     #[cold]
-    fn check_duration(&self, length: f64, words: &Words) -> Outcome<()> {
+    fn check_duration(&self, length: f64, words: &Words) -> BlockResult<()> {
         let minutes = length / self.state.feed_rate;
         if self.state.feed_mode == FeedMode::UnitsPerRevolution || minutes.is_nan() || minutes <= MAX_MOVE_MINUTES {
             return Ok(());
@@ -120,7 +120,11 @@ impl Core {
             None => words.g_span(GroupG::Motion),
         };
         let feed = self.state.feed_rate;
-        fault(Code::MoveTooLong, at, format!("{length:.3} at a feed of {feed} would take {:.1} hours", minutes / 60.0))
+        fault(
+            ErrorCode::MoveTooLong,
+            at,
+            format!("{length:.3} at a feed of {feed} would take {:.1} hours", minutes / 60.0),
+        )
     }
 
     fn set_inverse_time_rate(&mut self, length: f64, words: &Words, emit: &mut Emit<'_>) {
@@ -137,7 +141,7 @@ impl Core {
             return self.end_in_machine_coordinates(words);
         }
         let mut end = *state.path_position();
-        let incremental = state.distance == Distance::Incremental;
+        let incremental = state.distance == DistanceMode::Incremental;
         const OTHERS: u32 = letters(b"abcuvw");
         let count = if words.has_of(OTHERS) { 9 } else { 3 };
         for (axis, letter) in end.0.iter_mut().zip(*b"xyzabcuvw").take(count) {
@@ -176,29 +180,29 @@ impl Core {
         end
     }
 
-    fn arc(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    fn arc(&mut self, motion: MotionMode, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let at =
             words.first_of(b"rijkxyzabcuvw").map_or_else(|| words.g_span(GroupG::Motion), |letter| words.span(letter));
         if self.state.has_left_compensation {
-            return fault(Code::CompensationExit, at, Code::CompensationExit.title());
+            return fault(ErrorCode::CompensationExit, at, ErrorCode::CompensationExit.title());
         }
         let has_centre = words.has_any(b"ijk");
         if words.has(b'r') && has_centre {
-            return fault(Code::ArcMixed, at, Code::ArcMixed.title());
+            return fault(ErrorCode::ArcMixed, at, ErrorCode::ArcMixed.title());
         }
         if !words.has(b'r') && !has_centre {
-            return fault(Code::ArcWordsMissing, at, Code::ArcWordsMissing.title());
+            return fault(ErrorCode::ArcWordsMissing, at, ErrorCode::ArcWordsMissing.title());
         }
         self.check_feed(words)?;
         if !self.state.plane.has_arcs() {
-            return fault(Code::ArcPlane, at, Code::ArcPlane.title());
+            return fault(ErrorCode::ArcPlane, at, ErrorCode::ArcPlane.title());
         }
         let centre = self.centre_words(words, at)?;
         let [first, second, normal] = self.state.plane.axes();
         let letter = |axis: Axis| axis.letter().to_ascii_lowercase();
         let is_polar = self.state.plane == Plane::Xy && words.has_any(b"@^");
         if centre.is_none() && !words.has(letter(first)) && !words.has(letter(second)) && !is_polar {
-            return fault(Code::ArcNoEnd, at, Code::ArcNoEnd.title());
+            return fault(ErrorCode::ArcNoEnd, at, ErrorCode::ArcNoEnd.title());
         }
         self.state.motion = Some(motion);
         let (start, end) = (*self.state.path_position(), self.end_of(words));
@@ -209,7 +213,7 @@ impl Core {
         let shape = ArcShape {
             start: (start[first], start[second]),
             end: (end[first], end[second]),
-            turns: if motion == Motion::ArcClockwise { -turns } else { turns },
+            turns: if motion == MotionMode::ArcClockwise { -turns } else { turns },
             radii: Radii::of(self.state.units),
             at,
         };
@@ -240,7 +244,7 @@ impl Core {
     }
 
     /// The centre words of the plane, in the order of its axes; none for an arc with R.
-    fn centre_words(&self, words: &Words, at: Span) -> Outcome<Option<(f64, f64)>> {
+    fn centre_words(&self, words: &Words, at: Span) -> BlockResult<Option<(f64, f64)>> {
         if words.has(b'r') {
             return Ok(None);
         }
@@ -248,13 +252,13 @@ impl Core {
         let name = |letter: u8| char::from(letter.to_ascii_uppercase());
         if words.has(normal) {
             let message = format!("{} does not belong to the selected plane", name(normal));
-            return fault(Code::ArcWrongWord, words.span(normal), message);
+            return fault(ErrorCode::ArcWrongWord, words.span(normal), message);
         }
         if self.state.arc_centres == ArcCentres::Absolute {
             for letter in [first, second] {
                 if !words.has(letter) {
                     let message = format!("{} is missing: with G90.1 both centre words are needed", name(letter));
-                    return fault(Code::ArcAbsoluteCentre, at, message);
+                    return fault(ErrorCode::ArcAbsoluteCentre, at, message);
                 }
             }
         }
@@ -264,8 +268,8 @@ impl Core {
 
 /// A straight move of this mode.
 #[inline]
-pub(super) fn straight_canon(motion: Motion, end: Pose) -> Canon {
-    if motion == Motion::Traverse { Canon::StraightTraverse(end) } else { Canon::StraightFeed(end) }
+pub(super) fn straight_canon(motion: MotionMode, end: Pose) -> Canon {
+    if motion == MotionMode::Traverse { Canon::StraightTraverse(end) } else { Canon::StraightFeed(end) }
 }
 
 /// The way between two points as inverse time counts it: along X Y Z; if they stay, along U V W; if those do too, the turn of A B C.

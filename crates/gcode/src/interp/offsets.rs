@@ -7,13 +7,13 @@ use super::{Core, Emit};
 use crate::angle::rotate;
 use crate::block::Words;
 use crate::canon::Canon;
-use crate::diag::Outcome;
+use crate::diag::BlockResult;
 use crate::params::{G28_HOME, G30_HOME, G92_ACTIVE, G92_OFFSET, system_origin};
 use crate::pose::{Axis, Pose};
 
 impl Core {
     /// The codes of group 0 but G4 and G53, which belong to others.
-    pub(super) fn non_modal(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn non_modal(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         match code {
             100 => match words.get(b'l') {
                 Some(0.0) => return self.reload_tools(words.span(b'l'), emit),

@@ -6,33 +6,33 @@ use super::Core;
 use super::check::MotionToBe;
 use crate::block::{Words, letters};
 use crate::canon::Plane;
-use crate::codes::Code;
-use crate::diag::{Outcome, Span, fault};
+use crate::diag::{BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::{Distance, Motion, State};
+use crate::modal::{DistanceMode, ModalState, MotionMode};
 use crate::pose::{Axis, Pose};
 
 /// Whether a block's polar words may stand where they do.
-pub(super) fn check(words: &Words, to_be: MotionToBe, state: &State) -> Outcome<()> {
+pub(super) fn check(words: &Words, to_be: MotionToBe, state: &ModalState) -> BlockResult<()> {
     let Some(letter) = words.first_of(b"@^") else { return Ok(()) };
     let at = words.span(letter);
     if !matches!(to_be, MotionToBe::Move(_)) {
-        return fault(Code::PolarWithoutMotion, at, "polar coordinates belong to a motion");
+        return fault(ErrorCode::PolarWithoutMotion, at, "polar coordinates belong to a motion");
     }
-    if to_be == MotionToBe::Move(Motion::ControlPoint) {
-        return fault(Code::PolarWithoutMotion, at, "a control point is given with X and Y");
+    if to_be == MotionToBe::Move(MotionMode::ControlPoint) {
+        return fault(ErrorCode::PolarWithoutMotion, at, "a control point is given with X and Y");
     }
     // The plane is the one before the block, as in the peer.
     if state.plane != Plane::Xy {
-        return fault(Code::PolarWithoutMotion, at, "polar coordinates lie in the plane of G17, selected before");
+        return fault(ErrorCode::PolarWithoutMotion, at, "polar coordinates lie in the plane of G17, selected before");
     }
     if words.g(GroupG::NonModal) == Some(530) {
-        return fault(Code::PolarWithoutMotion, at, "G53 takes no polar coordinates");
+        return fault(ErrorCode::PolarWithoutMotion, at, "G53 takes no polar coordinates");
     }
     match words.first_of(b"xy") {
         Some(other) => {
             let message = format!("polar coordinates stand for {}", char::from(other.to_ascii_uppercase()));
-            fault(Code::PolarMixed, words.span(other), message)
+            fault(ErrorCode::PolarMixed, words.span(other), message)
         }
         None => Ok(()),
     }
@@ -66,13 +66,13 @@ impl PolarWords {
     ///
     /// # Errors
     /// E1711 where the hole before lies at the origin, which has no direction.
-    pub(super) fn step_from(&self, (mut x, mut y): (f64, f64)) -> Outcome<(f64, f64)> {
+    pub(super) fn step_from(&self, (mut x, mut y): (f64, f64)) -> BlockResult<(f64, f64)> {
         let steps = [(self.distance, 1.0, 0.0), (self.angle, 0.0, 1.0)];
         for (step, farther, turned) in steps {
             let Some(step) = step.filter(|step| *step != 0.0) else { continue };
             if x == 0.0 && y == 0.0 {
                 let message = "in G91 polar coordinates need a direction, and the hole before lies at the origin";
-                return fault(Code::PolarWithoutMotion, self.at, message);
+                return fault(ErrorCode::PolarWithoutMotion, self.at, message);
             }
             let (distance, angle) = (x.hypot(y) + farther * step, y.atan2(x) + turned * step);
             (x, y) = (distance * angle.cos(), distance * angle.sin());
@@ -84,14 +84,14 @@ impl PolarWords {
 impl Core {
     /// Whether polar words mean a point: at the origin there is no direction to keep or to turn.
     #[inline]
-    pub(super) fn check_polar_words(&self, words: &Words) -> Outcome<()> {
+    pub(super) fn check_polar_words(&self, words: &Words) -> BlockResult<()> {
         const POLAR: u32 = letters(b"@^");
         let Some(letter) = words.has_of(POLAR).then(|| words.first_of(b"@^")).flatten() else { return Ok(()) };
         match self.polar_point(words) {
             Some(_) => Ok(()),
             None => {
                 let message = "at the origin polar coordinates need @ and ^ both, and G90";
-                fault(Code::PolarWithoutMotion, words.span(letter), message)
+                fault(ErrorCode::PolarWithoutMotion, words.span(letter), message)
             }
         }
     }
@@ -110,7 +110,7 @@ impl Core {
         let (distance, angle) = (words.get(b'@'), words.get(b'^').map(f64::to_radians));
         let at = |distance: f64, angle: f64| (distance * angle.cos(), distance * angle.sin());
         let is_origin = |(x, y): (f64, f64)| x == 0.0 && y == 0.0;
-        if self.state.distance == Distance::Absolute {
+        if self.state.distance == DistanceMode::Absolute {
             if is_origin((x, y)) && distance.is_some() && angle.is_none() {
                 return None;
             }

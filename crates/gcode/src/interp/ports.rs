@@ -4,9 +4,9 @@
 
 use super::{Core, Emit};
 use crate::block::Words;
-use crate::canon::{Canon, Input, Wait, WaitFor};
-use crate::codes::Code;
-use crate::diag::{Outcome, fault};
+use crate::canon::{Canon, WaitFor, WaitForInput, WaitInput};
+use crate::diag::{BlockResult, fault};
+use crate::error_codes::ErrorCode;
 use crate::eval::whole;
 use crate::groups::GroupM;
 use crate::params::INPUT;
@@ -34,7 +34,7 @@ impl UserCodes {
 
 impl Core {
     /// M62 … M68.
-    pub(super) fn port(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn port(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         match code {
             62..=65 => digital_output(code, words, emit),
             66 => self.wait(words, emit),
@@ -43,13 +43,15 @@ impl Core {
     }
 
     /// M66. Until a machine answers, the answer is 0, as in LinuxCNC's stand-alone interpreter.
-    fn wait(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    fn wait(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let at = words.m_span(GroupM::Output);
         let input = match (words.has(b'p'), words.has(b'e')) {
-            (true, true) => return fault(Code::InputChoice, at, "M66 asks one input, not both P and E"),
-            (true, false) => Input::Digital(port_number(words, b'p', "input")?),
-            (false, true) => Input::Analog(port_number(words, b'e', "input")?),
-            (false, false) => return fault(Code::WordMissing, at, "M66 needs P, a digital input, or E, an analog one"),
+            (true, true) => return fault(ErrorCode::InputChoice, at, "M66 asks one input, not both P and E"),
+            (true, false) => WaitInput::Digital(port_number(words, b'p', "input")?),
+            (false, true) => WaitInput::Analog(port_number(words, b'e', "input")?),
+            (false, false) => {
+                return fault(ErrorCode::WordMissing, at, "M66 needs P, a digital input, or E, an analog one");
+            }
         };
         let wait_for = match words.get(b'l').unwrap_or_default() as u32 {
             0 => WaitFor::Immediate,
@@ -57,27 +59,27 @@ impl Core {
             2 => WaitFor::Fall,
             3 => WaitFor::High,
             4 => WaitFor::Low,
-            other => return fault(Code::BadL, words.span(b'l'), format!("M66 takes L0 to L4, not L{other}")),
+            other => return fault(ErrorCode::BadL, words.span(b'l'), format!("M66 takes L0 to L4, not L{other}")),
         };
         let timeout = words.get(b'q').unwrap_or_default();
         if wait_for != WaitFor::Immediate {
             if timeout <= 0.0 {
-                return fault(Code::WaitTimeout, at, Code::WaitTimeout.title());
+                return fault(ErrorCode::WaitTimeout, at, ErrorCode::WaitTimeout.title());
             }
-            if matches!(input, Input::Analog(_)) {
-                return fault(Code::InputChoice, words.span(b'l'), "an analog input is not waited for: L0");
+            if matches!(input, WaitInput::Analog(_)) {
+                return fault(ErrorCode::InputChoice, words.span(b'l'), "an analog input is not waited for: L0");
             }
         }
-        emit.call(Canon::Wait(Wait { input, wait_for, timeout: timeout.max(0.0) }));
+        emit.call(Canon::Wait(WaitForInput { input, wait_for, timeout: timeout.max(0.0) }));
         self.parameters.set(INPUT, 0.0);
         Ok(())
     }
 
     /// M100 … M199.
-    pub(super) fn user_code(&self, code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn user_code(&self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         if !self.user_codes.has(code) {
             let message = format!("M{code} is not declared for this machine");
-            return fault(Code::UserCodeUndeclared, words.m_span(GroupM::User), message);
+            return fault(ErrorCode::UserCodeUndeclared, words.m_span(GroupM::User), message);
         }
         emit.call(Canon::UserCode { number: code, p: words.get(b'p'), q: words.get(b'q') });
         Ok(())
@@ -85,10 +87,10 @@ impl Core {
 }
 
 /// M62 … M65: the output that P names.
-fn digital_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+fn digital_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
     if !words.has(b'p') {
         let at = words.m_span(GroupM::Output);
-        return fault(Code::WordMissing, at, format!("M{code} needs a P word: the output"));
+        return fault(ErrorCode::WordMissing, at, format!("M{code} needs a P word: the output"));
     }
     let bit = port_number(words, b'p', "output")?;
     emit.call(match code {
@@ -101,13 +103,13 @@ fn digital_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
 }
 
 /// M67, M68: the output that E names takes the value of Q.
-fn analog_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+fn analog_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
     let at = words.m_span(GroupM::Output);
     let Some(value) = words.get(b'q') else {
-        return fault(Code::WordMissing, at, format!("M{code} needs a Q word: the value"));
+        return fault(ErrorCode::WordMissing, at, format!("M{code} needs a Q word: the value"));
     };
     if !words.has(b'e') {
-        return fault(Code::WordMissing, at, format!("M{code} needs an E word: the output"));
+        return fault(ErrorCode::WordMissing, at, format!("M{code} needs an E word: the output"));
     }
     let output = port_number(words, b'e', "output")?;
     emit.call(match code {
@@ -117,11 +119,11 @@ fn analog_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
     Ok(())
 }
 
-fn port_number(words: &Words, letter: u8, kind: &str) -> Outcome<i32> {
+fn port_number(words: &Words, letter: u8, kind: &str) -> BlockResult<i32> {
     let name = if letter == b'p' { "P" } else { "E" };
     let at = words.span(letter);
     match whole(words.get(letter).unwrap_or_default(), at, name)? {
         number @ 0.. => Ok(number),
-        number => fault(Code::NegativeValue, at, format!("there is no {kind} {number}")),
+        number => fault(ErrorCode::NegativeValue, at, format!("there is no {kind} {number}")),
     }
 }

@@ -6,17 +6,17 @@
 use super::{Core, Emit};
 use crate::block::Words;
 use crate::canon::{Canon, LengthUnit, Probing};
-use crate::codes::Code;
-use crate::diag::{Outcome, fault};
-use crate::modal::Motion;
+use crate::diag::{BlockResult, fault};
+use crate::error_codes::ErrorCode;
+use crate::modal::MotionMode;
 use crate::params::{PROBE_ANSWERED, PROBE_POSITION};
 use crate::pose::{Axis, Pose};
 
 impl Core {
-    pub(super) fn probe(&mut self, probing: Probing, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn probe(&mut self, probing: Probing, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let at = words.first_of(super::check::AXES).map_or_else(Default::default, |letter| words.span(letter));
         if self.state.feed_rate == 0.0 {
-            return fault(Code::ZeroFeed, at, "probing needs a feed rate, and none is set");
+            return fault(ErrorCode::ZeroFeed, at, "probing needs a feed rate, and none is set");
         }
         let (start, end) = (self.state.position, self.end_of(words));
         if start == end && self.state.has_probed {
@@ -24,12 +24,12 @@ impl Core {
             return Ok(());
         }
         if start == end {
-            return fault(Code::ProbeNowhere, at, Code::ProbeNowhere.title());
+            return fault(ErrorCode::ProbeNowhere, at, ErrorCode::ProbeNowhere.title());
         }
         emit.call(Canon::TurnProbeOn);
         emit.call(Canon::StraightProbe(end, probing));
         emit.call(Canon::TurnProbeOff);
-        self.state.motion = Some(Motion::Probe(probing));
+        self.state.motion = Some(MotionMode::Probe(probing));
         for axis in Axis::ALL {
             self.parameters.set(PROBE_POSITION + axis as usize, end[axis]);
         }

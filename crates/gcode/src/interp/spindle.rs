@@ -6,11 +6,11 @@ use super::check::MotionToBe;
 use super::{Core, Emit};
 use crate::block::Words;
 use crate::canon::Canon;
-use crate::codes::Code;
-use crate::diag::{Outcome, fault};
+use crate::diag::{BlockResult, fault};
+use crate::error_codes::ErrorCode;
 use crate::eval::whole;
 use crate::groups::{GroupG, GroupM};
-use crate::modal::{Motion, Spindle};
+use crate::modal::{MotionMode, SpindleRotation};
 use crate::pose::Axis;
 
 /// The highest number of turns a minute under G96 without a D word: LinuxCNC's stand-in for none.
@@ -26,9 +26,9 @@ impl Core {
     }
 
     /// M19: the spindle turns to an angle and stands. Without R and P it only counts as stopped, as in LinuxCNC.
-    pub(super) fn orient_spindle(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn orient_spindle(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let mode = words.get(b'p').unwrap_or_default() as u8;
-        self.state.spindle = Spindle::Stopped;
+        self.state.spindle = SpindleRotation::Stopped;
         if words.has_any(b"rp") {
             let degrees = words.get(b'r').unwrap_or_default() + self.orient_offset_degrees;
             emit.call(Canon::OrientSpindle { degrees, mode });
@@ -39,18 +39,23 @@ impl Core {
                 emit.call(Canon::WaitSpindleOrientComplete(seconds));
                 Ok(())
             }
-            Some(_) => fault(Code::BadOrientation, words.span(b'q'), "M19 waits for longer than 0 s at most"),
+            Some(_) => fault(ErrorCode::BadOrientation, words.span(b'q'), "M19 waits for longer than 0 s at most"),
         }
     }
 
     /// G33: a straight move, G33.1: a tap in and out, K units a turn of the spindle.
-    pub(super) fn synchronised_move(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn synchronised_move(
+        &mut self,
+        motion: MotionMode,
+        words: &Words,
+        emit: &mut Emit<'_>,
+    ) -> BlockResult<()> {
         self.needs_turning_spindle(motion.name(), words)?;
         let pitch = words.get(b'k').unwrap_or_default();
         self.state.motion = Some(motion);
         let end = self.end_of(words);
         emit.call(Canon::StartSpeedFeedSynch { pitch });
-        if motion == Motion::RigidTap {
+        if motion == MotionMode::RigidTap {
             emit.call(Canon::RigidTap([end[Axis::X], end[Axis::Y], end[Axis::Z]]));
         } else {
             emit.call(Canon::StraightFeed(end));
@@ -61,21 +66,23 @@ impl Core {
     }
 
     /// Refuses a motion that keeps step with a spindle that stands.
-    pub(super) fn needs_turning_spindle(&self, name: &str, words: &Words) -> Outcome<()> {
+    pub(super) fn needs_turning_spindle(&self, name: &str, words: &Words) -> BlockResult<()> {
         match self.state.spindle {
-            Spindle::Stopped => {
-                fault(Code::SpindleNotTurning, words.g_span(GroupG::Motion), format!("{name} needs a turning spindle"))
-            }
+            SpindleRotation::Stopped => fault(
+                ErrorCode::SpindleNotTurning,
+                words.g_span(GroupG::Motion),
+                format!("{name} needs a turning spindle"),
+            ),
             _ => Ok(()),
         }
     }
 }
 
 /// Checks what belongs to the spindle before a block is carried out.
-pub(super) fn check_spindle_words(words: &Words, to_be: MotionToBe) -> Outcome<()> {
+pub(super) fn check_spindle_words(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
     if words.g(GroupG::SpindleMode) == Some(960) && !words.has(b's') {
         let at = words.g_span(GroupG::SpindleMode);
-        return fault(Code::WordMissing, at, "G96 needs an S word: the speed at the surface");
+        return fault(ErrorCode::WordMissing, at, "G96 needs an S word: the speed at the surface");
     }
     if words.m(GroupM::Spindle) == Some(19) {
         check_orientation(words)?;
@@ -84,63 +91,66 @@ pub(super) fn check_spindle_words(words: &Words, to_be: MotionToBe) -> Outcome<(
         check_spindle_number(words, to_be)?;
     }
     match to_be {
-        MotionToBe::Move(motion @ (Motion::SpindleFeed | Motion::RigidTap)) => check_synchronised(motion, words),
+        MotionToBe::Move(motion @ (MotionMode::SpindleFeed | MotionMode::RigidTap)) => {
+            check_synchronised(motion, words)
+        }
         _ => Ok(()),
     }
 }
 
-fn check_orientation(words: &Words) -> Outcome<()> {
+fn check_orientation(words: &Words) -> BlockResult<()> {
     match words.get(b'r') {
         None | Some(0.0..=360.0) => {}
         Some(degrees) => {
             let message = format!("M19 turns to an angle of 0 to 360 degrees, not {degrees}");
-            return fault(Code::BadOrientation, words.span(b'r'), message);
+            return fault(ErrorCode::BadOrientation, words.span(b'r'), message);
         }
     }
     match words.get(b'p') {
         None | Some(0.0 | 1.0 | 2.0) => Ok(()),
         Some(_) => {
             let message = "of M19, P is 0 (the shortest way), 1 (clockwise) or 2 (counter-clockwise)";
-            fault(Code::BadOrientation, words.span(b'p'), message)
+            fault(ErrorCode::BadOrientation, words.span(b'p'), message)
         }
     }
 }
 
-fn check_spindle_number(words: &Words, to_be: MotionToBe) -> Outcome<()> {
+fn check_spindle_number(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
     let at = words.span(b'$');
     let switch = matches!(words.m(GroupM::Spindle), Some(3..=5));
     let turns = switch || words.m(GroupM::Spindle) == Some(19);
-    let moves = matches!(to_be, MotionToBe::Move(Motion::SpindleFeed | Motion::RigidTap | Motion::ThreadingCycle));
+    let moves =
+        matches!(to_be, MotionToBe::Move(MotionMode::SpindleFeed | MotionMode::RigidTap | MotionMode::ThreadingCycle));
     let per_turn = words.g(GroupG::FeedMode) == Some(950);
     let mode = per_turn || words.g(GroupG::SpindleMode).is_some();
     let one = moves || words.m(GroupM::Spindle) == Some(19) || mode;
     if !(turns || moves || words.has(b's') || mode) {
-        return fault(Code::WordUnused, at, "$ belongs to S, M3, M4, M5, M19, G33, G33.1, G76, G95, G96 or G97");
+        return fault(ErrorCode::WordUnused, at, "$ belongs to S, M3, M4, M5, M19, G33, G33.1, G76, G95, G96 or G97");
     }
     match whole(words.get(b'$').unwrap_or_default(), at, "$")? {
         0 => Ok(()),
         -1 if !one => Ok(()),
-        number => fault(Code::NoSuchSpindle, at, format!("there is no spindle {number}")),
+        number => fault(ErrorCode::NoSuchSpindle, at, format!("there is no spindle {number}")),
     }
 }
 
-fn check_synchronised(motion: Motion, words: &Words) -> Outcome<()> {
+fn check_synchronised(motion: MotionMode, words: &Words) -> BlockResult<()> {
     let name = motion.name();
     if words.has(b'f') {
         let message = format!("the feed of {name} is K times the turns of the spindle, so it takes no F word");
-        return fault(Code::WordUnused, words.span(b'f'), message);
+        return fault(ErrorCode::WordUnused, words.span(b'f'), message);
     }
     match words.get(b'k') {
         None => {
             let message = format!("{name} needs a K word: the way in one turn of the spindle");
-            return fault(Code::WordMissing, words.g_span(GroupG::Motion), message);
+            return fault(ErrorCode::WordMissing, words.g_span(GroupG::Motion), message);
         }
-        Some(0.0) => return fault(Code::ZeroPitch, words.span(b'k'), Code::ZeroPitch.title()),
+        Some(0.0) => return fault(ErrorCode::ZeroPitch, words.span(b'k'), ErrorCode::ZeroPitch.title()),
         Some(_) => {}
     }
     match words.first_of(b"abcuvw") {
-        Some(letter) if motion == Motion::RigidTap => {
-            fault(Code::CycleAxis, words.span(letter), "G33.1 moves X, Y and Z only")
+        Some(letter) if motion == MotionMode::RigidTap => {
+            fault(ErrorCode::CycleAxis, words.span(letter), "G33.1 moves X, Y and Z only")
         }
         _ => Ok(()),
     }

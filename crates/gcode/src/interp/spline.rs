@@ -5,10 +5,10 @@
 use super::{Core, Emit};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, Plane};
-use crate::codes::Code;
-use crate::diag::{Outcome, fault};
+use crate::diag::{BlockResult, fault};
+use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::Motion;
+use crate::modal::MotionMode;
 use crate::pose::Axis;
 use crate::spline::{ControlPoint, Nurbs};
 
@@ -19,15 +19,15 @@ const MAX_POINTS: usize = 50_000;
 
 impl Core {
     /// G5, G5.1. They leave the motion mode as it was.
-    pub(super) fn spline(&mut self, motion: Motion, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn spline(&mut self, motion: MotionMode, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         self.check_spline_feed(words)?;
         let at = words.g_span(GroupG::Motion);
         if self.state.plane != Plane::Xy {
-            return fault(Code::SplinePlane, at, Code::SplinePlane.title());
+            return fault(ErrorCode::SplinePlane, at, ErrorCode::SplinePlane.title());
         }
         if let Some(letter) = words.first_of(b"zabcuvw") {
             let name = char::from(letter.to_ascii_uppercase());
-            return fault(Code::SplineAxis, words.span(letter), format!("{name} does not belong to a spline"));
+            return fault(ErrorCode::SplineAxis, words.span(letter), format!("{name} does not belong to a spline"));
         }
         let (start, end) = (self.state.position, self.end_of(words));
         let first = ControlPoint::plain(start[Axis::X], start[Axis::Y]);
@@ -35,56 +35,56 @@ impl Core {
         let away = match (words.get(b'i'), words.get(b'j')) {
             (Some(i), Some(j)) => Some((i, j)),
             (None, None) => None,
-            _ => return fault(Code::SplineWords, at, "a spline has both I and J, or neither"),
+            _ => return fault(ErrorCode::SplineWords, at, "a spline has both I and J, or neither"),
         };
         let along = |(x, y): (f64, f64)| ControlPoint::plain(first.x + x, first.y + y);
-        let points = if motion == Motion::QuadraticSpline {
-            let Some(away) = away else { return fault(Code::SplineWords, at, "G5.1 needs I and J") };
+        let points = if motion == MotionMode::QuadraticSpline {
+            let Some(away) = away else { return fault(ErrorCode::SplineWords, at, "G5.1 needs I and J") };
             [first, along(away), last].into()
         } else {
             let (Some(p), Some(q)) = (words.get(b'p'), words.get(b'q')) else {
-                return fault(Code::SplineWords, at, "G5 needs P and Q");
+                return fault(ErrorCode::SplineWords, at, "G5 needs P and Q");
             };
             // Without I and J it goes on in the direction in which the last one ended.
             let second = along(away.unwrap_or(self.state.spline_direction));
             self.state.spline_direction = (-p, -q);
             [first, second, ControlPoint::plain(last.x + p, last.y + q), last].into()
         };
-        let order = if motion == Motion::QuadraticSpline { 3 } else { 4 };
+        let order = if motion == MotionMode::QuadraticSpline { 3 } else { 4 };
         emit.call(Canon::NurbsFeed(Nurbs { order, points }));
         self.state.position = end;
         Ok(())
     }
 
-    fn check_spline_feed(&self, words: &Words) -> Outcome<()> {
+    fn check_spline_feed(&self, words: &Words) -> BlockResult<()> {
         let at = words.g_span(GroupG::Motion);
         match self.state.feed_mode {
             FeedMode::InverseTime if !words.has(b'f') => {
-                fault(Code::InverseTimeFeed, at, Code::InverseTimeFeed.title())
+                fault(ErrorCode::InverseTimeFeed, at, ErrorCode::InverseTimeFeed.title())
             }
             FeedMode::InverseTime => Ok(()),
             _ if self.state.feed_rate == 0.0 => {
-                fault(Code::ZeroFeed, at, "a feed move needs a feed rate, and none is set")
+                fault(ErrorCode::ZeroFeed, at, "a feed move needs a feed rate, and none is set")
             }
             _ => Ok(()),
         }
     }
 
     /// G5.2: one more control point; the first of them is the position.
-    pub(super) fn control_point(&mut self, words: &Words) -> Outcome<()> {
-        let is_first = self.state.motion != Some(Motion::ControlPoint);
+    pub(super) fn control_point(&mut self, words: &Words) -> BlockResult<()> {
+        let is_first = self.state.motion != Some(MotionMode::ControlPoint);
         let at = words.first_of(b"xy").map_or_else(|| words.g_span(GroupG::Motion), |letter| words.span(letter));
         if words.has(b'x') != words.has(b'y') {
-            return fault(Code::SplineWords, at, "a control point has both X and Y");
+            return fault(ErrorCode::SplineWords, at, "a control point has both X and Y");
         }
         let has_point = words.has(b'x');
         let weight = words.get(b'p');
         if !is_first && has_point != weight.is_some() {
-            return fault(Code::SplineWords, at, "a control point has X, Y and a weight P");
+            return fault(ErrorCode::SplineWords, at, "a control point has X, Y and a weight P");
         }
         if let Some(weight) = weight.filter(|weight| *weight <= 0.0) {
             let message = format!("the weight of a control point is above 0, not {weight}");
-            return fault(Code::SplineWords, words.span(b'p'), message);
+            return fault(ErrorCode::SplineWords, words.span(b'p'), message);
         }
         self.check_spline_feed_of_points(words)?;
         let end = self.end_of(words);
@@ -99,35 +99,35 @@ impl Core {
         }
         if has_point && state.control_points.len() >= MAX_POINTS {
             let message = format!("a spline has at most {MAX_POINTS} control points");
-            return fault(Code::SplineWords, at, message);
+            return fault(ErrorCode::SplineWords, at, message);
         }
         if has_point {
             let weight = weight.unwrap_or(1.0);
             state.control_points.push(ControlPoint { x: end[Axis::X], y: end[Axis::Y], weight });
         }
-        state.motion = Some(Motion::ControlPoint);
+        state.motion = Some(MotionMode::ControlPoint);
         Ok(())
     }
 
-    fn check_spline_feed_of_points(&self, words: &Words) -> Outcome<()> {
+    fn check_spline_feed_of_points(&self, words: &Words) -> BlockResult<()> {
         if self.state.feed_mode == FeedMode::InverseTime || self.state.feed_rate > 0.0 {
             return Ok(());
         }
         let at = words.g_span(GroupG::Motion);
-        fault(Code::ZeroFeed, at, "a feed move needs a feed rate, and none is set")
+        fault(ErrorCode::ZeroFeed, at, "a feed move needs a feed rate, and none is set")
     }
 
     /// G5.3: the spline through what G5.2 has collected; no motion mode is left.
-    pub(super) fn end_of_points(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn end_of_points(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let at = words.g_span(GroupG::Motion);
         let state = &mut self.state;
-        if state.motion != Some(Motion::ControlPoint) {
-            return fault(Code::SplineNotBegun, at, Code::SplineNotBegun.title());
+        if state.motion != Some(MotionMode::ControlPoint) {
+            return fault(ErrorCode::SplineNotBegun, at, ErrorCode::SplineNotBegun.title());
         }
         let (order, count) = (state.spline_order, state.control_points.len());
         if count < order as usize {
             let message = format!("a spline of order {order} needs {order} control points, and there are {count}");
-            return fault(Code::SplineTooShort, at, message);
+            return fault(ErrorCode::SplineTooShort, at, message);
         }
         let points = std::mem::take(&mut state.control_points);
         if let Some(last) = points.last() {

@@ -2,14 +2,14 @@
 //!
 //! Invariant: after the end the modes are those of a new program but for the units, the path control and the offsets of G92.
 
-use super::{Core, Emit, Flow};
+use super::{Core, Emit, ProgramFlow};
 use crate::canon::{Canon, FeedMode, Plane};
-use crate::diag::{Outcome, Span};
-use crate::modal::{Distance, Motion, Spindle};
+use crate::diag::{BlockResult, Span};
+use crate::modal::{DistanceMode, MotionMode, SpindleRotation};
 use crate::params::{COORDINATE_SYSTEM, system_origin};
 
 impl Core {
-    pub(super) fn stop(&mut self, code: u8, at: Span, emit: &mut Emit<'_>) -> Outcome<Flow> {
+    pub(super) fn stop(&mut self, code: u8, at: Span, emit: &mut Emit<'_>) -> BlockResult<ProgramFlow> {
         self.finish_path(at, emit)?;
         match code {
             0 => emit.call(Canon::ProgramStop),
@@ -20,10 +20,10 @@ impl Core {
             }
             _ => {
                 self.end_program(code == 30, emit);
-                return Ok(Flow::ProgramEnd);
+                return Ok(ProgramFlow::ProgramEnd);
             }
         }
-        Ok(Flow::Continue)
+        Ok(ProgramFlow::Continue)
     }
 
     fn end_program(&mut self, shuttle: bool, emit: &mut Emit<'_>) {
@@ -40,7 +40,7 @@ impl Core {
             emit.call(Canon::SelectPlane(Plane::Xy));
         }
         (state.compensation, state.has_left_compensation, state.tool_shift) = (None, false, None);
-        state.distance = Distance::Absolute;
+        state.distance = DistanceMode::Absolute;
         state.feed_mode = FeedMode::UnitsPerMinute;
         state.feed_rate = 0.0;
         emit.call(Canon::SetFeedMode(FeedMode::UnitsPerMinute));
@@ -51,12 +51,12 @@ impl Core {
         if !std::mem::replace(&mut state.speed_override, true) {
             emit.call(Canon::EnableSpeedOverride);
         }
-        state.spindle = Spindle::Stopped;
+        state.spindle = SpindleRotation::Stopped;
         emit.call(Canon::StopSpindleTurning);
         state.constant_surface_speed = false;
         state.highest_spindle_speed = 0.0;
         emit.call(Canon::SetSpindleMode(0.0));
-        (state.motion, state.series) = (Some(Motion::Feed), None);
+        (state.motion, state.series) = (Some(MotionMode::Feed), None);
         if std::mem::take(&mut state.mist) {
             emit.call(Canon::MistOff);
         }

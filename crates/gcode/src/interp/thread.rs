@@ -6,10 +6,10 @@
 use super::{Core, Emit};
 use crate::block::Words;
 use crate::canon::Canon;
-use crate::codes::Code;
-use crate::diag::{Outcome, fault};
+use crate::diag::{BlockResult, fault};
+use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::Motion;
+use crate::modal::MotionMode;
 use crate::pose::{Axis, Pose};
 
 /// More passes than this are a slip of the pen.
@@ -44,10 +44,10 @@ struct Thread {
 }
 
 impl Core {
-    pub(super) fn threading_cycle(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn threading_cycle(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         self.needs_turning_spindle("G76", words)?;
         if let Some(letter) = words.first_of(b"abcuvw") {
-            return fault(Code::CycleAxis, words.span(letter), "G76 moves X, Y and Z only");
+            return fault(ErrorCode::CycleAxis, words.span(letter), "G76 moves X, Y and Z only");
         }
         let (start, end) = (self.state.position, self.end_of(words));
         let thread = Thread::of(words, &start, &end, self.state.lathe_diameter)?;
@@ -64,18 +64,18 @@ impl Core {
         }
         emit.call(Canon::StraightTraverse(end));
         self.state.position = end;
-        self.state.motion = Some(Motion::ThreadingCycle);
+        self.state.motion = Some(MotionMode::ThreadingCycle);
         Ok(())
     }
 }
 
 impl Thread {
-    fn of(words: &Words, start: &Pose, end: &Pose, is_diameter: bool) -> Outcome<Thread> {
+    fn of(words: &Words, start: &Pose, end: &Pose, is_diameter: bool) -> BlockResult<Thread> {
         let word = |letter| words.get(letter).unwrap_or_default();
         // G7: what lies across the axis is given as a diameter.
         let scale = if is_diameter { 0.5 } else { 1.0 };
         let [offset, first_depth, full_depth] = [b'i', b'j', b'k'].map(|letter| word(letter) * scale);
-        let wrong = |letter: u8, message: &str| fault(Code::BadThread, words.span(letter), message);
+        let wrong = |letter: u8, message: &str| fault(ErrorCode::BadThread, words.span(letter), message);
         if word(b'p') <= 0.0 {
             return wrong(b'p', "the pitch P of G76 must be greater than 0");
         }
@@ -164,7 +164,7 @@ impl Thread {
 }
 
 /// The words without which G76 is refused before anything of its block is carried out.
-pub(super) fn check_thread(words: &Words) -> Outcome<()> {
+pub(super) fn check_thread(words: &Words) -> BlockResult<()> {
     let missing = match b"ijkp".iter().copied().find(|letter| !words.has(*letter)) {
         None => return Ok(()),
         Some(b'i') => "an I word: from the drive line to the crests",
@@ -172,5 +172,5 @@ pub(super) fn check_thread(words: &Words) -> Outcome<()> {
         Some(b'k') => "a K word: the full depth",
         Some(_) => "a P word: the pitch",
     };
-    fault(Code::WordMissing, words.g_span(GroupG::Motion), format!("G76 needs {missing}"))
+    fault(ErrorCode::WordMissing, words.g_span(GroupG::Motion), format!("G76 needs {missing}"))
 }

@@ -6,8 +6,8 @@ use super::{Core, Emit};
 use crate::angle::rotate;
 use crate::block::Words;
 use crate::canon::Canon;
-use crate::codes::Code;
-use crate::diag::{Outcome, Span, fault};
+use crate::diag::{BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
 use crate::eval::whole;
 use crate::params::system_origin;
 use crate::pose::{Axis, Pose};
@@ -17,29 +17,33 @@ use crate::tool::Tool;
 const FIXTURE: u8 = 9;
 
 /// Whether a G10 with L1, L10 or L11 has the words that it needs.
-pub(super) fn check(words: &Words, at: Span) -> Outcome<()> {
+pub(super) fn check(words: &Words, at: Span) -> BlockResult<()> {
     let Some(number) = words.get(b'p') else {
-        return fault(Code::WordMissing, at, "G10 needs a P word: the tool");
+        return fault(ErrorCode::WordMissing, at, "G10 needs a P word: the tool");
     };
     if whole(number, words.span(b'p'), "P")? < 1 {
-        return fault(Code::BadP, words.span(b'p'), "there is no tool below 1 in the table");
+        return fault(ErrorCode::BadP, words.span(b'p'), "there is no tool below 1 in the table");
     }
     if words.has(b'k') {
-        return fault(Code::WordUnused, words.span(b'k'), "G10 takes no K word");
+        return fault(ErrorCode::WordUnused, words.span(b'k'), "G10 takes no K word");
     }
     if !words.has_any(b"xyzabcuvwrijq") {
-        return fault(Code::WordMissing, at, "G10 L1, L10 and L11 need something to set: axis words, R, I, J or Q");
+        return fault(
+            ErrorCode::WordMissing,
+            at,
+            "G10 L1, L10 and L11 need something to set: axis words, R, I, J or Q",
+        );
     }
     Ok(())
 }
 
 impl Core {
     /// G10 L0.
-    pub(super) fn reload_tools(&mut self, at: Span, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn reload_tools(&mut self, at: Span, emit: &mut Emit<'_>) -> BlockResult<()> {
         let loaded = self.state.current_tool;
         if loaded != 0 {
             let message = format!("tool {loaded} is in the spindle while its table would be read again");
-            return fault(Code::ToolLoaded, at, message);
+            return fault(ErrorCode::ToolLoaded, at, message);
         }
         emit.call(Canon::ReloadToolData);
         Ok(())
@@ -47,12 +51,12 @@ impl Core {
 
     /// G10 L1: the offset given; L10: the offset that makes the current position the given one; L11: the same in the fixture's
     /// system, without the offset of G52 and G92.
-    pub(super) fn set_tool_data(&mut self, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn set_tool_data(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let mut tool = self.tool(words.get(b'p').unwrap_or_default(), words, b'p')?;
         if let Some(orientation) = words.get(b'q') {
             let place = words.span(b'q');
             if !(0..=9).contains(&whole(orientation, place, "Q")?) {
-                return fault(Code::BadToolOrientation, place, format!("there is no orientation {orientation}"));
+                return fault(ErrorCode::BadToolOrientation, place, format!("there is no orientation {orientation}"));
             }
         }
         let offset = match words.get(b'l') {

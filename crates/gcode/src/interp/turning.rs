@@ -6,23 +6,23 @@
 use super::{Core, Emit};
 use crate::block::Words;
 use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
-use crate::codes::Code;
-use crate::diag::{Outcome, fault};
+use crate::diag::{BlockResult, fault};
+use crate::error_codes::ErrorCode;
 use crate::groups::{GroupG, Tenths};
-use crate::modal::{Distance, Motion};
+use crate::modal::{DistanceMode, MotionMode};
 use crate::pose::{Axis, Pose};
-use crate::turning::{Job, Move, Place, Pockets, Refusal, turn};
+use crate::turning::{Place, Pockets, RoughingError, TurningJob, TurningMove, turn};
 
 /// The retreat of G71 and G72 without an R word, program units.
 const RETREAT: f64 = 0.5;
 
 impl Core {
     /// Replaces the U and W words of a profile's block by X and Z: they are increments, U of a diameter under G7.
-    pub(super) fn add_increments(&self, words: &mut Words) -> Outcome<()> {
+    pub(super) fn add_increments(&self, words: &mut Words) -> BlockResult<()> {
         let half = if self.takes_diameters(words) { 0.5 } else { 1.0 };
         let is_incremental = match words.g(GroupG::Distance) {
             Some(code) => code == 910,
-            None => self.state.distance == Distance::Incremental,
+            None => self.state.distance == DistanceMode::Incremental,
         };
         for (letter, axis, factor) in [(b'u', Axis::X, half), (b'w', Axis::Z, 1.0)] {
             let Some(increment) = words.get(letter) else { continue };
@@ -31,14 +31,14 @@ impl Core {
             let name = char::from(letter.to_ascii_uppercase());
             if is_incremental {
                 return fault(
-                    Code::TurningWord,
+                    ErrorCode::TurningWord,
                     at,
                     format!("{name} is an increment already; G91 does not go with it"),
                 );
             }
             if words.has(own) {
                 let message = format!("{name} and {} both give the end", char::from(axis.letter()));
-                return fault(Code::TurningWord, at, message);
+                return fault(ErrorCode::TurningWord, at, message);
             }
             words.remove(letter);
             words.put(own, self.state.position[axis] + factor * increment);
@@ -47,29 +47,29 @@ impl Core {
     }
 
     /// Carries out a turning cycle over the profile that was handed over.
-    pub(super) fn turning_cycle(&mut self, code: Tenths, words: &Words, emit: &mut Emit<'_>) -> Outcome<()> {
+    pub(super) fn turning_cycle(&mut self, code: Tenths, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let at = words.g_span(GroupG::Motion);
         let job = job_of(code, words)?;
         if self.state.plane != Plane::Zx {
-            return fault(Code::TurningPlane, at, Code::TurningPlane.title());
+            return fault(ErrorCode::TurningPlane, at, ErrorCode::TurningPlane.title());
         }
         if self.state.feed_mode == FeedMode::InverseTime {
-            return fault(Code::CycleInverseTime, at, Code::CycleInverseTime.title());
+            return fault(ErrorCode::CycleInverseTime, at, ErrorCode::CycleInverseTime.title());
         }
         self.check_feed(words)?;
         let Some(profile) = self.profile.take() else {
-            return fault(Code::TurningProfile, words.span(b'q'), "the subprogram Q has drawn no profile");
+            return fault(ErrorCode::TurningProfile, words.span(b'q'), "the subprogram Q has drawn no profile");
         };
         let begin = self.end_of(words);
-        let (mut pose, mut motion) = (begin, Motion::Feed);
+        let (mut pose, mut motion) = (begin, MotionMode::Feed);
         let start = Place { x: begin[Axis::X], z: begin[Axis::Z] };
         emit.call(Canon::StraightTraverse(begin));
         let turned = turn(&profile, start, &job, &mut |step| {
             let canon = call_of(step, &mut pose);
             motion = match &canon {
-                Canon::ArcFeed(arc) if arc.turns < 0 => Motion::ArcClockwise,
-                Canon::ArcFeed(_) => Motion::ArcCounterclockwise,
-                _ => Motion::Feed,
+                Canon::ArcFeed(arc) if arc.turns < 0 => MotionMode::ArcClockwise,
+                Canon::ArcFeed(_) => MotionMode::ArcCounterclockwise,
+                _ => MotionMode::Feed,
             };
             emit.call(canon);
         });
@@ -79,22 +79,24 @@ impl Core {
             Ok(()) => Ok(()),
             Err(refusal) => {
                 let line = match refusal {
-                    Refusal::NotMonotonic(element) | Refusal::Allowance(element) => profile.line_of(element),
-                    Refusal::Empty | Refusal::TooManyLevels => None,
+                    RoughingError::NotMonotonic(element) | RoughingError::Allowance(element) => {
+                        profile.line_of(element)
+                    }
+                    RoughingError::Empty | RoughingError::TooManyLevels => None,
                 };
                 let place = line.map_or_else(String::new, |line| format!("profile, line {line}: "));
-                fault(Code::TurningProfile, words.span(b'q'), format!("{place}{}", reason(refusal)))
+                fault(ErrorCode::TurningProfile, words.span(b'q'), format!("{place}{}", reason(refusal)))
             }
         }
     }
 }
 
 /// What the words ask for.
-fn job_of(code: Tenths, words: &Words) -> Outcome<Job> {
+fn job_of(code: Tenths, words: &Words) -> BlockResult<TurningJob> {
     let word = |letter: u8, default: f64| words.get(letter).unwrap_or(default);
-    let wrong = |letter: u8, message: &str| fault(Code::TurningWord, words.span(letter), message);
+    let wrong = |letter: u8, message: &str| fault(ErrorCode::TurningWord, words.span(letter), message);
     if !words.has(b'q') {
-        return fault(Code::WordMissing, words.g_span(GroupG::Motion), "G70 to G72 need a Q word: the subprogram");
+        return fault(ErrorCode::WordMissing, words.g_span(GroupG::Motion), "G70 to G72 need a Q word: the subprogram");
     }
     let allowance = word(b'd', 0.0);
     if allowance < 0.0 || word(b'e', 0.0) < 0.0 {
@@ -106,7 +108,7 @@ fn job_of(code: Tenths, words: &Words) -> Outcome<Job> {
         if !(1.0..=1000.0).contains(&passes) {
             return wrong(b'p', "G70 makes 1 to 1000 passes");
         }
-        return Ok(Job::Finish { first: allowance, last: word(b'e', 0.0), passes: passes as u32 });
+        return Ok(TurningJob::Finish { first: allowance, last: word(b'e', 0.0), passes: passes as u32 });
     }
     let (infeed, retreat) = (word(b'i', 1.0), word(b'r', RETREAT));
     if infeed <= 0.0 {
@@ -120,17 +122,17 @@ fn job_of(code: Tenths, words: &Words) -> Outcome<Job> {
         1 => Pockets::Skipped,
         _ => Pockets::Only,
     };
-    Ok(Job::Rough { facing: code / 10 == 72, pockets, allowance, infeed, retreat })
+    Ok(TurningJob::Rough { facing: code / 10 == 72, pockets, allowance, infeed, retreat })
 }
 
 /// The call of a move; what it does not move stays where `pose` has it.
-fn call_of(step: Move, pose: &mut Pose) -> Canon {
-    let (Move::Rapid(end) | Move::Feed(end) | Move::Arc { end, .. }) = step;
+fn call_of(step: TurningMove, pose: &mut Pose) -> Canon {
+    let (TurningMove::Rapid(end) | TurningMove::Feed(end) | TurningMove::Arc { end, .. }) = step;
     (pose[Axis::X], pose[Axis::Z]) = (end.x, end.z);
     match step {
-        Move::Rapid(_) => Canon::StraightTraverse(*pose),
-        Move::Feed(_) => Canon::StraightFeed(*pose),
-        Move::Arc { centre, counterclockwise, .. } => Canon::ArcFeed(ArcFeed {
+        TurningMove::Rapid(_) => Canon::StraightTraverse(*pose),
+        TurningMove::Feed(_) => Canon::StraightFeed(*pose),
+        TurningMove::Arc { centre, counterclockwise, .. } => Canon::ArcFeed(ArcFeed {
             plane: Plane::Zx,
             end: *pose,
             first_centre: centre.z,
@@ -140,11 +142,11 @@ fn call_of(step: Move, pose: &mut Pose) -> Canon {
     }
 }
 
-const fn reason(refusal: Refusal) -> &'static str {
+const fn reason(refusal: RoughingError) -> &'static str {
     match refusal {
-        Refusal::Empty => "the profile has no line and no arc behind its first point",
-        Refusal::NotMonotonic(_) => "the profile turns back along its own direction",
-        Refusal::Allowance(_) => "the allowance D is too great for the profile: its elements no longer meet",
-        Refusal::TooManyLevels => "the infeed I is so small that there would be more than 10 000 levels",
+        RoughingError::Empty => "the profile has no line and no arc behind its first point",
+        RoughingError::NotMonotonic(_) => "the profile turns back along its own direction",
+        RoughingError::Allowance(_) => "the allowance D is too great for the profile: its elements no longer meet",
+        RoughingError::TooManyLevels => "the infeed I is so small that there would be more than 10 000 levels",
     }
 }

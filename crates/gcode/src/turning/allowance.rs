@@ -2,7 +2,7 @@
 //!
 //! Invariant: round an outer corner the path is an arc about it, in an inner corner the two neighbours end where they meet.
 
-use super::Refusal;
+use super::RoughingError;
 use super::frame::{ArcOf, Point, Segment, TINY};
 
 /// An outer corner whose arc would be shorter than this along the profile, in either unit, gets none: its neighbours are drawn out
@@ -13,7 +13,7 @@ const MIN_ARC: f64 = 0.01;
 ///
 /// # Errors
 /// [`Refusal::Allowance`] where nothing is left, or where the profile turns back.
-pub(super) fn offset(segments: &[Segment], distance: f64) -> Result<Vec<Segment>, Refusal> {
+pub(super) fn offset(segments: &[Segment], distance: f64) -> Result<Vec<Segment>, RoughingError> {
     if distance == 0.0 {
         return Ok(segments.to_vec());
     }
@@ -27,13 +27,13 @@ pub(super) fn offset(segments: &[Segment], distance: f64) -> Result<Vec<Segment>
         }
     }
     match (path.is_empty(), segments.last()) {
-        (true, Some(last)) => Err(Refusal::Allowance(last.element)),
+        (true, Some(last)) => Err(RoughingError::Allowance(last.element)),
         _ => Ok(path),
     }
 }
 
 /// Adds a displaced segment to the path; true where it is absorbed itself.
-fn join(path: &mut Vec<Segment>, moved: Segment, of: &Segment, mut has_gap: bool) -> Result<bool, Refusal> {
+fn join(path: &mut Vec<Segment>, moved: Segment, of: &Segment, mut has_gap: bool) -> Result<bool, RoughingError> {
     while let Some(before) = path.last_mut() {
         let (into, out) = (before.direction(before.to), moved.direction(moved.from));
         let turn = into.cross(out);
@@ -49,7 +49,7 @@ fn join(path: &mut Vec<Segment>, moved: Segment, of: &Segment, mut has_gap: bool
                 let from = before.to;
                 path.push(Segment { from, to: moved.from, arc, goes_on: false, element: of.element });
             } else if into.dot(out) < 0.0 {
-                return Err(Refusal::Allowance(of.element));
+                return Err(RoughingError::Allowance(of.element));
             }
             break;
         }

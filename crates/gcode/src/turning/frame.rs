@@ -2,7 +2,7 @@
 //!
 //! Invariant: a frame only mirrors and swaps, so that lengths and tangency are those of the program.
 
-use super::Refusal;
+use super::RoughingError;
 use super::profile::Profile;
 
 /// Lengths below this are none; far below the last printed digit.
@@ -66,8 +66,8 @@ pub(crate) struct Frame {
 
 impl Frame {
     /// The frame of a profile that is turned from `start`.
-    pub(super) fn new(profile: &Profile, start: Place, facing: bool) -> Result<Frame, Refusal> {
-        let Some(last) = profile.elements.last() else { return Err(Refusal::Empty) };
+    pub(super) fn new(profile: &Profile, start: Place, facing: bool) -> Result<Frame, RoughingError> {
+        let Some(last) = profile.elements.last() else { return Err(RoughingError::Empty) };
         let plain = Frame { facing, along: 1.0, above: 1.0 };
         let (start, first, last) = (plain.point(start), plain.point(profile.first), plain.point(last.end()));
         let along = if last.a < first.a { -1.0 } else { 1.0 };

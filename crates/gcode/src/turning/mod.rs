@@ -27,7 +27,7 @@ pub(crate) enum Pockets {
 
 /// What is to be done along a profile.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Job {
+pub(crate) enum TurningJob {
     /// G70: passes at allowances that go down from `first` to `last`, which the last pass keeps.
     Finish { first: f64, last: f64, passes: u32 },
     /// G71 (along Z) and G72 (`facing`, along X).
@@ -36,7 +36,7 @@ pub(crate) enum Job {
 
 /// A move of a turning cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Move {
+pub(crate) enum TurningMove {
     Rapid(Place),
     Feed(Place),
     /// Counter-clockwise as G3 is in G18: seen with Z to the right and X upwards.
@@ -49,7 +49,7 @@ pub(crate) enum Move {
 
 /// Why a profile cannot be turned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Refusal {
+pub(crate) enum RoughingError {
     /// It has less than one element after its first point.
     Empty,
     /// It turns back along its own direction, in the element of this index.
@@ -64,23 +64,28 @@ pub(crate) enum Refusal {
 ///
 /// # Errors
 /// The profile does not allow it; no move has been handed out then.
-pub(crate) fn turn(profile: &Profile, start: Place, job: &Job, out: &mut impl FnMut(Move)) -> Result<(), Refusal> {
-    let facing = matches!(job, Job::Rough { facing: true, .. });
+pub(crate) fn turn(
+    profile: &Profile,
+    start: Place,
+    job: &TurningJob,
+    out: &mut impl FnMut(TurningMove),
+) -> Result<(), RoughingError> {
+    let facing = matches!(job, TurningJob::Rough { facing: true, .. });
     let frame = Frame::new(profile, start, facing)?;
     let mut segments: Vec<Segment> = profile.segments(&frame);
-    if matches!(job, Job::Rough { .. })
+    if matches!(job, TurningJob::Rough { .. })
         && let Some(back) = segments.iter().find(|segment| !segment.is_monotonic())
     {
-        return Err(Refusal::NotMonotonic(back.element));
+        return Err(RoughingError::NotMonotonic(back.element));
     }
     let mut start = frame.point(start);
     start.a = start.a.min(frame.point(profile.first).a);
     match *job {
-        Job::Finish { first, last, passes } => {
+        TurningJob::Finish { first, last, passes } => {
             let step = (first - last) / f64::from(passes);
             let paths: Result<Vec<_>, _> =
                 (1..=passes).map(|pass| allowance::offset(&segments, first - step * f64::from(pass))).collect();
-            let mut tool = Tool { frame: &frame, at: start, out };
+            let mut tool = TurningTool { frame: &frame, at: start, out };
             for path in paths? {
                 tool.rapid(start);
                 tool.rapid(path.first().map_or(start, |segment| segment.from));
@@ -89,7 +94,7 @@ pub(crate) fn turn(profile: &Profile, start: Place, job: &Job, out: &mut impl Fn
                 }
             }
         }
-        Job::Rough { pockets, allowance, infeed, retreat, .. } => {
+        TurningJob::Rough { pockets, allowance, infeed, retreat, .. } => {
             // Where the profile ends below the stock stands a shoulder, which keeps its allowance too.
             if let Some(last) = segments.last().copied()
                 && last.to.h < start.h
@@ -104,9 +109,9 @@ pub(crate) fn turn(profile: &Profile, start: Place, job: &Job, out: &mut impl Fn
             if path.iter().any(|segment| (segment.to.h - lowest) / infeed > MAX_LEVELS)
                 || (start.h - lowest) / infeed > MAX_LEVELS
             {
-                return Err(Refusal::TooManyLevels);
+                return Err(RoughingError::TooManyLevels);
             }
-            let tool = Tool { frame: &frame, at: start, out };
+            let tool = TurningTool { frame: &frame, at: start, out };
             rough::rough(path, start, (pockets, infeed, retreat), tool);
         }
     }
@@ -114,21 +119,21 @@ pub(crate) fn turn(profile: &Profile, start: Place, job: &Job, out: &mut impl Fn
 }
 
 /// The tool in the frame.
-struct Tool<'a, O> {
+struct TurningTool<'a, O> {
     frame: &'a Frame,
     at: Point,
     out: &'a mut O,
 }
 
-impl<O: FnMut(Move)> Tool<'_, O> {
+impl<O: FnMut(TurningMove)> TurningTool<'_, O> {
     fn rapid(&mut self, to: Point) {
         self.at = to;
-        (self.out)(Move::Rapid(self.frame.place(to)));
+        (self.out)(TurningMove::Rapid(self.frame.place(to)));
     }
 
     fn feed(&mut self, to: Point) {
         self.at = to;
-        (self.out)(Move::Feed(self.frame.place(to)));
+        (self.out)(TurningMove::Feed(self.frame.place(to)));
     }
 
     /// Along a segment, on which the tool is, as far as `to`.
@@ -140,7 +145,7 @@ impl<O: FnMut(Move)> Tool<'_, O> {
                 self.at = to;
                 let centre = self.frame.place(arc.centre);
                 let counterclockwise = arc.counterclockwise != self.frame.mirrors();
-                (self.out)(Move::Arc { end: self.frame.place(to), centre, counterclockwise });
+                (self.out)(TurningMove::Arc { end: self.frame.place(to), centre, counterclockwise });
             }
         }
     }

@@ -3,7 +3,7 @@
 //! Invariant: each element begins where the one before ends.
 
 use super::frame::{ArcOf, Frame, Place, Segment};
-use crate::canon::{Canon, Plane, Step};
+use crate::canon::{Canon, CanonStep, Plane};
 use crate::pose::{Axis, Pose};
 
 /// A line or an arc of a profile.
@@ -41,7 +41,7 @@ pub(crate) struct Profile {
 impl Profile {
     /// The profile that the calls of a subprogram draw: the end of its first move, and the lines and arcs of the moves behind it. Calls
     /// that move nothing are passed over.
-    pub(crate) fn of_steps(steps: &[Step]) -> Profile {
+    pub(crate) fn of_steps(steps: &[CanonStep]) -> Profile {
         let mut profile = Profile::default();
         let mut is_begun = false;
         for step in steps {

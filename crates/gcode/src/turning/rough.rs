@@ -3,17 +3,17 @@
 //! Invariant: the tool is on the path or above it, always.
 
 use super::frame::{Point, Segment, TINY};
-use super::{Move, Pockets, Tool};
+use super::{Pockets, TurningMove, TurningTool};
 
 /// Levels of one profile are bounded: beyond, the infeed is a slip of the pen.
 pub(super) const MAX_LEVELS: f64 = 10_000.0;
 
 /// Roughs a path from `start` in levels `infeed` apart, with a retreat after each.
-pub(super) fn rough<O: FnMut(Move)>(
+pub(super) fn rough<O: FnMut(TurningMove)>(
     path: Vec<Segment>,
     start: Point,
     (pockets, infeed, retreat): (Pockets, f64, f64),
-    tool: Tool<'_, O>,
+    tool: TurningTool<'_, O>,
 ) {
     let Some(first) = path.first().map(|segment| segment.from) else { return };
     let entry = Segment::line(start, first);
@@ -51,10 +51,10 @@ struct Rougher<'s, 'a, O> {
     level: f64,
     infeed: f64,
     retreat: f64,
-    tool: Tool<'a, O>,
+    tool: TurningTool<'a, O>,
 }
 
-impl<O: FnMut(Move)> Rougher<'_, '_, O> {
+impl<O: FnMut(TurningMove)> Rougher<'_, '_, O> {
     /// Cuts all levels that a segment goes down through.
     fn go_down(&mut self, index: usize, is_entry: bool) {
         let segment = self.segments[index];

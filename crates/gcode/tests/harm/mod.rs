@@ -3,9 +3,9 @@
 //! Invariant: each function returns or panics with what is wrong; the work is bounded by [`MAX_LINES`] and [`MAX_STEPS`], so one that
 //! does not return has found a hang.
 
-use retrace_gcode::cycles::Library;
+use retrace_gcode::cycles::CycleLibrary;
 use retrace_gcode::{
-    AxisSet, Canon, Diagnostic, Ini, Parameters, Prescan, Program, Progress, Setup, Step, SubFile, SubFiles, Text,
+    AxisSet, Canon, CanonStep, Diagnostic, Ini, Parameters, Prescan, Program, Progress, Setup, SubFile, SubFiles, Text,
     ToolTable,
 };
 use std::io::BufRead;
@@ -19,9 +19,9 @@ const MAX_STEPS: usize = 50_000;
 const MAX_OF_A_LINE: usize = 1_100_000;
 
 /// The cycles that come with retrace.
-fn shipped() -> Arc<Library> {
-    static LIBRARY: OnceLock<Arc<Library>> = OnceLock::new();
-    LIBRARY.get_or_init(|| Arc::new(Library::shipped())).clone()
+fn shipped() -> Arc<CycleLibrary> {
+    static LIBRARY: OnceLock<Arc<CycleLibrary>> = OnceLock::new();
+    LIBRARY.get_or_init(|| Arc::new(CycleLibrary::shipped())).clone()
 }
 
 /// Tools to turn with, nose up and nose down, and to mill with; tool 9 has no radius.
@@ -41,7 +41,7 @@ impl SubFiles for Mirrors {
     }
 }
 
-fn setup(text: &Text, library: Arc<Library>) -> Setup {
+fn setup(text: &Text, library: Arc<CycleLibrary>) -> Setup {
     Setup {
         axes: AxisSet::ALL,
         tools: ToolTable::read(TOOLS).expect("a tool table"),
@@ -56,7 +56,7 @@ pub(crate) fn program(bytes: &[u8]) {
     program_with(bytes, shipped());
 }
 
-fn program_with(bytes: &[u8], library: Arc<Library>) {
+fn program_with(bytes: &[u8], library: Arc<CycleLibrary>) {
     let text = Text::from(bytes);
     let setup = setup(&text, library);
     let prescan = Arc::new(Prescan::of("program.ngc", text, &setup));
@@ -80,7 +80,7 @@ fn program_with(bytes: &[u8], library: Arc<Library>) {
 
 /// Carries a program out, as far as the limits go; whether it came to its end.
 fn run<R: BufRead>(program: &mut Program<R>) -> bool {
-    let mut steps: Vec<Step> = Vec::new();
+    let mut steps: Vec<CanonStep> = Vec::new();
     let mut seen = 0;
     for _ in 0..MAX_LINES {
         let progress = program.advance(&mut steps);
@@ -163,7 +163,7 @@ pub(crate) fn tables(bytes: &[u8]) {
 pub(crate) fn cycle(bytes: &[u8]) {
     let source = String::from_utf8_lossy(bytes);
     let sources = [("FUZZ", &*source), ("CYCLE81", retrace_gcode::cycles::shipped_source("CYCLE81").unwrap_or(""))];
-    let library = Arc::new(Library::of_sources(&sources));
+    let library = Arc::new(CycleLibrary::of_sources(&sources));
     for finding in library.findings() {
         assert!(!finding.diagnostic.to_string().is_empty());
     }

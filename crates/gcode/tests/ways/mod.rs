@@ -6,8 +6,8 @@
 //!
 //! Invariant: all ways give the same canonical functions.
 
-use retrace_gcode::cycles::Library;
-use retrace_gcode::{BlockRefused, Flow, Interpreter, Prescan, Program, Progress, Setup, Step};
+use retrace_gcode::cycles::CycleLibrary;
+use retrace_gcode::{BlockRefused, CanonStep, Interpreter, Prescan, Program, ProgramFlow, Progress, Setup};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Arc;
@@ -53,13 +53,13 @@ pub(crate) fn program(lines: u32, cycles_in_100: u32, calls_in_100: u32) -> Stri
 const CYCLE: &str = "CYCLE81";
 
 /// Reads the cycle from its file and compiles it.
-fn library(source: &Path) -> Arc<Library> {
+fn library(source: &Path) -> Arc<CycleLibrary> {
     let text = std::fs::read_to_string(source).expect("the source of the cycle");
-    Arc::new(Library::of_sources(&[(CYCLE, &text)]))
+    Arc::new(CycleLibrary::of_sources(&[(CYCLE, &text)]))
 }
 
 /// Decodes a program; `source` is the file of the cycle.
-pub(crate) fn decode(way: Way, text: &str, source: &Path, take: &mut dyn FnMut(&Step)) {
+pub(crate) fn decode(way: Way, text: &str, source: &Path, take: &mut dyn FnMut(&CanonStep)) {
     let setup = Setup { cycles: Some(library(source)), ..Setup::rs274() };
     let compiles_at_call = matches!(way, Way::Plain | Way::Prescan).then_some(source);
     match way {
@@ -72,7 +72,7 @@ fn is_cycle(line: &[u8]) -> bool {
     line.starts_with(b"CYCLE")
 }
 
-fn prescanned(text: &str, setup: Setup, compiles_at_call: Option<&Path>, take: &mut dyn FnMut(&Step)) {
+fn prescanned(text: &str, setup: Setup, compiles_at_call: Option<&Path>, take: &mut dyn FnMut(&CanonStep)) {
     let prescan = Arc::new(Prescan::of("program", text.into(), &setup));
     let cycle_lines: Vec<bool> = text.lines().map(|line| is_cycle(line.as_bytes())).collect();
     let mut program = Program::<&[u8]>::prescanned(prescan, setup);
@@ -94,7 +94,7 @@ fn prescanned(text: &str, setup: Setup, compiles_at_call: Option<&Path>, take: &
     assert!(program.interpreter().diagnostics().is_empty(), "{:?}", program.interpreter().diagnostics());
 }
 
-fn plain(text: &str, setup: Setup, compiles_at_call: Option<&Path>, take: &mut dyn FnMut(&Step)) {
+fn plain(text: &str, setup: Setup, compiles_at_call: Option<&Path>, take: &mut dyn FnMut(&CanonStep)) {
     let interpreter = Interpreter::new(setup);
     let mut plain =
         Plain { text: text.as_bytes(), interpreter, steps: Vec::new(), compiles_at_call, assignment: String::new() };
@@ -103,7 +103,7 @@ fn plain(text: &str, setup: Setup, compiles_at_call: Option<&Path>, take: &mut d
     while let Some(line) = lines.next() {
         let flow = plain.line(line, lines.next).expect("the program is right");
         plain.steps.drain(..).for_each(|step| take(&step));
-        if flow == Flow::ProgramEnd {
+        if flow == ProgramFlow::ProgramEnd {
             return;
         }
     }
@@ -132,14 +132,14 @@ impl<'a> Iterator for Lines<'a> {
 struct Plain<'a> {
     text: &'a [u8],
     interpreter: Interpreter,
-    steps: Vec<Step>,
+    steps: Vec<CanonStep>,
     compiles_at_call: Option<&'a Path>,
     assignment: String,
 }
 
 impl<'a> Plain<'a> {
     /// Carries out a line; `behind` is where the next one begins.
-    fn line(&mut self, line: &[u8], behind: usize) -> Result<Flow, BlockRefused> {
+    fn line(&mut self, line: &[u8], behind: usize) -> Result<ProgramFlow, BlockRefused> {
         if let Some((number, argument)) = call_of(line) {
             return self.call(number, argument, behind);
         }
@@ -152,7 +152,7 @@ impl<'a> Plain<'a> {
     }
 
     /// Looks for the subprogram, from the call to the end and then from the beginning, and reads its lines.
-    fn call(&mut self, number: &[u8], argument: &[u8], behind: usize) -> Result<Flow, BlockRefused> {
+    fn call(&mut self, number: &[u8], argument: &[u8], behind: usize) -> Result<ProgramFlow, BlockRefused> {
         self.assignment.clear();
         self.assignment.push_str("#1=");
         self.assignment.push_str(&String::from_utf8_lossy(argument));
@@ -161,7 +161,7 @@ impl<'a> Plain<'a> {
         loop {
             let line = lines.next().expect("its end");
             if word_of(line, b" endsub") == Some(number) {
-                return Ok(Flow::Continue);
+                return Ok(ProgramFlow::Continue);
             }
             self.line(line, lines.next)?;
         }

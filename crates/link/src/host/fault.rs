@@ -4,11 +4,11 @@
 
 use core::fmt;
 
-use crate::{Alarm, CardFault, PROTOCOL};
+use crate::{Alarm, CardFailure, PROTOCOL};
 
 /// What ends a run on a card for good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum HostFault {
+pub enum LinkError {
     /// The card latched an alarm and stands.
     Alarm(Alarm),
     /// Nothing was heard from the card for too long.
@@ -29,7 +29,7 @@ pub enum HostFault {
     Moved,
 }
 
-impl CardFault for HostFault {
+impl CardFailure for LinkError {
     fn number(&self) -> &'static str {
         match self {
             Self::Alarm(alarm) => alarm.number(),
@@ -64,7 +64,7 @@ impl CardFault for HostFault {
     }
 }
 
-impl fmt::Display for HostFault {
+impl fmt::Display for LinkError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Alarm(alarm) => alarm.fmt(f),

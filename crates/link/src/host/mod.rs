@@ -8,21 +8,23 @@
 //! those of the records between the places, and their echo from the card is compared.
 
 mod fault;
-mod hear;
-mod periods;
-mod speak;
+mod period_reports;
+mod rx;
+mod tx;
 
-pub use fault::HostFault;
+pub use fault::LinkError;
 
 use retrace_core::drive::Braking;
 use retrace_core::limits::RateLimits;
 use retrace_core::{ONE, Place, RateTarget, Travel};
 
-use crate::frame::{Decoder, MAX_PAYLOAD, MAX_WIRE};
+use crate::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE};
 use crate::frame_size::FrameSize;
-use crate::mirror::Mirror;
-use crate::wire::{Entry, Greeting};
-use crate::{Alarm, Refusal, Settings, Start, Status, Word, channel, next_epoch, session_key};
+use crate::predicted_window::PredictedWindow;
+use crate::wire::{Greeting, ReportEntry};
+use crate::{
+    Alarm, CardSettings, CardStatus, CommandRefusal, HostCommand, PathStart, channel, next_epoch, session_key,
+};
 
 /// Words on their way, at most. So many records are in hand of the line and not of the card's window.
 const WORDS: usize = 128;
@@ -43,7 +45,7 @@ enum Phase {
 
 /// What is being put on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Staged {
+enum StagedFrame {
     Other,
     /// Words from this offset in the queue on.
     Stream(u16),
@@ -51,7 +53,7 @@ enum Staged {
 
 /// An order to clear the alarm, on its way: until its outcome is known the alarm is not a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Clearing {
+enum AlarmClearing {
     /// The word has this number.
     Asked(u16),
     /// The card took it; what became of it stands before the next control period that is reported, of this number at the least.
@@ -68,12 +70,12 @@ pub struct LineCounts {
     /// Frames that were damaged on their way here.
     pub damaged: u64,
     /// Times that words were sent again.
-    pub again: u64,
+    pub retransmitted: u64,
 }
 
 /// The host's end, for up to `A` axes.
 #[derive(Clone, Debug)]
-pub struct Host<const A: usize> {
+pub struct HostEndpoint<const A: usize> {
     phase: Phase,
     nonce: u32,
     greeting: Option<Greeting<A>>,
@@ -85,15 +87,15 @@ pub struct Host<const A: usize> {
     /// Number of the last question that was asked because the card was silent, and whether it is open.
     probe: u32,
     probing: bool,
-    settings: Option<Settings<A>>,
-    decoder: Decoder<MAX_PAYLOAD>,
-    queue: [Word<A>; WORDS],
+    settings: Option<CardSettings<A>>,
+    decoder: FrameDecoder<MAX_PAYLOAD>,
+    queue: [HostCommand<A>; WORDS],
     /// Number of the oldest word that is not confirmed.
     base: u16,
     count: u16,
     /// How many of these are sent.
     sent: u16,
-    mirror: Mirror<A, CELLS>,
+    mirror: PredictedWindow<A, CELLS>,
     /// The end of the window that the card reported.
     held: u32,
     target: RateTarget,
@@ -101,7 +103,7 @@ pub struct Host<const A: usize> {
     told: Travel,
     now_number: u16,
     now_seen: u16,
-    entries: [Entry; ENTRIES],
+    entries: [ReportEntry; ENTRIES],
     taken: u16,
     waiting: u16,
     /// The last period noted was given out.
@@ -110,7 +112,7 @@ pub struct Host<const A: usize> {
     next_entry: u16,
     /// The place that the last entry leads to.
     newest: Place,
-    status: Status<A>,
+    status: CardStatus<A>,
     /// The card's check of place and counts after the last entry.
     echo: Option<u32>,
     /// A report came that does not follow the last one.
@@ -119,20 +121,20 @@ pub struct Host<const A: usize> {
     off_path: bool,
     /// Openings that were answered and not followed.
     refusals: u8,
-    fault: Option<HostFault>,
+    fault: Option<LinkError>,
     alarm: Option<Alarm>,
-    clearing: Option<Clearing>,
-    times: Times,
+    clearing: Option<AlarmClearing>,
+    times: HostTimes,
     counts: LineCounts,
     frames: FrameSize,
     stage: [u8; MAX_WIRE + 1],
     staged: (usize, usize),
-    kind: Staged,
+    kind: StagedFrame,
 }
 
 /// When what happened last, in microseconds of the port's clock.
 #[derive(Clone, Copy, Debug, Default)]
-struct Times {
+struct HostTimes {
     now: u64,
     asked: u64,
     rate: u64,
@@ -146,7 +148,7 @@ struct Times {
     missed: u64,
 }
 
-impl<const A: usize> Host<A> {
+impl<const A: usize> HostEndpoint<A> {
     /// An end that asks who is there; `nonce` tells its question from older ones.
     #[must_use]
     pub fn new(nonce: u32) -> Self {
@@ -160,24 +162,24 @@ impl<const A: usize> Host<A> {
             probe: nonce.rotate_left(16),
             probing: false,
             settings: None,
-            decoder: Decoder::new(),
-            queue: [Word::ClearAlarm; WORDS],
+            decoder: FrameDecoder::new(),
+            queue: [HostCommand::ClearAlarm; WORDS],
             base: 0,
             count: 0,
             sent: 0,
-            mirror: Mirror::new(0, 4, 0),
+            mirror: PredictedWindow::new(0, 4, 0),
             held: 0,
             target: RateTarget::ZERO,
             told: 0,
             now_number: 0,
             now_seen: 0,
-            entries: [Entry::Inputs(0); ENTRIES],
+            entries: [ReportEntry::Inputs(0); ENTRIES],
             taken: 0,
             waiting: 0,
             given: false,
             next_entry: 0,
             newest: Place::start_of(0),
-            status: Status::standing(Start::at(0)),
+            status: CardStatus::at_rest(PathStart::at(0)),
             echo: None,
             missing: false,
             off_path: false,
@@ -185,13 +187,13 @@ impl<const A: usize> Host<A> {
             fault: None,
             alarm: None,
             clearing: None,
-            times: Times::default(),
+            times: HostTimes::default(),
             counts: LineCounts::default(),
             frames: FrameSize::new(),
             stage: [0; MAX_WIRE + 1],
             // who opens a line in use sends a zero first
             staged: (0, 1),
-            kind: Staged::Other,
+            kind: StagedFrame::Other,
         }
     }
 
@@ -211,7 +213,7 @@ impl<const A: usize> Host<A> {
     }
 
     /// Begins an epoch with these settings; its number is set here.
-    pub fn open(&mut self, mut settings: Settings<A>) {
+    pub fn open(&mut self, mut settings: CardSettings<A>) {
         let Some(greeting) = &self.greeting else { return };
         settings.epoch = next_epoch(greeting.last_epoch);
         // another number than that of the question, so that its answer is not taken for the opening's
@@ -220,13 +222,13 @@ impl<const A: usize> Host<A> {
         self.decoder.set_key(self.key);
         let window = greeting.identity.window.min(CELLS as u32 / 2);
         let (counts, start) = (greeting.counts, settings.start);
-        self.mirror = Mirror::new(start.place.record, window, stopping(&settings.limits));
+        self.mirror = PredictedWindow::new(start.place.record, window, stopping(&settings.limits));
         (self.base, self.count, self.sent) = (0, 0, 0);
         (self.target, self.told, self.now_number, self.now_seen, self.times.number) = (RateTarget::ZERO, 0, 0, 0, 0);
         (self.taken, self.waiting, self.next_entry) = (0, 0, 0);
         (self.newest, self.held) = (start.place, start.place.record);
         // Periods are counted on, whatever epoch they belong to.
-        self.status = Status { counts, period: self.status.period, ..Status::standing(start) };
+        self.status = CardStatus { counts, period: self.status.period, ..CardStatus::at_rest(start) };
         (self.echo, self.off_path, self.refusals, self.fault, self.alarm) = (None, false, 0, None, None);
         self.clearing = None;
         self.times.asked = 0;
@@ -263,18 +265,18 @@ impl<const A: usize> Host<A> {
 
     /// Has the card taken every word and the rate?
     #[must_use]
-    pub fn is_heard(&self) -> bool {
+    pub fn is_acknowledged(&self) -> bool {
         self.count == 0 && self.now_seen == self.now_number
     }
 
     /// What ended the run, once every period before it was given out. An alarm that is to be cleared is none before the card has
     /// said that it stays.
     #[must_use]
-    pub fn fault(&self) -> Option<HostFault> {
+    pub fn fault(&self) -> Option<LinkError> {
         match (self.fault, self.alarm) {
             (Some(fault), _) => Some(fault),
             (None, Some(alarm)) if self.waiting == 0 && self.status.at_rest && self.clearing.is_none() => {
-                Some(HostFault::Alarm(alarm))
+                Some(LinkError::Alarm(alarm))
             }
             _ => None,
         }
@@ -288,7 +290,7 @@ impl<const A: usize> Host<A> {
 
     /// The status of the last period given out; its window is the one that is foreseen.
     #[must_use]
-    pub fn status(&self) -> &Status<A> {
+    pub fn status(&self) -> &CardStatus<A> {
         &self.status
     }
 
@@ -314,9 +316,9 @@ impl<const A: usize> Host<A> {
     ///
     /// # Errors
     /// [`Refusal`] as the card would say, by what is known of it; [`Refusal::Full`] also while the line has enough in hand.
-    pub fn send(&mut self, word: Word<A>) -> Result<(), Refusal> {
+    pub fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
         match word {
-            Word::Rate(target) => {
+            HostCommand::Rate(target) => {
                 // It also stops a homing axis, which no rate has set in motion: there it is sent again as often as it is asked for.
                 let stops_homing = target == RateTarget::ZERO && self.off_path && self.now_seen == self.now_number;
                 if target != self.target || stops_homing {
@@ -325,32 +327,36 @@ impl<const A: usize> Host<A> {
                 }
                 return Ok(());
             }
-            Word::Action(action) if usize::from(action.channel) >= channel::COUNT => {
-                return Err(Refusal::NoSuchChannel);
+            HostCommand::Action(action) if usize::from(action.channel) >= channel::COUNT => {
+                return Err(CommandRefusal::NoSuchChannel);
             }
-            Word::ByHand(change) if usize::from(change.channel) >= channel::COUNT => {
-                return Err(Refusal::NoSuchChannel);
+            HostCommand::ManualOutput(change) if usize::from(change.channel) >= channel::COUNT => {
+                return Err(CommandRefusal::NoSuchChannel);
             }
-            Word::Repeat(repeated)
+            HostCommand::Repeat(repeated)
                 if repeated.changes().iter().any(|change| usize::from(change.channel) >= channel::COUNT) =>
             {
-                return Err(Refusal::NoSuchChannel);
+                return Err(CommandRefusal::NoSuchChannel);
             }
             _ => {}
         }
         // A few places are kept for what is not a record, so that it never has to wait behind records.
-        let room = if matches!(word, Word::Ahead { .. } | Word::Behind { .. } | Word::Action(_)) { 16 } else { 0 };
+        let room = if matches!(word, HostCommand::Ahead { .. } | HostCommand::Behind { .. } | HostCommand::Action(_)) {
+            16
+        } else {
+            0
+        };
         if usize::from(self.count) + room >= WORDS {
-            return Err(Refusal::Full);
+            return Err(CommandRefusal::Full);
         }
-        self.mirror.foresee(&word, self.newest, self.may_run())?;
-        self.off_path |= matches!(word, Word::Home(_));
+        self.mirror.predict(&word, self.newest, self.may_run())?;
+        self.off_path |= matches!(word, HostCommand::Home(_));
         if self.count == self.sent {
             self.times.queued = self.times.now;
         }
         let number = self.base.wrapping_add(self.count);
-        if matches!(word, Word::ClearAlarm) {
-            self.clearing = Some(Clearing::Asked(number));
+        if matches!(word, HostCommand::ClearAlarm) {
+            self.clearing = Some(AlarmClearing::Asked(number));
         }
         self.queue[usize::from(number) % WORDS] = word;
         self.count += 1;

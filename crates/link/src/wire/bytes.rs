@@ -4,12 +4,12 @@
 
 /// Writes into a payload.
 #[derive(Debug)]
-pub struct Writer<'b> {
+pub struct ByteWriter<'b> {
     bytes: &'b mut [u8],
     at: usize,
 }
 
-impl<'b> Writer<'b> {
+impl<'b> ByteWriter<'b> {
     /// At the beginning of `bytes`.
     #[must_use]
     pub fn new(bytes: &'b mut [u8]) -> Self {
@@ -84,11 +84,11 @@ impl<'b> Writer<'b> {
 
 /// Reads a payload.
 #[derive(Clone, Copy, Debug)]
-pub struct Reader<'b> {
+pub struct ByteReader<'b> {
     bytes: &'b [u8],
 }
 
-impl<'b> Reader<'b> {
+impl<'b> ByteReader<'b> {
     /// At the beginning of `bytes`.
     #[must_use]
     pub const fn new(bytes: &'b [u8]) -> Self {
@@ -103,7 +103,7 @@ impl<'b> Reader<'b> {
 
     /// How many bytes are left.
     #[must_use]
-    pub const fn left(&self) -> usize {
+    pub const fn remaining(&self) -> usize {
         self.bytes.len()
     }
 
@@ -177,21 +177,21 @@ mod tests {
         fn numbers_are_read_back(value in any::<u64>(), shift in 0u32..64, byte in any::<u8>()) {
             let mut bytes = [0; 32];
             let (count, signed) = (value >> shift, (value as i64) >> shift);
-            let mut writer = Writer::new(&mut bytes);
+            let mut writer = ByteWriter::new(&mut bytes);
             writer.count(count).expect("room");
             writer.signed(signed).expect("room");
             writer.u8(byte).expect("room");
             let length = writer.len();
-            let mut reader = Reader::new(&bytes[..length]);
+            let mut reader = ByteReader::new(&bytes[..length]);
             prop_assert_eq!((reader.count(), reader.signed(), reader.u8()), (Some(count), Some(signed), Some(byte)));
             prop_assert!(reader.is_empty() && reader.u8().is_none());
         }
 
         #[test]
         fn any_bytes_are_a_number_or_none(bytes in prop::collection::vec(any::<u8>(), 0..14)) {
-            let mut reader = Reader::new(&bytes);
+            let mut reader = ByteReader::new(&bytes);
             while reader.count().is_some() {}
-            let mut reader = Reader::new(&bytes);
+            let mut reader = ByteReader::new(&bytes);
             while reader.signed32().is_some() {}
         }
     }
@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn a_writer_without_room_writes_nothing() {
         let mut bytes = [7; 3];
-        let mut writer = Writer::new(&mut bytes);
+        let mut writer = ByteWriter::new(&mut bytes);
         writer.u16(0x0201).expect("room");
         assert_eq!((writer.u16(5), writer.count(300), writer.len()), (None, None, 2));
         writer.u8(3).expect("room");

@@ -9,12 +9,12 @@
 
 use retrace_core::{ONE, Travel};
 
-use super::{Reader, Writer};
-use crate::{Alarm, Change, CutterOff, CutterOffCause};
+use super::{ByteReader, ByteWriter};
+use crate::{Alarm, CutterOff, CutterOffCause, OutputChange};
 
 /// One thing that a card did.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Entry {
+pub enum ReportEntry {
     /// Control periods, all alike.
     Ran {
         /// Distance that the cursor moved in each.
@@ -27,7 +27,7 @@ pub enum Entry {
         at_rest: bool,
     },
     /// An output took a value.
-    Output(Change),
+    Output(OutputChange),
     /// The instruction of this number is complete.
     Executed(u32),
     /// What is latched now.
@@ -69,9 +69,9 @@ const SHORT: u8 = 1 << 5;
 const AT_REST: u8 = 1 << 6;
 const MANY: u8 = 1 << 7;
 
-impl Entry {
+impl ReportEntry {
     /// Writes the entry. `None`, and nothing written, where there is no room.
-    pub fn write(&self, writer: &mut Writer<'_>) -> Option<()> {
+    pub fn write(&self, writer: &mut ByteWriter<'_>) -> Option<()> {
         let length = writer.len();
         let written = self.write_parts(writer);
         if written.is_none() {
@@ -80,7 +80,7 @@ impl Entry {
         written
     }
 
-    fn write_parts(&self, writer: &mut Writer<'_>) -> Option<()> {
+    fn write_parts(&self, writer: &mut ByteWriter<'_>) -> Option<()> {
         match *self {
             Self::Ran { travel, count, short, at_rest } => {
                 let how = match travel {
@@ -137,7 +137,7 @@ impl Entry {
     }
 
     /// Reads an entry; `None` where the bytes are none.
-    pub fn read(reader: &mut Reader<'_>) -> Option<Self> {
+    pub fn read(reader: &mut ByteReader<'_>) -> Option<Self> {
         let tag = reader.u8()?;
         Some(match tag & 7 {
             RAN => {
@@ -166,7 +166,7 @@ impl Entry {
         })
     }
 
-    fn read_extended(reader: &mut Reader<'_>) -> Option<Self> {
+    fn read_extended(reader: &mut ByteReader<'_>) -> Option<Self> {
         Some(match reader.u8()? {
             extended::CUTTER_OFF => {
                 let channels = reader.u8()?;
@@ -184,13 +184,13 @@ const BACK: Travel = -ONE;
 /// No cursor goes farther in a period: eight records, and a little for rounding.
 const MAX_TRAVEL: u64 = 9 << 32;
 
-pub(super) fn write_alarm(writer: &mut Writer<'_>, alarm: Option<Alarm>) -> Option<()> {
+pub(super) fn write_alarm(writer: &mut ByteWriter<'_>, alarm: Option<Alarm>) -> Option<()> {
     let (code, detail) = alarm.map_or((0, 0), Alarm::to_wire);
     writer.u8(code)?;
     if code == 0 { Some(()) } else { writer.u32(detail) }
 }
 
-pub(super) fn read_alarm(reader: &mut Reader<'_>) -> Option<Option<Alarm>> {
+pub(super) fn read_alarm(reader: &mut ByteReader<'_>) -> Option<Option<Alarm>> {
     match reader.u8()? {
         0 => Some(None),
         code => Some(Some(Alarm::from_wire(code, reader.u32()?)?)),

@@ -7,10 +7,10 @@ use retrace_core::limits::{PulseLimits, RateLimits};
 
 use super::entry::{read_alarm, write_alarm};
 use super::message::{read_change, write_change};
-use super::{Reader, Writer};
+use super::{ByteReader, ByteWriter};
 use crate::{
-    Alarm, CuttingChannel, CuttingSettings, Identity, InputSetting, InputUse, MAX_CUTTING_CHANNELS, MAX_SAFE, Settings,
-    Start,
+    Alarm, CardIdentity, CardSettings, CuttingChannel, CuttingSettings, InputSetting, InputUse, MAX_CUTTING_CHANNELS,
+    MAX_SAFE, PathStart,
 };
 
 /// A card's answer to who is there.
@@ -19,7 +19,7 @@ pub struct Greeting<const A: usize> {
     /// The number that the question had.
     pub nonce: u32,
     /// Who the card is.
-    pub identity: Identity,
+    pub identity: CardIdentity,
     /// The epoch that is open, or 0.
     pub epoch: u16,
     /// The last one that was opened.
@@ -40,7 +40,7 @@ pub struct Greeting<const A: usize> {
 
 impl<const A: usize> Greeting<A> {
     /// Writes it behind its kind.
-    pub fn write(&self, writer: &mut Writer<'_>) -> Option<()> {
+    pub fn write(&self, writer: &mut ByteWriter<'_>) -> Option<()> {
         let of = &self.identity;
         writer.u8(of.protocol)?;
         writer.u32(self.nonce)?;
@@ -64,7 +64,7 @@ impl<const A: usize> Greeting<A> {
     }
 
     /// Reads it behind its kind. `Err` is another version of the protocol; `None` no greeting.
-    pub fn read(reader: &mut Reader<'_>) -> Option<Result<Self, u8>> {
+    pub fn read(reader: &mut ByteReader<'_>) -> Option<Result<Self, u8>> {
         let protocol = reader.u8()?;
         if protocol != crate::PROTOCOL {
             return Some(Err(protocol));
@@ -73,7 +73,7 @@ impl<const A: usize> Greeting<A> {
         let name = reader.slice(16)?.try_into().ok()?;
         let (serial, boot) = (reader.u32()?, reader.u32()?);
         let (axes, outputs, inputs) = (reader.u8()?, reader.u8()?, reader.u8()?);
-        let identity = Identity {
+        let identity = CardIdentity {
             protocol,
             name,
             serial,
@@ -106,11 +106,11 @@ impl<const A: usize> Greeting<A> {
 
 /// The settings of an epoch, as they are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Opening<const A: usize>(pub Settings<A>);
+pub struct Opening<const A: usize>(pub CardSettings<A>);
 
 impl<const A: usize> Opening<A> {
     /// Writes it behind its kind.
-    pub fn write(&self, writer: &mut Writer<'_>) -> Option<()> {
+    pub fn write(&self, writer: &mut ByteWriter<'_>) -> Option<()> {
         let of = &self.0;
         writer.u16(of.epoch)?;
         write_start(writer, &of.start)?;
@@ -148,11 +148,11 @@ impl<const A: usize> Opening<A> {
     }
 
     /// Reads it behind its kind.
-    pub fn read(reader: &mut Reader<'_>) -> Option<Self> {
+    pub fn read(reader: &mut ByteReader<'_>) -> Option<Self> {
         let (epoch, start) = (reader.u16()?, read_start(reader)?);
         let (axes, period_us) = (reader.u8()?, reader.count32()?);
         let limits = read_limits(reader, usize::from(axes))?;
-        let mut settings = Settings::new(epoch, start, period_us, limits);
+        let mut settings = CardSettings::new(epoch, start, period_us, limits);
         settings.axes = axes;
         settings.report_periods = reader.u8()?;
         settings.watchdog_periods = reader.u16()?;
@@ -194,7 +194,7 @@ const INHIBIT: u8 = 0x80;
 /// Set beside a cutting channel's number: it fires.
 const FIRES: u8 = 0x80;
 
-fn write_cutting(writer: &mut Writer<'_>, cutting: &CuttingSettings) -> Option<()> {
+fn write_cutting(writer: &mut ByteWriter<'_>, cutting: &CuttingSettings) -> Option<()> {
     writer.u8(cutting.channels().len() as u8 | if cutting.inhibit { INHIBIT } else { 0 })?;
     writer.count(u64::from(cutting.handover_periods))?;
     cutting.channels().iter().try_for_each(|of| {
@@ -203,7 +203,7 @@ fn write_cutting(writer: &mut Writer<'_>, cutting: &CuttingSettings) -> Option<(
     })
 }
 
-fn read_cutting(reader: &mut Reader<'_>) -> Option<CuttingSettings> {
+fn read_cutting(reader: &mut ByteReader<'_>) -> Option<CuttingSettings> {
     let (count, handover) = (reader.u8()?, reader.count32()?);
     let mut cutting = CuttingSettings {
         count: count & !INHIBIT,
@@ -226,20 +226,20 @@ fn read_cutting(reader: &mut Reader<'_>) -> Option<CuttingSettings> {
     Some(cutting)
 }
 
-fn write_start(writer: &mut Writer<'_>, start: &Start) -> Option<()> {
+fn write_start(writer: &mut ByteWriter<'_>, start: &PathStart) -> Option<()> {
     for value in [start.place.record, start.place.fraction, start.reached, start.executed] {
         writer.u32(value)?;
     }
     writer.u8(u8::from(start.rests))
 }
 
-fn read_start(reader: &mut Reader<'_>) -> Option<Start> {
+fn read_start(reader: &mut ByteReader<'_>) -> Option<PathStart> {
     let place = Place { record: reader.u32()?, fraction: reader.u32()? };
-    Some(Start { place, reached: reader.u32()?, executed: reader.u32()?, rests: reader.u8()? != 0 })
+    Some(PathStart { place, reached: reader.u32()?, executed: reader.u32()?, rests: reader.u8()? != 0 })
 }
 
 /// The limits of so many axes; those that are not told are as the first.
-fn read_limits<const A: usize>(reader: &mut Reader<'_>, told: usize) -> Option<RateLimits<A>> {
+fn read_limits<const A: usize>(reader: &mut ByteReader<'_>, told: usize) -> Option<RateLimits<A>> {
     let (average, share) = (reader.u16()?, reader.u16()?);
     let mut axes = [PulseLimits::default(); A];
     for slot in axes.get_mut(..told)? {

@@ -3,8 +3,10 @@
 //! Invariant: a word that does not fit leaves writer and run as they were.
 
 use super::record::RECORD;
-use super::{Reader, Run, Writer};
-use crate::{Action, Await, Change, Homing, Instruction, MAX_CHANGES, RepeatedInstruction, Word};
+use super::{ByteReader, ByteWriter, Run};
+use crate::{
+    HomingCommand, HostCommand, InputWait, Instruction, MAX_CHANGES, OutputAction, OutputChange, RepeatedInstruction,
+};
 
 mod tag {
     pub(super) const PLACE_AHEAD: u8 = 0x01;
@@ -22,7 +24,7 @@ mod tag {
 }
 
 /// Writes a word behind the others of a payload. `None` where there is no room, or for a rate, which has a frame of its own.
-pub fn write_word<const A: usize>(writer: &mut Writer<'_>, run: &mut Run<A>, word: &Word<A>) -> Option<()> {
+pub fn write_word<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut Run<A>, word: &HostCommand<A>) -> Option<()> {
     let (length, was) = (writer.len(), *run);
     let written = write(writer, run, word);
     if written.is_none() {
@@ -32,54 +34,54 @@ pub fn write_word<const A: usize>(writer: &mut Writer<'_>, run: &mut Run<A>, wor
     written
 }
 
-fn write<const A: usize>(writer: &mut Writer<'_>, run: &mut Run<A>, word: &Word<A>) -> Option<()> {
+fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut Run<A>, word: &HostCommand<A>) -> Option<()> {
     match word {
-        Word::Ahead { place, record } => {
+        HostCommand::Ahead { place, record } => {
             place_of(writer, run, *place, false)?;
             run.write(writer, record, false, false)
         }
-        Word::Behind { place, record, rests } => {
+        HostCommand::Behind { place, record, rests } => {
             place_of(writer, run, *place, true)?;
             run.write(writer, record, true, *rests)
         }
-        Word::Trim { high } => {
+        HostCommand::Trim { high } => {
             writer.u8(tag::TRIM)?;
             writer.u32(*high)
         }
-        Word::Forget { low } => {
+        HostCommand::Forget { low } => {
             writer.u8(tag::FORGET)?;
             writer.u32(*low)
         }
-        Word::Action(action) => {
+        HostCommand::Action(action) => {
             writer.u8(tag::ACTION)?;
             writer.u32(action.place)?;
             writer.u8(action.channel)?;
             writer.signed(i64::from(action.before))?;
             writer.signed(i64::from(action.after))
         }
-        Word::Rate { .. } => None,
-        Word::Replay { on } => {
+        HostCommand::Rate { .. } => None,
+        HostCommand::Replay { on } => {
             writer.u8(tag::REPLAY)?;
             writer.u8(u8::from(*on))
         }
-        Word::Instruction(instruction) => {
+        HostCommand::Instruction(instruction) => {
             writer.u8(tag::INSTRUCTION)?;
             write_instruction(writer, instruction)
         }
-        Word::ByHand(change) => {
+        HostCommand::ManualOutput(change) => {
             writer.u8(tag::BY_HAND)?;
             write_change(writer, *change)
         }
-        Word::ClearAlarm => writer.u8(tag::CLEAR_ALARM),
-        Word::Home(homing) => {
+        HostCommand::ClearAlarm => writer.u8(tag::CLEAR_ALARM),
+        HostCommand::Home(homing) => {
             writer.u8(tag::HOME)?;
             write_homing(writer, homing)
         }
-        Word::Restart { last } => {
+        HostCommand::Restart { last } => {
             writer.u8(tag::RESTART)?;
             writer.u32(*last)
         }
-        Word::Repeat(repeated) => {
+        HostCommand::Repeat(repeated) => {
             writer.u8(tag::REPEAT)?;
             writer.u32(repeated.number)?;
             write_switching(writer, repeated.periods, repeated.changes(), repeated.until, false)
@@ -87,7 +89,7 @@ fn write<const A: usize>(writer: &mut Writer<'_>, run: &mut Run<A>, word: &Word<
     }
 }
 
-fn place_of<const A: usize>(writer: &mut Writer<'_>, run: &mut Run<A>, place: u32, behind: bool) -> Option<()> {
+fn place_of<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut Run<A>, place: u32, behind: bool) -> Option<()> {
     if run.needs_place(place, behind) {
         writer.u8(if behind { tag::PLACE_BEHIND } else { tag::PLACE_AHEAD })?;
         writer.u32(place)?;
@@ -97,7 +99,7 @@ fn place_of<const A: usize>(writer: &mut Writer<'_>, run: &mut Run<A>, place: u3
 }
 
 /// Reads the next word of a payload. `None` where the bytes are none: the rest of the payload is not to be trusted then.
-pub fn read_word<const A: usize>(reader: &mut Reader<'_>, run: &mut Run<A>) -> Option<Word<A>> {
+pub fn read_word<const A: usize>(reader: &mut ByteReader<'_>, run: &mut Run<A>) -> Option<HostCommand<A>> {
     loop {
         return Some(match reader.u8()? {
             record if record & RECORD != 0 => return run.read(reader, record),
@@ -109,34 +111,39 @@ pub fn read_word<const A: usize>(reader: &mut Reader<'_>, run: &mut Run<A>) -> O
                 run.set_place(reader.u32()?, true);
                 continue;
             }
-            tag::TRIM => Word::Trim { high: reader.u32()? },
-            tag::FORGET => Word::Forget { low: reader.u32()? },
+            tag::TRIM => HostCommand::Trim { high: reader.u32()? },
+            tag::FORGET => HostCommand::Forget { low: reader.u32()? },
             tag::ACTION => {
                 let (place, channel) = (reader.u32()?, reader.u8()?);
-                Word::Action(Action { place, channel, before: reader.signed32()?, after: reader.signed32()? })
+                HostCommand::Action(OutputAction {
+                    place,
+                    channel,
+                    before: reader.signed32()?,
+                    after: reader.signed32()?,
+                })
             }
-            tag::REPLAY => Word::Replay { on: reader.u8()? != 0 },
-            tag::INSTRUCTION => Word::Instruction(read_instruction(reader)?),
-            tag::BY_HAND => Word::ByHand(read_change(reader)?),
-            tag::CLEAR_ALARM => Word::ClearAlarm,
-            tag::HOME => Word::Home(read_homing(reader)?),
-            tag::RESTART => Word::Restart { last: reader.u32()? },
-            tag::REPEAT => Word::Repeat(read_repeated(reader)?),
+            tag::REPLAY => HostCommand::Replay { on: reader.u8()? != 0 },
+            tag::INSTRUCTION => HostCommand::Instruction(read_instruction(reader)?),
+            tag::BY_HAND => HostCommand::ManualOutput(read_change(reader)?),
+            tag::CLEAR_ALARM => HostCommand::ClearAlarm,
+            tag::HOME => HostCommand::Home(read_homing(reader)?),
+            tag::RESTART => HostCommand::Restart { last: reader.u32()? },
+            tag::REPEAT => HostCommand::Repeat(read_repeated(reader)?),
             _ => return None,
         });
     }
 }
 
-pub(super) fn write_change(writer: &mut Writer<'_>, change: Change) -> Option<()> {
+pub(super) fn write_change(writer: &mut ByteWriter<'_>, change: OutputChange) -> Option<()> {
     writer.u8(change.channel)?;
     writer.signed(i64::from(change.value))
 }
 
-pub(super) fn read_change(reader: &mut Reader<'_>) -> Option<Change> {
-    Some(Change { channel: reader.u8()?, value: reader.signed32()? })
+pub(super) fn read_change(reader: &mut ByteReader<'_>) -> Option<OutputChange> {
+    Some(OutputChange { channel: reader.u8()?, value: reader.signed32()? })
 }
 
-fn write_instruction(writer: &mut Writer<'_>, instruction: &Instruction) -> Option<()> {
+fn write_instruction(writer: &mut ByteWriter<'_>, instruction: &Instruction) -> Option<()> {
     writer.u32(instruction.number)?;
     writer.u32(instruction.place)?;
     let Instruction { periods, until, keeps_cutter, .. } = *instruction;
@@ -149,24 +156,24 @@ const AWAITS: u8 = 0x80;
 const KEEPS_CUTTER: u8 = 0x40;
 
 fn write_switching(
-    writer: &mut Writer<'_>,
+    writer: &mut ByteWriter<'_>,
     periods: u32,
-    changes: &[Change],
-    until: Option<Await>,
+    changes: &[OutputChange],
+    until: Option<InputWait>,
     keeps_cutter: bool,
 ) -> Option<()> {
     writer.count(u64::from(periods))?;
     let flag = |flag: u8, so: bool| if so { flag } else { 0 };
     writer.u8(changes.len() as u8 | flag(AWAITS, until.is_some()) | flag(KEEPS_CUTTER, keeps_cutter))?;
     changes.iter().try_for_each(|&change| write_change(writer, change))?;
-    if let Some(Await { input, active, at_most }) = until {
+    if let Some(InputWait { input, active, timeout_periods: at_most }) = until {
         writer.u8(input | u8::from(active) << 7)?;
         writer.count(u64::from(at_most))?;
     }
     Some(())
 }
 
-fn read_instruction(reader: &mut Reader<'_>) -> Option<Instruction> {
+fn read_instruction(reader: &mut ByteReader<'_>) -> Option<Instruction> {
     let (number, place, periods, counts) = (reader.u32()?, reader.u32()?, reader.count32()?, reader.u8()?);
     let count = counts & !(AWAITS | KEEPS_CUTTER);
     let changes = read_changes(reader, count)?;
@@ -174,15 +181,15 @@ fn read_instruction(reader: &mut Reader<'_>) -> Option<Instruction> {
     Some(Instruction { number, place, changes, count, periods, until, keeps_cutter: counts & KEEPS_CUTTER != 0 })
 }
 
-fn read_repeated(reader: &mut Reader<'_>) -> Option<RepeatedInstruction> {
+fn read_repeated(reader: &mut ByteReader<'_>) -> Option<RepeatedInstruction> {
     let (number, periods, counts) = (reader.u32()?, reader.count32()?, reader.u8()?);
     let count = counts & !(AWAITS | KEEPS_CUTTER);
     let changes = read_changes(reader, count)?;
     Some(RepeatedInstruction { number, changes, count, periods, until: read_until(reader, counts)? })
 }
 
-fn read_changes(reader: &mut Reader<'_>, count: u8) -> Option<[Change; MAX_CHANGES]> {
-    let mut changes = [Change::default(); MAX_CHANGES];
+fn read_changes(reader: &mut ByteReader<'_>, count: u8) -> Option<[OutputChange; MAX_CHANGES]> {
+    let mut changes = [OutputChange::default(); MAX_CHANGES];
     for change in changes.get_mut(..usize::from(count))? {
         *change = read_change(reader)?;
     }
@@ -191,32 +198,32 @@ fn read_changes(reader: &mut Reader<'_>, count: u8) -> Option<[Change; MAX_CHANG
 
 /// The input that is waited for, where the count of changes says that there is one. `None` where the bytes are cut short.
 #[allow(clippy::option_option)]
-fn read_until(reader: &mut Reader<'_>, counts: u8) -> Option<Option<Await>> {
+fn read_until(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<InputWait>> {
     if counts & AWAITS == 0 {
         return Some(None);
     }
     let input = reader.u8()?;
-    Some(Some(Await { input: input & 0x7F, active: input & 0x80 != 0, at_most: reader.count32()? }))
+    Some(Some(InputWait { input: input & 0x7F, active: input & 0x80 != 0, timeout_periods: reader.count32()? }))
 }
 
-fn write_homing(writer: &mut Writer<'_>, homing: &Homing) -> Option<()> {
+fn write_homing(writer: &mut ByteWriter<'_>, homing: &HomingCommand) -> Option<()> {
     writer.u8(homing.axis | u8::from(homing.upper) << 7)?;
-    writer.signed(homing.fast)?;
-    writer.signed(homing.slow)?;
+    writer.signed(homing.search_speed)?;
+    writer.signed(homing.latch_speed)?;
     writer.signed(homing.acceleration)?;
-    writer.count(u64::from(homing.farthest))?;
+    writer.count(u64::from(homing.max_travel))?;
     writer.signed(homing.count)
 }
 
-fn read_homing(reader: &mut Reader<'_>) -> Option<Homing> {
+fn read_homing(reader: &mut ByteReader<'_>) -> Option<HomingCommand> {
     let axis = reader.u8()?;
-    Some(Homing {
+    Some(HomingCommand {
         axis: axis & 0x7F,
         upper: axis & 0x80 != 0,
-        fast: reader.signed()?,
-        slow: reader.signed()?,
+        search_speed: reader.signed()?,
+        latch_speed: reader.signed()?,
         acceleration: reader.signed()?,
-        farthest: reader.count32()?,
+        max_travel: reader.count32()?,
         count: reader.signed()?,
     })
 }

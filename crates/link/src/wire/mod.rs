@@ -9,8 +9,8 @@ mod handshake;
 mod message;
 mod record;
 
-pub use bytes::{Reader, Writer};
-pub use entry::Entry;
+pub use bytes::{ByteReader, ByteWriter};
+pub use entry::ReportEntry;
 pub use handshake::{Greeting, Opening};
 pub use message::{read_word, write_word};
 pub use record::Run;
@@ -24,9 +24,9 @@ pub mod kind {
     /// Host: words in their order.
     pub const STREAM: u8 = 0x03;
     /// Host: the rate, now; and a sign of life.
-    pub const NOW: u8 = 0x04;
+    pub const RATE: u8 = 0x04;
     /// Host: the same, and a report is missing: entries are to come again from the one that is named.
-    pub const MISSED: u8 = 0x06;
+    pub const NAK: u8 = 0x06;
     /// Host: the epoch is over.
     pub const CLOSE: u8 = 0x05;
     /// Card: who it is and where the machine stands.

@@ -11,8 +11,8 @@
 
 use retrace_core::{Flags, RapidCap, Record};
 
-use super::{Reader, Writer};
-use crate::Word;
+use super::{ByteReader, ByteWriter};
+use crate::HostCommand;
 
 /// Set in the first byte of a record, and of nothing else.
 pub(super) const RECORD: u8 = 0x80;
@@ -60,7 +60,7 @@ impl<const A: usize> Run<A> {
     }
 
     /// Writes a record that follows the last one. `None` where there is no room.
-    pub fn write(&mut self, writer: &mut Writer<'_>, record: &Record<A>, behind: bool, rests: bool) -> Option<()> {
+    pub fn write(&mut self, writer: &mut ByteWriter<'_>, record: &Record<A>, behind: bool, rests: bool) -> Option<()> {
         let place = self.next_place(behind)?;
         let last = self.last?.record;
         let mut differences = [0i16; A];
@@ -95,7 +95,7 @@ impl<const A: usize> Run<A> {
     }
 
     /// Reads the record whose first byte was `tag`.
-    pub fn read(&mut self, reader: &mut Reader<'_>, tag: u8) -> Option<Word<A>> {
+    pub fn read(&mut self, reader: &mut ByteReader<'_>, tag: u8) -> Option<HostCommand<A>> {
         let behind = tag & BEHIND != 0;
         let place = self.next_place(behind)?;
         let last = self.last?.record;
@@ -117,7 +117,7 @@ impl<const A: usize> Run<A> {
         }
         self.last = Some(Last { place, record });
         let rests = tag & RESTS != 0;
-        Some(if behind { Word::Behind { place, record, rests } } else { Word::Ahead { place, record } })
+        Some(if behind { HostCommand::Behind { place, record, rests } } else { HostCommand::Ahead { place, record } })
     }
 }
 
@@ -132,7 +132,7 @@ fn size_of_differences(differences: &[i16]) -> u8 {
     }
 }
 
-fn write_differences(writer: &mut Writer<'_>, differences: &[i16], size: u8) -> Option<()> {
+fn write_differences(writer: &mut ByteWriter<'_>, differences: &[i16], size: u8) -> Option<()> {
     match size {
         0 => {}
         1 => {
@@ -147,7 +147,7 @@ fn write_differences(writer: &mut Writer<'_>, differences: &[i16], size: u8) -> 
     Some(())
 }
 
-fn read_differences(reader: &mut Reader<'_>, differences: &mut [i16], size: u8) -> Option<()> {
+fn read_differences(reader: &mut ByteReader<'_>, differences: &mut [i16], size: u8) -> Option<()> {
     match size {
         0 => {}
         1 => {

@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 
 use retrace_core::Flags;
-use retrace_motion::{Feed, PathMode};
+use retrace_motion::{FeedRate, PathMode};
 
 use crate::oracle::{Allowed, Legs};
 use crate::roads::Road;
@@ -36,7 +36,7 @@ impl Case {
     pub(crate) fn ours(&self, mode: PathMode) -> f64 {
         let mut planner = Road::planner();
         for (tag, [x, y]) in (1..).zip(self.legs().points()) {
-            planner.line([x, y, 0.0], Feed::PerSecond(100.0), mode, tag).expect("a valid line");
+            planner.line([x, y, 0.0], FeedRate::PerSecond(100.0), mode, tag).expect("a valid line");
         }
         planner.stop(Flags::NONE);
         std::iter::from_fn(|| planner.next_record()).fold(0u32, |sum, _| sum + 1) as f64 * 1e-3

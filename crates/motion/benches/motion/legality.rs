@@ -4,7 +4,7 @@
 //! the k-th difference of un-rounded set-points; what rounding of the numbers themselves can do is taken off first.
 
 use retrace_core::Record;
-use retrace_motion::{Arc, Limits, PathMode};
+use retrace_motion::{Arc, MachineLimits, PathMode};
 
 use crate::roads::{self, Numbers, Road, Way};
 use crate::row::{Goal, Row};
@@ -40,7 +40,7 @@ pub(crate) fn rows(full: bool) -> Vec<Row> {
     let (blocks, programs) = if full { (100_000, 2_000) } else { (10_000, 200) };
     let mut roads = roads::all(blocks);
     roads.extend((0..programs).map(random));
-    let limits = Limits::built_in();
+    let limits = MachineLimits::built_in();
     let all = roads.iter().fold(Verdict::default(), |all, road| all.with(Judge::of(road, &limits)));
     let largest = all.limits.into_iter().fold(0.0, f64::max);
     let [v, a, j] = all.limits;
@@ -74,12 +74,12 @@ pub(crate) fn rows(full: bool) -> Vec<Row> {
 }
 
 /// How many of nine judges with one limit lowered by a hundredth find a plan that uses all of them beyond it.
-fn caught(limits: &Limits<3>) -> f64 {
+fn caught(limits: &MachineLimits<3>) -> f64 {
     // Along one axis at a time, so that each meets its own limits.
     let ends = [[40.0, 0.0, 0.0], [40.0, 40.0, 0.0], [40.0, 40.0, 40.0]];
     let ways = ends.map(Way::Line).to_vec();
     let road = Road { name: "one axis at a time", ways, feed: 100.0, mode: PathMode::ExactStop };
-    let lower: [fn(&mut Limits<3>, usize); 3] = [
+    let lower: [fn(&mut MachineLimits<3>, usize); 3] = [
         |limits, axis| limits.velocity_mm_s[axis] *= 0.99,
         |limits, axis| limits.acceleration_mm_s2[axis] *= 0.99,
         |limits, axis| limits.jerk_mm_s3[axis] *= 0.99,
@@ -100,7 +100,7 @@ fn caught(limits: &Limits<3>) -> f64 {
 /// Judges a road while it is played.
 struct Judge<'r> {
     road: &'r Road,
-    limits: Limits<3>,
+    limits: MachineLimits<3>,
     /// Rows of differences of the last set-point, per axis: the point itself, and its first and second difference.
     last: [[f64; 3]; 3],
     counts: [i64; 3],
@@ -111,7 +111,7 @@ struct Judge<'r> {
 const REACH: usize = 60;
 
 impl<'r> Judge<'r> {
-    fn of(road: &'r Road, limits: &Limits<3>) -> Verdict {
+    fn of(road: &'r Road, limits: &MachineLimits<3>) -> Verdict {
         let mut judge =
             Self { road, limits: *limits, last: [[0.0; 3]; 3], counts: [0; 3], verdict: Verdict::default() };
         road.play(|record, planner| judge.take(record, planner.set_point().position_mm));

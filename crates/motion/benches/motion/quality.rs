@@ -3,7 +3,7 @@
 //! Invariant: times are counted in emitted records, so that rounding to whole periods is part of every ratio.
 
 use retrace_core::Flags;
-use retrace_motion::{Feed, Limits, PathMode, Planner};
+use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
 
 use crate::roads::{self, Road, TOLERANCE};
 use crate::row::{Goal, Row};
@@ -22,7 +22,7 @@ pub(crate) fn cut_line(_full: bool) -> Vec<Row> {
         periods(Road::planner(), |planner| {
             for k in 1..=pieces {
                 let at = end.map(|x| x * f64::from(k) / f64::from(pieces));
-                planner.line(at, Feed::PerSecond(100.0), mode, k).expect("a valid line");
+                planner.line(at, FeedRate::PerSecond(100.0), mode, k).expect("a valid line");
             }
         })
     };
@@ -48,7 +48,7 @@ pub(crate) fn windows(full: bool) -> Vec<Row> {
         periods(planner, |planner| (0..road.ways.len()).for_each(|k| road.push(planner, k))) as f64
     };
     let window = |blocks| {
-        let planner = Planner::with_look_ahead(Limits::built_in(), [0.0; 3], blocks);
+        let planner = Planner::with_look_ahead(MachineLimits::built_in(), [0.0; 3], blocks);
         planner.expect("the built-in machine is valid")
     };
     let (mut narrow_worst, mut whole_worst, mut note) = ((0.0f64, ""), (0.0f64, ""), String::new());

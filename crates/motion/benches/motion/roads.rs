@@ -5,7 +5,7 @@
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use retrace_core::Flags;
-use retrace_motion::{Arc, Feed, Limits, PathMode, Planner};
+use retrace_motion::{Arc, FeedRate, MachineLimits, PathMode, Planner};
 
 /// One programmed move, absolute, mm.
 #[derive(Clone, Copy, Debug)]
@@ -44,12 +44,12 @@ impl Road {
 
     /// A planner at rest at the origin of the built-in machine.
     pub(crate) fn planner() -> Planner<3> {
-        Planner::new(Limits::built_in(), [0.0; 3]).expect("the built-in machine is valid")
+        Planner::new(MachineLimits::built_in(), [0.0; 3]).expect("the built-in machine is valid")
     }
 
     /// Gives move `k` to the planner under the tag `k + 1`.
     pub(crate) fn push(&self, planner: &mut Planner<3>, k: usize) {
-        let (feed, tag) = (Feed::PerSecond(self.feed), k as u32 + 1);
+        let (feed, tag) = (FeedRate::PerSecond(self.feed), k as u32 + 1);
         match &self.ways[k] {
             Way::Line(end) => planner.line(*end, feed, self.mode, tag).expect("a valid line"),
             Way::Arc(arc) => planner.arc(arc, feed, self.mode, tag).expect("a valid arc"),

@@ -7,7 +7,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use retrace_core::Flags;
-use retrace_motion::{Limits, Planner};
+use retrace_motion::{MachineLimits, Planner};
 
 use crate::roads::{self, Road};
 use crate::row::{Goal, Row, median};
@@ -69,7 +69,7 @@ impl Round {
     fn of(road: &Road) -> Self {
         let (planning, period) = timed(road, Road::planner());
         let window = |blocks: usize| {
-            let planner = Planner::with_look_ahead(Limits::built_in(), [0.0; 3], blocks);
+            let planner = Planner::with_look_ahead(MachineLimits::built_in(), [0.0; 3], blocks);
             timed(road, planner.expect("the built-in machine is valid")).0
         };
         // In turn, so that neither has the warmer caches.

@@ -5,16 +5,16 @@
 
 use std::collections::VecDeque;
 
-use super::{Emitter, Item};
-use crate::glide::passage::Passage;
-use crate::piece::Piece;
+use super::{Emitter, PlanItem};
+use crate::glide::glide_segment::GlideSegment;
+use crate::piece::PathPiece;
 
 impl<const A: usize> Emitter<A> {
     /// Takes back all that is committed and not emitted; [`Emitter::recommit`] puts it back. A span in front then begins in the
     /// state at the end of the last record, or later.
-    pub(crate) fn take_back(&mut self) -> VecDeque<Item<A>> {
+    pub(crate) fn take_back(&mut self) -> VecDeque<PlanItem<A>> {
         if self.time > 0.0
-            && let Some(Item::Span { profile, duration, length, .. }) = self.items.front_mut()
+            && let Some(PlanItem::Span { profile, duration, length, .. }) = self.items.front_mut()
         {
             let done = profile.at(self.time).s;
             *profile = profile.cut(self.time).1;
@@ -27,10 +27,10 @@ impl<const A: usize> Emitter<A> {
     }
 
     /// Commits what was taken back, planned anew.
-    pub(crate) fn recommit(&mut self, items: VecDeque<Item<A>>) {
+    pub(crate) fn recommit(&mut self, items: VecDeque<PlanItem<A>>) {
         self.items = items;
         // A glide or a stop in front was entered already.
-        if let Some(Item::Span { .. }) = self.items.front() {
+        if let Some(PlanItem::Span { .. }) = self.items.front() {
             self.enter();
         }
     }
@@ -41,12 +41,12 @@ impl<const A: usize> Emitter<A> {
     }
 
     /// Piece number `number`, if it is not passed.
-    pub(crate) fn piece(&self, number: u64) -> Option<&Piece<A>> {
+    pub(crate) fn piece(&self, number: u64) -> Option<&PathPiece<A>> {
         self.pieces.get(usize::try_from(number.checked_sub(self.first_piece)?).ok()?)
     }
 
     /// The glide that `before` others precede.
-    pub(crate) fn glide_after(&self, before: usize) -> Option<&Passage<A>> {
+    pub(crate) fn glide_after(&self, before: usize) -> Option<&GlideSegment<A>> {
         self.glides.get(before)
     }
 }

@@ -12,10 +12,10 @@
 
 use source::GlideRatio;
 
-pub(crate) mod book;
+pub(crate) mod glide_cache;
+pub(crate) mod glide_segment;
 pub(crate) mod optimum;
-pub(crate) mod passage;
-pub(crate) mod ramp;
+pub(crate) mod ramp_pair;
 mod simplex;
 pub(crate) mod source;
 pub(crate) mod tracks;

@@ -9,11 +9,11 @@
 
 use std::cmp::Ordering;
 
-use crate::glide::ramp::{CELLS, Ramp, Ramps};
-use crate::glide::simplex::Program;
+use crate::glide::ramp_pair::{CELLS, Ramp, RampPair};
+use crate::glide::simplex::LinearProgram;
 use crate::glide::tracks::{FarEnd, Track, Tracks};
 use crate::limits::AxisLimits;
-use crate::profile::{PathLimits, State, fastest, stopping_distance};
+use crate::profile::{KinematicState, PathLimits, fastest, stopping_distance};
 
 /// Unknown jerks at most, …
 const UNKNOWN: usize = 2 * CELLS;
@@ -71,7 +71,7 @@ impl Tangent {
 /// Finds glides; it keeps its memory.
 #[derive(Debug, Default)]
 pub(crate) struct Optimiser {
-    program: Program,
+    program: LinearProgram,
     /// Stretches of constant jerk in each ramp.
     n: usize,
     rows: Vec<([f64; UNKNOWN], f64)>,
@@ -101,11 +101,11 @@ impl Responses {
     }
 
     /// The state at the end of a ramp of these jerks.
-    fn end(&self, jerks: &[f64]) -> State {
+    fn end(&self, jerks: &[f64]) -> KinematicState {
         let [s, v, a] = [0, 1, 2].map(|of: usize| {
             self.by[of][self.n].iter().zip(jerks).map(|(response, jerk)| response * jerk).sum::<f64>()
         });
-        State { s, v, a }
+        KinematicState { s, v, a }
     }
 
     /// The slope by each jerk of what has these slopes by place, speed and acceleration at the end.
@@ -117,37 +117,37 @@ impl Responses {
 
 /// A glide and the time that both tracks take with it, s.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Found {
-    pub(crate) ramps: Ramps,
+pub(crate) struct OptimiserOutcome {
+    pub(crate) ramps: RampPair,
     pub(crate) time: f64,
 }
 
 /// The time both tracks take, each from its far end to the glide or from the glide to its far end, with the glide between.
-pub(crate) fn time<const A: usize>(ramps: &Ramps, tracks: &Tracks<A>) -> Option<f64> {
+pub(crate) fn time<const A: usize>(ramps: &RampPair, tracks: &Tracks<A>) -> Option<f64> {
     let [one, two] = ramps.ends();
     Some(ramps.duration() + rest_time(one, tracks, 0)? + rest_time(two, tracks, 1)?)
 }
 
 /// The limits within which a track that moves on must be able to come to rest from `state`.
-pub(crate) fn gentle(limits: PathLimits, state: State) -> PathLimits {
+pub(crate) fn gentle(limits: PathLimits, state: KinematicState) -> PathLimits {
     PathLimits { a: limits.a.max(state.a.abs()), j: GENTLE * limits.j, ..limits }
 }
 
 /// The time both tracks take with a stop in the corner.
 pub(crate) fn stopping_time<const A: usize>(tracks: &Tracks<A>) -> Option<f64> {
-    Some(rest_time(State::default(), tracks, 0)? + rest_time(State::default(), tracks, 1)?)
+    Some(rest_time(KinematicState::default(), tracks, 0)? + rest_time(KinematicState::default(), tracks, 1)?)
 }
 
 /// The time that track `side` takes from state `from` to rest at its far end, or to its middle, if the other half belongs to a
 /// joint like this one: that is half of the time to the mirror image of the state.
-pub(crate) fn rest_time<const A: usize>(from: State, tracks: &Tracks<A>, side: usize) -> Option<f64> {
+pub(crate) fn rest_time<const A: usize>(from: KinematicState, tracks: &Tracks<A>, side: usize) -> Option<f64> {
     let track = &tracks.pair[side];
     let way = track.length - from.s;
     match track.far_end {
-        FarEnd::Rest => fastest(from, State::default(), way, track.limits).ok().map(|rest| rest.duration()),
+        FarEnd::Rest => fastest(from, KinematicState::default(), way, track.limits).ok().map(|rest| rest.duration()),
         FarEnd::Moving => {
             let stop = from.s + stopping_distance(from, gentle(track.limits, from));
-            let mirrored = State::moving(from.v, -from.a);
+            let mirrored = KinematicState::moving(from.v, -from.a);
             let both = fastest(from, mirrored, way - from.s, track.limits).ok()?;
             (stop <= STOPS_WITHIN * track.length).then(|| 0.5 * both.duration())
         }
@@ -162,13 +162,13 @@ impl Optimiser {
         axes: &AxisLimits<A>,
         duration: f64,
         effort: Effort,
-    ) -> Option<Found> {
+    ) -> Option<OptimiserOutcome> {
         let n = effort.stretches;
         self.n = n;
         let jerk = tracks.pair[0].limits.j.min(tracks.pair[1].limits.j);
         let responses = Responses::new(n, duration / n as f64, jerk);
         self.collect(tracks, axes, &responses, jerk);
-        let ramps_of = |x: &[f64; UNKNOWN]| Ramps {
+        let ramps_of = |x: &[f64; UNKNOWN]| RampPair {
             cell: duration / CELLS as f64,
             pair: [0, 1].map(|side| Ramp(std::array::from_fn(|k| x[side * n + k * n / CELLS] * jerk))),
         };
@@ -216,7 +216,7 @@ impl Optimiser {
         let taken = ramps.taken(tracks, axes);
         let ramps = if taken > 1.0 { ramps.scaled((1.0 - 1e-12) / taken) } else { ramps };
         let time = time(&ramps, tracks)?;
-        Some(Found { ramps, time })
+        Some(OptimiserOutcome { ramps, time })
     }
 
     /// The step from `x` that the tangents promise most of, and how much that is.
@@ -361,7 +361,7 @@ fn wall<const A: usize>(
     side: usize,
     tracks: &Tracks<A>,
     responses: &Responses,
-    of: fn(State, &Track<A>) -> f64,
+    of: fn(KinematicState, &Track<A>) -> f64,
 ) -> Option<Tangent> {
     let own = &x[side * responses.n..(side + 1) * responses.n];
     let (state, track) = (responses.end(own), &tracks.pair[side]);
@@ -379,12 +379,12 @@ fn wall<const A: usize>(
 /// Steps in place, speed and acceleration by which slopes are found.
 const DIFFERENCES: [[f64; 3]; 3] = [[1e-5, 0.0, 0.0], [0.0, 1e-3, 0.0], [0.0, 0.0, 1e-1]];
 
-fn moved(state: State, [s, v, a]: [f64; 3], sign: f64) -> State {
-    State { s: state.s + sign * s, v: state.v + sign * v, a: state.a + sign * a }
+fn moved(state: KinematicState, [s, v, a]: [f64; 3], sign: f64) -> KinematicState {
+    KinematicState { s: state.s + sign * s, v: state.v + sign * v, a: state.a + sign * a }
 }
 
 /// By how much of its length a track's state cannot stop in time.
-fn overrun<const A: usize>(state: State, track: &Track<A>) -> f64 {
+fn overrun<const A: usize>(state: KinematicState, track: &Track<A>) -> f64 {
     let (room, limits) = match track.far_end {
         FarEnd::Rest => (track.length, PathLimits { a: track.limits.a.max(state.a.abs()), ..track.limits }),
         FarEnd::Moving => (STOPS_WITHIN * track.length, gentle(track.limits, state)),
@@ -394,7 +394,7 @@ fn overrun<const A: usize>(state: State, track: &Track<A>) -> f64 {
 
 /// By how much of its length a track's state cannot take its acceleration away before the middle, if the rest belongs to
 /// another joint.
-fn overreach<const A: usize>(state: State, track: &Track<A>) -> f64 {
+fn overreach<const A: usize>(state: KinematicState, track: &Track<A>) -> f64 {
     if track.far_end == FarEnd::Rest {
         return f64::MIN;
     }
@@ -403,11 +403,11 @@ fn overreach<const A: usize>(state: State, track: &Track<A>) -> f64 {
 }
 
 /// By how much of its speed a track's state would have to go backward.
-fn undershoot<const A: usize>(state: State, track: &Track<A>) -> f64 {
+fn undershoot<const A: usize>(state: KinematicState, track: &Track<A>) -> f64 {
     (state.a * state.a.min(0.0).abs() / (2.0 * track.limits.j) - state.v) / track.limits.v
 }
 
 /// By how much a track's state comes to more than its speed.
-fn overspeed<const A: usize>(state: State, track: &Track<A>) -> f64 {
+fn overspeed<const A: usize>(state: KinematicState, track: &Track<A>) -> f64 {
     (state.v + state.a * state.a.max(0.0) / (2.0 * track.limits.j)) / track.limits.v - 1.0
 }

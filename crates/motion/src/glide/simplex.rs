@@ -7,7 +7,7 @@
 
 /// A linear program and its tableau; it keeps its memory.
 #[derive(Debug, Default)]
-pub(crate) struct Program {
+pub(crate) struct LinearProgram {
     columns: usize,
     /// Rows of `columns` coefficients and the right side.
     table: Vec<f64>,
@@ -23,7 +23,7 @@ pub(crate) struct Program {
 /// Steps after which a program is left where it is: allowed, if not the best.
 const MAX_STEPS: usize = 400;
 
-impl Program {
+impl LinearProgram {
     /// An empty program with `columns` variables.
     pub(crate) fn clear(&mut self, columns: usize) {
         self.columns = columns;
@@ -145,7 +145,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn solve(rows: &[(Vec<f64>, f64)], c: &[f64]) -> Vec<f64> {
-        let mut program = Program::default();
+        let mut program = LinearProgram::default();
         program.clear(c.len());
         for (row, most) in rows {
             program.row(row, *most);

@@ -8,7 +8,7 @@
 //! stops can be treated so: anywhere else the speed at its ends is given. There a profile that rises above both of its ends takes
 //! longer if it rises less. It costs less than one period a stop.
 
-use super::{PathLimits, Profile, State, fastest};
+use super::{KinematicState, PathLimits, Profile, fastest};
 
 /// A chain counts as whole if it is so to this part: no period is added for a rounding.
 const ROUNDING: f64 = 1e-12;
@@ -37,7 +37,7 @@ pub fn whole_periods(profiles: &mut [Profile], period: f64) -> Option<u64> {
 
 /// The profile to state `to` that takes `more` seconds longer because its highest speed is lower; nowhere is it faster than
 /// before. `None` where it does not rise far enough above both of its ends, or where `more` is not above 0.
-pub(crate) fn lengthened(profile: &Profile, to: State, more: f64) -> Option<Profile> {
+pub(crate) fn lengthened(profile: &Profile, to: KinematicState, more: f64) -> Option<Profile> {
     let (from, length) = (profile.start(), profile.end().s);
     let steepest = profile.ends().fold(from.a.abs(), |most, state| most.max(state.a.abs()));
     let (mut low, mut high) = (from.v.max(to.v), profile.crest().0);
@@ -69,7 +69,7 @@ pub(crate) fn slowed(profile: &Profile, factor: f64) -> Profile {
 }
 
 /// Is it at rest, as far as the solver promises it?
-fn is_rest(state: State) -> bool {
+fn is_rest(state: KinematicState) -> bool {
     state.v.abs() <= 1e-9 && state.a.abs() <= 1e-6
 }
 
@@ -83,11 +83,11 @@ mod tests {
 
     /// Spans from stop to stop through gates with speed and acceleration.
     fn chain() -> impl Strategy<Value = Vec<Profile>> {
-        let gate = (0.2..0.8f64, -1.0..1.0f64).prop_map(|(v, a)| State::moving(100.0 * v, 300.0 * a));
+        let gate = (0.2..0.8f64, -1.0..1.0f64).prop_map(|(v, a)| KinematicState::moving(100.0 * v, 300.0 * a));
         (prop::collection::vec(gate, 0..6), 25.0..60.0f64).prop_map(|(gates, length)| {
-            let mut states = vec![State::default()];
+            let mut states = vec![KinematicState::default()];
             states.extend(gates);
-            states.push(State::default());
+            states.push(KinematicState::default());
             states.windows(2).filter_map(|ends| fastest(ends[0], ends[1], length, LIMITS).ok()).collect()
         })
     }
@@ -103,7 +103,7 @@ mod tests {
             let whole = periods as f64 * period;
             prop_assert!((sum(&after) - whole).abs() <= 1e-12 * whole);
             prop_assert!(sum(&after) >= sum(&before) && sum(&after) <= sum(&before) + period * (1.0 + 1e-9));
-            let mut state = State::default();
+            let mut state = KinematicState::default();
             for (old, new) in before.iter().zip(&after) {
                 // It begins where the one before it ended, and ends at the same place.
                 prop_assert!((new.v0 - state.v).abs() < 1e-8 && (new.a0 - state.a).abs() < 1e-6);
@@ -142,7 +142,7 @@ mod tests {
             from in (0.0..0.9f64, -1.0..1.0f64), to in prop_oneof![Just((0.0, 0.0)), (0.0..0.9f64, -1.0..1.0f64)],
             length in 0.01..60.0f64, more in 1e-6..1e-3f64,
         ) {
-            let state = |(v, a): (f64, f64)| State::moving(100.0 * v, a * (300.0 * v).min(300.0 * (1.0 - v)));
+            let state = |(v, a): (f64, f64)| KinematicState::moving(100.0 * v, a * (300.0 * v).min(300.0 * (1.0 - v)));
             let (from, to) = (state(from), state(to));
             let Ok(before) = fastest(from, to, length, LIMITS) else { return Ok(()) };
             let Some(after) = lengthened(&before, to, more) else {
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_chain_in_motion_is_left_alone() {
-        let (rest, moving) = (State::default(), State::moving(20.0, 0.0));
+        let (rest, moving) = (KinematicState::default(), KinematicState::moving(20.0, 0.0));
         let from_rest = fastest(rest, moving, 10.0, LIMITS).expect("there is room");
         let to_rest = fastest(moving, rest, 10.0, LIMITS).expect("there is room");
         for chain in [vec![], vec![from_rest], vec![to_rest], vec![to_rest, from_rest], vec![Profile::default()]] {

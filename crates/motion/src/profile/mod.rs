@@ -17,14 +17,14 @@
 //! assert!((back.end().s + 10.0).abs() < 1e-12);
 //! ```
 
-mod family;
 mod fit;
+mod profile_shape;
 mod search;
 mod solve;
 
 pub use fit::whole_periods;
 pub(crate) use fit::{lengthened, slowed};
-pub use search::{Found, SpeedSearch, Step, Track, Variant};
+pub use search::{SearchOutcome, SearchStep, SearchTrack, SearchVariant, SpeedSearch};
 pub use solve::{fastest, fastest_any_way};
 
 /// Signs of the jerk in the seven phases.
@@ -32,7 +32,7 @@ pub(crate) const SIGNS: [f64; 7] = [1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0];
 
 /// Place, speed and acceleration along the path, in mm, mm/s and mm/s².
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct State {
+pub struct KinematicState {
     /// Place, in mm.
     pub s: f64,
     /// Speed, in mm/s.
@@ -41,7 +41,7 @@ pub struct State {
     pub a: f64,
 }
 
-impl State {
+impl KinematicState {
     /// A state at place 0.
     pub const fn moving(v: f64, a: f64) -> Self {
         Self { s: 0.0, v, a }
@@ -78,7 +78,7 @@ impl PathLimits {
 }
 
 /// The least distance in mm in which `from`, whose speed is no lower than what its acceleration takes away, comes to rest.
-pub(crate) fn stopping_distance(from: State, limits: PathLimits) -> f64 {
+pub(crate) fn stopping_distance(from: KinematicState, limits: PathLimits) -> f64 {
     let PathLimits { a: a_max, j, .. } = limits;
     let hardest = (j * from.v + 0.5 * from.a * from.a).max(0.0).sqrt().max(-from.a);
     let (hardest, held) = if hardest > a_max {
@@ -86,13 +86,13 @@ pub(crate) fn stopping_distance(from: State, limits: PathLimits) -> f64 {
     } else {
         (hardest, 0.0)
     };
-    let start = State::moving(from.v, from.a);
+    let start = KinematicState::moving(from.v, from.a);
     start.after(-j, (from.a + hardest) / j).after(0.0, held).after(j, hardest / j).s
 }
 
 /// Why two states cannot be connected over a distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Misfit {
+pub enum ProfileError {
     /// The target cannot be reached: it asks for more speed than the distance gives.
     TargetTooHigh,
     /// The start cannot be left: it has more speed than the distance can take away.
@@ -121,17 +121,17 @@ impl Profile {
     /// The state at the start of phase `k`, which `state` comes to: while the speed is held there is no acceleration at all, and
     /// a rounding of it would grow with the square of the time.
     #[inline]
-    pub(crate) fn entering(&self, k: usize, state: State) -> State {
-        if k == 3 && self.times[3] > 0.0 { State { a: 0.0, ..state } } else { state }
+    pub(crate) fn entering(&self, k: usize, state: KinematicState) -> KinematicState {
+        if k == 3 && self.times[3] > 0.0 { KinematicState { a: 0.0, ..state } } else { state }
     }
 
     /// The state at the start.
-    pub const fn start(&self) -> State {
-        State::moving(self.v0, self.a0)
+    pub const fn start(&self) -> KinematicState {
+        KinematicState::moving(self.v0, self.a0)
     }
 
     /// The state `t` seconds after the start, held within the profile.
-    pub fn at(&self, t: f64) -> State {
+    pub fn at(&self, t: f64) -> KinematicState {
         let mut state = self.start();
         let mut left = t.max(0.0);
         for (k, (sign, &phase)) in SIGNS.iter().zip(&self.times).enumerate() {
@@ -145,13 +145,13 @@ impl Profile {
     }
 
     /// The state at the end.
-    pub fn end(&self) -> State {
+    pub fn end(&self) -> KinematicState {
         self.ends().last().unwrap_or(self.start())
     }
 
     /// The states at the ends of the phases.
     #[inline]
-    pub(crate) fn ends(&self) -> impl Iterator<Item = State> + '_ {
+    pub(crate) fn ends(&self) -> impl Iterator<Item = KinematicState> + '_ {
         let mut state = self.start();
         (0..7).map(move |k| {
             state = self.entering(k, state).after(SIGNS[k] * self.jerk, self.times[k]);
@@ -178,7 +178,7 @@ impl Profile {
             after.times[k] = self.times[k] - before.times[k];
             left -= self.times[k];
         }
-        let State { v, a, .. } = self.at(t);
+        let KinematicState { v, a, .. } = self.at(t);
         (after.v0, after.a0) = (v, a);
         (before, after)
     }
@@ -201,11 +201,11 @@ mod tests {
     const LIMITS: PathLimits = PathLimits { v: 100.0, a: 900.0, j: 18_000.0 };
 
     /// A speed and an acceleration that can be left and reached without running backward.
-    fn state() -> impl Strategy<Value = State> {
+    fn state() -> impl Strategy<Value = KinematicState> {
         (0.0..1.0f64, -1.0..1.0f64).prop_map(|(v, a)| {
             let (v, a) = (100.0 * v * v, 890.0 * a);
             let most = (1.9 * LIMITS.j * v.min(LIMITS.v - v)).sqrt();
-            State::moving(v, a.clamp(-most, most))
+            KinematicState::moving(v, a.clamp(-most, most))
         })
     }
 
@@ -221,11 +221,11 @@ mod tests {
                 prop_assert!((end.v - to.v).abs() <= 1e-9 && (end.a - to.a).abs() <= 1e-6);
                 let duration = profile.duration();
                 for k in 0..=200 {
-                    let State { v, a, .. } = profile.at(duration * f64::from(k) / 200.0);
+                    let KinematicState { v, a, .. } = profile.at(duration * f64::from(k) / 200.0);
                     prop_assert!((-1e-9..=LIMITS.v * (1.0 + 1e-9)).contains(&v) && a.abs() <= LIMITS.a * (1.0 + 1e-9));
                 }
                 // Run backward it takes as long.
-                let back = fastest(State::moving(to.v, -to.a), State::moving(from.v, -from.a), length, LIMITS);
+                let back = fastest(KinematicState::moving(to.v, -to.a), KinematicState::moving(from.v, -from.a), length, LIMITS);
                 if let Ok(back) = back {
                     prop_assert!((back.duration() - duration).abs() <= 1e-9 * (1.0 + duration));
                 }
@@ -238,14 +238,14 @@ mod tests {
         /// The general solver keeps the limits all along, for any speeds and over any distance, and always finds something.
         #[test]
         fn any_two_states_are_connected(from in state(), to in state(), signs in 0..4, length in -50.0..50.0f64) {
-            let turned = |state: State, turn: bool| if turn { State::moving(-state.v, -state.a) } else { state };
+            let turned = |state: KinematicState, turn: bool| if turn { KinematicState::moving(-state.v, -state.a) } else { state };
             let (from, to) = (turned(from, signs & 1 != 0), turned(to, signs & 2 != 0));
             let profile = fastest_any_way(from, to, length, LIMITS);
             prop_assert!(profile.is_ok());
             let profile = profile.unwrap_or_default();
             prop_assert!((profile.end().s - length).abs() <= 1e-11 && (profile.end().v - to.v).abs() <= 1e-9);
             for k in 0..=200 {
-                let State { v, a, .. } = profile.at(profile.duration() * f64::from(k) / 200.0);
+                let KinematicState { v, a, .. } = profile.at(profile.duration() * f64::from(k) / 200.0);
                 prop_assert!(v.abs() <= LIMITS.v * (1.0 + 1e-9) && a.abs() <= LIMITS.a * (1.0 + 1e-9));
             }
         }
@@ -255,9 +255,9 @@ mod tests {
         #[test]
         fn no_other_phases_are_faster(from in state(), turn in any::<bool>(),
                                       phases in prop::collection::vec((-1..=1i8, 0.0..0.03f64), 1..4)) {
-            let from = if turn { State::moving(-from.v, -from.a) } else { from };
+            let from = if turn { KinematicState::moving(-from.v, -from.a) } else { from };
             let (mut state, mut duration) = (from, 0.0);
-            let legal = |s: State| {
+            let legal = |s: KinematicState| {
                 let free = s.a * s.a / (2.0 * LIMITS.j);
                 s.a.abs() <= LIMITS.a && s.v.abs() + free <= LIMITS.v
             };
@@ -267,9 +267,9 @@ mod tests {
                     (state, duration) = (next, duration + t);
                 }
             }
-            let takes = |to: State| fastest_any_way(from, to, state.s, LIMITS).map_or(f64::MAX, |p| p.duration());
+            let takes = |to: KinematicState| fastest_any_way(from, to, state.s, LIMITS).map_or(f64::MAX, |p| p.duration());
             // Where the acceleration only just keeps its sign, the last digits of the speed decide whether it can.
-            let beside = |part: f64| takes(State { v: state.v * (1.0 + part), ..state });
+            let beside = |part: f64| takes(KinematicState { v: state.v * (1.0 + part), ..state });
             let is_as_fast = takes(state) <= duration * (1.0 + 1e-9) + 1e-9;
             prop_assert!(is_as_fast || beside(1e-13).min(beside(-1e-13)) <= duration + 1e-6);
         }
@@ -279,7 +279,7 @@ mod tests {
         fn the_stopping_distance_is_the_least_way_to_rest(from in state()) {
             prop_assume!(from.v > 0.1);
             let way = stopping_distance(from, LIMITS);
-            let rests = |way: f64| fastest(from, State::default(), way, LIMITS).is_ok();
+            let rests = |way: f64| fastest(from, KinematicState::default(), way, LIMITS).is_ok();
             prop_assert!(rests(way * (1.0 + 1e-9)) && !rests(way * (1.0 - 1e-6)));
         }
 
@@ -304,25 +304,31 @@ mod tests {
     #[test]
     fn a_long_way_at_a_crawl_has_a_profile() {
         let crawl = PathLimits { v: 0.5, ..LIMITS };
-        let profile = fastest(State::default(), State::moving(0.3, 20.0), 1_000.0, crawl);
+        let profile = fastest(KinematicState::default(), KinematicState::moving(0.3, 20.0), 1_000.0, crawl);
         assert!(profile.is_ok_and(|profile| profile.duration() < 2_001.0));
     }
 
     #[test]
     fn numbers_that_are_none_are_refused() {
-        let rest = State::default();
+        let rest = KinematicState::default();
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             assert!(fastest_any_way(rest, rest, bad, LIMITS).is_err() && fastest(rest, rest, bad, LIMITS).is_err());
-            assert!(fastest_any_way(State::moving(bad, 0.0), rest, 1.0, LIMITS).is_err());
-            assert!(fastest_any_way(rest, State::moving(0.0, bad), 1.0, LIMITS).is_err());
+            assert!(fastest_any_way(KinematicState::moving(bad, 0.0), rest, 1.0, LIMITS).is_err());
+            assert!(fastest_any_way(rest, KinematicState::moving(0.0, bad), 1.0, LIMITS).is_err());
         }
         for limits in
             [PathLimits { v: 0.0, ..LIMITS }, PathLimits { a: 0.0, ..LIMITS }, PathLimits { j: 0.0, ..LIMITS }]
         {
             assert!(fastest_any_way(rest, rest, 1.0, limits).is_err(), "{limits:?}");
         }
-        assert_eq!(fastest_any_way(State::moving(101.0, 0.0), rest, 1.0, LIMITS), Err(Misfit::StartTooHigh));
-        assert_eq!(fastest_any_way(rest, State::moving(0.0, -901.0), 1.0, LIMITS), Err(Misfit::TargetTooHigh));
-        assert_eq!(fastest(rest, rest, -1.0, LIMITS), Err(Misfit::StartTooHigh));
+        assert_eq!(
+            fastest_any_way(KinematicState::moving(101.0, 0.0), rest, 1.0, LIMITS),
+            Err(ProfileError::StartTooHigh)
+        );
+        assert_eq!(
+            fastest_any_way(rest, KinematicState::moving(0.0, -901.0), 1.0, LIMITS),
+            Err(ProfileError::TargetTooHigh)
+        );
+        assert_eq!(fastest(rest, rest, -1.0, LIMITS), Err(ProfileError::StartTooHigh));
     }
 }

@@ -12,7 +12,7 @@ use super::PathLimits;
 
 /// What a path asks for: from one speed to another over a length, at rest in acceleration at both ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Track {
+pub struct SearchTrack {
     /// Length in mm.
     pub length: f64,
     /// Speed at the start, in mm/s, not negative.
@@ -23,7 +23,7 @@ pub struct Track {
     pub limits: PathLimits,
 }
 
-impl Track {
+impl SearchTrack {
     /// S(v): the lengths in mm of both ramps together for the speed `v` ≥ 0 in mm/s between them, be it above or below the
     /// speeds at the ends.
     pub fn ramps(&self, v: f64) -> f64 {
@@ -50,14 +50,14 @@ fn ramp(from: f64, to: f64, limits: PathLimits) -> f64 {
 
 /// How a trial speed is lowered or raised.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Step {
+pub enum SearchStep {
     /// v ∓ c·v with 0 < c < 1.
     Geometric(f64),
     /// v ∓ c with c > 0 in mm/s.
     Arithmetic(f64),
 }
 
-impl Step {
+impl SearchStep {
     fn is_valid(self) -> bool {
         match self {
             Self::Geometric(c) => c > 0.0 && c < 1.0,
@@ -82,7 +82,7 @@ impl Step {
 
 /// When the search ends before its rounds are done, and what it does then; SMO-8 a to d.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Variant {
+pub enum SearchVariant {
     /// (a) All rounds are done.
     Plain,
     /// (b) The first trial is kept at once if its ramps fit.
@@ -99,16 +99,16 @@ pub struct SpeedSearch {
     /// First trial speed in mm/s, above 0.
     pub first: f64,
     /// How trials are changed.
-    pub step: Step,
+    pub step: SearchStep,
     /// When it ends.
-    pub variant: Variant,
+    pub variant: SearchVariant,
     /// The most trials.
     pub rounds: u32,
 }
 
 /// What a search found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Found {
+pub struct SearchOutcome {
     /// Speed between the ramps, in mm/s.
     pub v: f64,
     /// Length of both ramps in mm.
@@ -120,11 +120,11 @@ pub struct Found {
 impl SpeedSearch {
     /// Searches. `None` where a number is out of its range, or where no speed fits: the ramp from the start's to the end's speed
     /// is longer than the path already.
-    pub fn find(&self, track: &Track) -> Option<Found> {
+    pub fn find(&self, track: &SearchTrack) -> Option<SearchOutcome> {
         let share_is_valid = match self.variant {
-            Variant::Plain | Variant::CheckFirst => true,
-            Variant::Raise(share) => (0.0..=1.0).contains(&share),
-            Variant::Fill(share) => (0.0..=1.0).contains(&share) && track.start.max(track.end) <= track.limits.v,
+            SearchVariant::Plain | SearchVariant::CheckFirst => true,
+            SearchVariant::Raise(share) => (0.0..=1.0).contains(&share),
+            SearchVariant::Fill(share) => (0.0..=1.0).contains(&share) && track.start.max(track.end) <= track.limits.v,
         };
         let first_is_valid = self.first > 0.0 && self.first.is_finite();
         if !(track.is_valid() && self.step.is_valid() && share_is_valid && first_is_valid) {
@@ -136,17 +136,17 @@ impl SpeedSearch {
         }
         let best = self.search(track, least);
         Some(match self.variant {
-            Variant::Fill(_) => {
+            SearchVariant::Fill(_) => {
                 let v = best.min(track.limits.v);
                 let ramps = track.ramps(v);
-                Found { v, ramps, constant: track.length - ramps }
+                SearchOutcome { v, ramps, constant: track.length - ramps }
             }
-            _ => Found { v: best, ramps: track.ramps(best), constant: 0.0 },
+            _ => SearchOutcome { v: best, ramps: track.ramps(best), constant: 0.0 },
         })
     }
 
     /// The fastest trial that fits, beginning with `least`, which does.
-    fn search(&self, track: &Track, least: f64) -> f64 {
+    fn search(&self, track: &SearchTrack, least: f64) -> f64 {
         let (mut best, mut v) = (least, self.first);
         for round in 0..self.rounds {
             let ramps = track.ramps(v);
@@ -154,9 +154,11 @@ impl SpeedSearch {
             if fits {
                 best = best.max(v);
                 let is_kept = match self.variant {
-                    Variant::Plain => false,
-                    Variant::CheckFirst => round == 0 && v >= least,
-                    Variant::Raise(share) | Variant::Fill(share) => v >= least && ramps > share * track.length,
+                    SearchVariant::Plain => false,
+                    SearchVariant::CheckFirst => round == 0 && v >= least,
+                    SearchVariant::Raise(share) | SearchVariant::Fill(share) => {
+                        v >= least && ramps > share * track.length
+                    }
                 };
                 if is_kept {
                     break;
@@ -170,37 +172,37 @@ impl SpeedSearch {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Profile, State, fastest};
+    use super::super::{KinematicState, Profile, fastest};
     use super::*;
     use proptest::prelude::*;
 
     /// Enough for the steps below, from any first trial to any speed and back.
     const ROUNDS: u32 = 4_000;
 
-    fn track() -> impl Strategy<Value = Track> {
+    fn track() -> impl Strategy<Value = SearchTrack> {
         (-2.0..2.5f64, 0.0..1.0f64, 0.0..1.0f64, 1.5..4.0f64, 2.5..6.0f64).prop_map(|(length, start, end, a, j)| {
             let (a, j) = (10f64.powf(a), 10f64.powf(j));
             let limits = PathLimits { v: 100.0, a, j };
-            Track { length: 10f64.powf(length), start: 100.0 * start * start, end: 100.0 * end * end, limits }
+            SearchTrack { length: 10f64.powf(length), start: 100.0 * start * start, end: 100.0 * end * end, limits }
         })
     }
 
-    fn step() -> impl Strategy<Value = Step> {
-        prop_oneof![(0.01..0.9f64).prop_map(Step::Geometric), (0.5..30.0f64).prop_map(Step::Arithmetic)]
+    fn step() -> impl Strategy<Value = SearchStep> {
+        prop_oneof![(0.01..0.9f64).prop_map(SearchStep::Geometric), (0.5..30.0f64).prop_map(SearchStep::Arithmetic)]
     }
 
     /// v*: the fastest speed whose ramps fit, by the closed form without a speed limit; `None` where nothing fits.
-    fn closed_form(track: &Track, most: f64) -> Option<f64> {
+    fn closed_form(track: &SearchTrack, most: f64) -> Option<f64> {
         let limits = PathLimits { v: most, ..track.limits };
-        let (from, to) = (State::moving(track.start, 0.0), State::moving(track.end, 0.0));
+        let (from, to) = (KinematicState::moving(track.start, 0.0), KinematicState::moving(track.end, 0.0));
         fastest(from, to, track.length, limits).ok().map(|profile| profile.crest().0)
     }
 
     /// What is certain after enough rounds, of the speed `best`.
-    fn certain(step: Step, best: f64) -> f64 {
+    fn certain(step: SearchStep, best: f64) -> f64 {
         match step {
-            Step::Geometric(c) => (1.0 - c) * best,
-            Step::Arithmetic(c) => best - c,
+            SearchStep::Geometric(c) => (1.0 - c) * best,
+            SearchStep::Arithmetic(c) => best - c,
         }
     }
 
@@ -211,9 +213,9 @@ mod tests {
         fn the_ramps_of_what_is_found_fit(track in track(), step in step(), first in 0.01..500.0f64, rounds in 0..60u32,
                                           share in 0.0..1.0f64, kind in 0..4) {
             let variant =
-                [Variant::Plain, Variant::CheckFirst, Variant::Raise(share), Variant::Fill(share)][kind as usize];
+                [SearchVariant::Plain, SearchVariant::CheckFirst, SearchVariant::Raise(share), SearchVariant::Fill(share)][kind as usize];
             let found = SpeedSearch { first, step, variant, rounds }.find(&track);
-            if let Some(Found { v, ramps, constant }) = found {
+            if let Some(SearchOutcome { v, ramps, constant }) = found {
                 prop_assert!(ramps <= track.length && ramps == track.ramps(v) && v >= track.start.max(track.end));
                 let filled = (ramps + constant - track.length).abs() <= 1e-12 * track.length && v <= track.limits.v;
                 prop_assert!((kind == 3 && filled && constant >= 0.0) || (kind != 3 && constant == 0.0));
@@ -226,7 +228,7 @@ mod tests {
         /// The bound that the spec wants shown, against the closed form.
         #[test]
         fn the_plain_search_comes_within_a_step_of_the_closed_form(track in track(), step in step(), first in 0.01..500.0f64) {
-            let found = SpeedSearch { first, step, variant: Variant::Plain, rounds: ROUNDS }.find(&track);
+            let found = SpeedSearch { first, step, variant: SearchVariant::Plain, rounds: ROUNDS }.find(&track);
             let best = closed_form(&track, 1e5);
             if let (Some(found), Some(best)) = (found, best) {
                 prop_assert!(found.v <= best * (1.0 + 1e-9) && found.v >= certain(step, best) * (1.0 - 1e-9));
@@ -245,13 +247,13 @@ mod tests {
             let find = |variant| SpeedSearch { first, step, variant, rounds: ROUNDS }.find(&track);
             let Some(best) = closed_form(&track, 1e5) else { return Ok(()) };
             let near = |v: f64| v >= certain(step, best) * (1.0 - 1e-9);
-            if let Some(found) = find(Variant::CheckFirst) {
+            if let Some(found) = find(SearchVariant::CheckFirst) {
                 prop_assert!(found.v >= first || near(found.v));
             }
-            if let Some(found) = find(Variant::Raise(share)) {
+            if let Some(found) = find(SearchVariant::Raise(share)) {
                 prop_assert!(found.ramps > share * track.length || near(found.v));
             }
-            if let Some(found) = find(Variant::Fill(share)) {
+            if let Some(found) = find(SearchVariant::Fill(share)) {
                 let capped = found.v == track.limits.v;
                 prop_assert!(capped || found.ramps > share * track.length || near(found.v));
             }
@@ -260,7 +262,7 @@ mod tests {
         /// Small steps come to the closed form's profile: the same speed, and with (d) the same constant stretch.
         #[test]
         fn small_steps_come_to_the_closed_form(track in track()) {
-            let search = SpeedSearch { first: 50.0, step: Step::Geometric(1e-3), variant: Variant::Fill(1.0), rounds: 20_000 };
+            let search = SpeedSearch { first: 50.0, step: SearchStep::Geometric(1e-3), variant: SearchVariant::Fill(1.0), rounds: 20_000 };
             if let (Some(found), Some(best)) = (search.find(&track), closed_form(&track, track.limits.v)) {
                 prop_assert!((found.v - best).abs() <= 1.1e-3 * best);
             }
@@ -285,20 +287,28 @@ mod tests {
     #[test]
     fn numbers_out_of_range_find_nothing() {
         let limits = PathLimits { v: 100.0, a: 1_000.0, j: 20_000.0 };
-        let track = Track { length: 10.0, start: 0.0, end: 0.0, limits };
-        let good = SpeedSearch { first: 10.0, step: Step::Geometric(0.1), variant: Variant::Plain, rounds: 50 };
+        let track = SearchTrack { length: 10.0, start: 0.0, end: 0.0, limits };
+        let good =
+            SpeedSearch { first: 10.0, step: SearchStep::Geometric(0.1), variant: SearchVariant::Plain, rounds: 50 };
         assert!(good.find(&track).is_some());
         for bad in [
             SpeedSearch { first: 0.0, ..good },
             SpeedSearch { first: f64::NAN, ..good },
-            SpeedSearch { step: Step::Geometric(1.0), ..good },
-            SpeedSearch { step: Step::Arithmetic(0.0), ..good },
-            SpeedSearch { variant: Variant::Raise(1.5), ..good },
+            SpeedSearch { step: SearchStep::Geometric(1.0), ..good },
+            SpeedSearch { step: SearchStep::Arithmetic(0.0), ..good },
+            SpeedSearch { variant: SearchVariant::Raise(1.5), ..good },
         ] {
             assert_eq!(bad.find(&track), None);
         }
-        assert_eq!(good.find(&Track { length: f64::NAN, ..track }), None);
-        assert_eq!(SpeedSearch { variant: Variant::Fill(0.9), ..good }.find(&Track { start: 101.0, ..track }), None);
-        assert_eq!(good.find(&Track { start: 90.0, length: 0.1, ..track }), None, "too short for the braking alone");
+        assert_eq!(good.find(&SearchTrack { length: f64::NAN, ..track }), None);
+        assert_eq!(
+            SpeedSearch { variant: SearchVariant::Fill(0.9), ..good }.find(&SearchTrack { start: 101.0, ..track }),
+            None
+        );
+        assert_eq!(
+            good.find(&SearchTrack { start: 90.0, length: 0.1, ..track }),
+            None,
+            "too short for the braking alone"
+        );
     }
 }

@@ -7,8 +7,8 @@
 //! which covers the distance d. Between them every distance is covered, so the fastest profile over a length beyond d is the
 //! first member of the rising family that covers it, and below d the first of the falling one, its mirror image.
 
-use super::family::{Cap, End, Family, Shape};
-use super::{Misfit, PathLimits, Profile, SIGNS, State};
+use super::profile_shape::{Cap, End, ProfileFamily, Shape};
+use super::{KinematicState, PathLimits, Profile, ProfileError, SIGNS};
 
 /// The fastest profile from `from` to `to` (their places are ignored) over `length` mm that never runs backward.
 ///
@@ -18,25 +18,30 @@ use super::{Misfit, PathLimits, Profile, SIGNS, State};
 /// # Errors
 /// Which of the two states is too high for the distance or the limits; a state that cannot be left or reached without
 /// running backward is too high for any distance.
-pub fn fastest(from: State, to: State, length: f64, limits: PathLimits) -> Result<Profile, Misfit> {
+pub fn fastest(
+    from: KinematicState,
+    to: KinematicState,
+    length: f64,
+    limits: PathLimits,
+) -> Result<Profile, ProfileError> {
     let ends = Ends::new(from, to, limits);
     if !(ends.from.legal(&ends) && (from.a >= 0.0 || ends.from.free >= 0.0)) {
-        return Err(Misfit::StartTooHigh);
+        return Err(ProfileError::StartTooHigh);
     }
     if !(ends.to.legal(&ends) && (to.a <= 0.0 || ends.to.free >= 0.0)) {
-        return Err(Misfit::TargetTooHigh);
+        return Err(ProfileError::TargetTooHigh);
     }
     let slack = 1e-14 * (length + 1.0) * ends.per_jerk;
     let (is_start, length_per_jerk) = (ends.from.free >= ends.to.free, length * ends.per_jerk);
     let family = ends.family(!is_start);
     let excess = family.excess(length_per_jerk);
     if excess < -slack {
-        return Err(if is_start { Misfit::StartTooHigh } else { Misfit::TargetTooHigh });
+        return Err(if is_start { ProfileError::StartTooHigh } else { ProfileError::TargetTooHigh });
     }
     let shape = if excess <= slack { family.first() } else { family.beyond(length_per_jerk) };
     let profile = Profile { v0: from.v, a0: from.a, jerk: limits.j, times: shape.times(!is_start) };
     let (sound, least) = lands(&profile, length, to, 1.0 + length);
-    if sound && least >= -1e-10 { Ok(profile) } else { Err(Misfit::TargetTooHigh) }
+    if sound && least >= -1e-10 { Ok(profile) } else { Err(ProfileError::TargetTooHigh) }
 }
 
 /// The fastest profile from `from` to `to` (their places are ignored) over `length` mm; speeds and the length may have any
@@ -44,13 +49,18 @@ pub fn fastest(from: State, to: State, length: f64, limits: PathLimits) -> Resul
 ///
 /// # Errors
 /// Which of the two states lies outside the limits, or leaves them when its acceleration is taken to zero at once.
-pub fn fastest_any_way(from: State, to: State, length: f64, limits: PathLimits) -> Result<Profile, Misfit> {
+pub fn fastest_any_way(
+    from: KinematicState,
+    to: KinematicState,
+    length: f64,
+    limits: PathLimits,
+) -> Result<Profile, ProfileError> {
     let ends = Ends::new(from, to, limits);
     if !ends.from.legal_any_way(&ends) {
-        return Err(Misfit::StartTooHigh);
+        return Err(ProfileError::StartTooHigh);
     }
     if !ends.to.legal_any_way(&ends) {
-        return Err(Misfit::TargetTooHigh);
+        return Err(ProfileError::TargetTooHigh);
     }
     // Within a rounding of the fastest change that change is the answer; the mirror image would cover the rest on a detour.
     if let Some(straight) = straight(from, to, length, limits) {
@@ -77,13 +87,13 @@ pub fn fastest_any_way(from: State, to: State, length: f64, limits: PathLimits) 
     });
     let jerk = sign * limits.j;
     let profile = Profile { v0: from.v, a0: from.a, jerk, times };
-    if lands(&profile, length, to, 1.0 + excursion).0 { Ok(profile) } else { Err(Misfit::TargetTooHigh) }
+    if lands(&profile, length, to, 1.0 + excursion).0 { Ok(profile) } else { Err(ProfileError::TargetTooHigh) }
 }
 
 /// The change with one jerk only, where it fits but for rounding. It lies on the border of all families, where the way depends
 /// without bound on the last digits of the speeds.
 #[inline]
-fn straight(from: State, to: State, length: f64, limits: PathLimits) -> Option<Profile> {
+fn straight(from: KinematicState, to: KinematicState, length: f64, limits: PathLimits) -> Option<Profile> {
     let (rise, sum) = (to.a - from.a, from.v.abs() + to.v.abs());
     let change = 2.0 * limits.j * (to.v - from.v);
     if (change - (from.a + to.a) * rise.abs()).abs() > 2e-14 * limits.j * sum || rise == 0.0 {
@@ -107,7 +117,7 @@ struct Ends {
 
 impl Ends {
     #[inline]
-    fn new(from: State, to: State, limits: PathLimits) -> Self {
+    fn new(from: KinematicState, to: KinematicState, limits: PathLimits) -> Self {
         let per_jerk = 1.0 / limits.j;
         // An end may lie above the limit by a rounding.
         let a = limits.a.max(from.a.abs().max(to.a.abs()).min(limits.a * (1.0 + 1e-9)));
@@ -148,9 +158,9 @@ impl Ends {
     }
 
     #[inline]
-    fn family(&self, swapped: bool) -> Family {
+    fn family(&self, swapped: bool) -> ProfileFamily {
         let (high, low) = if swapped { (self.to, self.from) } else { (self.from, self.to) };
-        Family { high, low, cap: self.cap, top: self.top }
+        ProfileFamily { high, low, cap: self.cap, top: self.top }
     }
 }
 
@@ -182,7 +192,7 @@ impl End {
 /// Do the phases really end at `length` in the state `to`, and what is the lowest speed between two of them? Places may be off
 /// by a part in 10¹² of `excursion`. It guards against lost digits.
 #[inline(always)]
-fn lands(profile: &Profile, length: f64, to: State, excursion: f64) -> (bool, f64) {
+fn lands(profile: &Profile, length: f64, to: KinematicState, excursion: f64) -> (bool, f64) {
     // The same sums as in `Profile::ends`, without a division.
     let (mut s, mut v, mut a, mut least) = (0.0, profile.v0, profile.a0, profile.v0);
     for (k, (&t, sign)) in profile.times.iter().zip(SIGNS).enumerate() {

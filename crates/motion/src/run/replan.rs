@@ -12,12 +12,12 @@
 
 use std::collections::VecDeque;
 
-use super::{GROUP, Run};
-use crate::emitter::{Emitter, Item};
-use crate::envelope::Block;
+use super::{GROUP, PlanRun};
+use crate::accel_split::LimitOptions;
+use crate::emitter::{Emitter, PlanItem};
+use crate::envelope::PathBlock;
 use crate::lookahead::Span;
-use crate::profile::{PathLimits, Profile, State, stopping_distance};
-use crate::shares::Offer;
+use crate::profile::{KinematicState, PathLimits, Profile, stopping_distance};
 
 /// The way in which a state is brought down to lower limits, over the least way to stop from it.
 const ROOM: f64 = 1.05;
@@ -30,30 +30,30 @@ const NOTHING: f64 = 1e-12;
 
 /// A profile of the old plan.
 #[derive(Clone, Copy, Debug)]
-struct Old<const A: usize> {
-    item: Item<A>,
+struct CommittedPlan<const A: usize> {
+    item: PlanItem<A>,
     profile: Profile,
     length: f64,
 }
 
 /// Pieces between two states, of which neither changes.
 #[derive(Clone, Copy, Debug)]
-struct Stretch {
+struct ReplanSection {
     /// Number of the first piece, and how far from its start the stretch begins, mm.
     first: u64,
     skip: f64,
     /// Number of the piece behind it.
     to: u64,
-    end: State,
+    end: KinematicState,
     /// The road goes on behind it.
     open: bool,
 }
 
 /// Pieces laid out as blocks.
 #[derive(Debug, Default)]
-struct Layout {
-    blocks: Vec<Block>,
-    offers: Vec<Offer>,
+struct ReplanLayout {
+    blocks: Vec<PathBlock>,
+    offers: Vec<LimitOptions>,
     /// For each block a number that is one more than that of the last piece of the block before.
     numbers: Vec<u64>,
     length: f64,
@@ -61,9 +61,9 @@ struct Layout {
     grows: bool,
 }
 
-impl Layout {
+impl ReplanLayout {
     /// Appends a block, or makes the last one longer.
-    fn push(&mut self, number: u64, offer: &Offer, block: (f64, f64), joins: bool) {
+    fn push(&mut self, number: u64, offer: &LimitOptions, block: (f64, f64), joins: bool) {
         let (length, exit_v) = block;
         self.length += length;
         if let Some((last, of_last)) = self.blocks.last_mut().zip(self.offers.last_mut())
@@ -79,7 +79,7 @@ impl Layout {
         } else {
             // The first block stays as it is, so that a run that begins in motion can stop in it.
             self.grows = !self.blocks.is_empty();
-            self.blocks.push(Block { length, limits: offer.rough, exit_v });
+            self.blocks.push(PathBlock { length, limits: offer.rough, exit_v });
             self.offers.push(*offer);
             self.numbers.push(number);
         }
@@ -87,14 +87,14 @@ impl Layout {
 }
 
 /// What is planned anew, and how much of the old plan goes before it.
-struct Found {
+struct ReplanOutcome {
     kept: usize,
-    from: State,
-    layout: Layout,
+    from: KinematicState,
+    layout: ReplanLayout,
     spans: Vec<Span>,
 }
 
-impl<const A: usize> Run<A> {
+impl<const A: usize> PlanRun<A> {
     /// From now on programmed feeds count times `factor`; what is not emitted is planned anew.
     pub(crate) fn override_feeds(&mut self, factor: f64, emitter: &mut Emitter<A>) {
         if factor == self.factor {
@@ -106,60 +106,60 @@ impl<const A: usize> Run<A> {
         let (mut fresh, mut old, mut glides) = (VecDeque::with_capacity(items.len()), Vec::new(), 0);
         for item in items {
             let (to, end) = match item {
-                Item::Span { profile, length, .. } => {
-                    old.push(Old { item, profile, length });
+                PlanItem::Span { profile, length, .. } => {
+                    old.push(CommittedPlan { item, profile, length });
                     continue;
                 }
-                Item::Glide { piece } => {
+                PlanItem::Glide { piece } => {
                     let [out, _] =
-                        emitter.glide_after(glides).map_or([State::default(); 2], |glide| glide.ramps.ends());
+                        emitter.glide_after(glides).map_or([KinematicState::default(); 2], |glide| glide.ramps.ends());
                     glides += 1;
-                    (piece, State::moving(out.v, -out.a))
+                    (piece, KinematicState::moving(out.v, -out.a))
                 }
-                Item::Stop { piece, .. } => (piece, State::default()),
+                PlanItem::Stop { piece, .. } => (piece, KinematicState::default()),
             };
-            let stretch = Stretch { first, skip, to, end, open: false };
+            let stretch = ReplanSection { first, skip, to, end, open: false };
             self.replan_between(stretch, &old, before, emitter, &mut fresh);
             fresh.push_back(item);
             old.clear();
             (first, skip) = (to, 0.0);
         }
         emitter.recommit(fresh);
-        let stretch = Stretch { first, skip, to: self.next_piece, end: State::default(), open: true };
+        let stretch = ReplanSection { first, skip, to: self.next_piece, end: KinematicState::default(), open: true };
         self.replan_open(stretch, old, before, emitter);
     }
 
     /// Plans between two fixed states and appends the plan to `out`; the old one where there is no other.
     fn replan_between(
         &mut self,
-        stretch: Stretch,
-        old: &[Old<A>],
+        stretch: ReplanSection,
+        old: &[CommittedPlan<A>],
         before: f64,
         emitter: &Emitter<A>,
-        out: &mut VecDeque<Item<A>>,
+        out: &mut VecDeque<PlanItem<A>>,
     ) {
         // More speed somewhere need not be less time, as gates are proposed elsewhere then.
-        let pays = |found: &Found| {
+        let pays = |found: &ReplanOutcome| {
             let fresh: f64 = found.spans.iter().map(|span| span.profile.duration()).sum();
             fresh <= old[found.kept..].iter().map(|old| old.profile.duration()).sum()
         };
         let raised = self.factor > before;
         let found = self.search(stretch, old, before, emitter).filter(|found| !raised || pays(found));
         out.extend(old[..found.as_ref().map_or(old.len(), |found| found.kept)].iter().map(|old| old.item));
-        let Some(Found { layout, spans, .. }) = found else { return };
+        let Some(ReplanOutcome { layout, spans, .. }) = found else { return };
         out.extend(spans.iter().map(|span| {
             let length = layout.blocks[span.first..span.last].iter().map(|block| block.length).sum();
             let last = layout.numbers.get(span.last).map_or(stretch.to, |number| *number) - 1;
-            Item::Span { profile: span.profile, duration: span.profile.duration(), length, last }
+            PlanItem::Span { profile: span.profile, duration: span.profile.duration(), length, last }
         }));
     }
 
     /// Brings the run, which is planned to rest, into state `end` all the same, at lower feeds than programmed, which leave more
     /// acceleration along curves; false where that does not help either. So a glide that one feed override lets
     /// the motion come into is hardly ever given up at another one.
-    pub(super) fn approach(&mut self, end: State, emitter: &mut Emitter<A>) -> bool {
+    pub(super) fn approach(&mut self, end: KinematicState, emitter: &mut Emitter<A>) -> bool {
         let s = self.joints();
-        let old: Vec<Old<A>> = self.plan.iter().map(|span| self.old(span, &s)).collect();
+        let old: Vec<CommittedPlan<A>> = self.plan.iter().map(|span| self.old(span, &s)).collect();
         // Where the run begins, from its end.
         let (mut first, mut skip) = (self.next_piece, -self.length);
         while skip < -NOTHING
@@ -167,7 +167,7 @@ impl<const A: usize> Run<A> {
         {
             (first, skip) = (first - 1, skip + piece.length);
         }
-        let stretch = Stretch { first, skip: skip.max(0.0), to: self.next_piece, end, open: false };
+        let stretch = ReplanSection { first, skip: skip.max(0.0), to: self.next_piece, end, open: false };
         let factor = self.factor;
         // What keeps the motion out of the glide lies at its end, so the last spans are planned again, ever more of them.
         let last = std::iter::successors(Some(1), |spans| Some(2 * spans)).take(APPROACHED);
@@ -177,7 +177,7 @@ impl<const A: usize> Run<A> {
             gates().find_map(|gate| self.search_from(gate, stretch, &old, factor, emitter))
         });
         self.factor = factor;
-        let Some(Found { kept, from, layout, spans }) = found else { return false };
+        let Some(ReplanOutcome { kept, from, layout, spans }) = found else { return false };
         for old in &old[..kept] {
             emitter.commit(old.item);
         }
@@ -188,13 +188,19 @@ impl<const A: usize> Run<A> {
     }
 
     /// A span of the present plan in its committed form; `s` holds the places of the joints.
-    fn old(&self, span: &Span, s: &[f64]) -> Old<A> {
+    fn old(&self, span: &Span, s: &[f64]) -> CommittedPlan<A> {
         let (profile, length) = (span.profile, s[span.last] - s[span.first]);
-        Old { item: self.item(profile, length, span.last - 1), profile, length }
+        CommittedPlan { item: self.item(profile, length, span.last - 1), profile, length }
     }
 
     /// Plans the open end of the road: what is committed of it, and what is not.
-    fn replan_open(&mut self, stretch: Stretch, mut old: Vec<Old<A>>, before: f64, emitter: &mut Emitter<A>) {
+    fn replan_open(
+        &mut self,
+        stretch: ReplanSection,
+        mut old: Vec<CommittedPlan<A>>,
+        before: f64,
+        emitter: &mut Emitter<A>,
+    ) {
         let committed = old.len();
         let s = self.joints();
         old.extend(self.plan.iter().map(|span| self.old(span, &s)));
@@ -204,7 +210,7 @@ impl<const A: usize> Run<A> {
             emitter.commit(old.item);
         }
         match found {
-            Some(Found { from, layout, spans, .. }) => {
+            Some(ReplanOutcome { from, layout, spans, .. }) => {
                 self.take_up(layout, from);
                 (self.plan, self.planned) = (spans, self.blocks.len());
                 self.offers.clear();
@@ -214,7 +220,7 @@ impl<const A: usize> Run<A> {
                 }
             }
             None if old.is_empty() => {
-                let from = State::moving(self.v, self.a);
+                let from = KinematicState::moving(self.v, self.a);
                 let layout = self.lay(&stretch, None, emitter);
                 self.take_up(layout, from);
             }
@@ -223,14 +229,20 @@ impl<const A: usize> Run<A> {
     }
 
     /// The road that is not committed begins in state `from` and lies as in `layout`.
-    fn take_up(&mut self, layout: Layout, from: State) {
+    fn take_up(&mut self, layout: ReplanLayout, from: KinematicState) {
         (self.v, self.a) = (from.v, from.a);
         self.length = layout.length;
         (self.blocks, self.offers, self.numbers) = (layout.blocks, layout.offers, layout.numbers);
     }
 
     /// Looks for a plan: from the start of the stretch, else from that of one of the old plan's next spans.
-    fn search(&mut self, stretch: Stretch, old: &[Old<A>], before: f64, emitter: &Emitter<A>) -> Option<Found> {
+    fn search(
+        &mut self,
+        stretch: ReplanSection,
+        old: &[CommittedPlan<A>],
+        before: f64,
+        emitter: &Emitter<A>,
+    ) -> Option<ReplanOutcome> {
         let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).take_while(|&gate| gate < old.len());
         std::iter::once(0)
             .chain(later)
@@ -242,22 +254,22 @@ impl<const A: usize> Run<A> {
     fn search_from(
         &mut self,
         kept: usize,
-        stretch: Stretch,
-        old: &[Old<A>],
+        stretch: ReplanSection,
+        old: &[CommittedPlan<A>],
         before: f64,
         emitter: &Emitter<A>,
-    ) -> Option<Found> {
+    ) -> Option<ReplanOutcome> {
         let skip = stretch.skip + old[..kept].iter().map(|old| old.length).sum::<f64>();
         let from = old[kept].profile.start();
         for zone in [None, Some((from, before))] {
-            let mut layout = self.lay(&Stretch { skip, ..stretch }, zone, emitter);
+            let mut layout = self.lay(&ReplanSection { skip, ..stretch }, zone, emitter);
             if layout.blocks.is_empty() {
                 return None;
             }
             self.choice.choose(&mut layout.blocks, &layout.offers, from.v, !stretch.open);
             let mut spans = Vec::new();
             if self.look_ahead.plan(&layout.blocks, (from.v, from.a), stretch.end, &mut spans).is_ok() {
-                return Some(Found { kept, from, layout, spans });
+                return Some(ReplanOutcome { kept, from, layout, spans });
             }
         }
         None
@@ -265,8 +277,13 @@ impl<const A: usize> Run<A> {
 
     /// Lays the pieces of `stretch` out as blocks. In a `zone` from its start, in which a state can stop, limits are those of
     /// another factor, at no more speed than the state has or comes to.
-    fn lay(&self, stretch: &Stretch, mut zone: Option<(State, f64)>, emitter: &Emitter<A>) -> Layout {
-        let (mut layout, mut skip) = (Layout::default(), stretch.skip);
+    fn lay(
+        &self,
+        stretch: &ReplanSection,
+        mut zone: Option<(KinematicState, f64)>,
+        emitter: &Emitter<A>,
+    ) -> ReplanLayout {
+        let (mut layout, mut skip) = (ReplanLayout::default(), stretch.skip);
         let mut tight = PathLimits { v: f64::MAX, a: f64::MAX, j: f64::MAX };
         let mut joins = false;
         for (number, piece) in (stretch.first..stretch.to).map_while(|number| Some((number, emitter.piece(number)?))) {

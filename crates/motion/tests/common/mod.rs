@@ -3,7 +3,7 @@
 
 use proptest::prelude::*;
 use retrace_core::{Flags, Record};
-use retrace_motion::{Arc, Feed, Limits, PathMode, Planner};
+use retrace_motion::{Arc, FeedRate, MachineLimits, PathMode, Planner};
 
 /// One programmed move, absolute.
 #[derive(Clone, Copy, Debug)]
@@ -24,7 +24,7 @@ impl Path {
 #[derive(Clone, Copy, Debug)]
 pub struct Move {
     pub path: Path,
-    pub feed: Feed,
+    pub feed: FeedRate,
     pub mode: PathMode,
     /// A stop follows.
     pub stop: bool,
@@ -38,7 +38,7 @@ pub struct Run {
 }
 
 /// Feeds `moves`, with `most` records taken out after each move.
-pub fn play(limits: Limits<3>, moves: &[Move], most: usize) -> Run {
+pub fn play(limits: MachineLimits<3>, moves: &[Move], most: usize) -> Run {
     play_on(Planner::new(limits, [0.0; 3]).expect("valid limits"), moves, most)
 }
 
@@ -80,7 +80,7 @@ pub fn play_through(
 }
 
 /// The un-rounded set-points keep α of the limits, judged by finite differences over single periods.
-pub fn judge_points(limits: &Limits<3>, points: &[[f64; 3]], start: [f64; 3]) -> Result<(), String> {
+pub fn judge_points(limits: &MachineLimits<3>, points: &[[f64; 3]], start: [f64; 3]) -> Result<(), String> {
     let Some(&end) = points.last() else { return Ok(()) };
     let still = |at| std::iter::repeat_n(at, 3);
     let all: Vec<[f64; 3]> = still(start).chain(points.iter().copied()).chain(still(end)).collect();
@@ -110,7 +110,7 @@ pub fn judge_points(limits: &Limits<3>, points: &[[f64; 3]], start: [f64; 3]) ->
 }
 
 /// What is emitted keeps the limits as the interface judges them, at rate 1.
-pub fn judge_records(limits: &Limits<3>, records: &[Record<3>]) -> Result<(), String> {
+pub fn judge_records(limits: &MachineLimits<3>, records: &[Record<3>]) -> Result<(), String> {
     for axis in 0..3 {
         let mut counts = vec![0i64; 192];
         for record in records {
@@ -212,7 +212,7 @@ pub fn astray(moves: &[Move], run: &Run, reach: usize, tolerance: f64) -> Option
 }
 
 /// Everything at once: both judges, the exact end, half a pulse, the path within the tolerance.
-pub fn judge(limits: &Limits<3>, moves: &[Move], run: &Run, tolerance: f64, reach: usize) -> Result<(), String> {
+pub fn judge(limits: &MachineLimits<3>, moves: &[Move], run: &Run, tolerance: f64, reach: usize) -> Result<(), String> {
     judge_points(limits, &run.points, [0.0; 3])?;
     judge_records(limits, &run.records)?;
     let mut counts = [0i64; 3];
@@ -287,9 +287,9 @@ pub fn program(steps: &[Step], mode: PathMode) -> Vec<Move> {
             };
             at = path.end();
             let feed = match step.kind {
-                3 => Feed::Rapid,
-                2 => Feed::Duration(length / 10f64.powf(step.feed)),
-                _ => Feed::PerSecond(10f64.powf(step.feed)),
+                3 => FeedRate::Rapid,
+                2 => FeedRate::Duration(length / 10f64.powf(step.feed)),
+                _ => FeedRate::PerSecond(10f64.powf(step.feed)),
             };
             Move { path, feed, mode, stop: step.stop }
         })

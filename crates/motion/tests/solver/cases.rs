@@ -2,13 +2,13 @@
 //!
 //! Invariant: a case depends on its number alone, and both its ends are legal.
 
-use retrace_motion::profile::{PathLimits, State, fastest_any_way};
+use retrace_motion::profile::{KinematicState, PathLimits, fastest_any_way};
 
 /// Two states, the distance between them, and the limits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Case {
-    pub(crate) from: State,
-    pub(crate) to: State,
+    pub(crate) from: KinematicState,
+    pub(crate) to: KinematicState,
     pub(crate) length: f64,
     pub(crate) limits: PathLimits,
 }
@@ -39,7 +39,7 @@ impl Dice {
     }
 
     /// A speed and an acceleration that can be left and reached within the limits; often zero, or at a limit.
-    fn state(&mut self, limits: PathLimits) -> State {
+    fn state(&mut self, limits: PathLimits) -> KinematicState {
         let PathLimits { v: v_max, a: a_max, j } = limits;
         let v = match self.next() % 8 {
             0 => 0.0,
@@ -57,7 +57,7 @@ impl Dice {
         };
         // Room for taking the acceleration to zero, in the direction of either end.
         let room = (2.0 * j * (v_max - v.abs())).sqrt() * (1.0 - 1e-12);
-        State { s: 0.0, v, a: a.clamp(-room, room) }
+        KinematicState { s: 0.0, v, a: a.clamp(-room, room) }
     }
 }
 
@@ -70,7 +70,7 @@ pub(crate) fn case(number: u64) -> Case {
     let mut length = sign * dice.scale(1e-4, 1e3);
     match dice.next() % 16 {
         0 => to = from,
-        1 => to = State { a: -from.a, ..from },
+        1 => to = KinematicState { a: -from.a, ..from },
         2 => length *= 1e-6,
         3 => length = 0.0,
         4..=7 => length = border(&mut dice, from, to, length, limits),
@@ -81,7 +81,7 @@ pub(crate) fn case(number: u64) -> Case {
 
 /// A length where one kind of profile turns into another: just where some phase of a neighbouring profile is empty, or the
 /// shortest one that the family has.
-fn border(dice: &mut Dice, from: State, to: State, length: f64, limits: PathLimits) -> f64 {
+fn border(dice: &mut Dice, from: KinematicState, to: KinematicState, length: f64, limits: PathLimits) -> f64 {
     let Ok(mut profile) = fastest_any_way(from, to, length, limits) else { return length };
     let emptied = (dice.next() % 7) as usize;
     profile.times[emptied] = 0.0;
@@ -90,7 +90,7 @@ fn border(dice: &mut Dice, from: State, to: State, length: f64, limits: PathLimi
     }
     let end = profile.end();
     // Emptying one phase misses the end; the way from there on by the fastest change is near a border all the same.
-    let there = State { s: 0.0, v: end.v.clamp(-limits.v, limits.v), a: 0.0 };
+    let there = KinematicState { s: 0.0, v: end.v.clamp(-limits.v, limits.v), a: 0.0 };
     let rest = fastest_any_way(there, to, 0.0, limits).map_or(0.0, |p| p.end().s);
     (end.s + rest).clamp(-1e3, 1e3) * if dice.one_in(2) { 1.0 } else { 1.0 + dice.within(-1e-9, 1e-9) }
 }

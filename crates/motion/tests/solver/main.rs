@@ -50,8 +50,8 @@ fn the_peers_solver_alone_is_the_peer() {
 
 #[test]
 fn in_the_mirror_and_backward_in_time_it_takes_as_long() {
-    use retrace_motion::profile::{State, fastest_any_way};
-    let turned = |state: State, v: f64, a: f64| State { s: 0.0, v: v * state.v, a: a * state.a };
+    use retrace_motion::profile::{KinematicState, fastest_any_way};
+    let turned = |state: KinematicState, v: f64, a: f64| KinematicState { s: 0.0, v: v * state.v, a: a * state.a };
     for k in 0..number("RETRACE_PROFILE_CASES", 5_000) {
         let c = case(k);
         let Ok(plain) = fastest_any_way(c.from, c.to, c.length, c.limits) else { panic!("case {k}: {c:?}") };

@@ -3,7 +3,7 @@
 //! Invariant: it gets the same numbers as the solver under test, and its own tolerance is told apart from ours.
 
 use super::cases::Case;
-use retrace_motion::profile::State;
+use retrace_motion::profile::KinematicState;
 use rsruckig::block::Block;
 use rsruckig::position_third_step1::PositionThirdOrderStep1;
 use rsruckig::prelude::*;
@@ -52,11 +52,11 @@ impl Peer {
     }
 
     /// Where the phases of the last solution really end.
-    pub(crate) fn end(&self, case: &Case) -> State {
+    pub(crate) fn end(&self, case: &Case) -> KinematicState {
         let profile = &self.path.get_profiles()[0][0];
-        let mut state = State { s: 0.0, ..case.from };
+        let mut state = KinematicState { s: 0.0, ..case.from };
         for (jerk, t) in profile.j.iter().zip(profile.t) {
-            state = State {
+            state = KinematicState {
                 s: state.s + t * (state.v + t * (0.5 * state.a + t * jerk / 6.0)),
                 v: state.v + t * (state.a + 0.5 * t * jerk),
                 a: state.a + t * jerk,

@@ -4,7 +4,7 @@
 
 use super::cases::Case;
 use super::peer::Peer;
-use retrace_motion::profile::{Profile, State, fastest_any_way};
+use retrace_motion::profile::{KinematicState, Profile, fastest_any_way};
 use std::fmt;
 
 /// The outcome of one case; everything but the first says why the durations are not compared or not equal.
@@ -91,7 +91,7 @@ fn is_legal(case: &Case, profile: &Profile) -> bool {
     let mut sound = profile.jerk.abs() == limits.j && (profile.v0, profile.a0) == (from.v, from.a);
     for (k, sign) in [1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0].into_iter().enumerate() {
         let (jerk, t) = (sign * profile.jerk, profile.times[k]);
-        let before = if k == 3 && t > 0.0 { State { a: 0.0, ..state } } else { state };
+        let before = if k == 3 && t > 0.0 { KinematicState { a: 0.0, ..state } } else { state };
         let turn = if jerk == 0.0 { 0.0 } else { (-before.a / jerk).clamp(0.0, t) };
         state = before.after(jerk, t);
         let extreme = before.after(jerk, turn).v.abs().max(state.v.abs());

@@ -17,7 +17,7 @@ mod track;
 
 pub use ratio::{GlideRatio, RatioOf};
 
-use crate::glide::ramp::Ramps;
+use crate::glide::ramp_pair::RampPair;
 use crate::glide::tracks::Tracks;
 use crate::limits::AxisLimits;
 use pace::Pace;
@@ -32,7 +32,7 @@ const SLOWER: f64 = 0.8;
 const SLOWEST: f64 = 0.2;
 
 /// The glide of this ratio between two tracks; `None` where there is no room for one.
-pub(crate) fn glide<const A: usize>(tracks: &Tracks<A>, axes: &AxisLimits<A>, ratio: GlideRatio) -> Option<Ramps> {
+pub(crate) fn glide<const A: usize>(tracks: &Tracks<A>, axes: &AxisLimits<A>, ratio: GlideRatio) -> Option<RampPair> {
     let [one, two] = &tracks.pair;
     let planned = [Parameters::of(one)?, Parameters::of(two)?];
     let ends = [ratio.end(one, planned[0])?, ratio.end(two, planned[1])?];
@@ -58,7 +58,7 @@ fn adjusted<const A: usize>(
     share: f64,
     tracks: &Tracks<A>,
     axes: &AxisLimits<A>,
-) -> Ramps {
+) -> RampPair {
     let with = |share: f64| {
         let speeds = [0, 1].map(|side| share * ends[side].speed.min(planned[side].speed));
         Pace::shortest(speeds, tracks, axes).ramps(speeds)
@@ -79,7 +79,7 @@ fn adjusted<const A: usize>(
 mod tests {
     use super::*;
     use crate::glide::tracks::{FarEnd, Track};
-    use crate::limits::Limits;
+    use crate::limits::MachineLimits;
     use proptest::prelude::*;
 
     fn tracks(turn: f64, lengths: [f64; 2], feeds: [f64; 2], rest: [bool; 2], axes: &AxisLimits<3>) -> Tracks<3> {
@@ -98,7 +98,7 @@ mod tests {
             turn in 0.05..3.0f64, sizes in [-1.0..2.0f64, -1.0..2.0f64], feeds in [5.0..100.0f64, 5.0..100.0f64],
             rest in any::<[bool; 2]>(), value in 0.01..1.0f64, tolerance in 0.002..5.0f64,
         ) {
-            let axes = Limits::built_in().planned();
+            let axes = MachineLimits::built_in().planned();
             let tracks = Tracks { tolerance, ..tracks(turn, sizes.map(|x| 10f64.powf(x)), feeds, rest, &axes) };
             for of in [RatioOf::Length, RatioOf::Speed] {
                 let ratio = GlideRatio::new(value, of).expect("in range");
@@ -118,7 +118,7 @@ mod tests {
     /// With room and tolerance the ratio is taken whole; with less tolerance the glide is what the tolerance allows.
     #[test]
     fn the_ratio_counts_where_the_tolerance_is_wide_and_the_tolerance_where_it_is_not() {
-        let axes = Limits::built_in().planned();
+        let axes = MachineLimits::built_in().planned();
         let square = Tracks { tolerance: 2.0, ..tracks(1.5, [20.0; 2], [100.0; 2], [true; 2], &axes) };
         let speed = |value: f64, tracks: &Tracks<3>| {
             let ratio = GlideRatio::new(value, RatioOf::Speed).expect("in range");

@@ -5,7 +5,7 @@
 //!
 //! Invariant: no axis takes more than its acceleration and jerk, and of all paces on the cells of a ramp it is the shortest.
 
-use crate::glide::ramp::{CELLS, HALF, Ramp, Ramps};
+use crate::glide::ramp_pair::{CELLS, HALF, Ramp, RampPair};
 use crate::glide::tracks::Tracks;
 use crate::limits::AxisLimits;
 
@@ -36,7 +36,7 @@ impl Pace {
     }
 
     /// The ramps between rest and these speeds.
-    pub(super) fn ramps(self, speeds: [f64; 2]) -> Ramps {
+    pub(super) fn ramps(self, speeds: [f64; 2]) -> RampPair {
         let Self { cell, rising } = self;
         let pair = speeds.map(|speed| {
             let jerk = speed / (rising * (CELLS - rising)) as f64 / (cell * cell);
@@ -46,7 +46,7 @@ impl Pace {
                 _ => 0.0,
             }))
         });
-        Ramps { cell, pair }
+        RampPair { cell, pair }
     }
 }
 
@@ -54,7 +54,7 @@ impl Pace {
 mod tests {
     use super::*;
     use crate::glide::tracks::{FarEnd, Track};
-    use crate::limits::Limits;
+    use crate::limits::MachineLimits;
     use proptest::prelude::*;
 
     proptest! {
@@ -63,7 +63,7 @@ mod tests {
         fn a_pace_keeps_the_limits_and_wastes_none(
             headings in [-3.0..3.0f64, 0.2..2.9f64], speeds in [0.1..90.0f64, 0.1..90.0f64], a in 100.0..1e4f64, j in 1e3..1e6f64,
         ) {
-            let mut limits = Limits::<3>::built_in();
+            let mut limits = MachineLimits::<3>::built_in();
             limits.acceleration_mm_s2[1] = a;
             limits.jerk_mm_s3[0] = j;
             let axes = limits.planned();

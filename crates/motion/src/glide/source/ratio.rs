@@ -5,7 +5,7 @@
 use crate::error::LimitError;
 use crate::glide::source::track::{Parameters, peak};
 use crate::glide::tracks::Track;
-use crate::profile::Track as Ramped;
+use crate::profile::SearchTrack as Ramped;
 
 /// What a glide ratio is a ratio of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,14 +62,14 @@ pub(super) struct End {
 mod tests {
     use super::*;
     use crate::glide::tracks::FarEnd;
-    use crate::limits::Limits;
+    use crate::limits::MachineLimits;
     use proptest::prelude::*;
 
     proptest! {
         /// The pre-computed end has its ratio, and the track's own ramp from rest comes to its speed within its length.
         #[test]
         fn an_end_has_its_ratio(value in 1e-3..1.0f64, length in -2.0..2.5f64, feed in 1.0..200.0f64) {
-            let axes = Limits::<3>::built_in().planned();
+            let axes = MachineLimits::<3>::built_in().planned();
             let track = Track::new([0.6, 0.8, 0.0], 10f64.powf(length), FarEnd::Rest, feed, &axes);
             let planned = Parameters::of(&track).expect("from rest to rest there is a plan");
             let end = |of| GlideRatio::new(value, of).expect("in range").end(&track, planned).expect("there is one");

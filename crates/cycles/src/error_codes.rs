@@ -1,0 +1,109 @@
+//! The one table of errors and warnings of cycle sources, cycle folders and cycle runs: number, title, cause and remedy.
+//!
+//! Invariant: a number never changes its meaning; `docs/errors.md` has a row for each.
+
+/// Makes the enumeration and its table from one list.
+macro_rules! codes {
+    ($($name:ident $number:literal $title:literal $cause:literal $remedy:literal;)*) => {
+        /// What a diagnostic is about. Numbers from `E` are errors, from `W` warnings.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        #[allow(missing_docs)] // each has its title in the table below
+        pub enum ErrorCode { $($name,)* }
+
+        impl ErrorCode {
+            /// Every code, in the order of the table.
+            pub const ALL: &'static [ErrorCode] = &[$(ErrorCode::$name,)*];
+
+            /// The number that users see, such as `E1905`.
+            #[must_use]
+            pub const fn number(self) -> &'static str {
+                match self { $(ErrorCode::$name => $number,)* }
+            }
+
+            /// What is wrong, in general.
+            #[must_use]
+            pub const fn title(self) -> &'static str {
+                match self { $(ErrorCode::$name => $title,)* }
+            }
+
+            /// How it comes about.
+            #[must_use]
+            pub const fn cause(self) -> &'static str {
+                match self { $(ErrorCode::$name => $cause,)* }
+            }
+
+            /// What to do about it.
+            #[must_use]
+            pub const fn remedy(self) -> &'static str {
+                match self { $(ErrorCode::$name => $remedy,)* }
+            }
+        }
+    };
+}
+
+codes! {
+    NotText "E1901" "cycle source is not text" "The line of a cycle source is not valid UTF-8, or has a control character." "Save the source as plain text.";
+    BadCharacter "E1902" "character not understood in a cycle" "A character begins nothing of the cycle language." "Remove it, or put it behind a semicolon.";
+    TextNotClosed "E1903" "text in quotes not closed" "An opening quotation mark has no closing one in its line." "Close the text in the same line.";
+    BadNumber "E1904" "number not understood in a cycle" "A number has two decimal points, no digits, or is beyond any size." "Write it as 12, -0.5, .5 or 1.2EX-3.";
+    NotUnderstood "E1905" "block not understood" "Something else is needed at this place of the block." "Write what the message names; docs/cycles.md shows the language.";
+    NameUnknown "E1906" "name not known" "A name is not a variable, parameter or function of this cycle." "Define it with DEF at the beginning, or correct the spelling.";
+    NameTaken "E1907" "name cannot be defined" "The name is defined twice, or is a word of the language." "Take another name.";
+    TypeMismatch "E1908" "text and number mixed" "A text stands where a number is needed, or a number where a text is needed." "Give a value of the other type.";
+    ValueMissing "E1909" "value missing" "An operator, a comma or an equals sign is not followed by a value." "Write the value.";
+    NotClosed "E1910" "bracket or parenthesis not closed" "An opening one has no closing one in its block." "Close it.";
+    TooDeep "E1911" "nested too deep" "Parentheses or structures are nested deeper than 40." "Use variables for parts of the expression, or another cycle for parts of the structure.";
+    ComparisonChained "E1912" "comparison of a comparison" "AND, OR and XOR bind closer than comparisons, as on the control; or a < b < c is meant." "Put every comparison into parentheses: (a > 0) AND (b > 0).";
+    FunctionArguments "E1913" "wrong number of arguments" "A function of the language takes another number of arguments." "Give as many as the message says.";
+    NotOpen "E1914" "end without a beginning" "ELSE, ENDIF, ENDWHILE, ENDFOR, ENDLOOP or UNTIL has no IF, WHILE, FOR, LOOP or REPEAT, or another one is still open." "Write the beginning, or remove the end.";
+    StructureOpen "E1915" "structure not closed" "IF, WHILE, FOR, LOOP or REPEAT has no end in this source." "Write ENDIF, ENDWHILE, ENDFOR, ENDLOOP or UNTIL.";
+    LabelMissing "E1916" "no such label" "GOTO, GOTOF or GOTOB names a label that this source does not have." "Write the label with a colon at the beginning of a block, or correct the name.";
+    LabelTwice "E1917" "label defined twice" "A label stands in front of two blocks." "Rename one of them.";
+    LabelDirection "E1918" "label lies in the other direction" "GOTOF jumps towards the end, GOTOB towards the beginning." "Take the other one, or GOTO.";
+    ProcPlace "E1919" "PROC at the wrong place" "PROC is not the first block of the source, or stands in it twice." "Begin the source with one PROC block; one file holds one cycle.";
+    AttributeUnknown "E1920" "attribute not known" "Behind PROC there is a word that is none of SAVE, DISPLOF, DISPLON, SBLOF and PATTERN." "Remove it.";
+    DefinitionPlace "E1921" "DEF at the wrong place" "DEF stands behind the first block that does something." "Move it to the beginning, behind PROC.";
+    ArraySize "E1922" "size of an array" "An array has no element, more than two dimensions, or more than 1000 elements; or there are more values than elements." "Give one or two sizes as whole numbers.";
+    ArrayIndex "E1923" "index of an array" "An array stands without its index, a simple variable has one, or the number of indices is wrong." "Write as many indices as the definition has sizes.";
+    WordUnknown "E1924" "word not known in a cycle" "The address is none that a block of a cycle may have." "Known are G M S F X Y Z A B C U V W I J K AX[] IP[] CR SPOS D.";
+    CodeUnknown "E1925" "code not known in a cycle" "The G or M code is none that a cycle may have, or it is not a constant." "Known are G0-G4 G17-G19 G33 G33.1 G40-G42 G60 G64 G90 G91 G94-G97, M0 M1 M3-M9 M17 M19.";
+    WordTwice "E1926" "too many words in a block" "A word stands twice in a block, or the block has more than 16 words, 8 G codes or 4 M codes." "Remove one, or split the block.";
+    NotAssignable "E1927" "cannot be assigned" "What stands in front of the equals sign is a constant or a value of the system." "Assign to a variable.";
+    TextJoin "E1928" "texts cannot be joined here" "<< stands outside of MSG and SETAL." "Join texts in MSG and SETAL only.";
+    TooLarge "E1929" "cycle too large" "A source has more variables, texts, calls or blocks than a cycle can hold." "Split it into several cycles.";
+    TooManyErrors "E1930" "too many errors in a cycle" "More errors than are shown; checking of this source has stopped." "Repair those shown and check again.";
+    CycleUnknown "E1931" "no such cycle" "A cycle calls one that is in no folder." "Correct the name, or add the cycle.";
+    CallArguments "E1932" "call of a cycle with wrong arguments" "There are more arguments than parameters, or a text stands for a number, or a number for a text." "Give the arguments in the order of the PROC line.";
+    CycleTwice "E1933" "cycle defined twice" "Two sources of the folder define the same name." "Rename one of them.";
+    SourceUnreadable "E1934" "cycle source cannot be read" "The operating system reports an error for a file or folder of cycle sources." "Check the file and its permissions.";
+    SourceTooLong "E1935" "cycle source too long" "A source has more than 1 MiB, or a line more than 10 000 bytes." "Split the cycle, or the line.";
+    CycleAlarm "E1940" "a cycle refuses its call" "A parameter, the tool or the modal state is not what the cycle needs; the alarm number of the control is told." "docs/cycles.md lists the alarms with their remedies.";
+    Endless "E1941" "cycle without end" "A cycle ran through ten million steps beside those that its blocks need, or gave a million blocks." "Correct the condition of its loop.";
+    CallsTooDeep "E1942" "cycles call too deep" "Cycles call each other deeper than 12." "Look for a cycle that calls itself.";
+    Arithmetic "E1943" "calculation without a result" "A division by zero, the root of a negative number, or a result beyond any size." "Check the values of the call.";
+    IndexRange "E1944" "index outside its array" "An index is negative, not below the size of the array, or names no axis of the plane." "Check the index.";
+    BadArgument "E1945" "argument does not fit" "An argument is of the wrong type, too long for its parameter, or there are too many." "Give the arguments in the order of the PROC line.";
+    NoSpeed "E1946" "dwell in revolutions without a speed" "G4 S needs a programmed spindle speed above zero." "Program S before the call, or give the dwell in seconds.";
+    NameNotCallable "E1947" "name that no program can call" "The name of a cycle reads as words of a block, as an O word or as a control word, or is too short or too long." "Rename the cycle: 2 to 32 letters, digits and underscores, beginning with two letters.";
+    ShippedReplaced "W1901" "a shipped cycle is replaced" "A source of the folder has the name of a shipped cycle, and is taken in its place." "Rename it if that is not meant.";
+    NameDiffers "W1902" "file and cycle have different names" "The PROC line names the cycle differently from its file; the PROC line counts." "Rename the file.";
+    NotStored "W1903" "compiled form not kept" "The folder of compiled forms cannot be written; the cycle is compiled anew at every start." "Check the folder and its permissions.";
+    CycleWarns "W1904" "a cycle warns" "A cycle takes a parameter otherwise than it is written; the number of the message is told." "Correct the parameter.";
+    NameIsAddress "W1905" "name is also an address" "A variable has the name of an address such as X; in front of = at the beginning of a block it is the variable." "Take a name of two letters or more.";
+    StoredTorn "W1906" "compiled form not usable" "A file of compiled forms is damaged or from elsewhere; the cycle was compiled anew." "Nothing needs to be done; check the disk if it comes again.";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_unique_and_in_the_range_of_cycles() {
+        let mut numbers: Vec<_> = ErrorCode::ALL.iter().map(|code| code.number()).collect();
+        assert!(numbers.iter().all(|number| number[1..].parse::<u32>().is_ok_and(|n| (1901..1960).contains(&n))));
+        let all = numbers.len();
+        numbers.sort_unstable();
+        numbers.dedup();
+        assert_eq!(numbers.len(), all);
+    }
+}

@@ -1,0 +1,95 @@
+//! Joining: the calls of every cycle are led to the cycles that they name, and the kinds are told apart.
+//!
+//! Invariant: what is left has no call that leads nowhere or does not fit.
+
+use super::LibraryFinding;
+use super::folders::Form;
+use crate::code::{CallSite, Passed, Unit};
+use crate::cycle::{Cycle, CycleId, Given, Kind, misfit};
+use crate::diag::Diagnostic;
+use crate::error_codes::ErrorCode;
+
+/// Joins forms that are sorted by their names.
+pub(super) fn join(mut forms: Vec<Form>, findings: &mut Vec<LibraryFinding>) -> Vec<Cycle> {
+    // A cycle that falls away takes those along that call it, until none is left that calls one.
+    loop {
+        let wrong: Vec<Option<Diagnostic>> = forms.iter().map(|form| first_fault(&form.unit, &forms)).collect();
+        if wrong.iter().all(Option::is_none) {
+            break;
+        }
+        let mut wrong = wrong.into_iter();
+        forms.retain(|form| match wrong.next().flatten() {
+            None => true,
+            Some(diagnostic) => {
+                findings.push(LibraryFinding { source: form.path.clone(), diagnostic });
+                false
+            }
+        });
+    }
+    let contours = contours(&forms);
+    let callees: Vec<Vec<CycleId>> = forms
+        .iter()
+        .map(|form| {
+            form.unit.calls.iter().filter_map(|call| place(call, &forms)).map(|at| CycleId(at as u16)).collect()
+        })
+        .collect();
+    let joined = forms.into_iter().zip(callees).zip(contours);
+    joined
+        .map(|((form, callees), contour)| {
+            let kind = match contour {
+                Some(parameter) => Kind::Contour(usize::from(parameter)),
+                None if form.unit.parameters.is_empty() => Kind::Plain,
+                None => Kind::Parameters,
+            };
+            let Form { unit, origin, path, was_fresh, .. } = form;
+            Cycle { unit, callees, kind, origin, path, was_fresh }
+        })
+        .collect()
+}
+
+fn place(call: &CallSite, forms: &[Form]) -> Option<usize> {
+    forms.binary_search_by(|form| form.unit.name.as_str().cmp(&call.name)).ok()
+}
+
+/// The first call of a unit that does not fit.
+fn first_fault(unit: &Unit, forms: &[Form]) -> Option<Diagnostic> {
+    unit.calls.iter().find_map(|call| {
+        let (code, message) = match place(call, forms) {
+            None => (ErrorCode::CycleUnknown, format!("there is no cycle {} that can be called", call.name)),
+            Some(at) => (ErrorCode::CallArguments, misfit(&forms[at].unit, call.arguments.iter().map(given))?),
+        };
+        Some(Diagnostic { code, line: call.line, start: call.start, end: call.end, message })
+    })
+}
+
+fn given(passed: &Passed) -> Given {
+    match passed {
+        Passed::Nothing => Given::Nothing,
+        Passed::Number => Given::Number,
+        Passed::Text | Passed::Parameter(_) => Given::Text,
+    }
+}
+
+/// For each form, the parameter that names a contour: for STOCKPATH, or for a cycle that it hands it on to.
+fn contours(forms: &[Form]) -> Vec<Option<u16>> {
+    let mut contours: Vec<Option<u16>> = forms.iter().map(|form| form.unit.contour).collect();
+    loop {
+        let mut changed = false;
+        for (index, form) in forms.iter().enumerate() {
+            let handed_on = form.unit.calls.iter().find_map(|call| {
+                let wanted = contours[place(call, forms)?]?;
+                match call.arguments.get(usize::from(wanted))? {
+                    Passed::Parameter(own) => Some(*own),
+                    _ => None,
+                }
+            });
+            if contours[index].is_none() && handed_on.is_some() {
+                contours[index] = handed_on;
+                changed = true;
+            }
+        }
+        if !changed {
+            return contours;
+        }
+    }
+}

@@ -1,0 +1,473 @@
+//! The machine that runs compiled cycles over a host.
+//!
+//! Invariant: a run ends, whatever the code is: steps, blocks and depth are bounded. Once its buffers have grown, it does not
+//! allocate.
+
+mod block;
+mod calculate;
+mod messages;
+mod state;
+
+pub(crate) use block::is_known_m;
+
+use crate::alarm::{Alarm, Halt};
+use crate::code::{Op, Passed, converted};
+use crate::cycle::{Cycle, CycleId, Given, Type};
+use crate::error_codes::ErrorCode;
+use crate::host::{CycleBlock, Host};
+use crate::library::CycleLibrary;
+
+/// What a call gives for a parameter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Argument<'a> {
+    /// An empty place: not programmed.
+    Missing,
+    /// A number.
+    Number(f64),
+    /// A text.
+    Text(&'a str),
+}
+
+/// How much work a run may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct VmLimits {
+    /// Instructions; every block gives some of them back.
+    pub steps: u32,
+    /// Blocks.
+    pub blocks: u32,
+    /// Cycles that call each other.
+    pub depth: usize,
+}
+
+/// Instructions that a block gives back: a cycle that goes on giving blocks has its steps for them, and one that idles between them comes
+/// to an end all the same.
+const STEPS_OF_A_BLOCK: u32 = 200;
+
+impl Default for VmLimits {
+    /// Ten million steps, a million blocks, twelve deep.
+    fn default() -> Self {
+        Self { steps: 10_000_000, blocks: 1_000_000, depth: 12 }
+    }
+}
+
+/// A value on the stack or in a slot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Value {
+    Number(f64),
+    Text(TextPlace),
+}
+
+/// Where a text is kept, so that values need no lifetime.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TextPlace {
+    Empty,
+    /// Among the arguments of the run.
+    Argument(u16),
+    /// Among the texts of a cycle.
+    Constant(CycleId, u16),
+}
+
+/// A cycle that is running.
+#[derive(Clone, Copy, Debug)]
+struct Frame {
+    cycle: CycleId,
+    /// The instruction that is carried out next.
+    at: usize,
+    /// Its first slot.
+    base: usize,
+    /// Which parameters the call gave, a bit each.
+    programmed: u64,
+}
+
+/// What stops a step: an alarm without its place, or the host.
+enum VmTrap {
+    Alarm(ErrorCode, Option<u32>, String),
+    Stopped,
+}
+
+/// What a step gives.
+type Step<T = ()> = Result<T, Box<VmTrap>>;
+
+#[cold]
+fn trap<T>(code: ErrorCode, text: impl Into<String>) -> Step<T> {
+    Err(Box::new(VmTrap::Alarm(code, None, text.into())))
+}
+
+/// Runs cycles, one at a time; its buffers are kept from run to run.
+#[derive(Debug)]
+pub struct Vm {
+    stack: Vec<Value>,
+    slots: Vec<Value>,
+    frames: Vec<Frame>,
+    message: String,
+    block: CycleBlock,
+    limits: VmLimits,
+    /// What is left of the limits.
+    steps: u32,
+    blocks: u32,
+}
+
+impl Default for Vm {
+    fn default() -> Self {
+        Self::new(VmLimits::default())
+    }
+}
+
+/// A run: the machine with what it works on.
+struct VmRun<'r> {
+    machine: &'r mut Vm,
+    library: &'r CycleLibrary,
+    arguments: &'r [Argument<'r>],
+    host: &'r mut dyn Host,
+}
+
+impl Vm {
+    /// A machine with these limits.
+    #[must_use]
+    pub fn new(limits: VmLimits) -> Self {
+        Self {
+            stack: Vec::with_capacity(64),
+            slots: Vec::with_capacity(256),
+            frames: Vec::with_capacity(limits.depth.min(64)),
+            message: String::with_capacity(256),
+            block: CycleBlock::new(CycleId(0), 0),
+            limits,
+            steps: 0,
+            blocks: 0,
+        }
+    }
+
+    /// What the last run has cost at least: its blocks, and the steps that they have not given back.
+    #[must_use]
+    pub fn cost(&self) -> u64 {
+        u64::from(self.steps) + u64::from(self.blocks)
+    }
+
+    /// Runs a cycle of the library to its end.
+    ///
+    /// # Errors
+    /// An alarm of the cycle, or the host stopped.
+    pub fn run(
+        &mut self,
+        library: &CycleLibrary,
+        cycle: CycleId,
+        arguments: &[Argument<'_>],
+        host: &mut dyn Host,
+    ) -> Result<(), Halt> {
+        self.stack.clear();
+        self.slots.clear();
+        self.frames.clear();
+        self.message.clear();
+        (self.steps, self.blocks) = (0, 0);
+        let mut run = VmRun { machine: self, library, arguments, host };
+        let mut place = (cycle, 0);
+        run.begin(cycle).and_then(|()| run.go(&mut place)).map_err(|trap| match *trap {
+            VmTrap::Stopped => Halt::Stopped,
+            VmTrap::Alarm(code, number, text) => {
+                let (cycle, line) = place;
+                Halt::Alarm(Box::new(Alarm { code, number, cycle, line, text }))
+            }
+        })
+    }
+}
+
+impl<'r> VmRun<'r> {
+    /// Enters the cycle that was called from outside.
+    fn begin(&mut self, id: CycleId) -> Step {
+        let Some(cycle) = self.library.get(id) else {
+            return trap(ErrorCode::CycleUnknown, "the cycle is not in this library");
+        };
+        let parameters = cycle.parameters();
+        let given = self.arguments.iter().map(|argument| match argument {
+            Argument::Missing => Given::Nothing,
+            Argument::Number(_) => Given::Number,
+            Argument::Text(_) => Given::Text,
+        });
+        if let Some(text) = cycle.misfit(given) {
+            return trap(ErrorCode::BadArgument, text);
+        }
+        let mut programmed = 0;
+        for (index, parameter) in parameters.iter().enumerate() {
+            let argument = self.arguments.get(index).copied().unwrap_or(Argument::Missing);
+            let value = match (argument, parameter.of) {
+                (Argument::Missing, Type::Text(_)) => Value::Text(TextPlace::Empty),
+                (Argument::Missing, _) => Value::Number(parameter.default),
+                (Argument::Text(text), Type::Text(length)) if text.len() <= usize::from(length) => {
+                    Value::Text(TextPlace::Argument(index as u16))
+                }
+                (Argument::Number(number), Type::Real | Type::Int | Type::Bool) if number.is_finite() => {
+                    Value::Number(converted(parameter.of, number))
+                }
+                _ => {
+                    let text = format!("{}: {} is too long or no finite number", cycle.name(), parameter.name);
+                    return trap(ErrorCode::BadArgument, text);
+                }
+            };
+            programmed |= u64::from(argument != Argument::Missing) << (index & 63);
+            self.machine.slots.push(value);
+        }
+        self.enter(cycle, id, 0, programmed);
+        Ok(())
+    }
+
+    /// Makes the frame of a cycle whose parameters stand in the slots from `base`.
+    fn enter(&mut self, cycle: &Cycle, id: CycleId, base: usize, programmed: u64) {
+        self.machine.slots.resize(base + usize::from(cycle.unit.slots), Value::Number(0.0));
+        self.machine.frames.push(Frame { cycle: id, at: 0, base, programmed });
+        self.host.enter(cycle);
+    }
+
+    /// Carries out instructions until the outermost cycle ends; `place` is where it stands, for alarms.
+    fn go(&mut self, place: &mut (CycleId, u32)) -> Step {
+        while let Some(mut frame) = self.machine.frames.last().copied() {
+            let Some(cycle) = self.library.get(frame.cycle) else {
+                return trap(ErrorCode::CycleUnknown, "the cycle is not in this library");
+            };
+            let depth = self.machine.frames.len();
+            // In one frame as long as no other is made.
+            while self.machine.frames.len() == depth {
+                let op = cycle.unit.ops.get(frame.at).copied().unwrap_or(Op::Return);
+                *place = (frame.cycle, cycle.unit.lines.get(frame.at).copied().unwrap_or(place.1));
+                frame.at += 1;
+                self.step(op, &mut frame, cycle, place.1)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// One instruction.
+    fn step(&mut self, op: Op, frame: &mut Frame, cycle: &'r Cycle, line: u32) -> Step {
+        self.machine.steps += 1;
+        if self.machine.steps > self.machine.limits.steps {
+            return trap(ErrorCode::Endless, format!("{} does not come to an end", cycle.name()));
+        }
+        match op {
+            Op::Number(number) => self.push(number),
+            Op::Text(index) => self.machine.stack.push(Value::Text(TextPlace::Constant(frame.cycle, index))),
+            Op::Load(slot) => {
+                let value = self.machine.slots.get(frame.base + usize::from(slot)).copied();
+                self.machine.stack.push(value.unwrap_or(Value::Number(0.0)));
+            }
+            Op::Store(slot, of) => {
+                let value = self.take();
+                self.store(frame.base + usize::from(slot), of, value)?;
+            }
+            Op::Operate(operator) => self.operate(operator)?,
+            Op::Jump(target) => frame.at = target as usize,
+            Op::JumpIfNot(target) => {
+                if self.number() == 0.0 {
+                    frame.at = target as usize;
+                }
+            }
+            Op::JumpIf(target) => {
+                if self.number() != 0.0 {
+                    frame.at = target as usize;
+                }
+            }
+            Op::CallCycle(site) => self.call(usize::from(site), *frame, cycle)?,
+            Op::Return => {
+                self.machine.slots.truncate(frame.base);
+                self.machine.frames.pop();
+                return self.host.leave(cycle).map_err(|_| Box::new(VmTrap::Stopped));
+            }
+            Op::Call1(function) => self.function(function)?,
+            Op::LoadAt(..) | Op::StoreAt(..) | Op::Element(..) => self.array(op, frame)?,
+            Op::CompareTexts(unequal) => {
+                let (b, a) = (self.take(), self.take());
+                let equal = self.text(a) == self.text(b);
+                self.push(f64::from(equal != unequal));
+            }
+            Op::Programmed => {
+                let number = self.number();
+                let bit = if (1.0..=64.0).contains(&number) { frame.programmed >> (number as u32 - 1) & 1 } else { 0 };
+                self.push(bit as f64);
+            }
+            Op::Clear | Op::Join | Op::Show | Op::Raise => self.tell(op, frame.cycle, line)?,
+            Op::StockPath => self.stock_path()?,
+            Op::StockRead => self.stock_read()?,
+            _ => self.block_op(op, frame, cycle, line)?,
+        }
+        Ok(())
+    }
+
+    fn push(&mut self, number: f64) {
+        self.machine.stack.push(Value::Number(number));
+    }
+
+    /// Takes a value; 0 where there is none, which compiled code does not let happen.
+    fn take(&mut self) -> Value {
+        self.machine.stack.pop().unwrap_or(Value::Number(0.0))
+    }
+
+    /// Takes a number; a text is 0.
+    fn number(&mut self) -> f64 {
+        match self.take() {
+            Value::Number(number) => number,
+            Value::Text(_) => 0.0,
+        }
+    }
+
+    /// The text of a value; a number has none.
+    fn text(&self, value: Value) -> &'r str {
+        match value {
+            Value::Number(_) | Value::Text(TextPlace::Empty) => "",
+            Value::Text(TextPlace::Argument(index)) => match self.arguments.get(usize::from(index)) {
+                Some(Argument::Text(text)) => text,
+                _ => "",
+            },
+            Value::Text(TextPlace::Constant(cycle, index)) => {
+                let texts = self.library.get(cycle).map(|cycle| &cycle.unit.texts);
+                texts.and_then(|texts| texts.get(usize::from(index))).map_or("", String::as_str)
+            }
+        }
+    }
+
+    fn store(&mut self, slot: usize, of: Type, value: Value) -> Step {
+        let value = match (value, of) {
+            (Value::Text(_), Type::Text(length)) => {
+                if self.text(value).len() > usize::from(length) {
+                    return trap(ErrorCode::BadArgument, format!("a text is longer than {length} bytes"));
+                }
+                value
+            }
+            (Value::Text(_), _) => Value::Number(0.0),
+            (Value::Number(number), _) => Value::Number(converted(of, number)),
+        };
+        if let Some(place) = self.machine.slots.get_mut(slot) {
+            *place = value;
+        }
+        Ok(())
+    }
+
+    /// An instruction on an array.
+    fn array(&mut self, op: Op, frame: &Frame) -> Step {
+        match op {
+            Op::LoadAt(base, length) => {
+                let index = self.index(length)?;
+                let value = self.machine.slots.get(frame.base + usize::from(base) + index).copied();
+                self.machine.stack.push(value.unwrap_or(Value::Number(0.0)));
+            }
+            Op::StoreAt(base, length, of) => {
+                let value = self.take();
+                let index = self.index(length)?;
+                self.store(frame.base + usize::from(base) + index, of, value)?;
+            }
+            Op::Element(rows, columns) => {
+                let column = self.index(columns)?;
+                let row = self.index(rows)?;
+                self.push((row * usize::from(columns) + column) as f64);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Takes an index below `length`.
+    fn index(&mut self, length: u16) -> Step<usize> {
+        let index = self.number().round();
+        if index < 0.0 || index >= f64::from(length) {
+            return trap(ErrorCode::IndexRange, format!("index {index} is not from 0 to {}", i32::from(length) - 1));
+        }
+        Ok(index as usize)
+    }
+
+    /// Calls another cycle; `frame` is the caller's, which goes on behind the call.
+    fn call(&mut self, site: usize, frame: Frame, caller: &Cycle) -> Step {
+        let (Some(call), Some(&id)) = (caller.unit.calls.get(site), caller.callees.get(site)) else {
+            return trap(ErrorCode::CycleUnknown, "a call leads nowhere");
+        };
+        let Some(callee) = self.library.get(id) else {
+            return trap(ErrorCode::CycleUnknown, format!("{} is not in this library", call.name));
+        };
+        if self.machine.frames.len() >= self.machine.limits.depth {
+            return trap(
+                ErrorCode::CallsTooDeep,
+                format!("{} is called {} deep", call.name, self.machine.frames.len()),
+            );
+        }
+        if let Some(last) = self.machine.frames.last_mut() {
+            last.at = frame.at;
+        }
+        let base = self.machine.slots.len();
+        let given = call.arguments.iter().filter(|passed| **passed != Passed::Nothing).count();
+        let mut from = self.machine.stack.len().saturating_sub(given);
+        let first = from;
+        let mut programmed = 0;
+        for (index, parameter) in callee.parameters().iter().enumerate() {
+            self.machine.slots.push(if parameter.of.is_text() {
+                Value::Text(TextPlace::Empty)
+            } else {
+                Value::Number(parameter.default)
+            });
+            if !matches!(call.arguments.get(index), None | Some(Passed::Nothing)) {
+                let value = self.machine.stack.get(from).copied().unwrap_or(Value::Number(0.0));
+                from += 1;
+                programmed |= 1 << (index & 63);
+                self.store(base + index, parameter.of, value)?;
+            }
+        }
+        self.machine.stack.truncate(first);
+        self.enter(callee, id, base, programmed);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::code::{Input, Operand};
+    use crate::cycle::{Kind, Origin, Parameter};
+    use crate::host::CycleStopped;
+    use proptest::prelude::*;
+    use std::path::PathBuf;
+
+    /// Answers every question with 1, and lets everything pass.
+    struct PermissiveHost;
+
+    impl Host for PermissiveHost {
+        fn ask(&self, _: crate::host::Query) -> f64 {
+            1.0
+        }
+
+        fn block(&mut self, _: &CycleBlock) -> Result<(), CycleStopped> {
+            Ok(())
+        }
+
+        fn message(&mut self, _: &crate::host::Message<'_>) {}
+    }
+
+    /// Bytes, read as instructions as far as they are any.
+    fn instructions(bytes: &[u8]) -> Vec<Op> {
+        let mut input = Input(bytes);
+        std::iter::from_fn(|| {
+            while !input.0.is_empty() {
+                if let Some(op) = Op::take(&mut input) {
+                    return Some(op);
+                }
+            }
+            None
+        })
+        .collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 3000, failure_persistence: None, ..ProptestConfig::default() })]
+
+        /// Code that no compiler has made does no harm: it ends, and does not panic.
+        #[test]
+        fn any_code_is_safe_to_run(
+            bytes in prop::collection::vec(prop_oneof![3 => 0..36_u8, 1 => any::<u8>()], 0..400),
+            slots in 0..20_u16,
+        ) {
+            let ops = instructions(&bytes);
+            let name = "ANY".to_owned();
+            let parameters = vec![Parameter { name: "P".to_owned(), of: Type::Real, default: 1.0 }];
+            let call = crate::code::CallSite { name: name.clone(), line: 1, start: 0, end: 0, arguments: vec![Passed::Number] };
+            let unit = crate::code::Unit { name, parameters, slots, lines: vec![1; ops.len()], ops, calls: vec![call], ..Default::default() };
+            let (path, kind, origin) = (PathBuf::new(), Kind::Parameters, Origin::User);
+            let cycle = Cycle { unit, callees: vec![CycleId(0)], kind, origin, path, was_fresh: false };
+            let limits = VmLimits { steps: 2000, blocks: 200, depth: 5 };
+            let _ = Vm::new(limits).run(&CycleLibrary::of_cycles(vec![cycle]), CycleId(0), &[Argument::Number(2.0)], &mut PermissiveHost);
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! Blocks: words are gathered, translated into RS274/NGC, and given to the host.
+//!
+//! Invariant: axes of the plane are those of the plane that holds in the block itself.
+
+use super::{Frame, STEPS_OF_A_BLOCK, Step, VmRun, VmTrap, trap};
+use crate::code::Op;
+use crate::cycle::Cycle;
+use crate::error_codes::ErrorCode;
+use crate::host::Query;
+
+/// Axes of a plane: first, second, and the one that drills.
+pub(crate) const fn axes_of_plane(plane: i64) -> [u8; 3] {
+    match plane {
+        18 => *b"ZXY",
+        19 => *b"YZX",
+        _ => *b"XYZ",
+    }
+}
+
+/// The word of an arc's centre along an axis.
+const fn centre_of_axis(axis: u8) -> u8 {
+    match axis {
+        b'X' => b'I',
+        b'Y' => b'J',
+        _ => b'K',
+    }
+}
+
+impl VmRun<'_> {
+    /// An instruction that asks for the state, or builds a block.
+    pub(super) fn block_op(&mut self, op: Op, frame: &Frame, cycle: &Cycle, line: u32) -> Step {
+        match op {
+            Op::Ask(system) => {
+                let value = self.system(system);
+                self.push(value);
+            }
+            Op::PositionAt => {
+                let letter = self.axis()?;
+                let value = self.host.ask(Query::Position(letter));
+                self.push(value);
+            }
+            Op::PositionOf(letter) => {
+                let value = self.host.ask(Query::Position(letter));
+                self.push(value);
+            }
+            Op::Begin => self.machine.block.begin(frame.cycle, line),
+            Op::CodeG(tenths) => self.machine.block.add_g(tenths),
+            Op::CodeM => {
+                let code = self.number().round();
+                if !is_known_m(code) {
+                    return trap(ErrorCode::CodeUnknown, format!("M{code} is not known in a cycle"));
+                }
+                self.machine.block.add_m(code as u16);
+            }
+            Op::Word(letter) => {
+                let value = self.number();
+                self.machine.block.add_word(letter, value);
+            }
+            Op::AxisWord | Op::CentreWord => {
+                let value = self.number();
+                let axis = self.axis()?;
+                let letter = if op == Op::AxisWord { axis } else { centre_of_axis(axis) };
+                self.machine.block.add_word(letter, value);
+            }
+            Op::DwellTurns => {
+                let turns = self.number();
+                let speed = self.host.ask(Query::SpindleSpeed).abs();
+                if speed <= 0.0 {
+                    return trap(
+                        ErrorCode::NoSpeed,
+                        format!("{}: no speed for a dwell of {turns} revolutions", cycle.name()),
+                    );
+                }
+                self.machine.block.add_word(b'P', turns * 60.0 / speed);
+            }
+            Op::Orient => {
+                let angle = self.number();
+                self.machine.block.add_m(19);
+                self.machine.block.add_word(b'R', angle);
+            }
+            Op::Emit => self.emit(cycle)?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn emit(&mut self, cycle: &Cycle) -> Step {
+        if self.machine.blocks >= self.machine.limits.blocks {
+            return trap(ErrorCode::Endless, format!("{} has given too many blocks", cycle.name()));
+        }
+        self.machine.blocks += 1;
+        self.machine.steps = self.machine.steps.saturating_sub(STEPS_OF_A_BLOCK);
+        let axes = axes_of_plane(self.plane());
+        let block = &mut self.machine.block;
+        block.triggers = cycle.is_pattern() && block.words().iter().any(|word| axes.contains(&word.letter));
+        let done = self.host.block(&self.machine.block).map_err(|_| Box::new(VmTrap::Stopped));
+        // A plane that it named must not be taken for one of the next block's.
+        self.machine.block.begin(self.machine.block.cycle, self.machine.block.line);
+        done
+    }
+
+    /// The plane that holds in the block that is being built.
+    fn plane(&self) -> i64 {
+        let own = self.machine.block.g().iter().rev().find(|code| (170..=190).contains(*code));
+        own.map_or_else(|| self.host.ask(Query::Plane) as i64, |tenths| i64::from(tenths / 10))
+    }
+
+    /// Takes the number of an axis of the plane, and gives its letter.
+    fn axis(&mut self) -> Step<u8> {
+        let number = self.number().round();
+        let axes = axes_of_plane(self.plane());
+        let letter = if (1.0..=3.0).contains(&number) { axes.get(number as usize - 1) } else { None };
+        match letter {
+            Some(letter) => Ok(*letter),
+            None => trap(ErrorCode::IndexRange, format!("AX[{number}]: a plane has the axes 1, 2 and 3")),
+        }
+    }
+}
+
+/// M codes that a cycle may give; the end of a program is not its business.
+const KNOWN_M: &[i64] = &[0, 1, 3, 4, 5, 6, 7, 8, 9, 19];
+
+/// May a cycle give this M code?
+pub(crate) fn is_known_m(code: f64) -> bool {
+    code.fract() == 0.0 && KNOWN_M.contains(&(code as i64))
+}

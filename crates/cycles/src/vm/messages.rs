@@ -1,0 +1,44 @@
+//! Messages, warnings and alarms.
+//!
+//! Invariant: a number from 62000 to 62999 warns and the run goes on; any other ends it.
+
+use super::{Step, Value, VmRun, VmTrap};
+use crate::alarm::alarm_text;
+use crate::code::Op;
+use crate::cycle::CycleId;
+use crate::error_codes::ErrorCode;
+use crate::host::Message;
+use std::fmt::Write;
+
+impl VmRun<'_> {
+    /// An instruction that builds or shows a message.
+    pub(super) fn tell(&mut self, op: Op, cycle: CycleId, line: u32) -> Step {
+        match op {
+            Op::Clear => self.machine.message.clear(),
+            Op::Join => match self.take() {
+                // Six decimals are enough for a person; writing to a string does not fail.
+                Value::Number(number) => {
+                    let rounded = (number * 1e6).round() / 1e6;
+                    let shown = if rounded.is_finite() { rounded } else { number };
+                    let _ = write!(self.machine.message, "{shown}");
+                }
+                text => {
+                    let text = self.text(text);
+                    self.machine.message.push_str(text);
+                }
+            },
+            Op::Show => self.host.message(&Message { warning: None, text: &self.machine.message, cycle, line }),
+            _ => {
+                let written = self.number().clamp(0.0, f64::from(u32::MAX)) as u32;
+                let number = alarm_text(written).map_or(written, |text| text.number);
+                if !(62_000..63_000).contains(&written) {
+                    let text = self.machine.message.clone();
+                    return Err(Box::new(VmTrap::Alarm(ErrorCode::CycleAlarm, Some(number), text)));
+                }
+                let message = Message { warning: Some(number), text: &self.machine.message, cycle, line };
+                self.host.message(&message);
+            }
+        }
+        Ok(())
+    }
+}

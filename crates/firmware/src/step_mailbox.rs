@@ -1,0 +1,147 @@
+//! The hand-over of a control period's increments from the main loop to the step interrupt.
+//!
+//! Invariant: each order that was put is taken exactly once, whole, in the order in which they were put.
+
+use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering};
+
+/// How steps are to be made, as the host's settings say it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StepShape {
+    /// Control period in microseconds.
+    pub period_us: u32,
+    /// Least length of a step pulse, in nanoseconds.
+    pub pulse_ns: u16,
+    /// Time that the direction stands before a step, in nanoseconds.
+    pub setup_ns: u16,
+    /// Axes whose direction output is the other way round, one bit each.
+    pub inverted: u16,
+}
+
+/// Net pulses of each axis in a control period, and how they are to be made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StepBatch<const A: usize> {
+    /// Net pulses of each axis.
+    pub increments: [i32; A],
+    /// How.
+    pub shape: StepShape,
+}
+
+/// Room for one order: one context puts, one takes.
+pub struct StepMailbox<const A: usize> {
+    /// Is there an order? Set by the putting side, cleared by the taking side; the rest belongs to whom it says.
+    full: AtomicBool,
+    increments: [AtomicI32; A],
+    period_us: AtomicU32,
+    /// Length of a pulse in the lower half, direction set-up in the upper.
+    times: AtomicU32,
+    inverted: AtomicU32,
+}
+
+impl<const A: usize> StepMailbox<A> {
+    /// No order.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            full: AtomicBool::new(false),
+            increments: [const { AtomicI32::new(0) }; A],
+            period_us: AtomicU32::new(0),
+            times: AtomicU32::new(0),
+            inverted: AtomicU32::new(0),
+        }
+    }
+
+    /// May the next order be put? The putting side's.
+    #[must_use]
+    pub fn is_free(&self) -> bool {
+        !self.full.load(Ordering::Acquire)
+    }
+
+    /// Puts an order; false where the last one was not taken yet, and nothing has changed then. The putting side's.
+    pub fn put(&self, order: &StepBatch<A>) -> bool {
+        if !self.is_free() {
+            return false;
+        }
+        for (cell, &increment) in self.increments.iter().zip(&order.increments) {
+            cell.store(increment, Ordering::Relaxed);
+        }
+        let StepShape { period_us, pulse_ns, setup_ns, inverted } = order.shape;
+        self.period_us.store(period_us, Ordering::Relaxed);
+        self.times.store(u32::from(pulse_ns) | u32::from(setup_ns) << 16, Ordering::Relaxed);
+        self.inverted.store(u32::from(inverted), Ordering::Relaxed);
+        self.full.store(true, Ordering::Release);
+        true
+    }
+
+    /// Takes the order, if there is one. The taking side's.
+    pub fn take(&self) -> Option<StepBatch<A>> {
+        if !self.full.load(Ordering::Acquire) {
+            return None;
+        }
+        let mut increments = [0; A];
+        for (increment, cell) in increments.iter_mut().zip(&self.increments) {
+            *increment = cell.load(Ordering::Relaxed);
+        }
+        let times = self.times.load(Ordering::Relaxed);
+        let shape = StepShape {
+            period_us: self.period_us.load(Ordering::Relaxed),
+            pulse_ns: times as u16,
+            setup_ns: (times >> 16) as u16,
+            inverted: self.inverted.load(Ordering::Relaxed) as u16,
+        };
+        self.full.store(false, Ordering::Release);
+        Some(StepBatch { increments, shape })
+    }
+}
+
+impl<const A: usize> Default for StepMailbox<A> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn order(n: u32) -> StepBatch<2> {
+        let shape = StepShape {
+            period_us: n.rotate_left(9),
+            pulse_ns: n as u16,
+            setup_ns: !n as u16,
+            inverted: (n >> 3) as u16,
+        };
+        StepBatch { increments: [n as i32, -(n as i32)], shape }
+    }
+
+    #[test]
+    fn every_order_arrives_whole_and_once_between_threads() {
+        static HANDOVER: StepMailbox<2> = StepMailbox::new();
+        const COUNT: u32 = 20_000;
+        let putting = std::thread::spawn(|| {
+            for n in 0..COUNT {
+                while !HANDOVER.put(&order(n)) {
+                    std::thread::yield_now();
+                }
+            }
+        });
+        for n in 0..COUNT {
+            let taken = loop {
+                match HANDOVER.take() {
+                    Some(taken) => break taken,
+                    None => std::thread::yield_now(),
+                }
+            };
+            assert_eq!(taken, order(n));
+        }
+        putting.join().expect("the putting side");
+        assert_eq!(HANDOVER.take(), None);
+    }
+
+    #[test]
+    fn an_order_that_was_not_taken_is_not_overwritten() {
+        let mailbox = StepMailbox::new();
+        assert!(mailbox.is_free() && mailbox.put(&order(1)));
+        assert!(!mailbox.is_free() && !mailbox.put(&order(2)));
+        assert_eq!(mailbox.take(), Some(order(1)));
+    }
+}

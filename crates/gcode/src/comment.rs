@@ -1,0 +1,197 @@
+//! Comments that are passed on: plain ones, messages, and those that show parameters.
+//!
+//! Invariant: what the first word of a comment asks for is either done or refused by its name.
+
+use crate::bytes::shown;
+use crate::canon::Canon;
+use crate::diag::{BlockResult, Span, fault};
+use crate::error_codes::ErrorCode;
+use crate::eval::{EQUAL, Environment};
+use crate::expr::Reference;
+use crate::params::Names;
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+/// A comment of a block.
+#[derive(Clone, Debug)]
+pub(crate) enum Comment {
+    Comment(Arc<str>),
+    Message(Arc<str>),
+    /// Shown to the operator, while parameter 5599 is above 0.
+    Debug(Arc<[CommentPart]>),
+    /// Goes to standard output.
+    Print(Arc<[CommentPart]>),
+    LogOpen {
+        file: Arc<str>,
+        append: bool,
+    },
+    /// Goes to the log file.
+    Log(Arc<[CommentPart]>),
+    LogClose,
+    /// Ends the program with an error.
+    Abort(Arc<[CommentPart]>),
+}
+
+/// A part of a comment that shows parameters.
+#[derive(Clone, Debug)]
+pub(crate) enum CommentPart {
+    Text(Box<str>),
+    Numbered(usize),
+    Parameter(Reference),
+    /// From here on values show so many decimals.
+    Decimals(usize),
+}
+
+/// Decimals of values until a format asks for others.
+const DECIMALS: usize = 6;
+
+/// Comments of LinuxCNC that run Python.
+const PYTHON: [&str; 3] = ["py,", "pyrun,", "pyreload"];
+
+impl Comment {
+    /// The comment whose text stands between its parentheses.
+    pub(crate) fn of(text: &[u8], at: Span, names: &mut Names) -> BlockResult<Option<Comment>> {
+        let text = shown(text);
+        let text = text.trim_start();
+        if text.is_empty() {
+            return Ok(None);
+        }
+        if let Some(rest) = after(text, "msg,") {
+            return Ok(Some(Comment::Message(rest.into())));
+        }
+        if let Some(rest) = after(text, "debug,") {
+            return Ok(Some(Comment::Debug(pieces(rest, at, names)?.into())));
+        }
+        if let Some(rest) = after(text, "print,") {
+            return Ok(Some(Comment::Print(pieces(rest, at, names)?.into())));
+        }
+        if let Some(rest) = after(text, "log,") {
+            return Ok(Some(Comment::Log(pieces(rest, at, names)?.into())));
+        }
+        if let Some(rest) = after(text, "abort,") {
+            return Ok(Some(Comment::Abort(pieces(rest, at, names)?.into())));
+        }
+        for (word, append) in [("logopen,", false), ("logappend,", true)] {
+            if let Some(file) = after(text, word) {
+                return Ok(Some(Comment::LogOpen { file: file.into(), append }));
+            }
+        }
+        if text.eq_ignore_ascii_case("logclose") {
+            return Ok(Some(Comment::LogClose));
+        }
+        refuse_python(text, at)?;
+        Ok(Some(Comment::Comment(text.into())))
+    }
+
+    /// What is passed on, with the values that parameters have now.
+    ///
+    /// # Errors
+    /// ABORT is one.
+    pub(crate) fn canon(&self, environment: &impl Environment, show_debug: bool) -> BlockResult<Option<Canon>> {
+        Ok(Some(match self {
+            Comment::Comment(text) => Canon::Comment(Arc::clone(text)),
+            Comment::Message(text) => Canon::Message(Arc::clone(text)),
+            Comment::Debug(pieces) if show_debug => Canon::Message(expand(pieces, environment)),
+            Comment::Debug(_) => return Ok(None),
+            Comment::Print(pieces) => Canon::Print(expand(pieces, environment)),
+            Comment::Log(pieces) => Canon::Log(expand(pieces, environment)),
+            Comment::LogOpen { file, append } => Canon::LogOpen { file: Arc::clone(file), append: *append },
+            Comment::LogClose => Canon::LogClose,
+            Comment::Abort(pieces) => {
+                return fault(ErrorCode::Aborted, Span::default(), expand(pieces, environment).to_string());
+            }
+        }))
+    }
+}
+
+/// A comment that would run Python is refused by its name, in parentheses and behind a semicolon.
+pub(crate) fn refuse_python(text: &str, at: Span) -> BlockResult<()> {
+    match PYTHON.iter().find(|word| after(text.trim_start(), word).is_some()) {
+        Some(word) => {
+            let word = word.trim_end_matches(',').to_uppercase();
+            fault(ErrorCode::PythonComment, at, format!("the comment {word} would run Python"))
+        }
+        None => Ok(()),
+    }
+}
+
+/// What follows a word at the beginning, of either case.
+fn after<'a>(text: &'a str, word: &str) -> Option<&'a str> {
+    let head = text.get(..word.len())?;
+    head.eq_ignore_ascii_case(word).then(|| &text[word.len()..])
+}
+
+fn pieces(text: &str, at: Span, names: &mut Names) -> BlockResult<Vec<CommentPart>> {
+    let mut pieces = Vec::new();
+    let mut rest = text;
+    while let Some(special) = rest.find(['#', '%']) {
+        pieces.push(CommentPart::Text(rest[..special].into()));
+        let is_format = rest.as_bytes()[special] == b'%';
+        rest = &rest[special + 1..];
+        let piece;
+        (piece, rest) = if is_format { format(rest) } else { parameter(rest, at, names)? };
+        pieces.push(piece);
+    }
+    pieces.push(CommentPart::Text(rest.into()));
+    Ok(pieces)
+}
+
+/// What a percent sign begins, and what follows it: %d, %f and %.0f to %.9f choose decimals.
+fn format(rest: &str) -> (CommentPart, &str) {
+    match *rest.as_bytes() {
+        [b'd', ..] => (CommentPart::Decimals(0), &rest[1..]),
+        [b'f', ..] => (CommentPart::Decimals(4), &rest[1..]),
+        [b'.', digit @ b'0'..=b'9', b'f', ..] => (CommentPart::Decimals(usize::from(digit - b'0')), &rest[3..]),
+        [b'.', ..] => (CommentPart::Text("".into()), rest),
+        _ => (CommentPart::Text("%".into()), rest),
+    }
+}
+
+/// What a number sign begins, and what follows it.
+fn parameter<'a>(rest: &'a str, at: Span, names: &mut Names) -> BlockResult<(CommentPart, &'a str)> {
+    if let Some(named) = rest.strip_prefix('<') {
+        // What the peer shows of a name that is not closed is the memory behind it.
+        let Some((name, rest)) = named.split_once('>') else {
+            return fault(ErrorCode::NameNotClosed, at, ErrorCode::NameNotClosed.title());
+        };
+        return Ok((CommentPart::Parameter(names.resolve(name.as_bytes(), at)?), rest));
+    }
+    let digits = rest.len() - rest.trim_start_matches(|letter: char| letter.is_ascii_digit()).len();
+    if digits == 0 {
+        return Ok((CommentPart::Text("#".into()), rest));
+    }
+    Ok((CommentPart::Numbered(rest[..digits].parse().unwrap_or(usize::MAX)), &rest[digits..]))
+}
+
+fn expand(pieces: &[CommentPart], environment: &impl Environment) -> Arc<str> {
+    let mut text = String::new();
+    let mut decimals = DECIMALS;
+    for piece in pieces {
+        let value = match piece {
+            CommentPart::Text(part) => {
+                text.push_str(part);
+                continue;
+            }
+            CommentPart::Decimals(wanted) => {
+                decimals = *wanted;
+                continue;
+            }
+            CommentPart::Numbered(0) => Some(0.0),
+            CommentPart::Numbered(number) => environment.numbered(*number),
+            CommentPart::Parameter(Reference::Named(name)) => environment.named(*name),
+            CommentPart::Parameter(Reference::System(parameter)) => Some(environment.system(*parameter)),
+            CommentPart::Parameter(Reference::Numbered) => None,
+        };
+        let from = text.len();
+        if let Some(value) = value {
+            // Writing to a string cannot fail; a value that is equal to zero shows as zero.
+            let _ = write!(text, "{:.decimals$}", if value.abs() < EQUAL { 0.0 } else { value });
+        }
+        // The field is 29 characters wide; a parameter without a value shows as crosses.
+        if text.len() == from || text.len() - from >= 30 {
+            text.truncate(from);
+            text.push_str("######");
+        }
+    }
+    text.into()
+}

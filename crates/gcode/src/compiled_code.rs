@@ -1,0 +1,227 @@
+//! Compiled lines: the stretches of a file that may be carried out more than once, one behind the other.
+//!
+//! Invariant: a packed block is the block that its line compiled to; every jump stays within its stretch or goes to its end. Carrying
+//! out packed lines copies them into one working block and allocates nothing.
+
+use crate::block::{BlockNumber, DeferredValue, Item, NcBlock};
+use crate::comment::Comment;
+use crate::control::Label;
+use crate::cycle_call::CycleCall;
+use crate::expr::Op;
+use crate::line_numbers::LineNumbers;
+use std::ops::Range;
+
+/// Number of a subprogram in the list of all that a program calls.
+pub(crate) type SubId = u32;
+
+/// Where a line sends the program, besides what its block does. Places count compiled lines, from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Jump {
+    /// A block; the next line is next.
+    None,
+    /// Refused when it was compiled.
+    Faulty,
+    /// Nothing: a deleted line, do, endif, or a label.
+    Pass,
+    /// The definition of a subprogram on the way: on behind its end.
+    Over {
+        to: u32,
+    },
+    /// Index into [`ErrorCode::calls`].
+    Call {
+        call: u32,
+    },
+    If {
+        otherwise: u32,
+    },
+    ElseIf {
+        otherwise: u32,
+        end: u32,
+    },
+    Else {
+        end: u32,
+    },
+    While {
+        end: u32,
+    },
+    /// The end of a do.
+    WhileOfDo {
+        begin: u32,
+    },
+    Repeat {
+        end: u32,
+    },
+    EndRepeat {
+        begin: u32,
+    },
+    /// endwhile, break, continue: loops that do not hold the line `to` are left.
+    Leave {
+        to: u32,
+    },
+    /// return, endsub, M99.
+    Return,
+    /// Index into [`ErrorCode::cycles`].
+    Cycle {
+        call: u32,
+    },
+    /// MCALL with a cycle.
+    ModalCall {
+        call: u32,
+    },
+    /// MCALL alone.
+    ModalEnd,
+    /// GOTO; [`BY_NUMBER`]: the line is looked up by its number, the last value of the block.
+    GoTo {
+        to: u32,
+        /// The first value of the block is a condition.
+        is_conditional: bool,
+    },
+    /// The first value of the block is the condition on which the rest of it is carried out.
+    IfThen,
+}
+
+/// A line that is not known before the program comes to it.
+pub(crate) const BY_NUMBER: u32 = u32::MAX;
+
+/// A call: what it names, and which subprogram that is, once that is known.
+#[derive(Clone, Debug)]
+pub(crate) struct CallSite {
+    pub(crate) label: Label,
+    pub(crate) is_m98: bool,
+    pub(crate) sub: Option<SubId>,
+    pub(crate) line: u32,
+    pub(crate) at: crate::diag::Span,
+}
+
+#[derive(Clone, Debug)]
+struct CompiledLine {
+    /// Its number in the file, from 1.
+    line: u32,
+    number: Option<BlockNumber>,
+    jump: Jump,
+    /// Where its parts end; they begin where those of the line before do.
+    text: u32,
+    items: u32,
+    ops: u32,
+    late: u32,
+    /// Index of its comment.
+    remark: Option<u32>,
+}
+
+/// Compiled lines of one file, with their text for diagnostics.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct CompiledCode {
+    /// The file that it stands in, 0 for the program itself.
+    pub(crate) file: u16,
+    pub(crate) calls: Vec<CallSite>,
+    /// Calls of cycles, with their lines.
+    pub(crate) cycles: Vec<(u32, CycleCall)>,
+    /// Where its lines with numbers stand, as far as GOTO may go to them.
+    pub(crate) line_numbers: LineNumbers,
+    lines: Vec<CompiledLine>,
+    text: Vec<u8>,
+    items: Vec<Item>,
+    ops: Vec<Op>,
+    late: Vec<DeferredValue>,
+    remarks: Vec<Comment>,
+}
+
+impl CompiledCode {
+    pub(crate) fn new(file: u16) -> CompiledCode {
+        CompiledCode { file, ..CompiledCode::default() }
+    }
+
+    /// How many lines it has.
+    pub(crate) fn len(&self) -> u32 {
+        self.lines.len() as u32
+    }
+
+    /// Bytes of its text.
+    pub(crate) fn text_len(&self) -> usize {
+        self.text.len()
+    }
+
+    /// Adds line `line` of the file.
+    pub(crate) fn push(&mut self, line: u32, text: &[u8], block: &NcBlock, jump: Jump) {
+        self.text.extend_from_slice(text);
+        block.words.pack(&mut self.items);
+        self.ops.extend_from_slice(&block.ops);
+        self.late.extend_from_slice(&block.late);
+        let remark = block.remark.clone().map(|remark| {
+            self.remarks.push(remark);
+            self.remarks.len() as u32 - 1
+        });
+        self.lines.push(CompiledLine {
+            line,
+            number: block.number,
+            jump,
+            text: self.text.len() as u32,
+            items: self.items.len() as u32,
+            ops: self.ops.len() as u32,
+            late: self.late.len() as u32,
+            remark,
+        });
+    }
+
+    pub(crate) fn jump(&self, line: u32) -> Option<Jump> {
+        self.lines.get(line as usize).map(|line| line.jump)
+    }
+
+    pub(crate) fn set_jump(&mut self, line: u32, jump: Jump) {
+        if let Some(line) = self.lines.get_mut(line as usize) {
+            line.jump = jump;
+        }
+    }
+
+    /// Takes away all lines from this one on, and the calls in them.
+    pub(crate) fn truncate(&mut self, line: u32) {
+        self.lines.truncate(line as usize);
+        let (text, items, ops, late) =
+            self.lines.last().map_or((0, 0, 0, 0), |last| (last.text, last.items, last.ops, last.late));
+        self.text.truncate(text as usize);
+        self.items.truncate(items as usize);
+        self.ops.truncate(ops as usize);
+        self.late.truncate(late as usize);
+        let last = self.lines.last().map_or(0, |last| last.line);
+        self.calls.retain(|call| call.line <= last);
+        self.cycles.retain(|(line, _)| *line <= last);
+    }
+
+    /// The N word of a line.
+    pub(crate) fn block_number(&self, line: u32) -> Option<u64> {
+        self.lines.get(line as usize)?.number.map(BlockNumber::value)
+    }
+
+    /// The number of a line in its file.
+    pub(crate) fn line_number(&self, line: u32) -> u32 {
+        self.lines.get(line as usize).map_or(0, |line| line.line)
+    }
+
+    /// The text of a line.
+    pub(crate) fn text(&self, line: u32) -> &[u8] {
+        self.text.get(self.range(line, |line| line.text)).unwrap_or_default()
+    }
+
+    /// Makes `block` what the line compiled to.
+    #[inline]
+    pub(crate) fn load(&self, line: u32, block: &mut NcBlock) {
+        let Some(packed) = self.lines.get(line as usize) else { return };
+        block.number = packed.number;
+        block.control = None;
+        block.remark = packed.remark.and_then(|remark| self.remarks.get(remark as usize)).cloned();
+        block.words.unpack(self.items.get(self.range(line, |line| line.items)).unwrap_or_default());
+        block.ops.clear();
+        block.late.clear();
+        let late = self.range(line, |line| line.late);
+        if !late.is_empty() {
+            block.ops.extend_from_slice(self.ops.get(self.range(line, |line| line.ops)).unwrap_or_default());
+            block.late.extend_from_slice(self.late.get(late).unwrap_or_default());
+        }
+    }
+
+    fn range(&self, line: u32, end: impl Fn(&CompiledLine) -> u32) -> Range<usize> {
+        let index = line as usize;
+        let start = index.checked_sub(1).and_then(|before| self.lines.get(before)).map_or(0, &end);
+        start as usize..self.lines.get(index).map_or(start, end) as usize
+    }
+}

@@ -1,0 +1,370 @@
+//! Where a program goes on: calls, branches and loops, over compiled lines.
+//!
+//! Invariant: a jump is one look at the compiled line; a call's loops end with it. Nothing is allocated once the calls have been as
+//! deep as they get.
+
+use crate::canon::CanonStep;
+use crate::compiled_code::{BY_NUMBER, CompiledCode, Jump, SubId};
+use crate::control::Label;
+use crate::cycle_call::CycleCall;
+use crate::diag::{BlockError, BlockResult, Span, fault};
+use crate::error_codes::ErrorCode as Number;
+use crate::interp::Interpreter;
+use crate::line_numbers::NoLine;
+use crate::loop_stack::LoopStack;
+use crate::params::Frame;
+use crate::prescan::{Sub, Subs, wrong_call};
+use crate::program_location::{CallFrame, LoopKind};
+use std::sync::Arc;
+
+/// Calls that may be open at once, as in LinuxCNC.
+const MAX_CALLS: usize = 9;
+
+/// What a call puts away.
+#[derive(Debug)]
+struct OpenCall {
+    sub: Sub,
+    /// The caller's own parameters.
+    frame: Frame,
+    /// Rounds of M98, and how many of them are still to come.
+    of: u32,
+    rounds: u32,
+}
+
+/// A stretch of compiled lines that is being carried out.
+#[derive(Debug)]
+struct CallLevel {
+    code: Arc<CompiledCode>,
+    /// The next line.
+    next: u32,
+    /// The line behind the stretch.
+    end: u32,
+    /// Loops that were open before.
+    loops: usize,
+    /// What it was called with; none for a stretch of the program itself.
+    call: Option<OpenCall>,
+}
+
+/// What became of a compiled line.
+#[derive(Debug)]
+pub(crate) enum LineOutcome {
+    /// A block, which is now to be carried out.
+    Block,
+    /// The call of a cycle, which is now to be run.
+    Cycle(CycleCall),
+    /// It only said where to go on.
+    Jumped,
+    /// It was refused when it was compiled.
+    Faulty,
+    /// Nothing is open: the program's own next line is next.
+    Idle,
+    /// M99 in the program itself ends it.
+    ProgramEnd,
+    /// A program that arrives goes on at the next line with this number; place of the GOTO.
+    Ahead(u64, Span),
+}
+
+/// What is open, and the subprograms that there are.
+#[derive(Debug, Default)]
+pub(crate) struct FlowController {
+    levels: Vec<CallLevel>,
+    /// The loops that are open, with their rounds.
+    loops: LoopStack,
+    /// A condition was false: the line come to decides on.
+    is_undecided: bool,
+    calls: usize,
+    /// Compiled lines by file.
+    pub(crate) codes: Vec<Arc<CompiledCode>>,
+    pub(crate) subs: Subs,
+    /// The program was looked through, so all of its subprograms are known; else they arrive with it.
+    pub(crate) is_whole: bool,
+}
+
+impl FlowController {
+    /// Whether compiled lines are being carried out.
+    #[inline]
+    pub(crate) fn is_open(&self) -> bool {
+        !self.levels.is_empty()
+    }
+
+    /// The compiled line taken last.
+    pub(crate) fn place(&self) -> Option<(&CompiledCode, u32)> {
+        self.levels.last().map(|level| (&*level.code, level.next.saturating_sub(1)))
+    }
+
+    /// What the line taken last stands in, from inside to outside; `name` names a file.
+    pub(crate) fn within(&self, name: impl Fn(u16) -> String) -> Vec<CallFrame> {
+        let mut within = Vec::new();
+        let mut open = self.loops.open();
+        for (index, level) in self.levels.iter().enumerate().rev() {
+            self.loops.within(&level.code, level.next.saturating_sub(1), level.loops..open, &mut within);
+            open = level.loops;
+            let Some(call) = &level.call else { continue };
+            let from = index.checked_sub(1).and_then(|below| self.levels.get(below));
+            let from = from.map_or((String::new(), 0), |below| {
+                (name(below.code.file), below.code.line_number(below.next.saturating_sub(1)))
+            });
+            let label = self.subs.label(&call.sub).map_or_else(String::new, ToString::to_string);
+            within.push(CallFrame::Sub { name: label, from, time: call.of - call.rounds, of: call.of });
+        }
+        within
+    }
+
+    /// The cycle that is called in this line, if that is the line taken last.
+    pub(crate) fn cycle(&self, (file, number): (u16, u32)) -> Option<&str> {
+        let (code, line) = self.place()?;
+        if (code.file, code.line_number(line)) != (file, number) {
+            return None;
+        }
+        match code.jump(line)? {
+            Jump::Cycle { call } => code.cycles.get(call as usize).map(|(_, call)| &*call.name),
+            _ => None,
+        }
+    }
+
+    /// Begins a stretch of the program itself.
+    pub(crate) fn begin(&mut self, code: Arc<CompiledCode>, start: u32, end: u32) {
+        self.levels.push(CallLevel { code, next: start, end, loops: self.loops.open(), call: None });
+    }
+
+    /// Takes the next compiled line.
+    #[inline]
+    pub(crate) fn step(
+        &mut self,
+        interpreter: &mut Interpreter,
+        steps: &mut Vec<CanonStep>,
+    ) -> BlockResult<LineOutcome> {
+        let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
+        let line = level.next;
+        if line >= level.end {
+            self.loops.end_all(level.loops);
+            self.levels.pop();
+            return Ok(if self.levels.is_empty() { LineOutcome::Idle } else { LineOutcome::Jumped });
+        }
+        level.next = line + 1;
+        let Some(jump) = level.code.jump(line) else { return Ok(LineOutcome::Idle) };
+        if let Jump::None = jump {
+            interpreter.load(&level.code, line);
+            return Ok(LineOutcome::Block);
+        }
+        self.jump(jump, line, interpreter, steps)
+    }
+
+    fn jump(
+        &mut self,
+        jump: Jump,
+        line: u32,
+        interpreter: &mut Interpreter,
+        steps: &mut Vec<CanonStep>,
+    ) -> BlockResult<LineOutcome> {
+        let undecided = std::mem::take(&mut self.is_undecided);
+        let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
+        interpreter.load(&level.code, line);
+        match jump {
+            Jump::None => return Ok(LineOutcome::Block),
+            Jump::Faulty => return Ok(LineOutcome::Faulty),
+            Jump::Pass => {}
+            Jump::Over { to } => level.next = to,
+            Jump::Call { call } => return self.call(call, interpreter),
+            Jump::If { otherwise } => {
+                if interpreter.control_value()? == 0.0 {
+                    (level.next, self.is_undecided) = (otherwise, true);
+                }
+            }
+            Jump::ElseIf { otherwise, end } => {
+                if !undecided {
+                    level.next = end;
+                } else if interpreter.control_value()? == 0.0 {
+                    (level.next, self.is_undecided) = (otherwise, true);
+                }
+            }
+            Jump::Else { end } => {
+                if !undecided {
+                    level.next = end;
+                }
+            }
+            Jump::While { end } => {
+                let goes_on = interpreter.control_value()? != 0.0;
+                if !self.loops.decide(LoopKind::While, line..end, level.loops, goes_on) {
+                    level.next = end;
+                }
+            }
+            Jump::WhileOfDo { begin } => {
+                let goes_on = interpreter.control_value()? != 0.0;
+                if self.loops.decide(LoopKind::Do, begin..line + 1, level.loops, goes_on) {
+                    level.next = begin;
+                }
+            }
+            Jump::Repeat { end } => {
+                let rounds = interpreter.control_value()?.round() as i64;
+                if rounds < 1 {
+                    level.next = end;
+                } else {
+                    self.loops.begin_repeat(line..end, rounds as u64);
+                }
+            }
+            Jump::EndRepeat { begin } => {
+                if self.loops.end_of_round(line + 1, level.loops) {
+                    level.next = begin;
+                }
+            }
+            Jump::Leave { to } => {
+                self.loops.leave(to, level.loops);
+                level.next = to;
+            }
+            Jump::Return => return self.leave(interpreter, steps),
+            Jump::Cycle { call } => {
+                if let Some((_, call)) = level.code.cycles.get(call as usize) {
+                    return Ok(LineOutcome::Cycle(call.clone()));
+                }
+            }
+            Jump::ModalCall { call } => {
+                if let Some((_, call)) = level.code.cycles.get(call as usize) {
+                    interpreter.begin_modal(call)?;
+                }
+            }
+            Jump::ModalEnd => interpreter.end_modal(),
+            Jump::IfThen => {
+                return Ok(if interpreter.condition()? == 0.0 { LineOutcome::Jumped } else { LineOutcome::Block });
+            }
+            Jump::GoTo { is_conditional: true, .. } if interpreter.condition()? == 0.0 => {}
+            Jump::GoTo { to, .. } => return self.go_to(to, line, interpreter),
+        }
+        Ok(LineOutcome::Jumped)
+    }
+
+    /// Goes on at another line of the level: at `to`, or at the one of the number that the block's last value is.
+    fn go_to(&mut self, to: u32, from: u32, interpreter: &mut Interpreter) -> BlockResult<LineOutcome> {
+        let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
+        let to = if to == BY_NUMBER {
+            let (value, at) = interpreter.last_value()?;
+            let number = crate::eval::whole(value, at, "the number of a line")?;
+            let line = match u64::try_from(number) {
+                Ok(number) => level.code.line_numbers.find(from, number).map_err(|why| (why, number)),
+                Err(_) => return fault(Number::NoSuchLineNumber, at, format!("there is no line N{number}")),
+            };
+            match line {
+                Ok(line) => line,
+                // Of a program that arrives only this stretch is known.
+                Err((NoLine::Missing, number)) if !self.is_whole && self.calls == 0 => {
+                    self.levels.clear();
+                    self.loops.end_all(0);
+                    return Ok(LineOutcome::Ahead(number, at));
+                }
+                Err((why, number)) => return Err(Box::new(why.fault(number, at))),
+            }
+        } else {
+            to
+        };
+        self.loops.leave(to, level.loops);
+        level.next = to;
+        Ok(LineOutcome::Jumped)
+    }
+
+    fn call(&mut self, call: u32, interpreter: &mut Interpreter) -> BlockResult<LineOutcome> {
+        let Some(level) = self.levels.last() else { return Ok(LineOutcome::Idle) };
+        let code = Arc::clone(&level.code);
+        let Some(site) = code.calls.get(call as usize) else { return Ok(LineOutcome::Idle) };
+        let first = interpreter.control_value()?;
+        let id = match (site.sub, &site.label) {
+            (Some(id), _) => id,
+            (None, Label::Calculated) => self.calculated(&code, first, site.at)?,
+            (None, label) => match self.subs.find(code.file, label) {
+                Some(id) => id,
+                None => return Err(self.no_such_sub(label, site.at)),
+            },
+        };
+        let given = usize::from(site.label == Label::Calculated);
+        self.enter(id, &site.label, site.is_m98, given, site.at, interpreter)
+    }
+
+    fn calculated(&self, code: &CompiledCode, number: f64, at: Span) -> BlockResult<SubId> {
+        let number = crate::eval::whole(number, at, "the number of a subprogram")?;
+        let label = u64::try_from(number).ok().map(Label::Number);
+        match &label {
+            Some(label) => self.subs.find(code.file, label).ok_or_else(|| self.no_such_sub(label, at)),
+            None => fault(Number::NoSuchSub, at, format!("there is no subprogram O{number}")),
+        }
+    }
+
+    /// That a called subprogram is not there, or not there yet.
+    fn no_such_sub(&self, label: &Label, at: Span) -> Box<BlockError> {
+        if self.is_whole {
+            Box::new(BlockError::new(Number::NoSuchSub, at, format!("there is no subprogram {label}")))
+        } else {
+            FlowController::not_yet(label, at)
+        }
+    }
+
+    /// Enters a subprogram with the values of the line evaluated last, of which the first `given` are no arguments.
+    fn enter(
+        &mut self,
+        id: SubId,
+        label: &Label,
+        is_m98: bool,
+        given: usize,
+        at: Span,
+        interpreter: &mut Interpreter,
+    ) -> BlockResult<LineOutcome> {
+        let Some(sub) = self.subs.get(id).cloned() else { return Ok(LineOutcome::Idle) };
+        if sub.for_m98 != is_m98 {
+            return Err(Box::new(wrong_call(label, is_m98, at)));
+        }
+        if self.calls >= MAX_CALLS {
+            return fault(Number::TooManyCalls, at, Number::TooManyCalls.title());
+        }
+        let rounds = match interpreter.argument(1) {
+            Some(rounds) if is_m98 => rounds.round().clamp(0.0, f64::from(u32::MAX)) as u32,
+            _ => 1,
+        };
+        let Some(code) = self.codes.get(sub.code as usize).map(Arc::clone) else { return Ok(LineOutcome::Idle) };
+        if rounds == 0 {
+            return Ok(LineOutcome::Jumped);
+        }
+        self.calls += 1;
+        let frame = if is_m98 { interpreter.enter_shared() } else { interpreter.enter_sub(given) };
+        let (next, end) = (sub.entry, code.len());
+        let call = Some(OpenCall { sub, frame, of: rounds, rounds: rounds - 1 });
+        self.levels.push(CallLevel { code, next, end, loops: self.loops.open(), call });
+        Ok(LineOutcome::Jumped)
+    }
+
+    /// return, endsub, M99.
+    fn leave(&mut self, interpreter: &mut Interpreter, steps: &mut Vec<CanonStep>) -> BlockResult<LineOutcome> {
+        let value = interpreter.control_value()?;
+        let value = interpreter.has_control_value().then_some(value);
+        // Stretches of the program itself lie below all calls.
+        let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
+        self.loops.end_all(level.loops);
+        let Some(mut call) = level.call.take() else { return Ok(LineOutcome::ProgramEnd) };
+        let taken_up = interpreter.take_up_on_return(steps);
+        interpreter.leave_sub(call.frame, value);
+        if call.rounds > 0 {
+            call.rounds -= 1;
+            call.frame = interpreter.enter_shared();
+            level.next = call.sub.entry;
+            level.call = Some(call);
+        } else {
+            self.calls -= 1;
+            self.levels.pop();
+        }
+        taken_up?;
+        Ok(LineOutcome::Jumped)
+    }
+
+    /// A subprogram by itself, without a caller.
+    pub(crate) fn alone(&self, id: SubId) -> Option<FlowController> {
+        let sub = self.subs.get(id)?;
+        let code = Arc::clone(self.codes.get(sub.code as usize)?);
+        let (next, end) = (sub.entry, code.len());
+        let (codes, subs) = (self.codes.clone(), self.subs.clone());
+        let mut flow = FlowController { codes, subs, is_whole: self.is_whole, ..FlowController::default() };
+        flow.levels.push(CallLevel { code, next, end, loops: 0, call: None });
+        Some(flow)
+    }
+
+    /// That a call has no subprogram yet: a program that arrives knows only what has arrived.
+    pub(crate) fn not_yet(label: &Label, at: Span) -> Box<BlockError> {
+        Box::new(BlockError::new(Number::NotYetThere, at, format!("subprogram {label} has not arrived yet")))
+    }
+}

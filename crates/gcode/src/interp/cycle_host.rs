@@ -1,0 +1,490 @@
+//! Cycles: the interpreter as the host of a running cycle, MCALL, and what a cycle leaves as it was.
+//!
+//! Invariant: a cycle's blocks go the way of the program's own blocks. What `SAVE` names is restored at the cycle's end (cycles,
+//! section 1.3); after an alarm nothing has moved unless a block of the cycle itself was wrong.
+
+use super::check;
+use super::interpreter_core::{Core, Emit};
+use crate::block::Words;
+use crate::canon::{Canon, CanonStep, FeedMode, LengthUnit, PathControl, Plane};
+use crate::compensation::Side;
+use crate::cycle_call::{CycleArgument, CycleCall};
+use crate::diag::{BlockError, BlockResult, Span, fault};
+use crate::drilling_cycle::DrillingSeries;
+use crate::error_codes::ErrorCode;
+use crate::modal::{ArcCentres, DistanceMode, ModalState, MotionMode, SpindleRotation};
+use crate::pose::Axis;
+use retrace_cycles::{
+    Argument, Cycle, CycleBlock, CycleLibrary, CycleStopped, Halt, Host, Message, Query, StockCall, StockFailure,
+    StockMove, Vm,
+};
+use std::sync::Arc;
+
+/// Most parameters of a cycle.
+const MAX_ARGUMENTS: usize = 64;
+
+/// Canonical functions that one call may give: a program does not fill the memory with one line.
+const MAX_FUNCTIONS: usize = 500_000;
+/// Steps and blocks of the modal cycle over all holes of a pattern.
+const MAX_MODAL_COST: u64 = 100_000_000;
+
+/// A cycle that follows every block with motion (MCALL).
+#[derive(Clone, Debug)]
+pub(super) struct Modal {
+    call: CycleCall,
+    /// Its arguments, calculated once.
+    values: Vec<f64>,
+    /// How deep in calls it was given: it ends with that subprogram.
+    level: u32,
+}
+
+/// What cycles need besides the state; boxed, because few programs call any.
+#[derive(Debug, Default)]
+pub(super) struct Cycles {
+    machine: Vm,
+    /// Runs the modal cycle at the blocks of another one.
+    inner: Vm,
+    modal: Option<Modal>,
+    values: Vec<f64>,
+    saved: Vec<Option<SavedModes>>,
+    words: Words,
+}
+
+impl Clone for Cycles {
+    /// What runs is not copied, only what is in force.
+    fn clone(&self) -> Cycles {
+        Cycles { modal: self.modal.clone(), ..Cycles::default() }
+    }
+}
+
+/// What `SAVE` keeps.
+#[derive(Clone, Copy, Debug)]
+struct SavedModes {
+    motion: Option<MotionMode>,
+    plane: Plane,
+    distance: DistanceMode,
+    feed_mode: FeedMode,
+    feed_rate: f64,
+    spindle_speed: f64,
+    constant_surface_speed: bool,
+    highest_spindle_speed: f64,
+    path_control: PathControl,
+    naivecam_tolerance: f64,
+    lathe_diameter: bool,
+    /// The kept words of a drilling cycle G81 … G89 that the program was in.
+    series: Option<DrillingSeries>,
+    is_compensated: bool,
+}
+
+impl SavedModes {
+    fn of(state: &ModalState) -> SavedModes {
+        SavedModes {
+            motion: state.motion,
+            plane: state.plane,
+            distance: state.distance,
+            feed_mode: state.feed_mode,
+            feed_rate: state.feed_rate,
+            spindle_speed: state.spindle_speed,
+            constant_surface_speed: state.constant_surface_speed,
+            highest_spindle_speed: state.highest_spindle_speed,
+            path_control: state.path_control,
+            naivecam_tolerance: state.naivecam_tolerance,
+            lathe_diameter: state.lathe_diameter,
+            series: state.series,
+            is_compensated: state.compensation.is_some(),
+        }
+    }
+
+    /// Puts it in force again, with the canonical functions that that takes.
+    fn restore(&self, state: &mut ModalState, emit: &mut Emit<'_>) {
+        (state.motion, state.series) = (self.motion, self.series);
+        if state.plane != self.plane {
+            state.plane = self.plane;
+            emit.call(Canon::SelectPlane(self.plane));
+        }
+        state.distance = self.distance;
+        state.lathe_diameter = self.lathe_diameter;
+        if state.feed_mode != self.feed_mode {
+            state.feed_mode = self.feed_mode;
+            emit.call(Canon::SetFeedMode(self.feed_mode));
+        }
+        if state.feed_rate != self.feed_rate {
+            state.feed_rate = self.feed_rate;
+            emit.call(Canon::SetFeedRate(self.feed_rate));
+        }
+        let mode = (self.constant_surface_speed, self.highest_spindle_speed);
+        if (state.constant_surface_speed, state.highest_spindle_speed) != mode {
+            (state.constant_surface_speed, state.highest_spindle_speed) = mode;
+            emit.call(Canon::SetSpindleMode(self.highest_spindle_speed));
+        }
+        if state.spindle_speed != self.spindle_speed {
+            state.spindle_speed = self.spindle_speed;
+            emit.call(Canon::SetSpindleSpeed(self.spindle_speed));
+        }
+        if state.path_control != self.path_control {
+            state.path_control = self.path_control;
+            emit.call(Canon::SetMotionControlMode(self.path_control));
+        }
+        if state.naivecam_tolerance != self.naivecam_tolerance {
+            state.naivecam_tolerance = self.naivecam_tolerance;
+            emit.call(Canon::SetNaivecamTolerance(self.naivecam_tolerance));
+        }
+    }
+}
+
+/// A path along a contour.
+#[derive(Clone, Debug)]
+pub(crate) struct PlannedContour {
+    pub(crate) moves: Arc<[StockMove]>,
+    pub(crate) warnings: Arc<[String]>,
+}
+
+/// Where contours come from.
+pub(crate) trait Contours {
+    /// The path of CYCLE95 along a contour.
+    ///
+    /// # Errors
+    /// The control's alarm.
+    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<PlannedContour, StockFailure>;
+}
+
+/// No contours: a modal cycle has none.
+pub(crate) struct NoContours;
+
+impl Contours for NoContours {
+    fn stock(&self, _: &Core, _: &StockCall<'_>) -> Result<PlannedContour, StockFailure> {
+        Err(StockFailure { alarm: 61606, text: "a modal cycle cannot read a contour".to_owned() })
+    }
+}
+
+impl super::Interpreter {
+    /// Runs the cycle of the line that was loaded last.
+    pub(crate) fn call_cycle(
+        &mut self,
+        call: &CycleCall,
+        contours: &dyn Contours,
+        steps: &mut Vec<CanonStep>,
+    ) -> BlockResult<()> {
+        self.control_value()?;
+        let mut cycles = self.cycles.take().unwrap_or_default();
+        let mut values = std::mem::take(&mut cycles.values);
+        values.clear();
+        values.extend(self.arguments());
+        let outcome = self.run_cycle(&mut cycles, call, &values, contours, steps);
+        cycles.values = values;
+        self.cycles = Some(cycles);
+        outcome
+    }
+
+    /// MCALL with a cycle: it follows every block with motion from now on.
+    pub(crate) fn begin_modal(&mut self, call: &CycleCall) -> BlockResult<()> {
+        self.control_value()?;
+        let is_pattern = |library: &CycleLibrary| library.get(call.id).is_some_and(Cycle::is_pattern);
+        if self.reader.cycles.as_deref().is_some_and(is_pattern) {
+            return fault(ErrorCode::ModalInCycle, call.at, format!("{} calls the modal cycle itself", call.name));
+        }
+        let values = self.arguments().collect();
+        let modal = Modal { call: call.clone(), values, level: self.core.state.call_level };
+        self.cycles.get_or_insert_default().modal = Some(modal);
+        Ok(())
+    }
+
+    /// MCALL alone.
+    pub(crate) fn end_modal(&mut self) {
+        if let Some(cycles) = &mut self.cycles {
+            cycles.modal = None;
+        }
+    }
+
+    /// The cycle that is in force: of MCALL at this depth of calls, or a drilling cycle.
+    pub(crate) fn cycle(&self) -> Option<&str> {
+        let level = self.core.state.call_level;
+        let modal = self.cycles.as_ref().and_then(|cycles| cycles.modal.as_ref());
+        match (modal.filter(|modal| modal.level == level), self.core.state.motion) {
+            (Some(modal), _) => Some(&modal.call.name),
+            (None, Some(MotionMode::Cycle(cycle))) => Some(cycle.name()),
+            _ => None,
+        }
+    }
+
+    /// Whether a modal cycle is in force at this depth of calls; one of a subprogram that has ended is given up.
+    #[inline]
+    pub(super) fn has_modal(&mut self) -> bool {
+        let Some(cycles) = &mut self.cycles else { return false };
+        let level = self.core.state.call_level;
+        if cycles.modal.as_ref().is_some_and(|modal| modal.level > level) {
+            cycles.modal = None;
+        }
+        cycles.modal.as_ref().is_some_and(|modal| modal.level == level)
+    }
+
+    /// Runs the modal cycle behind a block with motion.
+    pub(super) fn modal_cycle(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<()> {
+        let Some(mut cycles) = self.cycles.take() else { return Ok(()) };
+        let modal = cycles.modal.take();
+        let outcome = match &modal {
+            Some(modal) => self.run_cycle(&mut cycles, &modal.call, &modal.values, &NoContours, steps),
+            None => Ok(()),
+        };
+        cycles.modal = modal;
+        self.cycles = Some(cycles);
+        outcome
+    }
+
+    fn run_cycle(
+        &mut self,
+        cycles: &mut Cycles,
+        call: &CycleCall,
+        values: &[f64],
+        contours: &dyn Contours,
+        steps: &mut Vec<CanonStep>,
+    ) -> BlockResult<()> {
+        let Some(library) = self.reader.cycles.clone() else { return Ok(()) };
+        let Cycles { machine, inner, modal, saved, words, .. } = cycles;
+        saved.clear();
+        let level = self.core.state.call_level;
+        let modal = modal.as_ref().filter(|modal| modal.level == level);
+        let mut waiting = std::mem::take(&mut self.core.state.waiting);
+        let centres = self.core.state.arc_centres;
+        let mut caller = Caller {
+            core: &mut self.core,
+            library: &library,
+            contours,
+            modal: modal.map(|modal| (modal, inner)),
+            saved,
+            words,
+            path: None,
+            centres,
+            max_steps: steps.len().saturating_add(MAX_FUNCTIONS),
+            modal_cost: 0,
+            emit: Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None },
+            at: call.at,
+            fault: None,
+            warnings: Vec::new(),
+        };
+        let outcome = caller.run(machine, call, values);
+        let warnings = std::mem::take(&mut caller.warnings);
+        self.core.state.waiting = waiting;
+        for message in warnings {
+            self.report(BlockError::new(ErrorCode::CycleWarning, call.at, message));
+        }
+        outcome
+    }
+}
+
+/// The arguments of a call as the machine of cycles takes them.
+fn arguments<'a>(call: &'a CycleCall, values: &[f64]) -> [Argument<'a>; MAX_ARGUMENTS] {
+    let mut arguments = [Argument::Missing; MAX_ARGUMENTS];
+    let mut values = values.iter();
+    for (place, given) in arguments.iter_mut().zip(call.arguments.iter()) {
+        *place = match given {
+            CycleArgument::Missing => Argument::Missing,
+            CycleArgument::Text(text) => Argument::Text(text),
+            CycleArgument::Number => Argument::Number(values.next().copied().unwrap_or_default()),
+        };
+    }
+    arguments
+}
+
+/// The interpreter while a cycle runs.
+struct Caller<'a> {
+    core: &'a mut Core,
+    library: &'a CycleLibrary,
+    contours: &'a dyn Contours,
+    modal: Option<(&'a Modal, &'a mut Vm)>,
+    saved: &'a mut Vec<Option<SavedModes>>,
+    words: &'a mut Words,
+    path: Option<Arc<[StockMove]>>,
+    /// What centre words mean in the program, and so in its contours.
+    centres: ArcCentres,
+    /// Where the list of canonical functions may end.
+    max_steps: usize,
+    /// What the modal cycle has cost so far.
+    modal_cost: u64,
+    emit: Emit<'a>,
+    at: Span,
+    fault: Option<Box<BlockError>>,
+    warnings: Vec<String>,
+}
+
+impl Caller<'_> {
+    fn run(&mut self, machine: &mut Vm, call: &CycleCall, values: &[f64]) -> BlockResult<()> {
+        let arguments = arguments(call, values);
+        let given = arguments.get(..call.arguments.len()).unwrap_or_default();
+        let library = self.library;
+        // A cycle's centres count from the start of their arc, whatever the program has chosen.
+        let centres = std::mem::replace(&mut self.core.state.arc_centres, ArcCentres::Incremental);
+        let outcome = machine.run(library, call.id, given, self);
+        self.core.state.arc_centres = centres;
+        match outcome {
+            Ok(()) => self.check_size(),
+            Err(Halt::Alarm(alarm)) => fault(ErrorCode::CycleAlarm, self.at, format!("{alarm}; {}", alarm.help())),
+            Err(Halt::Stopped) => match self.fault.take() {
+                Some(fault) => Err(fault),
+                None => fault(ErrorCode::CycleAlarm, self.at, ErrorCode::CycleAlarm.title()),
+            },
+        }
+    }
+
+    fn carry_out(&mut self, block: &CycleBlock) -> BlockResult<()> {
+        let words = &mut *self.words;
+        words.clear();
+        for tenths in block.g() {
+            words.add_g(f64::from(*tenths) / 10.0, self.at)?;
+        }
+        for code in block.m() {
+            words.add_m(f64::from(*code), self.at)?;
+        }
+        for word in block.words() {
+            let letter = word.letter.to_ascii_lowercase();
+            words.claim(letter, self.at)?;
+            words.fill(letter, word.value, self.at)?;
+        }
+        if words.has(b'x') && self.core.takes_diameters(words) {
+            words.halve_x();
+        }
+        let motion = check::motion_to_be(words, &self.core.state)?;
+        check::words_have_uses(words, motion)?;
+        self.core.execute(words, motion, &mut self.emit)?;
+        if block.triggers
+            && let Some((modal, machine)) = self.modal.take()
+        {
+            let outcome = self.run(machine, &modal.call, &modal.values);
+            self.modal_cost += machine.cost();
+            self.modal = Some((modal, machine));
+            outcome?;
+        }
+        self.check_size()
+    }
+
+    /// A cycle has left compensation on: G40, as before it.
+    fn end_compensation(&mut self) -> Result<(), CycleStopped> {
+        self.core.set_compensation(400, &Words::default(), &mut self.emit).map_err(|fault| {
+            self.fault = Some(fault);
+            CycleStopped
+        })
+    }
+
+    fn check_size(&self) -> BlockResult<()> {
+        if self.emit.steps.len() > self.max_steps || self.modal_cost > MAX_MODAL_COST {
+            let message =
+                format!("one call gives more than {MAX_FUNCTIONS} functions, or its holes do not come to an end");
+            return fault(ErrorCode::CycleAlarm, self.at, message);
+        }
+        Ok(())
+    }
+}
+
+impl Host for Caller<'_> {
+    fn ask(&self, what: Query) -> f64 {
+        let state = &self.core.state;
+        let tool = || self.core.tools.get(state.current_tool).unwrap_or_default();
+        let truth = |condition: bool| f64::from(u8::from(condition));
+        match what {
+            Query::Position(letter) => match Axis::of_letter(letter.to_ascii_lowercase()) {
+                Some(Axis::X) if state.lathe_diameter => 2.0 * state.position[Axis::X],
+                Some(axis) => state.position[axis],
+                None => 0.0,
+            },
+            Query::Feed => state.feed_rate,
+            Query::SpindleSpeed => state.spindle_speed,
+            Query::SpindleDirection => match state.spindle {
+                SpindleRotation::Clockwise => 3.0,
+                SpindleRotation::Counterclockwise => 4.0,
+                SpindleRotation::Stopped => 5.0,
+            },
+            // RS274/NGC has no D number: the offset of a tool is the tool's own line of the table, and G43 is not a condition for a
+            // radius. A program that selects no tool works with the one that is clamped, so none is refused (our decision: 61000 never
+            // comes, as retrace drills what any program drills).
+            Query::OffsetNumber => state.current_tool.max(1).into(),
+            Query::ToolRadius => self.core.to_program_unit(Axis::X, tool().diameter) / 2.0,
+            Query::EdgePosition => tool().orientation,
+            Query::ClearanceAngle => tool().back_angle,
+            Query::Plane => match state.plane {
+                Plane::Xy => 17.0,
+                Plane::Zx => 18.0,
+                Plane::Yz => 19.0,
+                Plane::Uv => 17.1,
+                Plane::Wu => 18.1,
+                Plane::Vw => 19.1,
+            },
+            Query::Compensation => match state.compensation.map(|compensation| compensation.side) {
+                None => 40.0,
+                Some(Side::Left) => 41.0,
+                Some(Side::Right) => 42.0,
+            },
+            Query::Distance => match state.distance {
+                DistanceMode::Absolute => 90.0,
+                DistanceMode::Incremental => 91.0,
+            },
+            Query::FeedMode => match state.feed_mode {
+                FeedMode::InverseTime => 93.0,
+                FeedMode::UnitsPerMinute => 94.0,
+                FeedMode::UnitsPerRevolution => 95.0,
+            },
+            Query::SpindleMode if state.constant_surface_speed => 96.0,
+            Query::SpindleMode => 97.0,
+            Query::Motion => match state.motion {
+                Some(MotionMode::Feed) => 1.0,
+                Some(MotionMode::ArcClockwise) => 2.0,
+                Some(MotionMode::ArcCounterclockwise) => 3.0,
+                Some(MotionMode::SpindleFeed) => 33.0,
+                _ => 0.0,
+            },
+            Query::Diameter => truth(state.lathe_diameter),
+            Query::Inch => truth(state.units == LengthUnit::Inch),
+            Query::ModalCycle => truth(self.modal.is_some()),
+        }
+    }
+
+    fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStopped> {
+        self.carry_out(block).map_err(|mut fault| {
+            let name = self.library.get(block.cycle).map_or("", Cycle::name);
+            if fault.code != ErrorCode::CycleAlarm {
+                fault.message = format!("{name}, line {}: {}", block.line, fault.message);
+            }
+            fault.span = self.at;
+            self.fault = Some(fault);
+            CycleStopped
+        })
+    }
+
+    fn message(&mut self, message: &Message<'_>) {
+        match message.warning {
+            Some(_) if self.warnings.len() >= super::MAX_ERRORS => {}
+            Some(number) => self.warnings.push(format!("{number}: {}", message.text)),
+            // A loop of messages alone ends with the machine's steps.
+            None if self.emit.steps.len() > self.max_steps => {}
+            None => self.emit.call(Canon::Message(message.text.into())),
+        }
+    }
+
+    fn enter(&mut self, cycle: &Cycle) {
+        self.saved.push(cycle.saves().then(|| SavedModes::of(&self.core.state)));
+    }
+
+    fn leave(&mut self, _: &Cycle) -> Result<(), CycleStopped> {
+        if let Some(Some(saved)) = self.saved.pop() {
+            if self.core.state.compensation.is_some() && !saved.is_compensated {
+                self.end_compensation()?;
+            }
+            saved.restore(&mut self.core.state, &mut self.emit);
+        }
+        Ok(())
+    }
+
+    fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockFailure> {
+        let centres = std::mem::replace(&mut self.core.state.arc_centres, self.centres);
+        let planned = self.contours.stock(self.core, call);
+        self.core.state.arc_centres = centres;
+        let PlannedContour { moves: path, warnings } = planned?;
+        self.warnings.extend(warnings.iter().cloned());
+        let moves = path.len() as u32;
+        self.path = Some(path);
+        Ok(moves)
+    }
+
+    fn stock_move(&self, index: u32) -> Option<StockMove> {
+        self.path.as_ref()?.get(index as usize).copied()
+    }
+}

@@ -1,0 +1,168 @@
+//! What blocks work on: the modal state, parameters and tools, and the conversion between machine and program units.
+//!
+//! Invariant: parameters and the tool table are in machine units, the state in program units; here is where they meet.
+
+use super::UserCodes;
+use super::compensation_queue::{Queue, QueueRole};
+use crate::block::{BlockNumber, LARGEST};
+use crate::canon::{Canon, CanonStep, LengthUnit};
+use crate::diag::Span;
+use crate::error_codes::ErrorCode;
+use crate::eval::Environment;
+use crate::modal::ModalState;
+use crate::nearest::nearest;
+use crate::params::{COORDINATE_SYSTEM, G92_ACTIVE, G92_OFFSET, NameId, Names, Parameters, system_origin};
+use crate::pose::{Axis, Pose};
+use crate::system::SystemParameter;
+use crate::tool::ToolTable;
+use crate::turning::Profile;
+
+/// State and data that blocks work on.
+#[derive(Clone, Debug)]
+pub(crate) struct Core {
+    pub(super) machine_units: LengthUnit,
+    pub(crate) state: ModalState,
+    pub(super) parameters: Parameters,
+    pub(crate) tools: ToolTable,
+    /// What M19 adds to its R word, degrees.
+    pub(super) orient_offset_degrees: f64,
+    pub(super) user_codes: UserCodes,
+    /// What the subprogram of the next turning cycle has drawn.
+    pub(super) profile: Option<Profile>,
+}
+
+/// Takes the canonical functions of one block.
+pub(super) struct Emit<'a> {
+    pub(super) line: u32,
+    pub(super) number: Option<BlockNumber>,
+    pub(super) steps: &'a mut Vec<CanonStep>,
+    /// What waits for the next corner of a compensated path; empty without one.
+    pub(super) waiting: &'a mut Queue,
+    /// What is legal and suspicious in this block.
+    pub(super) warning: Option<(ErrorCode, Span)>,
+}
+
+impl Emit<'_> {
+    #[inline]
+    pub(super) fn call(&mut self, canon: Canon) {
+        if !self.waiting.is_empty() && Queue::holds(&canon) {
+            return self.waiting.push(self.line, canon, QueueRole::Other);
+        }
+        self.steps.push(CanonStep { line: self.line, number: self.number, canon });
+    }
+}
+
+impl Core {
+    /// Offsets in force from the parameters, and the position that the machine then has in the program's coordinates.
+    pub(super) fn take_up_parameters(&mut self, position: &Pose) {
+        let system = self.parameters.get(COORDINATE_SYSTEM);
+        self.state.coordinate_system = if (1.0..=9.0).contains(&system) { system as u8 } else { 1 };
+        let first = system_origin(self.state.coordinate_system);
+        self.state.origin = self.pose_parameter(first);
+        self.state.rotation_degrees = self.parameters.get(first + 9);
+        if self.parameters.get(G92_ACTIVE) != 0.0 {
+            self.state.g92_offset = self.pose_parameter(G92_OFFSET);
+        }
+        let position = self.lengths_to_program(position);
+        self.state.position = self.relative(&position);
+    }
+
+    /// Nine parameters from `first` on, from machine to program units.
+    pub(super) fn pose_parameter(&self, first: usize) -> Pose {
+        let mut pose = Pose::ZERO;
+        for axis in Axis::ALL {
+            // No machine is that large, and sums of offsets stay finite.
+            pose[axis] = self.parameters.get(first + axis as usize).clamp(-LARGEST, LARGEST);
+        }
+        self.lengths_to_program(&pose)
+    }
+
+    /// Sets nine parameters from `first` on, from program to machine units.
+    pub(super) fn set_pose_parameter(&mut self, first: usize, pose: &Pose) {
+        for axis in Axis::ALL {
+            self.parameters.set(first + axis as usize, self.to_machine_unit(axis, pose[axis]));
+        }
+    }
+
+    /// Machine units a millimetre. An inch is taken with LinuxCNC's digits, so that results agree with its interpreter's to the last.
+    pub(super) fn machine_units_per_mm(&self) -> f64 {
+        match self.machine_units {
+            LengthUnit::Inch => 0.039_370_078_740_16,
+            LengthUnit::Millimetre => 1.0,
+        }
+    }
+
+    pub(super) fn to_machine_unit(&self, axis: Axis, value: f64) -> f64 {
+        match self.state.units {
+            _ if axis.is_rotary() => value,
+            LengthUnit::Inch => value * 25.4 * self.machine_units_per_mm(),
+            LengthUnit::Millimetre => value * self.machine_units_per_mm(),
+        }
+    }
+
+    pub(crate) fn to_program_unit(&self, axis: Axis, value: f64) -> f64 {
+        match self.state.units {
+            _ if axis.is_rotary() => value,
+            LengthUnit::Inch => value / self.machine_units_per_mm() / 25.4,
+            LengthUnit::Millimetre => value / self.machine_units_per_mm(),
+        }
+    }
+
+    pub(super) fn lengths_to_program(&self, pose: &Pose) -> Pose {
+        let mut program = Pose::ZERO;
+        for axis in Axis::ALL {
+            program[axis] = self.to_program_unit(axis, pose[axis]);
+        }
+        program
+    }
+}
+
+/// What the expressions of a block may ask for.
+pub(super) struct BlockEnvironment<'a> {
+    pub(super) core: &'a Core,
+    pub(super) names: &'a Names,
+    pub(super) line: u32,
+}
+
+impl Environment for BlockEnvironment<'_> {
+    fn numbered(&self, number: usize) -> Option<f64> {
+        let state = &self.core.state;
+        match number {
+            5021..=5029 => Some(state.machine_position().0[number - 5021]),
+            5400 => Some(state.current_tool.into()),
+            5401..=5409 => Some(state.tool_offset.0[number - 5401]),
+            5410..=5413 => self.core.tool_parameter(number - 5401),
+            5420..=5428 => Some(state.position.0[number - 5420]),
+            _ if Parameters::has(number) => Some(self.core.parameters.get(number)),
+            _ => None,
+        }
+    }
+
+    /// Where the machine will stand is open while a move waits for its end; the peer refuses these from G41 to G40.
+    fn is_readable(&self, number: usize) -> bool {
+        !matches!(number, 5420..=5428) || self.core.state.compensation.is_none()
+    }
+
+    fn named(&self, name: NameId) -> Option<f64> {
+        self.core.parameters.named(name)
+    }
+
+    fn name(&self, name: NameId) -> &str {
+        self.names.text(name)
+    }
+
+    fn nearest_name(&self, name: NameId) -> Option<&str> {
+        let known = self.names.all().filter(|(id, _)| self.core.parameters.named(*id).is_some());
+        nearest(self.names.text(name), known.map(|(_, text)| text))
+    }
+
+    fn system(&self, parameter: SystemParameter) -> f64 {
+        let state = &self.core.state;
+        let pocket = |tool: u32| self.core.tools.get(tool).map_or(0.0, |tool| tool.pocket.into());
+        match parameter {
+            SystemParameter::CurrentPocket => pocket(state.current_tool),
+            SystemParameter::SelectedPocket if state.selected_tool != 0 => pocket(state.selected_tool),
+            _ => parameter.value(state, self.line),
+        }
+    }
+}

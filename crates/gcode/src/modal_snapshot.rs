@@ -1,0 +1,198 @@
+//! What blocks leave behind for those that come after them: from one block by hand to the next, and from all of them to a program.
+//!
+//! Invariant: whoever takes it over stands between two blocks, outside of all calls: no compensated path, no collected points and no
+//! cycle of MCALL goes over. To a program goes only what a parameter file keeps, the tool table, and the tool in the spindle, so that a
+//! program's meaning never hangs on modes that nobody sees in it.
+
+use crate::block::NcBlock;
+use crate::canon::{Canon, FeedMode, PathControl, Plane};
+use crate::control::Keyword;
+use crate::diag::{BlockError, BlockResult, Diagnostic, Span, fault};
+use crate::error_codes::ErrorCode;
+use crate::groups::GroupG;
+use crate::interp::{Interpreter, Queue, Setup};
+use crate::modal::ModalState;
+use crate::params::{Names, Parameters};
+use crate::parse::LineReader;
+use crate::pose::Pose;
+use crate::tool::ToolTable;
+use std::sync::Arc;
+
+/// Modal state, parameters and tools between two blocks.
+#[derive(Clone, Debug)]
+pub struct ModalSnapshot {
+    pub(crate) state: ModalState,
+    pub(crate) parameters: Parameters,
+    pub(crate) tools: ToolTable,
+    pub(crate) names: Names,
+}
+
+impl ModalSnapshot {
+    pub(crate) fn new(
+        mut state: ModalState,
+        parameters: &Parameters,
+        tools: &ToolTable,
+        names: &Names,
+    ) -> ModalSnapshot {
+        (state.compensation, state.has_left_compensation, state.waiting) = (None, false, Queue::default());
+        state.tool_shift = None;
+        (state.call_level, state.returned_value) = (0, None);
+        state.contexts.clear();
+        state.control_points.clear();
+        ModalSnapshot { state, parameters: parameters.clone(), tools: tools.clone(), names: names.clone() }
+    }
+
+    /// The modal state.
+    #[must_use]
+    pub fn state(&self) -> &ModalState {
+        &self.state
+    }
+
+    /// The parameters.
+    #[must_use]
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// The tools.
+    #[must_use]
+    pub fn tools(&self) -> &ToolTable {
+        &self.tools
+    }
+
+    /// The same with other parameters and tools; the offsets in force follow from them when the next block is read.
+    #[must_use]
+    pub fn with_tables(mut self, parameters: Parameters, tools: ToolTable) -> Self {
+        (self.parameters, self.tools) = (parameters, tools);
+        self.state.g92_offset = Pose::ZERO;
+        self
+    }
+
+    /// Adds the canonical functions that bring whoever follows the program to this state, where it differs from that of a program's
+    /// beginning: units, systems and the offset of G92 are told already.
+    pub(crate) fn announce(state: &ModalState, initial: &ModalState, mut tell: impl FnMut(Canon)) {
+        if state.plane != Plane::Xy {
+            tell(Canon::SelectPlane(state.plane));
+        }
+        if state.tool_offset != Pose::ZERO {
+            tell(Canon::UseToolLengthOffset(state.tool_offset));
+        }
+        if state.path_control != initial.path_control || state.naivecam_tolerance != initial.naivecam_tolerance {
+            tell(Canon::SetMotionControlMode(state.path_control));
+            if matches!(state.path_control, PathControl::Continuous { .. }) {
+                tell(Canon::SetNaivecamTolerance(state.naivecam_tolerance));
+            }
+        }
+        if state.feed_mode != FeedMode::UnitsPerMinute {
+            tell(Canon::SetFeedMode(state.feed_mode));
+        }
+        if state.feed_rate != 0.0 {
+            tell(Canon::SetFeedRate(state.feed_rate));
+        }
+    }
+}
+
+/// What a program begins with that is not in its text: parameters, tools, and the tool in the spindle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StartTables {
+    /// The parameters, offsets among them.
+    pub parameters: Parameters,
+    /// The tools.
+    pub tools: ToolTable,
+    /// The tool in the spindle; 0 is none.
+    pub current_tool: u32,
+    /// The tool of the last T word; 0 is none.
+    pub selected_tool: u32,
+}
+
+impl Setup {
+    /// What an interpreter with this setup begins with.
+    #[must_use]
+    pub fn start_tables(&self) -> StartTables {
+        let (parameters, tools) = match &self.carried {
+            Some(carried) => (&carried.parameters, &carried.tools),
+            None => (&self.parameters, &self.tools),
+        };
+        let (current_tool, selected_tool) =
+            self.carried.as_ref().map_or((0, 0), |carried| (carried.state.current_tool, carried.state.selected_tool));
+        StartTables { parameters: parameters.clone(), tools: tools.clone(), current_tool, selected_tool }
+    }
+
+    /// The same setup for a program that begins with these tables.
+    #[must_use]
+    pub fn with_start_tables(self, tables: StartTables) -> Setup {
+        let StartTables { parameters, tools, current_tool, selected_tool } = tables;
+        let setup = Setup { parameters, tools, carried: None, ..self };
+        if (current_tool, selected_tool) == (0, 0) {
+            return setup;
+        }
+        let state = ModalState { current_tool, selected_tool, ..ModalState::initial(setup.program_units) };
+        let (parameters, tools) = (setup.parameters.clone(), setup.tools.clone());
+        setup.continuing(&ModalSnapshot { state, parameters, tools, names: Names::default() })
+    }
+
+    /// The same for a block by hand that goes on from `carried`.
+    #[must_use]
+    pub fn continuing(self, carried: &ModalSnapshot) -> Setup {
+        Setup { carried: Some(Arc::new(carried.clone())), ..self }
+    }
+
+    /// The same for a program that follows: with the parameters that outlive a program, the tool table and the tool in the spindle.
+    #[must_use]
+    pub fn following(self, carried: &ModalSnapshot) -> Setup {
+        let state = ModalState {
+            current_tool: carried.state.current_tool,
+            selected_tool: carried.state.selected_tool,
+            ..ModalState::initial(self.program_units)
+        };
+        let parameters = carried.parameters.persistent();
+        let carried = ModalSnapshot { state, parameters, tools: carried.tools.clone(), names: Names::default() };
+        self.continuing(&carried)
+    }
+}
+
+/// Whether this text is a block that can be carried out by hand: one line, which needs no other line of its own, and leaves nothing open.
+pub(crate) fn check_by_hand(text: &str, setup: &Setup) -> Result<(), Vec<Diagnostic>> {
+    let mut reader = LineReader::of(setup);
+    let BlockError { code, span, message } = match check_mdi_block(text, &mut reader) {
+        Ok(()) => return Ok(()),
+        Err(fault) => *fault,
+    };
+    Err(vec![Diagnostic { code, file: 0, line: 1, span, message }])
+}
+
+fn check_mdi_block(text: &str, reader: &mut LineReader) -> BlockResult<()> {
+    let whole = Span::new(0, text.len());
+    if text.trim().is_empty() {
+        return Err(Box::new(BlockError::plain(ErrorCode::EmptyProgram, whole)));
+    }
+    if text.contains(['\n', '\r']) {
+        return fault(ErrorCode::NotByHand, whole, "a block by hand is one line");
+    }
+    if text.trim() == "%" {
+        return fault(ErrorCode::NotByHand, whole, "a percent sign belongs to a file");
+    }
+    if !reader.read(text.as_bytes())? {
+        return Ok(());
+    }
+    let block: &NcBlock = &reader.block;
+    if let Some(control) = &block.control
+        && !matches!(control.keyword, Keyword::Call | Keyword::M98 | Keyword::Cycle)
+    {
+        let message = format!("{} belongs to a program", control.keyword.name());
+        return fault(ErrorCode::NotByHand, control.at, message);
+    }
+    if block.words.g(GroupG::CutterCompensation).is_some_and(|code| code != 400) {
+        let at = block.words.g_span(GroupG::CutterCompensation);
+        return fault(ErrorCode::NotByHand, at, "cutter compensation looks ahead, and no block follows one by hand");
+    }
+    Ok(())
+}
+
+impl Interpreter {
+    /// What is left for the blocks that come after these.
+    #[must_use]
+    pub fn modal_snapshot(&self) -> ModalSnapshot {
+        ModalSnapshot::new(self.state().clone(), self.parameters(), self.tools(), self.names())
+    }
+}

@@ -1,0 +1,334 @@
+//! Text that is gathered before it is written, and numbers as text: what every line of the canonical functions is made of.
+//!
+//! Invariant: a number reads as `printf` prints it. A short piece is copied at a fixed length, of which its own part counts: what lies
+//! behind the end of the text means nothing.
+
+use std::io::{self, Write};
+
+/// Bytes that are gathered before they are written.
+const ENOUGH: usize = 1 << 15;
+
+/// The length at which short pieces are copied.
+const PIECE: usize = 16;
+
+/// All pairs of digits, the first in the lower byte.
+const PAIRS: [u16; 100] = {
+    let mut pairs = [0; 100];
+    let mut value = 0;
+    while value < 100 {
+        pairs[value] = digit(value / 10) as u16 | (digit(value % 10) as u16) << 8;
+        value += 1;
+    }
+    pairs
+};
+
+/// The numbers below 1 000 without leading zeros, the first digit in the lowest byte, and in the highest how many there are.
+const SHORT: [u32; 1000] = {
+    let mut texts = [0; 1000];
+    let mut value = 0;
+    while value < 1000 {
+        let (hundreds, tens, ones) = (digit(value / 100), digit(value / 10 % 10), digit(value % 10));
+        texts[value] = match value {
+            0..10 => ones | 1 << 24,
+            10..100 => tens | ones << 8 | 2 << 24,
+            _ => hundreds | tens << 8 | ones << 16 | 3 << 24,
+        };
+        value += 1;
+    }
+    texts
+};
+
+const fn digit(value: usize) -> u32 {
+    b'0' as u32 + value as u32
+}
+
+fn pair(value: u32) -> u32 {
+    PAIRS[(value % 100) as usize].into()
+}
+
+/// A short text.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct TextPiece {
+    text: [u8; PIECE],
+    length: u8,
+}
+
+impl TextPiece {
+    /// From characters with the first in the lowest byte.
+    #[inline]
+    fn of(text: u128, length: u32) -> TextPiece {
+        TextPiece { text: text.to_le_bytes(), length: length as u8 }
+    }
+
+    /// A number with four decimals, rounded as `printf` does: from the exact value, a tie to even. None where that takes more than
+    /// the nearest of two whole numbers, or more digits than there is room for.
+    #[inline]
+    pub(crate) fn of_number(value: f64) -> Option<TextPiece> {
+        let scaled = value.abs() * 10_000.0;
+        // Of what is not a number or too large, the conversion gives the nearest there is, and the rest is then no fraction.
+        let whole = scaled as u32;
+        let fraction = scaled - f64::from(whole);
+        // The product is off by less than 10⁻⁶ where it is below 10⁹, so what is farther from a tie rounds as the exact value does.
+        if !(scaled < 999_999_999.0 && (fraction - 0.5).abs() >= 1e-6) {
+            return None;
+        }
+        let rounded = whole + u32::from(fraction > 0.5);
+        let (integer, decimals) = (rounded / 10_000, rounded % 10_000);
+        let decimals = u64::from(b'.') | u64::from(pair(decimals / 100) | pair(decimals) << 16) << 8;
+        let (text, length) = match integer {
+            0..1000 => {
+                let short = SHORT[integer as usize];
+                let length = short >> 24;
+                (u128::from(u64::from(short & 0xff_ffff) | decimals << (8 * length)), length)
+            }
+            _ => {
+                let (thousands, rest) = (SHORT[(integer / 1000) as usize % 1000], integer % 1000);
+                let rest = u128::from(digit((rest / 100) as usize)) | u128::from(pair(rest)) << 8;
+                let length = thousands >> 24;
+                let whole = u128::from(thousands & 0xff_ffff) | rest << (8 * length);
+                (whole | u128::from(decimals) << (8 * (length + 3)), length + 3)
+            }
+        };
+        let sign = value.is_sign_negative();
+        let text = if sign { text << 8 | u128::from(b'-') } else { text };
+        Some(TextPiece::of(text, length + 5 + u32::from(sign)))
+    }
+}
+
+/// Text before it is written.
+#[derive(Debug)]
+pub(crate) struct TextBuffer {
+    /// Longer than the text, so that pieces of a fixed length may be copied to its end.
+    bytes: Vec<u8>,
+    length: usize,
+}
+
+impl TextBuffer {
+    pub(crate) fn new() -> TextBuffer {
+        TextBuffer { bytes: vec![0; ENOUGH + 1024], length: 0 }
+    }
+
+    /// What has been gathered.
+    pub(crate) fn text(&self) -> &[u8] {
+        self.bytes.get(..self.length).unwrap_or_default()
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.length = 0;
+    }
+
+    /// Whether it is time to write it.
+    #[inline]
+    pub(crate) fn is_enough(&self) -> bool {
+        self.length >= ENOUGH
+    }
+
+    /// Adds a text whose length is known when this is compiled.
+    #[inline]
+    pub(crate) fn fixed<const N: usize>(&mut self, text: &[u8; N]) {
+        self.copied(text, N);
+    }
+
+    /// Adds a short text.
+    #[inline]
+    pub(crate) fn piece(&mut self, piece: &TextPiece) {
+        self.copied(&piece.text, piece.length.into());
+    }
+
+    /// Adds the first `length` of these characters.
+    #[inline]
+    fn copied<const N: usize>(&mut self, text: &[u8; N], length: usize) {
+        match self.bytes.get_mut(self.length..).and_then(|rest| rest.first_chunk_mut::<N>()) {
+            Some(place) => *place = *text,
+            None => self.grow(text),
+        }
+        self.length += length;
+    }
+
+    /// Adds a text of any length.
+    pub(crate) fn any(&mut self, text: &[u8]) {
+        match self.bytes.get_mut(self.length..self.length + text.len()) {
+            Some(place) => place.copy_from_slice(text),
+            None => self.grow(text),
+        }
+        self.length += text.len();
+    }
+
+    #[cold]
+    fn grow(&mut self, text: &[u8]) {
+        self.bytes.truncate(self.length);
+        self.bytes.extend_from_slice(text);
+    }
+
+    /// A number with four decimals.
+    #[inline]
+    pub(crate) fn number(&mut self, value: f64) -> io::Result<()> {
+        match TextPiece::of_number(value) {
+            Some(piece) => {
+                self.piece(&piece);
+                Ok(())
+            }
+            None => write!(self, "{value:.4}"),
+        }
+    }
+}
+
+impl Write for TextBuffer {
+    fn write(&mut self, text: &[u8]) -> io::Result<usize> {
+        self.any(text);
+        Ok(text.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Where the blank behind the counter stands; the digits stand before it.
+const BLANK: usize = 20;
+
+/// What stands where a block has no number.
+const NO_NUMBER: &[u8; 7] = b"N..... ";
+
+/// The beginning of a line: the counter, five characters wide, a blank, and the number of the block, seven characters wide.
+#[derive(Debug)]
+pub(crate) struct Head {
+    text: [u8; BLANK + 1 + NO_NUMBER.len()],
+    /// Where the counter begins.
+    first: usize,
+}
+
+impl Head {
+    /// Before the first line.
+    pub(crate) fn new() -> Head {
+        let mut text = [b' '; BLANK + 1 + NO_NUMBER.len()];
+        text[BLANK - 1] = b'0';
+        text[BLANK + 1..].copy_from_slice(NO_NUMBER);
+        Head { text, first: BLANK - 5 }
+    }
+
+    /// Counts one line.
+    #[inline]
+    fn count(&mut self) {
+        let mut at = BLANK - 1;
+        loop {
+            let Some(place) = self.text.get_mut(at) else { return };
+            match *place {
+                b'9' => *place = b'0',
+                b' ' => {
+                    *place = b'1';
+                    break;
+                }
+                _ => {
+                    *place += 1;
+                    break;
+                }
+            }
+            at = at.wrapping_sub(1);
+        }
+        self.first = self.first.min(at);
+    }
+
+    /// Counts a line and adds its beginning; the number of the block is its value and how many digits it is written with.
+    #[inline]
+    pub(crate) fn begin(&mut self, out: &mut TextBuffer, number: Option<(u64, u8)>) {
+        self.count();
+        let end = if number.is_some() { BLANK + 1 } else { self.text.len() };
+        match self.text.get(self.first..).and_then(|rest| rest.first_chunk::<13>()) {
+            // Up to 99 999 lines.
+            Some(head) if self.first == BLANK - 5 => out.copied(head, end - self.first),
+            _ => out.any(self.text.get(self.first..end).unwrap_or_default()),
+        }
+        if let Some((value, digits)) = number {
+            block_number(out, value, digits.into());
+        }
+    }
+}
+
+/// N and its digits, seven characters wide.
+fn block_number(out: &mut TextBuffer, mut value: u64, digits: usize) {
+    let mut text = [b'0'; 24];
+    let mut first = text.len();
+    while value >= 10 {
+        first -= 2;
+        text[first..first + 2].copy_from_slice(&PAIRS[(value % 100) as usize].to_le_bytes());
+        value /= 100;
+    }
+    if value > 0 {
+        first -= 1;
+        text[first] = b'0' + value as u8;
+    }
+    first = first.min(text.len() - digits.clamp(1, 20));
+    out.fixed(b"N");
+    out.any(&text[first..]);
+    out.any(b"      ".get(text.len() - first..).unwrap_or_default());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn text(value: f64) -> String {
+        let mut out = TextBuffer::new();
+        out.number(value).expect("memory");
+        String::from_utf8(out.text().to_vec()).expect("digits")
+    }
+
+    proptest! {
+        #[test]
+        fn a_number_is_rounded_from_its_exact_value(value in any::<f64>(), scale in -1_000_000_000..1_000_000_000_i64) {
+            // Ties and their neighbours, and any value at all.
+            let tie = scale as f64 / 20_000.0;
+            for value in [value, tie, tie.next_up(), tie.next_down(), scale as f64 / 32.0, scale as f64 * 1e-9, tie * 1e-3] {
+                prop_assert_eq!(text(value), format!("{value:.4}"));
+            }
+        }
+
+        #[test]
+        fn a_block_number_has_its_digits_and_seven_places(value in any::<u64>(), short in 0..2000_u64, digits in 1..19_u8) {
+            for value in [value % 1_000_000_000_000_000_000, short] {
+                let mut out = TextBuffer::new();
+                block_number(&mut out, value, digits.into());
+                let number = format!("N{value:0width$}", width = usize::from(digits));
+                prop_assert_eq!(String::from_utf8_lossy(out.text()), format!("{number:7}"));
+            }
+        }
+
+        #[test]
+        fn texts_of_any_length_come_one_behind_the_other(texts in prop::collection::vec("[a-z]{0,3000}", 0..60)) {
+            let mut out = TextBuffer::new();
+            for text in &texts {
+                out.any(text.as_bytes());
+                out.fixed(b", ");
+                out.number(1.5).expect("memory");
+            }
+            let whole: String = texts.iter().map(|text| format!("{text}, 1.5000")).collect();
+            prop_assert_eq!(String::from_utf8_lossy(out.text()), whole);
+        }
+    }
+
+    #[test]
+    fn the_counter_has_five_places_or_as_many_as_it_needs() {
+        let mut head = Head::new();
+        let mut out = TextBuffer::new();
+        for value in 1..=1_100_000_u64 {
+            out.clear();
+            head.begin(&mut out, None);
+            if value < 2000 || value % 1000 < 2 {
+                assert_eq!(String::from_utf8_lossy(out.text()), format!("{value:5} N..... "));
+            }
+        }
+        out.clear();
+        head.begin(&mut out, Some((20, 4)));
+        assert_eq!(out.text(), b"1100001 N0020  ");
+    }
+
+    #[test]
+    fn signs_of_zero_and_ends_of_the_fast_way() {
+        for value in [0.0, -0.0, -0.00004, 0.00005, 999.9999, 1000.0, 99_999.999_95, 99_999.999_9, 100_000.0, 1e300] {
+            assert_eq!(text(value), format!("{value:.4}"));
+        }
+        assert_eq!(text(f64::NAN), "NaN");
+    }
+}

@@ -1,0 +1,117 @@
+//! Where a program is, for a person and for a breakpoint: file and line, and the calls and loops that it is in (DNC, *Beyond the source*).
+//!
+//! Invariant: two whereabouts of one program that are equal are the same instance of the same block, unless a subprogram was called
+//! twice from one line in a round that no loop counts.
+
+use std::fmt;
+
+/// What kind of loop it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LoopKind {
+    /// while … endwhile.
+    While,
+    /// do … while.
+    Do,
+    /// repeat … endrepeat.
+    Repeat,
+}
+
+/// What a line stands in.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CallFrame {
+    /// A subprogram.
+    Sub {
+        /// Its label, as in `O100`.
+        name: String,
+        /// File and line of the call; the file's name is empty for a program that arrives.
+        from: (String, u32),
+        /// Which time it runs, from 1, of the `of` times that M98 L asks for.
+        time: u32,
+        /// How often it runs from this call.
+        of: u32,
+    },
+    /// A loop.
+    Loop {
+        /// Its kind.
+        kind: LoopKind,
+        /// The line that begins it, in the same file.
+        line: u32,
+        /// Which round it is, from 1.
+        round: u64,
+        /// How many there are, where that is known.
+        of: Option<u64>,
+    },
+}
+
+/// Where a program is.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ProgramLocation {
+    /// Name of the file; empty for a program that arrives.
+    pub file: String,
+    /// The line last taken, from 1; 0 before the first.
+    pub line: u32,
+    /// What the line stands in, from inside to outside.
+    pub within: Vec<CallFrame>,
+    /// The cycle that is in force or being run: G81 … G89, MCALL, or the call of a cycle.
+    pub cycle: Option<String>,
+}
+
+/// 1st, 2nd, 3rd …
+struct Nth(u64);
+
+impl fmt::Display for Nth {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ending = match (self.0 % 10, self.0 % 100) {
+            (_, 11..=13) => "th",
+            (1, _) => "st",
+            (2, _) => "nd",
+            (3, _) => "rd",
+            _ => "th",
+        };
+        write!(f, "{}{ending}", self.0)
+    }
+}
+
+impl CallFrame {
+    /// In words; `file` is the file that the reader knows himself to be in, which becomes that of the call.
+    fn write<'w>(&'w self, file: &mut &'w str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            CallFrame::Sub { name, from: (from, line), time, of } => {
+                write!(f, ", in {name} called from ")?;
+                if from != *file {
+                    write!(f, "{from} ")?;
+                }
+                *file = from;
+                write!(f, "line {line}")?;
+                if *of > 1 {
+                    write!(f, " for the {} of {of} times", Nth(u64::from(*time)))?;
+                }
+                Ok(())
+            }
+            CallFrame::Loop { kind, line, round, of } => {
+                let kind = match kind {
+                    LoopKind::While => "while",
+                    LoopKind::Do => "do",
+                    LoopKind::Repeat => "repeat",
+                };
+                write!(f, ", in the {kind} loop of line {line}, {} round", Nth(*round))?;
+                of.map_or(Ok(()), |of| write!(f, " of {of}"))
+            }
+        }
+    }
+}
+
+/// `pocket.ngc line 14, in O100 called from line 3 for the 2nd of 4 times, in the while loop of line 2, 5th round`.
+impl fmt::Display for ProgramLocation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.file.is_empty() {
+            write!(f, "{} ", self.file)?;
+        }
+        write!(f, "line {}", self.line)?;
+        if let Some(cycle) = &self.cycle {
+            write!(f, ", in {cycle}")?;
+        }
+        let mut file = self.file.as_str();
+        self.within.iter().try_for_each(|within| within.write(&mut file, f))
+    }
+}

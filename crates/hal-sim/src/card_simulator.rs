@@ -1,0 +1,283 @@
+//! A simulated card with all that hangs on it: a line in either direction, a machine, pins that are counted.
+//!
+//! It runs in a time of its own, which whoever has it lets pass: as fast as it can, or as a clock goes.
+//!
+//! Invariant: what happens depends on the settings and on what the host sends when, not on the steps in which time passes.
+
+use std::fmt;
+use std::io::{self, Write};
+
+use retrace_link::CardStatus;
+
+use crate::count_checker::CountChecker;
+use crate::linked_card::{SimLinkedCard, TICK_HZ, identity};
+use crate::pins::Pins;
+use crate::plant::{Plant, PlantSettings};
+use crate::serial_channel::{InFlightPolicy, SerialChannel, SerialChannelSettings};
+use crate::trace::Trace;
+
+/// What a rig is made of.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CardSimulatorSettings {
+    /// The line from host to card.
+    pub up: SerialChannelSettings,
+    /// The line from card to host.
+    pub down: SerialChannelSettings,
+    /// What hangs on the card.
+    pub machine: PlantSettings,
+    /// Serial number of the card.
+    pub serial: u32,
+    /// The number that tells this start of the card from others.
+    pub boot: u32,
+}
+
+/// Control period of a card that nobody has opened.
+const IDLE_PERIOD_NS: u64 = 1_000_000;
+/// Bytes that the card's UART takes ahead.
+const FIFO: usize = 8;
+/// Most bytes that leave the card at a time where bytes take no time.
+const BURST: usize = 4096;
+
+/// What a watcher of the card is told of each control period, in the card's own time.
+#[derive(Clone, Copy, Debug)]
+pub struct PeriodSample<'a, const A: usize> {
+    /// When it began, in microseconds.
+    pub at_us: u64,
+    /// What the card says of it, and would tell the host.
+    pub status: &'a CardStatus<A>,
+    /// Net pulses that were counted on each axis' wires since the start, this period's among them.
+    pub positions: &'a [i64; A],
+}
+
+/// What becomes of a moment.
+pub type PeriodObserver<const A: usize> = Box<dyn FnMut(&PeriodSample<'_, A>) + Send>;
+
+/// What the pins did that they should not have.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SimulationFaults {
+    /// Periods whose increments did not fit the pulses' times.
+    pub too_many: u64,
+    /// Periods after which the card's counts were not what was counted at its pins. Homing, which sets counts, is none, nor is play that is
+    /// taken up.
+    pub apart: u64,
+}
+
+/// A simulated card with all that hangs on it.
+pub struct CardSimulator<const A: usize> {
+    card: Box<SimLinkedCard<A>>,
+    machine: Plant<A>,
+    pins: Pins<A>,
+    up: SerialChannel,
+    down: SerialChannel,
+    now_ns: u64,
+    /// When the next control period begins.
+    due_ns: u64,
+    /// When the card's UART can take bytes again, if there are more.
+    more_at: Option<u64>,
+    compared: CountChecker<A>,
+    faults: SimulationFaults,
+    watcher: Option<PeriodObserver<A>>,
+    trace: Option<Trace<Box<dyn Write + Send>, A>>,
+}
+
+impl<const A: usize> fmt::Debug for CardSimulator<A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Rig").field("now_us", &self.now_us()).field("status", self.status()).finish_non_exhaustive()
+    }
+}
+
+impl<const A: usize> CardSimulator<A> {
+    /// A rig at rest, at time 0. `None` where the card cannot be made.
+    #[must_use]
+    pub fn new(settings: &CardSimulatorSettings) -> Option<Self> {
+        Some(Self {
+            card: Box::new(SimLinkedCard::new(identity::<A>(settings.serial, settings.boot))?),
+            machine: Plant::new(&settings.machine),
+            pins: Pins::default(),
+            up: SerialChannel::new(&settings.up),
+            down: SerialChannel::new(&settings.down),
+            now_ns: 0,
+            due_ns: IDLE_PERIOD_NS,
+            more_at: None,
+            compared: CountChecker::new([0; A]),
+            faults: SimulationFaults::default(),
+            watcher: None,
+            trace: None,
+        })
+    }
+
+    /// Microseconds since the start, in the card's time.
+    #[must_use]
+    pub const fn now_us(&self) -> u64 {
+        self.now_ns / 1000
+    }
+
+    /// Lets time pass, at most until `until_us`; less where a byte for the host arrives before.
+    pub fn advance(&mut self, until_us: u64) {
+        let until = until_us.saturating_mul(1000);
+        while self.down.next_arrival().is_none_or(|due| due > self.now_ns) && self.step(until) {}
+    }
+
+    /// Lets time pass until `until_us`, whatever arrives.
+    pub fn run(&mut self, until_us: u64) {
+        while self.step(until_us.saturating_mul(1000)) {}
+    }
+
+    /// When the next thing happens that is known of now, in microseconds: a control period at the latest.
+    #[must_use]
+    pub fn next_us(&self) -> u64 {
+        self.next_ns() / 1000
+    }
+
+    fn next_ns(&self) -> u64 {
+        let soon = [self.up.next_arrival(), self.more_at, self.down.next_arrival().filter(|&due| due > self.now_ns)];
+        soon.into_iter().flatten().fold(self.due_ns, u64::min).max(self.now_ns)
+    }
+
+    /// On to the next thing that happens until then; false where nothing more does.
+    fn step(&mut self, until: u64) -> bool {
+        if self.now_ns >= until {
+            return false;
+        }
+        self.now_ns = self.next_ns().min(until);
+        while let Some(byte) = self.up.receive(self.now_ns) {
+            self.card.receive(byte);
+        }
+        if self.due_ns <= self.now_ns {
+            self.period();
+        }
+        self.fetch();
+        true
+    }
+
+    /// One control period of the card.
+    fn period(&mut self) {
+        let inputs = self.machine.inputs(self.now_us(), self.pins.positions());
+        let before = self.card.status().counts;
+        let status = *self.card.period(inputs);
+        if let Some(terms) = self.card.terms() {
+            self.compared.expect_play(&terms.settings().backlash_pulses, &before, self.pins.positions());
+            self.faults.too_many += u64::from(!self.pins.emit(terms.timing(), self.card.card().pulses()));
+        }
+        self.faults.apart += u64::from(!self.compared.agrees(&before, &status, self.pins.positions()));
+        self.machine.outputs(self.now_us(), &status.outputs);
+        if let Some(watcher) = &mut self.watcher {
+            let positions = self.pins.positions();
+            watcher(&PeriodSample { at_us: self.now_ns / 1000, status: &status, positions });
+        }
+        if let Some(trace) = &mut self.trace
+            && trace.period(self.now_ns, &status, self.pins.edges(), TICK_HZ).is_err()
+        {
+            self.trace = None;
+        }
+        self.due_ns += self.card.terms().map_or(IDLE_PERIOD_NS, |terms| u64::from(terms.settings().period_us) * 1000);
+    }
+
+    /// Fetches from the card what its UART can send now.
+    fn fetch(&mut self) {
+        if self.down.free_at() > self.now_ns {
+            // What the card has to say since is fetched as soon as the line is free, however time is cut into steps.
+            self.more_at = Some(self.down.free_at());
+            return;
+        }
+        let mut bytes = [0; FIFO];
+        let mut left = if self.down.byte_ns() == 0 { BURST } else { FIFO };
+        self.more_at = None;
+        while left > 0 {
+            let count = self.card.transmit(&mut bytes);
+            if count == 0 {
+                return;
+            }
+            self.down.send(self.now_ns, &bytes[..count]);
+            left = left.saturating_sub(count);
+        }
+        self.more_at = Some(self.down.free_at().max(self.now_ns + 1));
+    }
+
+    /// The host sends bytes now.
+    pub fn send(&mut self, bytes: &[u8]) {
+        self.up.send(self.now_ns, bytes);
+    }
+
+    /// Bytes of the host that have not gone out yet.
+    #[must_use]
+    pub fn unsent(&self) -> usize {
+        self.up.unsent(self.now_ns)
+    }
+
+    /// What has come to the host by now; how many bytes.
+    pub fn take(&mut self, bytes: &mut [u8]) -> usize {
+        let mut count = 0;
+        while count < bytes.len()
+            && let Some(byte) = self.down.receive(self.now_ns)
+        {
+            bytes[count] = byte;
+            count += 1;
+        }
+        count
+    }
+
+    /// Pulls the cable and plugs it in again, now.
+    pub fn reconnect(&mut self, leftover: InFlightPolicy) {
+        self.up.reconnect(self.now_ns, leftover);
+        self.down.reconnect(self.now_ns, leftover);
+    }
+
+    /// The last period's report, as the card has it.
+    #[must_use]
+    pub fn status(&self) -> &CardStatus<A> {
+        self.card.status()
+    }
+
+    /// The card.
+    #[must_use]
+    pub const fn card(&self) -> &SimLinkedCard<A> {
+        &self.card
+    }
+
+    /// The machine, to be meddled with.
+    pub const fn machine(&mut self) -> &mut Plant<A> {
+        &mut self.machine
+    }
+
+    /// The wires and what was counted on them.
+    #[must_use]
+    pub const fn pins(&self) -> &Pins<A> {
+        &self.pins
+    }
+
+    /// The lines: from the host, and to it.
+    #[must_use]
+    pub const fn lines(&self) -> [&SerialChannel; 2] {
+        [&self.up, &self.down]
+    }
+
+    /// What the pins did that they should not have.
+    #[must_use]
+    pub const fn faults(&self) -> SimulationFaults {
+        self.faults
+    }
+
+    /// Tells `watcher` of every control period from now on.
+    pub fn watch(&mut self, watcher: PeriodObserver<A>) {
+        self.watcher = Some(watcher);
+    }
+
+    /// Writes a trace from now on, for a wave viewer, its axes under these names. Where its file cannot be written any more, it ends.
+    ///
+    /// # Errors
+    /// What the writer reports of the beginning.
+    pub fn trace(&mut self, out: Box<dyn Write + Send>, axes: &[String]) -> io::Result<()> {
+        self.trace = Some(Trace::new(out, axes)?);
+        Ok(())
+    }
+
+    /// Hands on what the trace keeps back.
+    pub fn flush(&mut self) {
+        if let Some(trace) = &mut self.trace
+            && trace.flush().is_err()
+        {
+            self.trace = None;
+        }
+    }
+}

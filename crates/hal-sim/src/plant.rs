@@ -1,0 +1,458 @@
+//! What hangs on a simulated card: axes that count pulses, switches at their ends, things that take time to switch.
+//!
+//! Invariant: it knows what comes out of the card's pins and what goes into them, and nothing of what the card means by it.
+
+use retrace_card::InputLevels;
+use retrace_link::{InputSetting, InputUse, MAX_INPUTS, Outputs, channel};
+
+use crate::random::{Chance, Random};
+
+/// A switch that an axis works: active from a position on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Switch {
+    /// The input that it is wired to.
+    pub input: u8,
+    /// The axis, from 0.
+    pub axis: u8,
+    /// The first position where it is active, in pulses from where the axis stood at the start.
+    pub at: i64,
+    /// Is it active from there upward, or downward?
+    pub upper: bool,
+}
+
+/// Something that an output switches, and that says when it is done: its input is inactive from the change on, and active when done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Process {
+    /// The output channel.
+    pub channel: u8,
+    /// The input that says *done*.
+    pub input: u8,
+    /// Shortest time that it takes, in microseconds.
+    pub min_us: u32,
+    /// Longest time, in microseconds.
+    pub max_us: u32,
+    /// How likely it never says *done*.
+    pub hangs: Chance,
+    /// How likely it reports that it failed.
+    pub fails: Chance,
+}
+
+/// Something that says in which state it is: an arc, a brake, a chuck. From a change of its output on its input denies the new state, and says
+/// it after the time that it takes; that of output 0 before anything was switched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reply {
+    /// The output channel.
+    pub channel: u8,
+    /// The input that says the state.
+    pub input: u8,
+    /// Is it active where the channel is 0, and where it is not?
+    pub active: [bool; 2],
+    /// How long it takes, in microseconds.
+    pub after_us: u32,
+}
+
+/// What happens to an input at a time, whatever else does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InputEvent {
+    /// When, in microseconds.
+    pub at_us: u64,
+    /// The input.
+    pub input: u8,
+    /// Is it active from then on?
+    pub active: bool,
+}
+
+/// What a machine is made of.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PlantSettings {
+    /// Switches on the axes.
+    pub switches: Vec<Switch>,
+    /// What takes time to switch.
+    pub processes: Vec<Process>,
+    /// What says in which state it is.
+    pub replies: Vec<Reply>,
+    /// What happens to inputs, in the order of its time: doors, emergency stops.
+    pub events: Vec<InputEvent>,
+    /// Inputs whose level is low while what is wired to them is active, one bit each.
+    pub active_low: u16,
+    /// What all chance follows from.
+    pub seed: u64,
+}
+
+/// The usual wiring of the simulated machine: an input each.
+pub mod wiring {
+    /// Lower limit switches of axes 0 … 3; of axis a it is `LOWER + a`.
+    pub const LOWER: u8 = 0;
+    /// Upper limit switches of axes 0 … 3.
+    pub const UPPER: u8 = 4;
+    /// Home switches of axes 0 … 3.
+    pub const HOME: u8 = 8;
+    /// The door.
+    pub const DOOR: u8 = 12;
+    /// The emergency-stop chain, active when open.
+    pub const EMERGENCY_STOP: u8 = 13;
+    /// The probe.
+    pub const PROBE: u8 = 14;
+    /// A process says that it is done.
+    pub const DONE: u8 = 15;
+    /// Axes that have switches.
+    pub const AXES: usize = 4;
+}
+
+impl PlantSettings {
+    /// A machine wired as the card is told that it is: limit switches at `travel` (lower and upper end of each axis, in pulses), home
+    /// switches `home[axis]` pulses before the lower one. Doors are shut and the emergency-stop chain is closed.
+    #[must_use]
+    pub fn wired_as(inputs: &[InputSetting; MAX_INPUTS], travel: &[[i64; 2]], home: &[i64]) -> Self {
+        let mut settings = Self::default();
+        for (input, setting) in (0u8..).zip(inputs) {
+            settings.active_low |= u16::from(setting.active_low) << input;
+            let ends = |axis: u8| travel.get(usize::from(axis));
+            match setting.used_for {
+                InputUse::Limit { axis, upper } => settings.switches.extend(ends(axis).map(|&[low, high]| Switch {
+                    input,
+                    axis,
+                    at: if upper { high } else { low },
+                    upper,
+                })),
+                InputUse::Home { axis } => settings.switches.extend(ends(axis).map(|&[low, _]| {
+                    let at = low + home.get(usize::from(axis)).copied().unwrap_or(0);
+                    Switch { input, axis, at, upper: false }
+                })),
+                _ => {}
+            }
+        }
+        settings
+    }
+
+    /// Limit switches at `travel` (lower and upper end of each axis, in pulses) and a home switch at the lower end, `home` pulses before the
+    /// limit switch, in the usual [`wiring`].
+    #[must_use]
+    pub fn with_switches(travel: &[[i64; 2]], home: i64) -> Self {
+        let mut switches = Vec::new();
+        for (axis, &[low, high]) in (0..).zip(travel.iter().take(wiring::AXES)) {
+            switches.push(Switch { input: wiring::LOWER + axis, axis, at: low, upper: false });
+            switches.push(Switch { input: wiring::UPPER + axis, axis, at: high, upper: true });
+            switches.push(Switch { input: wiring::HOME + axis, axis, at: low + home, upper: false });
+        }
+        Self { switches, ..Self::default() }
+    }
+}
+
+/// What a process is about to say.
+#[derive(Clone, Copy, Debug)]
+enum PendingReply {
+    Done,
+    Failed,
+}
+
+#[derive(Clone, Debug)]
+struct RunningProcess {
+    process: Process,
+    value: i32,
+    due: Option<(u64, PendingReply)>,
+}
+
+#[derive(Clone, Debug)]
+struct RunningReply {
+    reply: Reply,
+    value: i32,
+    due_us: Option<u64>,
+}
+
+impl RunningReply {
+    /// What its input says of its state.
+    const fn says(&self) -> bool {
+        self.reply.active[(self.value != 0) as usize]
+    }
+}
+
+/// The handwheel being turned.
+#[derive(Clone, Copy, Debug)]
+struct WheelMotion {
+    counts_per_s: i32,
+    since_us: u64,
+    until_us: u64,
+    /// Counts turned so far.
+    turned: i64,
+}
+
+/// A machine of `A` axes.
+#[derive(Clone, Debug)]
+pub struct Plant<const A: usize> {
+    switches: Vec<Switch>,
+    running: Vec<RunningProcess>,
+    replying: Vec<RunningReply>,
+    events: std::collections::VecDeque<InputEvent>,
+    random: Random,
+    active: u16,
+    active_low: u16,
+    failed: bool,
+    encoder: u16,
+    /// Somebody turns the wheel.
+    turning: Option<WheelMotion>,
+    /// Things that were switched, that hung, and that failed.
+    switched: [u64; 3],
+}
+
+impl<const A: usize> Plant<A> {
+    /// A machine at rest, at position 0, with all outputs off.
+    #[must_use]
+    pub fn new(settings: &PlantSettings) -> Self {
+        let mut events = settings.events.clone();
+        events.sort_by_key(|event| event.at_us);
+        let replying = settings.replies.iter().map(|&reply| RunningReply { reply, value: 0, due_us: None });
+        let replying: Vec<RunningReply> = replying.collect();
+        let mut active = 0;
+        for each in replying.iter().filter(|each| each.says()) {
+            set(&mut active, each.reply.input, true);
+        }
+        Self {
+            switches: settings.switches.clone(),
+            running: settings
+                .processes
+                .iter()
+                .map(|&process| RunningProcess { process, value: 0, due: None })
+                .collect(),
+            replying,
+            events: events.into(),
+            random: Random::new(settings.seed),
+            active,
+            active_low: settings.active_low,
+            failed: false,
+            encoder: 0,
+            turning: None,
+            switched: [0; 3],
+        }
+    }
+
+    /// What the card reads at `now_us`, the axes being at `positions`.
+    pub fn inputs(&mut self, now_us: u64, positions: &[i64; A]) -> InputLevels {
+        for switch in &self.switches {
+            let Some(&position) = positions.get(usize::from(switch.axis)) else { continue };
+            let active = if switch.upper { position >= switch.at } else { position <= switch.at };
+            set(&mut self.active, switch.input, active);
+        }
+        for running in &mut self.running {
+            if let Some((due, promise)) = running.due
+                && due <= now_us
+            {
+                running.due = None;
+                match promise {
+                    PendingReply::Done => set(&mut self.active, running.process.input, true),
+                    PendingReply::Failed => self.failed = true,
+                }
+            }
+        }
+        for each in &mut self.replying {
+            if each.due_us.is_some_and(|due| due <= now_us) {
+                each.due_us = None;
+                set(&mut self.active, each.reply.input, each.says());
+            }
+        }
+        while let Some(event) = self.events.front().filter(|event| event.at_us <= now_us) {
+            set(&mut self.active, event.input, event.active);
+            self.events.pop_front();
+        }
+        self.turn_on(now_us);
+        let failed = std::mem::take(&mut self.failed);
+        InputLevels { levels: self.active ^ self.active_low, encoder: self.encoder, failed }
+    }
+
+    /// The card's outputs are these at `now_us`.
+    pub fn outputs(&mut self, now_us: u64, outputs: &Outputs) {
+        for running in &mut self.running {
+            let process = running.process;
+            let Some(&value) = outputs.get(usize::from(process.channel).min(channel::COUNT)) else { continue };
+            if value == running.value {
+                continue;
+            }
+            running.value = value;
+            set(&mut self.active, process.input, false);
+            self.switched[0] += 1;
+            let us = process.min_us + self.random.up_to(process.max_us.saturating_sub(process.min_us));
+            let due = now_us + u64::from(us);
+            let (hangs, fails) = (process.hangs.draw(&mut self.random), process.fails.draw(&mut self.random));
+            self.switched[1] += u64::from(hangs);
+            self.switched[2] += u64::from(fails && !hangs);
+            running.due = (!hangs).then_some((due, if fails { PendingReply::Failed } else { PendingReply::Done }));
+        }
+        for each in &mut self.replying {
+            let Some(&value) = outputs.get(usize::from(each.reply.channel)) else { continue };
+            if value != each.value {
+                each.value = value;
+                set(&mut self.active, each.reply.input, !each.says());
+                each.due_us = Some(now_us + u64::from(each.reply.after_us));
+            }
+        }
+    }
+
+    /// Makes an input active or inactive by hand.
+    pub const fn press(&mut self, input: u8, active: bool) {
+        set(&mut self.active, input, active);
+    }
+
+    /// Turns the handwheel by so many counts of its encoder.
+    pub const fn turn_wheel(&mut self, counts: i16) {
+        self.encoder = self.encoder.wrapping_add_signed(counts);
+    }
+
+    /// Turns the handwheel at so many counts a second for so many microseconds from `now_us` on; ends what is left of another turn.
+    pub const fn turn_wheel_for(&mut self, now_us: u64, counts_per_s: i32, for_us: u64) {
+        let until_us = now_us.saturating_add(for_us);
+        self.turning = Some(WheelMotion { counts_per_s, since_us: now_us, until_us, turned: 0 });
+    }
+
+    /// What the handwheel was turned by up to now.
+    fn turn_on(&mut self, now_us: u64) {
+        let Some(turning) = &mut self.turning else { return };
+        let passed = now_us.min(turning.until_us).saturating_sub(turning.since_us);
+        // less than 2⁶³: a turn of more than some days at the highest speed is cut short
+        let due = i64::from(turning.counts_per_s) * passed.min(1 << 31) as i64 / 1_000_000;
+        // an encoder that turns by more between two looks would not be understood either
+        let counts = (due - turning.turned) as i16;
+        turning.turned = due;
+        if now_us >= turning.until_us {
+            self.turning = None;
+        }
+        self.turn_wheel(counts);
+    }
+
+    /// How often something was switched, hung, and failed.
+    #[must_use]
+    pub const fn switched(&self) -> [u64; 3] {
+        self.switched
+    }
+}
+
+const fn set(inputs: &mut u16, input: u8, active: bool) {
+    if input < 16 {
+        let bit = 1 << input;
+        *inputs = if active { *inputs | bit } else { *inputs & !bit };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn switches_stand_at_the_ends_of_the_travel() {
+        let mut machine = Plant::<2>::new(&PlantSettings::with_switches(&[[-100, 500], [0, 10]], 20));
+        let mut active = |x, y| -> Vec<u32> {
+            let levels = u32::from(machine.inputs(0, &[x, y]).levels);
+            (0..16).filter(|n| levels >> n & 1 == 1).collect()
+        };
+        assert_eq!(active(-80, 5), [8, 9]);
+        assert_eq!(active(-79, 9), [9]);
+        assert_eq!(active(-100, 10), [0, 5, 8, 9]);
+        assert_eq!(active(500, 0), [1, 4, 9]);
+        assert_eq!(active(499, 21), [5]);
+    }
+
+    #[test]
+    fn a_machine_is_wired_as_the_card_is_told() {
+        let mut inputs = [InputSetting::default(); MAX_INPUTS];
+        inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 1, upper: true }, active_low: true };
+        inputs[5] = InputSetting { used_for: InputUse::Home { axis: 0 }, active_low: false };
+        inputs[7] = InputSetting { used_for: InputUse::EmergencyStop, active_low: true };
+        inputs[9] = InputSetting { used_for: InputUse::Limit { axis: 8, upper: true }, active_low: false };
+        let settings = PlantSettings::wired_as(&inputs, &[[-100, 100], [-50, 50]], &[10]);
+        let mut machine = Plant::<2>::new(&settings);
+        let closed = 1 << 3 | 1 << 7;
+        assert_eq!(machine.inputs(0, &[0, 49]).levels, closed);
+        assert_eq!(machine.inputs(0, &[-90, 50]).levels, 1 << 5 | 1 << 7);
+        machine.press(7, true);
+        assert_eq!(machine.inputs(0, &[0, 0]).levels, 1 << 3);
+    }
+
+    #[test]
+    fn a_process_says_done_in_its_time_each_time() {
+        let process = Process {
+            channel: channel::SPINDLE,
+            input: wiring::DONE,
+            min_us: 500,
+            max_us: 900,
+            hangs: Chance::NEVER,
+            fails: Chance::NEVER,
+        };
+        let settings = PlantSettings { processes: vec![process], seed: 3, ..PlantSettings::default() };
+        let mut machine = Plant::<1>::new(&settings);
+        let (mut outputs, mut times) = ([0; channel::COUNT], Vec::new());
+        for round in 1..=50u64 {
+            let begin = round * 10_000;
+            outputs[usize::from(channel::SPINDLE)] = round as i32;
+            machine.outputs(begin, &outputs);
+            machine.outputs(begin + 1, &outputs);
+            let took = (0..2000).find(|&us| machine.inputs(begin + us, &[0]).levels >> wiring::DONE & 1 == 1);
+            times.push(took.expect("done"));
+        }
+        assert!(times.iter().all(|&us| (500..=900).contains(&us)), "{times:?}");
+        assert!(times.iter().max() > times.iter().min());
+        assert_eq!(machine.switched(), [50, 0, 0]);
+    }
+
+    #[test]
+    fn a_reply_denies_the_new_state_until_it_is_come_to() {
+        let arc = Reply { channel: channel::SPINDLE, input: 5, active: [false, true], after_us: 500 };
+        let still = Reply { input: 6, active: [true, false], ..arc };
+        let changed = Reply { input: 7, active: [true, true], ..arc };
+        let settings = PlantSettings { replies: vec![arc, still, changed], ..PlantSettings::default() };
+        let mut machine = Plant::<1>::new(&settings);
+        let mut outputs = [0; channel::COUNT];
+        let levels = |machine: &mut Plant<1>, us| machine.inputs(us, &[0]).levels >> 5;
+        machine.outputs(0, &outputs);
+        assert_eq!(levels(&mut machine, 9_999), 0b110, "nothing is switched: it stands");
+        outputs[usize::from(channel::SPINDLE)] = 1;
+        machine.outputs(10_000, &outputs);
+        machine.outputs(10_400, &outputs);
+        assert_eq!((levels(&mut machine, 10_499), levels(&mut machine, 10_500)), (0b010, 0b101));
+        outputs[usize::from(channel::SPINDLE)] = 0;
+        machine.outputs(20_000, &outputs);
+        assert_eq!((levels(&mut machine, 20_499), levels(&mut machine, 20_500)), (0b001, 0b110));
+    }
+
+    #[test]
+    fn what_hangs_stays_silent_and_what_fails_says_so_once() {
+        let certain = Chance::new(1.0).expect("a probability");
+        let hang = Process { channel: 0, input: 15, min_us: 1, max_us: 1, hangs: certain, fails: Chance::NEVER };
+        let fail = Process { channel: 1, input: 14, hangs: Chance::NEVER, fails: certain, ..hang };
+        let settings = PlantSettings { processes: vec![hang, fail], ..PlantSettings::default() };
+        let mut machine = Plant::<1>::new(&settings);
+        let mut outputs = [0; channel::COUNT];
+        (outputs[0], outputs[1]) = (1, 1);
+        machine.outputs(0, &outputs);
+        let seen: Vec<InputLevels> = (0..10).map(|us| machine.inputs(us, &[0])).collect();
+        assert!(seen.iter().all(|inputs| inputs.levels == 0));
+        assert_eq!(seen.iter().filter(|inputs| inputs.failed).count(), 1);
+        assert_eq!(machine.switched(), [2, 1, 1]);
+    }
+
+    #[test]
+    fn events_and_the_wheel() {
+        let events = vec![
+            InputEvent { at_us: 20, input: wiring::DOOR, active: false },
+            InputEvent { at_us: 10, input: wiring::DOOR, active: true },
+        ];
+        let mut machine = Plant::<1>::new(&PlantSettings { events, ..PlantSettings::default() });
+        let door = |machine: &mut Plant<1>, us| machine.inputs(us, &[0]).levels >> wiring::DOOR & 1;
+        assert_eq!([9, 10, 19, 20].map(|us| door(&mut machine, us)), [0, 1, 1, 0]);
+        machine.turn_wheel(-5);
+        assert_eq!(machine.inputs(30, &[0]).encoder, u16::MAX - 4);
+        machine.press(wiring::PROBE, true);
+        assert_eq!(machine.inputs(30, &[0]).levels, 1 << wiring::PROBE);
+    }
+
+    #[test]
+    fn the_wheel_is_turned_evenly_and_by_as_much_as_was_said() {
+        let mut machine = Plant::<1>::new(&PlantSettings::default());
+        machine.turn_wheel_for(10_000, -120, 2_000_000);
+        let mut last = 0;
+        for now_us in (10_000..3_000_000).step_by(1000) {
+            let encoder = machine.inputs(now_us, &[0]).encoder as i16;
+            assert!((0..=1).contains(&(last - encoder)), "evenly");
+            last = encoder;
+        }
+        assert_eq!(last, -240);
+    }
+}

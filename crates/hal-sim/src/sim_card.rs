@@ -1,0 +1,291 @@
+//! A simulated card in this process, with a machine on it and no line: behind the trait that every card stands behind.
+//!
+//! Invariant: it runs `retrace_card::Card`, the same code as the firmware; it is not a second card. An alarm is told in a period of its own,
+//! and is a fault from the next one on, as long as the card stands under it.
+
+use std::fmt;
+use std::io::{self, Write};
+
+use retrace_card::{Card, InputLevels};
+use retrace_core::limits::RateLimits;
+use retrace_link::{
+    Alarm, CardCore, CardFailure, CardIdentity, CardSettings, CardStatus, CommandRefusal, HostCommand, MotionCard,
+    Outputs, PathStart,
+};
+
+use crate::count_checker::CountChecker;
+use crate::pins::Pins;
+use crate::trace::Trace;
+use crate::{Clock, Plant, PlantSettings, PulseCounters, identity};
+
+/// Records that the simulated card holds.
+pub const WINDOW: usize = 4096;
+
+/// Longest average of its rate law, in periods.
+pub(crate) const MEMORY: usize = 1023;
+
+/// Ticks a second of a clock that is fine enough for every pulse that can be asked for.
+const FINE_HZ: u32 = 4_000_000_000;
+
+/// A trace of the card, and the wires that it shows.
+struct Traced<const A: usize> {
+    trace: Trace<Box<dyn Write + Send>, A>,
+    pins: Pins<A>,
+}
+
+impl<const A: usize> fmt::Debug for Traced<A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Traced").field("pins", &self.pins).finish_non_exhaustive()
+    }
+}
+
+/// A simulated card for `A` axes, and what hangs on it.
+#[derive(Debug)]
+pub struct SimCard<const A: usize> {
+    card: Box<Card<A, WINDOW, MEMORY>>,
+    machine: Plant<A>,
+    counters: PulseCounters<A>,
+    compared: CountChecker<A>,
+    /// Counts of the axes where the counters' positions are 0, before any homing.
+    stood_at: [i64; A],
+    settings: CardSettings<A>,
+    clock: Clock,
+    traced: Option<Box<Traced<A>>>,
+}
+
+/// What can go wrong with a simulated card.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SimCardError {
+    /// The card latched an alarm and stands. [`Word::ClearAlarm`] may clear it.
+    Alarm(Alarm),
+    /// More pulses than the card can emit.
+    TooManyPulses {
+        /// The control period in which it happened.
+        period: u64,
+    },
+    /// The counts are not what was counted: a defect.
+    Apart {
+        /// The control period in which it happened.
+        period: u64,
+    },
+    /// The card did not begin an epoch.
+    NotBegun(CommandRefusal),
+}
+
+impl fmt::Display for SimCardError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Alarm(alarm) => alarm.fmt(f),
+            Self::TooManyPulses { period } => {
+                write!(f, "control period {period}: more pulses than the card can emit in a period")
+            }
+            Self::Apart { period } => {
+                write!(f, "control period {period}: the card's counts are not what was counted at its outputs")
+            }
+            Self::NotBegun(CommandRefusal::InMotion) => {
+                write!(f, "the card is in motion, and cannot begin a path anew")
+            }
+            Self::NotBegun(_) => write!(f, "the card cannot begin a path anew like that"),
+        }
+    }
+}
+
+impl CardFailure for SimCardError {
+    fn number(&self) -> &'static str {
+        match self {
+            Self::Alarm(alarm) => alarm.number(),
+            Self::TooManyPulses { .. } => "E3017",
+            Self::Apart { .. } => "E3004",
+            Self::NotBegun(_) => "E3008",
+        }
+    }
+
+    fn remedy(&self) -> &'static str {
+        match self {
+            Self::Alarm(alarm) => alarm.remedy(),
+            Self::TooManyPulses { .. } => {
+                "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period"
+            }
+            Self::Apart { .. } => "please report this",
+            Self::NotBegun(_) => "wait until the machine stands; please report this",
+        }
+    }
+}
+
+impl<const A: usize> SimCard<A> {
+    /// A card at rest with nothing on it, its first record to have the number `start`, a control period of 1 ms in virtual time. `None` where
+    /// the rate law's average is too long for a card.
+    #[must_use]
+    pub fn new(start: u32, limits: RateLimits<A>, clock: Clock) -> Option<Self> {
+        let settings = CardSettings::new(1, PathStart::at(start), clock.period_us().unwrap_or(1000), limits);
+        Self::with_machine(settings, &PlantSettings::default(), clock).ok()
+    }
+
+    /// A card at rest with a machine on it. Whoever has it in hand is there: the watchdog never trips; and its clock is so fine that pulses are
+    /// as short as they have to be. Else it works by the settings; their epoch counts for nothing.
+    ///
+    /// # Errors
+    /// As [`Deck::open`].
+    pub fn with_machine(
+        settings: CardSettings<A>,
+        machine: &PlantSettings,
+        clock: Clock,
+    ) -> Result<Self, CommandRefusal> {
+        let identity = CardIdentity { tick_hz: FINE_HZ, max_pulses_hz: u32::MAX, ..identity::<A>(0, 0) };
+        let settings = CardSettings { epoch: 1, pulse_ns: 0, direction_setup_ns: 0, ..settings };
+        let mut card = Box::new(Card::new(identity).ok_or(CommandRefusal::Unfit)?);
+        card.open(&settings)?;
+        let mut compared = CountChecker::new([0; A]);
+        compared.expect_play(&settings.backlash_pulses, &[0; A], &[0; A]);
+        Ok(Self {
+            card,
+            machine: Plant::new(machine),
+            counters: PulseCounters::default(),
+            compared,
+            stood_at: [0; A],
+            settings,
+            clock,
+            traced: None,
+        })
+    }
+
+    /// The same, with its axes at these counts and its outputs at these values: as a card that kept its position. What hangs on it is at
+    /// these positions too. To be called before anything has moved.
+    #[must_use]
+    pub fn standing_at(mut self, counts: [i64; A], outputs: &Outputs) -> Self {
+        self.card.stand_at(counts, outputs);
+        self.compared = CountChecker::new(counts);
+        self.compared.expect_play(&self.settings.backlash_pulses, &counts, &[0; A]);
+        self.stood_at = counts;
+        self.machine.outputs(0, outputs);
+        self
+    }
+
+    /// Writes a trace from now on, for a wave viewer, its axes under these names. Where its file cannot be written any more, it ends.
+    ///
+    /// # Errors
+    /// What the writer reports.
+    pub fn trace(&mut self, out: Box<dyn Write + Send>, axes: &[String]) -> io::Result<()> {
+        self.traced = Some(Box::new(Traced { trace: Trace::new(out, axes)?, pins: Pins::default() }));
+        Ok(())
+    }
+
+    /// Traces the last period, which began at `now_us`.
+    fn trace_period(&mut self, now_us: u64) {
+        let (Some(traced), Some(terms)) = (&mut self.traced, self.card.terms()) else { return };
+        // More pulses than fit are a fault of the card, which ends the run by itself.
+        let _ = traced.pins.emit(terms.timing(), self.card.pulses());
+        let edges = traced.pins.edges();
+        if traced.trace.period(now_us * 1000, self.card.status(), edges, FINE_HZ).is_err() {
+            self.traced = None;
+        }
+    }
+
+    /// The pulses that came out.
+    #[must_use]
+    pub const fn counters(&self) -> &PulseCounters<A> {
+        &self.counters
+    }
+
+    /// What hangs on the card, to be meddled with.
+    pub const fn machine(&mut self) -> &mut Plant<A> {
+        &mut self.machine
+    }
+
+    /// What the machine has on the card's inputs at the beginning of period `number`.
+    fn inputs(&mut self, now_us: u64) -> InputLevels {
+        let mut positions = *self.counters.positions();
+        for (position, stood_at) in positions.iter_mut().zip(self.stood_at) {
+            *position += stood_at;
+        }
+        self.machine.inputs(now_us, &positions)
+    }
+}
+
+impl<const A: usize> MotionCard<A> for SimCard<A> {
+    type Fault = SimCardError;
+
+    fn window(&self) -> u32 {
+        WINDOW as u32
+    }
+
+    fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
+        self.card.accept(word)
+    }
+
+    fn period(&mut self) -> Result<&CardStatus<A>, SimCardError> {
+        let before = self.card.status();
+        let (number, counts) = (before.period + 1, before.counts);
+        let stood_under_alarm = before.alarm.is_some() && before.at_rest;
+        self.clock.wait(number);
+        let now_us = number * u64::from(self.settings.period_us);
+        let inputs = self.inputs(now_us);
+        self.card.heard();
+        self.card.period(inputs);
+        let (status, pulses) = (self.card.status(), self.card.pulses());
+        if !self.counters.emit(pulses) {
+            return Err(SimCardError::TooManyPulses { period: number });
+        }
+        if !self.compared.agrees(&counts, status, self.counters.positions()) {
+            return Err(SimCardError::Apart { period: number });
+        }
+        self.machine.outputs(now_us, &status.outputs);
+        let alarm = status.alarm;
+        self.trace_period(now_us);
+        match alarm {
+            Some(alarm) if stood_under_alarm => Err(SimCardError::Alarm(alarm)),
+            _ => Ok(self.card.status()),
+        }
+    }
+
+    fn begin(&mut self, start: PathStart) -> Result<(), SimCardError> {
+        self.card.open(&CardSettings { start, ..self.settings }).map_err(SimCardError::NotBegun)
+    }
+
+    fn status(&self) -> &CardStatus<A> {
+        self.card.status()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use retrace_core::limits::PulseLimits;
+    use retrace_core::{Flags, ONE, Record};
+
+    fn limits<const A: usize>() -> RateLimits<A> {
+        let axis = PulseLimits { velocity: 100 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
+        RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
+    }
+
+    #[test]
+    fn counts_every_pulse_of_a_walk_there_and_back() {
+        let mut card = SimCard::<2>::new(0, limits(), Clock::Virtual).expect("fits");
+        for place in 0..100u32 {
+            let flags = if place == 99 { Flags::REST } else { Flags::NONE };
+            let record = Record { increments: [7, -(place as i16)], flags, ..Record::default() };
+            card.send(HostCommand::Ahead { place, record }).expect("room");
+        }
+        card.send(HostCommand::rate(ONE)).expect("a rate");
+        for _ in 0..100 {
+            card.period().expect("no fault");
+        }
+        assert_eq!(card.status().counts, [700, -4950]);
+        card.send(HostCommand::rate(-ONE / 3)).expect("a rate");
+        for _ in 0..310 {
+            card.period().expect("no fault");
+        }
+        assert_eq!(card.status().counts, [0, 0]);
+        assert_eq!(card.counters().pulses(), &[1400, 9900]);
+    }
+
+    #[test]
+    fn wall_time_passes() {
+        let begin = std::time::Instant::now();
+        let mut card = SimCard::<1>::new(0, limits(), Clock::wall(1000)).expect("fits");
+        for _ in 0..20 {
+            card.period().expect("no fault");
+        }
+        assert!(begin.elapsed() >= std::time::Duration::from_millis(20));
+    }
+}

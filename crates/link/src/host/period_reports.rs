@@ -1,0 +1,100 @@
+//! Reported entries become control periods, one after the other.
+//!
+//! Invariant: increments and counts are those of the records between the places; where the card's echo says otherwise, that is a fault.
+
+use retrace_core::Travel;
+use retrace_core::place::before;
+use retrace_core::playback::emission;
+
+use super::{ENTRIES, HostEndpoint, LinkError};
+use crate::state_crc;
+use crate::wire::ReportEntry;
+
+impl<const A: usize> HostEndpoint<A> {
+    /// Gives out the next control period that the card reported: [`Host::status`] is that of its end. False where there is none yet.
+    pub fn next_period(&mut self) -> bool {
+        if self.waiting > 0 && core::mem::take(&mut self.given) {
+            (self.status.wheel, self.status.cutter_off) = (0, None);
+        }
+        while self.waiting > 0 && self.fault.is_none() {
+            let at = usize::from(self.taken) % ENTRIES;
+            let entry = self.entries[at];
+            if let ReportEntry::Ran { travel, count, short, at_rest } = entry {
+                if count > 1 {
+                    self.entries[at] = ReportEntry::Ran { travel, count: count - 1, short, at_rest };
+                } else {
+                    self.drop_entry();
+                }
+                self.run_period(travel, short, at_rest);
+                self.given = true;
+                return true;
+            }
+            self.drop_entry();
+            self.note(entry);
+        }
+        false
+    }
+
+    fn drop_entry(&mut self) {
+        self.taken = self.taken.wrapping_add(1);
+        self.waiting -= 1;
+    }
+
+    fn note(&mut self, entry: ReportEntry) {
+        match entry {
+            ReportEntry::Output(change) => {
+                if let Some(output) = self.status.outputs.get_mut(usize::from(change.channel)) {
+                    *output = change.value;
+                }
+            }
+            ReportEntry::Executed(number) => self.status.executed = number,
+            ReportEntry::Alarm(alarm) => {
+                self.alarm = alarm;
+                self.status.alarm = alarm;
+            }
+            ReportEntry::Inputs(inputs) => self.status.inputs = inputs,
+            ReportEntry::Wheel(counts) => self.status.wheel = self.status.wheel.saturating_add(counts),
+            ReportEntry::CutterOff(off) => self.status.cutter_off = Some(off),
+            ReportEntry::Repeated(number) => self.status.repeated = number,
+            ReportEntry::Blocked(blocked) => self.status.blocked = blocked,
+            ReportEntry::Refused(number) | ReportEntry::RepeatRefused(number) => {
+                // While an alarm is latched that is what is to be told.
+                if self.alarm.is_none() {
+                    self.fault = Some(LinkError::Refused(number));
+                }
+            }
+            ReportEntry::Ran { .. } => {}
+        }
+    }
+
+    fn run_period(&mut self, travel: Travel, short: bool, at_rest: bool) {
+        let from = self.status.place;
+        let to = from.moved(travel);
+        let Some(increments) = emission(from, to, |place| self.mirror.record(place)) else {
+            self.fault = Some(LinkError::Disagrees);
+            return;
+        };
+        let status = &mut self.status;
+        status.period += 1;
+        (status.place, status.rate, status.starved, status.at_rest) = (to, travel, short, at_rest);
+        // at most nine records a period
+        status.increments = increments.map(|pulses| pulses as i32);
+        for (count, increment) in status.counts.iter_mut().zip(increments) {
+            *count += increment;
+        }
+        let under = if travel < 0 { to.record } else { to.boundary_ahead().wrapping_sub(1) };
+        if let Some(record) = self.mirror.record(under) {
+            status.line = record.line;
+        }
+        if before(status.reached, to.boundary_ahead()) {
+            status.reached = to.boundary_ahead();
+        }
+        if self.waiting == 0
+            && let (Some(told), Some(settings)) = (self.echo.take(), &self.settings)
+            && !self.off_path
+            && told != state_crc(status.place, &status.counts, settings.axes)
+        {
+            self.fault = Some(LinkError::Disagrees);
+        }
+    }
+}

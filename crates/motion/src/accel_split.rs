@@ -1,0 +1,109 @@
+//! How much of an axis' acceleration and jerk tangential motion gets along a curve, and how much the curvature.
+//!
+//! A fast passage of a curve leaves little acceleration along it. Where the speed changes much, giving up some speed for
+//! acceleration pays; where the road is calm, that is, where gentle motion can keep up with what the curvature allows for some
+//! time, next to none is needed. A plan uses one acceleration and jerk over many blocks, so the choice is made for whole calm
+//! stretches and not block by block.
+//!
+//! Invariant: either choice keeps the limits; choosing decides how fast a plan is.
+
+use crate::envelope::PathBlock;
+use crate::profile::PathLimits;
+
+/// Shares of acceleration and jerk, least first, that tangential motion may get on a curve; the rest is for the curvature.
+pub(crate) const TANGENTIAL: [(f64, f64); 9] = [
+    (0.05, 0.25),
+    (0.08, 0.25),
+    (0.12, 0.25),
+    (0.18, 0.25),
+    (0.25, 0.3),
+    (0.35, 0.35),
+    (0.5, 0.5),
+    (0.7, 0.7),
+    (0.9, 0.9),
+];
+/// Tangential motion gets the largest share that leaves this part of the speed that the least one gives: on a calm road, and
+/// where the speed changes much on short pieces, and on those of more than [`LONG`] seconds. Found by trial.
+pub(crate) const SPEED_KEPT: (f64, f64, f64) = (0.99, 0.8, 0.95);
+pub(crate) const LONG: f64 = 0.25;
+/// Share of the acceleration that gentle motion takes.
+pub(crate) const GENTLE: f64 = 0.25;
+/// A road is calm where gentle motion comes this near to the highest speed, for at least this many seconds. Found by trial.
+const CALM: (f64, f64) = (0.97, 0.3);
+
+/// Path limits to choose from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LimitOptions {
+    /// The highest speed on a curve, mm/s.
+    pub(crate) v: f64,
+    /// Gentle acceleration, mm/s².
+    pub(crate) gentle: f64,
+    /// For a calm road.
+    pub(crate) calm: PathLimits,
+    /// Where the speed changes much.
+    pub(crate) rough: PathLimits,
+}
+
+impl LimitOptions {
+    /// The same at no more than speed `v`, mm/s.
+    pub(crate) fn up_to(&self, v: f64) -> Self {
+        let limit = |limits: PathLimits| PathLimits { v: limits.v.min(v), ..limits };
+        Self { v: self.v.min(v), calm: limit(self.calm), rough: limit(self.rough), ..*self }
+    }
+
+    /// What both allow.
+    pub(crate) fn tighter(&self, other: &Self) -> Self {
+        Self {
+            v: self.v.min(other.v),
+            gentle: self.gentle.min(other.gentle),
+            calm: self.calm.tighter(other.calm),
+            rough: self.rough.tighter(other.rough),
+        }
+    }
+}
+
+/// Chooses over a road of blocks; it keeps its memory.
+#[derive(Debug, Default)]
+pub(crate) struct LimitSelector {
+    /// Square of the speed of gentle motion at each joint.
+    w: Vec<f64>,
+}
+
+impl LimitSelector {
+    /// Sets the limits of `blocks`, each from its offer. They are entered at speed `v0` at most, and the road goes on behind
+    /// them unless it `ends` at rest.
+    pub(crate) fn choose(&mut self, blocks: &mut [PathBlock], offers: &[LimitOptions], v0: f64, ends: bool) {
+        self.move_gently(blocks, offers, v0, ends);
+        let is_calm = |k: usize| self.w[k].min(self.w[k + 1]) >= (CALM.0 * offers[k].v).powi(2);
+        let mut k = 0;
+        while k < blocks.len() {
+            let (first, calm, mut time) = (k, is_calm(k), 0.0);
+            while k < blocks.len() && is_calm(k) == calm {
+                time += blocks[k].length / offers[k].v;
+                k += 1;
+            }
+            let calm = calm && time > CALM.1;
+            for (block, offer) in blocks[first..k].iter_mut().zip(&offers[first..k]) {
+                block.limits = if calm { offer.calm } else { offer.rough };
+            }
+        }
+    }
+
+    /// Finds the speed of gentle motion at each joint: backward, then forward.
+    fn move_gently(&mut self, blocks: &[PathBlock], offers: &[LimitOptions], v0: f64, ends: bool) {
+        let n = blocks.len();
+        self.w.clear();
+        self.w.resize(n + 1, 0.0);
+        if !ends {
+            self.w[n] = offers.last().map_or(0.0, |last| last.v * last.v);
+        }
+        let rise = |w: f64, k: usize| (w + 2.0 * offers[k].gentle * blocks[k].length).min(offers[k].v * offers[k].v);
+        for k in (0..n).rev() {
+            let cap = if k > 0 { blocks[k - 1].exit_v.min(offers[k - 1].v) } else { v0 };
+            self.w[k] = rise(self.w[k + 1], k).min(cap * cap);
+        }
+        for k in 0..n {
+            self.w[k + 1] = rise(self.w[k], k).min(self.w[k + 1]);
+        }
+    }
+}

@@ -1,0 +1,314 @@
+//! The road: how each move goes over into the next one, by a stop, as it is, rounded, or in a glide.
+//!
+//! Invariant: a move waits until the next one, or a stop, is known, since that decides how it is joined to the one before. What is
+//! handed on to be planned never changes, and depends on the moves and stops alone.
+
+use std::collections::VecDeque;
+
+use retrace_core::{Flags, Record};
+
+use crate::blend::{Blender, Junction, PathSegment};
+use crate::emitter::{Emitter, PlanItem, SetPoint};
+use crate::glide::glide_cache::GlideCache;
+use crate::glide::glide_segment::GlideSegment;
+use crate::glide::optimum::{gentle, rest_time};
+use crate::glide::ramp_pair::RampPair;
+use crate::glide::tracks::{FarEnd, Track, Tracks};
+use crate::glide::{Blending, source};
+use crate::junction::{glide_pays, join};
+use crate::limits::{AxisLimits, MachineLimits};
+use crate::merge::LineMark;
+use crate::piece::{PathPiece, PieceJunction, RAPID};
+use crate::profile::{KinematicState, fastest, stopping_distance};
+use crate::run::{PlanRun, least};
+
+/// A move that waits for the next one, which decides how it is joined to the one before.
+#[derive(Clone, Copy, Debug)]
+struct PendingMove<const A: usize> {
+    segment: PathSegment<A>,
+    start: [f64; A],
+    /// It ends with a full stop.
+    stops: bool,
+}
+
+/// The first segment of a run, as long as it is the only one.
+#[derive(Clone, Copy, Debug)]
+struct FirstSegment {
+    /// In which state the run begins, its place counted from the start of the whole segment.
+    start: KinematicState,
+    /// Length of the whole segment, mm.
+    length: f64,
+}
+
+/// The road ahead, from moves to the plan.
+#[derive(Debug)]
+pub(crate) struct PathPlanner<const A: usize> {
+    axes: AxisLimits<A>,
+    emitter: Emitter<A>,
+    blender: Blender<A>,
+    run: PlanRun<A>,
+    blending: Blending,
+    glide_cache: GlideCache,
+    pending: Option<PendingMove<A>>,
+    /// Marks of the held move.
+    marks: Vec<LineMark>,
+    lead: Option<FirstSegment>,
+    /// The last move in the blender ends with a full stop.
+    stops: bool,
+    /// Pieces that wait to be planned, and marks on their way from the blender, kept for their memory.
+    pieces: VecDeque<(PathPiece<A>, PieceJunction)>,
+    lines: Vec<LineMark>,
+}
+
+/// Pieces that are planned at most when a move is taken up, so that none has to wait for all that the blender hands on together;
+/// more than a move is ever cut into.
+const PIECES: usize = 24;
+
+impl<const A: usize> PathPlanner<A> {
+    /// A road that begins at rest at `start_mm`.
+    pub(crate) fn new(limits: MachineLimits<A>, start_mm: [f64; A]) -> Self {
+        let axes = limits.planned();
+        // A turn of 1/8 rad rounded this widely takes half the jerk at full speed; sharper ones are slower in any case.
+        let reach = 0.5 * (axes.path_v.powi(3) / least(axes.j)).sqrt();
+        Self {
+            axes,
+            emitter: Emitter::new(limits, start_mm),
+            blender: Blender::new(reach),
+            run: PlanRun::new(axes),
+            blending: Blending::default(),
+            glide_cache: GlideCache::default(),
+            pending: None,
+            marks: Vec::new(),
+            lead: None,
+            stops: false,
+            pieces: VecDeque::new(),
+            lines: Vec::new(),
+        }
+    }
+
+    /// Plans over that many blocks at a time.
+    pub(crate) fn look_over(&mut self, blocks: usize) {
+        self.run.look_over(blocks);
+    }
+
+    /// From the next record on programmed feeds count times `factor`; where moves are joined, and how, does not depend on it.
+    pub(crate) fn override_feeds(&mut self, factor: f64) {
+        self.run.override_feeds(factor, &mut self.emitter);
+    }
+
+    /// Passes the corners that follow by that method.
+    pub(crate) fn blend_by(&mut self, blending: Blending) {
+        self.blending = blending;
+    }
+
+    /// Has anything moved since the last stop?
+    pub(crate) fn moves(&self) -> bool {
+        self.pending.is_some() || self.blender.last().is_some()
+    }
+
+    /// The next control period's record, if it is planned.
+    pub(crate) fn next_record(&mut self) -> Option<Record<A>> {
+        self.emitter.next_record()
+    }
+
+    /// As [`crate::Planner::displace`].
+    pub(crate) fn displace(&mut self, pulses: [i64; A], pulses_per_mm: &[f64; A]) -> bool {
+        !self.moves() && self.emitter.displace(pulses, pulses_per_mm)
+    }
+
+    /// The last set-point.
+    pub(crate) fn point(&self) -> &SetPoint<A> {
+        self.emitter.point()
+    }
+
+    /// A stop at `end`, whose record carries `flags` and program line `tag`.
+    pub(crate) fn stop(&mut self, end: [f64; A], tag: u32, flags: Flags) {
+        if let Some(held) = self.pending.take() {
+            self.place(&held, None);
+        }
+        self.come_to_rest(end, tag, flags);
+    }
+
+    /// Takes up `segment`, whose `marks` are taken out, and joins the one before it; does it end with a full stop?
+    pub(crate) fn accept(&mut self, segment: PathSegment<A>, stops: bool, marks: &mut Vec<LineMark>) {
+        let start = segment.curve.at(0.0);
+        let before = self.pending.replace(PendingMove { segment, start, stops });
+        if let Some(before) = before {
+            self.place(&before, Some(&segment));
+        }
+        std::mem::swap(marks, &mut self.marks);
+        marks.clear();
+    }
+
+    /// Joins a move to what there is; `next` follows it, or a stop.
+    fn place(&mut self, held: &PendingMove<A>, next: Option<&PathSegment<A>>) {
+        let PendingMove { segment, start, .. } = held;
+        let mut entry = Junction::Kink(PieceJunction::STOP);
+        if let Some(last) = self.blender.last().copied() {
+            let stops = self.stops;
+            let joined = join(&last, segment, &self.axes).filter(|_| !stops);
+            let glide = if stops { None } else { self.find_glide(&last, held, next, joined.as_ref()) };
+            match (glide, joined) {
+                (Some((tracks, ramps)), _) => {
+                    if self.pass(&tracks, &ramps, &last, held) {
+                        return;
+                    }
+                }
+                (None, Some(joined)) => entry = joined,
+                (None, None) => self.come_to_rest(*start, self.blender.last_tag(), Flags::REST),
+            }
+        }
+        self.stops = held.stops;
+        self.lead = self
+            .blender
+            .last()
+            .is_none()
+            .then_some(FirstSegment { start: KinematicState::default(), length: segment.length });
+        self.blender.push(*segment, entry, &self.marks);
+        if self.blender.is_ready() {
+            self.flush_pieces(false);
+        } else {
+            self.plan_on(PIECES);
+        }
+    }
+
+    /// A glide from `last` into the held move, if the method has one: the optimum only where it is faster than any other way.
+    fn find_glide(
+        &mut self,
+        last: &PathSegment<A>,
+        held: &PendingMove<A>,
+        next: Option<&PathSegment<A>>,
+        joined: Option<&Junction<A>>,
+    ) -> Option<(Tracks<A>, RampPair)> {
+        let segment = &held.segment;
+        let tolerance = last.tolerance.min(segment.tolerance);
+        if tolerance <= 0.0 {
+            return None;
+        }
+        // On arcs roundings are faster than glides, which take only what the arc allows all along.
+        if !last.curve.is_line() || !segment.curve.is_line() {
+            return None;
+        }
+        let (u, w) = (last.curve.derivatives(last.length).first, segment.curve.derivatives(0.0).first);
+        if u[A.min(3)..].iter().chain(&w[A.min(3)..]).any(|x| *x != 0.0) {
+            return None;
+        }
+        let moves_on = |stops: bool, next: Option<&PathSegment<A>>| {
+            if stops || next.is_none_or(|next| next.tolerance.min(segment.tolerance) <= 0.0) {
+                FarEnd::Rest
+            } else {
+                FarEnd::Moving
+            }
+        };
+        let (length, from) = match self.lead {
+            Some(FirstSegment { start, length }) if start == KinematicState::default() => (length, FarEnd::Rest),
+            Some(FirstSegment { length, .. }) => (length, FarEnd::Moving),
+            None => (last.length, FarEnd::Moving),
+        };
+        let to = moves_on(held.stops, next);
+        if self.blending == Blending::Optimum
+            && !glide_pays([(last, from), (segment, to)], joined, tolerance, &self.axes)
+        {
+            return None;
+        }
+        let tracks = Tracks {
+            pair: [
+                Track::new(u, length, from, last.feed, &self.axes),
+                Track::new(w, segment.length, to, segment.feed, &self.axes),
+            ],
+            tolerance,
+        };
+        if tracks.sine() < 1e-3 {
+            return None;
+        }
+        let ramps = match self.blending {
+            Blending::Optimum => self.glide_cache.glide(&tracks, &self.axes)?,
+            Blending::Source(ratio) => source::glide(&tracks, &self.axes, ratio)?,
+        };
+        self.fitted(&tracks, ramps)
+    }
+
+    /// The glide as large as the way before it allows.
+    fn fitted(&self, tracks: &Tracks<A>, ramps: RampPair) -> Option<(Tracks<A>, RampPair)> {
+        let before = &tracks.pair[0];
+        let free = self.blender.free_end();
+        [1.0, 0.97, 0.9, 0.7, 0.5, 0.3].into_iter().map(|factor| ramps.scaled(factor)).find_map(|ramps| {
+            let [out, into] = ramps.ends();
+            // It was found for tracks that are only nearly these.
+            rest_time(out, tracks, 0).and(rest_time(into, tracks, 1))?;
+            if out.s > free {
+                return None;
+            }
+            let Some(FirstSegment { start, length }) = self.lead else { return Some((*tracks, ramps)) };
+            let (from, to) = (KinematicState::moving(start.v, start.a), KinematicState::moving(out.v, -out.a));
+            fastest(from, to, length - start.s - out.s, before.limits).ok().map(|_| (*tracks, ramps))
+        })
+    }
+
+    /// Goes over into the held move by a glide; false where the motion before it could not be brought into it.
+    fn pass(&mut self, tracks: &Tracks<A>, ramps: &RampPair, last: &PathSegment<A>, held: &PendingMove<A>) -> bool {
+        let [out, into] = ramps.ends();
+        let PendingMove { segment, start, stops } = held;
+        let tag = self.blender.last_tag();
+        self.blender.shorten(out.s);
+        self.flush_pieces(true);
+        let (piece, reached) = self.run.finish_moving(KinematicState::moving(out.v, -out.a), &mut self.emitter);
+        if !reached {
+            // At rest a little before the corner; the rest of the way is a move of its own.
+            let from = last.length - out.s;
+            self.emitter.commit(PlanItem::Stop { piece, end: last.curve.at(from), flags: Flags::NONE, tag });
+            let rest = PathSegment { curve: last.curve.from(from), length: out.s, tag, marks: 0, ..*last };
+            self.blender.push(rest, Junction::Kink(PieceJunction::STOP), &[]);
+            self.come_to_rest(*start, tag, Flags::REST);
+            return false;
+        }
+        let directions = tracks.pair.map(|track| track.direction);
+        let rapid = last.feed == RAPID && segment.feed == RAPID;
+        let glide = GlideSegment::new(*start, directions, [tag, segment.tag], rapid, *ramps);
+        self.emitter.commit_glide(glide, piece);
+        self.run.begin(KinematicState::moving(into.v, into.a), tracks.pair[1].limits, ramps.duration());
+        self.stops = *stops;
+        self.lead = Some(FirstSegment { start: into, length: segment.length });
+        // Program lines that begin within the glide are passed over.
+        let passed = self.marks.partition_point(|mark| mark.place <= into.s);
+        let tag = self.marks.drain(..passed).next_back().map_or(segment.tag, |mark| mark.tag);
+        for mark in &mut self.marks {
+            mark.place -= into.s;
+        }
+        let rest = PathSegment {
+            curve: segment.curve.from(into.s),
+            length: segment.length - into.s,
+            tag,
+            marks: self.marks.len() as u32,
+            ..*segment
+        };
+        self.blender.push(rest, Junction::Kink(PieceJunction::STOP), &self.marks);
+        self.blender.keep_clear(stopping_distance(into, gentle(tracks.pair[1].limits, into)));
+        true
+    }
+
+    fn flush_pieces(&mut self, ended: bool) {
+        self.blender.hand_on(ended, &mut self.pieces, &mut self.lines);
+        self.emitter.mark(&self.lines);
+        self.lines.clear();
+        if ended {
+            self.plan_on(usize::MAX);
+        }
+    }
+
+    /// Up to `most` of the pieces that wait are planned.
+    fn plan_on(&mut self, most: usize) {
+        let most = most.min(self.pieces.len());
+        for (piece, entry) in self.pieces.drain(..most) {
+            self.run.push(piece, entry, &mut self.emitter);
+        }
+    }
+
+    /// Everything that the blender holds comes to rest at `end`.
+    fn come_to_rest(&mut self, end: [f64; A], tag: u32, flags: Flags) {
+        self.flush_pieces(true);
+        self.lead = None;
+        let piece = self.run.finish(&mut self.emitter);
+        self.emitter.commit(PlanItem::Stop { piece, end, flags, tag });
+    }
+}

@@ -1,0 +1,89 @@
+//! The last resort: a plan that is at zero acceleration at every joint.
+//!
+//! Invariant: from rest it always exists, because a profile from rest to rest does over any length; it is legal like any
+//! other plan, only slower.
+
+use crate::envelope::PathBlock;
+use crate::lookahead::Span;
+use crate::profile::{KinematicState, PathLimits, Profile, fastest};
+
+/// Plans `blocks` from rest to rest and appends one span for each block to `out`.
+pub(crate) fn plan(blocks: &[PathBlock], out: &mut Vec<Span>) {
+    let kept = out.len();
+    if flowing(blocks, out).is_none() {
+        out.truncate(kept);
+        out.extend(blocks.iter().enumerate().map(|(k, b)| Span { first: k, last: k + 1, profile: rest_to_rest(b) }));
+    }
+}
+
+/// As fast through each joint as zero acceleration there allows; `None` where a profile lost its digits.
+fn flowing(blocks: &[PathBlock], out: &mut Vec<Span>) -> Option<()> {
+    let n = blocks.len();
+    let mut v = vec![0.0f64; n + 1];
+    for k in 1..n {
+        v[k] = blocks[k - 1].exit_v.min(blocks[k - 1].limits.v).min(blocks[k].limits.v);
+    }
+    for k in (1..n).rev() {
+        v[k] = v[k].min(reach(v[k + 1], &blocks[k]));
+    }
+    for k in 1..n {
+        v[k] = v[k].min(reach(v[k - 1], &blocks[k - 1]));
+    }
+    for (k, block) in blocks.iter().enumerate() {
+        let (from, to) = (KinematicState::moving(v[k], 0.0), KinematicState::moving(v[k + 1], 0.0));
+        let profile = fastest(from, to, block.length, block.limits).ok()?;
+        out.push(Span { first: k, last: k + 1, profile });
+    }
+    Some(())
+}
+
+/// Four equal phases of the jerk that the limits allow; it needs no root and no check.
+fn rest_to_rest(block: &PathBlock) -> Profile {
+    let PathLimits { v, a, j } = block.limits;
+    let length = block.length;
+    let t = (length / (2.0 * j)).cbrt().max((length / (2.0 * a)).sqrt()).max(length / (2.0 * v));
+    Profile { v0: 0.0, a0: 0.0, jerk: length / (2.0 * t * t * t), times: [t, 0.0, t, 0.0, t, 0.0, t] }
+}
+
+/// The speed from which, or to which, a block allows to go from or to `v` with zero acceleration at both ends, taken low by
+/// a part in 10⁶.
+pub(crate) fn reach(v: f64, block: &PathBlock) -> f64 {
+    let PathLimits { a, j, .. } = block.limits;
+    let distance = |dv: f64| {
+        let time = if dv * j >= a * a { dv / a + a / j } else { 2.0 * (dv / j).sqrt() };
+        (v + 0.5 * dv) * time
+    };
+    let (mut low, mut high) = (0.0, block.limits.v.max(v) - v);
+    if distance(high) <= block.length {
+        return v + high;
+    }
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if distance(middle) <= block.length { low = middle } else { high = middle }
+    }
+    v + low * (1.0 - 1e-6)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lookahead::tests::{check, road};
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(500))]
+
+        #[test]
+        fn there_always_is_a_legal_plan_from_rest(blocks in road()) {
+            let mut spans = Vec::new();
+            plan(&blocks, &mut spans);
+            prop_assert_eq!(check(&blocks, &spans, KinematicState::default()), Ok(()));
+            let crawling: Vec<Span> = blocks
+                .iter()
+                .enumerate()
+                .map(|(k, b)| Span { first: k, last: k + 1, profile: rest_to_rest(b) })
+                .collect();
+            prop_assert_eq!(check(&blocks, &crawling, KinematicState::default()), Ok(()));
+        }
+    }
+}
