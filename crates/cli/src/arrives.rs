@@ -8,8 +8,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use retrace_controller::machine::SerialSettings;
-use retrace_controller::reading::{Ahead, SourceStatus};
-use retrace_controller::refusal::Refusal;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::read_ahead::{ReadAhead, SourceStatus};
 
 use crate::files;
 use crate::serial_source::{self, SerialSource};
@@ -52,7 +52,7 @@ impl Arrives {
     ///
     /// # Errors
     /// `E2107`, `E2101` …: there is nobody, or no such file.
-    pub fn open(&self, opening: &Opening) -> Result<Arriving, Refusal> {
+    pub fn open(&self, opening: &Opening) -> Result<Arriving, NumberedError> {
         Ok(match self {
             Self::StandardInput => ahead(std::io::stdin(), opening),
             Self::Socket(address) => ahead(Socket::open(address)?, opening),
@@ -84,7 +84,7 @@ pub struct Opening {
 }
 
 fn ahead(input: impl Read + Send + 'static, opening: &Opening) -> Arriving {
-    match Ahead::of(input, Arc::clone(&opening.given_up)) {
+    match ReadAhead::of(input, Arc::clone(&opening.given_up)) {
         Ok(ahead) => Box::new(ahead.showing(Arc::clone(&opening.status))),
         // No thread left to read ahead.
         Err(error) => Box::new(BufReader::new(Broken(error.to_string()))),

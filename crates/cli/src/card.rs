@@ -7,8 +7,8 @@ use retrace_hal_serial::{FoundPort, LatencyTimer};
 use std::path::Path;
 
 use retrace_controller::event::ChannelNames;
-use retrace_controller::machine::Machine;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
 use retrace_link::{CardFailure, CardIdentity, Greeting, HostCommand, MotionCard, PathStart};
 use serde_json::{Value, json};
 
@@ -90,7 +90,7 @@ fn outputs(
     card: &mut SerialCard<MAX_AXES>,
     address: &str,
     greeting: &Greeting<MAX_AXES>,
-    machine: &Machine,
+    machine: &MachineConfig,
 ) -> Outputs {
     if greeting.epoch != 0 || !greeting.at_rest {
         return Err("not known: the card works for a host".into());
@@ -102,7 +102,7 @@ fn outputs(
             let each = status.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
             Ok(each.map(|(number, &value)| (number as u8, value)).collect())
         }
-        Err(Failure::Card(refusal) | Failure::Refused(refusal)) => Err(format!("not known: {}", refusal.what)),
+        Err(Failure::Card(refusal) | Failure::Refused(refusal)) => Err(format!("not known: {}", refusal.cause)),
         Err(Failure::Program) => Err("not known".into()),
     }
 }
@@ -144,7 +144,7 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), Failure> {
         }
     }
     let what = format!("{address}: not cleared, its cause is still there: {alarm}");
-    Err(Failure::Card(Refusal::new(alarm.number(), what, alarm.remedy())))
+    Err(Failure::Card(NumberedError::new(alarm.number(), what, alarm.remedy())))
 }
 
 /// The card's name, as far as it is text.

@@ -8,9 +8,9 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use retrace_controller::machine::Machine;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::real_time;
-use retrace_controller::refusal::Refusal;
 use retrace_hal_serial::Pty;
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, faults};
 use retrace_link::{Alarm, CardFailure, InputSetting, PathStart};
@@ -34,7 +34,7 @@ const FLUSH: Duration = Duration::from_millis(200);
 ///
 /// # Errors
 /// What keeps a card from being served.
-pub fn run(args: &args::Serve) -> Result<(), Refusal> {
+pub fn run(args: &args::Serve) -> Result<(), NumberedError> {
     if !(0.01..=100.0).contains(&args.speed) {
         return Err(refuse(format!("--speed {}", args.speed), "a number from 0.01 to 100"));
     }
@@ -46,11 +46,11 @@ pub fn run(args: &args::Serve) -> Result<(), Refusal> {
     }
 }
 
-fn refuse(what: impl Into<String>, remedy: impl Into<String>) -> Refusal {
-    Refusal::new("E2149", what, remedy)
+fn refuse(what: impl Into<String>, remedy: impl Into<String>) -> NumberedError {
+    NumberedError::new("E2149", what, remedy)
 }
 
-fn serve<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<(), Refusal> {
+fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<(), NumberedError> {
     let mut rig = rig::<A>(args, machine)?;
     let inputs = machine.card_settings::<A>(PathStart::at(0)).inputs;
     let pty =
@@ -80,7 +80,7 @@ fn serve<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<(), Re
 }
 
 /// The simulated machine that a machine file describes.
-fn rig<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<CardSimulator<A>, Refusal> {
+fn rig<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<CardSimulator<A>, NumberedError> {
     let spec = args.faults.as_deref().unwrap_or_default();
     let [up, down] = faults(spec).map_err(|why| refuse(format!("--faults {spec}: {why}"), "one of these"))?;
     let settings =
@@ -97,7 +97,7 @@ fn rig<const A: usize>(args: &args::Serve, machine: &Machine) -> Result<CardSimu
 }
 
 /// Gives the pseudo-terminal a name. Only a link is replaced.
-fn name(pty: &Path, link: &Path) -> Result<(), Refusal> {
+fn name(pty: &Path, link: &Path) -> Result<(), NumberedError> {
     if link.is_symlink() {
         let _ = std::fs::remove_file(link);
     }
@@ -163,7 +163,7 @@ impl Served {
         rig: &mut CardSimulator<A>,
         end: &End,
         inputs: &[InputSetting],
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), NumberedError> {
         // As prompt as a card, where that is permitted. The threads that it has begun are scheduled as usual.
         let _ = real_time::lock_memory();
         let _ = real_time::enter();

@@ -2,8 +2,8 @@
 //!
 //! Invariant: it refuses what `retrace run` would refuse before it moves, in the same words.
 
-use retrace_controller::machine::Machine;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
 use retrace_gcode::{BranchDestination, Prescan};
 use serde_json::json;
 
@@ -32,7 +32,7 @@ pub fn run(args: &args::Check) -> Result<(), Failure> {
     }
 }
 
-fn tell<const A: usize>(args: &args::Check, machine: &Machine, program: &Program) -> Result<(), Failure> {
+fn tell<const A: usize>(args: &args::Check, machine: &MachineConfig, program: &Program) -> Result<(), Failure> {
     let mut diagnostics = Vec::new();
     // What cannot be run is not planned: moves beyond the travel may be of any length.
     let checked = match program.faults_shown(machine) {
@@ -44,7 +44,7 @@ fn tell<const A: usize>(args: &args::Check, machine: &Machine, program: &Program
     }
     let Some(checked) = checked? else {
         let what = "standard input is checked as it runs";
-        return Err(Refusal::new("E2142", what, "give a file, or `retrace run -`").into());
+        return Err(NumberedError::new("E2142", what, "give a file, or `retrace run -`").into());
     };
     let told = Told { program, machine, blocks: checked.blocks, survey: &checked.found, diagnostics };
     if args.json {

@@ -4,8 +4,8 @@
 
 use std::fmt::Write as _;
 
-use retrace_controller::machine::Machine;
-use retrace_controller::survey::{Range, Room, Survey, WorkExtents};
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::program_analysis::{ProgramAnalysis, TravelLeft, ValueRange, WorkExtents};
 use retrace_gcode::{Axis, Tool, system_name};
 use serde_json::{Map, Value, json};
 
@@ -14,9 +14,9 @@ use crate::program::Program;
 /// A program that has been looked through.
 pub struct Told<'a, const A: usize> {
     pub program: &'a Program,
-    pub machine: &'a Machine,
+    pub machine: &'a MachineConfig,
     pub blocks: u64,
-    pub survey: &'a Survey<'a, A>,
+    pub survey: &'a ProgramAnalysis<'a, A>,
     /// Its warnings, for a script.
     pub diagnostics: Vec<Value>,
 }
@@ -58,8 +58,8 @@ impl<const A: usize> Told<'_, A> {
                 "\n  warning: line {line} asks for a feed of {feed:.1} mm/min; the machine moves at {most:.1} mm/min at most"
             );
         }
-        for room in survey.room() {
-            let Room { axis, extents_mm: [least, greatest], room_mm: [below, above] } = room;
+        for room in survey.travel_left() {
+            let TravelLeft { axis, extents_mm: [least, greatest], travel_left_mm: [below, above] } = room;
             let limits = self.machine.axes.iter().find(|one| one.name == axis).map_or([0.0; 2], |axis| axis.travel_mm);
             let _ = write!(
                 text,
@@ -111,8 +111,8 @@ impl<const A: usize> Told<'_, A> {
     /// As one JSON object.
     pub fn json(&self) -> Value {
         let Self { survey, .. } = self;
-        let room = survey.room();
-        let each = |value: fn(&Room) -> [f64; 2]| -> Value {
+        let room = survey.travel_left();
+        let each = |value: fn(&TravelLeft) -> [f64; 2]| -> Value {
             room.iter().map(|room| (room.axis.to_string(), json!(value(room)))).collect::<Map<_, _>>().into()
         };
         let table = self.program.tool_table();
@@ -125,7 +125,7 @@ impl<const A: usize> Told<'_, A> {
                 "diameter_mm": tool.map(|tool| tool.diameter),
             })
         });
-        let range = |range: Option<Range>| range.map(|range| [range.least, range.greatest]);
+        let range = |range: Option<ValueRange>| range.map(|range| [range.least, range.greatest]);
         json!({
             "event": "check",
             "program": self.program.name(),
@@ -137,7 +137,7 @@ impl<const A: usize> Told<'_, A> {
             "dwell_s": self.seconds(survey.dwell_periods),
             "switch_s": self.seconds(survey.switch_periods),
             "extents_mm": each(|room| room.extents_mm),
-            "travel_left_mm": each(|room| room.room_mm),
+            "travel_left_mm": each(|room| room.travel_left_mm),
             "work_offsets": survey.offsets().map(|work| self.work_json(work)).collect::<Vec<_>>(),
             "tools": tools.collect::<Vec<_>>(),
             "feed_mm_per_min": range(survey.feed_mm_per_min),
@@ -185,8 +185,8 @@ fn clock(seconds: f64) -> String {
     format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
 }
 
-fn range_text(what: &str, range: Option<Range>, unit: &str) -> Option<String> {
-    let Range { least, greatest } = range?;
+fn range_text(what: &str, range: Option<ValueRange>, unit: &str) -> Option<String> {
+    let ValueRange { least, greatest } = range?;
     Some(if least == greatest {
         format!("{what} {least:.1} {unit}")
     } else {

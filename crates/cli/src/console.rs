@@ -9,10 +9,10 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use retrace_controller::event::{ChannelNames, Event, EventKind};
-use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
-use retrace_controller::machine::{Machine, RetraceOutputs};
-use retrace_controller::refusal::Refusal;
-use retrace_controller::stream::{Observer, Period, Standing, Told};
+use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
+use retrace_controller::machine::{MachineConfig, RetraceOutputs};
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
 use retrace_core::{ONE, Travel};
 
 use crate::escape;
@@ -51,8 +51,8 @@ impl Show {
 /// Observes a run for the command.
 pub struct Console<'m, const A: usize> {
     show: Show,
-    machine: &'m Machine,
-    judge: LimitJudge<A>,
+    machine: &'m MachineConfig,
+    judge: LimitMonitor<A>,
     records: Option<(BufWriter<File>, Option<std::io::Error>)>,
     /// What retracing switched in the period that is yet to be told: `5=0 66=1`. `None` where it switches nothing on this machine.
     retrace_switched: Option<String>,
@@ -69,10 +69,10 @@ impl<'m, const A: usize> Console<'m, A> {
     ///
     /// # Errors
     /// `E2105` where that file cannot be made.
-    pub fn new(show: Show, machine: &'m Machine, records: Option<&Path>) -> Result<Self, Refusal> {
+    pub fn new(show: Show, machine: &'m MachineConfig, records: Option<&Path>) -> Result<Self, NumberedError> {
         let axis = |i: usize| {
             let axis = &machine.axes[i.min(machine.axes.len() - 1)];
-            AxisLimits {
+            MonitorLimits {
                 pulses_per_mm: axis.pulses_per_mm,
                 velocity_mm_s: axis.max_velocity_mm_per_s,
                 acceleration_mm_s2: axis.max_acceleration_mm_per_s2,
@@ -83,7 +83,7 @@ impl<'m, const A: usize> Console<'m, A> {
             None => None,
             Some(path) => Some((create(path, machine)?, None)),
         };
-        let judge = LimitJudge::new(&std::array::from_fn(axis), machine.period_s());
+        let judge = LimitMonitor::new(&std::array::from_fn(axis), machine.period_s());
         let names = ChannelNames::of_machine(machine);
         Ok(Self {
             show,
@@ -101,7 +101,7 @@ impl<'m, const A: usize> Console<'m, A> {
 
     /// Ends the console: the judge's verdict, the alarms, the last line executed; and `E2105` where the records could not be written
     /// whole.
-    pub fn finish(self) -> (Verdict<A>, Vec<String>, u32, Option<Refusal>) {
+    pub fn finish(self) -> (LimitReport<A>, Vec<String>, u32, Option<NumberedError>) {
         let lost = self.records.and_then(|(mut file, error)| {
             let flushed = file.flush();
             error.or(flushed.err()).map(|error| unwritable("the records", &error))
@@ -115,7 +115,7 @@ impl<'m, const A: usize> Console<'m, A> {
         (verdict, self.alarms, self.line, lost)
     }
 
-    fn write_record(&mut self, status: &Period<A>) {
+    fn write_record(&mut self, status: &PeriodRecord<A>) {
         let Some((file, error)) = &mut self.records else { return };
         if error.is_none() {
             let switched = self.retrace_switched.as_deref();
@@ -126,7 +126,7 @@ impl<'m, const A: usize> Console<'m, A> {
         }
     }
 
-    fn progress(&mut self, status: &Period<A>) {
+    fn progress(&mut self, status: &PeriodRecord<A>) {
         // The clock is looked at now and then only; a period takes some tens of nanoseconds.
         let Show::Bar(bar) = &self.show else { return };
         if !status.period.is_multiple_of(64) || self.shown.elapsed() < Duration::from_millis(50) {
@@ -152,7 +152,7 @@ impl<'m, const A: usize> Console<'m, A> {
             ONE => String::new(),
             rate => format!(", rapids {:.0} %", percent(rate)),
         };
-        let held = status.standing == Standing::Hold;
+        let held = status.hold_reason == HoldReason::Hold;
         let state = if held { "hold".into() } else { format!("{:?}", status.mode).to_lowercase() };
         bar.set_position(u64::from(status.line));
         bar.set_message(format!(
@@ -162,9 +162,9 @@ impl<'m, const A: usize> Console<'m, A> {
 }
 
 impl<const A: usize> Observer<A> for Console<'_, A> {
-    fn told(&mut self, told: &Told<A>) {
+    fn on_telemetry(&mut self, told: &Telemetry<A>) {
         match told {
-            Told::Period(period) => {
+            Telemetry::Period(period) => {
                 if self.last.is_some_and(|(last, _)| period.period > last + 1) {
                     self.judge.skip_unmeasured();
                 }
@@ -174,11 +174,11 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
                 self.write_record(period);
                 self.progress(period);
             }
-            Told::Event(event) => self.event(event),
-            Told::Output(_) | Told::Active(_) => {}
+            Telemetry::Event(event) => self.event(event),
+            Telemetry::Output(_) | Telemetry::Active(_) => {}
         }
         if let Show::Screen(screen) = &mut self.show {
-            screen.told(told);
+            screen.on_telemetry(told);
         }
     }
 }
@@ -213,15 +213,15 @@ impl<const A: usize> Console<'_, A> {
 }
 
 /// `E2105`: a file could not be written.
-pub fn unwritable(what: &str, error: &std::io::Error) -> Refusal {
-    Refusal::new(
+pub fn unwritable(what: &str, error: &std::io::Error) -> NumberedError {
+    NumberedError::new(
         "E2105",
         format!("{what} cannot be written: {error}"),
         "check the folder, its permissions and the disk's space",
     )
 }
 
-fn create(path: &Path, machine: &Machine) -> Result<BufWriter<File>, Refusal> {
+fn create(path: &Path, machine: &MachineConfig) -> Result<BufWriter<File>, NumberedError> {
     let named = |error| unwritable(&path.display().to_string(), &error);
     let mut file = BufWriter::with_capacity(1 << 18, File::create(path).map_err(named)?);
     let axes: Vec<String> = machine.axes.iter().map(|a| a.name.to_string()).collect();
@@ -231,7 +231,7 @@ fn create(path: &Path, machine: &Machine) -> Result<BufWriter<File>, Refusal> {
 }
 
 /// Does the machine switch outputs while the path is retraced?
-fn replays(machine: &Machine) -> bool {
+fn replays(machine: &MachineConfig) -> bool {
     machine.retrace_outputs == RetraceOutputs::Replayed
 }
 
@@ -239,7 +239,7 @@ fn replays(machine: &Machine) -> bool {
 /// `retrace_switched` follows: `5=0 66=1`, each channel that was switched in the period, and its value.
 fn record_row<const A: usize>(
     out: &mut impl Write,
-    status: &Period<A>,
+    status: &PeriodRecord<A>,
     axes: usize,
     switched: Option<&str>,
 ) -> std::io::Result<()> {

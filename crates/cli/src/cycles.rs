@@ -5,7 +5,7 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use retrace_controller::refusal::{Refusal, nearest};
+use retrace_controller::numbered_error::{NumberedError, nearest};
 use retrace_cycles::{Cycle, CycleLibrary, Folders, LibraryFinding, Origin, Severity, shipped_source};
 
 use crate::args::{self, CycleFolders, CyclesAction};
@@ -49,7 +49,7 @@ pub fn run(args: &args::Cycles) -> Result<(), Failure> {
 ///
 /// # Errors
 /// A folder that was named and is none.
-pub fn library(folders: &CycleFolders) -> Result<CycleLibrary, Refusal> {
+pub fn library(folders: &CycleFolders) -> Result<CycleLibrary, NumberedError> {
     Ok(Named::of(folders)?.library())
 }
 
@@ -61,12 +61,12 @@ struct Named {
 
 impl Named {
     /// What the command line names, else the user's own; a missing one is an error only where it was named.
-    fn of(named: &CycleFolders) -> Result<Self, Refusal> {
+    fn of(named: &CycleFolders) -> Result<Self, NumberedError> {
         if let Some(path) = &named.cycles
             && !path.is_dir()
         {
             let message = format!("there is no folder {}", path.display());
-            return Err(Refusal::new("E2101", message, "check the name of the folder with the cycles"));
+            return Err(NumberedError::new("E2101", message, "check the name of the folder with the cycles"));
         }
         let usual =
             |variable: &str, in_home: &str| usual(std::env::var_os(variable), std::env::var_os("HOME"), in_home);
@@ -103,7 +103,7 @@ fn show(folders: &Named, name: &str) -> Result<(), Failure> {
                 "`retrace cycles` lists them; `retrace cycles check` tells what is wrong with the others".to_owned()
             }
         };
-        return Err(Refusal::new("E1931", format!("there is no cycle {name} that can be called"), remedy).into());
+        return Err(NumberedError::new("E1931", format!("there is no cycle {name} that can be called"), remedy).into());
     };
     let text = match cycle.origin() {
         Origin::Shipped => shipped_source(cycle.name()).unwrap_or_default().to_owned(),

@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use retrace_controller::job::{Decode, Decoded};
-use retrace_controller::journal::hash::Hash;
-use retrace_controller::manual::hand::Identify;
+use retrace_controller::job::{BlockDecoder, DecodedBlock};
+use retrace_controller::journal::hash::FileHash;
+use retrace_controller::manual::jog_planner::Identify;
 use retrace_gcode::{ActiveCodes, Canon, CanonStep, Progress, Severity};
 
 use crate::check_progress::CheckProgress;
@@ -40,8 +40,8 @@ pub struct Decoder {
 /// Blocks in loops and calls that a program with errors is gone through for: more would only keep its errors back.
 const MAX_LOOP_BLOCKS_WITH_ERRORS: u64 = 100_000;
 
-impl Decode for Decoder {
-    fn given_up(&self) -> Option<Arc<AtomicBool>> {
+impl BlockDecoder for Decoder {
+    fn cancel_token(&self) -> Option<Arc<AtomicBool>> {
         self.given_up.clone()
     }
 
@@ -52,16 +52,16 @@ impl Decode for Decoder {
     fn identity(&self) -> Option<Identify> {
         let file = self.file.clone()?;
         Some(Box::new(move || {
-            let hash = std::fs::File::open(&file).and_then(Hash::of_reader);
+            let hash = std::fs::File::open(&file).and_then(FileHash::of_reader);
             // One that is not there is another one than any that is.
-            hash.map_or(0, Hash::half)
+            hash.map_or(0, FileHash::half)
         }))
     }
 
-    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
         if self.has_looped_too_long() {
             self.is_told = true;
-            return Decoded::End;
+            return DecodedBlock::End;
         }
         let first = steps.len();
         let progress = self.program.advance(steps);
@@ -84,13 +84,13 @@ impl Decode for Decoder {
             errors.next_back().map(|d| d.render(&self.name, &self.program.text_of(d)))
         };
         match progress {
-            Progress::Line => Decoded::Block,
-            Progress::Refused => Decoded::Refused(refused().unwrap_or_default()),
-            Progress::End if self.is_told => Decoded::End,
+            Progress::Line => DecodedBlock::Block,
+            Progress::Refused => DecodedBlock::Refused(refused().unwrap_or_default()),
+            Progress::End if self.is_told => DecodedBlock::End,
             Progress::End => {
                 let why = refused();
                 self.is_told = true;
-                why.map_or(Decoded::End, Decoded::Refused)
+                why.map_or(DecodedBlock::End, DecodedBlock::Refused)
             }
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! Invariant: both forms say the same of the same place; the order is that of the lines.
 
-use retrace_controller::job::Finding;
+use retrace_controller::job::CheckFinding;
 use retrace_gcode::{Diagnostic, Severity};
 use serde_json::{Value, json};
 
@@ -24,15 +24,16 @@ pub struct Diagnosed {
 }
 
 /// All that was found in a program that was gone through; what a line of a loop gives again and again counts once.
-pub fn all(program: &Program, decoder: &mut Decoder, findings: &[Finding]) -> Vec<Diagnosed> {
+pub fn all(program: &Program, decoder: &mut Decoder, findings: &[CheckFinding]) -> Vec<Diagnosed> {
     if decoder.is_at_end {
         decoder.program.look_behind_the_end();
     }
     let diagnostics = decoder.program.interpreter().diagnostics();
     let mut all: Vec<Diagnosed> = diagnostics.iter().map(|one| of_diagnostic(program, one)).collect();
     for (index, finding) in findings.iter().enumerate() {
-        let is_same =
-            |other: &Finding| (other.line, other.number, &other.what) == (finding.line, finding.number, &finding.what);
+        let is_same = |other: &CheckFinding| {
+            (other.line, other.number, &other.what) == (finding.line, finding.number, &finding.what)
+        };
         if !findings[..index].iter().any(is_same) {
             all.push(of_finding(program, finding));
         }
@@ -67,8 +68,8 @@ fn of_diagnostic(program: &Program, diagnostic: &Diagnostic) -> Diagnosed {
 }
 
 /// A finding with its source line, in the form of the diagnostics.
-fn of_finding(program: &Program, finding: &Finding) -> Diagnosed {
-    let Finding { line, word, number, what, remedy } = finding;
+fn of_finding(program: &Program, finding: &CheckFinding) -> Diagnosed {
+    let CheckFinding { line, word, number, what, remedy } = finding;
     let gutter = " ".repeat(line.to_string().len());
     let source = program.prescan().map_or_else(Vec::new, |prescan| prescan.line_text(0, *line));
     let source = String::from_utf8_lossy(&source);

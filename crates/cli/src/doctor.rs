@@ -4,7 +4,7 @@
 
 use std::time::{Duration, Instant};
 
-use retrace_controller::machine::Machine;
+use retrace_controller::machine::MachineConfig;
 use retrace_controller::real_time;
 use retrace_hal_serial::LatencyTimer;
 use retrace_link::PathStart;
@@ -210,7 +210,7 @@ struct Verdict {
 }
 
 impl Verdict {
-    fn of(machine: &Machine, wake_ups: &WakeUps, line: Option<&Line>) -> Self {
+    fn of(machine: &MachineConfig, wake_ups: &WakeUps, line: Option<&Line>) -> Self {
         let worst_us = wake_ups.worst_us + line.map_or(0, |line| line.worst_us);
         let period_us = u64::from(machine.period_us);
         let held_us = line.map(|line| u64::from(line.window.min(machine.look_ahead_records)) * period_us);
@@ -228,7 +228,7 @@ impl Verdict {
         }
     }
 
-    fn text(&self, machine: &Machine) -> String {
+    fn text(&self, machine: &MachineConfig) -> String {
         let (period, worst) = (f64::from(machine.period_us) / 1000.0, self.worst_us as f64 / 1000.0);
         let held = self.held_us.map_or(String::new(), |us| format!(", the card's records last {} ms", us / 1000));
         let fits = if self.fits { "fits" } else { "does not fit" };
@@ -263,7 +263,7 @@ mod tests {
 
     #[test]
     fn a_late_computer_does_not_fit_and_gets_a_longer_watchdog() {
-        let machine = Machine::built_in().expect("valid");
+        let machine = MachineConfig::built_in().expect("valid");
         let late = |us| WakeUps { worst_us: us, ..WakeUps::default() };
         assert!(Verdict::of(&machine, &late(2_000), None).fits);
         let slow = Verdict::of(&machine, &late(400_000), None);

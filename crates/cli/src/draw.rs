@@ -5,16 +5,16 @@
 
 use std::path::Path;
 
-use retrace_controller::feed::{Cancelled, Refused, Switch};
-use retrace_controller::index::Keeping;
-use retrace_controller::job::{self, Begin, Conduct};
-use retrace_controller::machine::Machine;
-use retrace_controller::orders::Operators;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::command_queue::CommandSources;
+use retrace_controller::job::{self, JobOptions, JobStart};
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::motion_sink::MotionSink;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::place_index::JournalConfig;
+use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::Manner;
-use retrace_controller::sink::Sink;
-use retrace_controller::stream::{Observer, Told};
+use retrace_controller::session::RunMode;
+use retrace_controller::telemetry::{Observer, Telemetry};
 use retrace_core::mode::Mode;
 use retrace_hal_sim::Clock;
 use retrace_link::OutputChange;
@@ -72,9 +72,9 @@ fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Pictu
     let mut trace = Trace::new(&machine, args.profile, lines_shown(args));
     if args.profile || !script.is_empty() {
         let card = simulated::<9>(&machine, Clock::Virtual)?;
-        let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
-        let manner = Manner { wall_time: false, operator: args.operator.is_some(), real_time: false };
-        let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+        let operators = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
+        let manner = RunMode { wall_time: false, operator: args.operator.is_some(), real_time: false };
+        let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
         job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut trace)
             .map_err(|why| cannot_draw(why.to_string(), "a shorter history_hours in the machine file"))?;
     }
@@ -98,7 +98,7 @@ fn lines_shown(args: &args::Plot) -> Option<[u32; 2]> {
     (args.from.is_some() || args.to.is_some()).then(|| [args.from.unwrap_or(1), args.to.unwrap_or(u32::MAX)])
 }
 
-fn write(picture: &Picture, output: &Path) -> Result<(), Refusal> {
+fn write(picture: &Picture, output: &Path) -> Result<(), NumberedError> {
     let is_png = output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
     let bytes = if is_png {
         picture.to_png().map_err(|error| cannot_draw(error.to_string(), "a smaller --size"))?
@@ -108,11 +108,11 @@ fn write(picture: &Picture, output: &Path) -> Result<(), Refusal> {
     std::fs::write(output, bytes).map_err(|error| unwritable(&output.display().to_string(), &error))
 }
 
-fn cannot_draw(what: impl Into<String>, remedy: &str) -> Refusal {
-    Refusal::new("E2143", what, remedy)
+fn cannot_draw(what: impl Into<String>, remedy: &str) -> NumberedError {
+    NumberedError::new("E2143", what, remedy)
 }
 
-fn size(text: &str) -> Result<Size, Refusal> {
+fn size(text: &str) -> Result<Size, NumberedError> {
     let (width, height) = text
         .split_once('x')
         .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)))
@@ -120,7 +120,7 @@ fn size(text: &str) -> Result<Size, Refusal> {
     Size::pixels(width, height).map_err(|error| cannot_draw(error.to_string(), "--size 1200x900"))
 }
 
-fn view(name: &str) -> Result<View, Refusal> {
+fn view(name: &str) -> Result<View, NumberedError> {
     match name {
         "xy" => Ok(View::Xy),
         "xz" => Ok(View::Xz),
@@ -131,7 +131,7 @@ fn view(name: &str) -> Result<View, Refusal> {
 }
 
 /// The strokes of the program itself.
-fn programmed(machine: &Machine, program: &Program) -> Vec<Stroke> {
+fn programmed(machine: &MachineConfig, program: &Program) -> Vec<Stroke> {
     let mut drawing = Drawing { place: Place::of(machine), at: [0.0; 9], strokes: Vec::new() };
     job::feed_all(machine, &mut program.decoder(), &mut drawing);
     drawing.strokes
@@ -142,7 +142,7 @@ fn programmed(machine: &Machine, program: &Program) -> Vec<Stroke> {
 struct Place([Option<usize>; 3]);
 
 impl Place {
-    fn of(machine: &Machine) -> Self {
+    fn of(machine: &MachineConfig) -> Self {
         Self(['x', 'y', 'z'].map(|name| machine.axes.iter().position(|a| a.name == name)))
     }
 
@@ -169,13 +169,13 @@ impl Drawing {
     }
 }
 
-impl Sink<9> for Drawing {
-    fn straight(&mut self, end_mm: [f64; 9], feed: FeedRate, _: PathMode, _: u32) -> Result<(), Refused> {
+impl MotionSink<9> for Drawing {
+    fn straight(&mut self, end_mm: [f64; 9], feed: FeedRate, _: PathMode, _: u32) -> Result<(), PlanWriteError> {
         self.go(end_mm, if feed == FeedRate::Rapid { StrokeKind::Rapid } else { StrokeKind::Feed });
         Ok(())
     }
 
-    fn arc(&mut self, arc: &Arc<9>, _: FeedRate, _: PathMode, _: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<9>, _: FeedRate, _: PathMode, _: u32) -> Result<(), PlanWriteError> {
         let ([p, q], [cp, cq], start) = (arc.plane, arc.centre_mm, self.at);
         let radius = (start[p] - cp).hypot(start[q] - cq);
         let (from, sweep) = arc.sweep(&start);
@@ -195,7 +195,7 @@ impl Sink<9> for Drawing {
 
     fn action(&mut self, _: OutputChange, _: u32) {}
 
-    fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
+    fn exclusive(&mut self, _: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         Ok(())
     }
 
@@ -206,7 +206,7 @@ impl Sink<9> for Drawing {
 
 /// What the card did: its positions over time, and where it retraced.
 struct Trace<'m> {
-    machine: &'m Machine,
+    machine: &'m MachineConfig,
     place: Place,
     keep: bool,
     /// Positions in mm, axis by axis, at the end of every period.
@@ -221,7 +221,7 @@ struct Trace<'m> {
 }
 
 impl<'m> Trace<'m> {
-    fn new(machine: &'m Machine, keep: bool, lines: Option<[u32; 2]>) -> Self {
+    fn new(machine: &'m MachineConfig, keep: bool, lines: Option<[u32; 2]>) -> Self {
         let positions = vec![vec![0.0]; machine.axes.len()];
         let place = Place::of(machine);
         let (retraced, retraced_s) = (Vec::new(), Vec::new());
@@ -253,8 +253,8 @@ impl<'m> Trace<'m> {
 }
 
 impl Observer<9> for Trace<'_> {
-    fn told(&mut self, told: &Told<9>) {
-        let Told::Period(period) = told else { return };
+    fn on_telemetry(&mut self, told: &Telemetry<9>) {
+        let Telemetry::Period(period) = told else { return };
         let mut mm = [0.0; 9];
         for ((slot, axis), &count) in mm.iter_mut().zip(&self.machine.axes).zip(&period.counts) {
             *slot = count as f64 / axis.pulses_per_mm;

@@ -7,12 +7,12 @@ use std::io::BufReader;
 use std::path::Path;
 
 use retrace_controller::event::channel_name;
-use retrace_controller::jobs::{JobFolder, Jobs, State};
-use retrace_controller::journal::entry::{Entry, HoldReason, Mode, PositionEntry};
-use retrace_controller::journal::reader::Entries;
-use retrace_controller::journal::record::JobRecord;
-use retrace_controller::machine::Machine;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::jobs::{JobFolder, JobState, JobStore};
+use retrace_controller::journal::entry::{JournalEntry, JournalHoldReason, JournalMode, PositionEntry};
+use retrace_controller::journal::job_record::JobRecord;
+use retrace_controller::journal::journal_reader::JournalEntries;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
 use serde_json::Value;
 
 use crate::plot::{Doing, History, Moment, Rank, Remark, Stroke, StrokeKind, ToolPath};
@@ -21,32 +21,32 @@ use crate::plot::{Doing, History, Moment, Rank, Remark, Stroke, StrokeKind, Tool
 ///
 /// # Errors
 /// There is no such job, or its journal cannot be used.
-pub fn history(id: Option<&str>, journal: Option<&Path>) -> Result<History, Refusal> {
-    let jobs = Jobs::named(journal)?;
+pub fn history(id: Option<&str>, journal: Option<&Path>) -> Result<History, NumberedError> {
+    let jobs = JobStore::named(journal)?;
     let folder = match id {
         Some(id) => jobs.find(id)?,
         None => newest(&jobs)?,
     };
     let record = folder.read()?;
     let machine = match record.job.machine.text.as_str() {
-        "" => Machine::built_in()?,
-        text => Machine::parse(text, record.job.machine.path.as_deref().unwrap_or("the built-in machine"))?,
+        "" => MachineConfig::built_in()?,
+        text => MachineConfig::parse(text, record.job.machine.path.as_deref().unwrap_or("the built-in machine"))?,
     };
     Telling::of(&record, &machine).tell(&folder)
 }
 
-fn newest(jobs: &Jobs) -> Result<JobFolder, Refusal> {
-    let newest = jobs.list().into_iter().find(|job| job.state != State::NeverBegan && job.glance.is_some());
+fn newest(jobs: &JobStore) -> Result<JobFolder, NumberedError> {
+    let newest = jobs.list().into_iter().find(|job| job.state != JobState::NeverBegan && job.glance.is_some());
     newest.map(|job| job.folder).ok_or_else(|| {
         let what = format!("no job is in {} yet", jobs.folder().display());
-        Refusal::new("E2202", what, "`retrace run PROGRAM` begins one; --journal names another folder")
+        NumberedError::new("E2202", what, "`retrace run PROGRAM` begins one; --journal names another folder")
     })
 }
 
 /// A journal, being told.
 struct Telling<'r> {
     record: &'r JobRecord,
-    machine: &'r Machine,
+    machine: &'r MachineConfig,
     clock: MachineTime,
     history: History,
     /// Of the positions that were kept: place in periods since the job's beginning, and where that is.
@@ -59,7 +59,7 @@ struct Telling<'r> {
 }
 
 impl<'r> Telling<'r> {
-    fn of(record: &'r JobRecord, machine: &'r Machine) -> Self {
+    fn of(record: &'r JobRecord, machine: &'r MachineConfig) -> Self {
         let clock = MachineTime { period_s: f64::from(record.job.period_us) * 1e-6, ..MachineTime::default() };
         let mut telling = Self {
             record,
@@ -75,32 +75,36 @@ impl<'r> Telling<'r> {
         telling
     }
 
-    fn tell(mut self, folder: &JobFolder) -> Result<History, Refusal> {
+    fn tell(mut self, folder: &JobFolder) -> Result<History, NumberedError> {
         let path = folder.journal();
         let file = File::open(&path).map_err(|error| {
-            Refusal::new("E2104", format!("{} cannot be read: {error}", path.display()), "check the file and its disk")
+            NumberedError::new(
+                "E2104",
+                format!("{} cannot be read: {error}", path.display()),
+                "check the file and its disk",
+            )
         })?;
-        for entry in Entries::new(BufReader::new(file)) {
+        for entry in JournalEntries::new(BufReader::new(file)) {
             match entry.map_err(|flaw| flaw.refusal(&path))?.1 {
-                Entry::Position(at) => self.position(&at),
-                Entry::Event(event) => self.event(&event),
-                Entry::Resumed(_) => {
+                JournalEntry::Position(at) => self.position(&at),
+                JournalEntry::Event(event) => self.event(&event),
+                JournalEntry::Resumed(_) => {
                     self.remark(Rank::Ending, "taken up again".into());
                     self.clock.begins_anew = true;
                     self.last = None;
                 }
-                Entry::Lost(lost) => self.remark(Rank::Standing, format!("{} entries lost", lost.entries)),
-                Entry::Job(_)
-                | Entry::Mark(_)
-                | Entry::Override(_)
-                | Entry::Rest(_)
-                | Entry::ToolLength(_)
-                | Entry::Spooled(_)
-                | Entry::End(_) => {}
+                JournalEntry::Lost(lost) => self.remark(Rank::Standing, format!("{} entries lost", lost.entries)),
+                JournalEntry::Job(_)
+                | JournalEntry::Mark(_)
+                | JournalEntry::Override(_)
+                | JournalEntry::Rest(_)
+                | JournalEntry::ToolLength(_)
+                | JournalEntry::Spooled(_)
+                | JournalEntry::End(_) => {}
             }
         }
         let state = folder.state();
-        if state == State::Interrupted {
+        if state == JobState::Interrupted {
             self.remark(Rank::Ending, "interrupted".into());
         }
         for mark in self.record.marks()? {
@@ -153,7 +157,7 @@ impl<'r> Telling<'r> {
         self.history.remarks.push(Remark { time_s: self.clock.now_s, rank, words });
     }
 
-    fn finished(mut self, state: &State) -> History {
+    fn finished(mut self, state: &JobState) -> History {
         let reached = self.reached;
         self.points.retain(|(place, _)| *place <= reached);
         self.points.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -162,10 +166,10 @@ impl<'r> Telling<'r> {
         strokes.extend(self.gone_over.iter().map(|&[from, to]| self.stretch(from.min(to), from.max(to))));
         let job = &self.record.job;
         self.history.path = ToolPath { title: job.program.clone(), strokes };
-        self.history.stands_mm = Some(self.point(&self.record.stood.counts));
+        self.history.stands_mm = Some(self.point(&self.record.last_position.counts));
         let line = self.record.at.as_ref().map_or(0, |at| at.line);
         let lines = job.lines.map(|lines| format!(" of {lines}")).unwrap_or_default();
-        let far = if *state == State::Completed { String::new() } else { format!(" at line {line}{lines}") };
+        let far = if *state == JobState::Completed { String::new() } else { format!(" at line {line}{lines}") };
         self.history.summary = format!("{}{far} · {} · began {}", state.word(), job.id, job.when);
         self.history
     }
@@ -212,18 +216,18 @@ impl MachineTime {
     }
 }
 
-fn doing(mode: Mode, standing: HoldReason) -> Doing {
+fn doing(mode: JournalMode, standing: JournalHoldReason) -> Doing {
     match (mode, standing) {
-        (Mode::Run, HoldReason::None) => Doing::Run,
-        (Mode::Run, HoldReason::Hold) => Doing::Hold,
-        (Mode::Run, HoldReason::ProgramStop) => Doing::ProgramStop,
-        (Mode::Run, HoldReason::SingleBlock) => Doing::SingleBlock,
-        (Mode::Run, HoldReason::Paused) => Doing::Paused,
-        (Mode::Reverse, _) => Doing::Reverse,
-        (Mode::Forward, _) => Doing::Forward,
-        (Mode::Wheel, _) => Doing::Wheel,
-        (Mode::Rejoin, _) => Doing::Return,
-        (Mode::AwaitOutputs, _) => Doing::Settle,
+        (JournalMode::Run, JournalHoldReason::None) => Doing::Run,
+        (JournalMode::Run, JournalHoldReason::Hold) => Doing::Hold,
+        (JournalMode::Run, JournalHoldReason::ProgramStop) => Doing::ProgramStop,
+        (JournalMode::Run, JournalHoldReason::SingleBlock) => Doing::SingleBlock,
+        (JournalMode::Run, JournalHoldReason::Paused) => Doing::Paused,
+        (JournalMode::Reverse, _) => Doing::Reverse,
+        (JournalMode::Forward, _) => Doing::Forward,
+        (JournalMode::Wheel, _) => Doing::Wheel,
+        (JournalMode::Rejoin, _) => Doing::Return,
+        (JournalMode::AwaitOutputs, _) => Doing::Settle,
     }
 }
 
@@ -261,27 +265,29 @@ fn switched(event: &Value) -> String {
 mod tests {
     use super::*;
     use clap::Parser;
-    use retrace_controller::index::Keeping;
-    use retrace_controller::job::{self, Begin, Conduct};
-    use retrace_controller::journal::entry::{Arguments, Card, End, Ending, FORMAT, Job, MachineFile, Source};
-    use retrace_controller::journal::hash::Hash;
-    use retrace_controller::journal::keeper::Keeper;
-    use retrace_controller::journal::logbook::{Care, Logbook};
-    use retrace_controller::journal::stamp::Stamp;
-    use retrace_controller::orders::Operators;
+    use retrace_controller::command_queue::CommandSources;
+    use retrace_controller::job::{self, JobOptions, JobStart};
+    use retrace_controller::journal::entry::{
+        CommandArguments, EndEntry, FORMAT, JobCard, JobEnding, JobHeader, MachineFileCopy, ProgramSource,
+    };
+    use retrace_controller::journal::hash::FileHash;
+    use retrace_controller::journal::journal_recorder::JournalRecorder;
+    use retrace_controller::journal::journal_writer::{Durability, JournalWriter};
+    use retrace_controller::journal::timestamp::Timestamp;
+    use retrace_controller::place_index::JournalConfig;
     use retrace_controller::script::ScriptPlayer;
-    use retrace_controller::session::Manner;
-    use retrace_controller::stream::{Observer, Told};
+    use retrace_controller::session::RunMode;
+    use retrace_controller::telemetry::{Observer, Telemetry};
     use retrace_hal_sim::{Clock, SimCard};
     use serde_json::json;
 
     use crate::args::{Cli, Command};
     use crate::program::Program;
 
-    struct Kept(Keeper<9>);
+    struct Kept(JournalRecorder<9>);
 
     impl Observer<9> for Kept {
-        fn told(&mut self, told: &Told<9>) {
+        fn on_telemetry(&mut self, told: &Telemetry<9>) {
             self.0.told(told);
         }
     }
@@ -291,28 +297,28 @@ mod tests {
     }
 
     /// Example 2, backed up over as its operator does, with a journal; it ends in this way, or nobody says how.
-    fn backed_up(folder: &Path, ended: Option<Ending>) {
+    fn backed_up(folder: &Path, ended: Option<JobEnding>) {
         let text = std::fs::read_to_string(example("02-back-up.toml")).expect("a machine file");
-        let machine = Machine::parse(&text, "02-back-up.toml").expect("a machine");
+        let machine = MachineConfig::parse(&text, "02-back-up.toml").expect("a machine");
         let plot = ["retrace", "plot", &example("02-back-up.ngc"), "-o", "x.svg"];
         let Command::Plot(args) = Cli::parse_from(plot).command else { panic!("it is a plot") };
         let program = Program::open(&args.reading, &machine).unwrap_or_else(|_| panic!("a program"));
         let script = crate::files::script(Some(Path::new(&example("02-back-up.op")))).expect("a script");
-        let job_folder = Jobs::of(folder).create("02-back-up.ngc", Stamp::from_ms(0)).expect("a folder");
-        let entry = Job {
+        let job_folder = JobStore::of(folder).create("02-back-up.ngc", Timestamp::from_ms(0)).expect("a folder");
+        let entry = JobHeader {
             format: FORMAT,
             id: job_folder.id().into(),
-            when: Stamp::from_ms(0),
+            when: Timestamp::from_ms(0),
             retrace_version: String::new(),
             planner: 1,
             program: "02-back-up.ngc".into(),
-            source: Source::StandardInput,
+            source: ProgramSource::StandardInput,
             lines: program.lines(),
             files: Vec::new(),
-            machine: MachineFile { path: None, hash: Hash::of(text.as_bytes()), text },
-            arguments: Arguments::default(),
+            machine: MachineFileCopy { path: None, hash: FileHash::of(text.as_bytes()), text },
+            arguments: CommandArguments::default(),
             tables: None,
-            card: Card::Sim,
+            card: JobCard::Sim,
             period_us: 1000,
             origin: 0,
             counts: vec![0, 0, 0],
@@ -320,14 +326,14 @@ mod tests {
             executed: 0,
         };
         let store = job_folder.new_journal().expect("a file");
-        let logbook = Logbook::begin(store, Care::Written, entry, None).expect("it works");
-        let mut kept = Kept(Keeper::new(&logbook, 3, 1000));
-        let keeping = Keeping { index: Box::new(logbook.notes(None, &[])), durable: logbook.durable() };
-        let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
-        let conduct = Conduct {
-            begin: Begin::First,
+        let logbook = JournalWriter::begin(store, Durability::Written, entry, None).expect("it works");
+        let mut kept = Kept(JournalRecorder::new(&logbook, 3, 1000));
+        let keeping = JournalConfig { index: Box::new(logbook.index_writer(None, &[])), durable: logbook.durable() };
+        let operators = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
+        let conduct = JobOptions {
+            begin: JobStart::First,
             operators,
-            manner: Manner { wall_time: false, operator: true, real_time: false },
+            manner: RunMode { wall_time: false, operator: true, real_time: false },
             keeping,
         };
         let card = SimCard::new(0, machine.rate_limits().expect("limits"), Clock::Virtual).expect("a card");
@@ -335,7 +341,7 @@ mod tests {
         drop(kept);
         match ended {
             Some(outcome) => {
-                let end = End { when: Stamp::from_ms(0), outcome, exit_code: 0, report: Value::Null };
+                let end = EndEntry { when: Timestamp::from_ms(0), outcome, exit_code: 0, report: Value::Null };
                 logbook.end(end).expect("it works");
             }
             None => drop(logbook),
@@ -345,7 +351,7 @@ mod tests {
     #[test]
     fn a_history_is_where_the_job_was_and_what_happened() {
         let folder = tempfile::tempdir().expect("a folder");
-        backed_up(folder.path(), Some(Ending::Completed));
+        backed_up(folder.path(), Some(JobEnding::Completed));
         let history = history(None, Some(folder.path())).expect("a journal");
         assert!(history.summary.starts_with("completed · 19700101-000000-02-back-up"), "{}", history.summary);
         assert!(history.course.is_sorted_by(|a, b| a.time_s <= b.time_s && a.reached_s <= b.reached_s));

@@ -6,10 +6,10 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-use retrace_controller::journal::hash::Hash;
-use retrace_controller::machine::Machine;
-use retrace_controller::operator::{self, Instruction};
-use retrace_controller::refusal::Refusal;
+use retrace_controller::journal::hash::FileHash;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::operator::{self, ScriptInstruction};
 use retrace_gcode::Text;
 
 /// Whether a path leads to a FIFO or a character device, which is read as a stream.
@@ -59,16 +59,20 @@ const MAX_WHOLE: u64 = 64 << 20;
 ///
 /// # Errors
 /// `E2101` … `E2104`: absent, a folder, not allowed, not readable. `E2312`: a device.
-pub fn open(path: &Path, what: &str) -> Result<File, Refusal> {
+pub fn open(path: &Path, what: &str) -> Result<File, NumberedError> {
     if path.is_dir() {
-        return Err(Refusal::new(
+        return Err(NumberedError::new(
             "E2102",
             format!("{} is a folder, not a {what}", path.display()),
             "name a file in it",
         ));
     }
     if is_device(path) {
-        return Err(Refusal::new("E2312", format!("{} is a device, not a {what}", path.display()), "name a file"));
+        return Err(NumberedError::new(
+            "E2312",
+            format!("{} is a device, not a {what}", path.display()),
+            "name a file",
+        ));
     }
     File::open(path).map_err(|error| unreadable(path, what, &error))
 }
@@ -78,10 +82,10 @@ pub fn open(path: &Path, what: &str) -> Result<File, Refusal> {
 ///
 /// # Errors
 /// As [`open`].
-pub fn program(path: &Path) -> Result<(Text, Option<Hash>), Refusal> {
+pub fn program(path: &Path) -> Result<(Text, Option<FileHash>), NumberedError> {
     let file = open(path, "program")?;
     let is_small = file.metadata().is_ok_and(|about| about.len() <= Text::MAX_HELD);
-    let mut hash = Hash::of(b"");
+    let mut hash = FileHash::of(b"");
     let text = Text::read(file, |part| {
         if !is_small {
             hash = hash.then(part);
@@ -100,15 +104,15 @@ pub fn program(path: &Path) -> Result<(Text, Option<Hash>), Refusal> {
 ///
 /// # Errors
 /// As [`open`].
-pub fn hash(path: &Path, what: &str) -> Result<Hash, Refusal> {
-    Hash::of_reader(open(path, what)?).map_err(|error| unreadable(path, what, &error))
+pub fn hash(path: &Path, what: &str) -> Result<FileHash, NumberedError> {
+    FileHash::of_reader(open(path, what)?).map_err(|error| unreadable(path, what, &error))
 }
 
 /// Reads a file whole; `what` says what it is meant to be.
 ///
 /// # Errors
 /// As [`open`]; `E2312` for one of more than 64 MiB.
-pub fn bytes(path: &Path, what: &str) -> Result<Vec<u8>, Refusal> {
+pub fn bytes(path: &Path, what: &str) -> Result<Vec<u8>, NumberedError> {
     let mut bytes = Vec::new();
     let file = open(path, what)?;
     let length = file.metadata().map_or(0, |file| file.len());
@@ -116,7 +120,7 @@ pub fn bytes(path: &Path, what: &str) -> Result<Vec<u8>, Refusal> {
     read.map_err(|error| unreadable(path, what, &error))?;
     if length.max(bytes.len() as u64) > MAX_WHOLE {
         let what = format!("{} has more than {} MiB: it is not a {what}", path.display(), MAX_WHOLE >> 20);
-        return Err(Refusal::new("E2312", what, "name the right file"));
+        return Err(NumberedError::new("E2312", what, "name the right file"));
     }
     Ok(bytes)
 }
@@ -135,18 +139,22 @@ fn is_device(_: &Path) -> bool {
 }
 
 /// Why a file cannot be read.
-fn unreadable(path: &Path, what: &str, error: &io::Error) -> Refusal {
+fn unreadable(path: &Path, what: &str, error: &io::Error) -> NumberedError {
     let shown = path.display();
     match error.kind() {
-        ErrorKind::NotFound => {
-            Refusal::new("E2101", format!("there is no {what} {shown}"), "check the name and the folder you are in")
-        }
+        ErrorKind::NotFound => NumberedError::new(
+            "E2101",
+            format!("there is no {what} {shown}"),
+            "check the name and the folder you are in",
+        ),
         ErrorKind::PermissionDenied => {
-            Refusal::new("E2103", format!("the {what} {shown} may not be read"), "check its permissions")
+            NumberedError::new("E2103", format!("the {what} {shown} may not be read"), "check its permissions")
         }
-        _ => {
-            Refusal::new("E2104", format!("the {what} {shown} cannot be read: {error}"), "check the file and its disk")
-        }
+        _ => NumberedError::new(
+            "E2104",
+            format!("the {what} {shown} cannot be read: {error}"),
+            "check the file and its disk",
+        ),
     }
 }
 
@@ -154,9 +162,9 @@ fn unreadable(path: &Path, what: &str, error: &io::Error) -> Refusal {
 ///
 /// # Errors
 /// As [`bytes`]; `E2104` for what is no text.
-pub fn text(path: &Path, what: &str) -> Result<String, Refusal> {
+pub fn text(path: &Path, what: &str) -> Result<String, NumberedError> {
     String::from_utf8(bytes(path, what)?).map_err(|_| {
-        Refusal::new("E2104", format!("the {what} {} is not UTF-8 text", path.display()), "give the right file")
+        NumberedError::new("E2104", format!("the {what} {} is not UTF-8 text", path.display()), "give the right file")
     })
 }
 
@@ -170,7 +178,7 @@ pub fn absolute(path: &Path) -> String {
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn machine_text(path: Option<&Path>) -> Result<String, Refusal> {
+pub fn machine_text(path: Option<&Path>) -> Result<String, NumberedError> {
     path.map_or(Ok(String::new()), |path| text(path, "machine file"))
 }
 
@@ -178,10 +186,10 @@ pub fn machine_text(path: Option<&Path>) -> Result<String, Refusal> {
 ///
 /// # Errors
 /// What is wrong with the file.
-pub fn machine(path: Option<&Path>) -> Result<Machine, Refusal> {
+pub fn machine(path: Option<&Path>) -> Result<MachineConfig, NumberedError> {
     match path {
-        None => Machine::built_in(),
-        Some(path) => Machine::parse(&written_machine_text(path)?, &path.display().to_string()),
+        None => MachineConfig::built_in(),
+        Some(path) => MachineConfig::parse(&written_machine_text(path)?, &path.display().to_string()),
     }
 }
 
@@ -189,11 +197,11 @@ pub fn machine(path: Option<&Path>) -> Result<Machine, Refusal> {
 ///
 /// # Errors
 /// The file cannot be read; `E2114` for an empty one.
-pub fn written_machine_text(path: &Path) -> Result<String, Refusal> {
+pub fn written_machine_text(path: &Path) -> Result<String, NumberedError> {
     let text = text(path, "machine file")?;
     if text.trim().is_empty() {
         let what = format!("the machine file {} is empty", path.display());
-        return Err(Refusal::new("E2114", what, "`retrace machine new -o FILE` writes a commented one"));
+        return Err(NumberedError::new("E2114", what, "`retrace machine new -o FILE` writes a commented one"));
     }
     Ok(text)
 }
@@ -202,7 +210,7 @@ pub fn written_machine_text(path: &Path) -> Result<String, Refusal> {
 ///
 /// # Errors
 /// What is wrong with the file.
-pub fn script(path: Option<&Path>) -> Result<Vec<Instruction>, Refusal> {
+pub fn script(path: Option<&Path>) -> Result<Vec<ScriptInstruction>, NumberedError> {
     match path {
         None => Ok(Vec::new()),
         Some(path) => operator::parse(&text(path, "operator's script")?, &path.display().to_string()),

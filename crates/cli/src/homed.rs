@@ -3,10 +3,10 @@
 //! Invariant: an axis counts as homed only when its homing came to its end, on this card, since it was switched on. The simulated card in this
 //! process is there for one command, and counts as homed.
 
-use retrace_controller::homed::{CardOn, Homed, required};
-use retrace_controller::machine::Machine;
-use retrace_controller::manual::{Done, NotDone, Task};
-use retrace_controller::refusal::Refusal;
+use retrace_controller::homed_axes::{CardBoot, HomedAxes, required};
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError};
+use retrace_controller::numbered_error::NumberedError;
 use retrace_link::CardIdentity;
 
 use crate::screen::model::AxisHoming;
@@ -15,7 +15,7 @@ use crate::screen::model::AxisHoming;
 #[derive(Clone, Debug)]
 pub struct Homing {
     /// None: the simulated card in this process.
-    card: Option<CardOn>,
+    card: Option<CardBoot>,
     /// How it is homed.
     remedy: String,
 }
@@ -46,22 +46,22 @@ impl Homing {
     ///
     /// # Errors
     /// `E2162` with the axes that were not homed; `E2201` where nothing can have been noted.
-    pub fn check(&self, machine: &Machine) -> Result<(), Refusal> {
+    pub fn check(&self, machine: &MachineConfig) -> Result<(), NumberedError> {
         let Some(card) = self.card.as_ref().filter(|_| !required(machine).is_empty()) else { return Ok(()) };
-        let unhomed = Homed::usual()?.unhomed(card, machine);
+        let unhomed = HomedAxes::usual()?.unhomed(card, machine);
         if unhomed.is_empty() {
             return Ok(());
         }
         let letters: Vec<String> = unhomed.iter().map(|axis| axis.to_ascii_uppercase().to_string()).collect();
         let (axes, were) = if letters.len() == 1 { ("axis", "was") } else { ("axes", "were") };
         let what = format!("{axes} {} {were} not homed since the card was switched on", letters.join(", "));
-        Err(Refusal::new("E2162", what, self.remedy.clone()))
+        Err(NumberedError::new("E2162", what, self.remedy.clone()))
     }
 
     /// Which axes are homed, in the order of the axes.
     #[must_use]
-    pub fn axes(&self, machine: &Machine) -> Vec<AxisHoming> {
-        let notes = self.card.as_ref().and_then(|card| Some((card, Homed::usual().ok()?)));
+    pub fn axes(&self, machine: &MachineConfig) -> Vec<AxisHoming> {
+        let notes = self.card.as_ref().and_then(|card| Some((card, HomedAxes::usual().ok()?)));
         let homing = |letter| match notes.as_ref().and_then(|(card, homed)| homed.is_homed(card, machine, letter)) {
             None => AxisHoming::NotNeeded,
             Some(true) => AxisHoming::Homed,
@@ -76,21 +76,21 @@ impl Homing {
     /// As `perform`; `E2105`, `E2201` where homing cannot be noted, unless nobody asks for it.
     pub fn noting(
         &self,
-        task: &Task,
-        machine: &Machine,
-        perform: impl FnOnce() -> Result<Done, NotDone>,
-    ) -> Result<Done, NotDone> {
-        let (Task::Home(axis), Some(card)) = (task, &self.card) else { return perform() };
+        task: &ManualTask,
+        machine: &MachineConfig,
+        perform: impl FnOnce() -> Result<ManualTaskDone, ManualTaskError>,
+    ) -> Result<ManualTaskDone, ManualTaskError> {
+        let (ManualTask::Home(axis), Some(card)) = (task, &self.card) else { return perform() };
         let axes = axis.map_or_else(|| machine.homing_order().to_vec(), |axis| vec![axis.to_ascii_lowercase()]);
         let asked_for = !required(machine).is_empty();
-        let noted = Homed::usual().and_then(|homed| homed.begin(card, &axes).map(|()| homed));
+        let noted = HomedAxes::usual().and_then(|homed| homed.begin(card, &axes).map(|()| homed));
         let homed = match noted {
             Ok(homed) => homed,
             Err(refusal) if asked_for => return Err(refusal.into()),
             Err(_) => return perform(),
         };
         let done = perform()?;
-        if let Done::Whole { .. } = done {
+        if let ManualTaskDone::Whole { .. } = done {
             let noted = homed.done(card, machine, &axes);
             noted.or_else(|refusal| if asked_for { Err(refusal) } else { Ok(()) })?;
         }

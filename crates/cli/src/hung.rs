@@ -7,9 +7,9 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
-use retrace_controller::machine::Machine;
-use retrace_controller::refusal::Refusal;
-use retrace_controller::switching::Switching;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::switching::CodeSwitching;
 use retrace_hal_sim::{Clock, PlantSettings, Reply, SimCard};
 use retrace_link::{InputUse, InputWait, PathStart, channel};
 
@@ -26,9 +26,9 @@ const TAKES_US: u32 = 50_000;
 ///
 /// # Errors
 /// `E2113`
-pub fn simulated<const A: usize>(machine: &Machine, clock: Clock) -> Result<SimCard<A>, Refusal> {
+pub fn simulated<const A: usize>(machine: &MachineConfig, clock: Clock) -> Result<SimCard<A>, NumberedError> {
     SimCard::with_machine(machine.card_settings(PathStart::at(0)), &hung_on::<A>(machine), clock)
-        .map_err(|_| Refusal::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
+        .map_err(|_| NumberedError::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
 }
 
 /// Has the card write a trace to this file, if one is named.
@@ -37,9 +37,9 @@ pub fn simulated<const A: usize>(machine: &Machine, clock: Clock) -> Result<SimC
 /// `E2105` where the file cannot be made.
 pub fn traced<const A: usize>(
     mut card: SimCard<A>,
-    machine: &Machine,
+    machine: &MachineConfig,
     path: Option<&Path>,
-) -> Result<SimCard<A>, Refusal> {
+) -> Result<SimCard<A>, NumberedError> {
     if let Some(path) = path {
         let named = |error| unwritable(&path.display().to_string(), &error);
         let file = File::create(path).map_err(named)?;
@@ -50,7 +50,7 @@ pub fn traced<const A: usize>(
 }
 
 /// What hangs on a simulated card of a machine that stands at 0: switches, and what says that it is done.
-pub fn hung_on<const A: usize>(machine: &Machine) -> PlantSettings {
+pub fn hung_on<const A: usize>(machine: &MachineConfig) -> PlantSettings {
     let inputs = machine.card_settings::<A>(PathStart::at(0)).inputs;
     let travel: Vec<[i64; 2]> = (0..machine.axes.len()).map(|axis| limits(machine, axis)).collect();
     let mut settings = PlantSettings::wired_as(&inputs, &travel, &[]);
@@ -69,7 +69,7 @@ pub fn hung_on<const A: usize>(machine: &Machine) -> PlantSettings {
 }
 
 /// Positions of the limit switches of an axis, in pulses: outside the soft limits, and behind the home switch.
-fn limits(machine: &Machine, axis: usize) -> [i64; 2] {
+fn limits(machine: &MachineConfig, axis: usize) -> [i64; 2] {
     let [low, high] = machine.axes[axis].travel_mm;
     let [mut low, mut high] = [low - OUTSIDE_MM, high + OUTSIDE_MM];
     if let Some(home) = machine.setting_up.homes[axis] {
@@ -83,9 +83,9 @@ fn limits(machine: &Machine, axis: usize) -> [i64; 2] {
 }
 
 /// What says that a code is done, for every input that a code waits for.
-fn replies(machine: &Machine) -> Vec<Reply> {
+fn replies(machine: &MachineConfig) -> Vec<Reply> {
     let mut replies: Vec<Reply> = Vec::new();
-    for (code, Switching { until, .. }) in machine.switching.described() {
+    for (code, CodeSwitching { until, .. }) in machine.switching.described() {
         let Some(InputWait { input, active, timeout_periods: at_most }) = until else { continue };
         let waits_us = match at_most {
             0 => u32::MAX,
@@ -109,7 +109,7 @@ fn replies(machine: &Machine) -> Vec<Reply> {
 }
 
 /// The channels that a code switches, and whether it makes them 0, and other than 0.
-fn switched(machine: &Machine, code: &str) -> Vec<(u8, [bool; 2])> {
+fn switched(machine: &MachineConfig, code: &str) -> Vec<(u8, [bool; 2])> {
     const OFF: [bool; 2] = [true, false];
     const ON: [bool; 2] = [false, true];
     match code {

@@ -5,11 +5,13 @@
 use std::path::Path;
 
 use retrace_controller::event::{ChannelNames, channel_name};
-use retrace_controller::jobs::{JobFolder, Jobs, Listed, State};
-use retrace_controller::journal::entry::{Card, HoldReason, Job, Mode, PositionEntry, Source};
-use retrace_controller::journal::record::JobRecord;
-use retrace_controller::machine::Machine;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::jobs::{JobFolder, JobState, JobStore, ListedJob};
+use retrace_controller::journal::entry::{
+    JobCard, JobHeader, JournalHoldReason, JournalMode, PositionEntry, ProgramSource,
+};
+use retrace_controller::journal::job_record::JobRecord;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
 use retrace_link::channel;
 use serde_json::{Value, json};
 
@@ -23,8 +25,8 @@ const LISTED: usize = 20;
 ///
 /// # Errors
 /// There is no folder for jobs, no job of that name, or its journal cannot be used.
-pub fn run(args: &args::Jobs) -> Result<(), Refusal> {
-    let jobs = Jobs::named(args.journal.as_deref())?;
+pub fn run(args: &args::Jobs) -> Result<(), NumberedError> {
+    let jobs = JobStore::named(args.journal.as_deref())?;
     match &args.action {
         None => list(&jobs, args),
         Some(args::JobsAction::Show { id }) => show(&jobs.find(id)?, args)?,
@@ -32,12 +34,12 @@ pub fn run(args: &args::Jobs) -> Result<(), Refusal> {
     Ok(())
 }
 
-fn list(jobs: &Jobs, args: &args::Jobs) {
+fn list(jobs: &JobStore, args: &args::Jobs) {
     let listed = jobs.list();
     let all = listed.len();
     // What never began, and what came to its end long ago, nobody looks for.
-    let of_interest = listed.into_iter().filter(|job| args.all || job.state != State::NeverBegan);
-    let shown: Vec<Listed> = of_interest.take(if args.all { all } else { LISTED }).collect();
+    let of_interest = listed.into_iter().filter(|job| args.all || job.state != JobState::NeverBegan);
+    let shown: Vec<ListedJob> = of_interest.take(if args.all { all } else { LISTED }).collect();
     if args.json {
         let jobs_json: Vec<Value> = shown.iter().map(|job| listed_json(job, args.journal.as_deref())).collect();
         crate::out::line(json!({"folder": jobs.folder().display().to_string(), "jobs": jobs_json}));
@@ -54,7 +56,7 @@ fn list(jobs: &Jobs, args: &args::Jobs) {
     }
 }
 
-fn row(job: &Listed, journal: Option<&Path>) -> [String; 5] {
+fn row(job: &ListedJob, journal: Option<&Path>) -> [String; 5] {
     let (program, far) = job.glance.as_ref().map_or_else(
         || ("?".into(), String::new()),
         |glance| (escape::name(&glance.job.program).into_owned(), far(&glance.job, glance.at.as_ref(), &job.state)),
@@ -78,9 +80,9 @@ fn table<const N: usize>(head: [&str; N], rows: &[[String; N]]) -> String {
 }
 
 /// The line that was reached, of how many, as a share of them.
-fn far(job: &Job, at: Option<&PositionEntry>, state: &State) -> String {
+fn far(job: &JobHeader, at: Option<&PositionEntry>, state: &JobState) -> String {
     match (at.map(|at| at.line), job.lines) {
-        _ if *state == State::Completed => "to its end".into(),
+        _ if *state == JobState::Completed => "to its end".into(),
         (None, _) => "at its beginning".into(),
         (Some(line), None) => format!("line {line}"),
         (Some(line), Some(lines)) => {
@@ -89,28 +91,28 @@ fn far(job: &Job, at: Option<&PositionEntry>, state: &State) -> String {
     }
 }
 
-fn to_do(id: &str, state: &State, journal: Option<&Path>) -> String {
+fn to_do(id: &str, state: &JobState, journal: Option<&Path>) -> String {
     match state {
-        State::Running(Some(pid)) => format!("process {pid} has it"),
-        State::Running(None) => "another process has it".into(),
-        State::Completed | State::NeverBegan => String::new(),
-        State::Unusable(refusal) => format!("{}: `retrace jobs show {id}` says more", refusal.number),
-        State::Interrupted | State::Stopped | State::Alarm => {
+        JobState::Running(Some(pid)) => format!("process {pid} has it"),
+        JobState::Running(None) => "another process has it".into(),
+        JobState::Completed | JobState::NeverBegan => String::new(),
+        JobState::Unusable(refusal) => format!("{}: `retrace jobs show {id}` says more", refusal.number),
+        JobState::Interrupted | JobState::Stopped | JobState::Alarm => {
             let journal = journal.map(|folder| format!(" --journal {}", folder.display())).unwrap_or_default();
             format!("retrace resume {id}{journal}")
         }
     }
 }
 
-fn listed_json(job: &Listed, journal: Option<&Path>) -> Value {
+fn listed_json(job: &ListedJob, journal: Option<&Path>) -> Value {
     let mut value = json!({
         "id": job.folder.id(),
         "state": job.state.word(),
         "resumable": job.state.can_resume(),
         "next_step": to_do(job.folder.id(), &job.state, journal),
     });
-    if let State::Unusable(refusal) = &job.state {
-        value["error"] = json!({"number": refusal.number, "cause": refusal.what, "remedy": refusal.remedy});
+    if let JobState::Unusable(refusal) = &job.state {
+        value["error"] = json!({"number": refusal.number, "cause": refusal.cause, "remedy": refusal.remedy});
     }
     if let Some(glance) = &job.glance {
         value["program"] = json!(glance.job.program);
@@ -123,7 +125,7 @@ fn listed_json(job: &Listed, journal: Option<&Path>) -> Value {
     value
 }
 
-fn show(folder: &JobFolder, args: &args::Jobs) -> Result<(), Refusal> {
+fn show(folder: &JobFolder, args: &args::Jobs) -> Result<(), NumberedError> {
     let (state, record) = (folder.state(), folder.read()?);
     if args.json {
         crate::out::line(record_json(&record, &state));
@@ -140,15 +142,15 @@ fn show(folder: &JobFolder, args: &args::Jobs) -> Result<(), Refusal> {
     Ok(())
 }
 
-fn state_in_words(state: &State) -> String {
+fn state_in_words(state: &JobState) -> String {
     match state {
-        State::Running(_) => "it is running".into(),
-        State::Interrupted => "interrupted, the computer or the process failed; the breakpoint is kept".into(),
-        State::Stopped => "stopped; the breakpoint is kept".into(),
-        State::Alarm => "stopped by an alarm; the breakpoint is kept".into(),
-        State::Completed => "completed".into(),
-        State::NeverBegan => "nothing has moved".into(),
-        State::Unusable(refusal) => refusal.what.clone(),
+        JobState::Running(_) => "it is running".into(),
+        JobState::Interrupted => "interrupted, the computer or the process failed; the breakpoint is kept".into(),
+        JobState::Stopped => "stopped; the breakpoint is kept".into(),
+        JobState::Alarm => "stopped by an alarm; the breakpoint is kept".into(),
+        JobState::Completed => "completed".into(),
+        JobState::NeverBegan => "nothing has moved".into(),
+        JobState::Unusable(refusal) => refusal.cause.clone(),
     }
 }
 
@@ -196,7 +198,7 @@ fn in_words(record: &JobRecord) -> Vec<(&'static str, String)> {
 
 /// Where the machine was, in words.
 fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
-    let start = record.stood.start;
+    let start = record.last_position.start;
     let fraction = f64::from(start.place.fraction) / 2_f64.powi(32);
     let mut place = format!("place {}", start.place.record);
     if start.place.fraction != 0 {
@@ -206,60 +208,61 @@ fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
         place += &format!(", retraced from place {}", start.reached);
     }
     let Some(at) = &record.at else {
-        return vec![("breakpoint", format!("at the beginning, {place}, counts {:?}", record.stood.counts))];
+        return vec![("breakpoint", format!("at the beginning, {place}, counts {:?}", record.last_position.counts))];
     };
     let rest = if at.at_rest { "at rest" } else { "in motion" };
-    let line = far(&record.job, Some(at), &State::Interrupted);
+    let line = far(&record.job, Some(at), &JobState::Interrupted);
     let mode = mode_in_words(at.mode, at.hold_reason);
     let names = channel_names(&record.job);
     let outputs: Vec<String> =
         at.outputs.iter().map(|&(number, value)| output_in_words(&names, number, value)).collect();
     vec![
         ("breakpoint", format!("{line}; {place}, {rest}; {} instructions complete", start.executed)),
-        ("counts", format!("{:?} pulses", record.stood.counts)),
+        ("counts", format!("{:?} pulses", record.last_position.counts)),
         ("mode", mode.into()),
         ("outputs", if outputs.is_empty() { "all off".into() } else { outputs.join(", ") }),
         ("as of", at.when.to_string()),
     ]
 }
 
-fn source_in_words(job: &Job) -> String {
+fn source_in_words(job: &JobHeader) -> String {
     let lines = job.lines.map(|lines| format!(", {lines} lines")).unwrap_or_default();
     match &job.source {
-        Source::File(path) => format!("{path}{lines}"),
-        Source::StandardInput => "from standard input".into(),
-        Source::Socket(address) => format!("from {address}"),
-        Source::Serial(address) => format!("from serial:{address}"),
-        Source::Device(path) => format!("from {path}"),
+        ProgramSource::File(path) => format!("{path}{lines}"),
+        ProgramSource::StandardInput => "from standard input".into(),
+        ProgramSource::Socket(address) => format!("from {address}"),
+        ProgramSource::Serial(address) => format!("from serial:{address}"),
+        ProgramSource::Device(path) => format!("from {path}"),
     }
 }
 
-fn card_in_words(card: &Card) -> String {
+fn card_in_words(card: &JobCard) -> String {
     match card {
-        Card::Sim => "simulated".into(),
-        Card::Wired(of) => format!("`{}`, serial number {}, at {}", of.name, of.serial, of.address),
+        JobCard::Sim => "simulated".into(),
+        JobCard::Wired(of) => format!("`{}`, serial number {}, at {}", of.name, of.serial, of.address),
     }
 }
 
-fn mode_in_words(mode: Mode, standing: HoldReason) -> &'static str {
+fn mode_in_words(mode: JournalMode, standing: JournalHoldReason) -> &'static str {
     match (mode, standing) {
-        (Mode::Run, HoldReason::None) => "normal run",
-        (Mode::Run, HoldReason::Hold) => "held",
-        (Mode::Run, HoldReason::ProgramStop) => "at a program stop",
-        (Mode::Run, HoldReason::SingleBlock) => "single block",
-        (Mode::Run, HoldReason::Paused) => "paused",
-        (Mode::Reverse, _) => "reverse run",
-        (Mode::Forward, _) => "forward run",
-        (Mode::Wheel, _) => "handwheel",
-        (Mode::Rejoin, _) => "on the way back to the furthest place",
-        (Mode::AwaitOutputs, _) => "at the furthest place, outputs differ",
+        (JournalMode::Run, JournalHoldReason::None) => "normal run",
+        (JournalMode::Run, JournalHoldReason::Hold) => "held",
+        (JournalMode::Run, JournalHoldReason::ProgramStop) => "at a program stop",
+        (JournalMode::Run, JournalHoldReason::SingleBlock) => "single block",
+        (JournalMode::Run, JournalHoldReason::Paused) => "paused",
+        (JournalMode::Reverse, _) => "reverse run",
+        (JournalMode::Forward, _) => "forward run",
+        (JournalMode::Wheel, _) => "handwheel",
+        (JournalMode::Rejoin, _) => "on the way back to the furthest place",
+        (JournalMode::AwaitOutputs, _) => "at the furthest place, outputs differ",
     }
 }
 
 /// What the outputs of the job's machine are called.
-fn channel_names(job: &Job) -> ChannelNames {
+fn channel_names(job: &JobHeader) -> ChannelNames {
     // The text was a machine file when the job began; a newer version may refuse it.
-    Machine::parse(&job.machine.text, "").map_or_else(|_| ChannelNames::default(), |m| ChannelNames::of_machine(&m))
+    MachineConfig::parse(&job.machine.text, "")
+        .map_or_else(|_| ChannelNames::default(), |m| ChannelNames::of_machine(&m))
 }
 
 fn output_in_words(names: &ChannelNames, number: u8, value: i32) -> String {
@@ -275,8 +278,8 @@ fn output_in_words(names: &ChannelNames, number: u8, value: i32) -> String {
     }
 }
 
-fn record_json(record: &JobRecord, state: &State) -> Value {
-    let start = record.stood.start;
+fn record_json(record: &JobRecord, state: &JobState) -> Value {
+    let start = record.last_position.start;
     json!({
         "state": state.word(),
         "resumable": state.can_resume(),
@@ -287,7 +290,7 @@ fn record_json(record: &JobRecord, state: &State) -> Value {
             "fraction": start.place.fraction,
             "reached": start.reached,
             "executed": start.executed,
-            "counts": record.stood.counts,
+            "counts": record.last_position.counts,
             "line": record.at.as_ref().map(|at| at.line),
         },
         "position": record.at,
@@ -304,35 +307,37 @@ fn record_json(record: &JobRecord, state: &State) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_controller::index::Durable;
-    use retrace_controller::journal::entry::{Arguments, End, Ending, FORMAT, MachineFile, Resumed, WiredCard};
-    use retrace_controller::journal::hash::Hash;
-    use retrace_controller::journal::keeper::Keeper;
-    use retrace_controller::journal::logbook::{Care, Logbook};
-    use retrace_controller::journal::stamp::Stamp;
-    use retrace_controller::stream::{Period, Told};
+    use retrace_controller::journal::entry::{
+        CommandArguments, EndEntry, FORMAT, JobEnding, MachineFileCopy, ResumeEntry, WiredCard,
+    };
+    use retrace_controller::journal::hash::FileHash;
+    use retrace_controller::journal::journal_recorder::JournalRecorder;
+    use retrace_controller::journal::journal_writer::{Durability, JournalWriter};
+    use retrace_controller::journal::timestamp::Timestamp;
+    use retrace_controller::place_index::DurablePlace;
+    use retrace_controller::telemetry::{PeriodRecord, Telemetry};
     use retrace_core::{Place, mode};
     use retrace_link::{CardStatus, OutputChange};
 
     /// A job that ran on a card, was stopped while it went back, and was taken up again once.
-    fn stopped(jobs: &Jobs) -> JobFolder {
-        let when = Stamp::from_ms(1_795_308_387_000);
+    fn stopped(jobs: &JobStore) -> JobFolder {
+        let when = Timestamp::from_ms(1_795_308_387_000);
         let folder = jobs.create("part.ngc", when).expect("a folder");
         let card = WiredCard { address: "port".into(), name: "retrace-sim".into(), serial: 77, boot: 5 };
-        let job = Job {
+        let job = JobHeader {
             format: FORMAT,
             id: folder.id().into(),
             when,
             retrace_version: "0.1.0".into(),
             planner: 1,
             program: "part.ngc".into(),
-            source: Source::File("part.ngc".into()),
+            source: ProgramSource::File("part.ngc".into()),
             lines: Some(120),
             files: Vec::new(),
-            machine: MachineFile { path: None, hash: Hash::of(b""), text: String::new() },
-            arguments: Arguments::default(),
+            machine: MachineFileCopy { path: None, hash: FileHash::of(b""), text: String::new() },
+            arguments: CommandArguments::default(),
             tables: None,
-            card: Card::Wired(card.clone()),
+            card: JobCard::Wired(card.clone()),
             period_us: 1000,
             origin: 0,
             counts: vec![0, 0, 0],
@@ -340,22 +345,23 @@ mod tests {
             executed: 0,
         };
         let place = Place { record: 1234, fraction: 1 << 30 };
-        let resumed = Resumed {
+        let resumed = ResumeEntry {
             when,
             retrace: "0.1.1".into(),
-            card: Card::Wired(card),
+            card: JobCard::Wired(card),
             place,
             reached: 1300,
             executed: 2,
             counts: vec![1200, 0, -5],
         };
         let store = folder.new_journal().expect("a file");
-        drop(Logbook::begin(store, Care::Written, job, None).expect("it works"));
+        drop(JournalWriter::begin(store, Durability::Written, job, None).expect("it works"));
         let (store, tail) = (folder.old_journal().expect("a file"), folder.read().expect("whole").tail);
-        let logbook = Logbook::go_on(store, Care::Written, tail, Durable::from(0), resumed, None).expect("it works");
-        let mut keeper = Keeper::<3>::new(&logbook, 3, 1000);
+        let logbook = JournalWriter::reopen(store, Durability::Written, tail, DurablePlace::from(0), resumed, None)
+            .expect("it works");
+        let mut keeper = JournalRecorder::<3>::new(&logbook, 3, 1000);
         for (channel, value) in [(channel::SPINDLE, 1), (channel::SPEED, 12_000_000), (3, 1)] {
-            keeper.told(&Told::Output(OutputChange { channel, value }));
+            keeper.told(&Telemetry::Output(OutputChange { channel, value }));
         }
         let status = CardStatus::<3> {
             place,
@@ -365,9 +371,13 @@ mod tests {
             counts: [1200, 0, -5],
             ..CardStatus::at_rest(retrace_link::PathStart::at(0))
         };
-        keeper.told(&Told::Period(Period { mode: mode::Mode::Reverse, at_rest: true, ..Period::of(&status) }));
+        keeper.told(&Telemetry::Period(PeriodRecord {
+            mode: mode::Mode::Reverse,
+            at_rest: true,
+            ..PeriodRecord::of(&status)
+        }));
         drop(keeper);
-        let end = End { when, outcome: Ending::Stopped, exit_code: 4, report: Value::Null };
+        let end = EndEntry { when, outcome: JobEnding::Stopped, exit_code: 4, report: Value::Null };
         logbook.end(end).expect("it works");
         folder
     }
@@ -375,7 +385,7 @@ mod tests {
     #[test]
     fn a_stopped_job_is_listed_and_told_in_words() {
         let folder = tempfile::tempdir().expect("a folder");
-        let jobs = Jobs::of(folder.path());
+        let jobs = JobStore::of(folder.path());
         let job = stopped(&jobs);
         let listed = jobs.list();
         let name = "20261122-004627-part";
@@ -424,8 +434,8 @@ mod tests {
 
     #[test]
     fn what_to_do_can_be_typed() {
-        assert_eq!(to_do("j", &State::Stopped, None), "retrace resume j");
-        assert_eq!(to_do("j", &State::Interrupted, Some(Path::new("here"))), "retrace resume j --journal here");
-        assert_eq!(to_do("j", &State::Completed, None), "");
+        assert_eq!(to_do("j", &JobState::Stopped, None), "retrace resume j");
+        assert_eq!(to_do("j", &JobState::Interrupted, Some(Path::new("here"))), "retrace resume j --journal here");
+        assert_eq!(to_do("j", &JobState::Completed, None), "");
     }
 }

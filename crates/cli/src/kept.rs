@@ -5,21 +5,22 @@
 use std::path::Path;
 
 use retrace_controller::event::ChannelNames;
-use retrace_controller::index::Keeping;
-use retrace_controller::jobs::{Held, JobFolder, Jobs};
+use retrace_controller::jobs::{JobFolder, JobLock, JobStore};
 use retrace_controller::journal::entry::{
-    self, Arguments, End, Ending, FORMAT, Job, MachineFile, Override, Resumed, Source, WiredCard,
+    self, CommandArguments, EndEntry, FORMAT, JobEnding, JobHeader, MachineFileCopy, PlannedOverride, ProgramSource,
+    ResumeEntry, WiredCard,
 };
-use retrace_controller::journal::hash::Hash;
-use retrace_controller::journal::keeper::Keeper;
-use retrace_controller::journal::logbook::{Care, Logbook};
-use retrace_controller::journal::record::JobRecord;
-use retrace_controller::journal::spool::{Progress, Spooling};
-use retrace_controller::journal::stamp::Stamp;
-use retrace_controller::machine::Machine;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::journal::hash::FileHash;
+use retrace_controller::journal::job_record::JobRecord;
+use retrace_controller::journal::journal_recorder::JournalRecorder;
+use retrace_controller::journal::journal_writer::{Durability, JournalWriter};
+use retrace_controller::journal::spool::{SpoolProgress, SpoolWriter};
+use retrace_controller::journal::timestamp::Timestamp;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::place_index::JournalConfig;
 use retrace_controller::session::Outcome;
-use retrace_controller::state_file::{self, Access};
+use retrace_controller::state_file::{self, FileAccess};
 use retrace_link::{CardIdentity, CardStatus, Outputs};
 use serde_json::Value;
 
@@ -32,10 +33,10 @@ use crate::program::{Arrives, Arriving, Program};
 /// The folder of a job that has not begun.
 #[derive(Debug)]
 pub struct Claimed {
-    jobs: Jobs,
+    jobs: JobStore,
     folder: JobFolder,
-    held: Held,
-    when: Stamp,
+    held: JobLock,
+    when: Timestamp,
 }
 
 impl Claimed {
@@ -43,8 +44,8 @@ impl Claimed {
     ///
     /// # Errors
     /// `E2201`, `E2105`: there is no folder for jobs, or it cannot be written.
-    pub fn new(journal: Option<&Path>, program: &str) -> Result<Self, Refusal> {
-        let (jobs, when) = (Jobs::named(journal)?, Stamp::now());
+    pub fn new(journal: Option<&Path>, program: &str) -> Result<Self, NumberedError> {
+        let (jobs, when) = (JobStore::named(journal)?, Timestamp::now());
         let folder = jobs.create(program, when)?;
         let held = folder.hold()?;
         Ok(Self { jobs, folder, held, when })
@@ -54,10 +55,10 @@ impl Claimed {
     ///
     /// # Errors
     /// `E2105`
-    pub fn spool(&self, from: Arriving, quota: u64) -> Result<(Arriving, Progress), Refusal> {
+    pub fn spool(&self, from: Arriving, quota: u64) -> Result<(Arriving, SpoolProgress), NumberedError> {
         let path = self.folder.stream();
         let (spooling, progress) =
-            Spooling::create(&path, from).map_err(|error| unwritable(&path.display().to_string(), &error))?;
+            SpoolWriter::create(&path, from).map_err(|error| unwritable(&path.display().to_string(), &error))?;
         Ok((Box::new(spooling.limited_to(quota)), progress))
     }
 
@@ -65,10 +66,10 @@ impl Claimed {
     ///
     /// # Errors
     /// `E2105`, `E2207`: it cannot be written.
-    pub fn begin(self, care: Care, job: Job, spool: Option<Progress>) -> Result<Kept, Refusal> {
+    pub fn begin(self, care: Durability, job: JobHeader, spool: Option<SpoolProgress>) -> Result<Kept, NumberedError> {
         let Self { jobs, folder, held, when } = self;
-        let job = Job { id: folder.id().into(), when, ..job };
-        let logbook = Logbook::begin(folder.new_journal()?, care, job, spool)?;
+        let job = JobHeader { id: folder.id().into(), when, ..job };
+        let logbook = JournalWriter::begin(folder.new_journal()?, care, job, spool)?;
         Ok(Kept { jobs, folder, _held: held, logbook, known: None, overrides: Vec::new() })
     }
 }
@@ -76,21 +77,21 @@ impl Claimed {
 /// A job whose journal is being written.
 #[derive(Debug)]
 pub struct Kept {
-    jobs: Jobs,
+    jobs: JobStore,
     folder: JobFolder,
-    _held: Held,
-    logbook: Logbook,
+    _held: JobLock,
+    logbook: JournalWriter,
     /// Place of the last mark that the journal has already.
     known: Option<u32>,
     /// The overrides that it has already.
-    overrides: Vec<Override>,
+    overrides: Vec<PlannedOverride>,
 }
 
 impl Kept {
     /// A job that may be taken up again; its journal is as it was until [`Kept::take_up`].
     #[must_use]
-    pub fn waiting(jobs: Jobs, folder: JobFolder, held: Held, care: Care, record: &JobRecord) -> Self {
-        let logbook = Logbook::waiting(care, record.durable());
+    pub fn waiting(jobs: JobStore, folder: JobFolder, held: JobLock, care: Durability, record: &JobRecord) -> Self {
+        let logbook = JournalWriter::waiting(care, record.durable());
         let (known, overrides) = (record.last_mark.map(|mark| mark.place), record.overrides());
         Self { jobs, folder, _held: held, logbook, known, overrides }
     }
@@ -99,8 +100,13 @@ impl Kept {
     ///
     /// # Errors
     /// `E2105`, `E2207`: it cannot be written.
-    pub fn take_up(&mut self, record: &JobRecord, resumed: Resumed, spool: Option<Progress>) -> Result<(), Refusal> {
-        self.logbook.take_up(self.folder.old_journal()?, record.tail, resumed, spool)
+    pub fn take_up(
+        &mut self,
+        record: &JobRecord,
+        resumed: ResumeEntry,
+        spool: Option<SpoolProgress>,
+    ) -> Result<(), NumberedError> {
+        self.logbook.resume(self.folder.old_journal()?, record.tail, resumed, spool)
     }
 
     /// The job's name.
@@ -111,15 +117,16 @@ impl Kept {
 
     /// Who keeps the index.
     #[must_use]
-    pub fn keeping(&self) -> Keeping {
-        let notes = self.logbook.notes(self.known, &self.overrides);
-        Keeping { index: Box::new(notes), durable: self.logbook.durable() }
+    pub fn keeping(&self) -> JournalConfig {
+        let notes = self.logbook.index_writer(self.known, &self.overrides);
+        JournalConfig { index: Box::new(notes), durable: self.logbook.durable() }
     }
 
     /// Who keeps events and positions.
     #[must_use]
-    pub fn keeper<const A: usize>(&self, machine: &Machine) -> Keeper<A> {
-        Keeper::new(&self.logbook, machine.axes.len(), machine.period_us).naming(ChannelNames::of_machine(machine))
+    pub fn keeper<const A: usize>(&self, machine: &MachineConfig) -> JournalRecorder<A> {
+        JournalRecorder::new(&self.logbook, machine.axes.len(), machine.period_us)
+            .naming(ChannelNames::of_machine(machine))
     }
 
     /// Keeps how the job ended; its keeper is gone. What there is to say of it comes back, a line each; what cannot be kept changes nothing
@@ -127,17 +134,17 @@ impl Kept {
     pub fn end(self, outcome: &Outcome, report: &Value) -> Vec<String> {
         let mut said = Vec::new();
         let ending = match outcome {
-            Outcome::Completed => Ending::Completed,
-            Outcome::Stopped | Outcome::Refused(_) => Ending::Stopped,
-            Outcome::Alarm(..) => Ending::Alarm,
+            Outcome::Completed => JobEnding::Completed,
+            Outcome::Stopped | Outcome::Refused(_) => JobEnding::Stopped,
+            Outcome::Alarm(..) => JobEnding::Alarm,
         };
         let exit_code = report["exit_code"].as_u64().map_or(outcome.exit_code(), |code| code as u8);
-        let end = End { when: Stamp::now(), outcome: ending, exit_code, report: report.clone() };
+        let end = EndEntry { when: Timestamp::now(), outcome: ending, exit_code, report: report.clone() };
         if let Err(refusal) = self.logbook.end(end) {
             said.push(refusal.to_string());
         }
         let path = self.folder.report();
-        if let Err(error) = state_file::replace(&path, format!("{report:#}\n").as_bytes(), Access::Private) {
+        if let Err(error) = state_file::replace(&path, format!("{report:#}\n").as_bytes(), FileAccess::Private) {
             said.push(format!("note: {} cannot be written: {error}", path.display()));
         }
         if let Outcome::Refused(_) = outcome
@@ -166,11 +173,11 @@ pub struct Beginning<'a> {
     /// The line to begin at.
     pub start_line: Option<u32>,
     /// The machine.
-    pub machine: &'a Machine,
+    pub machine: &'a MachineConfig,
     /// Its file, and what was in it.
     pub machine_file: (Option<&'a Path>, String),
     /// The card.
-    pub card: entry::Card,
+    pub card: entry::JobCard,
 }
 
 impl Beginning<'_> {
@@ -178,28 +185,28 @@ impl Beginning<'_> {
     ///
     /// # Errors
     /// None in practice, see [`retrace_controller::fingerprint::of_planning`].
-    pub fn job<const A: usize>(self, status: &CardStatus<A>) -> Result<Job, Refusal> {
+    pub fn job<const A: usize>(self, status: &CardStatus<A>) -> Result<JobHeader, NumberedError> {
         let (path, text) = self.machine_file;
         let name = self.program.name();
         let source = match self.program.arrives() {
-            None => Source::File(files::absolute(&self.reading.program)),
-            Some(Arrives::Socket(address)) => Source::Socket(address.clone()),
-            Some(Arrives::Serial(address)) => Source::Serial(address.clone()),
-            Some(Arrives::Device(path)) => Source::Device(files::absolute(path)),
-            Some(Arrives::StandardInput | Arrives::File(_)) => Source::StandardInput,
+            None => ProgramSource::File(files::absolute(&self.reading.program)),
+            Some(Arrives::Socket(address)) => ProgramSource::Socket(address.clone()),
+            Some(Arrives::Serial(address)) => ProgramSource::Serial(address.clone()),
+            Some(Arrives::Device(path)) => ProgramSource::Device(files::absolute(path)),
+            Some(Arrives::StandardInput | Arrives::File(_)) => ProgramSource::StandardInput,
         };
         let axes = self.machine.axes.len().min(A);
-        Ok(Job {
+        Ok(JobHeader {
             format: FORMAT,
             id: String::new(),
-            when: Stamp::now(),
+            when: Timestamp::now(),
             retrace_version: env!("CARGO_PKG_VERSION").into(),
             planner: retrace_controller::fingerprint::of_planning()?,
             program: name.into(),
             source,
             lines: self.program.lines(),
             files: self.program.files_read(),
-            machine: MachineFile { path: path.map(files::absolute), hash: Hash::of(text.as_bytes()), text },
+            machine: MachineFileCopy { path: path.map(files::absolute), hash: FileHash::of(text.as_bytes()), text },
             arguments: arguments(self.reading, self.start_line),
             tables: Some(machine_tables::latched(&self.program.setup().start_tables())),
             card: self.card,
@@ -212,9 +219,9 @@ impl Beginning<'_> {
     }
 }
 
-fn arguments(reading: &Reading, start_line: Option<u32>) -> Arguments {
+fn arguments(reading: &Reading, start_line: Option<u32>) -> CommandArguments {
     let absolute = |path: &Option<std::path::PathBuf>| path.as_deref().map(files::absolute);
-    Arguments {
+    CommandArguments {
         block_delete: reading.block_delete,
         start_line,
         subs: reading.subs.iter().map(|folder| files::absolute(folder)).collect(),
@@ -228,9 +235,9 @@ fn arguments(reading: &Reading, start_line: Option<u32>) -> Arguments {
 
 /// A card at the end of a line, as the journal names it.
 #[must_use]
-pub fn wired(address: &str, identity: &CardIdentity) -> entry::Card {
+pub fn wired(address: &str, identity: &CardIdentity) -> entry::JobCard {
     let name = String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned();
-    entry::Card::Wired(WiredCard { address: address.into(), name, serial: identity.serial, boot: identity.boot })
+    entry::JobCard::Wired(WiredCard { address: address.into(), name, serial: identity.serial, boot: identity.boot })
 }
 
 /// Outputs that are not 0.

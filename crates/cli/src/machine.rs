@@ -7,9 +7,9 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Write as _};
 use std::path::Path;
 
-use retrace_controller::machine::{Cutter, Examination, Machine};
-use retrace_controller::refusal::Refusal;
-use retrace_controller::switching::{Class, InReverse, Switching};
+use retrace_controller::machine::{CutterConfig, MachineCheck, MachineConfig};
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::switching::{CodeClass, CodeSwitching, InReverse};
 use retrace_link::channel;
 use serde_json::json;
 
@@ -58,18 +58,18 @@ pub fn run(args: &args::Machine) -> Result<u8, Failure> {
 /// The file cannot be read, or the card cannot be asked.
 fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, Failure> {
     let name = path.display().to_string();
-    let Examination { mut errors, machine } = Machine::examine(&files::written_machine_text(path)?, &name);
+    let MachineCheck { mut errors, machine } = MachineConfig::check_machine(&files::written_machine_text(path)?, &name);
     let mut warnings = machine.as_ref().map_or_else(Vec::new, |machine| warnings(machine, &name));
     if let (Some(address), Some(machine)) = (card.filter(|&card| card != "sim"), &machine) {
         let card = wired::find::<{ wired::MAX_AXES }>(address)?;
         let misfits = card.greeting().map(|greeting| wired::misfits(&greeting.identity, machine)).unwrap_or_default();
-        let refusal = |what| Refusal::new("E3008", format!("{name}, {address}: {what}"), wired::MISFIT_REMEDY);
+        let refusal = |what| NumberedError::new("E3008", format!("{name}, {address}: {what}"), wired::MISFIT_REMEDY);
         errors.extend(misfits.into_iter().map(refusal));
     }
     let code = if errors.is_empty() { 0 } else { 2 };
     if json {
-        let each = |all: &[Refusal]| -> Vec<_> {
-            all.iter().map(|one| json!({ "number": one.number, "cause": one.what, "remedy": one.remedy })).collect()
+        let each = |all: &[NumberedError]| -> Vec<_> {
+            all.iter().map(|one| json!({ "number": one.number, "cause": one.cause, "remedy": one.remedy })).collect()
         };
         crate::out::line(json!({
             "event": "machine_check",
@@ -79,8 +79,8 @@ fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, Failure> {
         }));
         return Ok(code);
     }
-    let line = |kind: &str, finding: Refusal| {
-        let Refusal { number, what, remedy } = finding;
+    let line = |kind: &str, finding: NumberedError| {
+        let NumberedError { number, cause: what, remedy } = finding;
         eprintln!("{}", escape::name(&format!("{kind}[{number}]: {what}; help: {remedy}")));
     };
     let found = [(errors.len(), "error"), (warnings.len(), "warning")];
@@ -99,10 +99,14 @@ fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, Failure> {
 }
 
 /// What of a machine may not be meant as it is written.
-fn warnings(machine: &Machine, name: &str) -> Vec<Refusal> {
+fn warnings(machine: &MachineConfig, name: &str) -> Vec<NumberedError> {
     let undeclared = machine.undeclared_inputs().into_iter().map(|(input, code)| {
         let what = format!("{name}: code.{code} waits for input {input}, which no [[card.input]] declares");
-        Refusal::new("W2115", what, format!("declare it: [[card.input]] with number = {input} and use = \"plain\""))
+        NumberedError::new(
+            "W2115",
+            what,
+            format!("declare it: [[card.input]] with number = {input} and use = \"plain\""),
+        )
     });
     let most = machine.card.max_pulses_hz();
     let too_fast = machine.axes.iter().filter_map(|axis| {
@@ -112,7 +116,7 @@ fn warnings(machine: &Machine, name: &str) -> Vec<Refusal> {
             let what = format!(
                 "{name}: axis {axis} makes up to {pulses:.0} pulses a second; step_pulse_us leaves room for {most:.0}"
             );
-            Refusal::new(
+            NumberedError::new(
                 "W2116",
                 what,
                 "a lower max_velocity_mm_per_s, fewer pulses_per_mm or a shorter card.step_pulse_us",
@@ -141,7 +145,7 @@ fn create(path: &Path, text: &str) -> io::Result<()> {
 }
 
 /// A machine in a few lines.
-fn described(machine: &Machine) -> String {
+fn described(machine: &MachineConfig) -> String {
     let mut text = format!(
         "machine `{}`: T = {} ms, path velocity {} mm/s, at rest within {:.3} s of a hold, within {:.3} s on a straight run",
         machine.name,
@@ -186,7 +190,7 @@ fn described(machine: &Machine) -> String {
 }
 
 /// A cutter, in words.
-fn described_cutter(cutter: &Cutter) -> String {
+fn described_cutter(cutter: &CutterConfig) -> String {
     let kind = format!("{:?}", cutter.kind).to_lowercase();
     let fire = match cutter.fire {
         channel::SPINDLE => "M3's output".to_owned(),
@@ -201,7 +205,7 @@ fn described_cutter(cutter: &Cutter) -> String {
 }
 
 /// Homing, and the way that is safe to move.
-fn described_setting_up(machine: &Machine) -> String {
+fn described_setting_up(machine: &MachineConfig) -> String {
     let order: Vec<String> = machine.homing_order().iter().map(|axis| axis.to_ascii_uppercase().to_string()).collect();
     let mut text = match (machine.needs_homing().is_empty(), order.is_empty()) {
         (true, true) => "\n  needs no homing".into(),
@@ -221,10 +225,10 @@ fn described_setting_up(machine: &Machine) -> String {
 }
 
 /// How a code is carried out, in words.
-fn described_code(switching: Switching, period_s: f64) -> String {
+fn described_code(switching: CodeSwitching, period_s: f64) -> String {
     let mut text = match switching.class {
-        Class::Synchronous => "switched in passing".to_owned(),
-        Class::Exclusive => format!("at rest, {} s", f64::from(switching.periods) * period_s),
+        CodeClass::Synchronous => "switched in passing".to_owned(),
+        CodeClass::Exclusive => format!("at rest, {} s", f64::from(switching.periods) * period_s),
     };
     if let Some(until) = switching.until {
         let state = if until.active { "active" } else { "inactive" };
@@ -247,8 +251,8 @@ mod tests {
 
     #[test]
     fn the_commented_file_is_the_built_in_machine() {
-        let written = Machine::parse(COMMENTED, "commented").expect("valid");
-        let built_in = Machine::built_in().expect("valid");
+        let written = MachineConfig::parse(COMMENTED, "commented").expect("valid");
+        let built_in = MachineConfig::built_in().expect("valid");
         assert_eq!(format!("{written:?}"), format!("{built_in:?}"));
         let text = described(&built_in);
         assert!(
@@ -276,14 +280,14 @@ mod tests {
                 // the one axis with a `home` needs the others to have one, or a machine that knows where it is: it does
                 all += "[[card.input]]\nnumber = 9\nuse = \"home\"\naxis = \"x\"\n";
             }
-            Machine::parse(&all, "all").expect("valid");
+            MachineConfig::parse(&all, "all").expect("valid");
         }
     }
 
     #[test]
     fn every_kind_says_what_it_is_and_what_it_needs() {
         for kind in KINDS {
-            let machine = Machine::parse(file(Some(kind)), "kind").expect("valid");
+            let machine = MachineConfig::parse(file(Some(kind)), "kind").expect("valid");
             let text = described(&machine);
             let order = machine.needs_homing();
             assert!(order.len() == machine.axes.len() && text.contains("no program moves it before that"), "{text}");
@@ -292,7 +296,7 @@ mod tests {
             assert!(text.contains("retracted at") && text.contains("home: upper switch"), "{text}");
             assert!((0..machine.axes.len()).all(|axis| machine.homing(axis).is_some()));
         }
-        let plasma = described(&Machine::parse(file(Some(MachineKind::Plasma)), "kind").expect("valid"));
+        let plasma = described(&MachineConfig::parse(file(Some(MachineKind::Plasma)), "kind").expect("valid"));
         assert!(
             plasma.contains("M3: at rest, 0.4 s, until input 5 is active, 3 s at most; in reverse as it is"),
             "{plasma}"

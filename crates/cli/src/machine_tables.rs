@@ -9,11 +9,11 @@ use std::fmt::Write as _;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use retrace_controller::jobs::{Jobs, plain_name};
-use retrace_controller::journal::entry::{Arguments, LatchedTables, MachineTables};
-use retrace_controller::journal::hash::Hash;
-use retrace_controller::refusal::Refusal;
-use retrace_controller::state_file::{self, Access};
+use retrace_controller::jobs::{JobStore, plain_name};
+use retrace_controller::journal::entry::{CommandArguments, LatchedTables, MachineTables};
+use retrace_controller::journal::hash::FileHash;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::state_file::{self, FileAccess};
 use retrace_gcode::{Axis, ModalSnapshot, Parameters, Pose, Setup, StartTables, Tool, ToolTable};
 
 use crate::args::Reading;
@@ -41,7 +41,7 @@ pub fn of_machine(
         || "built-in".to_owned(),
         |path| {
             let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-            let hash = Hash::of(whole.as_os_str().as_encoded_bytes()).short();
+            let hash = FileHash::of(whole.as_os_str().as_encoded_bytes()).short();
             format!("{}-{hash:08x}", plain_name(&whole.display().to_string()))
         },
     );
@@ -49,7 +49,7 @@ pub fn of_machine(
     if is_simulated {
         name += "-simulated";
     }
-    let folder = Jobs::state_folder()?.join("machines");
+    let folder = JobStore::state_folder()?.join("machines");
     let file = |ending: &str| files::absolute(&folder.join(format!("{name}.{ending}")));
     Some(MachineTables {
         parameters: params.is_none().then(|| file("var")),
@@ -61,7 +61,7 @@ pub fn of_machine(
 ///
 /// # Errors
 /// It cannot be read or understood.
-pub fn parameters(path: &Path) -> Result<Parameters, Refusal> {
+pub fn parameters(path: &Path) -> Result<Parameters, NumberedError> {
     if path.exists() { table(path, "parameter file", Parameters::read) } else { Ok(Parameters::default()) }
 }
 
@@ -69,7 +69,7 @@ pub fn parameters(path: &Path) -> Result<Parameters, Refusal> {
 ///
 /// # Errors
 /// It cannot be read or understood.
-pub fn tools(path: &Path) -> Result<(ToolTable, bool), Refusal> {
+pub fn tools(path: &Path) -> Result<(ToolTable, bool), NumberedError> {
     let mut tools = tools_without_length();
     if !path.exists() {
         return Ok((tools, false));
@@ -102,7 +102,7 @@ impl TableFiles {
 
     /// Those that a job was read with.
     #[must_use]
-    pub fn of_job(arguments: &Arguments) -> Self {
+    pub fn of_job(arguments: &CommandArguments) -> Self {
         let path = |path: &Option<String>| path.as_ref().map(PathBuf::from);
         let (params, tools) = (path(&arguments.params), path(&arguments.tools));
         Self::choose(params.as_deref(), tools.as_deref(), arguments.machine_tables.as_ref())
@@ -131,7 +131,7 @@ impl TableFiles {
     ///
     /// # Errors
     /// One cannot be read or understood.
-    pub fn read(&self) -> Result<StartTables, Refusal> {
+    pub fn read(&self) -> Result<StartTables, NumberedError> {
         let parameters = self.parameters.as_deref().map_or_else(|| Ok(Parameters::default()), parameters)?;
         let tools = match &self.tools {
             Some(path) if self.tools_are_own => tools(path)?.0,
@@ -145,7 +145,7 @@ impl TableFiles {
     ///
     /// # Errors
     /// It cannot be read, understood or written; it is as it was then.
-    pub fn write_parameters(&self, began: &Parameters, ended: &Parameters) -> Result<(), Refusal> {
+    pub fn write_parameters(&self, began: &Parameters, ended: &Parameters) -> Result<(), NumberedError> {
         let Some(path) = &self.parameters else { return Ok(()) };
         let is_kept = |number: &usize| !self.parameters_are_own || Parameters::is_machine_offset(*number);
         let changed: Vec<usize> = Parameters::persistent_numbers()
@@ -166,7 +166,7 @@ impl TableFiles {
     ///
     /// # Errors
     /// The table cannot be read or written; it is as it was then.
-    pub fn write_tools(&self, began: &ToolTable, ended: &ToolTable) -> Result<(), Refusal> {
+    pub fn write_tools(&self, began: &ToolTable, ended: &ToolTable) -> Result<(), NumberedError> {
         let Some(path) = &self.tools else { return Ok(()) };
         let changed: Vec<Tool> = ended.tools().filter(|tool| began.get(tool.number) != Some(**tool)).copied().collect();
         if changed.is_empty() {
@@ -201,7 +201,7 @@ impl TableKeeper {
     ///
     /// # Errors
     /// A file cannot be read or written; it is tried again with the next change.
-    pub fn keep(&mut self, carried: &ModalSnapshot) -> Result<(), Refusal> {
+    pub fn keep(&mut self, carried: &ModalSnapshot) -> Result<(), NumberedError> {
         if self.parameters.persistent() != carried.parameters().persistent() {
             self.files.write_parameters(&self.parameters, carried.parameters())?;
             self.parameters = carried.parameters().clone();
@@ -220,9 +220,9 @@ impl TableKeeper {
 }
 
 /// Writes a table; one of the machine's own is private.
-fn write(path: &Path, bytes: &[u8], is_own: bool) -> Result<(), Refusal> {
+fn write(path: &Path, bytes: &[u8], is_own: bool) -> Result<(), NumberedError> {
     let folder = path.parent().filter(|_| is_own).map_or(Ok(()), state_file::create_private_folder);
-    let access = if is_own { Access::Private } else { Access::Usual };
+    let access = if is_own { FileAccess::Private } else { FileAccess::Usual };
     folder
         .and_then(|()| state_file::replace(path, bytes, access))
         .map_err(|error| unwritable(&path.display().to_string(), &error))
@@ -243,10 +243,10 @@ pub fn latched(tables: &StartTables) -> LatchedTables {
 ///
 /// # Errors
 /// `E2205`: they are not as this version writes them.
-pub fn unlatched(latched: &LatchedTables) -> Result<StartTables, Refusal> {
+pub fn unlatched(latched: &LatchedTables) -> Result<StartTables, NumberedError> {
     let unknown = |what: &str| {
         let what = format!("the journal's {what} cannot be understood");
-        Refusal::new("E2205", what, "use the version of retrace that has written it")
+        NumberedError::new("E2205", what, "use the version of retrace that has written it")
     };
     Ok(StartTables {
         parameters: Parameters::read(&latched.parameters).map_err(|_| unknown("parameters"))?,

@@ -7,20 +7,20 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use retrace_controller::command_queue::{CommandReceiver, CommandSources};
 use retrace_controller::event::{Event, EventKind};
-use retrace_controller::index::Keeping;
-use retrace_controller::job::{self, Begin, CannotBegin, Conduct, JobEnd};
-use retrace_controller::journal::keeper::Keeper;
-use retrace_controller::machine::Machine;
-use retrace_controller::operator::{self, Instruction};
-use retrace_controller::orders::{Heard, Operators};
+use retrace_controller::job::{self, JobEnd, JobOptions, JobStart, JobStartError};
+use retrace_controller::journal::journal_recorder::JournalRecorder;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::operator::{self, ScriptInstruction};
+use retrace_controller::place_index::JournalConfig;
 use retrace_controller::real_time;
-use retrace_controller::refusal::Refusal;
 use retrace_controller::report::Report;
-use retrace_controller::resume::Prepared;
+use retrace_controller::resume::ResumePlan;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Outcome};
-use retrace_controller::stream::{Observer, Told};
+use retrace_controller::session::{Outcome, RunMode};
+use retrace_controller::telemetry::{Observer, Telemetry};
 use retrace_core::Place;
 use retrace_gcode::{Parameters, ToolTable};
 use retrace_link::MotionCard;
@@ -45,7 +45,7 @@ pub struct Manners<'a> {
     /// File for the records.
     pub records: Option<&'a Path>,
     /// What the operator says.
-    pub script: Vec<Instruction>,
+    pub script: Vec<ScriptInstruction>,
     /// Is there an operator?
     pub operator: bool,
     /// Does the card's time pass as a clock's does?
@@ -61,7 +61,7 @@ pub struct Manners<'a> {
 /// Somebody who operates a job at a screen.
 pub struct AtScreen<'r> {
     /// His words.
-    pub heard: Heard,
+    pub heard: CommandReceiver,
     /// What shows him the job.
     pub live: Live,
     /// What he is told at its end.
@@ -84,13 +84,13 @@ pub struct Machining<'a> {
     /// How it is shown and operated.
     pub manners: Manners<'a>,
     /// The machine.
-    pub machine: &'a Machine,
+    pub machine: &'a MachineConfig,
     /// The program.
     pub program: &'a Program,
     /// What a program that arrives is taken from.
     pub input: Option<Arriving>,
     /// Where it begins.
-    pub begin: Begin,
+    pub begin: JobStart,
     /// Its journal.
     pub kept: Option<Kept>,
     /// Who operates it at a screen, if anybody does.
@@ -105,7 +105,7 @@ impl Machining<'_> {
     pub fn run<const A: usize, C: MotionCard<A>>(
         self,
         card: C,
-        agree: impl FnOnce(&Prepared<A>, Option<&mut Kept>) -> Result<(), Failure>,
+        agree: impl FnOnce(&ResumePlan<A>, Option<&mut Kept>) -> Result<(), Failure>,
     ) -> Result<(u8, C), Failure> {
         let Self { manners, machine, program, input, begin, mut kept, at_screen } = self;
         let (heard, show, ended) = match at_screen {
@@ -121,13 +121,13 @@ impl Machining<'_> {
             None
         }
         .unzip();
-        let manner = Manner {
+        let manner = RunMode {
             wall_time: manners.wall_time,
             operator: manners.operator || heard.is_some() || terminal.is_some(),
             real_time: manners.real_time,
         };
         let script = with_optional_stop(manners.optional_stop.filter(|_| terminal.is_none()), manners.script)?;
-        let script = Operators::script(ScriptPlayer::new(script, machine.period_us));
+        let script = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
         // Without a screen signals stop the job.
         let (signals, stops) = if heard.is_none() { StopSignals::watch(Stopped::Job) } else { None }.unzip();
         let operators = match heard {
@@ -138,11 +138,11 @@ impl Machining<'_> {
             },
         };
         // Where something is asked first, Ctrl-C ends the command until that is agreed to: nothing moves before.
-        if let (Some(signals), false) = (&signals, matches!(begin, Begin::At(_))) {
+        if let (Some(signals), false) = (&signals, matches!(begin, JobStart::At(_))) {
             signals.listen();
         }
-        let keeping = kept.as_ref().map_or_else(Keeping::default, Kept::keeping);
-        let conduct = Conduct { begin, operators, manner, keeping };
+        let keeping = kept.as_ref().map_or_else(JournalConfig::default, Kept::keeping);
+        let conduct = JobOptions { begin, operators, manner, keeping };
         let mut watching = Watching {
             console,
             keeper: kept.as_ref().map(|kept| kept.keeper(machine)),
@@ -155,7 +155,7 @@ impl Machining<'_> {
         };
         let (decoder, last) = program.running(input);
         let (started, mut refused) = (Instant::now(), None);
-        let agree = |prepared: &Prepared<A>| {
+        let agree = |prepared: &ResumePlan<A>| {
             refused = agree(prepared, kept.as_mut()).err();
             if let (Some(signals), None) = (&signals, &refused) {
                 signals.listen();
@@ -198,7 +198,7 @@ impl Machining<'_> {
         // The report itself may be what is lost: the journal has it, and says so.
         let lost = lost_records.clone().or_else(crate::out::lost);
         if let Some(lost) = &lost {
-            value["output_lost"] = lost.what.as_str().into();
+            value["output_lost"] = lost.cause.as_str().into();
             if outcome == Outcome::Completed {
                 value["exit_code"] = 2.into();
             }
@@ -246,7 +246,10 @@ fn keyboard(program: &Program) -> Keyboard {
 }
 
 /// The script, with what was said of M1 before it.
-fn with_optional_stop(stops: Option<bool>, script: Vec<Instruction>) -> Result<Vec<Instruction>, Refusal> {
+fn with_optional_stop(
+    stops: Option<bool>,
+    script: Vec<ScriptInstruction>,
+) -> Result<Vec<ScriptInstruction>, NumberedError> {
     let Some(stops) = stops else { return Ok(script) };
     let mut all = operator::parse(if stops { "at 0s optional stop on" } else { "at 0s optional stop off" }, "M1")?;
     all.extend(script);
@@ -268,10 +271,10 @@ pub fn prepare_real_time() {
     }
 }
 
-fn cannot_begin(why: CannotBegin) -> Refusal {
+fn cannot_begin(why: JobStartError) -> NumberedError {
     match why {
-        CannotBegin::Machine(why) => Refusal::new("E2112", why, "a shorter history_hours in the machine file"),
-        CannotBegin::Unfound(why) => Refusal::new(
+        JobStartError::Machine(why) => NumberedError::new("E2112", why, "a shorter history_hours in the machine file"),
+        JobStartError::Unfound(why) => NumberedError::new(
             "E2216",
             format!("the breakpoint is not found again: {why}"),
             "program and journal do not go together; `retrace resume JOB --from-line N` begins at a line",
@@ -282,7 +285,7 @@ fn cannot_begin(why: CannotBegin) -> Refusal {
 /// Shows what happens, and keeps it.
 struct Watching<'m, const A: usize> {
     console: Console<'m, A>,
-    keeper: Option<Keeper<A>>,
+    keeper: Option<JournalRecorder<A>>,
     /// Whether the program that arrives is waited for.
     waits: WaitWatch,
     signals: Option<&'m StopSignals>,
@@ -297,26 +300,26 @@ struct Watching<'m, const A: usize> {
 const ASKED_AFTER: u64 = 64;
 
 impl<const A: usize> Observer<A> for Watching<'_, A> {
-    fn told(&mut self, told: &Told<A>) {
-        self.console.told(told);
+    fn on_telemetry(&mut self, told: &Telemetry<A>) {
+        self.console.on_telemetry(told);
         if let Some(signals) = self.signals {
             signals.told(told);
         }
         if let Some(keeper) = &mut self.keeper {
             keeper.told(told);
         }
-        if let (Some(terminal), Told::Event(event)) = (self.terminal, told) {
+        if let (Some(terminal), Telemetry::Event(event)) = (self.terminal, told) {
             let name = |tool| self.program.tool_table().and_then(|table| table.name(tool)).map(str::to_owned);
             if let Some(text) = terminal.observe(event, name) {
                 self.console.say(&text);
             }
         }
-        let Told::Period(period) = told else { return };
+        let Telemetry::Period(period) = told else { return };
         self.last = Some((period.period, period.place, period.line));
         if period.period.is_multiple_of(ASKED_AFTER) {
-            while let Some(happening) = self.keeper.as_mut().and_then(|keeper| keeper.news()) {
+            while let Some(happening) = self.keeper.as_mut().and_then(|keeper| keeper.output_changes()) {
                 let event = self.event(happening);
-                self.console.told(&Told::Event(event));
+                self.console.on_telemetry(&Telemetry::Event(event));
             }
             let happening = self.waits.poll();
             self.report_wait(happening);
@@ -339,8 +342,8 @@ impl<const A: usize> Watching<'_, A> {
     /// Shows and keeps that the program that arrives is waited for, or arrives again.
     fn report_wait(&mut self, happening: Option<EventKind>) {
         let Some(happening) = happening else { return };
-        let event = Told::Event(self.event(happening));
-        self.console.told(&event);
+        let event = Telemetry::Event(self.event(happening));
+        self.console.on_telemetry(&event);
         if let Some(keeper) = &mut self.keeper {
             keeper.told(&event);
         }

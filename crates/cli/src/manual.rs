@@ -3,14 +3,14 @@
 //! Invariant: nothing moves before machine file, tables and block have been read and checked; a parameter file is written only when a block
 //! was carried out.
 
-use retrace_controller::by_hand::{self, Desk};
-use retrace_controller::machine::Machine;
-use retrace_controller::manual::{Done, NotDone, Task, perform};
-use retrace_controller::orders::Operators;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::command_queue::CommandSources;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError, perform};
+use retrace_controller::mdi::{self, ModalContext};
+use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::Manner;
-use retrace_controller::stream::{Observer, Told};
+use retrace_controller::session::RunMode;
+use retrace_controller::telemetry::{Observer, Telemetry};
 use retrace_hal_sim::Clock;
 use retrace_link::{CardFailure, MotionCard, PathStart};
 use serde_json::{Map, Value, json};
@@ -29,8 +29,8 @@ use crate::{args, files, wired};
 /// What keeps it from being done.
 pub fn home(args: &args::Home) -> Result<u8, Failure> {
     let machine = files::machine(args.manual.machine.as_deref())?;
-    let mut desk = Desk::new(by_hand::setup(&machine));
-    on_machine(&args.manual, &machine, &Task::Home(args.axis), &mut desk)
+    let mut desk = ModalContext::new(mdi::setup(&machine));
+    on_machine(&args.manual, &machine, &ManualTask::Home(args.axis), &mut desk)
 }
 
 /// `retrace jog`: its exit code.
@@ -40,10 +40,12 @@ pub fn home(args: &args::Home) -> Result<u8, Failure> {
 pub fn jog(args: &args::Jog) -> Result<u8, Failure> {
     let machine = files::machine(args.manual.machine.as_deref())?;
     if !args.mm.is_finite() {
-        return Err(Refusal::new("E2161", format!("{} is not a length", args.mm), "mm (degrees), such as -12.5").into());
+        return Err(
+            NumberedError::new("E2161", format!("{} is not a length", args.mm), "mm (degrees), such as -12.5").into()
+        );
     }
-    let mut desk = Desk::new(by_hand::setup(&machine));
-    on_machine(&args.manual, &machine, &Task::Jog { axis: args.axis, mm: args.mm }, &mut desk)
+    let mut desk = ModalContext::new(mdi::setup(&machine));
+    on_machine(&args.manual, &machine, &ManualTask::Jog { axis: args.axis, mm: args.mm }, &mut desk)
 }
 
 /// `retrace mdi`: its exit code.
@@ -57,16 +59,16 @@ pub fn mdi(args: &args::Mdi) -> Result<u8, Failure> {
     let own = machine_tables::of_machine(&of.card, of.machine.as_deref(), params, tools);
     let files = TableFiles::choose(params, tools, own.as_ref());
     let began = files.read()?;
-    let mut desk = Desk::new(by_hand::setup(&machine).with_start_tables(began.clone()));
+    let mut desk = ModalContext::new(mdi::setup(&machine).with_start_tables(began.clone()));
     if args.dry_run {
         desk.block(&machine, &args.block).map_err(shown)?;
         say!("{}: nothing is wrong with it; nothing was moved", args.block);
         return Ok(0);
     }
-    let code = on_machine(&args.manual, &machine, &Task::Mdi(args.block.clone()), &mut desk)?;
+    let code = on_machine(&args.manual, &machine, &ManualTask::Mdi(args.block.clone()), &mut desk)?;
     if code == 0 {
-        files.write_parameters(&began.parameters, desk.carried().parameters())?;
-        files.write_tools(&began.tools, desk.carried().tools())?;
+        files.write_parameters(&began.parameters, desk.modal_snapshot().parameters())?;
+        files.write_tools(&began.tools, desk.modal_snapshot().tools())?;
     }
     Ok(code)
 }
@@ -77,7 +79,12 @@ fn shown(lines: Vec<String>) -> Failure {
     Failure::Program
 }
 
-fn on_machine(args: &args::ManualOptions, machine: &Machine, task: &Task, desk: &mut Desk) -> Result<u8, Failure> {
+fn on_machine(
+    args: &args::ManualOptions,
+    machine: &MachineConfig,
+    task: &ManualTask,
+    desk: &mut ModalContext,
+) -> Result<u8, Failure> {
     match machine.axes.len() {
         0..=4 => on_card::<4>(args, machine, task, desk),
         5..=6 => on_card::<6>(args, machine, task, desk),
@@ -87,9 +94,9 @@ fn on_machine(args: &args::ManualOptions, machine: &Machine, task: &Task, desk: 
 
 fn on_card<const A: usize>(
     args: &args::ManualOptions,
-    machine: &Machine,
-    task: &Task,
-    desk: &mut Desk,
+    machine: &MachineConfig,
+    task: &ManualTask,
+    desk: &mut ModalContext,
 ) -> Result<u8, Failure> {
     if args.card == "sim" {
         let mut card = simulated::<A>(machine, Clock::Virtual)?;
@@ -104,7 +111,7 @@ fn on_card<const A: usize>(
     wired::fits(&args.card, &greeting.identity, machine)?;
     let homing = Homing::of(&args.card, &greeting.identity);
     let stands = machine.clone().standing_at(&greeting.counts);
-    if let Task::Mdi(block) = task
+    if let ManualTask::Mdi(block) = task
         && desk.block(&stands, block).is_ok_and(|block| block.moves())
     {
         homing.check(machine)?;
@@ -119,9 +126,9 @@ fn on_card<const A: usize>(
 /// Carries the task out on a card, and tells where the machine stands then.
 fn on<const A: usize, C: MotionCard<A>>(
     args: &args::ManualOptions,
-    machine: &Machine,
-    task: &Task,
-    desk: &mut Desk,
+    machine: &MachineConfig,
+    task: &ManualTask,
+    desk: &mut ModalContext,
     card: &mut C,
     homing: &Homing,
 ) -> Result<u8, Failure>
@@ -131,11 +138,11 @@ where
     let show = if args.json { Show::Json } else { Show::Plain };
     let mut console = Console::<A>::new(show, machine, None)?;
     let (signals, stops) = StopSignals::watch(Stopped::ByHand).unzip();
-    let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us)).stopped_by(stops);
+    let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us)).stopped_by(stops);
     if let Some(signals) = &signals {
         signals.listen();
     }
-    let manner = Manner { wall_time: args.card != "sim", operator: false, real_time: false };
+    let manner = RunMode { wall_time: args.card != "sim", operator: false, real_time: false };
     let mut shown_work = Stoppable { console: &mut console, signals: signals.as_ref() };
     let carry_out = || perform(task, machine, desk, card, (operators, manner), &mut shown_work);
     let done = homing.noting(task, machine, carry_out);
@@ -144,13 +151,13 @@ where
         return Err(lost.into());
     }
     let code = match done {
-        Ok(Done::Whole { .. }) => 0,
-        Ok(Done::Stopped) => 4,
-        Err(NotDone::Refused(refusal)) => return Err(refusal.into()),
-        Err(NotDone::Block(lines)) => return Err(shown(lines)),
-        Err(NotDone::Trouble(trouble)) => {
+        Ok(ManualTaskDone::Whole { .. }) => 0,
+        Ok(ManualTaskDone::Stopped) => 4,
+        Err(ManualTaskError::Refused(refusal)) => return Err(refusal.into()),
+        Err(ManualTaskError::Block(lines)) => return Err(shown(lines)),
+        Err(ManualTaskError::Trouble(trouble)) => {
             let (number, cause, remedy) = trouble.parts();
-            return Err(Failure::Card(Refusal::new(number, cause, remedy)));
+            return Err(Failure::Card(NumberedError::new(number, cause, remedy)));
         }
     };
     stands(machine, &card.status().counts, code, args.json);
@@ -164,8 +171,8 @@ struct Stoppable<'c, 'm, const A: usize> {
 }
 
 impl<const A: usize> Observer<A> for Stoppable<'_, '_, A> {
-    fn told(&mut self, told: &Told<A>) {
-        self.console.told(told);
+    fn on_telemetry(&mut self, told: &Telemetry<A>) {
+        self.console.on_telemetry(told);
         if let Some(signals) = self.signals {
             signals.told(told);
         }
@@ -173,7 +180,7 @@ impl<const A: usize> Observer<A> for Stoppable<'_, '_, A> {
 }
 
 /// Tells where the machine stands.
-fn stands(machine: &Machine, counts: &[i64], code: u8, json: bool) {
+fn stands(machine: &MachineConfig, counts: &[i64], code: u8, json: bool) {
     let axes = || machine.axes.iter().zip(counts);
     let each = |value: fn(f64, i64) -> Value| {
         let all = axes().map(|(axis, &count)| (axis.name.to_string(), value(axis.pulses_per_mm, count)));

@@ -7,7 +7,7 @@ use std::fmt;
 use std::io::{self, ErrorKind, Write};
 use std::sync::{Mutex, PoisonError};
 
-use retrace_controller::refusal::Refusal;
+use retrace_controller::numbered_error::NumberedError;
 
 use crate::console::unwritable;
 
@@ -29,7 +29,7 @@ fn note(written: io::Result<()>) {
 
 /// That some of what was written to standard output so far is lost.
 #[must_use]
-pub fn lost() -> Option<Refusal> {
+pub fn lost() -> Option<NumberedError> {
     note(io::stdout().lock().flush());
     let lost = LOST.lock().unwrap_or_else(PoisonError::into_inner);
     lost.as_ref().map(|error| unwritable("standard output", error))

@@ -7,15 +7,15 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use retrace_controller::by_hand;
-use retrace_controller::job::{self, Finding};
-use retrace_controller::journal::entry::{FileRead, Role};
-use retrace_controller::journal::hash::Hash;
-use retrace_controller::machine::{Machine, SerialSettings};
-use retrace_controller::reading::SourceStatus;
-use retrace_controller::refusal::Refusal;
-use retrace_controller::scan::Scan;
-use retrace_controller::survey::{self, Survey};
+use retrace_controller::job::{self, CheckFinding};
+use retrace_controller::journal::entry::{FileRole, ReadFile};
+use retrace_controller::journal::hash::FileHash;
+use retrace_controller::limit_check::LimitCheck;
+use retrace_controller::machine::{MachineConfig, SerialSettings};
+use retrace_controller::mdi;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::program_analysis::{self, ProgramAnalysis};
+use retrace_controller::read_ahead::SourceStatus;
 use retrace_gcode::cycles::CycleLibrary;
 use retrace_gcode::{
     Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, StartTables, Tool, ToolTable,
@@ -43,15 +43,15 @@ use crate::subs::Folders;
 #[derive(Debug)]
 pub enum Failure {
     /// Wrong usage, machine file or script: exit code 2.
-    Refused(Refusal),
+    Refused(NumberedError),
     /// The card or the line to it: exit code 3.
-    Card(Refusal),
+    Card(NumberedError),
     /// The program has errors; they have been shown: exit code 1.
     Program,
 }
 
-impl From<Refusal> for Failure {
-    fn from(refusal: Refusal) -> Self {
+impl From<NumberedError> for Failure {
+    fn from(refusal: NumberedError) -> Self {
         Self::Refused(refusal)
     }
 }
@@ -68,9 +68,9 @@ pub struct Program {
     /// Where it arrives from; none for a file.
     arrives: Option<Arrives>,
     /// What was read besides the program and its subprograms.
-    files: Vec<FileRead>,
+    files: Vec<ReadFile>,
     /// The hash of a program whose text is not held.
-    hash: Option<Hash>,
+    hash: Option<FileHash>,
     folders: Arc<Folders>,
     setup: Setup,
     has_tool_table: bool,
@@ -90,7 +90,7 @@ impl Program {
     ///
     /// # Errors
     /// A file that cannot be read or understood.
-    pub fn open(reading: &Reading, machine: &Machine) -> Result<Self, Refusal> {
+    pub fn open(reading: &Reading, machine: &MachineConfig) -> Result<Self, NumberedError> {
         Self::open_arriving(reading, machine, Arrives::named(&reading.program), None)
     }
 
@@ -101,10 +101,10 @@ impl Program {
     /// A file that cannot be read or understood.
     pub fn open_arriving(
         reading: &Reading,
-        machine: &Machine,
+        machine: &MachineConfig,
         arrives: Option<Arrives>,
         latched: Option<StartTables>,
-    ) -> Result<Self, Refusal> {
+    ) -> Result<Self, NumberedError> {
         let (mut program, notes) = Self::noted(reading, setup_of(machine), arrives, latched)?;
         notes.iter().for_each(|note| eprintln!("note: {note}"));
         program.opening.serial = machine.serial;
@@ -124,7 +124,7 @@ impl Program {
     ///
     /// # Errors
     /// A file that cannot be read or understood.
-    pub fn with_setup(reading: &Reading, setup: Setup) -> Result<Self, Refusal> {
+    pub fn with_setup(reading: &Reading, setup: Setup) -> Result<Self, NumberedError> {
         let (program, notes) = Self::noted(reading, setup, Arrives::named(&reading.program), None)?;
         notes.iter().for_each(|note| eprintln!("note: {note}"));
         Ok(program)
@@ -136,7 +136,7 @@ impl Program {
         mut setup: Setup,
         arrives: Option<Arrives>,
         latched: Option<StartTables>,
-    ) -> Result<(Self, Vec<String>), Refusal> {
+    ) -> Result<(Self, Vec<String>), NumberedError> {
         let mut notes = Vec::new();
         let name = match &arrives {
             Some(Arrives::StandardInput) => "standard input".into(),
@@ -154,7 +154,7 @@ impl Program {
         let mut subs = reading.subs.clone();
         if let Some(path) = &reading.ini {
             let ini = table(path, "INI file", Ini::read)?;
-            files.push(read(Role::Ini, path)?);
+            files.push(read(FileRole::Ini, path)?);
             if !ini.passed_over.is_empty() {
                 notes.push(format!("not taken from {}: {}", path.display(), ini.passed_over.join(", ")));
                 notes.push("a tool table and a parameter file are named with --tools and --params".to_owned());
@@ -223,11 +223,11 @@ impl Program {
     ///
     /// # Errors
     /// A file that cannot be read.
-    pub fn loaded(&self, reading: &Reading, setup: Setup) -> Result<Self, Refusal> {
+    pub fn loaded(&self, reading: &Reading, setup: Setup) -> Result<Self, NumberedError> {
         // Tools and parameters are those of the setup.
         let without_tables = Reading { tools: None, params: None, machine_tables: None, ..reading.clone() };
         let (mut other, _) = Self::noted(&without_tables, setup, Arrives::named(&reading.program), None)?;
-        let tables = self.files.iter().filter(|file| matches!(file.role, Role::Tools | Role::Parameters));
+        let tables = self.files.iter().filter(|file| matches!(file.role, FileRole::Tools | FileRole::Parameters));
         other.files.extend(tables.cloned());
         let Self { has_tool_table, has_tool_lengths, .. } = *self;
         other.opening.serial = self.opening.serial;
@@ -244,7 +244,7 @@ impl Program {
     ///
     /// # Errors
     /// The file cannot be read any more.
-    pub fn anew(&self, setup: Setup) -> Result<Self, Refusal> {
+    pub fn anew(&self, setup: Setup) -> Result<Self, NumberedError> {
         // Subprograms are looked for beside this program, not beside the one that the setup is of.
         let setup = Setup { files: self.setup.files.clone(), ..setup };
         let mut again = Self { setup, ..self.clone() };
@@ -265,15 +265,15 @@ impl Program {
 
     /// Every file that was read by now.
     #[must_use]
-    pub fn files_read(&self) -> Vec<FileRead> {
+    pub fn files_read(&self) -> Vec<ReadFile> {
         self.program_read().into_iter().chain(self.files.iter().cloned()).chain(self.folders.read()).collect()
     }
 
     /// The program's own file; none where there is none.
-    fn program_read(&self) -> Option<FileRead> {
+    fn program_read(&self) -> Option<ReadFile> {
         let prescan = self.prescan.as_ref().filter(|_| self.is_loaded())?;
-        let hash = self.hash.or_else(|| prescan.held_text().map(Hash::of))?;
-        Some(FileRead { role: Role::Program, path: files::absolute(Path::new(&self.name)), hash })
+        let hash = self.hash.or_else(|| prescan.held_text().map(FileHash::of))?;
+        Some(ReadFile { role: FileRole::Program, path: files::absolute(Path::new(&self.name)), hash })
     }
 
     /// Where it arrives from; none for a file.
@@ -286,7 +286,7 @@ impl Program {
     ///
     /// # Errors
     /// As [`Arrives::open`].
-    pub fn arriving(&self) -> Result<Option<Arriving>, Refusal> {
+    pub fn arriving(&self) -> Result<Option<Arriving>, NumberedError> {
         self.arrives.as_ref().map(|from| from.open(&self.opening)).transpose()
     }
 
@@ -399,7 +399,7 @@ impl Program {
         match &self.prescan {
             Some(prescan) => Source::prescanned(Arc::clone(prescan), self.setup.clone()),
             None => {
-                let broken = |why: Refusal| -> Arriving { Box::new(BufReader::new(Broken(why.what))) };
+                let broken = |why: NumberedError| -> Arriving { Box::new(BufReader::new(Broken(why.cause))) };
                 let input = self.arriving().map_or_else(broken, |input| input.unwrap_or_else(|| Box::new(io::empty())));
                 Source::new(input, self.setup.clone())
             }
@@ -411,7 +411,7 @@ impl Program {
     ///
     /// # Errors
     /// [`Failure::Program`] where it has errors.
-    pub fn check<'m>(&self, machine: &'m Machine) -> Result<Option<Checked<Scan<'m, 9>>>, Failure> {
+    pub fn check<'m>(&self, machine: &'m MachineConfig) -> Result<Option<Checked<LimitCheck<'m, 9>>>, Failure> {
         self.check_by(&mut Vec::new(), |decoder| Ok(job::scan::<9>(machine, decoder)))
     }
 
@@ -419,7 +419,7 @@ impl Program {
     ///
     /// # Errors
     /// [`Failure::Program`] where it has errors.
-    pub fn check_for_script(&self, machine: &Machine, diagnostics: &mut Vec<Value>) -> Result<(), Failure> {
+    pub fn check_for_script(&self, machine: &MachineConfig, diagnostics: &mut Vec<Value>) -> Result<(), Failure> {
         self.check_by(diagnostics, |decoder| Ok(job::scan::<9>(machine, decoder))).map(|_| ())
     }
 
@@ -430,18 +430,18 @@ impl Program {
     /// [`Failure::Program`] where it has errors.
     pub fn survey<'m, const A: usize>(
         &self,
-        machine: &'m Machine,
+        machine: &'m MachineConfig,
         diagnostics: &mut Vec<Value>,
-    ) -> Result<Option<Checked<Survey<'m, A>>>, Failure> {
-        let why = |error: LimitError| Refusal::new("E2112", error.to_string(), "correct the machine file");
-        self.check_by(diagnostics, |decoder| Ok(survey::survey(machine, decoder).map_err(why)?))
+    ) -> Result<Option<Checked<ProgramAnalysis<'m, A>>>, Failure> {
+        let why = |error: LimitError| NumberedError::new("E2112", error.to_string(), "correct the machine file");
+        self.check_by(diagnostics, |decoder| Ok(program_analysis::analyse_program(machine, decoder).map_err(why)?))
     }
 
     /// Looks at the whole program and shows nothing.
     ///
     /// # Errors
     /// What is wrong with it, where it has errors.
-    pub fn faults(&self, machine: &Machine) -> Result<(), String> {
+    pub fn faults(&self, machine: &MachineConfig) -> Result<(), String> {
         self.faults_by(machine, self.decoder())
     }
 
@@ -449,11 +449,11 @@ impl Program {
     ///
     /// # Errors
     /// What is wrong with it, where it has errors.
-    pub fn faults_shown(&self, machine: &Machine) -> Result<(), String> {
+    pub fn faults_shown(&self, machine: &MachineConfig) -> Result<(), String> {
         self.faults_by(machine, self.shown_decoder())
     }
 
-    fn faults_by(&self, machine: &Machine, mut decoder: Decoder) -> Result<(), String> {
+    fn faults_by(&self, machine: &MachineConfig, mut decoder: Decoder) -> Result<(), String> {
         if self.prescan.is_none() {
             return Ok(());
         }
@@ -466,7 +466,7 @@ impl Program {
     fn check_by<S>(
         &self,
         diagnostics: &mut Vec<Value>,
-        look: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<Finding>, S), Failure>,
+        look: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<CheckFinding>, S), Failure>,
     ) -> Result<Option<Checked<S>>, Failure> {
         if self.prescan.is_none() {
             return Ok(None);
@@ -506,12 +506,12 @@ pub struct Checked<S> {
 }
 
 /// Reads the tables that a program begins with; whether one of them says how long the tools are.
-fn read_tables(reading: &Reading, setup: &mut Setup, files: &mut Vec<FileRead>) -> Result<bool, Refusal> {
+fn read_tables(reading: &Reading, setup: &mut Setup, files: &mut Vec<ReadFile>) -> Result<bool, NumberedError> {
     let own = reading.machine_tables.clone().unwrap_or_default();
     let mut has_tool_lengths = true;
     if let Some(path) = &reading.tools {
         setup.tools = table(path, "tool table", ToolTable::read)?;
-        files.push(read(Role::Tools, path)?);
+        files.push(read(FileRole::Tools, path)?);
     } else if let Some(path) = &own.tools {
         (setup.tools, has_tool_lengths) = machine_tables::tools(Path::new(path))?;
     } else {
@@ -519,7 +519,7 @@ fn read_tables(reading: &Reading, setup: &mut Setup, files: &mut Vec<FileRead>) 
     }
     if let Some(path) = &reading.params {
         setup.parameters = table(path, "parameter file", Parameters::read)?;
-        files.push(read(Role::Parameters, path)?);
+        files.push(read(FileRole::Parameters, path)?);
     } else if let Some(path) = &own.parameters {
         setup.parameters = machine_tables::parameters(Path::new(path))?;
     }
@@ -527,20 +527,23 @@ fn read_tables(reading: &Reading, setup: &mut Setup, files: &mut Vec<FileRead>) 
 }
 
 /// The sources of the cycles that can be called: each of the user's, and the shipped ones together.
-fn cycle_files(library: &CycleLibrary) -> Vec<FileRead> {
-    let file =
-        |path: String, number: u128| FileRead { role: Role::Cycles, path, hash: Hash::of(&number.to_le_bytes()) };
+fn cycle_files(library: &CycleLibrary) -> Vec<ReadFile> {
+    let file = |path: String, number: u128| ReadFile {
+        role: FileRole::Cycles,
+        path,
+        hash: FileHash::of(&number.to_le_bytes()),
+    };
     let users = library.source_files().iter().map(|(path, number)| file(files::absolute(path), *number));
     std::iter::once(file(String::new(), CycleLibrary::shipped_identity())).chain(users).collect()
 }
 
 /// A file that was read, and its hash.
-fn read(role: Role, path: &Path) -> Result<FileRead, Refusal> {
-    Ok(FileRead { role, path: files::absolute(path), hash: files::hash(path, "file")? })
+fn read(role: FileRole, path: &Path) -> Result<ReadFile, NumberedError> {
+    Ok(ReadFile { role, path: files::absolute(path), hash: files::hash(path, "file")? })
 }
 
 /// Reads a table; its first fault is the refusal's text.
-pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>>) -> Result<T, Refusal> {
+pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>>) -> Result<T, NumberedError> {
     let text = files::text(path, what)?;
     read(&text).map_err(|faults| {
         let lines: Vec<&str> = text.lines().collect();
@@ -549,7 +552,7 @@ pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnos
             .take(5)
             .map(|f| f.render(&path.display().to_string(), lines.get(f.line.saturating_sub(1) as usize).unwrap_or(&"")))
             .collect();
-        Refusal::new(
+        NumberedError::new(
             "E2106",
             format!("the {what} {} cannot be understood\n{}", path.display(), shown.join("\n")),
             "correct it",
@@ -558,8 +561,8 @@ pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnos
 }
 
 /// An interpreter for a machine in millimetres, which stands where it does.
-fn setup_of(machine: &Machine) -> Setup {
-    Setup { tools: tools_without_length(), ..by_hand::setup(machine) }
+fn setup_of(machine: &MachineConfig) -> Setup {
+    Setup { tools: tools_without_length(), ..mdi::setup(machine) }
 }
 
 /// Without a tool table every tool is known, and has no length.

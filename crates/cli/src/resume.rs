@@ -7,19 +7,19 @@ use std::cell::Cell;
 use std::path::PathBuf;
 
 use retrace_controller::fingerprint;
-use retrace_controller::homed::required;
-use retrace_controller::job::Begin;
-use retrace_controller::jobs::{Held, JobFolder, Jobs, Listed, State};
-use retrace_controller::journal::entry::{self, Card, FileRead, Job, Resumed, Role, Source};
-use retrace_controller::journal::logbook::Care;
-use retrace_controller::journal::record::JobRecord;
-use retrace_controller::journal::spool::{Progress, Respooled};
-use retrace_controller::journal::stamp::Stamp;
-use retrace_controller::machine::Machine;
-use retrace_controller::manual::hand::BEYOND;
-use retrace_controller::operator::{self, Instruction};
-use retrace_controller::refusal::Refusal;
-use retrace_controller::resume::{Prepared, Resumption};
+use retrace_controller::homed_axes::required;
+use retrace_controller::job::JobStart;
+use retrace_controller::jobs::{JobFolder, JobLock, JobState, JobStore, ListedJob};
+use retrace_controller::journal::entry::{self, FileRole, JobCard, JobHeader, ProgramSource, ReadFile, ResumeEntry};
+use retrace_controller::journal::job_record::JobRecord;
+use retrace_controller::journal::journal_writer::Durability;
+use retrace_controller::journal::spool::{SpoolProgress, SpoolReplay};
+use retrace_controller::journal::timestamp::Timestamp;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::manual::jog_planner::BEYOND;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::operator::{self, ScriptInstruction};
+use retrace_controller::resume::{ResumePlan, ResumePoint};
 use retrace_core::place::before;
 use retrace_link::{Greeting, MotionCard, Outputs, PathStart, channel};
 
@@ -68,12 +68,12 @@ fn attempt(args: &args::Resume, breakpoint: Breakpoint, by_card: &Cell<bool>) ->
     by_card.set(false);
     if args.machine.is_some() {
         let what = "--machine: a job goes on with the machine that it began with, which is in its journal";
-        return Err(Refusal::new("E2142", what, "leave it out").into());
+        return Err(NumberedError::new("E2142", what, "leave it out").into());
     }
     if args.tui {
         operate::needs_terminal()?;
     }
-    let jobs = Jobs::named(args.journal.as_deref())?;
+    let jobs = JobStore::named(args.journal.as_deref())?;
     let folder = match &args.job {
         Some(id) => jobs.find(id)?,
         None => newest(&jobs)?,
@@ -84,9 +84,9 @@ fn attempt(args: &args::Resume, breakpoint: Breakpoint, by_card: &Cell<bool>) ->
         drop(held);
         return from_line(args, &record, line);
     }
-    if record.end.as_ref().is_some_and(|end| end.outcome == entry::Ending::Completed) {
+    if record.end.as_ref().is_some_and(|end| end.outcome == entry::JobEnding::Completed) {
         let what = format!("job {} came to its end", folder.id());
-        return Err(Refusal::new("E2209", what, "`retrace run` runs the program again").into());
+        return Err(NumberedError::new("E2209", what, "`retrace run` runs the program again").into());
     }
     let machine = machine(&record.job)?;
     let axes = machine.axes.len();
@@ -98,27 +98,27 @@ fn attempt(args: &args::Resume, breakpoint: Breakpoint, by_card: &Cell<bool>) ->
     }
 }
 
-fn newest(jobs: &Jobs) -> Result<JobFolder, Refusal> {
-    let of_interest = |job: &Listed| job.state.can_resume() || matches!(job.state, State::Unusable(_));
+fn newest(jobs: &JobStore) -> Result<JobFolder, NumberedError> {
+    let of_interest = |job: &ListedJob| job.state.can_resume() || matches!(job.state, JobState::Unusable(_));
     let Some(job) = jobs.list().into_iter().find(of_interest) else {
         let what = format!("no job in {} can be resumed", jobs.folder().display());
-        return Err(Refusal::new("E2209", what, "`retrace jobs` lists what ran; --journal names another folder"));
+        return Err(NumberedError::new("E2209", what, "`retrace jobs` lists what ran; --journal names another folder"));
     };
     match job.state {
         // It may well be the one that was meant: an older one is resumed by its name only.
-        State::Unusable(Refusal { number, what, remedy }) => {
+        JobState::Unusable(NumberedError { number, cause: what, remedy }) => {
             let what = format!("job {} is the newest, and cannot be resumed: {what}", job.folder.id());
-            Err(Refusal::new(number, what, format!("{remedy}; `retrace resume JOB` resumes an older job")))
+            Err(NumberedError::new(number, what, format!("{remedy}; `retrace resume JOB` resumes an older job")))
         }
         _ => Ok(job.folder),
     }
 }
 
 /// The machine of a job, where it stood when the job began.
-fn machine(job: &Job) -> Result<Machine, Refusal> {
+fn machine(job: &JobHeader) -> Result<MachineConfig, NumberedError> {
     let machine = match &job.machine.path {
-        None => Machine::built_in()?,
-        Some(path) => Machine::parse(&job.machine.text, path)?,
+        None => MachineConfig::built_in()?,
+        Some(path) => MachineConfig::parse(&job.machine.text, path)?,
     };
     Ok(machine.standing_at(&job.counts))
 }
@@ -128,11 +128,11 @@ struct Taking<'a> {
     args: &'a args::Resume,
     breakpoint: Breakpoint,
     by_card: &'a Cell<bool>,
-    jobs: Jobs,
+    jobs: JobStore,
     folder: JobFolder,
-    held: Held,
+    held: JobLock,
     record: JobRecord,
-    machine: Machine,
+    machine: MachineConfig,
 }
 
 impl Taking<'_> {
@@ -144,12 +144,14 @@ impl Taking<'_> {
                 env!("CARGO_PKG_VERSION"),
                 self.record.job.retrace_version
             );
-            return Err(Refusal::new("E2211", what, "use that version, or `retrace resume JOB --from-line N`").into());
+            return Err(
+                NumberedError::new("E2211", what, "use that version, or `retrace resume JOB --from-line N`").into()
+            );
         }
         let script = files::script(self.args.operator.as_deref())?;
         match self.record.resumed.last().map_or(&self.record.job.card, |last| &last.card) {
-            Card::Sim => self.on_simulated::<A>(&program, script),
-            Card::Wired(card) => {
+            JobCard::Sim => self.on_simulated::<A>(&program, script),
+            JobCard::Wired(card) => {
                 let card = card.clone();
                 self.on_wired::<A>(&program, script, &card)
             }
@@ -160,18 +162,19 @@ impl Taking<'_> {
     fn program(&self) -> Result<Program, Failure> {
         let job = &self.record.job;
         let arrives = match (&job.source, &self.args.program) {
-            (Source::File(_), _) => None,
-            (Source::Socket(address), None) => Some(Arrives::Socket(address.clone())),
-            (Source::StandardInput, None) => Some(Arrives::StandardInput),
-            (Source::Serial(address), None) => Some(Arrives::Serial(address.clone())),
-            (Source::Device(path), None) => Some(Arrives::Device(path.into())),
+            (ProgramSource::File(_), _) => None,
+            (ProgramSource::Socket(address), None) => Some(Arrives::Socket(address.clone())),
+            (ProgramSource::StandardInput, None) => Some(Arrives::StandardInput),
+            (ProgramSource::Serial(address), None) => Some(Arrives::Serial(address.clone())),
+            (ProgramSource::Device(path), None) => Some(Arrives::Device(path.into())),
             (_, Some(named)) => Some(Arrives::named(named).unwrap_or_else(|| Arrives::File(named.clone()))),
         };
         let reading = reading(job, self.args.program.as_deref());
-        let is_latched = |file: &&FileRead| matches!(file.role, Role::Tools | Role::Parameters) && job.tables.is_some();
-        let is_checked_here = |file: &&FileRead| !is_latched(file) && file.role != Role::Cycles;
+        let is_latched =
+            |file: &&ReadFile| matches!(file.role, FileRole::Tools | FileRole::Parameters) && job.tables.is_some();
+        let is_checked_here = |file: &&ReadFile| !is_latched(file) && file.role != FileRole::Cycles;
         for file in job.files.iter().filter(is_checked_here) {
-            let path = if file.role == Role::Program { reading.program.clone() } else { PathBuf::from(&file.path) };
+            let path = if file.role == FileRole::Program { reading.program.clone() } else { PathBuf::from(&file.path) };
             let read = files::hash(&path, role_name(file.role))?;
             if read != file.hash {
                 let what = format!("the {} {} was changed since the job began", role_name(file.role), path.display());
@@ -185,16 +188,16 @@ impl Taking<'_> {
     }
 
     /// Refuses cycles that are not as they were, and subprograms and cycles that are read now and were not when the job began.
-    fn same_files(&self, read: &[FileRead]) -> Result<(), Refusal> {
+    fn same_files(&self, read: &[ReadFile]) -> Result<(), NumberedError> {
         let was = &self.record.job.files;
         // The journal of an older version names no cycles.
-        let roles: &[Role] = if was.iter().any(|file| file.role == Role::Cycles) {
-            &[Role::Subprogram, Role::Cycles]
+        let roles: &[FileRole] = if was.iter().any(|file| file.role == FileRole::Cycles) {
+            &[FileRole::Subprogram, FileRole::Cycles]
         } else {
-            &[Role::Subprogram]
+            &[FileRole::Subprogram]
         };
-        let same = |a: &FileRead, b: &FileRead| (a.role, &a.path) == (b.role, &b.path);
-        for file in was.iter().filter(|file| file.role == Role::Cycles) {
+        let same = |a: &ReadFile, b: &ReadFile| (a.role, &a.path) == (b.role, &b.path);
+        for file in was.iter().filter(|file| file.role == FileRole::Cycles) {
             let Some(now) = read.iter().find(|now| same(now, file)) else {
                 return Err(self.changed(format!("the cycle {} is not there any more", file.path)));
             };
@@ -213,48 +216,48 @@ impl Taking<'_> {
     }
 
     /// A file is not as it was.
-    fn changed(&self, what: String) -> Refusal {
+    fn changed(&self, what: String) -> NumberedError {
         let id = self.folder.id();
         let remedy =
             format!("put the files back as they were, or begin at a line with `retrace resume {id} --from-line N`");
-        Refusal::new("E2210", what, remedy)
+        NumberedError::new("E2210", what, remedy)
     }
 
     /// What is kept of a program that arrived, and what is sent again, if that is needed.
-    fn input(&self, program: &Program) -> Result<Option<(Arriving, Progress)>, Refusal> {
+    fn input(&self, program: &Program) -> Result<Option<(Arriving, SpoolProgress)>, NumberedError> {
         if program.arrives().is_none() {
             return Ok(None);
         }
         let mut kept = self.record.spooled;
         // A program that ends before its text does is not read to the end of that.
         kept.ended |= program.is_whole(&self.folder.stream(), kept.bytes);
-        let named = self.args.program.is_some() || matches!(self.record.job.source, Source::Socket(_));
+        let named = self.args.program.is_some() || matches!(self.record.job.source, ProgramSource::Socket(_));
         let again = if kept.ended || !named { None } else { program.arriving()? };
-        let (mut input, progress) = Respooled::open(&self.folder.stream(), kept, again)?;
+        let (mut input, progress) = SpoolReplay::open(&self.folder.stream(), kept, again)?;
         input.compare().map_err(|error| {
             let what = error.to_string();
             let what = what.strip_prefix("E2208: ").unwrap_or(&what).to_owned();
-            Refusal::new("E2208", what, "send the same program again from its beginning")
+            NumberedError::new("E2208", what, "send the same program again from its beginning")
         })?;
         Ok(Some((Box::new(input.limited_to(self.machine.stream_quota_bytes)), progress)))
     }
 
-    fn on_simulated<const A: usize>(self, program: &Program, script: Vec<Instruction>) -> Result<u8, Failure> {
+    fn on_simulated<const A: usize>(self, program: &Program, script: Vec<ScriptInstruction>) -> Result<u8, Failure> {
         if self.args.card.as_ref().is_some_and(|card| card != "sim") {
             return Err(other_card("the job ran on the simulated card, which is in this process").into());
         }
         let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
         let wall_time = self.args.realtime || self.args.tui;
         let card = simulated::<A>(&self.machine, run::clock(&self.machine, wall_time))?
-            .standing_at(counts(&self.record.stood.counts), &outputs);
-        let start = self.record.stood.start;
-        self.go(program, script, (card, Homing::simulated()), start, Card::Sim, wall_time).map(|(code, _)| code)
+            .standing_at(counts(&self.record.last_position.counts), &outputs);
+        let start = self.record.last_position.start;
+        self.go(program, script, (card, Homing::simulated()), start, JobCard::Sim, wall_time).map(|(code, _)| code)
     }
 
     fn on_wired<const A: usize>(
         self,
         program: &Program,
-        script: Vec<Instruction>,
+        script: Vec<ScriptInstruction>,
         was: &entry::WiredCard,
     ) -> Result<u8, Failure> {
         let address = self.args.card.clone().unwrap_or_else(|| was.address.clone());
@@ -284,8 +287,8 @@ impl Taking<'_> {
         address: &str,
         greeting: &Greeting<A>,
         was: &entry::WiredCard,
-    ) -> Result<PathStart, Refusal> {
-        let (is, stood) = (&greeting.identity, &self.record.stood);
+    ) -> Result<PathStart, NumberedError> {
+        let (is, stood) = (&greeting.identity, &self.record.last_position);
         if is.serial != was.serial {
             let what = format!("{address}: serial number {}, and the job's card has {}", is.serial, was.serial);
             return Err(other_card(&what));
@@ -302,7 +305,7 @@ impl Taking<'_> {
             PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
         let is_behind = before(said.reached, stood.start.reached) || before(said.executed, stood.start.executed);
         let is_off_path = said.place.record.wrapping_sub(self.record.job.origin) >= BEYOND;
-        let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == entry::Ending::Stopped);
+        let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == entry::JobEnding::Stopped);
         // The card's place is of another path, or that does not matter: the journal's is where it came to rest.
         if is_behind || is_off_path || was_stopped || self.breakpoint == Breakpoint::OfJournal {
             return Ok(stood.start);
@@ -312,15 +315,15 @@ impl Taking<'_> {
     }
 
     /// The card was restarted: its counts say where the machine stands only where every axis was homed since, or the operator confirms it.
-    fn know_position<const A: usize>(&self, address: &str, greeting: &Greeting<A>) -> Result<(), Refusal> {
+    fn know_position<const A: usize>(&self, address: &str, greeting: &Greeting<A>) -> Result<(), NumberedError> {
         let homing = Homing::of(address, &greeting.identity);
         let id = self.folder.id();
-        let refuse = |what: String, remedy: String| Err(Refusal::new("E2213", what, remedy));
+        let refuse = |what: String, remedy: String| Err(NumberedError::new("E2213", what, remedy));
         if let Err(unhomed) = homing.check(&self.machine) {
             if self.args.assume_position {
                 return Err(unhomed);
             }
-            let what = format!("{address}: the card was restarted, and {}", unhomed.what);
+            let what = format!("{address}: the card was restarted, and {}", unhomed.cause);
             let remedy = format!(
                 "{}, then `retrace resume {id}`: the axes go back to the breakpoint by themselves",
                 unhomed.remedy
@@ -344,10 +347,10 @@ impl Taking<'_> {
     }
 
     /// What the journal says of where it was left.
-    fn resumption(&self, start: PathStart) -> Result<Resumption, Refusal> {
+    fn resumption(&self, start: PathStart) -> Result<ResumePoint, NumberedError> {
         let job = &self.record.job;
         // Where it was the journal says once a second: marks that were made since come again with the plan, and are too far ahead to wait for.
-        let is_old = start == self.record.stood.start;
+        let is_old = start == self.record.last_position.start;
         let farthest = start.reached.wrapping_add(self.machine.look_ahead_records);
         let mut marks = Vec::new();
         let every = self.record.marks / MARKS + 1;
@@ -364,17 +367,17 @@ impl Taking<'_> {
         let outputs = outputs(&job.outputs);
         let rests = self.record.rests().to_vec();
         let lengths = self.record.lengths().to_vec();
-        Ok(Resumption { start, origin: job.origin, executed: job.executed, outputs, overrides, marks, rests, lengths })
+        Ok(ResumePoint { start, origin: job.origin, executed: job.executed, outputs, overrides, marks, rests, lengths })
     }
 
     /// Finds the breakpoint, asks, and goes on.
     fn go<const A: usize, C: MotionCard<A> + Send>(
         self,
         program: &Program,
-        script: Vec<Instruction>,
+        script: Vec<ScriptInstruction>,
         (mut card, homing): (C, Homing),
         start: PathStart,
-        named: Card,
+        named: JobCard,
         wall_time: bool,
     ) -> Result<(u8, C), Failure> {
         let resumption = self.resumption(start)?;
@@ -382,8 +385,8 @@ impl Taking<'_> {
         let kept_text = self.folder.stream();
         let Self { args, by_card, jobs, folder, held, record, machine, .. } = self;
         let is_cards_place = by_card.get();
-        let is_older_place = !is_cards_place && named != Card::Sim && record.end.is_none();
-        let care = if named == Card::Sim { Care::Written } else { Care::Synced };
+        let is_older_place = !is_cards_place && named != JobCard::Sim && record.end.is_none();
+        let care = if named == JobCard::Sim { Durability::Written } else { Durability::Synced };
         let disagree = Disagree { id: folder.id().to_owned(), machine: &machine };
         let kept = Kept::waiting(jobs, folder, held, care, &record);
         let manners = Manners {
@@ -393,14 +396,14 @@ impl Taking<'_> {
             operator: args.operator.is_some(),
             wall_time,
             optional_stop: args.optional_stop.map(OnOff::is_on).or(record.optional_stop),
-            real_time: !matches!(named, Card::Sim),
+            real_time: !matches!(named, JobCard::Sim),
             tables: TableFiles::of_job(&record.job.arguments),
         };
         let (of_job, of_job_entry, on, card_named) = (&record, &record.job, &machine, named.clone());
         let resume = move |card: &mut C, at_screen: Option<AtScreen<'_>>, ask: &mut Asking<'_, A>| {
-            let agree = |prepared: &Prepared<A>, kept: Option<&mut Kept>| -> Result<(), Failure> {
+            let agree = |prepared: &ResumePlan<A>, kept: Option<&mut Kept>| -> Result<(), Failure> {
                 // The machine moves, or the card's place is not of this path.
-                if !prepared.card().at_rest || (is_cards_place && !prepared.agrees()) {
+                if !prepared.card().at_rest || (is_cards_place && !prepared.matches_card()) {
                     return Err(disagree.refusal(prepared).into());
                 }
                 let taken = Taken {
@@ -411,17 +414,17 @@ impl Taking<'_> {
                     prepared,
                     differences: table_differences(program, of_job_entry),
                     machine_changes: changed_machine(of_job_entry),
-                    way_back: prepared.way_back(on)?,
+                    way_back: prepared.return_path(on)?,
                     is_older_place,
                 };
                 if !ask(&taken)? {
-                    return Err(Refusal::new("E2215", "not agreed to: nothing has moved", "--yes agrees").into());
+                    return Err(NumberedError::new("E2215", "not agreed to: nothing has moved", "--yes agrees").into());
                 }
                 let resumed = resumed(prepared, card_named, on);
                 kept.map_or(Ok(()), |kept| kept.take_up(of_job, resumed, progress))?;
                 Ok(())
             };
-            let begin = Begin::At(Box::new(resumption));
+            let begin = JobStart::At(Box::new(resumption));
             let machining = Machining { manners, machine: on, program, input, begin, kept: Some(kept), at_screen };
             machining.run(card, agree).map(|(code, _)| code)
         };
@@ -446,11 +449,11 @@ impl Taking<'_> {
 /// Says that counts do not go together.
 struct Disagree<'a> {
     id: String,
-    machine: &'a Machine,
+    machine: &'a MachineConfig,
 }
 
 impl Disagree<'_> {
-    fn refusal<const A: usize>(&self, prepared: &Prepared<A>) -> Refusal {
+    fn refusal<const A: usize>(&self, prepared: &ResumePlan<A>) -> NumberedError {
         let axes = self.machine.axes.len().min(A);
         let (card, place) = (prepared.card().counts, prepared.counts());
         let (card, place) = (&card[..axes], &place[..axes]);
@@ -458,48 +461,56 @@ impl Disagree<'_> {
             "the card's counts are {card:?}, and those of the breakpoint are {place:?}: the machine moves, or was moved"
         );
         let remedy = format!("wait until it stands, then `retrace resume {}`; home it first if in doubt", self.id);
-        Refusal::new("E2214", what, remedy)
+        NumberedError::new("E2214", what, remedy)
     }
 }
 
 /// What the job's tables say otherwise than their files by now, a line each. A file that cannot be read any more is a difference, too.
-fn table_differences(program: &Program, job: &Job) -> Vec<String> {
+fn table_differences(program: &Program, job: &JobHeader) -> Vec<String> {
     if job.tables.is_none() {
         return Vec::new();
     }
     match TableFiles::of_job(&job.arguments).read() {
         Ok(now) => machine_tables::differences(&program.setup().start_tables(), &now),
-        Err(refusal) => vec![refusal.what],
+        Err(refusal) => vec![refusal.cause],
     }
 }
 
-fn resumed<const A: usize>(prepared: &Prepared<A>, card: Card, machine: &Machine) -> Resumed {
+fn resumed<const A: usize>(prepared: &ResumePlan<A>, card: JobCard, machine: &MachineConfig) -> ResumeEntry {
     let PathStart { place, reached, executed, .. } = *prepared.start();
     let counts = prepared.counts()[..machine.axes.len().min(A)].to_vec();
-    Resumed { when: Stamp::now(), retrace: env!("CARGO_PKG_VERSION").into(), card, place, reached, executed, counts }
+    ResumeEntry {
+        when: Timestamp::now(),
+        retrace: env!("CARGO_PKG_VERSION").into(),
+        card,
+        place,
+        reached,
+        executed,
+        counts,
+    }
 }
 
 /// The operator has agreed to what was shown: the outputs are restored without another question.
-fn agreed(script: Vec<Instruction>) -> Result<Vec<Instruction>, Refusal> {
+fn agreed(script: Vec<ScriptInstruction>) -> Result<Vec<ScriptInstruction>, NumberedError> {
     let mut all = operator::parse("at 0s leave", "resume")?;
     all.extend(script);
     Ok(all)
 }
 
-fn other_card(what: &str) -> Refusal {
+fn other_card(what: &str) -> NumberedError {
     let remedy = "connect the card that the job ran on, or begin at a line with `retrace resume JOB --from-line N`";
-    Refusal::new("E2212", what, remedy)
+    NumberedError::new("E2212", what, remedy)
 }
 
 /// What a file is to a job, in words.
-fn role_name(role: Role) -> &'static str {
+fn role_name(role: FileRole) -> &'static str {
     match role {
-        Role::Program => "program",
-        Role::Subprogram => "subprogram",
-        Role::Cycles => "cycle",
-        Role::Tools => "tool table",
-        Role::Parameters => "parameter file",
-        Role::Ini => "INI file",
+        FileRole::Program => "program",
+        FileRole::Subprogram => "subprogram",
+        FileRole::Cycles => "cycle",
+        FileRole::Tools => "tool table",
+        FileRole::Parameters => "parameter file",
+        FileRole::Ini => "INI file",
     }
 }
 

@@ -4,26 +4,26 @@
 
 use std::path::{Path, PathBuf};
 
-use retrace_controller::journal::entry::{Card, Job, Source};
-use retrace_controller::journal::hash::Hash;
-use retrace_controller::journal::record::JobRecord;
+use retrace_controller::journal::entry::{JobCard, JobHeader, ProgramSource};
+use retrace_controller::journal::hash::FileHash;
+use retrace_controller::journal::job_record::JobRecord;
 use retrace_controller::machine_changes;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::numbered_error::NumberedError;
 
 use crate::args::{self, CycleFolders, Reading};
 use crate::program::Failure;
 use crate::{files, run};
 
 /// What the job's program is read with; a file may be elsewhere now.
-pub fn reading(job: &Job, program: Option<&Path>) -> Reading {
+pub fn reading(job: &JobHeader, program: Option<&Path>) -> Reading {
     let path = |path: &Option<String>| path.as_ref().map(PathBuf::from);
     let program = match (&job.source, program) {
-        (Source::File(_), Some(elsewhere)) => elsewhere.to_owned(),
-        (Source::File(file), None) => file.into(),
-        (Source::StandardInput, _) => "-".into(),
-        (Source::Socket(address), _) => format!("tcp://{address}").into(),
-        (Source::Serial(address), _) => format!("serial:{address}").into(),
-        (Source::Device(path), _) => path.into(),
+        (ProgramSource::File(_), Some(elsewhere)) => elsewhere.to_owned(),
+        (ProgramSource::File(file), None) => file.into(),
+        (ProgramSource::StandardInput, _) => "-".into(),
+        (ProgramSource::Socket(address), _) => format!("tcp://{address}").into(),
+        (ProgramSource::Serial(address), _) => format!("serial:{address}").into(),
+        (ProgramSource::Device(path), _) => path.into(),
     };
     let of = &job.arguments;
     Reading {
@@ -49,7 +49,7 @@ pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u
         let what =
             "a tool length was entered in a pause of this job, and from a line on the tool table counts".to_owned();
         let remedy = "enter the length of the tool in the tool table, if that tool is in use there; then the same command with --yes";
-        return Err(Refusal::new("E2218", what, remedy).into());
+        return Err(NumberedError::new("E2218", what, remedy).into());
     }
 
     let run = args::Run { start_line: Some(line), ..run_args(args, job) };
@@ -65,15 +65,15 @@ pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u
 }
 
 /// What `retrace run` would have been given for the program of a job.
-pub fn run_args(args: &args::Resume, job: &Job) -> args::Run {
+pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
     let card = match (&args.card, &job.card) {
         (Some(named), _) => named.clone(),
-        (None, Card::Sim) => "sim".into(),
-        (None, Card::Wired(card)) => card.address.clone(),
+        (None, JobCard::Sim) => "sim".into(),
+        (None, JobCard::Wired(card)) => card.address.clone(),
     };
     let program = args.program.as_deref();
     let mut reading = reading(job, program);
-    if let (Some(program), false) = (program, matches!(job.source, Source::File(_))) {
+    if let (Some(program), false) = (program, matches!(job.source, ProgramSource::File(_))) {
         reading.program = program.to_owned();
     }
     args::Run {
@@ -96,11 +96,11 @@ pub fn run_args(args: &args::Resume, job: &Job) -> args::Run {
 }
 
 /// How the job's machine file differs by now from the job's copy of it, a line each; none where it is the same.
-pub fn changed_machine(job: &Job) -> Option<Vec<String>> {
+pub fn changed_machine(job: &JobHeader) -> Option<Vec<String>> {
     let path = job.machine.path.as_ref()?;
     match files::text(Path::new(path), "machine file") {
-        Ok(text) if Hash::of(text.as_bytes()) == job.machine.hash => None,
+        Ok(text) if FileHash::of(text.as_bytes()) == job.machine.hash => None,
         Ok(text) => Some(machine_changes::changes(&job.machine.text, &text)),
-        Err(refusal) => Some(vec![refusal.what]),
+        Err(refusal) => Some(vec![refusal.cause]),
     }
 }

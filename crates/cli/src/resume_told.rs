@@ -6,10 +6,10 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::Path;
 
-use retrace_controller::journal::record::JobRecord;
-use retrace_controller::machine::Machine;
-use retrace_controller::refusal::Refusal;
-use retrace_controller::resume::Prepared;
+use retrace_controller::journal::job_record::JobRecord;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::resume::ResumePlan;
 use retrace_core::ONE;
 use retrace_core::place::before;
 use retrace_gcode::Progress;
@@ -29,11 +29,11 @@ pub struct Taken<'a, const A: usize> {
     /// Its journal.
     pub record: &'a JobRecord,
     /// Its machine.
-    pub machine: &'a Machine,
+    pub machine: &'a MachineConfig,
     /// The file that keeps a program that arrived.
     pub kept: &'a Path,
     /// What was found.
-    pub prepared: &'a Prepared<A>,
+    pub prepared: &'a ResumePlan<A>,
     /// How offsets and tool data differ by now from those that the job began with, a line each.
     pub differences: Vec<String>,
     /// How the machine file differs by now from the job's copy, a line each; none where it does not.
@@ -45,7 +45,7 @@ pub struct Taken<'a, const A: usize> {
 }
 
 /// Shows what will be done, and asks whether to do it.
-pub type Asking<'f, const A: usize> = dyn FnMut(&Taken<'_, A>) -> Result<bool, Refusal> + 'f;
+pub type Asking<'f, const A: usize> = dyn FnMut(&Taken<'_, A>) -> Result<bool, NumberedError> + 'f;
 
 /// The block under the breakpoint.
 #[derive(Default)]
@@ -141,7 +141,7 @@ impl<const A: usize> Taken<'_, A> {
 
     fn position_words(&self) -> String {
         let there = position(self.machine, &self.prepared.counts());
-        if self.prepared.agrees() {
+        if self.prepared.matches_card() {
             return format!("{there}, as the card's counters say");
         }
         format!("{there}; the machine stands at {}", position(self.machine, &self.prepared.card().counts))
@@ -240,7 +240,7 @@ impl<const A: usize> Taken<'_, A> {
 
 /// A position in words: axis by axis, mm.
 #[must_use]
-pub fn position(machine: &Machine, counts: &[i64]) -> String {
+pub fn position(machine: &MachineConfig, counts: &[i64]) -> String {
     let axes = machine.axes.iter().zip(counts);
     let each = axes
         .map(|(axis, &count)| format!("{} {:.3}", axis.name.to_ascii_uppercase(), count as f64 / axis.pulses_per_mm));
@@ -256,10 +256,10 @@ pub fn position_is_confirmed(stands: &str) -> bool {
 ///
 /// # Errors
 /// `E2215` where there is no terminal.
-pub fn asked() -> Result<bool, Refusal> {
+pub fn asked() -> Result<bool, NumberedError> {
     if !io::stdin().is_terminal() {
         let what = "nobody is there to agree: nothing has moved";
-        return Err(Refusal::new("E2215", what, "look at what it would do, then say it again with --yes"));
+        return Err(NumberedError::new("E2215", what, "look at what it would do, then say it again with --yes"));
     }
     Ok(answer("go on from there? [y/N] "))
 }

@@ -2,12 +2,12 @@
 //!
 //! Invariant: nothing moves before machine file, script and program have been read and checked, and the job's journal has begun.
 
-use retrace_controller::job::Begin;
+use retrace_controller::job::JobStart;
 use retrace_controller::journal::entry;
-use retrace_controller::journal::logbook::Care;
-use retrace_controller::machine::Machine;
-use retrace_controller::operator::Instruction;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::journal::journal_writer::Durability;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::operator::ScriptInstruction;
 use retrace_hal_sim::Clock;
 use retrace_link::{CardStatus, MotionCard, PathStart};
 
@@ -41,7 +41,7 @@ pub fn run(mut args: args::Run) -> Result<u8, Failure> {
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_on(args: &args::Run, machine: Machine, text: String, at_screen: bool) -> Result<u8, Failure> {
+pub fn run_on(args: &args::Run, machine: MachineConfig, text: String, at_screen: bool) -> Result<u8, Failure> {
     let script = files::script(args.operator.as_deref())?;
     let with = With { args, text, script, at_screen };
     match machine.axes.len() {
@@ -52,7 +52,7 @@ pub fn run_on(args: &args::Run, machine: Machine, text: String, at_screen: bool)
 }
 
 /// The simulated card's time.
-pub fn clock(machine: &Machine, realtime: bool) -> Clock {
+pub fn clock(machine: &MachineConfig, realtime: bool) -> Clock {
     if realtime { Clock::wall(machine.period_us) } else { Clock::Virtual }
 }
 
@@ -61,31 +61,34 @@ struct With<'a> {
     args: &'a args::Run,
     /// Of the machine file.
     text: String,
-    script: Vec<Instruction>,
+    script: Vec<ScriptInstruction>,
     at_screen: bool,
 }
 
 impl With<'_> {
     /// Finds the card, and runs the job on it.
-    fn on_card<const A: usize>(self, machine: Machine) -> Result<u8, Failure> {
+    fn on_card<const A: usize>(self, machine: MachineConfig) -> Result<u8, Failure> {
         let args = self.args;
         if args.card == "sim" {
             let program = self.open(&machine)?;
             if self.at_screen {
                 let mut card = traced(simulated::<A>(&machine, clock(&machine, true))?, &machine, args.vcd.as_deref())?;
-                let (work, homing) = ((self.script, (self.text, entry::Card::Sim)), Homing::simulated());
+                let (work, homing) = ((self.script, (self.text, entry::JobCard::Sim)), Homing::simulated());
                 return operate::operate(args, &machine, program, work, &mut card, &homing, None);
             }
             let card = simulated::<A>(&machine, clock(&machine, args.realtime))?;
             let card = traced(card, &machine, args.vcd.as_deref())?;
-            let (kept, input) = keep(args, &program, &machine, (&self.text, entry::Card::Sim), card.status())?;
+            let (kept, input) = keep(args, &program, &machine, (&self.text, entry::JobCard::Sim), card.status())?;
             return self.machining(&machine, &program, kept, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
         }
         if args.vcd.is_some() {
             let what = "--vcd: only the simulated card in this process can write a trace of its pins";
-            return Err(
-                Refusal::new("E2152", what, "retrace card serve --vcd FILE writes that of a served card").into()
-            );
+            return Err(NumberedError::new(
+                "E2152",
+                what,
+                "retrace card serve --vcd FILE writes that of a served card",
+            )
+            .into());
         }
         // Everything that can be refused without the card is refused before it is asked for.
         self.open(&machine)?;
@@ -120,7 +123,7 @@ impl With<'_> {
     }
 
     /// Opens the program and checks it whole; at the screen it is checked there, where what keeps it from running can be put right.
-    fn open(&self, machine: &Machine) -> Result<Program, Failure> {
+    fn open(&self, machine: &MachineConfig) -> Result<Program, Failure> {
         let program = Program::open(&self.args.reading, machine)?;
         if !self.at_screen {
             program.check(machine)?;
@@ -129,14 +132,14 @@ impl With<'_> {
             && u64::from(line) > lines
         {
             let what = format!("--start-line {line}: {} has {lines} lines", program.name());
-            return Err(Refusal::new("E2151", what, "a line of the program").into());
+            return Err(NumberedError::new("E2151", what, "a line of the program").into());
         }
         Ok(program)
     }
 
     fn machining<'m>(
         self,
-        machine: &'m Machine,
+        machine: &'m MachineConfig,
         program: &'m Program,
         kept: Option<Kept>,
         input: Option<Arriving>,
@@ -155,20 +158,20 @@ impl With<'_> {
             real_time: args.card != "sim",
             tables: TableFiles::of(&args.reading),
         };
-        let begin = args.start_line.map_or(Begin::First, Begin::Line);
+        let begin = args.start_line.map_or(JobStart::First, JobStart::Line);
         Machining { manners, machine, program, input, begin, kept, at_screen: None }
     }
 }
 
 /// Text of the machine file, and the card: what a job's journal says of the machine.
-pub type At = (String, entry::Card);
+pub type At = (String, entry::JobCard);
 
 /// Begins the job's journal, for a card of this status; and what a program that arrives is taken from.
 fn keep<const A: usize>(
     args: &args::Run,
     program: &Program,
-    machine: &Machine,
-    (text, card): (&str, entry::Card),
+    machine: &MachineConfig,
+    (text, card): (&str, entry::JobCard),
     status: &CardStatus<A>,
 ) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
     let input = program.arriving()?;
@@ -178,7 +181,7 @@ fn keep<const A: usize>(
     }
     let claimed = Claimed::new(args.journal.as_deref(), program.name())?;
     let (input, progress) = input.map(|input| claimed.spool(input, machine.stream_quota_bytes)).transpose()?.unzip();
-    let care = if card == entry::Card::Sim { Care::Written } else { Care::Synced };
+    let care = if card == entry::JobCard::Sim { Durability::Written } else { Durability::Synced };
     let machine_file = (args.machine.as_deref(), text.to_owned());
     let (reading, start_line) = (&args.reading, args.start_line);
     let job = Beginning { program, reading, start_line, machine, machine_file, card }.job(status)?;
@@ -188,8 +191,8 @@ fn keep<const A: usize>(
 /// A job that is begun at a screen, on a card that is open already.
 pub struct Job<'a> {
     args: &'a args::Run,
-    machine: &'a Machine,
-    script: Vec<Instruction>,
+    machine: &'a MachineConfig,
+    script: Vec<ScriptInstruction>,
     program: Program,
     at: &'a At,
 }
@@ -198,8 +201,8 @@ impl<'a> Job<'a> {
     /// Of a program that was opened and checked for this machine.
     pub fn of(
         args: &'a args::Run,
-        machine: &'a Machine,
-        script: Vec<Instruction>,
+        machine: &'a MachineConfig,
+        script: Vec<ScriptInstruction>,
         program: Program,
         at: &'a At,
     ) -> Self {
@@ -237,7 +240,7 @@ impl<'a> Job<'a> {
             real_time: args.card != "sim",
             tables: TableFiles::of(&args.reading),
         };
-        let begin = args.start_line.map_or(Begin::First, Begin::Line);
+        let begin = args.start_line.map_or(JobStart::First, JobStart::Line);
         let machining = Machining { manners, machine, program: &program, input, begin, kept, at_screen };
         machining.run(card, |_, _| Ok(()))
     }

@@ -13,10 +13,10 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_controller::machine::{Parity, SerialSettings};
+use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::program_end::ProgramEndDetector;
-use retrace_controller::reading::SourceStatus;
-use retrace_controller::refusal::Refusal;
-use retrace_controller::tape::{Received, TapeReader};
+use retrace_controller::read_ahead::SourceStatus;
+use retrace_controller::tape::{ReceivedByte, TapeReader};
 use retrace_hal_serial::{Character, CharacterFormat, ParityBit, PortLost, ProgramPort};
 
 /// What such a program's name begins with.
@@ -47,11 +47,11 @@ pub fn address(program: &str) -> Option<&str> {
 ///
 /// # Errors
 /// `E2301`: no path, or a setting that is not known.
-pub fn parse(address: &str, mut settings: SerialSettings) -> Result<(PathBuf, SerialSettings), Refusal> {
+pub fn parse(address: &str, mut settings: SerialSettings) -> Result<(PathBuf, SerialSettings), NumberedError> {
     let (path, parameters) = address.split_once('?').unwrap_or((address, ""));
     if path.is_empty() {
         let what = format!("{SCHEME}{address} names no port");
-        return Err(Refusal::new("E2301", what, "serial:PATH, as in serial:/dev/ttyUSB0?baud=9600&format=7e2"));
+        return Err(NumberedError::new("E2301", what, "serial:PATH, as in serial:/dev/ttyUSB0?baud=9600&format=7e2"));
     }
     for parameter in parameters.split('&').filter(|parameter| !parameter.is_empty()) {
         let (key, value) = parameter.split_once('=').unwrap_or((parameter, ""));
@@ -100,7 +100,7 @@ impl SerialSource {
         settings: SerialSettings,
         given_up: &Arc<AtomicBool>,
         status: &Arc<SourceStatus>,
-    ) -> Result<Self, Refusal> {
+    ) -> Result<Self, NumberedError> {
         let (path, settings) = parse(address, settings)?;
         let SerialSettings { baud, bits, stop, .. } = settings;
         let parity = match settings.parity {
@@ -109,15 +109,14 @@ impl SerialSource {
             Parity::None => ParityBit::None,
         };
         let port = ProgramPort::open(&path, CharacterFormat { baud, bits, parity, stop })
-            .map_err(|refused| Refusal::new(refused.number, refused.what, refused.remedy))?;
+            .map_err(|refused| NumberedError::new(refused.number, refused.what, refused.remedy))?;
         let shared = Arc::<Shared>::default();
         let (given_up, status) = (Arc::clone(given_up), Arc::clone(status));
         let name = format!("{SCHEME}{}", path.display());
         let receiver = Receiver::new(name, port, settings, Arc::clone(&shared), Arc::clone(&given_up));
-        thread::Builder::new()
-            .name("serial source".into())
-            .spawn(move || receiver.run())
-            .map_err(|error| Refusal::new("E2104", format!("no thread for the port: {error}"), "end other programs"))?;
+        thread::Builder::new().name("serial source".into()).spawn(move || receiver.run()).map_err(|error| {
+            NumberedError::new("E2104", format!("no thread for the port: {error}"), "end other programs")
+        })?;
         Ok(Self { shared, taken: Vec::new(), at: 0, given_up, status })
     }
 }
@@ -262,8 +261,8 @@ impl<P: ProgramLine> Receiver<P> {
             let mut result = Ok(());
             for character in &characters {
                 let received = match character {
-                    Character::Byte(byte) => Received::Byte(*byte),
-                    Character::Damaged => Received::Damaged,
+                    Character::Byte(byte) => ReceivedByte::Byte(*byte),
+                    Character::Damaged => ReceivedByte::Damaged,
                 };
                 result = result.and_then(|()| self.reader.push(received, &mut text));
             }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{CommandFactory, Subcommand};
 use clap_complete::Shell;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::numbered_error::NumberedError;
 
 use crate::args::Cli;
 use crate::console::unwritable;
@@ -37,7 +37,7 @@ pub enum ShellFiles {
 ///
 /// # Errors
 /// Where a page cannot be written.
-pub fn run(command: &ShellFiles) -> Result<(), Refusal> {
+pub fn run(command: &ShellFiles) -> Result<(), NumberedError> {
     match command {
         ShellFiles::Completions { shell } => {
             print_completions(*shell);
@@ -55,7 +55,7 @@ fn print_completions(shell: Shell) {
 }
 
 /// Writes one manual page for the command and one for each of its subcommands.
-fn write_manual(folder: &Path) -> Result<(), Refusal> {
+fn write_manual(folder: &Path) -> Result<(), NumberedError> {
     let write = || -> io::Result<()> {
         std::fs::create_dir_all(folder)?;
         clap_mangen::generate_to(Cli::command(), folder)

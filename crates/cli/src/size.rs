@@ -2,8 +2,8 @@
 //!
 //! Invariant: the formula's value is printed as REV-4 gives it; what the machine file gives is what the ring really takes.
 
-use retrace_controller::machine::Machine;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
 use retrace_core::{Record, size};
 
 use crate::args;
@@ -12,15 +12,15 @@ use crate::args;
 ///
 /// # Errors
 /// `E2131` where the numbers give no size.
-pub fn run(args: &args::Size) -> Result<(), Refusal> {
+pub fn run(args: &args::Size) -> Result<(), NumberedError> {
     let positive = |x: f64| x.is_finite() && x > 0.0 && x < 1e9;
     if !positive(args.hours) || !positive(args.period_ms) || args.axes == 0 || args.bytes == 0 {
-        return Err(Refusal::new("E2131", "the ring has no size for these numbers", "numbers above zero"));
+        return Err(NumberedError::new("E2131", "the ring has no size for these numbers", "numbers above zero"));
     }
     let history_ms = (args.hours * 3_600_000.0).round() as u64;
     let period_us = (args.period_ms * 1000.0).round() as u64;
     let bytes = size::history_bytes(args.bytes, args.axes, history_ms, period_us).ok_or_else(|| {
-        Refusal::new("E2131", "a ring of this size is beyond any memory", "fewer hours or a longer period")
+        NumberedError::new("E2131", "a ring of this size is beyond any memory", "fewer hours or a longer period")
     })?;
     say!(
         "L = n·a·(h·3600·1000)/T = {}·{}·({}·3600·1000)/{} = {} bytes ({:.2} MiB)",
@@ -37,7 +37,7 @@ pub fn run(args: &args::Size) -> Result<(), Refusal> {
 }
 
 /// What the ring of a machine takes.
-fn of_machine(machine: &Machine) -> String {
+fn of_machine(machine: &MachineConfig) -> String {
     let record = match machine.axes.len() {
         0..=4 => size_of::<Record<4>>(),
         5..=6 => size_of::<Record<6>>(),
@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn the_built_in_machine_takes_27_and_a_half_mib() {
-        let text = of_machine(&Machine::built_in().expect("valid"));
+        let text = of_machine(&MachineConfig::built_in().expect("valid"));
         assert!(text.contains("1 800 000 records of 16 bytes") && text.contains("27.5 MiB"), "{text}");
     }
 }

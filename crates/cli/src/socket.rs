@@ -15,8 +15,8 @@ use std::net::{TcpStream, ToSocketAddrs};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::program_end::ProgramEndDetector;
-use retrace_controller::refusal::Refusal;
 
 /// What such a program's name begins with.
 const SCHEME: &str = "tcp://";
@@ -57,9 +57,13 @@ pub fn address(program: &str) -> Option<&str> {
 }
 
 /// The host and port of an address, and the longest silence that its `silence_timeout_s` allows; none where that is 0, for ever.
-fn parse(address: &str) -> Result<(&str, Option<Duration>), Refusal> {
+fn parse(address: &str) -> Result<(&str, Option<Duration>), NumberedError> {
     let refused = |what: String| {
-        Refusal::new("E2301", what, "tcp://HOST:PORT, or tcp://HOST:PORT?silence_timeout_s=600 (seconds, 0 for ever)")
+        NumberedError::new(
+            "E2301",
+            what,
+            "tcp://HOST:PORT, or tcp://HOST:PORT?silence_timeout_s=600 (seconds, 0 for ever)",
+        )
     };
     let Some((host, parameters)) = address.split_once('?') else { return Ok((address, Some(SILENCE))) };
     let seconds = parameters
@@ -82,11 +86,11 @@ impl Socket {
     ///
     /// # Errors
     /// `E2107`: nobody sends there. `E2301`: a parameter that is not known.
-    pub fn open(address: &str) -> Result<Self, Refusal> {
+    pub fn open(address: &str) -> Result<Self, NumberedError> {
         let (address, silence) = parse(address)?;
         let stream = connect(address).map_err(|error| {
             let remedy = "start the sender first; the name is tcp://HOST:PORT, as in tcp://planner:5000";
-            Refusal::new("E2107", format!("no program can be had from {SCHEME}{address}: {error}"), remedy)
+            NumberedError::new("E2107", format!("no program can be had from {SCHEME}{address}: {error}"), remedy)
         })?;
         Ok(Self {
             address: address.to_owned(),

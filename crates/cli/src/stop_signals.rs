@@ -8,10 +8,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use retrace_controller::command_queue::{CommandReceiver, CommandSender, command_channel};
 use retrace_controller::event::EventKind;
 use retrace_controller::operator::OperatorCommand;
-use retrace_controller::orders::{Heard, Orders, orders};
-use retrace_controller::stream::Told;
+use retrace_controller::telemetry::Telemetry;
 
 /// How often it is looked whether a signal has come.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
@@ -56,9 +56,9 @@ pub struct StopSignals {
 impl StopSignals {
     /// Watches for signals that [`StopSignals::listen`] lets come; and the words that they say to the job. None where there is no thread for it.
     #[must_use]
-    pub fn watch(kind: Stopped) -> Option<(Self, Heard)> {
+    pub fn watch(kind: Stopped) -> Option<(Self, CommandReceiver)> {
         let came = Arc::new(AtomicBool::new(false));
-        let (said, heard) = orders();
+        let (said, heard) = command_channel();
         let progress = Arc::<Mutex<Progress>>::default();
         let over = Arc::new(AtomicBool::new(false));
         let watcher = {
@@ -86,11 +86,11 @@ impl StopSignals {
     }
 
     /// Takes what the job tells.
-    pub fn told<const A: usize>(&self, told: &Told<A>) {
+    pub fn told<const A: usize>(&self, told: &Telemetry<A>) {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
         match told {
-            Told::Period(period) => (progress.line, progress.is_moving) = (period.line, period.rate != 0),
-            Told::Event(event) => match &event.kind {
+            Telemetry::Period(period) => (progress.line, progress.is_moving) = (period.line, period.rate != 0),
+            Telemetry::Event(event) => match &event.kind {
                 EventKind::Switching(code) => progress.instruction = Some((code.to_string(), event.line)),
                 EventKind::Switched(_) => progress.instruction = None,
                 _ => {}
@@ -110,7 +110,7 @@ impl Drop for StopSignals {
 }
 
 /// Says *stop* at the first signal, and what is waited for at each one after it.
-fn look(kind: Stopped, came: &AtomicBool, said: &Orders, progress: &Mutex<Progress>, over: &AtomicBool) {
+fn look(kind: Stopped, came: &AtomicBool, said: &CommandSender, progress: &Mutex<Progress>, over: &AtomicBool) {
     let mut is_stopping = false;
     while !over.load(Ordering::Relaxed) {
         thread::sleep(LOOKS_EVERY);
@@ -120,7 +120,7 @@ fn look(kind: Stopped, came: &AtomicBool, said: &Orders, progress: &Mutex<Progre
         if is_stopping {
             let progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
             eprintln!("still stopping: {}", progress.in_words());
-        } else if said.say(OperatorCommand::Stop).is_ok() {
+        } else if said.send(OperatorCommand::Stop).is_ok() {
             is_stopping = true;
             let kept = if kind == Stopped::Job { ", and the breakpoint is kept" } else { "" };
             eprintln!("stopping: the machine comes to rest on its path, cutting outputs go off{kept}");

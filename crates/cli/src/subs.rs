@@ -6,8 +6,8 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use retrace_controller::journal::entry::{FileRead, Role};
-use retrace_controller::journal::hash::Hash;
+use retrace_controller::journal::entry::{FileRole, ReadFile};
+use retrace_controller::journal::hash::FileHash;
 use retrace_gcode::{SubFile, SubFiles, Text};
 
 use crate::files;
@@ -16,7 +16,7 @@ use crate::files;
 #[derive(Debug)]
 pub struct Folders {
     folders: Vec<PathBuf>,
-    read: Mutex<Vec<FileRead>>,
+    read: Mutex<Vec<ReadFile>>,
 }
 
 impl Folders {
@@ -38,7 +38,7 @@ impl Folders {
 
     /// The files that were read by now, each once.
     #[must_use]
-    pub fn read(&self) -> Vec<FileRead> {
+    pub fn read(&self) -> Vec<ReadFile> {
         self.read.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
@@ -50,10 +50,10 @@ impl SubFiles for Folders {
             return None;
         }
         let path = self.folders.iter().map(|folder| folder.join(format!("{name}.ngc"))).find(|path| path.is_file())?;
-        let mut hash = Hash::of(b"");
+        let mut hash = FileHash::of(b"");
         let text = File::open(&path).and_then(|file| Text::read(file, |part| hash = hash.then(part)));
         if text.is_ok() {
-            let file = FileRead { role: Role::Subprogram, path: files::absolute(&path), hash };
+            let file = ReadFile { role: FileRole::Subprogram, path: files::absolute(&path), hash };
             let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
             if !read.contains(&file) {
                 read.push(file);

@@ -8,9 +8,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use retrace_controller::command_queue::{CommandReceiver, CommandSender, command_channel};
 use retrace_controller::event::{Event, EventKind};
 use retrace_controller::operator::OperatorCommand;
-use retrace_controller::orders::{Heard, Orders, orders};
 
 /// How often it is looked whether something is waited for, or a line has come.
 const LOOKS_EVERY: Duration = Duration::from_millis(50);
@@ -44,10 +44,10 @@ pub struct TerminalOperator {
 impl TerminalOperator {
     /// Begins to listen; the words come out of the other end. `optional_stop`: whether M1 stops. `keeps_breakpoint`: whether the job has a journal.
     #[must_use]
-    pub fn new(keyboard: Keyboard, optional_stop: bool, keeps_breakpoint: bool) -> (Self, Heard) {
-        let (said, heard) = orders();
+    pub fn new(keyboard: Keyboard, optional_stop: bool, keeps_breakpoint: bool) -> (Self, CommandReceiver) {
+        let (said, heard) = command_channel();
         // There is room for the first word.
-        let _ = said.say(OperatorCommand::OptionalStop(optional_stop));
+        let _ = said.send(OperatorCommand::OptionalStop(optional_stop));
         let (awaited, answered, over) = (Awaited::default(), Awaited::default(), Arc::<AtomicBool>::default());
         let reader = {
             let (awaited, answered, over) = (Arc::clone(&awaited), Arc::clone(&answered), Arc::clone(&over));
@@ -125,7 +125,7 @@ fn lock(awaited: &Awaited) -> std::sync::MutexGuard<'_, Option<OperatorCommand>>
 
 /// Reads the terminal while something is waited for. What was typed before is discarded: it was typed for something else.
 #[cfg(unix)]
-fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said: &Orders, over: &AtomicBool) {
+fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said: &CommandSender, over: &AtomicBool) {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
     use rustix::termios::{QueueSelector, tcflush};
 
@@ -156,7 +156,7 @@ fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said
             Ok(read) if bytes.iter().take(read).any(|&byte| byte == b'\n') => {
                 let Some(deed) = lock(awaited).take() else { return };
                 *lock(answered) = Some(deed);
-                if said.say(deed).is_err() {
+                if said.send(deed).is_err() {
                     *lock(awaited) = Some(deed);
                 }
                 return;
@@ -168,7 +168,7 @@ fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said
 
 /// Elsewhere there is no terminal to be read in this way.
 #[cfg(not(unix))]
-fn read_terminal(_: Keyboard, _: &Awaited, _: &Awaited, _: &Orders, _: &AtomicBool) {}
+fn read_terminal(_: Keyboard, _: &Awaited, _: &Awaited, _: &CommandSender, _: &AtomicBool) {}
 
 /// Is this process in the foreground of the terminal on its standard input?
 #[cfg(unix)]
@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn what_is_waited_for_is_said_with_the_way_on_and_the_way_out() {
         let (operator, mut heard) = TerminalOperator::new(Keyboard::None, true, true);
-        assert_eq!(heard.next_word(), Some(OperatorCommand::OptionalStop(true)));
+        assert_eq!(heard.next_command(), Some(OperatorCommand::OptionalStop(true)));
         let said = |happening| operator.observe(&event(happening), |tool| (tool == 3).then(|| "end mill".to_owned()));
         let stop = said(EventKind::ProgramStop("M0")).expect("it waits");
         assert!(stop.starts_with("M0 of line 7 waits; no terminal to press Enter at: stop it with `kill "), "{stop}");
@@ -207,6 +207,6 @@ mod tests {
         assert!(said(EventKind::OutputsDiffer(differ)).is_some_and(|text| text.contains("restores the outputs")));
         assert_eq!(*lock(&operator.awaited), Some(OperatorCommand::Confirm));
         assert_eq!((said(EventKind::RunResumed), *lock(&operator.awaited)), (None, None));
-        assert_eq!(heard.next_word(), None, "nothing is said by itself");
+        assert_eq!(heard.next_command(), None, "nothing is said by itself");
     }
 }

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use retrace_controller::event::EventKind;
-use retrace_controller::journal::stamp::Stamp;
-use retrace_controller::reading::SourceStatus;
+use retrace_controller::journal::timestamp::Timestamp;
+use retrace_controller::read_ahead::SourceStatus;
 
 /// A wait is reported after so long.
 const REPORTED_AFTER: Duration = Duration::from_secs(1);
@@ -52,7 +52,7 @@ impl WaitWatch {
             (None, Some(since)) if age(since) >= REPORTED_AFTER => {
                 self.reported = Some(since);
                 let ms = since.duration_since(UNIX_EPOCH).unwrap_or_default().as_millis();
-                Some(EventKind::StreamStalled { source: name, since: Stamp::from_ms(ms as u64) })
+                Some(EventKind::StreamStalled { source: name, since: Timestamp::from_ms(ms as u64) })
             }
             _ => None,
         }

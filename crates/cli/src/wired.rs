@@ -4,8 +4,8 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use retrace_controller::machine::Machine;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
 use retrace_hal_serial::{Address, SerialPort};
 use retrace_link::{
     CardFailure, CardIdentity, CardSettings, CardStatus, HostCommand, InputUse, LinkError, LinkTimeouts, LinkedCard,
@@ -25,7 +25,7 @@ pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, Failure> {
     let address = Address::parse(address).map_err(refused)?;
     let port = SerialPort::open(&address).map_err(refused)?;
     let card = LinkedCard::find(port, nonce(), LinkTimeouts::default()).map_err(|fault| {
-        let refusal = Refusal::new(fault.number(), format!("{address}: {fault}"), fault.remedy());
+        let refusal = NumberedError::new(fault.number(), format!("{address}: {fault}"), fault.remedy());
         Failure::Card(refusal)
     })?;
     Ok(Box::new(card))
@@ -35,9 +35,9 @@ pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, Failure> {
 ///
 /// # Errors
 /// `E3008` with the first thing that it cannot.
-pub fn fits(address: &str, identity: &CardIdentity, machine: &Machine) -> Result<(), Failure> {
+pub fn fits(address: &str, identity: &CardIdentity, machine: &MachineConfig) -> Result<(), Failure> {
     match misfits(identity, machine).into_iter().next() {
-        Some(what) => Err(Failure::Card(Refusal::new("E3008", format!("{address}: {what}"), MISFIT_REMEDY))),
+        Some(what) => Err(Failure::Card(NumberedError::new("E3008", format!("{address}: {what}"), MISFIT_REMEDY))),
         None => Ok(()),
     }
 }
@@ -48,7 +48,7 @@ pub const MISFIT_REMEDY: &str =
 
 /// Everything that a machine file asks for and this card cannot do.
 #[must_use]
-pub fn misfits(identity: &CardIdentity, machine: &Machine) -> Vec<String> {
+pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> {
     let mut misfits = Vec::new();
     if machine.axes.len() > usize::from(identity.axes) {
         misfits.push(format!("the machine has {} axes, the card {}", machine.axes.len(), identity.axes));
@@ -196,11 +196,11 @@ impl<const A: usize> MotionCard<A> for Greeted<A> {
 
 /// The card, or the line to it.
 pub fn failed(address: &str, fault: &impl CardFailure) -> Failure {
-    Failure::Card(Refusal::new(fault.number(), format!("{address}: {fault}"), fault.remedy()))
+    Failure::Card(NumberedError::new(fault.number(), format!("{address}: {fault}"), fault.remedy()))
 }
 
 fn refused(refused: retrace_hal_serial::PortError) -> Failure {
-    Refusal::new(refused.number, refused.what, refused.remedy).into()
+    NumberedError::new(refused.number, refused.what, refused.remedy).into()
 }
 
 /// A number that the last question did not have.

@@ -12,10 +12,10 @@ mod row;
 use std::fmt::Write as _;
 use std::time::Instant;
 
-use retrace_controller::feed::{Cancelled, Refused, Switch};
-use retrace_controller::job::{Decode, Decoded, feed_all};
-use retrace_controller::machine::Machine;
-use retrace_controller::sink::Sink;
+use retrace_controller::job::{BlockDecoder, DecodedBlock, feed_all};
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::motion_sink::MotionSink;
+use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use retrace_core::Flags;
 use retrace_gcode::{CanonStep, Prescan, Program, Progress, Setup, Text};
 use retrace_link::OutputChange;
@@ -27,11 +27,11 @@ use row::{Goal, Row, median};
 /// A program being decoded.
 struct Decoder(Program<&'static [u8]>);
 
-impl Decode for Decoder {
-    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
+impl BlockDecoder for Decoder {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
         match self.0.advance(steps) {
-            Progress::End => Decoded::End,
-            _ => Decoded::Block,
+            Progress::End => DecodedBlock::End,
+            _ => DecodedBlock::Block,
         }
     }
 }
@@ -52,14 +52,14 @@ impl Records {
     }
 }
 
-impl Sink<3> for Records {
-    fn straight(&mut self, end_mm: [f64; 3], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
+impl MotionSink<3> for Records {
+    fn straight(&mut self, end_mm: [f64; 3], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
         self.planner.line(end_mm, feed, mode, line)?;
         self.drain();
         Ok(())
     }
 
-    fn arc(&mut self, arc: &Arc<3>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<3>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
         self.planner.arc(arc, feed, mode, line)?;
         self.drain();
         Ok(())
@@ -67,7 +67,7 @@ impl Sink<3> for Records {
 
     fn action(&mut self, _: OutputChange, _: u32) {}
 
-    fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
+    fn exclusive(&mut self, _: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         self.planner.stop(Flags::NONE);
         self.drain();
         Ok(())
@@ -101,7 +101,7 @@ fn program(lines: usize, seconds: f64) -> String {
 }
 
 /// Processor seconds are those of the wall here: nothing waits.
-fn run(text: &Text, machine: &Machine) -> (f64, u64, u64) {
+fn run(text: &Text, machine: &MachineConfig) -> (f64, u64, u64) {
     let setup = Setup::rs274();
     let planner = Planner::new(machine.limits(), [0.0; 3]).expect("the built-in machine is valid");
     let started = Instant::now();
@@ -124,7 +124,7 @@ fn main() {
     }
     let full = arguments.iter().any(|argument| argument == "--full");
     let (lines, rounds) = (1_000_000, if full { 5 } else { 3 });
-    let machine = Machine::built_in().expect("the built-in machine is valid");
+    let machine = MachineConfig::built_in().expect("the built-in machine is valid");
     let text = Text::from(program(lines, 3600.0).as_str());
     let runs: Vec<(f64, u64, u64)> = (0..rounds).map(|_| run(&text, &machine)).collect();
     let figure = median(runs.iter().map(|run| run.0).collect());

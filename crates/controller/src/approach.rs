@@ -3,15 +3,19 @@
 //! Invariant: while an axis other than the tool axis moves, the tool axis stands at least as high as here, there, and at the retract plane;
 //! every end of a move lies within the soft limits, and the last one is the place to the pulse.
 
-use crate::machine::Machine;
-use crate::refusal::Refusal;
+use crate::machine::MachineConfig;
+use crate::numbered_error::NumberedError;
 
 /// The moves from one place to another, each by its end, in counts of the machine's axes. None where the machine is there already, at most
 /// three. Where the tool axis alone has to move, it moves straight; without a tool axis all axes move at once.
 ///
 /// # Errors
 /// `E4305` where an axis would go beyond its soft limits. An axis that stands beyond them may move back.
-pub fn approach<const A: usize>(machine: &Machine, from: [i64; A], to: [i64; A]) -> Result<Vec<[i64; A]>, Refusal> {
+pub fn approach<const A: usize>(
+    machine: &MachineConfig,
+    from: [i64; A],
+    to: [i64; A],
+) -> Result<Vec<[i64; A]>, NumberedError> {
     let axes = machine.axes.len().min(A);
     let moves = ends(machine, &from, &to);
     for end in &moves {
@@ -26,7 +30,7 @@ pub fn approach<const A: usize>(machine: &Machine, from: [i64; A], to: [i64; A])
 }
 
 /// The ends of the moves, those that move nothing left out.
-fn ends<const A: usize>(machine: &Machine, from: &[i64; A], to: &[i64; A]) -> Vec<[i64; A]> {
+fn ends<const A: usize>(machine: &MachineConfig, from: &[i64; A], to: &[i64; A]) -> Vec<[i64; A]> {
     let mut moves: Vec<[i64; A]> = Vec::with_capacity(3);
     let tool = machine.tool_axis().filter(|&tool| tool < A);
     let others_move = (0..A).any(|axis| Some(axis) != tool && from[axis] != to[axis]);
@@ -43,7 +47,7 @@ fn ends<const A: usize>(machine: &Machine, from: &[i64; A], to: &[i64; A]) -> Ve
     moves
 }
 
-fn check(machine: &Machine, axis: usize, count: i64) -> Result<(), Refusal> {
+fn check(machine: &MachineConfig, axis: usize, count: i64) -> Result<(), NumberedError> {
     let Some(of) = machine.axes.get(axis) else { return Ok(()) };
     let [low, high] = of.travel_mm.map(|mm| machine.counts_of(axis, mm));
     if (low..=high).contains(&count) {
@@ -51,7 +55,7 @@ fn check(machine: &Machine, axis: usize, count: i64) -> Result<(), Refusal> {
     }
     let (letter, mm) = (of.name.to_ascii_uppercase(), count as f64 / of.pulses_per_mm);
     let limit = of.travel_mm[usize::from(count > high)];
-    Err(Refusal::new(
+    Err(NumberedError::new(
         "E4305",
         format!("on the way there axis {letter} would go to {mm:.3} mm, beyond its soft limit at {limit:.3} mm"),
         "check the position of the machine; home it where that cannot be trusted",
@@ -64,7 +68,7 @@ mod tests {
     use proptest::prelude::*;
 
     /// X, Y and Z with 10, 100 and 1 000 pulses/mm and travels of their own.
-    fn machine(before: &str) -> Machine {
+    fn machine(before: &str) -> MachineConfig {
         let axis = |name: &str, pulses: u32, travel: &str| {
             format!(
                 "[[axis]]\nname = \"{name}\"\npulses_per_mm = {pulses}\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
@@ -72,7 +76,7 @@ mod tests {
             )
         };
         let axes = [axis("x", 10, "[0, 500]"), axis("y", 100, "[-200, 300]"), axis("z", 1000, "[-150, 5]")].concat();
-        Machine::parse(&format!("{before}{axes}"), "m.toml").expect("valid")
+        MachineConfig::parse(&format!("{before}{axes}"), "m.toml").expect("valid")
     }
 
     #[test]
@@ -90,8 +94,8 @@ mod tests {
     fn what_leaves_the_soft_limits_is_refused_by_axis() {
         let machine = machine("");
         let refused = |from, to| approach::<3>(&machine, from, to).expect_err("beyond");
-        assert!(refused([0, 0, 0], [5_001, 0, 0]).what.contains("axis X would go to 500.100 mm"));
-        assert!(refused([0, 0, 0], [0, -20_001, 0]).what.contains("axis Y"));
+        assert!(refused([0, 0, 0], [5_001, 0, 0]).cause.contains("axis X would go to 500.100 mm"));
+        assert!(refused([0, 0, 0], [0, -20_001, 0]).cause.contains("axis Y"));
         assert_eq!(refused([0, 0, 0], [0, 0, 5_001]).number, "E4305");
         // who stands beyond a limit may come back, and does not move along beyond it
         assert_eq!(approach::<3>(&machine, [-5, 0, 0], [0, 0, 0]), Ok(vec![[0, 0, 0]]));

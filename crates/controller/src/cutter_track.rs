@@ -4,9 +4,9 @@
 
 use retrace_link::OutputChange;
 
-use crate::machine::{CutterKind, Machine};
-use crate::sink::Sink;
-use crate::track::Untrackable;
+use crate::canon_executor::CanonError;
+use crate::machine::{CutterKind, MachineConfig};
+use crate::motion_sink::MotionSink;
 
 /// The machine's cutters as the program has switched them, in the order of the machine file.
 #[derive(Clone, Debug)]
@@ -19,7 +19,7 @@ pub(crate) struct CutterTrack {
 
 impl CutterTrack {
     /// All of them off.
-    pub(crate) fn new(machine: &Machine) -> Self {
+    pub(crate) fn new(machine: &MachineConfig) -> Self {
         let count = machine.cutters.len();
         Self { lit: vec![false; count], interrupted: vec![false; count] }
     }
@@ -30,14 +30,14 @@ impl CutterTrack {
     /// [`Untrackable::RapidWhileLit`] where a torch or a jet is on.
     pub(crate) fn before_rapid<const A: usize>(
         &mut self,
-        machine: &Machine,
+        machine: &MachineConfig,
         line: u32,
-        sink: &mut impl Sink<A>,
-    ) -> Result<(), Untrackable> {
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
         let lit = |at: usize| self.lit[at] && machine.cutters[at].kind.cuts_at_rest() && !machine.cutters[at].rapid_lit;
         let torch = (0..self.lit.len()).find(|&at| lit(at) && machine.cutters[at].kind != CutterKind::Beam);
         if let Some(at) = torch {
-            return Err(Untrackable::RapidWhileLit(machine.cutters[at].name.clone()));
+            return Err(CanonError::RapidWhileLit(machine.cutters[at].name.clone()));
         }
         for at in 0..self.lit.len() {
             let cutter = &machine.cutters[at];
@@ -50,7 +50,12 @@ impl CutterTrack {
     }
 
     /// A feed move follows: beams that were off for rapid moves only are on again where it begins.
-    pub(crate) fn before_feed<const A: usize>(&mut self, machine: &Machine, line: u32, sink: &mut impl Sink<A>) {
+    pub(crate) fn before_feed<const A: usize>(
+        &mut self,
+        machine: &MachineConfig,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) {
         for (cutter, interrupted) in machine.cutters.iter().zip(&mut self.interrupted) {
             if std::mem::take(interrupted) {
                 sink.action(OutputChange { channel: cutter.fire, value: 1 }, line);
@@ -59,7 +64,7 @@ impl CutterTrack {
     }
 
     /// The program switches these outputs.
-    pub(crate) fn switched(&mut self, machine: &Machine, changes: &[OutputChange]) {
+    pub(crate) fn switched(&mut self, machine: &MachineConfig, changes: &[OutputChange]) {
         for (at, cutter) in machine.cutters.iter().enumerate() {
             for change in changes.iter().filter(|change| change.channel == cutter.fire) {
                 self.lit[at] = change.value != 0;

@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use retrace_gcode::{ActiveCodes, CanonStep};
 
-use crate::item::Ending;
-use crate::job::{Decode, Decoded};
+use crate::job::{BlockDecoder, DecodedBlock};
+use crate::plan_item::PlanEnd;
 
 /// Steps after which the decoder waits until the batch is taken. A block has as many as it has.
 const MAX_STEPS: usize = 2048;
@@ -20,7 +20,7 @@ const NAP: Duration = Duration::from_micros(300);
 
 /// Steps of whole blocks, in their order.
 #[derive(Debug, Default)]
-pub(crate) struct Batch {
+pub(crate) struct BlockBatch {
     /// The steps.
     pub(crate) steps: Vec<CanonStep>,
     /// Behind how many of the steps each block ends.
@@ -28,10 +28,10 @@ pub(crate) struct Batch {
     /// The modal state from a block of the batch on, wherever it changes.
     pub(crate) modes: Vec<(u32, Box<ActiveCodes>)>,
     /// How the program ended, behind the last step.
-    pub(crate) ending: Option<Ending>,
+    pub(crate) ending: Option<PlanEnd>,
 }
 
-impl Batch {
+impl BlockBatch {
     fn with_room() -> Self {
         let (steps, ends) = (Vec::with_capacity(MAX_STEPS + 64), Vec::with_capacity(MAX_STEPS));
         Self { steps, ends, modes: Vec::with_capacity(MAX_STEPS), ending: None }
@@ -48,23 +48,23 @@ impl Batch {
 
 /// The belt between decoder and planner.
 #[derive(Debug)]
-pub(crate) struct Belt {
-    batch: Mutex<Batch>,
+pub(crate) struct BatchChannel {
+    batch: Mutex<BlockBatch>,
     /// The planner takes nothing any more.
     given_up: AtomicBool,
     /// The decoder gives nothing any more.
     ended: AtomicBool,
 }
 
-impl Belt {
+impl BatchChannel {
     /// An empty belt, and the batch that the planner begins with.
-    pub(crate) fn new() -> (Self, Batch) {
-        let batch = Mutex::new(Batch::with_room());
-        (Self { batch, given_up: AtomicBool::new(false), ended: AtomicBool::new(false) }, Batch::with_room())
+    pub(crate) fn new() -> (Self, BlockBatch) {
+        let batch = Mutex::new(BlockBatch::with_room());
+        (Self { batch, given_up: AtomicBool::new(false), ended: AtomicBool::new(false) }, BlockBatch::with_room())
     }
 
     /// Takes what there is for `batch`, which is given back to be filled; false, and nothing changed, where there is nothing.
-    pub(crate) fn take(&self, batch: &mut Batch) -> bool {
+    pub(crate) fn take(&self, batch: &mut BlockBatch) -> bool {
         // What is in a batch is whole blocks at all times, also where its holder panicked.
         let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
         if held.ends.is_empty() && held.ending.is_none() {
@@ -86,7 +86,7 @@ impl Belt {
     }
 
     /// Puts a block on the belt, and the modal state where it has changed; false where nobody takes it. Waits for room, with short naps: neither side wakes the other.
-    fn put(&self, steps: &mut Vec<CanonStep>, changed: Option<Box<ActiveCodes>>, decoded: Decoded) -> bool {
+    fn put(&self, steps: &mut Vec<CanonStep>, changed: Option<Box<ActiveCodes>>, decoded: DecodedBlock) -> bool {
         while !self.given_up.load(Ordering::Relaxed) {
             let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
             if held.steps.len() < MAX_STEPS && held.ends.len() < MAX_STEPS {
@@ -96,12 +96,12 @@ impl Belt {
                     held.modes.push((block, active));
                 }
                 match decoded {
-                    Decoded::Block => {
+                    DecodedBlock::Block => {
                         let end = held.steps.len() as u32;
                         held.ends.push(end);
                     }
-                    Decoded::End => held.ending = Some(Ending::Completed),
-                    Decoded::Refused(text) => held.ending = Some(Ending::Refused(text)),
+                    DecodedBlock::End => held.ending = Some(PlanEnd::Completed),
+                    DecodedBlock::Refused(text) => held.ending = Some(PlanEnd::Refused(text)),
                 }
                 return true;
             }
@@ -113,22 +113,22 @@ impl Belt {
 }
 
 /// Says that nothing more comes, however the decoder ends.
-struct Ends<'b>(&'b Belt);
+struct BatchSender<'b>(&'b BatchChannel);
 
-impl Drop for Ends<'_> {
+impl Drop for BatchSender<'_> {
     fn drop(&mut self) {
         self.0.ended.store(true, Ordering::Release);
     }
 }
 
 /// The decoding thread: block by block until the program, or the interest in it, ends.
-pub(crate) fn decode(program: &mut impl Decode, belt: &Belt) {
-    let _ends = Ends(belt);
+pub(crate) fn decode(program: &mut impl BlockDecoder, belt: &BatchChannel) {
+    let _ends = BatchSender(belt);
     let mut steps = Vec::with_capacity(64);
     let mut told = None;
     loop {
         let decoded = program.next_block(&mut steps);
-        let is_last = decoded != Decoded::Block;
+        let is_last = decoded != DecodedBlock::Block;
         let active = program.active();
         let changed = if active == told { None } else { active.map(Box::new) };
         told = active;
@@ -145,19 +145,19 @@ mod tests {
 
     struct Counts(u32);
 
-    impl Decode for Counts {
-        fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
+    impl BlockDecoder for Counts {
+        fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
             self.0 += 1;
             for _ in 0..self.0 % 3 {
                 steps.push(CanonStep { line: self.0, number: None, canon: Canon::FloodOn });
             }
-            if self.0 == 10_000 { Decoded::Refused("why".into()) } else { Decoded::Block }
+            if self.0 == 10_000 { DecodedBlock::Refused("why".into()) } else { DecodedBlock::Block }
         }
     }
 
     #[test]
     fn every_step_comes_once_with_its_block_and_the_end_behind_the_last() {
-        let (belt, mut batch) = Belt::new();
+        let (belt, mut batch) = BatchChannel::new();
         let (mut lines, mut blocks) = (Vec::new(), 0);
         thread::scope(|scope| {
             scope.spawn(|| decode(&mut Counts(0), &belt));
@@ -175,7 +175,7 @@ mod tests {
                 lines.extend(batch.steps.iter().map(|step| step.line));
                 assert!(batch.steps.len() < MAX_STEPS + 3 && batch.ends.len() <= MAX_STEPS);
                 if let Some(ending) = &batch.ending {
-                    assert_eq!(*ending, Ending::Refused("why".into()));
+                    assert_eq!(*ending, PlanEnd::Refused("why".into()));
                     break;
                 }
             }
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn a_decoder_that_nobody_listens_to_ends() {
-        let (belt, _) = Belt::new();
+        let (belt, _) = BatchChannel::new();
         thread::scope(|scope| {
             let decoder = scope.spawn(|| decode(&mut Counts(0), &belt));
             belt.give_up();

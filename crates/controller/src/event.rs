@@ -6,9 +6,9 @@ use retrace_core::Place;
 use retrace_link::{Alarm, CardFailure, CutterOffCause};
 use serde_json::{Value, json};
 
-use crate::dnc::Dnc;
-use crate::journal::stamp::Stamp;
-use crate::machine::Machine;
+use crate::dnc_events::DncEvent;
+use crate::journal::timestamp::Timestamp;
+use crate::machine::MachineConfig;
 use crate::operator::{CommandError, OperatorCommand};
 
 /// What stops the machine for good.
@@ -179,7 +179,7 @@ pub enum EventKind {
     /// Single block: stands at the end of a block.
     SingleBlock,
     /// A step of pausing at a breakpoint and going on there (DNC-1 … DNC-8).
-    Dnc(Dnc),
+    Dnc(DncEvent),
     /// A message of the program.
     Message(String),
     /// The program that arrives is waited for.
@@ -187,7 +187,7 @@ pub enum EventKind {
         /// Who is to send it.
         source: String,
         /// Since when.
-        since: Stamp,
+        since: Timestamp,
     },
     /// The program that was waited for goes on or has ended.
     StreamResumed {
@@ -376,7 +376,7 @@ pub struct ChannelNames(Vec<String>);
 impl ChannelNames {
     /// Those of a machine: a cutter's name, or that of the machine file, where there is one.
     #[must_use]
-    pub fn of_machine(machine: &Machine) -> Self {
+    pub fn of_machine(machine: &MachineConfig) -> Self {
         Self((0..retrace_link::channel::COUNT as u8).map(|channel| machine.channel_name(channel)).collect())
     }
 

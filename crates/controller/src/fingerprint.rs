@@ -9,13 +9,13 @@ use retrace_gcode::{CanonStep, Program, Progress};
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
-use crate::by_hand;
-use crate::feed::{Cancelled, Refused, Switch};
-use crate::job::{self, Decode, Decoded};
-use crate::journal::hash::Hash;
-use crate::machine::Machine;
-use crate::refusal::Refusal;
-use crate::sink::Sink;
+use crate::job::{self, BlockDecoder, DecodedBlock};
+use crate::journal::hash::FileHash;
+use crate::machine::MachineConfig;
+use crate::mdi;
+use crate::motion_sink::MotionSink;
+use crate::numbered_error::NumberedError;
+use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 
 /// Lines, arcs, a helix, a spline, blends wide and narrow, exact stops, inverse time, a loop with functions.
 const PROGRAM: &str = "G21 G17 G90 G94 F3000\nG64 P0.05\nG0 X3.7 Y-1.3 Z2\nG1 X11.3 Y4.1 Z-0.25\nX12.9 Y9.7\nX12.95 Y9.8\nX13.1\n\
@@ -27,13 +27,13 @@ const PROGRAM: &str = "G21 G17 G90 G94 F3000\nG64 P0.05\nG0 X3.7 Y-1.3 Z2\nG1 X1
 ///
 /// # Errors
 /// None in practice: the built-in machine goes through the checks of every other.
-pub fn of_planning() -> Result<u32, Refusal> {
-    let machine = Machine::built_in()?;
+pub fn of_planning() -> Result<u32, NumberedError> {
+    let machine = MachineConfig::built_in()?;
     let planner = Planner::<4>::new(machine.limits(), machine.start_mm())
-        .map_err(|why| Refusal::new("E2112", why.to_string(), "please report this"))?
+        .map_err(|why| NumberedError::new("E2112", why.to_string(), "please report this"))?
         .blending_by(machine.blending);
-    let mut planned = Planned { planner, hash: Hash::of(b"") };
-    let mut program = Fixed(Program::new(PROGRAM.as_bytes(), by_hand::setup(&machine)));
+    let mut planned = Planned { planner, hash: FileHash::of(b"") };
+    let mut program = Fixed(Program::new(PROGRAM.as_bytes(), mdi::setup(&machine)));
     let (blocks, findings) = job::feed_all(&machine, &mut program, &mut planned);
     planned.rest();
     let outcome = format!("{blocks} {}", findings.len());
@@ -42,12 +42,12 @@ pub fn of_planning() -> Result<u32, Refusal> {
 
 struct Fixed(Program<&'static [u8]>);
 
-impl Decode for Fixed {
-    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
+impl BlockDecoder for Fixed {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
         match self.0.advance(steps) {
-            Progress::Line => Decoded::Block,
-            Progress::Refused => Decoded::Refused(String::new()),
-            Progress::End => Decoded::End,
+            Progress::Line => DecodedBlock::Block,
+            Progress::Refused => DecodedBlock::Refused(String::new()),
+            Progress::End => DecodedBlock::End,
         }
     }
 }
@@ -55,7 +55,7 @@ impl Decode for Fixed {
 /// Plans, and takes the hash of the records.
 struct Planned {
     planner: Planner<4>,
-    hash: Hash,
+    hash: FileHash,
 }
 
 impl Planned {
@@ -74,14 +74,14 @@ impl Planned {
     }
 }
 
-impl Sink<4> for Planned {
-    fn straight(&mut self, end_mm: [f64; 4], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
+impl MotionSink<4> for Planned {
+    fn straight(&mut self, end_mm: [f64; 4], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
         self.planner.line(end_mm, feed, mode, line)?;
         self.take();
         Ok(())
     }
 
-    fn arc(&mut self, arc: &Arc<4>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<4>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
         self.planner.arc(arc, feed, mode, line)?;
         self.take();
         Ok(())
@@ -89,7 +89,7 @@ impl Sink<4> for Planned {
 
     fn action(&mut self, _: OutputChange, _: u32) {}
 
-    fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
+    fn exclusive(&mut self, _: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         self.rest();
         Ok(())
     }
@@ -105,10 +105,10 @@ mod tests {
 
     #[test]
     fn the_fixed_program_is_run_whole_and_comes_to_the_same_each_time() {
-        let machine = Machine::built_in().expect("valid");
+        let machine = MachineConfig::built_in().expect("valid");
         let planner = Planner::<4>::new(machine.limits(), machine.start_mm()).expect("valid");
-        let mut planned = Planned { planner, hash: Hash::of(b"") };
-        let mut program = Fixed(Program::new(PROGRAM.as_bytes(), by_hand::setup(&machine)));
+        let mut planned = Planned { planner, hash: FileHash::of(b"") };
+        let mut program = Fixed(Program::new(PROGRAM.as_bytes(), mdi::setup(&machine)));
         let (blocks, findings) = job::feed_all(&machine, &mut program, &mut planned);
         planned.rest();
         assert!(findings.is_empty() && blocks > 50, "{blocks} {findings:?}");

@@ -19,30 +19,30 @@ use retrace_gcode::{ActiveCodes, CanonStep};
 use retrace_link::{CardStatus, MotionCard, Outputs};
 use retrace_motion::Planner;
 
-use crate::decoding::{self, Belt};
-use crate::feed::Feeder;
-use crate::index::Keeping;
-use crate::item::Summary;
-use crate::machine::Machine;
-use crate::manual::hand::{self, Identify};
-use crate::orders::Operators;
+use crate::canon_executor::CanonExecutor;
+use crate::command_queue::CommandSources;
+use crate::decoding::{self, BatchChannel};
+use crate::limit_check::LimitCheck;
+use crate::machine::MachineConfig;
+use crate::manual::jog_planner::{self, Identify};
+use crate::motion_sink::MotionSink;
 use crate::overrides::overrides;
+use crate::place_index::JournalConfig;
+use crate::plan_item::PlanSummary;
+use crate::plan_writer::PlanWriter;
 use crate::planning;
 use crate::real_time;
-use crate::resume::{Prepared, Resumption, Unfound};
-use crate::scan::Scan;
-use crate::session::{Manner, Outcome, Session};
-use crate::sink::Sink;
-use crate::stream::{self, Observer};
-use crate::supply::Supply;
-use crate::tally::Tally;
+use crate::record_streamer::RecordStreamer;
+use crate::resume::{ResumeError, ResumePlan, ResumePoint};
+use crate::run_stats::RunStats;
+use crate::session::{Outcome, RunMode, Session};
+use crate::telemetry::{self, Observer};
 use crate::tool_length;
-use crate::track::Track;
 
 /// A program as a source of canonical functions.
-pub trait Decode {
+pub trait BlockDecoder {
     /// Decodes the next block and puts its steps behind those in `steps`.
-    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded;
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock;
 
     /// The modal state behind the last block, where the source has one.
     fn active(&self) -> Option<ActiveCodes> {
@@ -50,7 +50,7 @@ pub trait Decode {
     }
 
     /// What is to be set when nobody wants the program any more, so that a source that waits for bytes stops waiting.
-    fn given_up(&self) -> Option<Arc<AtomicBool>> {
+    fn cancel_token(&self) -> Option<Arc<AtomicBool>> {
         None
     }
 
@@ -63,7 +63,7 @@ pub trait Decode {
 
 /// What became of a block.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Decoded {
+pub enum DecodedBlock {
     /// Decoded; more may follow.
     Block,
     /// The program is at its end.
@@ -84,48 +84,48 @@ pub struct JobEnd<C> {
     /// How it ended.
     pub outcome: Outcome,
     /// Where the time went.
-    pub tally: Tally,
+    pub tally: RunStats,
     /// What the program came to, where it came to its end.
-    pub summary: Option<Summary>,
+    pub summary: Option<PlanSummary>,
     /// The card, at rest.
     pub card: C,
 }
 
 /// Where in the program a job begins.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub enum Begin {
+pub enum JobStart {
     /// At its first block.
     #[default]
     First,
     /// At this line, with the state that the blocks before it leave.
     Line(u32),
     /// Where it was left.
-    At(Box<Resumption>),
+    At(Box<ResumePoint>),
 }
 
 /// How a job is run: from where, by whom, in what manner, and who keeps an index of it.
 #[derive(Debug)]
-pub struct Conduct {
+pub struct JobOptions {
     /// Where it begins.
-    pub begin: Begin,
+    pub begin: JobStart,
     /// Who operates the machine.
-    pub operators: Operators,
+    pub operators: CommandSources,
     /// Time and company.
-    pub manner: Manner,
+    pub manner: RunMode,
     /// The index.
-    pub keeping: Keeping,
+    pub keeping: JournalConfig,
 }
 
 /// What keeps a job from being begun. Nothing has moved then.
 #[derive(Clone, Debug, PartialEq)]
-pub enum CannotBegin {
+pub enum JobStartError {
     /// The machine's numbers do not go together; how.
     Machine(String),
     /// The place where it was left is not found in the program; why.
-    Unfound(Unfound),
+    Unfound(ResumeError),
 }
 
-impl fmt::Display for CannotBegin {
+impl fmt::Display for JobStartError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Machine(why) => f.write_str(why),
@@ -140,13 +140,13 @@ impl fmt::Display for CannotBegin {
 /// # Errors
 /// What keeps the job from being begun; nothing has moved then.
 pub fn run<const A: usize, C: MotionCard<A>>(
-    machine: &Machine,
-    program: impl Decode + Send,
-    conduct: Conduct,
+    machine: &MachineConfig,
+    program: impl BlockDecoder + Send,
+    conduct: JobOptions,
     card: C,
     observer: &mut dyn Observer<A>,
-) -> Result<JobEnd<C>, CannotBegin> {
-    resume(machine, program, conduct, card, observer, Prepared::agrees)
+) -> Result<JobEnd<C>, JobStartError> {
+    resume(machine, program, conduct, card, observer, ResumePlan::matches_card)
 }
 
 /// The same; where the job is taken up where it was left, `agree` is asked before anything moves, and the job is stopped at once where it
@@ -155,42 +155,42 @@ pub fn run<const A: usize, C: MotionCard<A>>(
 /// # Errors
 /// As [`run`].
 pub fn resume<const A: usize, C: MotionCard<A>>(
-    machine: &Machine,
-    mut program: impl Decode + Send,
-    conduct: Conduct,
+    machine: &MachineConfig,
+    mut program: impl BlockDecoder + Send,
+    conduct: JobOptions,
     card: C,
     observer: &mut dyn Observer<A>,
-    agree: impl FnOnce(&Prepared<A>) -> bool,
-) -> Result<JobEnd<C>, CannotBegin> {
-    let Conduct { begin, operators, manner, keeping } = conduct;
+    agree: impl FnOnce(&ResumePlan<A>) -> bool,
+) -> Result<JobEnd<C>, JobStartError> {
+    let JobOptions { begin, operators, manner, keeping } = conduct;
     let (keep, look_ahead) = (machine.history_records, machine.look_ahead_records);
     let cells = ring_cells(keep, look_ahead).ok_or_else(|| unfit("the history is larger than any ring"))?;
     let cells: Box<[Cell<Record<A>>]> = (0..cells).map(|_| Cell::default()).collect();
-    let origin = Origin::of(machine, &begin, card.status());
+    let origin = JobOrigin::of(machine, &begin, card.status());
     let mut ring = Ring::new(cells, keep, look_ahead, origin.place).map_err(|e| unfit(format!("no ring: {e:?}")))?;
     let (producer, consumer) = ring.split();
-    let begins = origin.place.wrapping_add(hand::BEYOND);
-    let mut by_hand = hand::ring(machine, begins).map_err(|e| unfit(format!("no ring: {e:?}")))?;
-    let mail = hand::Mail::default();
-    let (hand, requests) = hand::hand(by_hand.split(), &mail);
+    let begins = origin.place.wrapping_add(jog_planner::BEYOND);
+    let mut by_hand = jog_planner::ring(machine, begins).map_err(|e| unfit(format!("no ring: {e:?}")))?;
+    let mail = jog_planner::JogStatus::default();
+    let (hand, requests) = jog_planner::hand(by_hand.split(), &mail);
     let mut identify = program.identity().unwrap_or_else(|| Box::new(|| 0));
     let program_is = identify();
     let (sender, receiver) = mpsc::sync_channel(ITEMS);
     let planner = Planner::new(machine.limits(), machine.start_mm()).map_err(|e| unfit(e.to_string()))?;
     let cancel = AtomicBool::new(false);
     let (mut asking, mut heeding) = overrides(look_ahead);
-    let mut feeder = Feeder::new(planner.blending_by(machine.blending), producer, sender, origin.outputs, &cancel)
+    let mut feeder = PlanWriter::new(planner.blending_by(machine.blending), producer, sender, origin.outputs, &cancel)
         .noting(keeping.index, &origin.counts)
         .inhibiting(machine.inhibited_channels())
         .within(machine);
     let (line, resumption) = match begin {
-        Begin::First => (None, None),
-        Begin::Line(line) => (Some(line), None),
-        Begin::At(at) => (None, Some(at)),
+        JobStart::First => (None, None),
+        JobStart::Line(line) => (Some(line), None),
+        JobStart::At(at) => (None, Some(at)),
     };
     let (mut rests, mut lengths, mut begun_at) = (Vec::new(), Vec::new(), origin.counts);
     if let Some(at) = &resumption {
-        at.could_be(look_ahead).map_err(CannotBegin::Unfound)?;
+        at.could_be(look_ahead).map_err(JobStartError::Unfound)?;
         (asking, heeding) = (asking.again(&at.overrides, at.start.reached), heeding.again(&at.overrides));
         feeder = feeder.held_against(&at.marks);
         rests.clone_from(&at.rests);
@@ -202,10 +202,10 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let (length_entry, length_offers) = tool_length::entry();
     let feeder = feeder.heeding(heeding).taking_lengths(length_offers, &lengths);
     let supply =
-        Supply::new(consumer, receiver, origin.place, origin.outputs, origin.executed).durable(keeping.durable);
-    let (teller, hearing) = stream::stream(manner.wall_time, machine.period_s());
-    let (belt, batch) = Belt::new();
-    let given_up = program.given_up();
+        RecordStreamer::new(consumer, receiver, origin.place, origin.outputs, origin.executed).durable(keeping.durable);
+    let (teller, hearing) = telemetry::telemetry_channel(manner.wall_time, machine.period_s());
+    let (belt, batch) = BatchChannel::new();
+    let given_up = program.cancel_token();
     thread::scope(|scope| {
         let belt = &belt;
         let decoder = named(scope, ("decoding", manner.real_time), move || decoding::decode(&mut program, belt));
@@ -215,13 +215,13 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         let reporter = named(scope, ("reporting", manner.real_time), move || hearing.report(observer));
         let moves = named(scope, ("manual moves", manner.real_time), move || requests.serve(machine, identify));
         let hand = hand.waking(moves.thread().clone());
-        let interest = Interest { cancel: &cancel, given_up };
+        let interest = CancelOnDrop { cancel: &cancel, given_up };
         let session = Session::new(card, machine, supply, operators, manner, teller).asking(asking);
         let session = session.by_hand(hand, program_is).entering_lengths(length_entry);
         let is_real_time = manner.real_time && real_time::enter().is_ok();
         let ended = match resumption {
             None => Ok(session.run()),
-            Some(at) => session.resume(&at, begun_at, agree).map_err(CannotBegin::Unfound),
+            Some(at) => session.resume(&at, begun_at, agree).map_err(JobStartError::Unfound),
         };
         if is_real_time {
             // It was permitted, so this is.
@@ -237,8 +237,8 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     })
 }
 
-fn unfit(why: impl Into<String>) -> CannotBegin {
-    CannotBegin::Machine(why.into())
+fn unfit(why: impl Into<String>) -> JobStartError {
+    JobStartError::Machine(why.into())
 }
 
 /// Begins a thread with a name, as [`thread::Scope::spawn`] does without one.
@@ -264,7 +264,7 @@ fn joined<T>(thread: thread::ScopedJoinHandle<'_, T>) -> T {
 }
 
 /// Where a job's ring begins: at its own beginning, wherever it is taken up.
-struct Origin<const A: usize> {
+struct JobOrigin<const A: usize> {
     place: u32,
     counts: [i64; A],
     outputs: Outputs,
@@ -272,9 +272,9 @@ struct Origin<const A: usize> {
     executed: u32,
 }
 
-impl<const A: usize> Origin<A> {
-    fn of(machine: &Machine, begin: &Begin, status: &CardStatus<A>) -> Self {
-        let Begin::At(at) = begin else {
+impl<const A: usize> JobOrigin<A> {
+    fn of(machine: &MachineConfig, begin: &JobStart, status: &CardStatus<A>) -> Self {
+        let JobStart::At(at) = begin else {
             let CardStatus { place, counts, outputs, executed, .. } = *status;
             return Self { place: place.record, counts, outputs, executed };
         };
@@ -287,12 +287,12 @@ impl<const A: usize> Origin<A> {
 }
 
 /// The motion path's interest in what is planned; it ends with the session, however that ends.
-struct Interest<'c> {
+struct CancelOnDrop<'c> {
     cancel: &'c AtomicBool,
     given_up: Option<Arc<AtomicBool>>,
 }
 
-impl Drop for Interest<'_> {
+impl Drop for CancelOnDrop<'_> {
     fn drop(&mut self) {
         self.cancel.store(true, Ordering::Relaxed);
         if let Some(given_up) = &self.given_up {
@@ -303,7 +303,7 @@ impl Drop for Interest<'_> {
 
 /// What a scan found: an error, which cannot be run, or a warning.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Finding {
+pub struct CheckFinding {
     /// Program line.
     pub line: u32,
     /// The word that it is about, where there is one: its letter.
@@ -316,7 +316,7 @@ pub struct Finding {
     pub remedy: String,
 }
 
-impl Finding {
+impl CheckFinding {
     /// Does it keep the program from being run? Otherwise it is a warning.
     #[must_use]
     pub fn is_error(&self) -> bool {
@@ -328,10 +328,13 @@ impl Finding {
 /// came to.
 ///
 /// The decoder's own errors are its own to tell; the scan goes on behind them.
-pub fn scan<'m, const A: usize>(machine: &'m Machine, program: &mut impl Decode) -> (u64, Vec<Finding>, Scan<'m, A>) {
-    let mut sink = Scan::new(machine);
+pub fn scan<'m, const A: usize>(
+    machine: &'m MachineConfig,
+    program: &mut impl BlockDecoder,
+) -> (u64, Vec<CheckFinding>, LimitCheck<'m, A>) {
+    let mut sink = LimitCheck::new(machine);
     let (blocks, mut findings) = feed_all(machine, program, &mut sink);
-    findings.extend(sink.beyond.iter().map(crate::scan::BeyondLimit::finding));
+    findings.extend(sink.beyond.iter().map(crate::limit_check::LimitFinding::finding));
     findings.extend(sink.warnings());
     findings.sort_by_key(|f| f.line);
     (blocks, findings, sink)
@@ -339,21 +342,21 @@ pub fn scan<'m, const A: usize>(machine: &'m Machine, program: &mut impl Decode)
 
 /// Gives all moves and switching of a program to `sink`: how many blocks it has, and what of them cannot be run.
 pub fn feed_all<const A: usize>(
-    machine: &Machine,
-    program: &mut impl Decode,
-    sink: &mut impl Sink<A>,
-) -> (u64, Vec<Finding>) {
+    machine: &MachineConfig,
+    program: &mut impl BlockDecoder,
+    sink: &mut impl MotionSink<A>,
+) -> (u64, Vec<CheckFinding>) {
     feed_each(machine, program, sink, |_, _| ())
 }
 
 /// The same, with a look at the state behind each step.
-pub fn feed_each<const A: usize, S: Sink<A>>(
-    machine: &Machine,
-    program: &mut impl Decode,
+pub fn feed_each<const A: usize, S: MotionSink<A>>(
+    machine: &MachineConfig,
+    program: &mut impl BlockDecoder,
     sink: &mut S,
-    mut look: impl FnMut(&Track<'_>, &mut S),
-) -> (u64, Vec<Finding>) {
-    let mut track = Track::new(machine);
+    mut look: impl FnMut(&CanonExecutor<'_>, &mut S),
+) -> (u64, Vec<CheckFinding>) {
+    let mut track = CanonExecutor::new(machine);
     let (mut steps, mut findings, mut blocks) = (Vec::new(), Vec::new(), 0);
     loop {
         steps.clear();
@@ -364,7 +367,7 @@ pub fn feed_each<const A: usize, S: Sink<A>>(
             }
             look(&track, sink);
         }
-        if decoded == Decoded::End || findings.len() >= MAX_FINDINGS {
+        if decoded == DecodedBlock::End || findings.len() >= MAX_FINDINGS {
             return (blocks, findings);
         }
         blocks += 1;

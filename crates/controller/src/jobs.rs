@@ -9,11 +9,11 @@ use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::journal::entry::Ending;
-use crate::journal::record::{Glance, JobRecord};
-use crate::journal::stamp::Stamp;
+use crate::journal::entry::JobEnding;
+use crate::journal::job_record::{JobRecord, JobSummary};
 use crate::journal::store::FileStore;
-use crate::refusal::{Refusal, nearest};
+use crate::journal::timestamp::Timestamp;
+use crate::numbered_error::{NumberedError, nearest};
 use crate::state_file;
 
 /// So many jobs that came to their end are kept.
@@ -30,7 +30,7 @@ const REPORT: &str = "report.json";
 
 /// The folder of jobs.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Jobs {
+pub struct JobStore {
     folder: PathBuf,
 }
 
@@ -43,11 +43,11 @@ pub struct JobFolder {
 
 /// Holds a job, until it is dropped or the process ends, however that ends.
 #[derive(Debug)]
-pub struct Held(#[expect(dead_code, reason = "the lock goes with the open file")] File);
+pub struct JobLock(#[expect(dead_code, reason = "the lock goes with the open file")] File);
 
 /// What is going on with a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum State {
+pub enum JobState {
     /// A process holds it; its number where that is known.
     Running(Option<u32>),
     /// It began, and nobody said how it ended: the computer or the process failed. It can be resumed.
@@ -61,10 +61,10 @@ pub enum State {
     /// Nothing has moved.
     NeverBegan,
     /// Its journal cannot be used.
-    Unusable(Refusal),
+    Unusable(NumberedError),
 }
 
-impl State {
+impl JobState {
     /// Can it be resumed?
     #[must_use]
     pub fn can_resume(&self) -> bool {
@@ -88,16 +88,16 @@ impl State {
 
 /// A job in the list.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Listed {
+pub struct ListedJob {
     /// Its folder.
     pub folder: JobFolder,
     /// What is going on with it.
-    pub state: State,
+    pub state: JobState,
     /// What its journal says at a glance; none where that cannot be used.
-    pub glance: Option<Glance>,
+    pub glance: Option<JobSummary>,
 }
 
-impl Jobs {
+impl JobStore {
     /// The jobs of this folder, which need not be there yet.
     #[must_use]
     pub fn of(folder: &Path) -> Self {
@@ -109,11 +109,11 @@ impl Jobs {
     ///
     /// # Errors
     /// `E2201` where none was named and the user has none.
-    pub fn named(folder: Option<&Path>) -> Result<Self, Refusal> {
+    pub fn named(folder: Option<&Path>) -> Result<Self, NumberedError> {
         let usual = || usual(|name| std::env::var_os(name));
         folder.map(Path::to_owned).or_else(usual).map(|folder| Self { folder }).ok_or_else(|| {
             let what = "no folder for jobs: neither XDG_STATE_HOME nor HOME names one";
-            Refusal::new("E2201", what, "name one with --journal DIR")
+            NumberedError::new("E2201", what, "name one with --journal DIR")
         })
     }
 
@@ -133,7 +133,7 @@ impl Jobs {
     ///
     /// # Errors
     /// `E2105`
-    pub fn create(&self, program: &str, when: Stamp) -> Result<JobFolder, Refusal> {
+    pub fn create(&self, program: &str, when: Timestamp) -> Result<JobFolder, NumberedError> {
         state_file::create_private_folder(&self.folder).map_err(|error| unwritable(&self.folder, &error))?;
         let first = format!("{}-{}", when.compact(), plain_name(program));
         let names = (2..=9999).map(|n| format!("{first}-{n}"));
@@ -152,7 +152,7 @@ impl Jobs {
     ///
     /// # Errors
     /// `E2202` with the one that may have been meant.
-    pub fn find(&self, id: &str) -> Result<JobFolder, Refusal> {
+    pub fn find(&self, id: &str) -> Result<JobFolder, NumberedError> {
         let all = self.folders();
         if let Some(job) = all.iter().find(|job| job.id == id) {
             return Ok(job.clone());
@@ -165,14 +165,14 @@ impl Jobs {
             Some(near) => format!("did you mean {near}? `retrace jobs` lists them"),
             None => "`retrace jobs --all` lists them; --journal names another folder".into(),
         };
-        Err(Refusal::new("E2202", format!("there is no job {id} in {}", self.folder.display()), remedy))
+        Err(NumberedError::new("E2202", format!("there is no job {id} in {}", self.folder.display()), remedy))
     }
 
     /// All jobs, the newest first.
     #[must_use]
-    pub fn list(&self) -> Vec<Listed> {
-        let mut all: Vec<Listed> = self.folders().into_iter().map(JobFolder::listed).collect();
-        let when = |job: &Listed| job.glance.as_ref().map(|glance| glance.job.when);
+    pub fn list(&self) -> Vec<ListedJob> {
+        let mut all: Vec<ListedJob> = self.folders().into_iter().map(JobFolder::listed).collect();
+        let when = |job: &ListedJob| job.glance.as_ref().map(|glance| glance.job.when);
         // Where a journal does not say when it began, the name does, to the second.
         all.sort_by(|a, b| {
             let by_name = || b.folder.id.cmp(&a.folder.id);
@@ -186,7 +186,7 @@ impl Jobs {
 
     /// The newest job that can be resumed.
     #[must_use]
-    pub fn newest_to_resume(&self) -> Option<Listed> {
+    pub fn newest_to_resume(&self) -> Option<ListedJob> {
         self.list().into_iter().find(|job| job.state.can_resume())
     }
 
@@ -196,12 +196,12 @@ impl Jobs {
         let (mut completed, mut bytes, mut deleted) = (0, 0, 0);
         for job in self.list() {
             let is_kept = match job.state {
-                State::Completed => {
+                JobState::Completed => {
                     completed += 1;
                     bytes += job.folder.bytes();
                     completed <= COMPLETED && bytes <= COMPLETED_BYTES
                 }
-                State::NeverBegan => !job.folder.is_older(NEVER_BEGAN),
+                JobState::NeverBegan => !job.folder.is_older(NEVER_BEGAN),
                 _ => true,
             };
             if !is_kept && job.folder.hold().is_ok() && fs::remove_dir_all(&job.folder.path).is_ok() {
@@ -251,7 +251,7 @@ impl JobFolder {
     ///
     /// # Errors
     /// `E2105`
-    pub fn new_journal(&self) -> Result<FileStore, Refusal> {
+    pub fn new_journal(&self) -> Result<FileStore, NumberedError> {
         let path = self.journal();
         let store = FileStore::create(&path).map_err(|error| unwritable(&path, &error))?;
         let above = self.path.parent().unwrap_or(&self.path);
@@ -265,7 +265,7 @@ impl JobFolder {
     ///
     /// # Errors
     /// `E2105`
-    pub fn old_journal(&self) -> Result<FileStore, Refusal> {
+    pub fn old_journal(&self) -> Result<FileStore, NumberedError> {
         let path = self.journal();
         FileStore::open(&path).map_err(|error| unwritable(&path, &error))
     }
@@ -274,7 +274,7 @@ impl JobFolder {
     ///
     /// # Errors
     /// As [`JobRecord::read`].
-    pub fn read(&self) -> Result<JobRecord, Refusal> {
+    pub fn read(&self) -> Result<JobRecord, NumberedError> {
         JobRecord::read(&self.journal())
     }
 
@@ -282,7 +282,7 @@ impl JobFolder {
     ///
     /// # Errors
     /// `E2206` where another one has it; `E2105` where the folder does not know locks.
-    pub fn hold(&self) -> Result<Held, Refusal> {
+    pub fn hold(&self) -> Result<JobLock, NumberedError> {
         let path = self.path.join(LOCK);
         let failed = |error: &io::Error| unwritable(&path, error);
         let mut file = state_file::open_lock(&path).map_err(|error| failed(&error))?;
@@ -299,13 +299,17 @@ impl JobFolder {
                 Err(TryLockError::WouldBlock) => {
                     let who = self.holder().map_or("another process".into(), |pid| format!("process {pid}"));
                     let remedy = "let that one end, or stop it there";
-                    return Err(Refusal::new("E2206", format!("job {} is running: {who} has it", self.id), remedy));
+                    return Err(NumberedError::new(
+                        "E2206",
+                        format!("job {} is running: {who} has it", self.id),
+                        remedy,
+                    ));
                 }
             }
         }
         // The number is for people; that it cannot be written stops nobody.
         let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", std::process::id()));
-        Ok(Held(file))
+        Ok(JobLock(file))
     }
 
     /// Does a living process hold it?
@@ -321,26 +325,26 @@ impl JobFolder {
 
     /// What is going on with it.
     #[must_use]
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> JobState {
         self.clone().listed().state
     }
 
-    fn listed(self) -> Listed {
-        let glance = Glance::at(&self.journal());
+    fn listed(self) -> ListedJob {
+        let glance = JobSummary::read(&self.journal());
         let state = match &glance {
-            _ if self.is_held() => State::Running(self.holder()),
+            _ if self.is_held() => JobState::Running(self.holder()),
             Ok(glance) => match &glance.end {
-                None => State::Interrupted,
+                None => JobState::Interrupted,
                 Some(end) => match end.outcome {
-                    Ending::Completed => State::Completed,
-                    Ending::Stopped => State::Stopped,
-                    Ending::Alarm => State::Alarm,
+                    JobEnding::Completed => JobState::Completed,
+                    JobEnding::Stopped => JobState::Stopped,
+                    JobEnding::Alarm => JobState::Alarm,
                 },
             },
-            Err(refusal) if refusal.number == "E2204" || !self.journal().exists() => State::NeverBegan,
-            Err(refusal) => State::Unusable(refusal.clone()),
+            Err(refusal) if refusal.number == "E2204" || !self.journal().exists() => JobState::NeverBegan,
+            Err(refusal) => JobState::Unusable(refusal.clone()),
         };
-        Listed { folder: self, state, glance: glance.ok() }
+        ListedJob { folder: self, state, glance: glance.ok() }
     }
 
     fn bytes(&self) -> u64 {
@@ -359,9 +363,13 @@ fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }
 
-fn unwritable(path: &Path, error: &io::Error) -> Refusal {
+fn unwritable(path: &Path, error: &io::Error) -> NumberedError {
     let what = format!("{} cannot be written: {error}", path.display());
-    Refusal::new("E2105", what, "check the folder's permissions and its disk, or name another one with --journal DIR")
+    NumberedError::new(
+        "E2105",
+        what,
+        "check the folder's permissions and its disk, or name another one with --journal DIR",
+    )
 }
 
 /// The folder that is usual on this system. A relative path counts for nothing, as the XDG base directory specification has it.
@@ -400,27 +408,27 @@ fn is_id(name: &str) -> bool {
 mod tests {
     use super::*;
     use crate::journal::entry::tests::job;
-    use crate::journal::entry::{Card, End};
-    use crate::journal::logbook::{Care, Logbook};
+    use crate::journal::entry::{EndEntry, JobCard};
+    use crate::journal::journal_writer::{Durability, JournalWriter};
     use serde_json::Value;
 
-    fn folder() -> (tempfile::TempDir, Jobs) {
+    fn folder() -> (tempfile::TempDir, JobStore) {
         let folder = tempfile::tempdir().expect("a folder");
-        let jobs = Jobs::of(&folder.path().join("jobs"));
+        let jobs = JobStore::of(&folder.path().join("jobs"));
         (folder, jobs)
     }
 
     /// A job that began in this second, and how it ended.
-    fn ran(jobs: &Jobs, second: u64, ended: Option<Ending>) -> JobFolder {
-        let when = Stamp::from_ms(second * 1000);
+    fn ran(jobs: &JobStore, second: u64, ended: Option<JobEnding>) -> JobFolder {
+        let when = Timestamp::from_ms(second * 1000);
         let folder = jobs.create("part.ngc", when).expect("a folder");
-        let job = crate::journal::entry::Job { id: folder.id().into(), when, ..job("[machine]", Card::Sim) };
+        let job = crate::journal::entry::JobHeader { id: folder.id().into(), when, ..job("[machine]", JobCard::Sim) };
         let store = folder.new_journal().expect("a file");
-        let logbook = Logbook::begin(store, Care::Written, job, None).expect("it works");
+        let logbook = JournalWriter::begin(store, Durability::Written, job, None).expect("it works");
         match ended {
             None => drop(logbook),
             Some(outcome) => {
-                logbook.end(End { when, outcome, exit_code: 0, report: Value::Null }).expect("it works");
+                logbook.end(EndEntry { when, outcome, exit_code: 0, report: Value::Null }).expect("it works");
             }
         }
         folder
@@ -429,7 +437,7 @@ mod tests {
     #[test]
     fn a_job_has_a_folder_of_its_own() {
         let (_folder, jobs) = folder();
-        let when = Stamp::from_ms(1_700_000_000_123);
+        let when = Timestamp::from_ms(1_700_000_000_123);
         let names: Vec<String> =
             (0..3).map(|_| jobs.create("some/where/my part.ngc", when).expect("a folder").id().into()).collect();
         assert_eq!(names, ["20231114-221320-my-part", "20231114-221320-my-part-2", "20231114-221320-my-part-3"]);
@@ -447,30 +455,30 @@ mod tests {
         let (_folder, jobs) = folder();
         assert_eq!(jobs.list(), []);
         assert!(jobs.newest_to_resume().is_none());
-        ran(&jobs, 100, Some(Ending::Stopped));
+        ran(&jobs, 100, Some(JobEnding::Stopped));
         ran(&jobs, 200, None);
-        ran(&jobs, 300, Some(Ending::Alarm));
-        ran(&jobs, 400, Some(Ending::Completed));
+        ran(&jobs, 300, Some(JobEnding::Alarm));
+        ran(&jobs, 400, Some(JobEnding::Completed));
         let running = ran(&jobs, 500, None);
         let held = running.hold().expect("nobody has it");
-        let empty = jobs.create("x", Stamp::from_ms(600_000)).expect("a folder");
+        let empty = jobs.create("x", Timestamp::from_ms(600_000)).expect("a folder");
         let damaged = ran(&jobs, 700, None);
         let mut bytes = fs::read(damaged.journal()).expect("a file");
-        let list = |jobs: &Jobs| jobs.list().iter().map(|job| job.state.word()).collect::<Vec<_>>();
+        let list = |jobs: &JobStore| jobs.list().iter().map(|job| job.state.word()).collect::<Vec<_>>();
         assert_eq!(
             list(&jobs),
             ["interrupted", "never began", "running", "completed", "alarm", "interrupted", "stopped"]
         );
-        assert_eq!(running.state(), State::Running(Some(std::process::id())));
+        assert_eq!(running.state(), JobState::Running(Some(std::process::id())));
         assert_eq!(jobs.newest_to_resume().map(|job| job.folder), Some(damaged.clone()));
         drop(held);
-        assert_eq!(running.state(), State::Interrupted);
+        assert_eq!(running.state(), JobState::Interrupted);
         // of a newer version
         bytes.truncate(bytes.iter().position(|&b| b == b'\n').expect("a line") + 1);
-        crate::journal::line::put(&mut bytes, 1, true, b"{\"novelty\":1}");
+        crate::journal::journal_line::append(&mut bytes, 1, true, b"{\"novelty\":1}");
         fs::write(damaged.journal(), bytes).expect("a file");
-        assert!(matches!(damaged.state(), State::Unusable(refusal) if refusal.number == "E2205"));
-        assert_eq!(empty.state(), State::NeverBegan);
+        assert!(matches!(damaged.state(), JobState::Unusable(refusal) if refusal.number == "E2205"));
+        assert_eq!(empty.state(), JobState::NeverBegan);
     }
 
     #[test]
@@ -480,7 +488,7 @@ mod tests {
         let held = job.hold().expect("nobody has it");
         let refusal = job.hold().expect_err("somebody has it");
         assert_eq!(refusal.number, "E2206");
-        assert!(refusal.what.contains(&std::process::id().to_string()));
+        assert!(refusal.cause.contains(&std::process::id().to_string()));
         drop(held);
         assert!(job.hold().is_ok());
     }
@@ -501,11 +509,11 @@ mod tests {
     #[test]
     fn only_the_oldest_that_came_to_their_end_are_deleted() {
         let (_folder, jobs) = folder();
-        let stopped = ran(&jobs, 1, Some(Ending::Stopped));
+        let stopped = ran(&jobs, 1, Some(JobEnding::Stopped));
         let interrupted = ran(&jobs, 2, None);
-        let empty = jobs.create("x", Stamp::from_ms(3000)).expect("a folder");
+        let empty = jobs.create("x", Timestamp::from_ms(3000)).expect("a folder");
         let completed: Vec<JobFolder> =
-            (0..COMPLETED as u64 + 2).map(|n| ran(&jobs, 10 + n, Some(Ending::Completed))).collect();
+            (0..COMPLETED as u64 + 2).map(|n| ran(&jobs, 10 + n, Some(JobEnding::Completed))).collect();
         let held = completed[0].hold().expect("nobody has it");
         assert_eq!(jobs.prune(), 1);
         drop(held);
@@ -536,7 +544,7 @@ mod tests {
         let (folder, _) = folder();
         let file = folder.path().join("file");
         fs::write(&file, b"").expect("a file");
-        assert_eq!(Jobs::of(&file).create("x", Stamp::from_ms(0)).expect_err("a file").number, "E2105");
-        assert_eq!(Jobs::of(&file).list(), []);
+        assert_eq!(JobStore::of(&file).create("x", Timestamp::from_ms(0)).expect_err("a file").number, "E2105");
+        assert_eq!(JobStore::of(&file).list(), []);
     }
 }

@@ -10,12 +10,12 @@ use retrace_core::{ONE, Travel};
 use retrace_link::channel;
 
 use crate::machine::AXIS_LETTERS;
-use crate::refusal::{Refusal, nearest};
-use crate::tool_length::{EnteredLength, NoOffer};
+use crate::numbered_error::{NumberedError, nearest};
+use crate::tool_length::{EnteredLength, ToolLengthError};
 
 /// When an instruction is due.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum When {
+pub enum ScriptTime {
     /// At a machine time in seconds.
     Time(f64),
     /// When the program line is being executed.
@@ -157,7 +157,7 @@ pub enum CommandError {
     /// The machine has no such axis.
     NoAxis(char),
     /// The tool length cannot be entered.
-    ToolLength(NoOffer),
+    ToolLength(ToolLengthError),
     /// It does not apply now; why.
     NotNow(&'static str),
 }
@@ -172,7 +172,7 @@ impl fmt::Display for CommandError {
             Self::TooManyOverrides => "too many changes of the override are on their way already",
             Self::NoPierce => "no cutting output was switched on within the history that is kept",
             Self::NothingBehind => "nothing was executed yet that could be gone back over",
-            Self::Interrupted(refused) => return crate::dnc::explain(*refused, f),
+            Self::Interrupted(refused) => return crate::dnc_events::explain(*refused, f),
             Self::ToolLength(why) => return write!(f, "{why}"),
             Self::NotNow(why) => why,
             Self::AboveMaxOverride(most) => return write!(f, "{:.0} % is the most", percent(*most)),
@@ -199,20 +199,20 @@ impl From<interruption::InterruptionError> for CommandError {
 
 /// One line of a script.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Instruction {
+pub struct ScriptInstruction {
     /// Line in the script.
     pub line: u32,
     /// When it is due.
-    pub when: When,
+    pub when: ScriptTime,
     /// What is to be done.
-    pub deed: OperatorCommand,
+    pub command: OperatorCommand,
 }
 
 /// Reads a script; `name` is what to call the file in messages.
 ///
 /// # Errors
 /// `E2121` with the line and what was expected there.
-pub fn parse(text: &str, name: &str) -> Result<Vec<Instruction>, Refusal> {
+pub fn parse(text: &str, name: &str) -> Result<Vec<ScriptInstruction>, NumberedError> {
     let mut script = Vec::new();
     for (n, line) in text.lines().enumerate() {
         let line_number = n as u32 + 1;
@@ -221,9 +221,9 @@ pub fn parse(text: &str, name: &str) -> Result<Vec<Instruction>, Refusal> {
             continue;
         }
         let instruction = instruction(&words).map_err(|(what, remedy)| {
-            Refusal::new("E2121", format!("{name}, line {line_number}: {what}\n  | {}", line.trim()), remedy)
+            NumberedError::new("E2121", format!("{name}, line {line_number}: {what}\n  | {}", line.trim()), remedy)
         })?;
-        script.push(Instruction { line: line_number, ..instruction });
+        script.push(ScriptInstruction { line: line_number, ..instruction });
     }
     Ok(script)
 }
@@ -235,18 +235,18 @@ fn wrong<T>(what: impl Into<String>, remedy: impl Into<String>) -> Result<T, Wro
     Err((what.into(), remedy.into()))
 }
 
-fn instruction(words: &[&str]) -> Result<Instruction, Wrong> {
+fn instruction(words: &[&str]) -> Result<ScriptInstruction, Wrong> {
     let (when, rest) = match words {
         ["at", "line", line, rest @ ..] => match line.parse() {
-            Ok(line) => (When::Line(line), rest),
+            Ok(line) => (ScriptTime::Line(line), rest),
             Err(_) => return wrong(format!("`{line}` is not a line number"), "at line 40 …"),
         },
-        ["at", time, rest @ ..] => (When::Time(seconds(time)?), rest),
+        ["at", time, rest @ ..] => (ScriptTime::Time(seconds(time)?), rest),
         ["after", count, "periods", rest @ ..] => match count.parse() {
-            Ok(count) => (When::AfterPeriods(count), rest),
+            Ok(count) => (ScriptTime::AfterPeriods(count), rest),
             Err(_) => return wrong(format!("`{count}` is not a number of periods"), "after 300 periods …"),
         },
-        ["after", time, rest @ ..] => (When::AfterSeconds(seconds(time)?), rest),
+        ["after", time, rest @ ..] => (ScriptTime::AfterSeconds(seconds(time)?), rest),
         _ => {
             return wrong(
                 "a line begins with `at` or `after`",
@@ -254,10 +254,10 @@ fn instruction(words: &[&str]) -> Result<Instruction, Wrong> {
             );
         }
     };
-    Ok(Instruction { line: 0, when, deed: deed(rest)? })
+    Ok(ScriptInstruction { line: 0, when, command: command(rest)? })
 }
 
-fn deed(words: &[&str]) -> Result<OperatorCommand, Wrong> {
+fn command(words: &[&str]) -> Result<OperatorCommand, Wrong> {
     Ok(match words {
         ["hold"] => OperatorCommand::Hold,
         ["resume"] => OperatorCommand::Resume,
@@ -415,14 +415,21 @@ mod tests {
             after 0s output 3 on\nafter 0s single\nat 9s stop\nafter 0s cycle start\n";
         let script = parse(text, "script").expect("all known");
         assert_eq!(script.len(), 13);
-        assert_eq!(script[0], Instruction { line: 1, when: When::Time(1.5), deed: OperatorCommand::Hold });
+        assert_eq!(
+            script[0],
+            ScriptInstruction { line: 1, when: ScriptTime::Time(1.5), command: OperatorCommand::Hold }
+        );
         assert_eq!(
             script[3],
-            Instruction { line: 5, when: When::AfterPeriods(300), deed: OperatorCommand::Forward(ONE / 2) }
+            ScriptInstruction {
+                line: 5,
+                when: ScriptTime::AfterPeriods(300),
+                command: OperatorCommand::Forward(ONE / 2)
+            }
         );
-        assert_eq!(script[4].when, When::Line(40));
-        assert_eq!(script[5].deed, OperatorCommand::Wheel { counts_per_s: -120.0, seconds: 2.0 });
-        assert_eq!(script[9].deed, OperatorCommand::Output { number: 3, on: true });
+        assert_eq!(script[4].when, ScriptTime::Line(40));
+        assert_eq!(script[5].command, OperatorCommand::Wheel { counts_per_s: -120.0, seconds: 2.0 });
+        assert_eq!(script[9].command, OperatorCommand::Output { number: 3, on: true });
     }
 
     #[test]
@@ -431,10 +438,10 @@ mod tests {
             stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 off|rapid override 25%";
         for written in deeds.split('|') {
             let script = parse(&format!("after 0s {written}"), "script").expect(written);
-            assert_eq!(script[0].deed.to_string(), written);
+            assert_eq!(script[0].command.to_string(), written);
         }
-        assert_eq!(parse("at 1s cycle start", "s").expect("known")[0].deed, OperatorCommand::CycleStart);
-        assert_eq!(parse("at 1s back 50 mm", "s").expect("known")[0].deed, OperatorCommand::BackBy(50.0));
+        assert_eq!(parse("at 1s cycle start", "s").expect("known")[0].command, OperatorCommand::CycleStart);
+        assert_eq!(parse("at 1s back 50 mm", "s").expect("known")[0].command, OperatorCommand::BackBy(50.0));
     }
 
     #[test]
@@ -443,7 +450,7 @@ mod tests {
         assert_eq!(refusal("at 1s hold\nat 2s revers 100%").remedy, "did you mean `reverse`?");
         assert_eq!(refusal("at 1s puase").remedy, "did you mean `pause`?");
         assert_eq!(refusal("at 1s spindle on").remedy, "spindle stop · spindle start");
-        assert!(refusal("at 1s hold\nat 2s revers 100%").what.contains("script, line 2"));
+        assert!(refusal("at 1s hold\nat 2s revers 100%").cause.contains("script, line 2"));
         for bad in [
             "hold",
             "at",

@@ -23,29 +23,29 @@ const CHANGES: usize = 64;
 
 /// From `place` on, the plan is to use another override.
 #[derive(Clone, Copy, Debug)]
-struct Change {
+struct OverrideChange {
     place: u32,
     planned: Travel,
 }
 
 /// The two ends of the way from the motion path to the planning thread; `look_ahead` is that of the ring, in records.
 #[must_use]
-pub fn overrides(look_ahead: u32) -> (Asking, Heeding) {
+pub fn overrides(look_ahead: u32) -> (OverrideRequester, OverrideApplier) {
     let (changes, heard) = sync_channel(CHANGES);
     let pending = VecDeque::with_capacity(CHANGES + 1);
-    let asking = Asking { changes: Some(changes), look_ahead, asked: ONE, sent: ONE, planned: ONE, pending };
-    (asking, Heeding { again: VecDeque::new(), heard: Some(heard), next: None })
+    let asking = OverrideRequester { changes: Some(changes), look_ahead, asked: ONE, sent: ONE, planned: ONE, pending };
+    (asking, OverrideApplier { again: VecDeque::new(), heard: Some(heard), next: None })
 }
 
 /// More changes are on their way than there is room for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TooMany;
+pub struct OverrideQueueFull;
 
 /// The motion path's end.
 #[derive(Debug)]
-pub struct Asking {
+pub struct OverrideRequester {
     /// `None` where nobody plans: 100 % is the most then.
-    changes: Option<SyncSender<Change>>,
+    changes: Option<SyncSender<OverrideChange>>,
     look_ahead: u32,
     /// What the operator asks for.
     asked: Travel,
@@ -54,24 +54,24 @@ pub struct Asking {
     /// What is planned where the cursor is furthest.
     planned: Travel,
     /// Changes that the cursor has yet to reach.
-    pending: VecDeque<Change>,
+    pending: VecDeque<OverrideChange>,
 }
 
-impl Default for Asking {
+impl Default for OverrideRequester {
     fn default() -> Self {
         let (asked, sent, planned) = (ONE, ONE, ONE);
         Self { changes: None, look_ahead: 0, asked, sent, planned, pending: VecDeque::new() }
     }
 }
 
-impl Asking {
+impl OverrideRequester {
     /// The same for a job that is taken up in its middle, `changed` being the changes that were heeded already, by their places. The
     /// operator asks for what is planned last.
     #[must_use]
     pub fn again(mut self, changed: &[(u32, Travel)], reached: u32) -> Self {
         for &(place, planned) in changed {
             (self.asked, self.sent) = (planned, planned);
-            self.pending.push_back(Change { place, planned });
+            self.pending.push_back(OverrideChange { place, planned });
         }
         self.pass(reached);
         self
@@ -93,20 +93,20 @@ impl Asking {
     ///
     /// # Errors
     /// [`TooMany`]; nothing has changed then.
-    pub fn ask(&mut self, rate: Travel, reached: u32) -> Result<(), TooMany> {
+    pub fn request(&mut self, rate: Travel, reached: u32) -> Result<(), OverrideQueueFull> {
         let rate = rate.clamp(0, self.most());
         let planned = rate.max(ONE);
         if planned != self.sent
             && let Some(changes) = &self.changes
         {
             // The ring has room up to this place.
-            let change = Change { place: reached.wrapping_add(self.look_ahead), planned };
+            let change = OverrideChange { place: reached.wrapping_add(self.look_ahead), planned };
             if self.pending.len() > CHANGES {
-                return Err(TooMany);
+                return Err(OverrideQueueFull);
             }
             match changes.try_send(change) {
                 Ok(()) => self.pending.push_back(change),
-                Err(TrySendError::Full(_)) => return Err(TooMany),
+                Err(TrySendError::Full(_)) => return Err(OverrideQueueFull),
                 // Everything is planned, and its end lies before that place.
                 Err(TrySendError::Disconnected(_)) => {}
             }
@@ -142,19 +142,19 @@ impl Asking {
 
 /// The planning thread's end.
 #[derive(Debug, Default)]
-pub struct Heeding {
+pub struct OverrideApplier {
     /// Changes that were heeded already when the job ran before, by their places.
-    again: VecDeque<Change>,
-    heard: Option<Receiver<Change>>,
+    again: VecDeque<OverrideChange>,
+    heard: Option<Receiver<OverrideChange>>,
     /// The next change, which is not due yet.
-    next: Option<Change>,
+    next: Option<OverrideChange>,
 }
 
-impl Heeding {
+impl OverrideApplier {
     /// The same for a job that is taken up in its middle: changes that were heeded already, place and override, in their order.
     #[must_use]
     pub fn again(self, changed: &[(u32, Travel)]) -> Self {
-        Self { again: changed.iter().map(|&(place, planned)| Change { place, planned }).collect(), ..self }
+        Self { again: changed.iter().map(|&(place, planned)| OverrideChange { place, planned }).collect(), ..self }
     }
 
     /// The override by which feeds count from the record at `place` on, where it changes there. Records are asked about in their order,
@@ -186,16 +186,16 @@ mod tests {
     #[test]
     fn what_is_more_than_planned_waits_for_its_place_and_what_is_less_does_not() {
         let (mut asking, mut heeding) = overrides(500);
-        asking.ask(60 * PERCENT, 7).expect("room");
+        asking.request(60 * PERCENT, 7).expect("room");
         assert_eq!((asking.rate(), heeding.due(600)), (60 * PERCENT, None));
-        asking.ask(MOST + ONE, 10).expect("room");
+        asking.request(MOST + ONE, 10).expect("room");
         assert_eq!(
             (asking.rate(), heeding.due(509), heeding.due(510), heeding.due(511)),
             (ONE, None, Some(MOST), None)
         );
         assert_eq!((asking.pass(509), asking.pass(510), asking.pass(511)), (None, Some(MOST), None));
         // Half of what is planned for 200 %, until it is planned for 100 %.
-        asking.ask(ONE, 600).expect("room");
+        asking.request(ONE, 600).expect("room");
         assert_eq!((asking.rate(), heeding.due(1099), heeding.due(1100)), (ONE / 2, None, Some(ONE)));
         assert_eq!((asking.pass(1100), asking.rate()), (Some(ONE), ONE));
     }
@@ -204,12 +204,12 @@ mod tests {
     fn too_many_changes_are_refused_and_none_is_lost() {
         let (mut asking, mut heeding) = overrides(10);
         let asked = |k: Travel| ONE + (k + 1) * PERCENT;
-        let taken = (0..).take_while(|k| asking.ask(asked(*k), u32::MAX).is_ok()).count();
+        let taken = (0..).take_while(|k| asking.request(asked(*k), u32::MAX).is_ok()).count();
         assert_eq!(taken, CHANGES);
         let last = asked(CHANGES as Travel - 1);
         assert_eq!((heeding.due(8), heeding.due(9)), (None, Some(last)));
         assert_eq!(asking.pass(9), Some(last));
-        asking.ask(ONE, 20).expect("room again");
+        asking.request(ONE, 20).expect("room again");
     }
 
     #[test]
@@ -218,7 +218,7 @@ mod tests {
         let changed = [(100, MOST), (300, ONE + PERCENT)];
         let (mut asking, mut heeding) = (asking.again(&changed, 200), heeding.again(&changed));
         assert_eq!((asking.asked(), asking.rate()), (ONE + PERCENT, (ONE + PERCENT) / 2));
-        asking.ask(ONE, 250).expect("room");
+        asking.request(ONE, 250).expect("room");
         assert_eq!(
             [99, 100, 299, 300, 749, 750].map(|place| heeding.due(place)),
             [None, Some(MOST), None, Some(ONE + PERCENT), None, Some(ONE)]
@@ -228,9 +228,9 @@ mod tests {
 
     #[test]
     fn where_nobody_plans_the_rate_is_all_there_is() {
-        let mut asking = Asking::default();
-        asking.ask(MOST, 0).expect("nothing is sent");
+        let mut asking = OverrideRequester::default();
+        asking.request(MOST, 0).expect("nothing is sent");
         assert_eq!((asking.rate(), asking.pass(1000), asking.most()), (ONE, None, ONE));
-        assert_eq!(Heeding::default().due(0), None);
+        assert_eq!(OverrideApplier::default().due(0), None);
     }
 }

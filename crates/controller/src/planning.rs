@@ -7,65 +7,66 @@ use std::time::Duration;
 
 use retrace_gcode::{Axis, Canon, CanonStep};
 
-use crate::decoding::{Batch, Belt};
-use crate::feed::{Cancelled, Feeder};
-use crate::item::{Ending, Summary};
-use crate::machine::Machine;
-use crate::start::Skipped;
-use crate::track::{Track, Untrackable};
+use crate::canon_executor::{CanonError, CanonExecutor};
+use crate::decoding::{BatchChannel, BlockBatch};
+use crate::machine::MachineConfig;
+use crate::plan_item::{PlanEnd, PlanSummary};
+use crate::plan_writer::{Cancelled, PlanWriter};
+use crate::start_line::SkippedBlocks;
 
 /// Plans until the program, or the interest in it, ends: what the program came to, in the first case. `line`: where it begins, if not
 /// at its first block. `rests`: the blocks behind which the path rests, because a run before ended there.
 pub(crate) fn plan<const A: usize>(
-    machine: &Machine,
-    belt: &Belt,
-    batch: Batch,
+    machine: &MachineConfig,
+    belt: &BatchChannel,
+    batch: BlockBatch,
     (line, rests): (Option<u32>, Vec<u64>),
-    feeder: Feeder<'_, A>,
-) -> Option<Summary> {
-    let skipped = line.map(|line| (line, Skipped::new(*feeder.outputs(), &machine.cutting_outputs)));
-    let _gone = Gone(belt);
-    Planning { machine, track: Track::new(machine), skipped, feeder, rests, blocks: 0, canonical: 0 }.run(belt, batch)
+    feeder: PlanWriter<'_, A>,
+) -> Option<PlanSummary> {
+    let skipped = line.map(|line| (line, SkippedBlocks::new(*feeder.outputs(), &machine.cutting_outputs)));
+    let _gone = CancelPlanOnDrop(belt);
+    PlanningThread { machine, track: CanonExecutor::new(machine), skipped, feeder, rests, blocks: 0, canonical: 0 }
+        .run(belt, batch)
 }
 
 /// Tells the decoder that nobody takes anything any more, however planning ends.
-struct Gone<'b>(&'b Belt);
+struct CancelPlanOnDrop<'b>(&'b BatchChannel);
 
-impl Drop for Gone<'_> {
+impl Drop for CancelPlanOnDrop<'_> {
     fn drop(&mut self) {
         self.0.give_up();
     }
 }
 
-struct Planning<'m, 'r, const A: usize> {
-    machine: &'m Machine,
-    track: Track<'m>,
+struct PlanningThread<'m, 'r, const A: usize> {
+    machine: &'m MachineConfig,
+    track: CanonExecutor<'m>,
     /// The line to begin at, and what the blocks before it have switched.
-    skipped: Option<(u32, Skipped)>,
-    feeder: Feeder<'r, A>,
+    skipped: Option<(u32, SkippedBlocks)>,
+    feeder: PlanWriter<'r, A>,
     rests: Vec<u64>,
     blocks: u64,
     canonical: u64,
 }
 
-impl<const A: usize> Planning<'_, '_, A> {
-    fn run(mut self, belt: &Belt, mut batch: Batch) -> Option<Summary> {
+impl<const A: usize> PlanningThread<'_, '_, A> {
+    fn run(mut self, belt: &BatchChannel, mut batch: BlockBatch) -> Option<PlanSummary> {
         let ending = loop {
             self.wait(belt, &mut batch)?;
             match self.give_all(&mut batch) {
                 Ok(()) => {}
-                Err((Untrackable::Cancelled, _)) => return None,
-                Err((why, line)) => break Ending::Refused(format!("line {line}: {}", why.explain())),
+                Err((CanonError::Cancelled, _)) => return None,
+                Err((why, line)) => break PlanEnd::Refused(format!("line {line}: {}", why.explain())),
             }
             if let Some(ending) = batch.ending.take() {
                 break ending;
             }
         };
-        if let Ending::Refused(_) = ending {
+        if let PlanEnd::Refused(_) = ending {
             self.feeder.rest_behind(self.blocks);
         }
         let commanded_mm = self.feeder.commanded_mm()[..self.machine.axes.len().min(A)].to_vec();
-        let summary = Summary { ending, blocks: self.blocks, canonical: self.canonical, commanded_mm };
+        let summary = PlanSummary { ending, blocks: self.blocks, canonical: self.canonical, commanded_mm };
         self.feeder.end(summary.clone()).ok()?;
         belt.give_up();
         // As long as the job lasts a tool length may be entered.
@@ -76,7 +77,7 @@ impl<const A: usize> Planning<'_, '_, A> {
     }
 
     /// With the end position where the machine really is, if a tool length was entered behind the last move that says so.
-    fn moved(&self, mut summary: Summary) -> Summary {
+    fn moved(&self, mut summary: PlanSummary) -> PlanSummary {
         if let Some((axis, mm)) = self.feeder.moved_by()
             && let Some(commanded_mm) = summary.commanded_mm.get_mut(axis)
         {
@@ -86,7 +87,7 @@ impl<const A: usize> Planning<'_, '_, A> {
     }
 
     /// Waits for something to plan; `None` where nothing will come, or nobody wants it.
-    fn wait(&mut self, belt: &Belt, batch: &mut Batch) -> Option<()> {
+    fn wait(&mut self, belt: &BatchChannel, batch: &mut BlockBatch) -> Option<()> {
         for tries in 0u32.. {
             let ended = belt.ended();
             if belt.take(batch) {
@@ -106,7 +107,7 @@ impl<const A: usize> Planning<'_, '_, A> {
     }
 
     /// Gives a batch to the feeder, block by block; where a step cannot be run, why, and its line.
-    fn give_all(&mut self, batch: &mut Batch) -> Result<(), (Untrackable, u32)> {
+    fn give_all(&mut self, batch: &mut BlockBatch) -> Result<(), (CanonError, u32)> {
         let mut first = 0;
         let mut modes = batch.modes.drain(..).peekable();
         for (block, &end) in (0u32..).zip(&batch.ends) {
@@ -126,7 +127,7 @@ impl<const A: usize> Planning<'_, '_, A> {
     }
 
     /// Gives a block's steps to the feeder; those before the line to begin at are only remembered.
-    fn give(&mut self, steps: &[CanonStep]) -> Result<(), (Untrackable, u32)> {
+    fn give(&mut self, steps: &[CanonStep]) -> Result<(), (CanonError, u32)> {
         self.feeder.block(self.blocks + 1);
         let ends_length = steps.iter().any(|step| self.track.ends_entered_length(&step.canon));
         self.feeder.has_end_of_length(ends_length);

@@ -6,10 +6,10 @@
 use retrace_link::CardStatus;
 use serde_json::{Map, Value, json};
 
-use crate::judge::Verdict;
-use crate::machine::Machine;
+use crate::limit_monitor::LimitReport;
+use crate::machine::MachineConfig;
+use crate::run_stats::RunStats;
 use crate::session::Outcome;
-use crate::tally::Tally;
 
 /// Everything that is known at the end of a run.
 #[derive(Debug)]
@@ -17,13 +17,13 @@ pub struct Report<'a, const A: usize> {
     /// The program's name.
     pub program: &'a str,
     /// The machine it ran on.
-    pub machine: &'a Machine,
+    pub machine: &'a MachineConfig,
     /// How it ended.
     pub outcome: &'a Outcome,
     /// Program line that was executed last.
     pub line: u32,
     /// Where the time went.
-    pub tally: &'a Tally,
+    pub tally: &'a RunStats,
     /// Blocks of the program that were executed.
     pub blocks: u64,
     /// Canonical functions they came to.
@@ -33,7 +33,7 @@ pub struct Report<'a, const A: usize> {
     /// What the card has reported last.
     pub card: &'a CardStatus<A>,
     /// The judge's verdict over what was emitted.
-    pub verdict: &'a Verdict<A>,
+    pub verdict: &'a LimitReport<A>,
     /// Real time in seconds.
     pub wall_s: f64,
     /// Alarms that were raised, as text.

@@ -7,7 +7,7 @@ use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs, 
 
 /// What switched an output last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Origin {
+struct OutputOrigin {
     /// Counts the instructions in program order; 0 where nothing of the program switched it.
     sequence: u32,
     code: &'static str,
@@ -45,13 +45,13 @@ impl RestartStep {
 /// Which instruction switched each output last, off and on.
 #[derive(Clone, Debug)]
 pub struct OutputOrigins {
-    of: [[Origin; 2]; channel::COUNT],
+    of: [[OutputOrigin; 2]; channel::COUNT],
     sequence: u32,
 }
 
 impl Default for OutputOrigins {
     fn default() -> Self {
-        Self { of: [[Origin::default(); 2]; channel::COUNT], sequence: 0 }
+        Self { of: [[OutputOrigin::default(); 2]; channel::COUNT], sequence: 0 }
     }
 }
 
@@ -65,7 +65,7 @@ impl OutputOrigins {
         until: Option<InputWait>,
     ) {
         self.sequence = self.sequence.saturating_add(1);
-        let origin = Origin { sequence: self.sequence, code, line, place, periods, until };
+        let origin = OutputOrigin { sequence: self.sequence, code, line, place, periods, until };
         for change in changes {
             if let Some(slot) = self.of.get_mut(usize::from(change.channel)) {
                 slot[usize::from(change.value != 0)] = origin;
@@ -142,7 +142,7 @@ impl OutputOrigins {
                 _ => {
                     let mut changes = [OutputChange::default(); MAX_CHANGES];
                     changes[0] = change;
-                    let Origin { code, line, periods, until, .. } = origin;
+                    let OutputOrigin { code, line, periods, until, .. } = origin;
                     let code = if code.is_empty() { "output" } else { code };
                     steps.push(RestartStep { code, line, changes, count: 1, periods, until });
                 }

@@ -16,15 +16,15 @@ use retrace_gcode::ActiveCodes;
 use retrace_link::{CardStatus, Outputs, PathStart, channel};
 
 use crate::approach::approach;
-use crate::index::{Difference, Mark};
-use crate::machine::Machine;
-use crate::refusal::Refusal;
-use crate::supply::{News, Supply};
+use crate::machine::MachineConfig;
+use crate::numbered_error::NumberedError;
+use crate::place_index::{MarkDifference, PlaceMark};
+use crate::record_streamer::{PassedItem, RecordStreamer};
 use crate::tool_length::LengthChange;
 
 /// Where a job was left, and what it is to be found again by.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Resumption {
+pub struct ResumePoint {
     /// Where the machine stands on the path, and what was done of it. Whether the path rests there is found out.
     pub start: PathStart,
     /// The place where the job's path began.
@@ -36,14 +36,14 @@ pub struct Resumption {
     /// The overrides that the planner has heeded, with the places from which they count, in their order.
     pub overrides: Vec<(u32, Travel)>,
     /// What the index says, in the order of the places; all of it, or the last mark at least that lies beyond `start.place`.
-    pub marks: Vec<Mark>,
+    pub marks: Vec<PlaceMark>,
     /// Numbers of the blocks behind which the path rests because the program was cut off or refused there in a run before.
     pub rests: Vec<u64>,
     /// Tool lengths that were entered in pauses, in their order: where the machine stands, the path is moved by all of them.
     pub lengths: Vec<LengthChange>,
 }
 
-impl Resumption {
+impl ResumePoint {
     /// A job that began at `origin` with all outputs off, at 100 %, and whose index says nothing.
     #[must_use]
     pub fn at(start: PathStart, origin: u32) -> Self {
@@ -61,14 +61,14 @@ impl Resumption {
     }
 }
 
-impl Resumption {
+impl ResumePoint {
     /// Can a ring that plans `look_ahead` records ahead have left such a place, and made such marks?
-    pub(crate) fn could_be(&self, look_ahead: u32) -> Result<(), Unfound> {
+    pub(crate) fn could_be(&self, look_ahead: u32) -> Result<(), ResumeError> {
         let PathStart { place, reached, .. } = self.start;
         let last = self.marks.last().map_or(reached, |mark| mark.place);
         let ahead = before(reached, last) && last.wrapping_sub(reached) > look_ahead;
         if !self.start.is_valid() || before(place.record, self.origin) || ahead {
-            return Err(Unfound::NoSuchPlace);
+            return Err(ResumeError::NoSuchPlace);
         }
         Ok(())
     }
@@ -76,7 +76,7 @@ impl Resumption {
 
 /// Why the place is not found.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Unfound {
+pub enum ResumeError {
     /// `reached` lies before `place`, or `place` before what history can hold.
     NoSuchPlace,
     /// The program ends before it.
@@ -92,12 +92,12 @@ pub enum Unfound {
         place: Option<u32>,
     },
     /// The program comes to something else where a mark was made.
-    Differs(Box<Difference>),
+    Differs(Box<MarkDifference>),
     /// Planning failed; a defect.
     CutOff,
 }
 
-impl fmt::Display for Unfound {
+impl fmt::Display for ResumeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoSuchPlace => write!(f, "the place where the job was left is none that it can have had"),
@@ -107,7 +107,7 @@ impl fmt::Display for Unfound {
             }
             Self::Instruction { number, place: None } => write!(f, "the program has no instruction {number}"),
             Self::Differs(differs) => {
-                let Difference { was, is } = **differs;
+                let MarkDifference { was, is } = **differs;
                 write!(
                     f,
                     "at record {} the program is at line {} with counts {:?}, and was at line {} with counts {:?}",
@@ -121,7 +121,7 @@ impl fmt::Display for Unfound {
 
 /// A job that is ready to go on from where it was left.
 #[derive(Clone, Debug)]
-pub struct Prepared<const A: usize> {
+pub struct ResumePlan<const A: usize> {
     start: PathStart,
     counts: [i64; A],
     expected: Outputs,
@@ -133,7 +133,7 @@ pub struct Prepared<const A: usize> {
     card: CardStatus<A>,
 }
 
-impl<const A: usize> Prepared<A> {
+impl<const A: usize> ResumePlan<A> {
     /// Where it was left; whether the path rests there its records say.
     #[must_use]
     pub fn start(&self) -> &PathStart {
@@ -192,21 +192,21 @@ impl<const A: usize> Prepared<A> {
     ///
     /// # Errors
     /// `E4305` where an axis would go beyond its soft limits.
-    pub fn way_back(&self, machine: &Machine) -> Result<Vec<[i64; A]>, Refusal> {
+    pub fn return_path(&self, machine: &MachineConfig) -> Result<Vec<[i64; A]>, NumberedError> {
         approach(machine, self.card.counts, self.counts)
     }
 
     /// Does the machine stand at the counts of the place?
     #[must_use]
-    pub fn agrees(&self) -> bool {
+    pub fn matches_card(&self) -> bool {
         self.card.at_rest && self.card.counts == self.counts
     }
 }
 
 /// Follows what is planned from the job's origin to where it was left.
-pub(crate) struct Following<'s, 'r, const A: usize> {
-    supply: &'s mut Supply<'r, A>,
-    at: &'s Resumption,
+pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
+    supply: &'s mut RecordStreamer<'r, A>,
+    at: &'s ResumePoint,
     /// Up to here everything is followed.
     place: u32,
     sum: [i64; A],
@@ -218,11 +218,11 @@ pub(crate) struct Following<'s, 'r, const A: usize> {
     mm_per_pulse: [f64; A],
 }
 
-impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
+impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
     /// Follows `supply`, whose ring begins with counts of `counts` at the job's origin.
     pub(crate) fn new(
-        supply: &'s mut Supply<'r, A>,
-        at: &'s Resumption,
+        supply: &'s mut RecordStreamer<'r, A>,
+        at: &'s ResumePoint,
         counts: [i64; A],
         mm_per_pulse: [f64; A],
     ) -> Self {
@@ -252,17 +252,17 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
     }
 
     /// Follows to the end; waits for the planner.
-    pub(crate) fn follow(mut self, card: &CardStatus<A>) -> Result<Prepared<A>, Unfound> {
+    pub(crate) fn follow(mut self, card: &CardStatus<A>) -> Result<ResumePlan<A>, ResumeError> {
         let start = self.at.start;
         while !self.step()? {
             thread::sleep(Duration::from_micros(50));
         }
         let (line, counts) = match (self.supply.record(start.place.record), self.counts) {
             (record, Some(counts)) => (record.map_or(self.line, |record| record.line), counts),
-            _ => return Err(Unfound::NoSuchPlace),
+            _ => return Err(ResumeError::NoSuchPlace),
         };
         if before(start.place.record, self.supply.oldest()) {
-            return Err(Unfound::NoSuchPlace);
+            return Err(ResumeError::NoSuchPlace);
         }
         self.supply.stand_at(start.place.record);
         let rests = start.place.fraction == 0 && self.supply.rests_before(start.place.record);
@@ -274,7 +274,7 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
         let into_line_mm = self.path_mm(oldest, |of| of == line);
         let history_mm = self.path_mm(oldest, |_| true);
         let passed = self.at.overrides.iter().take_while(|(place, _)| !before(start.reached, *place));
-        Ok(Prepared {
+        Ok(ResumePlan {
             start,
             counts,
             expected: *self.supply.expected(),
@@ -288,13 +288,13 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
     }
 
     /// Follows what is planned by now; true at the end.
-    fn step(&mut self) -> Result<bool, Unfound> {
+    fn step(&mut self) -> Result<bool, ResumeError> {
         let (reached, executed) = (self.at.start.reached, self.at.start.executed);
-        self.supply.look();
+        self.supply.poll_planner();
         if let Some(Err(difference)) = self.supply.marks() {
-            return Err(Unfound::Differs(difference.clone()));
+            return Err(ResumeError::Differs(difference.clone()));
         }
-        let known = self.supply.known();
+        let known = self.supply.items_complete_until();
         let limit = if before(known, reached) { known } else { reached };
         while let Some(place) = self.supply.next_exclusive()
             && !before(limit, place)
@@ -305,7 +305,7 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
                 if place == reached {
                     break;
                 }
-                return Err(Unfound::Instruction { number, place: Some(place) });
+                return Err(ResumeError::Instruction { number, place: Some(place) });
             }
             self.supply.done_before(number);
         }
@@ -315,20 +315,22 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
         let next = self.supply.number();
         // Whatever stands up to `reached` came before the record there.
         if self.place == reached && before(reached, known) && !before(executed, next) {
-            return Err(Unfound::Instruction { number: next, place: self.supply.next_exclusive() });
+            return Err(ResumeError::Instruction { number: next, place: self.supply.next_exclusive() });
         }
         let is_there = self.place == reached && next == executed.wrapping_add(1);
         let has_marks = self.supply.marks().is_some() || !self.at.marks.iter().any(|m| before(self.at.origin, m.place));
         if is_there && has_marks {
             return Ok(true);
         }
-        if self.supply.cut_off() {
-            return Err(Unfound::CutOff);
+        if self.supply.planner_gone() {
+            return Err(ResumeError::CutOff);
         }
         match self.supply.ends_at() {
-            Some(at) if before(at, reached) => Err(Unfound::Ends { at }),
-            Some(_) if self.place == reached && !is_there => Err(Unfound::Instruction { number: next, place: None }),
-            Some(at) if is_there => Err(Unfound::Ends { at }),
+            Some(at) if before(at, reached) => Err(ResumeError::Ends { at }),
+            Some(_) if self.place == reached && !is_there => {
+                Err(ResumeError::Instruction { number: next, place: None })
+            }
+            Some(at) if is_there => Err(ResumeError::Ends { at }),
             _ => Ok(false),
         }
     }
@@ -354,8 +356,8 @@ impl<'s, 'r, const A: usize> Following<'s, 'r, A> {
         }
         self.supply.stand_at(place);
         let mut last = None;
-        while let Some(news) = self.supply.news() {
-            if let News::Active(active) = news {
+        while let Some(news) = self.supply.next_passed_item() {
+            if let PassedItem::Active(active) = news {
                 last = Some(active);
             }
         }

@@ -5,21 +5,21 @@
 
 use std::collections::VecDeque;
 
-use crate::operator::{Instruction, OperatorCommand, When};
+use crate::operator::{OperatorCommand, ScriptInstruction, ScriptTime};
 
 /// The operator at work.
 #[derive(Clone, Debug)]
 pub struct ScriptPlayer {
-    script: VecDeque<Instruction>,
+    script: VecDeque<ScriptInstruction>,
     period_s: f64,
     /// The period in which the previous instruction ended; before the first, that in which it was asked for first.
     since: Option<u64>,
-    wheel: Option<Turning>,
+    wheel: Option<ScriptedWheel>,
 }
 
 /// The handwheel being turned.
 #[derive(Clone, Copy, Debug)]
-struct Turning {
+struct ScriptedWheel {
     counts_per_period: f64,
     from: u64,
     counted: i64,
@@ -29,7 +29,7 @@ struct Turning {
 impl ScriptPlayer {
     /// Plays `script` on a machine with a control period of `period_us` microseconds.
     #[must_use]
-    pub fn new(script: Vec<Instruction>, period_us: u32) -> Self {
+    pub fn new(script: Vec<ScriptInstruction>, period_us: u32) -> Self {
         Self { script: script.into(), period_s: f64::from(period_us) * 1e-6, since: None, wheel: None }
     }
 
@@ -43,11 +43,11 @@ impl ScriptPlayer {
     #[must_use]
     pub fn waits_for_motion(&self) -> bool {
         let next = self.script.front().map(|next| next.when);
-        self.wheel.is_none() && next.is_none_or(|when| matches!(when, When::Line(_)))
+        self.wheel.is_none() && next.is_none_or(|when| matches!(when, ScriptTime::Line(_)))
     }
 
     /// The next instruction, if it is due now: in period `period`, with program line `line` being executed.
-    pub fn due(&mut self, period: u64, line: u32) -> Option<Instruction> {
+    pub fn due(&mut self, period: u64, line: u32) -> Option<ScriptInstruction> {
         // The card may have run long before.
         let since = *self.since.get_or_insert(period);
         if self.wheel.is_some() {
@@ -55,20 +55,24 @@ impl ScriptPlayer {
         }
         let next = self.script.front()?;
         let due = match next.when {
-            When::Time(seconds) => period >= self.periods(seconds),
-            When::Line(wanted) => line >= wanted,
-            When::AfterSeconds(seconds) => period >= since + self.periods(seconds),
-            When::AfterPeriods(periods) => period >= since + periods,
+            ScriptTime::Time(seconds) => period >= self.periods(seconds),
+            ScriptTime::Line(wanted) => line >= wanted,
+            ScriptTime::AfterSeconds(seconds) => period >= since + self.periods(seconds),
+            ScriptTime::AfterPeriods(periods) => period >= since + periods,
         };
         if !due {
             return None;
         }
         let next = self.script.pop_front()?;
         self.since = Some(period);
-        if let OperatorCommand::Wheel { counts_per_s, seconds } = next.deed {
+        if let OperatorCommand::Wheel { counts_per_s, seconds } = next.command {
             let until = period + self.periods(seconds);
-            self.wheel =
-                Some(Turning { counts_per_period: counts_per_s * self.period_s, from: period, counted: 0, until });
+            self.wheel = Some(ScriptedWheel {
+                counts_per_period: counts_per_s * self.period_s,
+                from: period,
+                counted: 0,
+                until,
+            });
         }
         Some(next)
     }

@@ -12,7 +12,7 @@ const MAX_LINKS: u32 = 40;
 
 /// Who may read a file that is made here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Access {
+pub enum FileAccess {
     /// Its user alone: mode 600.
     Private,
     /// Whom the process lets, as for every file that it makes.
@@ -84,7 +84,7 @@ pub fn open_lock(path: &Path) -> io::Result<File> {
 ///
 /// # Errors
 /// As the system says; the old file is still there then.
-pub fn replace(path: &Path, bytes: &[u8], access: Access) -> io::Result<()> {
+pub fn replace(path: &Path, bytes: &[u8], access: FileAccess) -> io::Result<()> {
     let target = link_target(path)?;
     let permissions = match fs::metadata(&target) {
         Ok(found) if found.is_file() => Some(found.permissions()),
@@ -111,12 +111,12 @@ pub fn replace(path: &Path, bytes: &[u8], access: Access) -> io::Result<()> {
     written
 }
 
-fn write_new(path: &Path, bytes: &[u8], access: Access) -> io::Result<File> {
+fn write_new(path: &Path, bytes: &[u8], access: FileAccess) -> io::Result<File> {
     // One that an earlier process of this number left behind.
     if fs::symlink_metadata(path).is_ok() {
         fs::remove_file(path)?;
     }
-    let mut options = if access == Access::Private { private() } else { OpenOptions::new() };
+    let mut options = if access == FileAccess::Private { private() } else { OpenOptions::new() };
     let mut file = options.write(true).create_new(true).open(path)?;
     file.write_all(bytes)?;
     file.sync_all()?;
@@ -154,14 +154,14 @@ mod tests {
         symlink("real/mill.var", &link).expect("a link");
         symlink("mill.var", &second).expect("a link");
         // The file that a link leads to need not exist.
-        replace(&second, b"1", Access::Usual).expect("written");
+        replace(&second, b"1", FileAccess::Usual).expect("written");
         fs::set_permissions(&real, fs::Permissions::from_mode(0o664)).expect("changed");
-        replace(&second, b"22", Access::Private).expect("written");
+        replace(&second, b"22", FileAccess::Private).expect("written");
         assert!(fs::symlink_metadata(&link).expect("there").is_symlink());
         assert_eq!((fs::read(&real).expect("there"), mode(&real)), (b"22".to_vec(), 0o664));
         assert_eq!(fs::read_dir(folder.path().join("real")).expect("a folder").count(), 1, "nothing is left beside it");
         symlink("round", folder.path().join("round")).expect("a link");
-        assert!(replace(&folder.path().join("round"), b"", Access::Usual).is_err());
+        assert!(replace(&folder.path().join("round"), b"", FileAccess::Usual).is_err());
     }
 
     #[test]
@@ -171,7 +171,7 @@ mod tests {
         create_private_folder(&deep).expect("made");
         create_private_folder(&deep).expect("it is there");
         let file = deep.join("file");
-        replace(&file, b"1", Access::Private).expect("written");
+        replace(&file, b"1", FileAccess::Private).expect("written");
         assert_eq!((mode(&deep), mode(&folder.path().join("a")), mode(&file)), (0o700, 0o700, 0o600));
         let lock = deep.join("lock");
         open_lock(&lock).expect("made");

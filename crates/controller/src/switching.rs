@@ -9,12 +9,12 @@ use retrace_link::{InputWait, MAX_INPUTS};
 use serde::Deserialize;
 
 use crate::machine::within;
-use crate::refusal::{Refusal, nearest};
+use crate::numbered_error::{NumberedError, nearest};
 
 /// How an instruction stands to the motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Class {
+pub enum CodeClass {
     /// The motion comes to rest, the instruction is executed, the motion goes on.
     #[default]
     Exclusive,
@@ -63,7 +63,7 @@ const fn ten_seconds() -> f64 {
 #[serde(deny_unknown_fields, default)]
 pub struct CodeSettings {
     /// How it stands to the motion.
-    pub class: Class,
+    pub class: CodeClass,
     /// How long an exclusive instruction takes at least, in ms.
     pub duration_ms: f64,
     /// The input that says that it is done.
@@ -78,9 +78,9 @@ pub struct CodeSettings {
 
 /// How a code is carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Switching {
+pub struct CodeSwitching {
     /// How it stands to the motion.
-    pub class: Class,
+    pub class: CodeClass,
     /// Control periods that it takes at least, if it is exclusive.
     pub periods: u32,
     /// What it waits for besides.
@@ -89,10 +89,10 @@ pub struct Switching {
     pub in_reverse: InReverse,
 }
 
-impl Switching {
+impl CodeSwitching {
     /// At rest, at once, and nothing of it in reverse.
     pub const AT_REST: Self =
-        Self { class: Class::Exclusive, periods: 0, until: None, in_reverse: InReverse::Unchanged };
+        Self { class: CodeClass::Exclusive, periods: 0, until: None, in_reverse: InReverse::Unchanged };
 }
 
 /// A user code that the machine file declares.
@@ -105,7 +105,7 @@ pub struct UserCode {
     /// What the output becomes: 0 or 1.
     pub value: i32,
     /// How it is carried out.
-    pub switching: Switching,
+    pub switching: CodeSwitching,
 }
 
 /// The user codes by their names.
@@ -132,7 +132,7 @@ const OUTPUT_CODES: [&str; 4] = ["M62", "M63", "M64", "M65"];
 /// How every code is carried out.
 #[derive(Clone, Debug, Default)]
 pub struct SwitchingTable {
-    codes: BTreeMap<&'static str, Switching>,
+    codes: BTreeMap<&'static str, CodeSwitching>,
     user_codes: BTreeMap<u8, UserCode>,
 }
 
@@ -141,7 +141,7 @@ impl SwitchingTable {
     ///
     /// # Errors
     /// `E2111` for a code that is not known, `E2112` for a figure out of range, or what a code cannot be.
-    pub fn new(settings: &BTreeMap<String, CodeSettings>, period_us: u32) -> Result<Self, Refusal> {
+    pub fn new(settings: &BTreeMap<String, CodeSettings>, period_us: u32) -> Result<Self, NumberedError> {
         let mut codes = BTreeMap::new();
         let mut user_codes = BTreeMap::new();
         for (name, code) in settings {
@@ -151,7 +151,7 @@ impl SwitchingTable {
             }
             let Some(&known) = CODES.iter().find(|c| c.eq_ignore_ascii_case(name)) else {
                 let meant = nearest(name, CODES).map(|c| format!("; did you mean `{c}`?")).unwrap_or_default();
-                return Err(Refusal::new(
+                return Err(NumberedError::new(
                     "E2111",
                     format!("[code.{name}]: not a code that the machine file can describe"),
                     format!("one of {}, M100 to M199{meant}", CODES.join(", ")),
@@ -159,7 +159,7 @@ impl SwitchingTable {
             };
             if code.output.is_some() || code.off {
                 let what = format!("[code.{name}]: only user codes, M100 to M199, name an output");
-                return Err(Refusal::new("E2112", what, "leave `output` and `off` out"));
+                return Err(NumberedError::new("E2112", what, "leave `output` and `off` out"));
             }
             let code = if OUTPUT_CODES.contains(&known) { &output_code(known, code)? } else { code };
             codes.insert(known, switching(known, code, period_us)?);
@@ -180,17 +180,17 @@ impl SwitchingTable {
 
     /// How a code is carried out; at rest and at once where the machine file says nothing of it.
     #[must_use]
-    pub fn of(&self, code: &str) -> Switching {
-        let usual = Switching {
-            class: if matches!(code, "M62" | "M63") { Class::Synchronous } else { Class::Exclusive },
-            in_reverse: usual_in_reverse(code, Class::Exclusive),
-            ..Switching::AT_REST
+    pub fn of(&self, code: &str) -> CodeSwitching {
+        let usual = CodeSwitching {
+            class: if matches!(code, "M62" | "M63") { CodeClass::Synchronous } else { CodeClass::Exclusive },
+            in_reverse: usual_in_reverse(code, CodeClass::Exclusive),
+            ..CodeSwitching::AT_REST
         };
         self.codes.get(code).copied().unwrap_or(usual)
     }
 
     /// The codes that the machine file describes, by their names, in order.
-    pub fn described(&self) -> impl Iterator<Item = (&'static str, Switching)> {
+    pub fn described(&self) -> impl Iterator<Item = (&'static str, CodeSwitching)> {
         let user_codes = self.user_codes.values().map(|code| (code.name, code.switching));
         self.codes.iter().map(|(&name, &switching)| (name, switching)).chain(user_codes)
     }
@@ -198,49 +198,49 @@ impl SwitchingTable {
 
 /// What becomes of a code in reverse where the machine file does not say: everything is replayed, but a spindle keeps turning while the
 /// path is retraced, and a tool that was changed stays.
-fn usual_in_reverse(code: &str, class: Class) -> InReverse {
+fn usual_in_reverse(code: &str, class: CodeClass) -> InReverse {
     match (code, class) {
         ("M6", _) => InReverse::Barrier,
-        ("M3" | "M4" | "M5" | "S" | "T", Class::Exclusive) => InReverse::Unchanged,
+        ("M3" | "M4" | "M5" | "S" | "T", CodeClass::Exclusive) => InReverse::Unchanged,
         _ => InReverse::Undone,
     }
 }
 
 /// The table of M62 … M65, with the class that the code has by definition.
-fn output_code(name: &'static str, code: &CodeSettings) -> Result<CodeSettings, Refusal> {
-    let sets_more = code.class != Class::default() || code.duration_ms != 0.0 || code.waits_for.is_some();
+fn output_code(name: &'static str, code: &CodeSettings) -> Result<CodeSettings, NumberedError> {
+    let sets_more = code.class != CodeClass::default() || code.duration_ms != 0.0 || code.waits_for.is_some();
     if sets_more {
         let what = format!("[code.{name}]: class, duration and input of this code are fixed");
-        return Err(Refusal::new("E2112", what, "leave everything but in_reverse out, or declare a user code"));
+        return Err(NumberedError::new("E2112", what, "leave everything but in_reverse out, or declare a user code"));
     }
-    let class = if matches!(name, "M62" | "M63") { Class::Synchronous } else { Class::Exclusive };
+    let class = if matches!(name, "M62" | "M63") { CodeClass::Synchronous } else { CodeClass::Exclusive };
     Ok(CodeSettings { class, ..*code })
 }
 
 /// Checks what the table of a code has in common with all others.
-fn switching(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<Switching, Refusal> {
-    let refuse = |what: &str, remedy: &str| Err(Refusal::new("E2112", format!("[code.{name}] {what}"), remedy));
+fn switching(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<CodeSwitching, NumberedError> {
+    let refuse = |what: &str, remedy: &str| Err(NumberedError::new("E2112", format!("[code.{name}] {what}"), remedy));
     within(&format!("code.{name}: duration_ms"), code.duration_ms, 0.0, 3.6e6)?;
     let until = code.waits_for.map(|waits_for| awaited(name, waits_for, period_us)).transpose()?;
     let in_reverse = code.in_reverse.unwrap_or(usual_in_reverse(name, code.class));
     let takes_time = code.duration_ms > 0.0 || until.is_some() || matches!(name, "M6" | "T");
-    if code.class == Class::Synchronous && takes_time {
+    if code.class == CodeClass::Synchronous && takes_time {
         let what = "is synchronous: it is executed in passing and can take no time";
         return refuse(what, "leave duration_ms and waits_for out, or make it exclusive");
     }
-    if code.class == Class::Synchronous && in_reverse == InReverse::Barrier {
+    if code.class == CodeClass::Synchronous && in_reverse == InReverse::Barrier {
         return refuse("is synchronous: motion does not come to rest there, and cannot end there", "make it exclusive");
     }
     if name == "M6" && in_reverse != InReverse::Barrier {
         return refuse("changes the tool, which no motion backward can undo", "leave in_reverse out");
     }
-    Ok(Switching { class: code.class, periods: periods(code.duration_ms, period_us), until, in_reverse })
+    Ok(CodeSwitching { class: code.class, periods: periods(code.duration_ms, period_us), until, in_reverse })
 }
 
-fn awaited(name: &str, waits_for: WaitsFor, period_us: u32) -> Result<InputWait, Refusal> {
+fn awaited(name: &str, waits_for: WaitsFor, period_us: u32) -> Result<InputWait, NumberedError> {
     if usize::from(waits_for.input) >= MAX_INPUTS {
         let what = format!("[code.{name}]: waits_for.input = {}: there is no such input", waits_for.input);
-        return Err(Refusal::new("E2112", what, "an input is a number from 0 to 15"));
+        return Err(NumberedError::new("E2112", what, "an input is a number from 0 to 15"));
     }
     within(&format!("code.{name}: waits_for.timeout_ms"), waits_for.timeout_ms, 0.0, 3.6e6)?;
     let at_most = periods(waits_for.timeout_ms, period_us).max(u32::from(waits_for.timeout_ms > 0.0));
@@ -252,10 +252,10 @@ fn periods(ms: f64, period_us: u32) -> u32 {
 }
 
 /// Checks the table of a user code.
-fn user_code(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<UserCode, Refusal> {
+fn user_code(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<UserCode, NumberedError> {
     let output = code.output.filter(|output| usize::from(*output) < retrace_link::channel::DIGITAL);
     let Some(output) = output else {
-        return Err(Refusal::new(
+        return Err(NumberedError::new(
             "E2112",
             format!("[code.{name}] names no output from 0 to 63"),
             "write `output = 3`, with the number of the output that the code switches",
@@ -267,9 +267,9 @@ fn user_code(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::Machine;
+    use crate::machine::MachineConfig;
 
-    fn table(name: &str, class: Class, duration_ms: f64) -> Result<SwitchingTable, Refusal> {
+    fn table(name: &str, class: CodeClass, duration_ms: f64) -> Result<SwitchingTable, NumberedError> {
         let settings = CodeSettings { class, duration_ms, ..CodeSettings::default() };
         SwitchingTable::new(&BTreeMap::from([(name.to_string(), settings)]), 2000)
     }
@@ -289,20 +289,20 @@ mod tests {
 
     #[test]
     fn durations_become_periods_and_unknown_codes_are_refused() {
-        let of = |table: Result<SwitchingTable, Refusal>, code| {
+        let of = |table: Result<SwitchingTable, NumberedError>, code| {
             let switching = table.expect("valid").of(code);
             (switching.class, switching.periods)
         };
-        assert_eq!(of(table("m3", Class::Exclusive, 500.0), "M3"), (Class::Exclusive, 250));
-        assert_eq!(of(table("M8", Class::Synchronous, 0.0), "M8"), (Class::Synchronous, 0));
-        assert_eq!(of(table("M8", Class::Synchronous, 0.0), "M3"), (Class::Exclusive, 0));
-        assert_eq!(table("M33", Class::Exclusive, 0.0).expect_err("unknown").number, "E2111");
-        assert_eq!(table("M3", Class::Synchronous, 1.0).expect_err("time").number, "E2112");
-        assert_eq!(table("M6", Class::Synchronous, 0.0).expect_err("stops").number, "E2112");
+        assert_eq!(of(table("m3", CodeClass::Exclusive, 500.0), "M3"), (CodeClass::Exclusive, 250));
+        assert_eq!(of(table("M8", CodeClass::Synchronous, 0.0), "M8"), (CodeClass::Synchronous, 0));
+        assert_eq!(of(table("M8", CodeClass::Synchronous, 0.0), "M3"), (CodeClass::Exclusive, 0));
+        assert_eq!(table("M33", CodeClass::Exclusive, 0.0).expect_err("unknown").number, "E2111");
+        assert_eq!(table("M3", CodeClass::Synchronous, 1.0).expect_err("time").number, "E2112");
+        assert_eq!(table("M6", CodeClass::Synchronous, 0.0).expect_err("stops").number, "E2112");
     }
 
-    fn code(text: &str) -> Result<Switching, Refusal> {
-        Machine::parse(text, "m.toml").map(|machine| machine.switching.of("M3"))
+    fn code(text: &str) -> Result<CodeSwitching, NumberedError> {
+        MachineConfig::parse(text, "m.toml").map(|machine| machine.switching.of("M3"))
     }
 
     #[test]
@@ -313,11 +313,11 @@ mod tests {
         let until = |text: &str| waits(text).expect("valid").until.map(|until| (until.active, until.timeout_periods));
         assert_eq!((until("input = 0"), until("input = 0, timeout_ms = 0")), (Some((true, 5000)), Some((true, 0))));
         assert_eq!(until("input = 0, timeout_ms = 0.1"), Some((true, 1)));
-        assert!(waits("input = 16").expect_err("16 inputs").what.contains("waits_for.input = 16"));
-        assert!(waits("input = 1, timeout_ms = -1").expect_err("no time").what.contains("waits_for.timeout_ms"));
+        assert!(waits("input = 16").expect_err("16 inputs").cause.contains("waits_for.input = 16"));
+        assert!(waits("input = 1, timeout_ms = -1").expect_err("no time").cause.contains("waits_for.timeout_ms"));
         assert_eq!(waits("input = 1, timeout = 1").expect_err("misspelt").number, "E2111");
         let passing = code("[code.M3]\nclass = \"synchronous\"\nwaits_for = { input = 1 }\n").expect_err("it waits");
-        assert!(passing.what.contains("can take no time"), "{}", passing.what);
+        assert!(passing.cause.contains("can take no time"), "{}", passing.cause);
     }
 
     #[test]
@@ -327,10 +327,10 @@ mod tests {
         assert_eq!(in_reverse("[code.M3]\nclass = \"synchronous\"\n"), InReverse::Undone);
         assert_eq!(in_reverse("[code.M3]\nin_reverse = \"barrier\"\n"), InReverse::Barrier);
         assert_eq!(in_reverse("[code.M3]\nclass = \"synchronous\"\nin_reverse = \"as is\"\n"), InReverse::Unchanged);
-        let table = Machine::built_in().expect("valid").switching;
+        let table = MachineConfig::built_in().expect("valid").switching;
         assert_eq!((table.of("M6").in_reverse, table.of("T").in_reverse), (InReverse::Barrier, InReverse::Unchanged));
         let barrier = code("[code.M3]\nclass = \"synchronous\"\nin_reverse = \"barrier\"\n").expect_err("no rest");
-        assert!(barrier.what.contains("does not come to rest"), "{}", barrier.what);
+        assert!(barrier.cause.contains("does not come to rest"), "{}", barrier.cause);
         assert_eq!(code("[code.M6]\nin_reverse = \"undone\"\n").expect_err("the tool is out").number, "E2112");
     }
 }

@@ -40,14 +40,14 @@ pub struct LengthChange {
 
 /// What the motion path says.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Said {
-    Propose(Proposal),
+enum LengthRequest {
+    Propose(LengthProposal),
     Decide(bool),
 }
 
 /// A length that the operator wants to enter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Proposal {
+pub(crate) struct LengthProposal {
     pub(crate) length: EnteredLength,
     /// The record that the machine stands in, or before.
     pub(crate) place: u32,
@@ -55,7 +55,7 @@ pub(crate) struct Proposal {
 
 /// What entering a length would come to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Offer {
+pub(crate) struct LengthOffer {
     /// By how much the path would be moved along the tool axis, pulses.
     pub(crate) pulses: i64,
     /// The records up to here are in the ring and would be moved: whoever decides looks whether that goes.
@@ -66,7 +66,7 @@ pub(crate) struct Offer {
 
 /// Why there is no offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NoOffer {
+pub enum ToolLengthError {
     /// The machine has no tool axis.
     NoToolAxis,
     /// No tool length offset is in force that a new one could take the place of.
@@ -77,7 +77,7 @@ pub enum NoOffer {
     BeyondLimit(char),
 }
 
-impl fmt::Display for NoOffer {
+impl fmt::Display for ToolLengthError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoToolAxis => write!(f, "the machine has no tool axis: tool_axis in the machine file names it"),
@@ -99,9 +99,9 @@ impl fmt::Display for NoOffer {
 
 /// An answer of the planning thread.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Answer {
-    Offer(Offer),
-    No(NoOffer),
+pub(crate) enum LengthAnswer {
+    Offer(LengthOffer),
+    No(ToolLengthError),
     /// What was decided is durable, and in force.
     Kept,
 }
@@ -115,23 +115,23 @@ pub(crate) fn entry() -> (LengthEntry, LengthOffers) {
 /// The motion path's end.
 #[derive(Debug)]
 pub(crate) struct LengthEntry {
-    said: SyncSender<Said>,
-    answered: Receiver<Answer>,
+    said: SyncSender<LengthRequest>,
+    answered: Receiver<LengthAnswer>,
 }
 
 impl LengthEntry {
     /// Proposes a length; one at a time.
-    pub(crate) fn propose(&mut self, proposal: Proposal) {
-        let _ = self.said.try_send(Said::Propose(proposal));
+    pub(crate) fn propose(&mut self, proposal: LengthProposal) {
+        let _ = self.said.try_send(LengthRequest::Propose(proposal));
     }
 
     /// Decides on the offer that was answered.
     pub(crate) fn decide(&mut self, taken: bool) {
-        let _ = self.said.try_send(Said::Decide(taken));
+        let _ = self.said.try_send(LengthRequest::Decide(taken));
     }
 
     /// The answer, once there is one.
-    pub(crate) fn answer(&mut self) -> Option<Answer> {
+    pub(crate) fn answer(&mut self) -> Option<LengthAnswer> {
         self.answered.try_recv().ok()
     }
 }
@@ -139,14 +139,14 @@ impl LengthEntry {
 /// The planning thread's end.
 #[derive(Debug)]
 pub(crate) struct LengthOffers {
-    heard: Receiver<Said>,
-    answers: SyncSender<Answer>,
+    heard: Receiver<LengthRequest>,
+    answers: SyncSender<LengthAnswer>,
 }
 
 impl LengthOffers {
-    pub(crate) fn proposal(&mut self) -> Option<Proposal> {
+    pub(crate) fn proposal(&mut self) -> Option<LengthProposal> {
         match self.heard.try_recv() {
-            Ok(Said::Propose(proposal)) => Some(proposal),
+            Ok(LengthRequest::Propose(proposal)) => Some(proposal),
             _ => None,
         }
     }
@@ -154,13 +154,13 @@ impl LengthOffers {
     /// The decision, once there is one; whoever should decide and is gone takes nothing.
     pub(crate) fn decision(&mut self) -> Option<bool> {
         match self.heard.try_recv() {
-            Ok(Said::Decide(taken)) => Some(taken),
-            Ok(Said::Propose(_)) | Err(TryRecvError::Disconnected) => Some(false),
+            Ok(LengthRequest::Decide(taken)) => Some(taken),
+            Ok(LengthRequest::Propose(_)) | Err(TryRecvError::Disconnected) => Some(false),
             Err(TryRecvError::Empty) => None,
         }
     }
 
-    pub(crate) fn answer(&mut self, answer: Answer) {
+    pub(crate) fn answer(&mut self, answer: LengthAnswer) {
         let _ = self.answers.try_send(answer);
     }
 }

@@ -5,13 +5,13 @@ mod wired;
 
 use std::path::PathBuf;
 
-use retrace_controller::machine::Machine;
+use retrace_controller::machine::MachineConfig;
 use retrace_controller::session::Outcome;
 use retrace_hal_sim::CardSimulatorSettings;
 use wired::{Done, Path, Trial, ended_well, good_line, run};
 
 /// Four axes, a control period in ms.
-fn machine(period_ms: f64) -> Machine {
+fn machine(period_ms: f64) -> MachineConfig {
     let mut file = format!("control_period_ms = {period_ms}\n");
     for axis in ["x", "y", "z", "a"] {
         file += &format!(
@@ -19,7 +19,7 @@ fn machine(period_ms: f64) -> Machine {
              max_acceleration_mm_per_s2 = 1000.0\nmax_jerk_mm_per_s3 = 20000.0\ntravel_mm = [-2000.0, 2000.0]\n"
         );
     }
-    Machine::parse(&file, "four axes").expect("valid")
+    MachineConfig::parse(&file, "four axes").expect("valid")
 }
 
 /// The numbered examples that run on a machine without further files, and real programs where a folder of them is named.
@@ -39,7 +39,7 @@ fn programs() -> Vec<PathBuf> {
     all
 }
 
-fn over(machine: &Machine, program: &str, script: &str, baud: u32) -> Done {
+fn over(machine: &MachineConfig, program: &str, script: &str, baud: u32) -> Done {
     let rig = CardSimulatorSettings { up: good_line(baud), down: good_line(baud), ..CardSimulatorSettings::default() };
     run(Trial { machine, program, script, rig, pulled: Vec::new(), tapped: false }).expect("opened")
 }

@@ -2,16 +2,16 @@
 //!
 //! `RETRACE_WORDS` sets how long the sequences get; six are the campaign `dnc`.
 
-use retrace_controller::dnc::{Dnc, Step};
+use retrace_controller::command_queue::CommandSources;
+use retrace_controller::dnc_events::{DncEvent, DncStep};
 use retrace_controller::event::{Event, EventKind};
-use retrace_controller::index::Keeping;
-use retrace_controller::job::{self, Begin, Conduct, Decode, Decoded};
-use retrace_controller::machine::Machine;
+use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobOptions, JobStart};
+use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator::{self, CommandError};
-use retrace_controller::orders::Operators;
+use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Outcome};
-use retrace_controller::stream::{Observer, Told};
+use retrace_controller::session::{Outcome, RunMode};
+use retrace_controller::telemetry::{Observer, Telemetry};
 use retrace_core::interruption::{
     Breakpoint, Interruption, InterruptionAction, InterruptionError, InterruptionEvent, SpindleDirection, SpindleState,
 };
@@ -25,12 +25,12 @@ const WORDS: [&str; 6] = ["pause", "spindle stop", "spindle start", "jog z 0.1",
 
 struct Decoder(Program<&'static [u8]>);
 
-impl Decode for Decoder {
-    fn next_block(&mut self, steps: &mut Vec<Decodes>) -> Decoded {
+impl BlockDecoder for Decoder {
+    fn next_block(&mut self, steps: &mut Vec<Decodes>) -> DecodedBlock {
         match self.0.advance(steps) {
-            Progress::End => Decoded::End,
-            Progress::Refused => Decoded::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
-            Progress::Line => Decoded::Block,
+            Progress::End => DecodedBlock::End,
+            Progress::Refused => DecodedBlock::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
+            Progress::Line => DecodedBlock::Block,
         }
     }
 }
@@ -42,21 +42,21 @@ struct Heard {
 }
 
 impl Observer<AXES> for Heard {
-    fn told(&mut self, told: &Told<AXES>) {
-        if let Told::Event(event) = told {
+    fn on_telemetry(&mut self, told: &Telemetry<AXES>) {
+        if let Telemetry::Event(event) = told {
             self.events.push(event.clone());
         }
     }
 }
 
 /// Counts at the end, and the events.
-fn run(machine: &Machine, script: &str) -> ([i64; AXES], Vec<Event>) {
+fn run(machine: &MachineConfig, script: &str) -> ([i64; AXES], Vec<Event>) {
     let mut heard = Heard::default();
     let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
     let script = operator::parse(script, "script").expect("known words");
-    let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
-    let manner = Manner { wall_time: false, operator: true, real_time: false };
-    let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+    let operators = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
+    let manner = RunMode { wall_time: false, operator: true, real_time: false };
+    let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
     let decoder = Decoder(Program::new(PROGRAM.as_bytes(), Setup::default()));
     let end = job::run(machine, decoder, conduct, card, &mut heard).expect("a job");
     assert!(matches!(end.outcome, Outcome::Completed | Outcome::Stopped), "{:?}", end.outcome);
@@ -90,7 +90,7 @@ fn model(words: &[&str]) -> (Vec<Result<(), InterruptionError>>, bool) {
 }
 
 /// A sequence of words, each some time after the one before; true where the program went on to its end.
-fn check(machine: &Machine, words: &[&str], plain: [i64; AXES]) -> bool {
+fn check(machine: &MachineConfig, words: &[&str], plain: [i64; AXES]) -> bool {
     let script =
         words.iter().fold("at 0.3s jog z 0.1\n".to_owned(), |script, word| script + &format!("after 0.25s {word}\n"));
     // Where nobody goes on, the job is ended without the wait for somebody who will.
@@ -113,10 +113,12 @@ fn check(machine: &Machine, words: &[&str], plain: [i64; AXES]) -> bool {
         Ok(()) => None,
     }));
     assert_eq!(refused, wanted.iter().collect::<Vec<_>>(), "{words:?}");
-    let breakpoints: Vec<&Event> =
-        events.iter().filter(|e| matches!(e.kind, EventKind::Dnc(Dnc { step: Step::Paused { .. }, .. }))).collect();
+    let breakpoints: Vec<&Event> = events
+        .iter()
+        .filter(|e| matches!(e.kind, EventKind::Dnc(DncEvent { step: DncStep::Paused { .. }, .. })))
+        .collect();
     let arrivals: Vec<&Event> =
-        events.iter().filter(|e| matches!(e.kind, EventKind::Dnc(Dnc { step: Step::Arrived, .. }))).collect();
+        events.iter().filter(|e| matches!(e.kind, EventKind::Dnc(DncEvent { step: DncStep::Arrived, .. }))).collect();
     for arrival in &arrivals {
         let left = breakpoints.iter().rfind(|paused| paused.period < arrival.period).expect("paused before");
         assert_eq!(left.place, arrival.place, "{words:?}");
@@ -147,7 +149,7 @@ fn all(longest: usize) -> Vec<Vec<&'static str>> {
 fn every_sequence_of_steps_is_taken_and_refused_as_the_order_says() {
     let longest = std::env::var("RETRACE_WORDS").ok().and_then(|text| text.parse().ok()).unwrap_or(3);
     let text = "history_hours = 0.001\nlook_ahead_s = 0.05\n";
-    let machine = Machine::parse(text, "m.toml").expect("valid");
+    let machine = MachineConfig::parse(text, "m.toml").expect("valid");
     let (plain, _) = run(&machine, "");
     let gone_on = all(longest).iter().filter(|words| check(&machine, words, plain)).count();
     assert!(gone_on >= 6_usize.pow(longest as u32 / 2), "{gone_on}");

@@ -2,16 +2,16 @@
 //!
 //! Invariant: what is expected is written here by hand, from the machine files and the programs.
 
-use retrace_controller::by_hand::setup;
+use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{Event, EventKind};
-use retrace_controller::index::Keeping;
-use retrace_controller::job::{self, Begin, Conduct, Decode, Decoded, JobEnd};
-use retrace_controller::machine::Machine;
+use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobEnd, JobOptions, JobStart};
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::mdi::setup;
 use retrace_controller::operator;
-use retrace_controller::orders::Operators;
+use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Outcome};
-use retrace_controller::stream::{Observer, Told};
+use retrace_controller::session::{Outcome, RunMode};
+use retrace_controller::telemetry::{Observer, Telemetry};
 use retrace_core::mode::Mode;
 use retrace_gcode::{CanonStep, Program, Progress, Setup, Tool, ToolTable};
 use retrace_hal_sim::{Chance, Clock, PlantSettings, Process, SimCard};
@@ -24,12 +24,12 @@ const LATHE: &str = include_str!("../../cli/src/machine/lathe.toml");
 
 struct Decoder(Program<&'static [u8]>);
 
-impl Decode for Decoder {
-    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
+impl BlockDecoder for Decoder {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
         match self.0.advance(steps) {
-            Progress::Line => Decoded::Block,
-            Progress::End => Decoded::End,
-            Progress::Refused => Decoded::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
+            Progress::Line => DecodedBlock::Block,
+            Progress::End => DecodedBlock::End,
+            Progress::Refused => DecodedBlock::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
         }
     }
 }
@@ -42,18 +42,23 @@ struct Seen {
 }
 
 impl Observer<4> for Seen {
-    fn told(&mut self, told: &Told<4>) {
+    fn on_telemetry(&mut self, told: &Telemetry<4>) {
         match told {
-            Told::Period(period) => self.periods.push((period.mode, self.outputs)),
-            Told::Output(change) => self.outputs[usize::from(change.channel)] = change.value,
-            Told::Event(Event { kind: happening, .. }) => self.events.push(happening.clone()),
-            Told::Active(_) => {}
+            Telemetry::Period(period) => self.periods.push((period.mode, self.outputs)),
+            Telemetry::Output(change) => self.outputs[usize::from(change.channel)] = change.value,
+            Telemetry::Event(Event { kind: happening, .. }) => self.events.push(happening.clone()),
+            Telemetry::Active(_) => {}
         }
     }
 }
 
 /// Runs a program on a simulated machine that is wired as its file says, with `processes` on it.
-fn run(machine: &Machine, program: &'static str, script: &str, processes: &[Process]) -> (JobEnd<SimCard<4>>, Seen) {
+fn run(
+    machine: &MachineConfig,
+    program: &'static str,
+    script: &str,
+    processes: &[Process],
+) -> (JobEnd<SimCard<4>>, Seen) {
     let settings = machine.card_settings::<4>(PathStart::at(0));
     // the switches a little outside of the soft limits
     let ends = |axis: usize| machine.axes[axis].travel_mm.map(|mm| machine.counts_of(axis, mm * 1.01));
@@ -66,17 +71,17 @@ fn run(machine: &Machine, program: &'static str, script: &str, processes: &[Proc
     tools.insert(Tool { number: 1, ..Tool::default() });
     let program = Program::new(program.as_bytes(), Setup { tools, ..setup(machine) });
     let script = operator::parse(script, "script").expect("a script");
-    let manner = Manner { wall_time: false, operator: !script.is_empty(), real_time: false };
+    let manner = RunMode { wall_time: false, operator: !script.is_empty(), real_time: false };
     let player = ScriptPlayer::new(script, machine.period_us);
     let mut seen = Seen { outputs: [0; channel::COUNT], periods: Vec::new(), events: Vec::new() };
-    let operators = Operators::script(player);
-    let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+    let operators = CommandSources::script(player);
+    let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
     let end = job::run(machine, Decoder(program), conduct, card, &mut seen).expect("a job");
     (end, seen)
 }
 
-fn machine(text: &str) -> Machine {
-    Machine::parse(text, "kind").expect("valid")
+fn machine(text: &str) -> MachineConfig {
+    MachineConfig::parse(text, "kind").expect("valid")
 }
 
 fn completed(text: &str, program: &'static str, processes: &[Process]) -> (JobEnd<SimCard<4>>, Seen) {

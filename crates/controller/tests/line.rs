@@ -2,7 +2,7 @@
 
 mod wired;
 
-use retrace_controller::machine::Machine;
+use retrace_controller::machine::MachineConfig;
 use retrace_controller::session::Outcome;
 use retrace_hal_sim::{
     CardSimulatorSettings, Chance, FaultRates, InFlightPolicy, LineFault, Random, SerialChannelSettings,
@@ -33,7 +33,7 @@ fn bad_line(random: &mut Random, baud: u32, exponent: f64) -> SerialChannelSetti
 #[test]
 fn whatever_the_line_does_a_job_ends_exactly_or_in_a_latched_alarm() {
     let (cases, first) = asked(12);
-    let machine = Machine::built_in().expect("valid");
+    let machine = MachineConfig::built_in().expect("valid");
     let (mut completed, mut alarms, mut not_opened, mut faults) = (0, 0, 0, 0);
     for seed in first..first + cases {
         let mut random = Random::new(seed);
@@ -83,7 +83,7 @@ fn frames(bytes: &[u8]) -> Vec<u64> {
 
 #[test]
 fn every_single_fault_at_every_frame_of_a_short_run() {
-    let machine = Machine::built_in().expect("valid");
+    let machine = MachineConfig::built_in().expect("valid");
     let path = Path::of(&machine, SHORT);
     let script = "at 0.1s reverse 100%\nafter 0.08s leave\n";
     let line = || good_line(460_800);
@@ -136,7 +136,7 @@ fn every_single_fault_at_every_frame_of_a_short_run() {
 
 #[test]
 fn a_host_that_dies_leaves_the_machine_at_rest_on_the_path() {
-    let machine = Machine::parse("cutting_outputs = [3]\n", "m").expect("valid");
+    let machine = MachineConfig::parse("cutting_outputs = [3]\n", "m").expect("valid");
     let program = "G21 G90 G64 P0.05\nF6000\nM64 P3\nG1 X40\nY10\nX0\nM2\n";
     let path = Path::of(&machine, program);
     for at_us in [400_000u64, 700_000, 1_000_000] {

@@ -3,18 +3,18 @@
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
 
+use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{DifferingOutputs, Event, EventKind};
-use retrace_controller::feed::{Feeder, Switch};
-use retrace_controller::item::{Ending, Kind, Summary};
-use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
-use retrace_controller::machine::Machine;
+use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
+use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator;
-use retrace_controller::orders::Operators;
+use retrace_controller::plan_item::{ExclusiveKind, PlanEnd, PlanSummary};
+use retrace_controller::plan_writer::{PlanWriter, SwitchInstruction};
+use retrace_controller::record_streamer::RecordStreamer;
+use retrace_controller::run_stats::RunStats;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Outcome, Session};
-use retrace_controller::stream::{Observer, Told, stream};
-use retrace_controller::supply::Supply;
-use retrace_controller::tally::Tally;
+use retrace_controller::session::{Outcome, RunMode, Session};
+use retrace_controller::telemetry::{Observer, Telemetry, telemetry_channel};
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::{Place, Record, size};
 use retrace_hal_sim::{Clock, SimCard};
@@ -23,32 +23,32 @@ use retrace_motion::{FeedRate, PathMode, Planner};
 
 /// Everything that was executed.
 struct Log {
-    judge: LimitJudge<3>,
+    judge: LimitMonitor<3>,
     positions: std::collections::HashMap<Place, [i64; 3]>,
     rows: Vec<(Place, [i64; 3], i64)>,
     events: Vec<Event>,
 }
 
 impl Observer<3> for Log {
-    fn told(&mut self, told: &Told<3>) {
+    fn on_telemetry(&mut self, told: &Telemetry<3>) {
         match told {
-            Told::Period(period) => {
+            Telemetry::Period(period) => {
                 self.judge.push(&period.increments, period.rate);
                 self.rows.push((period.place, period.counts, period.rate));
                 let first = *self.positions.entry(period.place).or_insert(period.counts);
                 assert_eq!(first, period.counts, "place {:?} has two positions", period.place);
             }
-            Told::Event(event) => self.events.push(event.clone()),
-            Told::Output(_) | Told::Active(_) => {}
+            Telemetry::Event(event) => self.events.push(event.clone()),
+            Telemetry::Output(_) | Telemetry::Active(_) => {}
         }
     }
 }
 
 struct Run {
     outcome: Outcome,
-    tally: Tally,
+    tally: RunStats,
     status: CardStatus<3>,
-    verdict: Verdict<3>,
+    verdict: LimitReport<3>,
     rows: Vec<(Place, [i64; 3], i64)>,
     events: Vec<Event>,
 }
@@ -61,8 +61,8 @@ impl Run {
 }
 
 /// Runs a program, given as what it does to a feeder, on a machine whose history lasts `history_s`.
-fn run(script: &str, history_s: f64, program: impl FnOnce(&mut Feeder<'_, 3>) + Send) -> Run {
-    let machine = Machine::parse(&format!("history_hours = {}", history_s / 3600.0), "test").expect("valid");
+fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>) + Send) -> Run {
+    let machine = MachineConfig::parse(&format!("history_hours = {}", history_s / 3600.0), "test").expect("valid");
     let start = u32::MAX - 2000;
     let cells = size::ring_cells(machine.history_records, machine.look_ahead_records).expect("fits");
     let cells: Box<[Cell<Record<3>>]> = (0..cells).map(|_| Cell::default()).collect();
@@ -73,7 +73,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut Feeder<'_, 3>) + 
     let card = SimCard::<3>::new(start, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
     let axis = |i: usize| {
         let a = &machine.axes[i];
-        AxisLimits {
+        MonitorLimits {
             pulses_per_mm: a.pulses_per_mm,
             velocity_mm_s: a.max_velocity_mm_per_s,
             acceleration_mm_s2: a.max_acceleration_mm_per_s2,
@@ -81,28 +81,28 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut Feeder<'_, 3>) + 
         }
     };
     let mut log = Log {
-        judge: LimitJudge::new(&std::array::from_fn(axis), machine.period_s()),
+        judge: LimitMonitor::new(&std::array::from_fn(axis), machine.period_s()),
         positions: Default::default(),
         rows: Vec::new(),
         events: Vec::new(),
     };
     let script = ScriptPlayer::new(operator::parse(script, "script").expect("valid"), machine.period_us);
-    let operators = Operators::script(script);
-    let manner = Manner { wall_time: false, operator: true, real_time: false };
+    let operators = CommandSources::script(script);
+    let manner = RunMode { wall_time: false, operator: true, real_time: false };
     let outputs = card.status().outputs;
     let cancel = AtomicBool::new(false);
     let (outcome, tally, status) = std::thread::scope(|scope| {
         scope.spawn(|| {
-            let mut feeder = Feeder::new(planner, producer, sender, outputs, &cancel);
+            let mut feeder = PlanWriter::new(planner, producer, sender, outputs, &cancel);
             program(&mut feeder);
             let commanded_mm = feeder.commanded_mm().to_vec();
-            let summary = Summary { ending: Ending::Completed, blocks: 0, canonical: 0, commanded_mm };
+            let summary = PlanSummary { ending: PlanEnd::Completed, blocks: 0, canonical: 0, commanded_mm };
             // a run that was stopped does not hear of the end
             let _ = feeder.end(summary);
         });
-        let (teller, hearing) = stream(false, machine.period_s());
+        let (teller, hearing) = telemetry_channel(false, machine.period_s());
         scope.spawn(|| hearing.report(&mut log));
-        let supply = Supply::new(consumer, receiver, start, outputs, 0);
+        let supply = RecordStreamer::new(consumer, receiver, start, outputs, 0);
         let session = Session::new(card, &machine, supply, operators, manner, teller);
         let (outcome, tally, card) = session.run();
         cancel.store(true, std::sync::atomic::Ordering::Relaxed);
@@ -113,7 +113,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut Feeder<'_, 3>) + 
 
 const FEED: FeedRate = FeedRate::PerSecond(80.0);
 
-fn zigzag(feeder: &mut Feeder<'_, 3>) {
+fn zigzag(feeder: &mut PlanWriter<'_, 3>) {
     for k in 0..40u32 {
         let (x, y) = (f64::from(k % 2) * 30.0, f64::from(k) * 1.5);
         if feeder.straight([x, y, 0.1 * f64::from(k)], FEED, PathMode::ExactPath, k + 1).is_err() {
@@ -159,11 +159,18 @@ fn a_short_history_ends_reverse_run_at_its_oldest_record_and_says_so() {
 
 #[test]
 fn instructions_stand_between_the_motion_before_and_behind() {
-    let switch = |feeder: &mut Feeder<'_, 3>, value, periods| {
+    let switch = |feeder: &mut PlanWriter<'_, 3>, value, periods| {
         let changes = [OutputChange { channel: channel::SPINDLE, value }];
-        let (kind, code) = (Kind::Switch, "M3");
+        let (kind, code) = (ExclusiveKind::Switch, "M3");
         feeder
-            .exclusive(Switch { line: 9, kind, code, changes: &changes, periods, ..Switch::default() })
+            .exclusive(SwitchInstruction {
+                line: 9,
+                kind,
+                code,
+                changes: &changes,
+                periods,
+                ..SwitchInstruction::default()
+            })
             .expect("running");
     };
     let run = run("at 2s reverse 100%\nafter 1s leave", 60.0, |feeder| {
@@ -208,7 +215,7 @@ fn a_thousand_full_stops_cost_no_period() {
 
 #[test]
 fn outputs_that_were_changed_by_hand_are_asked_for_at_reached() {
-    let program = |feeder: &mut Feeder<'_, 3>| {
+    let program = |feeder: &mut PlanWriter<'_, 3>| {
         feeder.action(OutputChange { channel: 3, value: 1 }, 1);
         zigzag(feeder);
     };

@@ -3,7 +3,7 @@
 
 mod wired;
 
-use retrace_controller::machine::Machine;
+use retrace_controller::machine::MachineConfig;
 use retrace_core::gate::Gates;
 use retrace_core::place::before;
 use retrace_core::{Flags, ONE, Place, Record};
@@ -136,7 +136,7 @@ enum End {
 
 /// Plays a tape with these gates; what the card did, and how it ended.
 fn play(tape: &Tape, policy: &mut impl Policy, rig: &CardSimulatorSettings) -> (Vec<Period>, End) {
-    let machine = Machine::built_in().expect("valid");
+    let machine = MachineConfig::built_in().expect("valid");
     let mut rig = CardSimulator::<AXES>::new(rig).expect("a card");
     let log = watched(&mut rig);
     let mut card = Box::new(LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("it answers"));
@@ -225,7 +225,7 @@ fn whole_jobs_stay_in_order_whatever_the_line_delays() {
         for code in ["M3", "M5", "M7", "M8", "M9"] {
             file += &format!("[code.{code}]\nduration_ms = {}\n", random.up_to(60));
         }
-        let machine = Machine::parse(&file, "m").expect("valid");
+        let machine = MachineConfig::parse(&file, "m").expect("valid");
         let program = wired::program(&mut random, 10).replace("M62", "M64").replace("M63", "M65");
         let script = wired::script(&mut random);
         let path = Path::of(&machine, &program);

@@ -4,7 +4,7 @@ mod hold;
 
 use hold::{FEED_MM_S, Played, circle, line, paths, records};
 use proptest::prelude::*;
-use retrace_controller::machine::Machine;
+use retrace_controller::machine::MachineConfig;
 use retrace_core::{ONE, Travel};
 
 /// Length in mm of the shortest stop that keeps acceleration and jerk: v(v/A + A/J)/2, where v is fast enough to reach A.
@@ -120,5 +120,5 @@ fn cases() -> u32 {
 
 #[test]
 fn the_paths_are_as_fast_as_the_machine() {
-    assert_eq!(Machine::built_in().expect("valid").path_velocity_mm_s, FEED_MM_S);
+    assert_eq!(MachineConfig::built_in().expect("valid").path_velocity_mm_s, FEED_MM_S);
 }

@@ -1,9 +1,9 @@
 //! From program text to moves in machine coordinates: units, offsets, rotation, feeds, switching.
 
-use retrace_controller::feed::{Cancelled, Refused, Switch};
-use retrace_controller::job::{Decode, Decoded, Finding, feed_all};
-use retrace_controller::machine::Machine;
-use retrace_controller::sink::Sink;
+use retrace_controller::job::{BlockDecoder, CheckFinding, DecodedBlock, feed_all};
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::motion_sink::MotionSink;
+use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use retrace_gcode::{Axis, AxisSet, CanonStep, Program, Progress, Setup};
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
@@ -19,19 +19,19 @@ struct Moves {
     actions: Vec<(u8, i32)>,
 }
 
-impl Sink<3> for Moves {
-    fn straight(&mut self, end_mm: [f64; 3], feed: FeedRate, mode: PathMode, _: u32) -> Result<(), Refused> {
+impl MotionSink<3> for Moves {
+    fn straight(&mut self, end_mm: [f64; 3], feed: FeedRate, mode: PathMode, _: u32) -> Result<(), PlanWriteError> {
         self.moves.push((end_mm, feed, mode));
         Ok(())
     }
-    fn arc(&mut self, arc: &Arc<3>, _: FeedRate, _: PathMode, _: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<3>, _: FeedRate, _: PathMode, _: u32) -> Result<(), PlanWriteError> {
         self.arcs.push(*arc);
         Ok(())
     }
     fn action(&mut self, change: OutputChange, _: u32) {
         self.actions.push((change.channel, change.value));
     }
-    fn exclusive(&mut self, switch: Switch<'_>) -> Result<(), Cancelled> {
+    fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         let changes = switch.changes.iter().map(|c| (c.channel, c.value)).collect();
         self.switched.push((switch.code.into(), changes, switch.periods));
         Ok(())
@@ -43,17 +43,17 @@ impl Sink<3> for Moves {
 
 struct Text(Program<std::io::Cursor<Vec<u8>>>);
 
-impl Decode for Text {
-    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
+impl BlockDecoder for Text {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
         match self.0.advance(steps) {
-            Progress::End => Decoded::End,
-            Progress::Line => Decoded::Block,
-            Progress::Refused => Decoded::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
+            Progress::End => DecodedBlock::End,
+            Progress::Line => DecodedBlock::Block,
+            Progress::Refused => DecodedBlock::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
         }
     }
 }
 
-fn run_on(machine: &Machine, text: &str) -> (Moves, Vec<Finding>) {
+fn run_on(machine: &MachineConfig, text: &str) -> (Moves, Vec<CheckFinding>) {
     let axes = AxisSet::of(&Axis::ALL);
     let program = Program::new(std::io::Cursor::new(text.as_bytes().to_vec()), Setup { axes, ..Setup::default() });
     let mut moves = Moves::default();
@@ -62,7 +62,7 @@ fn run_on(machine: &Machine, text: &str) -> (Moves, Vec<Finding>) {
 }
 
 fn run(text: &str) -> Moves {
-    let (moves, findings) = run_on(&Machine::built_in().expect("valid"), text);
+    let (moves, findings) = run_on(&MachineConfig::built_in().expect("valid"), text);
     assert_eq!(findings, []);
     moves
 }
@@ -146,7 +146,7 @@ fn the_naive_cam_tolerance_goes_with_its_path_mode() {
 #[test]
 fn what_switches_is_exclusive_unless_the_machine_file_has_it_in_passing() {
     let machine =
-        Machine::parse("[code.M3]\nduration_ms = 500\n[code.M8]\nclass = \"synchronous\"\n", "m").expect("valid");
+        MachineConfig::parse("[code.M3]\nduration_ms = 500\n[code.M8]\nclass = \"synchronous\"\n", "m").expect("valid");
     let (moves, findings) = run_on(&machine, "S1000 M3\nM8\nG4 P0.25\nM62 P5\nM0\nM9\nM2\n");
     assert_eq!(findings, []);
     let codes: Vec<&str> = moves.switched.iter().map(|(code, ..)| code.as_str()).collect();
@@ -159,7 +159,7 @@ fn what_switches_is_exclusive_unless_the_machine_file_has_it_in_passing() {
 
 #[test]
 fn an_axis_that_is_not_there_and_an_output_that_is_not_there_are_named() {
-    let (moves, findings) = run_on(&Machine::built_in().expect("valid"), "G21 G0 X1 A5\nM64 P64\nG0 X2 A0\nM2\n");
+    let (moves, findings) = run_on(&MachineConfig::built_in().expect("valid"), "G21 G0 X1 A5\nM64 P64\nG0 X2 A0\nM2\n");
     let numbers: Vec<(u32, &str)> = findings.iter().map(|f| (f.line, f.number)).collect();
     assert_eq!(numbers, [(1, "E4301"), (2, "E4303")]);
     assert_eq!(moves.moves.len(), 1);
@@ -183,7 +183,7 @@ fn a_spline_becomes_chords_near_its_curve() {
 
 #[test]
 fn what_the_card_does_not_have_is_refused_by_name() {
-    let machine = Machine::built_in().expect("valid");
+    let machine = MachineConfig::built_in().expect("valid");
     for (text, name) in [
         ("F100 G38.2 X1\nM2\n", "probing"),
         ("M66 P1\nM2\n", "M66"),

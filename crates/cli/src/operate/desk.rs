@@ -5,8 +5,8 @@
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use retrace_controller::command_queue::{CommandQueueFull, CommandReceiver, CommandSender, command_channel};
 use retrace_controller::operator::OperatorCommand;
-use retrace_controller::orders::{Busy, Heard, Orders, orders};
 
 use crate::screen::Said;
 use crate::screen::live::locked;
@@ -18,7 +18,7 @@ pub(super) struct Desk {
     /// What the screen shows.
     pub(super) model: Arc<Mutex<Model>>,
     words: Sender<Said>,
-    job: Mutex<Option<Orders>>,
+    job: Mutex<Option<CommandSender>>,
 }
 
 impl Desk {
@@ -29,8 +29,8 @@ impl Desk {
     }
 
     /// A job, or a move by hand, begins: its end of the words.
-    pub(super) fn begins(&self) -> Heard {
-        let (said, heard) = orders();
+    pub(super) fn begins(&self) -> CommandReceiver {
+        let (said, heard) = command_channel();
         *self.job() = Some(said);
         heard
     }
@@ -46,7 +46,7 @@ impl Desk {
             Said::Deed(deed) => self.say_to_job(deed),
             Said::Turn(counts) => {
                 if let Some(job) = &*self.job() {
-                    job.turn(counts);
+                    job.turn_wheel(counts);
                 }
             }
             Said::CutterOff if self.job().is_some() => self.say_to_job(OperatorCommand::CutterOff),
@@ -69,8 +69,8 @@ impl Desk {
 
     /// Says a word to whatever runs; where nothing does, there is nothing to hold and nothing to stop.
     pub(super) fn say_to_job(&self, deed: OperatorCommand) {
-        let said = self.job().as_ref().map(|job| job.say(deed));
-        if said == Some(Err(Busy)) {
+        let said = self.job().as_ref().map(|job| job.send(deed));
+        if said == Some(Err(CommandQueueFull)) {
             let mut model = locked(&self.model);
             let (time_s, line) = (model.period as f64 * model.facts.period_s, model.line);
             model.say(time_s, line, "too many words wait: not taken, say it again");
@@ -84,7 +84,7 @@ impl Desk {
         let _ = self.words.send(Said::Quit);
     }
 
-    fn job(&self) -> std::sync::MutexGuard<'_, Option<Orders>> {
+    fn job(&self) -> std::sync::MutexGuard<'_, Option<CommandSender>> {
         // Whoever panicked with it left it as it was.
         self.job.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -9,16 +9,16 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use retrace_controller::by_hand;
+use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{CardError, Event, EventKind};
-use retrace_controller::machine::Machine;
-use retrace_controller::manual::{Done, NotDone, Task, perform};
-use retrace_controller::operator::{self, Instruction};
-use retrace_controller::orders::Operators;
-use retrace_controller::refusal::Refusal;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError, perform};
+use retrace_controller::mdi;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::operator::{self, ScriptInstruction};
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Outcome};
-use retrace_controller::stream::{Observer, Period, Told};
+use retrace_controller::session::{Outcome, RunMode};
+use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
 use retrace_link::{Alarm, MotionCard, OutputChange, PathStart};
 
 use super::desk::Desk;
@@ -58,14 +58,14 @@ pub(super) struct Left {
 pub(super) struct Machinist<'m, const A: usize, C> {
     /// With the program that is loaded now.
     args: args::Run,
-    machine: Machine,
+    machine: MachineConfig,
     homing: &'m Homing,
     program: Arc<Program>,
-    script: Vec<Instruction>,
+    script: Vec<ScriptInstruction>,
     at: At,
     card: &'m mut C,
     /// What is in force for blocks by hand, and for the next program.
-    by_hand: by_hand::Desk,
+    by_hand: mdi::ModalContext,
     table_keeper: TableKeeper,
     words: Receiver<Said>,
     desk: &'m Arc<Desk>,
@@ -85,15 +85,15 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     /// Of a machine that stands, on an open card.
     pub(super) fn new(
         args: args::Run,
-        (machine, homing): (&Machine, &'m Homing),
-        (program, script, at): (Arc<Program>, Vec<Instruction>, At),
+        (machine, homing): (&MachineConfig, &'m Homing),
+        (program, script, at): (Arc<Program>, Vec<ScriptInstruction>, At),
         card: &'m mut C,
         words: Receiver<Said>,
         desk: &'m Arc<Desk>,
     ) -> Self {
         let live = Live::new(Arc::clone(&desk.model));
         let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
-        let (by_hand, machine) = (by_hand::Desk::new(program.setup().clone()), machine.clone());
+        let (by_hand, machine) = (mdi::ModalContext::new(program.setup().clone()), machine.clone());
         let table_keeper = TableKeeper::new(&args.reading, program.setup());
         let optional_stop = args.optional_stop.is_some_and(args::OnOff::is_on);
         locked(&desk.model).optional_stop = optional_stop;
@@ -128,7 +128,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         self.tell_outputs();
         self.tell_homed();
         let active = Box::new(self.by_hand.active());
-        Observer::<A>::told(&mut self.live, &Told::Active(active));
+        Observer::<A>::on_telemetry(&mut self.live, &Telemetry::Active(active));
         if let Some(resumed) = self.resumed.take()
             && let Err(failure) = self.resume(resumed)
         {
@@ -182,8 +182,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
             }
         }
         if status.period.is_multiple_of(TOLD_EVERY) {
-            let period = Period { off_path: true, ..Period::of(&status) };
-            Observer::<A>::told(&mut self.live, &Told::Period(period));
+            let period = PeriodRecord { off_path: true, ..PeriodRecord::of(&status) };
+            Observer::<A>::on_telemetry(&mut self.live, &Telemetry::Period(period));
         }
     }
 
@@ -191,7 +191,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let status = self.card.status();
         let time_s = status.period as f64 * self.machine.period_s();
         let event = Event { period: status.period, time_s, place: status.place, line: status.line, kind: happening };
-        Observer::<A>::told(&mut self.live, &Told::Event(event));
+        Observer::<A>::on_telemetry(&mut self.live, &Telemetry::Event(event));
     }
 
     fn note(&mut self, text: impl Into<String>) {
@@ -205,7 +205,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         for (channel, &value) in (0u8..).zip(&outputs) {
             let change = OutputChange { channel, value };
             if locked(&self.desk.model).output(change.channel) != change.value {
-                Observer::<A>::told(&mut self.live, &Told::Output(change));
+                Observer::<A>::on_telemetry(&mut self.live, &Telemetry::Output(change));
             }
         }
     }
@@ -219,8 +219,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     }
 
     /// Is it a block that moves the machine?
-    fn moves(&self, task: &Task, machine: &Machine) -> bool {
-        matches!(task, Task::Mdi(block) if self.by_hand.block(machine, block).is_ok_and(|block| block.moves()))
+    fn moves(&self, task: &ManualTask, machine: &MachineConfig) -> bool {
+        matches!(task, ManualTask::Mdi(block) if self.by_hand.block(machine, block).is_ok_and(|block| block.moves()))
     }
 
     /// After a job: the machine is set up for the next one.
@@ -233,11 +233,11 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     }
 
     /// Work by hand.
-    fn task(&mut self, task: &Task) {
+    fn task(&mut self, task: &ManualTask) {
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
-        let script = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
+        let script = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us));
         let operators = script.and(self.desk.begins());
-        let manner = Manner { wall_time: true, operator: true, real_time: false };
+        let manner = RunMode { wall_time: true, operator: true, real_time: false };
         let mut shown = ByHand(self.live.clone());
         let unhomed = self.moves(task, &machine).then(|| self.homing.check(&machine).err()).flatten();
         let done = match unhomed {
@@ -249,29 +249,33 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         self.desk.ends();
         self.tell_homed();
         match done {
-            Ok(Done::Whole { cut_short: false }) if *task == Task::ClearAlarm => self.note("the alarm is cleared"),
-            Ok(Done::Whole { cut_short: true }) => self.note("at the soft limit: no farther"),
-            Ok(Done::Whole { .. }) => {}
-            Ok(Done::Stopped) => self.note("stopped"),
-            Err(NotDone::Refused(refusal)) => {
-                self.note(format!("{}: {} · {}", refusal.number, refusal.what, refusal.remedy))
+            Ok(ManualTaskDone::Whole { cut_short: false }) if *task == ManualTask::ClearAlarm => {
+                self.note("the alarm is cleared")
             }
-            Err(NotDone::Block(lines)) => {
+            Ok(ManualTaskDone::Whole { cut_short: true }) => self.note("at the soft limit: no farther"),
+            Ok(ManualTaskDone::Whole { .. }) => {}
+            Ok(ManualTaskDone::Stopped) => self.note("stopped"),
+            Err(ManualTaskError::Refused(refusal)) => {
+                self.note(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy))
+            }
+            Err(ManualTaskError::Block(lines)) => {
                 lines.iter().flat_map(|text| diagnostic_text::in_words(text)).for_each(|line| self.note(line));
             }
-            Err(NotDone::Trouble(_)) if *task == Task::ClearAlarm => self.note("not cleared: its cause is still there"),
+            Err(ManualTaskError::Trouble(_)) if *task == ManualTask::ClearAlarm => {
+                self.note("not cleared: its cause is still there")
+            }
             // An alarm is told where the machine stands.
-            Err(NotDone::Trouble(CardError::Latched(_))) => {}
-            Err(NotDone::Trouble(trouble)) => self.tell(EventKind::Alarm(trouble)),
+            Err(ManualTaskError::Trouble(CardError::Latched(_))) => {}
+            Err(ManualTaskError::Trouble(trouble)) => self.tell(EventKind::Alarm(trouble)),
         }
-        if let Err(refusal) = self.table_keeper.keep(self.by_hand.carried()) {
-            self.note(format!("{}: {} · {}", refusal.number, refusal.what, refusal.remedy));
+        if let Err(refusal) = self.table_keeper.keep(self.by_hand.modal_snapshot()) {
+            self.note(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy));
         }
         if self.card.status().alarm.is_none() {
             locked(&self.desk.model).alarm_is_cleared();
         }
         let active = Box::new(self.by_hand.active());
-        Observer::<A>::told(&mut self.live, &Told::Active(active));
+        Observer::<A>::on_telemetry(&mut self.live, &Telemetry::Active(active));
         self.tell_outputs();
         self.check_again();
     }
@@ -303,7 +307,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
                 locked(&self.desk.model).stage = Stage::Setup;
                 picture::show_program::<A>(&self.desk.model, machine, &self.program);
             }
-            Err(Refusal { number, what, remedy }) => self.note(format!("{number}: {what}. {remedy}")),
+            Err(NumberedError { number, cause: what, remedy }) => self.note(format!("{number}: {what}. {remedy}")),
         }
     }
 
@@ -327,7 +331,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         if let Some(why) = self.cannot_begin() {
             return self.note(why);
         }
-        if let Err(Refusal { number, what, remedy }) = self.homing.check(&self.machine) {
+        if let Err(NumberedError { number, cause: what, remedy }) = self.homing.check(&self.machine) {
             return self.note(format!("{number}: {what} · {remedy}"));
         }
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
@@ -362,7 +366,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     }
 
     /// What is said in a job besides the keys: that M1 stops, and the script.
-    fn script_of_job(&self) -> Vec<Instruction> {
+    fn script_of_job(&self) -> Vec<ScriptInstruction> {
         let stops = if self.optional_stop { "at 0s optional stop on" } else { "" };
         // What is written here can be read.
         let mut script = operator::parse(stops, "screen").unwrap_or_default();
@@ -374,7 +378,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     fn take_over(&mut self, code: u8, ended: Ended) {
         if let Some((parameters, tools)) = ended.tables {
             self.by_hand.set_tables(parameters, tools);
-            self.table_keeper.is_kept(self.by_hand.carried());
+            self.table_keeper.is_kept(self.by_hand.modal_snapshot());
         }
         (self.left.code, self.left.report) = (code, Some(ended.text));
         // A job that is resumed brings it along.
@@ -425,7 +429,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     }
 
     /// Opens the program and checks it, while periods go on passing.
-    fn prepared(&mut self, machine: &Machine) -> Result<Program, String> {
+    fn prepared(&mut self, machine: &MachineConfig) -> Result<Program, String> {
         let (program, setup) = (&self.program, self.by_hand.setup_of_program(machine));
         let (program, model) = (Arc::clone(program), Arc::clone(&self.desk.model));
         self.while_standing(move || {
@@ -443,7 +447,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let lit: Vec<u8> =
             channels.filter(|&channel| outputs.get(usize::from(channel)).is_some_and(|&on| on != 0)).collect();
         for channel in lit {
-            self.task(&Task::Output(channel, 0));
+            self.task(&ManualTask::Output(channel, 0));
         }
     }
 
@@ -484,11 +488,13 @@ fn ask(model: &Mutex<Model>, words: &Receiver<Said>, title: &str, lines: Vec<Str
 struct ByHand(Live);
 
 impl<const A: usize> Observer<A> for ByHand {
-    fn told(&mut self, told: &Told<A>) {
+    fn on_telemetry(&mut self, told: &Telemetry<A>) {
         match told {
-            Told::Event(Event { kind: EventKind::Started, .. }) => {}
-            Told::Period(period) => self.0.told(&Told::Period(Period { off_path: true, ..*period })),
-            told => self.0.told(told),
+            Telemetry::Event(Event { kind: EventKind::Started, .. }) => {}
+            Telemetry::Period(period) => {
+                self.0.on_telemetry(&Telemetry::Period(PeriodRecord { off_path: true, ..*period }))
+            }
+            told => self.0.on_telemetry(told),
         }
     }
 }

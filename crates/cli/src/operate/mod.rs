@@ -16,9 +16,9 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use retrace_controller::machine::Machine;
-use retrace_controller::operator::{Instruction, OperatorCommand};
-use retrace_controller::refusal::Refusal;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::operator::{OperatorCommand, ScriptInstruction};
 use retrace_link::MotionCard;
 
 use crate::args;
@@ -48,14 +48,14 @@ const TO_LEAVE: Duration = Duration::from_secs(1);
 ///
 /// # Errors
 /// `E2142` where one was asked for that there cannot be.
-pub fn is_wanted(args: &args::Run) -> Result<bool, Refusal> {
+pub fn is_wanted(args: &args::Run) -> Result<bool, NumberedError> {
     let is_terminal = std::io::stdout().is_terminal();
     if !args.tui {
         return Ok(!args.no_tui && !args.json && args.realtime && is_terminal);
     }
     if args.json {
         let what = "--tui and --json both want standard output";
-        return Err(Refusal::new(
+        return Err(NumberedError::new(
             "E2142",
             what,
             "leave one out; --journal DIR keeps the report of a job at the screen",
@@ -69,12 +69,12 @@ pub fn is_wanted(args: &args::Run) -> Result<bool, Refusal> {
 ///
 /// # Errors
 /// `E2142` where standard output is none.
-pub fn needs_terminal() -> Result<(), Refusal> {
+pub fn needs_terminal() -> Result<(), NumberedError> {
     if std::io::stdout().is_terminal() {
         return Ok(());
     }
     let what = "--tui: standard output is not a terminal";
-    Err(Refusal::new("E2142", what, "run it in a terminal, or leave --tui out"))
+    Err(NumberedError::new("E2142", what, "run it in a terminal, or leave --tui out"))
 }
 
 /// Runs a job that is resumed, on a card, at a screen; asks before anything moves. Its exit code.
@@ -99,9 +99,9 @@ pub struct Resuming<'f, const A: usize, C> {
 /// The terminal cannot be taken.
 pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     args: &args::Run,
-    machine: &Machine,
+    machine: &MachineConfig,
     program: Program,
-    (script, at): (Vec<Instruction>, At),
+    (script, at): (Vec<ScriptInstruction>, At),
     card: &mut C,
     homing: &Homing,
     resumed: Option<Resuming<'_, A, C>>,

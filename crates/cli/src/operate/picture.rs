@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-use retrace_controller::job::{Decode, Decoded};
-use retrace_controller::machine::Machine;
-use retrace_controller::survey;
+use retrace_controller::job::{BlockDecoder, DecodedBlock};
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::program_analysis;
 use retrace_gcode::{CanonStep, Setup};
 
 use crate::program::{Decoder, Program};
@@ -20,7 +20,7 @@ use crate::screen::model::{Model, Stage};
 use crate::screen::preview::Preview;
 
 /// What is known at once.
-pub(super) fn facts(machine: &Machine, program: &Program) -> Facts {
+pub(super) fn facts(machine: &MachineConfig, program: &Program) -> Facts {
     let tools = program.tool_table().map_or_else(Vec::new, |table| {
         let tool = |tool: &retrace_gcode::Tool| {
             let name = table.name(tool.number).unwrap_or_default();
@@ -38,7 +38,7 @@ pub(super) fn facts(machine: &Machine, program: &Program) -> Facts {
 }
 
 /// Shows another program on a machine that stands there: its text now, and its check, path and time when they are known.
-pub(super) fn show_program<const A: usize>(model: &Arc<Mutex<Model>>, machine: Machine, program: &Arc<Program>) {
+pub(super) fn show_program<const A: usize>(model: &Arc<Mutex<Model>>, machine: MachineConfig, program: &Arc<Program>) {
     let facts = Arc::new(facts(&machine, program));
     {
         let mut model = locked(model);
@@ -59,7 +59,7 @@ pub(super) fn show_resuming(model: &Mutex<Model>, origin: u32) {
 /// The machine stands elsewhere now, or its offsets are others: the program is checked again with this setup, and drawn where it would go.
 pub(super) fn check_again<const A: usize>(
     model: &Arc<Mutex<Model>>,
-    machine: Machine,
+    machine: MachineConfig,
     program: &Arc<Program>,
     setup: Setup,
 ) {
@@ -67,7 +67,7 @@ pub(super) fn check_again<const A: usize>(
 }
 
 /// The program has been opened and checked again, for a machine that may stand elsewhere now: what changed is reckoned again.
-pub(super) fn look_again<const A: usize>(model: &Arc<Mutex<Model>>, machine: &Machine, program: &Program) {
+pub(super) fn look_again<const A: usize>(model: &Arc<Mutex<Model>>, machine: &MachineConfig, program: &Program) {
     let (new, old) = (facts(machine, program), Arc::clone(&locked(model).facts));
     let is_same = new.program == old.program && new.stands_at_mm == old.stands_at_mm && old.first_place == 0;
     if is_same && old.check == ProgramCheck::Ready {
@@ -92,7 +92,7 @@ static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 /// What is to be reckoned.
 struct Reckoning {
     /// Where it stands.
-    machine: Machine,
+    machine: MachineConfig,
     program: Arc<Program>,
     /// What the program is to be read with, where that is not what it was read with.
     setup: Option<Setup>,
@@ -147,7 +147,7 @@ fn reckoned<const A: usize>(model: &Mutex<Model>, number: u64, reckoning: Reckon
     let wanted = |decoder| Wanted { decoder, number };
     let preview = Preview::of(&machine, &mut wanted(program.decoder()));
     publish(model, number, |facts| Facts { preview, stands_at_mm, ..facts });
-    let surveyed = survey::survey::<A>(&machine, &mut wanted(program.decoder()));
+    let surveyed = program_analysis::analyse_program::<A>(&machine, &mut wanted(program.decoder()));
     let planned = surveyed
         .map_or(Planned::Unknown, |(_, _, survey)| Planned::Known(survey.motion_periods as f64 * machine.period_s()));
     publish(model, number, |facts| Facts { planned, ..facts });
@@ -170,8 +170,8 @@ struct Wanted {
     number: u64,
 }
 
-impl Decode for Wanted {
-    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
-        if LATEST.load(Ordering::Relaxed) == self.number { self.decoder.next_block(steps) } else { Decoded::End }
+impl BlockDecoder for Wanted {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
+        if LATEST.load(Ordering::Relaxed) == self.number { self.decoder.next_block(steps) } else { DecodedBlock::End }
     }
 }

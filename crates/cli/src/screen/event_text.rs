@@ -2,7 +2,7 @@
 //!
 //! Invariant: whatever has no words of its own here is shown as everywhere else.
 
-use retrace_controller::dnc::Step;
+use retrace_controller::dnc_events::DncStep;
 use retrace_controller::event::{Event, EventKind};
 use retrace_controller::operator::{OperatorCommand, percent};
 use retrace_link::channel;
@@ -44,12 +44,12 @@ pub fn lines(model: &Model, event: &Event) -> Vec<String> {
             format!("outputs differ: {}", each.collect::<Vec<_>>().join("; "))
         }
         EventKind::Dnc(dnc) => match dnc.step {
-            Step::Paused { .. } => "paused: the breakpoint is kept".into(),
-            Step::Jogged { axis, mm, cut_short, .. } => {
+            DncStep::Paused { .. } => "paused: the breakpoint is kept".into(),
+            DncStep::Jogged { axis, mm, cut_short, .. } => {
                 let short = if cut_short { ", cut short" } else { "" };
                 format!("{} moved by {mm:.3} mm{short}", axis.to_ascii_uppercase())
             }
-            Step::ToolLength { axis, by_mm, length_mm, .. } => {
+            DncStep::ToolLength { axis, by_mm, length_mm, .. } => {
                 let what = length_mm.map_or("new tool length".into(), |mm| format!("tool length {mm:.3} mm"));
                 format!("{what}: path moved by {by_mm:+.3} mm along {}", axis.to_ascii_uppercase())
             }

@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 
 use retrace_controller::event::channel_name;
-use retrace_controller::machine::{Cutter, Machine};
+use retrace_controller::machine::{CutterConfig, MachineConfig};
 use retrace_link::channel;
 
 use super::preview::Preview;
@@ -105,7 +105,7 @@ pub struct Facts {
 impl Facts {
     /// The machine's share, for a program of this name and text; a stream has no text.
     #[must_use]
-    pub fn of(machine: &Machine, name: &str, text: &str) -> Self {
+    pub fn of(machine: &MachineConfig, name: &str, text: &str) -> Self {
         let axes = machine.axes.iter().map(|axis| AxisFacts {
             letter: axis.name,
             pulses_per_mm: axis.pulses_per_mm,
@@ -155,7 +155,7 @@ impl Facts {
     }
 }
 
-fn cutter_facts(cutter: &Cutter) -> CutterFacts {
+fn cutter_facts(cutter: &CutterConfig) -> CutterFacts {
     let auxiliaries = [cutter.arm, cutter.assist, cutter.abrasive].into_iter().flatten();
     let channels = std::iter::once(cutter.fire).chain(auxiliaries).collect();
     CutterFacts { name: cutter.name.clone(), fire: cutter.fire, channels }

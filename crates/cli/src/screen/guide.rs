@@ -2,7 +2,7 @@
 //!
 //! Invariant: every key that is named does something in this situation.
 
-use retrace_controller::stream::Standing;
+use retrace_controller::telemetry::HoldReason;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 
@@ -131,18 +131,18 @@ fn normal(model: &Model) -> Guide {
         Act::Quit,
     ];
     match model.standing {
-        Standing::Hold if !model.at_rest => guide(Grade::Waits, "STOPPING", "feed hold: braking on the path", &held),
-        Standing::Hold if model.cutter_is_out => {
+        HoldReason::Hold if !model.at_rest => guide(Grade::Waits, "STOPPING", "feed hold: braking on the path", &held),
+        HoldReason::Hold if model.cutter_is_out => {
             let acts = [Act::CycleStart, Act::Recover, Act::Reverse, Act::Wheel, Act::BackBy, Act::Quit];
             guide(Grade::Waits, "FEED HOLD", "the cutter is off; c asks before it starts again, k does not", &acts)
         }
-        Standing::Hold => guide(Grade::Waits, "FEED HOLD", "held by the operator", &held),
-        Standing::ProgramStop => match model.tool_change {
+        HoldReason::Hold => guide(Grade::Waits, "FEED HOLD", "held by the operator", &held),
+        HoldReason::ProgramStop => match model.tool_change {
             Some(tool) => guide(Grade::Waits, "TOOL CHANGE", tool_change_words(model, tool), &held),
             None => guide(Grade::Waits, "PROGRAM STOP", "the program asked for a stop", &held),
         },
-        Standing::SingleBlock => guide(Grade::Waits, "SINGLE BLOCK", "at the end of a block", &held),
-        Standing::Ended => {
+        HoldReason::SingleBlock => guide(Grade::Waits, "SINGLE BLOCK", "at the end of a block", &held),
+        HoldReason::Ended => {
             let acts = [
                 Act::Quit,
                 Act::Reverse,
@@ -156,8 +156,8 @@ fn normal(model: &Model) -> Guide {
             ];
             guide(Grade::Waits, "ENDED", "program completed; reverse run is still possible", &acts)
         }
-        Standing::Paused => guide(Grade::Waits, "PAUSED", "at the breakpoint", &[Act::CycleStart, Act::Quit]),
-        Standing::None => match model.switching {
+        HoldReason::Paused => guide(Grade::Waits, "PAUSED", "at the breakpoint", &[Act::CycleStart, Act::Quit]),
+        HoldReason::None => match model.switching {
             Some(code) => guide(Grade::Well, "RUNNING", format!("waits until {code} is done"), &running),
             None => match model.waits_for() {
                 Some((source, seconds)) if model.at_rest => {
@@ -185,7 +185,7 @@ fn retracing(model: &Model, mode: Mode) -> Guide {
     let standing =
         [Act::Leave, Act::LeaveAsk, Act::Forward, Act::Reverse, Act::Wheel, Act::BackBy, Act::Output, Act::Quit];
     match mode {
-        _ if model.standing == Standing::Hold => {
+        _ if model.standing == HoldReason::Hold => {
             let acts = [Act::CycleStart, Act::Leave, Act::Forward, Act::Reverse, Act::Wheel, Act::Output, Act::Quit];
             let word = if model.at_rest { "FEED HOLD" } else { "STOPPING" };
             guide(Grade::Waits, word, format!("held while retracing, {back}"), &acts)
@@ -252,7 +252,7 @@ pub fn steps(pause: Pause) -> Vec<(&'static str, Act, bool)> {
 }
 
 fn paused(model: &Model, pause: Pause) -> Guide {
-    if model.standing != Standing::Paused {
+    if model.standing != HoldReason::Paused {
         return guide(Grade::Well, "APPROACHING", "on the way back to the breakpoint", &[Act::Hold, Act::Quit]);
     }
     let steps = steps(pause);

@@ -3,7 +3,7 @@
 //! Invariant: a pure function of the key, the time and the picture; a hold is said whatever is open, but while a line is being typed
 //! that spaces belong to, where nothing runs.
 
-use retrace_controller::manual::Task;
+use retrace_controller::manual::ManualTask;
 use retrace_controller::operator::OperatorCommand;
 use retrace_controller::tool_length::EnteredLength;
 use retrace_core::mode::Mode;
@@ -279,8 +279,8 @@ impl Hand {
             Act::ClearAlarm if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) => {
                 return Some(Said::CloseRefusal);
             }
-            Act::ClearAlarm => return Some(Said::Task(Task::ClearAlarm)),
-            Act::Home => return Some(Said::Task(Task::Home(None))),
+            Act::ClearAlarm => return Some(Said::Task(ManualTask::ClearAlarm)),
+            Act::Home => return Some(Said::Task(ManualTask::Home(None))),
             Act::DryRun => {
                 self.dry = !self.dry;
                 return Some(Said::DryRun(self.dry));
@@ -401,8 +401,8 @@ impl Hand {
                 let mm = step.unwrap_or(10.0);
                 Said::Deed(OperatorCommand::Jog { axis: letter, mm: if up { mm } else { -mm } })
             }
-            Some(mm) => Said::Task(Task::Jog { axis: letter, mm: if up { mm } else { -mm } }),
-            None => Said::Task(Task::JogOn { axis: letter, up }),
+            Some(mm) => Said::Task(ManualTask::Jog { axis: letter, mm: if up { mm } else { -mm } }),
+            None => Said::Task(ManualTask::JogOn { axis: letter, up }),
         })
     }
 
@@ -482,13 +482,13 @@ fn answer(ask: Ask, text: &str, model: &Model) -> Result<Said, String> {
         },
         Ask::Output => output(text, model),
         Ask::Mdi if text.is_empty() => Err("a block such as G0 X10".into()),
-        Ask::Mdi => Ok(Said::Task(Task::Mdi(text.into()))),
+        Ask::Mdi => Ok(Said::Task(ManualTask::Mdi(text.into()))),
         Ask::WorkZero => {
             let lower = text.to_ascii_lowercase();
             let axis = model.facts.axes.iter().find(|axis| lower == axis.letter.to_string());
             match (lower.as_str(), axis) {
-                ("all", _) => Ok(Said::Task(Task::WorkZero(None))),
-                (_, Some(axis)) => Ok(Said::Task(Task::WorkZero(Some(axis.letter)))),
+                ("all", _) => Ok(Said::Task(ManualTask::WorkZero(None))),
+                (_, Some(axis)) => Ok(Said::Task(ManualTask::WorkZero(Some(axis.letter)))),
                 _ => Err("all, or the letter of an axis".into()),
             }
         }
@@ -523,6 +523,6 @@ fn output(text: &str, model: &Model) -> Result<Said, String> {
     };
     Ok(match model.stage {
         Stage::Job => Said::Deed(OperatorCommand::Output { number, on }),
-        _ => Said::Task(Task::Output(number, i32::from(on))),
+        _ => Said::Task(ManualTask::Output(number, i32::from(on))),
     })
 }

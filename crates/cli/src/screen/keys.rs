@@ -2,7 +2,7 @@
 //!
 //! Invariant: in one situation a key does one thing.
 
-use retrace_controller::stream::Standing;
+use retrace_controller::telemetry::HoldReason;
 use retrace_core::mode::Mode;
 
 use super::model::{Model, Stage};
@@ -190,7 +190,7 @@ impl Situation {
             (Stage::Setup, _) => Self::Setup,
             (Stage::Ended(_), _) => Self::Ended,
             (Stage::Resuming, _) => Self::Resuming,
-            (Stage::Job, _) if model.standing == Standing::Paused || model.pause.is_some() => Self::Paused,
+            (Stage::Job, _) if model.standing == HoldReason::Paused || model.pause.is_some() => Self::Paused,
             (Stage::Job, Mode::Run) if model.is_at_program_end() => Self::ProgramEnd,
             (Stage::Job, Mode::Run) => Self::Run,
             (Stage::Job, Mode::Wheel) => Self::Wheel,

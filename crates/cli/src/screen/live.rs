@@ -5,11 +5,11 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use retrace_controller::dnc::{Dnc, Step};
+use retrace_controller::dnc_events::{DncEvent, DncStep};
 use retrace_controller::event::{CutterOffReason, Event, EventKind};
 use retrace_controller::machine::AXIS_LETTERS;
 use retrace_controller::operator::OperatorCommand;
-use retrace_controller::stream::{Observer, Period, Standing, Told};
+use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
 use retrace_core::ONE;
 use retrace_core::mode::Mode;
 use retrace_core::place::before;
@@ -134,11 +134,11 @@ impl Live {
 }
 
 impl<const A: usize> Observer<A> for Live {
-    fn told(&mut self, told: &Told<A>) {
+    fn on_telemetry(&mut self, told: &Telemetry<A>) {
         let mut model = locked(&self.model);
         model.changes += 1;
         match told {
-            Told::Period(period) => {
+            Telemetry::Period(period) => {
                 take_period(&mut model, period);
                 if !period.off_path {
                     self.modes.pass(period.place.record, period.reached, &mut model);
@@ -148,7 +148,7 @@ impl<const A: usize> Observer<A> for Live {
                     }
                 }
             }
-            Told::Output(change) => {
+            Telemetry::Output(change) => {
                 model.outputs.insert(change.channel, change.value);
                 self.program_outputs.output_changed(model.place.record, change.channel, change.value);
                 let turns = model.output(channel::SPINDLE);
@@ -158,14 +158,14 @@ impl<const A: usize> Observer<A> for Live {
                     pause.online &= pause.started;
                 }
             }
-            Told::Active(active) => {
+            Telemetry::Active(active) => {
                 let news = self.modes.told(active, &mut model);
                 if model.stage != Stage::Job {
                     news.show(&mut model);
                 }
                 self.modes.news = Some(news);
             }
-            Told::Event(event) => {
+            Telemetry::Event(event) => {
                 self.before = take_event(&mut model, event, self.before);
                 match event.kind {
                     EventKind::Switching(_) => self.program_outputs.begin_instruction(),
@@ -182,7 +182,7 @@ impl<const A: usize> Observer<A> for Live {
                     model.moved_mm.fill(0.0);
                     self.modes = Modes { tool: self.modes.tool, ..Modes::from(event.place.record, &model) };
                 }
-                if let EventKind::Dnc(Dnc { step: Step::ToolLength { axis, by_mm, .. }, .. }) = event.kind
+                if let EventKind::Dnc(DncEvent { step: DncStep::ToolLength { axis, by_mm, .. }, .. }) = event.kind
                     && let Some(axis) = model.facts.axes.iter().position(|facts| facts.letter == axis)
                 {
                     self.modes.moved(axis, by_mm, &mut model);
@@ -192,7 +192,7 @@ impl<const A: usize> Observer<A> for Live {
     }
 }
 
-fn take_period<const A: usize>(model: &mut Model, period: &Period<A>) {
+fn take_period<const A: usize>(model: &mut Model, period: &PeriodRecord<A>) {
     let step_mm = step_mm(model, &period.increments);
     model.period = period.period;
     for (slot, &count) in model.counts.iter_mut().zip(&period.counts) {
@@ -204,16 +204,16 @@ fn take_period<const A: usize>(model: &mut Model, period: &Period<A>) {
         model.feed_mm_min = 0.0;
     }
     (model.at_rest, model.short, model.inputs, model.off_path) =
-        (period.at_rest, period.short, period.inputs, period.off_path);
-    (model.mode, model.standing) = (period.mode, period.standing);
+        (period.at_rest, period.starved, period.inputs, period.off_path);
+    (model.mode, model.standing) = (period.mode, period.hold_reason);
     model.rate = period.rate as f64 / ONE as f64;
     model.override_rate = period.override_rate as f64 / ONE as f64;
     model.rapid_override = period.rapid_override as f64 / ONE as f64;
     model.at_cutter_boundary &= period.at_rest;
-    if period.standing != Standing::ProgramStop {
+    if period.hold_reason != HoldReason::ProgramStop {
         model.tool_change = None;
     }
-    let paused = period.standing == Standing::Paused;
+    let paused = period.hold_reason == HoldReason::Paused;
     if paused && model.pause.is_none() {
         let spindle = model.output(channel::SPINDLE);
         // A spindle that stood needs no step of its own.
@@ -331,7 +331,7 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
 /// A job begins: what an earlier one left is forgotten, but for its messages.
 fn begin(model: &mut Model, event: &Event) {
     (model.stage, model.began, model.alarm) = (Stage::Job, event.period, None);
-    (model.ended, model.standing, model.waiting) = (None, Standing::None, None);
+    (model.ended, model.standing, model.waiting) = (None, HoldReason::None, None);
     (model.optional_stop, model.tool_change, model.cutter_is_out) = (false, None, false);
     if model.history_before.is_none() {
         model.program_outputs = model.outputs.clone();

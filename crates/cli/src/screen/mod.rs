@@ -36,7 +36,7 @@ use ratatui::crossterm::event::{
     self, DisableMouseCapture, EnableMouseCapture, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers, MouseEventKind,
 };
 use ratatui::crossterm::execute;
-use retrace_controller::manual::Task;
+use retrace_controller::manual::ManualTask;
 use retrace_controller::operator::OperatorCommand;
 
 use hand::Hand;
@@ -60,7 +60,7 @@ pub enum Said {
     /// While a job runs.
     Deed(OperatorCommand),
     /// While none runs. What moves on until it is stopped, [`Deed::Hold`] stops.
-    Task(Task),
+    Task(ManualTask),
     /// The handwheel was turned by so many counts.
     Turn(i32),
     /// The program is to begin.

@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use retrace_controller::stream::Standing;
+use retrace_controller::telemetry::HoldReason;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_core::place::before;
@@ -190,7 +190,7 @@ pub struct Model {
     /// The mode of operation.
     pub mode: Mode,
     /// Why it stands in normal run.
-    pub standing: Standing,
+    pub standing: HoldReason,
     /// Does the cursor stand?
     pub at_rest: bool,
     /// Was the rate held down for want of records?
@@ -273,7 +273,7 @@ impl Model {
             line: 0,
             reached_line: 0,
             mode: Mode::Run,
-            standing: Standing::None,
+            standing: HoldReason::None,
             at_rest: true,
             short: false,
             off_path: false,
@@ -424,7 +424,7 @@ impl Model {
     /// Does the machine stand at the end of the program, with reverse run still possible?
     #[must_use]
     pub fn is_at_program_end(&self) -> bool {
-        self.stage == Stage::Job && self.standing == Standing::Ended && self.mode == Mode::Run
+        self.stage == Stage::Job && self.standing == HoldReason::Ended && self.mode == Mode::Run
     }
 
     /// The job has ended; how, in words.

@@ -5,16 +5,16 @@
 
 use std::sync::{Arc, Mutex};
 
+use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{DifferingOutputs, Event, EventKind};
-use retrace_controller::index::Keeping;
-use retrace_controller::job::{self, Begin, Conduct};
-use retrace_controller::machine::Machine;
-use retrace_controller::manual::Task;
+use retrace_controller::job::{self, JobOptions, JobStart};
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::manual::ManualTask;
 use retrace_controller::operator::{CommandError, OperatorCommand};
-use retrace_controller::orders::Operators;
+use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::Manner;
-use retrace_controller::stream::{Observer, Period, Standing, Told};
+use retrace_controller::session::RunMode;
+use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts as ModeFacts};
 use retrace_core::{ONE, Place, Travel};
 use retrace_hal_sim::Clock;
@@ -32,7 +32,7 @@ use crate::program::Program;
 const SLOPE: Travel = ONE / 150;
 
 /// What is known of a program before it runs.
-pub fn facts(machine: &Machine, program: &Program, text: &str, tape: &Tape) -> Facts {
+pub fn facts(machine: &MachineConfig, program: &Program, text: &str, tape: &Tape) -> Facts {
     Facts {
         planned: Planned::Known(tape.records.len() as f64 * machine.period_s()),
         check: ProgramCheck::Ready,
@@ -52,12 +52,12 @@ pub struct Tape {
 
 impl Tape {
     /// Runs the program once, as fast as that goes.
-    pub fn of(machine: &Machine, program: &Program) -> Self {
+    pub fn of(machine: &MachineConfig, program: &Program) -> Self {
         let mut tape = Self::default();
         if let Ok(card) = simulated::<9>(machine, Clock::Virtual) {
-            let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
-            let manner = Manner { wall_time: false, operator: false, real_time: false };
-            let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+            let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us));
+            let manner = RunMode { wall_time: false, operator: false, real_time: false };
+            let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
             // What cannot be run leaves the tape empty.
             let _ = job::run::<9, _>(machine, program.decoder(), conduct, card, &mut tape);
         }
@@ -66,10 +66,10 @@ impl Tape {
 }
 
 impl Observer<9> for Tape {
-    fn told(&mut self, told: &Told<9>) {
+    fn on_telemetry(&mut self, told: &Telemetry<9>) {
         match told {
-            Told::Output(change) => self.changes.push((self.records.len() as u32, *change)),
-            Told::Period(period) if period.rate != 0 => self.records.push((period.line, period.increments)),
+            Telemetry::Output(change) => self.changes.push((self.records.len() as u32, *change)),
+            Telemetry::Period(period) if period.rate != 0 => self.records.push((period.line, period.increments)),
             _ => {}
         }
     }
@@ -121,8 +121,8 @@ impl Pretended {
                 self.event(EventKind::Started);
             }
             Said::Turn(counts) => self.wheel += counts,
-            Said::Task(Task::ClearAlarm) => locked(&self.model).alarm_is_cleared(),
-            Said::Task(Task::Jog { axis, mm }) => self.jog(*axis, *mm),
+            Said::Task(ManualTask::ClearAlarm) => locked(&self.model).alarm_is_cleared(),
+            Said::Task(ManualTask::Jog { axis, mm }) => self.jog(*axis, *mm),
             Said::Task(task) => self.event(EventKind::Message(format!("{task:?}"))),
             Said::Deed(deed) => {
                 self.event(EventKind::Operator(*deed));
@@ -195,7 +195,7 @@ impl Pretended {
 
     fn switch(&mut self, channel: u8, value: i32) {
         self.outputs[usize::from(channel)] = value;
-        Observer::<9>::told(&mut self.live, &Told::Output(OutputChange { channel, value }));
+        Observer::<9>::on_telemetry(&mut self.live, &Telemetry::Output(OutputChange { channel, value }));
     }
 
     /// What the program expects at the furthest place.
@@ -212,7 +212,7 @@ impl Pretended {
         let line = self.tape.records.get(place.record as usize).map_or(0, |record| record.0);
         let event =
             Event { period: self.period, time_s: self.period as f64 * self.period_s, place, line, kind: happening };
-        Observer::<9>::told(&mut self.live, &Told::Event(event));
+        Observer::<9>::on_telemetry(&mut self.live, &Telemetry::Event(event));
     }
 
     /// A control period.
@@ -300,11 +300,11 @@ impl Pretended {
         let place = Place::start_of(0).moved(self.cursor);
         let planned = (self.reached + 500).min(self.tape.records.len() as u32);
         let standing = match (self.paused && self.rate == 0, self.operation.held()) {
-            (true, _) => Standing::Paused,
-            (_, true) => Standing::Hold,
-            _ => Standing::None,
+            (true, _) => HoldReason::Paused,
+            (_, true) => HoldReason::Hold,
+            _ => HoldReason::None,
         };
-        let period = Period {
+        let period = PeriodRecord {
             period: self.period,
             place,
             reached: self.reached,
@@ -317,14 +317,14 @@ impl Pretended {
             counts: self.counts,
             executed: 0,
             at_rest: self.rate == 0,
-            short: false,
+            starved: false,
             inputs: 0,
             mode: self.operation.mode(),
-            standing,
+            hold_reason: standing,
             override_rate: self.operation.override_rate(),
             rapid_override: self.operation.rapid_override(),
             off_path: locked(&self.model).stage == Stage::Setup,
         };
-        self.live.told(&Told::Period(period));
+        self.live.on_telemetry(&Telemetry::Period(period));
     }
 }

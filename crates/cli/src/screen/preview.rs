@@ -2,10 +2,10 @@
 //!
 //! Invariant: bounded however long the program is, but for one end a line; a line that ends in more places than one has none.
 
-use retrace_controller::feed::{Cancelled, Refused, Switch};
-use retrace_controller::job::{self, Decode};
-use retrace_controller::machine::Machine;
-use retrace_controller::sink::Sink;
+use retrace_controller::job::{self, BlockDecoder};
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::motion_sink::MotionSink;
+use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
 
@@ -43,7 +43,7 @@ enum End {
 impl Preview {
     /// Goes through a program that was checked before.
     #[must_use]
-    pub fn of(machine: &Machine, program: &mut impl Decode) -> Self {
+    pub fn of(machine: &MachineConfig, program: &mut impl BlockDecoder) -> Self {
         let space = ['x', 'y', 'z'].map(|name| machine.axes.iter().position(|a| a.name == name));
         let mut preview = Self { space, axes: machine.axes.len(), at_mm: machine.start_mm(), ..Self::default() };
         preview.draw(false);
@@ -90,14 +90,14 @@ impl Preview {
     }
 }
 
-impl Sink<9> for Preview {
-    fn straight(&mut self, end_mm: [f64; 9], feed: FeedRate, _: PathMode, line: u32) -> Result<(), Refused> {
+impl MotionSink<9> for Preview {
+    fn straight(&mut self, end_mm: [f64; 9], feed: FeedRate, _: PathMode, line: u32) -> Result<(), PlanWriteError> {
         self.go(end_mm, feed == FeedRate::Rapid);
         self.end(line);
         Ok(())
     }
 
-    fn arc(&mut self, arc: &Arc<9>, _: FeedRate, _: PathMode, line: u32) -> Result<(), Refused> {
+    fn arc(&mut self, arc: &Arc<9>, _: FeedRate, _: PathMode, line: u32) -> Result<(), PlanWriteError> {
         let ([p, q], [cp, cq], start) = (arc.plane, arc.centre_mm, self.at_mm);
         let radius = (start[p] - cp).hypot(start[q] - cq);
         let (from, sweep) = arc.sweep(&start);
@@ -117,7 +117,7 @@ impl Sink<9> for Preview {
 
     fn action(&mut self, _: OutputChange, _: u32) {}
 
-    fn exclusive(&mut self, _: Switch<'_>) -> Result<(), Cancelled> {
+    fn exclusive(&mut self, _: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         Ok(())
     }
 

@@ -10,8 +10,8 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
-use retrace_controller::machine::Machine;
-use retrace_controller::stream::Standing;
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::telemetry::HoldReason;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 
@@ -247,7 +247,7 @@ fn a_program_that_does_not_come_is_waited_for_by_name_and_time() {
 
 #[test]
 fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() {
-    let machine = Machine::parse(
+    let machine = MachineConfig::parse(
         "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\n[[output]]\nnumber = 5\nname = \"clamp\"\n",
         "m.toml",
     );
@@ -273,7 +273,7 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     assert_eq!(said, [Said::Deed(retrace_controller::operator::OperatorCommand::Output { number: 5, on: false })]);
     hand.dry = true;
     assert!(shown(&model, &hand).starts_with(" DRY RUNNING"), "{}", shown(&model, &hand));
-    (model.standing, model.tool_change, model.at_rest) = (Standing::ProgramStop, Some(3), true);
+    (model.standing, model.tool_change, model.at_rest) = (HoldReason::ProgramStop, Some(3), true);
     Arc::make_mut(&mut model.facts).tool_names = [(3, "6 mm end mill".to_owned())].into();
     let change = shown(&model, &Hand::new());
     assert!(change.contains("TOOL CHANGE") && change.contains("insert tool T3: 6 mm end mill"), "{change}");
@@ -407,7 +407,7 @@ prop_compose! {
         (model.override_rate, model.feed_mm_min, model.outputs) = (over, feed, outputs);
         model.stage = [Stage::Setup, Stage::Job, Stage::Ended(words.clone())][stage as usize].clone();
         model.standing = [
-            Standing::None, Standing::Hold, Standing::ProgramStop, Standing::SingleBlock, Standing::Paused, Standing::Ended,
+            HoldReason::None, HoldReason::Hold, HoldReason::ProgramStop, HoldReason::SingleBlock, HoldReason::Paused, HoldReason::Ended,
         ][standing as usize];
         if alarm {
             let (number, cause, remedy) = ("E3012".into(), words.clone(), words.repeat(9));

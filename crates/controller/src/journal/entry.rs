@@ -7,9 +7,9 @@ use retrace_link::PathStart;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::hash::Hash;
-use super::stamp::Stamp;
-use crate::index;
+use super::hash::FileHash;
+use super::timestamp::Timestamp;
+use crate::place_index;
 
 /// Version of the format.
 pub const FORMAT: u32 = 2;
@@ -17,15 +17,15 @@ pub const FORMAT: u32 = 2;
 /// An entry.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Entry {
+pub enum JournalEntry {
     /// What the job is. The first entry, and the first only.
-    Job(Box<Job>),
+    Job(Box<JobHeader>),
     /// What the program had come to at a place.
-    Mark(#[serde(with = "mark")] index::Mark),
+    Mark(#[serde(with = "mark")] place_index::PlaceMark),
     /// From a place on, another override was planned.
-    Override(Override),
+    Override(PlannedOverride),
     /// The program was cut off or refused: the path rests behind this block.
-    Rest(Rest),
+    Rest(PlannedRest),
     /// A tool length was entered in a pause.
     ToolLength(ToolLengthChange),
     /// Where the machine was.
@@ -33,25 +33,25 @@ pub enum Entry {
     /// Something happened: the event as `--json` shows it.
     Event(Value),
     /// How much of a program that arrives has been kept.
-    Spooled(Spooled),
+    Spooled(SpooledBytes),
     /// The job was taken up again.
-    Resumed(Box<Resumed>),
+    Resumed(Box<ResumeEntry>),
     /// Events that were not kept, because the disk did not keep up.
-    Lost(Lost),
+    Lost(LostEntries),
     /// The job ended.
-    End(Box<End>),
+    End(Box<EndEntry>),
 }
 
 /// What a job is: everything that is needed to decode and plan it again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Job {
+pub struct JobHeader {
     /// Version of the format, [`FORMAT`].
     pub format: u32,
     /// Name of the job, which is that of its folder.
     pub id: String,
     /// When it began.
-    pub when: Stamp,
+    pub when: Timestamp,
     /// Version of retrace.
     pub retrace_version: String,
     /// [`crate::fingerprint::of_planning`] of that version. A job is resumed only by what has the one that it began with.
@@ -59,20 +59,20 @@ pub struct Job {
     /// The program's name, for people.
     pub program: String,
     /// Where the program came from.
-    pub source: Source,
+    pub source: ProgramSource,
     /// Lines of the program, where it is a file.
     pub lines: Option<u64>,
     /// Every file that decoding has read.
-    pub files: Vec<FileRead>,
+    pub files: Vec<ReadFile>,
     /// The machine file, as it was.
-    pub machine: MachineFile,
+    pub machine: MachineFileCopy,
     /// What the command was given, as far as it matters to decoding and planning.
-    pub arguments: Arguments,
+    pub arguments: CommandArguments,
     /// Offsets and tool data as they were when the job began; none in the journal of an older version.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tables: Option<LatchedTables>,
     /// The card.
-    pub card: Card,
+    pub card: JobCard,
     /// Control period in microseconds.
     pub period_us: u32,
     /// The place where the path begins.
@@ -88,7 +88,7 @@ pub struct Job {
 /// Where a program comes from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Source {
+pub enum ProgramSource {
     /// A file, by its absolute path.
     File(String),
     /// Standard input.
@@ -104,7 +104,7 @@ pub enum Source {
 /// What a file is to the job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Role {
+pub enum FileRole {
     /// The program.
     Program,
     /// A subprogram in a file of its own.
@@ -122,23 +122,23 @@ pub enum Role {
 /// A file that decoding has read.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FileRead {
+pub struct ReadFile {
     /// What it is to the job.
-    pub role: Role,
+    pub role: FileRole,
     /// Its absolute path; empty for the shipped cycles.
     pub path: String,
     /// Of its content.
-    pub hash: Hash,
+    pub hash: FileHash,
 }
 
 /// A machine file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct MachineFile {
+pub struct MachineFileCopy {
     /// Its absolute path; none where the built-in machine was used.
     pub path: Option<String>,
     /// Of its text.
-    pub hash: Hash,
+    pub hash: FileHash,
     /// Its text, so that the job can be resumed after the file has been changed.
     pub text: String,
 }
@@ -170,7 +170,7 @@ pub struct MachineTables {
 /// Arguments of the command; paths are absolute.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Arguments {
+pub struct CommandArguments {
     /// Blocks that begin with `/` are left out.
     pub block_delete: bool,
     /// The line that the job began with.
@@ -193,7 +193,7 @@ pub struct Arguments {
 /// The card of a job.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Card {
+pub enum JobCard {
     /// The simulated card in the command's own process, which ends with it.
     Sim,
     /// A card at the end of a line.
@@ -217,7 +217,7 @@ pub struct WiredCard {
 /// From a place on, another override was planned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Override {
+pub struct PlannedOverride {
     /// The first record planned so.
     pub place: u32,
     /// The factor, in units of 2⁻³².
@@ -227,7 +227,7 @@ pub struct Override {
 /// The program was cut off or refused, and the path was planned to rest there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Rest {
+pub struct PlannedRest {
     /// Number of the last block that was planned, from 1.
     pub block: u64,
 }
@@ -247,7 +247,7 @@ pub struct ToolLengthChange {
 #[serde(deny_unknown_fields)]
 pub struct PositionEntry {
     /// When, by the computer's clock.
-    pub when: Stamp,
+    pub when: Timestamp,
     /// Control periods since the start of the card.
     pub period: u64,
     /// Where the cursor stood: record, and fraction in units of 2⁻³².
@@ -266,9 +266,9 @@ pub struct PositionEntry {
     /// Program line of the record that the cursor was in.
     pub line: u32,
     /// The mode of operation.
-    pub mode: Mode,
+    pub mode: JournalMode,
     /// Why the machine stood in normal run, if it did.
-    pub hold_reason: HoldReason,
+    pub hold_reason: JournalHoldReason,
 }
 
 impl PositionEntry {
@@ -284,7 +284,7 @@ impl PositionEntry {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "they are those of the core")]
-pub enum Mode {
+pub enum JournalMode {
     Run,
     Reverse,
     Forward,
@@ -297,7 +297,7 @@ pub enum Mode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "they are those of the stream")]
-pub enum HoldReason {
+pub enum JournalHoldReason {
     None,
     Hold,
     ProgramStop,
@@ -308,7 +308,7 @@ pub enum HoldReason {
 /// How much of a program that arrives has been kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Spooled {
+pub struct SpooledBytes {
     /// Bytes of it, from its beginning, that are as durable as this entry.
     pub bytes: u64,
     /// Is that all of it?
@@ -318,13 +318,13 @@ pub struct Spooled {
 /// The job was taken up again.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Resumed {
+pub struct ResumeEntry {
     /// When.
-    pub when: Stamp,
+    pub when: Timestamp,
     /// Version of retrace that did so.
     pub retrace: String,
     /// The card, as it was then.
-    pub card: Card,
+    pub card: JobCard,
     /// Where the cursor stood.
     #[serde(with = "place")]
     pub place: Place,
@@ -339,7 +339,7 @@ pub struct Resumed {
 /// Events that were not kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Lost {
+pub struct LostEntries {
     /// How many events and positions.
     pub entries: u64,
 }
@@ -347,7 +347,7 @@ pub struct Lost {
 /// How a job ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Ending {
+pub enum JobEnding {
     /// The program came to its end.
     Completed,
     /// The operator stopped it, or a block was refused: it can be resumed.
@@ -359,11 +359,11 @@ pub enum Ending {
 /// The job ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct End {
+pub struct EndEntry {
     /// When.
-    pub when: Stamp,
+    pub when: Timestamp,
     /// How.
-    pub outcome: Ending,
+    pub outcome: JobEnding,
     /// Exit code of the command.
     pub exit_code: u8,
     /// The report, as `--json` prints it.
@@ -374,7 +374,7 @@ pub struct End {
 mod mark {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    use crate::index::Mark;
+    use crate::place_index::PlaceMark;
 
     #[derive(Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
@@ -385,18 +385,18 @@ mod mark {
         counts: Vec<i64>,
     }
 
-    pub(super) fn serialize<S: Serializer>(mark: &Mark, to: S) -> Result<S::Ok, S::Error> {
+    pub(super) fn serialize<S: Serializer>(mark: &PlaceMark, to: S) -> Result<S::Ok, S::Error> {
         let axes = mark.counts.iter().rposition(|&count| count != 0).map_or(0, |last| last + 1);
         let counts = mark.counts[..axes].to_vec();
         Written { place: mark.place, block: mark.block, line: mark.line, counts }.serialize(to)
     }
 
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Mark, D::Error> {
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<PlaceMark, D::Error> {
         let Written { place, block, line, counts: written } = Written::deserialize(from)?;
         let mut counts = [0; 9];
         let there = counts.get_mut(..written.len()).ok_or_else(|| serde::de::Error::custom("more than nine axes"))?;
         there.copy_from_slice(&written);
-        Ok(Mark { place, block, line, counts })
+        Ok(PlaceMark { place, block, line, counts })
     }
 }
 
@@ -421,8 +421,8 @@ pub(crate) mod tests {
     use proptest::prelude::*;
     use serde_json::json;
 
-    fn stamp() -> impl Strategy<Value = Stamp> {
-        (0..4_102_444_800_000_u64).prop_map(Stamp::from_ms)
+    fn stamp() -> impl Strategy<Value = Timestamp> {
+        (0..4_102_444_800_000_u64).prop_map(Timestamp::from_ms)
     }
 
     fn a_place() -> impl Strategy<Value = Place> {
@@ -433,34 +433,42 @@ pub(crate) mod tests {
         prop::collection::vec(any::<i64>(), 0..=9)
     }
 
-    pub(crate) fn marks() -> impl Strategy<Value = index::Mark> {
+    pub(crate) fn marks() -> impl Strategy<Value = place_index::PlaceMark> {
         (any::<u32>(), any::<u64>(), any::<u32>(), counts()).prop_map(|(place, block, line, some)| {
             let mut counts = [0; 9];
             counts[..some.len()].copy_from_slice(&some);
-            index::Mark { place, block, line, counts }
+            place_index::PlaceMark { place, block, line, counts }
         })
     }
 
-    fn cards() -> impl Strategy<Value = Card> {
+    fn cards() -> impl Strategy<Value = JobCard> {
         let wired = (".{0,9}", ".{0,9}", any::<u32>(), any::<u32>())
-            .prop_map(|(address, name, serial, boot)| Card::Wired(WiredCard { address, name, serial, boot }));
-        prop_oneof![Just(Card::Sim), wired]
+            .prop_map(|(address, name, serial, boot)| JobCard::Wired(WiredCard { address, name, serial, boot }));
+        prop_oneof![Just(JobCard::Sim), wired]
     }
 
     /// A job with this machine file, hash and card.
-    pub(crate) fn job(text: &str, card: Card) -> Job {
-        Job {
+    pub(crate) fn job(text: &str, card: JobCard) -> JobHeader {
+        JobHeader {
             format: FORMAT,
             id: "20261122-004627-part".into(),
-            when: Stamp::from_ms(1_795_308_387_000),
+            when: Timestamp::from_ms(1_795_308_387_000),
             retrace_version: "0.1.0".into(),
             planner: 1,
             program: "part.ngc".into(),
-            source: Source::File("part.ngc".into()),
+            source: ProgramSource::File("part.ngc".into()),
             lines: Some(40),
-            files: vec![FileRead { role: Role::Program, path: "part.ngc".into(), hash: Hash::of(text.as_bytes()) }],
-            machine: MachineFile { path: None, hash: Hash::of(b""), text: text.into() },
-            arguments: Arguments { start_line: Some(7), subs: vec!["subs".into()], ..Arguments::default() },
+            files: vec![ReadFile {
+                role: FileRole::Program,
+                path: "part.ngc".into(),
+                hash: FileHash::of(text.as_bytes()),
+            }],
+            machine: MachineFileCopy { path: None, hash: FileHash::of(b""), text: text.into() },
+            arguments: CommandArguments {
+                start_line: Some(7),
+                subs: vec!["subs".into()],
+                ..CommandArguments::default()
+            },
             tables: Some(LatchedTables {
                 parameters: "5221\t1.5\n".into(),
                 current_tool: 3,
@@ -477,19 +485,19 @@ pub(crate) mod tests {
 
     fn ats() -> impl Strategy<Value = PositionEntry> {
         let mode = prop::sample::select(vec![
-            Mode::Run,
-            Mode::Reverse,
-            Mode::Forward,
-            Mode::Wheel,
-            Mode::Rejoin,
-            Mode::AwaitOutputs,
+            JournalMode::Run,
+            JournalMode::Reverse,
+            JournalMode::Forward,
+            JournalMode::Wheel,
+            JournalMode::Rejoin,
+            JournalMode::AwaitOutputs,
         ]);
         let standing = prop::sample::select(vec![
-            HoldReason::None,
-            HoldReason::Hold,
-            HoldReason::ProgramStop,
-            HoldReason::SingleBlock,
-            HoldReason::Paused,
+            JournalHoldReason::None,
+            JournalHoldReason::Hold,
+            JournalHoldReason::ProgramStop,
+            JournalHoldReason::SingleBlock,
+            JournalHoldReason::Paused,
         ]);
         let numbers = (any::<u64>(), any::<u32>(), any::<u32>(), any::<bool>(), any::<u32>());
         let outputs = prop::collection::vec(any::<(u8, i32)>(), 0..5);
@@ -513,13 +521,13 @@ pub(crate) mod tests {
     }
 
     /// Entries that may stand behind the first.
-    pub(crate) fn entries() -> impl Strategy<Value = Entry> {
+    pub(crate) fn entries() -> impl Strategy<Value = JournalEntry> {
         let value =
             (any::<f64>(), ".{0,20}", any::<i64>()).prop_map(|(x, text, n)| json!({"x": x, "text": text, "n": [n]}));
         let report = (any::<f64>(), ".{0,20}").prop_map(|(x, text)| json!({"mm": {"x": x}, "text": text}));
-        let ending = prop::sample::select(vec![Ending::Completed, Ending::Stopped, Ending::Alarm]);
+        let ending = prop::sample::select(vec![JobEnding::Completed, JobEnding::Stopped, JobEnding::Alarm]);
         let resumed = (stamp(), cards(), a_place(), any::<(u32, u32)>(), counts()).prop_map(
-            |(when, card, place, (reached, executed), counts)| Resumed {
+            |(when, card, place, (reached, executed), counts)| ResumeEntry {
                 when,
                 retrace: "0.1.0".into(),
                 card,
@@ -530,16 +538,16 @@ pub(crate) mod tests {
             },
         );
         prop_oneof![
-            4 => marks().prop_map(Entry::Mark),
-            1 => any::<(u32, i64)>().prop_map(|(place, planned)| Entry::Override(Override { place, planned })),
-            1 => any::<u64>().prop_map(|block| Entry::Rest(Rest { block })),
-            2 => ats().prop_map(|at| Entry::Position(Box::new(at))),
-            1 => value.prop_map(Entry::Event),
-            1 => any::<(u64, bool)>().prop_map(|(bytes, ended)| Entry::Spooled(Spooled { bytes, ended })),
-            1 => any::<u64>().prop_map(|entries| Entry::Lost(Lost { entries })),
-            1 => resumed.prop_map(|resumed| Entry::Resumed(Box::new(resumed))),
+            4 => marks().prop_map(JournalEntry::Mark),
+            1 => any::<(u32, i64)>().prop_map(|(place, planned)| JournalEntry::Override(PlannedOverride { place, planned })),
+            1 => any::<u64>().prop_map(|block| JournalEntry::Rest(PlannedRest { block })),
+            2 => ats().prop_map(|at| JournalEntry::Position(Box::new(at))),
+            1 => value.prop_map(JournalEntry::Event),
+            1 => any::<(u64, bool)>().prop_map(|(bytes, ended)| JournalEntry::Spooled(SpooledBytes { bytes, ended })),
+            1 => any::<u64>().prop_map(|entries| JournalEntry::Lost(LostEntries { entries })),
+            1 => resumed.prop_map(|resumed| JournalEntry::Resumed(Box::new(resumed))),
             1 => (stamp(), ending, any::<u8>(), report)
-                .prop_map(|(when, outcome, exit_code, report)| Entry::End(Box::new(End { when, outcome, exit_code, report }))),
+                .prop_map(|(when, outcome, exit_code, report)| JournalEntry::End(Box::new(EndEntry { when, outcome, exit_code, report }))),
         ]
     }
 
@@ -548,22 +556,22 @@ pub(crate) mod tests {
         fn every_entry_is_read_as_it_was_written(entry in entries()) {
             let text = serde_json::to_string(&entry).expect("it can be written");
             prop_assert!(!text.contains('\n'));
-            prop_assert_eq!(serde_json::from_str::<Entry>(&text).expect("it can be read"), entry);
+            prop_assert_eq!(serde_json::from_str::<JournalEntry>(&text).expect("it can be read"), entry);
         }
 
         #[test]
         fn every_job_is_read_as_it_was_written(text in ".{0,80}", card in cards()) {
-            let entry = Entry::Job(Box::new(job(&text, card)));
+            let entry = JournalEntry::Job(Box::new(job(&text, card)));
             let written = serde_json::to_string(&entry).expect("it can be written");
             prop_assert!(!written.contains('\n'));
-            prop_assert_eq!(serde_json::from_str::<Entry>(&written).expect("it can be read"), entry);
+            prop_assert_eq!(serde_json::from_str::<JournalEntry>(&written).expect("it can be read"), entry);
         }
     }
 
     #[test]
     fn what_is_not_known_is_not_guessed() {
         let mark = r#"{"mark":{"place":1,"block":2,"line":3,"counts":[4]}}"#;
-        assert!(serde_json::from_str::<Entry>(mark).is_ok());
+        assert!(serde_json::from_str::<JournalEntry>(mark).is_ok());
         for newer in [
             mark.replace("}}", ",\"more\":1}}"),
             mark.replace("mark", "marc"),
@@ -571,7 +579,7 @@ pub(crate) mod tests {
             mark.replace(",\"line\":3", ""),
             r#"{"lost":{"entries":-1}}"#.into(),
         ] {
-            assert!(serde_json::from_str::<Entry>(&newer).is_err(), "{newer}");
+            assert!(serde_json::from_str::<JournalEntry>(&newer).is_err(), "{newer}");
         }
     }
 }

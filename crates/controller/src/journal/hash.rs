@@ -10,9 +10,9 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Fowler-Noll-Vo hash, variant 1a, of 128 bits; written as 32 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub struct Hash(u128);
+pub struct FileHash(u128);
 
-impl Hash {
+impl FileHash {
     /// Of no bytes.
     const BASIS: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
     const PRIME: u128 = 0x0000_0000_0100_0000_0000_0000_0000_013b;
@@ -56,13 +56,13 @@ impl Hash {
     }
 }
 
-impl fmt::Display for Hash {
+impl fmt::Display for FileHash {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:032x}", self.0)
     }
 }
 
-impl fmt::Debug for Hash {
+impl fmt::Debug for FileHash {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Display::fmt(self, f)
     }
@@ -70,30 +70,30 @@ impl fmt::Debug for Hash {
 
 /// No hash is written like that.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NoHash;
+pub struct ParseHashError;
 
-impl fmt::Display for NoHash {
+impl fmt::Display for ParseHashError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("a hash has 32 hexadecimal digits")
     }
 }
 
-impl FromStr for Hash {
-    type Err = NoHash;
+impl FromStr for FileHash {
+    type Err = ParseHashError;
 
-    fn from_str(text: &str) -> Result<Self, NoHash> {
+    fn from_str(text: &str) -> Result<Self, ParseHashError> {
         let is_one = text.len() == 32 && text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
-        u128::from_str_radix(text, 16).ok().filter(|_| is_one).map(Self).ok_or(NoHash)
+        u128::from_str_radix(text, 16).ok().filter(|_| is_one).map(Self).ok_or(ParseHashError)
     }
 }
 
-impl Serialize for Hash {
+impl Serialize for FileHash {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
         to.collect_str(self)
     }
 }
 
-impl<'de> Deserialize<'de> for Hash {
+impl<'de> Deserialize<'de> for FileHash {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         String::deserialize(from)?.parse().map_err(serde::de::Error::custom)
     }
@@ -106,19 +106,19 @@ mod tests {
     #[test]
     fn it_is_the_published_one_however_the_bytes_come() {
         // The published test vectors of FNV-1a, 128 bits.
-        assert_eq!(Hash::of(b"").to_string(), "6c62272e07bb014262b821756295c58d");
-        assert_eq!(Hash::of(b"a").to_string(), "d228cb696f1a8caf78912b704e4a8964");
+        assert_eq!(FileHash::of(b"").to_string(), "6c62272e07bb014262b821756295c58d");
+        assert_eq!(FileHash::of(b"a").to_string(), "d228cb696f1a8caf78912b704e4a8964");
         let long: Vec<u8> = (0..200_000u32).map(|n| (n.wrapping_mul(n) >> 3) as u8).collect();
-        assert_eq!(Hash::of_reader(&long[..]).ok(), Some(Hash::of(&long)));
-        assert_ne!(Hash::of(&long), Hash::of(&long[1..]));
+        assert_eq!(FileHash::of_reader(&long[..]).ok(), Some(FileHash::of(&long)));
+        assert_ne!(FileHash::of(&long), FileHash::of(&long[1..]));
     }
 
     #[test]
     fn what_is_written_is_read_again_and_nothing_else() {
-        let hash = Hash::of(b"G1 X1");
+        let hash = FileHash::of(b"G1 X1");
         assert_eq!(hash.to_string().parse(), Ok(hash));
         for bad in ["", "00", "+2628272e07bb014262b821756295c58d", "6C62272e07bb014262b821756295c58d"] {
-            assert_eq!(bad.parse::<Hash>(), Err(NoHash), "{bad}");
+            assert_eq!(bad.parse::<FileHash>(), Err(ParseHashError), "{bad}");
         }
     }
 }

@@ -5,14 +5,14 @@
 //!
 //! Invariant: what was said to be durable is read again, whole and in its order, or the journal is refused with the place of the flaw.
 
-mod desk;
 pub mod entry;
 pub mod hash;
-pub mod keeper;
-pub mod line;
-pub mod logbook;
-pub mod reader;
-pub mod record;
+pub mod job_record;
+pub mod journal_line;
+mod journal_queue;
+pub mod journal_reader;
+pub mod journal_recorder;
+pub mod journal_writer;
 pub mod spool;
-pub mod stamp;
 pub mod store;
+pub mod timestamp;

@@ -9,37 +9,37 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use super::entry::Spooled;
+use super::entry::SpooledBytes;
+use crate::numbered_error::NumberedError;
 use crate::program_end::ProgramEndDetector;
-use crate::refusal::Refusal;
 use crate::state_file;
 
 /// How far the spool has come, and the file, for the logbook.
 #[derive(Debug)]
-pub struct Progress {
+pub struct SpoolProgress {
     file: File,
-    marks: Arc<Marks>,
+    marks: Arc<SpoolMarks>,
     /// What was synced.
-    synced: Spooled,
+    synced: SpooledBytes,
     /// A sync has failed: what it was for may be lost, and no later one would tell.
     broken: Option<(io::ErrorKind, String)>,
 }
 
 #[derive(Debug, Default)]
-struct Marks {
+struct SpoolMarks {
     bytes: AtomicU64,
     ended: AtomicBool,
 }
 
-impl Progress {
+impl SpoolProgress {
     /// How much has been kept. Whatever was read before this is asked is in it.
-    pub(super) fn spooled(&self) -> Spooled {
+    pub(super) fn spooled(&self) -> SpooledBytes {
         let ended = self.marks.ended.load(Ordering::Acquire);
-        Spooled { bytes: self.marks.bytes.load(Ordering::Acquire), ended }
+        SpooledBytes { bytes: self.marks.bytes.load(Ordering::Acquire), ended }
     }
 
     /// Makes this much durable.
-    pub(super) fn sync(&mut self, spooled: Spooled) -> io::Result<()> {
+    pub(super) fn sync(&mut self, spooled: SpooledBytes) -> io::Result<()> {
         if let Some((kind, why)) = &self.broken {
             return Err(io::Error::new(*kind, why.clone()));
         }
@@ -55,10 +55,10 @@ impl Progress {
 
 /// Reads a program as it arrives, and keeps it.
 #[derive(Debug)]
-pub struct Spooling<R> {
+pub struct SpoolWriter<R> {
     from: R,
     file: File,
-    marks: Arc<Marks>,
+    marks: Arc<SpoolMarks>,
     /// Bytes of what waits in `from` that are in the spool already.
     ahead: usize,
     /// Whether what is in the spool comes to a program end.
@@ -67,26 +67,31 @@ pub struct Spooling<R> {
     quota: u64,
 }
 
-impl<R: BufRead> Spooling<R> {
+impl<R: BufRead> SpoolWriter<R> {
     /// Keeps it in a new file of this name.
     ///
     /// # Errors
     /// As the system says.
-    pub fn create(path: &Path, from: R) -> io::Result<(Self, Progress)> {
+    pub fn create(path: &Path, from: R) -> io::Result<(Self, SpoolProgress)> {
         let file = state_file::private().append(true).create_new(true).open(path)?;
-        Self::after(file, from, Spooled::default())
+        Self::after(file, from, SpooledBytes::default())
     }
 
     /// Goes on with a file that holds this much.
-    fn after(file: File, from: R, spooled: Spooled) -> io::Result<(Self, Progress)> {
-        let marks = Arc::new(Marks { bytes: AtomicU64::new(spooled.bytes), ended: AtomicBool::new(spooled.ended) });
-        let progress =
-            Progress { file: file.try_clone()?, marks: Arc::clone(&marks), synced: Spooled::default(), broken: None };
+    fn after(file: File, from: R, spooled: SpooledBytes) -> io::Result<(Self, SpoolProgress)> {
+        let marks =
+            Arc::new(SpoolMarks { bytes: AtomicU64::new(spooled.bytes), ended: AtomicBool::new(spooled.ended) });
+        let progress = SpoolProgress {
+            file: file.try_clone()?,
+            marks: Arc::clone(&marks),
+            synced: SpooledBytes::default(),
+            broken: None,
+        };
         Ok((Self { from, file, marks, ahead: 0, end: ProgramEndDetector::default(), quota: u64::MAX }, progress))
     }
 }
 
-impl<R> Spooling<R> {
+impl<R> SpoolWriter<R> {
     /// The same, which keeps no more than `quota` bytes: a longer program cannot be read on (`E2313`).
     #[must_use]
     pub fn limited_to(self, quota: u64) -> Self {
@@ -94,7 +99,7 @@ impl<R> Spooling<R> {
     }
 }
 
-impl<R: BufRead> BufRead for Spooling<R> {
+impl<R: BufRead> BufRead for SpoolWriter<R> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         let waiting = self.from.fill_buf()?;
         if let Some(new @ [_, ..]) = waiting.get(self.ahead..) {
@@ -126,7 +131,7 @@ impl<R: BufRead> BufRead for Spooling<R> {
     }
 }
 
-impl<R: BufRead> Read for Spooling<R> {
+impl<R: BufRead> Read for SpoolWriter<R> {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         read_buffered(self, into)
     }
@@ -143,29 +148,29 @@ fn read_buffered(from: &mut impl BufRead, into: &mut [u8]) -> io::Result<usize> 
 /// Reads a program again: first what was kept of it, then, where that is not all, on from a sender that sends it again from its
 /// beginning.
 #[derive(Debug)]
-pub struct Respooled<R> {
+pub struct SpoolReplay<R> {
     kept: Take<BufReader<File>>,
     /// What was kept, once more, as long as it has not been compared with what is sent again.
     compared: Option<Take<BufReader<File>>>,
     /// None where all was kept.
-    again: Option<Spooling<R>>,
+    again: Option<SpoolWriter<R>>,
 }
 
-impl<R: BufRead> Respooled<R> {
+impl<R: BufRead> SpoolReplay<R> {
     /// Reads the spool of a job, of which the journal says this much. What is behind it was never needed, and is cut off.
     ///
     /// # Errors
     /// `E2208` where it is not all and nobody sends it again, or there is less than the journal says; `E2104` where it cannot be read.
-    pub fn open(path: &Path, spooled: Spooled, again: Option<R>) -> Result<(Self, Progress), Refusal> {
+    pub fn open(path: &Path, spooled: SpooledBytes, again: Option<R>) -> Result<(Self, SpoolProgress), NumberedError> {
         let unreadable = |error: io::Error| {
             let what = format!("the kept program {} cannot be read: {error}", path.display());
-            Refusal::new("E2104", what, "check the file and its disk")
+            NumberedError::new("E2104", what, "check the file and its disk")
         };
         let again = match again {
             None if !spooled.ended => {
                 let what = format!("only the first {} bytes of the program had arrived and were kept", spooled.bytes);
                 let remedy = "send the program again from its beginning: name its file with --program FILE";
-                return Err(Refusal::new("E2208", what, remedy));
+                return Err(NumberedError::new("E2208", what, remedy));
             }
             again => again.filter(|_| !spooled.ended),
         };
@@ -173,23 +178,23 @@ impl<R: BufRead> Respooled<R> {
         let length = file.seek(io::SeekFrom::End(0)).map_err(unreadable)?;
         if length < spooled.bytes {
             let what = format!("{} has {length} bytes, and the journal says {}", path.display(), spooled.bytes);
-            return Err(Refusal::new("E2208", what, "begin anew, at a line with --start-line if need be"));
+            return Err(NumberedError::new("E2208", what, "begin anew, at a line with --start-line if need be"));
         }
         file.set_len(spooled.bytes).map_err(unreadable)?;
         let open = || File::open(path).map(|file| BufReader::new(file).take(spooled.bytes)).map_err(unreadable);
         let (kept, compared) = (open()?, if again.is_some() { Some(open()?) } else { None });
         let (again, progress) = match again {
             Some(from) => {
-                let (again, progress) = Spooling::after(file, from, spooled).map_err(unreadable)?;
+                let (again, progress) = SpoolWriter::after(file, from, spooled).map_err(unreadable)?;
                 (Some(again), progress)
             }
-            None => (None, Spooling::after(file, io::empty(), spooled).map_err(unreadable)?.1),
+            None => (None, SpoolWriter::after(file, io::empty(), spooled).map_err(unreadable)?.1),
         };
         Ok((Self { kept, compared, again }, progress))
     }
 }
 
-impl<R> Respooled<R> {
+impl<R> SpoolReplay<R> {
     /// The same, which keeps no more than `quota` bytes.
     #[must_use]
     pub fn limited_to(self, quota: u64) -> Self {
@@ -197,7 +202,7 @@ impl<R> Respooled<R> {
     }
 }
 
-impl<R: BufRead> Respooled<R> {
+impl<R: BufRead> SpoolReplay<R> {
     /// Takes what is sent again up to where the spool ends, and compares it.
     ///
     /// # Errors
@@ -216,7 +221,7 @@ impl<R: BufRead> Respooled<R> {
             line += was[..common].iter().filter(|&&byte| byte == b'\n').count();
             if common < was.len().min(is.len()) || is.is_empty() {
                 let what = if is.is_empty() { "ends before" } else { "differs in" };
-                return Err(io::Error::other(Differs { what, line }));
+                return Err(io::Error::other(SpoolMismatch { what, line }));
             }
             again.end.push(&was[..common]);
             kept.consume(common);
@@ -229,21 +234,21 @@ impl<R: BufRead> Respooled<R> {
 
 /// Another program was sent.
 #[derive(Debug)]
-struct Differs {
+struct SpoolMismatch {
     what: &'static str,
     line: usize,
 }
 
-impl std::fmt::Display for Differs {
+impl std::fmt::Display for SpoolMismatch {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { what, line } = self;
         write!(f, "E2208: what is sent again {what} line {line} of what was sent the first time; send the same program")
     }
 }
 
-impl std::error::Error for Differs {}
+impl std::error::Error for SpoolMismatch {}
 
-impl<R: BufRead> BufRead for Respooled<R> {
+impl<R: BufRead> BufRead for SpoolReplay<R> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         if self.kept.limit() > 0 && self.kept.fill_buf()?.is_empty() {
             return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the kept program has become shorter"));
@@ -252,7 +257,7 @@ impl<R: BufRead> BufRead for Respooled<R> {
             return self.kept.fill_buf();
         }
         self.compare()?;
-        self.again.as_mut().map_or(Ok(&[]), Spooling::fill_buf)
+        self.again.as_mut().map_or(Ok(&[]), SpoolWriter::fill_buf)
     }
 
     fn consume(&mut self, count: usize) {
@@ -264,7 +269,7 @@ impl<R: BufRead> BufRead for Respooled<R> {
     }
 }
 
-impl<R: BufRead> Read for Respooled<R> {
+impl<R: BufRead> Read for SpoolReplay<R> {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         read_buffered(self, into)
     }
@@ -291,9 +296,9 @@ mod tests {
     }
 
     /// Reads so many bytes of the program through pieces of this size, into the spool.
-    fn spooled(path: &Path, bytes: usize, piece: usize) -> Progress {
+    fn spooled(path: &Path, bytes: usize, piece: usize) -> SpoolProgress {
         let (mut spooling, progress) =
-            Spooling::create(path, BufReader::with_capacity(piece, PROGRAM)).expect("a spool");
+            SpoolWriter::create(path, BufReader::with_capacity(piece, PROGRAM)).expect("a spool");
         let mut read = vec![0; bytes];
         spooling.read_exact(&mut read).expect("so many are there");
         assert_eq!(read, PROGRAM[..bytes]);
@@ -314,13 +319,13 @@ mod tests {
                 let progress = spooled(&folder.file(), bytes, piece);
                 let kept = std::fs::read(folder.file()).expect("a spool");
                 assert!(kept.len() >= bytes && PROGRAM.starts_with(&kept));
-                assert_eq!(progress.spooled(), Spooled { bytes: kept.len() as u64, ended: false });
+                assert_eq!(progress.spooled(), SpooledBytes { bytes: kept.len() as u64, ended: false });
             }
         }
         let _ = std::fs::remove_file(folder.file());
-        let (mut spooling, progress) = Spooling::create(&folder.file(), PROGRAM).expect("a spool");
+        let (mut spooling, progress) = SpoolWriter::create(&folder.file(), PROGRAM).expect("a spool");
         assert_eq!(all(&mut spooling).ok().as_deref(), Some(PROGRAM));
-        assert_eq!(progress.spooled(), Spooled { bytes: PROGRAM.len() as u64, ended: true });
+        assert_eq!(progress.spooled(), SpooledBytes { bytes: PROGRAM.len() as u64, ended: true });
         assert_eq!(std::fs::read(folder.file()).ok().as_deref(), Some(PROGRAM));
     }
 
@@ -329,17 +334,17 @@ mod tests {
         let folder = Folder::new();
         for (sent, ended) in [("G0 X1\nM2\n", true), ("G0 X1\nM2", true), ("G0 X1\nM3", false), ("G0 X1\n", false)] {
             let _ = std::fs::remove_file(folder.file());
-            let (spooling, progress) = Spooling::create(&folder.file(), sent.as_bytes()).expect("a spool");
+            let (spooling, progress) = SpoolWriter::create(&folder.file(), sent.as_bytes()).expect("a spool");
             all(spooling).expect("readable");
-            assert_eq!(progress.spooled(), Spooled { bytes: sent.len() as u64, ended }, "{sent:?}");
+            assert_eq!(progress.spooled(), SpooledBytes { bytes: sent.len() as u64, ended }, "{sent:?}");
         }
         // the end of the program lies on both sides of what was kept
         for kept in 0..PROGRAM.len() as u64 {
             std::fs::write(folder.file(), PROGRAM).expect("written");
-            let spooled = Spooled { bytes: kept, ended: false };
-            let (again, progress) = Respooled::open(&folder.file(), spooled, Some(PROGRAM)).expect("a part");
+            let spooled = SpooledBytes { bytes: kept, ended: false };
+            let (again, progress) = SpoolReplay::open(&folder.file(), spooled, Some(PROGRAM)).expect("a part");
             all(again).expect("readable");
-            assert_eq!(progress.spooled(), Spooled { bytes: PROGRAM.len() as u64, ended: true }, "{kept}");
+            assert_eq!(progress.spooled(), SpooledBytes { bytes: PROGRAM.len() as u64, ended: true }, "{kept}");
         }
     }
 
@@ -347,10 +352,10 @@ mod tests {
     fn a_spool_has_a_quota() {
         let folder = Folder::new();
         let (spooling, progress) =
-            Spooling::create(&folder.file(), BufReader::with_capacity(4, PROGRAM)).expect("a spool");
+            SpoolWriter::create(&folder.file(), BufReader::with_capacity(4, PROGRAM)).expect("a spool");
         let why = all(spooling.limited_to(10)).expect_err("it is full").to_string();
         assert!(why.contains("E2313"), "{why}");
-        assert_eq!(progress.spooled(), Spooled { bytes: 8, ended: false });
+        assert_eq!(progress.spooled(), SpooledBytes { bytes: 8, ended: false });
         assert_eq!(std::fs::read(folder.file()).ok().as_deref(), Some(&PROGRAM[..8]));
     }
 
@@ -358,13 +363,13 @@ mod tests {
     fn a_whole_spool_needs_nobody_to_send_again() {
         let folder = Folder::new();
         drop(spooled(&folder.file(), PROGRAM.len(), 3));
-        let whole = Spooled { bytes: PROGRAM.len() as u64, ended: true };
-        let (again, _) = Respooled::open(&folder.file(), whole, None::<&[u8]>).expect("it is whole");
+        let whole = SpooledBytes { bytes: PROGRAM.len() as u64, ended: true };
+        let (again, _) = SpoolReplay::open(&folder.file(), whole, None::<&[u8]>).expect("it is whole");
         assert_eq!(all(again).ok().as_deref(), Some(PROGRAM));
-        let part = Spooled { bytes: 9, ended: false };
-        assert_eq!(Respooled::open(&folder.file(), part, None::<&[u8]>).expect_err("a part").number, "E2208");
-        let more = Spooled { bytes: 99, ended: true };
-        assert_eq!(Respooled::open(&folder.file(), more, None::<&[u8]>).expect_err("too short").number, "E2208");
+        let part = SpooledBytes { bytes: 9, ended: false };
+        assert_eq!(SpoolReplay::open(&folder.file(), part, None::<&[u8]>).expect_err("a part").number, "E2208");
+        let more = SpooledBytes { bytes: 99, ended: true };
+        assert_eq!(SpoolReplay::open(&folder.file(), more, None::<&[u8]>).expect_err("too short").number, "E2208");
     }
 
     proptest! {
@@ -378,8 +383,8 @@ mod tests {
             drop(spooled(&path, bytes, piece));
             // What the journal says may be less than what is there.
             let length = std::fs::metadata(&path).expect("a spool").len();
-            let said = Spooled { bytes: length.min(trusted as u64), ended: false };
-            let open = |again: Vec<u8>| Respooled::open(&path, said, Some(BufReader::with_capacity(piece, io::Cursor::new(again))));
+            let said = SpooledBytes { bytes: length.min(trusted as u64), ended: false };
+            let open = |again: Vec<u8>| SpoolReplay::open(&path, said, Some(BufReader::with_capacity(piece, io::Cursor::new(again))));
 
             let mut other = PROGRAM.to_vec();
             other[at] = b'#';
@@ -401,7 +406,7 @@ mod tests {
             let (mut again, progress) = open(PROGRAM.to_vec()).expect("it is a part");
             prop_assert_eq!(progress.spooled(), said);
             prop_assert_eq!(all(&mut again).expect("the same program"), PROGRAM);
-            prop_assert_eq!(progress.spooled(), Spooled { bytes: PROGRAM.len() as u64, ended: true });
+            prop_assert_eq!(progress.spooled(), SpooledBytes { bytes: PROGRAM.len() as u64, ended: true });
             prop_assert_eq!(std::fs::read(&path).expect("a spool"), PROGRAM);
         }
     }

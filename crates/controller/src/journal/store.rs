@@ -9,7 +9,7 @@ use std::path::Path;
 use crate::state_file;
 
 /// Keeps bytes.
-pub trait Store: Send {
+pub trait JournalStore: Send {
     /// Appends these bytes. Where it fails, any part of them may be there.
     ///
     /// # Errors
@@ -51,7 +51,7 @@ impl FileStore {
     }
 }
 
-impl Store for FileStore {
+impl JournalStore for FileStore {
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.0.write_all(bytes)
     }

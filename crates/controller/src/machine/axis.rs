@@ -4,8 +4,8 @@
 
 use serde::Deserialize;
 
-use super::file::within;
-use crate::refusal::Refusal;
+use super::machine_file::within;
+use crate::numbered_error::NumberedError;
 
 /// Axis letters, in the order of positions.
 pub const AXIS_LETTERS: [char; 9] = ['x', 'y', 'z', 'a', 'b', 'c', 'u', 'v', 'w'];
@@ -13,7 +13,7 @@ pub const AXIS_LETTERS: [char; 9] = ['x', 'y', 'z', 'a', 'b', 'c', 'u', 'v', 'w'
 /// One axis.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Axis {
+pub struct AxisConfig {
     /// Its letter: x, y, z, a, b, c, u, v or w.
     pub name: char,
     /// Pulses in a millimetre (degree, on a rotary axis).
@@ -40,7 +40,7 @@ pub struct Axis {
 /// An end of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum End {
+pub(super) enum SwitchEnd {
     Lower,
     Upper,
 }
@@ -49,7 +49,7 @@ pub(super) enum End {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WrittenHome {
-    switch: End,
+    switch: SwitchEnd,
     position_mm: Option<f64>,
     search_mm_per_s: Option<f64>,
     latch_mm_per_s: Option<f64>,
@@ -59,7 +59,7 @@ pub(super) struct WrittenHome {
 
 /// How an axis finds home: fast toward its switch, to rest, slowly off it again.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Home {
+pub struct HomeConfig {
     /// Is the switch at the upper end?
     pub upper: bool,
     /// Machine position where the switch opens, mm.
@@ -74,7 +74,7 @@ pub struct Home {
     pub max_travel_mm: f64,
 }
 
-impl Axis {
+impl AxisConfig {
     /// Three figures of a machine that nobody has described, and no more.
     pub(super) const fn plain(name: char) -> Self {
         Self {
@@ -117,12 +117,12 @@ impl Axis {
     ///
     /// # Errors
     /// `E2112` for a figure that is out of its range.
-    pub(super) fn homing(&self) -> Result<Option<Home>, Refusal> {
+    pub(super) fn homing(&self) -> Result<Option<HomeConfig>, NumberedError> {
         let Some(written) = &self.home else { return Ok(None) };
-        let upper = written.switch == End::Upper;
+        let upper = written.switch == SwitchEnd::Upper;
         let [low, high] = self.travel_mm;
         let fast = written.search_mm_per_s.unwrap_or(self.max_velocity_mm_per_s / 5.0);
-        let home = Home {
+        let home = HomeConfig {
             upper,
             position_mm: written.position_mm.unwrap_or(if upper { high } else { low }),
             search_mm_per_s: fast,
@@ -139,7 +139,7 @@ impl Axis {
         Ok(Some(home))
     }
 
-    fn check(&self) -> Result<(), Refusal> {
+    fn check(&self) -> Result<(), NumberedError> {
         let key = |key: &str| format!("axis {}: {key}", self.name);
         within(&key("pulses_per_mm"), self.pulses_per_mm, 0.001, 1e6)?;
         within(&key("max_velocity_mm_per_s"), self.max_velocity_mm_per_s, 0.001, 1e5)?;
@@ -157,12 +157,12 @@ impl Axis {
     }
 }
 
-pub(super) fn refuse(what: String) -> Refusal {
-    Refusal::new("E2112", what, "see `retrace machine new` for a commented machine file")
+pub(super) fn refuse(what: String) -> NumberedError {
+    NumberedError::new("E2112", what, "see `retrace machine new` for a commented machine file")
 }
 
 /// Checks axes as they are written, and puts them in order.
-pub(super) fn checked(mut axes: Vec<Axis>) -> Result<Vec<Axis>, Refusal> {
+pub(super) fn checked(mut axes: Vec<AxisConfig>) -> Result<Vec<AxisConfig>, NumberedError> {
     if axes.is_empty() {
         return Err(refuse("the machine has no [[axis]]".into()));
     }
@@ -173,7 +173,7 @@ pub(super) fn checked(mut axes: Vec<Axis>) -> Result<Vec<Axis>, Refusal> {
         }
         axis.check()?;
     }
-    axes.sort_by_key(Axis::index);
+    axes.sort_by_key(AxisConfig::index);
     if let Some(twice) = axes.windows(2).find(|w| w[0].name == w[1].name) {
         return Err(refuse(format!("axis {} is there twice", twice[0].name)));
     }

@@ -5,8 +5,8 @@
 use retrace_link::{CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, channel};
 use serde::Deserialize;
 
-use super::file::within;
-use crate::refusal::Refusal;
+use super::machine_file::within;
+use crate::numbered_error::NumberedError;
 
 /// What a cutter is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -59,7 +59,7 @@ pub(super) struct WrittenCutter {
 
 /// A cutter, checked.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Cutter {
+pub struct CutterConfig {
     /// Its name, for the screen and for messages.
     pub name: String,
     /// What it is.
@@ -80,7 +80,7 @@ pub struct Cutter {
     pub rapid_lit: bool,
 }
 
-impl Cutter {
+impl CutterConfig {
     /// A cutter of a channel that `cutting_outputs` names and no table describes: a torch on M3's channel, else a jet.
     fn of_channel(fire: u8) -> Self {
         let (name, kind) = match fire {
@@ -100,11 +100,11 @@ impl Cutter {
 }
 
 /// The cutters of a machine file, and those of `cutting_outputs` that it does not describe.
-pub(super) fn checked(written: Vec<WrittenCutter>, cutting_outputs: &[u8]) -> Result<Vec<Cutter>, Refusal> {
-    let mut cutters: Vec<Cutter> = Vec::new();
+pub(super) fn checked(written: Vec<WrittenCutter>, cutting_outputs: &[u8]) -> Result<Vec<CutterConfig>, NumberedError> {
+    let mut cutters: Vec<CutterConfig> = Vec::new();
     for cutter in written {
         let refuse = |what: &str, remedy: &str| {
-            Err(Refusal::new("E2112", format!("[[cutter]] {}: {what}", cutter.name), remedy.to_owned()))
+            Err(NumberedError::new("E2112", format!("[[cutter]] {}: {what}", cutter.name), remedy.to_owned()))
         };
         if cutter.name.is_empty() || cutter.name.chars().any(char::is_control) {
             return refuse("the name is empty or has control characters", "a name such as \"torch\"");
@@ -115,35 +115,39 @@ pub(super) fn checked(written: Vec<WrittenCutter>, cutting_outputs: &[u8]) -> Re
         let standing_ms = cutter.standing_ms.unwrap_or(cutter.kind.usual_standing_ms());
         within(&format!("cutter {}: standing_ms", cutter.name), standing_ms, 0.0, 5000.0)?;
         let WrittenCutter { name, kind, fire, arm, assist, abrasive, retrace_cut, rapid_lit, .. } = cutter;
-        cutters.push(Cutter { name, kind, fire, arm, assist, abrasive, standing_ms, retrace_cut, rapid_lit });
+        cutters.push(CutterConfig { name, kind, fire, arm, assist, abrasive, standing_ms, retrace_cut, rapid_lit });
     }
     for &fire in cutting_outputs {
         if !cutters.iter().any(|cutter| cutter.fire == fire) {
-            cutters.push(Cutter::of_channel(fire));
+            cutters.push(CutterConfig::of_channel(fire));
         }
     }
     unique(&cutters)?;
     let channels: usize = cutters.iter().map(|cutter| 1 + cutter.auxiliaries().count()).sum();
     if channels > MAX_CUTTING_CHANNELS {
         let what = format!("the cutters have {channels} channels together");
-        return Err(Refusal::new("E2112", what, format!("at most {MAX_CUTTING_CHANNELS} channels")));
+        return Err(NumberedError::new("E2112", what, format!("at most {MAX_CUTTING_CHANNELS} channels")));
     }
     Ok(cutters)
 }
 
 /// Refuses a channel that two cutters use, or that there is not, and a name that stands twice.
-fn unique(cutters: &[Cutter]) -> Result<(), Refusal> {
+fn unique(cutters: &[CutterConfig]) -> Result<(), NumberedError> {
     let mut used: Vec<(u8, &str)> = Vec::new();
     for (at, cutter) in cutters.iter().enumerate() {
         if cutters[..at].iter().any(|other| other.name == cutter.name) {
             let what = format!("[[cutter]] {}: the name stands twice", cutter.name);
-            return Err(Refusal::new("E2112", what, "each cutter needs a name of its own"));
+            return Err(NumberedError::new("E2112", what, "each cutter needs a name of its own"));
         }
         let fire = std::iter::once((cutter.fire, "fire"));
         for (channel, what) in fire.chain(cutter.auxiliaries()) {
             let refuse = |why: String| {
                 let remedy = "an output from 0 to 63, or 64 for the output of M3; each for one use only";
-                Err(Refusal::new("E2112", format!("[[cutter]] {}: {what} = {channel}: {why}", cutter.name), remedy))
+                Err(NumberedError::new(
+                    "E2112",
+                    format!("[[cutter]] {}: {what} = {channel}: {why}", cutter.name),
+                    remedy,
+                ))
             };
             if channel > channel::SPINDLE || (channel == channel::SPINDLE && what != "fire") {
                 return refuse("there is no such output".into());
@@ -158,15 +162,15 @@ fn unique(cutters: &[Cutter]) -> Result<(), Refusal> {
 }
 
 /// The fire channels of torches, jets and beams.
-pub(super) fn cutting_outputs(cutters: &[Cutter]) -> Vec<u8> {
+pub(super) fn cutting_outputs(cutters: &[CutterConfig]) -> Vec<u8> {
     cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()).map(|cutter| cutter.fire).collect()
 }
 
 /// What the card is told of the cutters. `inhibit`: a dry run.
-pub(crate) fn settings(cutters: &[Cutter], handover_ms: f64, period_ms: f64, inhibit: bool) -> CuttingSettings {
+pub(crate) fn settings(cutters: &[CutterConfig], handover_ms: f64, period_ms: f64, inhibit: bool) -> CuttingSettings {
     let periods = |ms: f64| (ms / period_ms).round().clamp(0.0, f64::from(u16::MAX)) as u16;
     let mut all = CuttingSettings { handover_periods: periods(handover_ms), inhibit, ..CuttingSettings::default() };
-    let mut add = |channel: u8, fires: bool, cutter: &Cutter| {
+    let mut add = |channel: u8, fires: bool, cutter: &CutterConfig| {
         if let Some(slot) = all.channels.get_mut(usize::from(all.count)) {
             let (standing_periods, lit_in_reverse) = (periods(cutter.standing_ms), cutter.retrace_cut);
             *slot = CuttingChannel { channel, fires, standing_periods, lit_in_reverse };
@@ -183,12 +187,12 @@ pub(crate) fn settings(cutters: &[Cutter], handover_ms: f64, period_ms: f64, inh
 }
 
 /// The channels that a dry run keeps off (CUT-8).
-pub(crate) fn inhibited(cutters: &[Cutter]) -> Vec<u8> {
+pub(crate) fn inhibited(cutters: &[CutterConfig]) -> Vec<u8> {
     cutters.iter().flat_map(|cutter| std::iter::once(cutter.fire).chain(cutter.auxiliaries().map(|a| a.0))).collect()
 }
 
 /// What a channel is called: the cutter's name for its fire channel, the name and what it is for the others.
-pub(crate) fn name_of(cutters: &[Cutter], channel: u8) -> Option<String> {
+pub(crate) fn name_of(cutters: &[CutterConfig], channel: u8) -> Option<String> {
     cutters.iter().find_map(|cutter| {
         if cutter.fire == channel {
             return Some(cutter.name.clone());

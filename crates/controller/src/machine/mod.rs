@@ -5,38 +5,38 @@
 
 mod axis;
 pub(crate) mod cutter;
-mod file;
-mod findings;
+mod machine_check;
+mod machine_file;
+mod manual_config;
 mod serial;
-mod setting_up;
 
 use std::collections::BTreeMap;
 
 use retrace_core::limits::RateLimits;
 use retrace_motion::{Blending, MachineLimits};
 
-pub use self::axis::{AXIS_LETTERS, Axis, Home};
-pub use self::cutter::{Cutter, CutterKind};
-pub(crate) use self::file::within;
-use self::file::{MachineFile, WrittenOutput};
-pub use self::file::{RetraceOutputs, ToolChange, WheelSettings};
-pub use self::findings::Examination;
+pub use self::axis::{AXIS_LETTERS, AxisConfig, HomeConfig};
+pub use self::cutter::{CutterConfig, CutterKind};
+pub use self::machine_check::MachineCheck;
+pub(crate) use self::machine_file::within;
+use self::machine_file::{MachineFile, WrittenOutput};
+pub use self::machine_file::{RetraceOutputs, ToolChange, WheelSettings};
+pub use self::manual_config::ManualConfig;
+use self::manual_config::Written;
 pub use self::serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
-pub use self::setting_up::SettingUp;
-use self::setting_up::Written;
-use crate::card::CardConfig;
-use crate::law::{self, Stopping};
-use crate::refusal::Refusal;
-use crate::session::ON_THE_WAY;
+use crate::card_config::CardConfig;
+use crate::numbered_error::NumberedError;
+use crate::rate_limits::{self, StoppingTimes};
+use crate::session::IN_FLIGHT_RECORDS;
 use crate::switching::SwitchingTable;
 
 /// A machine, checked.
 #[derive(Clone, Debug)]
-pub struct Machine {
+pub struct MachineConfig {
     /// Its name.
     pub name: String,
     /// Its axes, in the order of [`AXIS_LETTERS`].
-    pub axes: Vec<Axis>,
+    pub axes: Vec<AxisConfig>,
     /// Control period *T* in microseconds.
     pub period_us: u32,
     /// Highest speed along the path, mm/s.
@@ -52,11 +52,11 @@ pub struct Machine {
     /// Records planned beyond `reached` at most.
     pub look_ahead_records: u32,
     /// How it is set up: homing, tool axis, retract plane.
-    pub setting_up: SettingUp,
+    pub setting_up: ManualConfig,
     /// What outputs do while retracing.
     pub retrace_outputs: RetraceOutputs,
     /// Its cutters.
-    pub cutters: Vec<Cutter>,
+    pub cutters: Vec<CutterConfig>,
     /// Output channels that cut: the fire channels of torches, jets and beams. Rapid retrace only while they are off.
     pub cutting_outputs: Vec<u8>,
     /// Who changes the tool.
@@ -76,14 +76,14 @@ pub struct Machine {
     /// What M, S and T codes switch, how, and for how long.
     pub switching: SwitchingTable,
     /// How the rate law stops this machine.
-    pub stopping: Stopping,
+    pub stopping: StoppingTimes,
     /// A dry run: every cutter is kept off (CUT-8).
     pub inhibits_outputs: bool,
     /// Where the axes stand when a job begins, mm, in the order of `axes`: as the card's counts say.
     pub stands_at_mm: Vec<f64>,
 }
 
-impl Machine {
+impl MachineConfig {
     /// The same machine, which stands at these counts.
     #[must_use]
     pub fn standing_at(mut self, counts: &[i64]) -> Self {
@@ -107,7 +107,7 @@ impl Machine {
     ///
     /// # Errors
     /// None in practice; the built-in machine goes through the same checks as every other.
-    pub fn built_in() -> Result<Self, Refusal> {
+    pub fn built_in() -> Result<Self, NumberedError> {
         Self::check(MachineFile::default())
     }
 
@@ -116,27 +116,27 @@ impl Machine {
     /// # Errors
     /// `E2111` for text that is not a machine file (syntax, misspelt key, wrong type), with line, column and a suggestion; `E2112`
     /// for a number out of range.
-    pub fn parse(text: &str, name: &str) -> Result<Self, Refusal> {
+    pub fn parse(text: &str, name: &str) -> Result<Self, NumberedError> {
         let file = MachineFile::read(text, name)?;
-        Self::check(file).map_err(|r| Refusal { what: format!("{name}: {}", r.what), ..r })
+        Self::check(file).map_err(|r| NumberedError { cause: format!("{name}: {}", r.cause), ..r })
     }
 
-    fn check(file: MachineFile) -> Result<Self, Refusal> {
+    fn check(file: MachineFile) -> Result<Self, NumberedError> {
         file.ranges().into_iter().collect::<Result<(), _>>()?;
         let axes = axis::checked(file.axis)?;
         let period_us = (file.control_period_ms * 1000.0).round() as u32;
         let period_s = f64::from(period_us) * 1e-6;
         let periods = |seconds: f64| (seconds / period_s).ceil() as u32;
         let reserve = file.override_reserve_percent / 100.0;
-        let limits = law::rate_limits::<9>(&axes, reserve, period_s);
-        let stopping = limits.as_ref().and_then(Stopping::of).ok_or_else(|| {
-            Refusal::new(
+        let limits = rate_limits::rate_limits::<9>(&axes, reserve, period_s);
+        let stopping = limits.as_ref().and_then(StoppingTimes::of).ok_or_else(|| {
+            NumberedError::new(
                 "E2113",
                 "the axes brake too slowly for a control period this short: the rate law does not fit the card's memory",
                 "a longer control_period_ms, a lower max_velocity_mm_per_s or a higher max_acceleration_mm_per_s2",
             )
         })?;
-        let look_ahead = periods(file.look_ahead_s).max(stopping.foresight_records + 2 * ON_THE_WAY);
+        let look_ahead = periods(file.look_ahead_s).max(stopping.foresight_records + 2 * IN_FLIGHT_RECORDS);
         let cutters = cutter::checked(file.cutter, &file.cutting_outputs)?;
         let cutting_outputs = cutter::cutting_outputs(&cutters);
         let card = file.card.checked(&axes, &cutting_outputs, file.control_period_ms)?;
@@ -148,7 +148,7 @@ impl Machine {
             tool_axis: file.tool_axis,
             retract_mm: file.retract_mm,
         };
-        let setting_up = SettingUp::checked(written, &axes, &card)?;
+        let setting_up = ManualConfig::checked(written, &axes, &card)?;
         let wheel_periods = (file.wheel.filter_ms / file.control_period_ms).round() as u16;
         let wheel_counts = file.wheel.full_rate_counts_per_s * f64::from(wheel_periods) * period_s;
         let machine = Self {
@@ -178,7 +178,7 @@ impl Machine {
             axes,
         };
         machine.limits::<9>().validate().map_err(|e| {
-            Refusal::new("E2112", e.to_string(), "change the limits, the pulses per mm or the control period")
+            NumberedError::new("E2112", e.to_string(), "change the limits, the pulses per mm or the control period")
         })?;
         Ok(machine)
     }
@@ -198,7 +198,7 @@ impl Machine {
 
     /// The cutter that this channel lights, opens or starts, if it is one's.
     #[must_use]
-    pub fn cutter_of(&self, channel: u8) -> Option<&Cutter> {
+    pub fn cutter_of(&self, channel: u8) -> Option<&CutterConfig> {
         self.cutters.iter().find(|cutter| cutter.fire == channel)
     }
 
@@ -234,13 +234,13 @@ impl Machine {
     /// Not `None` for a machine whose file was checked.
     #[must_use]
     pub fn rate_limits<const A: usize>(&self) -> Option<RateLimits<A>> {
-        law::rate_limits(&self.axes, self.reserve, self.period_s())
+        rate_limits::rate_limits(&self.axes, self.reserve, self.period_s())
     }
 
     /// The limits as the planner takes them; axes that the machine does not have are those of its first axis.
     #[must_use]
     pub fn limits<const A: usize>(&self) -> MachineLimits<A> {
-        let each = |value: fn(&Axis) -> f64| {
+        let each = |value: fn(&AxisConfig) -> f64| {
             let mut all = [value(&self.axes[0]); A];
             for (slot, axis) in all.iter_mut().zip(&self.axes) {
                 *slot = value(axis);
@@ -260,10 +260,11 @@ impl Machine {
 }
 
 /// The names of outputs: each output once, each name once, and none that a cutter has.
-fn output_names(written: Vec<WrittenOutput>, cutters: &[Cutter]) -> Result<BTreeMap<u8, String>, Refusal> {
+fn output_names(written: Vec<WrittenOutput>, cutters: &[CutterConfig]) -> Result<BTreeMap<u8, String>, NumberedError> {
     let mut names = BTreeMap::new();
     for WrittenOutput { number, name } in written {
-        let refuse = |why: &str| Err(Refusal::new("E2112", format!("[[output]] {number}: {why}"), "one name each"));
+        let refuse =
+            |why: &str| Err(NumberedError::new("E2112", format!("[[output]] {number}: {why}"), "one name each"));
         if usize::from(number) >= retrace_link::channel::DIGITAL {
             return refuse("there is no such output");
         }
@@ -290,7 +291,7 @@ mod tests {
 
     #[test]
     fn the_built_in_machine_is_the_published_one() {
-        let machine = Machine::built_in().expect("valid");
+        let machine = MachineConfig::built_in().expect("valid");
         assert_eq!(machine.axes.len(), 3);
         assert_eq!((machine.period_us, machine.history_records, machine.look_ahead_records), (1000, 1_800_000, 500));
         assert_eq!((machine.wheel_periods, machine.wheel_counts), (100, 10));
@@ -300,15 +301,15 @@ mod tests {
     #[test]
     fn a_misspelt_key_is_named_with_its_line_and_a_suggestion() {
         let text = "name = \"mill\"\n[[axis]]\nname = \"x\"\nmax_velocty_mm_per_s = 3\n";
-        let refusal = Machine::parse(text, "mill.toml").expect_err("misspelt");
+        let refusal = MachineConfig::parse(text, "mill.toml").expect_err("misspelt");
         assert_eq!(refusal.number, "E2111");
-        assert!(refusal.what.contains("line 4") && refusal.what.contains("mill.toml"), "{}", refusal.what);
+        assert!(refusal.cause.contains("line 4") && refusal.cause.contains("mill.toml"), "{}", refusal.cause);
         assert_eq!(refusal.remedy, "did you mean `max_velocity_mm_per_s`?");
     }
 
     #[test]
     fn the_method_of_blending_is_chosen_by_name_with_its_ratio() {
-        let blending = |text: &str| Machine::parse(text, "m.toml").map(|machine| machine.blending);
+        let blending = |text: &str| MachineConfig::parse(text, "m.toml").map(|machine| machine.blending);
         let source = |value, of| Ok(Blending::Source(GlideRatio::new(value, of).expect("in range")));
         assert_eq!(blending(""), Ok(Blending::Optimum));
         assert_eq!(blending("[blending]\nglide_ratio = 0.3\n"), Ok(Blending::Optimum));
@@ -316,14 +317,14 @@ mod tests {
         let text = "[blending]\nmethod = \"source\"\nglide_ratio = 0.5\nratio_of = \"speed\"\n";
         assert_eq!(blending(text), source(0.5, RatioOf::Speed));
         let refused = |text: &str| blending(text).expect_err("wrong");
-        assert!(refused(&text.replace("0.5", "0")).what.contains("blending.glide_ratio = 0"));
+        assert!(refused(&text.replace("0.5", "0")).cause.contains("blending.glide_ratio = 0"));
         assert_eq!(refused(&text.replace("glide_ratio", "glide_rato")).remedy, "did you mean `glide_ratio`?");
         assert_eq!(refused(&text.replace("source", "sauce")).number, "E2111");
     }
 
     #[test]
     fn numbers_out_of_range_are_refused_by_name() {
-        let what = |text: &str| Machine::parse(text, "m.toml").expect_err("out of range").what;
+        let what = |text: &str| MachineConfig::parse(text, "m.toml").expect_err("out of range").cause;
         assert!(what("control_period_ms = 0").contains("control_period_ms = 0"));
         assert!(what("history_hours = nan").contains("history_hours"));
         assert!(what("axis = []").contains("no [[axis]]"));

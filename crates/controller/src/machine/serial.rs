@@ -5,7 +5,7 @@
 use serde::Deserialize;
 
 use super::within;
-use crate::refusal::{Refusal, nearest};
+use crate::numbered_error::{NumberedError, nearest};
 
 /// Parity of the characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -146,7 +146,7 @@ pub(super) struct WrittenSerial {
 
 impl WrittenSerial {
     /// The settings, with every key in its range.
-    pub(super) fn checked(self) -> Result<SerialSettings, Refusal> {
+    pub(super) fn checked(self) -> Result<SerialSettings, NumberedError> {
         let mut settings = SerialSettings::default();
         let end = match self.end {
             None => settings.end,
@@ -188,7 +188,7 @@ const KEYS: [&str; 12] = [
 ];
 
 impl SerialSettings {
-    fn check(&self) -> Result<(), Refusal> {
+    fn check(&self) -> Result<(), NumberedError> {
         within("serial.baud", f64::from(self.baud), 110.0, 115_200.0)?;
         within("serial.bits", f64::from(self.bits), 7.0, 8.0)?;
         within("serial.stop", f64::from(self.stop), 1.0, 2.0)?;
@@ -201,9 +201,10 @@ impl SerialSettings {
     ///
     /// # Errors
     /// `E2301`: no such setting, or no such value.
-    pub fn set(&mut self, key: &str, value: &str) -> Result<(), Refusal> {
-        let refuse =
-            |remedy: &str| Refusal::new("E2301", format!("the serial setting {key}={value} is not known"), remedy);
+    pub fn set(&mut self, key: &str, value: &str) -> Result<(), NumberedError> {
+        let refuse = |remedy: &str| {
+            NumberedError::new("E2301", format!("the serial setting {key}={value} is not known"), remedy)
+        };
         let number = || value.parse::<u32>().map_err(|_| refuse("write a whole number"));
         let seconds = || value.parse::<f64>().map_err(|_| refuse("write seconds, 0 for ever"));
         match key {
@@ -259,7 +260,7 @@ impl SerialSettings {
                 return Err(refuse(&remedy));
             }
         }
-        self.check().map_err(|refusal| Refusal { number: "E2301", ..refusal })
+        self.check().map_err(|refusal| NumberedError { number: "E2301", ..refusal })
     }
 }
 
@@ -273,7 +274,7 @@ fn parity(value: &str) -> Option<Parity> {
 }
 
 /// `percent`, or a list of what ends a program, separated by commas.
-fn ends(text: &str) -> Result<ProgramEnds, Refusal> {
+fn ends(text: &str) -> Result<ProgramEnds, NumberedError> {
     let mut ends = ProgramEnds::default();
     for name in text.split(',') {
         match name.trim() {
@@ -284,7 +285,7 @@ fn ends(text: &str) -> Result<ProgramEnds, Refusal> {
             "M30" => ends.m30 = true,
             other => {
                 let what = format!("the serial setting end={other} is not known");
-                return Err(Refusal::new("E2301", what, "percent, or a list of %, EOT, ETX, M02, M30"));
+                return Err(NumberedError::new("E2301", what, "percent, or a list of %, EOT, ETX, M02, M30"));
             }
         }
     }

@@ -2,15 +2,15 @@
 //!
 //! Invariant: every task begins and ends at rest, and moves within the soft limits.
 
-pub mod hand;
+pub mod jog_planner;
+pub(crate) mod manual_move;
 mod perform;
-pub(crate) mod trip;
 
-pub use perform::{Done, NotDone, perform};
+pub use perform::{ManualTaskDone, ManualTaskError, perform};
 
 /// What the operator wants done.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Task {
+pub enum ManualTask {
     /// Home this axis, or all in the machine file's order.
     Home(Option<char>),
     /// Move an axis by so many mm (degrees), at the jog speed, cut short at the soft limit.

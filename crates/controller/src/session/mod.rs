@@ -4,15 +4,15 @@
 //! wanted, switch what is due, slide the window, set the rate, let the period pass, book it. Nothing here waits for the planner
 //! but in virtual time, where no time passes by waiting.
 
-mod back;
-mod by_hand;
-mod interruption;
-mod orders;
+mod back_target;
+mod commands;
+mod dnc_pause;
+mod manual_outputs;
 mod restart;
+mod return_path;
 mod switching;
-mod telling;
+mod telemetry;
 mod tool_length;
-mod way_back;
 mod window;
 
 use std::thread;
@@ -23,20 +23,20 @@ use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, RateTarget};
 use retrace_link::{CardStatus, HostCommand, MotionCard, Outputs, channel};
 
+use crate::command_queue::CommandSources;
 use crate::event::{CardError, CutterOffReason, EventKind};
-use crate::item::{Ending, Kind};
-use crate::machine::{Machine, RetraceOutputs};
+use crate::machine::{MachineConfig, RetraceOutputs};
 use crate::operator::percent;
-use crate::orders::Operators;
-use crate::overrides::Asking;
-use crate::resume::{Following, Prepared, Resumption, Unfound};
-use crate::stream::{Teller, Told};
-use crate::supply::{News, Supply};
-use crate::tally::{Spent, Tally};
-use back::Back;
-use by_hand::ByHandChanges;
-use interruption::Interrupted;
-use restart::{LeavingRun, Restart};
+use crate::overrides::OverrideRequester;
+use crate::plan_item::{ExclusiveKind, PlanEnd};
+use crate::record_streamer::{PassedItem, RecordStreamer};
+use crate::resume::{PlanReplay, ResumeError, ResumePlan, ResumePoint};
+use crate::run_stats::{PeriodClass, RunStats};
+use crate::telemetry::{Telemetry, TelemetrySender};
+use back_target::BackTarget;
+use dnc_pause::DncPause;
+use manual_outputs::ManualOutputs;
+use restart::{LeavingRun, OutputRestart};
 use tool_length::ToolLengthEntry;
 
 /// How a run ended.
@@ -54,7 +54,7 @@ pub enum Outcome {
 
 /// Time and company of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Manner {
+pub struct RunMode {
     /// Does time pass while nothing happens? In virtual time the motion path waits for the planner instead.
     pub wall_time: bool,
     /// Is an operator there to press cycle start at a program stop? Without one it is passed.
@@ -64,7 +64,7 @@ pub struct Manner {
 }
 
 /// Records that may be on their way to the card, or that it has run since it was heard of, at a common line's latency.
-pub const ON_THE_WAY: u32 = 120;
+pub const IN_FLIGHT_RECORDS: u32 = 120;
 
 /// Standing still for so long (s), with the operator's script at its end, ends the job: nobody will go on.
 const NOBODY_THERE_S: f64 = 10.0;
@@ -72,12 +72,12 @@ const NOBODY_THERE_S: f64 = 10.0;
 /// A job being executed on a card.
 pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     card: C,
-    supply: Supply<'r, A>,
+    supply: RecordStreamer<'r, A>,
     operation: ModeController,
-    operators: Operators,
-    overrides: Asking,
+    operators: CommandSources,
+    overrides: OverrideRequester,
     wheel: Box<Wheel<512>>,
-    manner: Manner,
+    manner: RunMode,
     period_s: f64,
     enough: u32,
     /// Periods to stand and wait for records in wall time.
@@ -89,9 +89,9 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     /// The channels that the end of a job switches off.
     off_at_end: Vec<u8>,
     /// The outputs are being brought back before motion goes on.
-    restart: Restart,
+    restart: OutputRestart,
     /// Outputs that were switched by hand, and are not reported yet.
-    by_hand: ByHandChanges,
+    by_hand: ManualOutputs,
     /// The cutter went out because the machine stood, and was not brought back yet.
     cutter_is_out: bool,
     leaving_run: LeavingRun,
@@ -107,10 +107,10 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     /// The outputs as they were reported last.
     outputs: Outputs,
     mm_per_pulse: [f64; A],
-    teller: Teller<A>,
-    tally: Tally,
+    teller: TelemetrySender<A>,
+    tally: RunStats,
     /// The kind of the instruction that the card is executing.
-    executing: Option<Kind>,
+    executing: Option<ExclusiveKind>,
     /// Standing at a program stop until cycle start.
     program_stop: bool,
     /// Cycle start was pressed there.
@@ -122,11 +122,11 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     /// Everything was executed once, and the job waits for its release.
     program_ended: bool,
     /// The program is interrupted (DNC).
-    dnc: Interrupted<'r, A>,
+    dnc: DncPause<'r, A>,
     /// A tool length is being entered.
     tool_length: ToolLengthEntry,
     /// Reverse run that ends at a place.
-    back: Option<Back>,
+    back: Option<BackTarget>,
     /// The handwheel has been behind `reached`.
     wheel_behind: bool,
     /// The road ends where the mode has it end.
@@ -142,33 +142,33 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// A session on `card`, which stands at the place where the supply begins.
     pub fn new(
         card: C,
-        machine: &Machine,
-        supply: Supply<'r, A>,
-        operators: Operators,
-        manner: Manner,
-        teller: Teller<A>,
+        machine: &MachineConfig,
+        supply: RecordStreamer<'r, A>,
+        operators: CommandSources,
+        manner: RunMode,
+        teller: TelemetrySender<A>,
     ) -> Self {
         let mut mm_per_pulse = [0.0; A];
         for (slot, axis) in mm_per_pulse.iter_mut().zip(&machine.axes) {
             *slot = axis.pulses_per_mm.recip();
         }
         Self {
-            tally: Tally::new(card.status().place.record),
+            tally: RunStats::new(card.status().place.record),
             supply: supply.cutting(&machine.cutting_outputs),
             card,
             operation: ModeController::default(),
             operators,
-            overrides: Asking::default(),
+            overrides: OverrideRequester::default(),
             wheel: Box::new(Wheel::new(machine.wheel_periods, machine.wheel_counts)),
             manner,
             period_s: machine.period_s(),
-            enough: machine.stopping.foresight_records + ON_THE_WAY,
+            enough: machine.stopping.foresight_records + IN_FLIGHT_RECORDS,
             patience: u64::from(machine.look_ahead_records),
             cutting: machine.cutting_outputs.clone(),
             cutting_channels: machine.cutting_channels(),
             off_at_end: machine.off_at_end(),
-            restart: Restart::new(),
-            by_hand: ByHandChanges::new(),
+            restart: OutputRestart::new(),
+            by_hand: ManualOutputs::new(),
             cutter_is_out: false,
             leaving_run: LeavingRun::No,
             passed_boundary: None,
@@ -186,7 +186,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             single: false,
             stopping: false,
             program_ended: false,
-            dnc: Interrupted::new(machine),
+            dnc: DncPause::new(machine),
             tool_length: ToolLengthEntry::new(machine),
             back: None,
             wheel_behind: false,
@@ -200,12 +200,12 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// The same, which asks for overrides above 100 %.
     #[must_use]
-    pub fn asking(self, overrides: Asking) -> Self {
+    pub fn asking(self, overrides: OverrideRequester) -> Self {
         Self { overrides, ..self }
     }
 
     /// Runs the job to its end.
-    pub fn run(mut self) -> (Outcome, Tally, C) {
+    pub fn run(mut self) -> (Outcome, RunStats, C) {
         // Every card takes this word; it changes nothing but what retracing does.
         let _ = self.card.send(HostCommand::Replay { on: self.replays });
         self.override_rate();
@@ -215,7 +215,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.tell_mode();
         }
         let outcome = loop {
-            match self.turn() {
+            match self.run_period() {
                 Ok(None) => {}
                 Ok(Some(outcome)) => break outcome,
                 Err(trouble) => break self.ends_in(trouble),
@@ -238,11 +238,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// [`Unfound`]; the card has not been told anything then.
     pub fn resume(
         mut self,
-        at: &Resumption,
+        at: &ResumePoint,
         counts: [i64; A],
-        agree: impl FnOnce(&Prepared<A>) -> bool,
-    ) -> Result<(Outcome, Tally, C), Unfound> {
-        let prepared = Following::new(&mut self.supply, at, counts, self.mm_per_pulse).follow(self.card.status())?;
+        agree: impl FnOnce(&ResumePlan<A>) -> bool,
+    ) -> Result<(Outcome, RunStats, C), ResumeError> {
+        let prepared = PlanReplay::new(&mut self.supply, at, counts, self.mm_per_pulse).follow(self.card.status())?;
         if !agree(&prepared) {
             return Ok((Outcome::Stopped, self.tally, self.card));
         }
@@ -262,7 +262,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             }
         }
         self.operation = ModeController::returning();
-        self.tally = Tally::new(at.start.reached);
+        self.tally = RunStats::new(at.start.reached);
         // Before anything moves in the work its tool has to turn; what cuts by itself is lit at the furthest place only.
         let cutting = std::mem::take(&mut self.cutting);
         self.begin_restart(|channel| !cutting.contains(&channel));
@@ -280,17 +280,17 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// One control period. `Err` is a fault of the card.
-    fn turn(&mut self) -> Result<Option<Outcome>, CardError> {
+    fn run_period(&mut self) -> Result<Option<Outcome>, CardError> {
         self.watch_interruption()?;
         if self.dnc.is_off_path() {
             return self.turn_off_path();
         }
-        self.look();
+        self.poll_planner();
         self.take_orders();
         self.advance_restart();
         let demand = self.demand();
         while self.switch_what_is_due(demand)? {
-            self.look();
+            self.poll_planner();
         }
         self.slide(demand);
         if let Some(outcome) = self.ended() {
@@ -298,7 +298,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.set_rate(demand);
         let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
-        self.book(&status);
+        self.account_period(&status);
         Ok(self.alarm(&status))
     }
 
@@ -313,12 +313,12 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Looks what is planned by now. In virtual time the run must not depend on how fast the planner is: it waits until enough is.
-    fn look(&mut self) {
-        self.supply.look();
+    fn poll_planner(&mut self) {
+        self.supply.poll_planner();
         let mut spins = 0u32;
         while !self.manner.wall_time
-            && !self.supply.is_enough(self.card.status(), self.enough)
-            && !self.operators.is_told_to_stop()
+            && !self.supply.has_lookahead(self.card.status(), self.enough)
+            && !self.operators.stop_requested()
         {
             spins += 1;
             match spins {
@@ -326,9 +326,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 100..200 => thread::yield_now(),
                 _ => thread::sleep(Duration::from_micros(50)),
             }
-            self.supply.look();
+            self.supply.poll_planner();
         }
-        if self.supply.cut_off() || self.teller.deaf() {
+        if self.supply.planner_gone() || self.teller.deaf() {
             // A defect over there, which is passed on when the machine stands.
             self.stopping = true;
             let _ = self.operation.order(ModeCommand::Hold);
@@ -362,7 +362,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let pauses = self.dnc.is_pausing() && self.executing.is_none();
         let stops = self.program_stop && !self.go_on || self.single_stop;
         let leaves_run = !self.has_left_run();
-        if pauses || stops || leaves_run || self.back.as_ref().is_some_and(Back::is_looked_for) {
+        if pauses || stops || leaves_run || self.back.as_ref().is_some_and(BackTarget::is_looked_for) {
             demand.target = RateTarget::ZERO;
         }
         match demand.notice {
@@ -413,7 +413,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
     }
 
-    fn book(&mut self, status: &CardStatus<A>) {
+    fn account_period(&mut self, status: &CardStatus<A>) {
         let executing = self.executing;
         self.follow_by_hand(status);
         self.acknowledge();
@@ -427,28 +427,28 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         let mode = self.operation.mode();
         let held = self.operation.held() || self.program_stop || self.single_stop || self.waits_for_release();
-        let executing = executing.or(self.restart.is_active().then_some(Kind::Switch));
+        let executing = executing.or(self.restart.is_active().then_some(ExclusiveKind::Switch));
         if self.dnc.is_paused() {
             self.tally.pause();
         } else {
-            self.tally.count(Spent {
+            self.tally.count(PeriodClass {
                 mode,
                 held,
-                instruction: executing.map(|kind| kind == Kind::Dwell),
+                instruction: executing.map(|kind| kind == ExclusiveKind::Dwell),
                 rate: status.rate,
                 place: status.place,
             });
         }
         self.watch_replayed_outputs(status);
-        self.supply.follow(status);
-        while let Some(news) = self.supply.news() {
+        self.supply.seek(status);
+        while let Some(news) = self.supply.next_passed_item() {
             match news {
-                News::Action(action, line) => {
+                PassedItem::Action(action, line) => {
                     self.tally.switch_events += 1;
                     self.tell_at(line, EventKind::OutputChanged(action.channel, action.after));
                 }
-                News::Message(line, text) => self.tell_at(line, EventKind::Message(text)),
-                News::Active(active) => self.teller.tell(Told::Active(active)),
+                PassedItem::Message(line, text) => self.tell_at(line, EventKind::Message(text)),
+                PassedItem::Active(active) => self.teller.send(Telemetry::Active(active)),
             }
         }
         self.watch_supply(status, mode);
@@ -476,7 +476,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let at_end = status.place == Place::start_of(status.reached);
         if self.operation.mode() == Mode::Run && !self.dnc.is_on() && at_end && self.supply.all_executed(&status) {
             return Some(match self.supply.summary().map(|s| &s.ending) {
-                Some(Ending::Refused(text)) => Outcome::Refused(text.clone()),
+                Some(PlanEnd::Refused(text)) => Outcome::Refused(text.clone()),
                 _ if self.operators.releases_the_end() => {
                     self.wait_for_release();
                     return None;

@@ -15,7 +15,7 @@ use crate::restart::RestartStep;
 
 /// How far a restart is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stage {
+enum RestartStage {
     /// None is under way.
     Idle,
     /// The card is to be asked to block motion.
@@ -28,8 +28,8 @@ enum Stage {
 
 /// A restart of the outputs.
 #[derive(Debug)]
-pub(super) struct Restart {
-    stage: Stage,
+pub(super) struct OutputRestart {
+    stage: RestartStage,
     /// What is to be carried out, in this order.
     steps: Vec<RestartStep>,
     /// The card's number of the repeat before the first.
@@ -40,19 +40,19 @@ pub(super) struct Restart {
     done: usize,
 }
 
-impl Restart {
+impl OutputRestart {
     pub(super) fn new() -> Self {
-        Self { stage: Stage::Idle, steps: Vec::with_capacity(channel::COUNT), before: 0, sent: 0, done: 0 }
+        Self { stage: RestartStage::Idle, steps: Vec::with_capacity(channel::COUNT), before: 0, sent: 0, done: 0 }
     }
 
     /// Is one under way?
     pub(super) fn is_active(&self) -> bool {
-        self.stage != Stage::Idle
+        self.stage != RestartStage::Idle
     }
 
     /// May a rate be asked for? Not before the card is known to block motion.
     pub(super) fn lets_rate_pass(&self) -> bool {
-        !matches!(self.stage, Stage::Asking | Stage::Blocking)
+        !matches!(self.stage, RestartStage::Asking | RestartStage::Blocking)
     }
 
     /// The card's number of the last repeat.
@@ -73,7 +73,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let outputs = self.outputs_compared_with(wants);
         self.supply.restart_steps(&outputs, wants, concerned, &mut self.restart.steps);
         (self.restart.before, self.restart.sent, self.restart.done) = (self.card.status().repeated, 0, 0);
-        self.restart.stage = if self.restart.steps.is_empty() { Stage::Idle } else { Stage::Asking };
+        self.restart.stage = if self.restart.steps.is_empty() { RestartStage::Idle } else { RestartStage::Asking };
         if !self.restart.is_active() {
             self.tell(EventKind::OutputsRestored);
         }
@@ -91,7 +91,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Gives a restart up: what was not begun of it is left, and motion is not blocked any more.
     pub(super) fn cancel_restart(&mut self) {
         if self.restart.is_active() {
-            self.restart.stage = Stage::Idle;
+            self.restart.stage = RestartStage::Idle;
             self.release_block();
         }
     }
@@ -105,15 +105,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Goes on with a restart that is under way. To be called before every control period.
     pub(super) fn advance_restart(&mut self) {
-        if self.restart.stage == Stage::Asking
+        if self.restart.stage == RestartStage::Asking
             && self.card.send(HostCommand::Restart { last: self.restart.last() }).is_ok()
         {
-            self.restart.stage = Stage::Blocking;
+            self.restart.stage = RestartStage::Blocking;
         }
-        if self.restart.stage == Stage::Blocking && self.card.status().blocked {
-            self.restart.stage = Stage::Repeating;
+        if self.restart.stage == RestartStage::Blocking && self.card.status().blocked {
+            self.restart.stage = RestartStage::Repeating;
         }
-        if self.restart.stage != Stage::Repeating {
+        if self.restart.stage != RestartStage::Repeating {
             return;
         }
         loop {
@@ -124,7 +124,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 self.tell_at(step.line, EventKind::RestartSwitched(step.code));
             }
             if self.restart.done == self.restart.steps.len() {
-                self.restart.stage = Stage::Idle;
+                self.restart.stage = RestartStage::Idle;
                 self.tell(EventKind::OutputsRestored);
                 return;
             }
@@ -194,7 +194,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if self.dnc.is_off_path() {
                 self.book_off_path(&status);
             } else {
-                self.book(&status);
+                self.account_period(&status);
             }
         }
     }

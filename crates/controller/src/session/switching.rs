@@ -8,7 +8,7 @@ use retrace_link::{HostCommand, Instruction, MotionCard, OutputChange, channel};
 
 use super::Session;
 use crate::event::{CardError, EventKind};
-use crate::item::Kind;
+use crate::plan_item::ExclusiveKind;
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// The instruction whose place the motion has come to, if there is one and it may be executed now (GMC-5). False where there is
@@ -21,16 +21,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let Some(exclusive) = self.supply.due(self.card.status()) else { return Ok(false) };
         let (kind, code, line) = (exclusive.kind, exclusive.code, exclusive.line);
         let stops = match kind {
-            Kind::ProgramStop | Kind::ToolChange => true,
-            Kind::OptionalStop => self.optional_stop,
-            Kind::Switch | Kind::Dwell => false,
+            ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => true,
+            ExclusiveKind::OptionalStop => self.optional_stop,
+            ExclusiveKind::Switch | ExclusiveKind::Dwell => false,
         };
         if stops && !self.go_on && self.manner.operator {
             if !self.program_stop {
                 self.program_stop = true;
                 let tool = exclusive.changes.iter().find(|change| change.channel == channel::TOOL);
                 let happening = match (kind, tool) {
-                    (Kind::ToolChange, Some(change)) => EventKind::ToolChange(change.value),
+                    (ExclusiveKind::ToolChange, Some(change)) => EventKind::ToolChange(change.value),
                     _ => EventKind::ProgramStop(code),
                 };
                 self.tell_at(line, happening);
@@ -40,7 +40,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place, until) = (self.supply.number(), exclusive.place, exclusive.until);
         let fires = |change: &OutputChange| self.cutting.contains(&change.channel);
-        let keeps_cutter = kind == Kind::Dwell || changes[..usize::from(count)].iter().any(fires);
+        let keeps_cutter = kind == ExclusiveKind::Dwell || changes[..usize::from(count)].iter().any(fires);
         let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter };
         // First the rate: where that is zero still, the card would keep the instruction for a period.
         self.set_rate(demand);
@@ -52,7 +52,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         (self.program_stop, self.go_on) = (false, false);
         self.supply.sent();
         self.executing = Some(kind);
-        self.tally.switch_events += u64::from(kind == Kind::Switch);
+        self.tally.switch_events += u64::from(kind == ExclusiveKind::Switch);
         self.tell_at(line, EventKind::Switching(code));
         self.acknowledge();
         Ok(true)

@@ -12,18 +12,18 @@ use retrace_core::playback::part;
 use retrace_link::MotionCard;
 
 use super::Session;
-use crate::dnc::Step;
+use crate::dnc_events::DncStep;
 use crate::event::EventKind;
-use crate::machine::Machine;
+use crate::machine::MachineConfig;
 use crate::operator::CommandError;
-use crate::tool_length::{Answer, EnteredLength, LengthEntry, NoOffer, Offer, Proposal};
+use crate::tool_length::{EnteredLength, LengthAnswer, LengthEntry, LengthOffer, LengthProposal, ToolLengthError};
 
 /// How far entering a tool length is.
 #[derive(Debug)]
 pub(super) struct ToolLengthEntry {
     entry: Option<LengthEntry>,
     axis: Option<ToolAxis>,
-    stage: Stage,
+    stage: EntryStage,
 }
 
 /// The tool axis.
@@ -37,27 +37,27 @@ struct ToolAxis {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Stage {
+enum EntryStage {
     Idle,
     /// A length is proposed.
     Proposed,
     /// This was decided for, and is being kept.
-    Decided(Offer),
+    Decided(LengthOffer),
 }
 
 impl ToolLengthEntry {
-    pub(super) fn new(machine: &Machine) -> Self {
+    pub(super) fn new(machine: &MachineConfig) -> Self {
         let axis = machine.tool_axis().map(|index| {
             let axis = &machine.axes[index];
             let travel = axis.travel_mm.map(|mm| machine.counts_of(index, mm));
             ToolAxis { index, letter: axis.name, pulses_per_mm: axis.pulses_per_mm, travel }
         });
-        Self { entry: None, axis, stage: Stage::Idle }
+        Self { entry: None, axis, stage: EntryStage::Idle }
     }
 
     /// Is a length being entered?
     pub(super) fn is_open(&self) -> bool {
-        self.stage != Stage::Idle
+        self.stage != EntryStage::Idle
     }
 }
 
@@ -74,14 +74,14 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         // Whether it may be entered at all.
         self.dnc.displace([0; A])?;
         if self.tool_length.axis.is_none_or(|axis| axis.index >= A) {
-            return Err(CommandError::ToolLength(NoOffer::NoToolAxis));
+            return Err(CommandError::ToolLength(ToolLengthError::NoToolAxis));
         }
         let here = self.card.status().place;
         let place = self.dnc.breakpoint(here).map_or(here, |(_, place)| place).record;
         let entry = self.tool_length.entry.as_mut();
         let entry = entry.ok_or(CommandError::NotNow("nobody is there to plan with another tool length"))?;
-        entry.propose(Proposal { length, place });
-        self.tool_length.stage = Stage::Proposed;
+        entry.propose(LengthProposal { length, place });
+        self.tool_length.stage = EntryStage::Proposed;
         Ok(())
     }
 
@@ -90,33 +90,33 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         while self.tool_length.is_open() {
             let answer = self.tool_length.entry.as_mut().and_then(LengthEntry::answer);
             match (answer, self.tool_length.stage) {
-                (Some(Answer::Offer(offer)), Stage::Proposed) => self.decide_tool_length(offer),
-                (Some(Answer::Kept), Stage::Decided(offer)) => {
-                    self.tool_length.stage = Stage::Idle;
+                (Some(LengthAnswer::Offer(offer)), EntryStage::Proposed) => self.decide_tool_length(offer),
+                (Some(LengthAnswer::Kept), EntryStage::Decided(offer)) => {
+                    self.tool_length.stage = EntryStage::Idle;
                     self.take_tool_length(offer);
                 }
-                (Some(Answer::No(why)), _) => self.refuse_tool_length(why),
+                (Some(LengthAnswer::No(why)), _) => self.refuse_tool_length(why),
                 // In virtual time it must not depend on how long that takes; a planner that is gone answers no more.
-                (None, _) if !self.manner.wall_time && !self.supply.cut_off() => {
-                    self.supply.look();
+                (None, _) if !self.manner.wall_time && !self.supply.planner_gone() => {
+                    self.supply.poll_planner();
                     thread::sleep(Duration::from_micros(20));
                 }
                 _ => {
                     // What waits for room among the items is planned no further.
-                    self.supply.look();
+                    self.supply.poll_planner();
                     return;
                 }
             }
         }
     }
 
-    fn refuse_tool_length(&mut self, why: NoOffer) {
-        self.tool_length.stage = Stage::Idle;
+    fn refuse_tool_length(&mut self, why: ToolLengthError) {
+        self.tool_length.stage = EntryStage::Idle;
         self.tell(EventKind::CommandRejected(CommandError::ToolLength(why)));
     }
 
     /// Takes an offer where nothing of the ring that would be moved leaves the soft limits.
-    fn decide_tool_length(&mut self, offer: Offer) {
+    fn decide_tool_length(&mut self, offer: LengthOffer) {
         let Some(axis) = self.tool_length.axis else { return };
         let fits = |count: i64| (axis.travel[0]..=axis.travel[1]).contains(&count.saturating_add(offer.pulses));
         let here = self.card.status().place;
@@ -127,14 +127,14 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             entry.decide(all_fit);
         }
         if all_fit {
-            self.tool_length.stage = Stage::Decided(offer);
+            self.tool_length.stage = EntryStage::Decided(offer);
         } else {
-            self.refuse_tool_length(NoOffer::BeyondLimit(axis.letter));
+            self.refuse_tool_length(ToolLengthError::BeyondLimit(axis.letter));
         }
     }
 
     /// The breakpoint is moved; what lies so far behind that it would leave the soft limits is barred.
-    fn take_tool_length(&mut self, offer: Offer) {
+    fn take_tool_length(&mut self, offer: LengthOffer) {
         let Some(axis) = self.tool_length.axis else { return };
         let here = self.card.status().place;
         let Some((counts, place)) = self.dnc.breakpoint(here) else { return };
@@ -145,7 +145,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             return;
         }
         self.bar_beyond_limits(counts[axis.index].saturating_add(offer.pulses), place);
-        self.tell_step(Step::ToolLength {
+        self.tell_step(DncStep::ToolLength {
             axis: axis.letter,
             by_mm: offer.pulses as f64 / axis.pulses_per_mm,
             by_counts: offer.pulses,
@@ -167,7 +167,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             barred = barred.wrapping_sub(1);
         }
         if !is_within(count) {
-            self.supply.bar_before(barred.wrapping_add(1), "the soft limit with the new tool length");
+            self.supply.barrier_before(barred.wrapping_add(1), "the soft limit with the new tool length");
         }
     }
 

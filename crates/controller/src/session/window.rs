@@ -8,15 +8,15 @@ use retrace_core::{ONE, Place, RateTarget, Travel};
 use retrace_link::{CardStatus, HostCommand, MotionCard};
 
 use super::Session;
-use super::back::Back;
+use super::back_target::BackTarget;
 use crate::event::EventKind;
-use crate::supply::Road;
+use crate::record_streamer::SendHorizon;
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// The oldest place that can be gone back to, or that a reverse run of its own is to end at.
     pub(super) fn oldest(&self) -> u32 {
         let oldest = self.supply.oldest();
-        let there = self.back.as_ref().and_then(Back::place);
+        let there = self.back.as_ref().and_then(BackTarget::place);
         let later = |oldest, other: Option<u32>| other.filter(|&place| before(oldest, place)).unwrap_or(oldest);
         later(later(oldest, there), self.cutter_boundary())
     }
@@ -36,8 +36,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Slides the window. In a mode that retraces the road is cut at `reached`, and at the oldest place, before anything moves; a card
     /// at the end of a line may have to be told more than once.
     pub(super) fn slide(&mut self, demand: ModeOutput) {
-        let road = if demand.look_ahead { Road::LookAhead } else { Road::Reached };
-        if road == Road::Reached {
+        let road = if demand.look_ahead { SendHorizon::LookAhead } else { SendHorizon::Reached };
+        if road == SendHorizon::Reached {
             let CardStatus { reached, low, high, .. } = *self.card.status();
             let oldest = self.oldest();
             self.road_cut = !before(reached, high);
@@ -86,7 +86,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let wanted = status.place.record.wrapping_add(self.enough);
         let wanted = if before(status.high, wanted) { status.high } else { wanted };
-        before(self.card.arrived(), wanted) || self.manner.wall_time && !self.supply.is_enough(status, self.enough)
+        before(self.card.arrived(), wanted) || self.manner.wall_time && !self.supply.has_lookahead(status, self.enough)
     }
 
     /// Underruns, and the end of a single block.

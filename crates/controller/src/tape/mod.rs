@@ -15,7 +15,7 @@ const MAX_LEADER: usize = 1 << 16;
 
 /// What a serial port has received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Received {
+pub enum ReceivedByte {
     /// A character, as its bits arrived.
     Byte(u8),
     /// A character whose parity or framing the port found wrong.
@@ -58,7 +58,7 @@ impl std::error::Error for TapeError {}
 
 /// How bits become characters, once that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Decoding {
+enum TapeCode {
     /// Not known yet: the first end of block tells.
     Undecided,
     /// Eight bits.
@@ -86,7 +86,7 @@ enum LineEnd {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
+enum TapePhase {
     Leader,
     Program,
     Ended,
@@ -96,10 +96,10 @@ enum Phase {
 #[derive(Clone, Debug)]
 pub struct TapeReader {
     settings: SerialSettings,
-    decoding: Decoding,
-    phase: Phase,
+    decoding: TapeCode,
+    phase: TapePhase,
     /// What came before the code was known.
-    held: Vec<Received>,
+    held: Vec<ReceivedByte>,
     line_end: LineEnd,
     /// The line so far; a longer one than any block is held in part.
     line: Vec<u8>,
@@ -112,33 +112,33 @@ impl TapeReader {
     #[must_use]
     pub fn new(settings: SerialSettings) -> Self {
         let decoding = match (settings.code, settings.bits, settings.parity) {
-            (CharacterCode::Eia, ..) => Decoding::Eia,
-            (CharacterCode::Auto, ..) | (CharacterCode::Iso, 8, Parity::None) => Decoding::Undecided,
+            (CharacterCode::Eia, ..) => TapeCode::Eia,
+            (CharacterCode::Auto, ..) | (CharacterCode::Iso, 8, Parity::None) => TapeCode::Undecided,
             (CharacterCode::Iso, bits, parity) => seven_bits(bits, parity),
         };
-        let (phase, line_end) = (Phase::Leader, LineEnd::None);
+        let (phase, line_end) = (TapePhase::Leader, LineEnd::None);
         Self { settings, decoding, phase, held: Vec::new(), line_end, line: Vec::new(), has_begun: false }
     }
 
     /// Whether the end of the program has come.
     #[must_use]
     pub fn has_ended(&self) -> bool {
-        self.phase == Phase::Ended
+        self.phase == TapePhase::Ended
     }
 
     /// Takes what was received and adds the text that it makes to `text`.
     ///
     /// # Errors
     /// The program cannot be read any further; what stands in `text` arrived well.
-    pub fn push(&mut self, received: Received, text: &mut Vec<u8>) -> Result<(), TapeError> {
-        if self.decoding != Decoding::Undecided {
+    pub fn push(&mut self, received: ReceivedByte, text: &mut Vec<u8>) -> Result<(), TapeError> {
+        if self.decoding != TapeCode::Undecided {
             return self.decode(received, text);
         }
         self.held.push(received);
-        let Received::Byte(byte) = received else { return Ok(()) };
+        let ReceivedByte::Byte(byte) = received else { return Ok(()) };
         let is_eia = byte == 0x80 && self.settings.code == CharacterCode::Auto && self.settings.parity != Parity::Odd;
         if is_eia {
-            self.decoding = Decoding::Eia;
+            self.decoding = TapeCode::Eia;
         } else if matches!(byte & 0x7F, b'\n' | b'\r') {
             self.decoding = self.iso();
         } else if self.held.len() > MAX_LEADER {
@@ -153,43 +153,43 @@ impl TapeReader {
     }
 
     /// The form of ISO code that the settings name or, of eight bits without parity, that what has come shows consistently.
-    fn iso(&self) -> Decoding {
+    fn iso(&self) -> TapeCode {
         if (self.settings.bits, self.settings.parity) != (8, Parity::None) {
             return seven_bits(self.settings.bits, self.settings.parity);
         }
         let bytes =
-            || self.held.iter().filter_map(|one| if let Received::Byte(byte) = one { Some(*byte) } else { None });
+            || self.held.iter().filter_map(|one| if let ReceivedByte::Byte(byte) = one { Some(*byte) } else { None });
         if bytes().all(|byte| byte < 0x80) {
-            return Decoding::Plain;
+            return TapeCode::Plain;
         }
         // Of the leader only what is not a NUL shows anything.
         let shown = || bytes().filter(|byte| byte & 0x7F != 0);
         if shown().all(|byte| byte.count_ones().is_multiple_of(2)) {
-            Decoding::Parity { odd: false }
+            TapeCode::Parity { odd: false }
         } else if shown().all(|byte| !byte.count_ones().is_multiple_of(2)) {
-            Decoding::Parity { odd: true }
+            TapeCode::Parity { odd: true }
         } else if shown().all(|byte| byte >= 0x80) {
-            Decoding::SevenBits
+            TapeCode::SevenBits
         } else {
-            Decoding::Plain
+            TapeCode::Plain
         }
     }
 
-    fn decode(&mut self, received: Received, text: &mut Vec<u8>) -> Result<(), TapeError> {
-        let is_leader = self.phase == Phase::Leader;
+    fn decode(&mut self, received: ReceivedByte, text: &mut Vec<u8>) -> Result<(), TapeError> {
+        let is_leader = self.phase == TapePhase::Leader;
         let character = match (received, self.decoding) {
-            (Received::Damaged, _) => Err(TapeError::Damaged),
-            (Received::Byte(byte), Decoding::Parity { odd }) if byte.count_ones().is_multiple_of(2) == odd => {
+            (ReceivedByte::Damaged, _) => Err(TapeError::Damaged),
+            (ReceivedByte::Byte(byte), TapeCode::Parity { odd }) if byte.count_ones().is_multiple_of(2) == odd => {
                 Err(TapeError::Damaged)
             }
-            (Received::Byte(byte), Decoding::Parity { .. } | Decoding::SevenBits) => Ok(byte & 0x7F),
-            (Received::Byte(byte), Decoding::Eia) => eia::character(byte),
-            (Received::Byte(byte), Decoding::Plain | Decoding::Undecided) => Ok(byte),
+            (ReceivedByte::Byte(byte), TapeCode::Parity { .. } | TapeCode::SevenBits) => Ok(byte & 0x7F),
+            (ReceivedByte::Byte(byte), TapeCode::Eia) => eia::character(byte),
+            (ReceivedByte::Byte(byte), TapeCode::Plain | TapeCode::Undecided) => Ok(byte),
         };
         match character {
             Ok(character) => self.take(character, text),
             // Nothing of the leader matters.
-            Err(_) if is_leader || self.phase == Phase::Ended => {}
+            Err(_) if is_leader || self.phase == TapePhase::Ended => {}
             Err(error) => return Err(error),
         }
         Ok(())
@@ -199,20 +199,20 @@ impl TapeReader {
         let ends = self.settings.end;
         match (self.phase, character) {
             // NUL, DEL and DC1 … DC4 belong to the tape.
-            (Phase::Ended, _) | (_, 0 | 0x7F | 0x11..=0x14) => {}
-            (Phase::Program, 0x04) if ends.eot => self.phase = Phase::Ended,
-            (Phase::Program, 0x03) if ends.etx => self.phase = Phase::Ended,
-            (Phase::Leader, b'%') => self.begin(LineEnd::Feed, text),
-            (Phase::Leader, b'\r') => self.begin(LineEnd::Return, text),
-            (Phase::Leader, b'\n') => self.begin(LineEnd::Feed, text),
-            (Phase::Leader, _) => {}
-            (Phase::Program, b'\r' | b'\n') => self.end_line(character, text),
-            (Phase::Program, b'%') if self.line.is_empty() && !self.has_begun => {}
-            (Phase::Program, b'%') if self.line.is_empty() && ends.percent => {
+            (TapePhase::Ended, _) | (_, 0 | 0x7F | 0x11..=0x14) => {}
+            (TapePhase::Program, 0x04) if ends.eot => self.phase = TapePhase::Ended,
+            (TapePhase::Program, 0x03) if ends.etx => self.phase = TapePhase::Ended,
+            (TapePhase::Leader, b'%') => self.begin(LineEnd::Feed, text),
+            (TapePhase::Leader, b'\r') => self.begin(LineEnd::Return, text),
+            (TapePhase::Leader, b'\n') => self.begin(LineEnd::Feed, text),
+            (TapePhase::Leader, _) => {}
+            (TapePhase::Program, b'\r' | b'\n') => self.end_line(character, text),
+            (TapePhase::Program, b'%') if self.line.is_empty() && !self.has_begun => {}
+            (TapePhase::Program, b'%') if self.line.is_empty() && ends.percent => {
                 text.extend_from_slice(b"%\n");
-                self.phase = Phase::Ended;
+                self.phase = TapePhase::Ended;
             }
-            (Phase::Program, _) => {
+            (TapePhase::Program, _) => {
                 (self.line_end, self.has_begun) = (LineEnd::None, true);
                 if self.line.len() < 512 {
                     self.line.push(character);
@@ -225,7 +225,7 @@ impl TapeReader {
     /// The leader is over: the program begins with a percent sign, whether or not one was sent.
     fn begin(&mut self, line_end: LineEnd, text: &mut Vec<u8>) {
         text.extend_from_slice(b"%\n");
-        (self.phase, self.line_end) = (Phase::Program, line_end);
+        (self.phase, self.line_end) = (TapePhase::Program, line_end);
     }
 
     fn end_line(&mut self, character: u8, text: &mut Vec<u8>) {
@@ -243,18 +243,18 @@ impl TapeReader {
         text.push(b'\n');
         let end = program_end_of(&std::mem::take(&mut self.line));
         if end == Some(2) && self.settings.end.m02 || end == Some(30) && self.settings.end.m30 {
-            self.phase = Phase::Ended;
+            self.phase = TapePhase::Ended;
         }
     }
 }
 
 /// How seven bits with this parity look in a byte; with eight bits the port looks after the parity.
-fn seven_bits(bits: u8, parity: Parity) -> Decoding {
+fn seven_bits(bits: u8, parity: Parity) -> TapeCode {
     match (bits, parity) {
-        (7, Parity::Even) => Decoding::Parity { odd: false },
-        (7, Parity::Odd) => Decoding::Parity { odd: true },
-        (7, Parity::None) => Decoding::SevenBits,
-        _ => Decoding::Plain,
+        (7, Parity::Even) => TapeCode::Parity { odd: false },
+        (7, Parity::Odd) => TapeCode::Parity { odd: true },
+        (7, Parity::None) => TapeCode::SevenBits,
+        _ => TapeCode::Plain,
     }
 }
 
@@ -268,7 +268,7 @@ mod tests {
         let (mut reader, mut text) = (TapeReader::new(settings), Vec::new());
         let mut result = Ok(());
         for byte in bytes {
-            result = result.and_then(|()| reader.push(Received::Byte(byte), &mut text));
+            result = result.and_then(|()| reader.push(ReceivedByte::Byte(byte), &mut text));
         }
         (String::from_utf8(text).expect("text"), result.map(|()| reader.has_ended()))
     }
@@ -348,7 +348,7 @@ mod tests {
             let code = if eia { CharacterCode::Eia } else { CharacterCode::Auto };
             let (mut reader, mut text) = (TapeReader::new(settings("8n1", code)), Vec::new());
             for byte in bytes {
-                let _ = reader.push(Received::Byte(byte), &mut text);
+                let _ = reader.push(ReceivedByte::Byte(byte), &mut text);
             }
         }
     }

@@ -2,8 +2,8 @@
 #![allow(unreachable_pub)] // a module of a test
 
 use proptest::prelude::*;
-use retrace_controller::judge::{AxisLimits, LimitJudge};
-use retrace_controller::machine::Machine;
+use retrace_controller::limit_monitor::{LimitMonitor, MonitorLimits};
+use retrace_controller::machine::MachineConfig;
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{CardStatus, HostCommand, MotionCard};
@@ -69,7 +69,7 @@ pub fn paths() -> impl Strategy<Value = Vec<Move>> {
 
 /// The path's records, from the planner for the built-in machine.
 pub fn records(path: &[Move]) -> Vec<Record<3>> {
-    let machine = Machine::built_in().expect("valid");
+    let machine = MachineConfig::built_in().expect("valid");
     let mut planner = Planner::new(machine.limits(), [0.0; 3]).expect("valid");
     let mut records = Vec::new();
     for (k, m) in path.iter().enumerate() {
@@ -108,7 +108,7 @@ pub struct Stop {
 /// A card that is fed a path, and its judge.
 pub struct Played {
     card: SimCard<3>,
-    judge: Box<LimitJudge<3>>,
+    judge: Box<LimitMonitor<3>>,
     records: Vec<Record<3>>,
     log: Vec<(Place, Travel, [i32; 3])>,
     asked: Travel,
@@ -116,10 +116,10 @@ pub struct Played {
 
 impl Played {
     pub fn of(records: Vec<Record<3>>) -> Self {
-        let machine = Machine::built_in().expect("valid");
+        let machine = MachineConfig::built_in().expect("valid");
         let axis = |i: usize| {
             let a = &machine.axes[i];
-            AxisLimits {
+            MonitorLimits {
                 pulses_per_mm: a.pulses_per_mm,
                 velocity_mm_s: a.max_velocity_mm_per_s,
                 acceleration_mm_s2: a.max_acceleration_mm_per_s2,
@@ -128,7 +128,7 @@ impl Played {
         };
         let limits = machine.rate_limits().expect("checked");
         let card = SimCard::new(0, limits, Clock::Virtual).expect("fits");
-        let judge = Box::new(LimitJudge::new(&std::array::from_fn(axis), machine.period_s()));
+        let judge = Box::new(LimitMonitor::new(&std::array::from_fn(axis), machine.period_s()));
         Self { card, judge, records, log: Vec::new(), asked: 0 }
     }
 

@@ -6,8 +6,8 @@ use std::sync::mpsc::{Sender, channel};
 use std::thread;
 use std::time::Duration;
 
-use retrace_controller::index::{Durable, Index, Keeping, Mark, Note};
-use retrace_controller::job::{self, Begin};
+use retrace_controller::job::{self, JobStart};
+use retrace_controller::place_index::{DurablePlace, IndexEntry, IndexWriter, JournalConfig, PlaceMark};
 use retrace_core::ONE;
 use retrace_core::place::before;
 use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
@@ -17,17 +17,17 @@ use crate::jobs::{AXES, Decoder, Log, boundary, card, complete, conduct, machine
 const PROGRAM: &str = "G21 G64 P0.05 F2400\nG1 X20\nM3\nG1 X0 Y5\nG1 X7 Y2\nM62 P2\nG1 X0 Y0\nG4 P0.1\nG1 Z3\nM2\n";
 
 /// Notes on their way to a thread that keeps them.
-struct Notes(Sender<Note>);
+struct Notes(Sender<IndexEntry>);
 
-impl Index for Notes {
-    fn note(&mut self, note: Note) {
+impl IndexWriter for Notes {
+    fn note(&mut self, note: IndexEntry) {
         // Nobody may be there any more at the end.
         let _ = self.0.send(note);
     }
 }
 
 /// A card that takes nothing which is not durable.
-struct Strict<C>(C, Durable);
+struct Strict<C>(C, DurablePlace);
 
 impl<C: MotionCard<AXES>> MotionCard<AXES> for Strict<C> {
     type Fault = C::Fault;
@@ -53,9 +53,9 @@ impl<C: MotionCard<AXES>> MotionCard<AXES> for Strict<C> {
 }
 
 /// Runs with an index that takes `slow` to become durable: what was told, and the notes.
-fn kept(script: &str, slow: Duration) -> (Log, Vec<Note>, [i64; AXES]) {
+fn kept(script: &str, slow: Duration) -> (Log, Vec<IndexEntry>, [i64; AXES]) {
     let machine = machine(60.0);
-    let durable = Durable::from(0);
+    let durable = DurablePlace::from(0);
     let (sender, receiver) = channel();
     let ahead = durable.clone();
     let keeper = thread::spawn(move || {
@@ -63,14 +63,14 @@ fn kept(script: &str, slow: Duration) -> (Log, Vec<Note>, [i64; AXES]) {
         while let Ok(note) = receiver.recv() {
             notes.push(note);
             thread::sleep(slow);
-            if let Note::Mark(mark) = note {
+            if let IndexEntry::Mark(mark) = note {
                 ahead.advance(mark.place);
             }
         }
         notes
     });
-    let keeping = Keeping { index: Box::new(Notes(sender)), durable: Some(durable.clone()) };
-    let conduct = conduct(&machine, script, Begin::First, keeping);
+    let keeping = JournalConfig { index: Box::new(Notes(sender)), durable: Some(durable.clone()) };
+    let conduct = conduct(&machine, script, JobStart::First, keeping);
     let mut log = Log::default();
     let strict = Strict(card(&machine), durable);
     let end = job::run(&machine, Decoder::new(PROGRAM), conduct, strict, &mut log).expect("a job");
@@ -92,9 +92,9 @@ fn waiting_for_the_index_changes_nothing_and_nothing_runs_ahead_of_it() {
 #[test]
 fn marks_come_in_order_often_enough_and_say_what_holds_there() {
     let (log, notes, counts) = kept("", Duration::ZERO);
-    let marks: Vec<Mark> =
-        notes.iter().filter_map(|note| if let Note::Mark(mark) = note { Some(*mark) } else { None }).collect();
-    let mut last = Mark::default();
+    let marks: Vec<PlaceMark> =
+        notes.iter().filter_map(|note| if let IndexEntry::Mark(mark) = note { Some(*mark) } else { None }).collect();
+    let mut last = PlaceMark::default();
     for mark in &marks {
         assert!((1..=64).contains(&(mark.place - last.place)), "{last:?} {mark:?}");
         let there = log.periods.iter().find(|p| p.place == boundary(mark.place)).expect("it was run");
@@ -109,11 +109,11 @@ fn marks_come_in_order_often_enough_and_say_what_holds_there() {
 #[test]
 fn an_override_is_noted_where_it_counts() {
     let (log, notes, _) = kept("at 0.2s override 140%\n", Duration::ZERO);
-    let noted = notes.iter().position(|note| matches!(note, Note::Override { .. })).expect("a note");
-    let Note::Override { place, planned } = notes[noted] else { unreachable!() };
+    let noted = notes.iter().position(|note| matches!(note, IndexEntry::Override { .. })).expect("a note");
+    let IndexEntry::Override { place, planned } = notes[noted] else { unreachable!() };
     assert_eq!(planned, (ONE * 7 + 2) / 5);
     let told = log.event(|h| matches!(h, retrace_controller::event::EventKind::OverridePlanned(_)));
     assert_eq!(told.place.record, place);
-    let marked_before = |note: &Note| matches!(note, Note::Mark(mark) if !before(place, mark.place));
+    let marked_before = |note: &IndexEntry| matches!(note, IndexEntry::Mark(mark) if !before(place, mark.place));
     assert!(notes[..noted].iter().all(marked_before), "before any mark beyond it");
 }

@@ -3,15 +3,15 @@
 //! Invariant: time is virtual, so that a run is the same at any speed.
 #![allow(unreachable_pub)] // a module of a test
 
+use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{Event, EventKind};
-use retrace_controller::index::Keeping;
-use retrace_controller::job::{self, Begin, Conduct, JobEnd};
-use retrace_controller::machine::Machine;
+use retrace_controller::job::{self, JobEnd, JobOptions, JobStart};
+use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator;
-use retrace_controller::orders::Operators;
+use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Outcome};
-use retrace_controller::stream::{Observer, Period, Told};
+use retrace_controller::session::{Outcome, RunMode};
+use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
 use retrace_core::Place;
 use retrace_hal_sim::{Clock, SimCard};
 
@@ -20,16 +20,16 @@ pub use crate::wired::{AXES, Decoder};
 /// Everything that was told.
 #[derive(Default)]
 pub struct Log {
-    pub periods: Vec<Period<AXES>>,
+    pub periods: Vec<PeriodRecord<AXES>>,
     pub events: Vec<Event>,
 }
 
 impl Observer<AXES> for Log {
-    fn told(&mut self, told: &Told<AXES>) {
+    fn on_telemetry(&mut self, told: &Telemetry<AXES>) {
         match told {
-            Told::Period(period) => self.periods.push(*period),
-            Told::Event(event) => self.events.push(event.clone()),
-            Told::Output(_) | Told::Active(_) => {}
+            Telemetry::Period(period) => self.periods.push(*period),
+            Telemetry::Event(event) => self.events.push(event.clone()),
+            Telemetry::Output(_) | Telemetry::Active(_) => {}
         }
         assert!(self.periods.len() < 1_000_000, "it hangs");
     }
@@ -50,34 +50,34 @@ impl Log {
 }
 
 /// A machine with an hour's history cut to so many seconds, output 1 being the jet.
-pub fn machine(history_s: f64) -> Machine {
+pub fn machine(history_s: f64) -> MachineConfig {
     let jet = "[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 1\nrapid_lit = true\n";
     let text = format!("history_hours = {}\n{jet}", history_s / 3600.0);
-    Machine::parse(&text, "test").expect("valid")
+    MachineConfig::parse(&text, "test").expect("valid")
 }
 
 /// A card at record 0, all counts 0.
-pub fn card(machine: &Machine) -> SimCard<AXES> {
+pub fn card(machine: &MachineConfig) -> SimCard<AXES> {
     SimCard::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits")
 }
 
 /// How a job is run from a script in virtual time.
-pub fn conduct(machine: &Machine, script: &str, begin: Begin, keeping: Keeping) -> Conduct {
+pub fn conduct(machine: &MachineConfig, script: &str, begin: JobStart, keeping: JournalConfig) -> JobOptions {
     let script = operator::parse(script, "script").expect("a script");
-    let operators = Operators::script(ScriptPlayer::new(script, machine.period_us));
-    Conduct { begin, operators, manner: Manner { wall_time: false, operator: true, real_time: false }, keeping }
+    let operators = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
+    JobOptions { begin, operators, manner: RunMode { wall_time: false, operator: true, real_time: false }, keeping }
 }
 
 /// Runs a program from its beginning.
-pub fn run(machine: &Machine, text: &str, script: &str) -> (JobEnd<SimCard<AXES>>, Log) {
+pub fn run(machine: &MachineConfig, text: &str, script: &str) -> (JobEnd<SimCard<AXES>>, Log) {
     let mut log = Log::default();
-    let conduct = conduct(machine, script, Begin::First, Keeping::default());
+    let conduct = conduct(machine, script, JobStart::First, JournalConfig::default());
     let end = job::run(machine, Decoder::new(text), conduct, card(machine), &mut log).expect("a job");
     (end, log)
 }
 
 /// A run from its beginning to its end.
-pub fn complete(machine: &Machine, text: &str, script: &str) -> (JobEnd<SimCard<AXES>>, Log) {
+pub fn complete(machine: &MachineConfig, text: &str, script: &str) -> (JobEnd<SimCard<AXES>>, Log) {
     let (end, log) = run(machine, text, script);
     assert_eq!(end.outcome, Outcome::Completed);
     (end, log)

@@ -5,10 +5,10 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_controller::event::EventKind;
-use retrace_controller::index::{Index, Keeping, Mark, Note};
-use retrace_controller::job::{self, Begin, CannotBegin, JobEnd};
-use retrace_controller::machine::Machine;
-use retrace_controller::resume::{Prepared, Resumption, Unfound};
+use retrace_controller::job::{self, JobEnd, JobStart, JobStartError};
+use retrace_controller::machine::MachineConfig;
+use retrace_controller::place_index::{IndexEntry, IndexWriter, JournalConfig, PlaceMark};
+use retrace_controller::resume::{ResumeError, ResumePlan, ResumePoint};
 use retrace_controller::session::Outcome;
 use retrace_core::{ONE, Travel};
 use retrace_hal_sim::{Random, SimCard};
@@ -21,38 +21,39 @@ type Card = SimCard<AXES>;
 
 /// Keeps all notes.
 #[derive(Clone, Default)]
-struct Kept(Arc<Mutex<Vec<Note>>>);
+struct Kept(Arc<Mutex<Vec<IndexEntry>>>);
 
-impl Index for Kept {
-    fn note(&mut self, note: Note) {
+impl IndexWriter for Kept {
+    fn note(&mut self, note: IndexEntry) {
         self.0.lock().expect("one at a time").push(note);
     }
 }
 
 impl Kept {
-    fn marks(&self) -> Vec<Mark> {
+    fn marks(&self) -> Vec<PlaceMark> {
         let notes = self.0.lock().expect("done");
-        notes.iter().filter_map(|note| if let Note::Mark(mark) = note { Some(*mark) } else { None }).collect()
+        notes.iter().filter_map(|note| if let IndexEntry::Mark(mark) = note { Some(*mark) } else { None }).collect()
     }
 
     fn overrides(&self) -> Vec<(u32, Travel)> {
         let notes = self.0.lock().expect("done");
-        let changed =
-            |note: &Note| if let Note::Override { place, planned } = note { Some((*place, *planned)) } else { None };
+        let changed = |note: &IndexEntry| {
+            if let IndexEntry::Override { place, planned } = note { Some((*place, *planned)) } else { None }
+        };
         notes.iter().filter_map(changed).collect()
     }
 
-    fn resumption(&self, left: &Card) -> Resumption {
+    fn resumption(&self, left: &Card) -> ResumePoint {
         let status = left.status();
         let start = PathStart { place: status.place, rests: false, reached: status.reached, executed: status.executed };
-        Resumption { overrides: self.overrides(), marks: self.marks(), ..Resumption::at(start, 0) }
+        ResumePoint { overrides: self.overrides(), marks: self.marks(), ..ResumePoint::at(start, 0) }
     }
 }
 
 /// A run, or a part of one.
-fn part(machine: &Machine, text: &str, script: &str, begin: Begin, card: Card) -> (JobEnd<Card>, Log, Kept) {
+fn part(machine: &MachineConfig, text: &str, script: &str, begin: JobStart, card: Card) -> (JobEnd<Card>, Log, Kept) {
     let (mut log, kept) = (Log::default(), Kept::default());
-    let keeping = Keeping { index: Box::new(kept.clone()), durable: None };
+    let keeping = JournalConfig { index: Box::new(kept.clone()), durable: None };
     let conduct = conduct(machine, script, begin, keeping);
     let end = job::run(machine, Decoder::new(text), conduct, card, &mut log).expect("a job");
     (end, log, kept)
@@ -79,7 +80,7 @@ fn whatever_is_cut_off_anywhere_goes_on_as_if_it_had_not_been() {
         let mut random = Random::new(seed);
         let text = wired::program(&mut random, 12);
         let path = Path::of(&machine, &text);
-        let (mut card, mut begin) = (card(&machine), Begin::First);
+        let (mut card, mut begin) = (card(&machine), JobStart::First);
         loop {
             let wait = f64::from(random.up_to(1500)) / 1000.0;
             let script = match random.up_to(3) {
@@ -101,7 +102,7 @@ fn whatever_is_cut_off_anywhere_goes_on_as_if_it_had_not_been() {
             cuts += 1;
             inside += u32::from(status.place.fraction != 0);
             behind += u32::from(status.place.record.wrapping_add(1) < status.reached);
-            begin = Begin::At(Box::new(kept.resumption(&card)));
+            begin = JobStart::At(Box::new(kept.resumption(&card)));
         }
         let status = card.status();
         assert_eq!(Some(&status.counts), path.counts.last(), "seed {seed}");
@@ -114,13 +115,13 @@ const LAPS: &str = "G21 G64 P0.05 F2400\nM3\nG1 X20\nG1 Y20\nM62 P2\nG1 X0\nG1 Y
 
 /// What a job is told before it goes on: not agreed to.
 fn prepared(
-    machine: &Machine,
+    machine: &MachineConfig,
     text: &str,
-    at: Resumption,
+    at: ResumePoint,
     card: Card,
-) -> (Option<Prepared<AXES>>, Result<JobEnd<Card>, CannotBegin>) {
+) -> (Option<ResumePlan<AXES>>, Result<JobEnd<Card>, JobStartError>) {
     let mut seen = None;
-    let conduct = conduct(machine, "", Begin::At(Box::new(at)), Keeping::default());
+    let conduct = conduct(machine, "", JobStart::At(Box::new(at)), JournalConfig::default());
     let end = job::resume(machine, Decoder::new(text), conduct, card, &mut Log::default(), |prepared| {
         seen = Some(prepared.clone());
         false
@@ -133,10 +134,10 @@ fn overrides_that_were_planned_are_planned_again_at_their_places() {
     let machine = machine(600.0);
     let words = "at 0.4s override 150%\nafter 0.7s override 120%\n";
     let (_, plain) = complete(&machine, LAPS, words);
-    let (end, _, kept) = part(&machine, LAPS, &format!("{words}after 1s stop\n"), Begin::First, card(&machine));
+    let (end, _, kept) = part(&machine, LAPS, &format!("{words}after 1s stop\n"), JobStart::First, card(&machine));
     let at = kept.resumption(&end.card);
     assert_eq!(at.overrides.len(), 2);
-    let (end, log, _) = part(&machine, LAPS, "", Begin::At(Box::new(at)), end.card);
+    let (end, log, _) = part(&machine, LAPS, "", JobStart::At(Box::new(at)), end.card);
     assert_eq!(end.outcome, Outcome::Completed);
     let boundaries = |log: &Log| {
         log.periods.iter().filter(|p| p.place.fraction == 0).map(|p| (p.place.record, p.counts)).collect::<Vec<_>>()
@@ -155,7 +156,7 @@ fn overrides_that_were_planned_are_planned_again_at_their_places() {
 fn what_will_be_done_is_told_before_anything_moves() {
     let machine = machine(600.0);
     let (end, log, kept) =
-        part(&machine, LAPS, "at 1.2s reverse 100%\nafter 0.3s stop\n", Begin::First, card(&machine));
+        part(&machine, LAPS, "at 1.2s reverse 100%\nafter 0.3s stop\n", JobStart::First, card(&machine));
     let (status, at) = (*end.card.status(), kept.resumption(&end.card));
     let (seen, again) = prepared(&machine, LAPS, at, end.card);
     let (seen, again) = (seen.expect("it was asked"), again.expect("a job"));
@@ -164,7 +165,7 @@ fn what_will_be_done_is_told_before_anything_moves() {
     let spindle = usize::from(channel::SPINDLE);
     let mut expected = status.outputs;
     assert_eq!(std::mem::replace(&mut expected[spindle], 1), 0);
-    assert_eq!((seen.expected_outputs(), seen.agrees()), (&expected, true));
+    assert_eq!((seen.expected_outputs(), seen.matches_card()), (&expected, true));
     assert_eq!(seen.line(), log.periods.last().expect("periods").line);
     assert_eq!((again.outcome, again.tally.periods), (Outcome::Stopped, 0));
     assert_eq!(again.card.status().period, status.period, "nothing has moved");
@@ -177,12 +178,12 @@ fn outputs_are_brought_back_by_their_instructions_before_anything_moves() {
         &machine,
         LAPS,
         "at 1.9s output 2 off\nafter 0s reverse 50%\nafter 0.5s stop\n",
-        Begin::First,
+        JobStart::First,
         card(&machine),
     );
     let at = kept.resumption(&end.card);
     let left = at.start.place;
-    let (end, log, _) = part(&machine, LAPS, "", Begin::At(Box::new(at)), end.card);
+    let (end, log, _) = part(&machine, LAPS, "", JobStart::At(Box::new(at)), end.card);
     assert_eq!(end.outcome, Outcome::Completed);
     assert_eq!(log.event(|h| *h == EventKind::RestartSwitched("M3")).place, left);
     let restored = log.event(|h| *h == EventKind::OutputsRestored);
@@ -193,36 +194,36 @@ fn outputs_are_brought_back_by_their_instructions_before_anything_moves() {
 #[test]
 fn what_is_not_the_same_is_refused_with_the_reason() {
     let machine = machine(600.0);
-    let (end, _, kept) = part(&machine, LAPS, "at 1.2s stop\n", Begin::First, card(&machine));
+    let (end, _, kept) = part(&machine, LAPS, "at 1.2s stop\n", JobStart::First, card(&machine));
     let at = kept.resumption(&end.card);
     let outputs: Outputs = end.card.status().outputs;
-    let unfound = |text: &str, at: &Resumption| {
+    let unfound = |text: &str, at: &ResumePoint| {
         let standing = card(&machine).standing_at([0; AXES], &outputs);
         match prepared(&machine, text, at.clone(), standing) {
-            (None, Err(CannotBegin::Unfound(why))) => why,
+            (None, Err(JobStartError::Unfound(why))) => why,
             other => panic!("{:?}", other.0),
         }
     };
     let slower = LAPS.replace("F2400", "F2300");
-    assert!(matches!(unfound(&slower, &at), Unfound::Differs(_)));
+    assert!(matches!(unfound(&slower, &at), ResumeError::Differs(_)));
     let blocks = LAPS.replace("M3\n", "M3\n\n");
-    assert!(matches!(unfound(&blocks, &at), Unfound::Differs(_)), "lines and blocks count, too");
-    let unmarked = Resumption { marks: Vec::new(), ..at.clone() };
-    assert!(matches!(unfound("G21 F2400\nM3\nG1 X1\n", &unmarked), Unfound::Ends { .. }));
-    let wrong = |executed| Resumption { start: PathStart { executed, ..at.start }, ..unmarked.clone() };
-    assert!(matches!(unfound(LAPS, &wrong(0)), Unfound::Instruction { number: 1, .. }));
+    assert!(matches!(unfound(&blocks, &at), ResumeError::Differs(_)), "lines and blocks count, too");
+    let unmarked = ResumePoint { marks: Vec::new(), ..at.clone() };
+    assert!(matches!(unfound("G21 F2400\nM3\nG1 X1\n", &unmarked), ResumeError::Ends { .. }));
+    let wrong = |executed| ResumePoint { start: PathStart { executed, ..at.start }, ..unmarked.clone() };
+    assert!(matches!(unfound(LAPS, &wrong(0)), ResumeError::Instruction { number: 1, .. }));
     assert!(
-        matches!(unfound(LAPS, &wrong(2)), Unfound::Instruction { number: 2, .. }),
+        matches!(unfound(LAPS, &wrong(2)), ResumeError::Instruction { number: 2, .. }),
         "{:?}",
         unfound(LAPS, &wrong(2))
     );
     let mut far = at.clone();
-    far.marks.push(Mark { place: at.start.reached + 501, ..Mark::default() });
-    assert_eq!(unfound(LAPS, &far), Unfound::NoSuchPlace, "farther than anything was planned");
+    far.marks.push(PlaceMark { place: at.start.reached + 501, ..PlaceMark::default() });
+    assert_eq!(unfound(LAPS, &far), ResumeError::NoSuchPlace, "farther than anything was planned");
     let nowhere = PathStart { reached: at.start.place.record.wrapping_sub(1), ..at.start };
-    assert_eq!(unfound(LAPS, &Resumption { start: nowhere, ..unmarked.clone() }), Unfound::NoSuchPlace);
+    assert_eq!(unfound(LAPS, &ResumePoint { start: nowhere, ..unmarked.clone() }), ResumeError::NoSuchPlace);
     // The counts disagree: it is found, and does not go on by itself.
     let elsewhere = card(&machine).standing_at([1, 0, 0, 0], &outputs);
-    let (end, log, _) = part(&machine, LAPS, "", Begin::At(Box::new(at)), elsewhere);
+    let (end, log, _) = part(&machine, LAPS, "", JobStart::At(Box::new(at)), elsewhere);
     assert_eq!((end.outcome, log.periods.len()), (Outcome::Stopped, 0));
 }

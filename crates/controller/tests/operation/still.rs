@@ -3,18 +3,18 @@
 //! Invariant: the count is of the motion path's own thread.
 
 use allocation_counter::{AllocationInfo, measure};
-use retrace_controller::index::Keeping;
-use retrace_controller::job::{self, Begin};
+use retrace_controller::job::{self, JobStart};
+use retrace_controller::place_index::JournalConfig;
 use retrace_controller::session::Outcome;
-use retrace_controller::stream::{Observer, Told};
+use retrace_controller::telemetry::{Observer, Telemetry};
 
 use crate::jobs::{AXES, Decoder, card, conduct, machine};
 
 struct Counted(u64);
 
 impl Observer<AXES> for Counted {
-    fn told(&mut self, told: &Told<AXES>) {
-        self.0 += u64::from(matches!(told, Told::Event(_)));
+    fn on_telemetry(&mut self, told: &Telemetry<AXES>) {
+        self.0 += u64::from(matches!(told, Telemetry::Event(_)));
     }
 }
 
@@ -22,7 +22,7 @@ impl Observer<AXES> for Counted {
 fn allocated(program: &str, script: &str) -> (AllocationInfo, u64) {
     let machine = machine(60.0);
     let (decoder, card) = (Decoder::new(program), card(&machine));
-    let conduct = conduct(&machine, script, Begin::First, Keeping::default());
+    let conduct = conduct(&machine, script, JobStart::First, JournalConfig::default());
     let mut counted = Counted(0);
     let mut end = None;
     let info = measure(|| end = Some(job::run(&machine, decoder, conduct, card, &mut counted).expect("a job")));

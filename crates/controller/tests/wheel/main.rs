@@ -18,15 +18,15 @@ mod hand;
 use std::collections::{HashMap, VecDeque};
 
 use hand::{Moment, Setting, moments};
+use retrace_controller::command_queue::{CommandSender, CommandSources, command_channel};
 use retrace_controller::event::EventKind;
-use retrace_controller::index::Keeping;
-use retrace_controller::job::{self, Begin, Conduct};
-use retrace_controller::machine::Machine;
+use retrace_controller::job::{self, JobOptions, JobStart};
+use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator::OperatorCommand;
-use retrace_controller::orders::{Operators, Orders, orders};
+use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Outcome};
-use retrace_controller::stream::{Observer, Period, Standing, Told};
+use retrace_controller::session::{Outcome, RunMode};
+use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
 use retrace_core::mode::Mode;
 use retrace_core::{ONE, Place, Travel};
 use retrace_hal_sim::{Clock, Random, SimCard, SimCardError};
@@ -43,7 +43,7 @@ const NEAR: u32 = 400;
 /// A card whose operator is at the wheel: what he does in a turn is done while the period before it passes.
 struct Turned {
     card: SimCard<AXES>,
-    orders: Orders,
+    orders: CommandSender,
     moments: VecDeque<Moment>,
     /// The rate that the card was asked for last.
     asked: Travel,
@@ -56,9 +56,9 @@ struct Turned {
 impl Turned {
     fn say(&self, moment: Moment) {
         if let Some(word) = moment.word {
-            self.orders.say(word).expect("room");
+            self.orders.send(word).expect("room");
         }
-        self.orders.turn(i32::from(moment.screen));
+        self.orders.turn_wheel(i32::from(moment.screen));
     }
 }
 
@@ -96,15 +96,15 @@ impl MotionCard<AXES> for Turned {
 
 #[derive(Default)]
 struct Log {
-    periods: Vec<Period<AXES>>,
+    periods: Vec<PeriodRecord<AXES>>,
     reached: usize,
 }
 
 impl Observer<AXES> for Log {
-    fn told(&mut self, told: &Told<AXES>) {
+    fn on_telemetry(&mut self, told: &Telemetry<AXES>) {
         match told {
-            Told::Period(period) => self.periods.push(*period),
-            Told::Event(event) => self.reached += usize::from(event.kind == EventKind::HistoryEndReached),
+            Telemetry::Period(period) => self.periods.push(*period),
+            Telemetry::Event(event) => self.reached += usize::from(event.kind == EventKind::HistoryEndReached),
             _ => {}
         }
         assert!(self.periods.len() < 200_000, "it hangs");
@@ -113,7 +113,7 @@ impl Observer<AXES> for Log {
 
 /// One case, run.
 struct Case {
-    machine: Machine,
+    machine: MachineConfig,
     setting: Setting,
     path: Path,
     moments: Vec<Moment>,
@@ -142,21 +142,21 @@ fn run(seed: u64) -> Case {
         "history_hours = {}\n[wheel]\ncounts_per_s_at_rate_1 = {counts_per_s}.0\nmean_over_ms = {mean_ms}.0\n",
         history_s / 3600.0
     );
-    let machine = Machine::parse(&text, "test").expect("valid");
+    let machine = MachineConfig::parse(&text, "test").expect("valid");
     let program = wired::program(&mut random, 24);
     let path = Path::of(&machine, &program);
     let moments = moments(&mut random, setting);
     let mut card = SimCard::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
     // wherever the free-running counter is, next to where it wraps more often than not
     card.machine().turn_wheel(pick(&mut random, &[0, -1, -6, 300, 32_760, -32_760]));
-    let (orders, heard) = orders();
+    let (orders, heard) = command_channel();
     let mut waits = VecDeque::from(moments.clone());
     let first = waits.pop_front().unwrap_or_default();
     let card = Turned { card, orders, moments: waits, asked: 0, log: Vec::new(), told: 0 };
     card.say(first);
-    let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us)).and(heard);
-    let manner = Manner { wall_time: false, operator: true, real_time: false };
-    let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+    let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us)).and(heard);
+    let manner = RunMode { wall_time: false, operator: true, real_time: false };
+    let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
     let mut log = Log::default();
     let end = job::run(&machine, Decoder::new(&program), conduct, card, &mut log).expect("a job");
     assert_eq!(end.outcome, Outcome::Completed);
@@ -195,7 +195,7 @@ impl Case {
             stood = last_mode != Mode::Run && stood || was_at_rest;
             asked_for_rest = if self.asked[turn] == 0 { asked_for_rest + 1 } else { 0 };
             if period.mode == Mode::Wheel {
-                let is_free = stood && period.standing != Standing::Hold;
+                let is_free = stood && period.hold_reason != HoldReason::Hold;
                 let mean = if is_free { self.mean(turn, since) } else { 0 };
                 assert_eq!(self.asked[turn], mean, "in turn {turn}, at the wheel since {since}: {period:?}");
                 came.at_the_wheel += 1;
@@ -224,7 +224,7 @@ impl Case {
             usize::from(periods.iter().any(|p| p.mode == Mode::Wheel && p.place == Place::start_of(p.oldest)));
     }
 
-    fn is_between_the_ends(&self, period: &Period<AXES>) {
+    fn is_between_the_ends(&self, period: &PeriodRecord<AXES>) {
         let (reached, oldest) = (Place::start_of(period.reached), Place::start_of(period.oldest));
         assert!(oldest.to(period.place) >= 0 && period.place.to(reached) >= 0, "{period:?}");
         // as far back as the machine file promises, and no further than a record beyond
@@ -271,7 +271,7 @@ impl Case {
     }
 
     fn rows(&self) -> records::Records {
-        let row = |period: &Period<AXES>| records::Row {
+        let row = |period: &PeriodRecord<AXES>| records::Row {
             period: period.period,
             line: u64::from(period.line),
             rate_nano: ((i128::from(period.rate) * 1_000_000_000) >> 32) as i64,
@@ -285,7 +285,7 @@ impl Case {
     }
 }
 
-fn axis(axis: &retrace_controller::machine::Axis) -> limits::Axis {
+fn axis(axis: &retrace_controller::machine::AxisConfig) -> limits::Axis {
     limits::Axis {
         pulses_per_mm: axis.pulses_per_mm,
         limits: [axis.max_velocity_mm_per_s, axis.max_acceleration_mm_per_s2, axis.max_jerk_mm_per_s3],

@@ -6,16 +6,16 @@
 
 use std::sync::{Arc, Mutex};
 
+use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{Event, EventKind};
-use retrace_controller::index::Keeping;
-use retrace_controller::job::{self, Begin, Conduct, Decode, Decoded};
-use retrace_controller::judge::{AxisLimits, LimitJudge, Verdict};
-use retrace_controller::machine::Machine;
+use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobOptions, JobStart};
+use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
+use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator;
-use retrace_controller::orders::Operators;
+use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Manner, Outcome};
-use retrace_controller::stream::{Observer, Told};
+use retrace_controller::session::{Outcome, RunMode};
+use retrace_controller::telemetry::{Observer, Telemetry};
 use retrace_core::playback::part;
 use retrace_core::{Place, Travel};
 use retrace_gcode::{AxisSet, CanonStep, Program, Progress, Setup};
@@ -39,12 +39,12 @@ impl Decoder {
     }
 }
 
-impl Decode for Decoder {
-    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> Decoded {
+impl BlockDecoder for Decoder {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
         match self.0.advance(steps) {
-            Progress::End => Decoded::End,
-            Progress::Refused => Decoded::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
-            Progress::Line => Decoded::Block,
+            Progress::End => DecodedBlock::End,
+            Progress::Refused => DecodedBlock::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
+            Progress::Line => DecodedBlock::Block,
         }
     }
 }
@@ -62,27 +62,27 @@ pub struct Path {
 
 impl Path {
     /// Runs the program on a card in this process.
-    pub fn of(machine: &Machine, text: &str) -> Self {
+    pub fn of(machine: &MachineConfig, text: &str) -> Self {
         struct Rows(Vec<[i64; AXES]>, Vec<u32>);
         impl Observer<AXES> for Rows {
-            fn told(&mut self, told: &Told<AXES>) {
+            fn on_telemetry(&mut self, told: &Telemetry<AXES>) {
                 match told {
-                    Told::Period(period) => {
+                    Telemetry::Period(period) => {
                         assert_eq!(period.place.fraction, 0, "at rate 1 from record to record");
                         if period.place.record as usize == self.0.len() {
                             self.0.push(period.counts);
                         }
                     }
-                    Told::Event(Event { kind: EventKind::Switching(_), place, .. }) => self.1.push(place.record),
+                    Telemetry::Event(Event { kind: EventKind::Switching(_), place, .. }) => self.1.push(place.record),
                     _ => {}
                 }
             }
         }
         let mut rows = Rows(vec![[0; AXES]], Vec::new());
         let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
-        let manner = Manner { wall_time: false, operator: false, real_time: false };
-        let operators = Operators::script(ScriptPlayer::new(Vec::new(), machine.period_us));
-        let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+        let manner = RunMode { wall_time: false, operator: false, real_time: false };
+        let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us));
+        let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
         let end = job::run(machine, Decoder::new(text), conduct, card, &mut rows).expect("a job");
         assert_eq!(end.outcome, Outcome::Completed);
         Self { counts: rows.0, markers: rows.1, in_passing: text.contains("M62") || text.contains("M63") }
@@ -193,7 +193,7 @@ impl BytePort for Cable {
 
 /// What is run, and over what.
 pub struct Trial<'a> {
-    pub machine: &'a Machine,
+    pub machine: &'a MachineConfig,
     pub program: &'a str,
     pub script: &'a str,
     pub rig: CardSimulatorSettings,
@@ -232,34 +232,34 @@ struct Watch {
 }
 
 impl Observer<AXES> for Watch {
-    fn told(&mut self, told: &Told<AXES>) {
+    fn on_telemetry(&mut self, told: &Telemetry<AXES>) {
         match told {
-            Told::Period(period) => {
+            Telemetry::Period(period) => {
                 self.periods += 1;
                 assert!(self.periods < 4_000_000, "it hangs: {period:?}");
             }
-            Told::Event(event) => self.events.push(event.clone()),
-            Told::Output(_) | Told::Active(_) => {}
+            Telemetry::Event(event) => self.events.push(event.clone()),
+            Telemetry::Output(_) | Telemetry::Active(_) => {}
         }
     }
 }
 
 /// The judge of a machine's limits.
-pub fn judge(machine: &Machine) -> LimitJudge<AXES> {
+pub fn judge(machine: &MachineConfig) -> LimitMonitor<AXES> {
     let axis = |i: usize| {
         let a = machine.axes.get(i).unwrap_or(&machine.axes[0]);
-        AxisLimits {
+        MonitorLimits {
             pulses_per_mm: a.pulses_per_mm,
             velocity_mm_s: a.max_velocity_mm_per_s,
             acceleration_mm_s2: a.max_acceleration_mm_per_s2,
             jerk_mm_s3: a.max_jerk_mm_per_s3,
         }
     };
-    LimitJudge::new(&std::array::from_fn(axis), machine.period_s())
+    LimitMonitor::new(&std::array::from_fn(axis), machine.period_s())
 }
 
 /// Judges what came out of the card's pins.
-fn judged(machine: &Machine, log: &[Period]) -> Verdict<AXES> {
+fn judged(machine: &MachineConfig, log: &[Period]) -> LimitReport<AXES> {
     let mut judge = judge(machine);
     let mut before = [0; AXES];
     for period in log {
@@ -282,9 +282,9 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     card.open(trial.machine.card_settings(PathStart::at(0))).map_err(|fault| fault.to_string())?;
     let mut watch = Watch { periods: 0, events: Vec::new() };
     let script = operator::parse(trial.script, "script").expect("a script");
-    let operators = Operators::script(ScriptPlayer::new(script, trial.machine.period_us));
-    let manner = Manner { wall_time: false, operator: true, real_time: false };
-    let conduct = Conduct { begin: Begin::First, operators, manner, keeping: Keeping::default() };
+    let operators = CommandSources::script(ScriptPlayer::new(script, trial.machine.period_us));
+    let manner = RunMode { wall_time: false, operator: true, real_time: false };
+    let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
     let end = job::run(trial.machine, Decoder::new(trial.program), conduct, &mut *card, &mut watch).expect("a job");
     let (outcome, tally) = (end.outcome, end.tally);
     if outcome == Outcome::Completed {

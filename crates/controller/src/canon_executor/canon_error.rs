@@ -1,0 +1,86 @@
+//! Why a canonical function cannot be run on a machine.
+//!
+//! Invariant: each has a number in `docs/errors.md`, a cause and a remedy.
+
+use retrace_motion::MoveError;
+
+use crate::job::CheckFinding;
+use crate::limit_check::LimitFinding;
+use crate::plan_writer::PlanWriteError;
+
+/// Why a canonical function cannot be run on this machine.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CanonError {
+    /// E4301: an axis is moved that the machine does not have.
+    NoSuchAxis(char),
+    /// E4302: a canonical function that is not supported yet.
+    NotSupported(&'static str),
+    /// E4303: an output that the card does not have.
+    NoSuchOutput(i32),
+    /// E4304: a move that would leave the soft limits.
+    BeyondLimit(LimitFinding),
+    /// E4306: a rapid move while the cutter of this name is on.
+    RapidWhileLit(String),
+    /// The planner's refusal.
+    Move(MoveError),
+    /// The job was given up.
+    Cancelled,
+}
+
+impl CanonError {
+    /// Number, what is wrong, what to do.
+    fn parts(&self) -> (&'static str, String, &'static str) {
+        match self {
+            Self::NoSuchAxis(axis) => (
+                "E4301",
+                format!("axis {axis} is moved, and the machine has no such axis"),
+                "add the axis to the machine file, or take its words out of the program",
+            ),
+            Self::NotSupported(what) => ("E4302", format!("{what} is not supported yet"), "take it out of the program"),
+            Self::NoSuchOutput(n) => ("E4303", format!("there is no output {n}"), "an output is a number from 0 to 63"),
+            Self::BeyondLimit(beyond) => (LimitFinding::NUMBER, beyond.what(), LimitFinding::REMEDY),
+            Self::RapidWhileLit(cutter) => (
+                "E4306",
+                format!("a rapid move (G0) while the {cutter} is on"),
+                "switch it off before the move (M5, M65 …), use G1, or write rapid_lit = true in its [[cutter]] table",
+            ),
+            Self::Move(error) => (error.number(), error.to_string(), "correct the move"),
+            Self::Cancelled => ("", String::new(), ""),
+        }
+    }
+
+    /// Number, what is wrong and what to do, in one line.
+    #[must_use]
+    pub fn explain(&self) -> String {
+        let (number, what, remedy) = self.parts();
+        format!("error[{number}]: {what}; {remedy}")
+    }
+
+    /// As a finding of program line `line`.
+    #[must_use]
+    pub fn finding(&self, line: u32) -> CheckFinding {
+        let (number, what, remedy) = self.parts();
+        let word = match self {
+            Self::NoSuchAxis(axis) => Some(*axis),
+            Self::BeyondLimit(beyond) => Some(beyond.axis.to_ascii_uppercase()),
+            _ => None,
+        };
+        CheckFinding { line, word, number, what, remedy: remedy.into() }
+    }
+}
+
+impl From<PlanWriteError> for CanonError {
+    fn from(refused: PlanWriteError) -> Self {
+        match refused {
+            PlanWriteError::Move(error) => Self::Move(error),
+            PlanWriteError::BeyondLimit(beyond) => Self::BeyondLimit(beyond),
+            PlanWriteError::Cancelled => Self::Cancelled,
+        }
+    }
+}
+
+impl From<crate::plan_writer::Cancelled> for CanonError {
+    fn from(_: crate::plan_writer::Cancelled) -> Self {
+        Self::Cancelled
+    }
+}

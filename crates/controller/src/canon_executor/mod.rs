@@ -1,0 +1,347 @@
+//! From canonical functions to moves of the machine's axes, in mm and machine coordinates.
+//!
+//! Invariant: units, offsets and rotation are applied here and nowhere else; a move of an axis that the machine does not have is
+//! refused, and what no rule here knows is refused by name.
+
+mod canon_error;
+mod entered_length;
+mod switching;
+
+use retrace_gcode::{Axis, Canon, LengthUnit, Nurbs, PathControl, Plane, Pose};
+use retrace_motion::{Arc, FeedRate, PathMode};
+
+use crate::cutter_track::CutterTrack;
+use crate::machine::MachineConfig;
+use crate::motion_sink::MotionSink;
+use crate::spline::chords;
+
+pub use canon_error::CanonError;
+use entered_length::LengthCorrection;
+
+/// Chords of splines come no nearer than this has to be, mm.
+const MIN_DEVIATION_MM: f64 = 0.001;
+
+/// What lies between machine and program coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorkOffset {
+    /// The coordinate system, 1 … 9 for G54 … G59.3.
+    pub system: u8,
+    /// Its origin with the offset of G92 and the tool's, mm and degrees; of a rotated system G92 is turned with it.
+    pub origin_mm: Pose,
+    /// Rotation about Z, degrees counter-clockwise.
+    pub rotation_deg: f64,
+}
+
+impl WorkOffset {
+    /// Are machine and program coordinates the same?
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        self.origin_mm == Pose::ZERO && self.rotation_deg == 0.0
+    }
+
+    /// What to take from each coordinate of the machine's axes, mm; none where the system is rotated.
+    #[must_use]
+    pub fn translation<const A: usize>(&self, machine: &MachineConfig) -> Option<[f64; A]> {
+        if self.rotation_deg != 0.0 {
+            return None;
+        }
+        let mut origin = [0.0; A];
+        for (slot, axis) in origin.iter_mut().zip(&machine.axes) {
+            *slot = self.origin_mm[Axis::ALL[axis.index()]];
+        }
+        Some(origin)
+    }
+}
+
+/// The state between canonical functions.
+#[derive(Clone, Debug)]
+pub struct CanonExecutor<'m> {
+    machine: &'m MachineConfig,
+    /// The machine's axes, as axes of a position.
+    axes: Vec<Axis>,
+    unit: LengthUnit,
+    /// The coordinate system, 1 … 9 for G54 … G59.3.
+    system: u8,
+    /// Offsets in mm.
+    g5x: Pose,
+    g92: Pose,
+    tool: Pose,
+    /// Rotation about Z, as sine and cosine.
+    rotation: (f64, f64),
+    rotation_deg: f64,
+    /// In mm a minute, from the units in force when it was set; under G93 the interpreter reckons it block by block.
+    feed_mm_min: f64,
+    path: PathMode,
+    /// What the path mode is made of: the path control as it was programmed, and the naive cam tolerance (G64 Q); both in mm.
+    path_control: PathControl,
+    naive_cam_mm: f64,
+    /// The last position in mm, machine coordinates, as the program believes it.
+    at: Pose,
+    /// A tool length that was entered in a pause, where the program's own offset does not have it.
+    correction: Option<LengthCorrection>,
+    /// The next straight move ends at machine coordinates.
+    to_machine_coordinates: bool,
+    selected_tool: u32,
+    cutters: CutterTrack,
+}
+
+impl<'m> CanonExecutor<'m> {
+    /// Where the machine stands, with the state in which every program begins.
+    #[must_use]
+    pub fn new(machine: &'m MachineConfig) -> Self {
+        let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
+        let at = axes.iter().zip(&machine.stands_at_mm).fold(Pose::ZERO, |at, (&axis, &mm)| at.with(axis, mm));
+        Self {
+            machine,
+            axes,
+            unit: LengthUnit::Millimetre,
+            system: 1,
+            g5x: Pose::ZERO,
+            g92: Pose::ZERO,
+            tool: Pose::ZERO,
+            rotation: (0.0, 1.0),
+            rotation_deg: 0.0,
+            feed_mm_min: 0.0,
+            path: PathMode::blend(machine.blend_tolerance_mm),
+            path_control: PathControl::Continuous { tolerance: 0.0 },
+            naive_cam_mm: 0.0,
+            at,
+            correction: None,
+            to_machine_coordinates: false,
+            selected_tool: 0,
+            cutters: CutterTrack::new(machine),
+        }
+    }
+
+    /// Runs one canonical function of program line `line` into `sink`.
+    ///
+    /// # Errors
+    /// Why it cannot be run; nothing has been given to the sink then.
+    pub fn run<const A: usize>(
+        &mut self,
+        canon: &Canon,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        match canon {
+            Canon::StraightTraverse(end) => self.straight(end, FeedRate::Rapid, line, sink),
+            Canon::StraightFeed(end) => self.straight(end, self.feed(), line, sink),
+            Canon::ArcFeed(arc) => self.arc(arc, line, sink),
+            Canon::NurbsFeed(spline) => self.spline(spline, line, sink),
+            Canon::UseLengthUnits(unit) => self.state(|t| t.unit = *unit),
+            Canon::SetG5xOffset { system, offset } => self.state(|t| (t.system, t.g5x) = (*system, t.in_mm(offset))),
+            Canon::SetG92Offset(offset) => self.state(|t| t.g92 = t.in_mm(offset)),
+            Canon::UseToolLengthOffset(offset) => self.state(|t| t.set_tool_offset(t.in_mm(offset))),
+            Canon::MachineCoordinates => self.state(|t| t.to_machine_coordinates = true),
+            Canon::SetXyRotation(degrees) => self.state(|t| {
+                t.rotation_deg = *degrees;
+                t.rotation = degrees.to_radians().sin_cos();
+            }),
+            Canon::SetFeedRate(feed) => self.state(|t| t.feed_mm_min = *feed * t.unit.millimetres()),
+            Canon::SetMotionControlMode(path) => self.state(|t| t.set_path_control(*path)),
+            Canon::SetNaivecamTolerance(tolerance) => self.state(|t| t.set_naive_cam(tolerance * t.unit.millimetres())),
+            Canon::Message(text) | Canon::Print(text) => Ok(sink.message(text.to_string(), line)?),
+            _ => self.switching(canon, line, sink),
+        }
+    }
+
+    /// Where the last move ended: the coordinates of the machine's own axes, mm.
+    #[must_use]
+    pub fn position<const A: usize>(&self) -> [f64; A] {
+        let stands = self.stands();
+        let mut own = [0.0; A];
+        for (slot, &axis) in own.iter_mut().zip(&self.axes) {
+            *slot = stands[axis];
+        }
+        own
+    }
+
+    /// Where the machine stands behind the last move.
+    fn stands(&self) -> Pose {
+        self.correction.map_or(self.at, |correction| correction.end_of(&self.at, &self.at, false))
+    }
+
+    /// What lies between machine and program coordinates now.
+    #[must_use]
+    pub fn work_offset(&self) -> WorkOffset {
+        WorkOffset {
+            system: self.system,
+            origin_mm: self.g5x.plus(&self.g92).plus(&self.tool),
+            rotation_deg: self.rotation_deg,
+        }
+    }
+
+    fn state(&mut self, change: impl FnOnce(&mut Self)) -> Result<(), CanonError> {
+        change(self);
+        Ok(())
+    }
+
+    fn in_mm(&self, pose: &Pose) -> Pose {
+        pose.scaled_lengths(self.unit.millimetres())
+    }
+
+    /// Machine position in mm of a position in program coordinates and units.
+    fn machine_position(&self, program: &Pose) -> Pose {
+        let mut at = self.in_mm(program).plus(&self.g92);
+        if self.rotation_deg != 0.0 {
+            let ((sin, cos), x, y) = (self.rotation, at[Axis::X], at[Axis::Y]);
+            at[Axis::X] = x * cos - y * sin;
+            at[Axis::Y] = x * sin + y * cos;
+        }
+        at.plus(&self.g5x).plus(&self.tool)
+    }
+
+    /// The coordinates of the machine's own axes.
+    fn of_machine<const A: usize>(&self, position: &Pose) -> Result<[f64; A], CanonError> {
+        for axis in Axis::ALL {
+            if !self.axes.contains(&axis) && (position[axis] - self.at[axis]).abs() > 1e-9 {
+                return Err(CanonError::NoSuchAxis(char::from(axis.letter())));
+            }
+        }
+        let mut own = [0.0; A];
+        for (slot, &axis) in own.iter_mut().zip(&self.axes) {
+            *slot = position[axis];
+        }
+        Ok(own)
+    }
+
+    fn feed(&self) -> FeedRate {
+        FeedRate::PerSecond(self.feed_mm_min / 60.0)
+    }
+
+    /// The path mode that was programmed last.
+    fn path_mode(&self) -> PathMode {
+        match self.path_control {
+            PathControl::ExactStop => PathMode::ExactStop,
+            PathControl::ExactPath => PathMode::ExactPath,
+            PathControl::Continuous { tolerance: named } => {
+                let tolerance_mm = if named > 0.0 { named } else { self.machine.blend_tolerance_mm };
+                PathMode::Blend { tolerance_mm, merge_mm: own_naive_cam(named, self.naive_cam_mm) }
+            }
+        }
+    }
+
+    /// The naive cam tolerance follows the G64 that it belongs to.
+    fn set_naive_cam(&mut self, tolerance_mm: f64) {
+        self.naive_cam_mm = tolerance_mm;
+        self.path = self.path_mode();
+    }
+
+    fn set_path_control(&mut self, path: PathControl) {
+        self.path_control = match path {
+            PathControl::Continuous { tolerance } => {
+                PathControl::Continuous { tolerance: tolerance * self.unit.millimetres() }
+            }
+            exact => exact,
+        };
+        self.path = self.path_mode();
+    }
+
+    fn straight<const A: usize>(
+        &mut self,
+        end: &Pose,
+        feed: FeedRate,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let position = self.machine_position(end);
+        let is_machine = std::mem::take(&mut self.to_machine_coordinates);
+        let really = self.correction.map_or(position, |correction| correction.end_of(&self.at, &position, is_machine));
+        let own = self.of_machine(&really)?;
+        if matches!(feed, FeedRate::Rapid) {
+            self.cutters.before_rapid(self.machine, line, sink)?;
+        } else {
+            self.cutters.before_feed(self.machine, line, sink);
+        }
+        sink.straight(own, feed, self.path, line)?;
+        self.moved(position, &really);
+        Ok(())
+    }
+
+    fn arc<const A: usize>(
+        &mut self,
+        arc: &retrace_gcode::ArcFeed,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let [first, second, _] = arc.plane.axes();
+        let index = |axis: Axis| self.axes.iter().position(|&a| a == axis);
+        let (Some(p), Some(q)) = (index(first), index(second)) else {
+            let missing = if index(first).is_none() { first } else { second };
+            return Err(CanonError::NoSuchAxis(char::from(missing.letter())));
+        };
+        if self.rotation_deg != 0.0 && arc.plane != Plane::Xy {
+            return Err(CanonError::NotSupported("an arc in G18 or G19 in a rotated coordinate system"));
+        }
+        let mut centre = arc.end;
+        centre[first] = arc.first_centre;
+        centre[second] = arc.second_centre;
+        let (position, mut centre) = (self.machine_position(&arc.end), self.machine_position(&centre));
+        let mut really = position;
+        if let Some(correction) = &self.correction {
+            let axis = correction.axis();
+            let is_in_plane = [first, second].contains(&axis);
+            let Some(mm) = correction.of_arc(&self.at, is_in_plane) else {
+                return Err(CanonError::NotSupported(
+                    "an arc in the tool axis that begins at machine coordinates, with a tool length that was entered,",
+                ));
+            };
+            centre[axis] += mm;
+            really = if is_in_plane {
+                really.with(axis, really[axis] + mm)
+            } else {
+                correction.end_of(&self.at, &position, false)
+            };
+        }
+        let own = Arc {
+            plane: [p, q],
+            centre_mm: [centre[first], centre[second]],
+            rotation: arc.turns,
+            end_mm: self.of_machine(&really)?,
+        };
+        self.cutters.before_feed(self.machine, line, sink);
+        sink.arc(&own, self.feed(), self.path, line)?;
+        self.moved(position, &really);
+        Ok(())
+    }
+
+    /// Chords within a tenth of the blend tolerance, and a micrometre at least.
+    fn spline<const A: usize>(
+        &mut self,
+        spline: &Nurbs,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let (deviation_mm, inside) = match self.path {
+            PathMode::Blend { tolerance_mm, .. } => ((tolerance_mm / 10.0).max(MIN_DEVIATION_MM), self.path),
+            _ => (MIN_DEVIATION_MM, PathMode::blend(MIN_DEVIATION_MM)),
+        };
+        self.cutters.before_feed(self.machine, line, sink);
+        // The mode in force is that of the spline's end; inside, a chord is not a block of its own.
+        let mut held = None;
+        let feed = self.feed();
+        chords(spline, deviation_mm / self.unit.millimetres(), |(x, y)| {
+            let mut position = self.machine_position(&Pose::xyz(x, y, 0.0));
+            for axis in &Axis::ALL[2..] {
+                position[*axis] = self.at[*axis];
+            }
+            let really = self.correction.map_or(position, |correction| correction.end_of(&self.at, &position, false));
+            let own: [f64; A] = self.of_machine(&really)?;
+            if let Some(before) = held.replace(own) {
+                sink.straight(before, feed, inside, line)?;
+            }
+            self.moved(position, &really);
+            Ok::<(), CanonError>(())
+        })?;
+        match held {
+            Some(last) => Ok(sink.straight(last, feed, self.path, line)?),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The naive cam tolerance in mm, where it is not just the one of the path: a G64 without Q has them equal, so that equal ones ask
+/// for nothing of their own.
+fn own_naive_cam(path_mm: f64, naive_cam_mm: f64) -> Option<f64> {
+    ((naive_cam_mm - path_mm).abs() > 1e-9 * path_mm).then_some(naive_cam_mm)
+}

@@ -1,0 +1,252 @@
+//! Canonical functions that switch, wait or stop.
+//!
+//! Invariant: what no rule here knows is refused by name; a new canonical function is one that the compiler asks for here.
+
+use retrace_gcode::{Canon, FeedMode};
+use retrace_link::{OutputChange, channel};
+
+use super::{CanonError, CanonExecutor};
+use crate::machine::ToolChange;
+use crate::motion_sink::MotionSink;
+use crate::plan_item::ExclusiveKind;
+use crate::plan_writer::SwitchInstruction;
+use crate::switching::{CodeClass, CodeSwitching, InReverse};
+
+impl CanonExecutor<'_> {
+    pub(super) fn switching<const A: usize>(
+        &mut self,
+        canon: &Canon,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        match canon {
+            Canon::StartSpindleClockwise => self.switch("M3", channel::SPINDLE, 1, line, sink),
+            Canon::StartSpindleCounterclockwise => self.switch("M4", channel::SPINDLE, -1, line, sink),
+            Canon::StopSpindleTurning => self.switch("M5", channel::SPINDLE, 0, line, sink),
+            Canon::MistOn => self.switch("M7", channel::MIST, 1, line, sink),
+            Canon::FloodOn => self.switch("M8", channel::FLOOD, 1, line, sink),
+            Canon::MistOff => self.switch("M9", channel::MIST, 0, line, sink),
+            Canon::FloodOff => self.switch("M9", channel::FLOOD, 0, line, sink),
+            Canon::SetSpindleSpeed(rpm) => {
+                let thousandths = (rpm * 1000.0).clamp(0.0, f64::from(i32::MAX)).round() as i32;
+                self.switch("S", channel::SPEED, thousandths, line, sink)
+            }
+            Canon::SelectTool(tool) => {
+                self.selected_tool = *tool;
+                self.exclusive("T", &[], self.machine.switching.of("T"), line, sink)
+            }
+            Canon::ChangeTool { tool, was, remark, .. } => {
+                if tool != was {
+                    self.forget_entered_length();
+                }
+                self.change_tool(*tool, remark.as_deref(), line, sink)
+            }
+            Canon::SetMotionOutputBit(n) => self.switch_output("M62", digital(*n, 1)?, line, sink),
+            Canon::ClearMotionOutputBit(n) => self.switch_output("M63", digital(*n, 0)?, line, sink),
+            Canon::SetAuxOutputBit(n) => self.switch_output("M64", digital(*n, 1)?, line, sink),
+            Canon::ClearAuxOutputBit(n) => self.switch_output("M65", digital(*n, 0)?, line, sink),
+            Canon::Dwell(seconds) => {
+                let periods = (seconds / self.machine.period_s()).ceil().clamp(0.0, f64::from(u32::MAX)) as u32;
+                let dwell = SwitchInstruction {
+                    line,
+                    kind: ExclusiveKind::Dwell,
+                    code: "G4",
+                    periods,
+                    ..SwitchInstruction::default()
+                };
+                Ok(sink.exclusive(dwell)?)
+            }
+            Canon::ProgramStop => {
+                let stop = SwitchInstruction {
+                    line,
+                    kind: ExclusiveKind::ProgramStop,
+                    code: "M0",
+                    ..SwitchInstruction::default()
+                };
+                Ok(sink.exclusive(stop)?)
+            }
+            Canon::OptionalProgramStop => {
+                let stop = SwitchInstruction {
+                    line,
+                    kind: ExclusiveKind::OptionalStop,
+                    code: "M1",
+                    ..SwitchInstruction::default()
+                };
+                Ok(sink.exclusive(stop)?)
+            }
+            // no pallet to move
+            Canon::PalletShuttle => Ok(()),
+            Canon::SetSpindleMode(css) if *css > 0.0 => Err(CanonError::NotSupported("constant surface speed (G96)")),
+            // these wait for a spindle whose turning the card can follow
+            Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => Err(CanonError::NotSupported("feed per turn (G95)")),
+            Canon::StartSpeedFeedSynch { .. } => Err(CanonError::NotSupported("thread cutting (G33, G76)")),
+            Canon::RigidTap(_) => Err(CanonError::NotSupported("rigid tapping (G33.1)")),
+            Canon::OrientSpindle { .. } | Canon::WaitSpindleOrientComplete(_) => {
+                Err(CanonError::NotSupported("orienting the spindle (M19, G87)"))
+            }
+            Canon::StraightProbe(..) => Err(CanonError::NotSupported("probing (G38)")),
+            Canon::Wait(_) => Err(CanonError::NotSupported("waiting for an input (M66)")),
+            Canon::SetMotionOutputValue { .. } => Err(CanonError::NotSupported("an analog output (M67)")),
+            Canon::SetAuxOutputValue { .. } => Err(CanonError::NotSupported("an analog output (M68)")),
+            Canon::UserCode { number, .. } => self.user_code(*number, line, sink),
+            // nothing of these moves or switches anything on this machine
+            Canon::OnReset
+            | Canon::Finish
+            | Canon::SetFeedMode(_)
+            | Canon::SelectPlane(_)
+            | Canon::SetFeedReference
+            | Canon::SetSpindleMode(_)
+            | Canon::StopSpeedFeedSynch
+            | Canon::StartChange
+            | Canon::ChangeToolNumber { .. }
+            | Canon::EnableFeedOverride
+            | Canon::DisableFeedOverride
+            | Canon::EnableSpeedOverride
+            | Canon::DisableSpeedOverride
+            | Canon::EnableAdaptiveFeed
+            | Canon::DisableAdaptiveFeed
+            | Canon::EnableFeedHold
+            | Canon::DisableFeedHold
+            | Canon::Comment(_)
+            | Canon::Note(_)
+            | Canon::TurnProbeOn
+            | Canon::TurnProbeOff
+            | Canon::SetToolTableEntry { .. }
+            | Canon::ReloadToolData
+            | Canon::LogOpen { .. }
+            | Canon::Log(_)
+            | Canon::LogClose
+            | Canon::ProgramEnd => Ok(()),
+            // `run` has these; a new canonical function is one that the compiler asks for here
+            Canon::StraightTraverse(_)
+            | Canon::StraightFeed(_)
+            | Canon::ArcFeed(_)
+            | Canon::NurbsFeed(_)
+            | Canon::UseLengthUnits(_)
+            | Canon::SetG5xOffset { .. }
+            | Canon::SetG92Offset(_)
+            | Canon::UseToolLengthOffset(_)
+            | Canon::MachineCoordinates
+            | Canon::SetXyRotation(_)
+            | Canon::SetFeedRate(_)
+            | Canon::SetMotionControlMode(_)
+            | Canon::SetNaivecamTolerance(_)
+            | Canon::Message(_)
+            | Canon::Print(_) => Ok(()),
+        }
+    }
+
+    /// M6: where the operator changes the tool, what is to be put in is told where the motion stops.
+    fn change_tool<const A: usize>(
+        &mut self,
+        tool: u32,
+        remark: Option<&str>,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let change = OutputChange { channel: channel::TOOL, value: tool as i32 };
+        let CodeSwitching { periods, until, in_reverse, .. } = self.machine.switching.of("M6");
+        let manual = self.machine.tool_change == ToolChange::Manual;
+        if manual {
+            let remark = remark.map(|remark| format!(" ({remark})")).unwrap_or_default();
+            let what = if tool == 0 { "take the tool out".into() } else { format!("put in tool {tool}{remark}") };
+            sink.message(format!("tool change: {what}, then cycle start"), line)?;
+        }
+        let kind = if manual { ExclusiveKind::ToolChange } else { ExclusiveKind::Switch };
+        let one_way = in_reverse == InReverse::Barrier;
+        let changes = &[change];
+        Ok(sink.exclusive(SwitchInstruction {
+            line,
+            kind,
+            code: "M6",
+            changes,
+            periods,
+            until,
+            one_way,
+            undone: false,
+        })?)
+    }
+
+    /// M100 to M199 switch the output that the machine file declares for them.
+    fn user_code<const A: usize>(
+        &mut self,
+        number: u8,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let Some(code) = self.machine.switching.user_code(number) else {
+            return Err(CanonError::NotSupported("a user code that the machine file does not declare"));
+        };
+        let change = OutputChange { channel: code.output, value: code.value };
+        self.carry_out(code.name, change, code.switching, line, sink)
+    }
+
+    /// Switches one output, in passing or at rest, as the machine file has it for `code`.
+    fn switch<const A: usize>(
+        &mut self,
+        code: &'static str,
+        channel: u8,
+        value: i32,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        self.carry_out(code, OutputChange { channel, value }, self.machine.switching.of(code), line, sink)
+    }
+
+    /// Switches a digital output by M62 … M65.
+    fn switch_output<const A: usize>(
+        &mut self,
+        code: &'static str,
+        change: OutputChange,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        self.carry_out(code, change, self.machine.switching.of(code), line, sink)
+    }
+
+    fn carry_out<const A: usize>(
+        &mut self,
+        code: &'static str,
+        change: OutputChange,
+        switching: CodeSwitching,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        self.cutters.switched(self.machine, &[change]);
+        match (switching.class, switching.in_reverse) {
+            (CodeClass::Synchronous, InReverse::Unchanged) => sink.lasting_action(change, line),
+            (CodeClass::Synchronous, _) => sink.action(change, line),
+            (CodeClass::Exclusive, _) => return self.exclusive(code, &[change], switching, line, sink),
+        }
+        Ok(())
+    }
+
+    fn exclusive<const A: usize>(
+        &self,
+        code: &'static str,
+        changes: &[OutputChange],
+        switching: CodeSwitching,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let CodeSwitching { periods, until, in_reverse, .. } = switching;
+        let (one_way, undone) = (in_reverse == InReverse::Barrier, in_reverse == InReverse::Undone);
+        Ok(sink.exclusive(SwitchInstruction {
+            line,
+            kind: ExclusiveKind::Switch,
+            code,
+            changes,
+            periods,
+            until,
+            one_way,
+            undone,
+        })?)
+    }
+}
+
+fn digital(number: i32, value: i32) -> Result<OutputChange, CanonError> {
+    match u8::try_from(number) {
+        Ok(n) if usize::from(n) < channel::DIGITAL => Ok(OutputChange { channel: n, value }),
+        _ => Err(CanonError::NoSuchOutput(number)),
+    }
+}

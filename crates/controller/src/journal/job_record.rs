@@ -1,0 +1,491 @@
+//! What a journal comes to: everything that is needed to take the job up again.
+//!
+//! Invariant: memory does not grow with the length of the job: marks are read again from the file, in a stream.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use retrace_core::place::before;
+use retrace_link::PathStart;
+use serde_json::Value;
+
+use super::entry::{
+    EndEntry, JobHeader, JournalEntry, PlannedOverride, PositionEntry, ResumeEntry, SpooledBytes, ToolLengthChange,
+};
+use super::journal_line;
+use super::journal_reader::{JournalEntries, JournalError, JournalTail};
+use crate::numbered_error::NumberedError;
+use crate::place_index::{DurablePlace, PlaceMark};
+use crate::tool_length::LengthChange;
+
+/// Bytes at the end of a long journal in which its last words are looked for.
+const LAST_WORDS: u64 = 64 << 10;
+
+/// A journal that was read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JobRecord {
+    /// What the job is.
+    pub job: JobHeader,
+    /// How often it was taken up again, the last one last.
+    pub resumed: Vec<ResumeEntry>,
+    /// Where the machine was, as far as the journal knows.
+    pub last_position: LastPosition,
+    /// The last position that was kept; with outputs and mode.
+    pub at: Option<PositionEntry>,
+    /// How much of a program that arrives was kept.
+    pub spooled: SpooledBytes,
+    /// How the job ended; none where it was interrupted, or taken up again since.
+    pub end: Option<EndEntry>,
+    /// The last alarm, since the job was taken up last.
+    pub alarm: Option<Value>,
+    /// Whether M1 stopped when the journal ends; none where the operator never said.
+    pub optional_stop: Option<bool>,
+    /// Entries that were lost while the disk did not keep up.
+    pub lost: u64,
+    /// Marks that count.
+    pub marks: u64,
+    /// The last of them.
+    pub last_mark: Option<PlaceMark>,
+    /// How the journal ends.
+    pub tail: JournalTail,
+    path: PathBuf,
+    /// With the number of its line, each.
+    overrides: Vec<(u64, PlannedOverride)>,
+    /// Blocks behind which the path rests because the program was cut off or refused.
+    rests: Vec<u64>,
+    lengths: Vec<LengthChange>,
+}
+
+/// Where a machine was.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LastPosition {
+    /// On the path.
+    pub start: PathStart,
+    /// Counts of its axes, in pulses.
+    pub counts: Vec<i64>,
+}
+
+impl JobRecord {
+    /// Reads a journal to its end.
+    ///
+    /// # Errors
+    /// `E2104`, `E2203`, `E2204`, `E2205`: it cannot be read, is damaged, has no beginning, is of a newer version.
+    pub fn read(path: &Path) -> Result<Self, NumberedError> {
+        Self::gather(path).map_err(|flaw| flaw.refusal(path))
+    }
+
+    fn gather(path: &Path) -> Result<Self, JournalError> {
+        let mut entries = open(path)?;
+        let Some((_, JournalEntry::Job(job))) = entries.next().transpose()? else {
+            return Err(JournalError::NoBeginning);
+        };
+        let mut record = Self::of(*job, path);
+        for entry in &mut entries {
+            let (number, entry) = entry?;
+            record.apply(number, entry);
+        }
+        record.tail = entries.tail();
+        record.count_marks()?;
+        Ok(record)
+    }
+
+    fn of(job: JobHeader, path: &Path) -> Self {
+        let last_position = LastPosition { start: PathStart::at(job.origin), counts: job.counts.clone() };
+        Self {
+            job,
+            resumed: Vec::new(),
+            last_position,
+            at: None,
+            spooled: SpooledBytes::default(),
+            end: None,
+            alarm: None,
+            optional_stop: None,
+            lost: 0,
+            marks: 0,
+            last_mark: None,
+            tail: JournalTail::default(),
+            path: path.to_owned(),
+            overrides: Vec::new(),
+            rests: Vec::new(),
+            lengths: Vec::new(),
+        }
+    }
+
+    fn apply(&mut self, number: u64, entry: JournalEntry) {
+        match entry {
+            // Marks wait for the overrides, which may undo some.
+            JournalEntry::Job(_) => {}
+            JournalEntry::Mark(mark) => {
+                self.marks += 1;
+                self.last_mark = Some(mark);
+            }
+            JournalEntry::Override(new) => {
+                // What was planned beyond is of a plan that has been given up.
+                self.overrides.retain(|(_, old)| before(old.place, new.place));
+                self.overrides.push((number, new));
+            }
+            JournalEntry::ToolLength(ToolLengthChange { block, pulses }) => {
+                self.lengths.push(LengthChange { block, pulses })
+            }
+            JournalEntry::Rest(rest) => {
+                if self.rests.last() != Some(&rest.block) {
+                    self.rests.push(rest.block);
+                }
+            }
+            JournalEntry::Position(at) => {
+                self.last_position = LastPosition { start: at.start(), counts: at.counts.clone() };
+                self.at = Some(*at);
+            }
+            JournalEntry::Event(event) => {
+                if event["event"] == "alarm" {
+                    self.alarm = Some(event);
+                } else if let Some(is_on) = optional_stop(&event) {
+                    self.optional_stop = Some(is_on);
+                }
+            }
+            JournalEntry::Spooled(spooled) => self.spooled = spooled,
+            JournalEntry::Resumed(resumed) => {
+                let start = PathStart {
+                    place: resumed.place,
+                    rests: false,
+                    reached: resumed.reached,
+                    executed: resumed.executed,
+                };
+                self.last_position = LastPosition { start, counts: resumed.counts.clone() };
+                (self.end, self.alarm) = (None, None);
+                self.resumed.push(*resumed);
+            }
+            JournalEntry::Lost(lost) => self.lost += lost.entries,
+            JournalEntry::End(end) => self.end = Some(*end),
+        }
+    }
+
+    /// An override undoes marks that were made before it for places beyond it; where there is none, every mark counts.
+    fn count_marks(&mut self) -> Result<(), JournalError> {
+        if self.overrides.is_empty() {
+            return Ok(());
+        }
+        (self.marks, self.last_mark) = (0, None);
+        for mark in self.marks_of(open(&self.path)?) {
+            self.last_mark = Some(mark?);
+            self.marks += 1;
+        }
+        Ok(())
+    }
+
+    /// The overrides that were planned and from where on, in the order of their places.
+    #[must_use]
+    pub fn overrides(&self) -> Vec<PlannedOverride> {
+        self.overrides.iter().map(|(_, planned)| *planned).collect()
+    }
+
+    /// The blocks behind which the path was planned to rest because the program was cut off or refused there, in the order of the runs.
+    #[must_use]
+    pub fn rests(&self) -> &[u64] {
+        &self.rests
+    }
+
+    /// The tool lengths that were entered in pauses, in their order.
+    #[must_use]
+    pub fn lengths(&self) -> &[LengthChange] {
+        &self.lengths
+    }
+
+    /// Reads the marks that count again, in the order of their places.
+    ///
+    /// # Errors
+    /// As [`JobRecord::read`]; nothing else should be wrong the second time.
+    pub fn marks(&self) -> Result<impl Iterator<Item = Result<PlaceMark, NumberedError>> + use<>, NumberedError> {
+        let path = self.path.clone();
+        let entries = open(&path).map_err(|flaw| flaw.refusal(&path))?;
+        Ok(self.marks_of(entries).map(move |mark| mark.map_err(|flaw| flaw.refusal(&path))))
+    }
+
+    fn marks_of<R: BufRead>(
+        &self,
+        entries: JournalEntries<R>,
+    ) -> impl Iterator<Item = Result<PlaceMark, JournalError>> + use<R> {
+        let overrides = self.overrides.clone();
+        entries.filter_map(move |entry| match entry {
+            Err(flaw) => Some(Err(flaw)),
+            Ok((number, JournalEntry::Mark(mark))) => {
+                // Of those behind the mark the first one has the first place.
+                let next = overrides.get(overrides.partition_point(|(line, _)| *line < number));
+                let is_undone = next.is_some_and(|(_, planned)| before(planned.place, mark.place));
+                (!is_undone).then_some(Ok(mark))
+            }
+            Ok(_) => None,
+        })
+    }
+
+    /// How far the index reaches: what a logbook that goes on begins with.
+    #[must_use]
+    pub fn durable(&self) -> DurablePlace {
+        DurablePlace::from(self.last_mark.map_or(self.job.origin, |mark| mark.place))
+    }
+}
+
+/// Whether M1 stops from this event on; none where it does not say.
+fn optional_stop(event: &Value) -> Option<bool> {
+    match event["command"].as_str()? {
+        "optional stop on" => Some(true),
+        "optional stop off" => Some(false),
+        _ => None,
+    }
+}
+
+fn open(path: &Path) -> Result<JournalEntries<BufReader<File>>, JournalError> {
+    let file = File::open(path).map_err(JournalError::Unreadable)?;
+    Ok(JournalEntries::new(BufReader::with_capacity(1 << 16, file)))
+}
+
+/// The first words and the last ones of a journal, for a list of jobs. A long journal is not read in between, nor checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JobSummary {
+    /// What the job is.
+    pub job: JobHeader,
+    /// The last position that was kept.
+    pub at: Option<PositionEntry>,
+    /// How the job ended; none where it was interrupted, or taken up again since.
+    pub end: Option<EndEntry>,
+}
+
+impl JobSummary {
+    /// Looks at a journal.
+    ///
+    /// # Errors
+    /// As [`JobRecord::read`], as far as it sees it.
+    pub fn read(path: &Path) -> Result<Self, NumberedError> {
+        Self::read_summary(path).map_err(|flaw| flaw.refusal(path))
+    }
+
+    fn read_summary(path: &Path) -> Result<Self, JournalError> {
+        let length = std::fs::metadata(path).map_err(JournalError::Unreadable)?.len();
+        if length > 4 * LAST_WORDS {
+            let mut entries = open(path)?;
+            let Some((_, JournalEntry::Job(job))) = entries.next().transpose()? else {
+                return Err(JournalError::NoBeginning);
+            };
+            let mut record = JobRecord::of(*job, path);
+            for entry in last_entries(path, length)? {
+                record.apply(0, entry);
+            }
+            if record.at.is_some() {
+                return Ok(record.into());
+            }
+        }
+        JobRecord::gather(path).map(Self::from)
+    }
+}
+
+impl From<JobRecord> for JobSummary {
+    fn from(record: JobRecord) -> Self {
+        Self { job: record.job, at: record.at, end: record.end }
+    }
+}
+
+/// Positions, resumptions and endings among the last bytes.
+fn last_entries(path: &Path, length: u64) -> Result<Vec<JournalEntry>, JournalError> {
+    let mut file = File::open(path).map_err(JournalError::Unreadable)?;
+    let mut bytes = Vec::new();
+    file.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS))).map_err(JournalError::Unreadable)?;
+    // It may be growing.
+    file.take(2 * LAST_WORDS).read_to_end(&mut bytes).map_err(JournalError::Unreadable)?;
+    let words = [&b"{\"at\":"[..], b"{\"end\":", b"{\"resumed\":"];
+    let lines = bytes.split_inclusive(|&byte| byte == b'\n').filter_map(journal_line::parse);
+    let told = lines.filter(|line| words.iter().any(|word| line.json.starts_with(word)));
+    Ok(told.filter_map(|line| serde_json::from_slice(line.json).ok()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::entry::tests::job;
+    use super::super::entry::{JobCard, JobEnding, JournalHoldReason, JournalMode, LostEntries};
+    use super::super::journal_writer::{Durability, JournalWriter};
+    use super::super::spool::SpoolWriter;
+    use super::super::store::FileStore;
+    use super::super::timestamp::Timestamp;
+    use super::*;
+    use crate::place_index::{IndexEntry, IndexWriter};
+    use retrace_core::Place;
+    use serde_json::json;
+
+    fn mark(place: u32) -> PlaceMark {
+        PlaceMark { place, line: place, ..PlaceMark::default() }
+    }
+
+    fn at(record: u32) -> JournalEntry {
+        JournalEntry::Position(Box::new(PositionEntry {
+            when: Timestamp::from_ms(1),
+            period: 9,
+            place: Place { record, fraction: 3 },
+            reached: record + 1,
+            executed: 2,
+            at_rest: true,
+            counts: vec![i64::from(record), 2, 3],
+            outputs: vec![(3, 1)],
+            line: record,
+            mode: JournalMode::Run,
+            hold_reason: JournalHoldReason::Hold,
+        }))
+    }
+
+    fn resumed(record: u32) -> JournalEntry {
+        JournalEntry::Resumed(Box::new(ResumeEntry {
+            when: Timestamp::from_ms(2),
+            retrace: "0.1.0".into(),
+            card: JobCard::Sim,
+            place: Place::start_of(record),
+            reached: record,
+            executed: 4,
+            counts: vec![7, 8, 9],
+        }))
+    }
+
+    fn end() -> JournalEntry {
+        let end =
+            EndEntry { when: Timestamp::from_ms(3), outcome: JobEnding::Stopped, exit_code: 4, report: Value::Null };
+        JournalEntry::End(Box::new(end))
+    }
+
+    fn alarm(number: &str) -> JournalEntry {
+        JournalEntry::Event(json!({"event": "alarm", "number": number}))
+    }
+
+    fn planned(place: u32) -> JournalEntry {
+        JournalEntry::Override(PlannedOverride { place, planned: 5 })
+    }
+
+    /// A journal of these entries, in a file.
+    fn written(entries: Vec<JournalEntry>) -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("journal");
+        let mut bytes = Vec::new();
+        let first = JournalEntry::Job(Box::new(job("[machine]", JobCard::Sim)));
+        for (number, entry) in std::iter::once(first).chain(entries).enumerate() {
+            journal_line::append(
+                &mut bytes,
+                number as u64,
+                true,
+                &serde_json::to_vec(&entry).expect("it can be written"),
+            );
+        }
+        std::fs::write(&path, bytes).expect("a file");
+        (folder, path)
+    }
+
+    fn read(entries: Vec<JournalEntry>) -> JobRecord {
+        let (_folder, path) = written(entries);
+        JobRecord::read(&path).expect("whole")
+    }
+
+    #[test]
+    fn where_it_stood_is_what_was_said_last() {
+        let stood = |entries| {
+            let LastPosition { start, counts } = read(entries).last_position;
+            (start.place.record, start.executed, counts)
+        };
+        assert_eq!(stood(vec![]), (5, 0, vec![1, -2, 3]));
+        assert_eq!(stood(vec![at(8), at(9)]), (9, 2, vec![9, 2, 3]));
+        assert_eq!(stood(vec![at(8), resumed(7)]), (7, 4, vec![7, 8, 9]));
+        assert_eq!(stood(vec![at(8), resumed(7), at(6)]), (6, 2, vec![6, 2, 3]));
+    }
+
+    #[test]
+    fn an_end_holds_until_the_job_is_taken_up_again() {
+        let record = read(vec![alarm("E3013"), end()]);
+        assert!(record.end.is_some() && record.alarm.is_some_and(|alarm| alarm["number"] == "E3013"));
+        let record = read(vec![alarm("E3013"), end(), resumed(7), JournalEntry::Lost(LostEntries { entries: 3 })]);
+        assert!(record.end.is_none() && record.alarm.is_none());
+        assert_eq!((record.resumed.len(), record.lost), (1, 3));
+    }
+
+    #[test]
+    fn an_override_undoes_what_was_planned_beyond_it() {
+        let marks = |places: &[u32]| places.iter().map(|&place| JournalEntry::Mark(mark(place))).collect::<Vec<_>>();
+        let counts = |entries: Vec<JournalEntry>| {
+            let (_folder, path) = written(entries);
+            let record = JobRecord::read(&path).expect("whole");
+            let marks: Vec<u32> = record.marks().expect("whole").map(|mark| mark.expect("whole").place).collect();
+            assert_eq!((record.marks, record.last_mark.map(|m| m.place)), (marks.len() as u64, marks.last().copied()));
+            assert_eq!(record.durable().place(), marks.last().copied().unwrap_or(5));
+            (marks, record.overrides().iter().map(|o| o.place).collect::<Vec<_>>())
+        };
+        assert_eq!(counts(vec![]), (vec![], vec![]));
+        assert_eq!(counts(marks(&[10, 20, 30])), (vec![10, 20, 30], vec![]));
+        // as it is in one run: nothing is planned yet where an override begins
+        let run = [marks(&[10, 20]), vec![planned(25)], marks(&[25, 30])].concat();
+        assert_eq!(counts(run), (vec![10, 20, 25, 30], vec![25]));
+        // the run ended, and was gone on with otherwise
+        let twice = [marks(&[10, 20, 30]), vec![planned(35), resumed(5), planned(20)], marks(&[22])].concat();
+        assert_eq!(counts(twice), (vec![10, 20, 22], vec![20]));
+        let thrice = [vec![planned(15)], marks(&[18, 30]), vec![planned(20)], marks(&[21]), vec![planned(17)]].concat();
+        assert_eq!(counts(thrice), (vec![], vec![15, 17]));
+    }
+
+    #[test]
+    fn a_glance_sees_what_reading_all_of_it_sees() {
+        for count in [0, 10, 8000] {
+            for last in [vec![], vec![end()], vec![end(), resumed(7)]] {
+                let marks = (0..count).map(|place| JournalEntry::Mark(mark(place)));
+                let entries = std::iter::once(at(1)).chain(marks).chain([at(2)]).chain(last).collect();
+                let (_folder, path) = written(entries);
+                let read = JobRecord::read(&path).expect("whole");
+                assert_eq!(JobSummary::read(&path), Ok(JobSummary::from(read)), "{count} marks");
+            }
+        }
+        // where no position is among the last words, all of it is read
+        let marks = (0..8000).map(|place| JournalEntry::Mark(mark(place)));
+        let (_folder, path) = written(std::iter::once(at(1)).chain(marks).collect());
+        assert!(JobSummary::read(&path).is_ok_and(|glance| glance.at.is_some()));
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_refused_by_its_number() {
+        let (folder, path) = written(vec![at(1), at(2)]);
+        let number = |path: &Path| JobRecord::read(path).expect_err("not to be read").number;
+        assert_eq!(number(&folder.path().join("none")), "E2104");
+        let mut bytes = std::fs::read(&path).expect("a file");
+        let first = bytes.iter().position(|&byte| byte == b'\n').expect("a line");
+        // Batches behind the first line show that the job has begun.
+        for (at, said) in [(20, "E2203"), (first + 20, "E2203")] {
+            bytes[at] ^= 1;
+            std::fs::write(&path, &bytes).expect("a file");
+            assert_eq!(number(&path), said);
+            bytes[at] ^= 1;
+        }
+        for beginning in [&b""[..], &bytes[..first / 2]] {
+            std::fs::write(&path, beginning).expect("a file");
+            assert_eq!(number(&path), "E2204");
+        }
+    }
+
+    #[test]
+    fn a_mark_stands_behind_what_was_kept_of_the_program_it_is_of() {
+        const PROGRAM: &[u8] = b"G1 X1\nM2   \n";
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("journal");
+        let store = FileStore::create(&path).expect("a file");
+        let (mut spooling, progress) =
+            SpoolWriter::create(&folder.path().join("stream.ngc"), BufReader::with_capacity(6, PROGRAM))
+                .expect("a spool");
+        let logbook = JournalWriter::begin(store, Durability::Synced, job("[machine]", JobCard::Sim), Some(progress))
+            .expect("it works");
+        let mut notes = logbook.index_writer(None, &[]);
+        let mut line = String::new();
+        for place in [6, 7] {
+            spooling.read_line(&mut line).expect("a line");
+            notes.note(IndexEntry::Mark(mark(place)));
+            logbook.settle().expect("it works");
+        }
+        let kept = |bytes, ended| JournalEntry::Spooled(SpooledBytes { bytes, ended });
+        let entries = || open(&path).expect("a file").map(|entry| entry.expect("whole").1);
+        let expected = [kept(6, false), JournalEntry::Mark(mark(6)), kept(12, false), JournalEntry::Mark(mark(7))];
+        assert_eq!(entries().skip(1).collect::<Vec<_>>(), expected);
+        assert_eq!(spooling.read_line(&mut line).expect("the end"), 0);
+        notes.note(IndexEntry::Mark(mark(8)));
+        drop(logbook);
+        assert_eq!(JobRecord::read(&path).expect("whole").spooled, SpooledBytes { bytes: 12, ended: true });
+    }
+}

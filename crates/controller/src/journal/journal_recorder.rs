@@ -1,0 +1,247 @@
+//! Decides what of the stream goes into the journal: every event, and positions often enough.
+//!
+//! Invariant: a position is kept once a second of machine time, a tenth of a second after the machine has come to rest, with every
+//! change of the mode, of why it stands and of the instructions that are complete, and at the end. It never is one off the path.
+
+use retrace_core::mode;
+use retrace_link::{Outputs, channel};
+
+use super::entry::{JournalEntry, JournalHoldReason, JournalMode, PositionEntry};
+use super::journal_queue::JournalQueue;
+use super::journal_writer::JournalWriter;
+use super::timestamp::Timestamp;
+use crate::event::{ChannelNames, EventKind};
+use crate::telemetry::{self, PeriodRecord, Telemetry};
+
+/// The reporter's end of the logbook; what it has not kept yet it keeps when it is dropped, which is before [`Logbook::end`].
+#[derive(Debug)]
+pub struct JournalRecorder<const A: usize> {
+    desk: JournalQueue,
+    axes: usize,
+    often: PositionSampler<A>,
+    outputs: Outputs,
+    names: ChannelNames,
+}
+
+impl<const A: usize> JournalRecorder<A> {
+    /// For a machine of so many axes, and of this control period in microseconds.
+    #[must_use]
+    pub fn new(logbook: &JournalWriter, axes: usize, period_us: u32) -> Self {
+        let periods = |ms: u64| (ms * 1000).div_ceil(u64::from(period_us.max(1)));
+        let often = PositionSampler { second: periods(1000), tenth: periods(100), kept: None, last: None, rest: None };
+        Self {
+            desk: logbook.desk(),
+            axes: axes.min(A),
+            often,
+            outputs: [0; channel::COUNT],
+            names: ChannelNames::default(),
+        }
+    }
+
+    /// The same, which calls outputs by these names in events.
+    #[must_use]
+    pub fn naming(mut self, names: ChannelNames) -> Self {
+        self.names = names;
+        self
+    }
+
+    /// Takes what is told.
+    pub fn told(&mut self, told: &Telemetry<A>) {
+        match told {
+            Telemetry::Period(period) => {
+                if let Some(period) = self.often.pick(period) {
+                    self.keep(&period);
+                }
+            }
+            Telemetry::Output(change) => {
+                if let Some(output) = self.outputs.get_mut(usize::from(change.channel)) {
+                    *output = change.value;
+                }
+            }
+            Telemetry::Active(_) => {}
+            Telemetry::Event(event) => self.desk.tell(JournalEntry::Event(event.to_json_naming(&self.names))),
+        }
+    }
+
+    /// Keeps the last position, if it is not kept yet: before the operator is waited for, and at the end.
+    pub fn keep_last(&mut self) {
+        if let Some(period) = self.often.rest_of_it() {
+            self.keep(&period);
+        }
+    }
+
+    /// The next thing that the operator has to be told of the journal itself: `E3020` where it cannot be written.
+    #[must_use]
+    pub fn output_changes(&self) -> Option<EventKind> {
+        self.desk.news()
+    }
+
+    fn keep(&self, period: &PeriodRecord<A>) {
+        let outputs = self.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
+        let at = PositionEntry {
+            when: Timestamp::now(),
+            period: period.period,
+            place: period.place,
+            reached: period.reached,
+            executed: period.executed,
+            at_rest: period.at_rest,
+            counts: period.counts[..self.axes].to_vec(),
+            outputs: outputs.map(|(number, &value)| (number as u8, value)).collect(),
+            line: period.line,
+            mode: mode_of(period.mode),
+            hold_reason: standing_of(period.hold_reason),
+        };
+        self.desk.tell(JournalEntry::Position(Box::new(at)));
+    }
+}
+
+impl<const A: usize> Drop for JournalRecorder<A> {
+    fn drop(&mut self) {
+        self.keep_last();
+    }
+}
+
+fn mode_of(mode: mode::Mode) -> JournalMode {
+    match mode {
+        mode::Mode::Run => JournalMode::Run,
+        mode::Mode::Reverse => JournalMode::Reverse,
+        mode::Mode::Forward => JournalMode::Forward,
+        mode::Mode::Wheel => JournalMode::Wheel,
+        mode::Mode::Rejoin => JournalMode::Rejoin,
+        mode::Mode::AwaitOutputs => JournalMode::AwaitOutputs,
+    }
+}
+
+fn standing_of(standing: telemetry::HoldReason) -> JournalHoldReason {
+    match standing {
+        // Where a program has come to its end, nothing is waited for that resuming would have to know.
+        telemetry::HoldReason::None | telemetry::HoldReason::Ended => JournalHoldReason::None,
+        telemetry::HoldReason::Hold => JournalHoldReason::Hold,
+        telemetry::HoldReason::ProgramStop => JournalHoldReason::ProgramStop,
+        telemetry::HoldReason::SingleBlock => JournalHoldReason::SingleBlock,
+        telemetry::HoldReason::Paused => JournalHoldReason::Paused,
+    }
+}
+
+/// Which periods are kept.
+#[derive(Debug)]
+struct PositionSampler<const A: usize> {
+    /// Periods in a second, and in a tenth of one.
+    second: u64,
+    tenth: u64,
+    /// The one that was kept last.
+    kept: Option<PeriodRecord<A>>,
+    /// The one that came last.
+    last: Option<PeriodRecord<A>>,
+    /// Number of the period in which the machine came to rest, unless that is kept.
+    rest: Option<u64>,
+}
+
+impl<const A: usize> PositionSampler<A> {
+    /// Takes a period, and gives one back that is to be kept.
+    fn pick(&mut self, period: &PeriodRecord<A>) -> Option<PeriodRecord<A>> {
+        if period.off_path {
+            return None;
+        }
+        let came_to_rest = period.at_rest && self.last.is_none_or(|last| !last.at_rest);
+        if came_to_rest {
+            self.rest = Some(period.period);
+        } else if !period.at_rest {
+            self.rest = None;
+        }
+        self.last = Some(*period);
+        let since = |then: u64| period.period.saturating_sub(then);
+        let is_due = self.kept.is_none_or(|kept| {
+            let state = |of: &PeriodRecord<A>| (of.mode, of.hold_reason, of.executed);
+            state(&kept) != state(period) || since(kept.period) >= self.second
+        });
+        if !is_due && self.rest.is_none_or(|rest| since(rest) < self.tenth) {
+            return None;
+        }
+        self.kept = Some(*period);
+        if period.at_rest && self.rest.is_some_and(|rest| since(rest) >= self.tenth) {
+            self.rest = None;
+        }
+        Some(*period)
+    }
+
+    /// The last one, if it was not kept.
+    fn rest_of_it(&mut self) -> Option<PeriodRecord<A>> {
+        let period = self.last.take_if(|last| self.kept.is_none_or(|kept| kept.period != last.period))?;
+        self.kept = Some(period);
+        Some(period)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use retrace_core::Place;
+
+    fn often() -> PositionSampler<1> {
+        PositionSampler { second: 1000, tenth: 100, kept: None, last: None, rest: None }
+    }
+
+    fn period(number: u64) -> PeriodRecord<1> {
+        PeriodRecord {
+            period: number,
+            place: Place::start_of(number as u32),
+            reached: number as u32,
+            oldest: 0,
+            planned: number as u32 + 500,
+            window: [0, 0],
+            rate: retrace_core::ONE,
+            line: 1,
+            increments: [1],
+            counts: [number as i64],
+            executed: 0,
+            at_rest: false,
+            starved: false,
+            inputs: 0,
+            mode: mode::Mode::Run,
+            hold_reason: telemetry::HoldReason::None,
+            override_rate: retrace_core::ONE,
+            rapid_override: retrace_core::ONE,
+            off_path: false,
+        }
+    }
+
+    /// The numbers of those that are kept.
+    fn kept(periods: impl IntoIterator<Item = PeriodRecord<1>>) -> Vec<u64> {
+        let mut often = often();
+        let mut kept: Vec<u64> = periods.into_iter().filter_map(|p| often.pick(&p)).map(|p| p.period).collect();
+        kept.extend(often.rest_of_it().map(|p| p.period));
+        assert!(often.rest_of_it().is_none());
+        kept
+    }
+
+    #[test]
+    fn once_a_second_and_at_the_end() {
+        assert_eq!(kept((1..=2500).map(period)), [1, 1001, 2001, 2500]);
+        assert_eq!(kept((1..=1001).map(period)), [1, 1001], "the last one is not kept twice");
+    }
+
+    #[test]
+    fn a_tenth_after_coming_to_rest_and_not_at_every_stop() {
+        let stands = |n: u64| (300..320).contains(&n) || n >= 500;
+        let periods = (1..=900).map(|n| PeriodRecord { at_rest: stands(n), ..period(n) });
+        assert_eq!(kept(periods), [1, 600, 900]);
+    }
+
+    #[test]
+    fn with_every_change_of_what_is_going_on() {
+        let periods = (1..=60).map(|n| PeriodRecord {
+            mode: if n >= 10 { mode::Mode::Reverse } else { mode::Mode::Run },
+            hold_reason: if n >= 20 { telemetry::HoldReason::Hold } else { telemetry::HoldReason::None },
+            executed: u32::from(n >= 30),
+            ..period(n)
+        });
+        assert_eq!(kept(periods), [1, 10, 20, 30, 60]);
+    }
+
+    #[test]
+    fn what_is_off_the_path_is_no_position_on_it() {
+        let periods = (1..=3000).map(|n| PeriodRecord { off_path: n >= 10, ..period(n) });
+        assert_eq!(kept(periods), [1, 9]);
+    }
+}

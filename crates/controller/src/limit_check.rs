@@ -1,0 +1,262 @@
+//! The scan before the run: every move is looked at before the first one is made (PRE-5, *Beyond the source*).
+//!
+//! Invariant: a program that the scan passes is programmed within the soft limits of every axis; blends may leave the programmed
+//! path by their tolerance.
+
+use std::collections::BTreeMap;
+
+use retrace_link::{OutputChange, channel};
+use retrace_motion::{Arc, FeedRate, PathMode};
+
+use crate::job::CheckFinding;
+use crate::machine::{AxisConfig, MachineConfig};
+use crate::motion_sink::MotionSink;
+use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
+
+/// A move that would leave the soft limits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LimitFinding {
+    /// Letter of the axis.
+    pub axis: char,
+    /// How far it would go, mm.
+    pub position_mm: f64,
+    /// The limit it would pass, mm.
+    pub limit_mm: f64,
+    /// Program line.
+    pub line: u32,
+}
+
+impl LimitFinding {
+    pub(crate) const NUMBER: &'static str = "E4304";
+    pub(crate) const REMEDY: &'static str =
+        "move the work offset, correct the program, or widen `travel_mm` in the machine file";
+
+    /// The first of the machine's axes that a point lies beyond the soft limits of, of those that `concerned` names.
+    pub(crate) fn of<const A: usize>(
+        machine: &MachineConfig,
+        point: &[f64; A],
+        concerned: impl Fn(usize) -> bool,
+        line: u32,
+    ) -> Option<Self> {
+        let axes = machine.axes.iter().zip(point).enumerate().filter(|(index, _)| concerned(*index));
+        axes.filter_map(|(_, (axis, &position_mm))| {
+            let limit_mm = passed_limit(axis, position_mm)?;
+            Some(Self { axis: axis.name, position_mm, limit_mm, line })
+        })
+        .next()
+    }
+
+    pub(crate) fn what(&self) -> String {
+        let Self { axis, position_mm, limit_mm, .. } = self;
+        let axis = axis.to_ascii_uppercase();
+        format!("axis {axis} would go to {position_mm:.3} mm, beyond its soft limit at {limit_mm:.3} mm")
+    }
+
+    /// As a finding.
+    #[must_use]
+    pub fn finding(&self) -> CheckFinding {
+        CheckFinding {
+            line: self.line,
+            word: Some(self.axis.to_ascii_uppercase()),
+            number: Self::NUMBER,
+            what: self.what(),
+            remedy: Self::REMEDY.into(),
+        }
+    }
+}
+
+/// Looks at every move of a program.
+#[derive(Debug)]
+pub struct LimitCheck<'m, const A: usize> {
+    machine: &'m MachineConfig,
+    at: [f64; A],
+    /// Least and greatest coordinate of each axis so far, mm.
+    pub extents_mm: Option<[[f64; 2]; A]>,
+    /// Moves beyond the soft limits, the first of each line.
+    pub beyond: Vec<LimitFinding>,
+    /// Moves.
+    pub moves: u64,
+    /// The same as `extents_mm` for what has not been taken yet.
+    last_mm: Option<[[f64; 2]; A]>,
+    /// Digital outputs that are on, with the line that switched them on.
+    on: BTreeMap<u8, u32>,
+    /// Outputs that were on in a feed move and belong to nothing that the machine file declares, with the line that switched them on.
+    undeclared: BTreeMap<u8, u32>,
+}
+
+/// So much beyond a soft limit is rounding, mm.
+const SLACK_MM: f64 = 1e-6;
+/// Enough of them to say that there are more.
+const MOST: usize = 100;
+
+impl<'m, const A: usize> LimitCheck<'m, A> {
+    /// A scan that begins where the machine stands.
+    #[must_use]
+    pub fn new(machine: &'m MachineConfig) -> Self {
+        Self {
+            machine,
+            at: machine.start_mm(),
+            extents_mm: None,
+            beyond: Vec::new(),
+            moves: 0,
+            last_mm: None,
+            on: BTreeMap::new(),
+            undeclared: BTreeMap::new(),
+        }
+    }
+
+    /// The machine whose moves these are.
+    #[must_use]
+    pub fn machine(&self) -> &'m MachineConfig {
+        self.machine
+    }
+
+    /// Least and greatest coordinates of the ends of moves since this was asked last, mm.
+    pub fn take_last(&mut self) -> Option<[[f64; 2]; A]> {
+        self.last_mm.take()
+    }
+
+    /// What the program does with its outputs that may not be meant; nothing of it keeps it from running.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<CheckFinding> {
+        let name = |channel: u8| self.machine.channel_name(channel);
+        let left_on = self.on.iter().filter(|(channel, _)| self.machine.cutting_outputs.contains(channel));
+        let left_on = left_on.map(|(&channel, &line)| CheckFinding {
+            line,
+            word: None,
+            number: "W4101",
+            what: format!("{} is still on when the program ends; the end of the job switches it off", name(channel)),
+            remedy: "switch it off where its cut ends".into(),
+        });
+        let undeclared = self.undeclared.iter().map(|(&channel, &line)| CheckFinding {
+            line,
+            word: None,
+            number: "W4102",
+            what: format!(
+                "{} is on in feed moves, and the machine file declares no cutter: a stop leaves it on",
+                name(channel)
+            ),
+            remedy: "declare it with [[cutter]] if it cuts, or name it with [[output]]".into(),
+        });
+        let mut all: Vec<CheckFinding> = left_on.chain(undeclared).collect();
+        all.sort_by_key(|finding| finding.line);
+        all
+    }
+
+    /// An output is switched.
+    fn switched(&mut self, change: OutputChange, line: u32) {
+        if change.value == 0 {
+            self.on.remove(&change.channel);
+        } else {
+            self.on.entry(change.channel).or_insert(line);
+        }
+    }
+
+    /// A feed move is made with the outputs as they are.
+    fn fed(&mut self) {
+        if self.machine.cutters.is_empty() && !self.on.is_empty() {
+            let digital = self.on.iter().filter(|(channel, _)| usize::from(**channel) < channel::DIGITAL);
+            let unnamed = digital.filter(|(channel, _)| !self.machine.output_names.contains_key(channel));
+            self.undeclared.extend(unnamed.map(|(&channel, &line)| (channel, line)));
+        }
+    }
+
+    fn visit(&mut self, point: &[f64; A], line: u32) {
+        for extents in [&mut self.extents_mm, &mut self.last_mm] {
+            for (range, &x) in extents.get_or_insert_with(|| point.map(|x| [x, x])).iter_mut().zip(point) {
+                *range = [range[0].min(x), range[1].max(x)];
+            }
+        }
+        if self.beyond.len() < MOST && self.beyond.last().is_none_or(|b| b.line != line) {
+            self.beyond.extend(LimitFinding::of(self.machine, point, |_| true, line));
+        }
+    }
+}
+
+pub(crate) fn passed_limit(axis: &AxisConfig, x: f64) -> Option<f64> {
+    let [least, greatest] = axis.travel_mm;
+    if x < least - SLACK_MM {
+        Some(least)
+    } else if x > greatest + SLACK_MM {
+        Some(greatest)
+    } else {
+        None
+    }
+}
+
+impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
+    fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, _: PathMode, line: u32) -> Result<(), PlanWriteError> {
+        if !matches!(feed, FeedRate::Rapid) {
+            self.fed();
+        }
+        self.moves += 1;
+        self.at = end_mm;
+        self.visit(&end_mm, line);
+        Ok(())
+    }
+
+    fn arc(&mut self, arc: &Arc<A>, _: FeedRate, _: PathMode, line: u32) -> Result<(), PlanWriteError> {
+        self.fed();
+        self.moves += 1;
+        for point in extremes(&self.at, arc) {
+            self.visit(&point, line);
+        }
+        self.at = arc.end_mm;
+        self.visit(&arc.end_mm, line);
+        Ok(())
+    }
+
+    fn action(&mut self, change: OutputChange, line: u32) {
+        self.switched(change, line);
+    }
+
+    fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
+        for &change in switch.changes {
+            self.switched(change, switch.line);
+        }
+        Ok(())
+    }
+
+    fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
+        Ok(())
+    }
+}
+
+/// The points of an arc where an axis of its plane turns round: the quarter points that it passes.
+pub(crate) fn extremes<const A: usize>(start: &[f64; A], arc: &Arc<A>) -> Vec<[f64; A]> {
+    use std::f64::consts::{FRAC_PI_2, TAU};
+    let ([p, q], [cp, cq]) = (arc.plane, arc.centre_mm);
+    let radius = (start[p] - cp).hypot(start[q] - cq);
+    let (from, sweep) = arc.sweep(start);
+    let mut points = Vec::new();
+    for quarter in 0..4 {
+        let towards = f64::from(quarter) * FRAC_PI_2;
+        if (sweep.signum() * (towards - from)).rem_euclid(TAU) <= sweep.abs() {
+            let mut point = arc.end_mm;
+            point[p] = cp + radius * towards.cos();
+            point[q] = cq + radius * towards.sin();
+            points.push(point);
+        }
+    }
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_arc_is_looked_at_where_it_goes_furthest() {
+        let machine = MachineConfig::parse("[[axis]]\nname = \"x\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-5, 12]\n[[axis]]\nname = \"y\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-12, 12]\n", "m").expect("valid");
+        let mut scan = LimitCheck::<2>::new(&machine);
+        let mode = PathMode::ExactPath;
+        scan.straight([10.0, 0.0], FeedRate::Rapid, mode, 1).expect("looks only");
+        let half = |rotation| Arc { plane: [0, 1], centre_mm: [0.0, 0.0], rotation, end_mm: [0.0, 10.0] };
+        scan.arc(&half(1), FeedRate::PerSecond(1.0), mode, 2).expect("looks only");
+        assert_eq!(scan.beyond, []);
+        scan.straight([10.0, 0.0], FeedRate::Rapid, mode, 3).expect("looks only");
+        scan.arc(&half(-1), FeedRate::PerSecond(1.0), mode, 4).expect("looks only");
+        assert_eq!(scan.beyond, [LimitFinding { axis: 'x', position_mm: -10.0, limit_mm: -5.0, line: 4 }]);
+        assert_eq!(scan.extents_mm, Some([[-10.0, 10.0], [-10.0, 10.0]]));
+    }
+}

@@ -1,0 +1,550 @@
+//! The judge of the emitted increments: did every axis keep its velocity, acceleration and jerk limits?
+//!
+//! Invariant: only what was really emitted is judged, by finite differences of the positions in whole pulses over
+//! windows that begin at every period; the plan is never asked. A push allocates nothing and takes a fixed time.
+//!
+//! How limits are judged: positions are compared over strides of n = 1, 2, 4 … 64 periods of T seconds. The k-th
+//! difference, k = 1, 2, 3, may not exceed limit · (nT)ᵏ plus an allowance for rounding to whole pulses: 1, 2, 4 pulses
+//! in windows in which the rate is always −1, 0 or +1, and 2e, 4e, 8e pulses in all others, where e = 1 + A·T²/8 (in
+//! pulses, A the axis' acceleration) also covers the chord of a record that the cursor splits. Where the rate changes
+//! within a window of the third difference, the jerk limit is twice the axis limit (REV, rate law).
+//!
+//! The axes stand still before the first period, and after the last where that is known; windows that reach into that rest are judged too. Windows
+//! over periods that nobody has measured are not.
+
+/// One axis' limits, as the machine file gives them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MonitorLimits {
+    /// Pulses per millimetre.
+    pub pulses_per_mm: f64,
+    /// Largest velocity in mm/s.
+    pub velocity_mm_s: f64,
+    /// Largest acceleration in mm/s².
+    pub acceleration_mm_s2: f64,
+    /// Largest jerk in mm/s³.
+    pub jerk_mm_s3: f64,
+}
+
+/// The largest derivatives that were seen on one axis beyond the allowance for rounding, over strides of 8 … 64 periods.
+/// (Over one period a single pulse would read as an enormous jerk.) Never below 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AxisExtremes {
+    /// Largest velocity in mm/s.
+    pub velocity_mm_s: f64,
+    /// Largest acceleration in mm/s².
+    pub acceleration_mm_s2: f64,
+    /// Largest jerk in mm/s³.
+    pub jerk_mm_s3: f64,
+}
+
+/// The first window that broke a limit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LimitViolation {
+    /// The period that closed the window, from 0.
+    pub period: u64,
+    /// The axis, in the order of the increments.
+    pub axis: usize,
+    /// Which limit: 1 velocity, 2 acceleration, 3 jerk.
+    pub order: u8,
+    /// The stride in periods.
+    pub stride: u16,
+    /// The difference that was found, in pulses.
+    pub pulses: u32,
+    /// The largest difference that was allowed, in pulses.
+    pub allowed_pulses: u32,
+}
+
+/// What the judge found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LimitReport<const A: usize> {
+    /// Windows over which an axis broke a limit; each axis, stride and order counts for itself.
+    pub violations: u64,
+    /// The largest derivatives, axis by axis.
+    pub extremes: [AxisExtremes; A],
+    /// The first window that broke a limit.
+    pub first: Option<LimitViolation>,
+}
+
+/// Strides are 2⁰ … 2⁶ periods.
+const STRIDES: usize = 7;
+/// Velocity, acceleration, jerk.
+const ORDERS: usize = 3;
+/// The longest window in periods: the third difference over the longest stride.
+const LONGEST: usize = ORDERS << (STRIDES - 1);
+/// Positions kept; a power of two above the longest window.
+const KEPT: usize = 256;
+/// The shortest stride, as a power of two, that counts for the extremes.
+const FIRST_FOR_EXTREMES: usize = 3;
+/// Rate 1: motion as recorded, in units of 2⁻³².
+const RATE_ONE: i64 = 1 << 32;
+/// Increments are judged as if they were no larger than this, so that no difference overflows; no limit comes near it.
+const MAX_INCREMENT: i32 = 1 << 20;
+
+/// Which bounds hold for a window, by what the rate does in it.
+#[derive(Clone, Copy)]
+enum RateClass {
+    /// Always the same −1, 0 or +1.
+    Recorded = 0,
+    /// −1, 0 and +1, but not always the same.
+    Switched = 1,
+    /// Always the same, between whole rates.
+    Scaled = 2,
+    /// Changing.
+    Changing = 3,
+}
+
+const PLAYS: usize = 4;
+
+impl RateClass {
+    const fn of(is_whole: bool, is_constant: bool) -> Self {
+        match (is_whole, is_constant) {
+            (true, true) => Self::Recorded,
+            (true, false) => Self::Switched,
+            (false, true) => Self::Scaled,
+            (false, false) => Self::Changing,
+        }
+    }
+}
+
+/// Figures of every stride, order and way of playing, for every axis.
+type Table<const A: usize> = [[[[i32; A]; PLAYS]; ORDERS]; STRIDES];
+
+/// The streaming judge for `A` axes: one [`push`](LimitJudge::push) a period, then [`finish`](LimitJudge::finish).
+#[derive(Clone, Debug)]
+pub struct LimitMonitor<const A: usize> {
+    axes: [MonitorLimits; A],
+    period_s: f64,
+    /// Positions in pulses, wrapping; period `t` ends at cell `t + 1`.
+    positions: [[i32; A]; KEPT],
+    /// The largest allowed differences in pulses.
+    bounds: Table<A>,
+    /// The largest differences seen, in pulses.
+    largest: Table<A>,
+    periods: u64,
+    last_rate: i64,
+    /// For how many periods the rate has been whole (−1, 0, +1), and the same.
+    whole_for: usize,
+    constant_for: usize,
+    /// For how many periods every increment has been measured.
+    measured_for: usize,
+    violations: u64,
+    first: Option<LimitViolation>,
+}
+
+impl<const A: usize> LimitMonitor<A> {
+    /// A judge of these axes at a control period in seconds. Every figure must be positive and finite.
+    #[must_use]
+    pub fn new(axes: &[MonitorLimits; A], period_s: f64) -> Self {
+        Self {
+            axes: *axes,
+            period_s,
+            positions: [[0; A]; KEPT],
+            bounds: bounds(axes, period_s),
+            largest: [[[[0; A]; PLAYS]; ORDERS]; STRIDES],
+            periods: 0,
+            last_rate: 0,
+            whole_for: LONGEST,
+            constant_for: LONGEST,
+            measured_for: LONGEST,
+            violations: 0,
+            first: None,
+        }
+    }
+
+    /// Judges one period: what each axis emitted in it, in pulses, and the rate at which it was played, in 2⁻³².
+    pub fn push(&mut self, increments: &[i32; A], rate: i64) {
+        let is_whole = rate == 0 || rate == RATE_ONE || rate == -RATE_ONE;
+        self.whole_for = if is_whole { (self.whole_for + 1).min(LONGEST) } else { 0 };
+        // The standstill before the first period has no rate of its own.
+        let is_constant = rate == self.last_rate || self.periods == 0;
+        self.constant_for = if is_constant { (self.constant_for + 1).min(LONGEST) } else { 1 };
+        self.last_rate = rate;
+        self.measured_for = (self.measured_for + 1).min(LONGEST);
+
+        let at = self.periods as usize;
+        let before = self.positions[at % KEPT];
+        let now: [i32; A] = std::array::from_fn(|axis| {
+            before[axis].wrapping_add(increments[axis].clamp(-MAX_INCREMENT, MAX_INCREMENT))
+        });
+        self.positions[(at + 1) % KEPT] = now;
+        for stride in 0..STRIDES {
+            self.judge_stride(stride, &now);
+        }
+        self.periods += 1;
+    }
+
+    /// The windows of one stride that this period closes.
+    #[inline]
+    fn judge_stride(&mut self, stride: usize, now: &[i32; A]) {
+        let periods = 1_usize << stride;
+        // Wrapping: only the place in the ring matters, and its size divides 2³².
+        let newest = (self.periods as usize).wrapping_add(1);
+        let back = |strides: usize| newest.wrapping_sub(strides * periods) % KEPT;
+        let (one, two, three) = (&self.positions[back(1)], &self.positions[back(2)], &self.positions[back(3)]);
+        let mut differences = [[0_i32; A]; ORDERS];
+        for axis in 0..A {
+            let newer = now[axis].wrapping_sub(one[axis]);
+            let middle = one[axis].wrapping_sub(two[axis]);
+            let older = two[axis].wrapping_sub(three[axis]);
+            differences[0][axis] = newer;
+            differences[1][axis] = newer.wrapping_sub(middle);
+            differences[2][axis] = newer.wrapping_sub(middle).wrapping_sub(middle.wrapping_sub(older));
+        }
+        for (order, difference) in differences.iter().enumerate() {
+            let window = (order + 1) * periods;
+            if window > self.measured_for {
+                break;
+            }
+            let play = RateClass::of(self.whole_for >= window, self.constant_for >= window) as usize;
+            let bounds = &self.bounds[stride][order][play];
+            let largest = &mut self.largest[stride][order][play];
+            let mut offences = 0;
+            for axis in 0..A {
+                let size = difference[axis].wrapping_abs();
+                largest[axis] = largest[axis].max(size);
+                offences += u64::from(size > bounds[axis]);
+            }
+            if offences > 0 {
+                self.violations += offences;
+                if self.first.is_none() {
+                    self.first = offence(self.periods, stride, order, difference, bounds);
+                }
+            }
+        }
+    }
+
+    /// Notes that periods are missing before the next one: no window over them is judged.
+    pub fn skip_unmeasured(&mut self) {
+        (self.measured_for, self.whole_for, self.constant_for) = (0, 0, 0);
+    }
+
+    /// How many windows broke a limit so far.
+    #[must_use]
+    pub const fn violations(&self) -> u64 {
+        self.violations
+    }
+
+    /// Judges the standstill after the last period, and returns what was found.
+    #[must_use]
+    pub fn finish(mut self) -> LimitReport<A> {
+        let rate = self.last_rate;
+        for _ in 0..LONGEST {
+            self.push(&[0; A], rate);
+        }
+        self.finish_moving()
+    }
+
+    /// Returns what was found where nobody knows what the axes did after the last period.
+    #[must_use]
+    pub fn finish_moving(self) -> LimitReport<A> {
+        let extremes = std::array::from_fn(|axis| AxisExtremes {
+            velocity_mm_s: self.extreme(axis, 0),
+            acceleration_mm_s2: self.extreme(axis, 1),
+            jerk_mm_s3: self.extreme(axis, 2),
+        });
+        LimitReport { violations: self.violations, extremes, first: self.first }
+    }
+
+    /// The largest derivative of one order on one axis, in mm and seconds.
+    fn extreme(&self, axis: usize, order: usize) -> f64 {
+        let limits = &self.axes[axis];
+        let mut extreme = 0.0_f64;
+        for stride in FIRST_FOR_EXTREMES..STRIDES {
+            for (play, largest) in self.largest[stride][order].iter().enumerate() {
+                let pulses = f64::from(largest[axis]) - allowance(limits, self.period_s, order, is_whole(play));
+                let span = span_s(stride, self.period_s).powi(order as i32 + 1);
+                extreme = extreme.max(pulses / span / limits.pulses_per_mm);
+            }
+        }
+        extreme
+    }
+}
+
+/// The offence among these differences, on the first axis that has one.
+#[cold]
+fn offence<const A: usize>(
+    period: u64,
+    stride: usize,
+    order: usize,
+    difference: &[i32; A],
+    bounds: &[i32; A],
+) -> Option<LimitViolation> {
+    let axis = (0..A).find(|&axis| difference[axis].wrapping_abs() > bounds[axis])?;
+    Some(LimitViolation {
+        period,
+        axis,
+        order: order as u8 + 1,
+        stride: 1 << stride,
+        pulses: difference[axis].unsigned_abs(),
+        allowed_pulses: bounds[axis].unsigned_abs(),
+    })
+}
+
+const fn is_whole(play: usize) -> bool {
+    play == RateClass::Recorded as usize || play == RateClass::Switched as usize
+}
+
+/// The length of a stride in seconds.
+fn span_s(stride: usize, period_s: f64) -> f64 {
+    period_s * f64::from(1_u32 << stride)
+}
+
+/// What rounding to whole pulses may add to a difference, in pulses.
+fn allowance(limits: &MonitorLimits, period_s: f64, order: usize, is_whole: bool) -> f64 {
+    let roundings = f64::from(1_u32 << order);
+    if is_whole {
+        roundings
+    } else {
+        let chord = limits.acceleration_mm_s2 * limits.pulses_per_mm * period_s * period_s / 8.0;
+        2.0 * roundings * (1.0 + chord)
+    }
+}
+
+/// The largest whole number of pulses that each kind of window allows.
+fn bounds<const A: usize>(axes: &[MonitorLimits; A], period_s: f64) -> Table<A> {
+    let mut table = [[[[0; A]; PLAYS]; ORDERS]; STRIDES];
+    for (stride, orders) in table.iter_mut().enumerate() {
+        for (order, plays) in orders.iter_mut().enumerate() {
+            for (play, bounds) in plays.iter_mut().enumerate() {
+                for (bound, limits) in bounds.iter_mut().zip(axes) {
+                    let changes = play == RateClass::Switched as usize || play == RateClass::Changing as usize;
+                    let limit = match order {
+                        0 => limits.velocity_mm_s,
+                        1 => limits.acceleration_mm_s2,
+                        _ if changes => 2.0 * limits.jerk_mm_s3,
+                        _ => limits.jerk_mm_s3,
+                    };
+                    let reach = limit * span_s(stride, period_s).powi(order as i32 + 1) * limits.pulses_per_mm;
+                    let pulses = reach + allowance(limits, period_s, order, is_whole(play));
+                    // A product that is whole on paper must not fall short by the floats' own rounding.
+                    *bound = (pulses + pulses * 1e-12).floor() as i32;
+                }
+            }
+        }
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const PERIOD_S: f64 = 0.001;
+    const AXIS: MonitorLimits =
+        MonitorLimits { pulses_per_mm: 1000.0, velocity_mm_s: 100.0, acceleration_mm_s2: 1000.0, jerk_mm_s3: 20_000.0 };
+
+    fn judged(increments: impl IntoIterator<Item = i32>) -> LimitReport<1> {
+        let mut judge = LimitMonitor::new(&[AXIS], PERIOD_S);
+        increments.into_iter().for_each(|increment| judge.push(&[increment], RATE_ONE));
+        judge.finish()
+    }
+
+    #[test]
+    fn what_was_not_measured_is_not_judged() {
+        // 50 mm/s, and nobody knows how it ends: no standstill is made up.
+        let ramp: Vec<i32> = (0..50).chain(std::iter::repeat_n(50, 300)).collect();
+        let of = |skips: bool| {
+            let mut judge = LimitMonitor::new(&[AXIS], PERIOD_S);
+            ramp.iter().for_each(|&increment| judge.push(&[increment], RATE_ONE));
+            if skips {
+                judge.skip_unmeasured();
+            }
+            (0..400).for_each(|_| judge.push(&[5], RATE_ONE));
+            judge
+        };
+        let begun = of(true).violations();
+        assert!(of(false).violations() > begun, "without the gap the change of velocity is judged");
+        assert_eq!(of(true).finish_moving().violations, begun);
+        let mut judge = LimitMonitor::new(&[AXIS], PERIOD_S);
+        (0..300).for_each(|_| judge.push(&[90], RATE_ONE));
+        let before = judge.violations();
+        assert_eq!(judge.clone().finish_moving().violations, before);
+        assert!(judge.finish().violations > before, "a standstill that is known is judged");
+    }
+
+    /// Whole pulses of a path given in mm over seconds, as a planner rounds it.
+    fn rounded(periods: usize, position_mm: impl Fn(f64) -> f64) -> Vec<i32> {
+        let at = |period: usize| (position_mm(period as f64 * PERIOD_S) * AXIS.pulses_per_mm).round() as i32;
+        (0..periods).map(|period| at(period + 1) - at(period)).collect()
+    }
+
+    /// A jerk-limited move from rest to rest: four equal phases of jerk +j, −j, −j, +j.
+    fn move_mm(jerk: f64, phase_s: f64) -> impl Fn(f64) -> f64 {
+        move |t: f64| {
+            let after = |start: f64, jump: f64| jump * (t - start).max(0.0).powi(3) / 6.0;
+            after(0.0, jerk)
+                + after(phase_s, -2.0 * jerk)
+                + after(3.0 * phase_s, 2.0 * jerk)
+                + after(4.0 * phase_s, -jerk)
+        }
+    }
+
+    #[test]
+    fn a_move_at_the_jerk_limit_passes_and_its_extremes_are_just_below_the_limits() {
+        let verdict = judged(rounded(250, move_mm(20_000.0, 0.05)));
+        assert_eq!((verdict.violations, verdict.first), (0, None));
+        let extremes = verdict.extremes[0];
+        assert!((0.9..=1.0).contains(&(extremes.jerk_mm_s3 / 20_000.0)), "{extremes:?}");
+        assert!((0.7..=1.0).contains(&(extremes.acceleration_mm_s2 / 1000.0)), "{extremes:?}");
+        assert!((0.4..=0.5).contains(&(extremes.velocity_mm_s / 100.0)), "{extremes:?}");
+    }
+
+    #[test]
+    fn a_move_above_the_jerk_limit_is_caught_by_the_jerk_alone() {
+        let verdict = judged(rounded(250, move_mm(21_500.0, 0.04)));
+        assert!(verdict.violations > 0);
+        assert_eq!(verdict.first.map(|offence| offence.order), Some(3));
+        assert!(verdict.extremes[0].jerk_mm_s3 > 20_000.0 && verdict.extremes[0].acceleration_mm_s2 <= 1000.0);
+    }
+
+    #[test]
+    fn too_high_a_velocity_is_caught() {
+        // Up to 1.2 mm/s so gently that neither acceleration nor jerk come near their limits.
+        let mut judge = LimitMonitor::new(&[MonitorLimits { velocity_mm_s: 1.0, ..AXIS }], PERIOD_S);
+        let pushed = rounded(4000, |t| if t < 2.0 { 0.3 * t * t } else { 1.2 + 1.2 * (t - 2.0) });
+        pushed.iter().for_each(|&increment| judge.push(&[increment], RATE_ONE));
+        let first = judge.first.expect("the velocity rises to 1.2 of its limit");
+        assert_eq!((first.order, first.axis), (1, 0));
+        // 1 mm/s is passed after 1.667 s. The mean over 64 periods is surely seen when it is 66 pulses, 1.031 mm/s:
+        // 32 periods after 1.719 s.
+        assert!((1667..=1751).contains(&first.period), "{first:?}");
+    }
+
+    #[test]
+    fn too_high_an_acceleration_is_caught() {
+        let mut judge = LimitMonitor::new(&[MonitorLimits { jerk_mm_s3: 1e6, ..AXIS }], PERIOD_S);
+        for increment in rounded(80, |t| 0.5 * 1100.0 * t * t) {
+            judge.push(&[increment], RATE_ONE);
+        }
+        assert_eq!(judge.first.map(|offence| offence.order), Some(2));
+    }
+
+    #[test]
+    fn a_stop_from_full_speed_is_caught_though_nothing_follows_it() {
+        let ramp = rounded(300, move_mm(20_000.0, 0.05)).into_iter().take(100);
+        let mut judge = LimitMonitor::new(&[AXIS], PERIOD_S);
+        ramp.for_each(|increment| judge.push(&[increment], RATE_ONE));
+        assert_eq!(judge.violations(), 0);
+        assert!(judge.finish().violations > 0);
+    }
+
+    #[test]
+    fn a_lone_pulse_is_rounding_and_two_in_one_period_are_not() {
+        let lone = |size: i32| judged([0; 10].into_iter().chain([size]).chain([0; 10])).violations;
+        assert_eq!(lone(1), 0);
+        let slow = MonitorLimits { velocity_mm_s: 0.5, acceleration_mm_s2: 1.0, jerk_mm_s3: 1.0, ..AXIS };
+        let mut judge = LimitMonitor::new(&[slow], PERIOD_S);
+        judge.push(&[2], RATE_ONE);
+        assert!(judge.violations() > 0);
+    }
+
+    #[test]
+    fn twice_the_jerk_is_allowed_while_the_rate_changes_only() {
+        let increments = rounded(250, move_mm(36_000.0, 0.025));
+        let violations = |rate: &dyn Fn(i64) -> i64| {
+            let mut judge = LimitMonitor::new(&[AXIS], PERIOD_S);
+            for (period, &increment) in increments.iter().enumerate() {
+                judge.push(&[increment], rate(period as i64));
+            }
+            judge.finish().violations
+        };
+        assert_eq!(violations(&|period| period << 24), 0);
+        assert!(violations(&|_| RATE_ONE) > 0);
+        assert!(violations(&|_| RATE_ONE / 2) > 0);
+    }
+
+    #[test]
+    fn absurd_increments_are_violations_and_nothing_overflows() {
+        let verdict = judged([i32::MAX, i32::MIN, i32::MAX, i32::MAX, i32::MIN].into_iter().cycle().take(1000));
+        assert!(verdict.violations > 0);
+    }
+
+    /// The same rule, from whole arrays and in floats.
+    fn brute_force(increments: &[[i32; 2]], rates: &[i64], axes: &[MonitorLimits; 2]) -> (u64, [AxisExtremes; 2]) {
+        let rest = LONGEST;
+        let count = increments.len();
+        let rate_at = |period: usize| rates[period.saturating_sub(rest).min(count - 1)];
+        let mut violations = 0;
+        let mut extremes = [[0.0_f64; 3]; 2];
+        for (axis, limits) in axes.iter().enumerate() {
+            let mut positions = vec![0_i64; rest + 1];
+            let mut position = 0;
+            for period in 0..count + rest {
+                position += increments.get(period).map_or(0, |increment| i64::from(increment[axis]));
+                positions.push(position);
+            }
+            for n in [1_usize, 2, 4, 8, 16, 32, 64] {
+                let t = n as f64 * PERIOD_S;
+                for end in rest + 1..positions.len() {
+                    let p = |back: usize| positions[end - back * n];
+                    let differences = [p(0) - p(1), p(0) - 2 * p(1) + p(2), p(0) - 3 * p(1) + 3 * p(2) - p(3)];
+                    for k in 1..=3 {
+                        // The window before the start has the first rate for its own.
+                        let window: Vec<i64> = (end - k * n..end).map(|period| rate_at(period.max(rest))).collect();
+                        let emitted = &window[window.len().saturating_sub(end - rest)..];
+                        let whole = emitted.iter().all(|&rate| rate % RATE_ONE == 0 && rate.abs() <= RATE_ONE);
+                        let changes = window.iter().any(|&rate| rate != window[0]);
+                        let e = 1.0 + limits.acceleration_mm_s2 * limits.pulses_per_mm * PERIOD_S * PERIOD_S / 8.0;
+                        let allowance = [1.0, 2.0, 4.0][k - 1] * if whole { 1.0 } else { 2.0 * e };
+                        let limit = [
+                            limits.velocity_mm_s,
+                            limits.acceleration_mm_s2,
+                            limits.jerk_mm_s3 * if changes { 2.0 } else { 1.0 },
+                        ][k - 1];
+                        let size = differences[k - 1].abs() as f64;
+                        let span = t.powi(k as i32) * limits.pulses_per_mm;
+                        violations += u64::from(size > (limit * span + allowance) * (1.0 + 1e-12));
+                        if n >= 8 {
+                            extremes[axis][k - 1] = extremes[axis][k - 1].max((size - allowance) / span);
+                        }
+                    }
+                }
+            }
+        }
+        let named = |e: [f64; 3]| AxisExtremes { velocity_mm_s: e[0], acceleration_mm_s2: e[1], jerk_mm_s3: e[2] };
+        (violations, extremes.map(named))
+    }
+
+    fn rates() -> impl Strategy<Value = i64> {
+        prop_oneof![
+            6 => Just(RATE_ONE),
+            1 => Just(-RATE_ONE),
+            1 => Just(0),
+            2 => -2 * RATE_ONE..=2 * RATE_ONE,
+            1 => Just(RATE_ONE / 2),
+        ]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn the_stream_is_judged_as_the_whole_is(
+            stretches in prop::collection::vec((1_usize..150, rates(), -120_i32..120, -3_i32..4), 1..6),
+        ) {
+            let axes = [AXIS, MonitorLimits { pulses_per_mm: 320.0, velocity_mm_s: 40.0, acceleration_mm_s2: 300.0, jerk_mm_s3: 4_000.0 }];
+            let mut judge = LimitMonitor::new(&axes, PERIOD_S);
+            let (mut increments, mut played) = (Vec::new(), Vec::new());
+            for (periods, rate, x, y) in stretches {
+                for _ in 0..periods {
+                    judge.push(&[x, y], rate);
+                    increments.push([x, y]);
+                    played.push(rate);
+                }
+            }
+            let (violations, extremes) = brute_force(&increments, &played, &axes);
+            let verdict = judge.finish();
+            prop_assert_eq!(verdict.violations, violations);
+            prop_assert_eq!(verdict.first.is_some(), violations > 0);
+            for (ours, theirs) in verdict.extremes.iter().zip(extremes) {
+                for (a, b) in [
+                    (ours.velocity_mm_s, theirs.velocity_mm_s),
+                    (ours.acceleration_mm_s2, theirs.acceleration_mm_s2),
+                    (ours.jerk_mm_s3, theirs.jerk_mm_s3),
+                ] {
+                    prop_assert!((a - b).abs() <= 1e-9 * b.abs(), "{a} {b}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,240 @@
+//! The machine file as it is written, and what is wrong with its text.
+//!
+//! Invariant: a key that is left out has the value of the built-in machine; a key that there is not is refused with the nearest one.
+
+use std::collections::BTreeMap;
+
+use retrace_motion::{Blending, GlideRatio, RatioOf};
+use serde::Deserialize;
+
+use super::axis::AxisConfig;
+use super::cutter::WrittenCutter;
+use super::manual_config::{WrittenHoming, WrittenManual};
+use super::serial::WrittenSerial;
+use crate::card_config::WrittenCard;
+use crate::numbered_error::{NumberedError, nearest};
+use crate::switching::CodeSettings;
+
+/// The handwheel.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WheelSettings {
+    /// Counts a second that make rate 1.
+    pub full_rate_counts_per_s: f64,
+    /// Length of the mean (REV-12) in ms.
+    pub filter_ms: f64,
+}
+
+impl Default for WheelSettings {
+    fn default() -> Self {
+        Self { full_rate_counts_per_s: 100.0, filter_ms: 100.0 }
+    }
+}
+
+/// What outputs do while retracing (REV-14).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RetraceOutputs {
+    /// The operator switches by hand.
+    #[default]
+    Manual,
+    /// Recorded actions are replayed, in reverse too.
+    Replayed,
+}
+
+/// Who changes the tool at M6.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ToolChange {
+    /// The machine does, or nobody has to.
+    #[default]
+    Automatic,
+    /// The operator: M6 stops, names the tool, and waits for cycle start (PRB-21).
+    Manual,
+}
+
+/// A name for an output, as it is written.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct WrittenOutput {
+    pub(super) number: u8,
+    pub(super) name: String,
+}
+
+/// How corners between lines are passed under G64 (SMO-2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum BlendingMethod {
+    /// As fast as can be found.
+    #[default]
+    Optimum,
+    /// The source's glide, of a set ratio.
+    Source,
+}
+
+/// What a glide ratio is a ratio of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum GlideRatioOf {
+    /// The lengths of the tracks.
+    #[default]
+    Length,
+    /// Their highest speeds.
+    Speed,
+}
+
+/// Blending as it is written.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct BlendingSettings {
+    method: BlendingMethod,
+    glide_ratio: f64,
+    ratio_of: GlideRatioOf,
+}
+
+impl Default for BlendingSettings {
+    fn default() -> Self {
+        Self { method: BlendingMethod::Optimum, glide_ratio: 0.2, ratio_of: GlideRatioOf::Length }
+    }
+}
+
+impl BlendingSettings {
+    /// The method, with its ratio checked whether or not it is used.
+    pub(super) fn checked(self) -> Result<Blending, NumberedError> {
+        let of = match self.ratio_of {
+            GlideRatioOf::Length => RatioOf::Length,
+            GlideRatioOf::Speed => RatioOf::Speed,
+        };
+        let ratio = GlideRatio::new(self.glide_ratio, of).map_err(|error| {
+            let what = format!("blending.glide_ratio = {}: {error}", self.glide_ratio);
+            NumberedError::new("E2112", what, "a number above 0 and at most 1")
+        })?;
+        Ok(match self.method {
+            BlendingMethod::Optimum => Blending::Optimum,
+            BlendingMethod::Source => Blending::Source(ratio),
+        })
+    }
+}
+
+/// The file as it is written.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct MachineFile {
+    pub(super) name: String,
+    pub(super) control_period_ms: f64,
+    pub(super) path_velocity_mm_per_s: f64,
+    pub(super) override_reserve_percent: f64,
+    pub(super) blend_tolerance_mm: f64,
+    pub(super) history_hours: f64,
+    pub(super) look_ahead_s: f64,
+    pub(super) stream_quota_mib: f64,
+    pub(super) homed: Option<bool>,
+    pub(super) tool_axis: Option<char>,
+    pub(super) retract_mm: Option<f64>,
+    pub(super) retrace_outputs: RetraceOutputs,
+    pub(super) cutting_outputs: Vec<u8>,
+    pub(super) cutter: Vec<WrittenCutter>,
+    pub(super) output: Vec<WrittenOutput>,
+    pub(super) tool_change: ToolChange,
+    pub(super) axis: Vec<AxisConfig>,
+    pub(super) blending: BlendingSettings,
+    pub(super) homing: WrittenHoming,
+    pub(super) manual: WrittenManual,
+    pub(super) wheel: WheelSettings,
+    pub(super) card: WrittenCard,
+    pub(super) serial: WrittenSerial,
+    pub(super) code: BTreeMap<String, CodeSettings>,
+}
+
+impl Default for MachineFile {
+    fn default() -> Self {
+        Self {
+            name: "built-in".into(),
+            control_period_ms: 1.0,
+            path_velocity_mm_per_s: 100.0,
+            override_reserve_percent: 10.0,
+            blend_tolerance_mm: 0.05,
+            history_hours: 0.5,
+            look_ahead_s: 0.5,
+            stream_quota_mib: 4096.0,
+            homed: None,
+            tool_axis: None,
+            retract_mm: None,
+            retrace_outputs: RetraceOutputs::Manual,
+            cutting_outputs: Vec::new(),
+            cutter: Vec::new(),
+            output: Vec::new(),
+            tool_change: ToolChange::Automatic,
+            axis: ['x', 'y', 'z'].map(AxisConfig::plain).into(),
+            blending: BlendingSettings::default(),
+            homing: WrittenHoming::default(),
+            manual: WrittenManual::default(),
+            wheel: WheelSettings::default(),
+            card: WrittenCard::default(),
+            serial: WrittenSerial::default(),
+            code: BTreeMap::new(),
+        }
+    }
+}
+
+impl MachineFile {
+    /// Reads the text of the file that messages call `name`.
+    pub(super) fn read(text: &str, name: &str) -> Result<Self, NumberedError> {
+        toml::from_str(text).map_err(|error| misread(&error, name))
+    }
+
+    /// Whether each number that stands in no list is in its range: `E2112` where it is not.
+    pub(super) fn ranges(&self) -> [Result<(), NumberedError>; 9] {
+        let period_ms = self.control_period_ms;
+        // A period that is out of its range has its own error.
+        let has_period = (0.1..=20.0).contains(&period_ms);
+        let mean_ms = if has_period { [period_ms, 500.0 * period_ms] } else { [0.0, f64::INFINITY] };
+        [
+            within("control_period_ms", period_ms, 0.1, 20.0),
+            within("path_velocity_mm_per_s", self.path_velocity_mm_per_s, 0.001, 100_000.0),
+            within("override_reserve_percent", self.override_reserve_percent, 1.0, 50.0),
+            within("blend_tolerance_mm", self.blend_tolerance_mm, 0.0, 100.0),
+            within("history_hours", self.history_hours, 0.0, 24.0),
+            within("stream_quota_mib", self.stream_quota_mib, 1.0, 1_048_576.0),
+            within("look_ahead_s", self.look_ahead_s, 0.05, 10.0),
+            within("wheel.full_rate_counts_per_s", self.wheel.full_rate_counts_per_s, 1.0, 100_000.0),
+            within("wheel.filter_ms", self.wheel.filter_ms, mean_ms[0], mean_ms[1]),
+        ]
+    }
+}
+
+pub(crate) fn within(key: &str, value: f64, least: f64, greatest: f64) -> Result<(), NumberedError> {
+    if (least..=greatest).contains(&value) {
+        return Ok(());
+    }
+    Err(NumberedError::new("E2112", format!("{key} = {value}"), format!("a number from {least} to {greatest}")))
+}
+
+/// Says where a machine file could not be read, and what may have been meant.
+fn misread(error: &toml::de::Error, name: &str) -> NumberedError {
+    let remedy = unknown_key(error.message())
+        .unwrap_or_else(|| "correct the line; `retrace machine new` shows a commented machine file".into());
+    NumberedError::new("E2111", format!("{name}: {}", error.to_string().trim_end()), remedy)
+}
+
+/// The same in one line: where, what, and what may have been meant. `text` is the text that was read.
+pub(super) fn misread_in_a_line(error: &toml::de::Error, text: &str, name: &str) -> NumberedError {
+    let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
+    let line = before.matches('\n').count() + 1;
+    let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+    let message = error.message().lines().next().unwrap_or_default();
+    let message = message.split(", expected one of").next().unwrap_or_default();
+    let remedy = misread(error, name).remedy;
+    NumberedError::new("E2111", format!("{name}: line {line}, column {column}: {message}"), remedy)
+}
+
+/// From serde's "unknown field `x`, expected one of `a`, `b`": the nearest known key.
+fn unknown_key(message: &str) -> Option<String> {
+    let mut quoted = message.strip_prefix("unknown field ")?.split('`').skip(1).step_by(2);
+    let unknown = quoted.next()?;
+    let known: Vec<&str> = quoted.collect();
+    Some(match nearest(unknown, known.iter().copied()) {
+        Some(key) => format!("did you mean `{key}`?"),
+        None => format!("known keys here: {}", known.join(", ")),
+    })
+}

@@ -1,0 +1,214 @@
+//! Moves by hand: planned in a thread of their own, into a small ring of their own, when the motion path asks for one.
+//!
+//! Invariant: one move is planned at a time, from where the machine stands; the motion path neither waits for the planner nor wakes it
+//! while anything moves, and allocates nothing.
+
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::thread::{self, Thread};
+use std::time::Duration;
+
+use retrace_core::ring::{Cell, Consumer, Producer, Ring, RingError};
+use retrace_core::size::ring_cells;
+use retrace_core::{Flags, Record};
+use retrace_motion::{FeedRate, PathMode, Planner};
+
+use crate::approach::approach;
+use crate::machine::MachineConfig;
+
+/// Places of moves by hand lie so many records beyond those of the job that they interrupt.
+pub const BEYOND: u32 = 1 << 30;
+
+/// Records of a move that are kept behind the cursor: nothing goes back over them.
+const KEPT: u32 = 64;
+
+/// What is asked of the planning thread.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum JogRequest<const A: usize> {
+    /// A straight move between two places, in counts, at the jog speed.
+    Straight { from: [i64; A], to: [i64; A] },
+    /// The moves of an approach: tool axis up, the others, tool axis down (DNC-6).
+    Approach { from: [i64; A], to: [i64; A] },
+    /// Which program would be read now?
+    Identify,
+}
+
+/// What the two ends tell each other beside the records.
+#[derive(Debug, Default)]
+pub(crate) struct JogStatus {
+    /// Number of the last request that is answered.
+    done: AtomicU32,
+    /// Number of the last request that nobody wants any more.
+    given_up: AtomicU32,
+    /// The last request could not be planned.
+    failed: AtomicBool,
+    /// The answer to [`Request::Identify`].
+    program: AtomicU64,
+}
+
+/// Says which program would be read now: the same number for the same content only.
+pub type Identify = Box<dyn FnMut() -> u64 + Send>;
+
+/// A ring for moves by hand, whose first place is `start`.
+///
+/// # Errors
+/// The machine's look-ahead is larger than any ring.
+pub(crate) fn ring<const A: usize>(
+    machine: &MachineConfig,
+    start: u32,
+) -> Result<Ring<Box<[Cell<Record<A>>]>>, RingError> {
+    let cells = ring_cells(KEPT, machine.look_ahead_records).ok_or(RingError::TooSmall)?;
+    let cells: Box<[Cell<Record<A>>]> = (0..cells).map(|_| Cell::default()).collect();
+    Ring::new(cells, KEPT, machine.look_ahead_records, start)
+}
+
+/// The two ends over a ring's two ends.
+pub(crate) fn hand<'r, const A: usize>(
+    ends: (Producer<'r, Record<A>>, Consumer<'r, Record<A>>),
+    mail: &'r JogStatus,
+) -> (JogPlanner<'r, A>, JogWorker<'r, A>) {
+    let (sender, requests) = sync_channel(1);
+    let hand = JogPlanner { ring: ends.1, requests: Some(sender), thread: None, mail, number: 0 };
+    (hand, JogWorker { ring: ends.0, requests, mail })
+}
+
+/// The motion path's end.
+#[derive(Debug)]
+pub struct JogPlanner<'r, const A: usize> {
+    pub(crate) ring: Consumer<'r, Record<A>>,
+    requests: Option<SyncSender<(u32, JogRequest<A>)>>,
+    thread: Option<Thread>,
+    mail: &'r JogStatus,
+    number: u32,
+}
+
+impl<const A: usize> JogPlanner<'_, A> {
+    /// The same; `thread` is the one that plans.
+    pub(crate) fn waking(mut self, thread: Thread) -> Self {
+        self.thread = Some(thread);
+        self
+    }
+
+    /// Asks for something. The one before it is done.
+    pub(crate) fn ask(&mut self, request: JogRequest<A>) {
+        self.number = self.number.wrapping_add(1);
+        if let Some(requests) = &self.requests {
+            // There is room: one is asked for at a time.
+            let _ = requests.try_send((self.number, request));
+        }
+        self.wake();
+    }
+
+    fn wake(&self) {
+        if let Some(thread) = &self.thread {
+            thread.unpark();
+        }
+    }
+
+    /// Is it done, so that nothing more comes of it?
+    pub(crate) fn is_done(&self) -> bool {
+        self.mail.done.load(Ordering::Acquire) == self.number
+    }
+
+    /// Could it not be planned?
+    pub(crate) fn failed(&self) -> bool {
+        self.mail.failed.load(Ordering::Relaxed)
+    }
+
+    /// The program that would be read now, once that is known.
+    pub(crate) fn program(&self) -> u64 {
+        self.mail.program.load(Ordering::Relaxed)
+    }
+
+    /// Nobody wants it any more.
+    pub(crate) fn give_up(&self) {
+        self.mail.given_up.store(self.number, Ordering::Release);
+    }
+}
+
+impl<const A: usize> Drop for JogPlanner<'_, A> {
+    fn drop(&mut self) {
+        self.requests = None;
+        self.wake();
+    }
+}
+
+/// The planning thread's end.
+#[derive(Debug)]
+pub(crate) struct JogWorker<'r, const A: usize> {
+    ring: Producer<'r, Record<A>>,
+    requests: Receiver<(u32, JogRequest<A>)>,
+    mail: &'r JogStatus,
+}
+
+/// A move could not be planned, or is not wanted any more.
+struct JogPlannerGone;
+
+impl<const A: usize> JogWorker<'_, A> {
+    /// Plans what is asked for until the other end is gone.
+    pub(crate) fn serve(mut self, machine: &MachineConfig, mut identify: Identify) {
+        loop {
+            match self.requests.try_recv() {
+                Ok((number, request)) => {
+                    let planned = match request {
+                        JogRequest::Straight { from, to } => self.plan(machine, number, from, &[to]),
+                        JogRequest::Approach { from, to } => match approach(machine, from, to) {
+                            Ok(ends) => self.plan(machine, number, from, &ends),
+                            Err(_) => Err(JogPlannerGone),
+                        },
+                        JogRequest::Identify => {
+                            self.mail.program.store(identify(), Ordering::Relaxed);
+                            Ok(())
+                        }
+                    };
+                    self.mail.failed.store(planned.is_err(), Ordering::Relaxed);
+                    self.mail.done.store(number, Ordering::Release);
+                }
+                Err(TryRecvError::Empty) => thread::park(),
+                Err(TryRecvError::Disconnected) => return,
+            }
+        }
+    }
+
+    /// Plans straight moves, with rest between them.
+    fn plan(
+        &mut self,
+        machine: &MachineConfig,
+        number: u32,
+        from: [i64; A],
+        ends: &[[i64; A]],
+    ) -> Result<(), JogPlannerGone> {
+        let mut planner = Planner::new(machine.limits(), in_mm(machine, from)).map_err(|_| JogPlannerGone)?;
+        let mut at = from;
+        for &end in ends {
+            let feed = FeedRate::PerSecond(speed(machine, at, end));
+            planner.line(in_mm(machine, end), feed, PathMode::ExactStop, 0).map_err(|_| JogPlannerGone)?;
+            planner.stop(Flags::NONE);
+            while let Some(record) = planner.next_record() {
+                self.push(number, record)?;
+            }
+            at = end;
+        }
+        Ok(())
+    }
+
+    fn push(&mut self, number: u32, record: Record<A>) -> Result<(), JogPlannerGone> {
+        while self.ring.push(record).is_err() {
+            if self.mail.given_up.load(Ordering::Acquire) == number {
+                return Err(JogPlannerGone);
+            }
+            thread::sleep(Duration::from_micros(200));
+        }
+        Ok(())
+    }
+}
+
+fn in_mm<const A: usize>(machine: &MachineConfig, counts: [i64; A]) -> [f64; A] {
+    machine.clone().standing_at(&counts).start_mm()
+}
+
+/// The jog speed along a move: that of the slowest axis that moves, mm/s.
+fn speed<const A: usize>(machine: &MachineConfig, from: [i64; A], to: [i64; A]) -> f64 {
+    let moving = machine.axes.iter().zip(from.iter().zip(&to)).filter(|(_, (from, to))| from != to);
+    moving.map(|(axis, _)| axis.jog_mm_s()).fold(machine.path_velocity_mm_s, f64::min)
+}

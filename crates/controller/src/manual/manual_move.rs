@@ -1,0 +1,175 @@
+//! A move by hand on the card: an epoch begun where the machine stands, played to its end or to where it is stopped.
+//!
+//! Invariant: it begins and ends at rest; what of it was not run when it is stopped is discarded, and the next one begins at the counts.
+
+use std::thread;
+use std::time::Duration;
+
+use retrace_core::place::before;
+use retrace_core::{ONE, Place};
+use retrace_link::{HostCommand, MotionCard, PathStart};
+
+use super::jog_planner::{JogPlanner, JogRequest};
+
+/// Over a line, what the card says of standing still may be so many periods old.
+pub(crate) const OLD_NEWS: u32 = crate::session::IN_FLIGHT_RECORDS;
+
+/// A move on its way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct ManualMove {
+    /// The place that it begins at.
+    begins: u32,
+    /// Number of the last instruction that is executed: it stays.
+    executed: u32,
+    state: ManualMoveState,
+    /// Records ahead that are enough to go on at full rate.
+    enough: u32,
+    wall_time: bool,
+    /// Periods that it has been standing while it is stopped.
+    stood: u32,
+    /// The card has begun an epoch for it.
+    off_path: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ManualMoveState {
+    /// Until enough is planned to begin.
+    Planned,
+    /// On the way; has the card been told to move?
+    OnTheWay { told: bool },
+    /// Coming to rest before the end.
+    Stopping,
+    /// At rest.
+    Ended(ManualMoveEnd),
+}
+
+/// How it ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ManualMoveEnd {
+    /// At its end.
+    There,
+    /// Before it: it was stopped.
+    Stopped,
+    /// It could not be planned.
+    NotPlanned,
+}
+
+impl ManualMove {
+    /// Asks for a move. The machine stands, instruction `executed` having been the last.
+    pub(crate) fn begin<const A: usize>(
+        hand: &mut JogPlanner<'_, A>,
+        request: JogRequest<A>,
+        executed: u32,
+        enough: u32,
+        wall_time: bool,
+    ) -> Self {
+        let begins = hand.ring.write();
+        hand.ask(request);
+        Self { begins, executed, state: ManualMoveState::Planned, enough, wall_time, stood: 0, off_path: false }
+    }
+
+    /// Has the card begun an epoch for it?
+    pub(crate) fn is_off_path(&self) -> bool {
+        self.off_path
+    }
+
+    /// It is to come to rest where it is.
+    pub(crate) fn stop(&mut self) {
+        if !matches!(self.state, ManualMoveState::Ended(_)) {
+            (self.state, self.stood) = (ManualMoveState::Stopping, 0);
+        }
+    }
+
+    /// What is to be done before the next period; how it ended, once it has.
+    ///
+    /// # Errors
+    /// The card's fault.
+    pub(crate) fn turn<const A: usize, C: MotionCard<A>>(
+        &mut self,
+        hand: &mut JogPlanner<'_, A>,
+        card: &mut C,
+    ) -> Result<Option<ManualMoveEnd>, C::Fault> {
+        if self.state == ManualMoveState::Planned && self.is_planned(hand, self.begins) {
+            if hand.is_done() && hand.ring.write() == self.begins {
+                self.state = ManualMoveState::Ended(if hand.failed() {
+                    ManualMoveEnd::NotPlanned
+                } else {
+                    ManualMoveEnd::There
+                });
+            } else {
+                let start = PathStart { executed: self.executed, ..PathStart::at(self.begins) };
+                card.begin(start)?;
+                self.off_path = true;
+                self.state = ManualMoveState::OnTheWay { told: false };
+            }
+        }
+        if let ManualMoveState::OnTheWay { told } = self.state {
+            self.fill(hand, card);
+            if !told && self.may_move(hand, card) && card.send(HostCommand::rate(ONE)).is_ok() {
+                self.state = ManualMoveState::OnTheWay { told: true };
+            }
+            let status = card.status();
+            if hand.is_done() && status.at_rest && status.place == Place::start_of(hand.ring.write()) {
+                self.end(hand, card, ManualMoveEnd::There);
+            }
+        }
+        if self.state == ManualMoveState::Stopping {
+            let _ = card.send(HostCommand::rate(0));
+            hand.give_up();
+            self.stood = if card.status().at_rest { self.stood + 1 } else { 0 };
+            if hand.is_done() && self.stood > if self.wall_time { OLD_NEWS } else { 1 } {
+                self.end(hand, card, ManualMoveEnd::Stopped);
+            }
+        }
+        Ok(match self.state {
+            ManualMoveState::Ended(how) => Some(how),
+            _ => None,
+        })
+    }
+
+    fn end<const A: usize, C: MotionCard<A>>(
+        &mut self,
+        hand: &mut JogPlanner<'_, A>,
+        card: &mut C,
+        how: ManualMoveEnd,
+    ) {
+        let _ = card.send(HostCommand::rate(0));
+        let write = hand.ring.write();
+        hand.ring.seek(write);
+        self.state = ManualMoveState::Ended(how);
+    }
+
+    /// Is enough planned beyond `place`, or all of it? In virtual time it must not depend on how fast that is: it is waited for.
+    fn is_planned<const A: usize>(&self, hand: &mut JogPlanner<'_, A>, place: u32) -> bool {
+        loop {
+            let done = hand.is_done();
+            if done || hand.ring.write().wrapping_sub(place) >= self.enough {
+                return true;
+            }
+            if self.wall_time {
+                return false;
+            }
+            thread::sleep(Duration::from_micros(20));
+        }
+    }
+
+    fn fill<const A: usize, C: MotionCard<A>>(&self, hand: &mut JogPlanner<'_, A>, card: &mut C) {
+        hand.ring.seek(card.status().place.record);
+        self.is_planned(hand, card.status().place.record);
+        let end = hand.ring.write();
+        let mut place = card.status().high;
+        while before(place, end)
+            && let Some(record) = hand.ring.record(place)
+            && card.send(HostCommand::Ahead { place, record }).is_ok()
+        {
+            place = place.wrapping_add(1);
+        }
+    }
+
+    /// Has enough come to the card to go on at full rate?
+    fn may_move<const A: usize, C: MotionCard<A>>(&self, hand: &mut JogPlanner<'_, A>, card: &C) -> bool {
+        let (wanted, end) = (self.begins.wrapping_add(self.enough), hand.ring.write());
+        let wanted = if before(end, wanted) { end } else { wanted };
+        !before(card.arrived(), wanted)
+    }
+}

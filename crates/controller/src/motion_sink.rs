@@ -1,0 +1,69 @@
+//! Where a program's moves and switching go: to the planner, or to the scan before the run.
+//!
+//! Invariant: both sinks are given the same calls for the same program, so that what was scanned is what is run.
+
+use retrace_link::OutputChange;
+use retrace_motion::{Arc, FeedRate, PathMode};
+
+use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
+
+/// Takes a program's moves and switching, in machine coordinates and mm.
+pub trait MotionSink<const A: usize> {
+    /// A straight move.
+    ///
+    /// # Errors
+    /// What cannot be run, with nothing changed.
+    fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError>;
+
+    /// An arc or helix that begins where the last move ended.
+    ///
+    /// # Errors
+    /// What cannot be run, with nothing changed.
+    fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError>;
+
+    /// A synchronous action, executed where the next move begins.
+    fn action(&mut self, change: OutputChange, line: u32);
+
+    /// The same, which reverse run leaves as it is.
+    fn lasting_action(&mut self, change: OutputChange, line: u32) {
+        self.action(change, line);
+    }
+
+    /// An exclusive instruction, executed here at rest.
+    ///
+    /// # Errors
+    /// [`Cancelled`]
+    fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled>;
+
+    /// A message for the operator.
+    ///
+    /// # Errors
+    /// [`Cancelled`]
+    fn message(&mut self, text: String, line: u32) -> Result<(), Cancelled>;
+}
+
+impl<const A: usize> MotionSink<A> for PlanWriter<'_, A> {
+    fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
+        PlanWriter::straight(self, end_mm, feed, mode, line)
+    }
+
+    fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
+        PlanWriter::arc(self, arc, feed, mode, line)
+    }
+
+    fn action(&mut self, change: OutputChange, line: u32) {
+        PlanWriter::action(self, change, line);
+    }
+
+    fn lasting_action(&mut self, change: OutputChange, line: u32) {
+        PlanWriter::lasting_action(self, change, line);
+    }
+
+    fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
+        PlanWriter::exclusive(self, switch)
+    }
+
+    fn message(&mut self, text: String, line: u32) -> Result<(), Cancelled> {
+        PlanWriter::message(self, text, line)
+    }
+}

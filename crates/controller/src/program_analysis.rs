@@ -1,0 +1,298 @@
+//! What a program comes to, found out without a card: extents, motion time, tools, feeds and speeds, and what cannot be passed backward.
+//!
+//! The motion time is that of the plan itself: the moves go through the same planner as in a run, and its records are counted.
+//!
+//! Invariant: the records counted are those that a run at 100 % plays, so that the time is the run's motion time to the period.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use retrace_core::Flags;
+use retrace_link::{OutputChange, channel};
+use retrace_motion::{Arc, FeedRate, LimitError, PathMode, Planner};
+
+use crate::canon_executor::WorkOffset;
+use crate::job::{self, BlockDecoder, CheckFinding};
+use crate::limit_check::LimitCheck;
+use crate::machine::MachineConfig;
+use crate::motion_sink::MotionSink;
+use crate::plan_item::ExclusiveKind;
+use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
+
+/// Least and greatest of what was seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ValueRange {
+    /// Least.
+    pub least: f64,
+    /// Greatest.
+    pub greatest: f64,
+}
+
+impl ValueRange {
+    fn of(value: f64) -> Self {
+        Self { least: value, greatest: value }
+    }
+
+    /// Takes a value in; a range that there was none of begins with it.
+    fn take(range: &mut Option<Self>, value: f64) {
+        let old = range.unwrap_or(Self::of(value));
+        *range = Some(Self { least: old.least.min(value), greatest: old.greatest.max(value) });
+    }
+}
+
+/// Extents in the coordinates that a program was written in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorkExtents<const A: usize> {
+    /// The coordinate system and the offsets that held.
+    pub offset: WorkOffset,
+    /// Least and greatest coordinate of each of the machine's axes, mm; none where the system is rotated.
+    pub extents_mm: Option<[[f64; 2]; A]>,
+}
+
+/// An instruction that reverse run cannot pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct BarrierLine {
+    /// Program line.
+    pub line: u32,
+    /// As it is written in the program.
+    pub code: &'static str,
+}
+
+/// What a program comes to.
+#[derive(Debug)]
+pub struct ProgramAnalysis<'m, const A: usize> {
+    /// Moves and extents in machine coordinates.
+    pub scan: LimitCheck<'m, A>,
+    /// The extents in work coordinates, one for each offset that was active over a move.
+    pub work: Vec<WorkExtents<A>>,
+    /// Control periods of motion.
+    pub motion_periods: u64,
+    /// Control periods of dwells.
+    pub dwell_periods: u64,
+    /// Control periods that switching takes, without what waits for an input.
+    pub switch_periods: u64,
+    /// Numbers of the tools that are brought into the spindle.
+    pub tools: BTreeSet<u32>,
+    /// Programmed feeds, mm/min (degrees/min where only rotary axes move).
+    pub feed_mm_per_min: Option<ValueRange>,
+    /// Spindle speeds, turns a minute.
+    pub speed_rpm: Option<ValueRange>,
+    /// What cannot be passed backward, by line, each once.
+    pub barriers: BTreeSet<BarrierLine>,
+    /// Lines with a program stop.
+    pub stops: BTreeSet<u32>,
+    /// Path length of feed moves over the linear axes, mm.
+    pub cutting_mm: f64,
+    /// Path length of rapids over the linear axes, mm.
+    pub rapid_mm: f64,
+    /// How often a cutter is switched on: an output of `cutting_outputs`, or the spindle where there are none.
+    pub pierces: u64,
+    /// Control periods of motion with each tool, 0 before the first one.
+    pub tool_periods: BTreeMap<u32, u64>,
+    /// The first line whose feed is beyond the machine's path velocity, and that feed, mm/min.
+    pub feed_beyond: Option<(u32, f64)>,
+    /// The tool in the spindle.
+    tool: u32,
+    /// The cutting outputs that are on.
+    cutters_on: BTreeSet<u8>,
+    planner: Planner<A>,
+}
+
+/// So many offsets are told apart; a program that sets more has the last in one.
+const MAX_OFFSETS: usize = 100;
+
+impl<'m, const A: usize> ProgramAnalysis<'m, A> {
+    /// A survey that begins where the machine stands.
+    ///
+    /// # Errors
+    /// Limits that the planner does not take; a checked machine has none of these.
+    pub fn new(machine: &'m MachineConfig) -> Result<Self, LimitError> {
+        let planner = Planner::new(machine.limits(), machine.start_mm())?.blending_by(machine.blending);
+        Ok(Self {
+            scan: LimitCheck::new(machine),
+            work: Vec::new(),
+            motion_periods: 0,
+            dwell_periods: 0,
+            switch_periods: 0,
+            tools: BTreeSet::new(),
+            feed_mm_per_min: None,
+            speed_rpm: None,
+            barriers: BTreeSet::new(),
+            stops: BTreeSet::new(),
+            cutting_mm: 0.0,
+            rapid_mm: 0.0,
+            pierces: 0,
+            tool_periods: BTreeMap::new(),
+            feed_beyond: None,
+            tool: 0,
+            cutters_on: BTreeSet::new(),
+            planner,
+        })
+    }
+
+    fn count(&mut self) {
+        while self.planner.next_record().is_some() {
+            self.motion_periods += 1;
+            *self.tool_periods.entry(self.tool).or_default() += 1;
+        }
+    }
+
+    fn rest(&mut self) {
+        self.planner.stop(Flags::NONE);
+        self.count();
+    }
+
+    fn moved(&mut self, feed: FeedRate, length_mm: f64, line: u32) {
+        if let FeedRate::PerSecond(mm_s) = feed {
+            ValueRange::take(&mut self.feed_mm_per_min, mm_s * 60.0);
+            if mm_s > self.scan.machine().path_velocity_mm_s * (1.0 + 1e-9) && length_mm > 0.0 {
+                self.feed_beyond.get_or_insert((line, mm_s * 60.0));
+            }
+        }
+        match feed {
+            FeedRate::Rapid => self.rapid_mm += length_mm,
+            FeedRate::PerSecond(_) | FeedRate::Duration(_) => self.cutting_mm += length_mm,
+        }
+        self.count();
+    }
+
+    /// The way over the linear axes, squared, besides those given.
+    fn linear_squared(&self, from: &[f64; A], to: &[f64; A], besides: &[usize]) -> f64 {
+        let axes = self.scan.machine().axes.iter().enumerate().take(A);
+        let linear = axes.filter(|(index, axis)| !axis.is_rotary() && !besides.contains(index));
+        linear.map(|(index, _)| (to[index] - from[index]).powi(2)).sum()
+    }
+
+    fn switched(&mut self, change: OutputChange) {
+        let cutting = &self.scan.machine().cutting_outputs;
+        if cutting.contains(&change.channel) || cutting.is_empty() && change.channel == channel::SPINDLE {
+            let was_on = self.cutters_on.contains(&change.channel);
+            if change.value == 0 {
+                self.cutters_on.remove(&change.channel);
+            } else if !was_on {
+                self.cutters_on.insert(change.channel);
+                self.pierces += 1;
+            }
+        }
+        match change.channel {
+            channel::SPEED => ValueRange::take(&mut self.speed_rpm, f64::from(change.value) / 1000.0),
+            channel::TOOL => {
+                self.tool = change.value.unsigned_abs();
+                self.tools.insert(self.tool);
+            }
+            _ => {}
+        }
+    }
+
+    /// The moves since the last call were made with this offset.
+    fn in_work(&mut self, offset: WorkOffset) {
+        let Some(moved) = self.scan.take_last() else { return };
+        let known = self.work.iter().position(|work| work.offset == offset);
+        let index = known.unwrap_or(self.work.len().min(MAX_OFFSETS - 1));
+        if index == self.work.len() {
+            self.work.push(WorkExtents { offset, extents_mm: None });
+        }
+        let work = &mut self.work[index];
+        let Some(origin) = work.offset.translation::<A>(self.scan.machine()) else { return };
+        let extents = work.extents_mm.get_or_insert([[f64::INFINITY, f64::NEG_INFINITY]; A]);
+        for ((extent, range), origin) in extents.iter_mut().zip(moved).zip(origin) {
+            *extent = [extent[0].min(range[0] - origin), extent[1].max(range[1] - origin)];
+        }
+    }
+}
+
+impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
+    fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
+        let length_mm = self.linear_squared(&self.planner.commanded_mm(), &end_mm, &[]).sqrt();
+        self.planner.line(end_mm, feed, mode, line)?;
+        self.scan.straight(end_mm, feed, mode, line)?;
+        self.moved(feed, length_mm, line);
+        Ok(())
+    }
+
+    fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
+        let from = self.planner.commanded_mm();
+        self.planner.arc(arc, feed, mode, line)?;
+        let [p, q] = arc.plane;
+        let radius = (from[p] - arc.centre_mm[0]).hypot(from[q] - arc.centre_mm[1]);
+        let in_plane = radius * arc.sweep(&from).1;
+        let length_mm = (in_plane.powi(2) + self.linear_squared(&from, &arc.end_mm, &arc.plane)).sqrt();
+        self.scan.arc(arc, feed, mode, line)?;
+        self.moved(feed, length_mm, line);
+        Ok(())
+    }
+
+    fn action(&mut self, change: OutputChange, line: u32) {
+        self.scan.action(change, line);
+        self.switched(change);
+    }
+
+    fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
+        self.rest();
+        self.scan.exclusive(switch)?;
+        let periods = u64::from(switch.periods);
+        match switch.kind {
+            ExclusiveKind::Dwell => self.dwell_periods += periods,
+            ExclusiveKind::Switch => self.switch_periods += periods,
+            ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => drop(self.stops.insert(switch.line)),
+            ExclusiveKind::OptionalStop => {}
+        }
+        switch.changes.iter().for_each(|&change| self.switched(change));
+        if switch.one_way {
+            self.barriers.insert(BarrierLine { line: switch.line, code: switch.code });
+        }
+        Ok(())
+    }
+
+    fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
+        Ok(())
+    }
+}
+
+/// How near to its soft limits an axis comes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TravelLeft {
+    /// Its letter.
+    pub axis: char,
+    /// Least and greatest machine coordinate, mm.
+    pub extents_mm: [f64; 2],
+    /// What is left to the lower and to the upper limit, mm; below 0 where it would be passed.
+    pub travel_left_mm: [f64; 2],
+}
+
+impl<const A: usize> ProgramAnalysis<'_, A> {
+    /// Each axis against its soft limits; empty where nothing moves.
+    #[must_use]
+    pub fn travel_left(&self) -> Vec<TravelLeft> {
+        let Some(extents) = self.scan.extents_mm else { return Vec::new() };
+        let axes = self.scan.machine().axes.iter().zip(extents);
+        axes.map(|(axis, extents_mm)| TravelLeft {
+            axis: axis.name,
+            extents_mm,
+            travel_left_mm: [extents_mm[0] - axis.travel_mm[0], axis.travel_mm[1] - extents_mm[1]],
+        })
+        .collect()
+    }
+
+    /// The offsets that were active over a move, but for none at all.
+    pub fn offsets(&self) -> impl Iterator<Item = &WorkExtents<A>> {
+        self.work.iter().filter(|work| !work.offset.is_none())
+    }
+}
+
+/// Goes through a whole program: how many blocks it has, what of it cannot be run, and what it comes to.
+///
+/// # Errors
+/// Limits that the planner does not take.
+pub fn analyse_program<'m, const A: usize>(
+    machine: &'m MachineConfig,
+    program: &mut impl BlockDecoder,
+) -> Result<(u64, Vec<CheckFinding>, ProgramAnalysis<'m, A>), LimitError> {
+    let mut survey = ProgramAnalysis::new(machine)?;
+    let (blocks, mut findings) =
+        job::feed_each(machine, program, &mut survey, |track, survey| survey.in_work(track.work_offset()));
+    survey.rest();
+    findings.extend(survey.scan.beyond.iter().map(crate::limit_check::LimitFinding::finding));
+    findings.extend(survey.scan.warnings());
+    findings.sort_by_key(|finding| finding.line);
+    Ok((blocks, findings, survey))
+}

@@ -1,0 +1,100 @@
+//! What the rate law is told of a machine: its file's limits in pulses and control periods (REV, *Rate law*).
+//!
+//! Invariant: nothing is told that is better than the machine file's limits, and the average is the shortest with `n ≥ A/J` on every axis.
+
+use retrace_core::drive::Braking;
+use retrace_core::limits::{PulseLimits, RateLimits};
+
+use crate::machine::AxisConfig;
+
+/// Longest average that a card's memory is expected to hold, in periods.
+const LONGEST: u16 = 1023;
+
+/// The limits as a card takes them, for axes that are not there those of the first. `None` where an axis is too slow to be told in
+/// [`AxisLimits`]' units, or its acceleration takes too many periods to build up for a card's memory.
+#[must_use]
+pub fn rate_limits<const A: usize>(axes: &[AxisConfig], reserve: f64, period_s: f64) -> Option<RateLimits<A>> {
+    let mut all = [fixed(axes.first()?, period_s)?; A];
+    for (slot, axis) in all.iter_mut().zip(axes) {
+        *slot = fixed(axis, period_s)?;
+    }
+    let average = all.iter().map(|axis| axis.acceleration.div_ceil(axis.jerk)).max()?;
+    let average = u16::try_from(average).ok().filter(|&n| n <= LONGEST)? | 1;
+    RateLimits::new(average, ((1.0 - reserve) * 65_536.0).ceil() as u16, all)
+}
+
+/// One axis in fixed point; what is more than can be told counts as that much.
+fn fixed(axis: &AxisConfig, period_s: f64) -> Option<PulseLimits> {
+    let figure = |per_s: f64, power: i32| {
+        let pulses = per_s * axis.pulses_per_mm * period_s.powi(power);
+        // A figure that is whole on paper is not to fall short by the floats' own rounding.
+        let figure = (pulses * 4_294_967_296.0 * (1.0 + 1e-12)) as u64;
+        (figure >= PulseLimits::LEAST).then_some(figure.min(PulseLimits::MOST))
+    };
+    Some(PulseLimits {
+        velocity: figure(axis.max_velocity_mm_per_s, 1)?,
+        acceleration: figure(axis.max_acceleration_mm_per_s2, 2)?,
+        jerk: figure(axis.max_jerk_mm_per_s3, 3)?,
+    })
+}
+
+/// What follows from the limits for the host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StoppingTimes {
+    /// Periods within which the machine is at rest after a hold at rate one, wherever it is.
+    pub periods: u32,
+    /// The same on a straight run at an axis' full velocity.
+    pub straight_periods: u32,
+    /// Records beyond the cursor on which the rate may depend up to rate one: what it needs to brake on, and what is surveyed.
+    pub foresight_records: u32,
+}
+
+impl StoppingTimes {
+    /// For these limits. `None` where the machine brakes too slowly for a card.
+    #[must_use]
+    pub fn of<const A: usize>(limits: &RateLimits<A>) -> Option<Self> {
+        let braking = Braking::<32>::new(limits)?;
+        let average = u32::from(limits.average());
+        let braked = (braking.length(retrace_core::ONE) >> 32) as u32 + average / 2 + 4;
+        // blocks of eight are surveyed, two beyond what the cursor may come to
+        let foresight_records = braked.max(average + 36);
+        let ramp = limits.axes().iter().map(|axis| axis.velocity.div_ceil(axis.acceleration)).max().unwrap_or(0);
+        let straight_periods = u32::try_from(ramp).ok()?.checked_add(average)?;
+        Some(Self { straight_periods, periods: braking.periods() as u32 + average, foresight_records })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::MachineConfig;
+
+    #[test]
+    fn the_built_in_machine_in_pulses_and_periods() {
+        let machine = MachineConfig::built_in().expect("valid");
+        let limits = machine.rate_limits::<3>().expect("checked");
+        assert_eq!((limits.average(), limits.share()), (51, 58_983));
+        let axis = limits.axes()[2];
+        assert_eq!((axis.velocity >> 32, axis.acceleration >> 32, (50 * (axis.jerk + 1)) >> 32), (100, 1, 1));
+        // the ramp under (A − αAu²)/V and the jerk's bound takes a third of a second
+        assert!((370..=400).contains(&machine.stopping.periods), "{:?}", machine.stopping);
+        assert_eq!(machine.stopping.straight_periods, 100 + 51);
+        assert!((240..=250).contains(&machine.stopping.foresight_records), "{:?}", machine.stopping);
+    }
+
+    #[test]
+    fn stiffer_machines_stop_sooner() {
+        let mut axes = MachineConfig::built_in().expect("valid").axes;
+        let stopping = |axes: &[AxisConfig]| rate_limits::<3>(axes, 0.1, 0.001).as_ref().and_then(StoppingTimes::of);
+        let slow = stopping(&axes).expect("fits").periods;
+        for axis in &mut axes {
+            axis.max_acceleration_mm_per_s2 *= 4.0;
+            axis.max_jerk_mm_per_s3 *= 10.0;
+        }
+        assert!(stopping(&axes).expect("fits").periods * 5 < 2 * slow);
+        for axis in &mut axes {
+            axis.max_jerk_mm_per_s3 = 100.0;
+        }
+        assert_eq!(stopping(&axes), None);
+    }
+}

@@ -1,0 +1,124 @@
+//! Beginning in the middle of a program, at a line (`--start-line`).
+//!
+//! Invariant: what the skipped blocks switched is switched by their own instructions, with the time that these take: everything but the
+//! cutters before the first move, the cutters where the skipped motion ended (CUT-17). The axes come there in the order of DNC-6, tool axis
+//! up to the retract plane or higher, other axes, tool axis down.
+
+use retrace_link::{OutputAction, OutputChange, Outputs};
+use retrace_motion::{Arc, FeedRate, PathMode};
+
+use crate::machine::MachineConfig;
+use crate::motion_sink::MotionSink;
+use crate::plan_item::ExclusiveKind;
+use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
+use crate::restart::OutputOrigins;
+
+/// Takes what is skipped: switching is remembered, motion is not made.
+#[derive(Debug)]
+pub struct SkippedBlocks {
+    outputs: Outputs,
+    origins: OutputOrigins,
+    /// The channels of torches, jets and beams.
+    cutting: Vec<u8>,
+    /// Moves that were skipped: what was switched between the same two belongs to one place.
+    moves: u32,
+}
+
+impl SkippedBlocks {
+    /// Nothing skipped yet; the outputs are as given, and `cutting` are the channels of torches, jets and beams.
+    #[must_use]
+    pub fn new(outputs: Outputs, cutting: &[u8]) -> Self {
+        Self { outputs, origins: OutputOrigins::default(), cutting: cutting.to_vec(), moves: 0 }
+    }
+
+    /// Brings a machine at rest to the state behind what was skipped: outputs first, then to `target_mm`, where the skipped
+    /// motion ended, in the order of DNC-6 for this machine.
+    ///
+    /// # Errors
+    /// What the planner refuses.
+    pub fn restore<const A: usize>(
+        &self,
+        feeder: &mut PlanWriter<'_, A>,
+        target_mm: [f64; A],
+        machine: &MachineConfig,
+        line: u32,
+    ) -> Result<(), PlanWriteError> {
+        self.switch(feeder, line, |channel| !self.cutting.contains(&channel))?;
+        let at = feeder.commanded_mm();
+        for end in ends_mm(machine, at, target_mm) {
+            feeder.straight(end, FeedRate::Rapid, PathMode::ExactStop, line)?;
+        }
+        feeder.rest()?;
+        Ok(self.switch(feeder, line, |channel| self.cutting.contains(&channel))?)
+    }
+
+    /// Carries out again what switched the channels that `concerned` names.
+    fn switch<const A: usize>(
+        &self,
+        feeder: &mut PlanWriter<'_, A>,
+        line: u32,
+        concerned: impl Fn(u8) -> bool,
+    ) -> Result<(), Cancelled> {
+        let mut steps = Vec::new();
+        self.origins.steps(feeder.outputs(), &self.outputs, &self.cutting, concerned, &mut steps);
+        for step in &steps {
+            let (periods, until) = (step.periods, step.until);
+            let changes = step.changes();
+            feeder.exclusive(SwitchInstruction {
+                line,
+                code: step.code,
+                changes,
+                periods,
+                until,
+                ..SwitchInstruction::default()
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// The ends of the moves from one place to another, mm, as [`crate::approach`] orders them.
+fn ends_mm<const A: usize>(machine: &MachineConfig, at: [f64; A], target: [f64; A]) -> Vec<[f64; A]> {
+    let tool = machine.tool_axis().filter(|&tool| tool < A);
+    let others_move = (0..A).any(|axis| Some(axis) != tool && at[axis] != target[axis]);
+    let (Some(tool), true) = (tool, others_move) else { return vec![target] };
+    let height = at[tool].max(target[tool]).max(machine.setting_up.retract_mm.unwrap_or(f64::NEG_INFINITY));
+    let (mut up, mut across) = (at, target);
+    (up[tool], across[tool]) = (height, height);
+    vec![up, across, target]
+}
+
+impl<const A: usize> MotionSink<A> for SkippedBlocks {
+    fn straight(&mut self, _: [f64; A], _: FeedRate, _: PathMode, _: u32) -> Result<(), PlanWriteError> {
+        self.moves = self.moves.wrapping_add(1);
+        Ok(())
+    }
+
+    fn arc(&mut self, _: &Arc<A>, _: FeedRate, _: PathMode, _: u32) -> Result<(), PlanWriteError> {
+        self.moves = self.moves.wrapping_add(1);
+        Ok(())
+    }
+
+    fn action(&mut self, change: OutputChange, line: u32) {
+        let OutputChange { channel, value } = change;
+        let before = std::mem::replace(&mut self.outputs[usize::from(channel)], value);
+        self.origins.passed(&OutputAction { place: self.moves, channel, before, after: value }, line);
+    }
+
+    fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
+        for change in switch.changes {
+            self.outputs[usize::from(change.channel)] = change.value;
+        }
+        if switch.kind == ExclusiveKind::Dwell {
+            self.origins.dwelt(self.moves, switch.periods, &self.outputs, &self.cutting);
+        } else if !switch.changes.is_empty() {
+            let of = (switch.code, switch.line, self.moves);
+            self.origins.switched(switch.changes, of, switch.periods, switch.until);
+        }
+        Ok(())
+    }
+
+    fn message(&mut self, _: String, _: u32) -> Result<(), Cancelled> {
+        Ok(())
+    }
+}
