@@ -6,13 +6,13 @@ use retrace_gcode::{CanonText, Setup, Severity};
 
 use crate::args;
 use crate::console::unwritable;
-use crate::program::{Failure, Program};
+use crate::program::{CommandFailure, Program};
 
 /// Runs the command.
 ///
 /// # Errors
 /// What is wrong with the program or the files.
-pub fn run(args: &args::Canon) -> Result<(), Failure> {
+pub fn run(args: &args::Canon) -> Result<(), CommandFailure> {
     let program = Program::with_setup(&args.reading, Setup::rs274())?;
     let mut steps = Vec::new();
     let mut source = program.source();
@@ -46,5 +46,5 @@ pub fn run(args: &args::Canon) -> Result<(), Failure> {
     {
         return Err(unwritable("standard output", &error).into());
     }
-    if is_refused { Err(Failure::Program) } else { Ok(()) }
+    if is_refused { Err(CommandFailure::Program) } else { Ok(()) }
 }

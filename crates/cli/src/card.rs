@@ -12,9 +12,9 @@ use retrace_controller::numbered_error::NumberedError;
 use retrace_link::{CardFailure, CardIdentity, Greeting, HostCommand, MotionCard, PathStart};
 use serde_json::{Value, json};
 
-use crate::program::Failure;
-use crate::wired::{MAX_AXES, SerialCard};
-use crate::{args, card_serve, files, wired};
+use crate::linked_card::{MAX_AXES, SerialCard};
+use crate::program::CommandFailure;
+use crate::{args, card_serve, files, linked_card};
 
 /// Periods within which a card has taken the word and said so.
 const CLEARED_WITHIN: u32 = 300;
@@ -23,7 +23,7 @@ const CLEARED_WITHIN: u32 = 300;
 ///
 /// # Errors
 /// What is wrong with the port or the machine file, or that nobody answers.
-pub fn run(args: &args::Card) -> Result<(), Failure> {
+pub fn run(args: &args::Card) -> Result<(), CommandFailure> {
     match args {
         args::Card::Serve(args) => card_serve::run(args)?,
         args::Card::Ports { json } => list(&retrace_hal_serial::ports(), *json),
@@ -68,9 +68,9 @@ fn port_json(port: &FoundPort) -> Value {
     json!({ "path": port.path, "usb": usb })
 }
 
-fn identify(address: &str, machine: Option<&Path>, json: bool) -> Result<(), Failure> {
+fn identify(address: &str, machine: Option<&Path>, json: bool) -> Result<(), CommandFailure> {
     let machine = files::machine(machine)?;
-    let mut card = wired::find::<MAX_AXES>(address)?;
+    let mut card = linked_card::find::<MAX_AXES>(address)?;
     // It was found by its greeting.
     let Some(greeting) = card.greeting().copied() else { return Ok(()) };
     let outputs = outputs(&mut card, address, &greeting, &machine);
@@ -97,13 +97,15 @@ fn outputs(
     }
     let Greeting { place, reached, executed, .. } = *greeting;
     let settings = machine.card_settings(PathStart { place, rests: false, reached, executed });
-    match wired::look(card, address, settings) {
+    match linked_card::look(card, address, settings) {
         Ok(status) => {
             let each = status.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
             Ok(each.map(|(number, &value)| (number as u8, value)).collect())
         }
-        Err(Failure::Card(refusal) | Failure::Refused(refusal)) => Err(format!("not known: {}", refusal.cause)),
-        Err(Failure::Program) => Err("not known".into()),
+        Err(CommandFailure::Card(refusal) | CommandFailure::Refused(refusal)) => {
+            Err(format!("not known: {}", refusal.cause))
+        }
+        Err(CommandFailure::Program) => Err("not known".into()),
     }
 }
 
@@ -119,10 +121,10 @@ fn outputs_in_words(outputs: &Outputs, names: &ChannelNames) -> String {
 }
 
 /// Clears what is latched: for that an epoch is opened, with the machine's switches, and closed again.
-fn clear(address: &str, machine: Option<&Path>) -> Result<(), Failure> {
+fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
     let machine = files::machine(machine)?;
-    let mut card = wired::find::<MAX_AXES>(address)?;
-    card.settle(wired::nonce()).map_err(|fault| wired::failed(address, &fault))?;
+    let mut card = linked_card::find::<MAX_AXES>(address)?;
+    card.settle(linked_card::nonce()).map_err(|fault| linked_card::failed(address, &fault))?;
     // Where it stands on its path stays known: an interrupted job may be taken up there.
     let start = card.greeting().map_or(PathStart::at(0), |said| PathStart {
         place: said.place,
@@ -130,21 +132,21 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), Failure> {
         reached: said.reached,
         executed: said.executed,
     });
-    card.open(machine.card_settings(start)).map_err(|fault| wired::failed(address, &fault))?;
+    card.open(machine.card_settings(start)).map_err(|fault| linked_card::failed(address, &fault))?;
     let Some(alarm) = card.status().alarm else {
         say!("{address}: no alarm is latched");
-        return card.close().map_err(|fault| wired::failed(address, &fault));
+        return card.close().map_err(|fault| linked_card::failed(address, &fault));
     };
     // What the card refuses shows below.
     let _ = card.send(HostCommand::ClearAlarm);
     for _ in 0..CLEARED_WITHIN {
         if card.period().is_ok_and(|status| status.alarm.is_none()) {
             say!("{address}: cleared: {alarm}");
-            return card.close().map_err(|fault| wired::failed(address, &fault));
+            return card.close().map_err(|fault| linked_card::failed(address, &fault));
         }
     }
     let what = format!("{address}: not cleared, its cause is still there: {alarm}");
-    Err(Failure::Card(NumberedError::new(alarm.number(), what, alarm.remedy())))
+    Err(CommandFailure::Card(NumberedError::new(alarm.number(), what, alarm.remedy())))
 }
 
 /// The card's name, as far as it is text.

@@ -16,10 +16,10 @@ use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, faults
 use retrace_link::{Alarm, CardFailure, InputSetting, PathStart};
 use serde_json::{Value, json};
 
-use crate::by_hand::Deed;
 use crate::console::unwritable;
-use crate::hung::hung_on;
-use crate::{args, files, wired};
+use crate::manual_inputs::ManualInput;
+use crate::sim_wiring::hung_on;
+use crate::{args, files, linked_card};
 
 /// The longest absence that is made up for.
 const MADE_UP_US: u64 = 20_000;
@@ -59,12 +59,12 @@ fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<
         name(pty.path(), link)?;
     }
     say!("{}", pty.path().display());
-    let end = End {
+    let end = ServeEnd {
         after: args.seconds.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
         at_eof: args.until_eof,
         lines: lines_of_input(args.until_eof || args.manual_inputs || !std::io::stdin().is_terminal()),
     };
-    let mut served = Served { pty, started: Instant::now(), speed: args.speed, away_us: 0, alarm: None };
+    let mut served = ServeCounters { pty, started: Instant::now(), speed: args.speed, away_us: 0, alarm: None };
     served.run(&mut rig, &end, &inputs)?;
     rig.flush();
     if let Some(link) = &args.link {
@@ -84,7 +84,7 @@ fn rig<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<Ca
     let spec = args.faults.as_deref().unwrap_or_default();
     let [up, down] = faults(spec).map_err(|why| refuse(format!("--faults {spec}: {why}"), "one of these"))?;
     let settings =
-        CardSimulatorSettings { up, down, machine: hung_on::<A>(machine), serial: SERIAL, boot: wired::nonce() };
+        CardSimulatorSettings { up, down, machine: hung_on::<A>(machine), serial: SERIAL, boot: linked_card::nonce() };
     let mut rig =
         CardSimulator::new(&settings).ok_or_else(|| refuse("the card cannot be made", "please report this"))?;
     if let Some(path) = &args.vcd {
@@ -106,18 +106,18 @@ fn name(pty: &Path, link: &Path) -> Result<(), NumberedError> {
 }
 
 /// When serving ends, and what is said meanwhile.
-struct End {
+struct ServeEnd {
     after: Option<Duration>,
     at_eof: bool,
     lines: Receiver<String>,
 }
 
-impl End {
+impl ServeEnd {
     /// Has it come? Does what was said on standard input.
     fn look<const A: usize>(&self, started: Instant, rig: &mut CardSimulator<A>, inputs: &[InputSetting]) -> bool {
         let ended = loop {
             match self.lines.try_recv() {
-                Ok(line) => match Deed::read(&line, inputs) {
+                Ok(line) => match ManualInput::read(&line, inputs) {
                     Ok(deed) => deed.into_iter().for_each(|deed| deed.to(rig)),
                     Err(why) => eprintln!("{why}"),
                 },
@@ -148,7 +148,7 @@ fn lines_of_input(read: bool) -> Receiver<String> {
 }
 
 /// A card being served.
-struct Served {
+struct ServeCounters {
     pty: Pty,
     started: Instant,
     speed: f64,
@@ -157,11 +157,11 @@ struct Served {
     alarm: Option<Alarm>,
 }
 
-impl Served {
+impl ServeCounters {
     fn run<const A: usize>(
         &mut self,
         rig: &mut CardSimulator<A>,
-        end: &End,
+        end: &ServeEnd,
         inputs: &[InputSetting],
     ) -> Result<(), NumberedError> {
         // As prompt as a card, where that is permitted. The threads that it has begun are scheduled as usual.
@@ -215,7 +215,7 @@ impl Served {
 }
 
 /// What was counted.
-fn told<const A: usize>(rig: &CardSimulator<A>, served: &Served) -> Value {
+fn told<const A: usize>(rig: &CardSimulator<A>, served: &ServeCounters) -> Value {
     let [up, down] = rig.lines().map(|line| tally(line.counters()));
     let (pins, status, faults) = (rig.pins(), rig.status(), rig.faults());
     json!({

@@ -8,15 +8,15 @@ use retrace_gcode::{BranchDestination, Prescan};
 use serde_json::json;
 
 use crate::args;
-use crate::check_told::Told;
+use crate::check_report::CheckReport;
 use crate::files;
-use crate::program::{Failure, Program};
+use crate::program::{CommandFailure, Program};
 
 /// Runs the command.
 ///
 /// # Errors
 /// What is wrong with the program or the files.
-pub fn run(args: &args::Check) -> Result<(), Failure> {
+pub fn run(args: &args::Check) -> Result<(), CommandFailure> {
     let machine = files::machine(args.machine.as_deref())?;
     let program = Program::open(&args.reading, &machine)?;
     if args.table
@@ -32,21 +32,21 @@ pub fn run(args: &args::Check) -> Result<(), Failure> {
     }
 }
 
-fn tell<const A: usize>(args: &args::Check, machine: &MachineConfig, program: &Program) -> Result<(), Failure> {
+fn tell<const A: usize>(args: &args::Check, machine: &MachineConfig, program: &Program) -> Result<(), CommandFailure> {
     let mut diagnostics = Vec::new();
     // What cannot be run is not planned: moves beyond the travel may be of any length.
     let checked = match program.faults_shown(machine) {
         Ok(()) => program.survey::<A>(machine, &mut diagnostics),
         Err(_) => program.check_for_script(machine, &mut diagnostics).map(|_| None),
     };
-    if let (true, Err(Failure::Program)) = (args.json, &checked) {
+    if let (true, Err(CommandFailure::Program)) = (args.json, &checked) {
         crate::out::line(json!({ "event": "check", "program": program.name(), "diagnostics": diagnostics }));
     }
     let Some(checked) = checked? else {
         let what = "standard input is checked as it runs";
         return Err(NumberedError::new("E2142", what, "give a file, or `retrace run -`").into());
     };
-    let told = Told { program, machine, blocks: checked.blocks, survey: &checked.found, diagnostics };
+    let told = CheckReport { program, machine, blocks: checked.blocks, survey: &checked.found, diagnostics };
     if args.json {
         crate::out::line(told.json());
     } else {

@@ -16,10 +16,10 @@ use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetr
 use retrace_core::{ONE, Travel};
 
 use crate::escape;
-use crate::screen::live::Live;
+use crate::screen::model_observer::ModelObserver;
 
 /// How a run is shown.
-pub enum Show {
+pub enum ConsoleOptions {
     /// One JSON object a line on standard output.
     Json,
     /// Plain lines on standard output.
@@ -27,10 +27,10 @@ pub enum Show {
     /// A progress bar on a terminal, events above it.
     Bar(ProgressBar),
     /// The screen, which shows everything.
-    Screen(Box<Live>),
+    Screen(Box<ModelObserver>),
 }
 
-impl Show {
+impl ConsoleOptions {
     /// JSON where asked for; else a bar on a terminal, plain lines otherwise. `lines`: length of the program, if known.
     pub fn choose(json: bool, lines: Option<u64>) -> Self {
         if json {
@@ -50,7 +50,7 @@ impl Show {
 
 /// Observes a run for the command.
 pub struct Console<'m, const A: usize> {
-    show: Show,
+    show: ConsoleOptions,
     machine: &'m MachineConfig,
     judge: LimitMonitor<A>,
     records: Option<(BufWriter<File>, Option<std::io::Error>)>,
@@ -69,7 +69,11 @@ impl<'m, const A: usize> Console<'m, A> {
     ///
     /// # Errors
     /// `E2105` where that file cannot be made.
-    pub fn new(show: Show, machine: &'m MachineConfig, records: Option<&Path>) -> Result<Self, NumberedError> {
+    pub fn new(
+        show: ConsoleOptions,
+        machine: &'m MachineConfig,
+        records: Option<&Path>,
+    ) -> Result<Self, NumberedError> {
         let axis = |i: usize| {
             let axis = &machine.axes[i.min(machine.axes.len() - 1)];
             MonitorLimits {
@@ -106,7 +110,7 @@ impl<'m, const A: usize> Console<'m, A> {
             let flushed = file.flush();
             error.or(flushed.err()).map(|error| unwritable("the records", &error))
         });
-        if let Show::Bar(bar) = &self.show {
+        if let ConsoleOptions::Bar(bar) = &self.show {
             bar.finish_and_clear();
         }
         // Where the machine was moving when it was heard of last, nobody has measured how it came to rest.
@@ -128,7 +132,7 @@ impl<'m, const A: usize> Console<'m, A> {
 
     fn progress(&mut self, status: &PeriodRecord<A>) {
         // The clock is looked at now and then only; a period takes some tens of nanoseconds.
-        let Show::Bar(bar) = &self.show else { return };
+        let ConsoleOptions::Bar(bar) = &self.show else { return };
         if !status.period.is_multiple_of(64) || self.shown.elapsed() < Duration::from_millis(50) {
             return;
         }
@@ -177,7 +181,7 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
             Telemetry::Event(event) => self.event(event),
             Telemetry::Output(_) | Telemetry::Active(_) => {}
         }
-        if let Show::Screen(screen) = &mut self.show {
+        if let ConsoleOptions::Screen(screen) = &mut self.show {
             screen.on_telemetry(told);
         }
     }
@@ -187,9 +191,9 @@ impl<const A: usize> Console<'_, A> {
     /// Prints a line for the person at the terminal, on standard error.
     pub fn say(&self, text: &str) {
         match &self.show {
-            Show::Json | Show::Plain => eprintln!("{}", escape::lines(text)),
-            Show::Bar(bar) => bar.println(escape::lines(text)),
-            Show::Screen(_) => {}
+            ConsoleOptions::Json | ConsoleOptions::Plain => eprintln!("{}", escape::lines(text)),
+            ConsoleOptions::Bar(bar) => bar.println(escape::lines(text)),
+            ConsoleOptions::Screen(_) => {}
         }
     }
 
@@ -204,10 +208,10 @@ impl<const A: usize> Console<'_, A> {
             *switched += &format!("{space}{channel}={value}");
         }
         match &self.show {
-            Show::Json => crate::out::line(event.to_json_naming(&self.names)),
-            Show::Plain => crate::out::line(event.to_line(&self.names)),
-            Show::Bar(bar) => bar.println(escape::lines(&event.to_line(&self.names))),
-            Show::Screen(_) => {}
+            ConsoleOptions::Json => crate::out::line(event.to_json_naming(&self.names)),
+            ConsoleOptions::Plain => crate::out::line(event.to_line(&self.names)),
+            ConsoleOptions::Bar(bar) => bar.println(escape::lines(&event.to_line(&self.names))),
+            ConsoleOptions::Screen(_) => {}
         }
     }
 }

@@ -10,14 +10,14 @@ use retrace_cycles::{Cycle, CycleLibrary, Folders, LibraryFinding, Origin, Sever
 
 use crate::args::{self, CycleFolders, CyclesAction};
 use crate::files;
-use crate::program::Failure;
+use crate::program::CommandFailure;
 
 /// Runs the command.
 ///
 /// # Errors
 /// A folder that is not there, a name that no cycle has, or sources with errors; these have been shown.
-pub fn run(args: &args::Cycles) -> Result<(), Failure> {
-    let folders = Named::of(&args.folders)?;
+pub fn run(args: &args::Cycles) -> Result<(), CommandFailure> {
+    let folders = NamedSource::of(&args.folders)?;
     match &args.action {
         None | Some(CyclesAction::List) => {
             let library = folders.library();
@@ -50,16 +50,16 @@ pub fn run(args: &args::Cycles) -> Result<(), Failure> {
 /// # Errors
 /// A folder that was named and is none.
 pub fn library(folders: &CycleFolders) -> Result<CycleLibrary, NumberedError> {
-    Ok(Named::of(folders)?.library())
+    Ok(NamedSource::of(folders)?.library())
 }
 
 /// The two folders.
-struct Named {
+struct NamedSource {
     sources: Option<PathBuf>,
     compiled: Option<PathBuf>,
 }
 
-impl Named {
+impl NamedSource {
     /// What the command line names, else the user's own; a missing one is an error only where it was named.
     fn of(named: &CycleFolders) -> Result<Self, NumberedError> {
         if let Some(path) = &named.cycles
@@ -93,7 +93,7 @@ fn usual(base: Option<OsString>, home: Option<OsString>, in_home: &str) -> Optio
     Some(base.or_else(|| Some(home?.join(in_home)))?.join("retrace").join("cycles"))
 }
 
-fn show(folders: &Named, name: &str) -> Result<(), Failure> {
+fn show(folders: &NamedSource, name: &str) -> Result<(), CommandFailure> {
     let library = CycleLibrary::open(Folders { compiled: None, ..folders.folders() });
     let Some(cycle) = library.find(name).and_then(|id| library.get(id)) else {
         let known: Vec<&str> = library.iter().map(|(_, cycle)| cycle.name()).collect();
@@ -114,9 +114,9 @@ fn show(folders: &Named, name: &str) -> Result<(), Failure> {
 }
 
 /// The last word: all is well, or the command fails because sources have errors.
-fn finish(library: &CycleLibrary, well: &str) -> Result<(), Failure> {
+fn finish(library: &CycleLibrary, well: &str) -> Result<(), CommandFailure> {
     if library.findings().iter().any(|finding| finding.diagnostic.severity() == Severity::Error) {
-        return Err(Failure::Program);
+        return Err(CommandFailure::Program);
     }
     say!("{well}");
     Ok(())

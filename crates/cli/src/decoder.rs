@@ -12,8 +12,8 @@ use retrace_controller::manual::jog_planner::Identify;
 use retrace_gcode::{ActiveCodes, Canon, CanonStep, Progress, Severity};
 
 use crate::check_progress::CheckProgress;
-use crate::left::Left;
 use crate::program::Source;
+use crate::run_outputs::RunOutputs;
 
 /// A program being decoded.
 pub struct Decoder {
@@ -28,7 +28,7 @@ pub struct Decoder {
     /// The program is at its end, and why it is there has been told.
     pub(super) is_told: bool,
     /// What it leaves behind; none while it is only looked at.
-    pub(super) left: Option<Left>,
+    pub(super) left: Option<RunOutputs>,
     /// Blocks in loops and calls that are gone through; none where it is run.
     pub(super) max_loop_blocks: Option<u64>,
     /// The program has come to its end.

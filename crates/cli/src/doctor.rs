@@ -10,8 +10,8 @@ use retrace_hal_serial::LatencyTimer;
 use retrace_link::PathStart;
 use serde_json::{Value, json};
 
-use crate::program::Failure;
-use crate::wired;
+use crate::linked_card;
+use crate::program::CommandFailure;
 use crate::{args, files};
 
 /// Upper bounds of the histogram's classes, in microseconds; the last class has none.
@@ -74,7 +74,7 @@ impl WakeUps {
 
 /// What was measured at a card.
 #[derive(Clone, Debug)]
-struct Line {
+struct LineMeasurement {
     typical_us: u64,
     worst_us: u64,
     window: u32,
@@ -85,7 +85,7 @@ struct Line {
 ///
 /// # Errors
 /// What is wrong with the machine file, or the card.
-pub fn run(args: &args::Doctor) -> Result<(), Failure> {
+pub fn run(args: &args::Doctor) -> Result<(), CommandFailure> {
     let machine = files::machine(args.machine.as_deref())?;
     let permitted = real_time::permitted();
     let seconds = args.seconds.clamp(0.1, 86_400.0);
@@ -97,7 +97,7 @@ pub fn run(args: &args::Doctor) -> Result<(), Failure> {
     let wake_ups = wake_ups.unwrap_or_default();
     let stolen = steal_ticks().zip(stolen).map(|(after, before)| after.saturating_sub(before));
     let line = args.port.as_deref().map(|port| line::<9>(port, seconds)).transpose()?;
-    let verdict = Verdict::of(&machine, &wake_ups, line.as_ref());
+    let verdict = PeriodVerdict::of(&machine, &wake_ups, line.as_ref());
     if args.json {
         crate::out::line(json!({
             "real_time": permitted.is_ok(),
@@ -172,14 +172,14 @@ fn wake_ups(period: Duration, length: Duration) -> WakeUps {
 }
 
 /// Asks a card again and again how it is.
-fn line<const A: usize>(port: &str, seconds: f64) -> Result<Line, Failure> {
-    let mut card = wired::find::<A>(port)?;
+fn line<const A: usize>(port: &str, seconds: f64) -> Result<LineMeasurement, CommandFailure> {
+    let mut card = linked_card::find::<A>(port)?;
     let _ = real_time::enter();
     let mut trips = Vec::new();
     let begun = Instant::now();
     while trips.len() < QUESTIONS || begun.elapsed().as_secs_f64() < seconds {
         let asked = Instant::now();
-        card.request_greeting(wired::nonce()).map_err(|fault| wired::failed(port, &fault))?;
+        card.request_greeting(linked_card::nonce()).map_err(|fault| linked_card::failed(port, &fault))?;
         trips.push(asked.elapsed().as_micros() as u64);
         std::thread::sleep(PAUSE);
     }
@@ -190,7 +190,7 @@ fn line<const A: usize>(port: &str, seconds: f64) -> Result<Line, Failure> {
         LatencyTimer::Set { ms } => format!("{ms} ms"),
         LatencyTimer::Kept { ms, remedy } => format!("{ms} ms; {remedy}"),
     };
-    Ok(Line {
+    Ok(LineMeasurement {
         typical_us: trips.get(trips.len() / 2).copied().unwrap_or(0),
         worst_us: trips.last().copied().unwrap_or(0),
         window: card.greeting().map_or(0, |greeting| greeting.identity.window),
@@ -199,7 +199,7 @@ fn line<const A: usize>(port: &str, seconds: f64) -> Result<Line, Failure> {
 }
 
 /// Whether the machine's control period fits.
-struct Verdict {
+struct PeriodVerdict {
     fits: bool,
     /// The longest silence that is to be expected, in microseconds.
     worst_us: u64,
@@ -209,8 +209,8 @@ struct Verdict {
     has_watchdog_ms: u64,
 }
 
-impl Verdict {
-    fn of(machine: &MachineConfig, wake_ups: &WakeUps, line: Option<&Line>) -> Self {
+impl PeriodVerdict {
+    fn of(machine: &MachineConfig, wake_ups: &WakeUps, line: Option<&LineMeasurement>) -> Self {
         let worst_us = wake_ups.worst_us + line.map_or(0, |line| line.worst_us);
         let period_us = u64::from(machine.period_us);
         let held_us = line.map(|line| u64::from(line.window.min(machine.look_ahead_records)) * period_us);
@@ -265,9 +265,9 @@ mod tests {
     fn a_late_computer_does_not_fit_and_gets_a_longer_watchdog() {
         let machine = MachineConfig::built_in().expect("valid");
         let late = |us| WakeUps { worst_us: us, ..WakeUps::default() };
-        assert!(Verdict::of(&machine, &late(2_000), None).fits);
-        let slow = Verdict::of(&machine, &late(400_000), None);
+        assert!(PeriodVerdict::of(&machine, &late(2_000), None).fits);
+        let slow = PeriodVerdict::of(&machine, &late(400_000), None);
         assert!(!slow.fits && slow.watchdog_ms == 1_600);
-        assert_eq!(Verdict::of(&machine, &late(2_000), None).watchdog_ms, 50);
+        assert_eq!(PeriodVerdict::of(&machine, &late(2_000), None).watchdog_ms, 50);
     }
 }

@@ -23,12 +23,12 @@ use retrace_motion::{Arc, FeedRate, PathMode};
 use crate::args;
 use crate::console::unwritable;
 use crate::draw_job;
-use crate::hung::simulated;
 use crate::plot::{
-    AxisTrack, Derivatives, Picture, Profile, Size, Stroke, StrokeKind, ToolPath, View, draw_history, draw_path,
+    AxisTrack, Derivatives, DisplayList, Profile, Size, Stroke, StrokeKind, ToolPath, View, draw_history, draw_path,
     draw_profile,
 };
-use crate::program::{Failure, Program};
+use crate::program::{CommandFailure, Program};
+use crate::sim_wiring::simulated;
 
 /// Positions are whole pulses: differences are taken over so many periods.
 const STRIDE: usize = 16;
@@ -37,7 +37,7 @@ const STRIDE: usize = 16;
 ///
 /// # Errors
 /// What is wrong with the program, the files or the picture.
-pub fn run(args: &args::Plot) -> Result<(), Failure> {
+pub fn run(args: &args::Plot) -> Result<(), CommandFailure> {
     let size = size(&args.size)?;
     let ending = args.output.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     if !matches!(ending.as_deref(), Some("svg" | "png")) {
@@ -64,12 +64,12 @@ pub fn run(args: &args::Plot) -> Result<(), Failure> {
 }
 
 /// The path of a program, or its profile.
-fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Picture, Failure> {
+fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<DisplayList, CommandFailure> {
     let machine = crate::files::machine(args.machine.as_deref())?;
     let script = crate::files::script(args.operator.as_deref())?;
     let program = Program::open(&args.reading, &machine)?;
     program.check(&machine)?;
-    let mut trace = Trace::new(&machine, args.profile, lines_shown(args));
+    let mut trace = PathTrace::new(&machine, args.profile, lines_shown(args));
     if args.profile || !script.is_empty() {
         let card = simulated::<9>(&machine, Clock::Virtual)?;
         let operators = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
@@ -98,7 +98,7 @@ fn lines_shown(args: &args::Plot) -> Option<[u32; 2]> {
     (args.from.is_some() || args.to.is_some()).then(|| [args.from.unwrap_or(1), args.to.unwrap_or(u32::MAX)])
 }
 
-fn write(picture: &Picture, output: &Path) -> Result<(), NumberedError> {
+fn write(picture: &DisplayList, output: &Path) -> Result<(), NumberedError> {
     let is_png = output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
     let bytes = if is_png {
         picture.to_png().map_err(|error| cannot_draw(error.to_string(), "a smaller --size"))?
@@ -205,7 +205,7 @@ impl MotionSink<9> for Drawing {
 }
 
 /// What the card did: its positions over time, and where it retraced.
-struct Trace<'m> {
+struct PathTrace<'m> {
     machine: &'m MachineConfig,
     place: Place,
     keep: bool,
@@ -220,7 +220,7 @@ struct Trace<'m> {
     shown_periods: Option<[usize; 2]>,
 }
 
-impl<'m> Trace<'m> {
+impl<'m> PathTrace<'m> {
     fn new(machine: &'m MachineConfig, keep: bool, lines: Option<[u32; 2]>) -> Self {
         let positions = vec![vec![0.0]; machine.axes.len()];
         let place = Place::of(machine);
@@ -252,7 +252,7 @@ impl<'m> Trace<'m> {
     }
 }
 
-impl Observer<9> for Trace<'_> {
+impl Observer<9> for PathTrace<'_> {
     fn on_telemetry(&mut self, told: &Telemetry<9>) {
         let Telemetry::Period(period) = told else { return };
         let mut mm = [0.0; 9];

@@ -15,7 +15,7 @@ use retrace_controller::machine::MachineConfig;
 use retrace_controller::numbered_error::NumberedError;
 use serde_json::Value;
 
-use crate::plot::{Doing, History, Moment, Rank, Remark, Stroke, StrokeKind, ToolPath};
+use crate::plot::{Activity, History, HistoryEvent, HistorySample, Priority, Stroke, StrokeKind, ToolPath};
 
 /// The history of this job; of the newest where none is named.
 ///
@@ -32,7 +32,7 @@ pub fn history(id: Option<&str>, journal: Option<&Path>) -> Result<History, Numb
         "" => MachineConfig::built_in()?,
         text => MachineConfig::parse(text, record.job.machine.path.as_deref().unwrap_or("the built-in machine"))?,
     };
-    Telling::of(&record, &machine).tell(&folder)
+    HistoryBuilder::of(&record, &machine).tell(&folder)
 }
 
 fn newest(jobs: &JobStore) -> Result<JobFolder, NumberedError> {
@@ -44,7 +44,7 @@ fn newest(jobs: &JobStore) -> Result<JobFolder, NumberedError> {
 }
 
 /// A journal, being told.
-struct Telling<'r> {
+struct HistoryBuilder<'r> {
     record: &'r JobRecord,
     machine: &'r MachineConfig,
     clock: MachineTime,
@@ -54,11 +54,11 @@ struct Telling<'r> {
     /// Places in periods between which was retraced, in the order of time.
     gone_over: Vec<[f64; 2]>,
     /// The last position: place, and what was done from there on.
-    last: Option<(f64, Doing)>,
+    last: Option<(f64, Activity)>,
     reached: f64,
 }
 
-impl<'r> Telling<'r> {
+impl<'r> HistoryBuilder<'r> {
     fn of(record: &'r JobRecord, machine: &'r MachineConfig) -> Self {
         let clock = MachineTime { period_s: f64::from(record.job.period_us) * 1e-6, ..MachineTime::default() };
         let mut telling = Self {
@@ -89,11 +89,11 @@ impl<'r> Telling<'r> {
                 JournalEntry::Position(at) => self.position(&at),
                 JournalEntry::Event(event) => self.event(&event),
                 JournalEntry::Resumed(_) => {
-                    self.remark(Rank::Ending, "taken up again".into());
+                    self.remark(Priority::Ending, "taken up again".into());
                     self.clock.begins_anew = true;
                     self.last = None;
                 }
-                JournalEntry::Lost(lost) => self.remark(Rank::Standing, format!("{} entries lost", lost.entries)),
+                JournalEntry::Lost(lost) => self.remark(Priority::Standing, format!("{} entries lost", lost.entries)),
                 JournalEntry::Job(_)
                 | JournalEntry::Mark(_)
                 | JournalEntry::Override(_)
@@ -105,7 +105,7 @@ impl<'r> Telling<'r> {
         }
         let state = folder.state();
         if state == JobState::Interrupted {
-            self.remark(Rank::Ending, "interrupted".into());
+            self.remark(Priority::Ending, "interrupted".into());
         }
         for mark in self.record.marks()? {
             let mark = mark?;
@@ -141,7 +141,7 @@ impl<'r> Telling<'r> {
         self.last = Some((place, doing));
         self.points.push((place, self.point(&at.counts)));
         let [place_s, reached_s] = [place, self.reached].map(|periods| periods * self.clock.period_s);
-        self.history.course.push(Moment { time_s, place_s, reached_s, doing });
+        self.history.course.push(HistorySample { time_s, place_s, reached_s, doing });
     }
 
     fn event(&mut self, event: &Value) {
@@ -153,8 +153,8 @@ impl<'r> Telling<'r> {
         }
     }
 
-    fn remark(&mut self, rank: Rank, words: String) {
-        self.history.remarks.push(Remark { time_s: self.clock.now_s, rank, words });
+    fn remark(&mut self, rank: Priority, words: String) {
+        self.history.remarks.push(HistoryEvent { time_s: self.clock.now_s, rank, words });
     }
 
     fn finished(mut self, state: &JobState) -> History {
@@ -216,37 +216,37 @@ impl MachineTime {
     }
 }
 
-fn doing(mode: JournalMode, standing: JournalHoldReason) -> Doing {
+fn doing(mode: JournalMode, standing: JournalHoldReason) -> Activity {
     match (mode, standing) {
-        (JournalMode::Run, JournalHoldReason::None) => Doing::Run,
-        (JournalMode::Run, JournalHoldReason::Hold) => Doing::Hold,
-        (JournalMode::Run, JournalHoldReason::ProgramStop) => Doing::ProgramStop,
-        (JournalMode::Run, JournalHoldReason::SingleBlock) => Doing::SingleBlock,
-        (JournalMode::Run, JournalHoldReason::Paused) => Doing::Paused,
-        (JournalMode::Reverse, _) => Doing::Reverse,
-        (JournalMode::Forward, _) => Doing::Forward,
-        (JournalMode::Wheel, _) => Doing::Wheel,
-        (JournalMode::Rejoin, _) => Doing::Return,
-        (JournalMode::AwaitOutputs, _) => Doing::Settle,
+        (JournalMode::Run, JournalHoldReason::None) => Activity::Run,
+        (JournalMode::Run, JournalHoldReason::Hold) => Activity::Hold,
+        (JournalMode::Run, JournalHoldReason::ProgramStop) => Activity::ProgramStop,
+        (JournalMode::Run, JournalHoldReason::SingleBlock) => Activity::SingleBlock,
+        (JournalMode::Run, JournalHoldReason::Paused) => Activity::Paused,
+        (JournalMode::Reverse, _) => Activity::Reverse,
+        (JournalMode::Forward, _) => Activity::Forward,
+        (JournalMode::Wheel, _) => Activity::Wheel,
+        (JournalMode::Rejoin, _) => Activity::Return,
+        (JournalMode::AwaitOutputs, _) => Activity::Settle,
     }
 }
 
 /// An event in a few words, and how much it matters; none where the drawing shows it anyway.
-fn in_words(event: &Value) -> Option<(Rank, String)> {
+fn in_words(event: &Value) -> Option<(Priority, String)> {
     let text = |name: &str| event[name].as_str().unwrap_or_default().to_owned();
     Some(match event["event"].as_str()? {
-        "alarm" => (Rank::Ending, format!("ALARM {}: {}", text("number"), text("cause"))),
-        "history_start_reached" => (Rank::Standing, "oldest record".into()),
-        "retrace_barrier" => (Rank::Standing, format!("behind {}", text("code"))),
-        "outputs_differ" => (Rank::Standing, "outputs differ".into()),
-        "outputs_restored" => (Rank::Standing, "outputs restored".into()),
-        "program_stop" => (Rank::Standing, format!("{} waits", text("code"))),
-        "underrun" => (Rank::Standing, "look-ahead ran dry".into()),
-        "operator" => (Rank::Operator, text("command")),
-        "command_rejected" => (Rank::Operator, format!("refused: {}", text("reason"))),
-        "switching" => (Rank::Switching, text("code")),
-        "output_changed" => (Rank::Switching, switched(event)),
-        "message" => (Rank::Passing, format!("\u{201c}{}\u{201d}", text("text"))),
+        "alarm" => (Priority::Ending, format!("ALARM {}: {}", text("number"), text("cause"))),
+        "history_start_reached" => (Priority::Standing, "oldest record".into()),
+        "retrace_barrier" => (Priority::Standing, format!("behind {}", text("code"))),
+        "outputs_differ" => (Priority::Standing, "outputs differ".into()),
+        "outputs_restored" => (Priority::Standing, "outputs restored".into()),
+        "program_stop" => (Priority::Standing, format!("{} waits", text("code"))),
+        "underrun" => (Priority::Standing, "look-ahead ran dry".into()),
+        "operator" => (Priority::Operator, text("command")),
+        "command_rejected" => (Priority::Operator, format!("refused: {}", text("reason"))),
+        "switching" => (Priority::Switching, text("code")),
+        "output_changed" => (Priority::Switching, switched(event)),
+        "message" => (Priority::Passing, format!("\u{201c}{}\u{201d}", text("text"))),
         _ => return None,
     })
 }
@@ -284,9 +284,9 @@ mod tests {
     use crate::args::{Cli, Command};
     use crate::program::Program;
 
-    struct Kept(JournalRecorder<9>);
+    struct JournalPath(JournalRecorder<9>);
 
-    impl Observer<9> for Kept {
+    impl Observer<9> for JournalPath {
         fn on_telemetry(&mut self, told: &Telemetry<9>) {
             self.0.told(told);
         }
@@ -327,7 +327,7 @@ mod tests {
         };
         let store = job_folder.new_journal().expect("a file");
         let logbook = JournalWriter::begin(store, Durability::Written, entry, None).expect("it works");
-        let mut kept = Kept(JournalRecorder::new(&logbook, 3, 1000));
+        let mut kept = JournalPath(JournalRecorder::new(&logbook, 3, 1000));
         let keeping = JournalConfig { index: Box::new(logbook.index_writer(None, &[])), durable: logbook.durable() };
         let operators = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
         let conduct = JobOptions {
@@ -357,7 +357,7 @@ mod tests {
         assert!(history.course.is_sorted_by(|a, b| a.time_s <= b.time_s && a.reached_s <= b.reached_s));
         assert!(history.course.iter().all(|moment| moment.place_s <= moment.reached_s));
         let last = history.course.last().expect("it moved");
-        assert_eq!((last.doing, last.place_s), (Doing::Run, last.reached_s));
+        assert_eq!((last.doing, last.place_s), (Activity::Run, last.reached_s));
         // It keeps 4 s of motion, and goes back to the oldest of it.
         let deepest = history.course.iter().map(|moment| moment.reached_s - moment.place_s).fold(0.0, f64::max);
         assert!((3.9..=4.2).contains(&deepest), "{deepest}");
@@ -382,7 +382,7 @@ mod tests {
         assert!(history.summary.starts_with("interrupted at line"), "{}", history.summary);
         assert_eq!(
             history.remarks.last().map(|remark| (remark.rank, remark.words.as_str())),
-            Some((Rank::Ending, "interrupted"))
+            Some((Priority::Ending, "interrupted"))
         );
     }
 

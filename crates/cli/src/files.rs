@@ -29,12 +29,12 @@ pub fn is_stream(_: &Path) -> bool {
 
 /// A file that is opened when it is read for the first time: a FIFO is there only when somebody writes to it.
 #[derive(Debug)]
-pub struct Opened {
+pub struct OpenedFile {
     path: PathBuf,
     file: Option<File>,
 }
 
-impl Opened {
+impl OpenedFile {
     /// Opens nothing yet.
     #[must_use]
     pub fn on_demand(path: &Path) -> Self {
@@ -42,7 +42,7 @@ impl Opened {
     }
 }
 
-impl Read for Opened {
+impl Read for OpenedFile {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         let file = match &mut self.file {
             Some(file) => file,

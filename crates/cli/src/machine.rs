@@ -14,8 +14,8 @@ use retrace_link::channel;
 use serde_json::json;
 
 use crate::console::unwritable;
-use crate::program::Failure;
-use crate::{args, escape, files, wired};
+use crate::program::CommandFailure;
+use crate::{args, escape, files, linked_card};
 
 /// The commented machine file of the built-in machine.
 const COMMENTED: &str = include_str!("machine.toml");
@@ -36,7 +36,7 @@ fn file(kind: Option<args::MachineKind>) -> &'static str {
 ///
 /// # Errors
 /// The file cannot be read or written, or the card cannot be asked.
-pub fn run(args: &args::Machine) -> Result<u8, Failure> {
+pub fn run(args: &args::Machine) -> Result<u8, CommandFailure> {
     match args {
         args::Machine::New { kind, of_kind, output } => {
             let text = file(kind.or(*of_kind));
@@ -56,14 +56,16 @@ pub fn run(args: &args::Machine) -> Result<u8, Failure> {
 ///
 /// # Errors
 /// The file cannot be read, or the card cannot be asked.
-fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, Failure> {
+fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, CommandFailure> {
     let name = path.display().to_string();
     let MachineCheck { mut errors, machine } = MachineConfig::check_machine(&files::written_machine_text(path)?, &name);
     let mut warnings = machine.as_ref().map_or_else(Vec::new, |machine| warnings(machine, &name));
     if let (Some(address), Some(machine)) = (card.filter(|&card| card != "sim"), &machine) {
-        let card = wired::find::<{ wired::MAX_AXES }>(address)?;
-        let misfits = card.greeting().map(|greeting| wired::misfits(&greeting.identity, machine)).unwrap_or_default();
-        let refusal = |what| NumberedError::new("E3008", format!("{name}, {address}: {what}"), wired::MISFIT_REMEDY);
+        let card = linked_card::find::<{ linked_card::MAX_AXES }>(address)?;
+        let misfits =
+            card.greeting().map(|greeting| linked_card::misfits(&greeting.identity, machine)).unwrap_or_default();
+        let refusal =
+            |what| NumberedError::new("E3008", format!("{name}, {address}: {what}"), linked_card::MISFIT_REMEDY);
         errors.extend(misfits.into_iter().map(refusal));
     }
     let code = if errors.is_empty() { 0 } else { 2 };

@@ -9,8 +9,6 @@
 mod out;
 
 mod args;
-mod arrives;
-mod by_hand;
 mod canon;
 mod card;
 #[cfg(unix)]
@@ -20,49 +18,51 @@ mod card_serve;
 mod card_serve;
 mod check;
 mod check_progress;
-mod check_told;
+mod check_report;
 mod console;
 mod cycles;
 mod decoder;
-mod diagnosed;
+mod diagnostic_json;
 mod doctor;
 mod draw;
 mod draw_job;
 mod escape;
 mod files;
-mod homed;
-mod hung;
+mod homing_notes;
+mod job_runner;
 mod jobs;
-mod kept;
-mod left;
+mod journaled_job;
+mod linked_card;
 mod machine;
 mod machine_tables;
-mod machining;
 mod manual;
+mod manual_inputs;
 mod operate;
 mod plot;
 mod program;
+mod program_stream;
 mod resume;
 mod resume_from_line;
-mod resume_told;
+mod resume_summary;
 mod run;
+mod run_outputs;
 mod screen;
 mod serial_source;
 mod shell_files;
+mod sim_wiring;
 mod size;
 mod socket;
 mod stop_signals;
-mod subs;
+mod subprogram_folders;
 mod terminal_operator;
-mod waiting;
-mod wired;
+mod wait_notice;
 
 use std::process::ExitCode;
 
 use clap::Parser;
 
 use crate::args::{Cli, Command};
-use crate::program::Failure;
+use crate::program::CommandFailure;
 
 fn main() -> ExitCode {
     let done = match Cli::parse().command {
@@ -78,18 +78,18 @@ fn main() -> ExitCode {
         Command::Jog(args) => manual::jog(&args),
         Command::Mdi(args) => manual::mdi(&args),
         Command::Machine(args) => machine::run(&args),
-        Command::Jobs(args) => jobs::run(&args).map_err(Failure::from).map(|()| 0),
-        Command::Size(args) => size::run(&args).map_err(Failure::from).map(|()| 0),
-        Command::ShellFiles(args) => shell_files::run(&args).map_err(Failure::from).map(|()| 0),
+        Command::Jobs(args) => jobs::run(&args).map_err(CommandFailure::from).map(|()| 0),
+        Command::Size(args) => size::run(&args).map_err(CommandFailure::from).map(|()| 0),
+        Command::ShellFiles(args) => shell_files::run(&args).map_err(CommandFailure::from).map(|()| 0),
     };
     let code = match done {
         Ok(code) => code,
-        Err(Failure::Program) => 1,
-        Err(Failure::Card(refusal)) => {
+        Err(CommandFailure::Program) => 1,
+        Err(CommandFailure::Card(refusal)) => {
             eprintln!("{}", escape::lines(&refusal.to_string()));
             3
         }
-        Err(Failure::Refused(refusal)) => {
+        Err(CommandFailure::Refused(refusal)) => {
             eprintln!("{}", escape::lines(&refusal.to_string()));
             2
         }

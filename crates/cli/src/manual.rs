@@ -15,19 +15,19 @@ use retrace_hal_sim::Clock;
 use retrace_link::{CardFailure, MotionCard, PathStart};
 use serde_json::{Map, Value, json};
 
-use crate::console::{Console, Show};
-use crate::homed::Homing;
-use crate::hung::simulated;
+use crate::console::{Console, ConsoleOptions};
+use crate::homing_notes::Homing;
 use crate::machine_tables::{self, TableFiles};
-use crate::program::Failure;
-use crate::stop_signals::{StopSignals, Stopped};
-use crate::{args, files, wired};
+use crate::program::CommandFailure;
+use crate::sim_wiring::simulated;
+use crate::stop_signals::{StopPolicy, StopSignals};
+use crate::{args, files, linked_card};
 
 /// `retrace home`: its exit code.
 ///
 /// # Errors
 /// What keeps it from being done.
-pub fn home(args: &args::Home) -> Result<u8, Failure> {
+pub fn home(args: &args::Home) -> Result<u8, CommandFailure> {
     let machine = files::machine(args.manual.machine.as_deref())?;
     let mut desk = ModalContext::new(mdi::setup(&machine));
     on_machine(&args.manual, &machine, &ManualTask::Home(args.axis), &mut desk)
@@ -37,7 +37,7 @@ pub fn home(args: &args::Home) -> Result<u8, Failure> {
 ///
 /// # Errors
 /// What keeps it from being done.
-pub fn jog(args: &args::Jog) -> Result<u8, Failure> {
+pub fn jog(args: &args::Jog) -> Result<u8, CommandFailure> {
     let machine = files::machine(args.manual.machine.as_deref())?;
     if !args.mm.is_finite() {
         return Err(
@@ -52,7 +52,7 @@ pub fn jog(args: &args::Jog) -> Result<u8, Failure> {
 ///
 /// # Errors
 /// What keeps it from being done.
-pub fn mdi(args: &args::Mdi) -> Result<u8, Failure> {
+pub fn mdi(args: &args::Mdi) -> Result<u8, CommandFailure> {
     let machine = files::machine(args.manual.machine.as_deref())?;
     let of = &args.manual;
     let (params, tools) = (args.params.as_deref(), args.tools.as_deref());
@@ -74,9 +74,9 @@ pub fn mdi(args: &args::Mdi) -> Result<u8, Failure> {
 }
 
 /// Shows what is wrong with a block.
-fn shown(lines: Vec<String>) -> Failure {
+fn shown(lines: Vec<String>) -> CommandFailure {
     lines.iter().for_each(|line| eprintln!("{line}"));
-    Failure::Program
+    CommandFailure::Program
 }
 
 fn on_machine(
@@ -84,7 +84,7 @@ fn on_machine(
     machine: &MachineConfig,
     task: &ManualTask,
     desk: &mut ModalContext,
-) -> Result<u8, Failure> {
+) -> Result<u8, CommandFailure> {
     match machine.axes.len() {
         0..=4 => on_card::<4>(args, machine, task, desk),
         5..=6 => on_card::<6>(args, machine, task, desk),
@@ -97,7 +97,7 @@ fn on_card<const A: usize>(
     machine: &MachineConfig,
     task: &ManualTask,
     desk: &mut ModalContext,
-) -> Result<u8, Failure> {
+) -> Result<u8, CommandFailure> {
     if args.card == "sim" {
         let mut card = simulated::<A>(machine, Clock::Virtual)?;
         eprintln!(
@@ -105,10 +105,10 @@ fn on_card<const A: usize>(
         );
         return on(args, machine, task, desk, &mut card, &Homing::simulated());
     }
-    let mut card = wired::find::<A>(&args.card)?;
-    card.settle(wired::nonce()).map_err(|fault| wired::failed(&args.card, &fault))?;
+    let mut card = linked_card::find::<A>(&args.card)?;
+    card.settle(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.card, &fault))?;
     let Some(greeting) = card.greeting().copied() else { return Ok(3) };
-    wired::fits(&args.card, &greeting.identity, machine)?;
+    linked_card::fits(&args.card, &greeting.identity, machine)?;
     let homing = Homing::of(&args.card, &greeting.identity);
     let stands = machine.clone().standing_at(&greeting.counts);
     if let ManualTask::Mdi(block) = task
@@ -116,7 +116,7 @@ fn on_card<const A: usize>(
     {
         homing.check(machine)?;
     }
-    card.open(machine.card_settings(PathStart::at(0))).map_err(|fault| wired::failed(&args.card, &fault))?;
+    card.open(machine.card_settings(PathStart::at(0))).map_err(|fault| linked_card::failed(&args.card, &fault))?;
     let code = on(args, machine, task, desk, &mut *card, &homing)?;
     // The card stands, or has an alarm that says more than this would.
     let _ = card.close();
@@ -131,13 +131,13 @@ fn on<const A: usize, C: MotionCard<A>>(
     desk: &mut ModalContext,
     card: &mut C,
     homing: &Homing,
-) -> Result<u8, Failure>
+) -> Result<u8, CommandFailure>
 where
     C::Fault: CardFailure,
 {
-    let show = if args.json { Show::Json } else { Show::Plain };
+    let show = if args.json { ConsoleOptions::Json } else { ConsoleOptions::Plain };
     let mut console = Console::<A>::new(show, machine, None)?;
-    let (signals, stops) = StopSignals::watch(Stopped::ByHand).unzip();
+    let (signals, stops) = StopSignals::watch(StopPolicy::ByHand).unzip();
     let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us)).stopped_by(stops);
     if let Some(signals) = &signals {
         signals.listen();
@@ -157,7 +157,7 @@ where
         Err(ManualTaskError::Block(lines)) => return Err(shown(lines)),
         Err(ManualTaskError::Trouble(trouble)) => {
             let (number, cause, remedy) = trouble.parts();
-            return Err(Failure::Card(NumberedError::new(number, cause, remedy)));
+            return Err(CommandFailure::Card(NumberedError::new(number, cause, remedy)));
         }
     };
     stands(machine, &card.status().counts, code, args.json);

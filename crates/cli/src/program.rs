@@ -25,23 +25,23 @@ use retrace_motion::LimitError;
 use serde_json::Value;
 
 use crate::args::Reading;
-use crate::arrives::Broken;
-pub use crate::arrives::{Arrives, Arriving, Opening};
 use crate::check_progress::CheckProgress;
 use crate::cycles;
 pub use crate::decoder::Decoder;
-use crate::diagnosed;
+use crate::diagnostic_json;
 use crate::escape;
 use crate::files;
-use crate::left::{Last, Left};
 use crate::machine_tables;
+use crate::program_stream::StreamBroken;
+pub use crate::program_stream::{ProgramStream, StreamOpening, StreamSource};
+use crate::run_outputs::{LastStatus, RunOutputs};
 use crate::serial_source;
 use crate::socket;
-use crate::subs::Folders;
+use crate::subprogram_folders::Folders;
 
 /// Why a command fails.
 #[derive(Debug)]
-pub enum Failure {
+pub enum CommandFailure {
     /// Wrong usage, machine file or script: exit code 2.
     Refused(NumberedError),
     /// The card or the line to it: exit code 3.
@@ -50,7 +50,7 @@ pub enum Failure {
     Program,
 }
 
-impl From<NumberedError> for Failure {
+impl From<NumberedError> for CommandFailure {
     fn from(refusal: NumberedError) -> Self {
         Self::Refused(refusal)
     }
@@ -66,7 +66,7 @@ pub struct Program {
     /// The text, and what the pre-scan has found in it; none for what arrives.
     prescan: Option<Arc<Prescan>>,
     /// Where it arrives from; none for a file.
-    arrives: Option<Arrives>,
+    arrives: Option<StreamSource>,
     /// What was read besides the program and its subprograms.
     files: Vec<ReadFile>,
     /// The hash of a program whose text is not held.
@@ -77,7 +77,7 @@ pub struct Program {
     /// A table says how long the tools are.
     has_tool_lengths: bool,
     /// What it is read with, where it arrives.
-    opening: Opening,
+    opening: StreamOpening,
     /// Blocks in loops and calls that a check goes through.
     max_loop_blocks: u64,
 }
@@ -91,7 +91,7 @@ impl Program {
     /// # Errors
     /// A file that cannot be read or understood.
     pub fn open(reading: &Reading, machine: &MachineConfig) -> Result<Self, NumberedError> {
-        Self::open_arriving(reading, machine, Arrives::named(&reading.program), None)
+        Self::open_arriving(reading, machine, StreamSource::named(&reading.program), None)
     }
 
     /// The same, for a program that arrives from there, whatever the command line names. `latched`: what it begins with, in place of the
@@ -102,15 +102,15 @@ impl Program {
     pub fn open_arriving(
         reading: &Reading,
         machine: &MachineConfig,
-        arrives: Option<Arrives>,
+        arrives: Option<StreamSource>,
         latched: Option<StartTables>,
     ) -> Result<Self, NumberedError> {
         let (mut program, notes) = Self::noted(reading, setup_of(machine), arrives, latched)?;
         notes.iter().for_each(|note| eprintln!("note: {note}"));
         program.opening.serial = machine.serial;
         match &program.arrives {
-            Some(Arrives::Serial(address)) => _ = serial_source::parse(address, machine.serial)?,
-            Some(Arrives::Socket(address)) if socket::is_remote(address) => eprintln!(
+            Some(StreamSource::Serial(address)) => _ = serial_source::parse(address, machine.serial)?,
+            Some(StreamSource::Socket(address)) if socket::is_remote(address) => eprintln!(
                 "warning: {} is not on this computer: whoever can send from there moves this machine",
                 program.name
             ),
@@ -125,7 +125,7 @@ impl Program {
     /// # Errors
     /// A file that cannot be read or understood.
     pub fn with_setup(reading: &Reading, setup: Setup) -> Result<Self, NumberedError> {
-        let (program, notes) = Self::noted(reading, setup, Arrives::named(&reading.program), None)?;
+        let (program, notes) = Self::noted(reading, setup, StreamSource::named(&reading.program), None)?;
         notes.iter().for_each(|note| eprintln!("note: {note}"));
         Ok(program)
     }
@@ -134,12 +134,12 @@ impl Program {
     fn noted(
         reading: &Reading,
         mut setup: Setup,
-        arrives: Option<Arrives>,
+        arrives: Option<StreamSource>,
         latched: Option<StartTables>,
     ) -> Result<(Self, Vec<String>), NumberedError> {
         let mut notes = Vec::new();
         let name = match &arrives {
-            Some(Arrives::StandardInput) => "standard input".into(),
+            Some(StreamSource::StandardInput) => "standard input".into(),
             _ => reading.program.display().to_string(),
         };
         let mut files = Vec::new();
@@ -196,7 +196,7 @@ impl Program {
             hash = of_program;
             Some(Arc::new(Prescan::of(&name, text, &setup)))
         };
-        let opening = Opening {
+        let opening = StreamOpening {
             serial: SerialSettings::default(),
             given_up: Arc::default(),
             status: Arc::new(SourceStatus::new(&name)),
@@ -226,7 +226,7 @@ impl Program {
     pub fn loaded(&self, reading: &Reading, setup: Setup) -> Result<Self, NumberedError> {
         // Tools and parameters are those of the setup.
         let without_tables = Reading { tools: None, params: None, machine_tables: None, ..reading.clone() };
-        let (mut other, _) = Self::noted(&without_tables, setup, Arrives::named(&reading.program), None)?;
+        let (mut other, _) = Self::noted(&without_tables, setup, StreamSource::named(&reading.program), None)?;
         let tables = self.files.iter().filter(|file| matches!(file.role, FileRole::Tools | FileRole::Parameters));
         other.files.extend(tables.cloned());
         let Self { has_tool_table, has_tool_lengths, .. } = *self;
@@ -278,7 +278,7 @@ impl Program {
 
     /// Where it arrives from; none for a file.
     #[must_use]
-    pub fn arrives(&self) -> Option<&Arrives> {
+    pub fn arrives(&self) -> Option<&StreamSource> {
         self.arrives.as_ref()
     }
 
@@ -286,7 +286,7 @@ impl Program {
     ///
     /// # Errors
     /// As [`Arrives::open`].
-    pub fn arriving(&self) -> Result<Option<Arriving>, NumberedError> {
+    pub fn arriving(&self) -> Result<Option<ProgramStream>, NumberedError> {
         self.arrives.as_ref().map(|from| from.open(&self.opening)).transpose()
     }
 
@@ -360,8 +360,8 @@ impl Program {
 
     /// The program from its beginning, to be run: it logs, and leaves its parameters. One that arrives is taken from `input`.
     #[must_use]
-    pub fn running(&self, input: Option<Arriving>) -> (Decoder, Last) {
-        let left = Left::default();
+    pub fn running(&self, input: Option<ProgramStream>) -> (Decoder, LastStatus) {
+        let left = RunOutputs::default();
         let last = left.last();
         let program = input.map_or_else(|| self.source(), |input| Source::new(input, self.setup.clone()));
         (Decoder { left: Some(left), max_loop_blocks: None, ..self.decoder_of(program) }, last)
@@ -386,7 +386,7 @@ impl Program {
 
     /// The program from its beginning once more, of what is kept of one that arrived.
     #[must_use]
-    pub fn again(&self, kept: Arriving) -> Source {
+    pub fn again(&self, kept: ProgramStream) -> Source {
         match &self.prescan {
             Some(prescan) => Source::prescanned(Arc::clone(prescan), self.setup.clone()),
             None => Source::new(kept, self.setup.clone()),
@@ -399,7 +399,8 @@ impl Program {
         match &self.prescan {
             Some(prescan) => Source::prescanned(Arc::clone(prescan), self.setup.clone()),
             None => {
-                let broken = |why: NumberedError| -> Arriving { Box::new(BufReader::new(Broken(why.cause))) };
+                let broken =
+                    |why: NumberedError| -> ProgramStream { Box::new(BufReader::new(StreamBroken(why.cause))) };
                 let input = self.arriving().map_or_else(broken, |input| input.unwrap_or_else(|| Box::new(io::empty())));
                 Source::new(input, self.setup.clone())
             }
@@ -411,7 +412,7 @@ impl Program {
     ///
     /// # Errors
     /// [`Failure::Program`] where it has errors.
-    pub fn check<'m>(&self, machine: &'m MachineConfig) -> Result<Option<Checked<LimitCheck<'m, 9>>>, Failure> {
+    pub fn check<'m>(&self, machine: &'m MachineConfig) -> Result<Option<Checked<LimitCheck<'m, 9>>>, CommandFailure> {
         self.check_by(&mut Vec::new(), |decoder| Ok(job::scan::<9>(machine, decoder)))
     }
 
@@ -419,7 +420,11 @@ impl Program {
     ///
     /// # Errors
     /// [`Failure::Program`] where it has errors.
-    pub fn check_for_script(&self, machine: &MachineConfig, diagnostics: &mut Vec<Value>) -> Result<(), Failure> {
+    pub fn check_for_script(
+        &self,
+        machine: &MachineConfig,
+        diagnostics: &mut Vec<Value>,
+    ) -> Result<(), CommandFailure> {
         self.check_by(diagnostics, |decoder| Ok(job::scan::<9>(machine, decoder))).map(|_| ())
     }
 
@@ -432,7 +437,7 @@ impl Program {
         &self,
         machine: &'m MachineConfig,
         diagnostics: &mut Vec<Value>,
-    ) -> Result<Option<Checked<ProgramAnalysis<'m, A>>>, Failure> {
+    ) -> Result<Option<Checked<ProgramAnalysis<'m, A>>>, CommandFailure> {
         let why = |error: LimitError| NumberedError::new("E2112", error.to_string(), "correct the machine file");
         self.check_by(diagnostics, |decoder| Ok(program_analysis::analyse_program(machine, decoder).map_err(why)?))
     }
@@ -458,7 +463,7 @@ impl Program {
             return Ok(());
         }
         let (_, findings, _) = job::scan::<9>(machine, &mut decoder);
-        let found = diagnosed::all(self, &mut decoder, &findings);
+        let found = diagnostic_json::all(self, &mut decoder, &findings);
         let shown: Vec<String> = found.iter().map(|one| one.text.clone()).collect();
         if found.iter().any(|one| one.is_error) { Err(shown.join("\n")) } else { Ok(()) }
     }
@@ -466,22 +471,22 @@ impl Program {
     fn check_by<S>(
         &self,
         diagnostics: &mut Vec<Value>,
-        look: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<CheckFinding>, S), Failure>,
-    ) -> Result<Option<Checked<S>>, Failure> {
+        look: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<CheckFinding>, S), CommandFailure>,
+    ) -> Result<Option<Checked<S>>, CommandFailure> {
         if self.prescan.is_none() {
             return Ok(None);
         }
         let mut decoder = self.shown_decoder();
         let (blocks, findings, found) = look(&mut decoder)?;
         decoder.progress = None;
-        let all = diagnosed::all(self, &mut decoder, &findings);
+        let all = diagnostic_json::all(self, &mut decoder, &findings);
         for one in &all {
             eprintln!("{}", escape::lines(&one.text));
         }
         let is_refused = all.iter().any(|one| one.is_error);
         diagnostics.extend(all.into_iter().map(|one| one.json));
         if is_refused {
-            return Err(Failure::Program);
+            return Err(CommandFailure::Program);
         }
         if decoder.length_offset && !self.has_tool_lengths {
             eprintln!("note: no tool table was given (--tools): every tool has length 0");

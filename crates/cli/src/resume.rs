@@ -24,16 +24,16 @@ use retrace_core::place::before;
 use retrace_link::{Greeting, MotionCard, Outputs, PathStart, channel};
 
 use crate::args::{self, OnOff};
-use crate::homed::Homing;
-use crate::hung::simulated;
-use crate::kept::{self, Kept};
+use crate::homing_notes::Homing;
+use crate::job_runner::{JobRunner, OutputOptions, TuiOptions, prepare_real_time};
+use crate::journaled_job::{self, JournaledJob};
+use crate::linked_card::{self, GreetedCard};
 use crate::machine_tables::{self, TableFiles};
-use crate::machining::{AtScreen, Machining, Manners, prepare_real_time};
-use crate::operate::{self, Resuming};
-use crate::program::{Arrives, Arriving, Failure, Program};
+use crate::operate::{self, ResumingJob};
+use crate::program::{CommandFailure, Program, ProgramStream, StreamSource};
 use crate::resume_from_line::{changed_machine, from_line, reading, run_args};
-use crate::resume_told::{self, Asking, Taken};
-use crate::wired::{self, Greeted};
+use crate::resume_summary::{self, Asking, ResumeSummary};
+use crate::sim_wiring::simulated;
 use crate::{files, run};
 
 /// So many marks are held against the plan, and all that lie beyond the breakpoint.
@@ -43,12 +43,12 @@ const MARKS: u64 = 1 << 16;
 ///
 /// # Errors
 /// What keeps the job from being taken up.
-pub fn run(args: &args::Resume) -> Result<u8, Failure> {
+pub fn run(args: &args::Resume) -> Result<u8, CommandFailure> {
     let by_card = Cell::new(false);
-    match attempt(args, Breakpoint::OfCard, &by_card) {
+    match attempt(args, ResumeBreakpoint::OfCard, &by_card) {
         // The card was moved since, so that its place is not one of the job's path: the journal's counts then.
-        Err(Failure::Refused(refusal)) if by_card.get() && matches!(refusal.number, "E2214" | "E2216") => {
-            attempt(args, Breakpoint::OfJournal, &by_card)
+        Err(CommandFailure::Refused(refusal)) if by_card.get() && matches!(refusal.number, "E2214" | "E2216") => {
+            attempt(args, ResumeBreakpoint::OfJournal, &by_card)
         }
         done => done,
     }
@@ -56,7 +56,7 @@ pub fn run(args: &args::Resume) -> Result<u8, Failure> {
 
 /// Where the breakpoint is taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Breakpoint {
+enum ResumeBreakpoint {
     /// Where the card says that it is, if that can be a place of the job.
     OfCard,
     /// The last place in the journal: up to a second of motion before the machine stopped, where nobody could keep it any more.
@@ -64,7 +64,7 @@ enum Breakpoint {
 }
 
 /// Takes the job up at a breakpoint; `by_card` says whether it was the card's.
-fn attempt(args: &args::Resume, breakpoint: Breakpoint, by_card: &Cell<bool>) -> Result<u8, Failure> {
+fn attempt(args: &args::Resume, breakpoint: ResumeBreakpoint, by_card: &Cell<bool>) -> Result<u8, CommandFailure> {
     by_card.set(false);
     if args.machine.is_some() {
         let what = "--machine: a job goes on with the machine that it began with, which is in its journal";
@@ -90,7 +90,7 @@ fn attempt(args: &args::Resume, breakpoint: Breakpoint, by_card: &Cell<bool>) ->
     }
     let machine = machine(&record.job)?;
     let axes = machine.axes.len();
-    let taking = Taking { args, breakpoint, by_card, jobs, folder, held, record, machine };
+    let taking = ResumeStep { args, breakpoint, by_card, jobs, folder, held, record, machine };
     match axes {
         0..=4 => taking.up::<4>(),
         5..=6 => taking.up::<6>(),
@@ -124,9 +124,9 @@ fn machine(job: &JobHeader) -> Result<MachineConfig, NumberedError> {
 }
 
 /// A job being taken up.
-struct Taking<'a> {
+struct ResumeStep<'a> {
     args: &'a args::Resume,
-    breakpoint: Breakpoint,
+    breakpoint: ResumeBreakpoint,
     by_card: &'a Cell<bool>,
     jobs: JobStore,
     folder: JobFolder,
@@ -135,8 +135,8 @@ struct Taking<'a> {
     machine: MachineConfig,
 }
 
-impl Taking<'_> {
-    fn up<const A: usize>(self) -> Result<u8, Failure> {
+impl ResumeStep<'_> {
+    fn up<const A: usize>(self) -> Result<u8, CommandFailure> {
         let program = self.program()?;
         if fingerprint::of_planning()? != self.record.job.planner {
             let what = format!(
@@ -159,15 +159,15 @@ impl Taking<'_> {
     }
 
     /// The job's program, and the files that it was read with, as they were.
-    fn program(&self) -> Result<Program, Failure> {
+    fn program(&self) -> Result<Program, CommandFailure> {
         let job = &self.record.job;
         let arrives = match (&job.source, &self.args.program) {
             (ProgramSource::File(_), _) => None,
-            (ProgramSource::Socket(address), None) => Some(Arrives::Socket(address.clone())),
-            (ProgramSource::StandardInput, None) => Some(Arrives::StandardInput),
-            (ProgramSource::Serial(address), None) => Some(Arrives::Serial(address.clone())),
-            (ProgramSource::Device(path), None) => Some(Arrives::Device(path.into())),
-            (_, Some(named)) => Some(Arrives::named(named).unwrap_or_else(|| Arrives::File(named.clone()))),
+            (ProgramSource::Socket(address), None) => Some(StreamSource::Socket(address.clone())),
+            (ProgramSource::StandardInput, None) => Some(StreamSource::StandardInput),
+            (ProgramSource::Serial(address), None) => Some(StreamSource::Serial(address.clone())),
+            (ProgramSource::Device(path), None) => Some(StreamSource::Device(path.into())),
+            (_, Some(named)) => Some(StreamSource::named(named).unwrap_or_else(|| StreamSource::File(named.clone()))),
         };
         let reading = reading(job, self.args.program.as_deref());
         let is_latched =
@@ -224,7 +224,7 @@ impl Taking<'_> {
     }
 
     /// What is kept of a program that arrived, and what is sent again, if that is needed.
-    fn input(&self, program: &Program) -> Result<Option<(Arriving, SpoolProgress)>, NumberedError> {
+    fn input(&self, program: &Program) -> Result<Option<(ProgramStream, SpoolProgress)>, NumberedError> {
         if program.arrives().is_none() {
             return Ok(None);
         }
@@ -242,7 +242,11 @@ impl Taking<'_> {
         Ok(Some((Box::new(input.limited_to(self.machine.stream_quota_bytes)), progress)))
     }
 
-    fn on_simulated<const A: usize>(self, program: &Program, script: Vec<ScriptInstruction>) -> Result<u8, Failure> {
+    fn on_simulated<const A: usize>(
+        self,
+        program: &Program,
+        script: Vec<ScriptInstruction>,
+    ) -> Result<u8, CommandFailure> {
         if self.args.card.as_ref().is_some_and(|card| card != "sim") {
             return Err(other_card("the job ran on the simulated card, which is in this process").into());
         }
@@ -259,22 +263,22 @@ impl Taking<'_> {
         program: &Program,
         script: Vec<ScriptInstruction>,
         was: &entry::WiredCard,
-    ) -> Result<u8, Failure> {
+    ) -> Result<u8, CommandFailure> {
         let address = self.args.card.clone().unwrap_or_else(|| was.address.clone());
-        let mut card = wired::find::<A>(&address)?;
-        card.settle(wired::nonce()).map_err(|fault| wired::failed(&address, &fault))?;
+        let mut card = linked_card::find::<A>(&address)?;
+        card.settle(linked_card::nonce()).map_err(|fault| linked_card::failed(&address, &fault))?;
         let Some(greeting) = card.greeting().copied() else { return Ok(3) };
-        wired::fits(&address, &greeting.identity, &self.machine)?;
+        linked_card::fits(&address, &greeting.identity, &self.machine)?;
         let start = self.start(&address, &greeting, was)?;
         let stands =
             PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
         let settings = self.machine.card_settings(stands);
-        let status = wired::look(&mut card, &address, settings)?;
-        let named = kept::wired(&address, &greeting.identity);
+        let status = linked_card::look(&mut card, &address, settings)?;
+        let named = journaled_job::wired(&address, &greeting.identity);
         if !self.args.tui {
             prepare_real_time();
         }
-        let card = Greeted::new(card, settings, status, greeting.identity.boot);
+        let card = GreetedCard::new(card, settings, status, greeting.identity.boot);
         let homing = Homing::of(&address, &greeting.identity).at_screen();
         let (code, card) = self.go(program, script, (card, homing), start, named, true)?;
         card.close();
@@ -307,7 +311,7 @@ impl Taking<'_> {
         let is_off_path = said.place.record.wrapping_sub(self.record.job.origin) >= BEYOND;
         let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == entry::JobEnding::Stopped);
         // The card's place is of another path, or that does not matter: the journal's is where it came to rest.
-        if is_behind || is_off_path || was_stopped || self.breakpoint == Breakpoint::OfJournal {
+        if is_behind || is_off_path || was_stopped || self.breakpoint == ResumeBreakpoint::OfJournal {
             return Ok(stood.start);
         }
         self.by_card.set(true);
@@ -332,8 +336,8 @@ impl Taking<'_> {
         }
         let homed = required(&self.machine);
         let is_homed = self.machine.axes.iter().all(|axis| homed.contains(&axis.name));
-        let stands = resume_told::position(&self.machine, &greeting.counts);
-        if is_homed || self.args.assume_position || resume_told::position_is_confirmed(&stands) {
+        let stands = resume_summary::position(&self.machine, &greeting.counts);
+        if is_homed || self.args.assume_position || resume_summary::position_is_confirmed(&stands) {
             return Ok(());
         }
         refuse(
@@ -379,7 +383,7 @@ impl Taking<'_> {
         start: PathStart,
         named: JobCard,
         wall_time: bool,
-    ) -> Result<(u8, C), Failure> {
+    ) -> Result<(u8, C), CommandFailure> {
         let resumption = self.resumption(start)?;
         let (input, progress) = self.input(program)?.unzip();
         let kept_text = self.folder.stream();
@@ -387,9 +391,9 @@ impl Taking<'_> {
         let is_cards_place = by_card.get();
         let is_older_place = !is_cards_place && named != JobCard::Sim && record.end.is_none();
         let care = if named == JobCard::Sim { Durability::Written } else { Durability::Synced };
-        let disagree = Disagree { id: folder.id().to_owned(), machine: &machine };
-        let kept = Kept::waiting(jobs, folder, held, care, &record);
-        let manners = Manners {
+        let disagree = ResumeMismatch { id: folder.id().to_owned(), machine: &machine };
+        let kept = JournaledJob::waiting(jobs, folder, held, care, &record);
+        let manners = OutputOptions {
             json: args.json,
             records: args.records.as_deref(),
             script: agreed(script.clone())?,
@@ -400,13 +404,13 @@ impl Taking<'_> {
             tables: TableFiles::of_job(&record.job.arguments),
         };
         let (of_job, of_job_entry, on, card_named) = (&record, &record.job, &machine, named.clone());
-        let resume = move |card: &mut C, at_screen: Option<AtScreen<'_>>, ask: &mut Asking<'_, A>| {
-            let agree = |prepared: &ResumePlan<A>, kept: Option<&mut Kept>| -> Result<(), Failure> {
+        let resume = move |card: &mut C, at_screen: Option<TuiOptions<'_>>, ask: &mut Asking<'_, A>| {
+            let agree = |prepared: &ResumePlan<A>, kept: Option<&mut JournaledJob>| -> Result<(), CommandFailure> {
                 // The machine moves, or the card's place is not of this path.
                 if !prepared.card().at_rest || (is_cards_place && !prepared.matches_card()) {
                     return Err(disagree.refusal(prepared).into());
                 }
-                let taken = Taken {
+                let taken = ResumeSummary {
                     program,
                     record: of_job,
                     machine: on,
@@ -425,11 +429,11 @@ impl Taking<'_> {
                 Ok(())
             };
             let begin = JobStart::At(Box::new(resumption));
-            let machining = Machining { manners, machine: on, program, input, begin, kept: Some(kept), at_screen };
+            let machining = JobRunner { manners, machine: on, program, input, begin, kept: Some(kept), at_screen };
             machining.run(card, agree).map(|(code, _)| code)
         };
         let code = if args.tui {
-            let resume = Resuming {
+            let resume = ResumingJob {
                 origin: record.job.origin,
                 is_agreed: args.yes,
                 resume: Box::new(|card, at_screen, ask| resume(card, Some(at_screen), ask)),
@@ -439,7 +443,7 @@ impl Taking<'_> {
         } else {
             resume(&mut card, None, &mut |taken| {
                 taken.show(args.json);
-                Ok(args.yes || resume_told::asked()?)
+                Ok(args.yes || resume_summary::asked()?)
             })?
         };
         Ok((code, card))
@@ -447,12 +451,12 @@ impl Taking<'_> {
 }
 
 /// Says that counts do not go together.
-struct Disagree<'a> {
+struct ResumeMismatch<'a> {
     id: String,
     machine: &'a MachineConfig,
 }
 
-impl Disagree<'_> {
+impl ResumeMismatch<'_> {
     fn refusal<const A: usize>(&self, prepared: &ResumePlan<A>) -> NumberedError {
         let axes = self.machine.axes.len().min(A);
         let (card, place) = (prepared.card().counts, prepared.counts());

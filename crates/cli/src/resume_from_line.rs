@@ -11,7 +11,7 @@ use retrace_controller::machine_changes;
 use retrace_controller::numbered_error::NumberedError;
 
 use crate::args::{self, CycleFolders, Reading};
-use crate::program::Failure;
+use crate::program::CommandFailure;
 use crate::{files, run};
 
 /// What the job's program is read with; a file may be elsewhere now.
@@ -43,7 +43,7 @@ pub fn reading(job: &JobHeader, program: Option<&Path>) -> Reading {
 ///
 /// # Errors
 /// `E2218`, and what keeps that job from being begun.
-pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u8, Failure> {
+pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u8, CommandFailure> {
     let job = &record.job;
     if !record.lengths().is_empty() && !args.yes {
         let what =

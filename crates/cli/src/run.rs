@@ -13,21 +13,21 @@ use retrace_link::{CardStatus, MotionCard, PathStart};
 
 use crate::args::{self, OnOff};
 use crate::files;
-use crate::homed::Homing;
-use crate::hung::{simulated, traced};
-use crate::kept::{Beginning, Claimed, Kept};
+use crate::homing_notes::Homing;
+pub use crate::job_runner::{JobResult, TuiOptions};
+use crate::job_runner::{JobRunner, OutputOptions, prepare_real_time};
+use crate::journaled_job::{JobHeaderBuilder, JournaledJob, ReservedJobFolder};
+use crate::linked_card;
 use crate::machine_tables::{self, TableFiles};
-pub use crate::machining::{AtScreen, Ended};
-use crate::machining::{Machining, Manners, prepare_real_time};
 use crate::operate;
-use crate::program::{Arriving, Failure, Program};
-use crate::wired;
+use crate::program::{CommandFailure, Program, ProgramStream};
+use crate::sim_wiring::{simulated, traced};
 
 /// Runs the command; its exit code.
 ///
 /// # Errors
 /// What keeps the job from beginning.
-pub fn run(mut args: args::Run) -> Result<u8, Failure> {
+pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
     let (params, tools) = (args.reading.params.as_deref(), args.reading.tools.as_deref());
     args.reading.machine_tables = machine_tables::of_machine(&args.card, args.machine.as_deref(), params, tools);
     let args = &args;
@@ -41,9 +41,9 @@ pub fn run(mut args: args::Run) -> Result<u8, Failure> {
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_on(args: &args::Run, machine: MachineConfig, text: String, at_screen: bool) -> Result<u8, Failure> {
+pub fn run_on(args: &args::Run, machine: MachineConfig, text: String, at_screen: bool) -> Result<u8, CommandFailure> {
     let script = files::script(args.operator.as_deref())?;
-    let with = With { args, text, script, at_screen };
+    let with = RunContext { args, text, script, at_screen };
     match machine.axes.len() {
         0..=4 => with.on_card::<4>(machine),
         5..=6 => with.on_card::<6>(machine),
@@ -57,7 +57,7 @@ pub fn clock(machine: &MachineConfig, realtime: bool) -> Clock {
 }
 
 /// What a job is run with.
-struct With<'a> {
+struct RunContext<'a> {
     args: &'a args::Run,
     /// Of the machine file.
     text: String,
@@ -65,9 +65,9 @@ struct With<'a> {
     at_screen: bool,
 }
 
-impl With<'_> {
+impl RunContext<'_> {
     /// Finds the card, and runs the job on it.
-    fn on_card<const A: usize>(self, machine: MachineConfig) -> Result<u8, Failure> {
+    fn on_card<const A: usize>(self, machine: MachineConfig) -> Result<u8, CommandFailure> {
         let args = self.args;
         if args.card == "sim" {
             let program = self.open(&machine)?;
@@ -92,11 +92,11 @@ impl With<'_> {
         }
         // Everything that can be refused without the card is refused before it is asked for.
         self.open(&machine)?;
-        let mut card = wired::find::<A>(&args.card)?;
-        card.settle(wired::nonce()).map_err(|fault| wired::failed(&args.card, &fault))?;
+        let mut card = linked_card::find::<A>(&args.card)?;
+        card.settle(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.card, &fault))?;
         let Some(greeting) = card.greeting().copied() else { return Ok(3) };
-        wired::fits(&args.card, &greeting.identity, &machine)?;
-        let (counts, named) = (greeting.counts, crate::kept::wired(&args.card, &greeting.identity));
+        linked_card::fits(&args.card, &greeting.identity, &machine)?;
+        let (counts, named) = (greeting.counts, crate::journaled_job::wired(&args.card, &greeting.identity));
         let homing = Homing::of(&args.card, &greeting.identity);
         if !self.at_screen {
             homing.check(&machine)?;
@@ -105,17 +105,17 @@ impl With<'_> {
         let program = self.open(&machine)?;
         let settings = machine.card_settings(PathStart::at(0));
         if self.at_screen {
-            card.open(settings).map_err(|fault| wired::failed(&args.card, &fault))?;
+            card.open(settings).map_err(|fault| linked_card::failed(&args.card, &fault))?;
             let (homing, work) = (homing.at_screen(), (self.script, (self.text, named)));
             let code = operate::operate(args, &machine, program, work, &mut *card, &homing, None)?;
             let _ = card.close();
             return Ok(code);
         }
-        let status = wired::look(&mut card, &args.card, settings)?;
+        let status = linked_card::look(&mut card, &args.card, settings)?;
         let (kept, input) = keep(args, &program, &machine, (&self.text, named), &status)?;
         // From here on the card expects to hear of the host all the time.
         prepare_real_time();
-        card.open(settings).map_err(|fault| wired::failed(&args.card, &fault))?;
+        card.open(settings).map_err(|fault| linked_card::failed(&args.card, &fault))?;
         let (code, _) = self.machining(&machine, &program, kept, input).run(&mut *card, |_, _| Ok(()))?;
         // The card stands, or has an alarm that says more than this would.
         let _ = card.close();
@@ -123,7 +123,7 @@ impl With<'_> {
     }
 
     /// Opens the program and checks it whole; at the screen it is checked there, where what keeps it from running can be put right.
-    fn open(&self, machine: &MachineConfig) -> Result<Program, Failure> {
+    fn open(&self, machine: &MachineConfig) -> Result<Program, CommandFailure> {
         let program = Program::open(&self.args.reading, machine)?;
         if !self.at_screen {
             program.check(machine)?;
@@ -141,14 +141,14 @@ impl With<'_> {
         self,
         machine: &'m MachineConfig,
         program: &'m Program,
-        kept: Option<Kept>,
-        input: Option<Arriving>,
-    ) -> Machining<'m>
+        kept: Option<JournaledJob>,
+        input: Option<ProgramStream>,
+    ) -> JobRunner<'m>
     where
         Self: 'm,
     {
         let args = self.args;
-        let manners = Manners {
+        let manners = OutputOptions {
             json: args.json,
             records: args.records.as_deref(),
             script: self.script,
@@ -159,7 +159,7 @@ impl With<'_> {
             tables: TableFiles::of(&args.reading),
         };
         let begin = args.start_line.map_or(JobStart::First, JobStart::Line);
-        Machining { manners, machine, program, input, begin, kept, at_screen: None }
+        JobRunner { manners, machine, program, input, begin, kept, at_screen: None }
     }
 }
 
@@ -173,23 +173,23 @@ fn keep<const A: usize>(
     machine: &MachineConfig,
     (text, card): (&str, entry::JobCard),
     status: &CardStatus<A>,
-) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
+) -> Result<(Option<JournaledJob>, Option<ProgramStream>), CommandFailure> {
     let input = program.arriving()?;
     // What was run without its outputs is not to be taken up with them.
     if args.no_journal || machine.inhibits_outputs {
         return Ok((None, input));
     }
-    let claimed = Claimed::new(args.journal.as_deref(), program.name())?;
+    let claimed = ReservedJobFolder::new(args.journal.as_deref(), program.name())?;
     let (input, progress) = input.map(|input| claimed.spool(input, machine.stream_quota_bytes)).transpose()?.unzip();
     let care = if card == entry::JobCard::Sim { Durability::Written } else { Durability::Synced };
     let machine_file = (args.machine.as_deref(), text.to_owned());
     let (reading, start_line) = (&args.reading, args.start_line);
-    let job = Beginning { program, reading, start_line, machine, machine_file, card }.job(status)?;
+    let job = JobHeaderBuilder { program, reading, start_line, machine, machine_file, card }.job(status)?;
     Ok((Some(claimed.begin(care, job, progress)?), input))
 }
 
 /// A job that is begun at a screen, on a card that is open already.
-pub struct Job<'a> {
+pub struct JobSpec<'a> {
     args: &'a args::Run,
     machine: &'a MachineConfig,
     script: Vec<ScriptInstruction>,
@@ -197,7 +197,7 @@ pub struct Job<'a> {
     at: &'a At,
 }
 
-impl<'a> Job<'a> {
+impl<'a> JobSpec<'a> {
     /// Of a program that was opened and checked for this machine.
     pub fn of(
         args: &'a args::Run,
@@ -213,7 +213,10 @@ impl<'a> Job<'a> {
     ///
     /// # Errors
     /// The journal cannot be written, or the program cannot be had.
-    pub fn keep<const A: usize>(&self, status: &CardStatus<A>) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
+    pub fn keep<const A: usize>(
+        &self,
+        status: &CardStatus<A>,
+    ) -> Result<(Option<JournaledJob>, Option<ProgramStream>), CommandFailure> {
         let (text, named) = self.at;
         keep(self.args, &self.program, self.machine, (text, named.clone()), status)
     }
@@ -225,11 +228,11 @@ impl<'a> Job<'a> {
     pub fn run<const A: usize, C: MotionCard<A>>(
         self,
         card: C,
-        (kept, input): (Option<Kept>, Option<Arriving>),
-        at_screen: Option<AtScreen<'_>>,
-    ) -> Result<(u8, C), Failure> {
+        (kept, input): (Option<JournaledJob>, Option<ProgramStream>),
+        at_screen: Option<TuiOptions<'_>>,
+    ) -> Result<(u8, C), CommandFailure> {
         let Self { args, machine, script, program, .. } = self;
-        let manners = Manners {
+        let manners = OutputOptions {
             json: args.json,
             records: args.records.as_deref(),
             script,
@@ -241,7 +244,7 @@ impl<'a> Job<'a> {
             tables: TableFiles::of(&args.reading),
         };
         let begin = args.start_line.map_or(JobStart::First, JobStart::Line);
-        let machining = Machining { manners, machine, program: &program, input, begin, kept, at_screen };
+        let machining = JobRunner { manners, machine, program: &program, input, begin, kept, at_screen };
         machining.run(card, |_, _| Ok(()))
     }
 }

@@ -43,7 +43,7 @@ pub struct Socket {
     silence: Option<Duration>,
     /// What has come.
     received: u64,
-    check: Check,
+    check: SenderCheck,
     end: ProgramEndDetector,
     /// Connections that were closed without anything new, one after the other.
     barren: u32,
@@ -98,7 +98,7 @@ impl Socket {
             patience: PATIENCE,
             silence,
             received: 0,
-            check: Check::default(),
+            check: SenderCheck::default(),
             end: ProgramEndDetector::default(),
             barren: 0,
             ended: false,
@@ -120,7 +120,7 @@ impl Socket {
 
     /// Reads what has come already, and holds it against what came then.
     fn pass_over(&self, stream: &mut TcpStream) -> io::Result<()> {
-        let (mut check, mut end) = (Check::default(), ProgramEndDetector::default());
+        let (mut check, mut end) = (SenderCheck::default(), ProgramEndDetector::default());
         let (mut left, mut bytes, begun) = (self.received, [0; 4096], Instant::now());
         while left > 0 {
             let most = bytes.len().min(usize::try_from(left).unwrap_or(usize::MAX));
@@ -244,15 +244,15 @@ fn keep_alive(_: &TcpStream) -> io::Result<()> {
 
 /// Tells two beginnings of programs apart (Fowler-Noll-Vo, variant 1a, of 64 bits).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Check(u64);
+struct SenderCheck(u64);
 
-impl Default for Check {
+impl Default for SenderCheck {
     fn default() -> Self {
         Self(0xCBF2_9CE4_8422_2325)
     }
 }
 
-impl Check {
+impl SenderCheck {
     fn take(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3);

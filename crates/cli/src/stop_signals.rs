@@ -37,7 +37,7 @@ impl Progress {
 
 /// What signals stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stopped {
+pub enum StopPolicy {
     /// A job, whose breakpoint is kept.
     Job,
     /// Homing, a jog or a block by hand.
@@ -56,7 +56,7 @@ pub struct StopSignals {
 impl StopSignals {
     /// Watches for signals that [`StopSignals::listen`] lets come; and the words that they say to the job. None where there is no thread for it.
     #[must_use]
-    pub fn watch(kind: Stopped) -> Option<(Self, CommandReceiver)> {
+    pub fn watch(kind: StopPolicy) -> Option<(Self, CommandReceiver)> {
         let came = Arc::new(AtomicBool::new(false));
         let (said, heard) = command_channel();
         let progress = Arc::<Mutex<Progress>>::default();
@@ -110,7 +110,7 @@ impl Drop for StopSignals {
 }
 
 /// Says *stop* at the first signal, and what is waited for at each one after it.
-fn look(kind: Stopped, came: &AtomicBool, said: &CommandSender, progress: &Mutex<Progress>, over: &AtomicBool) {
+fn look(kind: StopPolicy, came: &AtomicBool, said: &CommandSender, progress: &Mutex<Progress>, over: &AtomicBool) {
     let mut is_stopping = false;
     while !over.load(Ordering::Relaxed) {
         thread::sleep(LOOKS_EVERY);
@@ -122,7 +122,7 @@ fn look(kind: Stopped, came: &AtomicBool, said: &CommandSender, progress: &Mutex
             eprintln!("still stopping: {}", progress.in_words());
         } else if said.send(OperatorCommand::Stop).is_ok() {
             is_stopping = true;
-            let kept = if kind == Stopped::Job { ", and the breakpoint is kept" } else { "" };
+            let kept = if kind == StopPolicy::Job { ", and the breakpoint is kept" } else { "" };
             eprintln!("stopping: the machine comes to rest on its path, cutting outputs go off{kept}");
         } else {
             came.store(true, Ordering::Relaxed);

@@ -97,7 +97,7 @@ pub enum DncStep {
         length_mm: Option<f64>,
     },
     /// On-line mode is restored (DNC-5).
-    OnLine,
+    Online,
     /// The axes begin their way to the latched counts (DNC-6).
     Approaching,
     /// The axes are there; the program is read on (DNC-7, DNC-8).
@@ -131,7 +131,7 @@ impl DncEvent {
             DncStep::ToolLength { axis, by_mm, by_counts, length_mm } => json!({
                 "event": "tool_length", "axis": axis.to_string(), "by_mm": by_mm, "by_counts": by_counts, "length_mm": length_mm,
             }),
-            DncStep::OnLine => json!({"event": "online"}),
+            DncStep::Online => json!({"event": "online"}),
             DncStep::Approaching => json!({"event": "approaching"}),
             DncStep::Arrived => json!({"event": "arrived"}),
         };
@@ -169,7 +169,7 @@ impl fmt::Display for DncEvent {
                 }
                 write!(f, "the way back and the path go {by_mm:+.3} mm along {axis}, until another tool comes")
             }
-            DncStep::OnLine => write!(f, "on line again; cycle start brings the axes back"),
+            DncStep::Online => write!(f, "on line again; cycle start brings the axes back"),
             DncStep::Approaching => write!(f, "on the way back to the breakpoint"),
             DncStep::Arrived => write!(f, "at the breakpoint: the program goes on"),
         }

@@ -6,9 +6,9 @@
 //! Invariant: the machine never runs on without its operator. Where the terminal is gone, by a signal, by an error or because nothing can be
 //! shown on it any more, the job is stopped on its path and can be resumed.
 
-mod desk;
-mod machinist;
-mod picture;
+mod command_router;
+mod machine_thread;
+mod preview_thread;
 mod signals;
 
 use std::io::IsTerminal;
@@ -23,16 +23,16 @@ use retrace_link::MotionCard;
 
 use crate::args;
 use crate::console::unwritable;
-use crate::homed::Homing;
-use crate::program::{Failure, Program};
-use crate::resume_told::Asking;
-use crate::run::{At, AtScreen};
+use crate::homing_notes::Homing;
+use crate::program::{CommandFailure, Program};
+use crate::resume_summary::Asking;
+use crate::run::{At, TuiOptions};
 use crate::screen::Screen;
-use crate::screen::live::locked;
-use crate::screen::model::Model;
+use crate::screen::model::ScreenModel;
+use crate::screen::model_observer::locked;
 
-use desk::Desk;
-use machinist::Machinist;
+use command_router::CommandRouter;
+use machine_thread::MachineThread;
 use signals::Signals;
 
 /// How often it is looked after.
@@ -79,10 +79,10 @@ pub fn needs_terminal() -> Result<(), NumberedError> {
 
 /// Runs a job that is resumed, on a card, at a screen; asks before anything moves. Its exit code.
 pub type Resume<'f, const A: usize, C> =
-    Box<dyn FnOnce(&mut C, AtScreen<'_>, &mut Asking<'_, A>) -> Result<u8, Failure> + Send + 'f>;
+    Box<dyn FnOnce(&mut C, TuiOptions<'_>, &mut Asking<'_, A>) -> Result<u8, CommandFailure> + Send + 'f>;
 
 /// A job that the screen begins with: it was interrupted, and is resumed.
-pub struct Resuming<'f, const A: usize, C> {
+pub struct ResumingJob<'f, const A: usize, C> {
     /// Place of its first record.
     pub origin: u32,
     /// The operator has agreed already to what will be done.
@@ -104,18 +104,19 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     (script, at): (Vec<ScriptInstruction>, At),
     card: &mut C,
     homing: &Homing,
-    resumed: Option<Resuming<'_, A, C>>,
-) -> Result<u8, Failure> {
+    resumed: Option<ResumingJob<'_, A, C>>,
+) -> Result<u8, CommandFailure> {
     let signals = Signals::listen().map_err(|error| unwritable("the list of signals", &error))?;
     let program = Arc::new(program);
-    let model = Arc::new(Mutex::new(Model::new(Arc::new(picture::facts(machine, &program)))));
-    picture::show_program::<A>(&model, machine.clone(), &program);
+    let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(preview_thread::facts(machine, &program)))));
+    preview_thread::show_program::<A>(&model, machine.clone(), &program);
     if let Some(resumed) = &resumed {
-        picture::show_resuming(&model, resumed.origin);
+        preview_thread::show_resuming(&model, resumed.origin);
     }
-    let (desk, words) = Desk::new(Arc::clone(&model));
+    let (desk, words) = CommandRouter::new(Arc::clone(&model));
     let mut screen = Watched::begin(&model, &desk);
-    let machinist = Machinist::<A, C>::new(args.clone(), (machine, homing), (program, script, at), card, words, &desk);
+    let machinist =
+        MachineThread::<A, C>::new(args.clone(), (machine, homing), (program, script, at), card, words, &desk);
     let machinist = machinist.resuming(resumed);
     let done = thread::scope(|scope| {
         let machine = scope.spawn(|| machinist.work());
@@ -147,14 +148,14 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
 /// The screen in its thread.
 struct Watched {
     thread: Option<JoinHandle<std::io::Result<()>>>,
-    model: Arc<Mutex<Model>>,
+    model: Arc<Mutex<ScreenModel>>,
     /// When a picture was last seen to be drawn, and how many there were then.
     drawn: (Instant, u64),
     held: bool,
 }
 
 impl Watched {
-    fn begin(model: &Arc<Mutex<Model>>, desk: &Arc<Desk>) -> Self {
+    fn begin(model: &Arc<Mutex<ScreenModel>>, desk: &Arc<CommandRouter>) -> Self {
         let (picture, desk) = (Arc::clone(model), Arc::clone(desk));
         let thread = thread::spawn(move || Screen::default().run(&picture, |said| desk.say(said)));
         Self { thread: Some(thread), model: Arc::clone(model), drawn: (Instant::now(), 0), held: false }

@@ -12,12 +12,12 @@ pub(super) fn path(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
     let mut points = points.into_iter();
     let Some(first) = points.next() else { return Vec::new() };
     let mut kept = vec![first];
-    let mut sleeve = Sleeve::from(first);
+    let mut sleeve = Corridor::from(first);
     let mut last = first;
     for point in points {
         if !sleeve.takes(point) {
             kept.push(last);
-            sleeve = Sleeve::from(last);
+            sleeve = Corridor::from(last);
             // Nothing constrains a new sleeve, so that it takes any point.
             sleeve.takes(point);
         }
@@ -30,7 +30,7 @@ pub(super) fn path(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
 }
 
 /// The directions from a point that was kept in which a straight line passes close to every point left out since.
-struct Sleeve {
+struct Corridor {
     from: Point,
     /// The bounds of those directions, as vectors: to the right of none and to the left of none are allowed.
     bounds: Option<[Point; 2]>,
@@ -42,7 +42,7 @@ fn cross(a: Point, b: Point) -> f32 {
     a[0] * b[1] - a[1] * b[0]
 }
 
-impl Sleeve {
+impl Corridor {
     fn from(from: Point) -> Self {
         Self { from, bounds: None, reach: 0.0 }
     }

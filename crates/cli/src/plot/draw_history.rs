@@ -4,10 +4,10 @@
 
 use super::draw_path::{ABOVE, LEFT, RIGHT, draw_end, draw_heading, draw_start, label_beside, shortened};
 use super::font;
-use super::history::{Doing, History, Rank};
-use super::picture::{Anchor, Pen, Picture, Point, Size, Text};
+use super::history::{Activity, History, Priority};
+use super::picture::{Anchor, DisplayList, Pen, Point, Size, Text};
 use super::scale::{Scale, fixed};
-use super::sheet::{Room, Sheet};
+use super::sheet::{DrawingArea, Sheet};
 use super::style::{self, LABEL_SIZE, TICK_SIZE, text};
 use super::tool_path::StrokeKind;
 use super::view::View;
@@ -30,14 +30,14 @@ const TICK_GAP_UP: f32 = 30.0;
 
 /// Draws the history of a job.
 #[must_use]
-pub fn draw_history(history: &History, view: View, size: Size) -> Picture {
-    let mut picture = Picture::new(size, &format!("history of {}", history.path.title));
+pub fn draw_history(history: &History, view: View, size: Size) -> DisplayList {
+    let mut picture = DisplayList::new(size, &format!("history of {}", history.path.title));
     draw_heading(&mut picture, &history.path.title, "history", &history.summary);
     let height = size.height() - ABOVE - LEGEND;
     let middle = ABOVE + height * SHARE_OF_PATH;
     if let Some(extents) = history.path.extents() {
         let right = size.width() - RIGHT;
-        let room = Room { left: LEFT, right, top: ABOVE, bottom: middle - BELOW_FRAME };
+        let room = DrawingArea { left: LEFT, right, top: ABOVE, bottom: middle - BELOW_FRAME };
         let sheet = Sheet::fitting(&history.path, view, &extents, room);
         match view.axes() {
             Some(names) => sheet.draw_axes(&mut picture, names),
@@ -52,20 +52,20 @@ pub fn draw_history(history: &History, view: View, size: Size) -> Picture {
     }
     let strip = (size.height() * STRIP).min(STRIP_MOST);
     let bottom = size.height() - LEGEND - BELOW_FRAME;
-    Course::of(history, size, [middle + strip, bottom]).draw(&mut picture, middle);
+    PlaceCurve::of(history, size, [middle + strip, bottom]).draw(&mut picture, middle);
     draw_legend(&mut picture, history, size);
     picture
 }
 
 /// The place over time.
-struct Course<'h> {
+struct PlaceCurve<'h> {
     history: &'h History,
     time: Scale,
     place: Scale,
     bottom: f32,
 }
 
-impl<'h> Course<'h> {
+impl<'h> PlaceCurve<'h> {
     fn of(history: &'h History, size: Size, [top, bottom]: [f32; 2]) -> Self {
         let furthest = history.course.iter().map(|moment| moment.reached_s.max(moment.place_s)).fold(1e-3, f64::max);
         let time =
@@ -74,7 +74,7 @@ impl<'h> Course<'h> {
         Self { history, time, place, bottom }
     }
 
-    fn draw(&self, picture: &mut Picture, words_top: f32) {
+    fn draw(&self, picture: &mut DisplayList, words_top: f32) {
         self.draw_grid(picture);
         self.draw_stretches(picture);
         let reached =
@@ -98,7 +98,7 @@ impl<'h> Course<'h> {
         picture.lines(vec![corners], style::FRAME);
     }
 
-    fn draw_grid(&self, picture: &mut Picture) {
+    fn draw_grid(&self, picture: &mut DisplayList) {
         let (left, right) = (self.time.low_px, self.time.high_px);
         let (low, top) = (self.place.low_px, self.place.high_px);
         let (across, up) = (self.time.ticks(TICK_GAP_ACROSS), self.place.ticks(TICK_GAP_UP));
@@ -123,12 +123,12 @@ impl<'h> Course<'h> {
     }
 
     /// What the job was doing, as a strip below the curve: shaded where it did not simply run, with a word where there is room.
-    fn draw_stretches(&self, picture: &mut Picture) {
+    fn draw_stretches(&self, picture: &mut DisplayList) {
         let (top, bottom) = (self.place.low_px, self.bottom);
         picture.line([self.time.low_px, top], [self.time.high_px, top], style::GRID);
         for (doing, [from, to]) in self.history.stretches() {
             let [from, to] = [from, to].map(|at| self.time.px(at));
-            if doing != Doing::Run {
+            if doing != Activity::Run {
                 let fill = if doing.is_retracing() { style::RETRACED_BAND } else { style::STANDING_BAND };
                 picture.area(&[[from, top], [to, top], [to, bottom], [from, bottom]], fill);
                 picture.lines(vec![vec![[from, top], [from, bottom]], vec![[to, top], [to, bottom]]], style::LEADER);
@@ -141,7 +141,7 @@ impl<'h> Course<'h> {
     }
 
     /// The words, upward above the frame, each with a line down to its place; a short mark alone where there is no room.
-    fn draw_remarks(&self, picture: &mut Picture, words_top: f32) {
+    fn draw_remarks(&self, picture: &mut DisplayList, words_top: f32) {
         let top = self.place.high_px;
         let remarks = &self.history.remarks;
         let mut order: Vec<usize> = (0..remarks.len()).collect();
@@ -165,7 +165,7 @@ impl<'h> Course<'h> {
             picture.lines(vec![vec![[at, top - 14.0], [x, top], [x, y]]], style::LEADER);
             draw_dot(picture, [x, y]);
             let words = shortened(&remark.words, TICK_SIZE, top - 24.0 - words_top);
-            let is_bold = remark.rank == Rank::Ending;
+            let is_bold = remark.rank == Priority::Ending;
             let words =
                 Text { is_upward: true, is_bold, ..text([at + 4.3, top - 18.0], words, TICK_SIZE, Anchor::Left) };
             picture.text(words);
@@ -174,12 +174,12 @@ impl<'h> Course<'h> {
     }
 }
 
-fn draw_dot(picture: &mut Picture, [x, y]: Point) {
+fn draw_dot(picture: &mut DisplayList, [x, y]: Point) {
     let half = 2.5;
     picture.area(&[[x - half, y], [x, y - half], [x + half, y], [x, y + half]], style::INK);
 }
 
-fn draw_legend(picture: &mut Picture, history: &History, size: Size) {
+fn draw_legend(picture: &mut DisplayList, history: &History, size: Size) {
     let y = size.height() - 18.0;
     let mut x = RIGHT;
     let retraced_mm = history.path.length_mm(StrokeKind::Retraced);
@@ -206,25 +206,26 @@ fn draw_legend(picture: &mut Picture, history: &History, size: Size) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::history::{Moment, Remark};
+    use super::super::history::{HistoryEvent, HistorySample};
     use super::super::picture::Item;
     use super::super::tool_path::{Stroke, ToolPath};
     use super::*;
     use proptest::prelude::*;
 
-    fn doing() -> impl Strategy<Value = Doing> {
-        prop::sample::select(vec![Doing::Run, Doing::Reverse, Doing::Hold, Doing::Wheel, Doing::Paused])
+    fn doing() -> impl Strategy<Value = Activity> {
+        prop::sample::select(vec![Activity::Run, Activity::Reverse, Activity::Hold, Activity::Wheel, Activity::Paused])
     }
 
-    fn history(moments: Vec<(f64, f64, Doing)>, remarks: Vec<(f64, String)>) -> History {
+    fn history(moments: Vec<(f64, f64, Activity)>, remarks: Vec<(f64, String)>) -> History {
         let (mut time_s, mut reached_s) = (0.0, 0.0);
         let course = moments.into_iter().map(|(passed, place_s, doing)| {
             time_s += passed;
             reached_s = f64::max(reached_s, place_s);
-            Moment { time_s, place_s, reached_s, doing }
+            HistorySample { time_s, place_s, reached_s, doing }
         });
         let course = course.collect();
-        let remarks = remarks.into_iter().map(|(time_s, words)| Remark { time_s, rank: Rank::Operator, words });
+        let remarks =
+            remarks.into_iter().map(|(time_s, words)| HistoryEvent { time_s, rank: Priority::Operator, words });
         let points = vec![[0.0, 0.0, 0.0], [10.0, 5.0, 0.0]];
         let strokes = vec![Stroke { kind: StrokeKind::Executed, points }];
         let path = ToolPath { title: "a job".into(), strokes };
@@ -262,10 +263,10 @@ mod tests {
 
     #[test]
     fn what_ended_the_job_has_room_before_what_went_by() {
-        let mut history = history(vec![(0.0, 0.0, Doing::Run), (100.0, 100.0, Doing::Run)], Vec::new());
-        let remark = |rank, words: &str| Remark { time_s: 50.0, rank, words: words.into() };
-        history.remarks = (0..30).map(|_| remark(Rank::Passing, "passing")).collect();
-        history.remarks.push(remark(Rank::Ending, "ALARM"));
+        let mut history = history(vec![(0.0, 0.0, Activity::Run), (100.0, 100.0, Activity::Run)], Vec::new());
+        let remark = |rank, words: &str| HistoryEvent { time_s: 50.0, rank, words: words.into() };
+        history.remarks = (0..30).map(|_| remark(Priority::Passing, "passing")).collect();
+        history.remarks.push(remark(Priority::Ending, "ALARM"));
         let picture = draw_history(&history, View::Xy, Size::pixels(800, 600).expect("allowed"));
         let words: Vec<&str> = picture
             .items

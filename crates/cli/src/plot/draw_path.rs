@@ -3,9 +3,9 @@
 //! Invariant: what is retraced lies under what it repeats.
 
 use super::font;
-use super::picture::{Anchor, Colour, Pen, Picture, Point, Size, Text};
+use super::picture::{Anchor, Colour, DisplayList, Pen, Point, Size, Text};
 use super::scale::{fixed, short};
-use super::sheet::{Room, Sheet};
+use super::sheet::{DrawingArea, Sheet};
 use super::style::{self, LABEL_SIZE, TITLE_SIZE, text};
 use super::tool_path::{StrokeKind, ToolPath};
 use super::view::View;
@@ -19,13 +19,13 @@ const MARK_PX: f32 = 6.0;
 
 /// Draws a tool path.
 #[must_use]
-pub fn draw_path(path: &ToolPath, view: View, size: Size) -> Picture {
-    let mut picture = Picture::new(size, &format!("tool path of {}", path.title));
+pub fn draw_path(path: &ToolPath, view: View, size: Size) -> DisplayList {
+    let mut picture = DisplayList::new(size, &format!("tool path of {}", path.title));
     let Some(extents) = path.extents() else {
         draw_heading(&mut picture, &path.title, view.name(), "no motion");
         return picture;
     };
-    let room = Room { left: LEFT, right: size.width() - RIGHT, top: ABOVE, bottom: size.height() - BELOW };
+    let room = DrawingArea { left: LEFT, right: size.width() - RIGHT, top: ABOVE, bottom: size.height() - BELOW };
     let sheet = Sheet::fitting(path, view, &extents, room);
     let told = path.program_extents().unwrap_or(extents);
     let millimetres = |axis: usize| format!("{} … {}", short(told.low[axis], 3), short(told.high[axis], 3));
@@ -48,7 +48,7 @@ pub fn draw_path(path: &ToolPath, view: View, size: Size) -> Picture {
 }
 
 /// The title, what is seen, and a line below.
-pub(super) fn draw_heading(picture: &mut Picture, title: &str, view: &str, summary: &str) {
+pub(super) fn draw_heading(picture: &mut DisplayList, title: &str, view: &str, summary: &str) {
     let right = picture.size.width() - RIGHT;
     picture.text(Text { colour: style::PALE_INK, ..text([right, 28.0], view, LABEL_SIZE, Anchor::Right) });
     let space = right - 16.0 - font::width(view, LABEL_SIZE) - RIGHT;
@@ -73,7 +73,7 @@ pub(super) fn shortened(words: &str, size: f32, space: f32) -> String {
     short
 }
 
-pub(super) fn draw_start(picture: &mut Picture, [x, y]: Point) {
+pub(super) fn draw_start(picture: &mut DisplayList, [x, y]: Point) {
     let ring = |radius: f32| {
         (0..24).map(move |step| {
             let (sin, cos) = (step as f32 / 24.0 * std::f32::consts::TAU).sin_cos();
@@ -84,14 +84,14 @@ pub(super) fn draw_start(picture: &mut Picture, [x, y]: Point) {
     picture.area(&ring(MARK_PX * 0.4).collect::<Vec<_>>(), style::PAPER);
 }
 
-pub(super) fn draw_end(picture: &mut Picture, [x, y]: Point) {
+pub(super) fn draw_end(picture: &mut DisplayList, [x, y]: Point) {
     let square = |half: f32| [[x - half, y - half], [x + half, y - half], [x + half, y + half], [x - half, y + half]];
     picture.area(&square(MARK_PX), style::END);
     picture.area(&square(MARK_PX * 0.35), style::PAPER);
 }
 
 /// What each line and mark means in one row below the frame, with lengths where there is room; returns where it ends.
-fn draw_legend(picture: &mut Picture, path: &ToolPath, size: Size) -> f32 {
+fn draw_legend(picture: &mut DisplayList, path: &ToolPath, size: Size) -> f32 {
     let kinds = [
         ("feed", StrokeKind::Feed, style::FEED),
         ("rapid", StrokeKind::Rapid, style::RAPID),
@@ -121,7 +121,7 @@ fn draw_legend(picture: &mut Picture, path: &ToolPath, size: Size) -> f32 {
 }
 
 /// Writes a label of the legend and returns where the next one may begin.
-pub(super) fn label_beside(picture: &mut Picture, [x, y]: Point, label: String, colour: Colour) -> f32 {
+pub(super) fn label_beside(picture: &mut DisplayList, [x, y]: Point, label: String, colour: Colour) -> f32 {
     let end = x + font::width(&label, LABEL_SIZE) + 24.0;
     picture.text(Text { colour, ..text([x, y + 4.6], label, LABEL_SIZE, Anchor::Left) });
     end
@@ -153,7 +153,7 @@ mod tests {
             let path = ToolPath { title: "a program with a long name".repeat(4), strokes };
             let extents = path.extents().expect("there is a point");
             for view in [View::Xy, View::Xz, View::Yz, View::Iso] {
-                let room = Room { left: LEFT, right: width as f32 - RIGHT, top: ABOVE, bottom: height as f32 - BELOW };
+                let room = DrawingArea { left: LEFT, right: width as f32 - RIGHT, top: ABOVE, bottom: height as f32 - BELOW };
                 let sheet = Sheet::fitting(&path, view, &extents, room);
                 let per_mm = |scale: &Scale| f64::from((scale.high_px - scale.low_px).abs()) / (scale.high - scale.low);
                 let (across, up) = (per_mm(&sheet.across), per_mm(&sheet.up));

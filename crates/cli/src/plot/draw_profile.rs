@@ -3,7 +3,7 @@
 use super::decimate;
 use super::draw_path::{draw_heading, label_beside};
 use super::font;
-use super::picture::{Anchor, Pen, Picture, Point, Size, Text};
+use super::picture::{Anchor, DisplayList, Pen, Point, Size, Text};
 use super::profile::{Curve, Profile};
 use super::scale::{Scale, fixed, short};
 use super::style::{self, LABEL_SIZE, TICK_SIZE, text};
@@ -29,8 +29,8 @@ struct Panel {
 
 /// Draws velocity, acceleration and jerk over time.
 #[must_use]
-pub fn draw_profile(profile: &Profile, size: Size) -> Picture {
-    let mut picture = Picture::new(size, &format!("velocity, acceleration and jerk of {}", profile.title));
+pub fn draw_profile(profile: &Profile, size: Size) -> DisplayList {
+    let mut picture = DisplayList::new(size, &format!("velocity, acceleration and jerk of {}", profile.title));
     let period_ms = short(profile.period_s * 1000.0, 3);
     let stride = match profile.stride_periods {
         0 | 1 => String::new(),
@@ -87,7 +87,7 @@ fn panels(profile: &Profile) -> [Panel; 3] {
 }
 
 impl Panel {
-    fn draw(&self, picture: &mut Picture, profile: &Profile, time: &Scale, [top, bottom]: [f32; 2], is_last: bool) {
+    fn draw(&self, picture: &mut DisplayList, profile: &Profile, time: &Scale, [top, bottom]: [f32; 2], is_last: bool) {
         let (left, right) = (time.low_px, time.high_px);
         let [low, high] = self.range();
         let up = Scale { low, high, low_px: bottom, high_px: top };
@@ -145,7 +145,7 @@ impl Panel {
     }
 }
 
-fn draw_legend(picture: &mut Picture, profile: &Profile, size: Size) {
+fn draw_legend(picture: &mut DisplayList, profile: &Profile, size: Size) {
     let y = size.height() - 18.0;
     let mut x = RIGHT;
     let axes = profile.axes.iter().enumerate().map(|(index, axis)| (axis.name.clone(), axis_pen(index)));

@@ -6,7 +6,7 @@ use super::tool_path::ToolPath;
 
 /// What a job was doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Doing {
+pub enum Activity {
     /// Normal run.
     Run,
     /// Reverse run.
@@ -29,7 +29,7 @@ pub enum Doing {
     Paused,
 }
 
-impl Doing {
+impl Activity {
     /// In a word.
     pub(super) fn word(self) -> &'static str {
         match self {
@@ -55,7 +55,7 @@ impl Doing {
 
 /// Where a job was at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Moment {
+pub struct HistorySample {
     /// Machine time in seconds since the job began.
     pub time_s: f64,
     /// The place, in seconds of programmed motion.
@@ -63,12 +63,12 @@ pub struct Moment {
     /// The furthest place ever executed, in seconds of programmed motion.
     pub reached_s: f64,
     /// What it was doing from then on.
-    pub doing: Doing,
+    pub doing: Activity,
 }
 
 /// How much something matters: where there is no room, what matters less is left out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Rank {
+pub enum Priority {
     /// It ended or interrupted the job.
     Ending,
     /// The machine stood for it.
@@ -83,11 +83,11 @@ pub enum Rank {
 
 /// Something that happened.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Remark {
+pub struct HistoryEvent {
     /// Machine time in seconds since the job began.
     pub time_s: f64,
     /// How much it matters.
-    pub rank: Rank,
+    pub rank: Priority,
     /// What happened.
     pub words: String,
 }
@@ -100,9 +100,9 @@ pub struct History {
     /// How it ended, and what else is to be said in a line.
     pub summary: String,
     /// Where it was over time.
-    pub course: Vec<Moment>,
+    pub course: Vec<HistorySample>,
     /// What happened, in the order of time.
-    pub remarks: Vec<Remark>,
+    pub remarks: Vec<HistoryEvent>,
     /// Where the machine stands now, X Y Z in mm.
     pub stands_mm: Option<[f64; 3]>,
 }
@@ -125,8 +125,8 @@ impl History {
     }
 
     /// The stretches of time in which it was doing the same, first and last time in seconds.
-    pub(super) fn stretches(&self) -> Vec<(Doing, [f64; 2])> {
-        let mut stretches: Vec<(Doing, [f64; 2])> = Vec::new();
+    pub(super) fn stretches(&self) -> Vec<(Activity, [f64; 2])> {
+        let mut stretches: Vec<(Activity, [f64; 2])> = Vec::new();
         for pair in self.course.windows(2) {
             let [from, to] = [pair[0].time_s, pair[1].time_s];
             match stretches.last_mut() {
@@ -142,17 +142,18 @@ impl History {
 mod tests {
     use super::*;
 
-    fn moment(time_s: f64, place_s: f64, doing: Doing) -> Moment {
-        Moment { time_s, place_s, reached_s: place_s, doing }
+    fn moment(time_s: f64, place_s: f64, doing: Activity) -> HistorySample {
+        HistorySample { time_s, place_s, reached_s: place_s, doing }
     }
 
     #[test]
     fn a_place_lies_between_the_moments_around_it() {
-        let course = vec![moment(1.0, 2.0, Doing::Run), moment(3.0, 4.0, Doing::Reverse), moment(4.0, 3.0, Doing::Run)];
+        let course =
+            vec![moment(1.0, 2.0, Activity::Run), moment(3.0, 4.0, Activity::Reverse), moment(4.0, 3.0, Activity::Run)];
         let history = History { course, ..History::default() };
         let at = [0.5, 1.0, 2.0, 3.0, 3.5, 9.0].map(|time| history.place_s(time));
         assert_eq!(at, [Some(2.0), Some(2.0), Some(3.0), Some(4.0), Some(3.5), Some(3.0)]);
-        assert_eq!(history.stretches(), [(Doing::Run, [1.0, 3.0]), (Doing::Reverse, [3.0, 4.0])]);
+        assert_eq!(history.stretches(), [(Activity::Run, [1.0, 3.0]), (Activity::Reverse, [3.0, 4.0])]);
         assert!((history.duration_s() - 4.0).abs() < 1e-12);
     }
 }

@@ -111,14 +111,14 @@ pub(super) enum Item {
 
 /// A finished drawing; [`Picture::to_svg`] and [`Picture::to_png`] write it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
+pub struct DisplayList {
     pub(super) size: Size,
     /// What the drawing is, for those who do not see it.
     pub(super) title: String,
     pub(super) items: Vec<Item>,
 }
 
-impl Picture {
+impl DisplayList {
     pub(super) fn new(size: Size, title: &str) -> Self {
         Self { size, title: title.to_owned(), items: Vec::new() }
     }

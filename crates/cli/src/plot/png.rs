@@ -1,7 +1,7 @@
 //! A drawing as a PNG image, one pixel of the display list to one of the image.
 
 use super::font;
-use super::picture::{Colour, Item, Pen, Picture, Point};
+use super::picture::{Colour, DisplayList, Item, Pen, Point};
 use super::style::PAPER;
 use super::svg::placed;
 use thiserror::Error;
@@ -26,7 +26,7 @@ pub enum PngError {
 /// Lines of an opaque pen are drawn in stretches of so many points: the cost of one grows faster than its length.
 const STRETCH: usize = 512;
 
-impl Picture {
+impl DisplayList {
     /// The drawing as a PNG image.
     ///
     /// # Errors
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn ink_is_where_it_was_put_and_paper_elsewhere() -> Result<(), Box<dyn std::error::Error>> {
-        let mut picture = Picture::new(Size::pixels(480, 320)?, "");
+        let mut picture = DisplayList::new(Size::pixels(480, 320)?, "");
         let line: Vec<Point> = (0..2000).map(|at| [10.0 + at as f32 * 0.1, 50.5]).collect();
         picture.lines(vec![line], Pen { colour: style::INK, width: 2.0, dash: None });
         picture.area(&[[100.0, 100.0], [200.0, 100.0], [200.0, 200.0], [100.0, 200.0]], style::START);

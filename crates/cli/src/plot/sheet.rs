@@ -4,7 +4,7 @@
 
 use super::decimate;
 use super::font;
-use super::picture::{Anchor, Pen, Picture, Point, Text};
+use super::picture::{Anchor, DisplayList, Pen, Point, Text};
 use super::scale::{Scale, Ticks, decimals, fixed, round_up};
 use super::style::{self, LABEL_SIZE, TICK_SIZE, text};
 use super::tool_path::{Extents, StrokeKind, ToolPath, is_finite};
@@ -22,7 +22,7 @@ const TICK_GAP_UP: f32 = 34.0;
 
 /// The part of the drawing that there is for a frame, in pixels; axis labels go around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Room {
+pub(super) struct DrawingArea {
     pub(super) left: f32,
     pub(super) right: f32,
     pub(super) top: f32,
@@ -38,7 +38,7 @@ pub(super) struct Sheet {
 
 impl Sheet {
     /// The largest scale at which everything fits, the same in both directions.
-    pub(super) fn fitting(path: &ToolPath, view: View, extents: &Extents, room: Room) -> Self {
+    pub(super) fn fitting(path: &ToolPath, view: View, extents: &Extents, room: DrawingArea) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut include = |point: [f64; 3]| {
             for (side, value) in view.project(point).into_iter().enumerate() {
@@ -84,7 +84,7 @@ impl Sheet {
         [self.across.px(right), self.up.px(up)]
     }
 
-    pub(super) fn draw_strokes(&self, picture: &mut Picture, path: &ToolPath, kind: StrokeKind, pen: Pen) {
+    pub(super) fn draw_strokes(&self, picture: &mut DisplayList, path: &ToolPath, kind: StrokeKind, pen: Pen) {
         // What follows at once in the same place is one line: a dash then runs on over it.
         let mut lines: Vec<Vec<Point>> = Vec::new();
         for stroke in path.of_kind(kind) {
@@ -100,7 +100,7 @@ impl Sheet {
     }
 
     /// A frame with marks and a grid.
-    pub(super) fn draw_axes(&self, picture: &mut Picture, [name_across, name_up]: [&str; 2]) {
+    pub(super) fn draw_axes(&self, picture: &mut DisplayList, [name_across, name_up]: [&str; 2]) {
         let (left, right) = (self.across.low_px, self.across.high_px);
         let (bottom, top) = (self.up.low_px, self.up.high_px);
         let ticks_across = self.across.ticks(TICK_GAP_ACROSS);
@@ -130,7 +130,7 @@ impl Sheet {
     }
 
     /// The box of the extents, marked along three of its edges.
-    pub(super) fn draw_box(&self, picture: &mut Picture, extents: &Extents) {
+    pub(super) fn draw_box(&self, picture: &mut DisplayList, extents: &Extents) {
         let all = corners(extents).map(|corner| self.place(corner));
         // Corner numbers count X in bit 0, Y in bit 1, Z in bit 2.
         let edges = (0..8).flat_map(|from| [1, 2, 4].map(|bit| (from, from | bit))).filter(|(from, to)| from != to);
@@ -144,7 +144,7 @@ impl Sheet {
     }
 
     /// Marks along one edge of the box, from `from` to `high` on its axis, labelled on its outward side.
-    fn draw_edge(&self, picture: &mut Picture, from: [f64; 3], axis: usize, high: f64, outward: Point) {
+    fn draw_edge(&self, picture: &mut DisplayList, from: [f64; 3], axis: usize, high: f64, outward: Point) {
         let at = |value: f64| {
             let mut point = from;
             point[axis] = value;
@@ -169,7 +169,7 @@ impl Sheet {
     }
 
     /// A bar of a round length up to `right`, beside a legend above `bottom` that ends at `legend_end`; above it where they would meet.
-    pub(super) fn draw_scale_bar(&self, picture: &mut Picture, right: f32, bottom: f32, legend_end: f32) {
+    pub(super) fn draw_scale_bar(&self, picture: &mut DisplayList, right: f32, bottom: f32, legend_end: f32) {
         let per_mm = f64::from(self.across.high_px - self.across.low_px) / (self.across.high - self.across.low);
         let length_mm = round_up(50.0 / per_mm);
         let label = format!("{} mm", fixed(length_mm, decimals(length_mm)));

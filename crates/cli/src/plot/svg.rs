@@ -3,11 +3,11 @@
 //! Invariant: the document needs nothing outside itself; the same drawing gives the same text.
 
 use super::font;
-use super::picture::{Anchor, Colour, Item, Pen, Picture, Point, Text};
+use super::picture::{Anchor, Colour, DisplayList, Item, Pen, Point, Text};
 use super::style::PAPER;
 use std::fmt::Write;
 
-impl Picture {
+impl DisplayList {
     /// The drawing as a complete SVG 1.1 document.
     #[must_use]
     pub fn to_svg(&self) -> String {
@@ -140,7 +140,7 @@ mod tests {
 
     #[test]
     fn a_small_drawing_is_written_word_for_word() -> Result<(), super::super::picture::SizeError> {
-        let mut picture = Picture::new(Size::pixels(480, 320)?, "a < b");
+        let mut picture = DisplayList::new(Size::pixels(480, 320)?, "a < b");
         picture.lines(vec![vec![[1.0, 2.5], [3.004, -4.0], [5.0, 6.126]], vec![[0.0, 0.0], [1.0, 0.0]]], style::RAPID);
         picture.area(&[[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]], style::RETRACED_BAND);
         picture.text(style::text([100.0, 50.0], "l\"", 11.0, Anchor::Right));

@@ -8,11 +8,11 @@ use retrace_controller::operator::{OperatorCommand, percent};
 use retrace_link::channel;
 
 use super::diagnostic_text;
-use super::model::Model;
+use super::model::ScreenModel;
 
 /// An event in words, a line each; none where it is not news for an operator.
 #[must_use]
-pub fn lines(model: &Model, event: &Event) -> Vec<String> {
+pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
     let text = match &event.kind {
         EventKind::Started => "the program begins".into(),
         EventKind::Mode(mode) => match mode_words(mode) {
@@ -72,7 +72,7 @@ fn mode_words(mode: &str) -> Option<&'static str> {
     })
 }
 
-fn deed_words(model: &Model, deed: &OperatorCommand) -> String {
+fn deed_words(model: &ScreenModel, deed: &OperatorCommand) -> String {
     match deed {
         OperatorCommand::Hold => "feed hold".into(),
         OperatorCommand::Resume | OperatorCommand::CycleStart => "cycle start".into(),
@@ -105,7 +105,7 @@ fn deed_words(model: &Model, deed: &OperatorCommand) -> String {
 
 /// What is to be done at a tool change by hand.
 #[must_use]
-pub fn tool_change_words(model: &Model, tool: i32) -> String {
+pub fn tool_change_words(model: &ScreenModel, tool: i32) -> String {
     match (tool, model.facts.tool_names.get(&tool)) {
         (0, _) => "take the tool out".into(),
         (_, Some(name)) => format!("insert tool T{tool}: {name}"),
@@ -114,12 +114,12 @@ pub fn tool_change_words(model: &Model, tool: i32) -> String {
 }
 
 /// An output and its state: `output 3 on`, `spindle clockwise`.
-fn output_words(model: &Model, number: u8, value: i32) -> String {
+fn output_words(model: &ScreenModel, number: u8, value: i32) -> String {
     format!("{} {}", model.facts.output_name(number), state_words(model, number, value))
 }
 
 /// The state of an output in words.
-fn state_words(model: &Model, number: u8, value: i32) -> String {
+fn state_words(model: &ScreenModel, number: u8, value: i32) -> String {
     match (number, value) {
         _ if model.facts.is_of_cutter(number) => if value == 0 { "off" } else { "on" }.into(),
         (channel::SPINDLE, 0) => "stopped".into(),

@@ -5,7 +5,7 @@
 use retrace_controller::telemetry::HoldReason;
 use retrace_core::mode::Mode;
 
-use super::model::{Model, Stage};
+use super::model::{ScreenModel, ScreenStage};
 
 /// A key, as the screen knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -46,7 +46,7 @@ pub enum Key {
 
 /// What a key does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Act {
+pub enum KeyAction {
     /// Cycle start; begins the program where none runs.
     CycleStart,
     /// Feed hold.
@@ -185,16 +185,16 @@ impl Situation {
 
     /// The one that the picture shows.
     #[must_use]
-    pub fn of(model: &Model) -> Self {
+    pub fn of(model: &ScreenModel) -> Self {
         match (&model.stage, model.mode) {
-            (Stage::Setup, _) => Self::Setup,
-            (Stage::Ended(_), _) => Self::Ended,
-            (Stage::Resuming, _) => Self::Resuming,
-            (Stage::Job, _) if model.standing == HoldReason::Paused || model.pause.is_some() => Self::Paused,
-            (Stage::Job, Mode::Run) if model.is_at_program_end() => Self::ProgramEnd,
-            (Stage::Job, Mode::Run) => Self::Run,
-            (Stage::Job, Mode::Wheel) => Self::Wheel,
-            (Stage::Job, _) => Self::Retrace,
+            (ScreenStage::Setup, _) => Self::Setup,
+            (ScreenStage::Ended(_), _) => Self::Ended,
+            (ScreenStage::Resuming, _) => Self::Resuming,
+            (ScreenStage::Job, _) if model.standing == HoldReason::Paused || model.pause.is_some() => Self::Paused,
+            (ScreenStage::Job, Mode::Run) if model.is_at_program_end() => Self::ProgramEnd,
+            (ScreenStage::Job, Mode::Run) => Self::Run,
+            (ScreenStage::Job, Mode::Wheel) => Self::Wheel,
+            (ScreenStage::Job, _) => Self::Retrace,
         }
     }
 
@@ -228,7 +228,7 @@ pub struct Row {
     /// In which situations.
     pub when: u8,
     /// What they do.
-    pub act: Act,
+    pub act: KeyAction,
 }
 
 const SETUP: u8 = Situation::Setup as u8;
@@ -257,7 +257,7 @@ const fn row(
     short: &'static str,
     long: &'static str,
     when: u8,
-    act: Act,
+    act: KeyAction,
 ) -> Row {
     Row { keys, shown, short, long, when, act }
 }
@@ -265,56 +265,56 @@ const fn row(
 /// The table.
 #[rustfmt::skip]
 pub const TABLE: &[Row] = &[
-    row(&[Key::Char('c')], "c", "start", "cycle start: begin, or go on after a hold or stop", ALWAYS, Act::CycleStart),
-    row(&[Key::Char(' '), Key::Char('h')], "Space", "hold", "feed hold, at any time (h too); stops a jog", SETUP | JOB | RESUMING, Act::Hold),
-    row(&[Key::Char('r')], "r", "reverse", "back along the path; again: 50, 25, 10 %, 100 %", MOVING, Act::Reverse),
-    row(&[Key::Char('R')], "R", "rapid back", "back in rapid: up to 800 % with the jet off", MOVING, Act::ReverseRapid),
-    row(&[Key::Char('f')], "f", "forward", "forward over what was cut; again: 50, 25, 10 %", RETRACE | WHEEL, Act::Forward),
-    row(&[Key::Char('F')], "F", "rapid fwd", "forward in rapid, to where it was", RETRACE | WHEEL, Act::ForwardRapid),
-    row(&[Key::Char('w')], "w", "wheel", "handwheel: arrows and mouse wheel move the machine", RUN | RETRACE | PROGRAM_END, Act::Wheel),
-    row(ARROWS, "← →", "turn", "turn the wheel back, forward; PgUp PgDn ten counts", WHEEL, Act::Turn),
-    row(&[Key::Char('l')], "l", "leave", "leave: forward to where it was, then on", RETRACE | WHEEL, Act::Leave),
-    row(&[Key::Char('L')], "L", "leave, ask", "the same, but ask before outputs are restored", RETRACE | WHEEL, Act::LeaveAsk),
-    row(&[Key::Char('y')], "y", "agree", "agree to what is asked, as to the outputs", RETRACE | WHEEL | RESUMING, Act::Agree),
-    row(&[Key::Char('n')], "n", "no", "do not agree to what is asked", RESUMING, Act::Decline),
-    row(&[Key::Char('b')], "b", "back mm", "back by so many mm", MOVING, Act::BackBy),
-    row(&[Key::Char('B')], "B", "block", "back to the start of this block", MOVING, Act::BackBlock),
-    row(&[Key::Char('j')], "j", "jet", "back to where the jet came on", MOVING, Act::BackJet),
-    row(&[Key::Char('+'), Key::Char('=')], "+", "faster", "feed override 10 % up; rapids keep theirs", JOB, Act::Faster),
-    row(&[Key::Char('-')], "-", "slower", "feed override 10 % down", JOB, Act::Slower),
-    row(&[Key::Char('0')], "0", "100 %", "feed override 100 %", JOB, Act::Whole),
-    row(&[Key::Char('*')], "*", "rapids", "rapid override: 50, 25, 0 %, 100 %", JOB, Act::RapidOverride),
-    row(&[Key::Char('s')], "s", "single", "single block on, off", JOB, Act::Single),
-    row(&[Key::Char('p')], "p", "pause", "pause the program, to move away and come back", RUN, Act::Pause),
-    row(&[Key::Char('x'), Key::Char('X')], "x", "cutter off", "cutter off, at once, whatever the machine does", EVER, Act::CutterOff),
-    row(&[Key::Char('i')], "i", "cutter on", "cutter on, where it may cut by hand", MOVING, Act::CutterOn),
-    row(&[Key::Char('k')], "k", "recover", "restore the outputs, the cutter last, and go on", RUN | RETRACE | WHEEL, Act::Recover),
-    row(&[Key::Char('S')], "S", "spindle", "stop the spindle; again: start it as it was", PAUSED, Act::Spindle),
-    row(&[Key::Char('M')], "M", "M1 stop", "M1 stops, or does not", SETUP | JOB, Act::OptionalStop),
-    row(&[Key::Char('z')], "z", "tool length", "new tool length, spindle off: 84.2 mm, or +0.35", PAUSED, Act::ToolLength),
-    row(&[Key::Char('n')], "n", "on line", "back to on-line mode", PAUSED, Act::Online),
-    row(ARROWS, "arrows", "jog", "← → X, ↑ ↓ Y, PgUp PgDn Z, by the step", SETUP | PAUSED, Act::Jog),
-    row(&[Key::Char('[')], "[", "jog -", "jog the chosen axis down", SETUP | PAUSED, Act::JogDown),
-    row(&[Key::Char(']')], "]", "jog +", "jog the chosen axis up", SETUP | PAUSED, Act::JogUp),
-    row(&[Key::Tab], "Tab", "axis", "choose the axis for [ and ]", SETUP | PAUSED, Act::NextAxis),
-    row(&[Key::Char('t')], "t", "step", "jog step: 0.01, 0.1, 1, 10 mm, on until Space", SETUP | PAUSED, Act::Step),
-    row(&[Key::Char('u')], "u", "set up", "release the job; set up: home, jog, MDI, work zero", ENDED | PROGRAM_END, Act::SetUp),
-    row(&[Key::Char('O')], "O", "open", "open another program; Tab completes its name", FREE, Act::OpenProgram),
-    row(&[Key::Char('H')], "H", "home", "home all axes", SETUP, Act::Home),
-    row(&[Key::Char('m')], "m", "MDI", "a block by hand", SETUP, Act::Mdi),
-    row(&[Key::Char('z')], "z", "zero", "work zero here, of one axis or all", SETUP, Act::WorkZero),
-    row(&[Key::Char('d')], "d", "dry run", "dry run: the cutter stays off", SETUP, Act::DryRun),
-    row(&[Key::Char('T')], "T", "tools", "the tool table", EVER, Act::Tools),
-    row(&[Key::Char('o')], "o", "output", "an output by hand: its number or name, then + or -", SETUP | JOB, Act::Output),
-    row(&[Key::Char('a')], "a", "reset", "alarm reset", ALWAYS, Act::ClearAlarm),
-    row(&[Key::Char('v')], "v", "view", "the drawing from another side", EVER, Act::View),
-    row(&[Key::Char('>'), Key::Char('.')], ">", "zoom in", "enlarge the drawing", EVER, Act::ZoomIn),
-    row(&[Key::Char('<'), Key::Char(',')], "<", "zoom out", "make the drawing smaller again", EVER, Act::ZoomOut),
-    row(SHIFT_ARROWS, "Shift ←", "pan", "Shift and an arrow: move the enlarged drawing", EVER, Act::Pan),
-    row(&[Key::Char('e')], "e", "fit", "fit the drawing to the table; again: to the program", EVER, Act::Fit),
-    row(&[Key::Char('g')], "g", "log", "all messages", EVER, Act::Messages),
-    row(&[Key::Char('?')], "?", "keys", "all keys", EVER, Act::Help),
-    row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, asked first; quit", EVER, Act::Quit),
+    row(&[Key::Char('c')], "c", "start", "cycle start: begin, or go on after a hold or stop", ALWAYS, KeyAction::CycleStart),
+    row(&[Key::Char(' '), Key::Char('h')], "Space", "hold", "feed hold, at any time (h too); stops a jog", SETUP | JOB | RESUMING, KeyAction::Hold),
+    row(&[Key::Char('r')], "r", "reverse", "back along the path; again: 50, 25, 10 %, 100 %", MOVING, KeyAction::Reverse),
+    row(&[Key::Char('R')], "R", "rapid back", "back in rapid: up to 800 % with the jet off", MOVING, KeyAction::ReverseRapid),
+    row(&[Key::Char('f')], "f", "forward", "forward over what was cut; again: 50, 25, 10 %", RETRACE | WHEEL, KeyAction::Forward),
+    row(&[Key::Char('F')], "F", "rapid fwd", "forward in rapid, to where it was", RETRACE | WHEEL, KeyAction::ForwardRapid),
+    row(&[Key::Char('w')], "w", "wheel", "handwheel: arrows and mouse wheel move the machine", RUN | RETRACE | PROGRAM_END, KeyAction::Wheel),
+    row(ARROWS, "← →", "turn", "turn the wheel back, forward; PgUp PgDn ten counts", WHEEL, KeyAction::Turn),
+    row(&[Key::Char('l')], "l", "leave", "leave: forward to where it was, then on", RETRACE | WHEEL, KeyAction::Leave),
+    row(&[Key::Char('L')], "L", "leave, ask", "the same, but ask before outputs are restored", RETRACE | WHEEL, KeyAction::LeaveAsk),
+    row(&[Key::Char('y')], "y", "agree", "agree to what is asked, as to the outputs", RETRACE | WHEEL | RESUMING, KeyAction::Agree),
+    row(&[Key::Char('n')], "n", "no", "do not agree to what is asked", RESUMING, KeyAction::Decline),
+    row(&[Key::Char('b')], "b", "back mm", "back by so many mm", MOVING, KeyAction::BackBy),
+    row(&[Key::Char('B')], "B", "block", "back to the start of this block", MOVING, KeyAction::BackBlock),
+    row(&[Key::Char('j')], "j", "jet", "back to where the jet came on", MOVING, KeyAction::BackJet),
+    row(&[Key::Char('+'), Key::Char('=')], "+", "faster", "feed override 10 % up; rapids keep theirs", JOB, KeyAction::Faster),
+    row(&[Key::Char('-')], "-", "slower", "feed override 10 % down", JOB, KeyAction::Slower),
+    row(&[Key::Char('0')], "0", "100 %", "feed override 100 %", JOB, KeyAction::Whole),
+    row(&[Key::Char('*')], "*", "rapids", "rapid override: 50, 25, 0 %, 100 %", JOB, KeyAction::RapidOverride),
+    row(&[Key::Char('s')], "s", "single", "single block on, off", JOB, KeyAction::Single),
+    row(&[Key::Char('p')], "p", "pause", "pause the program, to move away and come back", RUN, KeyAction::Pause),
+    row(&[Key::Char('x'), Key::Char('X')], "x", "cutter off", "cutter off, at once, whatever the machine does", EVER, KeyAction::CutterOff),
+    row(&[Key::Char('i')], "i", "cutter on", "cutter on, where it may cut by hand", MOVING, KeyAction::CutterOn),
+    row(&[Key::Char('k')], "k", "recover", "restore the outputs, the cutter last, and go on", RUN | RETRACE | WHEEL, KeyAction::Recover),
+    row(&[Key::Char('S')], "S", "spindle", "stop the spindle; again: start it as it was", PAUSED, KeyAction::Spindle),
+    row(&[Key::Char('M')], "M", "M1 stop", "M1 stops, or does not", SETUP | JOB, KeyAction::OptionalStop),
+    row(&[Key::Char('z')], "z", "tool length", "new tool length, spindle off: 84.2 mm, or +0.35", PAUSED, KeyAction::ToolLength),
+    row(&[Key::Char('n')], "n", "on line", "back to on-line mode", PAUSED, KeyAction::Online),
+    row(ARROWS, "arrows", "jog", "← → X, ↑ ↓ Y, PgUp PgDn Z, by the step", SETUP | PAUSED, KeyAction::Jog),
+    row(&[Key::Char('[')], "[", "jog -", "jog the chosen axis down", SETUP | PAUSED, KeyAction::JogDown),
+    row(&[Key::Char(']')], "]", "jog +", "jog the chosen axis up", SETUP | PAUSED, KeyAction::JogUp),
+    row(&[Key::Tab], "Tab", "axis", "choose the axis for [ and ]", SETUP | PAUSED, KeyAction::NextAxis),
+    row(&[Key::Char('t')], "t", "step", "jog step: 0.01, 0.1, 1, 10 mm, on until Space", SETUP | PAUSED, KeyAction::Step),
+    row(&[Key::Char('u')], "u", "set up", "release the job; set up: home, jog, MDI, work zero", ENDED | PROGRAM_END, KeyAction::SetUp),
+    row(&[Key::Char('O')], "O", "open", "open another program; Tab completes its name", FREE, KeyAction::OpenProgram),
+    row(&[Key::Char('H')], "H", "home", "home all axes", SETUP, KeyAction::Home),
+    row(&[Key::Char('m')], "m", "MDI", "a block by hand", SETUP, KeyAction::Mdi),
+    row(&[Key::Char('z')], "z", "zero", "work zero here, of one axis or all", SETUP, KeyAction::WorkZero),
+    row(&[Key::Char('d')], "d", "dry run", "dry run: the cutter stays off", SETUP, KeyAction::DryRun),
+    row(&[Key::Char('T')], "T", "tools", "the tool table", EVER, KeyAction::Tools),
+    row(&[Key::Char('o')], "o", "output", "an output by hand: its number or name, then + or -", SETUP | JOB, KeyAction::Output),
+    row(&[Key::Char('a')], "a", "reset", "alarm reset", ALWAYS, KeyAction::ClearAlarm),
+    row(&[Key::Char('v')], "v", "view", "the drawing from another side", EVER, KeyAction::View),
+    row(&[Key::Char('>'), Key::Char('.')], ">", "zoom in", "enlarge the drawing", EVER, KeyAction::ZoomIn),
+    row(&[Key::Char('<'), Key::Char(',')], "<", "zoom out", "make the drawing smaller again", EVER, KeyAction::ZoomOut),
+    row(SHIFT_ARROWS, "Shift ←", "pan", "Shift and an arrow: move the enlarged drawing", EVER, KeyAction::Pan),
+    row(&[Key::Char('e')], "e", "fit", "fit the drawing to the table; again: to the program", EVER, KeyAction::Fit),
+    row(&[Key::Char('g')], "g", "log", "all messages", EVER, KeyAction::Messages),
+    row(&[Key::Char('?')], "?", "keys", "all keys", EVER, KeyAction::Help),
+    row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, asked first; quit", EVER, KeyAction::Quit),
 ];
 
 /// What a key does in a situation; the row that has it.
@@ -332,7 +332,7 @@ pub fn elsewhere(key: Key) -> Option<(&'static Row, Situation)> {
 
 /// The row of an act.
 #[must_use]
-pub fn row_for(act: Act) -> Option<&'static Row> {
+pub fn row_for(act: KeyAction) -> Option<&'static Row> {
     TABLE.iter().find(|row| row.act == act)
 }
 
@@ -357,7 +357,7 @@ mod tests {
     #[test]
     fn a_hold_is_one_key_away_wherever_something_may_move() {
         for situation in Situation::ALL.into_iter().filter(|&s| s != Situation::Ended) {
-            assert_eq!(row_of(Key::Char(' '), situation).map(|row| row.act), Some(Act::Hold));
+            assert_eq!(row_of(Key::Char(' '), situation).map(|row| row.act), Some(KeyAction::Hold));
         }
     }
 }

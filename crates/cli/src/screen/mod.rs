@@ -7,19 +7,19 @@
 
 pub mod diagnostic_text;
 mod event_text;
-pub mod facts;
+#[cfg(test)]
+mod fake_machine;
 mod files;
-mod guide;
-mod hand;
+mod key_state;
 mod keys;
 mod layout;
-pub mod lengths;
-pub mod live;
 pub mod model;
-#[cfg(test)]
-mod pretended;
+pub mod model_observer;
+pub mod path_length;
 pub mod preview;
+pub mod program_facts;
 mod program_outputs;
+mod status_line;
 pub mod trail;
 mod view;
 
@@ -39,11 +39,11 @@ use ratatui::crossterm::execute;
 use retrace_controller::manual::ManualTask;
 use retrace_controller::operator::OperatorCommand;
 
-use hand::Hand;
+use key_state::KeyState;
 use keys::Key;
-use live::locked;
-use model::Model;
-use view::Look;
+use model::ScreenModel;
+use model_observer::locked;
+use view::Theme;
 
 /// How often keys are looked for.
 const POLL: Duration = Duration::from_millis(20);
@@ -56,7 +56,7 @@ const AT_LEAST: Duration = Duration::from_millis(500);
 
 /// What the operator says at the screen.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Said {
+pub enum UiCommand {
     /// While a job runs.
     Deed(OperatorCommand),
     /// While none runs. What moves on until it is stopped, [`Deed::Hold`] stops.
@@ -86,13 +86,13 @@ pub enum Said {
 /// The screen.
 #[derive(Debug)]
 pub struct Screen {
-    hand: Hand,
-    look: Look,
+    hand: KeyState,
+    look: Theme,
 }
 
 impl Default for Screen {
     fn default() -> Self {
-        Self { hand: Hand::new(), look: Look::of_environment() }
+        Self { hand: KeyState::new(), look: Theme::of_environment() }
     }
 }
 
@@ -101,7 +101,7 @@ impl Screen {
     ///
     /// # Errors
     /// The terminal reports a fault.
-    pub fn run(&mut self, model: &Mutex<Model>, say: impl FnMut(Said)) -> io::Result<()> {
+    pub fn run(&mut self, model: &Mutex<ScreenModel>, say: impl FnMut(UiCommand)) -> io::Result<()> {
         // It puts the terminal back on a panic as well.
         let mut terminal = ratatui::try_init()?;
         let hook = std::panic::take_hook();
@@ -120,8 +120,8 @@ impl Screen {
     fn show(
         &mut self,
         terminal: &mut DefaultTerminal,
-        model: &Mutex<Model>,
-        mut say: impl FnMut(Said),
+        model: &Mutex<ScreenModel>,
+        mut say: impl FnMut(UiCommand),
     ) -> io::Result<()> {
         let begun = Instant::now();
         let mut shown: Option<(Instant, u64)> = None;
@@ -158,7 +158,7 @@ impl Screen {
                 let now_ms = begun.elapsed().as_millis() as u64;
                 let said = self.hear(&event::read()?, now_ms, model);
                 if let Some(said) = said {
-                    let quits = said == Said::Quit;
+                    let quits = said == UiCommand::Quit;
                     say(said);
                     if quits {
                         return Ok(());
@@ -168,7 +168,7 @@ impl Screen {
         }
     }
 
-    fn hear(&mut self, event: &Event, now_ms: u64, model: &Mutex<Model>) -> Option<Said> {
+    fn hear(&mut self, event: &Event, now_ms: u64, model: &Mutex<ScreenModel>) -> Option<UiCommand> {
         let picture = || locked(model).clone();
         match event {
             Event::Key(key) if key.kind != KeyEventKind::Release => self.hand.key(known(key)?, now_ms, &picture()),
@@ -189,7 +189,7 @@ pub fn put_back() {
 }
 
 /// Publishes how long a picture took.
-fn measured(model: &Mutex<Model>, took: Duration) {
+fn measured(model: &Mutex<ScreenModel>, took: Duration) {
     let ms = took.as_secs_f64() * 1000.0;
     let mut model = locked(model);
     let redraw = &mut model.redraw;

@@ -11,8 +11,8 @@ use retrace_core::mode::Mode;
 use retrace_core::place::before;
 use retrace_link::channel;
 
-use super::facts::Facts;
-use super::lengths::Lengths;
+use super::path_length::PathLengths;
+use super::program_facts::ProgramFacts;
 use super::trail::Trail;
 
 /// Messages that are kept.
@@ -20,7 +20,7 @@ pub const MESSAGES: usize = 200;
 
 /// Where a job is.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Stage {
+pub enum ScreenStage {
     /// None runs: the machine is being set up.
     #[default]
     Setup,
@@ -142,11 +142,11 @@ pub struct TimeLeft {
 
 /// What the screen shows.
 #[derive(Clone, Debug)]
-pub struct Model {
+pub struct ScreenModel {
     /// What does not change.
-    pub facts: Arc<Facts>,
+    pub facts: Arc<ProgramFacts>,
     /// Where the job is.
-    pub stage: Stage,
+    pub stage: ScreenStage,
     /// Has every axis been homed? Where it has not, no program moves.
     pub homed: bool,
     /// Which axes have been homed, in the order of the axes.
@@ -234,7 +234,7 @@ pub struct Model {
     /// Where the machine went.
     pub trail: Trail,
     /// How long the path is.
-    pub lengths: Lengths,
+    pub lengths: PathLengths,
     /// Times that the look-ahead ran dry.
     pub underruns: u32,
     /// How long drawing takes.
@@ -245,13 +245,13 @@ pub struct Model {
     pub changes: u64,
 }
 
-impl Model {
+impl ScreenModel {
     /// A machine that stands, of which nothing was told yet.
     #[must_use]
-    pub fn new(facts: Arc<Facts>) -> Self {
+    pub fn new(facts: Arc<ProgramFacts>) -> Self {
         let (axes, first) = (facts.axes.len(), facts.first_place);
         Self {
-            stage: Stage::Setup,
+            stage: ScreenStage::Setup,
             homed: true,
             homing: vec![AxisHoming::default(); axes],
             period: 0,
@@ -295,7 +295,7 @@ impl Model {
             history_before: None,
             messages: VecDeque::new(),
             trail: Trail::default(),
-            lengths: Lengths::from(Place::start_of(first)),
+            lengths: PathLengths::from(Place::start_of(first)),
             underruns: 0,
             redraw: Redraw::default(),
             over: false,
@@ -322,7 +322,7 @@ impl Model {
     pub fn to_go_mm(&self, axis: usize) -> Option<f64> {
         let end = self.facts.preview.end_of(self.line)?;
         let end = f64::from(*end.get(axis)?) + self.moved_mm.get(axis).copied().unwrap_or(0.0);
-        (self.stage == Stage::Job && !self.off_path).then_some(end - self.machine_mm(axis))
+        (self.stage == ScreenStage::Job && !self.off_path).then_some(end - self.machine_mm(axis))
     }
 
     /// Where the machine is in the drawing: X, Y, Z, mm.
@@ -424,13 +424,13 @@ impl Model {
     /// Does the machine stand at the end of the program, with reverse run still possible?
     #[must_use]
     pub fn is_at_program_end(&self) -> bool {
-        self.stage == Stage::Job && self.standing == HoldReason::Ended && self.mode == Mode::Run
+        self.stage == ScreenStage::Job && self.standing == HoldReason::Ended && self.mode == Mode::Run
     }
 
     /// The job has ended; how, in words.
     pub fn end(&mut self, how: &str) {
         self.ended.get_or_insert(self.period);
-        (self.stage, self.pause) = (Stage::Ended(how.into()), None);
+        (self.stage, self.pause) = (ScreenStage::Ended(how.into()), None);
         self.differ.clear();
         self.say(self.period as f64 * self.facts.period_s, self.line, how);
     }

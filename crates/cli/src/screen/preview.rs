@@ -9,7 +9,7 @@ use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstructi
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
 
-use super::trail::{Knot, Trail};
+use super::trail::{Trail, TrailPoint};
 
 /// Lines whose ends are kept at most.
 const MAX_ENDS: usize = 1_000_000;
@@ -19,7 +19,7 @@ const MAX_ENDS: usize = 1_000_000;
 pub struct Preview {
     /// The path.
     pub path: Trail,
-    ends: Vec<End>,
+    ends: Vec<PreviewEnd>,
     axes: usize,
     space: [Option<usize>; 3],
     at_mm: [f64; 9],
@@ -30,7 +30,7 @@ pub struct Preview {
 
 /// Where a line ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum End {
+enum PreviewEnd {
     /// It moves nothing.
     #[default]
     Nowhere,
@@ -55,7 +55,7 @@ impl Preview {
     #[must_use]
     pub fn end_of(&self, line: u32) -> Option<&[f32]> {
         match self.ends.get(line as usize)? {
-            End::At(end) => end.get(..self.axes),
+            PreviewEnd::At(end) => end.get(..self.axes),
             _ => None,
         }
     }
@@ -68,7 +68,7 @@ impl Preview {
 
     fn draw(&mut self, rapid: bool) {
         let at = self.space.map(|axis| axis.map_or(0.0, |i| self.at_mm[i] as f32));
-        self.path.push(Knot { along_mm: self.along_mm, at, rapid });
+        self.path.push(TrailPoint { along_mm: self.along_mm, at, rapid });
     }
 
     fn end(&mut self, line: u32) {
@@ -77,14 +77,14 @@ impl Preview {
             return;
         }
         if index >= self.ends.len() {
-            self.ends.resize(index + 1, End::Nowhere);
+            self.ends.resize(index + 1, PreviewEnd::Nowhere);
         }
         let slot = &mut self.ends[index];
         // Several moves in a row are one block, of which the last one counts.
         *slot = match *slot {
-            End::At(old) if self.line != line && old != end => End::Several,
-            End::Several => End::Several,
-            _ => End::At(end),
+            PreviewEnd::At(old) if self.line != line && old != end => PreviewEnd::Several,
+            PreviewEnd::Several => PreviewEnd::Several,
+            _ => PreviewEnd::At(end),
         };
         self.line = line;
     }

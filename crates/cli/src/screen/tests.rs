@@ -15,28 +15,28 @@ use retrace_controller::telemetry::HoldReason;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 
-use super::facts::{AxisFacts, Facts, Planned, Text};
-use super::hand::{Ask, Hand, Open};
+use super::fake_machine::{self, FakeMachine, FakePath};
+use super::key_state::{KeyState, OpenDialog, PendingQuestion};
 use super::keys::{Key, TABLE};
-use super::live::locked;
-use super::model::{AlarmShown, AxisHoming, Model, Pause, Stage};
-use super::pretended::{self, Pretended, Tape};
-use super::trail::Knot;
-use super::{Said, layout, view};
+use super::model::{AlarmShown, AxisHoming, Pause, ScreenModel, ScreenStage};
+use super::model_observer::locked;
+use super::program_facts::{AxisFacts, Planned, ProgramFacts, Text};
+use super::trail::TrailPoint;
+use super::{UiCommand, layout, view};
 use crate::args::{Cli, Command};
 use crate::program::Program;
 
-const PLAIN: view::Look = view::Look { colour: false };
+const PLAIN: view::Theme = view::Theme { colour: false };
 
 /// A person at the screen of the pretended machine.
-struct Bench {
-    machine: Pretended,
-    model: Arc<Mutex<Model>>,
-    hand: Hand,
+struct ScreenFixture {
+    machine: FakeMachine,
+    model: Arc<Mutex<ScreenModel>>,
+    hand: KeyState,
     now_ms: u64,
 }
 
-impl Bench {
+impl ScreenFixture {
     fn new() -> Self {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/02-back-up.ngc");
         let Command::Check(args) = Cli::parse_from(["retrace", "check", path]).command else {
@@ -44,16 +44,16 @@ impl Bench {
         };
         let machine = crate::files::machine(None).expect("built in");
         let program = Program::open(&args.reading, &machine).expect("a program");
-        let tape = Tape::of(&machine, &program);
+        let tape = FakePath::of(&machine, &program);
         let text = std::fs::read_to_string(path).expect("a text");
-        let facts = pretended::facts(&machine, &program, &text, &tape);
-        let facts = Facts { program: Text::new("02-back-up.ngc", &text), ..facts };
-        let model = Arc::new(Mutex::new(Model::new(Arc::new(facts))));
-        let machine = Pretended::new(tape, Arc::clone(&model), 0.001);
-        Self { machine, model, hand: Hand::new(), now_ms: 0 }
+        let facts = fake_machine::facts(&machine, &program, &text, &tape);
+        let facts = ProgramFacts { program: Text::new("02-back-up.ngc", &text), ..facts };
+        let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(facts))));
+        let machine = FakeMachine::new(tape, Arc::clone(&model), 0.001);
+        Self { machine, model, hand: KeyState::new(), now_ms: 0 }
     }
 
-    fn key(&mut self, key: Key) -> Option<Said> {
+    fn key(&mut self, key: Key) -> Option<UiCommand> {
         let picture = self.picture();
         let said = self.hand.key(key, self.now_ms, &picture);
         if let Some(said) = &said {
@@ -75,7 +75,7 @@ impl Bench {
         self.now_ms += ms;
     }
 
-    fn picture(&self) -> Model {
+    fn picture(&self) -> ScreenModel {
         locked(&self.model).clone()
     }
 
@@ -95,7 +95,7 @@ impl Bench {
     }
 }
 
-fn drawn(model: &Model, hand: &Hand, width: u16, height: u16, now_ms: u64) -> Buffer {
+fn drawn(model: &ScreenModel, hand: &KeyState, width: u16, height: u16, now_ms: u64) -> Buffer {
     let mut out = Buffer::empty(Rect::new(0, 0, width, height));
     view::draw(&mut out, model, hand, PLAIN, now_ms);
     out
@@ -112,7 +112,7 @@ fn text(out: &Buffer) -> String {
 
 #[test]
 fn the_screens_are_as_they_were_looked_at() {
-    let mut bench = Bench::new();
+    let mut bench = ScreenFixture::new();
     bench.wait(5);
     bench.is_as("1-ready", 80, 24);
     bench.keys("c");
@@ -142,7 +142,7 @@ fn the_screens_are_as_they_were_looked_at() {
     bench.is_as("7-outputs-differ", 80, 24);
     bench.keys("y");
     bench.wait(500);
-    bench.machine.hear(&Said::Deed(retrace_controller::operator::OperatorCommand::SpindleStart));
+    bench.machine.hear(&UiCommand::Deed(retrace_controller::operator::OperatorCommand::SpindleStart));
     bench.keys("p");
     bench.wait(500);
     bench.keys("S");
@@ -162,10 +162,10 @@ fn the_screens_are_as_they_were_looked_at() {
     bench.is_as("11-too-small", 60, 10);
 }
 
-fn with_messages(texts: &[&str]) -> Model {
+fn with_messages(texts: &[&str]) -> ScreenModel {
     let letters = ['x', 'y', 'z'];
     let axes = letters.map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] }).to_vec();
-    let mut model = Model::new(Arc::new(Facts { axes, ..Facts::default() }));
+    let mut model = ScreenModel::new(Arc::new(ProgramFacts { axes, ..ProgramFacts::default() }));
     texts.iter().for_each(|message| model.say(1.0, 0, *message));
     model
 }
@@ -175,14 +175,14 @@ fn a_fault_that_comes_again_and_again_is_one_message() {
     let model = with_messages(&["one", "E1", "E2", "E1", "E2", "E1"]);
     let messages: Vec<_> = model.messages.iter().map(|message| (message.text.as_str(), message.times)).collect();
     assert_eq!(messages, [("one", 1), ("E2", 2), ("E1", 3)]);
-    assert!(text(&drawn(&model, &Hand::new(), 80, 24, 0)).contains("E1  ×3"));
+    assert!(text(&drawn(&model, &KeyState::new(), 80, 24, 0)).contains("E1  ×3"));
 }
 
 #[test]
 fn all_messages_are_shown_whole_and_all_keys_on_pages() {
     let long = "word ".repeat(60) + "end of it";
     let model = with_messages(&[&long, "the last"]);
-    let mut hand = Hand::new();
+    let mut hand = KeyState::new();
     let _ = hand.key(Key::Char('g'), 0, &model);
     let shown = text(&drawn(&model, &hand, 80, 24, 0));
     assert!(shown.contains("end of it") && shown.contains("the last") && !shown.contains("word…"), "{shown}");
@@ -207,10 +207,10 @@ fn the_drawing_is_enlarged_moved_and_fitted_to_the_table() {
     facts.axes.iter_mut().for_each(|axis| axis.travel_mm = [0.0, 400.0]);
     for (along, rapid, at) in [(0.0, false, [0.0; 3]), (10.0, false, [10.0, 0.0, 0.0]), (20.0, true, [10.0, 10.0, 0.0])]
     {
-        facts.preview.path.push(Knot { along_mm: along, at: at.map(|mm: f64| mm as f32), rapid });
+        facts.preview.path.push(TrailPoint { along_mm: along, at: at.map(|mm: f64| mm as f32), rapid });
     }
-    let mut hand = Hand::new();
-    let pane = |hand: &Hand| {
+    let mut hand = KeyState::new();
+    let pane = |hand: &KeyState| {
         let all = text(&drawn(&model, hand, 80, 24, 0));
         all.lines().skip(10).take(11).map(|line| line.chars().take(40).collect::<String>() + "\n").collect::<String>()
     };
@@ -240,8 +240,9 @@ fn the_drawing_is_enlarged_moved_and_fitted_to_the_table() {
 fn a_program_that_does_not_come_is_waited_for_by_name_and_time() {
     let mut model = with_messages(&[]);
     Arc::make_mut(&mut model.facts).period_s = 0.001;
-    (model.stage, model.period, model.waiting) = (Stage::Job, 14_000, Some(("tcp://cam-computer:7000".into(), 3_000)));
-    let shown = text(&drawn(&model, &Hand::new(), 80, 24, 0));
+    (model.stage, model.period, model.waiting) =
+        (ScreenStage::Job, 14_000, Some(("tcp://cam-computer:7000".into(), 3_000)));
+    let shown = text(&drawn(&model, &KeyState::new(), 80, 24, 0));
     assert!(shown.contains("WAITING") && shown.contains("waiting for tcp://cam-computer:7000 since 12 s"), "{shown}");
 }
 
@@ -251,31 +252,36 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
         "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\n[[output]]\nnumber = 5\nname = \"clamp\"\n",
         "m.toml",
     );
-    let mut model = Model::new(Arc::new(Facts::of(&machine.expect("valid"), "a.ngc", "")));
-    let shown = |model: &Model, hand: &Hand| text(&drawn(model, hand, 80, 24, 0));
-    let off = shown(&model, &Hand::new());
+    let mut model = ScreenModel::new(Arc::new(ProgramFacts::of(&machine.expect("valid"), "a.ngc", "")));
+    let shown = |model: &ScreenModel, hand: &KeyState| text(&drawn(model, hand, 80, 24, 0));
+    let off = shown(&model, &KeyState::new());
     assert!(off.contains("torch off") && off.contains("other outputs off") && !off.contains("all off"), "{off}");
-    (model.stage, model.program_outputs) = (Stage::Job, [(64, 1)].into());
-    assert!(shown(&model, &Hand::new()).contains("torch off · program here ON"));
+    (model.stage, model.program_outputs) = (ScreenStage::Job, [(64, 1)].into());
+    assert!(shown(&model, &KeyState::new()).contains("torch off · program here ON"));
     assert!(off.contains("x cutter off  ? all keys"), "{off}");
     model.outputs = [(64, 1), (5, 1)].into();
-    let on = shown(&model, &Hand::new());
+    let on = shown(&model, &KeyState::new());
     assert!(on.contains("torch ON · program here ON") && on.contains("outputs ON: clamp"), "{on}");
     assert!(!on.contains("spindle"), "{on}");
-    let mut hand = Hand::new();
-    for open in [Open::Nothing, Open::Help(1), Open::Messages(0), Open::Prompt(Ask::Stop, String::new(), None)] {
+    let mut hand = KeyState::new();
+    for open in [
+        OpenDialog::Nothing,
+        OpenDialog::Help(1),
+        OpenDialog::Messages(0),
+        OpenDialog::Prompt(PendingQuestion::Stop, String::new(), None),
+    ] {
         hand.open = open;
-        assert_eq!(hand.key(Key::Char('x'), 0, &model), Some(Said::CutterOff), "whatever is open");
+        assert_eq!(hand.key(Key::Char('x'), 0, &model), Some(UiCommand::CutterOff), "whatever is open");
     }
-    hand.open = Open::Nothing;
+    hand.open = OpenDialog::Nothing;
     let said = "oclamp-\r".chars().map(|c| if c == '\r' { Key::Enter } else { Key::Char(c) });
     let said: Vec<_> = said.filter_map(|key| hand.key(key, 0, &model)).collect();
-    assert_eq!(said, [Said::Deed(retrace_controller::operator::OperatorCommand::Output { number: 5, on: false })]);
+    assert_eq!(said, [UiCommand::Deed(retrace_controller::operator::OperatorCommand::Output { number: 5, on: false })]);
     hand.dry = true;
     assert!(shown(&model, &hand).starts_with(" DRY RUNNING"), "{}", shown(&model, &hand));
     (model.standing, model.tool_change, model.at_rest) = (HoldReason::ProgramStop, Some(3), true);
     Arc::make_mut(&mut model.facts).tool_names = [(3, "6 mm end mill".to_owned())].into();
-    let change = shown(&model, &Hand::new());
+    let change = shown(&model, &KeyState::new());
     assert!(change.contains("TOOL CHANGE") && change.contains("insert tool T3: 6 mm end mill"), "{change}");
 }
 
@@ -283,15 +289,15 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
 fn every_axis_says_whether_it_is_homed() {
     let mut model = with_messages(&[]);
     model.homing = vec![AxisHoming::Homed, AxisHoming::NotHomed, AxisHoming::NotNeeded];
-    let shown = text(&drawn(&model, &Hand::new(), 80, 24, 0));
+    let shown = text(&drawn(&model, &KeyState::new(), 80, 24, 0));
     assert!(shown.contains("X ✓") && shown.contains("Y ?") && shown.contains("Z   "), "{shown}");
 }
 
 /// From hold to backing up, wheel and on: what a person reads and presses, and that the machine comes back to the pulse.
 #[test]
 fn a_person_backs_up_and_goes_on() {
-    let mut bench = Bench::new();
-    let says = |bench: &Bench, words: &str| {
+    let mut bench = ScreenFixture::new();
+    let says = |bench: &ScreenFixture, words: &str| {
         let screen = text(&bench.screen(80, 24));
         assert!(screen.contains(words), "no `{words}` in\n{screen}");
     };
@@ -339,10 +345,10 @@ fn a_person_backs_up_and_goes_on() {
 
 #[test]
 fn space_holds_whatever_is_open_while_a_job_runs() {
-    let mut bench = Bench::new();
+    let mut bench = ScreenFixture::new();
     bench.keys("c");
     bench.wait(1000);
-    let hold = Some(Said::Deed(retrace_controller::operator::OperatorCommand::Hold));
+    let hold = Some(UiCommand::Deed(retrace_controller::operator::OperatorCommand::Hold));
     for open in ["?", "T", "g", "b", "o", "q", "w", "r"] {
         bench.keys(open);
         bench.wait(300);
@@ -355,17 +361,17 @@ fn space_holds_whatever_is_open_while_a_job_runs() {
 
 #[test]
 fn a_key_that_does_nothing_here_says_when_it_does() {
-    let mut bench = Bench::new();
+    let mut bench = ScreenFixture::new();
     bench.keys("r");
     assert_eq!(bench.hand.notice(0), Some("r (reverse) works while the program runs or is held"));
     bench.keys("b");
-    assert!(matches!(bench.hand.open, Open::Nothing));
+    assert!(matches!(bench.hand.open, OpenDialog::Nothing));
     bench.keys("m");
     bench.keys("G0 X10");
-    assert_eq!(bench.hand.open, Open::Prompt(Ask::Mdi, "G0 X10".into(), None));
+    assert_eq!(bench.hand.open, OpenDialog::Prompt(PendingQuestion::Mdi, "G0 X10".into(), None));
     bench.key(Key::Esc);
     bench.keys("o77\n");
-    assert!(matches!(&bench.hand.open, Open::Prompt(Ask::Output, _, Some(_))));
+    assert!(matches!(&bench.hand.open, OpenDialog::Prompt(PendingQuestion::Output, _, Some(_))));
 }
 
 fn place() -> impl Strategy<Value = Place> {
@@ -389,23 +395,23 @@ prop_compose! {
         (alarm, differ, paused) in (any::<bool>(), 0..40u8, prop::option::of((-1..2, any::<bool>(), any::<bool>()))),
         points in prop::collection::vec(prop::array::uniform3(any::<f32>()), 0..30),
         (planned_s, feed) in (prop::option::of(0.0..1e12f64), 0.0..1e9f64),
-    ) -> Model {
+    ) -> ScreenModel {
         let letters = ['x', 'y', 'z', 'a', 'b', 'c', 'u', 'v', 'w'];
         let axis = |letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] };
-        let facts = Facts {
+        let facts = ProgramFacts {
             axes: letters[..axes].iter().copied().map(axis).collect(),
             period_s: 0.001,
             program: Text::new(&words, &format!("{words} X1\n").repeat(lines)),
             planned: planned_s.map_or(Planned::Unknown, Planned::Known),
             tools: vec![words.clone(); usize::from(differ)],
-            ..Facts::default()
+            ..ProgramFacts::default()
         };
-        let mut model = Model::new(Arc::new(facts));
+        let mut model = ScreenModel::new(Arc::new(facts));
         (model.place, model.reached, model.oldest, model.planned) = (place, reached, oldest, planned);
         model.counts = counts[..axes].to_vec();
         (model.mode, model.line, model.reached_line, model.rate) = (mode, line, line / 2, rate);
         (model.override_rate, model.feed_mm_min, model.outputs) = (over, feed, outputs);
-        model.stage = [Stage::Setup, Stage::Job, Stage::Ended(words.clone())][stage as usize].clone();
+        model.stage = [ScreenStage::Setup, ScreenStage::Job, ScreenStage::Ended(words.clone())][stage as usize].clone();
         model.standing = [
             HoldReason::None, HoldReason::Hold, HoldReason::ProgramStop, HoldReason::SingleBlock, HoldReason::Paused, HoldReason::Ended,
         ][standing as usize];
@@ -417,7 +423,7 @@ prop_compose! {
         model.pause = paused.map(|(spindle, stopped, online)| Pause { spindle, stopped, started: online, online });
         model.active.modal = words.repeat(3);
         for (n, at) in points.into_iter().enumerate() {
-            model.trail.push(Knot { along_mm: n as f64, at, rapid: n % 2 == 0 });
+            model.trail.push(TrailPoint { along_mm: n as f64, at, rapid: n % 2 == 0 });
         }
         for n in 0..9 {
             model.say(f64::from(n), line, words.clone());
@@ -426,14 +432,14 @@ prop_compose! {
     }
 }
 
-fn any_open() -> impl Strategy<Value = Open> {
+fn any_open() -> impl Strategy<Value = OpenDialog> {
     prop_oneof![
-        Just(Open::Nothing),
-        (0..90usize).prop_map(Open::Help),
-        Just(Open::Tools),
-        (0..300usize).prop_map(Open::Messages),
-        "\\PC{0,300}".prop_map(|text| Open::Prompt(Ask::Mdi, text.clone(), Some(text))),
-        Just(Open::Prompt(Ask::Stop, String::new(), None)),
+        Just(OpenDialog::Nothing),
+        (0..90usize).prop_map(OpenDialog::Help),
+        Just(OpenDialog::Tools),
+        (0..300usize).prop_map(OpenDialog::Messages),
+        "\\PC{0,300}".prop_map(|text| OpenDialog::Prompt(PendingQuestion::Mdi, text.clone(), Some(text))),
+        Just(OpenDialog::Prompt(PendingQuestion::Stop, String::new(), None)),
     ]
 }
 
@@ -448,7 +454,7 @@ proptest! {
     fn something_is_drawn_at_every_size_whatever_the_picture(
         model in any_model(), open in any_open(), width in 1..300u16, height in 1..100u16,
     ) {
-        let mut hand = Hand::new();
+        let mut hand = KeyState::new();
         hand.open = open;
         drawn(&model, &hand, width, height, 0);
     }
@@ -457,8 +463,8 @@ proptest! {
     fn the_active_block_is_in_view_and_no_pane_is_written_over(
         model in any_model(), width in 80..300u16, height in 24..100u16,
     ) {
-        let model = Model { alarm: None, differ: Vec::new(), pause: None, ..model };
-        let out = drawn(&model, &Hand::new(), width, height, 0);
+        let model = ScreenModel { alarm: None, differ: Vec::new(), pause: None, ..model };
+        let out = drawn(&model, &KeyState::new(), width, height, 0);
         let panes = layout::panes(width, height, model.facts.axes.len()).expect("large enough");
         for pane in [panes.program, panes.path, panes.position, panes.motion, panes.state] {
             let (right, bottom) = (pane.right() - 1, pane.bottom() - 1);
@@ -469,7 +475,7 @@ proptest! {
             }
         }
         let (line, lines) = (model.line as usize, model.facts.program.lines());
-        if model.stage != Stage::Setup && (1..=lines).contains(&line) {
+        if model.stage != ScreenStage::Setup && (1..=lines).contains(&line) {
             let digits = lines.to_string().len().max(3);
             let marked = format!("│>{line:digits$} ");
             prop_assert!(rows(&out).iter().any(|row| row.contains(&marked)), "no {} in\n{}", marked, text(&out));
@@ -480,13 +486,13 @@ proptest! {
     fn any_keys_leave_the_screen_whole_and_space_always_holds_a_job(
         keys in prop::collection::vec((any_key(), 0..400u64), 0..60), model in any_model(),
     ) {
-        let mut hand = Hand::new();
+        let mut hand = KeyState::new();
         let mut now_ms = 0;
         for (key, ms) in keys {
             now_ms += ms;
             let said = hand.key(key, now_ms, &model);
-            if key == Key::Char(' ') && model.stage == Stage::Job && !model.is_at_program_end() {
-                prop_assert_eq!(said, Some(Said::Deed(retrace_controller::operator::OperatorCommand::Hold)));
+            if key == Key::Char(' ') && model.stage == ScreenStage::Job && !model.is_at_program_end() {
+                prop_assert_eq!(said, Some(UiCommand::Deed(retrace_controller::operator::OperatorCommand::Hold)));
             }
             drawn(&model, &hand, 80, 24, now_ms);
         }
@@ -500,19 +506,19 @@ proptest! {
 fn measure_the_redraw() {
     let lines: String = (0..100_000).map(|n| format!("N{n} G1 X{}.{n:03} Y{}.5 F2400\n", n % 97, n % 89)).collect();
     let letters = ['x', 'y', 'z'];
-    let facts = Facts {
+    let facts = ProgramFacts {
         axes: letters.map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] }).to_vec(),
         period_s: 0.001,
         program: Text::new("long.ngc", &lines),
         planned: Planned::Known(1000.0),
-        ..Facts::default()
+        ..ProgramFacts::default()
     };
-    let mut model = Model::new(Arc::new(facts));
-    model.stage = Stage::Job;
+    let mut model = ScreenModel::new(Arc::new(facts));
+    model.stage = ScreenStage::Job;
     for n in 0..200_000u32 {
         let turn = f64::from(n) * 0.07;
         let at = [turn.cos() * 50.0, (turn * 1.37).sin() * 40.0, 0.0].map(|mm| mm as f32);
-        model.trail.push(Knot { along_mm: f64::from(n), at, rapid: false });
+        model.trail.push(TrailPoint { along_mm: f64::from(n), at, rapid: false });
         model.lengths.grow(Place::start_of(n + 1), 1.0, 0);
     }
     let shared = Mutex::new(model);
@@ -527,7 +533,7 @@ fn measure_the_redraw() {
         }
         let started = std::time::Instant::now();
         let picture = locked(&shared).clone();
-        terminal.draw(|frame| view::draw(frame.buffer_mut(), &picture, &Hand::new(), PLAIN, 0)).expect("in memory");
+        terminal.draw(|frame| view::draw(frame.buffer_mut(), &picture, &KeyState::new(), PLAIN, 0)).expect("in memory");
         let ms = started.elapsed().as_secs_f64() * 1e3;
         sum += ms;
         most = most.max(ms);

@@ -17,7 +17,7 @@ const COARSEST: f32 = 0.002;
 
 /// A point of the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Knot {
+pub struct TrailPoint {
     /// Length of the line up to here, mm.
     pub along_mm: f64,
     /// Where: X, Y, Z of the machine, mm; 0 for an axis that there is not.
@@ -29,8 +29,8 @@ pub struct Knot {
 /// The line.
 #[derive(Clone, Debug, Default)]
 pub struct Trail {
-    corners: Vec<Knot>,
-    waiting: Vec<Knot>,
+    corners: Vec<TrailPoint>,
+    waiting: Vec<TrailPoint>,
     tolerance_mm: f32,
     /// Least and greatest of each coordinate, once there is a point.
     extent: Option<[[f32; 3]; 2]>,
@@ -38,7 +38,7 @@ pub struct Trail {
 
 impl Trail {
     /// Goes on to this point. One that is not finite is left out.
-    pub fn push(&mut self, knot: Knot) {
+    pub fn push(&mut self, knot: TrailPoint) {
         if !knot.at.iter().all(|x| x.is_finite()) {
             return;
         }
@@ -67,7 +67,7 @@ impl Trail {
         self.waiting.push(knot);
     }
 
-    fn keep(&mut self, corner: Knot) {
+    fn keep(&mut self, corner: TrailPoint) {
         self.corners.push(corner);
         if self.corners.len() + 1 >= MOST {
             let (all, extent) = (std::mem::take(&mut self.corners), self.extent);
@@ -87,7 +87,7 @@ impl Trail {
     }
 
     /// The corners, the last point included.
-    pub fn knots(&self) -> impl Iterator<Item = &Knot> {
+    pub fn knots(&self) -> impl Iterator<Item = &TrailPoint> {
         self.corners.iter().chain(self.waiting.last())
     }
 
@@ -121,7 +121,7 @@ mod tests {
     fn trail(points: impl IntoIterator<Item = [f32; 3]>) -> Trail {
         let mut trail = Trail::default();
         for (n, at) in points.into_iter().enumerate() {
-            trail.push(Knot { along_mm: n as f64, at, rapid: false });
+            trail.push(TrailPoint { along_mm: n as f64, at, rapid: false });
         }
         trail
     }

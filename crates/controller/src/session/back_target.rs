@@ -25,7 +25,7 @@ pub(super) enum BackTargetKind {
     /// To the beginning of the block; from there, to that of the block before.
     Block,
     /// To where a cutting output was switched on last.
-    Jet,
+    Pierce,
 }
 
 /// A reverse run that ends at a place.
@@ -90,7 +90,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn begin_search(&self, wanted: BackTargetKind, place: Place) -> Option<TargetSearch> {
         let on = |left_mm, line| TargetSearch::On { from: place.boundary_ahead(), left_mm, line };
         Some(match wanted {
-            BackTargetKind::Jet => TargetSearch::There(self.supply.pierce_before(place)?),
+            BackTargetKind::Pierce => TargetSearch::There(self.supply.pierce_before(place)?),
             BackTargetKind::By(mm) => {
                 // What lies ahead of the cursor in its own record is not gone back over.
                 let share = f64::from(place.fraction) / ONE as f64;

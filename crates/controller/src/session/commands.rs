@@ -50,7 +50,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             | OperatorCommand::Online => {}
             OperatorCommand::BackBy(mm) => return self.go_back(BackTargetKind::By(mm)),
             OperatorCommand::BackToBlock => return self.go_back(BackTargetKind::Block),
-            OperatorCommand::BackToPierce => return self.go_back(BackTargetKind::Jet),
+            OperatorCommand::BackToPierce => return self.go_back(BackTargetKind::Pierce),
             OperatorCommand::Override(rate) => return self.ask_override(rate),
             OperatorCommand::RapidOverride(rate) => self.set_rapid_override(rate)?,
             OperatorCommand::Output { number, on } => return self.switch_output(number, on),

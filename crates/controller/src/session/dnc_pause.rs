@@ -276,7 +276,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                     self.start_spindle(spindle, turning.speed);
                 }
             }
-            InterruptionAction::Online => self.tell_step(DncStep::OnLine),
+            InterruptionAction::Online => self.tell_step(DncStep::Online),
             InterruptionAction::Approach(_) => {
                 // Not before it is known which program would be read.
                 self.dnc.order = before;

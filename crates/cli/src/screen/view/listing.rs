@@ -6,17 +6,17 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 
-use super::{Look, fitted, pane, put_at};
-use crate::screen::model::{Message, Model, Stage};
+use super::{Theme, fitted, pane, put_at};
+use crate::screen::model::{Message, ScreenModel, ScreenStage};
 
 /// The program, with `>` at the active block, and `x` at the furthest one.
-pub(super) fn program(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
+pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
     let text = &model.facts.program;
     let lines = text.lines();
     let active = model.line as usize;
     let title = match (lines, &model.stage) {
         (0, _) => format!("program · line {active}"),
-        (_, Stage::Job) => format!("program · line {active} of {lines}"),
+        (_, ScreenStage::Job) => format!("program · line {active} of {lines}"),
         _ => format!("program · {lines} lines"),
     };
     let inside = pane(out, area, &title, look);
@@ -30,8 +30,8 @@ pub(super) fn program(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
     // The block stands in the middle, but for the ends of the program.
     let first = active.saturating_sub(height / 2).clamp(1, (lines + 1).saturating_sub(height).max(1));
     for (row, number) in (first..=lines).take(height).enumerate() {
-        let is_active = number == active && model.stage != Stage::Setup;
-        let is_furthest = number == model.reached_line as usize && model.stage == Stage::Job;
+        let is_active = number == active && model.stage != ScreenStage::Setup;
+        let is_furthest = number == model.reached_line as usize && model.stage == ScreenStage::Job;
         let sign = match (is_active, is_furthest && active != number) {
             (true, _) => '>',
             (_, true) => 'x',
@@ -46,7 +46,7 @@ pub(super) fn program(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
 }
 
 /// The last messages, the newest below.
-pub(super) fn messages(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
+pub(super) fn messages(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
     let rows = usize::from(area.height);
     let skip = model.messages.len().saturating_sub(rows);
     let blank = rows.saturating_sub(model.messages.len());

@@ -4,31 +4,31 @@
 //! say too.
 
 mod canvas;
-mod figures;
 mod listing;
-mod over;
+mod overlay;
 mod path;
+mod readouts;
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::widgets::{Block, Widget};
 
-use super::facts::Planned;
-use super::guide::{self, Grade, Guide};
-use super::hand::Hand;
-use super::keys::{self, Act};
+use super::key_state::KeyState;
+use super::keys::{self, KeyAction};
 use super::layout::{self, LEAST};
-use super::model::{Model, Stage};
+use super::model::{ScreenModel, ScreenStage};
+use super::program_facts::Planned;
+use super::status_line::{self, HintLevel, StatusHint};
 
 /// How things look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Look {
+pub struct Theme {
     /// May colour be used?
     pub colour: bool,
 }
 
-impl Look {
+impl Theme {
     /// From the environment: no colour where `NO_COLOR` asks for none, or the terminal has none.
     #[must_use]
     pub fn of_environment() -> Self {
@@ -61,38 +61,38 @@ impl Look {
         self.coloured(Color::DarkGray)
     }
 
-    fn of(self, grade: Grade) -> Style {
+    fn of(self, grade: HintLevel) -> Style {
         match grade {
-            Grade::Well => self.well(),
-            Grade::Waits => self.waits(),
-            Grade::Alarm => self.coloured(Color::Red).add_modifier(Modifier::BOLD),
+            HintLevel::Well => self.well(),
+            HintLevel::Waits => self.waits(),
+            HintLevel::Alarm => self.coloured(Color::Red).add_modifier(Modifier::BOLD),
         }
     }
 }
 
 /// Draws the screen.
-pub fn draw(out: &mut Buffer, model: &Model, hand: &Hand, look: Look, now_ms: u64) {
+pub fn draw(out: &mut Buffer, model: &ScreenModel, hand: &KeyState, look: Theme, now_ms: u64) {
     let area = out.area;
     let Some(panes) = layout::panes(area.width, area.height, model.facts.axes.len()) else {
         too_small(out, model, hand);
         return;
     };
-    let guide = guide::of(model, hand);
+    let guide = status_line::of(model, hand);
     head(out, panes.head, model, hand, &guide, look);
     why(out, panes.why, &guide, look);
     listing::program(out, panes.program, model, look);
     path::draw(out, panes.path, model, (hand.view, hand.frame), look);
-    figures::position(out, panes.position, model, hand, look);
-    figures::motion(out, panes.motion, model, look);
-    figures::state(out, panes.state, model, hand, look);
+    readouts::position(out, panes.position, model, hand, look);
+    readouts::motion(out, panes.motion, model, look);
+    readouts::state(out, panes.state, model, hand, look);
     listing::messages(out, panes.messages, model, look);
     key_line(out, panes.keys, model, &guide, hand.notice(now_ms), look);
-    over::draw(out, panes.path, model, hand, &guide, look);
+    overlay::draw(out, panes.path, model, hand, &guide, look);
 }
 
 /// Below the least size: what must be said all the same.
-fn too_small(out: &mut Buffer, model: &Model, hand: &Hand) {
-    let guide = guide::of(model, hand);
+fn too_small(out: &mut Buffer, model: &ScreenModel, hand: &KeyState) {
+    let guide = status_line::of(model, hand);
     let lines =
         [format!("{} x {} is the least", LEAST.0, LEAST.1), guide.word.to_string(), guide.why, "Space holds".into()];
     for (y, line) in (out.area.y..out.area.bottom()).zip(lines) {
@@ -100,7 +100,7 @@ fn too_small(out: &mut Buffer, model: &Model, hand: &Hand) {
     }
 }
 
-fn head(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, guide: &Guide, look: Look) {
+fn head(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, guide: &StatusHint, look: Theme) {
     // A dry run is named first, for as long as it is on.
     let word = if hand.dry { format!("DRY {}", guide.word) } else { guide.word.to_owned() };
     let mut style = Style::new().add_modifier(Modifier::REVERSED | Modifier::BOLD);
@@ -109,17 +109,17 @@ fn head(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, guide: &Guide,
     }
     out.set_style(area, style);
     let time = match (&model.stage, model.left()) {
-        (Stage::Job, _) if model.is_at_program_end() => format!("{} run", clock(model.run_s())),
-        (Stage::Job, Some(left)) => {
+        (ScreenStage::Job, _) if model.is_at_program_end() => format!("{} run", clock(model.run_s())),
+        (ScreenStage::Job, Some(left)) => {
             let about = if left.exact { "" } else { "about " };
             format!("{} run · {about}{} left", clock(model.run_s()), clock(left.seconds))
         }
-        (Stage::Job, None) if model.facts.planned == Planned::Reckoning => {
+        (ScreenStage::Job, None) if model.facts.planned == Planned::Reckoning => {
             format!("{} run · reckoning …", clock(model.run_s()))
         }
-        (Stage::Job, None) => format!("{} run · end not known", clock(model.run_s())),
-        (Stage::Ended(_), _) => format!("{} run", clock(model.run_s())),
-        (Stage::Setup | Stage::Resuming, _) => match model.facts.planned {
+        (ScreenStage::Job, None) => format!("{} run · end not known", clock(model.run_s())),
+        (ScreenStage::Ended(_), _) => format!("{} run", clock(model.run_s())),
+        (ScreenStage::Setup | ScreenStage::Resuming, _) => match model.facts.planned {
             Planned::Known(s) => format!("{} of motion", clock(s)),
             Planned::Reckoning => "reckoning …".into(),
             Planned::Unknown => String::new(),
@@ -133,7 +133,7 @@ fn head(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, guide: &Guide,
 }
 
 /// Why it stands, and the first keys that go on, as many as have room.
-fn why(out: &mut Buffer, area: Rect, guide: &Guide, look: Look) {
+fn why(out: &mut Buffer, area: Rect, guide: &StatusHint, look: Theme) {
     let mut text = guide.why.clone();
     for (named, row) in guide.acts.iter().filter_map(|&act| keys::row_for(act)).take(3).enumerate() {
         let sign = if named == 0 { " — " } else { " · " };
@@ -147,22 +147,22 @@ fn why(out: &mut Buffer, area: Rect, guide: &Guide, look: Look) {
 }
 
 /// What an act is called where there is room for it.
-fn spelled(act: Act, short: &'static str) -> &'static str {
+fn spelled(act: KeyAction, short: &'static str) -> &'static str {
     match act {
-        Act::CycleStart => "cycle start",
-        Act::Reverse => "back up",
-        Act::Wheel => "handwheel",
-        Act::Hold => "feed hold",
-        Act::Leave => "forward and on",
-        Act::ClearAlarm => "clears it",
-        Act::Home => "homes it",
-        Act::Spindle => "spindle stop, start",
+        KeyAction::CycleStart => "cycle start",
+        KeyAction::Reverse => "back up",
+        KeyAction::Wheel => "handwheel",
+        KeyAction::Hold => "feed hold",
+        KeyAction::Leave => "forward and on",
+        KeyAction::ClearAlarm => "clears it",
+        KeyAction::Home => "homes it",
+        KeyAction::Spindle => "spindle stop, start",
         _ => short,
     }
 }
 
 /// The keys that make sense now, as many as have room; or what must be known of the last key.
-fn key_line(out: &mut Buffer, area: Rect, model: &Model, guide: &Guide, notice: Option<&str>, look: Look) {
+fn key_line(out: &mut Buffer, area: Rect, model: &ScreenModel, guide: &StatusHint, notice: Option<&str>, look: Theme) {
     if let Some(notice) = notice {
         put(out, area, 1, notice, look.waits().add_modifier(Modifier::BOLD));
         return;
@@ -202,7 +202,7 @@ fn put_at(out: &mut Buffer, area: Rect, x: u16, row: u16, text: &str, style: Sty
 }
 
 /// A pane with its border and its title; what is inside.
-fn pane(out: &mut Buffer, area: Rect, title: &str, look: Look) -> Rect {
+fn pane(out: &mut Buffer, area: Rect, title: &str, look: Theme) -> Rect {
     let block = Block::bordered().border_style(look.faint());
     let inside = block.inner(area);
     block.render(area, out);

@@ -7,10 +7,10 @@ use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 
 use super::canvas::Canvas;
-use super::{Look, pane, put_at};
-use crate::screen::hand::{Fit, Frame, View};
-use crate::screen::model::{Model, Stage};
-use crate::screen::trail::Knot;
+use super::{Theme, pane, put_at};
+use crate::screen::key_state::{Fit, Frame, View};
+use crate::screen::model::{ScreenModel, ScreenStage};
+use crate::screen::trail::TrailPoint;
 
 /// Dots that stay free along each edge.
 const MARGIN: f64 = 1.0;
@@ -79,14 +79,14 @@ fn corners_of([least, greatest]: [[f32; 3]; 2]) -> [[f32; 3]; 8] {
 }
 
 /// What the soft limits enclose, least and greatest, mm; an axis that there is not is 0.
-fn table(model: &Model) -> [[f32; 3]; 2] {
+fn table(model: &ScreenModel) -> [[f32; 3]; 2] {
     let travel =
         |end: usize| model.facts.space().map(|axis| axis.map_or(0.0, |i| model.facts.axes[i].travel_mm[end] as f32));
     [travel(0), travel(1)]
 }
 
 /// Draws the pane.
-pub(super) fn draw(out: &mut Buffer, area: Rect, model: &Model, (view, frame): (View, Frame), look: Look) {
+pub(super) fn draw(out: &mut Buffer, area: Rect, model: &ScreenModel, (view, frame): (View, Frame), look: Theme) {
     let name = match view {
         View::Xy => "path X Y",
         View::Xz => "path X Z",
@@ -116,7 +116,7 @@ pub(super) fn draw(out: &mut Buffer, area: Rect, model: &Model, (view, frame): (
     frame_of_limits(&mut canvas, &scale, &limits, look);
     lines(&mut canvas, &scale, model.facts.preview.path.knots(), [3, 9], [look.plain(), look.faint()]);
     lines(&mut canvas, &scale, model.trail.knots(), [1, 4], [look.well(); 2]);
-    if model.stage == Stage::Job && model.back_mm() > 0.0 {
+    if model.stage == ScreenStage::Job && model.back_mm() > 0.0 {
         retraced(&mut canvas, &scale, model, look);
     }
     let tool = look.waits().add_modifier(Modifier::BOLD);
@@ -125,7 +125,7 @@ pub(super) fn draw(out: &mut Buffer, area: Rect, model: &Model, (view, frame): (
 }
 
 /// The edges of what the soft limits enclose.
-fn frame_of_limits(canvas: &mut Canvas, scale: &Scale, corners: &[[f32; 3]; 8], look: Look) {
+fn frame_of_limits(canvas: &mut Canvas, scale: &Scale, corners: &[[f32; 3]; 8], look: Theme) {
     for from in 0..8usize {
         for to in [1, 2, 4].map(|bit| from | bit).into_iter().filter(|&to| to != from) {
             let (a, b) = (scale.dot(corners[from]), scale.dot(corners[to]));
@@ -137,8 +137,8 @@ fn frame_of_limits(canvas: &mut Canvas, scale: &Scale, corners: &[[f32; 3]; 8], 
 }
 
 /// What the signs mean, in the lower edge.
-fn legend(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
-    let text = if model.stage == Stage::Job && model.back_mm() > 0.0 {
+fn legend(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
+    let text = if model.stage == ScreenStage::Job && model.back_mm() > 0.0 {
         " @ tool  o retraced  x furthest "
     } else {
         " @ tool  ⣿ done  ⠡ planned  ⠁ rapid "
@@ -150,7 +150,7 @@ fn legend(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
 fn lines<'k>(
     canvas: &mut Canvas,
     scale: &Scale,
-    knots: impl Iterator<Item = &'k Knot>,
+    knots: impl Iterator<Item = &'k TrailPoint>,
     every: [usize; 2],
     styles: [Style; 2],
 ) {
@@ -166,10 +166,10 @@ fn lines<'k>(
 }
 
 /// The stretch from where the tool is to the furthest place.
-fn retraced(canvas: &mut Canvas, scale: &Scale, model: &Model, look: Look) {
+fn retraced(canvas: &mut Canvas, scale: &Scale, model: &ScreenModel, look: Theme) {
     let from_mm = model.lengths.at(model.place);
     let style = look.waits();
-    let mut last: Option<&Knot> = None;
+    let mut last: Option<&TrailPoint> = None;
     for knot in model.trail.knots() {
         if let Some(before) = last.filter(|_| knot.along_mm >= from_mm) {
             let share = if before.along_mm < from_mm && knot.along_mm > before.along_mm {

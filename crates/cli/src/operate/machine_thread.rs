@@ -21,20 +21,20 @@ use retrace_controller::session::{Outcome, RunMode};
 use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
 use retrace_link::{Alarm, MotionCard, OutputChange, PathStart};
 
-use super::desk::Desk;
-use super::{Resuming, picture};
+use super::command_router::CommandRouter;
+use super::{ResumingJob, preview_thread};
 use crate::args::{self, Reading};
-use crate::homed::Homing;
-use crate::kept::Kept;
+use crate::homing_notes::Homing;
+use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableKeeper;
-use crate::program::{Arriving, Failure, Program};
-use crate::resume_told::Taken;
-use crate::run::{At, AtScreen, Ended, Job};
-use crate::screen::Said;
+use crate::program::{CommandFailure, Program, ProgramStream};
+use crate::resume_summary::ResumeSummary;
+use crate::run::{At, JobResult, JobSpec, TuiOptions};
+use crate::screen::UiCommand;
 use crate::screen::diagnostic_text;
-use crate::screen::facts::ProgramCheck;
-use crate::screen::live::{Live, locked};
-use crate::screen::model::{AlarmShown, Model, Question, Stage};
+use crate::screen::model::{AlarmShown, Question, ScreenModel, ScreenStage};
+use crate::screen::model_observer::{ModelObserver, locked};
+use crate::screen::program_facts::ProgramCheck;
 
 /// What stands at the screen is told after so many periods.
 const TOLD_EVERY: u64 = 20;
@@ -43,7 +43,7 @@ const FAULTY: Duration = Duration::from_millis(5);
 
 /// How the machine was left.
 #[derive(Debug)]
-pub(super) struct Left {
+pub(super) struct ExitState {
     /// Has any job run?
     pub(super) ran: bool,
     /// Exit code of the last one.
@@ -51,11 +51,11 @@ pub(super) struct Left {
     /// Its report, for a person.
     pub(super) report: Option<String>,
     /// Why the job that was to be resumed was not.
-    pub(super) failure: Option<Failure>,
+    pub(super) failure: Option<CommandFailure>,
 }
 
 /// A machine, and who works at it.
-pub(super) struct Machinist<'m, const A: usize, C> {
+pub(super) struct MachineThread<'m, const A: usize, C> {
     /// With the program that is loaded now.
     args: args::Run,
     machine: MachineConfig,
@@ -67,9 +67,9 @@ pub(super) struct Machinist<'m, const A: usize, C> {
     /// What is in force for blocks by hand, and for the next program.
     by_hand: mdi::ModalContext,
     table_keeper: TableKeeper,
-    words: Receiver<Said>,
-    desk: &'m Arc<Desk>,
-    live: Live,
+    words: Receiver<UiCommand>,
+    desk: &'m Arc<CommandRouter>,
+    live: ModelObserver,
     /// The alarm that was told.
     alarm: Option<Alarm>,
     /// The card has failed for good.
@@ -77,22 +77,22 @@ pub(super) struct Machinist<'m, const A: usize, C> {
     /// M1 stops in the jobs to come.
     optional_stop: bool,
     /// The job that it begins with.
-    resumed: Option<Resuming<'m, A, C>>,
-    left: Left,
+    resumed: Option<ResumingJob<'m, A, C>>,
+    left: ExitState,
 }
 
-impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
+impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     /// Of a machine that stands, on an open card.
     pub(super) fn new(
         args: args::Run,
         (machine, homing): (&MachineConfig, &'m Homing),
         (program, script, at): (Arc<Program>, Vec<ScriptInstruction>, At),
         card: &'m mut C,
-        words: Receiver<Said>,
-        desk: &'m Arc<Desk>,
+        words: Receiver<UiCommand>,
+        desk: &'m Arc<CommandRouter>,
     ) -> Self {
-        let live = Live::new(Arc::clone(&desk.model));
-        let left = Left { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
+        let live = ModelObserver::new(Arc::clone(&desk.model));
+        let left = ExitState { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
         let (by_hand, machine) = (mdi::ModalContext::new(program.setup().clone()), machine.clone());
         let table_keeper = TableKeeper::new(&args.reading, program.setup());
         let optional_stop = args.optional_stop.is_some_and(args::OnOff::is_on);
@@ -119,12 +119,12 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     }
 
     /// The same, which begins with a job that is resumed.
-    pub(super) fn resuming(self, resumed: Option<Resuming<'m, A, C>>) -> Self {
+    pub(super) fn resuming(self, resumed: Option<ResumingJob<'m, A, C>>) -> Self {
         Self { resumed, ..self }
     }
 
     /// Works until the machine is left.
-    pub(super) fn work(mut self) -> Left {
+    pub(super) fn work(mut self) -> ExitState {
         self.tell_outputs();
         self.tell_homed();
         let active = Box::new(self.by_hand.active());
@@ -132,34 +132,34 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         if let Some(resumed) = self.resumed.take()
             && let Err(failure) = self.resume(resumed)
         {
-            return Left { failure: Some(failure), ..self.left };
+            return ExitState { failure: Some(failure), ..self.left };
         }
         loop {
             match self.words.try_recv() {
-                Ok(Said::Start) => self.job(),
-                Ok(Said::SetUp) => self.set_up(),
-                Ok(Said::Task(task)) => self.task(&task),
-                Ok(Said::Load(path)) => self.load(path),
-                Ok(Said::CutterOff) => self.cutters_off(),
-                Ok(Said::OptionalStop(on)) => {
+                Ok(UiCommand::Start) => self.job(),
+                Ok(UiCommand::SetUp) => self.set_up(),
+                Ok(UiCommand::Task(task)) => self.task(&task),
+                Ok(UiCommand::Load(path)) => self.load(path),
+                Ok(UiCommand::CutterOff) => self.cutters_off(),
+                Ok(UiCommand::OptionalStop(on)) => {
                     self.optional_stop = on;
                     locked(&self.desk.model).optional_stop = on;
                 }
-                Ok(Said::CloseRefusal) => self.close_refusal(),
-                Ok(Said::DryRun(on)) => self.machine.inhibits_outputs = on,
+                Ok(UiCommand::CloseRefusal) => self.close_refusal(),
+                Ok(UiCommand::DryRun(on)) => self.machine.inhibits_outputs = on,
                 // Words to a job that has just ended, and an answer to a question of its.
-                Ok(Said::Deed(_) | Said::Turn(_) | Said::Answer(_)) => {}
-                Ok(Said::Quit) | Err(TryRecvError::Disconnected) => return self.leave(),
+                Ok(UiCommand::Deed(_) | UiCommand::Turn(_) | UiCommand::Answer(_)) => {}
+                Ok(UiCommand::Quit) | Err(TryRecvError::Disconnected) => return self.leave(),
                 Err(TryRecvError::Empty) => self.stand(),
             }
         }
     }
 
     /// How the machine is left: where none was run because the program has errors, that is what the exit code says.
-    fn leave(self) -> Left {
+    fn leave(self) -> ExitState {
         let is_refused = matches!(locked(&self.desk.model).facts.check, ProgramCheck::Refused(_));
         let code = if is_refused && !self.left.ran { 1 } else { self.left.code };
-        Left { code, ..self.left }
+        ExitState { code, ..self.left }
     }
 
     /// Lets a period pass in which the machine stands.
@@ -226,8 +226,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     /// After a job: the machine is set up for the next one.
     fn set_up(&mut self) {
         let mut model = locked(&self.desk.model);
-        if model.stage != Stage::Job {
-            model.stage = Stage::Setup;
+        if model.stage != ScreenStage::Job {
+            model.stage = ScreenStage::Setup;
             model.changes += 1;
         }
     }
@@ -238,7 +238,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         let script = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us));
         let operators = script.and(self.desk.begins());
         let manner = RunMode { wall_time: true, operator: true, real_time: false };
-        let mut shown = ByHand(self.live.clone());
+        let mut shown = ManualTables(self.live.clone());
         let unhomed = self.moves(task, &machine).then(|| self.homing.check(&machine).err()).flatten();
         let done = match unhomed {
             Some(refusal) => Err(refusal.into()),
@@ -284,12 +284,12 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     fn check_again(&self) {
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
         let setup = self.by_hand.setup_of_program(&machine);
-        picture::check_again::<A>(&self.desk.model, machine, &self.program, setup);
+        preview_thread::check_again::<A>(&self.desk.model, machine, &self.program, setup);
     }
 
     /// Loads another program. Where its file cannot be read the one before stays.
     fn load(&mut self, path: PathBuf) {
-        if locked(&self.desk.model).stage == Stage::Job {
+        if locked(&self.desk.model).stage == ScreenStage::Job {
             return;
         }
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
@@ -304,8 +304,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
                 self.program = Arc::new(program);
                 // A line to begin at was one of the program before.
                 self.args = args::Run { reading, start_line: None, ..self.args.clone() };
-                locked(&self.desk.model).stage = Stage::Setup;
-                picture::show_program::<A>(&self.desk.model, machine, &self.program);
+                locked(&self.desk.model).stage = ScreenStage::Setup;
+                preview_thread::show_program::<A>(&self.desk.model, machine, &self.program);
             }
             Err(NumberedError { number, cause: what, remedy }) => self.note(format!("{number}: {what}. {remedy}")),
         }
@@ -325,7 +325,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
 
     /// Runs the program from where the machine stands.
     fn job(&mut self) {
-        if locked(&self.desk.model).stage == Stage::Job {
+        if locked(&self.desk.model).stage == ScreenStage::Job {
             return;
         }
         if let Some(why) = self.cannot_begin() {
@@ -342,11 +342,11 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         if let Err(fault) = self.card.begin(PathStart::at(0)) {
             return self.tell(EventKind::Alarm(CardError::of(&fault)));
         }
-        let mut ended = Ended::default();
-        let at_screen = AtScreen { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
+        let mut ended = JobResult::default();
+        let at_screen = TuiOptions { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
         let at = self.at.clone();
         let args = self.args.clone();
-        let job = Job::of(&args, &machine, self.script_of_job(), program, &at);
+        let job = JobSpec::of(&args, &machine, self.script_of_job(), program, &at);
         let done = self.begun(&job).and_then(|kept| job.run(&mut *self.card, kept, Some(at_screen)));
         self.desk.ends();
         self.left.ran = true;
@@ -375,7 +375,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     }
 
     /// A job has ended with this exit code: takes over what it leaves.
-    fn take_over(&mut self, code: u8, ended: Ended) {
+    fn take_over(&mut self, code: u8, ended: JobResult) {
         if let Some((parameters, tools)) = ended.tables {
             self.by_hand.set_tables(parameters, tools);
             self.table_keeper.is_kept(self.by_hand.modal_snapshot());
@@ -387,11 +387,11 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     }
 
     /// Runs a job that was interrupted, from its breakpoint on.
-    fn resume(&mut self, resumed: Resuming<'m, A, C>) -> Result<(), Failure> {
-        let mut ended = Ended::default();
-        let at_screen = AtScreen { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
+    fn resume(&mut self, resumed: ResumingJob<'m, A, C>) -> Result<(), CommandFailure> {
+        let mut ended = JobResult::default();
+        let at_screen = TuiOptions { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
         let (words, model) = (&self.words, &self.desk.model);
-        let mut ask = |taken: &Taken<'_, A>| {
+        let mut ask = |taken: &ResumeSummary<'_, A>| {
             let prepared = taken.prepared;
             let outputs = (0..).zip(prepared.expected_outputs()).map(|(channel, &value)| (channel, value));
             locked(model).program_outputs = outputs.collect();
@@ -408,7 +408,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
     }
 
     /// Begins a job's journal, while periods go on passing: the disk may take longer than the card waits for its host.
-    fn begun(&mut self, job: &Job<'_>) -> Result<(Option<Kept>, Option<Arriving>), Failure> {
+    fn begun(&mut self, job: &JobSpec<'_>) -> Result<(Option<JournaledJob>, Option<ProgramStream>), CommandFailure> {
         let status = *self.card.status();
         self.while_standing(move || job.keep(&status))
     }
@@ -435,7 +435,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
         self.while_standing(move || {
             let program = program.anew(setup).map_err(|refusal| refusal.to_string())?;
             program.faults(machine)?;
-            picture::look_again::<A>(&model, machine, &program);
+            preview_thread::look_again::<A>(&model, machine, &program);
             Ok(program)
         })
     }
@@ -471,12 +471,12 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> Machinist<'m, A, C> {
 }
 
 /// Asks the operator, who agrees or not; who leaves the screen does not.
-fn ask(model: &Mutex<Model>, words: &Receiver<Said>, title: &str, lines: Vec<String>) -> bool {
+fn ask(model: &Mutex<ScreenModel>, words: &Receiver<UiCommand>, title: &str, lines: Vec<String>) -> bool {
     locked(model).ask(Some(Question { title: title.into(), lines }));
     let is_agreed = loop {
         match words.recv() {
-            Ok(Said::Answer(is_agreed)) => break is_agreed,
-            Ok(Said::Quit) | Err(_) => break false,
+            Ok(UiCommand::Answer(is_agreed)) => break is_agreed,
+            Ok(UiCommand::Quit) | Err(_) => break false,
             Ok(_) => {}
         }
     };
@@ -485,9 +485,9 @@ fn ask(model: &Mutex<Model>, words: &Receiver<Said>, title: &str, lines: Vec<Str
 }
 
 /// Shows work by hand: a block is a small job of its own, and none to the screen.
-struct ByHand(Live);
+struct ManualTables(ModelObserver);
 
-impl<const A: usize> Observer<A> for ByHand {
+impl<const A: usize> Observer<A> for ManualTables {
     fn on_telemetry(&mut self, told: &Telemetry<A>) {
         match told {
             Telemetry::Event(Event { kind: EventKind::Started, .. }) => {}
@@ -500,9 +500,9 @@ impl<const A: usize> Observer<A> for ByHand {
 }
 
 /// A failure with everything that there is to say.
-fn in_full(failure: Failure) -> String {
+fn in_full(failure: CommandFailure) -> String {
     match failure {
-        Failure::Refused(refusal) | Failure::Card(refusal) => refusal.to_string(),
-        Failure::Program => "the program has errors".into(),
+        CommandFailure::Refused(refusal) | CommandFailure::Card(refusal) => refusal.to_string(),
+        CommandFailure::Program => "the program has errors".into(),
     }
 }

@@ -12,7 +12,7 @@ use retrace_link::{
     LinkedCardError, MotionCard, PathStart, channel,
 };
 
-use crate::program::Failure;
+use crate::program::CommandFailure;
 
 /// A card behind a serial port or a pseudo-terminal.
 pub type SerialCard<const A: usize> = Box<LinkedCard<A, SerialPort>>;
@@ -21,12 +21,12 @@ pub type SerialCard<const A: usize> = Box<LinkedCard<A, SerialPort>>;
 ///
 /// # Errors
 /// The port cannot be opened, or nobody answers.
-pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, Failure> {
+pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, CommandFailure> {
     let address = Address::parse(address).map_err(refused)?;
     let port = SerialPort::open(&address).map_err(refused)?;
     let card = LinkedCard::find(port, nonce(), LinkTimeouts::default()).map_err(|fault| {
         let refusal = NumberedError::new(fault.number(), format!("{address}: {fault}"), fault.remedy());
-        Failure::Card(refusal)
+        CommandFailure::Card(refusal)
     })?;
     Ok(Box::new(card))
 }
@@ -35,9 +35,11 @@ pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, Failure> {
 ///
 /// # Errors
 /// `E3008` with the first thing that it cannot.
-pub fn fits(address: &str, identity: &CardIdentity, machine: &MachineConfig) -> Result<(), Failure> {
+pub fn fits(address: &str, identity: &CardIdentity, machine: &MachineConfig) -> Result<(), CommandFailure> {
     match misfits(identity, machine).into_iter().next() {
-        Some(what) => Err(Failure::Card(NumberedError::new("E3008", format!("{address}: {what}"), MISFIT_REMEDY))),
+        Some(what) => {
+            Err(CommandFailure::Card(NumberedError::new("E3008", format!("{address}: {what}"), MISFIT_REMEDY)))
+        }
         None => Ok(()),
     }
 }
@@ -102,7 +104,7 @@ pub fn look<const A: usize>(
     card: &mut SerialCard<A>,
     address: &str,
     settings: CardSettings<A>,
-) -> Result<CardStatus<A>, Failure> {
+) -> Result<CardStatus<A>, CommandFailure> {
     let told = |fault| failed(address, &fault);
     card.open(settings).map_err(told)?;
     let status = *card.status();
@@ -117,7 +119,7 @@ const CLEARED_WITHIN: u32 = 500;
 /// A card that was asked where it stands and is opened when its path is begun: until then it needs no host, however long the operator
 /// thinks.
 #[derive(Debug)]
-pub struct Greeted<const A: usize> {
+pub struct GreetedCard<const A: usize> {
     card: SerialCard<A>,
     settings: CardSettings<A>,
     /// As it was when it was asked.
@@ -126,7 +128,7 @@ pub struct Greeted<const A: usize> {
     is_open: bool,
 }
 
-impl<const A: usize> Greeted<A> {
+impl<const A: usize> GreetedCard<A> {
     /// A card that was looked at.
     #[must_use]
     pub fn new(card: SerialCard<A>, settings: CardSettings<A>, status: CardStatus<A>, boot: u32) -> Self {
@@ -166,7 +168,7 @@ impl<const A: usize> Greeted<A> {
 
 type Fault<const A: usize> = <LinkedCard<A, SerialPort> as MotionCard<A>>::Fault;
 
-impl<const A: usize> MotionCard<A> for Greeted<A> {
+impl<const A: usize> MotionCard<A> for GreetedCard<A> {
     type Fault = Fault<A>;
 
     fn window(&self) -> u32 {
@@ -195,11 +197,11 @@ impl<const A: usize> MotionCard<A> for Greeted<A> {
 }
 
 /// The card, or the line to it.
-pub fn failed(address: &str, fault: &impl CardFailure) -> Failure {
-    Failure::Card(NumberedError::new(fault.number(), format!("{address}: {fault}"), fault.remedy()))
+pub fn failed(address: &str, fault: &impl CardFailure) -> CommandFailure {
+    CommandFailure::Card(NumberedError::new(fault.number(), format!("{address}: {fault}"), fault.remedy()))
 }
 
-fn refused(refused: retrace_hal_serial::PortError) -> Failure {
+fn refused(refused: retrace_hal_serial::PortError) -> CommandFailure {
     NumberedError::new(refused.number, refused.what, refused.remedy).into()
 }
 

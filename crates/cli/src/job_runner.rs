@@ -26,20 +26,20 @@ use retrace_gcode::{Parameters, ToolTable};
 use retrace_link::MotionCard;
 use serde_json::Value;
 
-use crate::console::{Console, Show};
+use crate::console::{Console, ConsoleOptions};
 use crate::escape;
 use crate::files;
-use crate::kept::Kept;
+use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableFiles;
-use crate::program::{Arrives, Arriving, Failure, Program};
-use crate::screen::live::Live;
-use crate::stop_signals::{StopSignals, Stopped};
+use crate::program::{CommandFailure, Program, ProgramStream, StreamSource};
+use crate::screen::model_observer::ModelObserver;
+use crate::stop_signals::{StopPolicy, StopSignals};
 use crate::terminal_operator::{Keyboard, TerminalOperator};
-use crate::waiting::WaitWatch;
+use crate::wait_notice::WaitWatch;
 
 /// How a job is shown and operated.
 #[derive(Debug)]
-pub struct Manners<'a> {
+pub struct OutputOptions<'a> {
     /// One JSON object a line.
     pub json: bool,
     /// File for the records.
@@ -59,18 +59,18 @@ pub struct Manners<'a> {
 }
 
 /// Somebody who operates a job at a screen.
-pub struct AtScreen<'r> {
+pub struct TuiOptions<'r> {
     /// His words.
     pub heard: CommandReceiver,
     /// What shows him the job.
-    pub live: Live,
+    pub live: ModelObserver,
     /// What he is told at its end.
-    pub ended: &'r mut Ended,
+    pub ended: &'r mut JobResult,
 }
 
 /// How a job ended, for a person.
 #[derive(Debug, Default)]
-pub struct Ended {
+pub struct JobResult {
     /// In a line.
     pub short: String,
     /// In some.
@@ -80,24 +80,24 @@ pub struct Ended {
 }
 
 /// A job, ready to run.
-pub struct Machining<'a> {
+pub struct JobRunner<'a> {
     /// How it is shown and operated.
-    pub manners: Manners<'a>,
+    pub manners: OutputOptions<'a>,
     /// The machine.
     pub machine: &'a MachineConfig,
     /// The program.
     pub program: &'a Program,
     /// What a program that arrives is taken from.
-    pub input: Option<Arriving>,
+    pub input: Option<ProgramStream>,
     /// Where it begins.
     pub begin: JobStart,
     /// Its journal.
-    pub kept: Option<Kept>,
+    pub kept: Option<JournaledJob>,
     /// Who operates it at a screen, if anybody does.
-    pub at_screen: Option<AtScreen<'a>>,
+    pub at_screen: Option<TuiOptions<'a>>,
 }
 
-impl Machining<'_> {
+impl JobRunner<'_> {
     /// Runs it on a card: its exit code, and the card. `agree` is asked where it is taken up again, before anything moves.
     ///
     /// # Errors
@@ -105,12 +105,14 @@ impl Machining<'_> {
     pub fn run<const A: usize, C: MotionCard<A>>(
         self,
         card: C,
-        agree: impl FnOnce(&ResumePlan<A>, Option<&mut Kept>) -> Result<(), Failure>,
-    ) -> Result<(u8, C), Failure> {
+        agree: impl FnOnce(&ResumePlan<A>, Option<&mut JournaledJob>) -> Result<(), CommandFailure>,
+    ) -> Result<(u8, C), CommandFailure> {
         let Self { manners, machine, program, input, begin, mut kept, at_screen } = self;
         let (heard, show, ended) = match at_screen {
-            Some(AtScreen { heard, live, ended }) => (Some(heard), Show::Screen(Box::new(live)), Some(ended)),
-            None => (None, Show::choose(manners.json, program.lines()), None),
+            Some(TuiOptions { heard, live, ended }) => {
+                (Some(heard), ConsoleOptions::Screen(Box::new(live)), Some(ended))
+            }
+            None => (None, ConsoleOptions::choose(manners.json, program.lines()), None),
         };
         let console = Console::<A>::new(show, machine, manners.records)?;
         // In wall time somebody is there, who can press Enter: a program stop waits.
@@ -129,7 +131,7 @@ impl Machining<'_> {
         let script = with_optional_stop(manners.optional_stop.filter(|_| terminal.is_none()), manners.script)?;
         let script = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
         // Without a screen signals stop the job.
-        let (signals, stops) = if heard.is_none() { StopSignals::watch(Stopped::Job) } else { None }.unzip();
+        let (signals, stops) = if heard.is_none() { StopSignals::watch(StopPolicy::Job) } else { None }.unzip();
         let operators = match heard {
             Some(heard) => script.and(heard).releasing_the_end(),
             None => match enter {
@@ -141,9 +143,9 @@ impl Machining<'_> {
         if let (Some(signals), false) = (&signals, matches!(begin, JobStart::At(_))) {
             signals.listen();
         }
-        let keeping = kept.as_ref().map_or_else(JournalConfig::default, Kept::keeping);
+        let keeping = kept.as_ref().map_or_else(JournalConfig::default, JournaledJob::keeping);
         let conduct = JobOptions { begin, operators, manner, keeping };
-        let mut watching = Watching {
+        let mut watching = RunObservers {
             console,
             keeper: kept.as_ref().map(|kept| kept.keeper(machine)),
             waits: WaitWatch::new(program.source_status()),
@@ -170,7 +172,7 @@ impl Machining<'_> {
         }
         let JobEnd { outcome, tally, summary, card } = end.map_err(cannot_begin)?;
         let wall_s = started.elapsed().as_secs_f64();
-        let Watching { console, keeper, .. } = watching;
+        let RunObservers { console, keeper, .. } = watching;
         drop(keeper);
         let (verdict, alarms, line, lost_records) = console.finish();
         let report = Report {
@@ -210,7 +212,7 @@ impl Machining<'_> {
                 let text =
                     said.iter().fold(refused + &told(&report, &manners.tables), |text, line| format!("{text}\n{line}"));
                 let tables = last.tables().filter(|_| outcome == Outcome::Completed);
-                *ended = Ended { short: short(&report), text, tables };
+                *ended = JobResult { short: short(&report), text, tables };
             }
             None => said.iter().for_each(|line| eprintln!("{line}")),
         }
@@ -239,7 +241,7 @@ impl Machining<'_> {
 /// Where Enter can be pressed for a job of this program.
 fn keyboard(program: &Program) -> Keyboard {
     match program.arrives() {
-        Some(Arrives::StandardInput) => Keyboard::Program,
+        Some(StreamSource::StandardInput) => Keyboard::Program,
         _ if std::io::stdin().is_terminal() => Keyboard::Terminal,
         _ => Keyboard::None,
     }
@@ -283,7 +285,7 @@ fn cannot_begin(why: JobStartError) -> NumberedError {
 }
 
 /// Shows what happens, and keeps it.
-struct Watching<'m, const A: usize> {
+struct RunObservers<'m, const A: usize> {
     console: Console<'m, A>,
     keeper: Option<JournalRecorder<A>>,
     /// Whether the program that arrives is waited for.
@@ -299,7 +301,7 @@ struct Watching<'m, const A: usize> {
 /// After so many periods it is asked whether there is news of the journal.
 const ASKED_AFTER: u64 = 64;
 
-impl<const A: usize> Observer<A> for Watching<'_, A> {
+impl<const A: usize> Observer<A> for RunObservers<'_, A> {
     fn on_telemetry(&mut self, told: &Telemetry<A>) {
         self.console.on_telemetry(told);
         if let Some(signals) = self.signals {
@@ -332,7 +334,7 @@ impl<const A: usize> Observer<A> for Watching<'_, A> {
     }
 }
 
-impl<const A: usize> Watching<'_, A> {
+impl<const A: usize> RunObservers<'_, A> {
     /// An event of the last period that was told.
     fn event(&self, happening: EventKind) -> Event {
         let (period, place, line) = self.last.unwrap_or_default();

@@ -7,13 +7,13 @@ use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 use retrace_link::channel;
 
-use super::{Look, fitted, folded, pane, put_at};
-use crate::screen::facts::CutterFacts;
-use crate::screen::hand::{Hand, STEPS_MM};
-use crate::screen::model::{AxisHoming, Model, Stage};
+use super::{Theme, fitted, folded, pane, put_at};
+use crate::screen::key_state::{KeyState, STEPS_MM};
+use crate::screen::model::{AxisHoming, ScreenModel, ScreenStage};
+use crate::screen::program_facts::CutterFacts;
 
 /// Machine, work, and to go, axis by axis.
-pub(super) fn position(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, look: Look) {
+pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, look: Theme) {
     let marks = if model.homing.contains(&AxisHoming::NotHomed) {
         " · ✓ homed  ? not"
     } else if model.homing.contains(&AxisHoming::Homed) {
@@ -24,7 +24,7 @@ pub(super) fn position(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand,
     let inside = pane(out, area, &format!("position, mm{marks}"), look);
     let header = format!("{:>12}{:>12}{:>11}", "machine", "work", "to go");
     put_at(out, inside, 2, 0, &header, look.faint());
-    let is_jogged = model.stage == Stage::Setup || model.pause.is_some();
+    let is_jogged = model.stage == ScreenStage::Setup || model.pause.is_some();
     for (axis, facts) in model.facts.axes.iter().enumerate() {
         let row = axis as u16 + 1;
         let to_go = model.to_go_mm(axis).map_or("-".into(), figure);
@@ -50,17 +50,21 @@ fn figure(mm: f64) -> String {
 }
 
 /// Feed, rate, override, how far back and how far ahead.
-pub(super) fn motion(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
+pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
     let inside = pane(out, area, "motion", look);
     let (history_s, history_mm) = model.history();
     let asked = model.override_rate;
     let back = model.back_mm();
-    let rows: [(&str, String, Side); 5] = [
-        ("feed", format!("{:.0} mm/min", model.feed_mm_min), Side::Text(programmed(model))),
-        ("rate", format!("{:.0} %", model.rate * 100.0), Side::Bar(model.rate)),
-        ("override", overrides(asked, model.rapid_override), Side::Bar(asked)),
-        ("history", format!("{} · {}", seconds(history_s), length(history_mm)), Side::History(history_mm, back)),
-        ("ahead", seconds(model.ahead_s()), Side::Text(buffer(model))),
+    let rows: [(&str, String, ReadoutColumn); 5] = [
+        ("feed", format!("{:.0} mm/min", model.feed_mm_min), ReadoutColumn::Text(programmed(model))),
+        ("rate", format!("{:.0} %", model.rate * 100.0), ReadoutColumn::Bar(model.rate)),
+        ("override", overrides(asked, model.rapid_override), ReadoutColumn::Bar(asked)),
+        (
+            "history",
+            format!("{} · {}", seconds(history_s), length(history_mm)),
+            ReadoutColumn::History(history_mm, back),
+        ),
+        ("ahead", seconds(model.ahead_s()), ReadoutColumn::Text(buffer(model))),
     ];
     for (row, (name, text, side)) in rows.iter().enumerate() {
         let row = row as u16;
@@ -68,12 +72,12 @@ pub(super) fn motion(out: &mut Buffer, area: Rect, model: &Model, look: Look) {
         put_at(out, inside, 10, row, text, Style::new().add_modifier(Modifier::BOLD));
         let at = 11 + text.chars().count().max(9) as u16;
         match side {
-            Side::Text(text) => put_at(out, inside, at, row, text, Style::new()),
-            Side::History(behind, back) => {
+            ReadoutColumn::Text(text) => put_at(out, inside, at, row, text, Style::new()),
+            ReadoutColumn::History(behind, back) => {
                 let line = history_line(*behind, *back, inside.width.saturating_sub(at + 1));
                 put_at(out, inside, at, row, &line, look.waits());
             }
-            Side::Bar(share) => {
+            ReadoutColumn::Bar(share) => {
                 let style = if *share < 0.0 { look.waits() } else { look.well() };
                 put_at(out, inside, at, row, &bar(*share, inside.width.saturating_sub(at + 1)), style);
             }
@@ -88,7 +92,7 @@ fn overrides(feed: f64, rapid: f64) -> String {
 }
 
 /// What stands beside a figure.
-enum Side {
+enum ReadoutColumn {
     /// Words.
     Text(String),
     /// What lies behind, and what was gone back, mm.
@@ -97,14 +101,14 @@ enum Side {
     Bar(f64),
 }
 
-fn programmed(model: &Model) -> String {
+fn programmed(model: &ScreenModel) -> String {
     if model.is_rapid() {
         return "rapid".into();
     }
     model.active.feed.map_or(String::new(), |feed| format!("of F{feed:.0}"))
 }
 
-fn buffer(model: &Model) -> String {
+fn buffer(model: &ScreenModel) -> String {
     let held = model.window[1].wrapping_sub(model.window[0]);
     match model.underruns {
         0 => format!("card holds {held}"),
@@ -153,7 +157,7 @@ fn length(mm: f64) -> String {
 }
 
 /// What is switched, and the modal state.
-pub(super) fn state(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, look: Look) {
+pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, look: Theme) {
     let inside = pane(out, area, "state", look);
     let width = usize::from(inside.width).saturating_sub(2);
     let mut lines = cutters(model);
@@ -162,7 +166,7 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, lo
     } else {
         lines.extend(folded(&format!("{} · {}", spindle(model), outputs(model)), width, 0));
     }
-    if model.stage == Stage::Setup || model.pause.is_some() {
+    if model.stage == ScreenStage::Setup || model.pause.is_some() {
         let step = STEPS_MM.get(hand.step).copied().flatten();
         let optional = if model.optional_stop { " · M1 stops" } else { "" };
         lines.push(format!("jog step {}{optional}", step.map_or("on until Space".into(), |mm| format!("{mm} mm"))));
@@ -184,10 +188,10 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &Model, hand: &Hand, lo
 }
 
 /// Each cutter, and what the program had it at, at this place.
-fn cutters(model: &Model) -> Vec<String> {
+fn cutters(model: &ScreenModel) -> Vec<String> {
     let state = |value: i32| if value == 0 { "off" } else { "ON" };
     let line = |cutter: &CutterFacts| {
-        let program = if model.stage == Stage::Job && !model.off_path {
+        let program = if model.stage == ScreenStage::Job && !model.off_path {
             format!(" · program here {}", state(model.program_output(cutter.fire)))
         } else {
             String::new()
@@ -197,7 +201,7 @@ fn cutters(model: &Model) -> Vec<String> {
     model.facts.cutters.iter().map(line).collect()
 }
 
-fn spindle(model: &Model) -> String {
+fn spindle(model: &ScreenModel) -> String {
     let speed = f64::from(model.output(channel::SPEED)) / 1000.0;
     let spindle = match model.output(channel::SPINDLE) {
         _ if model.facts.is_of_cutter(channel::SPINDLE) => String::new(),
@@ -218,7 +222,7 @@ fn spindle(model: &Model) -> String {
 }
 
 /// The digital outputs that are on, by name, but for those that light a cutter.
-fn outputs(model: &Model) -> String {
+fn outputs(model: &ScreenModel) -> String {
     let fires: Vec<u8> = model.facts.cutters.iter().map(|cutter| cutter.fire).collect();
     let on: Vec<String> = model
         .outputs_on()

@@ -17,13 +17,13 @@ use retrace_link::channel;
 use serde_json::{Value, json};
 
 use crate::escape;
-use crate::program::{Arriving, Program};
+use crate::program::{Program, ProgramStream};
 
 /// Blocks that are looked through for that of the breakpoint, behind the last mark before it.
 const LOOKED_THROUGH: u64 = 100_000;
 
 /// A job about to be taken up.
-pub struct Taken<'a, const A: usize> {
+pub struct ResumeSummary<'a, const A: usize> {
     /// Its program.
     pub program: &'a Program,
     /// Its journal.
@@ -45,7 +45,7 @@ pub struct Taken<'a, const A: usize> {
 }
 
 /// Shows what will be done, and asks whether to do it.
-pub type Asking<'f, const A: usize> = dyn FnMut(&Taken<'_, A>) -> Result<bool, NumberedError> + 'f;
+pub type Asking<'f, const A: usize> = dyn FnMut(&ResumeSummary<'_, A>) -> Result<bool, NumberedError> + 'f;
 
 /// The block under the breakpoint.
 #[derive(Default)]
@@ -55,7 +55,7 @@ struct Block {
     active: String,
 }
 
-impl<const A: usize> Taken<'_, A> {
+impl<const A: usize> ResumeSummary<'_, A> {
     /// Shows it.
     pub fn show(&self, json: bool) {
         let block = self.block().unwrap_or_default();
@@ -215,7 +215,7 @@ impl<const A: usize> Taken<'_, A> {
         let marks = self.record.marks().ok()?.map_while(Result::ok);
         let last = marks.take_while(|mark| !before(place, mark.place)).last();
         let first = last.map_or(0, |mark| mark.block.saturating_sub(1));
-        let kept: Arriving = match File::open(self.kept) {
+        let kept: ProgramStream = match File::open(self.kept) {
             Ok(file) => Box::new(BufReader::new(file).take(self.record.spooled.bytes)),
             Err(_) => Box::new(io::empty()),
         };

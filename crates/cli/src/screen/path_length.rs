@@ -12,7 +12,7 @@ pub const MOST: usize = 4096;
 
 /// Lengths at places.
 #[derive(Clone, Debug)]
-pub struct Lengths {
+pub struct PathLengths {
     steps: VecDeque<(u32, f64)>,
     /// Records from one step to the next.
     stride: u32,
@@ -20,7 +20,7 @@ pub struct Lengths {
     end: (Place, f64),
 }
 
-impl Lengths {
+impl PathLengths {
     /// Begins at a place, with a length of 0.
     #[must_use]
     pub fn from(place: Place) -> Self {
@@ -96,7 +96,7 @@ mod tests {
     #[test]
     fn a_length_is_found_again_over_the_wrap_and_the_thinning() {
         let begin = u32::MAX - 1000;
-        let mut lengths = Lengths::from(Place::start_of(begin));
+        let mut lengths = PathLengths::from(Place::start_of(begin));
         for n in 1..=100_000u32 {
             lengths.grow(Place::start_of(begin.wrapping_add(n)), 0.5, begin);
         }
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn a_path_before_the_first_place_counts() {
-        let mut lengths = Lengths::from(Place::start_of(500)).behind(100, 40.0);
+        let mut lengths = PathLengths::from(Place::start_of(500)).behind(100, 40.0);
         lengths.grow(Place::start_of(501), 1.0, 100);
         let at = [100, 300, 500, 501].map(|place| lengths.at(Place::start_of(place)));
         assert_eq!((at, lengths.total_mm()), ([0.0, 20.0, 40.0, 41.0], 41.0));
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn what_is_older_than_the_oldest_is_forgotten() {
-        let mut lengths = Lengths::from(Place::start_of(0));
+        let mut lengths = PathLengths::from(Place::start_of(0));
         for n in 1..=10_000u32 {
             lengths.grow(Place::start_of(n), 1.0, n.saturating_sub(100));
         }

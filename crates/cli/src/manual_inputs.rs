@@ -11,7 +11,7 @@ const WORDS: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release doo
 
 /// Something that is done by hand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Deed {
+pub enum ManualInput {
     /// Turn the handwheel at so many counts a second, for so many microseconds.
     Wheel { counts_per_s: i32, for_us: u64 },
     /// Turn it by so many counts at once.
@@ -20,7 +20,7 @@ pub enum Deed {
     Input { number: u8, active: bool },
 }
 
-impl Deed {
+impl ManualInput {
     /// Reads a line; `inputs` says what is wired where. `None` for an empty line, and for a comment behind `#`.
     ///
     /// # Errors
@@ -90,13 +90,13 @@ mod tests {
     fn what_is_said_is_done_to_what_is_wired() {
         let mut inputs = [InputSetting::default(); 16];
         inputs[12].used_for = InputUse::Door;
-        let read = |line| Deed::read(line, &inputs).expect(line);
-        assert_eq!(read("wheel -120 for 2s"), Some(Deed::Wheel { counts_per_s: -120, for_us: 2_000_000 }));
-        assert_eq!(read("wheel 3 for 1.5ms # slowly"), Some(Deed::Wheel { counts_per_s: 3, for_us: 1500 }));
-        assert_eq!(read("wheel -7"), Some(Deed::Notch(-7)));
-        assert_eq!(read("press door"), Some(Deed::Input { number: 12, active: true }));
-        assert_eq!(read("release door"), Some(Deed::Input { number: 12, active: false }));
-        assert_eq!(read(" input 5 on"), Some(Deed::Input { number: 5, active: true }));
+        let read = |line| ManualInput::read(line, &inputs).expect(line);
+        assert_eq!(read("wheel -120 for 2s"), Some(ManualInput::Wheel { counts_per_s: -120, for_us: 2_000_000 }));
+        assert_eq!(read("wheel 3 for 1.5ms # slowly"), Some(ManualInput::Wheel { counts_per_s: 3, for_us: 1500 }));
+        assert_eq!(read("wheel -7"), Some(ManualInput::Notch(-7)));
+        assert_eq!(read("press door"), Some(ManualInput::Input { number: 12, active: true }));
+        assert_eq!(read("release door"), Some(ManualInput::Input { number: 12, active: false }));
+        assert_eq!(read(" input 5 on"), Some(ManualInput::Input { number: 5, active: true }));
         assert_eq!((read(""), read("# nothing")), (None, None));
         for bad in [
             "door",
@@ -113,8 +113,10 @@ mod tests {
             "input 5",
             "wheel 40000",
         ] {
-            assert!(Deed::read(bad, &inputs).expect_err(bad).contains("can be done"), "{bad}");
+            assert!(ManualInput::read(bad, &inputs).expect_err(bad).contains("can be done"), "{bad}");
         }
-        assert!(Deed::read("press probe", &inputs).expect_err("not wired").contains("no input is wired as probe"));
+        assert!(
+            ManualInput::read("press probe", &inputs).expect_err("not wired").contains("no input is wired as probe")
+        );
     }
 }

@@ -14,13 +14,13 @@ use retrace_gcode::{CanonStep, Setup};
 
 use crate::program::{Decoder, Program};
 use crate::screen::diagnostic_text;
-use crate::screen::facts::{Facts, Planned, ProgramCheck};
-use crate::screen::live::locked;
-use crate::screen::model::{Model, Stage};
+use crate::screen::model::{ScreenModel, ScreenStage};
+use crate::screen::model_observer::locked;
 use crate::screen::preview::Preview;
+use crate::screen::program_facts::{Planned, ProgramCheck, ProgramFacts};
 
 /// What is known at once.
-pub(super) fn facts(machine: &MachineConfig, program: &Program) -> Facts {
+pub(super) fn facts(machine: &MachineConfig, program: &Program) -> ProgramFacts {
     let tools = program.tool_table().map_or_else(Vec::new, |table| {
         let tool = |tool: &retrace_gcode::Tool| {
             let name = table.name(tool.number).unwrap_or_default();
@@ -34,40 +34,50 @@ pub(super) fn facts(machine: &MachineConfig, program: &Program) -> Facts {
         table.tools().filter_map(name).filter(|(_, name)| !name.is_empty()).collect()
     });
     let check = if program.is_loaded() { ProgramCheck::Checking } else { ProgramCheck::NotLoaded };
-    Facts { tools, tool_names, check, ..Facts::of(machine, &file_name(program.name()), &program.text()) }
+    ProgramFacts { tools, tool_names, check, ..ProgramFacts::of(machine, &file_name(program.name()), &program.text()) }
 }
 
 /// Shows another program on a machine that stands there: its text now, and its check, path and time when they are known.
-pub(super) fn show_program<const A: usize>(model: &Arc<Mutex<Model>>, machine: MachineConfig, program: &Arc<Program>) {
+pub(super) fn show_program<const A: usize>(
+    model: &Arc<Mutex<ScreenModel>>,
+    machine: MachineConfig,
+    program: &Arc<Program>,
+) {
     let facts = Arc::new(facts(&machine, program));
     {
         let mut model = locked(model);
         (model.facts, model.line, model.reached_line) = (facts, 0, 0);
         model.changes += 1;
     }
-    reckon::<A>(model, Reckoning { machine, program: Arc::clone(program), setup: None, is_checked: false });
+    compute_preview::<A>(
+        model,
+        PreviewThread { machine, program: Arc::clone(program), setup: None, is_checked: false },
+    );
 }
 
 /// A job is about to be resumed, whose path began at this place.
-pub(super) fn show_resuming(model: &Mutex<Model>, origin: u32) {
-    let facts = Facts { first_place: origin, ..(*locked(model).facts).clone() };
+pub(super) fn show_resuming(model: &Mutex<ScreenModel>, origin: u32) {
+    let facts = ProgramFacts { first_place: origin, ..(*locked(model).facts).clone() };
     let mut model = locked(model);
-    (model.facts, model.stage) = (Arc::new(facts), Stage::Resuming);
+    (model.facts, model.stage) = (Arc::new(facts), ScreenStage::Resuming);
     model.changes += 1;
 }
 
 /// The machine stands elsewhere now, or its offsets are others: the program is checked again with this setup, and drawn where it would go.
 pub(super) fn check_again<const A: usize>(
-    model: &Arc<Mutex<Model>>,
+    model: &Arc<Mutex<ScreenModel>>,
     machine: MachineConfig,
     program: &Arc<Program>,
     setup: Setup,
 ) {
-    reckon::<A>(model, Reckoning { machine, program: Arc::clone(program), setup: Some(setup), is_checked: false });
+    compute_preview::<A>(
+        model,
+        PreviewThread { machine, program: Arc::clone(program), setup: Some(setup), is_checked: false },
+    );
 }
 
 /// The program has been opened and checked again, for a machine that may stand elsewhere now: what changed is reckoned again.
-pub(super) fn look_again<const A: usize>(model: &Arc<Mutex<Model>>, machine: &MachineConfig, program: &Program) {
+pub(super) fn look_again<const A: usize>(model: &Arc<Mutex<ScreenModel>>, machine: &MachineConfig, program: &Program) {
     let (new, old) = (facts(machine, program), Arc::clone(&locked(model).facts));
     let is_same = new.program == old.program && new.stands_at_mm == old.stands_at_mm && old.first_place == 0;
     if is_same && old.check == ProgramCheck::Ready {
@@ -75,7 +85,7 @@ pub(super) fn look_again<const A: usize>(model: &Arc<Mutex<Model>>, machine: &Ma
     }
     locked(model).facts = Arc::new(new);
     let (machine, program) = (machine.clone(), Arc::new(program.clone()));
-    reckon::<A>(model, Reckoning { machine, program, setup: None, is_checked: true });
+    compute_preview::<A>(model, PreviewThread { machine, program, setup: None, is_checked: true });
 }
 
 /// The last part of a path: what has room on a screen.
@@ -90,7 +100,7 @@ static LATEST: AtomicU64 = AtomicU64::new(0);
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 /// What is to be reckoned.
-struct Reckoning {
+struct PreviewThread {
     /// Where it stands.
     machine: MachineConfig,
     program: Arc<Program>,
@@ -101,15 +111,15 @@ struct Reckoning {
 }
 
 /// Reckons check, path and time of a program, and has them shown when they are known.
-fn reckon<const A: usize>(model: &Arc<Mutex<Model>>, reckoning: Reckoning) {
+fn compute_preview<const A: usize>(model: &Arc<Mutex<ScreenModel>>, reckoning: PreviewThread) {
     let number = LATEST.fetch_add(1, Ordering::Relaxed) + 1;
     let program = &reckoning.program;
     if !program.is_loaded() {
-        return publish(model, number, |facts| Facts { check: ProgramCheck::NotLoaded, ..facts });
+        return publish(model, number, |facts| ProgramFacts { check: ProgramCheck::NotLoaded, ..facts });
     }
     if program.lines().is_none() {
         let check = ProgramCheck::CheckedAsItRuns;
-        return publish(model, number, |facts| Facts { planned: Planned::Unknown, check, ..facts });
+        return publish(model, number, |facts| ProgramFacts { planned: Planned::Unknown, check, ..facts });
     }
     let model = Arc::clone(model);
     thread::spawn(move || {
@@ -120,13 +130,13 @@ fn reckon<const A: usize>(model: &Arc<Mutex<Model>>, reckoning: Reckoning) {
     });
 }
 
-fn reckoned<const A: usize>(model: &Mutex<Model>, number: u64, reckoning: Reckoning) {
-    let Reckoning { machine, program, setup, is_checked } = reckoning;
+fn reckoned<const A: usize>(model: &Mutex<ScreenModel>, number: u64, reckoning: PreviewThread) {
+    let PreviewThread { machine, program, setup, is_checked } = reckoning;
     let refused = |why: String| {
         let findings = diagnostic_text::in_words(&why);
         let check = ProgramCheck::Refused(findings.clone());
         let is_known = locked(model).facts.check == check;
-        publish(model, number, |facts| Facts { check, ..facts });
+        publish(model, number, |facts| ProgramFacts { check, ..facts });
         if !is_known {
             let mut model = locked(model);
             let time_s = model.period as f64 * model.facts.period_s;
@@ -142,19 +152,19 @@ fn reckoned<const A: usize>(model: &Mutex<Model>, number: u64, reckoning: Reckon
     if !is_checked && let Err(why) = program.faults(&machine) {
         refused(why);
     } else {
-        publish(model, number, |facts| Facts { check: ProgramCheck::Ready, ..facts });
+        publish(model, number, |facts| ProgramFacts { check: ProgramCheck::Ready, ..facts });
     }
-    let wanted = |decoder| Wanted { decoder, number };
+    let wanted = |decoder| PreviewRequest { decoder, number };
     let preview = Preview::of(&machine, &mut wanted(program.decoder()));
-    publish(model, number, |facts| Facts { preview, stands_at_mm, ..facts });
+    publish(model, number, |facts| ProgramFacts { preview, stands_at_mm, ..facts });
     let surveyed = program_analysis::analyse_program::<A>(&machine, &mut wanted(program.decoder()));
     let planned = surveyed
         .map_or(Planned::Unknown, |(_, _, survey)| Planned::Known(survey.motion_periods as f64 * machine.period_s()));
-    publish(model, number, |facts| Facts { planned, ..facts });
+    publish(model, number, |facts| ProgramFacts { planned, ..facts });
 }
 
 /// Has the picture show facts that are changed like that. They are copied outside of the picture's lock.
-fn publish(model: &Mutex<Model>, number: u64, change: impl FnOnce(Facts) -> Facts) {
+fn publish(model: &Mutex<ScreenModel>, number: u64, change: impl FnOnce(ProgramFacts) -> ProgramFacts) {
     let old = Arc::clone(&locked(model).facts);
     let new = Arc::new(change((*old).clone()));
     let mut model = locked(model);
@@ -165,12 +175,12 @@ fn publish(model: &Mutex<Model>, number: u64, change: impl FnOnce(Facts) -> Fact
 }
 
 /// A program that comes to its end when nobody wants to know any more.
-struct Wanted {
+struct PreviewRequest {
     decoder: Decoder,
     number: u64,
 }
 
-impl BlockDecoder for Wanted {
+impl BlockDecoder for PreviewRequest {
     fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
         if LATEST.load(Ordering::Relaxed) == self.number { self.decoder.next_block(steps) } else { DecodedBlock::End }
     }

@@ -17,26 +17,26 @@ use retrace_gcode::{FeedMode, MotionMode, Pose};
 use retrace_link::channel;
 
 use super::event_text;
-use super::lengths::Lengths;
-use super::model::{Active, AlarmShown, Model, MotionKind, Pause, Stage};
+use super::model::{Active, AlarmShown, MotionKind, Pause, ScreenModel, ScreenStage};
+use super::path_length::PathLengths;
 use super::program_outputs::ProgramOutputs;
-use super::trail::{Knot, Trail};
+use super::trail::{Trail, TrailPoint};
 
 /// Periods over which the speed is a mean, so that it can be read.
 const FEED_PERIODS: f64 = 32.0;
 
 /// Takes a picture's lock. Whoever panicked with it left a picture that is old at worst.
-pub fn locked(model: &Mutex<Model>) -> MutexGuard<'_, Model> {
+pub fn locked(model: &Mutex<ScreenModel>) -> MutexGuard<'_, ScreenModel> {
     model.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Keeps a picture up.
 #[derive(Clone, Debug)]
-pub struct Live {
-    model: Arc<Mutex<Model>>,
+pub struct ModelObserver {
+    model: Arc<Mutex<ScreenModel>>,
     /// The pause as it was before the operator's last word, should that be refused.
     before: Option<Pause>,
-    modes: Modes,
+    modes: ModeHistory,
     program_outputs: ProgramOutputs,
 }
 
@@ -45,7 +45,7 @@ const MAX_MODES: usize = 4096;
 
 /// The modal states along the path of a job, so that the one under the tool is shown wherever the machine goes back to.
 #[derive(Clone, Debug, Default)]
-struct Modes {
+struct ModeHistory {
     /// Each from its place on, in the order of the path.
     states: VecDeque<(u32, ActiveAt)>,
     /// What was told since the last period.
@@ -65,15 +65,15 @@ struct ActiveAt {
     work_zero_mm: Vec<f64>,
 }
 
-impl Modes {
+impl ModeHistory {
     /// Begins with what is shown, from this place on.
-    fn from(place: u32, model: &Model) -> Self {
+    fn from(place: u32, model: &ScreenModel) -> Self {
         let now = ActiveAt { active: model.active.clone(), work_zero_mm: model.work_zero_mm.clone() };
         Self { states: VecDeque::from([(place, now)]), ..Self::default() }
     }
 
     /// A tool length was entered: the path is moved, what lies behind and what is to come.
-    fn moved(&mut self, axis: usize, by_mm: f64, model: &mut Model) {
+    fn moved(&mut self, axis: usize, by_mm: f64, model: &mut ScreenModel) {
         let before_mm = self.entered.filter(|(tool, ..)| *tool == self.tool).map_or(0.0, |(.., mm)| mm);
         self.entered = Some((self.tool, axis, before_mm + by_mm));
         let states = self.states.iter_mut().map(|(_, state)| state).chain(&mut self.news);
@@ -82,7 +82,7 @@ impl Modes {
     }
 
     /// A modal state is told. A length that was entered counts with the tool and the offset that it was entered for.
-    fn told(&mut self, active: &retrace_gcode::ActiveCodes, model: &mut Model) -> ActiveAt {
+    fn told(&mut self, active: &retrace_gcode::ActiveCodes, model: &mut ScreenModel) -> ActiveAt {
         self.tool = (active.tool_offset, active.current_tool);
         self.entered.take_if(|((_, tool), ..)| *tool != active.current_tool);
         model.moved_mm.fill(0.0);
@@ -98,7 +98,7 @@ impl Modes {
     }
 
     /// A period has come to an end with the cursor at `place`, and `reached` the furthest: shows the state there.
-    fn pass(&mut self, place: u32, reached: u32, model: &mut Model) {
+    fn pass(&mut self, place: u32, reached: u32, model: &mut ScreenModel) {
         if let Some(new) = self.news.take() {
             if self.states.back().is_some_and(|&(at, _)| at == reached) {
                 self.states.pop_back();
@@ -119,21 +119,21 @@ impl Modes {
 }
 
 impl ActiveAt {
-    fn show(&self, model: &mut Model) {
+    fn show(&self, model: &mut ScreenModel) {
         model.active = self.active.clone();
         model.work_zero_mm.clone_from(&self.work_zero_mm);
     }
 }
 
-impl Live {
+impl ModelObserver {
     /// Of this picture.
     #[must_use]
-    pub fn new(model: Arc<Mutex<Model>>) -> Self {
-        Self { model, before: None, modes: Modes::default(), program_outputs: ProgramOutputs::default() }
+    pub fn new(model: Arc<Mutex<ScreenModel>>) -> Self {
+        Self { model, before: None, modes: ModeHistory::default(), program_outputs: ProgramOutputs::default() }
     }
 }
 
-impl<const A: usize> Observer<A> for Live {
+impl<const A: usize> Observer<A> for ModelObserver {
     fn on_telemetry(&mut self, told: &Telemetry<A>) {
         let mut model = locked(&self.model);
         model.changes += 1;
@@ -160,7 +160,7 @@ impl<const A: usize> Observer<A> for Live {
             }
             Telemetry::Active(active) => {
                 let news = self.modes.told(active, &mut model);
-                if model.stage != Stage::Job {
+                if model.stage != ScreenStage::Job {
                     news.show(&mut model);
                 }
                 self.modes.news = Some(news);
@@ -180,7 +180,7 @@ impl<const A: usize> Observer<A> for Live {
                 }
                 if event.kind == EventKind::Started {
                     model.moved_mm.fill(0.0);
-                    self.modes = Modes { tool: self.modes.tool, ..Modes::from(event.place.record, &model) };
+                    self.modes = ModeHistory { tool: self.modes.tool, ..ModeHistory::from(event.place.record, &model) };
                 }
                 if let EventKind::Dnc(DncEvent { step: DncStep::ToolLength { axis, by_mm, .. }, .. }) = event.kind
                     && let Some(axis) = model.facts.axes.iter().position(|facts| facts.letter == axis)
@@ -192,7 +192,7 @@ impl<const A: usize> Observer<A> for Live {
     }
 }
 
-fn take_period<const A: usize>(model: &mut Model, period: &PeriodRecord<A>) {
+fn take_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A>) {
     let step_mm = step_mm(model, &period.increments);
     model.period = period.period;
     for (slot, &count) in model.counts.iter_mut().zip(&period.counts) {
@@ -232,13 +232,13 @@ fn take_period<const A: usize>(model: &mut Model, period: &PeriodRecord<A>) {
     if model.lengths.furthest().to(period.place) > 0 {
         model.lengths.grow(period.place, step_mm, period.oldest);
         model.reached_line = period.line;
-        let knot = Knot { along_mm: model.lengths.total_mm(), at: model.in_space(), rapid: model.is_rapid() };
+        let knot = TrailPoint { along_mm: model.lengths.total_mm(), at: model.in_space(), rapid: model.is_rapid() };
         model.trail.push(knot);
     }
 }
 
 /// The modal state, its feed in mm/min where that is what it is, and the work zero that follows from it.
-fn active_at(model: &Model, active: &retrace_gcode::ActiveCodes) -> ActiveAt {
+fn active_at(model: &ScreenModel, active: &retrace_gcode::ActiveCodes) -> ActiveAt {
     let unit_mm = active.units.millimetres();
     let per_minute = active.feed_mode == FeedMode::UnitsPerMinute && active.feed_rate > 0.0;
     let motion = match active.motion {
@@ -263,7 +263,7 @@ fn active_at(model: &Model, active: &retrace_gcode::ActiveCodes) -> ActiveAt {
 }
 
 /// How far the machine moved in a period: along its linear axes, or where none of them moves, along the others.
-fn step_mm<const A: usize>(model: &Model, increments: &[i32; A]) -> f64 {
+fn step_mm<const A: usize>(model: &ScreenModel, increments: &[i32; A]) -> f64 {
     let (mut linear, mut rotary) = (0.0, 0.0);
     for (axis, &pulses) in model.facts.axes.iter().zip(increments) {
         let square = (f64::from(pulses) / axis.pulses_per_mm).powi(2);
@@ -273,7 +273,7 @@ fn step_mm<const A: usize>(model: &Model, increments: &[i32; A]) -> f64 {
 }
 
 /// Takes an event; the pause as it was before the operator's last word.
-fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option<Pause> {
+fn take_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) -> Option<Pause> {
     let mut keep = before;
     match &event.kind {
         EventKind::Started => begin(model, event),
@@ -329,17 +329,17 @@ fn take_event(model: &mut Model, event: &Event, before: Option<Pause>) -> Option
 }
 
 /// A job begins: what an earlier one left is forgotten, but for its messages.
-fn begin(model: &mut Model, event: &Event) {
-    (model.stage, model.began, model.alarm) = (Stage::Job, event.period, None);
+fn begin(model: &mut ScreenModel, event: &Event) {
+    (model.stage, model.began, model.alarm) = (ScreenStage::Job, event.period, None);
     (model.ended, model.standing, model.waiting) = (None, HoldReason::None, None);
     (model.optional_stop, model.tool_change, model.cutter_is_out) = (false, None, false);
     if model.history_before.is_none() {
         model.program_outputs = model.outputs.clone();
     }
     (model.single, model.underruns, model.override_planned) = (false, 0, 1.0);
-    let lengths = Lengths::from(event.place);
+    let lengths = PathLengths::from(event.place);
     let lengths = model.history_before.take().map_or(lengths.clone(), |(oldest, mm)| lengths.behind(oldest, mm));
     (model.trail, model.lengths) = (Trail::default(), lengths);
     let at = model.in_space();
-    model.trail.push(Knot { along_mm: 0.0, at, rapid: false });
+    model.trail.push(TrailPoint { along_mm: 0.0, at, rapid: false });
 }

@@ -12,7 +12,7 @@ use serde_json::{Map, Value, json};
 use crate::program::Program;
 
 /// A program that has been looked through.
-pub struct Told<'a, const A: usize> {
+pub struct CheckReport<'a, const A: usize> {
     pub program: &'a Program,
     pub machine: &'a MachineConfig,
     pub blocks: u64,
@@ -24,7 +24,7 @@ pub struct Told<'a, const A: usize> {
 /// Lines that are listed for a person; a script gets all of them.
 const MAX_LISTED: usize = 10;
 
-impl<const A: usize> Told<'_, A> {
+impl<const A: usize> CheckReport<'_, A> {
     /// In words.
     pub fn text(&self) -> String {
         let Self { program, blocks, survey, .. } = self;

@@ -20,37 +20,37 @@ use retrace_core::{ONE, Place, Travel};
 use retrace_hal_sim::Clock;
 use retrace_link::OutputChange;
 
-use super::Said;
-use super::facts::{Facts, Planned, ProgramCheck};
-use super::live::{Live, locked};
-use super::model::{Model, Stage};
+use super::UiCommand;
+use super::model::{ScreenModel, ScreenStage};
+use super::model_observer::{ModelObserver, locked};
 use super::preview::Preview;
-use crate::hung::simulated;
+use super::program_facts::{Planned, ProgramCheck, ProgramFacts};
 use crate::program::Program;
+use crate::sim_wiring::simulated;
 
 /// Most by which the rate changes in a period.
 const SLOPE: Travel = ONE / 150;
 
 /// What is known of a program before it runs.
-pub fn facts(machine: &MachineConfig, program: &Program, text: &str, tape: &Tape) -> Facts {
-    Facts {
+pub fn facts(machine: &MachineConfig, program: &Program, text: &str, tape: &FakePath) -> ProgramFacts {
+    ProgramFacts {
         planned: Planned::Known(tape.records.len() as f64 * machine.period_s()),
         check: ProgramCheck::Ready,
         preview: Preview::of(machine, &mut program.decoder()),
-        ..Facts::of(machine, program.name(), text)
+        ..ProgramFacts::of(machine, program.name(), text)
     }
 }
 
 /// What a program's run emits, period by period.
 #[derive(Debug, Default)]
-pub struct Tape {
+pub struct FakePath {
     /// Line and increments of each record.
     records: Vec<(u32, [i32; 9])>,
     /// Outputs that change before a record.
     changes: Vec<(u32, OutputChange)>,
 }
 
-impl Tape {
+impl FakePath {
     /// Runs the program once, as fast as that goes.
     pub fn of(machine: &MachineConfig, program: &Program) -> Self {
         let mut tape = Self::default();
@@ -65,7 +65,7 @@ impl Tape {
     }
 }
 
-impl Observer<9> for Tape {
+impl Observer<9> for FakePath {
     fn on_telemetry(&mut self, told: &Telemetry<9>) {
         match told {
             Telemetry::Output(change) => self.changes.push((self.records.len() as u32, *change)),
@@ -76,10 +76,10 @@ impl Observer<9> for Tape {
 }
 
 /// The pretended machine.
-pub struct Pretended {
-    tape: Tape,
-    model: Arc<Mutex<Model>>,
-    live: Live,
+pub struct FakeMachine {
+    tape: FakePath,
+    model: Arc<Mutex<ScreenModel>>,
+    live: ModelObserver,
     operation: ModeController,
     period_s: f64,
     period: u64,
@@ -92,10 +92,10 @@ pub struct Pretended {
     paused: bool,
 }
 
-impl Pretended {
+impl FakeMachine {
     /// With this tape, for this picture.
-    pub fn new(tape: Tape, model: Arc<Mutex<Model>>, period_s: f64) -> Self {
-        let live = Live::new(Arc::clone(&model));
+    pub fn new(tape: FakePath, model: Arc<Mutex<ScreenModel>>, period_s: f64) -> Self {
+        let live = ModelObserver::new(Arc::clone(&model));
         let outputs = vec![0; retrace_link::channel::COUNT];
         Self {
             tape,
@@ -115,29 +115,29 @@ impl Pretended {
     }
 
     /// The operator says something.
-    pub fn hear(&mut self, said: &Said) {
+    pub fn hear(&mut self, said: &UiCommand) {
         match said {
-            Said::Start => {
+            UiCommand::Start => {
                 self.event(EventKind::Started);
             }
-            Said::Turn(counts) => self.wheel += counts,
-            Said::Task(ManualTask::ClearAlarm) => locked(&self.model).alarm_is_cleared(),
-            Said::Task(ManualTask::Jog { axis, mm }) => self.jog(*axis, *mm),
-            Said::Task(task) => self.event(EventKind::Message(format!("{task:?}"))),
-            Said::Deed(deed) => {
+            UiCommand::Turn(counts) => self.wheel += counts,
+            UiCommand::Task(ManualTask::ClearAlarm) => locked(&self.model).alarm_is_cleared(),
+            UiCommand::Task(ManualTask::Jog { axis, mm }) => self.jog(*axis, *mm),
+            UiCommand::Task(task) => self.event(EventKind::Message(format!("{task:?}"))),
+            UiCommand::Deed(deed) => {
                 self.event(EventKind::Operator(*deed));
                 if let Err(why) = self.deed(*deed) {
                     self.event(EventKind::CommandRejected(why));
                 }
             }
-            Said::DryRun(_)
-            | Said::CutterOff
-            | Said::OptionalStop(_)
-            | Said::SetUp
-            | Said::Load(_)
-            | Said::Answer(_)
-            | Said::CloseRefusal
-            | Said::Quit => {}
+            UiCommand::DryRun(_)
+            | UiCommand::CutterOff
+            | UiCommand::OptionalStop(_)
+            | UiCommand::SetUp
+            | UiCommand::Load(_)
+            | UiCommand::Answer(_)
+            | UiCommand::CloseRefusal
+            | UiCommand::Quit => {}
         }
     }
 
@@ -218,7 +218,7 @@ impl Pretended {
     /// A control period.
     pub fn step(&mut self) {
         self.period += 1;
-        let is_job = locked(&self.model).stage == Stage::Job;
+        let is_job = locked(&self.model).stage == ScreenStage::Job;
         let is_way_on = !matches!(self.operation.mode(), Mode::Run | Mode::Reverse | Mode::Wheel);
         let expected = if is_way_on { self.expected() } else { Vec::new() };
         let facts = ModeFacts {
@@ -323,7 +323,7 @@ impl Pretended {
             hold_reason: standing,
             override_rate: self.operation.override_rate(),
             rapid_override: self.operation.rapid_override(),
-            off_path: locked(&self.model).stage == Stage::Setup,
+            off_path: locked(&self.model).stage == ScreenStage::Setup,
         };
         self.live.on_telemetry(&Telemetry::Period(period));
     }

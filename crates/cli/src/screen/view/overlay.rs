@@ -8,37 +8,44 @@ use ratatui::style::{Modifier, Style};
 use ratatui::widgets::{Clear, Widget};
 
 use super::listing::told;
-use super::{Look, fitted, folded, pane, put_at};
-use crate::screen::guide::{self, Grade, Guide};
-use crate::screen::hand::{Ask, Hand, Open};
-use crate::screen::keys::{Act, Situation, TABLE, row_for};
-use crate::screen::model::{Model, Pause};
+use super::{Theme, fitted, folded, pane, put_at};
+use crate::screen::key_state::{KeyState, OpenDialog, PendingQuestion};
+use crate::screen::keys::{KeyAction, Situation, TABLE, row_for};
+use crate::screen::model::{Pause, ScreenModel};
+use crate::screen::status_line::{self, HintLevel, StatusHint};
 
 /// Draws what is to be drawn over the rest.
-pub(super) fn draw(out: &mut Buffer, path: Rect, model: &Model, hand: &Hand, guide: &Guide, look: Look) {
+pub(super) fn draw(
+    out: &mut Buffer,
+    path: Rect,
+    model: &ScreenModel,
+    hand: &KeyState,
+    guide: &StatusHint,
+    look: Theme,
+) {
     if model.alarm.is_some() && !hand.alarm_aside {
         alarm(out, model, look);
         return;
     }
     match hand.open(model) {
-        Open::Help(from) => help(out, model, *from, look),
-        Open::Tools => tools(out, model, look),
-        Open::Messages(back) => log(out, model, *back, look),
-        Open::Prompt(ask, text, wrong) => prompt(out, *ask, text, wrong.as_deref(), look),
-        Open::Nothing => match (&model.alarm, model.pause) {
+        OpenDialog::Help(from) => help(out, model, *from, look),
+        OpenDialog::Tools => tools(out, model, look),
+        OpenDialog::Messages(back) => log(out, model, *back, look),
+        OpenDialog::Prompt(ask, text, wrong) => prompt(out, *ask, text, wrong.as_deref(), look),
+        OpenDialog::Nothing => match (&model.alarm, model.pause) {
             (None, _) if model.question.is_some() => question(out, model, look),
             (None, _) if !model.differ.is_empty() => differ(out, model, look),
-            (None, Some(pause)) if guide.grade == Grade::Waits => pause_steps(out, path, pause, look),
+            (None, Some(pause)) if guide.grade == HintLevel::Waits => pause_steps(out, path, pause, look),
             _ => {}
         },
     }
 }
 
 /// The steps of a pause, at the foot of the path's pane, so that program and figures stay in view.
-fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, look: Look) {
-    let steps = guide::steps(pause);
+fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, look: Theme) {
+    let steps = status_line::steps(pause);
     let next = steps.iter().position(|&(_, _, done)| !done);
-    let line = |(n, (what, act, done)): (usize, &(&str, Act, bool))| {
+    let line = |(n, (what, act, done)): (usize, &(&str, KeyAction, bool))| {
         let sign = match (done, Some(n) == next) {
             (true, _) => "done",
             (_, true) => " -->",
@@ -52,7 +59,7 @@ fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, look: Look) {
 }
 
 /// A box in the middle, as large as its lines and no larger than the screen.
-fn boxed(out: &mut Buffer, title: &str, lines: &[String], look: Look) {
+fn boxed(out: &mut Buffer, title: &str, lines: &[String], look: Theme) {
     let longest = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0).max(title.chars().count() + 4);
     let width = (longest + 4).min(usize::from(out.area.width)) as u16;
     let height = (lines.len() + 2).min(usize::from(out.area.height.saturating_sub(2))) as u16;
@@ -60,7 +67,7 @@ fn boxed(out: &mut Buffer, title: &str, lines: &[String], look: Look) {
     fill(out, at, title, lines, look);
 }
 
-fn fill(out: &mut Buffer, at: Rect, title: &str, lines: &[String], look: Look) {
+fn fill(out: &mut Buffer, at: Rect, title: &str, lines: &[String], look: Theme) {
     let at = at.intersection(out.area);
     Clear.render(at, out);
     let inside = pane(out, at, title, look);
@@ -73,7 +80,7 @@ fn fill(out: &mut Buffer, at: Rect, title: &str, lines: &[String], look: Look) {
 }
 
 /// All keys, a page at a time: those of this situation first, then the others by situation.
-fn help(out: &mut Buffer, model: &Model, page: usize, look: Look) {
+fn help(out: &mut Buffer, model: &ScreenModel, page: usize, look: Theme) {
     let width = usize::from(out.area.width).saturating_sub(5);
     let lines: Vec<String> = help_lines(Situation::of(model), width);
     let room = usize::from(out.area.height.saturating_sub(4)).max(1);
@@ -112,7 +119,7 @@ fn help_lines(situation: Situation, width: usize) -> Vec<String> {
     lines
 }
 
-fn tools(out: &mut Buffer, model: &Model, look: Look) {
+fn tools(out: &mut Buffer, model: &ScreenModel, look: Theme) {
     let room = usize::from(out.area.height.saturating_sub(4));
     let mut lines: Vec<String> = model.facts.tools.iter().take(room).cloned().collect();
     if lines.is_empty() {
@@ -122,7 +129,7 @@ fn tools(out: &mut Buffer, model: &Model, look: Look) {
 }
 
 /// All messages, each as long as it is, the newest below; `back`: lines above the newest.
-fn log(out: &mut Buffer, model: &Model, back: usize, look: Look) {
+fn log(out: &mut Buffer, model: &ScreenModel, back: usize, look: Theme) {
     let room = usize::from(out.area.height.saturating_sub(4)).max(1);
     let width = usize::from(out.area.width).saturating_sub(5);
     let all: Vec<String> = model.messages.iter().flat_map(|message| folded(&told(message), width, 26)).collect();
@@ -134,24 +141,30 @@ fn log(out: &mut Buffer, model: &Model, back: usize, look: Look) {
     boxed(out, "messages, the newest below · ↑ ↓ PgUp PgDn · any other key closes", &lines, look);
 }
 
-fn prompt(out: &mut Buffer, ask: Ask, text: &str, wrong: Option<&str>, look: Look) {
+fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str>, look: Theme) {
     let (title, question, keys) = match ask {
-        Ask::BackBy => ("back up", "Back along the path by how many mm?", "Enter goes · Esc does not"),
-        Ask::Output => {
+        PendingQuestion::BackBy => ("back up", "Back along the path by how many mm?", "Enter goes · Esc does not"),
+        PendingQuestion::Output => {
             ("output by hand", "Which output, by number or name? 3+ on, 3- off", "Enter switches · Esc does not")
         }
-        Ask::Mdi => ("MDI", "A block, as in a program: G0 X10", "Enter executes it · Esc does not"),
-        Ask::WorkZero => ("work zero", "Zero here for which axis? all, or its letter", "Enter sets it · Esc does not"),
-        Ask::ToolLength => (
+        PendingQuestion::Mdi => ("MDI", "A block, as in a program: G0 X10", "Enter executes it · Esc does not"),
+        PendingQuestion::WorkZero => {
+            ("work zero", "Zero here for which axis? all, or its letter", "Enter sets it · Esc does not")
+        }
+        PendingQuestion::ToolLength => (
             "tool length",
             "Length of the new tool in mm; with + or - by how much it is longer",
             "Enter moves the breakpoint and the path · Esc does not",
         ),
-        Ask::Program => ("open a program", "Which file? Tab completes its name", "Enter opens it · Esc does not"),
-        Ask::Stop => ("stop the job?", "It stops here; the breakpoint is kept.", "y stops it · any other key goes on"),
+        PendingQuestion::Program => {
+            ("open a program", "Which file? Tab completes its name", "Enter opens it · Esc does not")
+        }
+        PendingQuestion::Stop => {
+            ("stop the job?", "It stops here; the breakpoint is kept.", "y stops it · any other key goes on")
+        }
     };
     let mut lines = vec![question.to_string()];
-    if ask != Ask::Stop {
+    if ask != PendingQuestion::Stop {
         let shown = text.chars().count().saturating_sub(60);
         let tail: String = text.chars().skip(shown).collect();
         lines.push(format!("> {tail}_"));
@@ -161,7 +174,7 @@ fn prompt(out: &mut Buffer, ask: Ask, text: &str, wrong: Option<&str>, look: Loo
     boxed(out, title, &lines, look);
 }
 
-fn alarm(out: &mut Buffer, model: &Model, look: Look) {
+fn alarm(out: &mut Buffer, model: &ScreenModel, look: Theme) {
     let Some(alarm) = &model.alarm else { return };
     let width = usize::from(out.area.width.clamp(20, 90)) - 6;
     let mut lines = folded(&format!("What: {}", alarm.cause), width, 6);
@@ -176,7 +189,7 @@ fn alarm(out: &mut Buffer, model: &Model, look: Look) {
     }
 }
 
-fn question(out: &mut Buffer, model: &Model, look: Look) {
+fn question(out: &mut Buffer, model: &ScreenModel, look: Theme) {
     let Some(question) = &model.question else { return };
     let width = usize::from(out.area.width.clamp(20, 110)) - 6;
     let mut lines: Vec<String> = question.lines.iter().flat_map(|line| folded(line, width, 11)).collect();
@@ -185,7 +198,7 @@ fn question(out: &mut Buffer, model: &Model, look: Look) {
     boxed(out, &question.title, &lines, look);
 }
 
-fn differ(out: &mut Buffer, model: &Model, look: Look) {
+fn differ(out: &mut Buffer, model: &ScreenModel, look: Theme) {
     let mut lines = vec![format!("{:<16}{:>8}{:>16}", "output", "is", "program wants")];
     let room = usize::from(out.area.height.saturating_sub(9));
     let lists = model.differ.iter().take(room);

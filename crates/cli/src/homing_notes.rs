@@ -9,7 +9,7 @@ use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError};
 use retrace_controller::numbered_error::NumberedError;
 use retrace_link::CardIdentity;
 
-use crate::screen::model::AxisHoming;
+use crate::screen::model::AxisHoming as HomingNotes;
 
 /// A card, and what was homed over it.
 #[derive(Clone, Debug)]
@@ -60,12 +60,12 @@ impl Homing {
 
     /// Which axes are homed, in the order of the axes.
     #[must_use]
-    pub fn axes(&self, machine: &MachineConfig) -> Vec<AxisHoming> {
+    pub fn axes(&self, machine: &MachineConfig) -> Vec<HomingNotes> {
         let notes = self.card.as_ref().and_then(|card| Some((card, HomedAxes::usual().ok()?)));
         let homing = |letter| match notes.as_ref().and_then(|(card, homed)| homed.is_homed(card, machine, letter)) {
-            None => AxisHoming::NotNeeded,
-            Some(true) => AxisHoming::Homed,
-            Some(false) => AxisHoming::NotHomed,
+            None => HomingNotes::NotNeeded,
+            Some(true) => HomingNotes::Homed,
+            Some(false) => HomingNotes::NotHomed,
         };
         machine.axes.iter().map(|axis| homing(axis.name)).collect()
     }

@@ -17,7 +17,7 @@ use crate::socket::{self, Socket};
 
 /// Where a program arrives from.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Arrives {
+pub enum StreamSource {
     /// Standard input.
     StandardInput,
     /// A TCP socket at this address.
@@ -30,7 +30,7 @@ pub enum Arrives {
     File(PathBuf),
 }
 
-impl Arrives {
+impl StreamSource {
     /// What the command line names, if that arrives.
     #[must_use]
     pub fn named(program: &Path) -> Option<Self> {
@@ -52,15 +52,15 @@ impl Arrives {
     ///
     /// # Errors
     /// `E2107`, `E2101` …: there is nobody, or no such file.
-    pub fn open(&self, opening: &Opening) -> Result<Arriving, NumberedError> {
+    pub fn open(&self, opening: &StreamOpening) -> Result<ProgramStream, NumberedError> {
         Ok(match self {
             Self::StandardInput => ahead(std::io::stdin(), opening),
             Self::Socket(address) => ahead(Socket::open(address)?, opening),
             Self::Serial(address) => {
-                let Opening { serial, given_up, status } = opening;
+                let StreamOpening { serial, given_up, status } = opening;
                 Box::new(SerialSource::open(address, *serial, given_up, status)?)
             }
-            Self::Device(path) => ahead(files::Opened::on_demand(path), opening),
+            Self::Device(path) => ahead(files::OpenedFile::on_demand(path), opening),
             Self::File(path) => {
                 // A file is whole also where its last line is not terminated.
                 ahead(files::open(path, "program")?.chain(&b"\n"[..]), opening)
@@ -70,11 +70,11 @@ impl Arrives {
 }
 
 /// A program as it arrives.
-pub type Arriving = Box<dyn BufRead + Send>;
+pub type ProgramStream = Box<dyn BufRead + Send>;
 
 /// What a program that arrives is read with.
 #[derive(Clone, Debug)]
-pub struct Opening {
+pub struct StreamOpening {
     /// The machine file's settings of serial lines.
     pub serial: SerialSettings,
     /// Set when nobody waits for the program any more.
@@ -83,18 +83,18 @@ pub struct Opening {
     pub status: Arc<SourceStatus>,
 }
 
-fn ahead(input: impl Read + Send + 'static, opening: &Opening) -> Arriving {
+fn ahead(input: impl Read + Send + 'static, opening: &StreamOpening) -> ProgramStream {
     match ReadAhead::of(input, Arc::clone(&opening.given_up)) {
         Ok(ahead) => Box::new(ahead.showing(Arc::clone(&opening.status))),
         // No thread left to read ahead.
-        Err(error) => Box::new(BufReader::new(Broken(error.to_string()))),
+        Err(error) => Box::new(BufReader::new(StreamBroken(error.to_string()))),
     }
 }
 
 /// A reader that has only this to say.
-pub struct Broken(pub String);
+pub struct StreamBroken(pub String);
 
-impl Read for Broken {
+impl Read for StreamBroken {
     fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
         Err(io::Error::other(self.0.clone()))
     }

@@ -10,14 +10,14 @@ use retrace_core::mode::Mode;
 use retrace_core::{ONE, Travel};
 use retrace_link::channel;
 
-use super::Said;
+use super::UiCommand;
 use super::files;
-use super::keys::{self, Act, Key, Situation};
-use super::model::{Model, Stage};
+use super::keys::{self, Key, KeyAction, Situation};
+use super::model::{ScreenModel, ScreenStage};
 
 /// What a prompt asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ask {
+pub enum PendingQuestion {
     /// So many mm back.
     BackBy,
     /// The number of an output.
@@ -36,7 +36,7 @@ pub enum Ask {
 
 /// What lies over the screen.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Open {
+pub enum OpenDialog {
     /// Nothing.
     #[default]
     Nothing,
@@ -47,7 +47,7 @@ pub enum Open {
     /// All messages, so many lines above the newest.
     Messages(usize),
     /// A question, what was typed so far, and what was wrong with it.
-    Prompt(Ask, String, Option<String>),
+    Prompt(PendingQuestion, String, Option<String>),
 }
 
 /// From where the path is seen.
@@ -132,9 +132,9 @@ const OVERRIDES: [f64; 2] = [0.0, 200.0];
 
 /// What the operator is doing.
 #[derive(Clone, Debug, Default)]
-pub struct Hand {
+pub struct KeyState {
     /// What lies over the screen.
-    pub open: Open,
+    pub open: OpenDialog,
     /// Has the operator put the alarm's box aside?
     pub alarm_aside: bool,
     /// From where the path is seen.
@@ -155,7 +155,7 @@ pub struct Hand {
     overridden: Option<(f64, u64)>,
 }
 
-impl Hand {
+impl KeyState {
     /// With a jog step of 1 mm.
     #[must_use]
     pub fn new() -> Self {
@@ -169,149 +169,155 @@ impl Hand {
     }
 
     /// Shows a notice.
-    pub fn tell(&mut self, text: impl Into<String>, now_ms: u64) {
+    pub fn send(&mut self, text: impl Into<String>, now_ms: u64) {
         self.notice = Some((text.into(), now_ms + NOTICE_MS));
     }
 
     /// The mouse wheel was turned by a notch: only in handwheel mode it is one.
     #[must_use]
-    pub fn mouse_wheel(&mut self, forward: bool, model: &Model) -> Option<Said> {
-        let is_wheel = Situation::of(model) == Situation::Wheel && self.open == Open::Nothing;
-        is_wheel.then_some(Said::Turn(if forward { 4 } else { -4 }))
+    pub fn mouse_wheel(&mut self, forward: bool, model: &ScreenModel) -> Option<UiCommand> {
+        let is_wheel = Situation::of(model) == Situation::Wheel && self.open == OpenDialog::Nothing;
+        is_wheel.then_some(UiCommand::Turn(if forward { 4 } else { -4 }))
     }
 
     /// What lies over the screen, if it still has a meaning: a question about a job ends with it, and one about the machine when a job begins.
     #[must_use]
-    pub fn open(&self, model: &Model) -> &Open {
-        let is_job = model.stage == Stage::Job;
+    pub fn open(&self, model: &ScreenModel) -> &OpenDialog {
+        let is_job = model.stage == ScreenStage::Job;
         match &self.open {
-            Open::Prompt(Ask::Program, ..) if is_job && !model.is_at_program_end() => &Open::Nothing,
-            Open::Prompt(Ask::Stop | Ask::BackBy | Ask::ToolLength, ..) if !is_job => &Open::Nothing,
-            Open::Prompt(Ask::Mdi | Ask::WorkZero, ..) if is_job => &Open::Nothing,
+            OpenDialog::Prompt(PendingQuestion::Program, ..) if is_job && !model.is_at_program_end() => {
+                &OpenDialog::Nothing
+            }
+            OpenDialog::Prompt(PendingQuestion::Stop | PendingQuestion::BackBy | PendingQuestion::ToolLength, ..)
+                if !is_job =>
+            {
+                &OpenDialog::Nothing
+            }
+            OpenDialog::Prompt(PendingQuestion::Mdi | PendingQuestion::WorkZero, ..) if is_job => &OpenDialog::Nothing,
             open => open,
         }
     }
 
     /// A key was pressed.
     #[must_use]
-    pub fn key(&mut self, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
+    pub fn key(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
         match model.alarm {
             None => self.alarm_aside = false,
             // An alarm stands before whatever was open.
-            Some(_) if !self.alarm_aside => self.open = Open::Nothing,
+            Some(_) if !self.alarm_aside => self.open = OpenDialog::Nothing,
             Some(_) => {}
         }
         self.open = self.open(model).clone();
-        if self.open != Open::Nothing {
+        if self.open != OpenDialog::Nothing {
             return self.key_in_box(key, now_ms, model);
         }
         if key == Key::Esc {
             self.alarm_aside = true;
             let is_refusal = model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal);
-            return is_refusal.then_some(Said::CloseRefusal);
+            return is_refusal.then_some(UiCommand::CloseRefusal);
         }
         let Some(row) = keys::row_of(key, Situation::of(model)) else {
             if let Some((row, when)) = keys::elsewhere(key) {
-                self.tell(format!("{} ({}) works {}", row.shown, row.short, when.words()), now_ms);
+                self.send(format!("{} ({}) works {}", row.shown, row.short, when.words()), now_ms);
             } else if key != Key::Enter && key != Key::Backspace {
-                self.tell("that key does nothing; ? shows all keys", now_ms);
+                self.send("that key does nothing; ? shows all keys", now_ms);
             }
             return None;
         };
         self.act(row.act, key, now_ms, model)
     }
 
-    fn act(&mut self, act: Act, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
+    fn act(&mut self, act: KeyAction, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
         // A program that has come to its end is released by whatever comes next.
-        let is_job = model.stage == Stage::Job && !model.is_at_program_end();
+        let is_job = model.stage == ScreenStage::Job && !model.is_at_program_end();
         let deed = match act {
-            Act::CycleStart if !is_job => return Some(Said::Start),
-            Act::SetUp => return Some(Said::SetUp),
-            Act::CycleStart => OperatorCommand::CycleStart,
-            Act::Hold => OperatorCommand::Hold,
-            Act::Reverse => OperatorCommand::Reverse(self.stepped(Mode::Reverse, model)),
-            Act::Forward => OperatorCommand::Forward(self.stepped(Mode::Forward, model)),
-            Act::ReverseRapid => OperatorCommand::Reverse(8 * ONE),
-            Act::ForwardRapid => OperatorCommand::Forward(8 * ONE),
-            Act::Wheel => OperatorCommand::Wheel { counts_per_s: 0.0, seconds: 0.0 },
-            Act::Turn => return Some(Said::Turn(self.turn(key, now_ms))),
-            Act::Leave => OperatorCommand::Leave { ask: false },
-            Act::LeaveAsk => OperatorCommand::Leave { ask: true },
-            Act::Agree if model.question.is_some() => return Some(Said::Answer(true)),
-            Act::Decline if model.question.is_some() => return Some(Said::Answer(false)),
-            Act::Decline => {
-                self.tell("nothing is asked", now_ms);
+            KeyAction::CycleStart if !is_job => return Some(UiCommand::Start),
+            KeyAction::SetUp => return Some(UiCommand::SetUp),
+            KeyAction::CycleStart => OperatorCommand::CycleStart,
+            KeyAction::Hold => OperatorCommand::Hold,
+            KeyAction::Reverse => OperatorCommand::Reverse(self.stepped(Mode::Reverse, model)),
+            KeyAction::Forward => OperatorCommand::Forward(self.stepped(Mode::Forward, model)),
+            KeyAction::ReverseRapid => OperatorCommand::Reverse(8 * ONE),
+            KeyAction::ForwardRapid => OperatorCommand::Forward(8 * ONE),
+            KeyAction::Wheel => OperatorCommand::Wheel { counts_per_s: 0.0, seconds: 0.0 },
+            KeyAction::Turn => return Some(UiCommand::Turn(self.turn(key, now_ms))),
+            KeyAction::Leave => OperatorCommand::Leave { ask: false },
+            KeyAction::LeaveAsk => OperatorCommand::Leave { ask: true },
+            KeyAction::Agree if model.question.is_some() => return Some(UiCommand::Answer(true)),
+            KeyAction::Decline if model.question.is_some() => return Some(UiCommand::Answer(false)),
+            KeyAction::Decline => {
+                self.send("nothing is asked", now_ms);
                 return None;
             }
-            Act::Agree if model.differ.is_empty() => {
-                self.tell("there is nothing to agree to", now_ms);
+            KeyAction::Agree if model.differ.is_empty() => {
+                self.send("there is nothing to agree to", now_ms);
                 return None;
             }
-            Act::Agree => OperatorCommand::Confirm,
-            Act::BackBlock => OperatorCommand::BackToBlock,
-            Act::BackJet => OperatorCommand::BackToPierce,
-            Act::Faster => OperatorCommand::Override(self.overridden(model, 10.0, now_ms)),
-            Act::Slower => OperatorCommand::Override(self.overridden(model, -10.0, now_ms)),
-            Act::Whole => {
+            KeyAction::Agree => OperatorCommand::Confirm,
+            KeyAction::BackBlock => OperatorCommand::BackToBlock,
+            KeyAction::BackJet => OperatorCommand::BackToPierce,
+            KeyAction::Faster => OperatorCommand::Override(self.overridden(model, 10.0, now_ms)),
+            KeyAction::Slower => OperatorCommand::Override(self.overridden(model, -10.0, now_ms)),
+            KeyAction::Whole => {
                 self.overridden = Some((100.0, now_ms));
                 OperatorCommand::Override(ONE)
             }
-            Act::RapidOverride => {
+            KeyAction::RapidOverride => {
                 let next = RAPID_OVERRIDES.iter().find(|&&percent| percent < model.rapid_override * 100.0 - 0.5);
                 OperatorCommand::RapidOverride((next.unwrap_or(&100.0).round() as Travel * ONE + 50) / 100)
             }
-            Act::Single => OperatorCommand::Single,
-            Act::Pause => OperatorCommand::Pause,
-            Act::CutterOff => return Some(Said::CutterOff),
-            Act::CutterOn => OperatorCommand::CutterOn,
-            Act::Recover => OperatorCommand::Recover,
-            Act::OptionalStop => {
-                return Some(Said::OptionalStop(!model.optional_stop));
+            KeyAction::Single => OperatorCommand::Single,
+            KeyAction::Pause => OperatorCommand::Pause,
+            KeyAction::CutterOff => return Some(UiCommand::CutterOff),
+            KeyAction::CutterOn => OperatorCommand::CutterOn,
+            KeyAction::Recover => OperatorCommand::Recover,
+            KeyAction::OptionalStop => {
+                return Some(UiCommand::OptionalStop(!model.optional_stop));
             }
-            Act::Spindle if model.output(channel::SPINDLE) == 0 => OperatorCommand::SpindleStart,
-            Act::Spindle => OperatorCommand::SpindleStop,
-            Act::Online => OperatorCommand::Online,
-            Act::Jog | Act::JogDown | Act::JogUp => return self.jog(key, now_ms, model),
-            Act::ClearAlarm if model.alarm.is_none() => {
-                self.tell("there is no alarm", now_ms);
+            KeyAction::Spindle if model.output(channel::SPINDLE) == 0 => OperatorCommand::SpindleStart,
+            KeyAction::Spindle => OperatorCommand::SpindleStop,
+            KeyAction::Online => OperatorCommand::Online,
+            KeyAction::Jog | KeyAction::JogDown | KeyAction::JogUp => return self.jog(key, now_ms, model),
+            KeyAction::ClearAlarm if model.alarm.is_none() => {
+                self.send("there is no alarm", now_ms);
                 return None;
             }
-            Act::ClearAlarm if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) => {
-                return Some(Said::CloseRefusal);
+            KeyAction::ClearAlarm if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) => {
+                return Some(UiCommand::CloseRefusal);
             }
-            Act::ClearAlarm => return Some(Said::Task(ManualTask::ClearAlarm)),
-            Act::Home => return Some(Said::Task(ManualTask::Home(None))),
-            Act::DryRun => {
+            KeyAction::ClearAlarm => return Some(UiCommand::Task(ManualTask::ClearAlarm)),
+            KeyAction::Home => return Some(UiCommand::Task(ManualTask::Home(None))),
+            KeyAction::DryRun => {
                 self.dry = !self.dry;
-                return Some(Said::DryRun(self.dry));
+                return Some(UiCommand::DryRun(self.dry));
             }
-            Act::Quit if !is_job => return Some(Said::Quit),
+            KeyAction::Quit if !is_job => return Some(UiCommand::Quit),
             _ => {
                 self.look(act, key, model);
                 return None;
             }
         };
-        Some(Said::Deed(deed))
+        Some(UiCommand::Deed(deed))
     }
 
     /// Acts that say nothing: boxes, and what is shown.
-    fn look(&mut self, act: Act, key: Key, model: &Model) {
-        let ask = |ask, text: &str| Open::Prompt(ask, text.into(), None);
+    fn look(&mut self, act: KeyAction, key: Key, model: &ScreenModel) {
+        let ask = |ask, text: &str| OpenDialog::Prompt(ask, text.into(), None);
         self.open = match act {
-            Act::BackBy => ask(Ask::BackBy, "20"),
-            Act::Output => ask(Ask::Output, ""),
-            Act::Mdi => ask(Ask::Mdi, ""),
-            Act::WorkZero => ask(Ask::WorkZero, "all"),
-            Act::ToolLength => ask(Ask::ToolLength, ""),
-            Act::OpenProgram => ask(Ask::Program, ""),
-            Act::Quit => ask(Ask::Stop, ""),
-            Act::Help => Open::Help(0),
-            Act::Tools => Open::Tools,
-            Act::Messages => Open::Messages(0),
-            _ => Open::Nothing,
+            KeyAction::BackBy => ask(PendingQuestion::BackBy, "20"),
+            KeyAction::Output => ask(PendingQuestion::Output, ""),
+            KeyAction::Mdi => ask(PendingQuestion::Mdi, ""),
+            KeyAction::WorkZero => ask(PendingQuestion::WorkZero, "all"),
+            KeyAction::ToolLength => ask(PendingQuestion::ToolLength, ""),
+            KeyAction::OpenProgram => ask(PendingQuestion::Program, ""),
+            KeyAction::Quit => ask(PendingQuestion::Stop, ""),
+            KeyAction::Help => OpenDialog::Help(0),
+            KeyAction::Tools => OpenDialog::Tools,
+            KeyAction::Messages => OpenDialog::Messages(0),
+            _ => OpenDialog::Nothing,
         };
         match act {
-            Act::View => {
+            KeyAction::View => {
                 // What was panned to is somewhere else from another side.
                 self.frame = Frame { fit: self.frame.fit, ..Frame::default() };
                 self.view = match self.view {
@@ -321,26 +327,26 @@ impl Hand {
                     View::Iso => View::Xy,
                 };
             }
-            Act::ZoomIn => self.frame.zoom_by(2.0),
-            Act::ZoomOut => self.frame.zoom_by(0.5),
-            Act::Pan => self.frame.pan_by(match key {
+            KeyAction::ZoomIn => self.frame.zoom_by(2.0),
+            KeyAction::ZoomOut => self.frame.zoom_by(0.5),
+            KeyAction::Pan => self.frame.pan_by(match key {
                 Key::ShiftLeft => [-0.25, 0.0],
                 Key::ShiftRight => [0.25, 0.0],
                 Key::ShiftUp => [0.0, 0.25],
                 _ => [0.0, -0.25],
             }),
-            Act::Fit => {
+            KeyAction::Fit => {
                 let fit = if self.frame.fit == Fit::Program { Fit::Table } else { Fit::Program };
                 self.frame = Frame { fit, ..Frame::default() };
             }
-            Act::Step => self.step = (self.step + 1) % STEPS_MM.len(),
-            Act::NextAxis => self.axis = (self.axis + 1) % model.facts.axes.len().max(1),
+            KeyAction::Step => self.step = (self.step + 1) % STEPS_MM.len(),
+            KeyAction::NextAxis => self.axis = (self.axis + 1) % model.facts.axes.len().max(1),
             _ => {}
         }
     }
 
     /// The rate of a key that is pressed again and again.
-    fn stepped(&mut self, mode: Mode, model: &Model) -> Travel {
+    fn stepped(&mut self, mode: Mode, model: &ScreenModel) -> Travel {
         let index = match self.asked {
             Some((last, index)) if last == mode && model.mode == mode => (index + 1) % RATES.len(),
             _ => 0,
@@ -350,7 +356,7 @@ impl Hand {
     }
 
     /// The override asked for, in steps of 10 %: keys that follow each other quickly build on each other.
-    fn overridden(&mut self, model: &Model, by: f64, now_ms: u64) -> Travel {
+    fn overridden(&mut self, model: &ScreenModel, by: f64, now_ms: u64) -> Travel {
         let [least, most] = OVERRIDES;
         let shown = model.override_rate * 100.0;
         let from = match self.overridden {
@@ -379,7 +385,7 @@ impl Hand {
         if forward { counts } else { -counts }
     }
 
-    fn jog(&mut self, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
+    fn jog(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
         let letters: Vec<char> = model.facts.axes.iter().map(|axis| axis.letter).collect();
         // A lathe has no Y: there ↑ ↓ are X, and ← → are Z.
         let is_lathe = !letters.contains(&'y');
@@ -390,55 +396,55 @@ impl Hand {
             _ => (*letters.get(self.axis)?, key == Key::Char(']')),
         };
         if !letters.contains(&letter) {
-            self.tell(format!("this machine has no axis {}", letter.to_ascii_uppercase()), now_ms);
+            self.send(format!("this machine has no axis {}", letter.to_ascii_uppercase()), now_ms);
             return None;
         }
         let step = STEPS_MM.get(self.step).copied().flatten();
-        let is_paused = model.stage == Stage::Job;
+        let is_paused = model.stage == ScreenStage::Job;
         Some(match step {
             // A paused program's jogs are steps: each of them is remembered.
             _ if is_paused => {
                 let mm = step.unwrap_or(10.0);
-                Said::Deed(OperatorCommand::Jog { axis: letter, mm: if up { mm } else { -mm } })
+                UiCommand::Deed(OperatorCommand::Jog { axis: letter, mm: if up { mm } else { -mm } })
             }
-            Some(mm) => Said::Task(ManualTask::Jog { axis: letter, mm: if up { mm } else { -mm } }),
-            None => Said::Task(ManualTask::JogOn { axis: letter, up }),
+            Some(mm) => UiCommand::Task(ManualTask::Jog { axis: letter, mm: if up { mm } else { -mm } }),
+            None => UiCommand::Task(ManualTask::JogOn { axis: letter, up }),
         })
     }
 
     /// A key while something lies over the screen.
-    fn key_in_box(&mut self, key: Key, now_ms: u64, model: &Model) -> Option<Said> {
+    fn key_in_box(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
         // At the end of the program nothing moves, and names of files have spaces.
-        let is_job = model.stage == Stage::Job && !model.is_at_program_end();
-        if key == Key::Char(' ') && (is_job || !matches!(self.open, Open::Prompt(..))) {
-            self.open = Open::Nothing;
-            return (!matches!(model.stage, Stage::Ended(_))).then_some(Said::Deed(OperatorCommand::Hold));
+        let is_job = model.stage == ScreenStage::Job && !model.is_at_program_end();
+        if key == Key::Char(' ') && (is_job || !matches!(self.open, OpenDialog::Prompt(..))) {
+            self.open = OpenDialog::Nothing;
+            return (!matches!(model.stage, ScreenStage::Ended(_))).then_some(UiCommand::Deed(OperatorCommand::Hold));
         }
-        let is_typed = matches!(&self.open, Open::Prompt(ask, ..) if *ask != Ask::Stop);
+        let is_typed = matches!(&self.open, OpenDialog::Prompt(ask, ..) if *ask != PendingQuestion::Stop);
         if matches!(key, Key::Char('x' | 'X')) && !is_typed {
-            self.open = Open::Nothing;
-            return Some(Said::CutterOff);
+            self.open = OpenDialog::Nothing;
+            return Some(UiCommand::CutterOff);
         }
-        let Open::Prompt(ask, text, wrong) = &mut self.open else {
+        let OpenDialog::Prompt(ask, text, wrong) = &mut self.open else {
             match (&mut self.open, key) {
-                (Open::Help(page), Key::Down | Key::PageDown | Key::Tab | Key::Char('?')) => *page += 1,
-                (Open::Help(page), Key::Up | Key::PageUp) => *page = page.saturating_sub(1),
-                (Open::Messages(back), Key::Up) => *back = (*back + 1).min(MAX_SCROLL),
-                (Open::Messages(back), Key::PageUp) => *back = (*back + 15).min(MAX_SCROLL),
-                (Open::Messages(back), Key::Down) => *back = back.saturating_sub(1),
-                (Open::Messages(back), Key::PageDown) => *back = back.saturating_sub(15),
-                _ => self.open = Open::Nothing,
+                (OpenDialog::Help(page), Key::Down | Key::PageDown | Key::Tab | Key::Char('?')) => *page += 1,
+                (OpenDialog::Help(page), Key::Up | Key::PageUp) => *page = page.saturating_sub(1),
+                (OpenDialog::Messages(back), Key::Up) => *back = (*back + 1).min(MAX_SCROLL),
+                (OpenDialog::Messages(back), Key::PageUp) => *back = (*back + 15).min(MAX_SCROLL),
+                (OpenDialog::Messages(back), Key::Down) => *back = back.saturating_sub(1),
+                (OpenDialog::Messages(back), Key::PageDown) => *back = back.saturating_sub(15),
+                _ => self.open = OpenDialog::Nothing,
             }
             return None;
         };
         *wrong = None;
         let done = match (*ask, key) {
-            (Ask::Stop, Key::Char('y') | Key::Interrupt) => Ok(Said::Deed(OperatorCommand::Stop)),
-            (Ask::Stop, _) | (_, Key::Esc | Key::Interrupt) => {
-                self.open = Open::Nothing;
+            (PendingQuestion::Stop, Key::Char('y') | Key::Interrupt) => Ok(UiCommand::Deed(OperatorCommand::Stop)),
+            (PendingQuestion::Stop, _) | (_, Key::Esc | Key::Interrupt) => {
+                self.open = OpenDialog::Nothing;
                 return None;
             }
-            (Ask::Program, Key::Tab) => {
+            (PendingQuestion::Program, Key::Tab) => {
                 *wrong = files::complete(text);
                 return None;
             }
@@ -449,7 +455,10 @@ impl Hand {
             }
             (ask, Key::Char(c)) if text.chars().count() < 500 => {
                 // What stands there is a suggestion: the first key replaces it.
-                let suggested = matches!((ask, text.as_str()), (Ask::BackBy, "20") | (Ask::WorkZero, "all"));
+                let suggested = matches!(
+                    (ask, text.as_str()),
+                    (PendingQuestion::BackBy, "20") | (PendingQuestion::WorkZero, "all")
+                );
                 if suggested {
                     text.clear();
                 }
@@ -460,13 +469,13 @@ impl Hand {
         };
         match done {
             Ok(said) => {
-                self.open = Open::Nothing;
+                self.open = OpenDialog::Nothing;
                 self.notice = None;
                 Some(said)
             }
             Err(why) => {
                 *wrong = Some(why);
-                self.tell("not understood", now_ms);
+                self.send("not understood", now_ms);
                 None
             }
         }
@@ -474,42 +483,42 @@ impl Hand {
 }
 
 /// What a prompt's answer says, or what is wrong with it.
-fn answer(ask: Ask, text: &str, model: &Model) -> Result<Said, String> {
+fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCommand, String> {
     match ask {
-        Ask::BackBy => match text.parse::<f64>() {
-            Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(Said::Deed(OperatorCommand::BackBy(mm))),
+        PendingQuestion::BackBy => match text.parse::<f64>() {
+            Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(UiCommand::Deed(OperatorCommand::BackBy(mm))),
             _ => Err("a length in mm above 0, such as 20".into()),
         },
-        Ask::Output => output(text, model),
-        Ask::Mdi if text.is_empty() => Err("a block such as G0 X10".into()),
-        Ask::Mdi => Ok(Said::Task(ManualTask::Mdi(text.into()))),
-        Ask::WorkZero => {
+        PendingQuestion::Output => output(text, model),
+        PendingQuestion::Mdi if text.is_empty() => Err("a block such as G0 X10".into()),
+        PendingQuestion::Mdi => Ok(UiCommand::Task(ManualTask::Mdi(text.into()))),
+        PendingQuestion::WorkZero => {
             let lower = text.to_ascii_lowercase();
             let axis = model.facts.axes.iter().find(|axis| lower == axis.letter.to_string());
             match (lower.as_str(), axis) {
-                ("all", _) => Ok(Said::Task(ManualTask::WorkZero(None))),
-                (_, Some(axis)) => Ok(Said::Task(ManualTask::WorkZero(Some(axis.letter)))),
+                ("all", _) => Ok(UiCommand::Task(ManualTask::WorkZero(None))),
+                (_, Some(axis)) => Ok(UiCommand::Task(ManualTask::WorkZero(Some(axis.letter)))),
                 _ => Err("all, or the letter of an axis".into()),
             }
         }
         // With a sign it is by how much the new tool is longer.
-        Ask::ToolLength => match text.parse::<f64>() {
+        PendingQuestion::ToolLength => match text.parse::<f64>() {
             Ok(mm) if mm.abs() <= 10_000.0 && text.starts_with(['+', '-']) => Ok(tool_length(EnteredLength::By(mm))),
             Ok(mm) if (0.0..=10_000.0).contains(&mm) => Ok(tool_length(EnteredLength::To(mm))),
             _ => Err("a length in mm such as 84.2, or +0.35 where the new tool is that much longer".into()),
         },
-        Ask::Stop => Ok(Said::Deed(OperatorCommand::Stop)),
-        Ask::Program if text.is_empty() => Err("the path of a program file".into()),
-        Ask::Program => Ok(Said::Load(files::expanded(text))),
+        PendingQuestion::Stop => Ok(UiCommand::Deed(OperatorCommand::Stop)),
+        PendingQuestion::Program if text.is_empty() => Err("the path of a program file".into()),
+        PendingQuestion::Program => Ok(UiCommand::Load(files::expanded(text))),
     }
 }
 
-fn tool_length(length: EnteredLength) -> Said {
-    Said::Deed(OperatorCommand::ToolLength(length))
+fn tool_length(length: EnteredLength) -> UiCommand {
+    UiCommand::Deed(OperatorCommand::ToolLength(length))
 }
 
 /// `3+` switches output 3 on and `3-` off; a name stands for its number. Without a sign an output is switched over, unless it is a cutter's.
-fn output(text: &str, model: &Model) -> Result<Said, String> {
+fn output(text: &str, model: &ScreenModel) -> Result<UiCommand, String> {
     let name = text.trim_end_matches(['+', '-']);
     let Some(number) = model.facts.output_named(name) else {
         return Err("a number from 0 to 63, or a name, and + or -: 3+, 3-".into());
@@ -522,7 +531,7 @@ fn output(text: &str, model: &Model) -> Result<Said, String> {
         _ => return Err("+ is on, - is off".into()),
     };
     Ok(match model.stage {
-        Stage::Job => Said::Deed(OperatorCommand::Output { number, on }),
-        _ => Said::Task(ManualTask::Output(number, i32::from(on))),
+        ScreenStage::Job => UiCommand::Deed(OperatorCommand::Output { number, on }),
+        _ => UiCommand::Task(ManualTask::Output(number, i32::from(on))),
     })
 }

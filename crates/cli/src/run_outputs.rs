@@ -10,20 +10,20 @@ use retrace_gcode::{Canon, CanonStep, Parameters, ToolTable};
 
 /// Gathers it while a program is decoded.
 #[derive(Debug, Default)]
-pub struct Left {
+pub struct RunOutputs {
     log: Option<BufWriter<File>>,
     tables: Arc<Mutex<Option<(Parameters, ToolTable)>>>,
 }
 
 /// The parameters and tools of a program that has come to its end.
 #[derive(Debug)]
-pub struct Last(Arc<Mutex<Option<(Parameters, ToolTable)>>>);
+pub struct LastStatus(Arc<Mutex<Option<(Parameters, ToolTable)>>>);
 
-impl Left {
+impl RunOutputs {
     /// Where the parameters and tools will be found.
     #[must_use]
-    pub fn last(&self) -> Last {
-        Last(Arc::clone(&self.tables))
+    pub fn last(&self) -> LastStatus {
+        LastStatus(Arc::clone(&self.tables))
     }
 
     /// Writes what a block logs (LOGOPEN, LOGAPPEND, LOG, LOGCLOSE).
@@ -57,7 +57,7 @@ impl Left {
     }
 }
 
-impl Last {
+impl LastStatus {
     /// What the program has left; none where it has not come to its end.
     #[must_use]
     pub fn tables(&self) -> Option<(Parameters, ToolTable)> {

@@ -28,18 +28,18 @@ use crate::args::Reading;
 use crate::console::unwritable;
 use crate::files;
 use crate::machine_tables;
-use crate::program::{Arrives, Arriving, Program};
+use crate::program::{Program, ProgramStream, StreamSource};
 
 /// The folder of a job that has not begun.
 #[derive(Debug)]
-pub struct Claimed {
+pub struct ReservedJobFolder {
     jobs: JobStore,
     folder: JobFolder,
     held: JobLock,
     when: Timestamp,
 }
 
-impl Claimed {
+impl ReservedJobFolder {
     /// Makes a folder for a job of this program, and holds it.
     ///
     /// # Errors
@@ -55,7 +55,7 @@ impl Claimed {
     ///
     /// # Errors
     /// `E2105`
-    pub fn spool(&self, from: Arriving, quota: u64) -> Result<(Arriving, SpoolProgress), NumberedError> {
+    pub fn spool(&self, from: ProgramStream, quota: u64) -> Result<(ProgramStream, SpoolProgress), NumberedError> {
         let path = self.folder.stream();
         let (spooling, progress) =
             SpoolWriter::create(&path, from).map_err(|error| unwritable(&path.display().to_string(), &error))?;
@@ -66,17 +66,22 @@ impl Claimed {
     ///
     /// # Errors
     /// `E2105`, `E2207`: it cannot be written.
-    pub fn begin(self, care: Durability, job: JobHeader, spool: Option<SpoolProgress>) -> Result<Kept, NumberedError> {
+    pub fn begin(
+        self,
+        care: Durability,
+        job: JobHeader,
+        spool: Option<SpoolProgress>,
+    ) -> Result<JournaledJob, NumberedError> {
         let Self { jobs, folder, held, when } = self;
         let job = JobHeader { id: folder.id().into(), when, ..job };
         let logbook = JournalWriter::begin(folder.new_journal()?, care, job, spool)?;
-        Ok(Kept { jobs, folder, _held: held, logbook, known: None, overrides: Vec::new() })
+        Ok(JournaledJob { jobs, folder, _held: held, logbook, known: None, overrides: Vec::new() })
     }
 }
 
 /// A job whose journal is being written.
 #[derive(Debug)]
-pub struct Kept {
+pub struct JournaledJob {
     jobs: JobStore,
     folder: JobFolder,
     _held: JobLock,
@@ -87,7 +92,7 @@ pub struct Kept {
     overrides: Vec<PlannedOverride>,
 }
 
-impl Kept {
+impl JournaledJob {
     /// A job that may be taken up again; its journal is as it was until [`Kept::take_up`].
     #[must_use]
     pub fn waiting(jobs: JobStore, folder: JobFolder, held: JobLock, care: Durability, record: &JobRecord) -> Self {
@@ -165,7 +170,7 @@ impl Kept {
 
 /// What a job is told to be, when it begins.
 #[derive(Debug)]
-pub struct Beginning<'a> {
+pub struct JobHeaderBuilder<'a> {
     /// The program.
     pub program: &'a Program,
     /// What it is read with.
@@ -180,7 +185,7 @@ pub struct Beginning<'a> {
     pub card: entry::JobCard,
 }
 
-impl Beginning<'_> {
+impl JobHeaderBuilder<'_> {
     /// The first entry of its journal, for a card of this status.
     ///
     /// # Errors
@@ -190,10 +195,10 @@ impl Beginning<'_> {
         let name = self.program.name();
         let source = match self.program.arrives() {
             None => ProgramSource::File(files::absolute(&self.reading.program)),
-            Some(Arrives::Socket(address)) => ProgramSource::Socket(address.clone()),
-            Some(Arrives::Serial(address)) => ProgramSource::Serial(address.clone()),
-            Some(Arrives::Device(path)) => ProgramSource::Device(files::absolute(path)),
-            Some(Arrives::StandardInput | Arrives::File(_)) => ProgramSource::StandardInput,
+            Some(StreamSource::Socket(address)) => ProgramSource::Socket(address.clone()),
+            Some(StreamSource::Serial(address)) => ProgramSource::Serial(address.clone()),
+            Some(StreamSource::Device(path)) => ProgramSource::Device(files::absolute(path)),
+            Some(StreamSource::StandardInput | StreamSource::File(_)) => ProgramSource::StandardInput,
         };
         let axes = self.machine.axes.len().min(A);
         Ok(JobHeader {

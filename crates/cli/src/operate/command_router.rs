@@ -8,22 +8,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 use retrace_controller::command_queue::{CommandQueueFull, CommandReceiver, CommandSender, command_channel};
 use retrace_controller::operator::OperatorCommand;
 
-use crate::screen::Said;
-use crate::screen::live::locked;
-use crate::screen::model::Model;
+use crate::screen::UiCommand;
+use crate::screen::model::ScreenModel;
+use crate::screen::model_observer::locked;
 
 /// The operator's desk.
 #[derive(Debug)]
-pub(super) struct Desk {
+pub(super) struct CommandRouter {
     /// What the screen shows.
-    pub(super) model: Arc<Mutex<Model>>,
-    words: Sender<Said>,
+    pub(super) model: Arc<Mutex<ScreenModel>>,
+    words: Sender<UiCommand>,
     job: Mutex<Option<CommandSender>>,
 }
 
-impl Desk {
+impl CommandRouter {
     /// A desk before this picture, and what is said at it while no job runs.
-    pub(super) fn new(model: Arc<Mutex<Model>>) -> (Arc<Self>, Receiver<Said>) {
+    pub(super) fn new(model: Arc<Mutex<ScreenModel>>) -> (Arc<Self>, Receiver<UiCommand>) {
         let (words, said) = channel();
         (Arc::new(Self { model, words, job: Mutex::new(None) }), said)
     }
@@ -41,21 +41,21 @@ impl Desk {
     }
 
     /// Takes what was said at the screen.
-    pub(super) fn say(&self, said: Said) {
+    pub(super) fn say(&self, said: UiCommand) {
         match said {
-            Said::Deed(deed) => self.say_to_job(deed),
-            Said::Turn(counts) => {
+            UiCommand::Deed(deed) => self.say_to_job(deed),
+            UiCommand::Turn(counts) => {
                 if let Some(job) = &*self.job() {
                     job.turn_wheel(counts);
                 }
             }
-            Said::CutterOff if self.job().is_some() => self.say_to_job(OperatorCommand::CutterOff),
-            Said::OptionalStop(on) => {
+            UiCommand::CutterOff if self.job().is_some() => self.say_to_job(OperatorCommand::CutterOff),
+            UiCommand::OptionalStop(on) => {
                 self.say_to_job(OperatorCommand::OptionalStop(on));
                 drop(self.words.send(said));
             }
             // A key that is held down does not heap up moves.
-            Said::Task(_) if self.job().is_some() => {}
+            UiCommand::Task(_) if self.job().is_some() => {}
             // The machine hears everything until it is left.
             other => {
                 if locked(&self.model).is_at_program_end() {
@@ -81,7 +81,7 @@ impl Desk {
     pub(super) fn leave(&self) {
         self.say_to_job(OperatorCommand::Stop);
         // Nobody hears that any more where the machine has been left already.
-        let _ = self.words.send(Said::Quit);
+        let _ = self.words.send(UiCommand::Quit);
     }
 
     fn job(&self) -> std::sync::MutexGuard<'_, Option<CommandSender>> {

@@ -12,7 +12,7 @@ use crate::program::Program;
 
 /// An error or a warning.
 #[derive(Clone, Debug)]
-pub struct Diagnosed {
+pub struct DiagnosticPrinter {
     /// File, 0 is the program itself, and line.
     place: (u16, u32),
     /// Whether it keeps the program from being run.
@@ -24,12 +24,12 @@ pub struct Diagnosed {
 }
 
 /// All that was found in a program that was gone through; what a line of a loop gives again and again counts once.
-pub fn all(program: &Program, decoder: &mut Decoder, findings: &[CheckFinding]) -> Vec<Diagnosed> {
+pub fn all(program: &Program, decoder: &mut Decoder, findings: &[CheckFinding]) -> Vec<DiagnosticPrinter> {
     if decoder.is_at_end {
         decoder.program.look_behind_the_end();
     }
     let diagnostics = decoder.program.interpreter().diagnostics();
-    let mut all: Vec<Diagnosed> = diagnostics.iter().map(|one| of_diagnostic(program, one)).collect();
+    let mut all: Vec<DiagnosticPrinter> = diagnostics.iter().map(|one| of_diagnostic(program, one)).collect();
     for (index, finding) in findings.iter().enumerate() {
         let is_same = |other: &CheckFinding| {
             (other.line, other.number, &other.what) == (finding.line, finding.number, &finding.what)
@@ -42,7 +42,7 @@ pub fn all(program: &Program, decoder: &mut Decoder, findings: &[CheckFinding]) 
     all
 }
 
-fn of_diagnostic(program: &Program, diagnostic: &Diagnostic) -> Diagnosed {
+fn of_diagnostic(program: &Program, diagnostic: &Diagnostic) -> DiagnosticPrinter {
     let (name, line) = match program.prescan() {
         Some(prescan) => (prescan.file_name(diagnostic.file), prescan.line_text(diagnostic.file, diagnostic.line)),
         None => (program.name(), Vec::new()),
@@ -54,7 +54,7 @@ fn of_diagnostic(program: &Program, diagnostic: &Diagnostic) -> Diagnosed {
     };
     let is_error = diagnostic.severity() == Severity::Error;
     let columns = (column(diagnostic.span.start), column(diagnostic.span.end));
-    Diagnosed {
+    DiagnosticPrinter {
         place: (diagnostic.file, diagnostic.line),
         is_error,
         text: diagnostic.render(&escape::name(name), &source),
@@ -68,7 +68,7 @@ fn of_diagnostic(program: &Program, diagnostic: &Diagnostic) -> Diagnosed {
 }
 
 /// A finding with its source line, in the form of the diagnostics.
-fn of_finding(program: &Program, finding: &CheckFinding) -> Diagnosed {
+fn of_finding(program: &Program, finding: &CheckFinding) -> DiagnosticPrinter {
     let CheckFinding { line, word, number, what, remedy } = finding;
     let gutter = " ".repeat(line.to_string().len());
     let source = program.prescan().map_or_else(Vec::new, |prescan| prescan.line_text(0, *line));
@@ -83,7 +83,7 @@ fn of_finding(program: &Program, finding: &CheckFinding) -> Diagnosed {
     );
     let range = (*line, (column, column + 1));
     let json = as_json(program.name(), range, finding.is_error(), [*number, what, remedy]);
-    Diagnosed { place: (0, *line), is_error: finding.is_error(), text, json }
+    DiagnosticPrinter { place: (0, *line), is_error: finding.is_error(), text, json }
 }
 
 /// Lines and columns count from 1, columns in characters; the end lies behind the last one.

@@ -73,7 +73,7 @@ pub enum ProgramCheck {
 
 /// What does not change while a job runs.
 #[derive(Clone, Debug, Default)]
-pub struct Facts {
+pub struct ProgramFacts {
     /// The machine's name.
     pub machine: String,
     /// Its axes.
@@ -102,7 +102,7 @@ pub struct Facts {
     pub output_names: Vec<String>,
 }
 
-impl Facts {
+impl ProgramFacts {
     /// The machine's share, for a program of this name and text; a stream has no text.
     #[must_use]
     pub fn of(machine: &MachineConfig, name: &str, text: &str) -> Self {
