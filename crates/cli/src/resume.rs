@@ -73,7 +73,7 @@ fn attempt(args: &args::Resume, breakpoint: ResumeBreakpoint, by_card: &Cell<boo
     if args.tui {
         operate::needs_terminal()?;
     }
-    let jobs = JobStore::named(args.journal.as_deref())?;
+    let jobs = JobStore::named(args.jobs.path())?;
     let folder = match &args.job {
         Some(id) => jobs.find(id)?,
         None => newest(&jobs)?,
@@ -394,7 +394,7 @@ impl ResumeStep<'_> {
         let disagree = ResumeMismatch { id: folder.id().to_owned(), machine: &machine };
         let kept = JournaledJob::waiting(jobs, folder, held, care, &record);
         let manners = OutputOptions {
-            json: args.json,
+            json: args.format.json,
             records: args.records.as_deref(),
             script: agreed(script.clone())?,
             operator: args.operator.is_some(),
@@ -442,7 +442,7 @@ impl ResumeStep<'_> {
             operate::operate(&run, &machine, program.clone(), (script, at), &mut card, &homing, Some(resume))?
         } else {
             resume(&mut card, None, &mut |taken| {
-                taken.show(args.json);
+                taken.show(args.format.json);
                 Ok(args.yes || resume_summary::asked()?)
             })?
         };

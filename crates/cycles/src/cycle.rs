@@ -159,12 +159,6 @@ impl Cycle {
     pub const fn is_pattern(&self) -> bool {
         self.unit.is_pattern
     }
-
-    /// Number of instructions of the compiled form.
-    #[must_use]
-    pub fn code_len(&self) -> usize {
-        self.unit.ops.len()
-    }
 }
 
 impl fmt::Display for Cycle {

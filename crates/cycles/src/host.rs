@@ -125,12 +125,6 @@ impl CycleBlock {
         self.words().iter().find(|word| word.letter == letter).map(|word| word.value)
     }
 
-    /// Does it move, or would it if the distance were not zero?
-    #[must_use]
-    pub fn has_axes(&self) -> bool {
-        self.words().iter().any(|word| b"XYZABCUVW".contains(&word.letter))
-    }
-
     /// Adds a G code; one too many is left out, which the compiler does not let happen.
     pub(crate) fn add_g(&mut self, tenths: u16) {
         push(&mut self.codes_g, &mut self.counts[0], tenths);
