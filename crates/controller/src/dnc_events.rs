@@ -119,11 +119,11 @@ impl DncEvent {
     pub fn to_json(&self) -> Value {
         let mut value = match &self.step {
             DncStep::Paused { counts, spindle, speed } => {
-                json!({"event": "paused", "counts": counts.get(), "spindle": spindle, "speed": revolutions(*speed)})
+                json!({"event": "paused", "counts": counts.get(), "spindle": spindle, "speed_rpm": revolutions(*speed)})
             }
             DncStep::SpindleStopped => json!({"event": "spindle_stopped"}),
             DncStep::SpindleStarted { spindle, speed } => {
-                json!({"event": "spindle_started", "spindle": spindle, "speed": revolutions(*speed)})
+                json!({"event": "spindle_started", "spindle": spindle, "speed_rpm": revolutions(*speed)})
             }
             DncStep::Jogged { axis, mm, cut_short, off } => json!({
                 "event": "jogged", "axis": axis.to_string(), "mm": mm, "cut_short": cut_short, "off_breakpoint": off.get(),
