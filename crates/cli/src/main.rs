@@ -11,6 +11,10 @@ mod out;
 mod args;
 mod canon;
 mod card;
+#[cfg(unix)]
+mod card_serve;
+#[cfg(not(unix))]
+#[path = "card_serve_elsewhere.rs"]
 mod card_serve;
 mod check;
 mod check_progress;
@@ -76,11 +80,7 @@ fn main() -> ExitCode {
         Command::Machine(args) => machine::run(&args),
         Command::Jobs(args) => jobs::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(CommandFailure::from).map(|()| 0),
-        Command::Completions(args) => {
-            shell_files::print_completions(&args);
-            Ok(0)
-        }
-        Command::Man(args) => shell_files::write_manual(&args).map_err(CommandFailure::from).map(|()| 0),
+        Command::ShellFiles(args) => shell_files::run(&args).map_err(CommandFailure::from).map(|()| 0),
     };
     let code = match done {
         Ok(code) => code,

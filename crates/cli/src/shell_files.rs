@@ -3,9 +3,9 @@
 //! Invariant: both are generated from the definition of the command line, so that they cannot differ from `--help`.
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use clap::CommandFactory;
+use clap::{CommandFactory, Subcommand};
 use clap_complete::Shell;
 use retrace_controller::numbered_error::NumberedError;
 
@@ -15,38 +15,52 @@ use crate::console::unwritable;
 /// The name of the command in completions and manual pages.
 const NAME: &str = "retrace";
 
-/// `retrace completions`
-#[derive(Debug, clap::Args)]
-pub struct Completions {
-    /// The shell that reads the script.
-    pub shell: Shell,
+/// The hidden subcommands for packages.
+#[derive(Debug, Subcommand)]
+pub enum ShellFiles {
+    /// Print a completion script for a shell.
+    #[command(hide = true, after_help = "Example:\n  retrace completions bash > retrace.bash")]
+    Completions {
+        /// The shell that reads the script.
+        shell: Shell,
+    },
+    /// Write the manual pages.
+    #[command(hide = true, after_help = "Example:\n  retrace man target/man")]
+    Man {
+        /// Folder to write the pages into; it is created where it is missing.
+        #[arg(value_name = "DIR")]
+        folder: PathBuf,
+    },
 }
 
-/// `retrace man`
-#[derive(Debug, clap::Args)]
-pub struct Man {
-    /// Folder to write the pages into; it is created where it is missing.
-    #[arg(value_name = "DIR")]
-    pub folder: PathBuf,
+/// Runs one of them.
+///
+/// # Errors
+/// Where a page cannot be written.
+pub fn run(command: &ShellFiles) -> Result<(), NumberedError> {
+    match command {
+        ShellFiles::Completions { shell } => {
+            print_completions(*shell);
+            Ok(())
+        }
+        ShellFiles::Man { folder } => write_manual(folder),
+    }
 }
 
 /// Prints the completion script of a shell.
-pub fn print_completions(args: &Completions) {
+fn print_completions(shell: Shell) {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), NAME, &mut script);
+    clap_complete::generate(shell, &mut Cli::command(), NAME, &mut script);
     crate::out::line(String::from_utf8_lossy(&script).trim_end());
 }
 
 /// Writes one manual page for the command and one for each of its subcommands.
-///
-/// # Errors
-/// Where the folder cannot be created, or a page cannot be written.
-pub fn write_manual(args: &Man) -> Result<(), NumberedError> {
+fn write_manual(folder: &Path) -> Result<(), NumberedError> {
     let write = || -> io::Result<()> {
-        std::fs::create_dir_all(&args.folder)?;
-        clap_mangen::generate_to(Cli::command(), &args.folder)
+        std::fs::create_dir_all(folder)?;
+        clap_mangen::generate_to(Cli::command(), folder)
     };
-    write().map_err(|error| unwritable(&args.folder.display().to_string(), &error))
+    write().map_err(|error| unwritable(&folder.display().to_string(), &error))
 }
 
 #[cfg(test)]
@@ -69,7 +83,7 @@ mod tests {
     #[test]
     fn every_subcommand_that_is_not_hidden_has_a_page() {
         let folder = tempfile::tempdir().unwrap();
-        write_manual(&Man { folder: folder.path().join("man") }).unwrap();
+        write_manual(&folder.path().join("man")).unwrap();
         for command in Cli::command().get_subcommands() {
             let page = folder.path().join(format!("man/retrace-{}.1", command.get_name()));
             assert_eq!(page.is_file(), !command.is_hide_set(), "{}", page.display());

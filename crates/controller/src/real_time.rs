@@ -65,16 +65,41 @@ pub fn lock_memory() -> Result<(), RealTimeDenied> {
 mod platform {
     use super::RealTimeDenied;
     use rustix::mm::{MlockAllFlags, mlockall};
+    use rustix::process::getpriority_process;
     use rustix::process::{Resource, getrlimit};
-    use scheduler::{Policy, set_self_policy};
+    use thread_priority::{
+        Error, NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue,
+        ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
+    };
 
     pub(super) fn schedule(priority: Option<u8>) -> Result<(), RealTimeDenied> {
-        let set = match priority {
-            Some(priority) => set_self_policy(Policy::Fifo, priority.into()),
-            None => set_self_policy(Policy::Other, 0),
+        let denied = |why: String| RealTimeDenied { what: "SCHED_FIFO", why };
+        let (priority, policy) = match priority {
+            Some(priority) => {
+                let value = ThreadPriorityValue::try_from(priority).map_err(denied)?;
+                let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+                (ThreadPriority::Crossplatform(value), policy)
+            }
+            None => {
+                let policy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
+                let priority = same_niceness(policy).ok_or_else(|| denied("the niceness is not known".into()))?;
+                (priority, policy)
+            }
         };
-        let why = || std::io::Error::last_os_error().to_string();
-        set.map_err(|()| RealTimeDenied { what: "SCHED_FIFO", why: why() })
+        set_thread_priority_and_policy(thread_native_id(), priority, policy).map_err(|error| match error {
+            Error::OS(code) => denied(std::io::Error::from_raw_os_error(code).to_string()),
+            other => denied(other.to_string()),
+        })
+    }
+
+    /// The priority that stands for the niceness that the thread has: it is set together with the policy.
+    fn same_niceness(policy: ThreadSchedulePolicy) -> Option<ThreadPriority> {
+        let niceness = getpriority_process(None).ok()?;
+        let mut values = (0..=u8::MAX).filter_map(|value| ThreadPriorityValue::try_from(value).ok());
+        values.find_map(|value| {
+            let priority = ThreadPriority::Crossplatform(value);
+            (priority.to_posix(policy) == Ok(niceness)).then_some(priority)
+        })
     }
 
     pub(super) fn lock_memory() -> Result<(), RealTimeDenied> {
@@ -109,5 +134,21 @@ mod tests {
         let tried = std::thread::spawn(|| (enter(), leave())).join().expect("no panic");
         assert_eq!(tried.0.is_ok(), permitted().is_ok());
         assert!(tried.0.is_err() || tried.1.is_ok(), "{tried:?}");
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_thread_that_leaves_is_as_nice_as_before() {
+        let niceness = || rustix::process::getpriority_process(None).ok();
+        let seen = std::thread::spawn(move || {
+            let before = niceness();
+            let left = enter().and_then(|()| leave());
+            // what anybody may do: be nicer
+            let nicer = rustix::process::setpriority_process(None, 7).ok().and_then(|()| niceness());
+            let again = enter().and_then(|()| leave());
+            (before, left, nicer, again, niceness())
+        });
+        let (before, left, nicer, again, after) = seen.join().expect("no panic");
+        assert_eq!((nicer, after), (Some(7), Some(7)), "{before:?} {left:?} {again:?}");
     }
 }

@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, TryRecvError};
 
 use retrace_core::gate::Gates;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::ring::Consumer;
 use retrace_core::{Flags, Place, Record};
 use retrace_gcode::ActiveCodes;
@@ -221,7 +221,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// Place up to which records may be sent: all their items are received, and they are durable in the index.
     fn safe_to_send_until(&self) -> u32 {
         match &self.durable_place {
-            Some(durable) if before(durable.place(), self.items_known_until) => durable.place(),
+            Some(durable) if is_before(durable.place(), self.items_known_until) => durable.place(),
             _ => self.items_known_until,
         }
     }
@@ -231,7 +231,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn has_lookahead(&mut self, status: &CardStatus<A>, enough: u32) -> bool {
         let sure = self.safe_to_send_until();
         sure.wrapping_sub(status.place.record) >= enough
-            || self.exclusives.front().is_some_and(|next| !before(sure, next.place))
+            || self.exclusives.front().is_some_and(|next| !is_before(sure, next.place))
             || self.item_queue_full && sure == self.items_known_until
             || self.summary.is_some() && sure == self.ring.write()
             || self.planner_gone
@@ -282,7 +282,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     #[must_use]
     pub fn oldest(&self) -> u32 {
         let one_way = self.barrier.map(|(place, _)| place);
-        let later = |oldest, other: Option<u32>| other.filter(|&place| before(oldest, place)).unwrap_or(oldest);
+        let later = |oldest, other: Option<u32>| other.filter(|&place| is_before(oldest, place)).unwrap_or(oldest);
         later(later(self.ring.head(), one_way), self.actions_retained_from)
     }
 
@@ -294,7 +294,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Sets a barrier before `place`, because of `what`.
     pub fn barrier_before(&mut self, place: u32, what: &'static str) {
-        if before(self.oldest(), place) {
+        if is_before(self.oldest(), place) {
             self.barrier = Some((place, what));
         }
     }
@@ -302,8 +302,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// The last place at or before `place` where the program switched a cutting output on, if that is retained.
     #[must_use]
     pub fn pierce_before(&self, place: Place) -> Option<u32> {
-        let jet = self.pierces.iter().rev().find(|&&jet| Place::start_of(jet).to(place) >= 0);
-        jet.copied().filter(|&jet| !before(jet, self.oldest()))
+        let jet = self.pierces.iter().rev().find(|&&jet| Place::start_of(jet).distance_to(place) >= 0);
+        jet.copied().filter(|&jet| !is_before(jet, self.oldest()))
     }
 
     /// Sets an output that the program expects, at `place`.
@@ -347,7 +347,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// is retained.
     #[must_use]
     pub fn cut_change_before(&self, place: Place, passed: Option<u32>) -> Option<u32> {
-        let behind = |&&change: &&u32| Place::start_of(change).to(place) >= 0 && Some(change) != passed;
+        let behind = |&&change: &&u32| Place::start_of(change).distance_to(place) >= 0 && Some(change) != passed;
         self.cut_changes.iter().rev().find(behind).copied()
     }
 
@@ -371,7 +371,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Marks the pending instruction as accepted by the card.
     pub fn mark_sent(&mut self) {
-        self.gates.sent();
+        self.gates.mark_sent();
     }
 
     /// Returns the pending instruction if the card has completed it, and opens the gate for the records behind it.
@@ -426,7 +426,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Discards the actions before the retained history.
     fn discard_old_actions(&mut self) {
-        while self.passed > 0 && self.actions.front().is_some_and(|(a, _)| before(a.place, self.ring.head())) {
+        while self.passed > 0 && self.actions.front().is_some_and(|(a, _)| is_before(a.place, self.ring.head())) {
             self.actions.pop_front();
             self.passed -= 1;
         }
@@ -437,7 +437,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn next_passed_item(&mut self) -> Option<PassedItem> {
         let reached = self.ring.reached();
         while let Some(&(action, line)) = self.actions.get(self.passed)
-            && before(action.place, reached)
+            && is_before(action.place, reached)
         {
             self.expect(action.place, action.channel, action.after);
             self.passed += 1;
@@ -446,10 +446,10 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
                 return Some(PassedItem::Action(action, line));
             }
         }
-        if self.modes.front().is_some_and(|(place, _)| !before(reached, *place)) {
+        if self.modes.front().is_some_and(|(place, _)| !is_before(reached, *place)) {
             return self.modes.pop_front().map(|(_, active)| PassedItem::Active(active));
         }
-        self.messages.front().filter(|(place, ..)| !before(reached, *place))?;
+        self.messages.front().filter(|(place, ..)| !is_before(reached, *place))?;
         self.messages.pop_front().map(|(_, line, text)| PassedItem::Message(line, text))
     }
 
@@ -460,7 +460,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Marks the pending instruction as executed: the card had executed instruction `number` when it was left.
     pub fn mark_executed(&mut self, number: u32) {
-        self.gates.sent();
+        self.gates.mark_sent();
         self.acknowledge(number);
     }
 
@@ -468,9 +468,9 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn fill_ahead<C: MotionCard<A>>(&mut self, card: &mut C, road: SendHorizon) {
         let (mut place, reached) = (card.status().high, card.status().reached);
         let end = self.send_end(road, reached);
-        let mut action = self.actions.partition_point(|(a, _)| before(a.place, place));
+        let mut action = self.actions.partition_point(|(a, _)| is_before(a.place, place));
         let sure = self.safe_to_send_until();
-        while before(place, end) && before(place, sure) && self.gates.b_open(place) {
+        while is_before(place, end) && is_before(place, sure) && self.gates.b_open(place) {
             let Some(record) = self.ring.record(place) else { break };
             while let Some((next, _)) = self.actions.get(action)
                 && next.place == place
@@ -490,8 +490,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// Sends records behind until the card is full or `oldest` is sent.
     pub fn fill_behind<C: MotionCard<A>>(&mut self, card: &mut C, oldest: u32) {
         let mut place = card.status().low;
-        let mut action = self.actions.partition_point(|(a, _)| before(a.place, place));
-        while before(oldest, place) {
+        let mut action = self.actions.partition_point(|(a, _)| is_before(a.place, place));
+        while is_before(oldest, place) {
             let n = place.wrapping_sub(1);
             let Some(record) = self.ring.record(n) else { break };
             let rests = self.is_at_rest_before(n);
@@ -511,7 +511,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// Whether the path is at rest before record `place`, as far as its records are retained.
     #[must_use]
     pub fn is_at_rest_before(&self, place: u32) -> bool {
-        place == self.start || self.ring.record(place.wrapping_sub(1)).is_some_and(|r| r.flags.has(Flags::REST))
+        place == self.start || self.ring.record(place.wrapping_sub(1)).is_some_and(|r| r.flags.contains(Flags::REST))
     }
 
     /// Place at which sending ahead ends, gates aside.
@@ -522,7 +522,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         // Records behind this place may have items before them that are not received yet.
         let write = self.items_known_until;
         while let Some(BlockWindow { searched_until: looked, found: false }) = self.block_window
-            && before(looked, write)
+            && is_before(looked, write)
         {
             let place = looked.wrapping_add(1);
             self.block_window = Some(BlockWindow { searched_until: place, found: self.is_block_end(place) });
@@ -533,7 +533,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             }
         }
         match self.block_window {
-            Some(BlockWindow { searched_until: looked, found: true }) if before(looked, write) => looked,
+            Some(BlockWindow { searched_until: looked, found: true }) if is_before(looked, write) => looked,
             _ => write,
         }
     }
@@ -541,7 +541,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// Single block: ends sending at the first block boundary after `after` at which the card can still stop.
     pub fn trim_at_block_end<C: MotionCard<A>>(&mut self, card: &mut C, after: u32) {
         let mut place = after;
-        while before(place, card.status().high) {
+        while is_before(place, card.status().high) {
             place = place.wrapping_add(1);
             if self.is_block_end(place) && card.send(HostCommand::Trim { high: place }).is_ok() {
                 self.block_window = Some(BlockWindow { searched_until: place, found: true });

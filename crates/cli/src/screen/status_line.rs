@@ -175,10 +175,10 @@ fn normal(model: &ScreenModel) -> StatusHint {
             guide(HintLevel::Waits, "FEED HOLD", "the cutter is off; c asks before it starts again, k does not", &acts)
         }
         HoldReason::Hold => guide(HintLevel::Waits, "FEED HOLD", "held by the operator", &held),
-        HoldReason::ProgramStop if let Some(tool) = model.tool_change => {
-            guide(HintLevel::Waits, "TOOL CHANGE", tool_change_words(model, tool), &held)
-        }
-        HoldReason::ProgramStop => guide(HintLevel::Waits, "PROGRAM STOP", "the program asked for a stop", &held),
+        HoldReason::ProgramStop => match model.tool_change {
+            Some(tool) => guide(HintLevel::Waits, "TOOL CHANGE", tool_change_words(model, tool), &held),
+            None => guide(HintLevel::Waits, "PROGRAM STOP", "the program asked for a stop", &held),
+        },
         HoldReason::SingleBlock => guide(HintLevel::Waits, "SINGLE BLOCK", "at the end of a block", &held),
         HoldReason::Ended => {
             let acts = [
@@ -198,18 +198,18 @@ fn normal(model: &ScreenModel) -> StatusHint {
             guide(HintLevel::Waits, "PAUSED", "at the breakpoint", &[KeyAction::CycleStart, KeyAction::Quit])
         }
         HoldReason::None => match model.switching {
-            None if model.at_rest
-                && let Some((source, seconds)) = model.waits_for() =>
-            {
-                let why = format!("waiting for {source} since {seconds:.0} s");
-                guide(HintLevel::Waits, "WAITING", why, &running)
-            }
             Some(code) => guide(HintLevel::Well, "RUNNING", format!("waits until {code} is done"), &running),
-            None if model.short => {
-                guide(HintLevel::Well, "RUNNING", "slowed down: the program comes too slowly", &running)
-            }
-            None if model.at_rest => guide(HintLevel::Well, "RUNNING", "stands until more is planned", &running),
-            None => guide(HintLevel::Well, "RUNNING", "along the program", &running),
+            None => match model.waits_for() {
+                Some((source, seconds)) if model.at_rest => {
+                    let why = format!("waiting for {source} since {seconds:.0} s");
+                    guide(HintLevel::Waits, "WAITING", why, &running)
+                }
+                _ if model.short => {
+                    guide(HintLevel::Well, "RUNNING", "slowed down: the program comes too slowly", &running)
+                }
+                _ if model.at_rest => guide(HintLevel::Well, "RUNNING", "stands until more is planned", &running),
+                _ => guide(HintLevel::Well, "RUNNING", "along the program", &running),
+            },
         },
     }
 }

@@ -179,7 +179,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     #[must_use]
     pub fn with_expected_marks(self, marks: &[PlaceMark]) -> Self {
         let begins = self.next_mark.place;
-        let behind = |mark: &&PlaceMark| retrace_core::place::before(begins, mark.place);
+        let behind = |mark: &&PlaceMark| retrace_core::place::is_before(begins, mark.place);
         Self { expected_marks: marks.iter().filter(behind).copied().collect(), ..self }
     }
 
@@ -441,7 +441,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             self.send_active(serial)?;
             self.send_actions(serial)?;
             if let Some(Planned::Waiting { serial: end }) = self.lengths.last_end
-                && retrace_core::place::before(end, serial)
+                && retrace_core::place::is_before(end, serial)
             {
                 self.lengths.last_end = Some(Planned::Until(self.ring.write()));
             }
@@ -453,7 +453,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     /// Origin of the move with that serial number. Moves before it will not come out of the planner again.
     fn origin_of(&mut self, serial: u32) -> SerialOrigin {
         while self.origins.len() > 1
-            && self.origins.front().is_some_and(|o| retrace_core::place::before(o.serial, serial))
+            && self.origins.front().is_some_and(|o| retrace_core::place::is_before(o.serial, serial))
         {
             self.origins.pop_front();
         }
@@ -481,7 +481,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             self.write_mark();
         }
         while let Some(&was) = self.expected_marks.front()
-            && !retrace_core::place::before(self.next_mark.place, was.place)
+            && !retrace_core::place::is_before(self.next_mark.place, was.place)
         {
             self.expected_marks.pop_front();
             if was != self.next_mark {
@@ -498,7 +498,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     fn send_active(&mut self, serial: u32) -> Result<(), Cancelled> {
         let mut last = None;
         while let Some((of, _)) = self.modes.front()
-            && !retrace_core::place::before(serial, *of)
+            && !retrace_core::place::is_before(serial, *of)
         {
             last = self.modes.pop_front();
         }
@@ -510,7 +510,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     fn send_actions(&mut self, serial: u32) -> Result<(), Cancelled> {
         while let Some(WaitingChange { serial: of, change, line, unchanged_in_reverse: lasts }) =
             self.waiting_changes.front().copied()
-            && !retrace_core::place::before(serial, of)
+            && !retrace_core::place::is_before(serial, of)
         {
             self.waiting_changes.pop_front();
             let value = &mut self.outputs[usize::from(change.channel)];

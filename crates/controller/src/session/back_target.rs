@@ -7,7 +7,7 @@
 //! boundary at or beyond it.
 
 use retrace_core::mode::{Mode, ModeCommand};
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{ONE, Place};
 use retrace_link::MotionCard;
 
@@ -83,7 +83,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if counts_from_here { self.begin_search(wanted, status.place) } else { Some(TargetSearch::AtRest) };
         let search = search.ok_or(CommandError::NoPierce)?;
         // The rate is limited by the records' own caps, and to 100 % while a cutter is on.
-        self.mode_controller.order(ModeCommand::Reverse(8 * ONE))?;
+        self.mode_controller.apply(ModeCommand::Reverse(8 * ONE))?;
         self.back_target = Some(BackTarget { kind: wanted, search });
         Ok(())
     }
@@ -123,7 +123,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                     self.back_target = None;
                     self.emit(EventKind::CommandRejected(CommandError::NoPierce));
                     // The machine is at rest; in this mode it would run on to the oldest record.
-                    let _ = self.mode_controller.order(ModeCommand::Hold);
+                    let _ = self.mode_controller.apply(ModeCommand::Hold);
                     return;
                 }
             }
@@ -141,12 +141,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let found = match wanted {
                 // Sums of lengths are exact except for a few of the last digits.
                 BackTargetKind::By(mm) => left_mm <= 1e-9 * mm,
-                _ => !before(last, oldest) && self.streamer.record(last).is_none_or(|record| record.line != line),
+                _ => !is_before(last, oldest) && self.streamer.record(last).is_none_or(|record| record.line != line),
             };
             if found {
                 return TargetSearch::Found(from);
             }
-            if !before(oldest, from) {
+            if !is_before(oldest, from) {
                 return TargetSearch::Beyond;
             }
             left_mm -= self.record_length_mm(last).unwrap_or(0.0);

@@ -32,7 +32,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         // handwheel counts of the script, the screen, and a wheel wired to the card
         let counts = self.commands.wheel_counts(period).saturating_add(self.card.status().wheel);
-        self.wheel.turn(counts);
+        self.wheel.push_difference(counts);
     }
 
     fn apply_command(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
@@ -59,11 +59,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::OptionalStop(on) => self.optional_stop = on,
             OperatorCommand::Recover => return self.recover(),
             OperatorCommand::Single => self.toggle_single_block(),
-            OperatorCommand::Hold => self.mode_controller.order(ModeCommand::Hold)?,
-            OperatorCommand::Confirm => self.mode_controller.order(ModeCommand::Agree)?,
+            OperatorCommand::Hold => self.mode_controller.apply(ModeCommand::Hold)?,
+            OperatorCommand::Confirm => self.mode_controller.apply(ModeCommand::Confirm)?,
             OperatorCommand::Stop => {
                 self.stopping = true;
-                self.mode_controller.order(ModeCommand::Hold)?;
+                self.mode_controller.apply(ModeCommand::Hold)?;
             }
             OperatorCommand::Wheel { .. } if self.mode_controller.mode() == Mode::Wheel => {}
             OperatorCommand::Wheel { .. } => {
@@ -83,7 +83,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let boundary = self.cutter_boundary();
         let status = self.card.status();
         let stands_there = status.at_rest && boundary.is_some_and(|boundary| status.place == Place::start_of(boundary));
-        self.mode_controller.order(order)?;
+        self.mode_controller.apply(order)?;
         if stands_there {
             self.passed_boundary = boundary;
         }
@@ -136,7 +136,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let is_executed = self.mode_controller.mode() == Mode::Run && !self.dnc.is_on();
         if is_executed {
             // never rejected
-            let _ = self.mode_controller.order(ModeCommand::Hold);
+            let _ = self.mode_controller.apply(ModeCommand::Hold);
         }
         is_executed
     }
@@ -174,7 +174,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// *Recover*: restores the outputs, the cutter last, and resumes the program.
     fn recover(&mut self) -> Result<(), CommandError> {
-        self.mode_controller.order(ModeCommand::Recover)?;
+        self.mode_controller.apply(ModeCommand::Recover)?;
         self.continue_from_stop();
         Ok(())
     }
@@ -191,10 +191,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// *Cycle start*: at a program stop, at the end of a block, after a hold.
     fn cycle_start(&mut self) -> Result<(), CommandError> {
         let stands = self.program_stop || self.single_stop;
-        if self.mode_controller.held() || !stands {
-            self.mode_controller.order(ModeCommand::Resume)?;
+        if self.mode_controller.is_held() || !stands {
+            self.mode_controller.apply(ModeCommand::Resume)?;
         } else {
-            self.mode_controller.order(ModeCommand::Restart { agreed: false })?;
+            self.mode_controller.apply(ModeCommand::Restart { confirmed: false })?;
         }
         self.continue_from_stop();
         Ok(())
@@ -205,9 +205,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let reached = self.dnc.reached().unwrap_or(self.card.status().reached);
         self.overrides.request(rate, reached).map_err(|_| CommandError::TooManyOverrides)?;
         self.apply_rate_override();
-        if stood && rate > 0 && !self.mode_controller.held() {
+        if stood && rate > 0 && !self.mode_controller.is_held() {
             // a hold is resumed separately
-            let _ = self.mode_controller.order(ModeCommand::Restart { agreed: false });
+            let _ = self.mode_controller.apply(ModeCommand::Restart { confirmed: false });
         }
         if rate > most { Err(CommandError::AboveMaxOverride(most)) } else { Ok(()) }
     }
@@ -216,9 +216,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// resumes.
     fn set_rapid_override(&mut self, rate: Travel) -> Result<(), CommandError> {
         let stood = self.mode_controller.rapid_override() == 0 && self.card.status().at_rest;
-        self.mode_controller.order(ModeCommand::RapidOverride(rate))?;
-        if stood && rate > 0 && !self.mode_controller.held() && self.mode_controller.mode() == Mode::Run {
-            let _ = self.mode_controller.order(ModeCommand::Restart { agreed: false });
+        self.mode_controller.apply(ModeCommand::RapidOverride(rate))?;
+        if stood && rate > 0 && !self.mode_controller.is_held() && self.mode_controller.mode() == Mode::Run {
+            let _ = self.mode_controller.apply(ModeCommand::Restart { confirmed: false });
         }
         if rate > ONE { Err(CommandError::AboveMaxOverride(ONE)) } else { Ok(()) }
     }
@@ -226,7 +226,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Applies the part of the override that is executed by the rate.
     pub(super) fn apply_rate_override(&mut self) {
         // Never rejected.
-        let _ = self.mode_controller.order(ModeCommand::Override(self.overrides.rate()));
+        let _ = self.mode_controller.apply(ModeCommand::Override(self.overrides.rate()));
     }
 
     fn toggle_single_block(&mut self) {

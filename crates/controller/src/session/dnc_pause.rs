@@ -111,12 +111,12 @@ impl<'r, const A: usize> DncPause<'r, A> {
 
     /// Whether the program is paused or coming to rest for a pause.
     pub(super) fn is_on(&self) -> bool {
-        self.pausing || self.interruption.paused()
+        self.pausing || self.interruption.is_paused()
     }
 
     /// Whether the program is paused.
     pub(super) fn is_paused(&self) -> bool {
-        self.interruption.paused()
+        self.interruption.is_paused()
     }
 
     /// Whether the machine is coming to rest for a pause.
@@ -139,12 +139,12 @@ impl<'r, const A: usize> DncPause<'r, A> {
         &mut self,
         pulses: [i64; A],
     ) -> Result<(), retrace_core::interruption::InterruptionError> {
-        self.interruption.displace(pulses)
+        self.interruption.displace_breakpoint(pulses)
     }
 
     /// Counts of the breakpoint, and the place on the path where the program was left, while it is paused.
     pub(super) fn breakpoint(&self, here: Place) -> Option<([i64; A], Place)> {
-        let latch = self.interruption.latch()?;
+        let latch = self.interruption.breakpoint()?;
         Some((latch.counts, self.path_start.map_or(here, |left| left.place)))
     }
 
@@ -153,7 +153,7 @@ impl<'r, const A: usize> DncPause<'r, A> {
     }
 
     pub(super) fn hold_reason(&self) -> Option<HoldReason> {
-        self.interruption.paused().then_some(HoldReason::Paused)
+        self.interruption.is_paused().then_some(HoldReason::Paused)
     }
 
     /// The furthest place on the program's path when it was left.
@@ -209,7 +209,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if deed == OperatorCommand::Pause {
             return self.pause();
         }
-        if self.commands_wait() && !self.dnc.interruption.inhibited() {
+        if self.commands_wait() && !self.dnc.interruption.is_inhibited() {
             if self.dnc.pending_commands.len() == WORDS {
                 return Err(CommandError::NotNow("too many words wait for the machine to stand"));
             }
@@ -223,7 +223,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.dnc.pausing {
             return Err(retrace_core::interruption::InterruptionError::AlreadyPaused.into());
         }
-        let Some(&latch) = self.dnc.interruption.latch() else {
+        let Some(&latch) = self.dnc.interruption.breakpoint() else {
             (self.dnc.pausing, self.dnc.rest_periods) = (true, 0);
             return Ok(());
         };
@@ -238,7 +238,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// Brings the axes to rest, whatever moves them.
     fn halt_manual_move(&mut self) {
-        if self.dnc.interruption.inhibited() {
+        if self.dnc.interruption.is_inhibited() {
             // The return ends as by *pause*, which is never rejected during it.
             let _ = self.pause();
         } else if let Some((trip, _)) = &mut self.dnc.manual_move {
@@ -248,7 +248,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// Executes a step.
     fn perform_step(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
-        let latched = self.dnc.interruption.latch().copied();
+        let latched = self.dnc.interruption.breakpoint().copied();
         let turned = latched.and_then(|latch| latch.spindle);
         let said = match deed {
             OperatorCommand::SpindleStop => Said::StopSpindle,
@@ -287,7 +287,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 hand.ask(JogRequest::Identify);
                 self.dnc.identifying = true;
             }
-            InterruptionAction::Halt | InterruptionAction::Jog | InterruptionAction::GoOn => {}
+            InterruptionAction::Halt | InterruptionAction::Jog | InterruptionAction::ResumeReading => {}
         }
         Ok(())
     }
@@ -465,7 +465,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.emit_at(line, EventKind::Dnc(DncEvent { step: DncStep::Arrived, flags }));
         // Cycle start confirms the resumption; of outputs that differ, a cutter that was armed is confirmed as well.
         let agreed = std::mem::take(&mut self.dnc.cutter_is_armed) && self.only_cutters_differ();
-        let _ = self.mode_controller.order(retrace_core::mode::ModeCommand::Restart { agreed });
+        let _ = self.mode_controller.apply(retrace_core::mode::ModeCommand::Restart { confirmed: agreed });
         Ok(())
     }
 
@@ -480,7 +480,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn path_start(&self) -> PathStart {
         let CardStatus { place, reached, executed, .. } = *self.card.status();
         let before = self.streamer.record(place.record.wrapping_sub(1));
-        let rests = place.fraction == 0 && before.is_some_and(|record| record.flags.has(RecordFlags::REST));
+        let rests = place.fraction == 0 && before.is_some_and(|record| record.flags.contains(RecordFlags::REST));
         PathStart { place, rests, reached, executed }
     }
 
@@ -547,7 +547,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let PausedAxis { letter, pulses_per_mm, .. } = self.dnc.axes[index];
         let counts = self.card.status().counts;
         let mut off = counts;
-        if let Some(latch) = self.dnc.interruption.latch() {
+        if let Some(latch) = self.dnc.interruption.breakpoint() {
             off.iter_mut().zip(&latch.counts).for_each(|(off, &latched)| *off -= latched);
         }
         let step = DncStep::Jogged {

@@ -263,7 +263,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 return Ok((outcome, self.stats, self.card));
             }
         }
-        self.mode_controller = ModeController::returning();
+        self.mode_controller = ModeController::rejoining();
         self.stats = RunStats::new(at.start.reached);
         // Before anything moves in the work, its tool has to turn; cutters are lit only at the furthest place.
         let cutting = std::mem::take(&mut self.fire_channels);
@@ -334,7 +334,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.streamer.planner_is_gone() || self.telemetry.receiver_is_gone() {
             // A defect in the planning thread, which is propagated when the machine is at rest.
             self.stopping = true;
-            let _ = self.mode_controller.order(ModeCommand::Hold);
+            let _ = self.mode_controller.apply(ModeCommand::Hold);
         }
     }
 
@@ -360,7 +360,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.search_back();
         let (facts, mode) = (self.motion_facts(), self.mode_controller.mode());
-        let mut demand = self.mode_controller.demand(&facts);
+        let mut demand = self.mode_controller.advance_period(&facts);
         // An instruction in progress is completed before a pause.
         let pauses = self.dnc.is_pausing() && self.executing.is_none();
         let stops = self.program_stop && !self.continue_requested || self.single_stop;
@@ -369,7 +369,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             demand.target = RateTarget::ZERO;
         }
         match demand.notice {
-            Some(OperatorNotice::Oldest) => {
+            Some(OperatorNotice::HistoryStart) => {
                 let there = self.back_target.as_ref().is_some_and(|back| back.is_reached_at(facts.oldest));
                 self.emit(match self.streamer.barrier() {
                     _ if there => EventKind::BackTargetReached,
@@ -379,7 +379,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 });
             }
             Some(OperatorNotice::OutputsDiffer) => self.emit_differing_outputs(),
-            Some(OperatorNotice::GoesOn) => self.emit(EventKind::RunResumed),
+            Some(OperatorNotice::RunResumed) => self.emit(EventKind::RunResumed),
             None => {}
         }
         self.watch_wheel(&facts);
@@ -393,7 +393,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             // The cutter went out where the machine was at rest. Retracing continues without it; normal run requires
             // that outputs agree.
             if self.mode_controller.mode() == Mode::Run && !facts.outputs_agree {
-                let _ = self.mode_controller.order(ModeCommand::Restart { agreed: false });
+                let _ = self.mode_controller.apply(ModeCommand::Restart { confirmed: false });
                 demand.target = RateTarget::ZERO;
             } else {
                 self.release_block();
@@ -430,7 +430,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.cutter_went_off(off);
         }
         let mode = self.mode_controller.mode();
-        let held = self.mode_controller.held() || self.program_stop || self.single_stop || self.waits_for_release();
+        let held = self.mode_controller.is_held() || self.program_stop || self.single_stop || self.waits_for_release();
         let executing = executing.or(self.restart.is_active().then_some(ExclusiveKind::Switch));
         if self.dnc.is_paused() {
             self.stats.pause();
@@ -513,7 +513,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn is_abandoned(&self) -> bool {
         let waits = self.mode_controller.mode() != Mode::Run
             || self.dnc.is_paused()
-            || self.mode_controller.held()
+            || self.mode_controller.is_held()
             || self.mode_controller.override_rate() == 0
             || self.mode_controller.rapid_override() == 0
             || self.program_stop

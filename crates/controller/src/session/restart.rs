@@ -155,7 +155,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         if off.cause == CutterOffCause::Standing && self.mode_controller.mode() == Mode::Run {
             // never rejected
-            let _ = self.mode_controller.order(retrace_core::mode::ModeCommand::Hold);
+            let _ = self.mode_controller.apply(retrace_core::mode::ModeCommand::Hold);
             self.cutter_is_out = true;
         }
     }

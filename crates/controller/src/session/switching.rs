@@ -15,7 +15,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// there is nothing to do, and where the rate is to be zero: the card would keep the instruction until there is a
     /// rate.
     pub(super) fn send_due_instruction(&mut self, demand: ModeOutput) -> Result<bool, CardError> {
-        let stands = self.mode_controller.held() || self.restart.is_active();
+        let stands = self.mode_controller.is_held() || self.restart.is_active();
         if self.mode_controller.mode() != Mode::Run || stands || demand.target.faster() <= 0 {
             return Ok(false);
         }
@@ -67,10 +67,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let are = self.outputs_compared_with(want);
             let differs = |change: &OutputChange| are[usize::from(change.channel)] != want[usize::from(change.channel)];
             let switched_by_hand = done.changes[..usize::from(done.count)].iter().any(differs);
-            if switched_by_hand && self.mode_controller.mode() == Mode::Run && !self.mode_controller.held() {
+            if switched_by_hand && self.mode_controller.mode() == Mode::Run && !self.mode_controller.is_held() {
                 // While the instruction was executed, an operator has switched it back: motion does not begin without a
                 // confirmation.
-                let _ = self.mode_controller.order(ModeCommand::Restart { agreed: false });
+                let _ = self.mode_controller.apply(ModeCommand::Restart { confirmed: false });
             }
         }
     }

@@ -42,7 +42,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             interrupted
         } else if self.waits_for_release() {
             HoldReason::Ended
-        } else if self.mode_controller.held() {
+        } else if self.mode_controller.is_held() {
             HoldReason::Hold
         } else if self.program_stop {
             HoldReason::ProgramStop

@@ -4,7 +4,7 @@
 //! again.
 
 use retrace_core::mode::{Mode, ModeOutput};
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{ONE, Place, RateTarget, Travel};
 use retrace_link::{CardStatus, HostCommand, MotionCard};
 
@@ -18,7 +18,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn oldest(&self) -> u32 {
         let oldest = self.streamer.oldest();
         let there = self.back_target.as_ref().and_then(BackTarget::place);
-        let later = |oldest, other: Option<u32>| other.filter(|&place| before(oldest, place)).unwrap_or(oldest);
+        let later = |oldest, other: Option<u32>| other.filter(|&place| is_before(oldest, place)).unwrap_or(oldest);
         later(later(oldest, there), self.cutter_boundary())
     }
 
@@ -42,11 +42,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if road == SendHorizon::Reached {
             let CardStatus { reached, low, high, .. } = *self.card.status();
             let oldest = self.oldest();
-            self.window_is_trimmed = !before(reached, high);
-            if before(reached, high) {
+            self.window_is_trimmed = !is_before(reached, high);
+            if is_before(reached, high) {
                 self.window_is_trimmed = self.card.send(HostCommand::Trim { high: reached }).is_ok();
             }
-            if before(low, oldest) && before(oldest, high) {
+            if is_before(low, oldest) && is_before(oldest, high) {
                 self.window_is_trimmed &= self.card.send(HostCommand::Forget { low: oldest }).is_ok();
             }
         } else {
@@ -92,14 +92,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return false;
         }
         let wanted = status.place.record.wrapping_add(self.look_ahead_records);
-        let wanted = if before(status.high, wanted) { status.high } else { wanted };
-        before(self.card.arrived(), wanted)
+        let wanted = if is_before(status.high, wanted) { status.high } else { wanted };
+        is_before(self.card.arrived(), wanted)
             || self.run_mode.wall_time && !self.streamer.has_lookahead(status, self.look_ahead_records)
     }
 
     /// Reports underruns, and the end of a single block.
     pub(super) fn watch_streamer(&mut self, status: &CardStatus<A>, mode: Mode) {
-        if self.single_block && self.streamer.block_end().is_some_and(|end| before(end, self.card.status().high)) {
+        if self.single_block && self.streamer.block_end().is_some_and(|end| is_before(end, self.card.status().high)) {
             // The card could not stop there any more: at the next end of a block, then.
             self.next_block();
         }
